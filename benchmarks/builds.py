@@ -1,4 +1,4 @@
-"""What starts and first builds cost: ``python -m benchmarks.builds [--rounds ROUNDS] [--output FILE] [ROBOT ...]``.
+"""What starts and first builds cost: ``python -m benchmarks.builds [--rounds N] [--deep N] [-o FILE] [ROBOT ...]``.
 
 All of them take turns, each in a process of its own with an empty cache; the least of all rounds counts.
 """
@@ -31,16 +31,46 @@ STARTS: Mapping[str, tuple[str, ...]] = {
     "`eomgen simulate puma560_elastic`": ("-m", "eomgen", "simulate", "puma560_elastic", "-o", "{folder}/out"),
 }
 ROBOTS = ("ur5", "puma560_elastic", "Talos")
-BUILDS = {"forward dynamics, from Python's start": "", "all kernels": "all"}
+MEASURED = (
+    "forward_dynamics",
+    "residual_jacobian",
+    "forward_dynamics_jacobian",
+    "inverse_dynamics_hessian",
+    "forward_dynamics_hessian",
+    "explicit_gradient",
+    "implicit_gradient",
+    "rosenbrock_gradient",
+)
+DYNAMICS, EVERY = "derivatives of the dynamics", "derivatives of all kernels"
+BUILDS = {
+    "forward dynamics, from Python's start": "",
+    "all kernels": "all",
+    DYNAMICS: ",".join(MEASURED),
+    EVERY: "derivatives",
+}
+DIFFERENTIATED = ("ur5", "Talos")  # robots of the last two
+BARS: Mapping[tuple[str, str], tuple[float, float]] = {  # (robot, what) -> seconds on the clock, MB that are to hold
+    (robot, what): (seconds, 2000.0) for robot, seconds in (("ur5", 5.0), ("Talos", 60.0)) for what in (DYNAMICS, EVERY)
+}
 WORK = """
 import json, resource, sys, warnings
 warnings.simplefilter("ignore")
 import numpy as np
 import eomgen
-kernel = eomgen.build(eomgen.load_robot(sys.argv[1]), kernels=sys.argv[2])
+robot, kernels = eomgen.load_robot(sys.argv[1]), sys.argv[2]
+if kernels == "derivatives":
+    from eomgen.codegen.kernels.signatures import KERNELS, available
+    from eomgen.robot.model import build_model
+
+    known = available(build_model(robot))
+    kernels = ("forward_dynamics", *(name for name in known if KERNELS[name].derivative_of))
+elif "," in kernels:
+    kernels = kernels.split(",")
+kernel = eomgen.build(robot, kernels=kernels)
 kernel.forward_dynamics(*np.zeros((3, kernel.n)))
 own, others = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
-print(json.dumps([own.ru_utime + own.ru_stime, others.ru_utime + others.ru_stime, others.ru_maxrss / 1024]))
+memory = [x.ru_maxrss / 1024 for x in (own, others)]
+print(json.dumps([own.ru_utime + own.ru_stime, others.ru_utime + others.ru_stime, max(memory)]))
 """
 HEAD = """# What a first build costs
 
@@ -49,12 +79,15 @@ batches are compiled when a batch is first asked for. These are times
 without a cache, Python's start and NumPy's import included; SymPy is not imported, since what it says of a joint is
 kept ([Theory](theory.md)). Measured on {processor} with {cores} cores by `python -m benchmarks.builds`: the least of
 {rounds} rounds in turns, in seconds. The time of all kernels is that of one library with all but derivatives.
+Derivatives of the dynamics are, in one library with functions for batches, first and second ones of inverse and forward
+dynamics and gradients of rollouts by all methods; those of all kernels are all that `kernels=` can name. In brackets
+stands what is to hold of them, in seconds and MB on two quiet cores; they are built {deep} time(s).
 """
 
 
 @dataclass(frozen=True)
 class Cost:
-    """What a process cost: seconds on the clock, of Python, of compilers, and the largest compiler's memory in MB."""
+    """What a process cost: seconds on the clock, of Python, of compilers; MB of the largest of these processes."""
 
     wall: float
     python: float = 0.0
@@ -90,23 +123,31 @@ def _timed(words: Sequence[str]) -> tuple[Cost, str]:
         return Cost(perf_counter() - begin), done.stdout
 
 
-def page(robots: Sequence[str], rounds: int) -> str:
-    """The page with its tables in Markdown."""
+def page(robots: Sequence[str], rounds: int, deep: int) -> str:
+    """The page with its tables in Markdown; ``deep``: rounds of builds of derivatives."""
     starts: dict[str, list[Cost]] = {name: [] for name in STARTS}
-    builds: dict[tuple[str, str], list[Cost]] = {(robot, what): [] for robot in robots for what in BUILDS}
-    for _ in range(rounds):
+    builds: dict[tuple[str, str], list[Cost]] = {
+        (robot, what): []
+        for robot in robots
+        for what in BUILDS
+        if what not in (DYNAMICS, EVERY) or (deep and robot in DIFFERENTIATED)
+    }
+    for turn in range(max(rounds, deep)):
         for name, costs in starts.items():
-            costs.append(start(STARTS[name]))
+            if turn < rounds:
+                costs.append(start(STARTS[name]))
         for (robot, what), costs in builds.items():
-            costs.append(build(str(case(robot).urdf) if robot in URDFS else robot, BUILDS[what]))
-    head = HEAD.format(processor=processor_name(), cores=len(os.sched_getaffinity(0)), rounds=rounds)
+            if turn < (deep if what in (DYNAMICS, EVERY) else rounds):
+                costs.append(build(str(case(robot).urdf) if robot in URDFS else robot, BUILDS[what]))
+    head = HEAD.format(processor=processor_name(), cores=len(os.sched_getaffinity(0)), rounds=rounds, deep=deep)
     lines = ["| start | s |", "|---|---:|"]
     lines += [f"| {name} | {min(cost.wall for cost in costs):.2f} |" for name, costs in starts.items()]
-    lines += ["", "| robot | what is built | clock | Python | compilers | largest compiler, MB |"]
+    lines += ["", "| robot | what is built | clock | Python | compilers | largest process, MB |"]
     lines += ["|---|---|---:|---:|---:|---:|"]
     for (robot, what), costs in builds.items():
         best = min(costs, key=lambda cost: cost.wall)
-        numbers = f"{best.wall:.2f} | {best.python:.2f} | {best.compilers:.2f} | {best.memory:.0f}"
+        clock, memory = (f" ({bar:g})" for bar in BARS[robot, what]) if (robot, what) in BARS else ("", "")
+        numbers = f"{best.wall:.2f}{clock} | {best.python:.2f} | {best.compilers:.2f} | {best.memory:.0f}{memory}"
         lines.append(f"| {os.path.basename(robot)} | {what} | {numbers} |")
     return head + "\n" + "\n".join(lines) + "\n"
 
@@ -116,9 +157,10 @@ def main(words: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.builds", description="Measure starts and first builds.")
     parser.add_argument("robots", nargs="*", metavar="ROBOT", help=f"names or paths (default: {' '.join(ROBOTS)})")
     parser.add_argument("--rounds", type=int, default=3, help="turns of each (3)")
-    parser.add_argument("--output", type=Path, default=PAGE, metavar="FILE", help="the page (docs/builds.md)")
+    parser.add_argument("--deep", type=int, default=1, help="builds of derivatives, minutes each (1)")
+    parser.add_argument("-o", "--output", type=Path, default=PAGE, metavar="FILE", help="the page (docs/builds.md)")
     options = parser.parse_args(words)
-    options.output.write_text(page(options.robots or ROBOTS, options.rounds), encoding="ascii")
+    options.output.write_text(page(options.robots or ROBOTS, options.rounds, options.deep), encoding="ascii")
     return 0
 
 

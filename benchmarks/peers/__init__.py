@@ -6,6 +6,7 @@ ours, pinocchio_peer, mujoco_peer, casadi_peer
              where contenders come from; a peer that cannot be had says why
 measure      contenders compared, then timed in turns -> rows
 python_calls what calls from Python cost beside the C -> calls
+gradients    of rollouts: time and error of several ways -> gradients
 required     the ratios to hold
 page, plot   rows -> tables and the plot; README.md has one of the tables
 """

@@ -1,4 +1,4 @@
-"""Command line: ``python -m benchmarks.peers [--repeat ROUNDS] [--page] [--calls] [ROBOT ...]``."""
+"""Command line: ``python -m benchmarks.peers [--repeat ROUNDS] [--page] [--calls] [--gradients] [ROBOT ...]``."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from pathlib import Path
 
 from . import page
 from .cases import GROWING, TITLES
+from .gradients import gradients
 from .plot import plot
 from .python_calls import python_calls
 from .report import read
@@ -27,6 +28,7 @@ def main() -> int:
     parser.add_argument("--repeat", type=int, default=100, metavar="ROUNDS", help="rounds per row (default 100)")
     parser.add_argument("--page", action="store_true", help="write page and plot from docs/peers.json, time nothing")
     parser.add_argument("--calls", action="store_true", help="time calls from Python alone; the rest stays as it is")
+    parser.add_argument("--gradients", action="store_true", help="time gradients of rollouts alone, likewise")
     arguments = parser.parse_args()
     unknown = [name for name in arguments.robots if name not in TITLES]
     if unknown:
@@ -34,9 +36,13 @@ def main() -> int:
     if arguments.repeat < 1:
         parser.error(f"--repeat: {arguments.repeat} is not a number of rounds; at least 1")
     disagreements: list[str] = []
-    if arguments.calls:
+    if arguments.calls or arguments.gradients:
         last = read(DOCS / "peers.json")
-        replace(last, calls=python_calls(arguments.repeat)).write(DOCS / "peers.json")
+        if arguments.calls:
+            last = replace(last, calls=python_calls(arguments.repeat))
+        if arguments.gradients:
+            last = replace(last, gradients=gradients(arguments.repeat)[0])
+        last.write(DOCS / "peers.json")
     elif not arguments.page:
         progress = (lambda line: print(line, file=sys.stderr)) if sys.stderr.isatty() else (lambda line: None)
         growing = () if arguments.robots else GROWING
@@ -51,7 +57,7 @@ def main() -> int:
         report.write(DOCS / "peers.json")
     report = read(DOCS / "peers.json")
     (DOCS / "peers.md").write_text(page.page(report), encoding="ascii")
-    if not arguments.calls:
+    if not (arguments.calls or arguments.gradients):
         plot(report, DOCS / "peers.svg")
     print("wrote docs/peers.*; make tables copies the table to README.md")
     return int(bool(disagreements))

@@ -25,12 +25,14 @@ READS: Mapping[str, tuple[str, ...]] = {
     "forward_dynamics": ("q", "v", "u"),
     "derivatives": ("q", "v", "a"),
     "forward_derivatives": ("q", "v", "u"),
+    "second_derivatives": ("q", "v", "a", "w"),
     "step": ("q", "v", "u"),
 }
 SIZES: Mapping[str, Callable[[int], int]] = {  # of results that are no vector
     "mass_matrix": lambda n: n * n,
     "derivatives": lambda n: 3 * n * n,
     "forward_derivatives": lambda n: 3 * n * n,
+    "second_derivatives": lambda n: 9 * n * n,
     "step": lambda n: 2 * n,
 }
 
@@ -74,6 +76,7 @@ def states(robot: Robot, count: int) -> dict[str, Array]:
         "v": rng.uniform(-1.0, 1.0, (count, n)) * rate,
         "a": rng.uniform(-2.0, 2.0, (count, n)),
         "u": rng.uniform(-20.0, 20.0, (count, n)),
+        "w": rng.uniform(-1.0, 1.0, (count, n)),
     }
 
 

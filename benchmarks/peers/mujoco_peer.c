@@ -56,12 +56,14 @@ int mujoco_forward_dynamics(const double *h, const double *q, const double *v, c
     return done(p, p->data->qacc, NULL, out);
 }
 
-/* One step of the model's own integrator and length; q and v after it. */
+enum { STEPS = 10 };
+
+/* Steps of the model's own integrator and length; q and v after them. */
 int mujoco_step(const double *h, const double *q, const double *v, const double *u, double *out)
 {
     const Peer *p = set(h, q, v);
     memcpy(p->data->qfrc_applied, u, (size_t)p->model->nv * sizeof(double));
-    mj_step(p->model, p->data);
+    for (int step = 0; step < STEPS; ++step) mj_step(p->model, p->data);
     return done(p, p->data->qpos, p->data->qvel, out);
 }
 
@@ -91,4 +93,33 @@ long long mujoco_rollout(const double *h, double dt, long long steps, long long 
         if (step % every == 0) memcpy(q_out + (size_t)(step / every) * n, p->data->qpos, size);
     }
     return steps;
+}
+
+/* The gradient of w . q after so many steps of dt under drives by row, as users of mjd_transitionFD get it: transition
+ * matrices by finite differences in every step, and back through them.  (q0, v0, u of all steps) into out; the work is
+ * 4 n^2 + 2 n^2 numbers for every step and 2 n more.  Motors must be the model's only actuators, one per coordinate. */
+void mujoco_gradient(const double *h, double dt, long long steps, double eps, int centered, const double *q, const double *v, const double *u, const double *w, double *work, double *out)
+{
+    const Peer *p = (const Peer *)(const void *)h;
+    const size_t n = (size_t)p->model->nv, size = n * sizeof(double), of_step = 6 * n * n;
+    double *by = work + (size_t)steps * of_step;
+    p->model->opt.timestep = dt;
+    p->model->opt.disableflags |= mjDSBL_AUTORESET;
+    mju_user_warning = quiet;
+    mj_resetData(p->model, p->data);
+    set(h, q, v);
+    for (long long step = 0; step < steps; ++step) {
+        double *by_state = work + (size_t)step * of_step, *by_drive = by_state + 4 * n * n;
+        memcpy(p->data->ctrl, u + (size_t)step * n, size);
+        mjd_transitionFD(p->model, p->data, eps, (mjtByte)centered, by_state, by_drive, NULL, NULL);
+        mj_step(p->model, p->data);
+    }
+    memcpy(out, w, size);
+    memset(out + n, 0, size);
+    for (long long step = steps - 1; step >= 0; --step) {
+        const double *by_state = work + (size_t)step * of_step, *by_drive = by_state + 4 * n * n;
+        mju_mulMatTVec(out + (2 + (size_t)step) * n, by_drive, out, (int)(2 * n), (int)n);
+        memcpy(by, out, 2 * size);
+        mju_mulMatTVec(out, by_state, by, (int)(2 * n), (int)(2 * n));
+    }
 }

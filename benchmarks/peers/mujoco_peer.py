@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib.metadata
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -29,12 +29,15 @@ CODE: Mapping[str, tuple[str, str]] = {  # kernel -> function, what it is in MuJ
     "step": ("mujoco_step", "mj_step, discrete"),
 }
 STEP = "discrete"  # the integrator of steps: implicit in position, as ours
+CONTINUOUS = "implicitfast"  # with which mj_inverse and mj_forward are those of the motion, and not of its steps
 FFI.cdef("void *mujoco_peer_load(const char *path, char *error);")
 for _name, _ in CODE.values():
     FFI.cdef(f"void {_name}(void);")  # an address is all that is used
 FFI.cdef(
     "long long mujoco_rollout(const double *h, double dt, long long steps, long long every,"
     " const double *q, const double *v, const double *u, double *q_out);"
+    "void mujoco_gradient(const double *h, double dt, long long steps, double eps, int centered,"
+    " const double *q, const double *v, const double *u, const double *w, double *work, double *out);"
 )
 
 
@@ -73,16 +76,16 @@ def library() -> Path:
 
 
 class MujocoPeer:
-    """A robot in MuJoCo.
+    """A robot in MuJoCo; ``actuators``: with a motor per coordinate.
 
     Raises:
         MissingPeer: MuJoCo has no equal for something of the robot, or refuses it.
     """
 
-    def __init__(self, robot: Robot, integrator: str = STEP) -> None:
+    def __init__(self, robot: Robot, integrator: str = STEP, *, actuators: bool = False) -> None:
         self._library = FFI.dlopen(str(library()))
         try:
-            text = mjcf(robot, TIME_STEP, integrator)
+            text = mjcf(robot, TIME_STEP, integrator, actuators=actuators)
         except InputError as error:
             raise MissingPeer(f"refuses the robot: {error}") from None
         said = FFI.new("char[1000]")
@@ -112,3 +115,28 @@ class MujocoPeer:
         if done < steps:
             raise ArithmeticError(f"{NAME} diverges after {done} steps of {dt:g} s")
         return out
+
+    def gradient(
+        self, q: Array, v: Array, u: Array, w: Array, dt: float, *, eps: float, centered: bool
+    ) -> Callable[[], tuple[Array, Array, Array]]:
+        """The call that gives derivatives of w . q at the end by q, v (n,) and drives (steps, n).
+
+        Transition matrices of every step come from ``mjd_transitionFD``, in C as all of this.
+
+        Args:
+            q, v: the beginning, (n,).
+            u: drives of every step, (steps, n); the model has actuators.
+            w: weights of the end, (n,).
+            dt: length of a step, s.
+            eps, centered: of the differences.
+        """
+        steps, n = u.shape
+        work, out = np.empty(steps * 6 * n * n + 2 * n), np.empty((2 + steps, n))
+        arrays = [*(np.ascontiguousarray(x) for x in (q, v, u, w)), work, out]
+        pointers, h = [FFI.cast("double *", x.ctypes.data) for x in arrays], FFI.cast("double *", self._model)
+
+        def call() -> tuple[Array, Array, Array]:
+            self._library.mujoco_gradient(h, dt, steps, eps, centered, *pointers)
+            return arrays[-1][0], arrays[-1][1], arrays[-1][2:]
+
+        return call

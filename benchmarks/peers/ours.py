@@ -20,6 +20,7 @@ USED = (*FLAGS, *NATIVE)
 NAMES = {  # of kernels that are called otherwise here
     "derivatives": "residual_jacobian",
     "forward_derivatives": "forward_dynamics_jacobian",
+    "second_derivatives": "inverse_dynamics_hessian",
     "step": "rollout",
 }
 STEP = Path(__file__).with_name("ours_step.c")
@@ -46,7 +47,7 @@ class Ours:
         return Contender(BATCH if batch else NAME, code, address, batch=batch, kept=(self, setup))
 
     def step(self, dt: float, states: int = 0) -> Contender:
-        """One linearly implicit step of so many seconds, q and v after it; with ``states`` that of so many in one call.
+        """Ten linearly implicit steps of dt, s, q and v after them; with ``states`` those of so many in one call.
 
         Raises:
             MissingPeer: the robot is too large.

@@ -14,7 +14,8 @@ KERNELS: Mapping[str, str] = {
     "forward_dynamics": "forward dynamics",
     "derivatives": "derivatives of inverse dynamics",
     "forward_derivatives": "derivatives of forward dynamics",
-    "step": "one linearly implicit step",
+    "second_derivatives": "second derivatives of inverse dynamics, contracted",
+    "step": "ten linearly implicit steps",
 }
 CALLED: Mapping[str, str] = {
     **KERNELS,
@@ -22,13 +23,15 @@ CALLED: Mapping[str, str] = {
     "frame_pose": "pose of the last frame",
     "frame_jacobian": "Jacobian of the last frame",
 }
-ROBOTS = ("UR5", "Talos", CHAIN)  # of the table with required ratios
+ROBOTS = ("UR5", "Panda", "Talos", CHAIN)  # of the table with required ratios
 ROWS = (
     ("inverse_dynamics", False),
     ("mass_matrix", False),
     ("forward_dynamics", False),
     ("inverse_dynamics", True),
     ("derivatives", False),
+    ("forward_derivatives", False),
+    ("second_derivatives", False),
 )
 PEERS = ("textbook", "Pinocchio", "CasADi", "MuJoCo")
 NONE = "-"
@@ -51,7 +54,7 @@ def summary(report: Report) -> list[str]:
         alone, many = (_cell(report.entry(ELASTIC, "step", batch), "MuJoCo") for batch in (False, True))
         lines += [
             "",
-            f"One linearly implicit step of the {step.title} beside MuJoCo's `discrete`, which is the same scheme with"
+            f"Ten linearly implicit steps of the {step.title} beside MuJoCo's `discrete`, which is the same scheme with"
             f" the same results: {alone}; per state of {report.batch_states}: {many}.",
         ]
     return lines
@@ -70,7 +73,35 @@ def _cell(entry: Entry | None, peer: str) -> str:
 
 def readme(report: Report) -> str:
     """The part of README.md."""
-    return "\n".join([*summary(report), *called(report)])
+    return "\n".join([*summary(report), *rolled(report), *called(report)])
+
+
+def rolled(report: Report) -> list[str]:
+    """Lines about gradients of rollouts: time beside error."""
+    if not report.gradients:
+        return []
+    first = report.gradients[0]
+    ways = list(dict.fromkeys(way for gradient in report.gradients for way in gradient.ns))
+    heads = [f"{gradient.title}, ms | error" for gradient in report.gradients]
+    lines = [
+        "",
+        f"The gradient of a sum of the coordinates after {first.steps} steps of 1 ms, by where they begin and by the"
+        f" drives of every step: milliseconds on {first.processor}, the least of many rounds in turns. Ours are called"
+        " from Python. MuJoCo's has transition matrices by `mjd_transitionFD` in every step, chained backwards in C;"
+        " its `discrete` steps are those of `implicit`. JAX differentiates steps that call our kernels, and our whole"
+        " rollout, through the adapter. Errors are relative, beside central differences of fourth order of the same"
+        " steps:",
+        "",
+        f"| gradient | {' | '.join(heads)} |",
+        "|---" + "|---:" * (2 * len(heads)) + "|",
+    ]
+    for way in ways:
+        cells = [
+            f"{1e-6 * gradient.ns[way]:.3g} | {gradient.errors[way]:.0e}" if way in gradient.ns else f"{NONE} | {NONE}"
+            for gradient in report.gradients
+        ]
+        lines.append(f"| {way} | {' | '.join(cells)} |")
+    return lines
 
 
 def called(report: Report) -> list[str]:
@@ -106,6 +137,7 @@ def page(report: Report) -> str:
         " brackets the ratio to hold. Where Pinocchio has two conventions (`crba`, `aba`), the faster one counts.",
         "",
         *summary(report),
+        *rolled(report),
         *called(report),
         "",
         "![time over degrees of freedom](peers.svg)",
@@ -129,7 +161,8 @@ def page(report: Report) -> str:
         "- eomgen: one kernel per robot, the description's numbers folded in, gravity and parameters at run time.",
         "- textbook: recursive Newton-Euler, composite bodies and articulated bodies as loops over a table of links"
         " (`templates/bench/newton_euler.c.jinja`), with eomgen's compiler and flags.",
-        "- Pinocchio: `rnea`, `crba`, `aba`, `computeRNEADerivatives`, `computeABADerivatives`; results"
+        "- Pinocchio: `rnea`, `crba`, `aba`, `computeRNEADerivatives`, `computeABADerivatives`,"
+        " `ComputeRNEASecondOrderDerivatives` (tensors; contracted with a vector as a user would); results"
         " stay in its `Data`, the mass matrix is the upper triangle. It reads an URDF itself; a 6-DOF joint"
         " is six joints of one coordinate with no bodies in between.",
         "- MuJoCo: `mj_inverse`, `mj_forward` and `mj_step` on the same robot as MJCF, without geometries. They compute"

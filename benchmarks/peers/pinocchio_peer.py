@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.metadata
 import os
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -29,14 +29,16 @@ OTHERS = (  # as Pinocchio's own build sets them
     "-DBOOST_MPL_CFG_NO_PREPROCESSED_HEADERS",
     "-DBOOST_FUSION_INVOKE_MAX_ARITY=12",
 )
-PARTS = 3  # of the source
+PARTS = (1, 2, 3, 4)  # of the source
 LOCAL, WORLD = "Pinocchio (local)", "Pinocchio (world)"  # its two conventions; local is its default
+CONTRACTED, TENSORS = "Pinocchio (contracted)", "Pinocchio (tensors)"  # with a vector, and what it has before that
 CODE: Mapping[str, Mapping[str, str]] = {  # kernel -> label -> function
     "inverse_dynamics": {NAME: "pinocchio_inverse_dynamics"},
     "mass_matrix": {LOCAL: "pinocchio_mass_matrix", WORLD: "pinocchio_mass_matrix_world"},
     "forward_dynamics": {LOCAL: "pinocchio_forward_dynamics", WORLD: "pinocchio_forward_dynamics_world"},
     "derivatives": {NAME: "pinocchio_derivatives"},
     "forward_derivatives": {NAME: "pinocchio_forward_derivatives"},
+    "second_derivatives": {CONTRACTED: "pinocchio_second_derivatives", TENSORS: "pinocchio_second_tensors"},
 }
 
 FFI.cdef("void *pinocchio_load(const char *text);")
@@ -49,15 +51,15 @@ def version() -> str:
     return importlib.metadata.version("pin")
 
 
-def library() -> Path:
-    """The compiled peer; minutes the first time.
+def library(parts: Sequence[int] = PARTS, flags: Sequence[str] = FLAGS) -> Path:
+    """The compiled peer, or some parts of its source; minutes the first time.
 
     Raises:
         MissingPeer: a header or the compiler is missing.
     """
-    flags = (*FLAGS, *compile_flags())
-    parts = [(*flags, f"-DPART={i + 1}", SOURCE.name) for i in range(PARTS)]
-    return build_library("pinocchio_peer", cxx(), parts, (), sources(SOURCE), versions())
+    flags = (*flags, *compile_flags())
+    compiled = [(*flags, f"-DPART={part}", SOURCE.name) for part in parts]
+    return build_library("pinocchio_peer", cxx(), compiled, (), sources(SOURCE), versions())
 
 
 def cxx() -> str:
@@ -106,11 +108,16 @@ def _eigen() -> Path:
 
 
 class PinocchioPeer:
-    """A robot in Pinocchio: its own reading of the URDF, or a chain of joints of one coordinate."""
+    """A robot in Pinocchio: its own reading of the URDF, or a chain of joints of one coordinate.
 
-    def __init__(self, case: Case) -> None:
+    Args:
+        case: the robot.
+        parts, flags: of the source, how they are compiled.
+    """
+
+    def __init__(self, case: Case, parts: Sequence[int] = PARTS, flags: Sequence[str] = FLAGS) -> None:
         self.text = model_text(case)
-        self._library = FFI.dlopen(str(library()))
+        self._library = FFI.dlopen(str(library(parts, flags)))
         self._model = self._library.pinocchio_load(self.text.encode())
 
     def contenders(self, kernel: str) -> list[Contender]:

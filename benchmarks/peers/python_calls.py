@@ -68,7 +68,7 @@ def _calls_of(chosen: Case, rounds: int) -> Iterator[Call]:
         if name in peers:
             _compare(name, getattr(kernel, name), peers[name], arrays, further)
             ways["Pinocchio"] = _one_by_one(peers[name], arrays, *further)
-        ns = {way: least / (BATCH_STATES if way == MANY else STATES) for way, least in _least(ways, rounds).items()}
+        ns = {way: least / (BATCH_STATES if way == MANY else STATES) for way, least in least(ways, rounds).items()}
         if name not in FRAMED:
             h = kernel.parameters.setup.address(kernel.raw.function(name).library)
             timed = Timed(kernel.raw.address(name), h, int(out.ctypes.data))
@@ -94,7 +94,7 @@ def _one_by_one(
     return call if out is None else write
 
 
-def _least(ways: Mapping[str, Callable[[], object]], rounds: int) -> dict[str, float]:
+def least(ways: Mapping[str, Callable[[], object]], rounds: int) -> dict[str, float]:
     """Least time of each over the rounds, in which they take turns, ns: what interrupts a process is no part of it."""
     again = {way: max(1, round(SAMPLE / max(_ns(code, 1), 1.0))) for way, code in ways.items()}
     found = dict.fromkeys(ways, float("inf"))

@@ -52,10 +52,21 @@ class Call:
 
 
 @dataclass(frozen=True)
+class Gradient:
+    """The gradient of a rollout of so many steps; ns: least times by way, nanoseconds; errors: relative, by way."""
+
+    title: str
+    processor: str
+    steps: int
+    ns: Mapping[str, float]
+    errors: Mapping[str, float]
+
+
+@dataclass(frozen=True)
 class Report:
     """A run: where, how, and its entries; ``growing`` are chains of more and more joints, for the plot.
 
-    calls: what calls from Python cost.
+    calls: what calls from Python cost.  gradients: of rollouts.
     """
 
     machine: Mapping[str, str]
@@ -66,6 +77,7 @@ class Report:
     entries: tuple[Entry, ...]
     growing: tuple[Entry, ...] = ()
     calls: tuple[Call, ...] = ()
+    gradients: tuple[Gradient, ...] = ()
 
     def entry(self, case: str, kernel: str, batch: bool = False) -> Entry | None:
         """The entry of a kernel of a robot, or None."""
@@ -85,6 +97,7 @@ def read(path: Path) -> Report:
             for entry in values[key]
         )
     values["calls"] = tuple(Call(**call) for call in values.get("calls", ()))
+    values["gradients"] = tuple(Gradient(**gradient) for gradient in values.get("gradients", ()))
     return Report(**values)
 
 

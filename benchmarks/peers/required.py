@@ -23,6 +23,14 @@ AGAINST_PINOCCHIO: Mapping[tuple[str, str, bool], float] = {
     ("UR5", "derivatives", False): 6.0,
     ("Talos", "derivatives", False): 4.0,
     (CHAIN, "derivatives", False): 4.0,
+    ("UR5", "forward_derivatives", False): 4.0,
+    ("Panda", "forward_derivatives", False): 4.0,
+    ("Talos", "forward_derivatives", False): 3.0,
+    (CHAIN, "forward_derivatives", False): 4.0,
+    ("UR5", "second_derivatives", False): 4.0,
+    ("Panda", "second_derivatives", False): 4.0,
+    ("Talos", "second_derivatives", False): 4.0,
+    (CHAIN, "second_derivatives", False): 4.0,
 }
 AGAINST_MUJOCO: Mapping[tuple[str, str, bool], float] = {
     (ELASTIC, "step", False): 10.0,

@@ -23,16 +23,18 @@ from . import casadi_peer, mujoco_peer, pinocchio_peer
 from .casadi_peer import CasadiPeer
 from .cases import ELASTIC, GROWING, TITLES, Case, case, chain
 from .contender import Contender, MissingPeer
+from .gradients import gradients
 from .measure import BATCH_STATES, STATES, Disagreement, measure
 from .mujoco_peer import MujocoPeer
 from .ours import BATCH, NAME, TEXTBOOK, USED, Ours, Textbook
 from .pinocchio_peer import PinocchioPeer
 from .python_calls import python_calls
-from .report import Call, Entry, Report
+from .report import Call, Entry, Gradient, Report
 
 Progress = Callable[[str], None]
 STANDARD = ("inverse_dynamics", "mass_matrix", "forward_dynamics")
 BATCH_ROUNDS = 0.3  # of the rounds: a round takes as long as thousands of calls
+GRADIENT_ROUNDS = 0.1  # of the rounds: a call goes through all steps, there and back
 LARGEST_MATRIX = 36  # coordinates: the size of the code for a mass matrix grows with the square
 
 
@@ -65,7 +67,7 @@ class Run:
         for name, make in (
             (pinocchio_peer.NAME, lambda: PinocchioPeer(given)),
             (casadi_peer.NAME, lambda: CasadiPeer(given, USED)),
-            (mujoco_peer.NAME, lambda: MujocoPeer(given.robot)),
+            (mujoco_peer.NAME, lambda: MujocoPeer(given.robot, mujoco_peer.CONTINUOUS)),
         ):
             if name in self.missing:
                 continue
@@ -127,17 +129,18 @@ class Run:
             contenders = [ours.contender(kernel, batch=True), ours.contender(kernel), *pinocchio]
             condition = _condition(peers[TEXTBOOK], given.coordinates) if kernel == "forward_dynamics" else None
             yield self.entry(given, kernel, contenders, stopwatch, missing, batch=True, condition=condition)
-        slopes = ("derivatives", "forward_derivatives")
+        slopes = ("derivatives", "forward_derivatives", "second_derivatives")
         for kernel, name in (*((slope, pinocchio_peer.NAME) for slope in slopes), ("step", mujoco_peer.NAME)):
             if name not in peers or (kernel == "step") != (given.key == ELASTIC):
                 continue
-            contenders = _contenders({name: peers[name]}, kernel)
             made = Ours(given.robot, (kernel,), self.progress)
             if kernel == "step":
+                contenders = [MujocoPeer(given.robot).contender(kernel)]
                 single, many = (made.step(mujoco_peer.TIME_STEP, states) for states in (0, BATCH_STATES))
                 yield self.entry(given, kernel, [single, *contenders], stopwatch, missing)
                 yield self.entry(given, kernel, [many, single, *contenders], stopwatch, missing, batch=True)
                 continue
+            contenders = _contenders({name: peers[name]}, kernel)
             inverted = kernel == "forward_derivatives"
             condition = _condition(peers[TEXTBOOK], given.coordinates) if inverted else None
             yield self.entry(
@@ -182,15 +185,22 @@ def run(
         progress(f"chain of {joints} joints:")
         chains += going.growing(chain(joints))
     calls: tuple[Call, ...] = ()
+    slopes: tuple[Gradient, ...] = ()
     if not keys:
         progress("calls from Python:")
         try:
             calls = python_calls(rounds)
         except (MissingPeer, Disagreement) as error:
             going.disagreements += [str(error)] * isinstance(error, Disagreement)
+        progress("gradients of rollouts:")
+        try:
+            slopes, without = gradients(max(3, round(rounds * GRADIENT_ROUNDS)))
+            going.missing |= {f"gradients of rollouts ({number})": why for number, why in enumerate(without, 1)}
+        except MissingPeer as error:
+            going.missing["gradients of rollouts"] = str(error)
     about = machine(going.missing)
-    report = Report(about, rounds, STATES, BATCH_STATES, going.missing, tuple(entries), tuple(chains), calls)
-    return report, going.disagreements
+    measured = tuple(entries), tuple(chains), calls, slopes
+    return Report(about, rounds, STATES, BATCH_STATES, going.missing, *measured), going.disagreements
 
 
 def machine(missing: dict[str, str]) -> dict[str, str]:

@@ -20,7 +20,7 @@ from ..kernels.derived import GRADIENTS
 from ..kernels.equations import Equations
 from ..kernels.interface import turning_joints
 from ..kernels.signatures import KERNELS, SIGNATURES, SINGLES, Function, by_kind, functions, shapes
-from ..kernels.steps.methods import LEAST_PART, LOOK, RK4, TSIT5, W643, Array
+from ..kernels.steps.methods import GAUSS, LEAST_PART, LOOK, RK4, TSIT5, W643, Array
 from ..program.operations import CALLS
 from ..solve.factorised import coordinate_parents
 from ..solve.rows import DERIVING
@@ -172,13 +172,19 @@ def _methods(equations: Equations, scalar: Scalar) -> dict[str, Any]:
     def rows(matrix: Array) -> str:
         return ", ".join(f"{{ {numbers(row)} }}" for row in matrix)
 
-    def times(matrix: Array) -> str:
+    def terms(values: Array) -> list[tuple[int, str]]:
+        return [(k, scalar.literal(value)) for k, value in enumerate(values.tolist()) if value]
+
+    def times(matrix: Array) -> list[str]:
         """Shares of a step at which stages are; the end is exactly 1: what begins there again has the same bits."""
         shares = [math.fsum(row) for row in matrix.tolist()]
-        return ", ".join(repr(1.0 if math.isclose(share, 1.0, rel_tol=1e-12) else share) for share in shares)
+        return [repr(1.0 if math.isclose(share, 1.0, rel_tol=1e-12) else share) for share in shares]
 
     ahead, back, weight, wrong = W643.transformed()
+    between = TSIT5.between
+    assert between is not None
     return {
+        "gauss": {key: ", ".join(map(repr, values)) for key, values in GAUSS.items()},
         "kept_size": size,
         "rubs": any(name.endswith("friction.smoothing") for name in equations.model.parameters),
         "look": LOOK,
@@ -189,23 +195,38 @@ def _methods(equations: Equations, scalar: Scalar) -> dict[str, Any]:
             "ahead": rows(ahead),
             "back": rows(back),
             "weight": numbers(weight),
-            "wrong": numbers(wrong),
-            "share": times(W643.alpha),
+            "ahead_of": [terms(row) for row in ahead],
+            "back_of": [terms(row) for row in back],
+            "weight_of": terms(weight),
+            "wrong_of": terms(wrong),
+            "shares": times(W643.alpha),
+            "worked": ", ".join(map(repr, W643.b.tolist())),
+            "doubted": ", ".join(map(repr, _as_long(W643.b - W643.embedded, TSIT5.error))),
         },
         "tsit5": {
             "stages": len(TSIT5.b),
-            "ahead": rows(TSIT5.a),
-            "wrong": numbers(TSIT5.error),
-            "share": times(TSIT5.a),
+            "ahead_of": [terms(row) for row in TSIT5.a],
+            "wrong_of": terms(TSIT5.error),
+            "shares": times(TSIT5.a),
+            "doubted": ", ".join(map(repr, TSIT5.error.tolist())),
+            "degree": between.shape[1],
+            "worked": ", ".join(f"{{ {', '.join(map(repr, row))} }}" for row in between.tolist()),
         },
     }
 
 
+def _as_long(values: Array, longer: Array) -> list[float]:
+    """The values with zeros behind them, as many as there are longer ones."""
+    return [*values.tolist(), *[0.0] * (len(longer) - len(values))]
+
+
 def kept_of_a_step(model: Model) -> dict[str, int]:
     """How many numbers of a step the C of each gradient keeps, if it is given room for them."""
-    explicit = 3 * max(len(RK4.b), len(TSIT5.b) - 1)  # q, v and accelerations of a stage
-    rosenbrock = 6 * len(W643.b)  # q, v, what is solved with, and parts of the end
-    each = {"explicit_gradient": explicit, "implicit_gradient": 1, "rosenbrock_gradient": rosenbrock}
+    closed, stages = bool(model.constraints), max(len(RK4.b), len(TSIT5.b) - 1)
+    explicit = (3 if closed else 1) * stages  # accelerations of a stage; of loops q and v, which were closed, as well
+    rosenbrock = (6 if closed else 2) * len(W643.b)  # what is solved for, parts of the end; of loops all of a stage
+    each = {"explicit_gradient": explicit, "implicit_gradient": int(closed), "rosenbrock_gradient": rosenbrock}
+    each |= {name.replace("gradient", "sensitivity"): number for name, number in each.items()}
     return {name: model.size * number for name, number in each.items()}
 
 
@@ -220,6 +241,7 @@ def _gradients(equations: Equations, scalar: Scalar) -> dict[str, Any]:
     return {
         "explicit": {"stages": most, "tables": ", ".join(tables), "counts": f"{len(RK4.b)}, {len(TSIT5.b) - 1}"},
         "kept_numbers": kept_of_a_step(equations.model),
+        "ways": list(dict.fromkeys(name.split("_")[0] for name in equations.kernels if name in GRADIENTS)),
         "texts": {name: KERNELS[name].text for name in GRADIENTS},
     }
 

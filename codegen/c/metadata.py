@@ -11,7 +11,7 @@ from eomgen.robot.model import Model
 from ..joint.zeros import zero_map
 from ..kernels.constraint_rows import is_redundant
 from ..kernels.equations import Equations
-from ..kernels.interface import describe_kernels
+from ..kernels.interface import describe_kernels, inertial_parameters
 from ..kernels.operation_counts import operations
 from ..kernels.signatures import KERNELS
 from ..kernels.steps.tolerances import coordinate_sizes, rubbing_parameters
@@ -31,6 +31,7 @@ def kernel_metadata(equations: Equations, dtype: str, *, batches: bool = True) -
         **({"statuses": statuses(model)} if model.constraints else {}),
         **(_sizes(model) if "adaptive_rollout" in equations.kernels else {}),
         **_kept(equations),
+        **({"inertial": inertial_parameters(model)} if "regressor" in equations.kernels else {}),
         **({"redundant": is_redundant(model)} if "settling" in equations.programs else {}),
     }
 

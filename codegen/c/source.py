@@ -13,8 +13,8 @@ import jinja2
 class Source:
     """Texts to compile: ``header``, ``code``, ``cdef`` (the header's declarations, for cffi), ``meta`` for Python.
 
-    ``statements`` is the length of the code in values.  ``cdefs`` are the declarations of each half of the code, and
-    ``half`` is the one that is to be compiled, without a name both.
+    ``statements`` is the length of the code in values, and ``longest`` that of its longest program.  ``cdefs`` are the
+    declarations of each half of the code, and ``half`` is the one that is to be compiled, without a name both.
     """
 
     name: str
@@ -23,6 +23,7 @@ class Source:
     cdef: str
     meta: str
     statements: int
+    longest: int
     cdefs: Mapping[str, str]
     half: str = ""
 

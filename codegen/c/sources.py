@@ -36,9 +36,10 @@ def render(equations: Equations, dtype: str, *, batches: bool = True) -> Source:
     if batches:
         code += _fill("kernel/batches.c.jinja", {**context, **lane_context(equations, dtype)})
     cdefs = {half: _fill(DECLARATIONS, {**names, "declared": own}) for half, own in meta["halves"].items()}
-    statements = sum(len(program.instructions) for program in equations.programs.values())
+    lengths = [len(program.instructions) for program in equations.programs.values()]
     text = json.dumps(meta, indent=1) + "\n"
-    return Source(equations.model.name, header, _tidy(code), _fill(DECLARATIONS, names), text, statements, cdefs)
+    cdef, longest = _fill(DECLARATIONS, names), max(lengths, default=0)
+    return Source(equations.model.name, header, _tidy(code), cdef, text, sum(lengths), longest, cdefs)
 
 
 def _tidy(code: str) -> str:

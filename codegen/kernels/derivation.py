@@ -40,11 +40,13 @@ class Derivation:
     is how many of them there are.
 
     An angle that is not active but has an offset is a coordinate here whose q, v and a are zero; ``own`` are the places
-    of the coordinates that kernels know, and what is written leaves the others out.
+    of the coordinates that kernels know, and what is written leaves the others out.  ``described`` is the model without
+    such angles.
     """
 
     def __init__(self, model: Model, *, regrouped: bool = True, dtype: str = "float64", turned: bool = False) -> None:
         self.graph, self.dtype = Graph(), dtype
+        self.described = model
         self.model, self.own = with_offset_angles(model)
         turns = [turned_name(model.bodies[k].joint) for k in model.turning] if turned else []
         self.turns = len(turns)

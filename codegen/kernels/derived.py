@@ -46,10 +46,10 @@ def _of(name: str, kernel: Signature) -> dict[str, Signature]:
     """The derivatives of one function."""
     x, own = ", ".join(kernel.reads), "_".join(kernel.reads)
     rates, weighted = tuple(RATES[array] for array in kernel.reads), f"{name} along weights"
-    none = Signature(kernel.reads, kernel.writes, "", derivative_of=name, needs=kernel.needs)
+    none = Signature(kernel.reads, kernel.writes, "", derivative_of=name, needs=kernel.needs, solves=kernel.solves)
     tangent = replace(none, kind="tangent", reads=(*none.reads, *rates))
     along = replace(none, kind="tangent", reads=(*none.reads, PARAMETER_RATES), by_parameters=True)
-    back = replace(none, reads=(*none.reads, f"{WEIGHTS}{kernel.writes}"), solves=kernel.solves)
+    back = replace(none, reads=(*none.reads, f"{WEIGHTS}{kernel.writes}"))
     adjoint = replace(back, kind="adjoint", writes=f"{GRADIENT}{own}")
     whole = replace(adjoint, writes=f"{adjoint.writes}{WITH_PARAMETERS}", by_parameters=True)
     hessian = replace(back, kind="hessian", writes=f"{HESSIAN}{own}")
@@ -81,15 +81,56 @@ def _gradient(method: str, of: str, *calls: str) -> Signature:
     )
 
 
+def _sensitivity(method: str, of: str, *calls: str) -> Signature:
+    """Steps of a method with derivatives beside them: the programs that it calls, and their rates."""
+    rates = tuple(f"{name}_along" for name in calls)
+    return Signature(
+        ("q", "v", "u"),
+        "vector",
+        f"States of steps by {method} and their derivatives along directions.",
+        "gradient",
+        calls=(*calls, *rates),
+        counts=rates,
+        closed=tuple("constrained_dynamics" if name == "forward_dynamics" else name for name in calls)
+        + rates
+        + ("settling", "settling_along"),
+        derivative_of=of,
+        solves=True,
+        vectors=False,
+    )
+
+
+def _along(of: str, writes: str, reads: tuple[str, ...], *moving: str) -> Signature:
+    """Rates of a program's results along those of arrays and of the parameters."""
+    return Signature(
+        (*reads, *(f"d{array}" for array in moving), PARAMETER_RATES),
+        writes,
+        f"What {of} changes by along {', '.join(f'd{array}' for array in moving)} and rates of the parameters.",
+        "tangent",
+        derivative_of=of,
+        by_parameters=True,
+    )
+
+
 GRADIENTS: Mapping[str, Signature] = {
     "explicit_gradient": _gradient("explicit methods", "rollout", "forward_dynamics"),
     "implicit_gradient": _gradient("the linearly implicit method", "rollout", "implicit_step"),
     "rosenbrock_gradient": _gradient(
         "the Rosenbrock method", "adaptive_rollout", "forward_dynamics", "stage_factors", "stage_solution"
     ),
+    "explicit_sensitivity": _sensitivity("explicit methods", "rollout", "forward_dynamics"),
+    "implicit_sensitivity": _sensitivity("the linearly implicit method", "rollout", "implicit_step"),
+    "rosenbrock_sensitivity": _sensitivity(
+        "the Rosenbrock method", "adaptive_rollout", "forward_dynamics", "stage_factors", "stage_solution"
+    ),
 }
 TIMES = ("dt", "times")  # arrays that steps are not differentiated by
-BACKWARDS: Mapping[str, Signature] = {  # programs that only gradients call
+BACKWARDS: Mapping[str, Signature] = {  # programs that only gradients and sensitivities call
+    "forward_dynamics_along": _along("forward_dynamics", "vector", ("q", "v", "u"), "q", "v", "u"),
+    "settling_along": _along("settling", "settling", ("q", "v"), "q", "v"),
+    "implicit_step_along": _along("implicit_step", "vector", ("q", "v", "u", "added", "dt"), "q", "v", "u"),
+    "stage_factors_along": _along("stage_factors", "kept", ("q", "v", "kp", "kd", "times"), "q", "v"),
+    "stage_solution_along": _along("stage_solution", "vector", ("kept", "rates", "shifts"), "kept", "rates", "shifts"),
     "implicit_step_parameter_adjoint": Signature(
         ("q", "v", "u", "added", "dt", "cotangent_vector"),
         "gradient_of_step",

@@ -72,6 +72,7 @@ def derive_equations(model: Model, kernels: Sequence[str] = (), dtype: str = "fl
     small = {name for name in known if KERNELS[name].needs in ("springs", "laws") and not KERNELS[name].derivative_of}
     public = tuple(name for name in known if name in wanted or name in small)
     raw: dict[str, Program] = {}
+    found: dict[str, Program] = {}  # what several derivatives are of
     calls: dict[str, tuple[str, ...]] = {}
     choices: dict[str, str] = {}
     for name in public:
@@ -97,7 +98,7 @@ def derive_equations(model: Model, kernels: Sequence[str] = (), dtype: str = "fl
             elif program in WAYS:
                 raw[program], choices[program] = derive_cheapest(model, program, dtype=dtype)
             else:
-                raw[program] = derive(model, program, dtype)
+                raw[program] = derive(model, program, dtype, found)
     setup, programs = hoist_parameters(list(raw.values()), len(model.parameters) + len(model.turning))
     written = dict(zip(raw, programs, strict=True))
     shares = {name: share_among_bodies(model, written[name]) for name in public if KERNELS[name].kind == "frames"}
@@ -111,17 +112,29 @@ def _columns_cost(model: Model, kernel: str, known: Mapping[str, Program]) -> in
 
 
 @without_collection()
-def derive(model: Model, kernel: str, dtype: str = "float64") -> Program:
-    """The program of one entry of WRITERS or WAYS, or of a derivative."""
+def derive(model: Model, kernel: str, dtype: str = "float64", found: dict[str, Program] | None = None) -> Program:
+    """The program of one entry of WRITERS or WAYS, or of a derivative.
+
+    Args:
+        found: programs of this model and dtype by name; those that are derived on the way are added.
+    """
+    found = {} if found is None else found
+    if kernel not in found:
+        found |= _derived(model, kernel, dtype, found)
+    return found[kernel]
+
+
+def _derived(model: Model, kernel: str, dtype: str, found: dict[str, Program]) -> dict[str, Program]:
+    """The program, with those that come with it."""
     if kernel in WAYS:
-        return derive_cheapest(model, kernel, dtype=dtype)[0]
+        return {kernel: derive_cheapest(model, kernel, dtype=dtype)[0]}
     if kernel in STAGES:
-        return derive_stage(Derivation(model, dtype=dtype, turned=True))[kernel]
+        return derive_stage(Derivation(model, dtype=dtype, turned=True))
     if SIGNATURES[kernel].derivative_of:
-        return derive_derivative(model, kernel, lambda name: derive(model, name, dtype))
+        return {kernel: derive_derivative(model, kernel, lambda name: derive(model, name, dtype, found))}
     regrouped, turned = kernel not in DESCRIPTION_FRAMES, knows_turns(kernel, model)
     derivation = Derivation(model, regrouped=regrouped, dtype=dtype, turned=turned)
-    return run_passes(finish(derivation.graph, kernel, WRITERS[kernel](derivation)))
+    return {kernel: run_passes(finish(derivation.graph, kernel, WRITERS[kernel](derivation)))}
 
 
 def derive_cheapest(model: Model, kernel: str, chosen: str = "", dtype: str = "float64") -> tuple[Program, str]:

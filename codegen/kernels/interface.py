@@ -6,12 +6,13 @@ from collections.abc import Sequence
 from typing import Any
 
 from eomgen._version import __version__
-from eomgen.names import component_name, joint_of
+from eomgen.names import component_name, joint_of, parameter_path
 from eomgen.robot.cuts import UPRIGHT
 from eomgen.robot.laws import least_of
 from eomgen.robot.model import Model
 from eomgen.robot.value import MOTOR, Loop
 
+from ..tree.regressor import described_values, regressor_names
 from .signatures import KERNELS, functions, shapes
 
 
@@ -54,8 +55,17 @@ def describe_kernels(model: Model, kernels: Sequence[str], dtype: str) -> dict[s
         "knots": knots(model),
         **({"turning": turning_joints(model)} if model.turning else {}),
         **_loop_metadata(model),
+        **({"regressor": regressor_names(model)} if "regressor" in kernels else {}),
         **({"springs": [spring.name for spring in model.robot.springs]} if model.robot.springs else {}),
     }
+
+
+def inertial_parameters(model: Model) -> dict[str, Any]:
+    """Values of the regressor's parameters, and the run-time parameters of links that they come from."""
+    fixed = {joint.name for joint in model.robot.joints if not joint.coordinates}
+    paths = {name: parameter_path(name) for name in model.parameters}
+    moving = [name for name, path in paths.items() if path[0] == "links" or (path[0] == "joints" and path[1] in fixed)]
+    return {"values": described_values(model), "come_from": moving}
 
 
 def knots(model: Model) -> dict[str, list[float]]:

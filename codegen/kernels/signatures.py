@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from eomgen.robot.model import Model
 
+from ..tree.regressor import regressor_names
 from .blocks import row_blocks
 from .derived import BACKWARDS, GRADIENTS, derivative_shapes, differentiated
 from .entries import KINDS, Kind, Signature
@@ -190,6 +191,11 @@ OWN_KERNELS: Mapping[str, Signature] = {
     ),
     "external_reactions": Signature(
         ("q", "wrench"), "reactions", "What external wrenches add to the reactions, moved joint's axes."
+    ),
+    "regressor": Signature(
+        ("q", "v", "a"),
+        "regressor",
+        "Y of inverse dynamics without springs and dampers, u = Y theta; loops cut.",
     ),
     "euler_cosines": Signature(("q",), "joints", "Cosine of beta of every joint with three angles, 1 for the others."),
     "constraint": Signature(
@@ -411,6 +417,7 @@ def shapes(model: Model, kernels: Collection[str] | None = None) -> dict[str, tu
         "times": (2,),
         "joints": (len(model.bodies),),
         "reactions": (len(model.bodies), 6),
+        "regressor": (n, len(regressor_names(model))),
         "pose": (4, 4),
         "jacobian": (6, n),
         "poses": (len(model.frames), 3, 4),

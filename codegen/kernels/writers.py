@@ -11,6 +11,7 @@ from ..joint.zeros import zero_map
 from ..tree.composite import Rows, coriolis_matrix
 from ..tree.kinematics import body_poses, external_rows, frame_poses, potential_energy
 from ..tree.recursion import Wrench, inertial_rows, kinetic_energy
+from ..tree.regressor import INERTIAL, armatures, inertial_columns
 from ..tree.spatial import Scalar
 from .acceleration_slopes import SLOPES, residual_slopes
 from .accelerations import CONSTRAINED, SETTLING, SOLVERS, Way, implicit_step
@@ -28,6 +29,7 @@ DESCRIPTION_FRAMES = (
     "kinematics",
     "external_force",
     "external_reactions",
+    "regressor",
     *CLOSURE_KERNELS,
 )  # report, or are asked, in the description's frames
 
@@ -149,6 +151,18 @@ def _reactions(d: Derivation) -> Outputs:
     return vector([x for wrench in total for x in (*wrench.force, *wrench.moment)])
 
 
+def _regressor(d: Derivation) -> Outputs:
+    """Columns of the bodies' inertial parameters, then of armatures; rows are coordinates."""
+    columns = inertial_columns(d.model, d.bound, d.joints, d.v, d.a, d.graph.note)
+    none, driven = [0.0] * len(INERTIAL), [d.own[i] for i in armatures(d.described)]
+    values: list[Scalar] = []
+    for row in d.own:
+        for body in columns:
+            values.extend(body.get(row, none))
+        values.extend(d.a[i] if i == row else 0.0 for i in driven)
+    return vector(values)
+
+
 def _constraint(d: Derivation) -> Outputs:
     return vector([gap.value for gap in gaps(d, d.still)])
 
@@ -212,6 +226,7 @@ WRITERS: Mapping[str, Callable[[Derivation], Outputs]] = {
     "energy": _energy,
     "reactions": _reactions,
     "tree_reactions": _reactions,
+    "regressor": _regressor,
     "closing_derivatives": closing_derivatives,
     "closing_reactions": closing_reactions,
     "loop_reactions": loop_reactions,

@@ -38,6 +38,8 @@ from .levels import fuses_unasked, level_flags
 OPTIMISED, QUICK = "-O2", "-O1"
 FLAGS = (OPTIMISED, "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off")
 NATIVE = ("-march=native", "-ffp-contract=fast")
+LONG = 1500  # values of a program; compilers that look for vectors in so many lines find ones that wait for their parts
+NO_VECTORS = "-fno-tree-slp-vectorize"
 CARRIED = (
     "errors.py",
     "names.py",
@@ -255,9 +257,9 @@ def _build_api(source: Source, compiler: Compiler, flags: Sequence[str], folder:
     include = ("-iquote", str(folder), "-I", headers)  # a robot may be named as a system header is
     halves = [source.half] if source.half else list(source.cdefs)  # one source, compiled on two cores
     objects = [work / f"{part}.o" for part in (*halves, "wrapper")]
-    compile_c = [*compiler.command, "-c", "-fPIC"]
+    compile_c, own = [*compiler.command, "-c", "-fPIC"], _first_flags(source)
     jobs = [
-        [*compile_c, *WARNINGS, *flags, *_only(half, source), str(folder / f"{name}.c"), "-o", str(target)]
+        [*compile_c, *own, *flags, *_only(half, source), str(folder / f"{name}.c"), "-o", str(target)]
         for half, target in zip(halves, objects, strict=False)
     ]
     # -O0: the wrapper passes pointers on, and optimising it takes longer than many a kernel
@@ -265,6 +267,11 @@ def _build_api(source: Source, compiler: Compiler, flags: Sequence[str], folder:
     run_all(jobs)
     link_shared(compiler, objects, folder / f"_{name}{_suffix()}")
     shutil.rmtree(work)
+
+
+def _first_flags(source: Source) -> tuple[str, ...]:
+    """Warnings, and what helps sources with long programs; flags behind them may take it back."""
+    return (*WARNINGS, NO_VECTORS) if source.longest > LONG else WARNINGS
 
 
 def _only(half: str, source: Source) -> tuple[str, ...]:
@@ -287,7 +294,7 @@ def _build_abi(source: Source, compiler: Compiler, flags: Sequence[str], folder:
     (folder / f"_{name}.py").write_text(opened, encoding="ascii")
     code, library = str(folder / f"{name}.c"), str(folder / f"lib{name}.so")
     only = _only(source.half, source) if source.half else ()
-    command = [*compiler.command, "-fPIC", *WARNINGS, *flags, *only, *shared_flags(), code, "-o", library]
+    command = [*compiler.command, "-fPIC", *_first_flags(source), *flags, *only, *shared_flags(), code, "-o", library]
     run_all([[*command, *compiler.link_flags, "-lm"]])
 
 

@@ -1,26 +1,32 @@
 """Derivatives of finished programs along a direction: forward differentiation of straight-line code, exact.
 
 Every value x gets a rate dx by the chain rule, and the outputs become their rates.  Where two values meet in a maximum
-the rate is that of the larger one, of the first if they are equal.
+the rate is that of the larger one, of the second if they are equal: of max(x, 0) at x = 0 that of 0, as ``step`` has
+it in formulas that are differentiated by hand.
 
 Source: A. Griewank, A. Walther, "Evaluating Derivatives", 2nd ed., SIAM 2008, section 3.1.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 from .ir import Graph, Instruction, Node, Program, Value, finish
 from .operations import OPERATIONS
 
 
-def tangent(program: Program, rates: Mapping[str, str], name: str) -> Program:
+def tangent(
+    program: Program, rates: Mapping[str, str], name: str, lengths: Mapping[str, int] = MappingProxyType({})
+) -> Program:
     """The program of the outputs' rates.
 
     Args:
-        program: of which all outputs are differentiated but pivots, which only say whether there are others.
+        program: of which all outputs are differentiated but pivots, which say whether there are others, and stay.
         rates: names of the input arrays that move, with the name of the input array of their rates.
         name: of the program that is made.
+        lengths: of the first numbers of arrays that move, where others do not.
     """
     graph = Graph()
     values: list[Node] = []
@@ -30,8 +36,10 @@ def tangent(program: Program, rates: Mapping[str, str], name: str) -> Program:
             graph.note(program.notes[index])
         args = tuple(values[arg].index for arg in instruction.args)
         values.append(graph.insert(instruction.op, args, instruction.leaf))
-        moving.append(_rate(graph, instruction, values, moving, rates))
-    return finish(graph, name, {key: moving[index] for key, index in program.outputs.items() if key[0] != "pivot"})
+        still = instruction.op == "input" and instruction.leaf[1] >= lengths.get(instruction.leaf[0], math.inf)
+        moving.append(0.0 if still else _rate(graph, instruction, values, moving, rates))
+    outputs = {key: (values if key[0] == "pivot" else moving)[index] for key, index in program.outputs.items()}
+    return finish(graph, name, outputs)
 
 
 def local_slopes(graph: Graph, index: int) -> dict[int, Value]:

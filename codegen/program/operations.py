@@ -64,11 +64,11 @@ OPERATIONS: Mapping[str, Operation] = MappingProxyType(
         "sqrt": Operation(
             1, "div", math.sqrt, lambda g, x, y, dx: 0.5 * dx[0] * (1.0 / y), "root", lambda sympy, x: sympy.sqrt(x)
         ),
-        "max": Operation(  # where both are equal, the rate is that of the first
+        "max": Operation(  # where both are equal, the rate is that of the second, as step is 0 at 0
             2,
             "add",
             _larger,
-            lambda g, x, y, dx: dx[0] + g.call("step", x[1] - x[0]) * (dx[1] - dx[0]),
+            lambda g, x, y, dx: dx[1] + g.call("step", x[0] - x[1]) * (dx[0] - dx[1]),
             "larger",
             lambda sympy, x, y: sympy.Max(x, y),
             idempotent=True,

@@ -9,17 +9,16 @@ from collections.abc import Mapping
 
 from .forward_mode import gradients
 from .ir import Graph, Program, Value, copied, finish
-from .passes import run_passes
-from .reverse_mode import adjoint
 
 
-def hessian(program: Program, seed: str, wanted: Mapping[str, int], name: str) -> Program:
+def hessian(first: Program, wanted: Mapping[str, int], name: str) -> Program:
     """The program of the second derivatives of sum_i seed_i out_i, a symmetric matrix, row by row.
 
     Args:
-        program, seed, wanted, name: as of ``adjoint``.
+        first: the program of its first derivatives, which ``adjoint`` makes.
+        wanted: as of ``adjoint``.
+        name: of the program that is made.
     """
-    first = run_passes(adjoint(program, seed, wanted, name))
     graph = Graph()
     values = copied(graph, first)
     inputs = [graph.input(array, place) for array, size in wanted.items() for place in range(size)]

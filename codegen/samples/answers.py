@@ -66,7 +66,8 @@ class _Samples:
                 self.found["frames"] = np.array(numbers)
                 self._store(name, answers, None, *programs)
             elif function.kernel in self.equations.calls:
-                self._store(name, *COMPOSED[name](self.model, self.run, self.inputs), *programs)
+                inputs = {label: self.arithmetic.lanes(array) for label, array in self.inputs.items()}
+                self._store(name, *COMPOSED[name](self.model, self._run_on, inputs), *programs)
                 if name in PLACES:
                     self.found[f"{name} places"] = PLACES[name](self.model)
             else:
@@ -87,11 +88,16 @@ class _Samples:
             self.known[name] = answer, status
         return self.known[name]
 
+    def _run_on(self, name: str, **changed: Array) -> tuple[Array, Array]:
+        """``run`` for what goes on to compute with the answer."""
+        answer, status = self.run(name, **{label: array.view(np.ndarray) for label, array in changed.items()})
+        return self.arithmetic.lanes(answer), status
+
     def _store(
         self, name: str, answers: Array, status: Array | None, *programs: Program, certain: bool | None = None
     ) -> None:
         """Put answers (..., lanes) among what is found, lanes first."""
-        states = len(STATES)
+        answers, states = answers.view(np.ndarray), len(STATES)
         self.found[name] = np.moveaxis(answers[..., :states], -1, 0)
         self.found[f"{name} near"] = np.moveaxis(_SAFETY * spread(answers), -1, 0).astype(np.float64)
         self.found[f"{name} status"] = np.zeros(states, np.int64) if status is None else status[:states]

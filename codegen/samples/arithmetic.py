@@ -33,6 +33,7 @@ _OPERATORS: Mapping[str, Callable[..., Any]] = {
     "sqrt": np.sqrt,
 }
 _EXACT = ("neg", "max", "step")  # operations that do not round
+_ROUNDING = (np.add, np.subtract, np.multiply, np.divide)
 
 
 def with_copies(states: Array) -> Array:
@@ -41,10 +42,47 @@ def with_copies(states: Array) -> Array:
 
 
 def spread(lanes: Array) -> Array:
-    """By how much the copies of a state differ from it (..., MEASURED), of values (..., lanes)."""
-    copies = lanes[..., len(STATES) :].reshape(*lanes.shape[:-1], MEASURED, COPIES)
-    found: Array = np.abs(copies - lanes[..., :MEASURED, None]).max(axis=-1)
+    """By how much the copies of a state differ from it (..., MEASURED), of values (..., lanes).
+
+    Infinity where rounding decides whether a value is finite; what is not finite in all of them does not differ.
+    """
+    states, copies = lanes[..., :MEASURED, None], lanes[..., len(STATES) :].reshape(*lanes.shape[:-1], MEASURED, COPIES)
+    finite = np.isfinite(states) & np.isfinite(copies)
+    other = np.where(np.isfinite(states) == np.isfinite(copies), 0.0, np.inf)
+    with np.errstate(invalid="ignore"):
+        found: Array = np.where(finite, np.abs(copies - states), other).max(axis=-1)
     return found
+
+
+class Lanes(np.ndarray[Any, Any]):
+    """Values (..., lanes) whose copies are rounded at random by every sum, product and quotient, as programs' are.
+
+    What a template does with the results of programs is done with these: without roundings of its own a difference
+    that vanishes would have to vanish where a product is fused with it, too.
+    """
+
+    rows: Array  # of factors (., lanes), taken in turn
+    taken: list[int]  # how many of them were
+
+    def __array_finalize__(self, source: Any) -> None:
+        """Take over the factors of what it is a view of."""
+        self.rows, self.taken = getattr(source, "rows", np.ones((1, 1))), getattr(source, "taken", [0])
+
+    def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
+        """Compute with plain arrays, and round what does not come out exact."""
+        first = next(x for x in inputs if isinstance(x, Lanes))
+        plain = [x.view(np.ndarray) if isinstance(x, Lanes) else x for x in inputs]
+        result = getattr(ufunc, method)(*plain, **options)
+        if method != "__call__" or result.dtype != first.dtype:
+            return result
+        if ufunc in _ROUNDING and result.size:
+            count, lanes = result.size // result.shape[-1], first.rows.shape[1]
+            rows = first.rows[(first.taken[0] + np.arange(count)) % len(first.rows)]
+            first.taken[0] += count
+            result = (result.reshape(count, -1, lanes) * rows[:, np.newaxis]).reshape(result.shape)
+        found = result.view(Lanes)
+        found.rows, found.taken = first.rows, first.taken
+        return found
 
 
 class Arithmetic:
@@ -83,6 +121,12 @@ class Arithmetic:
                 value = self._called(op, [values[arg] for arg in args])
             values.append(value * rows[index % _ROWS] if rounding and op not in _EXACT else value)
         return _arrays(program, values, rows[0].size, self.dtype)
+
+    def lanes(self, values: Array) -> Lanes:
+        """Values (..., lanes) to compute on with, whose copies round."""
+        found = values.view(Lanes)
+        found.rows, found.taken = self._rounding, [0]
+        return found
 
     def value(self, op: str, args: Sequence[Any]) -> Any:
         """The result of an operation that is no sine and no cosine."""

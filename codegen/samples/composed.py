@@ -77,8 +77,8 @@ def _closed_derivatives(model: Model, run: Run, inputs: Mapping[str, Array]) -> 
     a, multipliers = found[:n], found[n : n + m]
     out: Array = run("residual_jacobian", a=a)[0].reshape(3, n, n, lanes).copy()
     D = run("closing_derivatives", a=a, multipliers=multipliers)[0]
-    J: Array = np.zeros((m, n, lanes), D.dtype)
-    right: Array = np.zeros((m, 3, n, lanes), D.dtype)
+    J = np.zeros_like(D, shape=(m, n, lanes))
+    right = np.zeros_like(D, shape=(m, 3, n, lanes))
     at = 0
     for block in row_blocks(model):
         rows, columns = slice(block.first, block.first + block.rows), list(block.columns)
@@ -103,7 +103,7 @@ def _closed_derivatives(model: Model, run: Run, inputs: Mapping[str, Array]) -> 
     for r, row in enumerate(kept):
         for i in moved[row]:
             right[r] = right[r] - J[r, i] * x[i]
-    A = np.zeros((len(kept), len(kept), lanes), D.dtype)
+    A = np.zeros_like(D, shape=(len(kept), len(kept), lanes))
     for r, row in enumerate(kept):
         for i in moved[row]:
             A[r] = A[r] + J[r, i] * Y[i]
@@ -127,7 +127,7 @@ def _multipliers(A: Array, right: Array, kinds: Sequence[object]) -> Array:
     """Solution (m, columns, lanes) of a symmetric system (m, m, lanes) that may be singular, refined."""
     precision, m = DERIVING[str(A.dtype)], len(A)
     added: dict[object, Array] = {}
-    whole = zero = np.zeros(A.shape[2], A.dtype)
+    whole = zero = np.zeros_like(A[0, 0])
     for r in range(m):
         whole = whole + A[r, r]
         added[kinds[r]] = added.get(kinds[r], zero) + A[r, r]

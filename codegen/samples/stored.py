@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 ROUNDED = 4  # states in which other orders of computing show
 STATES = ("ordinary", "small", "denormal", "infinite", "not a number", *("rounded",) * ROUNDED)
-MEASURED = 3  # states of which is known what rounding does
+MEASURED = 4  # states of which is known what rounding does
 
 
 def pack_samples(arrays: Mapping[str, Any]) -> bytes:
@@ -30,7 +30,8 @@ def read_samples(data: bytes) -> dict[str, NDArray[Any]]:
         "p", "q", "v" and so on (S, size): inputs.  "h": what functions are given, of the first parameters.  "setup":
         what is computed from each of "p".  For every function by its name: its answer (S, size), of frames (S, numbers,
         size) with the "frames" numbers; "NAME status" (S,), as C says it; "NAME near" (MEASURED, ...): by how much
-        rounding may change the answer; "NAME bits" (): whether there is no choice but in the order of operations.
+        rounding may change the answer, infinity where it decides what is finite; "NAME bits" (): whether there is no
+        choice but in the order of operations.
         "NAME places" (...,): where the numbers lie in an answer, of which only some are known.
         "rollout" and "adaptive_rollout" (methods, states, 2 n) are a step of "dt" from rest by each method, q and v.
     """

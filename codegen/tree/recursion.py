@@ -105,6 +105,17 @@ def _through_turn(
     return replace(moving, U=(a_row, b_row, c_row))
 
 
+def accelerations(
+    model: Model, bound: Bound, joints: Sequence[JointGeometry], v: Sequence[Scalar], a: Sequence[Scalar]
+) -> list[Acceleration]:
+    """K of every body, with gravity as an acceleration of the base."""
+    still = acceleration(ZERO, ZERO, scale(-1.0, bound.gravity))
+    moving: list[Acceleration] = []
+    for body, joint in zip(model.bodies, joints, strict=True):
+        moving.append(_through_joint(still if body.parent == FIXED_BODY else moving[body.parent], joint, v, a))
+    return moving
+
+
 def body_wrench(K: Acceleration, H: PseudoInertia) -> Wrench:
     """P = K H read off: force U mc + m a, moment mc x a + the antisymmetric part of U J."""
     U, J, s = K.U, H.second, K.squares

@@ -411,6 +411,45 @@ int one_link_external_reactions(const double *restrict h, const double *restrict
     return 0;
 }
 
+/* Y of inverse dynamics without springs and dampers, u = Y theta; loops cut. */
+int one_link_regressor(const double *restrict h, const double *restrict q, const double *restrict v, const double *restrict a, double *restrict out)
+{
+    const double angle[PADDED(1)] = { q[1] };
+    double sine[PADDED(1)];
+    double cosine[PADDED(1)];
+    turn(angle, PADDED(1), sine, cosine);
+
+    out[3] = 0.0;
+    out[4] = 0.0;
+    out[5] = 0.0;
+    out[6] = 0.0;
+    out[7] = 0.0;
+    out[8] = 0.0;
+    out[9] = 0.0;
+    out[10] = 0.0;
+    out[11] = 0.0;
+    out[14] = 0.0;
+    out[15] = 0.0;
+    out[16] = 0.0;
+    out[17] = 0.0;
+    out[18] = 0.0;
+    out[19] = 0.0;
+    out[20] = a[1];
+    out[21] = out[20];
+    const double t8 = a[0] - h[0];
+    const double t11 = cosine[0]*t8 - h[1]*sine[0];
+    const double t14 = sine[0]*t8 + h[1]*cosine[0];
+    out[12] = -t14;
+    const double t16 = v[1]*v[1];
+    /* link1: motions of its frame per unit rates, and columns of its inertial parameters */
+    out[1] = -(cosine[0]*t16 + a[1]*sine[0]);
+    out[2] = sine[0]*t16 - a[1]*cosine[0];
+    out[0] = cosine[0]*t11 + sine[0]*t14;
+    out[13] = -t11;
+
+    return 0;
+}
+
 /* Cosine of beta of every joint with three angles, 1 for the others. */
 int one_link_euler_cosines(const double *restrict h, const double *restrict q, double *restrict out)
 {
@@ -954,8 +993,39 @@ static void one_link_pulling(const one_link_loads *restrict loads, double t, con
     }
 }
 
-/* What wrenches do at t, added to u, but for what is an acceleration there; ``here`` is h in which joints are as they are in q. */
-static void one_link_wrenched(const one_link_loads *restrict loads, const double *here, double t, const double *restrict q, double *restrict u)
+/* Add forces of wrenches to drives. */
+static void one_link_push(const double *restrict force, double *restrict u)
+{
+    for (int i = 0; i < 2; ++i) {
+        u[i] += force[i];
+    }
+}
+
+/* Powers of drives and of wrenches, and what dampers and friction take, W. */
+static void one_link_powers(const one_link_work *restrict work, const double *restrict q, const double *restrict v, const double *restrict u, const double *restrict pushed, double *restrict power)
+{
+    double own[2];
+    double rate[2];
+    double rest[2];
+    double still[2];
+    double moving[2];
+    (void)memset(rest, 0, sizeof rest);
+    for (int i = 0; i < 2; ++i) {
+        own[i] = q[i];
+        rate[i] = v[i];
+    }
+    (void)work->generalized_force(work->passive_h, own, rest, still);
+    (void)work->generalized_force(work->passive_h, own, rate, moving);
+    for (int w = 0; w < 4; ++w) { power[w] = 0.0; }
+    for (int i = 0; i < 2; ++i) {
+        power[2] += pushed[i] * v[i];
+        power[3] += (still[i] - moving[i]) * v[i];
+        power[0] += u[i] * v[i];
+    }
+}
+
+/* What wrenches do at t, on all coordinates; ``here`` is h in which joints are as they are in q. */
+static void one_link_wrenched(const one_link_loads *restrict loads, const double *here, double t, const double *restrict q, double *restrict force)
 {
     double own[2];
     double total[6];
@@ -963,15 +1033,14 @@ static void one_link_wrenched(const one_link_loads *restrict loads, const double
     for (int i = 0; i < 2; ++i) { own[i] = q[i]; }
     one_link_pulling(loads, t, own, total);
     (void)loads->external_force((loads->force_h == NULL) ? here : loads->force_h, own, total, found);
-    for (int i = 0; i < 2; ++i) {
-        u[i] += found[i];
-    }
+    for (int i = 0; i < 2; ++i) { force[i] = found[i]; }
 }
 #endif /* EOMGEN_LOADS */
 
-/* Where lanes are in their steps: from when on, how long and to when, and by which loads, NULL for all or for none. */
+/* Where lanes are in their steps: from when on, how long and to when, and by which loads, NULL for all or for none; powers of all stages, where works are asked for. */
 typedef struct {
     const one_link_loads *loads[1];
+    double *power;
     double begin[1];
     double step[1];
     double end[1];
@@ -989,8 +1058,8 @@ static void one_link_modelled(const one_link_clock *restrict clock, const double
     }
 }
 
-/* Add what loads do at a part of lanes' steps to the forces, and put given motions into q and v. */
-static void one_link_timed(const double *here, const one_link_clock *restrict clock, double share, double *restrict q, double *restrict v, double *restrict force)
+/* Add what loads do at a part of lanes' steps to the forces, and put given motions into q and v; powers are a stage's. */
+static void one_link_timed(const double *here, const one_link_clock *restrict clock, double share, int stage, double *restrict q, double *restrict v, double *restrict force)
 {
     double own[1][2];
     double rate[1][2];
@@ -1014,7 +1083,15 @@ static void one_link_timed(const double *here, const one_link_clock *restrict cl
     int moved = 0;
     for (int l = 0; l < clock->here; ++l) {
         one_link_answered(clock->loads[l], given[l], answer[l], u[l]);
-        if (clock->loads[l]->wrenches > 0U) { one_link_wrenched(clock->loads[l], here, t[l], own[l], u[l]); }
+        double pushed[2];
+        (void)memset(pushed, 0, sizeof pushed);
+        if (clock->loads[l]->wrenches > 0U) { one_link_wrenched(clock->loads[l], here, t[l], own[l], pushed); }
+        if (clock->power != NULL) {
+            double power[4];
+            one_link_powers(clock->loads[l]->work, own[l], rate[l], u[l], pushed, power);
+            for (int w = 0; w < 4; ++w) { clock->power[stage * 4 + w] = power[w]; }
+        }
+        if (clock->loads[l]->wrenches > 0U) { one_link_push(pushed, u[l]); }
         if (clock->loads[l]->given != NULL) { moved = 1; }
     }
     for (int l = 0; l < clock->here; ++l) {
@@ -1049,31 +1126,26 @@ static void one_link_placed(const one_link_clock *restrict clock, double *restri
 }
 
 /* Accelerations under u + kp (target - q) - kd v and loads; what cannot be solved is seen in the error that it makes. */
-static void one_link_accelerated(const double *restrict h, const one_link_drive *restrict drive, const one_link_clock *restrict clock, double share, const double *restrict u, const double *restrict target, double *restrict q, double *restrict v, double *restrict a)
+static void one_link_accelerated(const double *restrict h, const one_link_drive *restrict drive, const one_link_clock *restrict clock, double share, int stage, const double *restrict u, const double *restrict target, double *restrict q, double *restrict v, double *restrict a)
 {
     double force[2];
     for (int i = 0; i < 2; ++i) {
         force[i] = u[i];
         if (drive->kp != NULL) { force[i] += drive->kp[i] * (target[i] - q[i]) - drive->kd[i] * v[i]; }
     }
-    if (clock->loads[0] != NULL) { one_link_timed(h, clock, share, q, v, force); }
+    if (clock->loads[0] != NULL) { one_link_timed(h, clock, share, stage, q, v, force); }
     (void)one_link_forward_dynamics(h, q, v, force, a);
 }
 
-/* One step of the Rosenbrock method, with the factors of its matrix; the end, and the error, first of q, then of v. */
-static void one_link_rosenbrock(const double *restrict h, const one_link_drive *restrict drive, const one_link_clock *restrict clock, const double *restrict u, const double *restrict target, double dt, const double *restrict q, const double *restrict v, double *restrict q_end, double *restrict v_end, double *restrict error)
+/* One step of the Rosenbrock method from accelerations a, with the factors of its matrix, which are kept; the end, and
+ * the error, first of q, then of v. */
+static void one_link_rosenbrock(const double *restrict h, const one_link_drive *restrict drive, const one_link_clock *restrict clock, const double *restrict u, const double *restrict target, double dt, const double *restrict q, const double *restrict v, const double *restrict a, double *restrict q_end, double *restrict v_end, double *restrict kept, double *restrict error)
 {
-    static const double ahead[6][6] = { { 0.0, 0.0, 0.0, 0.0, 0.0, 0.0 }, { 0.0, 0.0, 0.0, 0.0, 0.0, 0.0 }, { 1.9577095275421397, 0.09624753940753493, 0.0, 0.0, 0.0, 0.0 }, { -12.640540988794982, 11.47406531595545, -2.184901588069644, 0.0, 0.0, 0.0 }, { 45.22669571531797, -34.051994120856214, 9.233342776456102, -2.585735849637662, 0.0, 0.0 }, { 44.59618164199451, -35.304949600239034, 9.10972197560695, -2.286091141567749, 0.18287548796164538, 0.0 } };
-    static const double back[6][6] = { { 0.0, 0.0, 0.0, 0.0, 0.0, 0.0 }, { -1.8485366682621636, 0.0, 0.0, 0.0, 0.0, 0.0 }, { -17.631601587128756, 10.558804728186503, 0.0, 0.0, 0.0, 0.0 }, { 43.65182054686954, -40.087802443765035, 10.279818576010475, 0.0, 0.0, 0.0 }, { -105.84058964242176, 89.65494156265976, -24.593504310310063, 8.468103283975356, 0.0, 0.0 }, { -132.02707597161847, 97.96337774644046, -31.303025590584195, 9.868030987977615, -1.7691899740810053, 0.0 } };
-    static const double share[6] = { 0.0, 0.0, 0.6065416442058904, -0.35634633722581177, 1.1568159026419864, 1.0 };
-    static const double weight[6] = { 44.59618164199451, -35.304949600239034, 9.10972197560695, -2.286091141567749, 0.1828754879616454, 1.0 };
-    static const double wrong[6] = { 0.7641522361446427, -0.6573679684815938, 0.14144711229099638, -0.01754850566540496, -0.030774661879316458, 0.08701562938055106 };
     const double inverse = 1.0 / dt;
     double times[2];
-    double kept[8];
     double kp[2];
     double kd[2];
-    double a[2];
+    double right[2];
     double shifts[2];
     double w[2];
     double q_part[6][2];
@@ -1095,84 +1167,138 @@ static void one_link_rosenbrock(const double *restrict h, const one_link_drive *
         }
     }
     (void)one_link_stage_factors(h, q, v, kp, kd, times, kept);
-    for (int stage = 0; stage < 6; ++stage) {
-        if (stage != 1) { /* the second one is at the beginning, like the first one, which leaves its accelerations in a */
-            for (int i = 0; i < 2; ++i) {
-                q_end[i] = q[i];
-                v_end[i] = v[i];
-                for (int j = 0; j < stage; ++j) {
-                    q_end[i] += ahead[stage][j] * q_part[j][i];
-                    v_end[i] += ahead[stage][j] * v_part[j][i];
-                }
-            }
-            one_link_accelerated(h, drive, clock, share[stage], u, target, q_end, v_end, a);
-        }
-        for (int i = 0; i < 2; ++i) {
-            double q_back = 0.0;
-            double v_back = 0.0;
-            for (int j = 0; j < stage; ++j) {
-                q_back += back[stage][j] * q_part[j][i];
-                v_back += back[stage][j] * v_part[j][i];
-            }
-            shifts[i] = v_end[i] + inverse * q_back;
-            a[i] += inverse * v_back;
-        }
-        (void)one_link_stage_solution(h, kept, a, shifts, w);
-        for (int i = 0; i < 2; ++i) {
-            v_part[stage][i] = times[0] * (a[i] + w[i]);
-            q_part[stage][i] = times[0] * (v_part[stage][i] + shifts[i]);
-        }
+    for (int i = 0; i < 2; ++i) {
+        shifts[i] = v[i];
+        right[i] = a[i];
+    }
+    (void)one_link_stage_solution(h, kept, right, shifts, w);
+    for (int i = 0; i < 2; ++i) {
+        v_part[0][i] = times[0] * (right[i] + w[i]);
+        q_part[0][i] = times[0] * (v_part[0][i] + shifts[i]);
+    }
+    if (clock->power != NULL) { (void)memcpy(&clock->power[4], clock->power, (size_t)(4) * sizeof *clock->power); }
+    for (int i = 0; i < 2; ++i) {
+        shifts[i] = v[i] + inverse * (-1.8485366682621636 * q_part[0][i]);
+        right[i] = a[i] + inverse * (-1.8485366682621636 * v_part[0][i]);
+    }
+    (void)one_link_stage_solution(h, kept, right, shifts, w);
+    for (int i = 0; i < 2; ++i) {
+        v_part[1][i] = times[0] * (right[i] + w[i]);
+        q_part[1][i] = times[0] * (v_part[1][i] + shifts[i]);
     }
     for (int i = 0; i < 2; ++i) {
-        q_end[i] = q[i];
-        v_end[i] = v[i];
-        error[i] = 0.0;
-        error[2 + i] = 0.0;
-        for (int j = 0; j < 6; ++j) {
-            q_end[i] += weight[j] * q_part[j][i];
-            v_end[i] += weight[j] * v_part[j][i];
-            error[i] += wrong[j] * q_part[j][i];
-            error[2 + i] += wrong[j] * v_part[j][i];
-        }
+        q_end[i] = q[i] + 1.9577095275421397 * q_part[0][i] + 0.09624753940753493 * q_part[1][i];
+        v_end[i] = v[i] + 1.9577095275421397 * v_part[0][i] + 0.09624753940753493 * v_part[1][i];
+    }
+    one_link_accelerated(h, drive, clock, 0.6065416442058904, 2, u, target, q_end, v_end, right);
+    for (int i = 0; i < 2; ++i) {
+        shifts[i] = v_end[i] + inverse * (-17.631601587128756 * q_part[0][i] + 10.558804728186503 * q_part[1][i]);
+        right[i] = right[i] + inverse * (-17.631601587128756 * v_part[0][i] + 10.558804728186503 * v_part[1][i]);
+    }
+    (void)one_link_stage_solution(h, kept, right, shifts, w);
+    for (int i = 0; i < 2; ++i) {
+        v_part[2][i] = times[0] * (right[i] + w[i]);
+        q_part[2][i] = times[0] * (v_part[2][i] + shifts[i]);
+    }
+    for (int i = 0; i < 2; ++i) {
+        q_end[i] = q[i] + -12.640540988794982 * q_part[0][i] + 11.47406531595545 * q_part[1][i] + -2.184901588069644 * q_part[2][i];
+        v_end[i] = v[i] + -12.640540988794982 * v_part[0][i] + 11.47406531595545 * v_part[1][i] + -2.184901588069644 * v_part[2][i];
+    }
+    one_link_accelerated(h, drive, clock, -0.35634633722581177, 3, u, target, q_end, v_end, right);
+    for (int i = 0; i < 2; ++i) {
+        shifts[i] = v_end[i] + inverse * (43.65182054686954 * q_part[0][i] + -40.087802443765035 * q_part[1][i] + 10.279818576010475 * q_part[2][i]);
+        right[i] = right[i] + inverse * (43.65182054686954 * v_part[0][i] + -40.087802443765035 * v_part[1][i] + 10.279818576010475 * v_part[2][i]);
+    }
+    (void)one_link_stage_solution(h, kept, right, shifts, w);
+    for (int i = 0; i < 2; ++i) {
+        v_part[3][i] = times[0] * (right[i] + w[i]);
+        q_part[3][i] = times[0] * (v_part[3][i] + shifts[i]);
+    }
+    for (int i = 0; i < 2; ++i) {
+        q_end[i] = q[i] + 45.22669571531797 * q_part[0][i] + -34.051994120856214 * q_part[1][i] + 9.233342776456102 * q_part[2][i] + -2.585735849637662 * q_part[3][i];
+        v_end[i] = v[i] + 45.22669571531797 * v_part[0][i] + -34.051994120856214 * v_part[1][i] + 9.233342776456102 * v_part[2][i] + -2.585735849637662 * v_part[3][i];
+    }
+    one_link_accelerated(h, drive, clock, 1.1568159026419864, 4, u, target, q_end, v_end, right);
+    for (int i = 0; i < 2; ++i) {
+        shifts[i] = v_end[i] + inverse * (-105.84058964242176 * q_part[0][i] + 89.65494156265976 * q_part[1][i] + -24.593504310310063 * q_part[2][i] + 8.468103283975356 * q_part[3][i]);
+        right[i] = right[i] + inverse * (-105.84058964242176 * v_part[0][i] + 89.65494156265976 * v_part[1][i] + -24.593504310310063 * v_part[2][i] + 8.468103283975356 * v_part[3][i]);
+    }
+    (void)one_link_stage_solution(h, kept, right, shifts, w);
+    for (int i = 0; i < 2; ++i) {
+        v_part[4][i] = times[0] * (right[i] + w[i]);
+        q_part[4][i] = times[0] * (v_part[4][i] + shifts[i]);
+    }
+    for (int i = 0; i < 2; ++i) {
+        q_end[i] = q[i] + 44.59618164199451 * q_part[0][i] + -35.304949600239034 * q_part[1][i] + 9.10972197560695 * q_part[2][i] + -2.286091141567749 * q_part[3][i] + 0.18287548796164538 * q_part[4][i];
+        v_end[i] = v[i] + 44.59618164199451 * v_part[0][i] + -35.304949600239034 * v_part[1][i] + 9.10972197560695 * v_part[2][i] + -2.286091141567749 * v_part[3][i] + 0.18287548796164538 * v_part[4][i];
+    }
+    one_link_accelerated(h, drive, clock, 1.0, 5, u, target, q_end, v_end, right);
+    for (int i = 0; i < 2; ++i) {
+        shifts[i] = v_end[i] + inverse * (-132.02707597161847 * q_part[0][i] + 97.96337774644046 * q_part[1][i] + -31.303025590584195 * q_part[2][i] + 9.868030987977615 * q_part[3][i] + -1.7691899740810053 * q_part[4][i]);
+        right[i] = right[i] + inverse * (-132.02707597161847 * v_part[0][i] + 97.96337774644046 * v_part[1][i] + -31.303025590584195 * v_part[2][i] + 9.868030987977615 * v_part[3][i] + -1.7691899740810053 * v_part[4][i]);
+    }
+    (void)one_link_stage_solution(h, kept, right, shifts, w);
+    for (int i = 0; i < 2; ++i) {
+        v_part[5][i] = times[0] * (right[i] + w[i]);
+        q_part[5][i] = times[0] * (v_part[5][i] + shifts[i]);
+    }
+    for (int i = 0; i < 2; ++i) {
+        q_end[i] = q[i] + 44.59618164199451 * q_part[0][i] + -35.304949600239034 * q_part[1][i] + 9.10972197560695 * q_part[2][i] + -2.286091141567749 * q_part[3][i] + 0.1828754879616454 * q_part[4][i] + 1.0 * q_part[5][i];
+        v_end[i] = v[i] + 44.59618164199451 * v_part[0][i] + -35.304949600239034 * v_part[1][i] + 9.10972197560695 * v_part[2][i] + -2.286091141567749 * v_part[3][i] + 0.1828754879616454 * v_part[4][i] + 1.0 * v_part[5][i];
+        error[i] = 0.7641522361446427 * q_part[0][i] + -0.6573679684815938 * q_part[1][i] + 0.14144711229099638 * q_part[2][i] + -0.01754850566540496 * q_part[3][i] + -0.030774661879316458 * q_part[4][i] + 0.08701562938055106 * q_part[5][i];
+        error[2 + i] = 0.7641522361446427 * v_part[0][i] + -0.6573679684815938 * v_part[1][i] + 0.14144711229099638 * v_part[2][i] + -0.01754850566540496 * v_part[3][i] + -0.030774661879316458 * v_part[4][i] + 0.08701562938055106 * v_part[5][i];
     }
 }
 
 /* One step of the explicit method; ``a`` holds the accelerations at its beginning, ``a_end`` becomes those at its end. */
 static void one_link_tsit5(const double *restrict h, const one_link_drive *restrict drive, const one_link_clock *restrict clock, const double *restrict u, const double *restrict target, double dt, const double *restrict q, const double *restrict v, const double *restrict a, double *restrict q_end, double *restrict v_end, double *restrict a_end, double *restrict error)
 {
-    static const double ahead[7][7] = { { 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0 }, { 0.161, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0 }, { -0.008480655492356989, 0.335480655492357, 0.0, 0.0, 0.0, 0.0, 0.0 }, { 2.8971530571054935, -6.359448489975075, 4.3622954328695815, 0.0, 0.0, 0.0, 0.0 }, { 5.325864828439257, -11.748883564062828, 7.4955393428898365, -0.09249506636175525, 0.0, 0.0, 0.0 }, { 5.86145544294642, -12.92096931784711, 8.159367898576159, -0.071584973281401, -0.028269050394068383, 0.0, 0.0 }, { 0.09646076681806523, 0.01, 0.4798896504144996, 1.379008574103742, -3.290069515436081, 2.324710524099774, 0.0 } };
-    static const double share[7] = { 0.0, 0.161, 0.327, 0.8999999999999999, 0.9800255409045104, 1.0, 1.0 };
-    static const double wrong[7] = { -0.001780011052225771, -0.0008164344596567469, 0.007880878010261995, -0.1447110071732629, 0.5823571654525552, -0.45808210592918697, 0.015151515151515152 };
     double q_rate[7][2];
     double v_rate[7][2];
     for (int i = 0; i < 2; ++i) {
         q_rate[0][i] = v[i];
         v_rate[0][i] = a[i];
     }
-    for (int stage = 1; stage < 7; ++stage) {
-        for (int i = 0; i < 2; ++i) {
-            double q_sum = 0.0;
-            double v_sum = 0.0;
-            for (int j = 0; j < stage; ++j) {
-                q_sum += ahead[stage][j] * q_rate[j][i];
-                v_sum += ahead[stage][j] * v_rate[j][i];
-            }
-            q_end[i] = q[i] + dt * q_sum;
-            v_end[i] = v[i] + dt * v_sum;
-        }
-        one_link_accelerated(h, drive, clock, share[stage], u, target, q_end, v_end, v_rate[stage]);
-        (void)memcpy(q_rate[stage], v_end, sizeof q_rate[stage]);
+    for (int i = 0; i < 2; ++i) {
+        q_end[i] = q[i] + dt * (0.161 * q_rate[0][i]);
+        v_end[i] = v[i] + dt * (0.161 * v_rate[0][i]);
     }
+    one_link_accelerated(h, drive, clock, 0.161, 1, u, target, q_end, v_end, v_rate[1]);
+    (void)memcpy(q_rate[1], v_end, sizeof q_rate[1]);
+    for (int i = 0; i < 2; ++i) {
+        q_end[i] = q[i] + dt * (-0.008480655492356989 * q_rate[0][i] + 0.335480655492357 * q_rate[1][i]);
+        v_end[i] = v[i] + dt * (-0.008480655492356989 * v_rate[0][i] + 0.335480655492357 * v_rate[1][i]);
+    }
+    one_link_accelerated(h, drive, clock, 0.327, 2, u, target, q_end, v_end, v_rate[2]);
+    (void)memcpy(q_rate[2], v_end, sizeof q_rate[2]);
+    for (int i = 0; i < 2; ++i) {
+        q_end[i] = q[i] + dt * (2.8971530571054935 * q_rate[0][i] + -6.359448489975075 * q_rate[1][i] + 4.3622954328695815 * q_rate[2][i]);
+        v_end[i] = v[i] + dt * (2.8971530571054935 * v_rate[0][i] + -6.359448489975075 * v_rate[1][i] + 4.3622954328695815 * v_rate[2][i]);
+    }
+    one_link_accelerated(h, drive, clock, 0.8999999999999999, 3, u, target, q_end, v_end, v_rate[3]);
+    (void)memcpy(q_rate[3], v_end, sizeof q_rate[3]);
+    for (int i = 0; i < 2; ++i) {
+        q_end[i] = q[i] + dt * (5.325864828439257 * q_rate[0][i] + -11.748883564062828 * q_rate[1][i] + 7.4955393428898365 * q_rate[2][i] + -0.09249506636175525 * q_rate[3][i]);
+        v_end[i] = v[i] + dt * (5.325864828439257 * v_rate[0][i] + -11.748883564062828 * v_rate[1][i] + 7.4955393428898365 * v_rate[2][i] + -0.09249506636175525 * v_rate[3][i]);
+    }
+    one_link_accelerated(h, drive, clock, 0.9800255409045104, 4, u, target, q_end, v_end, v_rate[4]);
+    (void)memcpy(q_rate[4], v_end, sizeof q_rate[4]);
+    for (int i = 0; i < 2; ++i) {
+        q_end[i] = q[i] + dt * (5.86145544294642 * q_rate[0][i] + -12.92096931784711 * q_rate[1][i] + 8.159367898576159 * q_rate[2][i] + -0.071584973281401 * q_rate[3][i] + -0.028269050394068383 * q_rate[4][i]);
+        v_end[i] = v[i] + dt * (5.86145544294642 * v_rate[0][i] + -12.92096931784711 * v_rate[1][i] + 8.159367898576159 * v_rate[2][i] + -0.071584973281401 * v_rate[3][i] + -0.028269050394068383 * v_rate[4][i]);
+    }
+    one_link_accelerated(h, drive, clock, 1.0, 5, u, target, q_end, v_end, v_rate[5]);
+    (void)memcpy(q_rate[5], v_end, sizeof q_rate[5]);
+    for (int i = 0; i < 2; ++i) {
+        q_end[i] = q[i] + dt * (0.09646076681806523 * q_rate[0][i] + 0.01 * q_rate[1][i] + 0.4798896504144996 * q_rate[2][i] + 1.379008574103742 * q_rate[3][i] + -3.290069515436081 * q_rate[4][i] + 2.324710524099774 * q_rate[5][i]);
+        v_end[i] = v[i] + dt * (0.09646076681806523 * v_rate[0][i] + 0.01 * v_rate[1][i] + 0.4798896504144996 * v_rate[2][i] + 1.379008574103742 * v_rate[3][i] + -3.290069515436081 * v_rate[4][i] + 2.324710524099774 * v_rate[5][i]);
+    }
+    one_link_accelerated(h, drive, clock, 1.0, 6, u, target, q_end, v_end, v_rate[6]);
+    (void)memcpy(q_rate[6], v_end, sizeof q_rate[6]);
     for (int i = 0; i < 2; ++i) {
         a_end[i] = v_rate[6][i];
-        error[i] = 0.0;
-        error[2 + i] = 0.0;
-        for (int j = 0; j < 7; ++j) {
-            error[i] += wrong[j] * q_rate[j][i];
-            error[2 + i] += wrong[j] * v_rate[j][i];
-        }
-        error[i] *= dt;
-        error[2 + i] *= dt;
+        error[i] = dt * (-0.001780011052225771 * q_rate[0][i] + -0.0008164344596567469 * q_rate[1][i] + 0.007880878010261995 * q_rate[2][i] + -0.1447110071732629 * q_rate[3][i] + 0.5823571654525552 * q_rate[4][i] + -0.45808210592918697 * q_rate[5][i] + 0.015151515151515152 * q_rate[6][i]);
+        error[2 + i] = dt * (-0.001780011052225771 * v_rate[0][i] + -0.0008164344596567469 * v_rate[1][i] + 0.007880878010261995 * v_rate[2][i] + -0.1447110071732629 * v_rate[3][i] + 0.5823571654525552 * v_rate[4][i] + -0.45808210592918697 * v_rate[5][i] + 0.015151515151515152 * v_rate[6][i]);
     }
 }
 
@@ -1227,9 +1353,41 @@ static double one_link_first(const one_link_tolerance *restrict allowed, int l, 
     return (size < 1e-5 || !(change > 1e-5)) ? 1e-6 : 0.01 * size / change;
 }
 
+/* What powers of a lane's stages make of a step, J: whole, or up to a share of the explicit one. */
+static double one_link_worked(const double *restrict power, int work, int l, int method, double step, double share)
+{
+    static const double rosenbrock[6] = { 2.66325806659267, -2.291088688834055, 0.49297789757946875, -0.0611608486626099, -0.10725724877841863, 0.3032708221029452 };
+    static const double tsit5[7][4] = { { 1.0, -2.763706197274826, 2.9132554618219126, -1.0530884977290216 }, { 0.0, 0.1317, -0.2234, 0.1017 }, { 0.0, 3.9302962368947516, -5.941033872131505, 2.490627285651253 }, { 0.0, -12.411077166933676, 30.33818863028232, -16.548102889244902 }, { 0.0, 37.50931341651104, -88.1789048947664, 47.37952196281928 }, { 0.0, -27.896526289197286, 65.09189467479366, -34.87065786149661 }, { 0.0, 1.5, -4.0, 2.5 } };
+    double found = 0.0;
+    (void)l;
+    for (int stage = 0; stage < ((method == 1) ? 7 : 6); ++stage) {
+        double weight = 0.0;
+        for (int k = 3; k >= 0; --k) { weight = share * (weight + tsit5[stage][k]); }
+        if (method != 1) { weight = rosenbrock[stage]; }
+        found += weight * power[stage * 4 + work];
+    }
+    return step * found;
+}
+
+/* What accelerations at both ends of a step of the Rosenbrock method say of rates in between that coordinates and rates there
+ * do not, as its matrix damps that: accelerations of stiff coordinates are full of their errors. */
+static void one_link_bent(const double *restrict h, const double *restrict kept, double dt, const double *restrict v, const double *restrict a, const double *restrict v_end, const double *restrict a_end, double *restrict bend)
+{
+    const double time = 0.3032708221029452 * dt;
+    double right[2];
+    double shifts[2];
+    double w[2];
+    for (int i = 0; i < 2; ++i) {
+        shifts[i] = 0.0;
+        right[i] = (dt * (a[i] + a_end[i]) - (v_end[i] - v[i]) - (v_end[i] - v[i])) / time;
+    }
+    (void)one_link_stage_solution(h, kept, right, shifts, w);
+    for (int i = 0; i < 2; ++i) { bend[i] = time * (right[i] + w[i]); }
+}
+
 /* A lane's state at a share of its step: of the explicit method the polynomial of degree 5 with its coordinates, rates and
- * accelerations, of the other one, whose accelerations are not smooth, the cubic one without the latter. */
-static void one_link_between(double share, double step, int l, int method, const double *restrict q, const double *restrict v, const double *restrict a, const double *restrict q_end, const double *restrict v_end, const double *restrict a_end, double *restrict q_out, double *restrict v_out)
+ * accelerations, of the other one the cubic without the latter, and what is bent. */
+static void one_link_between(double share, double step, int l, int method, const double *restrict q, const double *restrict v, const double *restrict a, const double *restrict q_end, const double *restrict v_end, const double *restrict a_end, const double *restrict bend, double *restrict q_out, double *restrict v_out)
 {
     const double s = share;
     (void)l;
@@ -1249,12 +1407,100 @@ static void one_link_between(double share, double step, int l, int method, const
             c3 = 10.0 * d - 6.0 * v0 - 4.0 * v1 - 3.0 * a0 + a1;
             c4 = -15.0 * d + 8.0 * v0 + 7.0 * v1 + 3.0 * a0 - 2.0 * a1;
             c5 = 6.0 * d - 3.0 * (v0 + v1) - a0 + a1;
+        } else {
+            c4 = 0.25 * step * bend[i];
+            c2 += c4;
+            c3 -= 2.0 * c4;
         }
         const double place = q0 + s * (v0 + s * (c2 + s * (c3 + s * (c4 + s * c5))));
         const double rate = (v0 + s * (2.0 * c2 + s * (3.0 * c3 + s * (4.0 * c4 + s * 5.0 * c5)))) / step;
         q_out[i] = place;
         v_out[i] = rate;
     }
+}
+
+/* The works of a lane at a share of its step, J: of the explicit method by its own weights there, of the other one on the
+ * cubic with powers at both ends. */
+static void one_link_works_between(double share, double step, int l, int method, const double *restrict power, const double *restrict begin, const double *restrict end, double *restrict out)
+{
+    (void)l;
+    for (int w = 0; w < 4; ++w) {
+        const double d = end[w] - begin[w];
+        const double p0 = step * power[w];
+        const double p1 = step * power[24 + w];
+        if (method == 1) {
+            out[w] = begin[w] + one_link_worked(power, w, l, method, step, share);
+        } else {
+            out[w] = begin[w] + share * (p0 + share * (3.0 * d - 2.0 * p0 - p1 + share * (p0 + p1 - 2.0 * d)));
+        }
+    }
+}
+
+/* Whether powers change too much within a lane's step for its stages to say what works are: the motion, of prescribed
+ * coordinates, say, or of a mass that moves freely, may be without an error nevertheless. */
+static int one_link_doubtful(const double *restrict power, const double *restrict work, int l, int method, double step, double rtol)
+{
+    static const double wrong[2][7] = { { 0.16149752429294262, -0.18684096907609637, 0.00912393277044904, 0.013322280951927667, -0.023492070397267834, 0.02638930145804491, 0.0 }, { -0.001780011052225771, -0.0008164344596567469, 0.007880878010261995, -0.1447110071732629, 0.5823571654525552, -0.45808210592918697, 0.015151515151515152 } };
+    int found = 0;
+    (void)l;
+    for (int w = 0; w < 4; ++w) {
+        double error = 0.0;
+        double top = 0.0;
+        for (int stage = 0; stage < ((method == 1) ? 7 : 6); ++stage) {
+            const double here = power[stage * 4 + w];
+            error += wrong[method][stage] * here;
+            if (fabs(here) > top) { top = fabs(here); }
+        }
+        if (step * fabs(error) > 10.0 * rtol * (fabs(work[w]) + step * top)) { found = 1; }
+    }
+    return found;
+}
+
+/* Add works of a lane between two shares of its step, J, by Gauss's rule along the polynomial on which its samples lie, on
+ * halves until that changes little. */
+static void one_link_reckon(const double *restrict h, const one_link_drive *restrict drive, const one_link_clock *restrict clock, const double *restrict u, const double *restrict target, int l, int method, double from, double to, double rtol, const double *restrict q, const double *restrict v, const double *restrict a, const double *restrict q_end, const double *restrict v_end, const double *restrict a_end, const double *restrict bend, double *restrict work)
+{
+    static const double node[5] = { 0.04691007703066802, 0.23076534494715845, 0.5, 0.7692346550528415, 0.9530899229693319 };
+    static const double weight[5] = { 0.11846344252809454, 0.23931433524968324, 0.2844444444444444, 0.23931433524968324, 0.11846344252809454 };
+    const double *const power = &clock->power[28];
+    double last[4];
+    double found[4];
+    int settled = 0;
+    (void)memset(last, 0, sizeof last);
+    for (int pieces = 1; (pieces <= 64) && (settled == 0); pieces *= 2) {
+        const double part = (to - from) / (double)pieces;
+        double top[4];
+        (void)memset(found, 0, sizeof found);
+        (void)memset(top, 0, sizeof top);
+        for (int k = 0; k < 5 * pieces; ++k) {
+            const int piece = k / 5;
+            const double share = from + part * ((double)piece + node[k % 5]);
+            double own[2];
+            double rate[2];
+            double q_here[2];
+            double v_here[2];
+            double a_here[2];
+            one_link_between(share, clock->step[l], l, method, q, v, a, q_end, v_end, a_end, bend, own, rate);
+            for (int i = 0; i < 2; ++i) {
+                q_here[i] = q_end[i];
+                v_here[i] = v_end[i];
+                q_here[i] = own[i];
+                v_here[i] = rate[i];
+            }
+            one_link_accelerated(h, drive, clock, share, 7, u, target, q_here, v_here, a_here);
+            for (int w = 0; w < 4; ++w) {
+                const double here = clock->step[l] * power[w];
+                found[w] += part * weight[k % 5] * here;
+                if (fabs(here) > top[w]) { top[w] = fabs(here); }
+            }
+        }
+        settled = (pieces > 1) ? 1 : 0;
+        for (int w = 0; w < 4; ++w) {
+            if (fabs(found[w] - last[w]) > rtol * (fabs(work[w]) + (to - from) * top[w])) { settled = 0; }
+            last[w] = found[w];
+        }
+    }
+    for (int w = 0; w < 4; ++w) { work[w] += last[w]; }
 }
 
 /* Go on with up to 1 states, those at ``place``, from where their progress is, each by steps of its own; at most so
@@ -1266,7 +1512,6 @@ static void one_link_adapt(const double *restrict h, const one_link_drive *restr
     const double duration = end - times[0];
     const int held = ((drive->u_step == 0U) && (drive->target_step == 0U)) ? 1 : 0;
     const int dense = held;
-    int stale = 1;
     const double order = method == 1 ? 0.2 : 0.25;
     double u[2];
     double target[2];
@@ -1275,6 +1520,8 @@ static void one_link_adapt(const double *restrict h, const one_link_drive *restr
     double q_end[2];
     double v_end[2];
     double error[4];
+    double kept[8];
+    double bend[2];
     double dt = 1.0;
     one_link_clock clock;
     double step[1];
@@ -1282,7 +1529,10 @@ static void one_link_adapt(const double *restrict h, const one_link_drive *restr
     int going[1];
     int lands[1] = { 0 };
     int taken[1];
+    int known[1] = { 0 }; /* whether a has the accelerations */
     int left = 0;
+    double power[32];
+    const int works = ((loads != NULL) && (loads->work != NULL)) ? 1 : 0;
     for (int l = 0; l < 1; ++l) {
         one_link_progress *const p = &progress[place[l]];
         const long long own = allowed[place[l] * allowed_step].most;
@@ -1297,14 +1547,19 @@ static void one_link_adapt(const double *restrict h, const one_link_drive *restr
                 q_out[place[l] * stride + (size_t)i] = q[i];
                 v_out[place[l] * stride + (size_t)i] = v[i];
             }
+            if (p->works != NULL) { (void)memcpy(p->works, p->work, sizeof p->work); }
             p->sample = 1;
             p->t = times[0];
             p->looked = times[0];
         }
     }
+    clock.power = (works == 0) ? NULL : power;
     clock.here = 1;
+    (void)memset(a_end, 0, sizeof a_end);
+    (void)memset(bend, 0, sizeof bend);
+    (void)memset(kept, 0, sizeof kept);
     for (long long pass = 0; (left > 0) && (pass < most) && ((record == NULL) || (record->count < record->room)); ++pass) {
-        int fresh = (method == 1) ? stale : 0;
+        int fresh = 0;
         for (int l = 0; l < 1; ++l) {
             const one_link_progress *const p = &progress[place[l]];
             if ((going[l] != 0) && (pass >= allowed[place[l] * allowed_step].most)) {
@@ -1314,12 +1569,12 @@ static void one_link_adapt(const double *restrict h, const one_link_drive *restr
             clock.begin[l] = p->t;
             clock.step[l] = 0.0;
             clock.end[l] = p->t;
-            if ((going[l] != 0) && !(p->next > 0.0)) { fresh = 1; }
+            if ((going[l] != 0) && (known[l] == 0)) { fresh = 1; }
         }
-        if (fresh != 0) { one_link_accelerated(h, drive, &clock, 0.0, u, target, q, v, a); }
-        stale = 0;
+        if (fresh != 0) { one_link_accelerated(h, drive, &clock, 0.0, 0, u, target, q, v, a); }
         for (int l = 0; l < 1; ++l) {
             one_link_progress *const p = &progress[place[l]];
+            known[l] = 1;
             if (going[l] == 0) { continue; }
             if (!(p->next > 0.0)) { p->next = one_link_first(&allowed[place[l] * allowed_step], l, q, v, a); }
             const double goal = (dense != 0) ? end : times[p->sample];
@@ -1331,7 +1586,7 @@ static void one_link_adapt(const double *restrict h, const one_link_drive *restr
             dt = step[l];
         }
         if (method == 0) {
-            one_link_rosenbrock(h, drive, &clock, u, target, dt, q, v, q_end, v_end, error);
+            one_link_rosenbrock(h, drive, &clock, u, target, dt, q, v, a, q_end, v_end, kept, error);
         } else {
             one_link_tsit5(h, drive, &clock, u, target, dt, q, v, a, q_end, v_end, a_end, error);
         }
@@ -1368,10 +1623,26 @@ static void one_link_adapt(const double *restrict h, const one_link_drive *restr
                 left -= 1;
             }
         }
+        int inside = 0; /* whether something asks for what is within a step */
+        for (int l = 0; (method != 1) && (l < 1); ++l) {
+            if (taken[l] == 0) { continue; }
+            if ((dense != 0) && (times[progress[place[l]].sample] < clock.end[l])) { inside = 1; }
+            if ((works != 0) && (one_link_doubtful(power, progress[place[l]].work, l, method, step[l], allowed[place[l] * allowed_step].rtol) != 0)) { inside = 1; }
+        }
+        if (inside != 0) {
+            one_link_accelerated(h, drive, &clock, 1.0, 6, u, target, q_end, v_end, a_end);
+            one_link_bent(h, kept, dt, v, a, v_end, a_end, bend);
+        }
         for (int l = 0; l < 1; ++l) {
             if (taken[l] == 0) { continue; }
             one_link_progress *const p = &progress[place[l]];
             const double before = p->t;
+            known[l] = ((method == 1) || (inside != 0)) ? 1 : 0;
+            double worked[4];
+            (void)memcpy(worked, p->work, sizeof worked);
+            const int reckons = (works != 0) ? one_link_doubtful(power, p->work, l, method, step[l], allowed[place[l] * allowed_step].rtol) : 0;
+            double share = 0.0; /* up to which works are reckoned */
+            for (int w = 0; (works != 0) && (reckons == 0) && (w < 4); ++w) { p->work[w] += one_link_worked(power, w, l, method, step[l], 1.0); }
             p->steps += 1;
             p->t = clock.end[l];
             if (step[l] > p->largest) { p->largest = step[l]; }
@@ -1379,27 +1650,38 @@ static void one_link_adapt(const double *restrict h, const one_link_drive *restr
             while ((p->sample <= samples) && (((lands[l] != 0) || (dense != 0)) && (times[p->sample] <= p->t))) {
                 double *const q_row = &q_out[place[l] * stride + p->sample * 2U];
                 double *const v_row = &v_out[place[l] * stride + p->sample * 2U];
+                double *const work_row = (p->works == NULL) ? NULL : &p->works[p->sample * 4U];
                 const double time = times[p->sample];
+                if (reckons != 0) {
+                    const double until = (time < p->t) ? ((time - before) / step[l]) : 1.0;
+                    one_link_reckon(h, drive, &clock, u, target, l, method, share, until, allowed[place[l] * allowed_step].rtol, q, v, a, q_end, v_end, a_end, bend, p->work);
+                    share = until;
+                }
                 if ((dense != 0) && (time < p->t)) {
-                    one_link_between((time - before) / step[l], step[l], l, method, q, v, a, q_end, v_end, a_end, q_row, v_row);
+                    one_link_between((time - before) / step[l], step[l], l, method, q, v, a, q_end, v_end, a_end, bend, q_row, v_row);
+                    if ((work_row != NULL) && (reckons != 0)) { (void)memcpy(work_row, p->work, sizeof p->work); }
+                    if ((work_row != NULL) && (reckons == 0)) { one_link_works_between((time - before) / step[l], step[l], l, method, power, worked, p->work, work_row); }
                 } else
                 {
                     for (int i = 0; i < 2; ++i) {
                         q_row[i] = q_end[i];
                         v_row[i] = v_end[i];
                     }
+                    if (work_row != NULL) { (void)memcpy(work_row, p->work, sizeof p->work); }
                 }
                 p->sample += 1U;
                 if ((held == 0) && (p->sample <= samples)) {
                     one_link_hold(drive, place[l], p->sample - 1U, l, u, target);
-                    stale = 1;
+                    known[l] = 0;
                 }
             }
+            if ((reckons != 0) && (share < 1.0)) { one_link_reckon(h, drive, &clock, u, target, l, method, share, 1.0, allowed[place[l] * allowed_step].rtol, q, v, a, q_end, v_end, a_end, bend, p->work); }
             for (int i = 0; i < 2; ++i) {
                 q[i] = q_end[i];
                 v[i] = v_end[i];
                 a[i] = a_end[i];
             }
+            for (int w = 0; (works != 0) && (w < 4); ++w) { power[w] = power[24 + w]; }
             if (record != NULL) {
                 record->t[record->count] = p->t;
                 for (int i = 0; i < 2; ++i) {
@@ -2061,6 +2343,44 @@ static int one_link_external_reactions_lanes(const lanes *restrict h, const lane
     return 0;
 }
 
+/* Y of inverse dynamics without springs and dampers, u = Y theta; loops cut. */
+static int one_link_regressor_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, lanes *restrict out)
+{
+    lanes sine[1];
+    lanes cosine[1];
+    turn((const double *)(q + 1), 1 * LANES, (double *)sine, (double *)cosine);
+
+    out[3] = ALL(0.0);
+    out[4] = out[3];
+    out[5] = out[3];
+    out[6] = out[3];
+    out[7] = out[3];
+    out[8] = out[3];
+    out[9] = out[3];
+    out[10] = out[3];
+    out[11] = out[3];
+    out[14] = out[3];
+    out[15] = out[3];
+    out[16] = out[3];
+    out[17] = out[3];
+    out[18] = out[3];
+    out[19] = out[3];
+    out[20] = a[1];
+    out[21] = out[20];
+    const lanes t8 = a[0] - h[0];
+    const lanes t11 = cosine[0]*t8 - h[1]*sine[0];
+    const lanes t14 = sine[0]*t8 + h[1]*cosine[0];
+    out[12] = -t14;
+    const lanes t16 = v[1]*v[1];
+    /* link1: motions of its frame per unit rates, and columns of its inertial parameters */
+    out[1] = -(cosine[0]*t16 + a[1]*sine[0]);
+    out[2] = sine[0]*t16 - a[1]*cosine[0];
+    out[0] = cosine[0]*t11 + sine[0]*t14;
+    out[13] = -t11;
+
+    return 0;
+}
+
 /* Cosine of beta of every joint with three angles, 1 for the others. */
 static int one_link_euler_cosines_lanes(const lanes *restrict h, const lanes *restrict q, lanes *restrict out)
 {
@@ -2386,6 +2706,24 @@ long long one_link_external_reactions_batch(size_t count, const double *restrict
         gather(wrench + i * wrench_step, wrench_step, here, more, 6, wrench_lanes);
         const int status = one_link_external_reactions_lanes(h_lanes, q_lanes, wrench_lanes, out_lanes);
         scatter(out_lanes, NULL, here, more, 6, 6, out + i * 6);
+        if (status != 0) return (long long)i * 2 + status - 1;
+    }
+    return -1;
+}
+
+long long one_link_regressor_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, const double *restrict a, size_t a_step, double *restrict out)
+{
+    lanes q_lanes[2], v_lanes[2], a_lanes[2], out_lanes[22];
+    lanes h_lanes[7];
+    spread(h, h_lanes);
+    for (size_t i = 0; i < count; i += LANES) {
+        const size_t here = count - i < LANES ? count - i : LANES;
+        const int more = count - i >= AHEAD + LANES;
+        gather(q + i * q_step, q_step, here, more, 2, q_lanes);
+        gather(v + i * v_step, v_step, here, more, 2, v_lanes);
+        gather(a + i * a_step, a_step, here, more, 2, a_lanes);
+        const int status = one_link_regressor_lanes(h_lanes, q_lanes, v_lanes, a_lanes, out_lanes);
+        scatter(out_lanes, NULL, here, more, 22, 22, out + i * 22);
         if (status != 0) return (long long)i * 2 + status - 1;
     }
     return -1;
@@ -2897,8 +3235,39 @@ static void one_link_pulling(const one_link_loads *restrict loads, double t, con
     }
 }
 
-/* What wrenches do at t, added to u, but for what is an acceleration there; ``here`` is h in which joints are as they are in q. */
-static void one_link_wrenched(const one_link_loads *restrict loads, const double *here, double t, const double *restrict q, double *restrict u)
+/* Add forces of wrenches to drives. */
+static void one_link_push(const double *restrict force, double *restrict u)
+{
+    for (int i = 0; i < 2; ++i) {
+        u[i] += force[i];
+    }
+}
+
+/* Powers of drives and of wrenches, and what dampers and friction take, W. */
+static void one_link_powers(const one_link_work *restrict work, const double *restrict q, const double *restrict v, const double *restrict u, const double *restrict pushed, double *restrict power)
+{
+    double own[2];
+    double rate[2];
+    double rest[2];
+    double still[2];
+    double moving[2];
+    (void)memset(rest, 0, sizeof rest);
+    for (int i = 0; i < 2; ++i) {
+        own[i] = q[i];
+        rate[i] = v[i];
+    }
+    (void)work->generalized_force(work->passive_h, own, rest, still);
+    (void)work->generalized_force(work->passive_h, own, rate, moving);
+    for (int w = 0; w < 4; ++w) { power[w] = 0.0; }
+    for (int i = 0; i < 2; ++i) {
+        power[2] += pushed[i] * v[i];
+        power[3] += (still[i] - moving[i]) * v[i];
+        power[0] += u[i] * v[i];
+    }
+}
+
+/* What wrenches do at t, on all coordinates; ``here`` is h in which joints are as they are in q. */
+static void one_link_wrenched(const one_link_loads *restrict loads, const double *here, double t, const double *restrict q, double *restrict force)
 {
     double own[2];
     double total[6];
@@ -2906,15 +3275,14 @@ static void one_link_wrenched(const one_link_loads *restrict loads, const double
     for (int i = 0; i < 2; ++i) { own[i] = q[i]; }
     one_link_pulling(loads, t, own, total);
     (void)loads->external_force((loads->force_h == NULL) ? here : loads->force_h, own, total, found);
-    for (int i = 0; i < 2; ++i) {
-        u[i] += found[i];
-    }
+    for (int i = 0; i < 2; ++i) { force[i] = found[i]; }
 }
 #endif /* EOMGEN_LOADS */
 
-/* Where lanes are in their steps: from when on, how long and to when, and by which loads, NULL for all or for none. */
+/* Where lanes are in their steps: from when on, how long and to when, and by which loads, NULL for all or for none; powers of all stages, where works are asked for. */
 typedef struct {
     const one_link_loads *loads[LANES];
+    double *power;
     double begin[LANES];
     double step[LANES];
     double end[LANES];
@@ -2945,8 +3313,8 @@ static void one_link_modelled_lanes(const one_link_clock_lanes *restrict clock, 
     }
 }
 
-/* Add what loads do at a part of lanes' steps to the forces, and put given motions into q and v. */
-static void one_link_timed_lanes(const double *here, const one_link_clock_lanes *restrict clock, double share, lanes *restrict q, lanes *restrict v, lanes *restrict force)
+/* Add what loads do at a part of lanes' steps to the forces, and put given motions into q and v; powers are a stage's. */
+static void one_link_timed_lanes(const double *here, const one_link_clock_lanes *restrict clock, double share, int stage, lanes *restrict q, lanes *restrict v, lanes *restrict force)
 {
     double own[LANES][2];
     double rate[LANES][2];
@@ -2966,7 +3334,15 @@ static void one_link_timed_lanes(const double *here, const one_link_clock_lanes 
     int moved = 0;
     for (int l = 0; l < clock->here; ++l) {
         one_link_answered(clock->loads[l], given[l], answer[l], u[l]);
-        if (clock->loads[l]->wrenches > 0U) { one_link_wrenched(clock->loads[l], here, t[l], own[l], u[l]); }
+        double pushed[2];
+        (void)memset(pushed, 0, sizeof pushed);
+        if (clock->loads[l]->wrenches > 0U) { one_link_wrenched(clock->loads[l], here, t[l], own[l], pushed); }
+        if (clock->power != NULL) {
+            double power[4];
+            one_link_powers(clock->loads[l]->work, own[l], rate[l], u[l], pushed, power);
+            for (int w = 0; w < 4; ++w) { clock->power[(stage * 4 + w) * (int)LANES + l] = power[w]; }
+        }
+        if (clock->loads[l]->wrenches > 0U) { one_link_push(pushed, u[l]); }
         if (clock->loads[l]->given != NULL) { moved = 1; }
     }
     gather(u[0], 2, (size_t)clock->here, 0, 2, force);
@@ -2997,31 +3373,26 @@ static void one_link_placed_lanes(const one_link_clock_lanes *restrict clock, la
 }
 
 /* Accelerations under u + kp (target - q) - kd v and loads; what cannot be solved is seen in the error that it makes. */
-static void one_link_accelerated_lanes(const lanes *restrict h, const one_link_drive *restrict drive, const one_link_clock_lanes *restrict clock, double share, const lanes *restrict u, const lanes *restrict target, lanes *restrict q, lanes *restrict v, lanes *restrict a)
+static void one_link_accelerated_lanes(const lanes *restrict h, const one_link_drive *restrict drive, const one_link_clock_lanes *restrict clock, double share, int stage, const lanes *restrict u, const lanes *restrict target, lanes *restrict q, lanes *restrict v, lanes *restrict a)
 {
     lanes force[2];
     for (int i = 0; i < 2; ++i) {
         force[i] = u[i];
         if (drive->kp != NULL) { force[i] += drive->kp[i] * (target[i] - q[i]) - drive->kd[i] * v[i]; }
     }
-    if (clock->loads[0] != NULL) { one_link_timed_lanes(NULL, clock, share, q, v, force); }
+    if (clock->loads[0] != NULL) { one_link_timed_lanes(NULL, clock, share, stage, q, v, force); }
     (void)one_link_forward_dynamics_lanes(h, q, v, force, a);
 }
 
-/* One step of the Rosenbrock method, with the factors of its matrix; the end, and the error, first of q, then of v. */
-static void one_link_rosenbrock_lanes(const lanes *restrict h, const one_link_drive *restrict drive, const one_link_clock_lanes *restrict clock, const lanes *restrict u, const lanes *restrict target, lanes dt, const lanes *restrict q, const lanes *restrict v, lanes *restrict q_end, lanes *restrict v_end, lanes *restrict error)
+/* One step of the Rosenbrock method from accelerations a, with the factors of its matrix, which are kept; the end, and
+ * the error, first of q, then of v. */
+static void one_link_rosenbrock_lanes(const lanes *restrict h, const one_link_drive *restrict drive, const one_link_clock_lanes *restrict clock, const lanes *restrict u, const lanes *restrict target, lanes dt, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, lanes *restrict q_end, lanes *restrict v_end, lanes *restrict kept, lanes *restrict error)
 {
-    static const double ahead[6][6] = { { 0.0, 0.0, 0.0, 0.0, 0.0, 0.0 }, { 0.0, 0.0, 0.0, 0.0, 0.0, 0.0 }, { 1.9577095275421397, 0.09624753940753493, 0.0, 0.0, 0.0, 0.0 }, { -12.640540988794982, 11.47406531595545, -2.184901588069644, 0.0, 0.0, 0.0 }, { 45.22669571531797, -34.051994120856214, 9.233342776456102, -2.585735849637662, 0.0, 0.0 }, { 44.59618164199451, -35.304949600239034, 9.10972197560695, -2.286091141567749, 0.18287548796164538, 0.0 } };
-    static const double back[6][6] = { { 0.0, 0.0, 0.0, 0.0, 0.0, 0.0 }, { -1.8485366682621636, 0.0, 0.0, 0.0, 0.0, 0.0 }, { -17.631601587128756, 10.558804728186503, 0.0, 0.0, 0.0, 0.0 }, { 43.65182054686954, -40.087802443765035, 10.279818576010475, 0.0, 0.0, 0.0 }, { -105.84058964242176, 89.65494156265976, -24.593504310310063, 8.468103283975356, 0.0, 0.0 }, { -132.02707597161847, 97.96337774644046, -31.303025590584195, 9.868030987977615, -1.7691899740810053, 0.0 } };
-    static const double share[6] = { 0.0, 0.0, 0.6065416442058904, -0.35634633722581177, 1.1568159026419864, 1.0 };
-    static const double weight[6] = { 44.59618164199451, -35.304949600239034, 9.10972197560695, -2.286091141567749, 0.1828754879616454, 1.0 };
-    static const double wrong[6] = { 0.7641522361446427, -0.6573679684815938, 0.14144711229099638, -0.01754850566540496, -0.030774661879316458, 0.08701562938055106 };
     const lanes inverse = ALL(1.0) / dt;
     lanes times[2];
-    lanes kept[8];
     lanes kp[2];
     lanes kd[2];
-    lanes a[2];
+    lanes right[2];
     lanes shifts[2];
     lanes w[2];
     lanes q_part[6][2];
@@ -3043,84 +3414,138 @@ static void one_link_rosenbrock_lanes(const lanes *restrict h, const one_link_dr
         }
     }
     (void)one_link_stage_factors_lanes(h, q, v, kp, kd, times, kept);
-    for (int stage = 0; stage < 6; ++stage) {
-        if (stage != 1) { /* the second one is at the beginning, like the first one, which leaves its accelerations in a */
-            for (int i = 0; i < 2; ++i) {
-                q_end[i] = q[i];
-                v_end[i] = v[i];
-                for (int j = 0; j < stage; ++j) {
-                    q_end[i] += ahead[stage][j] * q_part[j][i];
-                    v_end[i] += ahead[stage][j] * v_part[j][i];
-                }
-            }
-            one_link_accelerated_lanes(h, drive, clock, share[stage], u, target, q_end, v_end, a);
-        }
-        for (int i = 0; i < 2; ++i) {
-            lanes q_back = ALL(0.0);
-            lanes v_back = ALL(0.0);
-            for (int j = 0; j < stage; ++j) {
-                q_back += back[stage][j] * q_part[j][i];
-                v_back += back[stage][j] * v_part[j][i];
-            }
-            shifts[i] = v_end[i] + inverse * q_back;
-            a[i] += inverse * v_back;
-        }
-        (void)one_link_stage_solution_lanes(h, kept, a, shifts, w);
-        for (int i = 0; i < 2; ++i) {
-            v_part[stage][i] = times[0] * (a[i] + w[i]);
-            q_part[stage][i] = times[0] * (v_part[stage][i] + shifts[i]);
-        }
+    for (int i = 0; i < 2; ++i) {
+        shifts[i] = v[i];
+        right[i] = a[i];
+    }
+    (void)one_link_stage_solution_lanes(h, kept, right, shifts, w);
+    for (int i = 0; i < 2; ++i) {
+        v_part[0][i] = times[0] * (right[i] + w[i]);
+        q_part[0][i] = times[0] * (v_part[0][i] + shifts[i]);
+    }
+    if (clock->power != NULL) { (void)memcpy(&clock->power[(4) * (int)LANES], clock->power, (size_t)((4) * (int)LANES) * sizeof *clock->power); }
+    for (int i = 0; i < 2; ++i) {
+        shifts[i] = v[i] + inverse * (-1.8485366682621636 * q_part[0][i]);
+        right[i] = a[i] + inverse * (-1.8485366682621636 * v_part[0][i]);
+    }
+    (void)one_link_stage_solution_lanes(h, kept, right, shifts, w);
+    for (int i = 0; i < 2; ++i) {
+        v_part[1][i] = times[0] * (right[i] + w[i]);
+        q_part[1][i] = times[0] * (v_part[1][i] + shifts[i]);
     }
     for (int i = 0; i < 2; ++i) {
-        q_end[i] = q[i];
-        v_end[i] = v[i];
-        error[i] = ALL(0.0);
-        error[2 + i] = ALL(0.0);
-        for (int j = 0; j < 6; ++j) {
-            q_end[i] += weight[j] * q_part[j][i];
-            v_end[i] += weight[j] * v_part[j][i];
-            error[i] += wrong[j] * q_part[j][i];
-            error[2 + i] += wrong[j] * v_part[j][i];
-        }
+        q_end[i] = q[i] + 1.9577095275421397 * q_part[0][i] + 0.09624753940753493 * q_part[1][i];
+        v_end[i] = v[i] + 1.9577095275421397 * v_part[0][i] + 0.09624753940753493 * v_part[1][i];
+    }
+    one_link_accelerated_lanes(h, drive, clock, 0.6065416442058904, 2, u, target, q_end, v_end, right);
+    for (int i = 0; i < 2; ++i) {
+        shifts[i] = v_end[i] + inverse * (-17.631601587128756 * q_part[0][i] + 10.558804728186503 * q_part[1][i]);
+        right[i] = right[i] + inverse * (-17.631601587128756 * v_part[0][i] + 10.558804728186503 * v_part[1][i]);
+    }
+    (void)one_link_stage_solution_lanes(h, kept, right, shifts, w);
+    for (int i = 0; i < 2; ++i) {
+        v_part[2][i] = times[0] * (right[i] + w[i]);
+        q_part[2][i] = times[0] * (v_part[2][i] + shifts[i]);
+    }
+    for (int i = 0; i < 2; ++i) {
+        q_end[i] = q[i] + -12.640540988794982 * q_part[0][i] + 11.47406531595545 * q_part[1][i] + -2.184901588069644 * q_part[2][i];
+        v_end[i] = v[i] + -12.640540988794982 * v_part[0][i] + 11.47406531595545 * v_part[1][i] + -2.184901588069644 * v_part[2][i];
+    }
+    one_link_accelerated_lanes(h, drive, clock, -0.35634633722581177, 3, u, target, q_end, v_end, right);
+    for (int i = 0; i < 2; ++i) {
+        shifts[i] = v_end[i] + inverse * (43.65182054686954 * q_part[0][i] + -40.087802443765035 * q_part[1][i] + 10.279818576010475 * q_part[2][i]);
+        right[i] = right[i] + inverse * (43.65182054686954 * v_part[0][i] + -40.087802443765035 * v_part[1][i] + 10.279818576010475 * v_part[2][i]);
+    }
+    (void)one_link_stage_solution_lanes(h, kept, right, shifts, w);
+    for (int i = 0; i < 2; ++i) {
+        v_part[3][i] = times[0] * (right[i] + w[i]);
+        q_part[3][i] = times[0] * (v_part[3][i] + shifts[i]);
+    }
+    for (int i = 0; i < 2; ++i) {
+        q_end[i] = q[i] + 45.22669571531797 * q_part[0][i] + -34.051994120856214 * q_part[1][i] + 9.233342776456102 * q_part[2][i] + -2.585735849637662 * q_part[3][i];
+        v_end[i] = v[i] + 45.22669571531797 * v_part[0][i] + -34.051994120856214 * v_part[1][i] + 9.233342776456102 * v_part[2][i] + -2.585735849637662 * v_part[3][i];
+    }
+    one_link_accelerated_lanes(h, drive, clock, 1.1568159026419864, 4, u, target, q_end, v_end, right);
+    for (int i = 0; i < 2; ++i) {
+        shifts[i] = v_end[i] + inverse * (-105.84058964242176 * q_part[0][i] + 89.65494156265976 * q_part[1][i] + -24.593504310310063 * q_part[2][i] + 8.468103283975356 * q_part[3][i]);
+        right[i] = right[i] + inverse * (-105.84058964242176 * v_part[0][i] + 89.65494156265976 * v_part[1][i] + -24.593504310310063 * v_part[2][i] + 8.468103283975356 * v_part[3][i]);
+    }
+    (void)one_link_stage_solution_lanes(h, kept, right, shifts, w);
+    for (int i = 0; i < 2; ++i) {
+        v_part[4][i] = times[0] * (right[i] + w[i]);
+        q_part[4][i] = times[0] * (v_part[4][i] + shifts[i]);
+    }
+    for (int i = 0; i < 2; ++i) {
+        q_end[i] = q[i] + 44.59618164199451 * q_part[0][i] + -35.304949600239034 * q_part[1][i] + 9.10972197560695 * q_part[2][i] + -2.286091141567749 * q_part[3][i] + 0.18287548796164538 * q_part[4][i];
+        v_end[i] = v[i] + 44.59618164199451 * v_part[0][i] + -35.304949600239034 * v_part[1][i] + 9.10972197560695 * v_part[2][i] + -2.286091141567749 * v_part[3][i] + 0.18287548796164538 * v_part[4][i];
+    }
+    one_link_accelerated_lanes(h, drive, clock, 1.0, 5, u, target, q_end, v_end, right);
+    for (int i = 0; i < 2; ++i) {
+        shifts[i] = v_end[i] + inverse * (-132.02707597161847 * q_part[0][i] + 97.96337774644046 * q_part[1][i] + -31.303025590584195 * q_part[2][i] + 9.868030987977615 * q_part[3][i] + -1.7691899740810053 * q_part[4][i]);
+        right[i] = right[i] + inverse * (-132.02707597161847 * v_part[0][i] + 97.96337774644046 * v_part[1][i] + -31.303025590584195 * v_part[2][i] + 9.868030987977615 * v_part[3][i] + -1.7691899740810053 * v_part[4][i]);
+    }
+    (void)one_link_stage_solution_lanes(h, kept, right, shifts, w);
+    for (int i = 0; i < 2; ++i) {
+        v_part[5][i] = times[0] * (right[i] + w[i]);
+        q_part[5][i] = times[0] * (v_part[5][i] + shifts[i]);
+    }
+    for (int i = 0; i < 2; ++i) {
+        q_end[i] = q[i] + 44.59618164199451 * q_part[0][i] + -35.304949600239034 * q_part[1][i] + 9.10972197560695 * q_part[2][i] + -2.286091141567749 * q_part[3][i] + 0.1828754879616454 * q_part[4][i] + 1.0 * q_part[5][i];
+        v_end[i] = v[i] + 44.59618164199451 * v_part[0][i] + -35.304949600239034 * v_part[1][i] + 9.10972197560695 * v_part[2][i] + -2.286091141567749 * v_part[3][i] + 0.1828754879616454 * v_part[4][i] + 1.0 * v_part[5][i];
+        error[i] = 0.7641522361446427 * q_part[0][i] + -0.6573679684815938 * q_part[1][i] + 0.14144711229099638 * q_part[2][i] + -0.01754850566540496 * q_part[3][i] + -0.030774661879316458 * q_part[4][i] + 0.08701562938055106 * q_part[5][i];
+        error[2 + i] = 0.7641522361446427 * v_part[0][i] + -0.6573679684815938 * v_part[1][i] + 0.14144711229099638 * v_part[2][i] + -0.01754850566540496 * v_part[3][i] + -0.030774661879316458 * v_part[4][i] + 0.08701562938055106 * v_part[5][i];
     }
 }
 
 /* One step of the explicit method; ``a`` holds the accelerations at its beginning, ``a_end`` becomes those at its end. */
 static void one_link_tsit5_lanes(const lanes *restrict h, const one_link_drive *restrict drive, const one_link_clock_lanes *restrict clock, const lanes *restrict u, const lanes *restrict target, lanes dt, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, lanes *restrict q_end, lanes *restrict v_end, lanes *restrict a_end, lanes *restrict error)
 {
-    static const double ahead[7][7] = { { 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0 }, { 0.161, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0 }, { -0.008480655492356989, 0.335480655492357, 0.0, 0.0, 0.0, 0.0, 0.0 }, { 2.8971530571054935, -6.359448489975075, 4.3622954328695815, 0.0, 0.0, 0.0, 0.0 }, { 5.325864828439257, -11.748883564062828, 7.4955393428898365, -0.09249506636175525, 0.0, 0.0, 0.0 }, { 5.86145544294642, -12.92096931784711, 8.159367898576159, -0.071584973281401, -0.028269050394068383, 0.0, 0.0 }, { 0.09646076681806523, 0.01, 0.4798896504144996, 1.379008574103742, -3.290069515436081, 2.324710524099774, 0.0 } };
-    static const double share[7] = { 0.0, 0.161, 0.327, 0.8999999999999999, 0.9800255409045104, 1.0, 1.0 };
-    static const double wrong[7] = { -0.001780011052225771, -0.0008164344596567469, 0.007880878010261995, -0.1447110071732629, 0.5823571654525552, -0.45808210592918697, 0.015151515151515152 };
     lanes q_rate[7][2];
     lanes v_rate[7][2];
     for (int i = 0; i < 2; ++i) {
         q_rate[0][i] = v[i];
         v_rate[0][i] = a[i];
     }
-    for (int stage = 1; stage < 7; ++stage) {
-        for (int i = 0; i < 2; ++i) {
-            lanes q_sum = ALL(0.0);
-            lanes v_sum = ALL(0.0);
-            for (int j = 0; j < stage; ++j) {
-                q_sum += ahead[stage][j] * q_rate[j][i];
-                v_sum += ahead[stage][j] * v_rate[j][i];
-            }
-            q_end[i] = q[i] + dt * q_sum;
-            v_end[i] = v[i] + dt * v_sum;
-        }
-        one_link_accelerated_lanes(h, drive, clock, share[stage], u, target, q_end, v_end, v_rate[stage]);
-        (void)memcpy(q_rate[stage], v_end, sizeof q_rate[stage]);
+    for (int i = 0; i < 2; ++i) {
+        q_end[i] = q[i] + dt * (0.161 * q_rate[0][i]);
+        v_end[i] = v[i] + dt * (0.161 * v_rate[0][i]);
     }
+    one_link_accelerated_lanes(h, drive, clock, 0.161, 1, u, target, q_end, v_end, v_rate[1]);
+    (void)memcpy(q_rate[1], v_end, sizeof q_rate[1]);
+    for (int i = 0; i < 2; ++i) {
+        q_end[i] = q[i] + dt * (-0.008480655492356989 * q_rate[0][i] + 0.335480655492357 * q_rate[1][i]);
+        v_end[i] = v[i] + dt * (-0.008480655492356989 * v_rate[0][i] + 0.335480655492357 * v_rate[1][i]);
+    }
+    one_link_accelerated_lanes(h, drive, clock, 0.327, 2, u, target, q_end, v_end, v_rate[2]);
+    (void)memcpy(q_rate[2], v_end, sizeof q_rate[2]);
+    for (int i = 0; i < 2; ++i) {
+        q_end[i] = q[i] + dt * (2.8971530571054935 * q_rate[0][i] + -6.359448489975075 * q_rate[1][i] + 4.3622954328695815 * q_rate[2][i]);
+        v_end[i] = v[i] + dt * (2.8971530571054935 * v_rate[0][i] + -6.359448489975075 * v_rate[1][i] + 4.3622954328695815 * v_rate[2][i]);
+    }
+    one_link_accelerated_lanes(h, drive, clock, 0.8999999999999999, 3, u, target, q_end, v_end, v_rate[3]);
+    (void)memcpy(q_rate[3], v_end, sizeof q_rate[3]);
+    for (int i = 0; i < 2; ++i) {
+        q_end[i] = q[i] + dt * (5.325864828439257 * q_rate[0][i] + -11.748883564062828 * q_rate[1][i] + 7.4955393428898365 * q_rate[2][i] + -0.09249506636175525 * q_rate[3][i]);
+        v_end[i] = v[i] + dt * (5.325864828439257 * v_rate[0][i] + -11.748883564062828 * v_rate[1][i] + 7.4955393428898365 * v_rate[2][i] + -0.09249506636175525 * v_rate[3][i]);
+    }
+    one_link_accelerated_lanes(h, drive, clock, 0.9800255409045104, 4, u, target, q_end, v_end, v_rate[4]);
+    (void)memcpy(q_rate[4], v_end, sizeof q_rate[4]);
+    for (int i = 0; i < 2; ++i) {
+        q_end[i] = q[i] + dt * (5.86145544294642 * q_rate[0][i] + -12.92096931784711 * q_rate[1][i] + 8.159367898576159 * q_rate[2][i] + -0.071584973281401 * q_rate[3][i] + -0.028269050394068383 * q_rate[4][i]);
+        v_end[i] = v[i] + dt * (5.86145544294642 * v_rate[0][i] + -12.92096931784711 * v_rate[1][i] + 8.159367898576159 * v_rate[2][i] + -0.071584973281401 * v_rate[3][i] + -0.028269050394068383 * v_rate[4][i]);
+    }
+    one_link_accelerated_lanes(h, drive, clock, 1.0, 5, u, target, q_end, v_end, v_rate[5]);
+    (void)memcpy(q_rate[5], v_end, sizeof q_rate[5]);
+    for (int i = 0; i < 2; ++i) {
+        q_end[i] = q[i] + dt * (0.09646076681806523 * q_rate[0][i] + 0.01 * q_rate[1][i] + 0.4798896504144996 * q_rate[2][i] + 1.379008574103742 * q_rate[3][i] + -3.290069515436081 * q_rate[4][i] + 2.324710524099774 * q_rate[5][i]);
+        v_end[i] = v[i] + dt * (0.09646076681806523 * v_rate[0][i] + 0.01 * v_rate[1][i] + 0.4798896504144996 * v_rate[2][i] + 1.379008574103742 * v_rate[3][i] + -3.290069515436081 * v_rate[4][i] + 2.324710524099774 * v_rate[5][i]);
+    }
+    one_link_accelerated_lanes(h, drive, clock, 1.0, 6, u, target, q_end, v_end, v_rate[6]);
+    (void)memcpy(q_rate[6], v_end, sizeof q_rate[6]);
     for (int i = 0; i < 2; ++i) {
         a_end[i] = v_rate[6][i];
-        error[i] = ALL(0.0);
-        error[2 + i] = ALL(0.0);
-        for (int j = 0; j < 7; ++j) {
-            error[i] += wrong[j] * q_rate[j][i];
-            error[2 + i] += wrong[j] * v_rate[j][i];
-        }
-        error[i] *= dt;
-        error[2 + i] *= dt;
+        error[i] = dt * (-0.001780011052225771 * q_rate[0][i] + -0.0008164344596567469 * q_rate[1][i] + 0.007880878010261995 * q_rate[2][i] + -0.1447110071732629 * q_rate[3][i] + 0.5823571654525552 * q_rate[4][i] + -0.45808210592918697 * q_rate[5][i] + 0.015151515151515152 * q_rate[6][i]);
+        error[2 + i] = dt * (-0.001780011052225771 * v_rate[0][i] + -0.0008164344596567469 * v_rate[1][i] + 0.007880878010261995 * v_rate[2][i] + -0.1447110071732629 * v_rate[3][i] + 0.5823571654525552 * v_rate[4][i] + -0.45808210592918697 * v_rate[5][i] + 0.015151515151515152 * v_rate[6][i]);
     }
 }
 
@@ -3175,9 +3600,41 @@ static double one_link_first_lanes(const one_link_tolerance *restrict allowed, i
     return (size < 1e-5 || !(change > 1e-5)) ? 1e-6 : 0.01 * size / change;
 }
 
+/* What powers of a lane's stages make of a step, J: whole, or up to a share of the explicit one. */
+static double one_link_worked_lanes(const double *restrict power, int work, int l, int method, double step, double share)
+{
+    static const double rosenbrock[6] = { 2.66325806659267, -2.291088688834055, 0.49297789757946875, -0.0611608486626099, -0.10725724877841863, 0.3032708221029452 };
+    static const double tsit5[7][4] = { { 1.0, -2.763706197274826, 2.9132554618219126, -1.0530884977290216 }, { 0.0, 0.1317, -0.2234, 0.1017 }, { 0.0, 3.9302962368947516, -5.941033872131505, 2.490627285651253 }, { 0.0, -12.411077166933676, 30.33818863028232, -16.548102889244902 }, { 0.0, 37.50931341651104, -88.1789048947664, 47.37952196281928 }, { 0.0, -27.896526289197286, 65.09189467479366, -34.87065786149661 }, { 0.0, 1.5, -4.0, 2.5 } };
+    double found = 0.0;
+    (void)l;
+    for (int stage = 0; stage < ((method == 1) ? 7 : 6); ++stage) {
+        double weight = 0.0;
+        for (int k = 3; k >= 0; --k) { weight = share * (weight + tsit5[stage][k]); }
+        if (method != 1) { weight = rosenbrock[stage]; }
+        found += weight * power[(stage * 4 + work) * (int)LANES + l];
+    }
+    return step * found;
+}
+
+/* What accelerations at both ends of a step of the Rosenbrock method say of rates in between that coordinates and rates there
+ * do not, as its matrix damps that: accelerations of stiff coordinates are full of their errors. */
+static void one_link_bent_lanes(const lanes *restrict h, const lanes *restrict kept, lanes dt, const lanes *restrict v, const lanes *restrict a, const lanes *restrict v_end, const lanes *restrict a_end, lanes *restrict bend)
+{
+    const lanes time = 0.3032708221029452 * dt;
+    lanes right[2];
+    lanes shifts[2];
+    lanes w[2];
+    for (int i = 0; i < 2; ++i) {
+        shifts[i] = ALL(0.0);
+        right[i] = (dt * (a[i] + a_end[i]) - (v_end[i] - v[i]) - (v_end[i] - v[i])) / time;
+    }
+    (void)one_link_stage_solution_lanes(h, kept, right, shifts, w);
+    for (int i = 0; i < 2; ++i) { bend[i] = time * (right[i] + w[i]); }
+}
+
 /* A lane's state at a share of its step: of the explicit method the polynomial of degree 5 with its coordinates, rates and
- * accelerations, of the other one, whose accelerations are not smooth, the cubic one without the latter. */
-static void one_link_between_lanes(double share, double step, int l, int method, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, const lanes *restrict q_end, const lanes *restrict v_end, const lanes *restrict a_end, double *restrict q_out, double *restrict v_out)
+ * accelerations, of the other one the cubic without the latter, and what is bent. */
+static void one_link_between_lanes(double share, double step, int l, int method, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, const lanes *restrict q_end, const lanes *restrict v_end, const lanes *restrict a_end, const lanes *restrict bend, double *restrict q_out, double *restrict v_out)
 {
     const double s = share;
     (void)l;
@@ -3197,12 +3654,100 @@ static void one_link_between_lanes(double share, double step, int l, int method,
             c3 = 10.0 * d - 6.0 * v0 - 4.0 * v1 - 3.0 * a0 + a1;
             c4 = -15.0 * d + 8.0 * v0 + 7.0 * v1 + 3.0 * a0 - 2.0 * a1;
             c5 = 6.0 * d - 3.0 * (v0 + v1) - a0 + a1;
+        } else {
+            c4 = 0.25 * step * LANE(bend[i], l);
+            c2 += c4;
+            c3 -= 2.0 * c4;
         }
         const double place = q0 + s * (v0 + s * (c2 + s * (c3 + s * (c4 + s * c5))));
         const double rate = (v0 + s * (2.0 * c2 + s * (3.0 * c3 + s * (4.0 * c4 + s * 5.0 * c5)))) / step;
         q_out[i] = place;
         v_out[i] = rate;
     }
+}
+
+/* The works of a lane at a share of its step, J: of the explicit method by its own weights there, of the other one on the
+ * cubic with powers at both ends. */
+static void one_link_works_between_lanes(double share, double step, int l, int method, const double *restrict power, const double *restrict begin, const double *restrict end, double *restrict out)
+{
+    (void)l;
+    for (int w = 0; w < 4; ++w) {
+        const double d = end[w] - begin[w];
+        const double p0 = step * power[(w) * (int)LANES + l];
+        const double p1 = step * power[(24 + w) * (int)LANES + l];
+        if (method == 1) {
+            out[w] = begin[w] + one_link_worked_lanes(power, w, l, method, step, share);
+        } else {
+            out[w] = begin[w] + share * (p0 + share * (3.0 * d - 2.0 * p0 - p1 + share * (p0 + p1 - 2.0 * d)));
+        }
+    }
+}
+
+/* Whether powers change too much within a lane's step for its stages to say what works are: the motion, of prescribed
+ * coordinates, say, or of a mass that moves freely, may be without an error nevertheless. */
+static int one_link_doubtful_lanes(const double *restrict power, const double *restrict work, int l, int method, double step, double rtol)
+{
+    static const double wrong[2][7] = { { 0.16149752429294262, -0.18684096907609637, 0.00912393277044904, 0.013322280951927667, -0.023492070397267834, 0.02638930145804491, 0.0 }, { -0.001780011052225771, -0.0008164344596567469, 0.007880878010261995, -0.1447110071732629, 0.5823571654525552, -0.45808210592918697, 0.015151515151515152 } };
+    int found = 0;
+    (void)l;
+    for (int w = 0; w < 4; ++w) {
+        double error = 0.0;
+        double top = 0.0;
+        for (int stage = 0; stage < ((method == 1) ? 7 : 6); ++stage) {
+            const double here = power[(stage * 4 + w) * (int)LANES + l];
+            error += wrong[method][stage] * here;
+            if (fabs(here) > top) { top = fabs(here); }
+        }
+        if (step * fabs(error) > 10.0 * rtol * (fabs(work[w]) + step * top)) { found = 1; }
+    }
+    return found;
+}
+
+/* Add works of a lane between two shares of its step, J, by Gauss's rule along the polynomial on which its samples lie, on
+ * halves until that changes little. */
+static void one_link_reckon_lanes(const lanes *restrict h, const one_link_drive *restrict drive, const one_link_clock_lanes *restrict clock, const lanes *restrict u, const lanes *restrict target, int l, int method, double from, double to, double rtol, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, const lanes *restrict q_end, const lanes *restrict v_end, const lanes *restrict a_end, const lanes *restrict bend, double *restrict work)
+{
+    static const double node[5] = { 0.04691007703066802, 0.23076534494715845, 0.5, 0.7692346550528415, 0.9530899229693319 };
+    static const double weight[5] = { 0.11846344252809454, 0.23931433524968324, 0.2844444444444444, 0.23931433524968324, 0.11846344252809454 };
+    const double *const power = &clock->power[(28) * (int)LANES + l];
+    double last[4];
+    double found[4];
+    int settled = 0;
+    (void)memset(last, 0, sizeof last);
+    for (int pieces = 1; (pieces <= 64) && (settled == 0); pieces *= 2) {
+        const double part = (to - from) / (double)pieces;
+        double top[4];
+        (void)memset(found, 0, sizeof found);
+        (void)memset(top, 0, sizeof top);
+        for (int k = 0; k < 5 * pieces; ++k) {
+            const int piece = k / 5;
+            const double share = from + part * ((double)piece + node[k % 5]);
+            double own[2];
+            double rate[2];
+            lanes q_here[2];
+            lanes v_here[2];
+            lanes a_here[2];
+            one_link_between_lanes(share, clock->step[l], l, method, q, v, a, q_end, v_end, a_end, bend, own, rate);
+            for (int i = 0; i < 2; ++i) {
+                q_here[i] = q_end[i];
+                v_here[i] = v_end[i];
+                LANE(q_here[i], l) = own[i];
+                LANE(v_here[i], l) = rate[i];
+            }
+            one_link_accelerated_lanes(h, drive, clock, share, 7, u, target, q_here, v_here, a_here);
+            for (int w = 0; w < 4; ++w) {
+                const double here = clock->step[l] * power[(w) * (int)LANES];
+                found[w] += part * weight[k % 5] * here;
+                if (fabs(here) > top[w]) { top[w] = fabs(here); }
+            }
+        }
+        settled = (pieces > 1) ? 1 : 0;
+        for (int w = 0; w < 4; ++w) {
+            if (fabs(found[w] - last[w]) > rtol * (fabs(work[w]) + (to - from) * top[w])) { settled = 0; }
+            last[w] = found[w];
+        }
+    }
+    for (int w = 0; w < 4; ++w) { work[w] += last[w]; }
 }
 
 /* Go on with up to LANES states, those at ``place``, from where their progress is, each by steps of its own; at most so
@@ -3214,7 +3759,6 @@ static void one_link_adapt_lanes(const lanes *restrict h, const one_link_drive *
     const double duration = end - times[0];
     const int held = ((drive->u_step == 0U) && (drive->target_step == 0U)) ? 1 : 0;
     const int dense = held;
-    int stale = 1;
     const double order = method == 1 ? 0.2 : 0.25;
     lanes u[2];
     lanes target[2];
@@ -3223,6 +3767,8 @@ static void one_link_adapt_lanes(const lanes *restrict h, const one_link_drive *
     lanes q_end[2];
     lanes v_end[2];
     lanes error[4];
+    lanes kept[8];
+    lanes bend[2];
     lanes dt = ALL(1.0);
     one_link_clock_lanes clock;
     double step[LANES];
@@ -3230,7 +3776,10 @@ static void one_link_adapt_lanes(const lanes *restrict h, const one_link_drive *
     int going[LANES];
     int lands[LANES] = { 0 };
     int taken[LANES];
+    int known[LANES] = { 0 }; /* whether a has the accelerations */
     int left = 0;
+    double power[(32) * (int)LANES];
+    const int works = ((loads != NULL) && (loads->work != NULL)) ? 1 : 0;
     for (int l = 0; l < LANES; ++l) {
         one_link_progress *const p = &progress[place[l]];
         const long long own = allowed[place[l] * allowed_step].most;
@@ -3245,14 +3794,19 @@ static void one_link_adapt_lanes(const lanes *restrict h, const one_link_drive *
                 q_out[place[l] * stride + (size_t)i] = LANE(q[i], l);
                 v_out[place[l] * stride + (size_t)i] = LANE(v[i], l);
             }
+            if (p->works != NULL) { (void)memcpy(p->works, p->work, sizeof p->work); }
             p->sample = 1;
             p->t = times[0];
             p->looked = times[0];
         }
     }
+    clock.power = (works == 0) ? NULL : power;
     clock.here = here;
+    (void)memset(a_end, 0, sizeof a_end);
+    (void)memset(bend, 0, sizeof bend);
+    (void)memset(kept, 0, sizeof kept);
     for (long long pass = 0; (left > 0) && (pass < most) && ((record == NULL) || (record->count < record->room)); ++pass) {
-        int fresh = (method == 1) ? stale : 0;
+        int fresh = 0;
         for (int l = 0; l < LANES; ++l) {
             const one_link_progress *const p = &progress[place[l]];
             if ((going[l] != 0) && (pass >= allowed[place[l] * allowed_step].most)) {
@@ -3262,12 +3816,12 @@ static void one_link_adapt_lanes(const lanes *restrict h, const one_link_drive *
             clock.begin[l] = p->t;
             clock.step[l] = 0.0;
             clock.end[l] = p->t;
-            if ((going[l] != 0) && !(p->next > 0.0)) { fresh = 1; }
+            if ((going[l] != 0) && (known[l] == 0)) { fresh = 1; }
         }
-        if (fresh != 0) { one_link_accelerated_lanes(h, drive, &clock, 0.0, u, target, q, v, a); }
-        stale = 0;
+        if (fresh != 0) { one_link_accelerated_lanes(h, drive, &clock, 0.0, 0, u, target, q, v, a); }
         for (int l = 0; l < LANES; ++l) {
             one_link_progress *const p = &progress[place[l]];
+            known[l] = 1;
             if (going[l] == 0) { continue; }
             if (!(p->next > 0.0)) { p->next = one_link_first_lanes(&allowed[place[l] * allowed_step], l, q, v, a); }
             const double goal = (dense != 0) ? end : times[p->sample];
@@ -3279,7 +3833,7 @@ static void one_link_adapt_lanes(const lanes *restrict h, const one_link_drive *
             LANE(dt, l) = step[l];
         }
         if (method == 0) {
-            one_link_rosenbrock_lanes(h, drive, &clock, u, target, dt, q, v, q_end, v_end, error);
+            one_link_rosenbrock_lanes(h, drive, &clock, u, target, dt, q, v, a, q_end, v_end, kept, error);
         } else {
             one_link_tsit5_lanes(h, drive, &clock, u, target, dt, q, v, a, q_end, v_end, a_end, error);
         }
@@ -3316,10 +3870,26 @@ static void one_link_adapt_lanes(const lanes *restrict h, const one_link_drive *
                 left -= 1;
             }
         }
+        int inside = 0; /* whether something asks for what is within a step */
+        for (int l = 0; (method != 1) && (l < LANES); ++l) {
+            if (taken[l] == 0) { continue; }
+            if ((dense != 0) && (times[progress[place[l]].sample] < clock.end[l])) { inside = 1; }
+            if ((works != 0) && (one_link_doubtful_lanes(power, progress[place[l]].work, l, method, step[l], allowed[place[l] * allowed_step].rtol) != 0)) { inside = 1; }
+        }
+        if (inside != 0) {
+            one_link_accelerated_lanes(h, drive, &clock, 1.0, 6, u, target, q_end, v_end, a_end);
+            one_link_bent_lanes(h, kept, dt, v, a, v_end, a_end, bend);
+        }
         for (int l = 0; l < LANES; ++l) {
             if (taken[l] == 0) { continue; }
             one_link_progress *const p = &progress[place[l]];
             const double before = p->t;
+            known[l] = ((method == 1) || (inside != 0)) ? 1 : 0;
+            double worked[4];
+            (void)memcpy(worked, p->work, sizeof worked);
+            const int reckons = (works != 0) ? one_link_doubtful_lanes(power, p->work, l, method, step[l], allowed[place[l] * allowed_step].rtol) : 0;
+            double share = 0.0; /* up to which works are reckoned */
+            for (int w = 0; (works != 0) && (reckons == 0) && (w < 4); ++w) { p->work[w] += one_link_worked_lanes(power, w, l, method, step[l], 1.0); }
             p->steps += 1;
             p->t = clock.end[l];
             if (step[l] > p->largest) { p->largest = step[l]; }
@@ -3327,27 +3897,38 @@ static void one_link_adapt_lanes(const lanes *restrict h, const one_link_drive *
             while ((p->sample <= samples) && (((lands[l] != 0) || (dense != 0)) && (times[p->sample] <= p->t))) {
                 double *const q_row = &q_out[place[l] * stride + p->sample * 2U];
                 double *const v_row = &v_out[place[l] * stride + p->sample * 2U];
+                double *const work_row = (p->works == NULL) ? NULL : &p->works[p->sample * 4U];
                 const double time = times[p->sample];
+                if (reckons != 0) {
+                    const double until = (time < p->t) ? ((time - before) / step[l]) : 1.0;
+                    one_link_reckon_lanes(h, drive, &clock, u, target, l, method, share, until, allowed[place[l] * allowed_step].rtol, q, v, a, q_end, v_end, a_end, bend, p->work);
+                    share = until;
+                }
                 if ((dense != 0) && (time < p->t)) {
-                    one_link_between_lanes((time - before) / step[l], step[l], l, method, q, v, a, q_end, v_end, a_end, q_row, v_row);
+                    one_link_between_lanes((time - before) / step[l], step[l], l, method, q, v, a, q_end, v_end, a_end, bend, q_row, v_row);
+                    if ((work_row != NULL) && (reckons != 0)) { (void)memcpy(work_row, p->work, sizeof p->work); }
+                    if ((work_row != NULL) && (reckons == 0)) { one_link_works_between_lanes((time - before) / step[l], step[l], l, method, power, worked, p->work, work_row); }
                 } else
                 {
                     for (int i = 0; i < 2; ++i) {
                         q_row[i] = LANE(q_end[i], l);
                         v_row[i] = LANE(v_end[i], l);
                     }
+                    if (work_row != NULL) { (void)memcpy(work_row, p->work, sizeof p->work); }
                 }
                 p->sample += 1U;
                 if ((held == 0) && (p->sample <= samples)) {
                     one_link_hold_lanes(drive, place[l], p->sample - 1U, l, u, target);
-                    stale = 1;
+                    known[l] = 0;
                 }
             }
+            if ((reckons != 0) && (share < 1.0)) { one_link_reckon_lanes(h, drive, &clock, u, target, l, method, share, 1.0, allowed[place[l] * allowed_step].rtol, q, v, a, q_end, v_end, a_end, bend, p->work); }
             for (int i = 0; i < 2; ++i) {
                 LANE(q[i], l) = LANE(q_end[i], l);
                 LANE(v[i], l) = LANE(v_end[i], l);
                 LANE(a[i], l) = LANE(a_end[i], l);
             }
+            for (int w = 0; (works != 0) && (w < 4); ++w) { power[(w) * (int)LANES + l] = power[(24 + w) * (int)LANES + l]; }
             if (record != NULL) {
                 record->t[record->count] = p->t;
                 for (int i = 0; i < 2; ++i) {

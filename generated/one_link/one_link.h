@@ -37,6 +37,7 @@
  *   energy               15      7      0      1
  *   reactions             9      6      0      1
  *   external_reactions    10     11      0      1
+ *   regressor            11      9      0      1
  *   euler_cosines         0      0      0      0
  *   rollout              22     15      2      1
  *   adaptive_rollout     36     23      3      2
@@ -90,6 +91,10 @@ extern "C" {
  * - wrench: on the centre of mass of a link, force and moment from t0 on until t1, in the base's axes, or those of a frame if
  *   it turns, and the arm of the force in that frame's axes if that is not zero (then frame counts).  external_force takes
  *   force_h, or if that is NULL the h of the rollout.
+ * - work: NULL, or with it works are integrated, J: of the drives, of what moves prescribed coordinates, of wrenches, and
+ *   what dampers and friction take; progress->work has them, and progress->works those at all samples, (samples + 1, 4),
+ *   where it is not NULL.  generalized_force is this robot's, and needed its inverse_dynamics (NULL if nothing is
+ *   prescribed).  Steps and states have the same bits.  It is the same for all states, or NULL for all.
  * one_link_loaded gives drives (and accelerations that are given) at times, and puts given motions into q and v. */
 
 void one_link_setup(const double *p, double *h);
@@ -121,6 +126,8 @@ int one_link_reactions(const double *h, const double *q, const double *v, const 
 long long one_link_reactions_batch(size_t count, const double *h, const double *q, size_t q_step, const double *v, size_t v_step, const double *a, size_t a_step, double *out);
 int one_link_external_reactions(const double *h, const double *q, const double *wrench, double *out);
 long long one_link_external_reactions_batch(size_t count, const double *h, const double *q, size_t q_step, const double *wrench, size_t wrench_step, double *out);
+int one_link_regressor(const double *h, const double *q, const double *v, const double *a, double *out);
+long long one_link_regressor_batch(size_t count, const double *h, const double *q, size_t q_step, const double *v, size_t v_step, const double *a, size_t a_step, double *out);
 int one_link_euler_cosines(const double *h, const double *q, double *out);
 long long one_link_euler_cosines_batch(size_t count, const double *h, const double *q, size_t q_step, double *out);
 int one_link_frame_pose(const double *h, const double *q, int frame, double *out);
@@ -151,6 +158,8 @@ typedef struct {
     double smallest;
     double looked;
     double excess;
+    double work[4];
+    double *works;
     long long steps;
     long long rejected;
     long long counted;
@@ -206,8 +215,15 @@ typedef struct {
     int turns;
 } one_link_wrench;
 typedef struct {
+    int (*generalized_force)(const double *h, const double *q, const double *v, double *out);
+    const double *passive_h;
+    int (*needed)(const double *h, const double *q, const double *v, const double *a, double *out);
+    const double *needed_h;
+} one_link_work;
+typedef struct {
     double first;
     double last;
+    const one_link_work *work;
     const one_link_track *torque;
     const one_link_control *control;
     const one_link_model *model;

@@ -9,6 +9,7 @@ import pytest
 
 from benchmarks import builds
 from benchmarks.builds import Cost
+from eomgen.pipeline import KERNEL_NAMES
 
 
 def test_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -22,7 +23,25 @@ def test_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert re.search(r"^\| `import numpy` \| 0\.\d\d \|$", text, re.MULTILINE)
     assert "| one_link | forward dynamics, from Python's start | 3.00 | 1.50 | 0.75 | 50 |" in text
     assert "| one_link | all kernels | 1.00 | 0.50 | 0.25 | 50 |" in text
+    assert "derivatives of" not in text.split("|", 1)[1]  # of some robots alone
     assert "the least of\n3 rounds in turns" in text
+
+
+def test_what_is_to_hold_stands_beside_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Derivatives are built as often as is said, the rest in all rounds."""
+    made: list[str] = []
+
+    def build(robot: str, kernels: str) -> Cost:
+        made.append(kernels)
+        return Cost(7.0, 2.0, 9.0, 400.0)
+
+    monkeypatch.setattr(builds, "STARTS", {})
+    monkeypatch.setattr(builds, "build", build)
+    text = builds.page(["ur5"], 3, 1)
+    assert "| ur5 | derivatives of the dynamics | 7.00 (5) | 2.00 | 9.00 | 400 (2000) |" in text
+    assert "| ur5 | derivatives of all kernels | 7.00 (5) | 2.00 | 9.00 | 400 (2000) |" in text
+    assert [made.count(builds.BUILDS[what]) for what in builds.BUILDS] == [3, 3, 1, 1]
+    assert set(builds.MEASURED) <= set(KERNEL_NAMES)
 
 
 def test_a_build_in_a_process_of_its_own() -> None:

@@ -10,11 +10,12 @@ import pytest
 
 import eomgen
 from benchmarks.peers import contender, page, plot, python_calls
-from benchmarks.peers.cases import CHAIN, ELASTIC, TITLES, case, chain
+from benchmarks.peers.cases import CHAIN, ELASTIC, TITLES, Case, case, chain
 from benchmarks.peers.contender import Contender, MissingPeer, build_library
+from benchmarks.peers.gradients import DIFFERENCES, OURS, Task
 from benchmarks.peers.measure import READS, Disagreement, compare, states
 from benchmarks.peers.ours import Ours
-from benchmarks.peers.report import Call, Entry, Report, read
+from benchmarks.peers.report import Call, Entry, Gradient, Report, read
 from benchmarks.peers.required import AGAINST_MUJOCO, AGAINST_PINOCCHIO, bar
 from tests.support.builds import Build
 
@@ -40,7 +41,17 @@ def report() -> Report:
         Call("UR5 URDF (6 DOF)", "some", "mass_matrix", {"C": 50.0, "Python": 2345.0, python_calls.MANY: 70.0}),
         Call("UR5 URDF (6 DOF)", "some", "inverse_dynamics", {"C": 66.0, "Python": 3456.0, "Pinocchio": 6912.0}),
     )
-    return Report(machine, 3, 16, 4096, missing, (held, missed, unbuilt), calls=calls)
+    slopes = (
+        Gradient(
+            "UR5 URDF (6 DOF)",
+            "some",
+            100,
+            {"eomgen `rk4`": 1.5e5, "other": 2.5e6},
+            {"eomgen `rk4`": 2e-11, "other": 3e-7},
+        ),
+        Gradient("elastic PUMA 560 (36 DOF)", "some", 100, {"eomgen `rk4`": 4e6}, {"eomgen `rk4`": 2e-9}),
+    )
+    return Report(machine, 3, 16, 4096, missing, (held, missed, unbuilt), calls=calls, gradients=slopes)
 
 
 def test_the_page_is_that_of_the_last_run() -> None:
@@ -75,12 +86,15 @@ def test_calls_from_python_are_a_fraction_of_pinocchios() -> None:
 
 def test_tables_of_a_report(report: Report) -> None:
     table = page.readme(report)
-    assert "| mass matrix | 4.5 (4) | - | - |" in table  # the faster convention counts
-    assert "| derivatives of inverse dynamics | not built (6) | - | - |" in table
+    assert "| mass matrix | 4.5 (4) | - | - | - |" in table  # the faster convention counts
+    assert "| derivatives of inverse dynamics | not built (6) | - | - | - |" in table
     assert "| UR5 URDF (6 DOF) | C | Python | per state of 4096 | Pinocchio | ratio |" in table
     assert "| mass matrix | 0.05 | 2.35 | 0.07 | - | - |" in table
     assert "| inverse dynamics | 0.066 | 3.46 | - | 6.91 | 0.50 |" in table
     assert page.called(replace(report, calls=())) == []
+    assert "| eomgen `rk4` | 0.15 | 2e-11 | 4 | 2e-09 |" in table
+    assert "| other | 2.5 | 3e-07 | - | - |" in table
+    assert page.rolled(replace(report, gradients=())) == []
     said = page.lines(report)
     assert [line.split()[-1] for line in said[:2]] == ["held", "MISSED"]
     assert "not built" in said[2]
@@ -128,14 +142,31 @@ def test_contenders_that_differ_are_refused(built: Build) -> None:
 
 
 def test_steps_alone_and_in_a_batch() -> None:
-    """What is timed is one linearly implicit step of every state."""
+    """What is timed is ten linearly implicit steps of every state."""
     robot = eomgen.load_robot("one_link")
     ours = Ours(robot, ("step",), lambda line: None)
     q, v, u = (states(robot, 5)[name] for name in READS["step"])
-    end = ours.kernel.rollout(q, v, u, 1e-3, 1, method="implicit")
+    end = ours.kernel.rollout(q, v, u, 1e-3, 10, method="implicit")
     expected = np.hstack([x[:, -1] for x in end])
     for each in (ours.step(1e-3), ours.step(1e-3, 5)):
-        assert np.array_equal(each.results([q, v, u], 4), expected), each.label
+        np.testing.assert_allclose(each.results([q, v, u], 4), expected, rtol=1e-12, err_msg=each.label)  # they fuse
+
+
+def test_gradients_of_rollouts_by_all_ways() -> None:
+    """All differentiate the same sum; those by finite differences leave a larger error."""
+    pytest.importorskip("jax")
+    task = Task(Case("UR5", eomgen.load_robot("one_link")), 6)
+    for label, method in OURS.items():
+        assert task.error(task.ours(method)(), method) < 1e-9, label
+    for label, call in task.jax().items():
+        assert task.error(call(), "rk4" if "rk4" in label else "implicit") < 1e-9, label
+    try:
+        found = task.mujoco()
+    except MissingPeer as error:
+        pytest.skip(str(error))
+    assert set(found) == set(DIFFERENCES)
+    for label, call in found.items():
+        assert 1e-12 < task.error(call(), "implicit") < 1e-4, label
 
 
 def test_a_chain_repeats_its_joints(built: Build) -> None:
@@ -144,6 +175,12 @@ def test_a_chain_repeats_its_joints(built: Build) -> None:
     robot = chain(7).robot
     assert robot.joints[6].placement == robot.joints[0].placement
     assert robot.joints[6].parent == "link6"
+
+
+def test_urdfs_are_open_trees() -> None:
+    """As peers read them: a finger that mimics another one is free."""
+    assert not case("Panda").robot.couplings
+    assert case("Panda").coordinates == 9
 
 
 def test_model_text_is_the_robot() -> None:

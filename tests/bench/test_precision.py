@@ -59,7 +59,7 @@ def test_tables(found: Found, tmp_path: Path) -> None:
     report.write(tmp_path / "report.json")
     assert read(tmp_path / "report.json") == report
     said = precision_page.lines(report)
-    assert [line.split()[-1] for line in said] == ["held", "MISSED", "held", "held", "3", "held", "MISSED"]
+    assert [line.split()[-1] for line in said] == ["held", "MISSED", "held", "held", "3", "held", "held", "MISSED"]
     text = precision_page.page(report)
     assert text.isascii()
     assert "| CVODE | 12 | 12 | - | - | - |" in text

@@ -18,22 +18,10 @@ from eomgen.cli import entry
 from eomgen.cli.shared import OldName
 
 ORDER = (
-    *("robots", "info", "new", "check", "schema", "derive", "generate", "simulate", "forces", "fit", "calibrate"),
-    *(
-        "tolerance",
-        "compare",
-        "deflection",
-        "modes",
-        "response",
-        "linearize",
-        "budget",
-        "sweep",
-        "export",
-        "plot",
-        "report",
-        "view",
-    ),
-    *("bench", "cache"),
+    *("robots", "info", "new", "check", "schema", "derive", "generate", "simulate", "forces", "fit", "identify"),
+    *("calibrate", "poses", "accuracy", "tolerance"),
+    *("compare", "deflection", "modes", "response", "linearize", "budget", "sweep", "export", "plot"),
+    *("report", "view", "bench", "cache"),
 )
 GROUPS = sorted(
     {module.name for module in pkgutil.iter_modules(eomgen.cli.__path__)} - {"completion", "entry", "shared"}

@@ -32,7 +32,7 @@ from eomgen.identification.geometry.solving import algebraic_rank
 from eomgen.identification.geometry.stations import chain_of, forces_on, located, matrix_of
 from eomgen.motion.turns import rotation_of, rpy_of, vector_of
 from eomgen.robot.model import build_model
-from eomgen.robot.value import Coordinate, Robot
+from eomgen.robot.value import Coordinate, Motor, Robot
 from tests.support.measured_poses import Trial, chain, trial
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
@@ -337,6 +337,43 @@ def test_terms_of_drives_are_taken_up_if_they_show() -> None:
         assert abs(found[quantity.name] - quantity.size) < 4.0 * deviation
     none = calibrate(robot, trial(robot, 1, 100).poses(), drives=True, folds=0)
     assert not any(set(name.split(".")) & DRIVES for name in none.names)
+
+
+def test_drift_with_warmth() -> None:
+    """Of a zero, by a column of temperatures."""
+    robot = chain(8, "RRR")
+    more = [Quantity("joints.joint2.temperature.gamma", DRIVE, 2, 5, "temperature", 0.0, 5e-5)]
+    made = trial(robot, 1, 100, more=more, columns={"temperature": np.linspace(20.0, 45.0, 100)})
+    found = calibrate(robot, made.poses(), drives=True, folds=0)
+    name = next(name for name in found.names if ".temperature." in name)
+    assert name == more[0].name
+    assert found[name] == pytest.approx(5e-5, rel=0.05)
+    assert found.units[found.names.index(name)] == "rad/K"
+
+
+def test_transmissions_give_way_behind_motors() -> None:
+    """The angle of a motor's shaft over its ratio is the joint's, but for the wind-up of the transmission."""
+    spring = Motor(1e-4, 80.0, Coordinate(stiffness=2e4, damping=1.0))
+    nominal = chain(8, "RRR")
+    robot = replace(nominal, joints=(nominal.joints[0], replace(nominal.joints[1], motor=spring), nominal.joints[2]))
+    rng = np.random.default_rng(0)
+    loads = {f"tcp.{part}": rng.uniform(-200.0, 200.0, 80) for part in ("fx", "fy", "fz")}
+    more = [Quantity("joints.joint2.motor.stiffness", COMPLIANCE, 2, 5, "force", 5e-5, 2e-5)]
+    made = trial(nominal, 1, 80, more=more, columns=loads)
+    columns = {name: values for name, values in made.columns.items() if name != "joint2.gamma"}
+    columns["joint2.motor"] = 80.0 * made.columns["joint2.gamma"]
+    poses = poses_from_columns(columns, build_model(robot).coordinates, ["tcp"])
+    found = calibrate(robot, poses, folds=0)
+    name = "joints.joint2.motor.stiffness"
+    assert found[name] == pytest.approx(1.0 / 7e-5, rel=0.05)
+    assert found.described[found.names.index(name)] == pytest.approx(2e4)
+    motor = found.calibrated.joint("joint2").motor
+    assert motor is not None
+    assert motor.transmission.stiffness == found[name]
+    both = columns | {"joint2.gamma": made.columns["joint2.gamma"]}
+    poses = poses_from_columns(both, build_model(robot).coordinates, ["tcp"])
+    with pytest.raises(InputError, match=r"joint2\.motor and its joint's coordinate are both there"):
+        calibrate(robot, poses, folds=0)
 
 
 def test_what_is_fixed_stays() -> None:

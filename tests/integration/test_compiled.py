@@ -12,7 +12,7 @@ import pytest
 
 import eomgen
 from eomgen import InputError, SingularError
-from eomgen.integration.compiled import METHODS, data_of, why_not
+from eomgen.integration.compiled import METHODS, why_not
 from eomgen.integration.solve import integrate
 from eomgen.integration.until import Until
 from eomgen.motion.point_to_point import Harmonic, PointToPoint
@@ -22,6 +22,7 @@ from eomgen.progress import no_progress
 from eomgen.robot.model import tool_of
 from eomgen.robot.value import Coordinate, Robot
 from eomgen.runtime.stepping.adaptive import METHODS as NUMBERS
+from eomgen.runtime.stepping.given_loads import loads_of
 from eomgen.runtime.stepping.loaded import AUTO, Loaded
 from eomgen.runtime.stepping.loads import DriveData, LoadData, Packed, Signal, Track
 from eomgen.runtime.stepping.together import Together
@@ -92,7 +93,7 @@ def assembled(name: str, text: str) -> Assembly:
 
 
 def loaded(assembly: Assembly, times: np.ndarray, q: np.ndarray, v: np.ndarray) -> Loaded:
-    data = data_of(assembly.kernel, assembly.drive, assembly.wrenches, assembly.prescribed)
+    data = loads_of(assembly.kernel.calls, assembly.drive, assembly.wrenches, assembly.prescribed)
     atol = np.full(2 * assembly.kernel.n, 1e-8)
     return Loaded(assembly.kernel.calls, data, times, q[0], v[0], "tsit5", 1e-8, atol)
 
@@ -154,6 +155,7 @@ def test_wrenches_of_c_are_those_of_python(robot: str, axes: str) -> None:
     [
         ("geared_arm", "duration = 0.3\n"),
         ("shaken_arm", "duration = 0.3\n" + SHAKEN),
+        ("shaken_arm", "duration = 0.3\n" + SHAKEN + "[[wrenches]]\nlink = 'link1'\nforce = [300.0, 100.0, -200.0]\n"),
         ("four_bar", "duration = 0.3\n[control]\ntype = 'pd'\nkp = 200.0\nkd = 20.0\n"),
         (
             "one_link",
@@ -301,7 +303,7 @@ def test_a_batch_under_loads_has_the_bits_of_its_states() -> None:
     """Lanes have times of their own: each state of a batch moves as it does alone, on a platform that shakes."""
     assembly = assembled("shaken_arm", "duration = 0.1\n" + SHAKEN)
     kernel, rng, n = assembly.kernel, np.random.default_rng(3), assembly.kernel.n
-    data = data_of(kernel, assembly.drive, assembly.wrenches, assembly.prescribed)
+    data = loads_of(kernel.calls, assembly.drive, assembly.wrenches, assembly.prescribed)
     times, atol = np.linspace(0.0, 0.1, 6), np.full(2 * n, 1e-9)
     q, v = 0.1 * rng.normal(size=(2, 5, n))
     given = [kernel.coordinates.index(name) for name in kernel.prescribed]
@@ -457,7 +459,7 @@ def test_states_with_parameters_and_loads_of_their_own_move_as_alone(method: str
         whole.kernel.with_parameters({name: whole.kernel.parameters[name] * rng.uniform(0.3, 2.0) for name in names})
         for _ in range(states)
     ]
-    loads = [data_of(kernel, whole.drive, whole.wrenches, whole.prescribed) for kernel in kernels]
+    loads = [loads_of(kernel.calls, whole.drive, whole.wrenches, whole.prescribed) for kernel in kernels]
     for chosen in (range(states), range(4, 7)):
         some = list(chosen)
         shared = method != AUTO  # loads that are one object

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from eomgen.integration import Until, integrate
-from eomgen.integration.compiled import METHODS, data_of, why_not
+from eomgen.integration.compiled import METHODS, why_not
 from eomgen.integration.cubics import Cubics, hermite
 from eomgen.motion.point_to_point import Harmonic
 from eomgen.motion.splines import Standstill
@@ -19,6 +19,7 @@ from eomgen.robot import build_model
 from eomgen.robot.value import ANGULAR, Coordinate, Joint, Link, Placement, Robot
 from eomgen.runtime.kernel import Kernel
 from eomgen.runtime.stepping.adaptive import METHODS as NUMBERS
+from eomgen.runtime.stepping.given_loads import loads_of
 from eomgen.runtime.stepping.loaded import Loaded
 from eomgen.runtime.stepping.loads import Gains, LinkWrench, Packed, Signal
 from eomgen.simulation.controls import JointPD, actuators
@@ -207,7 +208,7 @@ def test_cubics_do_not_cross_the_pole(built: Build) -> None:
 def test_calls_go_on_to_the_bit_and_lanes_turn_apart(built: Build) -> None:
     """Under loads: a motion of many calls, one whose steps are kept, and each state of a batch have the same bits."""
     kernel = built(tumbler(), *NEEDED)
-    data, n = data_of(kernel, None, PULL, None), kernel.n
+    data, n = loads_of(kernel.calls, None, PULL, None), kernel.n
     rng = np.random.default_rng(1)
     q, v = rng.normal(size=(5, n)), 3.0 * rng.normal(size=(5, n))
     q[0], v[0], q[1, 4], v[1] = Q0, V0, np.pi / 2, 0.0

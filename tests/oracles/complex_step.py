@@ -16,7 +16,7 @@ from tests.support.random_robots import Array, State
 
 COMPLEX = {
     "sqrt": cmath.sqrt,
-    "max": lambda x, y: y if complex(x).real < complex(y).real else x,
+    "max": lambda x, y: y if complex(x).real <= complex(y).real else x,
     "step": lambda x: float(complex(x).real > 0.0),
     "exp": cmath.exp,
     "atan2": lambda y, x: bearing(complex(y), complex(x)),

@@ -17,10 +17,10 @@ from eomgen.codegen.kernels.signatures import KERNELS
 from eomgen.codegen.package.compile import fuses, processor
 from eomgen.codegen.program.ir import Graph, finish
 from eomgen.codegen.samples.answers import samples
-from eomgen.codegen.samples.arithmetic import Arithmetic, polynomials
+from eomgen.codegen.samples.arithmetic import COPIES, Arithmetic, polynomials, spread
 from eomgen.codegen.samples.composed import COMPOSED, FRAMED
 from eomgen.codegen.samples.rounding import telling_lanes
-from eomgen.codegen.samples.stored import ROUNDED, STATES, read_samples
+from eomgen.codegen.samples.stored import MEASURED, ROUNDED, STATES, read_samples
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import BuildError
 from eomgen.pipeline.cache import clear
@@ -325,3 +325,74 @@ def test_fused_products_of_a_closed_mechanism_are_within_rounding() -> None:
     """Small numbers are compared by what rounding does to them, denormal ones too, where systems are solved."""
     kernel = eomgen.build("four_bar", kernels=("forward_dynamics", "inverse_dynamics"), native=True)
     assert kernel.constraints
+
+
+def paired_slides() -> Robot:
+    """Two fingers that a rigid coupling opens by the same width, on a slide: what they do to it cancels."""
+    text = 'name = "paired"\n'
+    for name, parent, turn in (("hand", "base", 0.7), ("left", "hand", 1.3), ("right", "hand", 1.3 - np.pi)):
+        text += f"""
+[[links]]
+name = "{name}"
+mass = 0.7
+com = [0.0, 0.0, 0.0]
+inertia = {{ xx = 0.1, yy = 0.1, zz = 0.1 }}
+[[joints]]
+name = "{name}_joint"
+parent = "{parent}"
+child = "{name}"
+type = "prismatic"
+placement = {{ xyz = [0.0, 0.0, 0.0], rpy = [{turn}, 0.0, 0.0] }}
+"""
+    coupling = 'name = "fingers"\nof = "right_joint.z"\nto = { "left_joint.z" = 1.0 }'
+    return robot_from_toml(f"{text}[[couplings]]\n{coupling}\n")
+
+
+def test_what_templates_compute_with_answers_is_rounded_too() -> None:
+    """Differences that cancel leave what a fused product does not round off, in the composed kernels as well."""
+    equations = derive_equations(build_model(paired_slides()), ("forward_dynamics_jacobian",))
+    given = read_samples(samples(equations, "float64"))
+    near = given["forward_dynamics_jacobian near"][0][18:].reshape(3, 3)
+    assert (near > 1e-17).all(), "of sums that come out as 0, too"
+    kernel = eomgen.build(paired_slides(), kernels=("forward_dynamics_jacobian",), native=True)
+    assert kernel.constraints
+
+
+def test_what_rounding_makes_finite_is_not_held_against_a_binary() -> None:
+    """Where rates are infinite the sign of a coefficient that vanishes but for rounding decides what comes out."""
+    kernel = eomgen.build("hexapod_elastic", kernels=("cut_forces",), native=True)
+    assert kernel.cut_laws
+
+
+@pytest.mark.parametrize(
+    ("values", "expected"),
+    [
+        ([1.0, 1.0, 1.0, 1.0 + 1e-15, 1.0], 1.1e-15),
+        ([np.inf, np.inf, -np.inf, np.nan, np.inf], 0.0),
+        ([np.inf, np.inf, 0.0, np.inf, np.inf], np.inf),
+        ([0.0, 0.0, 0.0, 0.0, np.nan], np.inf),
+    ],
+    ids=["finite", "not finite", "finite in a copy", "not finite in a copy"],
+)
+def test_spread_of_copies(values: list[float], expected: float) -> None:
+    state, *copies = values
+    lanes = np.concatenate([np.full(len(STATES), state), np.tile(copies, MEASURED)])
+    assert spread(lanes) == pytest.approx(np.full(MEASURED, expected), rel=0.1)
+
+
+def test_lanes_round_their_copies_alone() -> None:
+    """By a few units in the last place, by others in every operation and number; where nothing is, nothing happens."""
+    arithmetic, shape = Arithmetic("float64"), (3, len(STATES) + MEASURED * COPIES)
+    plain = np.random.default_rng(0).uniform(1.0, 2.0, shape)
+    lanes = arithmetic.lanes(plain)
+    for found, wanted in (
+        (lanes * lanes, plain * plain),
+        (2.0 - lanes, 2.0 - plain),
+        (lanes[0] / lanes[1:], plain[0] / plain[1:]),
+    ):
+        off = np.abs(np.asarray(found) / wanted - 1.0)
+        assert not off[..., : len(STATES)].any()
+        assert 1e-17 < off[..., len(STATES) :].mean() < off.max() < 1e-14
+    assert not np.array_equal(lanes * lanes, lanes * lanes)
+    assert np.array_equal(abs(-lanes), plain)
+    assert (lanes[:0] * lanes[:0]).shape == (0, shape[1])

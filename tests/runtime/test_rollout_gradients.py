@@ -48,7 +48,7 @@ class Case:
         """The value and its gradient, with some of what is given changed."""
         x = self.given | changed
         arrays = {name: x[name] for name in ("kp", "kd", "target")}
-        more = {**METHODS[self.method], **arrays, "loss": self.loss, "parameters": parameters}
+        more = {**METHODS[self.method], **arrays, "loss": self.loss, "parameters": parameters, "out": x.get("out")}
         return self.kernel.rollout_gradient(x["q"], x["v"], x["u"], method=self.method, **more)
 
 
@@ -149,6 +149,23 @@ def test_many_states(method: str, built: Build) -> None:
     np.testing.assert_allclose(found["target"][0], sum(x["target"] for x in alone), rtol=1e-12, atol=1e-15)
 
 
+@pytest.mark.parametrize("method", METHODS)
+def test_arrays_to_write_to(method: str, built: Build) -> None:
+    """Some of them or all, whatever they held; those of a batch, too."""
+    case = Case(built(eomgen.load_robot("one_link"), *KERNELS), method)
+    states = {"q": np.array([case.given["q"], -case.given["q"]]), "target": case.given["target"][None]}
+    for changed in ({}, {**states, "u": case.given["u"][None]}):
+        value, wanted = case.gradient(("gravity.y",), **changed)
+        arrays = {name: x for name, x in wanted.items() if isinstance(x, np.ndarray)}
+        for names in (tuple(arrays), ("u", "kd")):
+            out = {name: np.full_like(arrays[name], np.nan) for name in names}
+            again, found = case.gradient(("gravity.y",), **changed, out=out)
+            assert again == value
+            assert all(found[name] is own for name, own in out.items())
+            for name, x in wanted.items():
+                np.testing.assert_array_equal(found[name], x)
+
+
 def test_single_precision(built: Build) -> None:
     robot = eomgen.load_robot("one_link")
     double, single = built(robot, *KERNELS), built(robot, *KERNELS, dtype="float32")
@@ -176,6 +193,16 @@ def test_what_is_wrong_is_named(built: Build) -> None:
         gradient(case.loss, steps=0)
     with pytest.raises(eomgen.UnknownNameError, match="parameters: 'mass' is unknown"):
         gradient(case.loss, parameters=("mass",))
+    with pytest.raises(InputError, match=r"out: 'gravity.y' is unknown; allowed: 'q', 'v', 'u'"):
+        gradient(case.loss, out={"gravity.y": np.zeros(2)})
+    with pytest.raises(InputError, match=r"out: .* is no mapping"):
+        gradient(case.loss, out=np.zeros(2))
+    with pytest.raises(ArrayError, match=r"out: expected float64 of shape \(12, 2\)"):
+        gradient(case.loss, out={"u": np.zeros(2)})
+    with pytest.raises(ArrayError, match="out: overlaps an argument"):
+        gradient(case.loss, out={"u": x["u"]})
+    with pytest.raises(ArrayError, match="out: overlaps an argument"):
+        gradient(case.loss, out=dict.fromkeys(("q", "v"), np.zeros(2)))
     with pytest.raises(IntegrationStopped, match=r"^rollout: "):
         gradient(case.loss, dt=5.0, steps=STEPS)
     bare = built(eomgen.load_robot("one_link"), "rollout")

@@ -15,8 +15,11 @@ import eomgen
 from eomgen import InputError, UnknownNameError
 from eomgen.integration.solve import integrate
 from eomgen.motion.ends import default_motion
+from eomgen.motion.splines import Standstill
+from eomgen.motion.timetable import TimeTable
 from eomgen.pictures.simulation import plot_result
 from eomgen.robot.value import COORDINATES, Coordinate
+from eomgen.simulation.controls import Actuators, JointPD, NoControl, TableTorque
 from eomgen.simulation.result import load_result
 from eomgen.simulation.run import simulate
 from tests.support.builds import Build
@@ -208,3 +211,25 @@ def test_missing_libraries_are_named(
     with pytest.raises(InputError, match=r"need Matplotlib, which is not .*: pip install matplotlib, or"):
         plot_result(elastic, tmp_path)
     assert integrate(kernel, [0.1], [0.0], 0.1, method="rk4").t[-1] == 0.1
+
+
+@pytest.mark.parametrize("ratio", [1.0, np.array([100.0, -50.0])], ids=["at joints", "at motors"])
+def test_slopes_of_drives_are_their_derivatives(ratio: float | np.ndarray) -> None:
+    """By complex steps; implicit methods take them in the place of differences."""
+    place = Actuators(np.array([0, 3]), ratio)
+    drive = JointPD(Standstill(np.array([0.1, -0.2])), place, np.array([80.0, 50.0]), np.array([5.0, 3.0]))
+    table = TableTorque(TimeTable(("force",), np.array([0.0, 1.0]), np.array([[1.0], [2.0]])), np.array([2]))
+    q, v, h = np.array([0.1, 0.2, 0.3, 0.4]), np.array([1.0, 2.0, 3.0, 4.0]), 1e-20
+    for law in (drive, table, NoControl()):
+        assert law.slopes is not None
+        by_q, by_v = law.slopes(0.5, q, v)
+        for i, unit in enumerate(np.eye(4)):
+            assert np.allclose(by_q[:, i], law(0.5, q + 1j * h * unit, v + 0j).imag / h, rtol=1e-14, atol=0.0)
+            assert np.allclose(by_v[:, i], law(0.5, q + 0j, v + 1j * h * unit).imag / h, rtol=1e-14, atol=0.0)
+
+
+def test_a_drive_that_asks_a_rigid_robot_leaves_its_slopes_to_differences() -> None:
+    kernel = eomgen.build("one_link", kernels=("inverse_dynamics",))
+    place = Actuators(np.array([0, 1]))
+    drive = JointPD(Standstill(np.zeros(2)), place, np.ones(2), np.ones(2), kernel, place)
+    assert drive.slopes is None

@@ -25,7 +25,7 @@ def sample(seed: int) -> Robot:
     if kind == "motors":
         return geared_robot(seed, (1, 3), kinds=LAWS, prescribed=0.3)
     robot = random_robot(
-        seed, joints=(2, 3), tree=seed % 2 == 0, types=TYPES, rods=False
+        seed, joints=(2, 2), tree=seed % 2 == 0, types=TYPES, rods=False
     )  # a rod about its axis: no inverse
     if kind == "loops":
         return with_random_loops(robot, seed, ("spherical", "revolute"))

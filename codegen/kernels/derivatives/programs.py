@@ -11,7 +11,7 @@ from ...program.ir import Program
 from ...program.passes import PARAMETERS, run_passes
 from ...program.reverse_mode import adjoint
 from ...program.second_order import hessian
-from ..derived import PARAMETER_RATES, RATES, TIMES
+from ..derived import PARAMETER_RATES, TIMES
 from ..signatures import SIGNATURES, shapes
 from .whole import Derive, whole_program
 
@@ -24,14 +24,17 @@ def derive_derivative(model: Model, kernel: str, derive: Derive) -> Program:
         derive: gives the program of one entry of the tables by its name.
     """
     signature, size = SIGNATURES[kernel], shapes(model)
-    program = whole_program(model, signature.derivative_of, derive)
     if signature.kind == "tangent":
-        rates = {PARAMETERS: PARAMETER_RATES} if signature.by_parameters else RATES
-        return run_passes(tangent(program, rates, kernel))
+        rates = {array: f"d{array}" for array in signature.reads if f"d{array}" in signature.reads}
+        rates |= {PARAMETERS: PARAMETER_RATES} if signature.by_parameters else {}
+        program = whole_program(model, signature.derivative_of, derive)
+        return run_passes(tangent(program, rates, kernel, {PARAMETERS: len(model.parameters)}))
     *reads, weights = signature.reads
     if "kept" in reads:
         size["kept"] = (sum(key[0] == "out" for key in derive("stage_factors").outputs),)
     wanted = {array: math.prod(size[array]) for array in reads if array not in TIMES}
     if signature.by_parameters:
         wanted[PARAMETERS] = len(model.parameters)
-    return run_passes((adjoint if signature.kind == "adjoint" else hessian)(program, weights, wanted, kernel))
+    if signature.kind == "hessian":
+        return run_passes(hessian(derive(f"{signature.derivative_of}_adjoint"), wanted, kernel))
+    return run_passes(adjoint(whole_program(model, signature.derivative_of, derive), weights, wanted, kernel))

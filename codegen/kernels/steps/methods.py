@@ -21,6 +21,10 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 LOOK = 2000  # steps and rejections between two looks at whether they lead anywhere, twenty times what an impact takes
+GAUSS = {  # rule of five points on [0, 1], exact for polynomials of degree 9
+    "nodes": (0.04691007703066802, 0.23076534494715845, 0.5, 0.7692346550528415, 0.9530899229693319),
+    "weights": (0.11846344252809454, 0.23931433524968324, 0.2844444444444444, 0.23931433524968324, 0.11846344252809454),
+}
 LEAST_PART = 1e-7  # of the duration by which they do; with less all of it would take 2e10 of them, that is days
 
 
@@ -57,11 +61,15 @@ class RungeKutta:
     """An explicit method; ``error``: weights of its error, 0 where it has none.
 
     The last stage of one with error control is the first one of the next step.
+
+    between: weights at a share x of a step, of order 4: rows of stages, columns of x, x^2, ...; sums of rows are b;
+    None where no sample lies between steps.
     """
 
     a: Array
     b: Array
     error: Array
+    between: Array | None = None
 
 
 def _exact(x: Array) -> NDArray[Any]:
@@ -162,6 +170,17 @@ TSIT5 = RungeKutta(
             0.5823571654525552,
             -0.45808210592918697,
             1.0 / 66.0,
+        ]
+    ),
+    between=np.array(
+        [
+            [1.0, -2.763706197274826, 2.9132554618219126, -1.0530884977290216],
+            [0.0, 0.1317, -0.2234, 0.1017],
+            [0.0, 3.9302962368947516, -5.941033872131505, 2.490627285651253],
+            [0.0, -12.411077166933676, 30.33818863028232, -16.548102889244902],
+            [0.0, 37.50931341651104, -88.1789048947664, 47.37952196281928],
+            [0.0, -27.896526289197286, 65.09189467479366, -34.87065786149661],
+            [0.0, 1.5, -4.0, 2.5],
         ]
     ),
 )

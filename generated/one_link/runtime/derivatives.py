@@ -22,6 +22,7 @@ Array = NDArray[Any]
 
 ADJOINT, TANGENT, HESSIAN = "adjoint", "tangent", "hessian"
 BY_PARAMETERS = "parameter_"
+KINDS = (ADJOINT, TANGENT, HESSIAN, f"{BY_PARAMETERS}{ADJOINT}", f"{BY_PARAMETERS}{TANGENT}")  # ends of names
 COTANGENT = "cotangent"
 FRAMED = ("poses", "jacobians")  # results of all frames at once
 CLOSED = (  # functions that refuse states in which loops are open
@@ -62,16 +63,19 @@ class Differentiated:
             UnknownNameError: the kernel was built without its derivatives.
         """
         known = calls.raw.functions
-        if f"{name}_{TANGENT}" not in known and f"{name}_{ADJOINT}" not in known:
-            given = sorted({x.name.removesuffix(f"_{x.kind}") for x in known.values() if x.kind in (TANGENT, ADJOINT)})
+        kinds = [kind for kind in KINDS if f"{name}_{kind}" in known]
+        if not kinds:
+            ends = [(x, kind) for x in known for kind in reversed(KINDS) if x.endswith(f"_{kind}")]
+            given = sorted({x.removesuffix(f"_{kind}").removesuffix("_parameter") for x, kind in ends})
             raise UnknownNameError(
                 f"{calls.raw.name} was built without derivatives of {name!r}{nearest_or_all(str(name), given)}"
             )
-        if f"{name}_{ADJOINT}" in known:
-            *reads, weights = known[f"{name}_{ADJOINT}"].reads
+        found = known[f"{name}_{kinds[0]}"]
+        if not kinds[0].endswith(TANGENT):
+            *reads, weights = found.reads
             return cls(calls, name, tuple(reads), weights.removeprefix(f"{COTANGENT}_"), frame_index)
-        found = known[f"{name}_{TANGENT}"]
-        return cls(calls, name, found.reads[: len(found.reads) // 2], found.writes, frame_index)
+        arrays = len(found.reads) // 2 if kinds[0] == TANGENT else len(found.reads) - 1
+        return cls(calls, name, found.reads[:arrays], found.writes, frame_index)
 
     @property
     def is_framed(self) -> bool:

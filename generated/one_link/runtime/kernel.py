@@ -25,9 +25,11 @@ from .opened import LOADED
 from .parameters import Parameters
 from .raw import Libraries, Operations, RawKernel
 from .stepping.adaptive import adaptive_rollout, takes_samples
+from .stepping.given_loads import Loads
 from .stepping.gradients import Loss, rollout_gradient
 from .stepping.many_steps import rollout
 from .stepping.rollouts import Rollout
+from .stepping.sensitivities import rollout_sensitivity
 
 Array = NDArray[Any]
 
@@ -566,6 +568,55 @@ class Kernel:
         """
         return self._driving("reactions", out, (q, v, a), wrench, cut=cut)
 
+    def regressor(self, q: ArrayLike, v: ArrayLike, a: ArrayLike, *, out: Array | None = None) -> Array:
+        """Y(q, v, a), (n, parameters): inverse dynamics without springs and dampers is Y theta, N or N m.
+
+        The columns have the names ``regressor_names``: ten of each link that moves against its parent, with all that is
+        fixed to it, then one of every armature.  Of a link they are m (kg), m c by x, y and z (kg m) and the inertia
+        xx, xy, xz, yy, yz, zz (kg m^2) about the origin and along the axes of its own frame, not about its centre of
+        mass: "link1.m", "link1.mx", "link1.ixx"; products of inertia as in the description, minus the integral of x y.
+        Columns of links that do not hang on a coordinate are zero in its row.  Of a robot with loops: of its open tree.
+
+        Args:
+            q, v, a: (n,).
+            out: array to write to.
+        """
+        return self.calls.run("regressor", out, (q, v, a))
+
+    @property
+    def regressor_names(self) -> tuple[str, ...]:
+        """Names of the inertial parameters theta, the columns of ``regressor``.
+
+        "link1.m" ... "link1.izz" of each link, "joint1.gamma.armature" and "joint1.motor.inertia" of coordinates.
+
+        Raises:
+            UnknownNameError: the kernel was built without the regressor.
+        """
+        if "regressor" not in self.raw.functions:
+            raise self.raw.missing("regressor")
+        return tuple(self.raw.libraries.meta["regressor"])
+
+    @property
+    def regressor_values(self) -> Array:
+        """Inertial parameters theta of the description, (parameters,), kg, kg m, kg m^2; armatures as they are now.
+
+        ``regressor(q, v, a) @ regressor_values`` is inverse dynamics without springs and dampers, loops cut.
+
+        Raises:
+            UnknownNameError: the kernel was built without the regressor.
+            InputError: a run-time parameter of links was changed since.
+        """
+        names, meta = self.regressor_names, self.raw.libraries.meta
+        found = self.raw.libraries.about("regressor")["inertial"]
+        for name in found["come_from"]:
+            if self.parameters[name] != meta["parameters"][name]:
+                raise InputError(
+                    f"regressor_values: {name} is {self.parameters[name]!r} now; allowed: the description's"
+                    f" {meta['parameters'][name]!r}"
+                )
+        own = zip(names, found["values"], strict=True)
+        return np.array([self.parameters.get(f"joints.{name}", value) for name, value in own], self.dtype)
+
     def loop_reactions(
         self, q: ArrayLike, v: ArrayLike, a: ArrayLike, *, wrench: ArrayLike | None = None, out: Array | None = None
     ) -> Array:
@@ -629,6 +680,7 @@ class Kernel:
         Raises:
             UnknownNameError: no such method, parameter or frame, or the kernel was built without its derivatives.
             InputError: another number of arguments or rates.
+            SingularError: of "forward_dynamics" and what is like it, where there are no accelerations.
         """
         return jvp(self._differentiated(name), args, tangents, parameters)
 
@@ -650,7 +702,7 @@ class Kernel:
             (parameters,).
 
         Raises:
-            UnknownNameError, InputError: as of ``jvp``.
+            UnknownNameError, InputError, SingularError: as of ``jvp``.
         """
         return vjp(self._differentiated(name), args, cotangent, parameters)
 
@@ -666,7 +718,7 @@ class Kernel:
             "inverse_dynamics" and "forward_dynamics".
 
         Raises:
-            UnknownNameError, InputError: as of ``jvp``.
+            UnknownNameError, InputError, SingularError: as of ``jvp``.
         """
         return hessian(self._differentiated(name), args, cotangent)
 
@@ -681,7 +733,7 @@ class Kernel:
             Of the result's shape with one more axis, (..., parameters).
 
         Raises:
-            UnknownNameError, InputError: as of ``jvp``.
+            UnknownNameError, InputError, SingularError: as of ``jvp``.
         """
         return parameter_jacobian(self._differentiated(name), args, parameters)
 
@@ -800,7 +852,7 @@ class Kernel:
         self,
         q0: ArrayLike,
         v0: ArrayLike,
-        u: ArrayLike,
+        u: ArrayLike | None = None,
         dt: float | None = None,
         steps: int | None = None,
         *,
@@ -813,8 +865,10 @@ class Kernel:
         samples: int | None = None,
         rtol: float = 1e-6,
         atol: ArrayLike | None = None,
+        loads: Loads | Sequence[Loads] | None = None,
+        works: bool = False,
     ) -> Rollout:
-        """Integrate in C, one state or many at a time; no external wrenches.
+        """Integrate in C, one state or many at a time; external wrenches are some of the ``loads``.
 
         Loops are closed after every step, to the nearest state in the metric of the kinetic energy that is closed to
         1e-10 m or rad; where they are open at the beginning, the first step closes them.
@@ -837,7 +891,7 @@ class Kernel:
             q0, v0: states, (n,) or (N, n).
             u: drives, N or N m (of prescribed coordinates accelerations, as in ``forward_dynamics``), held over a
                 step, or from a sample to the next: (n,); for one state (steps, n); for many (N, n), (N, steps, n) or
-                (1, steps, n).
+                (1, steps, n).  None if not given.
             dt: length of a step, s.
             steps: their number.
             method: "rk4", "implicit", "rosenbrock" or "tsit5".
@@ -851,11 +905,19 @@ class Kernel:
             rtol, atol: tolerances: the error of a step is at most atol + rtol times the size of each number.  atol is a
                 number or (2n,), first of q, then of v; by default rtol times the size of each coordinate: 1, or what
                 10 m/s^2 make of its springs where that is less.
+            loads: with error control, what else acts, over time, for all states or a list with that of each: LoadData
+                of ``eomgen.runtime.stepping.loads``, or a mapping from "drive", "wrench" and "prescribed" to what
+                ``integrate`` takes by these names, where that is data, or has some (``load_data``).  Prescribed
+                coordinates begin where their motions do.  No joint may turn freely.
+            works: whether works are integrated, too: attribute ``works``.  Needs generalized_force, and, of prescribed
+                coordinates, inverse_dynamics (with loops residual); not where joints turn freely.
 
         Returns:
             q and v, (steps // every + 1, n) or (N, steps // every + 1, n), the states at the beginning first; with
             error control (samples + 1, n) or (N, samples + 1, n).  Attributes of the tuple say what the steps were:
-            ``steps``, ``rejected``, ``largest`` and ``smallest`` (s), of many states (N,).
+            ``steps``, ``rejected``, ``largest`` and ``smallest`` (s), of many states (N,).  ``works``, J, (samples + 1,
+            4) or (N, samples + 1, 4), are those of drives, of what moves prescribed coordinates, of wrenches, and what
+            dampers and friction take.
 
         Raises:
             SingularError: M cannot be inverted in a state that is reached.
@@ -865,9 +927,12 @@ class Kernel:
             InputError: another argument is wrong, or does not belong to the method.
         """
         controlled: dict[str, Any] = {"kp": kp, "kd": kd, "target": target}
-        if takes_samples(method, dt=dt, steps=steps, every=every, duration=duration, samples=samples, atol=atol):
-            how: dict[str, Any] = {"method": method, "rtol": rtol, "atol": atol}
+        own: dict[str, Any] = {"loads": loads, "works": works}
+        sampled: dict[str, Any] = {"duration": duration, "samples": samples, "atol": atol}
+        if takes_samples(method, dt=dt, steps=steps, every=every, **sampled, **own):
+            how: dict[str, Any] = {"method": method, "rtol": rtol, "atol": atol, **own}
             return adaptive_rollout(self.calls, self._driven, q0, v0, u, duration, samples, **how, **controlled)
+        u = np.zeros(self.n, self.dtype) if u is None else u
         return rollout(self.calls, self._driven, q0, v0, u, dt, steps, method=method, every=every, **controlled)
 
     def rollout_gradient(
@@ -889,6 +954,7 @@ class Kernel:
         samples: int | None = None,
         rtol: float = 1e-6,
         atol: ArrayLike | None = None,
+        out: Mapping[str, Array] | None = None,
     ) -> tuple[Any, dict[str, Any]]:
         """The gradient of a function of a rollout's states, exact for its steps: they are taken once more, backwards.
 
@@ -901,6 +967,7 @@ class Kernel:
             loss: ``loss(t, q, v)`` returns a value and its derivatives by q and v, of their shapes; t are times, s,
                 (samples,), q and v states as of ``rollout``.
             parameters: names of run-time parameters that the gradient is taken by as well.
+            out: arrays to write derivatives to, by the names that they are returned by; others are new.
 
         Returns:
             The value, and derivatives by name: "q" and "v" by the states at the beginning, "u", and with a controller
@@ -909,7 +976,7 @@ class Kernel:
         Raises:
             UnknownNameError: no such parameter, or the kernel was built without the method's gradient.
             InputError: as of ``rollout``; a loss that returns something else; joints that turn freely.
-            SingularError, IntegrationStopped: as of ``rollout``.
+            SingularError, IntegrationStopped: as of ``rollout``; a mechanism begins in a singular pose.
         """
         return rollout_gradient(
             self.calls,
@@ -930,7 +997,55 @@ class Kernel:
             kp=kp,
             kd=kd,
             target=target,
+            out=out,
         )
+
+    def rollout_sensitivity(
+        self,
+        q0: ArrayLike,
+        v0: ArrayLike,
+        u: ArrayLike,
+        dt: float | None = None,
+        steps: int | None = None,
+        *,
+        parameters: Sequence[str] = (),
+        along: Mapping[str, ArrayLike] | None = None,
+        method: str = "rk4",
+        every: int = 1,
+        kp: ArrayLike | None = None,
+        kd: ArrayLike | None = None,
+        target: ArrayLike | None = None,
+        duration: float | None = None,
+        samples: int | None = None,
+        rtol: float = 1e-6,
+        atol: ArrayLike | None = None,
+        out: Sequence[Array] | None = None,
+    ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+        """Derivatives of a rollout's states along few directions, exact for its steps: they carry them forwards.
+
+        Steps that the error chooses count as given, as of ``rollout_gradient``.  Every direction costs some rollouts,
+        whatever the number of samples is.
+
+        Args:
+            q0, v0, u, dt, steps, method, every, kp, kd, target, duration, samples, rtol, atol: as of ``rollout``.
+            parameters: names of run-time parameters, a direction each.
+            along: directions in front of those: rates by names "q", "v" and "u", (directions, n) each, those of drives
+                (directions, rows, n) where they change with the rows of u; rates that are not given are zero.
+            out: q, v, dq and dv to write to.
+
+        Returns:
+            q and v as of ``rollout``, then dq and dv, (samples, directions, n); of many states (N, samples, directions,
+            n), all along the same directions.
+
+        Raises:
+            UnknownNameError: no such parameter, or the kernel was built without the method's sensitivity.
+            InputError: as of ``rollout``; no direction; joints that turn freely.
+            SingularError, IntegrationStopped: as of ``rollout``.
+        """
+        given = {"q0": q0, "v0": v0, "u": u, "kp": kp, "kd": kd, "target": target}
+        how: dict[str, Any] = {"method": method, "dt": dt, "steps": steps, "every": every, "duration": duration}
+        how |= {"samples": samples, "rtol": rtol, "atol": atol}
+        return rollout_sensitivity(self.calls, self._driven, given, parameters=parameters, along=along, out=out, **how)
 
     def frame_index(self, name: str) -> int:
         """The number of a frame or link in ``frames``, by which functions of C take it.

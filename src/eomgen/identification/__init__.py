@@ -1,33 +1,49 @@
-"""What measurements say of a robot: forces, stiffness and damping of motions; offsets and placements of poses.
+"""What measurements say of a robot: stiffness and damping; masses and friction; offsets and placements; accuracy.
 
-Uses runtime, robot, forms, description, state, motion, pipeline and analysis.
+Uses runtime, robot, forms, description, state, motion, pipeline, analysis, simulation and sweep.
 """
 
 from .calibration.calibrating import calibrate
 from .calibration.result import CalibrationResult
 from .calibration.stored import load_calibration
+from .choosing.choosing import poses
+from .choosing.chosen import PosesResult
 from .estimates import Estimate, FitResult, FittedCoordinate
 from .from_motion import ForcesResult, forces
 from .geometry.poses import Measured, MeasuredPoses, poses_from_columns, read_poses
+from .identifiable import BaseParameters, base_parameters
+from .inertial import IdentifyResult, Residuals, identify
+from .iso_9283.evaluate import accuracy
+from .iso_9283.result import AccuracyResult, load_accuracy
 from .least_squares import fit
 from .tolerances.allocation import Allocation
 from .tolerances.budgeting import tolerance
 from .tolerances.result import ToleranceResult
 
 __all__ = [
+    "AccuracyResult",
     "Allocation",
+    "BaseParameters",
     "CalibrationResult",
     "Estimate",
     "FitResult",
     "FittedCoordinate",
     "ForcesResult",
+    "IdentifyResult",
     "Measured",
     "MeasuredPoses",
+    "PosesResult",
+    "Residuals",
     "ToleranceResult",
+    "accuracy",
+    "base_parameters",
     "calibrate",
     "fit",
     "forces",
+    "identify",
+    "load_accuracy",
     "load_calibration",
+    "poses",
     "poses_from_columns",
     "read_poses",
     "tolerance",

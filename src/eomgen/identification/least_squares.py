@@ -9,6 +9,10 @@ terms pass the same filters, the first of which gives derivatives of eighth orde
 second is, for each parameter, the one with the smallest standard error; and what white noise of the coordinate itself
 adds to the normal equations on average (errors in variables) is taken off them.  Standard errors do not hold what noise
 does through terms that are not linear in the motion: the tests see up to 1e-4 of a value.
+
+The derivatives of y by the parameters are s and s_dot as they are measured, so that a fit is two batches of the kernel
+without any difference: 0.1 s for 2,000 samples of the PUMA with 36 coordinates.  ``parameter_jacobian`` gives the same
+columns, of parameters that the description has, in 0.5 s more, and after 0.5 s of a compiler.
 """
 
 from __future__ import annotations

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,8 +11,9 @@ from ..errors import EomgenError, IntegrationStopped
 from ..progress import Progress
 from ..runtime.kernel import Kernel
 from ..runtime.stepping.adaptive import DONE, STAGES, why_ended
+from ..runtime.stepping.given_loads import data_of
 from ..runtime.stepping.loaded import AUTO, Loaded
-from ..runtime.stepping.loads import DriveData, LinkWrench, LoadData, Signal
+from ..runtime.stepping.loads import LoadData
 from ..state.vectors import DriveFunction, MotionFunction, WrenchFunction
 from .contacts import ContactWatch
 from .steps import Samples
@@ -46,37 +46,22 @@ def why_not(
     if kernel.dtype != np.float64:
         return f"the kernel is {kernel.dtype}"
     for label, function in (("drive", drive), ("wrench", wrench), ("prescribed", prescribed)):
-        if callable(function) and _data(function) is None:
+        if callable(function) and data_of(function) is None:
             return f"the {label} is a function that only Python can call"
     return ""
 
 
-def data_of(
-    kernel: Kernel,
-    drive: DriveFunction | None,
-    wrench: WrenchFunction | ArrayLike | None,
-    prescribed: MotionFunction | None,
-) -> LoadData:
-    """Loads as data; ``why_not`` says where they are not."""
-    found = DriveData() if drive is None else _data(drive)
-    wrenches = _data(wrench) if callable(wrench) else _constant(kernel, wrench)
-    spans = [(getattr(x, "first", -np.inf), getattr(x, "last", np.inf)) for x in (drive, wrench)]
-    first, last = max(x for x, _ in spans), min(x for _, x in spans)
-    return LoadData(found, wrenches, None if prescribed is None else _data(prescribed), first, last)
+def no_works(kernel: Kernel, method: str, slow: str) -> str:
+    """Say what a motion lacks to have its works integrated with it; empty where nothing is missing.
 
-
-def _data(function: Any) -> Any:
-    """The data of a function that has some, else None."""
-    found: Callable[[], Any] | None = getattr(function, "load_data", None)
-    return None if found is None else found()
-
-
-def _constant(kernel: Kernel, wrench: ArrayLike | None) -> list[LinkWrench]:
-    """Wrenches that stay what they are, of links that have one."""
-    if wrench is None:
-        return []
-    rows = np.asarray(wrench, dtype=np.float64).reshape(len(kernel.links), 6)
-    return [LinkWrench(link, Signal.constant(row)) for link, row in enumerate(rows) if row.any()]
+    Args:
+        kernel: of the motion.
+        method: that is taken.
+        slow: why it is not the kernel's C, if that cannot do it.
+    """
+    if method not in (*METHODS, AUTO):
+        return f"{method} integrates in Python" + (f", because {slow}" if slow else "")
+    return f"{', '.join(kernel.raw.turning)} turns freely" if kernel.raw.turning else ""
 
 
 def compiled_states(
@@ -88,8 +73,11 @@ def compiled_states(
     atol: Array,
     report: Progress,
     watch: ContactWatch,
+    works: bool = False,
 ) -> None:
-    """Fill the samples from the first of them; ``system.loaded`` is what integrates them, and knows the drives at each.
+    """Fill the samples from the first of them; ``system.loaded`` knows the drives at each.
+
+    With ``works`` these are integrated, too, and ``system.worked`` has them.
 
     Raises:
         IntegrationStopped: the motion ends early.
@@ -99,7 +87,8 @@ def compiled_states(
     q, v = samples.states[0, :n], samples.states[0, n:]
     kept = KEPT if watch.is_needed else 0
     allowed = step_tolerances(rtol, atol)
-    motion = Loaded(kernel.calls, loads, samples.times, q, v, method, *allowed, kept)
+    motion = Loaded(kernel.calls, loads, samples.times, q, v, method, *allowed, kept, works=works)
+    system.worked = motion if works else None
     at, before, progress = float(samples.times[0]), samples.states[0], motion.progress
     while progress.reason == 0:
         times, q_steps, v_steps = motion.go()
@@ -121,7 +110,15 @@ def compiled_states(
         if method == AUTO:
             system.counts["implicit_s"] = motion.spans["rosenbrock"]
         if reached is not None:
-            raise reached.exactly(lambda t0, y, t: _moved(kernel, loads, (t0, t), y, method, *allowed))
+            found = reached.exactly(
+                lambda t0, y, t: np.concatenate(list(_moved(kernel, loads, (t0, t), y, method, *allowed).state))
+            )
+            if motion.works is not None:
+                k = int(np.searchsorted(samples.times[: samples.done], found.t)) - 1
+                span = float(samples.times[k]), found.t
+                last = _moved(kernel, loads, span, samples.states[k], method, *allowed, works=True)
+                system.works_at_end = motion.works[k] + last.works_until(2)[-1]
+            raise found
         report(float(progress.t), f"t = {progress.t:.3f} s, {method}, {progress.steps} steps")
     if progress.reason != DONE:
         raise _stopped(system, motion, method)
@@ -133,14 +130,22 @@ def step_tolerances(rtol: float, atol: Array) -> tuple[float, Array]:
 
 
 def _moved(
-    kernel: Kernel, loads: LoadData, span: tuple[float, float], y: Array, method: str, rtol: float, atol: Array
-) -> Array:
-    """The state, (2n,), at the end of a span, s, from one at its begin."""
+    kernel: Kernel,
+    loads: LoadData,
+    span: tuple[float, float],
+    y: Array,
+    method: str,
+    rtol: float,
+    atol: Array,
+    *,
+    works: bool = False,
+) -> Loaded:
+    """The motion over a span, s, from a state, (2n,), at its begin."""
     n = kernel.n
-    motion = Loaded(kernel.calls, loads, np.array(span), y[:n], y[n:], method, rtol, atol)
+    motion = Loaded(kernel.calls, loads, np.array(span), y[:n], y[n:], method, rtol, atol, works=works)
     while not motion.progress.reason:
         motion.go()
-    return np.concatenate(list(motion.state))
+    return motion
 
 
 def _stopped(system: System, motion: Loaded, method: str) -> IntegrationStopped:

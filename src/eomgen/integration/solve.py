@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import InputError
 from ..progress import Progress
 from ..runtime.kernel import Kernel
+from ..runtime.stepping.given_loads import loads_of
 from ..runtime.stepping.loaded import AUTO
 from ..state.springs import any_spring, fastest_rates
 from ..state.vectors import DriveFunction, MotionFunction, WrenchFunction, state_vector
@@ -66,6 +67,7 @@ def integrate(
     progress: Progress | None = None,
     record: Record | None = None,
     until: Until | None = None,
+    works: bool = False,
 ) -> Trajectory:
     """Integrate M(q) a + bias = generalized force + u from a state; loops are closed to 1e-12 throughout.
 
@@ -74,9 +76,10 @@ def integrate(
 
     Args:
         kernel: float64, with forward_dynamics and energy; implicit methods and ``atol=None`` need mass_matrix, and
-            implicit ones inverse_dynamics.  Of a robot with loops or couplings constrained_dynamics, constraint,
-            constraint_jacobian, mass_matrix and residual in their place; implicit methods take
-            forward_dynamics_jacobian there, and finite differences without it.
+            implicit ones residual_jacobian, or forward_dynamics_jacobian, or inverse_dynamics, of which they take
+            finite differences; IDA inverse_dynamics in any case, and the first for its derivatives.  Of a robot with
+            loops or couplings constrained_dynamics, constraint, constraint_jacobian, mass_matrix and residual in their
+            place; implicit methods take forward_dynamics_jacobian there, and finite differences without it.
         q0, v0: the state at t = 0, (n,).
         duration: s.
         drive, wrench, prescribed: what acts, and what moves by itself; each is described below.  C follows forces and
@@ -107,6 +110,9 @@ def integrate(
         until: what the motion ends at, if that comes before the duration does: its last sample is there, and ``info``
             has the time as ended_at.  Not with SUNDIALS' methods.
         record: called with times of samples (k,) and states (k, 2n) as they are reached, the first one not among them.
+        works: whether ``works`` of the trajectory are integrated by the same steps, which they do not change.  By the
+            kernel's own C alone, where no joint turns freely; the kernel must have generalized_force, and, of
+            prescribed coordinates, inverse_dynamics (with loops residual).
 
     Returns:
         The samples.  With loops ``info`` also has gap and gap_rate, the greatest |g| and |J v| among them, the number
@@ -130,6 +136,9 @@ def integrate(
     method, _ = explained_method(kernel, method, q, float(times[-1] - times[0]), in_c)
     if until is not None and method in sundials.METHODS:
         raise InputError(f"until: {method} goes on to the duration; allowed: other methods")
+    if works and (lacking := compiled.no_works(kernel, method, in_c)):
+        allowed = "allowed: integrations in C, of joints that do not turn freely"
+        raise InputError(f"works: {kernel.name}: {lacking}; {allowed}")
     runs_in_c = method in (*IN_C, AUTO)
     began = time.perf_counter()
     report = reporter(progress, float(times[-1]))
@@ -143,13 +152,13 @@ def integrate(
     samples = Samples(times, np.concatenate([q, v]), record)
 
     def run() -> None:
-        if method == "rk4" or not y0.size:  # nothing is free to be integrated
+        if method == "rk4" or not (y0.size or runs_in_c):  # nothing is free to be integrated
             rk4(system, y0, samples, fixed_step(kernel, q, step, times), report, watch)
             return
         absolute = tolerances(system, q, rtol, atol)
         if runs_in_c:
-            data = compiled.data_of(kernel, *loads)
-            compiled.compiled_states(system, data, samples, method, rtol, absolute, report, watch)
+            data = loads_of(kernel.calls, *loads)
+            compiled.compiled_states(system, data, samples, method, rtol, absolute, report, watch, works)
             return
         if method in sundials.METHODS:
             sundials.sundials_states(system, y0, samples, method, rtol, absolute, report, watch)

@@ -42,6 +42,9 @@ class Trajectory(Shown, Tabular):
             w x / sqrt(1 - x^2).
         contacts: when clearances closed and opened, by time.
         rests: when friction held a coordinate, by time; see ``resting.rests``.
+        works: (T, 4), J, from the first sample on, integrated with the motion; None where that was not asked for.  Of
+            the drives, of what moves prescribed coordinates, of external wrenches, and what dampers and friction took
+            (``eomgen.runtime.stepping.loads.WORKS``).
     """
 
     t: Array
@@ -54,6 +57,7 @@ class Trajectory(Shown, Tabular):
     info: Mapping[str, float] = field(default_factory=dict)
     contacts: tuple[Contact, ...] = ()
     rests: tuple[Rest, ...] = ()
+    works: Array | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "info", MappingProxyType(dict(self.info)))
@@ -146,7 +150,9 @@ def trajectory_of(
         about, kernel = info(motion), system.kernel
         found = tuple(watch.found), rests(kernel, motion.t, motion.q, motion.v)
         samples_of = motion.t, motion.q, motion.v, motion.u, motion.energy
-        trajectory = Trajectory(*samples_of, kernel.coordinates, method(), about, *found)
+        works = system.works_until(times.size)
+        own = None if works is None else works[: last + 1]
+        trajectory = Trajectory(*samples_of, kernel.coordinates, method(), about, *found, own)
     if stop is not None:
         stop.trajectory = trajectory
         raise stop from (stop.__cause__ or trouble)

@@ -74,7 +74,10 @@ def closed_equilibrium(
 
 
 def _newton_step(chart: Chart, q: Array, imbalance: Callable[[Array], Array]) -> tuple[Array, Array]:
-    """Change of the independent coordinates that balances the forces along them, and their sizes, (f,) each."""
+    """Change of the independent coordinates that balances the forces along them, and their sizes, (f,) each.
+
+    Slopes are differences of one batch, for the reason that ``state.equilibrium`` gives.
+    """
     kernel, free = chart.kernel, chart.free
     size = coordinate_sizes(kernel, q)[0][free]
     states = np.tile(q, (free.size + 1, 1))

@@ -118,9 +118,7 @@ class _Reader:
     def columns(self) -> tuple[dict[str, Array], NDArray[np.int32]]:
         """Columns and lines of all that was taken; InputError where it has no rows."""
         if not self._tables:
-            raise InputError(
-                f"{self._path}: has no values; allowed: a header ({self._rule}), then a line for each time"
-            )
+            raise InputError(f"{self._path}: has no values; allowed: a header ({self._rule}), then a line for each row")
         table = np.empty((len(self._header), sum(map(len, self._tables))))
         np.concatenate([block.T for block in self._tables], axis=1, out=table)
         return dict(zip(self._header, table, strict=True)), np.concatenate(self._lines)

@@ -1,7 +1,7 @@
 """Figures, pages and views of robots and results.
 
-Uses runtime, robot, forms, description, state, codegen (joint), templates, pipeline, simulation, analysis, sweep and
-identification.
+Uses runtime, robot, forms, description, state, codegen (joint), templates, pipeline, simulation, analysis,
+sweep and identification.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from ..lazily import attributes
 if TYPE_CHECKING:
     from .analysis import plot_budget, plot_compliance, plot_response, plot_tracks
     from .browser import View
-    from .calibration import plot_calibration
     from .energy import plot_energy, plot_tracking
     from .journals import plot_journals
+    from .measured import plot_accuracy, plot_calibration
     from .page import Report, report_of
     from .robot import plot_robot
     from .simulation import plot_deviations, plot_result, plot_tool
@@ -23,12 +23,13 @@ if TYPE_CHECKING:
     from .zeros import plot_zeros
 
 _MODULES = {  # one of them is imported when a name of it is first used: a figure of one thing waits for no other
+    "plot_accuracy": "measured",
     "plot_budget": "analysis",
     "plot_compliance": "analysis",
     "plot_response": "analysis",
     "plot_tracks": "analysis",
     "View": "browser",
-    "plot_calibration": "calibration",
+    "plot_calibration": "measured",
     "plot_energy": "energy",
     "plot_tracking": "energy",
     "plot_journals": "journals",
@@ -45,6 +46,7 @@ _MODULES = {  # one of them is imported when a name of it is first used: a figur
 __all__ = [
     "Report",
     "View",
+    "plot_accuracy",
     "plot_budget",
     "plot_calibration",
     "plot_compliance",

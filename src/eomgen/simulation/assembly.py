@@ -42,7 +42,7 @@ KERNELS = (*RIGID_KERNELS, "forward_dynamics", "mass_matrix", "external_force", 
 IMPLICIT_KERNELS = (*KERNELS, "residual_jacobian")
 CLOSED_KERNELS = ("constrained_dynamics", "kinematics", "external_force", "energy", "generalized_force")
 SINGLES = ("inverse_dynamics", "forward_dynamics", "mass_matrix")  # of these what is called for one state
-BATCHES = ("inverse_dynamics", "kinematics", "energy", "generalized_force")  # and for several
+BATCHES = ("inverse_dynamics", "kinematics", "energy")  # and for several
 BANDWIDTH = 30.0  # rad/s, of drives by computed torque
 
 
@@ -172,7 +172,9 @@ def _kernel(robot: Robot, scenario: Scenario, kernels: tuple[str, ...] | None, r
     if robot.is_closed:  # which few of its many kernels are called depends on the integrator
         return build(robot)
     wrenches = ("external_force",) if scenario.wrenches else ()
-    return build_groups(robot, {"singles": (*SINGLES, *wrenches), "batches": (*BATCHES, *wrenches)})
+    groups = {"singles": (*SINGLES, *wrenches), "batches": (*BATCHES, *wrenches)}
+    works = "singles" if _method(robot, scenario) in (*IN_C, "auto") else "batches"  # where the energy balance asks
+    return build_groups(robot, {**groups, works: (*groups[works], "generalized_force")})
 
 
 def _begin(ahead: Ahead, kernel: Kernel, kernels: tuple[str, ...]) -> None:
@@ -202,12 +204,17 @@ def _refuse_undriven(robot: Robot, moved: tuple[str, ...]) -> None:
 
 def kernels_of(robot: Robot, scenario: Scenario) -> tuple[str, ...]:
     """Names of the kernels that the scenario's integrator calls."""
-    method = method_of(scenario.integrator.method, _may_be_stiff(robot), in_c=may_run_in_c(robot, scenario))
+    method = _method(robot, scenario)
     own = ("adaptive_rollout",) if method in (*IN_C, "auto") else ()
     closing = mechanism_kernels(robot)
     if closing:
         return (*closing, *CLOSED_KERNELS, *own)
     return (*KERNELS, *own) if method in EXPLICIT or own else IMPLICIT_KERNELS
+
+
+def _method(robot: Robot, scenario: Scenario) -> str:
+    """The method that the scenario's integrator takes; "auto" in C."""
+    return method_of(scenario.integrator.method, _may_be_stiff(robot), in_c=may_run_in_c(robot, scenario))
 
 
 def may_run_in_c(robot: Robot, scenario: Scenario) -> bool:

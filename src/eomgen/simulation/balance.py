@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..runtime.kernel import Kernel
+from ..runtime.stepping.loads import WORKS
 from ..shown import Shown
 from ..state.vectors import prescribed_mask
 
@@ -43,7 +44,7 @@ class EnergyBalance(Shown):
 
     @property
     def residue(self) -> Array:
-        """Energy that does not balance, (T,), J: the error of integration and of quadrature."""
+        """Energy that does not balance, (T,), J: the error of integration, in Python of quadrature, too."""
         total = self.energy.sum(axis=1)
         found: Array = total - total[0] - self.work[:, :4].sum(axis=1) + self.work[:, 4]
         return found
@@ -93,6 +94,13 @@ class EnergyBalance(Shown):
             f"warning: the energy balance does not close: {self.relative_residue:.2g} of {self.size:.3g} J is"
             " left over; a smaller rtol or output_step may help"
         )
+
+
+def integrated(found: Array) -> Array:
+    """Works of a trajectory, (T, 4), J, by TERMS, (T, 5)."""
+    whole = np.zeros((len(found), len(TERMS)))
+    whole[:, [TERMS.index(name) for name in WORKS]] = found
+    return whole
 
 
 def with_nodes(edges: Array) -> Array:

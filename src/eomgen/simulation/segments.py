@@ -1,7 +1,7 @@
 """Integration of a scenario in pieces, between the times at which something sets in, jumps or ends.
 
-No step of an integrator crosses such a time, and none is missed.  Within a piece the trajectory is sampled at the nodes
-of a quadrature, too, which the energy balance takes.
+No step of an integrator crosses such a time, and none is missed.  For the energy balance C integrates the works along
+with a piece; where Python integrates, the trajectory is sampled at the nodes of a quadrature, too.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import EomgenError, IntegrationStopped
-from ..integration.compiled import leading
+from ..integration.compiled import leading, no_works
 from ..integration.contacts import Contact
 from ..integration.resting import rests
 from ..integration.solve import integrate
@@ -27,7 +27,7 @@ from ..robot.value import Robot
 from ..runtime.kernel import Kernel
 from ..scenario.value import Scenario
 from ..state.vectors import MotionFunction
-from .balance import PARTS, TERMS, EnergyBalance, with_nodes, works
+from .balance import PARTS, TERMS, EnergyBalance, integrated, with_nodes, works
 from .contents import ARRAYS
 from .loads import loaded_parameters
 from .stream import MotionStream
@@ -217,17 +217,18 @@ def _piece(
     """
     begin, end = span
     edges = piece_times(span, grid)
-    times, apart = (with_nodes(edges), PARTS) if balance else (edges, 1)
+    along = balance and not no_works(kernel, method, "")
+    times, apart = (with_nodes(edges), PARTS) if balance and not along else (edges, 1)
     drive, wrench = between(loads, scenario, begin, end)
     how = scenario.integrator
     stop: IntegrationStopped | None = None
     options: dict[str, Any] = {"rtol": how.rtol, "atol": how.atol, "step": how.step}
-    options |= {"drive": drive, "wrench": wrench, "prescribed": loads.prescribed, "method": method}
+    options |= {"drive": drive, "wrench": wrench, "prescribed": loads.prescribed, "method": method, "works": along}
     options["progress"] = lambda fraction, text: progress(fraction * end / scenario.duration, text)
     try:
         part = integrate(kernel, *state, end, times=times, record=record, until=until, **options)
         if "ended_at" in part.info:
-            part, edges = _to_the_end(kernel, part, edges, apart, options)
+            part, edges = (part, part.t) if apart == 1 else _to_the_end(kernel, part, edges, options)
             times = part.t
     except IntegrationStopped as error:
         if error.trajectory is None:
@@ -236,8 +237,8 @@ def _piece(
         reached = int((found.t == times[: found.t.size]).sum())  # the last good state comes behind them
         edges = edges[: (reached - 1) // apart + 1]
         times = times[: apart * (edges.size - 1) + 1]
-        rows = {name: getattr(found, name)[: times.size] for name in ("t", "q", "v", "u", "energy")}
-        part = replace(found, **rows)
+        names = ("t", "q", "v", "u", "energy", *(("works",) if along else ()))
+        part = replace(found, **{name: getattr(found, name)[: times.size] for name in names})
     wrenches = None
     if wrench is not None:
         wrenches = np.array([wrench(t, x, y) for t, x, y in zip(times.tolist(), part.q, part.v, strict=True)])
@@ -245,9 +246,12 @@ def _piece(
     samples["t"] = edges
     if wrenches is not None:
         samples["wrench"] = wrenches[::apart]
-    samples["work"] = np.zeros((edges.size - 1, len(TERMS)))
-    if balance:
+    if part.works is not None:
+        samples["work"] = np.diff(integrated(part.works), axis=0)
+    elif balance:
         samples["work"] = works(kernel, times, part.q, part.v, part.u, wrenches)
+    else:
+        samples["work"] = np.zeros((edges.size - 1, len(TERMS)))
     return samples, part, stop
 
 
@@ -265,15 +269,13 @@ def between(loads: Loads, scenario: Scenario, begin: float, end: float) -> tuple
     return _Between(loads.drive, *inside, batched=True), wrench
 
 
-def _to_the_end(
-    kernel: Kernel, part: Trajectory, edges: Array, apart: int, options: Mapping[str, Any]
-) -> tuple[Trajectory, Array]:
+def _to_the_end(kernel: Kernel, part: Trajectory, edges: Array, options: Mapping[str, Any]) -> tuple[Trajectory, Array]:
     """A piece that has ended between two edges with samples for its balance up to there, and its edges."""
     at = float(part.info["ended_at"])
     whole = int(np.searchsorted(edges, at))  # edges before the end, the first one at least
-    first = apart * (whole - 1)
+    first = PARTS * (whole - 1)
     edges = np.append(edges[:whole], at)
-    times = with_nodes(edges[-2:]) if apart > 1 else edges[-2:]
+    times = with_nodes(edges[-2:])
     last = integrate(kernel, part.q[first], part.v[first], at, times=times, **options)
     names = ("t", "q", "v", "u", "energy")
     rows: dict[str, Any] = {name: np.concatenate([getattr(part, name)[:first], getattr(last, name)]) for name in names}

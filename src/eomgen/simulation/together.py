@@ -12,13 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import EomgenError
-from ..integration.compiled import METHODS, data_of, leading, step_tolerances, why_not
+from ..integration.compiled import METHODS, leading, step_tolerances, why_not
 from ..integration.solve import system_of
 from ..integration.steps import output_times, tolerances
 from ..integration.system import System
 from ..integration.trajectory import Trajectory
 from ..robot.coordinates import index_of
 from ..robot.value import Robot
+from ..runtime.stepping import given_loads
 from ..runtime.stepping.adaptive import DONE
 from ..runtime.stepping.loaded import AUTO
 from ..runtime.stepping.loads import LoadData, Packed
@@ -145,7 +146,7 @@ class _Crowd:
                 continue
             system, atol = begun
             if shared is None or way.loads.wrench is not None:  # which know the kernel's own centres of mass
-                shared = data_of(system.kernel, *self._between(way, times), way.loads.prescribed)
+                shared = given_loads.loads_of(system.kernel.calls, *self._between(way, times), way.loads.prescribed)
             systems.append((way, system, shared))
             atols.append(step_tolerances(how.rtol, atol)[1])
         if not systems:

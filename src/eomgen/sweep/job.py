@@ -192,11 +192,8 @@ class SampleRunner:
 
     def rows(self, indices: Sequence[int], samples: Sequence[Sequence[float]]) -> list[SampleRow]:
         """The rows of samples, in their order; those of one scenario are done together."""
-        groups: dict[str, list[int]] = {}
-        for i, sample in enumerate(samples):
-            groups.setdefault(self._key(sample), []).append(i)
         found: dict[int, SampleRow] = {}
-        for places in groups.values():
+        for places in self._groups(samples):
             outcomes = self.outcomes([samples[i] for i in places])
             for i, outcome in zip(places, outcomes, strict=True):
                 sample = tuple(samples[i])
@@ -208,6 +205,21 @@ class SampleRunner:
                 found[i] = SampleRow(indices[i], sample, () if error else record, error)
         return [found[i] for i in range(len(samples))]
 
+    def motions(self, samples: Sequence[Sequence[float]]) -> list[SimulationResult | EomgenError]:
+        """Motions of samples, in their order, or why there are none; those of one scenario are done together."""
+        found: dict[int, SimulationResult | EomgenError] = {}
+        for places in self._groups(samples):
+            for i, (_, motion) in zip(places, self._moved([samples[i] for i in places], 1), strict=True):
+                found[i] = motion
+        return [found[i] for i in range(len(samples))]
+
+    def _groups(self, samples: Sequence[Sequence[float]]) -> list[list[int]]:
+        """Places of the samples by their scenario."""
+        groups: dict[str, list[int]] = {}
+        for i, sample in enumerate(samples):
+            groups.setdefault(self._key(sample), []).append(i)
+        return list(groups.values())
+
     def _key(self, sample: Sequence[float]) -> str:
         """Text of a sample's scenario, by which samples are done together."""
         if not any(dimension.kind == "scenario" for dimension in self.job.dimensions):
@@ -218,10 +230,25 @@ class SampleRunner:
         self, samples: Sequence[Sequence[float]], finer: int = 1
     ) -> list[tuple[tuple[Column, ...], Array] | EomgenError]:
         """Columns and numbers of samples of one scenario, or why there are none; ``finer`` divides step and period."""
+        found: list[tuple[tuple[Column, ...], Array] | EomgenError] = []
+        for assembly, motion in self._moved(samples, finer):
+            if isinstance(motion, EomgenError) or assembly is None:
+                found.append(motion if isinstance(motion, EomgenError) else InputError("no motion"))
+                continue
+            try:
+                found.append(measure(motion, assembly, self.job.plan.record))
+            except EomgenError as error:
+                found.append(error)
+        return found
+
+    def _moved(
+        self, samples: Sequence[Sequence[float]], finer: int
+    ) -> list[tuple[Assembly | None, SimulationResult | EomgenError]]:
+        """Assembly and motion of samples of one scenario, or no assembly and why there is none."""
         try:
             scenario, nominal = self.nominal(samples[0])
         except EomgenError as error:
-            return [error] * len(samples)
+            return [(None, error)] * len(samples)
         made: list[Assembly | EomgenError] = []
         for sample in samples:
             try:
@@ -231,17 +258,7 @@ class SampleRunner:
                 made.append(error)
         assemblies = [item for item in made if isinstance(item, Assembly)]
         motions = iter(self._motions(scenario, nominal, assemblies, finer))
-        found: list[tuple[tuple[Column, ...], Array] | EomgenError] = []
-        for item in made:
-            motion = next(motions) if isinstance(item, Assembly) else item
-            if isinstance(motion, EomgenError) or isinstance(item, EomgenError):
-                found.append(motion if isinstance(motion, EomgenError) else InputError("no motion"))
-                continue
-            try:
-                found.append(measure(motion, item, self.job.plan.record))
-            except EomgenError as error:
-                found.append(error)
-        return found
+        return [(item, next(motions)) if isinstance(item, Assembly) else (None, item) for item in made]
 
     def _motions(
         self, scenario: Scenario, nominal: Assembly, assemblies: list[Assembly], finer: int

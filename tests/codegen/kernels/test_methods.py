@@ -102,6 +102,13 @@ def test_the_explicit_pair_is_of_orders_5_and_4() -> None:
     assert (TSIT5.a[-1] == TSIT5.b).all()  # the last stage is the next step's first
 
 
+def test_weights_within_a_step_are_of_order_4() -> None:
+    assert np.abs(TSIT5.between.sum(axis=1) - TSIT5.b).max() <= ROUND_OFF
+    for share in (0.1, 0.5, 0.9):  # a method of its own, of steps that are as much longer than their part
+        weights = TSIT5.between @ share ** np.arange(4)
+        assert np.abs(rooted_trees(weights, TSIT5.a / share, 4)).max() <= 1e3 * ROUND_OFF
+
+
 @pytest.mark.parametrize(
     "robot",
     [random_robot(1450, joints=(1, 3), types=("revolute", "prismatic", "free")), geared_robot(1452, (1, 3))],

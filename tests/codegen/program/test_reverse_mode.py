@@ -136,7 +136,7 @@ def test_every_operation_has_its_transpose() -> None:
     assert {instruction.op for instruction in program.instructions} == set(OPERATIONS)
     weights = np.random.default_rng(1).uniform(-1.0, 1.0, len(values)).tolist()
     first = run_passes(adjoint(program, "w", {"q": 2}, "first"))
-    second = run_passes(hessian(program, "w", {"q": 2}, "second"))
+    second = run_passes(hessian(first, {"q": 2}, "second"))
     for state in ([0.7, 1.9], [1.9, 0.7]):
         for i in range(2):
             moved = [value + STEP * 1j * (k == i) for k, value in enumerate(state)]

@@ -18,7 +18,9 @@ from ...names import show
 from ..calls import Calls
 from ..opened import stays_open
 from ..pieces import OPERATIONS, ROUND, shared
-from ..raw import FFI, RawFunction
+from ..raw import FFI, Library, RawFunction
+from .given_loads import place_given, read_loads
+from .loads import WORKS, LoadData, Packed, Side
 from .many_steps import METHODS as FIXED
 from .rollouts import NUMBERS, SHARE, Given, Rollout, count_states, is_number, read_given, room_for, whole_number
 
@@ -35,7 +37,8 @@ def takes_samples(method: str, **given: Any) -> bool:
 
     Args:
         method: its name.
-        given: dt, steps, every, duration, samples and atol; None, or 1 of ``every``, where they are not.
+        given: dt, steps, every, duration, samples, atol, and loads and works where there are such arguments; None,
+            False, or 1 of ``every``, where they are not given.
 
     Raises:
         InputError: there is no such method, or an argument of the others is given.
@@ -43,9 +46,13 @@ def takes_samples(method: str, **given: Any) -> bool:
     if method not in METHODS and method not in FIXED:
         raise InputError(f"rollout: method {show(method)} is unknown; allowed: {', '.join((*FIXED, *METHODS))}")
     chooses = method in METHODS
-    own, others = ("duration, samples and tolerances", "dt, steps and every")[:: 1 if chooses else -1]
-    for name in ("dt", "steps", "every") if chooses else ("duration", "samples", "atol"):
-        if given[name] is not None and not (name == "every" and given[name] == 1):
+    sampled = (
+        "duration, samples, tolerances, loads and works" if "loads" in given else "duration, samples and tolerances"
+    )
+    own, others = (sampled, "dt, steps and every")[:: 1 if chooses else -1]
+    absent: dict[str, Any] = {"every": 1, "works": False}
+    for name in ("dt", "steps", "every") if chooses else ("duration", "samples", "atol", "loads", "works"):
+        if given.get(name) is not None and not (name in absent and given[name] == absent[name]):
             raise InputError(f"rollout: {name} is given; allowed: {own} with method={method!r}, not {others}")
     return chooses
 
@@ -59,6 +66,7 @@ class _Motion:
     progress: of every state, in C.
     allowed: rtol, and atol of every number, (2n,).
     turned: how joints that turn freely are turned, a row per state.
+    loads: of all states, or of each; None without any.
     times: of the samples, s, (samples + 1,).
     method: its name.
     """
@@ -73,6 +81,7 @@ class _Motion:
     turned: Array
     times: Array
     method: str
+    loads: Packed | Side | None
 
     @property
     def single(self) -> bool:
@@ -82,7 +91,7 @@ class _Motion:
     def pieces(self, first: int, last: int) -> Iterator[int]:
         """Go on until these states have ended, a vector of them at a time; yields -1."""
         view, library = self.calls.raw.view, self.function.where(batch=not self.single)
-        operations = self.function.operations * STAGES[self.method]
+        operations = max(self.function.operations, 1) * STAGES[self.method]  # none where all is prescribed
         times = FFI.from_buffer("double[]", self.times)
         pointer = self.calls.parameters.setup.pointer(library)
         rtol, atol = self.allowed
@@ -100,13 +109,19 @@ class _Motion:
             allowed = library.new("tolerance", rtol=rtol, atol=view(atol), most=most)
             arrays = [view(x[begin:end]) for x in (*self.at, *self.stored)]
             how = (times, self.times.size - 1, METHODS[self.method])
+            loads, apart = library.ffi.NULL, 0
+            if isinstance(self.loads, Side):
+                apart = self.loads.distance
+                loads = self.loads.pointer + begin * apart
+            elif self.loads is not None:
+                loads = self.loads.pointer
             rest = (*how, *arrays, self.progress + begin)
-            same = pointer, 0, drive, library.ffi.NULL, 0, allowed, 0  # of all states: distances of theirs are 0
             while any(self.progress[i].reason == 0 for i in range(begin, end)):
                 if self.single:
-                    self.function.code(pointer, drive, library.ffi.NULL, allowed, *rest, library.ffi.NULL)
+                    self.function.code(pointer, drive, loads, allowed, *rest, library.ffi.NULL)
                 else:
-                    self.function.batch(end - begin, library.ffi.NULL, *same, *rest)
+                    of_states = pointer, 0, drive, loads, apart, allowed, 0  # h and tolerances are those of all
+                    self.function.batch(end - begin, library.ffi.NULL, *of_states, *rest)
                 yield -1
 
 
@@ -115,7 +130,7 @@ def adaptive_rollout(
     driven: Sequence[int],
     q0: ArrayLike,
     v0: ArrayLike,
-    u: ArrayLike,
+    u: ArrayLike | None,
     duration: float | None,
     samples: int | None,
     *,
@@ -125,18 +140,24 @@ def adaptive_rollout(
     kp: ArrayLike | None,
     kd: ArrayLike | None,
     target: ArrayLike | None,
+    loads: Any = None,
+    works: bool = False,
 ) -> Rollout:
     """Integrate with error control, as ``Kernel.rollout`` describes it.
 
     Args:
         calls: of the calls.
         driven: indices of the coordinates that a controller may act on.
-        q0, v0, u, duration, samples, method, rtol, atol, kp, kd, target: as of ``Kernel.rollout``.
+        q0, v0, u, duration, samples, loads, works, method, rtol, atol, kp, kd, target: as of ``Kernel.rollout``.
     """
     function = calls.raw.adaptive
     if function is None:
         raise calls.raw.missing("adaptive_rollout")
-    count = count_states(q0=q0, v0=v0, u=u, target=target)
+    data = read_loads(calls, {} if loads is None else loads) if works or loads is not None else None
+    if works and calls.raw.turning:
+        raise InputError(f"rollout: works: {', '.join(calls.raw.turning)} turns freely; allowed: other joints")
+    u = np.zeros(calls.n, calls.dtype) if u is None else u
+    count = _count(count_states(q0=q0, v0=v0, u=u, target=target), data)
     samples = whole_number("samples", 1 if samples is None else samples, NUMBERS // (calls.n * max(count or 1, 1)))
     times = np.linspace(0.0, length_of_time(duration), samples + 1)
     allowed = tolerances(calls, rtol, atol, function.where(batch=count is not None).meta)
@@ -147,7 +168,14 @@ def adaptive_rollout(
     states, single = 1 if count is None else count, count is None
     at = [np.array(np.broadcast_to(x, (states, calls.n)), order="C") for x, _ in given.starts]
     room = [room_for(calls, (states, samples + 1, calls.n), "fewer samples") for _ in at]
-    progress = function.where(batch=not single).new_array("progress", states)
+    library = function.where(batch=not single)
+    progress = library.new_array("progress", states)
+    if data is not None:
+        data = data[0] if isinstance(data, list) and len(data) == 1 else data
+        place_given(calls, data, *at)
+    worked = room_for(calls, (states, samples + 1, len(WORKS)), "fewer samples", np.float64) if works else None
+    for state, rows in enumerate(worked if worked is not None else ()):
+        progress[state].works = FFI.from_buffer("double[]", rows)
     motion = _Motion(
         calls,
         function,
@@ -159,18 +187,41 @@ def adaptive_rollout(
         np.zeros((states, calls.raw.turning_room), calls.dtype),
         times,
         method,
+        _packed(library, calls, data, single=single, works=works),
     )
     shared(motion.pieces, states, min(calls.threads, states // SHARE))
     for state in range(states):
         if progress[state].reason != DONE:
             raise _stopped(motion, state)
-    return _result(motion)
+    return _result(motion, worked)
 
 
-def _result(motion: _Motion) -> Rollout:
-    """q and v with the figures of all states."""
+def _count(count: int | None, loads: LoadData | list[LoadData] | None) -> int | None:
+    """Number of states with that of their loads, if each has its own; None for a single one."""
+    if not isinstance(loads, list):
+        return count
+    if count not in (None, 1) and len(loads) not in (1, count):
+        raise ArrayError(f"rollout: {len(loads)} states in loads, but {count} in other arrays")
+    return max(count or 1, len(loads))
+
+
+def _packed(
+    library: Library, calls: Calls, loads: LoadData | list[LoadData] | None, *, single: bool, works: bool
+) -> Packed | Side | None:
+    """Loads as C takes them, of a single state or of many."""
+    if loads is None:
+        return None
+    if isinstance(loads, LoadData):
+        return Packed(library, calls, loads, works=works) if single else Side(library, [calls], [loads], works=works)
+    return Side(library, [calls] * len(loads), loads, works=works)
+
+
+def _result(motion: _Motion, works: Array | None) -> Rollout:
+    """q and v with the figures of all states, and their works, if they were integrated."""
     q, v = (x[0] if motion.single else x for x in motion.stored)
-    figures = {}
+    figures: dict[str, Any] = {}
+    if works is not None:
+        figures["works"] = works[0] if motion.single else works
     for name in ("steps", "rejected", "largest", "smallest"):
         column = np.array([getattr(motion.progress[i], name) for i in range(len(motion.at[0]))])
         figures[name] = column[0].item() if motion.single else column

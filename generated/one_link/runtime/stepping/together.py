@@ -16,7 +16,7 @@ from ..pieces import OPERATIONS
 from ..raw import FFI
 from .adaptive import METHODS, STAGES
 from .loaded import AUTO, TRIAL, Alternation
-from .loads import LoadData, Packed
+from .loads import LoadData, Side
 
 Array = NDArray[Any]
 
@@ -71,17 +71,14 @@ class Together:
         self._operations = function.operations * max(STAGES.values())
         self._h = np.array([each.parameters.setup.computed(library) for each in calls])
         self._u, self._atol = np.zeros(n, raw.dtype), np.array(atol, dtype=raw.dtype)
-        self._packed = _packed(library, calls, loads)
+        self._loads = Side(library, calls, loads, works=False)
         self._allowed = library.new_array("tolerance", count)
         for allowed, row in zip(self._allowed, self._atol, strict=True):
             allowed.rtol, allowed.atol = rtol, view(row)
-        pointer, distance = self._packed[0].pointer, 0
-        if len(self._packed) > 1:
-            pointer, distance = library.new_array("loads", count), 1
-            for i, packed in enumerate(self._packed):
-                pointer[i] = packed.pointer[0]
-        of_loads = view(self._h), self._h.shape[1], library.drive(u=view(self._u)), pointer, distance, self._allowed, 1
-        self._first = *of_loads, FFI.from_buffer("double[]", self._times), self._times.size - 1
+        of_states = view(self._h), self._h.shape[1], library.drive(u=view(self._u))
+        followed = self._loads.pointer, self._loads.distance
+        samples = FFI.from_buffer("double[]", self._times), self._times.size - 1
+        self._first = *of_states, *followed, self._allowed, 1, *samples
         self._last = *map(view, (*self.state, *self.samples)), self.progress
 
     def go(self) -> bool:
@@ -117,10 +114,3 @@ class Together:
             self.spans[i][method] += led
             if self._alternations:
                 self._alternations[i].took(taken, led)
-
-
-def _packed(library: Any, calls: Sequence[Calls], loads: Sequence[LoadData]) -> list[Packed]:
-    """Loads as C takes them: one for all states that share theirs, else one for each."""
-    if all(each is loads[0] for each in loads):
-        return [Packed(library, calls[0], loads[0], many=True)]
-    return [Packed(library, *each, many=True) for each in zip(calls, loads, strict=True)]

@@ -65,7 +65,8 @@ def generic_sensitivities(problem: Problem) -> Array:
         if station.principal is None or station.joint is None:
             continue
         turn = station.principal >= 3
-        low, high = station.joint.limits or ((-np.pi, np.pi) if turn else (-model.chain.reach, model.chain.reach))
+        limits, wide = station.joint.limits, np.pi if turn else model.chain.reach
+        low, high = limits if limits is not None and limits[0] < limits[1] else (-wide, wide)
         readings[:, k, station.principal] = rng.uniform(low, high, GENERIC)
     direction = rng.choice([-1.0, 1.0], size=rows.direction.shape)
     rows = Rows(readings, np.sort(rows.series), rows.loads, direction, rows.temperature)

@@ -52,7 +52,7 @@ class CalibrationResult(Shown, Tabular):
         is_noise_known: whether they were given.
         freedoms: degrees of freedom of the residuals.
         chi2: reduced chi-square, where the noise is known; else None.
-        prior: the size that was chosen for the prior, in expected sizes.
+        prior: the size that was chosen for the prior, in expected sizes; None without folds.
         gain: of the full fit over placement alone, held out; None without folds.
         mistrusted: rows that the loss counts less than half, with their weights.
         notes: what was found on the way.
@@ -64,11 +64,11 @@ class CalibrationResult(Shown, Tabular):
     frames: Mapping[str, str]
     rows: int
     names: tuple[str, ...]
-    units: tuple[str, ...]
+    units: tuple[str, ...] = field(repr=False)
     values: Array
-    described: Array
+    described: Array = field(repr=False)
     deviations: Array
-    confidence: float
+    confidence: float = field(repr=False)
     rank: int
     rank_above_noise: int
     merged: Mapping[str, str]
@@ -76,10 +76,10 @@ class CalibrationResult(Shown, Tabular):
     residuals: Residuals
     variant: str
     noise: Mapping[str, float]
-    is_noise_known: bool
-    freedoms: float
+    is_noise_known: bool = field(repr=False)
+    freedoms: float = field(repr=False)
     chi2: float | None
-    prior: float
+    prior: float | None
     gain: Gain | None
     mistrusted: tuple[tuple[int, float], ...]
     notes: tuple[str, ...]

@@ -93,7 +93,8 @@ def _refuse_angles(poses: MeasuredPoses, chain: Chain, rows: Rows) -> None:
         if station.principal is None or station.principal < 3 or station.joint is None:
             continue
         values = rows.readings[:, k, station.principal]
-        low, high = station.joint.limits or (-_ROUND, _ROUND)
+        limits = station.joint.limits
+        low, high = limits if limits is not None and limits[0] < limits[1] else (-_ROUND, _ROUND)
         room = 0.5 * max(high - low, 1.0)
         if values.min() < low - room or values.max() > high + room:
             wrong.append(

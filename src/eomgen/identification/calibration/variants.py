@@ -23,6 +23,7 @@ Rms = dict[str, float]
 VARIANTS = ("placement", "zeros", "full", "prior")
 PRIORS = tuple(10.0 ** (k / 2.0) for k in range(-4, 5))  # sizes that are tried, in expected ones
 _WIDE = 1e3  # expected sizes of what has no prior in a ridge
+INNER = 10  # folds, at most, in which a prior is chosen for what is held out
 NO_GAIN = "no significant gain"
 
 
@@ -51,7 +52,7 @@ class Variants:
     fits: Mapping[str, Fit]
     residuals: Mapping[str, Mapping[str, Rms]]
     held_out: Mapping[str, Array]
-    prior: float
+    prior: float | None
     gain: Gain | None
 
 
@@ -101,6 +102,13 @@ def variants_of(
 def only_fitted(problem: Problem, start: Array, loss: str | None) -> Fit:
     """The full fit alone, from placement on."""
     return fitted(problem, roughly(_part(problem, PLACEMENT), start), loss=loss)
+
+
+def rough_rms(problem: Problem, start: Array) -> Rms:
+    """``rms`` of what a few steps leave: enough to tell one reading of a file from another."""
+    x = roughly(problem, roughly(_part(problem, PLACEMENT), start))
+    r, _ = at_rows(problem.model, problem.rows, problem.seen, x)
+    return rms(problem, r, np.ones(r.size))
 
 
 def rms(problem: Problem, differences: Array, trust: Array) -> Rms:
@@ -191,11 +199,17 @@ def _held_out(problem: Problem, fit: Fit, full: Fit, folds: Sequence[NDArray[np.
             continue
         part = problem
         if is_prior:
-            inner = [other for other in folds if other is not fold]
+            inner = _together([other for other in folds if other is not fold], INNER)
             part = replace(problem, prior=_prior(problem, _chosen_prior(problem, full, inner, kept)))
         x = refitted(part, fit, kept)
         found[out] = at_rows(problem.model, problem.rows, problem.seen, x)[0][out]
     return found
+
+
+def _together(folds: Sequence[NDArray[np.bool_]], most: int) -> list[NDArray[np.bool_]]:
+    """The folds, neighbours put together where there are more than so many."""
+    parts = np.array_split(np.arange(len(folds)), min(most, len(folds)))
+    return [np.any([folds[k] for k in part], axis=0) for part in parts]
 
 
 def _gain(problem: Problem, held: Mapping[str, Array], trust: Array, units: Places, confidence: float) -> Gain | None:

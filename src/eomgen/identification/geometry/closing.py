@@ -30,7 +30,7 @@ _LAST = 12  # at the pose itself
 
 @dataclass(frozen=True)
 class Closing:
-    """What closes a robot, and which coordinates follow.
+    """Loops and couplings of a robot, and the coordinates that follow.
 
     couplings: place of a coordinate, those that it follows with their ratios, and what is added, m or rad.
     kept: indices of the constraints that are independent; others follow from these, or would hinder offsets out of the
@@ -65,8 +65,8 @@ class Closing:
         for loop, (a, b) in zip(self.robot.loops, chain.cuts, strict=True):
             J = np.zeros((2, many, 6, count, 6))
             for side, station in enumerate((a, b)):
-                before, part = jacobian(chain, at, station)
-                J[side][:, :, before] = part
+                before, whole = jacobian(chain, at, station)
+                J[side][:, :, before] = whole
             R_a = at.R[a].transpose(0, 2, 1)
             R, arm = R_a @ at.R[b], at.p[b] - at.p[a]
             linear = J[1, :, :3] - J[0, :, :3]
@@ -102,7 +102,7 @@ class Closing:
                 break
             G = self.slopes(chain, at)[:, :, ks, cs]
             found[:, ks, cs] -= np.einsum("nqm,nm->nq", np.linalg.pinv(G, rcond=RANK), g)
-        return found
+        return np.asarray(found)
 
     def followed(self, chain: Chain, at: Located) -> Array:
         """Change of the passive coordinates per change of all stations' coordinates by offsets, (N, k, S, 6).
@@ -120,7 +120,7 @@ class Closing:
 
 
 def closing_of(model: Model, chain: Chain, read: Sequence[Place], source: str) -> Closing:
-    """What closes a robot whose drives are read; what else moves follows.
+    """Loops and couplings of a robot whose drives are read; what else moves follows.
 
     Raises:
         InputError: a drive's column is missing, or drives do not say where a coordinate is.

@@ -5,16 +5,18 @@ A generated package carries a copy of this file.
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...errors import ArrayError, InputError
-from ...names import show
+from ...errors import ArrayError, InputError, LoopError
+from ...names import listed, show
 from ..calls import Calls
 from ..derivatives import parameter_slots
 from ..raw import FFI, Library, RawFunction
@@ -26,9 +28,13 @@ from .rollouts import NUMBERS, Given, count_states, read_given, room_for, whole_
 Array = NDArray[Any]
 Loss = Callable[[Array, Array, Array], tuple[Any, ArrayLike, ArrayLike]]
 
+NAMES = ("q", "v", "u", "target", "kp", "kd")  # of what gradients are taken by
+STATES = ("q0", "v0", "u", "target")  # arrays that may have a row for each state
 WAYS = {"rk4": ("explicit", 0), "tsit5": ("explicit", 1), "implicit": ("implicit", 0), "rosenbrock": ("rosenbrock", 0)}
 ROOM = 2**22  # numbers that are kept of all steps; of longer motions parts are stepped through once more
 SHORTEST = 256  # steps of such a part: shorter ones would take longer in Python than in C
+PART = 2**14  # coordinates of the steps of a part where all are kept: derivatives by them stay near to the processor
+STAYS = 2**20  # numbers of room that stays for the next gradient
 RECORDED = 512  # ends of steps that a call tells
 
 
@@ -66,10 +72,10 @@ class Way:
         self._calls, self._function, self._drive, self._slopes, self.steps = calls, function, drive, slopes, steps
         self._forwards = function.library.function(f"{kind}_states")
         self._kept: int = function.library.meta["kept"][function.name]  # numbers of a step, which spare work
-        size = len(steps.dt)
+        size, steady = len(steps.dt), max(PART // calls.n, SHORTEST)
         self.is_kept = size * (2 * calls.n + self._kept) <= room
-        self._length = size if self.is_kept else max(math.isqrt(size - 1) + 1, SHORTEST)
-        self._parts: list[tuple[Array, Array, Array]] = []
+        self._length = min(steady, size) if self.is_kept else max(math.isqrt(size - 1) + 1, SHORTEST)
+        self._ends: list[tuple[Array, Array]] = []  # where parts begin
 
     def _begins(self) -> range:
         return range(0, len(self.steps.dt), self._length)
@@ -80,33 +86,45 @@ class Way:
         last = end + (end == len(self.steps.dt))
         return slice(begin, end), (self.steps.told >= begin) & (self.steps.told < last)
 
-    def there(self, q: Array, v: Array) -> tuple[Array, Array] | None:
+    def numbers(self) -> int:
+        """How many numbers of room it takes."""
+        size = len(self.steps.dt) if self.is_kept else self._length
+        parts = len(self._begins()) if self.is_kept else 1
+        return 2 * (size + parts) * self._calls.n + size * self._kept
+
+    def _of_room(self, part: slice, room: Array) -> tuple[Array, Array, Array]:
+        """Where states before the steps of a part and behind the last one are, and what is kept of them."""
+        n, count = self._calls.n, part.stop - part.start
+        begin = (part.start * (2 * n + self._kept) + 2 * n * (part.start // self._length)) if self.is_kept else 0
+        ends = np.cumsum([begin, (count + 1) * n, (count + 1) * n, count * self._kept])
+        q, v, kept = (room[i:j] for i, j in itertools.pairwise(ends.tolist()))
+        return q.reshape(-1, n), v.reshape(-1, n), kept
+
+    def there(self, q: Array, v: Array, room: Array) -> tuple[Array, Array] | None:
         """The samples, (samples, n) each; None where a state is not finite, or has no accelerations.
 
         Args:
             q, v: where it begins, (n,).
+            room: so many numbers, which are kept for the way back.
         """
         told = tuple(np.empty((self.steps.told.size, self._calls.n), self._calls.dtype) for _ in range(2))
         for begin in self._begins():
             part, here = self._of(begin)
-            found = self._run(part, q, v, keep=self.is_kept)
-            if found is None or not (np.isfinite(found[0]).all() and np.isfinite(found[1]).all()):
+            self._ends.append((q.copy(), v.copy()))
+            states = self._run(part, room, keep=self.is_kept)
+            if states is None or not (np.isfinite(states[0]).all() and np.isfinite(states[1]).all()):
                 return None
-            for samples, states in zip(told, found, strict=False):
-                samples[here] = states[self.steps.told[here] - begin]
-            q, v = found[0][-1], found[1][-1]
-            self._parts.append(found if self.is_kept else (found[0][:1].copy(), found[1][:1].copy(), found[2]))
+            for samples, own in zip(told, states, strict=False):
+                samples[here] = own[self.steps.told[here] - begin]
+            q, v = states[0][-1], states[1][-1]
         return told[0], told[1]
 
-    def _run(self, part: slice, q: Array, v: Array, *, keep: bool) -> tuple[Array, Array, Array] | None:
+    def _run(self, part: slice, room: Array, *, keep: bool) -> tuple[Array, Array, Array] | None:
         """States before the steps of a part and behind the last one, and what is kept of them."""
-        view, count = self._calls.raw.view, part.stop - part.start
-        states = [np.empty((count + 1, self._calls.n), self._calls.dtype) for _ in range(2)]
-        states[0][0], states[1][0] = q, v
-        kept = np.empty((count, self._kept) if keep else (0, 0), self._calls.dtype)
-        pointer = view(kept.reshape(-1)) if keep else FFI.NULL
-        status = self._forwards(*self._before(part), *map(view, states), pointer)
-        return (states[0], states[1], kept) if status < 0 else None
+        view, (q, v, kept) = self._calls.raw.view, self._of_room(part, room)
+        q[0], v[0] = self._ends[part.start // self._length]
+        status = self._forwards(*self._before(part), view(q), view(v), view(kept) if keep else FFI.NULL)
+        return (q, v, kept) if status < 0 else None
 
     def _before(self, part: slice) -> tuple[Any, ...]:
         """The first arguments of both functions."""
@@ -114,27 +132,61 @@ class Way:
         pointers = self._calls.raw.view(dt), FFI.from_buffer("long long[]", rows)
         return setup.pointer(self._function.library), self._drive, len(dt), *pointers, self._number
 
-    def back(self, by_q: Array, by_v: Array) -> tuple[Array, Array]:
+    def back(self, by_q: Array, by_v: Array, room: Array) -> tuple[Array, Array]:
         """Derivatives by the first state, (n,) each; those by drives, gains and parameters are added to the slopes.
 
         Args:
             by_q, by_v: derivatives by the samples, (samples, n).
+            room: as it was on the way there.
         """
         view, to = self._calls.raw.view, np.zeros((2, self._calls.n), self._calls.dtype)
+        own = np.empty((2, self._length + 1, self._calls.n), self._calls.dtype)
         for begin in reversed(self._begins()):
             part, here = self._of(begin)
-            q, v, kept = self._parts.pop()
             if not self.is_kept:
-                again = self._run(part, q[0], v[0], keep=True)
-                assert again is not None  # as on the way there
-                q, v, kept = again
-            by = np.zeros((2, *q.shape), self._calls.dtype)
-            for own, samples, end in zip(by, (by_q, by_v), to, strict=True):
-                own[-1] = end
-                np.add.at(own, self.steps.told[here] - begin, samples[here])
-            self._function.code(*self._before(part), *map(view, (q, v, kept.reshape(-1), *by)), self._slopes)
-            to = by[:, 0]
+                self._run(part, room, keep=True)  # as on the way there
+            by = own[:, : part.stop - part.start + 1]
+            by[...] = 0.0
+            by[:, -1] = to
+            for one, samples in zip(by, (by_q, by_v), strict=True):
+                np.add.at(one, self.steps.told[here] - begin, samples[here])
+            states = self._of_room(part, room)
+            self._function.code(*self._before(part), *map(view, (*states, *by)), self._slopes)
+            to = by[:, 0].copy()
         return to[0], to[1]
+
+
+class Room:
+    """Room of all ways: of those that keep all steps each has its own, the others have one together.
+
+    Up to ``STAYS`` numbers stay for the next gradient: new ones would have to be given by the operating system, which
+    may take as long as the steps.
+    """
+
+    _left: ClassVar[list[Array]] = []
+
+    def __init__(self, calls: Calls, ways: Sequence[Way]) -> None:
+        sizes = [way.numbers() if way.is_kept else 0 for way in ways]
+        self._starts = np.cumsum([0, *sizes]).tolist()
+        self._ways, shared = ways, max((way.numbers() for way in ways if not way.is_kept), default=0)
+        bytes_ = (self._starts[-1] + shared) * calls.dtype.itemsize
+        try:
+            self._whole = self._left.pop()  # another thread may have it
+        except IndexError:
+            self._whole = np.empty(0, np.uint8)
+        if self._whole.size < bytes_:
+            self._whole = np.empty(bytes_, np.uint8)
+        self._numbers: Array = self._whole[:bytes_].view(calls.dtype)
+
+    def of(self, state: int) -> Array:
+        """The room of the way of a state."""
+        begin, end = self._starts[state], self._starts[state + 1]
+        return self._numbers[begin:end] if self._ways[state].is_kept else self._numbers[self._starts[-1] :]
+
+    def leave(self) -> None:
+        """Leave it to the next gradient."""
+        if self._whole.size <= 8 * STAYS and not self._left:
+            self._left.append(self._whole)
 
 
 def rollout_gradient(
@@ -157,69 +209,133 @@ def rollout_gradient(
     kp: ArrayLike | None,
     kd: ArrayLike | None,
     target: ArrayLike | None,
+    out: Mapping[str, Array] | None,
 ) -> tuple[Any, dict[str, Any]]:
     """The gradient of a rollout, as ``Kernel.rollout_gradient`` describes it.
 
     Args:
         calls: of the calls.
         driven: indices of the coordinates that a controller may act on.
-        q0, v0, u, dt, steps, loss, parameters, method, every, duration, samples, rtol, atol, kp, kd, target: as there.
+        q0, v0, u, dt, steps, loss, parameters, method, every, duration, samples, rtol, atol, kp, kd, target, out: as
+            there.
     """
-    chooses = takes_samples(method, dt=dt, steps=steps, every=every, duration=duration, samples=samples, atol=atol)
-    function = _function(calls, method)
-    slots, count = parameter_slots(calls.parameters, parameters), count_states(q0=q0, v0=v0, u=u, target=target)
+    slots = parameter_slots(calls.parameters, parameters)
+    steps_of: dict[str, Any] = {"method": method, "dt": dt, "steps": steps, "every": every}
+    steps_of |= {"duration": duration, "samples": samples, "rtol": rtol, "atol": atol}
     controlled: dict[str, Any] = {"kp": kp, "kd": kd, "target": target}
-    most = NUMBERS // (calls.n * max(count or 1, 1))
-    label, number = ("samples", 1 if samples is None else samples) if chooses else ("steps", steps)
-    rows = whole_number(label, number, most)
-    motion = Motion(calls, function, read_given(calls, driven, rows, count, q0=q0, v0=v0, u=u, **controlled))
-    if chooses:
-        times: Array = np.linspace(0.0, length_of_time(duration), rows + 1)
-        allowed = tolerances(calls, rtol, atol, _adaptive(calls).library.meta)
-        taken = [_chosen_steps(motion, state, times, method, allowed) for state in range(motion.states)]
-    else:
-        length, every = step_length(calls, dt), whole_number("every", every, most)
-        times = float(length) * every * np.arange(rows // every + 1)
-        same = Steps(np.full(rows, length, calls.dtype), np.arange(rows), np.arange(0, rows + 1, every))
-        taken = [same] * motion.states
+    given: dict[str, Any] = {"q0": q0, "v0": v0, "u": u, **controlled}
+    motion, times, taken = taken_steps(calls, driven, "gradient", given, **steps_of)
+    motion.write_to({} if out is None else out)
     ways = [motion.way(method, state, steps) for state, steps in enumerate(taken) if steps is not None]
-    found = _there(motion, ways, times.size)
+    room = Room(calls, ways)
+    found = _there(motion, ways, times.size, room)
     if found is None:  # the rollout says why
-        if chooses:
-            how: dict[str, Any] = {"method": method, "rtol": rtol, "atol": atol}
-            adaptive_rollout(calls, driven, q0, v0, u, duration, samples, **how, **controlled)
-        rollout(calls, driven, q0, v0, u, dt, steps, method=method, every=every, **controlled)
-        raise InputError(f"rollout_gradient: {method} comes to an end that is not finite; allowed: shorter steps")
-    value, by_q, by_v = _asked(calls, loss, times, *found, single=count is None)
+        raise stopped(calls, driven, given, **steps_of)
+    value, by_q, by_v = _asked(calls, loss, times, *found, single=motion.is_single)
     for state, way in enumerate(ways):
-        motion.add_start(state, way.back(by_q[state], by_v[state]))
+        motion.add_start(state, way.back(by_q[state], by_v[state], room.of(state)))
+    room.leave()
     return value, motion.gradients(parameters, slots)
 
 
-def _function(calls: Calls, method: str) -> RawFunction:
-    """The function that goes back by a method.
+def _refuse_singular(calls: Calls, q: ArrayLike, v: ArrayLike) -> None:
+    """SingularError where motions begin in singular poses of a mechanism, which implicit steps go on from one way.
+
+    An open state is not refused: steps close it.
+    """
+    if calls.raw.libraries.meta.get("constraints") and "forward_dynamics" in calls.raw.functions:
+        with suppress(LoopError):
+            calls.run("forward_dynamics", None, (q, v, np.zeros(calls.n, calls.dtype)))
+
+
+def taken_steps(
+    calls: Calls,
+    driven: Sequence[int],
+    kind: str,
+    given: Mapping[str, Any],
+    *,
+    method: str,
+    dt: float | None,
+    steps: int | None,
+    every: int,
+    duration: float | None,
+    samples: int | None,
+    rtol: float,
+    atol: ArrayLike | None,
+) -> tuple[Motion, Array, list[Steps | None]]:
+    """A motion, times of its samples, s, and the steps of each state; None for one that does not get to its end.
+
+    Args:
+        calls, driven, method, dt, steps, every, duration, samples, rtol, atol: as of ``rollout_gradient``.
+        kind: of the function that takes the steps, "gradient", which goes back, or "sensitivity".
+        given: q0, v0, u, kp, kd and target by their names.
+    """
+    chooses = takes_samples(method, dt=dt, steps=steps, every=every, duration=duration, samples=samples, atol=atol)
+    function, count = _step_function(calls, method, kind), count_states(**{x: given[x] for x in STATES})
+    most = NUMBERS // (calls.n * max(count or 1, 1))
+    label, number = ("samples", 1 if samples is None else samples) if chooses else ("steps", steps)
+    rows = whole_number(label, number, most)
+    motion = Motion(calls, function, read_given(calls, driven, rows, count, **given))
+    _refuse_singular(calls, given["q0"], given["v0"])
+    if chooses:
+        times: Array = np.linspace(0.0, length_of_time(duration), rows + 1)
+        allowed = tolerances(calls, rtol, atol, _adaptive(calls).library.meta)
+        return motion, times, [_chosen_steps(motion, i, times, method, allowed) for i in range(motion.states)]
+    length, every = step_length(calls, dt), whole_number("every", every, most)
+    times = float(length) * every * np.arange(rows // every + 1)
+    same = Steps(np.full(rows, length, calls.dtype), np.arange(rows), np.arange(0, rows + 1, every))
+    return motion, times, [same] * motion.states
+
+
+def stopped(
+    calls: Calls,
+    driven: Sequence[int],
+    given: Mapping[str, Any],
+    *,
+    method: str,
+    dt: float | None,
+    steps: int | None,
+    every: int,
+    duration: float | None,
+    samples: int | None,
+    rtol: float,
+    atol: ArrayLike | None,
+) -> InputError:
+    """The error of steps that do not get to their end, where the rollout does not say why itself."""
+    q0, v0, u = given["q0"], given["v0"], given["u"]
+    controlled: dict[str, Any] = {name: given[name] for name in ("kp", "kd", "target")}
+    if method in ADAPTIVE:
+        how: dict[str, Any] = {"method": method, "rtol": rtol, "atol": atol}
+        adaptive_rollout(calls, driven, q0, v0, u, duration, samples, **how, **controlled)
+    else:
+        rollout(calls, driven, q0, v0, u, dt, steps, method=method, every=every, **controlled)
+    return InputError(f"rollout: {method} comes to an end that is not finite; allowed: shorter steps")
+
+
+def _step_function(calls: Calls, method: str, kind: str) -> RawFunction:
+    """The function of a method that takes its steps.
 
     Raises:
         UnknownNameError: the kernel was built without it.
         InputError: joints turn freely.
     """
-    name = f"{WAYS[method][0]}_gradient"
+    name = f"{WAYS[method][0]}_{kind}"
     if name not in calls.raw.gradients:
         raise calls.raw.missing(name)
     if calls.raw.turning:
         joints = ", ".join(calls.raw.turning)
-        raise InputError(f"rollout_gradient: {joints} turn freely; allowed: robots without such joints")
+        raise InputError(f"rollout_{kind}: {joints} turn freely; allowed: robots without such joints")
     return calls.raw.gradients[name]
 
 
-def _there(motion: Motion, ways: Sequence[Way], samples: int) -> tuple[Array, Array] | None:
+def _there(motion: Motion, ways: Sequence[Way], samples: int, room: Room) -> tuple[Array, Array] | None:
     """Samples of all states, (states, samples, n) each; None where one does not get to its end."""
     calls = motion.calls
     q, v = (room_for(calls, (motion.states, samples, calls.n), "fewer samples") for _ in range(2))
     if len(ways) < motion.states:
         return None
     for state, way in enumerate(ways):
-        found = way.there(*motion.start(state))
+        found = way.there(*motion.start(state), room.of(state))
         if found is None:
             return None
         q[state], v[state] = found
@@ -231,7 +347,7 @@ class Motion:
 
     def __init__(self, calls: Calls, function: RawFunction, given: Given) -> None:
         self.calls, self.function, self._given = calls, function, given
-        self.states = 1 if given.count is None else given.count
+        self.states, self.is_single = 1 if given.count is None else given.count, given.count is None
         self._by_starts = [np.zeros_like(array) for array, _ in given.starts]
         self._by_drives = [np.zeros_like(array) for array, _, _ in given.drives]
         self._by_gains = [np.zeros_like(array) for array in given.gains]
@@ -274,10 +390,32 @@ class Motion:
 
     def gradients(self, parameters: Sequence[str], slots: Sequence[int]) -> dict[str, Any]:
         """Derivatives by name, in the shapes of what was given."""
-        found: dict[str, Any] = dict(zip(("q", "v"), self._by_starts, strict=True))
-        found |= zip(("u", "target"), self._by_drives, strict=False)
-        found |= zip(("kp", "kd"), self._by_gains, strict=False)
-        return found | {name: float(self._by_parameters[slot]) for name, slot in zip(parameters, slots, strict=True)}
+        numbers = {name: float(self._by_parameters[slot]) for name, slot in zip(parameters, slots, strict=True)}
+        return self._by_name() | numbers
+
+    def write_to(self, out: Mapping[str, Array]) -> None:
+        """Let derivatives by these names be written to arrays.
+
+        Raises:
+            InputError: other names, or no mapping.
+            ArrayError: other shapes, or arrays that overlap what is given, or each other.
+        """
+        known = self._by_name()
+        if not isinstance(out, Mapping):
+            raise InputError(f"out: {show(out)} is no mapping; allowed: arrays by {listed(known)}")
+        read = [array for array, _ in self._given.starts] + [array for array, _, _ in self._given.drives]
+        taken: list[Array] = [*read, *self._given.gains]
+        for name, own in out.items():
+            if name not in known:
+                raise InputError(f"out: {show(name)} is unknown; allowed: {listed(known)}")
+            self.calls.arrays.checked_out(own, known[name].shape, taken)[...] = 0.0
+            taken.append(own)
+        for whole, names in ((self._by_starts, NAMES[:2]), (self._by_drives, NAMES[2:4]), (self._by_gains, NAMES[4:])):
+            whole[:] = [out.get(name, array) for name, array in zip(names, whole, strict=False)]
+
+    def _by_name(self) -> dict[str, Array]:
+        arrays = zip(NAMES[:2], self._by_starts, strict=True), zip(NAMES[2:4], self._by_drives, strict=False)
+        return dict(itertools.chain(*arrays, zip(NAMES[4:], self._by_gains, strict=False)))
 
 
 def _adaptive(calls: Calls) -> RawFunction:

@@ -14,7 +14,8 @@ from ..calls import Calls
 from ..pieces import OPERATIONS
 from ..raw import FFI
 from .adaptive import METHODS, STAGES
-from .loads import LoadData, Packed
+from .given_loads import check_loads
+from .loads import WORKS, LoadData, Packed
 
 Array = NDArray[Any]
 
@@ -70,11 +71,13 @@ class Loaded:
         method: of METHODS, or AUTO.
         rtol, atol: tolerances; atol of q, then of v, (2n,).
         steps_kept: how many steps a call takes at most, whose ends it keeps; none are kept without.
+        works: whether works are integrated, too; not where a joint turns freely.
 
     Attributes:
         samples: q and v, (2, T, n), as far as ``done`` says.
         progress: t, steps, rejected, largest, smallest, and the reason why it ended, 0 before.
         state: q and v that were reached, (2, n).
+        works: of ``loads.WORKS``, (T, 4), J, as far as ``done`` says; None if they are not integrated.
         evaluations: of accelerations.
         spans: how much time each method led on by, s.
         loads: the data as C takes it.
@@ -91,24 +94,31 @@ class Loaded:
         rtol: float,
         atol: Array,
         steps_kept: int = 0,
+        *,
+        works: bool = False,
     ) -> None:
         function = calls.raw.adaptive
         if function is None:
             raise calls.raw.missing("adaptive_rollout")
         library, view = function.library, calls.raw.view
         self._function, self._setup = function, calls.parameters.setup
-        self.loads = Packed(library, calls, loads)
+        self.works = np.zeros((len(times), len(WORKS))) if works else None
+        check_loads(calls, loads)
+        self.loads = Packed(library, calls, loads, works=works)
         self._times = np.array(times, dtype=np.float64)
         self.state = np.array([q, v], dtype=calls.dtype)
         self.samples = np.full((2, self._times.size, calls.n), np.nan, calls.dtype)
         self._atol, self._nothing = np.array(atol, dtype=calls.dtype), np.zeros(calls.n, calls.dtype)
         self._alternation, self._method = Alternation() if method == AUTO else None, method
-        self._most = max(OPERATIONS // CALLS // (function.operations * max(STAGES.values())), 1)
+        operations = max(function.operations, 1) * max(STAGES.values())  # none where all is prescribed
+        self._most = max(OPERATIONS // CALLS // operations, 1)
         self._allowed = library.new("tolerance", rtol=rtol, atol=view(self._atol), most=self._most)
         self._turned = np.zeros(calls.raw.turning_room, calls.dtype)  # by which a call goes on, to the bit
         fields: dict[str, Any] = {"turned": view(self._turned)} if self._turned.size else {}
         self._drive = library.drive(u=view(self._nothing), **fields)
         self.progress = library.new("progress")
+        if self.works is not None:
+            self.progress.works = FFI.from_buffer("double[]", self.works)
         self.evaluations, self.spans = 0, dict.fromkeys(METHODS, 0.0)
         self._view, self._record = view, library.ffi.NULL
         self._kept = [np.zeros(steps_kept), *(np.zeros((steps_kept, calls.n), calls.dtype) for _ in range(2))]
@@ -150,3 +160,10 @@ class Loaded:
         if alternation is not None:
             alternation.took(steps, float(progress.t - t))
         return steps
+
+    def works_until(self, count: int) -> Array:
+        """Works at so many samples, (count, 4), J; at those that are not there, where it got to."""
+        assert self.works is not None
+        found = self.works[np.minimum(np.arange(count), self.done - 1)]
+        found[self.done :] = list(self.progress.work)
+        return found

@@ -18,6 +18,8 @@ from ..raw import FFI, Library
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
+WORKS = ("drives", "prescribed", "wrenches", "dissipated")  # that C integrates, in its order
+
 
 @dataclass(frozen=True, eq=False)
 class Signal:
@@ -181,6 +183,12 @@ class LoadData:
     last: float = np.inf
 
 
+def work_kernels(calls: Calls) -> tuple[str, ...]:
+    """Names of the kernels whose functions say what works there are."""
+    needed = "residual" if calls.raw.libraries.meta.get("constraints") else "inverse_dynamics"
+    return ("generalized_force", *((needed,) if calls.prescribed else ()))
+
+
 class Packed:
     """Loads as C takes them; whatever it points to lives as long as this object.
 
@@ -189,14 +197,19 @@ class Packed:
         calls: of the robot's kernel, with "frame_pose" and "external_force" where there are wrenches.
         loads: the data.
         many: whether many states are moved at a time, so that a model of the robot is asked for many, too.
+        works: whether works are integrated, see ``WORKS``; the kernel must have what ``work_kernels`` names.
 
     Attributes:
         pointer: to ``NAME_loads``.
     """
 
-    def __init__(self, library: Library, calls: Calls, loads: LoadData, *, many: bool = False) -> None:
+    def __init__(
+        self, library: Library, calls: Calls, loads: LoadData, *, many: bool = False, works: bool = False
+    ) -> None:
         self._library, self._calls, self._kept, self._many = library, calls, list[Any](), many
         drive, fields = loads.drive, dict[str, Any](first=loads.first, last=loads.last)
+        if works:
+            fields["work"] = self._work()
         if drive.torque is not None:
             fields["torque"] = self._new("track", **self._track(drive.torque))
         if drive.program is not None:
@@ -208,6 +221,14 @@ class Packed:
         if loads.wrenches:
             fields |= self._wrenches(loads.wrenches)
         self.pointer = self._new("loads", **fields)
+
+    def _work(self) -> Any:
+        fields: dict[str, Any] = {}
+        passive, *needed = work_kernels(self._calls)
+        fields["generalized_force"], fields["passive_h"] = self._function(self._calls, passive)
+        for name in needed:
+            fields["needed"], fields["needed_h"] = self._function(self._calls, name)
+        return self._new("work", **fields)
 
     def drives(self, times: Array, q: Array, v: Array) -> Array:
         """u at times in states, (T, n); prescribed coordinates have their accelerations there, and are put in place."""
@@ -349,3 +370,28 @@ class Packed:
         arguments = "int, " if function.is_framed else f"const {number} *, " * (len(function.reads) - 1)
         kind = f"int (*)(const {number} *, const {number} *, {arguments}{number} *)"
         return ffi.cast(kind, function.address()), ffi.cast(f"const {number} *", setup.address(own))
+
+
+class Side:
+    """Loads of many states as C takes them side by side; whatever they point to lives as long as this object.
+
+    Args:
+        library: of the function that reads them.
+        calls: of the robot's kernel, or, if states differ in parameters, of that of each.
+        loads: the data for each state; one, or one object, that all share is packed once.
+        works: whether works are integrated.
+
+    Attributes:
+        pointer: to ``NAME_loads``.
+        distance: from one state's to the next one's, 0 where all share theirs.
+    """
+
+    def __init__(self, library: Library, calls: Sequence[Calls], loads: Sequence[LoadData], *, works: bool) -> None:
+        shares = all(each is loads[0] for each in loads)
+        each = zip(calls[:1], loads[:1], strict=True) if shares else zip(calls, loads, strict=True)
+        self._packed = [Packed(library, *own, many=True, works=works) for own in each]
+        self.pointer, self.distance = self._packed[0].pointer, 0
+        if not shares:
+            self.pointer, self.distance = library.new_array("loads", len(loads)), 1
+            for i, packed in enumerate(self._packed):
+                self.pointer[i] = packed.pointer[0]

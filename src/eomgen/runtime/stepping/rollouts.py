@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from ...errors import ArrayError, InputError
 from ...names import show
@@ -29,12 +29,14 @@ class Rollout(tuple[Array, Array]):
         steps: steps taken, of one state a number, of many (N,).
         rejected: steps that were tried again, shorter, likewise.
         largest, smallest: the longest and the shortest step, s, likewise.
+        works: where they were integrated, of ``loads.WORKS``, J, (samples + 1, 4), of many (N, samples + 1, 4).
     """
 
     steps: Any
     rejected: Any
     largest: Any
     smallest: Any
+    works: Any
 
     @classmethod
     def of(cls, q: Array, v: Array, **figures: Any) -> Rollout:
@@ -194,10 +196,10 @@ def is_number(value: Any) -> bool:
     return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
 
 
-def room_for(calls: Calls, shape: tuple[int, ...], fewer: str) -> Array:
+def room_for(calls: Calls, shape: tuple[int, ...], fewer: str, dtype: DTypeLike | None = None) -> Array:
     """Room for states, NaN until they are reached; InputError where there is none, with what stores fewer."""
     try:
-        return np.full(shape, np.nan, calls.dtype)
+        return np.full(shape, np.nan, calls.dtype if dtype is None else dtype)
     except (MemoryError, ValueError):
         rows, numbers = shape[-2], float(np.prod(shape, dtype=np.float64))
         raise InputError(

@@ -1,0 +1,98 @@
+"""Commands about measured motions: forces, fit, identify."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from ..shared import Command, add_json, add_robot, read_robot, show_result, stage_bar
+
+
+def _add_motion(parser: argparse.ArgumentParser) -> None:
+    add_robot(parser)
+    parser.add_argument("motion", metavar="MOTION", type=Path, help=".csv or .npz: t, coordinates, rates, drives")
+    add_json(parser)
+
+
+def _add_forces(parser: argparse.ArgumentParser) -> None:
+    _add_motion(parser)
+    parser.add_argument("--window", type=int, default=11, metavar="N", help="samples that derivatives use (11)")
+    parser.add_argument("-o", "--output", type=Path, help="write all forces over time, .csv or .npz")
+
+
+def _forces(options: argparse.Namespace) -> None:
+    from ...identification.from_motion import forces
+
+    robot = read_robot(options)
+    with stage_bar("evaluating") as report:
+        found = forces(robot, options.motion, window=options.window, progress=report)
+    if options.output is not None:
+        found.save(options.output)
+    show_result(options, found)
+
+
+def _add_fit(parser: argparse.ArgumentParser) -> None:
+    _add_motion(parser)
+    parser.add_argument("--coordinates", nargs="+", default=(), metavar="NAME", help="those to fit (all that can be)")
+    parser.add_argument("--confidence", type=float, default=0.95, metavar="P", help="of the intervals (0.95)")
+
+
+def _fit(options: argparse.Namespace) -> None:
+    from ...identification.least_squares import fit
+
+    robot = read_robot(options)
+    with stage_bar("fitting") as report:
+        found = fit(
+            robot,
+            options.motion,
+            coordinates=options.coordinates,
+            confidence=options.confidence,
+            progress=report,
+        )
+    show_result(options, found)
+
+
+def _add_identify(parser: argparse.ArgumentParser) -> None:
+    _add_motion(parser)
+    parser.add_argument(
+        "--terms",
+        nargs="+",
+        default=(),
+        metavar="TERM",
+        help="what is sought: links, rotors, viscous, dry, offset (all)",
+    )
+
+
+def _identify(options: argparse.Namespace) -> None:
+    from ...identification.identifiable import TERMS
+    from ...identification.inertial import identify
+
+    robot = read_robot(options)
+    with stage_bar("identifying") as report:
+        found = identify(robot, options.motion, terms=options.terms or TERMS, progress=report)
+    show_result(options, found)
+
+
+COMMANDS = (
+    Command(
+        "forces",
+        "forces and reactions that belong to a measured motion",
+        _add_forces,
+        _forces,
+        (("forces arm.toml measured.csv", "drives, springs, dampers, reactions of a measured motion"),),
+    ),
+    Command(
+        "fit",
+        "stiffness and damping from a measured motion and known drives",
+        _add_fit,
+        _fit,
+        (("fit arm.toml measured.csv", "stiffness and damping from motion and known drives"),),
+    ),
+    Command(
+        "identify",
+        "masses, inertias and friction from a measured motion and its drives",
+        _add_identify,
+        _identify,
+        (("identify arm.toml measured.csv", "base parameters of links, rotors and friction, with residuals"),),
+    ),
+)

@@ -1,0 +1,227 @@
+"""Parameters of all links that base parameters leave possible: those of bodies, as near to the drawing as they allow.
+
+A body has mass everywhere or nowhere: its pseudo-inertia H is positive definite (P. Wensing, S. Kim, J.-J. Slotine
+2018).  Among such parameters those are sought that minimise
+
+    1/2 (B theta - beta)^T W (B theta - beta) + sum_k (tr(H0^-1 H) - log det H) / s^2,
+
+the measured values beta weighted by what they are sure of, and the divergence of every link from the drawing's H0,
+which is about half of its relative change squared, and infinite where H is no body's.  Armatures and friction are
+positive, too, and count as bodies of one number; where they stand alone among base parameters, it is the measured
+number that they are near to.  It is convex: Newton's method.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..names import joint_of, kind_of, split_component
+from ..robot.model import build_model
+from ..robot.value import MOTOR, Coordinate, Friction, Joint, Link, Motor, Robot
+from .identifiable import BaseParameters
+
+Array = NDArray[np.float64]
+
+INERTIAL = ("m", "mx", "my", "mz", "ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+THINNEST = 1e-4  # of the greatest number of its kind: what the drawing has at least of each
+WEAK = 1e-6  # of offsets: no drawing has them
+SURE = 1e-5  # of a base value: it counts as no surer than that
+STEPS, ENOUGH = 200, 1e-10  # of Newton's method: most of them, and the decrement that ends it
+
+
+def _units() -> Array:
+    """Derivatives of H by the ten numbers, (10, 4, 4); J = 1/2 tr(I) 1 - I."""
+    found = np.zeros((10, 4, 4))
+    found[0, 3, 3] = 1.0
+    for i in range(3):
+        found[1 + i, i, 3] = found[1 + i, 3, i] = 1.0
+    for place, (i, j) in enumerate(((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)), 4):
+        inertia = np.zeros((3, 3))
+        inertia[i, j] = inertia[j, i] = 1.0
+        found[place, :3, :3] = 0.5 * np.trace(inertia) * np.eye(3) - inertia
+    return found
+
+
+UNITS = _units()
+
+
+def pseudo_inertias(links: Array) -> Array:
+    """H, (k, 4, 4), of ten numbers per link, (k, 10)."""
+    return np.asarray(np.einsum("ki,iab->kab", links, UNITS))
+
+
+def numbers_of(H: Array) -> Array:
+    """Ten numbers per link, (k, 10), of H, (k, 4, 4)."""
+    J = H[:, :3, :3]
+    inertia = np.trace(J, axis1=1, axis2=2)[:, None, None] * np.eye(3) - J
+    upper = np.triu_indices(3)
+    return np.concatenate([H[:, 3, 3:], H[:, :3, 3], inertia[:, upper[0], upper[1]]], axis=1)
+
+
+class Bodies:
+    """The divergence of parameters from the drawing's: value, slope and curvature.
+
+    Attributes:
+        drawn: the drawing's parameters, (p,); thin links are made a little thicker, those without mass get some.
+    """
+
+    def __init__(self, names: tuple[str, ...], drawn: Array, size: float) -> None:
+        """The divergence from a drawing.
+
+        Args:
+            names: of the parameters.
+            drawn: the drawing's, (p,).
+            size: of measured values, which links without mass in the drawing have about.
+        """
+        kinds = [name.rpartition(".")[2] for name in names]
+        links = [i for i, kind in enumerate(kinds) if kind in INERTIAL]
+        self.links = np.array(links, dtype=np.intp).reshape(-1, 10)
+        self.free = np.array([kind == "offset" for kind in kinds], dtype=np.bool_)
+        self.single = np.setdiff1d(np.flatnonzero(~self.free), self.links)
+        self.drawn: Array = np.array(drawn)
+        H = pseudo_inertias(self.drawn[self.links])
+        H[np.trace(H, axis1=1, axis2=2) < THINNEST * size] = size * np.diag([0.01, 0.01, 0.01, 1.0])
+        values, axes = np.linalg.eigh(H)
+        values = np.maximum(values, THINNEST * max(float(values.max(initial=0.0)), 1e-6))
+        self.drawn[self.links] = numbers_of(np.einsum("kai,ki,kbi->kab", axes, values, axes))
+        self.inverse: Array = np.einsum("kai,ki,kbi->kab", axes, 1.0 / values, axes)
+        for kind in {kinds[i] for i in self.single}:
+            own = [i for i in self.single if kinds[i] == kind]
+            self.drawn[own] = np.maximum(self.drawn[own], max(0.1 * float(self.drawn[own].max()), THINNEST))
+
+    def value(self, theta: Array) -> float:
+        """The divergence, infinite where parameters are no body's."""
+        H, ratio = pseudo_inertias(theta[self.links]), theta[self.single] / self.drawn[self.single]
+        if (ratio <= 0.0).any() or (np.linalg.eigvalsh(H) <= 0.0).any():
+            return np.inf
+        of_links = np.einsum("kab,kba->", self.inverse, H) - np.linalg.slogdet(H)[1].sum()
+        return float(of_links + (ratio - np.log(ratio)).sum() + 0.5 * WEAK * (theta[self.free] ** 2).sum())
+
+    def slopes(self, theta: Array) -> tuple[Array, Array]:
+        """Gradient, (p,), and Hessian, (p, p)."""
+        slope, curvature = np.zeros(len(theta)), np.zeros((len(theta), len(theta)))
+        for places, inverse in zip(self.links, self.inverse, strict=True):
+            own = np.linalg.inv(pseudo_inertias(theta[places][None])[0])
+            turned = np.einsum("ab,ibc->iac", own, UNITS)
+            slope[places] = np.einsum("ab,iba->i", inverse - own, UNITS)
+            curvature[np.ix_(places, places)] = np.einsum("iab,jba->ij", turned, turned)
+        slope[self.single] = 1.0 / self.drawn[self.single] - 1.0 / theta[self.single]
+        curvature[self.single, self.single] = 1.0 / theta[self.single] ** 2
+        slope[self.free], curvature[self.free, self.free] = WEAK * theta[self.free], WEAK
+        return slope, curvature
+
+
+def doubt(values: Array) -> Array:
+    """By how much base values are unsure at least, (b,), so that exact ones leave Newton's method some digits."""
+    return SURE * np.maximum(np.abs(values), 1e-3 * float(np.abs(values).max()))
+
+
+def nearest_bodies(base: BaseParameters, values: Array, covariance: Array, drawn: Array, spread: float) -> Array:
+    """Parameters of bodies, (p,), that fit base values and are near to the drawing's.
+
+    Args:
+        base: the combinations.
+        values: of these, (b,).
+        covariance: of these, (b, b).
+        drawn: the drawing's parameters, (p,).
+        spread: how far they are off, relative to themselves.
+    """
+    information = np.linalg.inv(covariance + np.diag(doubt(values) ** 2))
+    alone = np.count_nonzero(base.matrix, axis=1) == 1
+    near = drawn.copy()
+    for place, value in zip(base.chosen[alone], values[alone], strict=True):
+        if base.parameters[place].rpartition(".")[2] not in INERTIAL and value > 0.0:
+            near[place] = value
+    bodies, share = Bodies(base.parameters, near, float(np.abs(values).max())), 1.0 / spread**2
+    theta = bodies.drawn.copy()
+    normal = base.matrix.T @ information @ base.matrix
+
+    def cost(x: Array) -> float:
+        off = base.matrix @ x - values
+        return float(0.5 * off @ information @ off) + share * bodies.value(x)
+
+    now = cost(theta)
+    for _ in range(STEPS):
+        slope, curvature = bodies.slopes(theta)
+        slope = share * slope + base.matrix.T @ (information @ (base.matrix @ theta - values))
+        whole = normal + share * curvature
+        size = 1.0 / np.sqrt(np.diagonal(whole))
+        step = -size * np.linalg.solve(whole * np.outer(size, size), size * slope)
+        fall, length = float(-slope @ step), 1.0
+        while length > 1e-12 and not (new := cost(theta + length * step)) <= now - 0.1 * length * fall:
+            length *= 0.5
+        if length <= 1e-12 or fall <= ENOUGH:
+            break
+        theta, now = theta + length * step, new
+    return np.asarray(theta)
+
+
+def with_parameters(robot: Robot, theta: Mapping[str, float]) -> Robot:
+    """The robot with parameters of links, rotors and friction in the place of its own, by their names.
+
+    A link that others are fixed to gets all that moves with it, and these have no mass of their own then.
+    """
+    model = build_model(robot)
+    links: dict[str, Link] = {}
+    for body in model.bodies:
+        if f"{body.name}.m" in theta:
+            links |= {name: Link(name, 0.0, (0.0,) * 3, (0.0,) * 6) for name in body.links}
+            links[body.name] = _link(body.name, np.array([theta[f"{body.name}.{key}"] for key in INERTIAL]))
+    joints = [_joint(joint, theta) for joint in robot.joints]
+    return replace(robot, links=tuple(links.get(x.name, x) for x in robot.links), joints=tuple(joints))
+
+
+def _link(name: str, numbers: Array) -> Link:
+    """A link with its centre of mass, and the inertia about that."""
+    mass, first = float(numbers[0]), numbers[1:4]
+    com = first / mass
+    xx, xy, xz, yy, yz, zz = numbers[4:]
+    x, y, z = com
+    own = (xx - mass * (y * y + z * z), yy - mass * (x * x + z * z), zz - mass * (x * x + y * y))
+    across = (xy + mass * x * y, xz + mass * x * z, yz + mass * y * z)
+    a, b, c, d, e, f = (float(value) for value in (*own, *across))
+    return Link(name, mass, (float(x), float(y), float(z)), (a, b, c, d, e, f))
+
+
+def _joint(joint: Joint, theta: Mapping[str, float]) -> Joint:
+    """A joint with the numbers of its coordinates and its motor."""
+    given: dict[str, dict[str, Any]] = {}
+    for name, value in theta.items():
+        coordinate, key = split_component(name)
+        if joint_of(coordinate) == joint.name:
+            given.setdefault(kind_of(coordinate), {})[key] = value
+    motor = joint.motor
+    if motor is not None and MOTOR in given:
+        motor = _motor(motor, given.pop(MOTOR))
+    moved = {kind: _coordinate(joint.coordinates[kind], own) for kind, own in given.items()}
+    return replace(joint, coordinates={**joint.coordinates, **moved}, motor=motor)
+
+
+def _motor(motor: Motor, own: Mapping[str, float]) -> Motor:
+    """A motor with its rotor's inertia and friction."""
+    friction = motor.friction
+    if "dry" in own or "viscous" in own:
+        old = friction or Friction()
+        coulomb, viscous = own.get("dry", old.coulomb), own.get("viscous", old.viscous)
+        friction = Friction(coulomb=coulomb, viscous=viscous, smoothing=old.smoothing)
+    return replace(motor, inertia=own.get("inertia", motor.inertia), friction=friction)
+
+
+def _coordinate(given: Coordinate, own: Mapping[str, float]) -> Coordinate:
+    """A coordinate with its armature, damping, dry friction and preload."""
+    more: dict[str, Any] = {}
+    for key, name in (("armature", "armature"), ("viscous", "damping"), ("offset", "preload")):
+        if key in own:
+            more[name] = own[key]
+    old = given.friction or Friction()
+    viscous = None if "viscous" in own else old.viscous
+    if "dry" in own:
+        more["friction"] = Friction(coulomb=own["dry"], viscous=viscous, smoothing=old.smoothing)
+    elif given.friction:
+        more["friction"] = replace(given.friction, viscous=viscous)
+    return replace(given, **more)

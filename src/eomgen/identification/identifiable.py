@@ -1,0 +1,259 @@
+"""Base parameters: which combinations of inertial parameters, rotors and friction forces can show, by name.
+
+Forces are linear in all of them, u = Y(q, v, a) theta.  Columns of Y that depend on others at every motion belong to
+parameters that no measurement tells apart from those: they are regrouped (M. Gautier, W. Khalil 1990).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..description import RobotLike, as_robot
+from ..errors import InputError
+from ..names import component_name, show
+from ..pipeline.stages import build
+from ..runtime.kernel import Kernel
+from ..shown import Shown
+
+Array = NDArray[np.float64]
+
+TERMS = ("links", "rotors", "viscous", "dry", "offset")
+LINKS, ROTORS, FRICTION = TERMS[0], TERMS[1], TERMS[2:]
+ZERO = 1e-9  # of the longest column: one that is shorter is round-off, or of no effect
+DEPENDENT = 1e-8  # of a column's length: what is left of one that depends on those before it
+ROUND_OFF = 1e-8  # of coefficients that are meant to be whole numbers
+SEED = 1  # of the random motions
+WIDTH = 3.0  # m and rad: random coordinates are so far from 0 at most; rates and accelerations too, per s and s^2
+
+
+@dataclass(frozen=True)
+class BaseParameters(Shown):
+    """Combinations of parameters that forces can show, and how they come from the parameters.
+
+    Attributes:
+        robot: the robot's name.
+        terms: of TERMS, what parameters there are of.
+        parameters: names of theta, p of them: "link1.m", "joint1.gamma.armature", "joint1.gamma.viscous".
+        chosen: places of the parameters that begin a combination, (b,), in their order.
+        matrix: (b, p), base values are ``matrix @ theta``.
+        names: formulas of the combinations, such as "link2.mx + 0.4318 link3.m".
+        without_effect: names of the parameters that no force depends on.
+    """
+
+    robot: str
+    terms: tuple[str, ...]
+    parameters: tuple[str, ...]
+    chosen: NDArray[np.intp]
+    matrix: Array
+    names: tuple[str, ...]
+    without_effect: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def regressor(self, kernel: Kernel, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
+        """Columns of the regressor that belong to the combinations, (..., n, b), N or N m per unit of each.
+
+        Args:
+            kernel: of that robot, with its regressor.
+            q, v, a: (..., n), as of ``kernel.regressor``.
+        """
+        return columns(kernel, q, v, a, self.terms)[1][..., self.chosen]
+
+    def values(self, theta: ArrayLike) -> Array:
+        """Values of the combinations, (b,), from those of the parameters, (p,).
+
+        Raises:
+            InputError: another number of parameters.
+        """
+        given = np.asarray(theta, dtype=np.float64)
+        if given.shape != (len(self.parameters),):
+            raise InputError(
+                f"theta: shape {given.shape}; allowed: ({len(self.parameters)},), in the order of parameters"
+            )
+        return np.asarray(self.matrix @ given)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON: per combination its parameters with their coefficients."""
+        found = {
+            name: {self.parameters[j]: float(row[j]) for j in np.flatnonzero(row).tolist()}
+            for name, row in zip(self.names, self.matrix, strict=True)
+        }
+        return {
+            "robot": self.robot,
+            "terms": list(self.terms),
+            "base_parameters": found,
+            "without_effect": list(self.without_effect),
+        }
+
+    def lines(self) -> list[str]:
+        """A list for people."""
+        head = f"{self.robot}: {len(self)} base parameters of {len(self.parameters)} ({', '.join(self.terms)})"
+        lines = [head, "", *self.names]
+        return [*lines, "", f"without effect: {', '.join(self.without_effect)}"] if self.without_effect else lines
+
+
+def base_parameters(
+    robot: RobotLike,
+    *,
+    terms: Sequence[str] = (LINKS, ROTORS),
+    static: bool = False,
+    kernel: Kernel | None = None,
+) -> BaseParameters:
+    """Which combinations of parameters forces can show, found on random motions of the robot.
+
+    A parameter that cannot be told apart from others goes to those that stand before it: from a link to the one that it
+    hangs on, from an armature to links.  Gravity is the robot's, and so are lengths: special ones, such as axes that
+    meet, leave fewer combinations.  Of a robot with loops: of its open tree, with forces known at every coordinate.
+
+    Args:
+        robot: a Robot, the name of a built-in one, or the path of a description.
+        terms: what parameters there are of, among TERMS: "links" (m, m c and inertia about the origin of the link's
+            frame), "rotors" (armatures); of each coordinate with a drive "viscous" (times its rate), "dry" (times the
+            sign of its rate) and "offset" (a constant force).
+        static: whether the robot stands still in every sample.
+        kernel: of that robot, with its regressor; built if not given.  Its parameters count, gravity among them.
+
+    Raises:
+        InputError: terms that there are not, or that nothing can be found of.
+    """
+    robot = as_robot(robot)
+    kernel = kernel or build(robot, kernels=("regressor",))
+    everything = np.ones(kernel.n, dtype=np.bool_)
+    return combinations(kernel, terms, everything, everything, static=static)
+
+
+def combinations(
+    kernel: Kernel, terms: Sequence[str], moving: NDArray[np.bool_], known: NDArray[np.bool_], *, static: bool = False
+) -> BaseParameters:
+    """``base_parameters`` where some coordinates stand at 0, and forces are known at some.
+
+    Args:
+        kernel: with its regressor.
+        terms: among TERMS.
+        moving: whether a coordinate moves, (n,).
+        known: whether the force there is known, (n,).
+        static: as of ``base_parameters``.
+
+    Raises:
+        InputError: as of ``base_parameters``.
+    """
+    names = parameter_names(kernel, terms)
+    count = 10 + 3 * len(names) // max(int(known.sum()), 1)
+    rng = np.random.default_rng(SEED)
+    q, v, a = rng.uniform(-WIDTH, WIDTH, (3, count, kernel.n)) * moving
+    W = columns(kernel, q, v * (not static), a * (not static), terms)[1][:, known].reshape(-1, len(names))
+    chosen, matrix = regrouped(W)
+    if not chosen.size:
+        raise InputError(f"terms: {', '.join(terms)}: no force of {kernel.name} depends on them; allowed: other terms")
+    return with_formulas(kernel.name, terms, names, chosen, matrix)
+
+
+def with_formulas(
+    robot: str, terms: Sequence[str], names: tuple[str, ...], chosen: NDArray[np.intp], matrix: Array
+) -> BaseParameters:
+    """Combinations with their names, from what ``regrouped`` found among the parameters of these names."""
+    formulas = tuple(_formula(names, int(first), row) for first, row in zip(chosen, matrix, strict=True))
+    idle = tuple(name for name, column in zip(names, matrix.T, strict=True) if not column.any())
+    return BaseParameters(robot, tuple(terms), names, chosen, matrix, formulas, idle)
+
+
+def parameter_names(kernel: Kernel, terms: Collection[str]) -> tuple[str, ...]:
+    """Names of the columns of ``columns``.
+
+    Raises:
+        InputError: no terms, or unknown ones.
+    """
+    _check_terms(terms)
+    names = kernel.regressor_names
+    links = 10 * len(kernel.joints)
+    found = [*(names[:links] if LINKS in terms else ()), *(names[links:] if ROTORS in terms else ())]
+    for term in FRICTION:
+        found += [component_name(kernel.coordinates[i], term) for i in _driven(kernel) if term in terms]
+    return tuple(found)
+
+
+def columns(
+    kernel: Kernel, q: ArrayLike, v: ArrayLike, a: ArrayLike, terms: Collection[str]
+) -> tuple[tuple[str, ...], Array]:
+    """Names of the parameters of the terms, and their columns (..., n, parameters).
+
+    Args:
+        kernel: with its regressor.
+        q, v, a: (..., n).
+        terms: among TERMS.
+
+    Raises:
+        InputError: no terms, or unknown ones.
+    """
+    names = parameter_names(kernel, terms)
+    Y, links = kernel.regressor(q, v, a), 10 * len(kernel.joints)
+    rates = np.broadcast_to(np.asarray(v, dtype=np.float64), Y.shape[:-1])
+    parts = [*([Y[..., :links]] if LINKS in terms else []), *([Y[..., links:]] if ROTORS in terms else [])]
+    own = np.eye(kernel.n)[:, _driven(kernel)]
+    factors = {"viscous": rates, "dry": np.sign(rates), "offset": np.ones_like(rates)}
+    parts += [factors[term][..., None] * own for term in FRICTION if term in terms]
+    return names, np.concatenate(parts, axis=-1)
+
+
+def _driven(kernel: Kernel) -> list[int]:
+    """Numbers of the coordinates that have a drive."""
+    return list(kernel.raw.libraries.meta["driven"])
+
+
+def _check_terms(terms: Collection[str]) -> None:
+    for term in terms:
+        if term not in TERMS:
+            raise InputError(f"terms: {show(term)}; allowed: {', '.join(TERMS)}")
+    if not terms:
+        raise InputError(f"terms: none are given; allowed: one or more of {', '.join(TERMS)}")
+
+
+def regrouped(W: Array) -> tuple[NDArray[np.intp], Array]:
+    """Columns that depend on no columns before them, and what the others are of these.
+
+    Args:
+        W: (samples, p), the columns of all parameters, stacked.
+
+    Returns:
+        Places of b independent columns, and (b, p): W is W[:, places] times it, but for round-off.  Whole numbers
+        are meant to be so.
+    """
+    lengths = np.linalg.norm(W, axis=0)
+    chosen: list[int] = []
+    Q, R = np.zeros((W.shape[0], 0)), np.zeros((0, W.shape[1]))
+    for j in np.flatnonzero(lengths > ZERO * lengths.max(initial=0.0)):
+        left, row = W[:, j] / lengths[j], np.zeros(len(chosen))
+        for _ in range(2):  # once more for round-off
+            part = Q.T @ left
+            left, row = left - Q @ part, row + part
+        R[:, j] = row * lengths[j]
+        length = float(np.linalg.norm(left))
+        if length > DEPENDENT:
+            Q = np.column_stack([Q, left / length])
+            R = np.vstack([R, np.zeros(W.shape[1])])
+            R[-1, j] = length * lengths[j]
+            chosen.append(int(j))
+    places = np.array(chosen, dtype=np.intp)
+    return places, _cleaned(np.linalg.solve(R[:, places], R)) if chosen else R
+
+
+def _cleaned(matrix: NDArray[Any]) -> Array:
+    """Coefficients without round-off, where they are meant to be whole numbers."""
+    whole = np.round(matrix)
+    return np.asarray(np.where(np.abs(matrix - whole) < ROUND_OFF, whole, matrix) + 0.0, dtype=np.float64)
+
+
+def _formula(names: Sequence[str], first: int, row: Array) -> str:
+    """A combination as a sum: the parameter that begins it, then what goes to it, in their order."""
+    text = names[first]
+    for j in np.flatnonzero(row).tolist():
+        if j != first:
+            size = f"{abs(row[j]):.6g} " if abs(row[j]) != 1.0 else ""
+            text += f" {'+' if row[j] > 0.0 else '-'} {size}{names[j]}"
+    return text

@@ -1,0 +1,228 @@
+"""From results and measured files to figures of ISO 9283."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...description import RobotLike
+from ...errors import InputError
+from ...names import listed, show
+from ...npz import read_npz
+from ...progress import Progress, no_progress
+from ...simulation.result import SimulationResult, load_result
+from ...sweep.plan import Plan
+from .attained import Measured
+from .measured import from_files
+from .paths import MATCHES, path_figures
+from .poses import distance_figures, pose_figures, stop_figures
+from .result import STANDARD, AccuracyResult, PathFigures, PoseFigures
+from .samples import from_plan
+from .simulated import from_simulations
+
+POSES, CYCLES, PATH_CYCLES = 5, 30, 10  # that the standard asks for
+TRAJECTORY, SWEEP = "trajectory.npz", "sweep.json"
+_FAR = 0.1  # m, rad: of a pose from its command, from which on a mistake is more likely than a robot
+
+
+def accuracy(
+    *results: SimulationResult | Path | str,
+    robot: RobotLike | None = None,
+    scenario: str | Path | Mapping[str, Any] | None = None,
+    plan: Plan | None = None,
+    command: Path | str | None = None,
+    frame: str | None = None,
+    rotation: str = "rotvector",
+    match: str = "plane",
+    band: float | None = None,
+    distances: Sequence[tuple[str, str]] | None = None,
+    load: str = "",
+    rate: str = "",
+    progress: Progress | None = None,
+) -> AccuracyResult:
+    """Accuracy and repeatability by the definitions of ISO 9283:1998.
+
+    Args:
+        results: simulations (results, their files or folders), which are cycles of one program; or measured files,
+            .csv or .npz (see ``measured.from_files``); or none, with robot, scenario and plan.
+        robot, scenario, plan: of a sweep whose samples are simulated and taken as cycles.
+        command: file with the commanded poses or paths of measured files that do not have them.
+        frame: the one to look at; needed where a measured file has several.
+        rotation: of measured orientations: "rotvector", "rpy" or "quaternion".
+        match: points of a path that belong together: where attained paths go through the "plane" normal to the
+            commanded one, as the standard has it, or the same "sample".
+        band: limit band of stabilization and overshoot, m; by default the pose's repeatability.
+        distances: pairs of poses; by default each and the next one.
+        load, rate: of the test, in words; by default what simulations know.
+        progress: called with a fraction from 0 to 1 and a line of text while samples are simulated.
+
+    Raises:
+        InputError: what was given does not belong together, or holds too little; with its name.
+    """
+    if match not in MATCHES:
+        raise InputError(f"match: {show(match)}; allowed: {', '.join(MATCHES)}")
+    if band is not None and not (0.0 < band < np.inf):
+        raise InputError(f"band: {show(band)}; allowed: a length greater than 0, m")
+    sampled = (robot, scenario, plan)
+    if results and any(item is not None for item in sampled):
+        raise InputError("results are given, and a robot, scenario or plan; allowed: results, or all three of those")
+    if results:
+        found = _from_results(results, None if command is None else Path(command), frame, rotation)
+    elif robot is not None and scenario is not None and plan is not None:
+        found = from_plan(robot, scenario, plan, frame, progress or no_progress)
+    else:
+        raise InputError("nothing is given; allowed: results, or a robot, a scenario and a plan")
+    return figures_of(found, match=match, band=band, distances=distances, load=load, rate=rate)
+
+
+def _from_results(
+    results: Sequence[SimulationResult | Path | str], command: Path | None, frame: str | None, rotation: str
+) -> Measured:
+    paths = [Path(item).resolve() for item in results if not isinstance(item, SimulationResult)]
+    twice = [path for path in paths if paths.count(path) > 1]
+    if twice:
+        raise InputError(f"{twice[0]}: is given twice; allowed: once, or its cycles would count twice")
+    kinds = [_kind(item) for item in results]
+    if len(set(kinds)) > 1:
+        i = next(i for i, kind in enumerate(kinds) if kind != kinds[0])
+        raise InputError(
+            f"{_label(results[i], i)} is {kinds[i]}, and {_label(results[0], 0)} {kinds[0]}; allowed: all of one kind"
+        )
+    if kinds[0] == "measured":
+        return from_files([Path(str(item)) for item in results], command=command, frame=frame, rotation=rotation)
+    if command is not None:
+        raise InputError("command: simulations have commands of their own; allowed: with measured files")
+    loaded = [item if isinstance(item, SimulationResult) else load_result(_file(Path(item))) for item in results]
+    return from_simulations(loaded, [_label(item, i) for i, item in enumerate(results)], frame)
+
+
+def _label(item: SimulationResult | Path | str, i: int) -> str:
+    return f"results[{i}]" if isinstance(item, SimulationResult) else str(item)
+
+
+def _kind(item: SimulationResult | Path | str) -> str:
+    """Say what a result is: "simulated" or "measured".
+
+    Raises:
+        InputError: it is the folder of a sweep, or of something else.
+    """
+    if isinstance(item, SimulationResult):
+        return "simulated"
+    path = Path(item)
+    if path.is_dir():
+        if (path / SWEEP).is_file():
+            raise InputError(
+                f"{path}: is the folder of a sweep, whose table has no poses of the tool; allowed: robot, scenario"
+                " and plan in its place, whose samples are simulated again"
+            )
+        return "simulated"
+    return "simulated" if path.suffix == ".npz" and "meta" in read_npz(path) else "measured"
+
+
+def _file(path: Path) -> Path:
+    if not path.is_dir():
+        return path
+    if not (path / TRAJECTORY).is_file():
+        raise InputError(f"{path}: has no {TRAJECTORY}; allowed: a folder that eomgen simulate wrote, or a file")
+    return path / TRAJECTORY
+
+
+# Figures
+
+
+def figures_of(
+    found: Measured,
+    *,
+    match: str = "plane",
+    band: float | None = None,
+    distances: Sequence[tuple[str, str]] | None = None,
+    load: str = "",
+    rate: str = "",
+) -> AccuracyResult:
+    """All figures of attained poses and paths; arguments and errors as of ``accuracy``."""
+    _check_cycles(found)
+    poses = tuple(pose_figures(pose) for pose in found.poses)
+    paths = tuple(path_figures(path, match) for path in found.paths)
+    stops, unsettled = stop_figures(found.poses, poses, band)
+    notes = [*_standard(found), *_exactly(found), *found.notes, *_convention(found, match), *_far(poses, paths)]
+    return AccuracyResult(
+        source=found.source,
+        robot=found.robot,
+        frame=found.frame,
+        load=load or found.load or "not stated",
+        rate=rate or found.rate or "not stated",
+        exact=found.exact,
+        poses=poses,
+        paths=paths,
+        distances=distance_figures(found.poses, distances),
+        stops=stops,
+        notes=(*notes, *unsettled),
+    )
+
+
+def _check_cycles(found: Measured) -> None:
+    """InputError where something was done once, though nothing says that it repeats itself."""
+    for kind, items in (("pose", found.poses), ("path", found.paths)):
+        for item in items:
+            if len(item.cycles) < 2 and not found.exact:
+                raise InputError(
+                    f"{kind} {item.name}: has one cycle, which says nothing of repeatability; allowed: 2 or more"
+                )
+
+
+# Notes
+
+
+def _standard(found: Measured) -> list[str]:
+    """Say what the standard asks for and is not there: figures then follow its formulas and are not its figures."""
+    lacks = []
+    if found.poses:
+        cycles = min(len(pose.cycles) for pose in found.poses)
+        if cycles < CYCLES or len(found.poses) < POSES:
+            lacks.append(f"{CYCLES} cycles at {POSES} poses (here {cycles} at {len(found.poses)})")
+    if found.paths:
+        cycles = min(len(path.cycles) for path in found.paths)
+        if cycles < PATH_CYCLES:
+            lacks.append(f"{PATH_CYCLES} cycles of a path (here {cycles})")
+    if not lacks:
+        return []
+    return [f"{STANDARD} asks for {' and '.join(lacks)}: the figures follow its formulas and are not those of it"]
+
+
+def _exactly(found: Measured) -> list[str]:
+    if not found.exact:
+        return []
+    return ["the simulation repeats itself exactly: RP and RT are 0 and say nothing of the robot"]
+
+
+def _convention(found: Measured, match: str) -> list[str]:
+    notes = []
+    if any(pose.rotation is not None and pose.attained_rotation is not None for pose in found.poses):
+        notes.append("a, b and c: components of the rotation vector from the commanded to the attained axes, base axes")
+    if found.paths:
+        by = "in planes normal to the commanded path" if match == "plane" else "sample by sample"
+        notes.append(f"paths are compared {by}")
+    return notes
+
+
+def _far(poses: Sequence[PoseFigures], paths: Sequence[PathFigures]) -> list[str]:
+    """Say what is more likely a mistake than a robot's error, and which points of paths are left out."""
+    notes = []
+    far = [pose for pose in poses if pose.accuracy > _FAR]
+    if far:
+        most = max(pose.accuracy for pose in far)
+        names = listed(pose.name for pose in far)
+        notes.append(f"poses {names}: up to {most:.3g} m from their commands: are units and base the same?")
+    turned = [pose.name for pose in poses if pose.turned is not None and max(map(abs, pose.turned)) > _FAR]
+    if turned:
+        notes.append(f"poses {listed(turned)}: turned by more than {_FAR:g} rad: is the rotation of that kind?")
+    for path in paths:
+        if path.left_out:
+            notes.append(
+                f"path {path.name}: {path.left_out} of {path.left_out + path.points} points are not passed by"
+                " all cycles and are left out"
+            )
+    return notes

@@ -1,0 +1,210 @@
+"""The formulas of ISO 9283:1998, clauses 7 and 8, on arrays: n cycles, positions in m, angles in rad."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...motion.turns import vector_of
+
+Array = NDArray[np.float64]
+
+_SMALL = 1e-4  # sine of an angle, below which a series takes the place of a quotient
+_NEARLY_HALF = -0.99  # cosine of an angle from which on the axis is read off the symmetric part
+STEADY = 0.99  # of the greatest commanded speed, from which on a path's speed is looked at
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """Attained positions about their barycentre.
+
+    barycentre: (3,), m.  mean, deviation: l-bar and S_l of the distances to it, m; S_l by n - 1, 0 of one cycle.
+    """
+
+    barycentre: Array
+    mean: float
+    deviation: float
+
+    @property
+    def repeatability(self) -> float:
+        """RP_l = l-bar + 3 S_l, m."""
+        return self.mean + 3.0 * self.deviation
+
+
+def scatter(positions: Array) -> Scatter:
+    """Scatter of positions, (n, 3), m."""
+    barycentre = positions.mean(axis=0)
+    distances = np.linalg.norm(positions - barycentre, axis=1)
+    return Scatter(barycentre, float(distances.mean()), float(deviations(distances)))
+
+
+def deviations(values: Array) -> Array:
+    """Standard deviations by n - 1 along the first axis; 0 of a single value."""
+    if len(values) < 2:
+        return np.zeros(values.shape[1:])
+    return np.asarray(values.std(axis=0, ddof=1))
+
+
+def rotation_vectors(rotations: Array) -> Array:
+    """Rotation vectors, (..., 3), rad, of rotations, (..., 3, 3)."""
+    flat = rotations.reshape(-1, 3, 3)
+    skew = [flat[:, 2, 1] - flat[:, 1, 2], flat[:, 0, 2] - flat[:, 2, 0], flat[:, 1, 0] - flat[:, 0, 1]]
+    axis = 0.5 * np.stack(skew, axis=1)
+    sine, cosine = np.linalg.norm(axis, axis=1), 0.5 * (np.trace(flat, axis1=1, axis2=2) - 1.0)
+    small = sine <= _SMALL
+    factor = np.where(small, 1.0 + sine**2 / 6.0, np.arctan2(sine, cosine) / np.where(small, 1.0, sine))
+    found = factor[:, np.newaxis] * axis
+    for i in np.flatnonzero(cosine <= _NEARLY_HALF).tolist():
+        found[i] = vector_of(flat[i])
+    return np.asarray(found.reshape(rotations.shape[:-1]))
+
+
+def turns_from(command: Array, attained: Array) -> Array:
+    """Angles a, b, c about the axes of the base by which attained axes are turned from the commanded ones, (..., 3).
+
+    They are the components of the rotation vector of R R_c^T, so that no pose is a pole.
+    """
+    return rotation_vectors(attained @ np.swapaxes(command, -1, -2))
+
+
+@dataclass(frozen=True)
+class DistanceScatter:
+    """Distances between two poses, attained against commanded: accuracy AD, repeatability RD = 3 S."""
+
+    command: float
+    mean: float
+    accuracy: float
+    repeatability: float
+    by_axis: Array  # AD of x, y and z, (3,)
+    by_axis_repeatability: Array
+
+
+def distance_scatter(command: Array, attained: Array) -> DistanceScatter:
+    """Distances between commanded positions, (2, 3), and attained ones, (n, 2, 3): clause 7.3."""
+    wanted, found = command[1] - command[0], attained[:, 1] - attained[:, 0]
+    length, lengths = float(np.linalg.norm(wanted)), np.linalg.norm(found, axis=1)
+    return DistanceScatter(
+        command=length,
+        mean=float(lengths.mean()),
+        accuracy=float(lengths.mean()) - length,
+        repeatability=3.0 * float(deviations(lengths)),
+        by_axis=np.abs(found).mean(axis=0) - np.abs(wanted),
+        by_axis_repeatability=3.0 * deviations(np.abs(found)),
+    )
+
+
+def stabilization(t: Array, positions: Array, attained: Array, band: float) -> tuple[float, float]:
+    """Stabilization time, s, and overshoot, m, of one stop: clauses 7.4 and 7.5.
+
+    The time begins where the tool first comes within ``band`` of the attained position and ends where it comes in for
+    good, both interpolated between samples.  Overshoot is the greatest distance after the first coming in, and 0 where
+    that lies within the band.
+
+    Args:
+        t, positions: the record, (T,), s, increasing, and (T, 3), m; its last sample lies within the band.
+        attained: the position that was attained, (3,), m.
+        band: the limit band, m.
+    """
+    distance = np.linalg.norm(positions - attained, axis=1)
+    inside = distance <= band
+    first = int(np.argmax(inside))
+    outside = np.flatnonzero(~inside[first:]) + first
+    if not outside.size:
+        return 0.0, 0.0
+    farthest = float(distance[first:].max())
+    last = int(outside[-1]) + 1
+    return _crossing(t, distance, last, band) - _crossing(t, distance, first, band), farthest
+
+
+def _crossing(t: Array, distance: Array, i: int, band: float) -> float:
+    """Time at which the distance falls to the band in front of sample i, that is within it."""
+    if i == 0:
+        return float(t[0])
+    part = (distance[i - 1] - band) / (distance[i - 1] - distance[i])
+    return float(t[i - 1] + part * (t[i] - t[i - 1]))
+
+
+def tangents(points: Array) -> Array:
+    """Unit tangents, (m, 3), of a path through points, (m, 3), of which no two neighbours are the same."""
+    along = np.empty_like(points)
+    along[1:-1] = points[2:] - points[:-2]
+    along[0], along[-1] = points[1] - points[0], points[-1] - points[-2]
+    size = np.linalg.norm(along, axis=1)
+    back = size == 0.0  # the path turns round on itself
+    along[back] = (points[1:] - points[:-1])[np.flatnonzero(back) - 1]
+    return np.asarray(along / np.linalg.norm(along, axis=1, keepdims=True))
+
+
+def arc(points: Array) -> Array:
+    """Lengths of the path from its begin to each point, (m,), m."""
+    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+
+
+def at_planes(points: Array, along: Array, near: NDArray[np.intp], attained: Array) -> Array:
+    """Places at which an attained path goes through the normal planes of the commanded one.
+
+    Args:
+        points, along: of the commanded path, (m, 3) and its unit tangents.
+        near: samples of the attained path that the search begins at, (m,).
+        attained: the attained path, (k, 3), straight between its samples.
+
+    Returns:
+        Samples with their fractions, (m,); NaN where the path ends before the plane.
+    """
+    found = np.full(len(points), np.nan)
+    open_ones = np.arange(len(points))
+    here = near.copy()
+    height = np.einsum("mi,mi->m", attained[here] - points, along)
+    hit = height == 0.0
+    found[hit] = here[hit]
+    open_ones = open_ones[~hit]
+    way = np.where(height < 0.0, 1, -1)  # behind the plane: on, in front of it: back
+    while open_ones.size:
+        following = here[open_ones] + way[open_ones]
+        there = (following >= 0) & (following < len(attained))
+        open_ones, following = open_ones[there], following[there]
+        old = height[open_ones]
+        new = np.einsum("mi,mi->m", attained[following] - points[open_ones], along[open_ones])
+        through = (old < 0.0) != (new < 0.0)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            part = old / (old - new)
+        found[open_ones[through]] = (here[open_ones] + way[open_ones] * part)[through]
+        here[open_ones], height[open_ones] = following, new
+        open_ones = open_ones[~through]
+    return found
+
+
+def between(values: Array, places: Array) -> Array:
+    """Values, (k, ...), at samples with fractions, (m,), linear between samples."""
+    low = np.minimum(places.astype(np.intp), len(values) - 1)
+    high = np.minimum(low + 1, len(values) - 1)
+    part = (places - low).reshape(-1, *(1,) * (values.ndim - 1))
+    return np.asarray(values[low] + part * (values[high] - values[low]))
+
+
+@dataclass(frozen=True)
+class PathScatter:
+    """Attained points of a path, (n, m, 3), against the commanded ones: distances by point, (m,), m.
+
+    accuracy: of the barycentre to the command.  repeatability: l-bar + 3 S_l.
+    """
+
+    accuracy: Array
+    repeatability: Array
+
+
+def path_scatter(command: Array, attained: Array) -> PathScatter:
+    """Clauses 8.2 and 8.3: the figures are the greatest of each."""
+    barycentre = attained.mean(axis=0)
+    distances = np.linalg.norm(attained - barycentre, axis=2)
+    accuracy = np.linalg.norm(barycentre - command, axis=1)
+    return PathScatter(accuracy, np.asarray(distances.mean(axis=0) + 3.0 * deviations(distances)))
+
+
+def speeds(t: Array, positions: Array) -> Array:
+    """Speeds along a path, (T,), m/s: differences of neighbouring samples on both sides."""
+    if len(t) < 2:
+        return np.zeros(len(t))
+    return np.asarray(np.linalg.norm(np.gradient(positions, t, axis=0), axis=1))

@@ -1,0 +1,331 @@
+"""Poses and paths of measured files: a row for each sample, by the number of its pose or path and of its cycle."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path as File
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InputError, UnknownNameError
+from ...motion.csv_columns import read_csv
+from ...motion.turns import rotation_of
+from ...names import component_name, listed, nearest, show, split_component
+from ...npz import read_npz
+from .attained import Measured, Path, Pose, Record
+
+Array = NDArray[np.float64]
+
+AXES = ("x", "y", "z")
+TURNS = ("rx", "ry", "rz")
+QUATERNION = ("qw", "qx", "qy", "qz")
+COMMAND = "command"  # F.command.x: the command beside what was attained
+ROTATIONS = ("rotvector", "rpy", "quaternion")
+COLUMNS = "pose or path (its number), cycle, t, F.x, F.y, F.z (m), F.rx, F.ry, F.rz (rad), F.command.x and its like"
+SAME = 1e-9  # m or rad: by less than that commands are the same
+_UNIT = 1e-3  # by which the length of a quaternion may differ from 1
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """Columns of a file, and what messages call a row."""
+
+    source: str
+    columns: Mapping[str, Array]
+    place: Callable[[int], str]
+
+    @property
+    def size(self) -> int:
+        return len(next(iter(self.columns.values())))
+
+    def fail(self, message: str, row: int | None = None) -> InputError:
+        return InputError(f"{self.source if row is None else self.place(row)}: {message}")
+
+
+def from_files(
+    paths: Sequence[File], *, command: File | None = None, frame: str | None = None, rotation: str = "rotvector"
+) -> Measured:
+    """Poses and paths of one or more files.
+
+    Rows with a column ``pose`` are of poses, those with ``path`` of paths; numbers say which.  Rows of one pose are its
+    cycles, unless ``cycle`` says which they are of; with ``t`` each cycle may have many rows, of which the last one is
+    what was attained.  Cycles of several files are different ones.
+
+    Args:
+        paths: .csv or .npz with COLUMNS.
+        command: file of the commands: ``pose`` or ``path``, and F.x and its like; else F.command.x beside F.x.
+        frame: the F to look at, where there are several.
+        rotation: what F.rx, F.ry and F.rz are, of ROTATIONS.
+
+    Raises:
+        InputError: with the file and the row; UnknownNameError of a frame that no column has.
+    """
+    if rotation not in ROTATIONS:
+        raise InputError(f"rotation: {show(rotation)}; allowed: {', '.join(ROTATIONS)}")
+    tables = [_read(path) for path in paths]
+    given = None if command is None else _read(command)
+    frame = _frame(tables[0], frame)
+    poses: dict[int, _Gathered] = {}
+    ways: dict[int, _Gathered] = {}
+    notes: list[str] = []
+    for table in tables:
+        kinds = [kind for kind in ("pose", "path") if kind in table.columns]
+        if len(kinds) != 1:
+            got = "both columns, pose and path" if kinds else "no column pose or path"
+            raise table.fail(f"has {got}; allowed: {COLUMNS}, with one of the two")
+        records = _records(table, frame, rotation)
+        before = [label for item in (*poses.values(), *ways.values()) for label in item.cycles]
+        _gather(
+            table,
+            kinds[0],
+            records,
+            _commands(table, given, kinds[0], frame, rotation),
+            poses if kinds == ["pose"] else ways,
+            max(before) if before else None,
+        )
+    if given is not None:
+        for kind, found in (("pose", poses), ("path", ways)):
+            if kind in given.columns and found:
+                unused = sorted(set(_numbers(given, kind).tolist()) - set(found))
+                notes += [f"{kind} {number} is commanded and was never measured" for number in unused]
+    made = [_pose(number, gathered) for number, gathered in sorted(poses.items())]
+    paths_found = [_path(number, gathered) for number, gathered in sorted(ways.items())]
+    recorded = [*(pose.cycles for pose in made), *(path.cycles for path in paths_found)]
+    lacking = any(record.rotation is None for cycles in recorded for record in cycles)
+    if lacking:
+        wanted = ", ".join(component_name(frame, key) for key in TURNS)
+        notes.append(f"no orientation was measured ({wanted}): figures are of positions alone")
+    return Measured(
+        source="measured",
+        robot="",
+        frame=frame,
+        load="",
+        rate="",
+        poses=tuple(made),
+        paths=tuple(paths_found),
+        exact=False,
+        notes=tuple(notes),
+    )
+
+
+# Files
+
+
+def _read(path: File) -> _Rows:
+    if path.suffix == ".csv":
+        try:
+            columns, lines = read_csv(path, rule=COLUMNS)
+        except (OSError, ValueError) as error:  # ValueError: a path with a NUL
+            if isinstance(error, InputError):
+                raise
+            raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+        return _Rows(str(path), columns, lambda row: f"{path}: line {lines[row]}")
+    if path.suffix != ".npz":
+        raise InputError(f"{show(str(path))}: is no measured file; allowed: a path that ends in .csv or .npz")
+    arrays = read_npz(path)
+    for name, array in arrays.items():
+        size = next(iter(arrays.values())).shape
+        if array.dtype.kind not in "fiu" or array.ndim != 1 or array.shape != size or not array.size:
+            raise InputError(
+                f"{path}: array {show(name)} has dtype {array.dtype} and shape {array.shape};"
+                " allowed: numbers, one for each row, equally many of each"
+            )
+        bad = np.flatnonzero(~np.isfinite(array))
+        if bad.size:
+            raise InputError(f"{path}: row {bad[0]}: column {show(name)}: {array[bad[0]]}; allowed: a finite number")
+    if not arrays:
+        raise InputError(f"{path}: has no arrays; allowed: {COLUMNS}")
+    found = {name: array.astype(np.float64) for name, array in arrays.items()}
+    return _Rows(str(path), found, lambda row: f"{path}: row {row}")
+
+
+def _frame(table: _Rows, wanted: str | None) -> str:
+    """The frame that is looked at: the one that is named, or the only one that has x, y and z."""
+    owners = dict.fromkeys(split_component(name)[0] for name in table.columns if "." in name)
+    whole = [owner for owner in owners if all(component_name(owner, axis) in table.columns for axis in AXES)]
+    known = [owner for owner in whole if split_component(owner)[1] != COMMAND]
+    if wanted is not None:
+        if wanted not in known:
+            raise UnknownNameError(
+                f"{table.source}: the frame {show(wanted)} has no columns x, y and z{nearest(wanted, known)};"
+                f" known: {listed(known) or 'none'}"
+            )
+        return wanted
+    if len(known) != 1:
+        got = f"those of {listed(known)}" if known else "no columns F.x, F.y and F.z of any frame F"
+        raise table.fail(f"has {got}; allowed: of one frame, or say which ({COLUMNS})")
+    return known[0]
+
+
+def _numbers(table: _Rows, name: str) -> NDArray[np.int64]:
+    values = table.columns[name]
+    bad = np.flatnonzero((values != np.floor(values)) | (np.abs(values) > 1e9))
+    if bad.size:
+        row = int(bad[0])
+        raise table.fail(f"column {name}: {values[row]:g}; allowed: whole numbers", row)
+    return values.astype(np.int64)
+
+
+def _records(table: _Rows, owner: str, rotation: str) -> tuple[Array, Array | None]:
+    """Positions (N, 3) and rotations (N, 3, 3) or None of an owner's columns."""
+    position = np.stack([table.columns[component_name(owner, axis)] for axis in AXES], axis=1)
+    keys = QUATERNION if rotation == "quaternion" else TURNS
+    names = [component_name(owner, key) for key in keys]
+    missing = [name for name in names if name not in table.columns]
+    other = [component_name(owner, key) for key in (TURNS if rotation == "quaternion" else QUATERNION)]
+    if missing:
+        found = [name for name in (*names, *other) if name in table.columns]
+        if found:
+            raise table.fail(
+                f"has {listed(found)} and not {listed(missing)}; allowed: all of {listed(names)} (rotation:"
+                f" {rotation}), or none"
+            )
+        return position, None
+    angles = np.stack([table.columns[name] for name in names], axis=1)
+    if rotation == "rotvector":
+        return position, rotation_of(angles)
+    if rotation == "rpy":
+        x, y, z = (rotation_of(angles[:, i : i + 1] * np.eye(3)[i]) for i in range(3))
+        return position, np.asarray(z @ y @ x)
+    return position, _by_quaternions(table, angles)
+
+
+def _by_quaternions(table: _Rows, quaternion: Array) -> Array:
+    size = np.linalg.norm(quaternion, axis=1)
+    bad = np.flatnonzero(np.abs(size - 1.0) > _UNIT)
+    if bad.size:
+        raise table.fail(f"a quaternion of length {size[bad[0]]:g}; allowed: 1", int(bad[0]))
+    w, vector = quaternion[:, 0] / size, quaternion[:, 1:] / size[:, np.newaxis]
+    sine = np.linalg.norm(vector, axis=1)
+    safe = np.where(sine > 0.0, sine, 1.0)
+    angle = 2.0 * np.arctan2(sine, w)
+    return rotation_of(vector * (np.where(sine > 0.0, angle / safe, 2.0))[:, np.newaxis])
+
+
+# Cycles
+
+
+@dataclass
+class _Gathered:
+    """Records of one pose or path by cycle, and its command."""
+
+    command: Record
+    cycles: dict[int, Record]
+
+
+_Commands = Callable[[int, NDArray[np.intp]], Record]
+
+
+def _commands(table: _Rows, given: _Rows | None, kind: str, frame: str, rotation: str) -> _Commands:
+    """A function that says what is commanded of the rows of one pose or path: from their columns or the other file."""
+    owner = component_name(frame, COMMAND)
+    beside = all(component_name(owner, axis) in table.columns for axis in AXES)
+    if given is None and not beside:
+        wanted = ", ".join(component_name(owner, axis) for axis in AXES)
+        raise table.fail(f"says no commands; allowed: columns {wanted}, or a file of commands")
+    if given is not None and beside:
+        raise table.fail(f"has commands, and so has {given.source}; allowed: one of them")
+    source, owner = (table, owner) if given is None else (given, frame)
+    if given is not None:
+        _frame(given, frame)
+        if kind not in given.columns:
+            raise given.fail(f"has no column {kind}, which {table.source} has; allowed: with it")
+    position, rotations = _records(source, owner, rotation)
+    t = source.columns.get("t")
+    known = None if given is None else _numbers(given, kind)
+    rows_of = {} if known is None else {int(known[rows[0]]): rows for rows in _groups(known)}
+
+    def commands(number: int, rows: NDArray[np.intp]) -> Record:
+        chosen = rows_of.get(number) if given is not None else rows
+        if chosen is None:
+            assert given is not None
+            raise given.fail(f"has no command of {kind} {number}, which {table.source} has; allowed: one for each")
+        return Record(
+            None if t is None else t[chosen], position[chosen], None if rotations is None else rotations[chosen]
+        )
+
+    return commands
+
+
+def _gather(
+    table: _Rows,
+    kind: str,
+    records: tuple[Array, Array | None],
+    commands: _Commands,
+    into: dict[int, _Gathered],
+    last: int | None,
+) -> None:
+    """Sort the rows of a file by pose or path and by cycle; ``last`` is the number of the last cycle of other files."""
+    numbers, (position, rotation), t = _numbers(table, kind), records, table.columns.get("t")
+    cycle = _cycles(table, kind, numbers)
+    if last is not None:
+        cycle = cycle + (last + 1 - cycle.min())
+    for rows in _groups(numbers, cycle):
+        number, label = int(numbers[rows[0]]), int(cycle[rows[0]])
+        what = f"{kind} {number}, cycle {label}"
+        _check_rows(table, kind, what, rows)
+        command = commands(number, rows)
+        gathered = into.setdefault(number, _Gathered(command, {}))
+        _check_command(table, kind, what, gathered.command, command, int(rows[0]))
+        turned = None if rotation is None else rotation[rows]
+        gathered.cycles[label] = Record(None if t is None else t[rows], position[rows], turned)
+
+
+def _groups(*keys: NDArray[np.int64]) -> list[NDArray[np.intp]]:
+    """Rows that have the same keys, in their order; groups by rising keys, the first key first."""
+    order = np.lexsort(keys[::-1])
+    changes = np.logical_or.reduce([np.diff(key[order]) != 0 for key in keys])
+    return np.split(order, np.flatnonzero(changes) + 1)
+
+
+def _cycles(table: _Rows, kind: str, numbers: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The cycle of each row: as the file says; else rows of one pose are cycles, and a file with paths is one."""
+    if "cycle" in table.columns:
+        return _numbers(table, "cycle")
+    if kind == "pose" and "t" in table.columns:
+        raise table.fail("has t and no column cycle; allowed: both, where a cycle has many samples")
+    cycle = np.ones(table.size, dtype=np.int64)
+    if kind == "pose":
+        for rows in _groups(numbers):
+            cycle[rows] = np.arange(1, len(rows) + 1)
+    return cycle
+
+
+def _check_rows(table: _Rows, kind: str, what: str, rows: NDArray[np.intp]) -> None:
+    t = table.columns.get("t")
+    if t is None:
+        if kind == "pose" and len(rows) > 1:
+            raise table.fail(f"{what}: {len(rows)} rows; allowed: one, or a column t", int(rows[1]))
+        return
+    late = np.flatnonzero(np.diff(t[rows]) <= 0.0)
+    if late.size:
+        before, after = rows[late[0]], rows[late[0] + 1]
+        raise table.fail(f"{what}: t is {t[after]:g} after {t[before]:g}; allowed: increasing times", int(after))
+
+
+def _check_command(table: _Rows, kind: str, what: str, known: Record, new: Record, row: int) -> None:
+    """InputError where rows of one pose or path are commanded different things."""
+    pairs = [(known.position, new.position)]
+    if known.rotation is not None and new.rotation is not None:
+        pairs.append((known.rotation, new.rotation))
+    for ours, theirs in pairs:
+        wanted = np.broadcast_to(ours[0], theirs.shape) if kind == "pose" else ours
+        if wanted.shape != theirs.shape or np.abs(wanted - theirs).max() > SAME:
+            raise table.fail(
+                f"{what}: is commanded something else than before; allowed: one command of each {kind}", row
+            )
+
+
+def _pose(number: int, gathered: _Gathered) -> Pose:
+    command = gathered.command
+    rotation = None if command.rotation is None else np.asarray(command.rotation[0])
+    labels = sorted(gathered.cycles)
+    cycles = tuple(gathered.cycles[label] for label in labels)
+    return Pose(str(number), np.asarray(command.position[0]), rotation, cycles, tuple(labels))
+
+
+def _path(number: int, gathered: _Gathered) -> Path:
+    labels = sorted(gathered.cycles)
+    return Path(str(number), gathered.command, tuple(gathered.cycles[label] for label in labels))

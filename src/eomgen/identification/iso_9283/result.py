@@ -1,0 +1,346 @@
+"""Figures of ISO 9283 as values: their table, their file, and how they differ from what the standard asks for."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InputError
+from ...files import read_regular, write_atomically
+from ...forms.plain import parse_json, value_of
+from ...shown import Shown
+from ...tabular import Rows, TableColumn, Tabular
+
+Vector = tuple[float, float, float]
+
+STANDARD = "ISO 9283:1998"
+FORMAT = 1  # raised when a reader of the old one would misread it
+_MOST_BYTES = 1 << 26
+_MOST_MEMORY = 1 << 29
+
+
+def vector(values: NDArray[np.float64]) -> Vector:
+    """Three numbers of an array."""
+    x, y, z = values.tolist()
+    return x, y, z
+
+
+@dataclass(frozen=True, kw_only=True)
+class PoseFigures:
+    """Figures of one pose, clause 7.2; m, rad, axes of the base.
+
+    Attributes:
+        name: of the pose.
+        cycles: number of times that it was attained.
+        command, barycentre: positions.
+        offset: AP_x, AP_y, AP_z, barycentre less command; accuracy: AP_p, its length.
+        mean, deviation: l-bar and S_l of the distances to the barycentre, S_l by n - 1.
+        repeatability: RP_l = l-bar + 3 S_l.
+        turned: AP_a, AP_b, AP_c: mean angles by which the tool is turned from its command; None without orientations.
+        turning: RP_a, RP_b, RP_c: 3 standard deviations of the same angles.
+        attained: positions, one for each cycle.
+    """
+
+    name: str
+    cycles: int
+    command: Vector
+    barycentre: Vector
+    offset: Vector
+    accuracy: float
+    mean: float
+    deviation: float
+    repeatability: float
+    turned: Vector | None = None
+    turning: Vector | None = None
+    attained: tuple[Vector, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpeedFigures:
+    """Velocities along a path, clause 8.6, where the command has at least 99 % of its greatest speed.
+
+    command: mean commanded speed, m/s.  accuracy, repeatability: AV and RV, as shares of it (0.01 is 1 %).
+    fluctuation: FV, m/s, the greatest of all cycles.
+    """
+
+    command: float
+    accuracy: float
+    repeatability: float
+    fluctuation: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class PathFigures:
+    """Figures of one path, clause 8; m, rad.
+
+    Attributes:
+        name: of the path.
+        cycles: number of times that it was followed.
+        length: of the commanded path.
+        points: number of its points that were compared; left_out: of those that not every cycle passes.
+        accuracy: AT_p, greatest distance of a barycentre from its commanded point.
+        repeatability: RT_p, greatest l-bar + 3 S_l of a point.
+        accuracy_at, repeatability_at: lengths along the path where those are.
+        turned, turning: AT_a, AT_b, AT_c and RT_a, RT_b, RT_c: greatest of all points; None without orientations.
+        speed: velocities; None where times are not known.
+        along, offsets, scatters: by point (points,): length along the path, distance of the barycentre, l-bar + 3 S_l.
+    """
+
+    name: str
+    cycles: int
+    length: float
+    points: int
+    left_out: int
+    accuracy: float
+    repeatability: float
+    accuracy_at: float
+    repeatability_at: float
+    turned: Vector | None = None
+    turning: Vector | None = None
+    speed: SpeedFigures | None = None
+    along: tuple[float, ...] = ()
+    offsets: tuple[float, ...] = ()
+    scatters: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class DistanceFigures:
+    """Distance between two poses, clause 7.3; m, rad.
+
+    Attributes:
+        poses: names of both.
+        cycles: number of cycles that attained both.
+        command, mean: distances; accuracy: AD_p, mean less command; repeatability: RD_p = 3 S, by n - 1.
+        by_axis, by_axis_repeatability: AD and RD of x, y and z.
+        turned, turning: AD and RD of the angles a, b and c between both orientations; None without orientations.
+    """
+
+    poses: tuple[str, str]
+    cycles: int
+    command: float
+    mean: float
+    accuracy: float
+    repeatability: float
+    by_axis: Vector
+    by_axis_repeatability: Vector
+    turned: Vector | None = None
+    turning: Vector | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class StopFigures:
+    """Coming to rest at a pose, clauses 7.4 and 7.5.
+
+    band: limit band, m.  time: stabilization time, s, mean of the cycles.  overshoot: the greatest of them, m.
+    """
+
+    pose: str
+    cycles: int
+    band: float
+    time: float
+    overshoot: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class AccuracyResult(Shown, Tabular):
+    """Figures by the definitions of ISO 9283:1998.
+
+    Attributes:
+        source: "simulated", "samples of a plan" or "measured".
+        robot, frame: names; robot is empty where files do not say it.
+        load, rate: load and speed of the test, in words.
+        exact: whether cycles repeat themselves because nothing differs between them, so that RP and RT are 0.
+        poses, paths, distances, stops: figures of each.
+        notes: lines about the method, and about what differs from the standard's test.
+    """
+
+    source: str
+    robot: str
+    frame: str
+    load: str
+    rate: str
+    exact: bool
+    poses: tuple[PoseFigures, ...]
+    paths: tuple[PathFigures, ...]
+    distances: tuple[DistanceFigures, ...]
+    stops: tuple[StopFigures, ...]
+    notes: tuple[str, ...]
+
+    def summary(self) -> dict[str, Any]:
+        """The worst of each figure, as plain numbers in SI units; None where there is none."""
+        worst = {
+            "AP": [item.accuracy for item in self.poses],
+            "RP": [item.repeatability for item in self.poses],
+            "AT": [item.accuracy for item in self.paths],
+            "RT": [item.repeatability for item in self.paths],
+            "AD": [abs(item.accuracy) for item in self.distances],
+            "RD": [item.repeatability for item in self.distances],
+            "stabilization": [item.time for item in self.stops],
+            "overshoot": [item.overshoot for item in self.stops],
+        }
+        return {name: max(values, default=None) for name, values in worst.items()}
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON."""
+        return {"standard": STANDARD, "summary": self.summary(), **asdict(self)}
+
+    def as_rows(self) -> Rows:
+        """A row per figure by its symbol and what it is of: value and unit, SI."""
+        found = list(self._figures())
+        columns = [
+            TableColumn("of", "", np.array([of for of, _, _, _ in found], dtype=object)),
+            TableColumn("value", "SI", np.array([value for _, _, value, _ in found], dtype=np.float64)),
+            TableColumn("unit", "", np.array([unit for _, _, _, unit in found], dtype=object)),
+        ]
+        about = {"robot": self.robot, "frame": self.frame, "source": self.source}
+        return Rows("figure", "", np.array([symbol for _, symbol, _, _ in found], dtype=object), columns, about)
+
+    def _figures(self) -> Iterator[tuple[str, str, float, str]]:
+        """Every figure: whose it is, symbol, value and unit."""
+        for pose in self.poses:
+            of = f"pose {pose.name}"
+            yield of, "AP_p", pose.accuracy, "m"
+            yield from ((of, f"AP_{axis}", x, "m") for axis, x in zip("xyz", pose.offset, strict=True))
+            yield of, "RP_l", pose.repeatability, "m"
+            yield from _angles(of, "P", pose.turned, pose.turning)
+        for path in self.paths:
+            of = f"path {path.name}"
+            yield of, "AT_p", path.accuracy, "m"
+            yield of, "RT_p", path.repeatability, "m"
+            yield from _angles(of, "T", path.turned, path.turning)
+            if path.speed is not None:
+                yield of, "AV", path.speed.accuracy, "1"
+                yield of, "RV", path.speed.repeatability, "1"
+                yield of, "FV", path.speed.fluctuation, "m/s"
+        for distance in self.distances:
+            of = f"poses {' and '.join(distance.poses)}"
+            yield of, "AD_p", distance.accuracy, "m"
+            yield of, "RD_p", distance.repeatability, "m"
+            for letter, values in (("A", distance.by_axis), ("R", distance.by_axis_repeatability)):
+                yield from ((of, f"{letter}D_{axis}", x, "m") for axis, x in zip("xyz", values, strict=True))
+            yield from _angles(of, "D", distance.turned, distance.turning)
+        for stop in self.stops:
+            yield f"pose {stop.pose}", "t", stop.time, "s"
+            yield f"pose {stop.pose}", "OV", stop.overshoot, "m"
+
+    def lines(self) -> list[str]:
+        """Tables for people: lengths in mm, angles in mrad."""
+        name = f"{self.robot}, {self.frame}" if self.robot else self.frame
+        lines = [f"{name}: accuracy by the definitions of {STANDARD}, {self.source}"]
+        lines += [f"  load: {self.load}", f"  rate: {self.rate}", ""]
+        for rows in (self._pose_rows(), self._path_rows(), self._distance_rows(), self._stop_rows()):
+            lines += [*_table(rows), ""] if len(rows) > 1 else []
+        return lines + [f"note: {text}" for text in self.notes]
+
+    def _pose_rows(self) -> Sequence[tuple[str, ...]]:
+        head = ("pose", "cycles", "AP mm", "RP mm", "AP a b c mrad", "RP a b c mrad")
+        return [head] + [
+            (
+                item.name,
+                str(item.cycles),
+                _milli(item.accuracy),
+                _milli(item.repeatability),
+                _angle_text(item.turned),
+                _angle_text(item.turning),
+            )
+            for item in self.poses
+        ]
+
+    def _path_rows(self) -> Sequence[tuple[str, ...]]:
+        head = ("path", "cycles", "AT mm", "RT mm", "AT a b c mrad", "RT a b c mrad", "AV %", "RV %", "FV mm/s")
+        return [head] + [
+            (
+                item.name,
+                str(item.cycles),
+                _milli(item.accuracy),
+                _milli(item.repeatability),
+                _angle_text(item.turned),
+                _angle_text(item.turning),
+                *_speed_texts(item.speed),
+            )
+            for item in self.paths
+        ]
+
+    def _distance_rows(self) -> Sequence[tuple[str, ...]]:
+        head = ("poses", "cycles", "distance mm", "AD mm", "RD mm")
+        return [head] + [
+            (
+                " - ".join(item.poses),
+                str(item.cycles),
+                f"{1e3 * item.command:.6g}",
+                f"{1e3 * item.accuracy:+.4g}",
+                _milli(item.repeatability),
+            )
+            for item in self.distances
+        ]
+
+    def _stop_rows(self) -> Sequence[tuple[str, ...]]:
+        head = ("stop", "cycles", "band mm", "stabilization s", "overshoot mm")
+        return [head] + [
+            (item.pose, str(item.cycles), _milli(item.band), f"{item.time:.4g}", _milli(item.overshoot))
+            for item in self.stops
+        ]
+
+    def save(self, path: Path | str) -> Path:
+        """Write all figures as .json, to a temporary name first, and return the path.
+
+        Raises:
+            InputError: another suffix, or the file cannot be written.
+        """
+        target = Path(path)
+        if target.suffix != ".json":
+            raise InputError(f"{target}: the suffix {target.suffix!r} is none of a result; allowed: .json")
+        text = json.dumps({"standard": STANDARD, "format": FORMAT, **asdict(self)}, indent=1)
+        return write_atomically(target, lambda stream: stream.write(text.encode("ascii")))
+
+
+def load_accuracy(path: Path | str) -> AccuracyResult:
+    """The figures that ``AccuracyResult.save`` wrote.
+
+    Raises:
+        InputError: the file cannot be read, or is no such file; says what in it is wrong.
+    """
+    source = Path(path)
+    try:
+        text = read_regular(source, _MOST_BYTES).decode("utf-8")
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    data = parse_json(text, str(path), _MOST_MEMORY)
+    if not isinstance(data, dict) or data.get("standard") != STANDARD or data.get("format") != FORMAT:
+        raise InputError(f"{path}: holds no figures of {STANDARD}; allowed: a file that eomgen accuracy wrote")
+    rest = {key: value for key, value in data.items() if key not in ("standard", "format")}
+    found: AccuracyResult = value_of(AccuracyResult, rest, str(path))
+    return found
+
+
+def _angles(of: str, kind: str, turned: Vector | None, turning: Vector | None) -> Iterator[tuple[str, str, float, str]]:
+    for letter, values in (("A", turned), ("R", turning)):
+        for axis, value in zip("abc", values or (), strict=False):
+            yield of, f"{letter}{kind}_{axis}", value, "rad"
+
+
+def _table(rows: Sequence[tuple[str, ...]]) -> list[str]:
+    """Rows as text, their columns under each other; columns without entries are left out."""
+    kept = [i for i in range(len(rows[0])) if any(row[i] for row in rows[1:])]
+    widths = [max(len(row[i]) for row in rows) for i in kept]
+    return ["  ".join(row[i].rjust(width) for i, width in zip(kept, widths, strict=True)) for row in rows]
+
+
+def _milli(value: float) -> str:
+    return f"{1e3 * value:.4g}"
+
+
+def _angle_text(angles: Vector | None) -> str:
+    return "" if angles is None else " ".join(f"{1e3 * x:.3g}" for x in angles)
+
+
+def _speed_texts(speed: SpeedFigures | None) -> tuple[str, str, str]:
+    if speed is None:
+        return "", "", ""
+    return f"{1e2 * speed.accuracy:+.3g}", f"{1e2 * speed.repeatability:.3g}", f"{1e3 * speed.fluctuation:.3g}"

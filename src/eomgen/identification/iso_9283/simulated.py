@@ -1,0 +1,142 @@
+"""Poses and paths of simulated motions: results of one program are the cycles, rests of its tool are the poses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InputError
+from ...names import show
+from ...simulation.result import SimulationResult
+from .attained import Measured, Path, Pose, Record
+from .formulas import rotation_vectors, speeds
+
+Array = NDArray[np.float64]
+
+SAME = 1e-9  # m, rad or s: by less than that programs and times are the same
+_ALLOWED = "; allowed: results of one program"
+_FEWEST = 3  # points of a path
+_CREEPING = 1e-5  # of the greatest step of a program between two samples, below which it rests
+
+
+def from_simulations(
+    results: Sequence[SimulationResult], labels: Sequence[str], frame: str | None = None, source: str = "simulated"
+) -> Measured:
+    """Poses and paths of results, whose ``labels`` are what messages call them.
+
+    A pose is where the program of the tool comes to rest after it moved, and where it ends; a path is what lies
+    between.  Clause by clause, the tool's place at the end of the rest is what was attained.
+
+    Raises:
+        InputError: a result has no program, ended too early, looks at another frame, or commands something else than
+            the first one.
+    """
+    for result, label in zip(results, labels, strict=True):
+        _check(result, label, frame)
+        _check_same(results[0], labels[0], result, label)
+    first = results[0]
+    t, program = first.trajectory.t, first.program_pose
+    rests = _rests(program)
+    poses, paths, begin = [], [], 0
+    for number, (rest, end) in enumerate(rests, 1):
+        whole = [_record(result.trajectory.t, result.pose, begin, end) for result in results]
+        command = program[end]
+        numbers = tuple(range(1, len(results) + 1))
+        poses.append(Pose(str(number), command[:3, 3], command[:3, :3], tuple(whole), numbers))
+        if rest - begin + 1 >= _FEWEST:
+            paths.append(Path(str(number), _record(t, program, begin, rest), tuple(whole)))
+        begin = end
+    notes = _notes(results, poses)
+    rate = float(speeds(t, program[:, :3, 3]).max())
+    same = all(np.array_equal(result.pose, first.pose) for result in results)
+    return Measured(
+        source=source,
+        robot=first.robot,
+        frame=first.tool,
+        load=load_of(first.scenario) if first.scenario else "",
+        rate=f"up to {rate:.4g} m/s (commanded speed of {first.tool})",
+        poses=tuple(poses),
+        paths=tuple(paths),
+        exact=same,
+        notes=tuple(notes),
+    )
+
+
+def _check(result: SimulationResult, label: str, frame: str | None) -> None:
+    if not result.programmed:
+        raise InputError(f"{label}: nothing is programmed, so that no pose is commanded; allowed: with a motion")
+    if result.stopped:
+        raise InputError(f"{label}: the motion stopped too early; allowed: motions that come to their end")
+    if frame is not None and frame != result.tool:
+        raise InputError(
+            f"frame: {show(frame)} is not the one that {label} looks at; allowed: {show(result.tool)}"
+            " (the scenario's key frame says which)"
+        )
+
+
+def _check_same(first: SimulationResult, name: str, result: SimulationResult, label: str) -> None:
+    """InputError where a result is no cycle of the first one's program."""
+    if result.tool != first.tool:
+        raise InputError(f"{label}: looks at {show(result.tool)}, and {name} at {show(first.tool)}{_ALLOWED}")
+    ours, theirs = result.trajectory.t, first.trajectory.t
+    if ours.shape != theirs.shape or np.abs(ours - theirs).max() > SAME:
+        raise InputError(
+            f"{label}: has {ours.size} samples to {ours[-1]:g} s, and {name} {theirs.size} to {theirs[-1]:g} s,"
+            f" or other times between{_ALLOWED} at the same times"
+        )
+    off = np.linalg.norm(result.program_pose[:, :3, 3] - first.program_pose[:, :3, 3], axis=1)
+    turned = np.linalg.norm(rotation_vectors(_relative(first.program_pose, result.program_pose)), axis=1)
+    if max(off.max(), turned.max()) > SAME:
+        i = int(np.maximum(off, turned).argmax())
+        raise InputError(
+            f"{label}: commands another pose than {name}: by {off[i]:.3g} m and {turned[i]:.3g} rad at"
+            f" {theirs[i]:.4g} s{_ALLOWED}"
+        )
+
+
+def _relative(one: Array, other: Array) -> Array:
+    return np.swapaxes(one[:, :3, :3], 1, 2) @ other[:, :3, :3]
+
+
+def _rests(program: Array) -> list[tuple[int, int]]:
+    """First and last sample of each rest of the program that follows upon a motion; the last sample always is one."""
+    steps = np.linalg.norm(np.diff(program[:, :3, 3], axis=0), axis=1)
+    turns = np.linalg.norm(rotation_vectors(_relative(program[:-1], program[1:])), axis=1)
+    changes = np.maximum(steps, turns)
+    moving = changes > max(SAME, _CREEPING * changes.max(initial=0.0))  # from each sample to the next
+    last, departures = len(program) - 1, np.flatnonzero(moving)
+    if not departures.size:
+        return [(0, last)]
+    arrivals = np.flatnonzero(moving & ~np.append(moving[1:], False)) + 1
+    next_ones = np.append(departures, last)[np.searchsorted(departures, arrivals)]
+    found = list(zip(arrivals.tolist(), next_ones.tolist(), strict=True))
+    return found if found[-1][1] == last else [*found, (last, last)]
+
+
+def _record(t: Array, pose: Array, begin: int, end: int) -> Record:
+    part = slice(begin, end + 1)
+    return Record(t[part], pose[part, :3, 3], pose[part, :3, :3])
+
+
+def load_of(scenario: Mapping[str, Any]) -> str:
+    """The payloads of a recorded scenario in words."""
+    payloads = scenario.get("payloads", ())
+    if not payloads:
+        return "the robot as described, no payload"
+    return ", ".join(f"{payload['mass']:g} kg on {payload['link']}" for payload in payloads)
+
+
+def _notes(results: Sequence[SimulationResult], poses: Sequence[Pose]) -> list[str]:
+    notes = []
+    hashes = {result.robot_hash for result in results}
+    if len(hashes) > 1:
+        notes.append(f"the cycles are of {len(hashes)} different descriptions: their scatter is that between robots")
+    for pose in poses:
+        record = pose.cycles[0]
+        assert record.t is not None
+        if len(record.t) > 2 and (speed := float(speeds(record.t, record.position)[-1])) > 1e-4:
+            notes.append(f"pose {pose.name}: the tool still moves at {speed:.2g} m/s when it is looked at")
+    return notes

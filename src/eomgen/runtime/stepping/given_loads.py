@@ -1,0 +1,242 @@
+"""Loads as users give them, data or objects that have some, read and checked before C follows them.
+
+A generated package carries a copy of this file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...errors import ArrayError, InputError
+from ...names import show
+from ..calls import Calls
+from .loads import DriveData, LinkWrench, LoadData, ModelDrive, Signal, Track, Waves
+
+Array = NDArray[np.float64]
+
+Loads = LoadData | Mapping[str, Any]  # of a state
+
+KEYS = ("drive", "wrench", "prescribed")
+OWN = "or an object whose load_data() gives that"
+
+
+def data_of(given: Any) -> Any:
+    """The data of an object that has some, by its method ``load_data``; None of another one."""
+    found: Callable[[], Any] | None = getattr(given, "load_data", None)
+    return None if found is None else found()
+
+
+def loads_of(calls: Calls, drive: Any = None, wrench: Any = None, prescribed: Any = None) -> LoadData:
+    """Loads of what ``integrate`` takes by these names, and ``rollout``.
+
+    Args:
+        calls: of the robot's kernel.
+        drive: a DriveData, or an object whose ``load_data()`` gives it.
+        wrench: LinkWrenches, an object whose ``load_data()`` gives them, or wrenches that stay, (links, 6).
+        prescribed: Waves, or an object whose ``load_data()`` gives them.
+
+    Raises:
+        InputError: one is something else; what is in them is left to ``check_loads``.
+    """
+    spans = [(getattr(x, "first", -np.inf), getattr(x, "last", np.inf)) for x in (drive, wrench)]
+    first, last = max(x for x, _ in spans), min(x for _, x in spans)
+    forces = DriveData() if drive is None else _one(drive, DriveData, "drive")
+    waves = None if prescribed is None else _one(prescribed, Waves, "prescribed")
+    return LoadData(forces, _wrenches(calls, wrench), waves, first, last)
+
+
+def _one(given: Any, kind: type[Any], label: str) -> Any:
+    """The data of an object, or what is data itself."""
+    found = given if isinstance(given, kind) else data_of(given)
+    if not isinstance(found, kind):
+        raise InputError(f"loads: {label}: got {show(given)}; allowed: {kind.__name__}, {OWN}")
+    return found
+
+
+def _wrenches(calls: Calls, given: Any) -> Sequence[LinkWrench]:
+    """Wrenches as data; of wrenches that stay what they are those of links that have one."""
+    found = given if data_of(given) is None else data_of(given)
+    if found is None:
+        return []
+    if isinstance(found, (list, tuple)) and all(isinstance(wrench, LinkWrench) for wrench in found):
+        return found
+    links = len(calls.raw.libraries.meta["links"])
+    try:
+        rows = np.asarray(found, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"loads: wrench: got {show(given)}; allowed: LinkWrenches, ({links}, 6), {OWN}") from None
+    if rows.shape != (links, 6) or not np.isfinite(rows).all():
+        raise ArrayError(f"loads: wrench: got {show(given)}; allowed: finite numbers of shape ({links}, 6)")
+    return [LinkWrench(link, Signal.constant(row)) for link, row in enumerate(rows) if row.any()]
+
+
+def read_loads(calls: Calls, given: Any) -> LoadData | list[LoadData]:
+    """Loads of a rollout: of all states, or a list with those of each.
+
+    Args:
+        calls: of the robot's kernel.
+        given: LoadData, a mapping from names of ``KEYS`` to what ``loads_of`` takes, or a sequence of these.
+
+    Raises:
+        InputError: they are something else, or do not fit the robot.
+    """
+    if isinstance(given, (list, tuple)):
+        if not given:
+            raise InputError("rollout: loads = []; allowed: loads of one state at least")
+        return [_read(calls, own) for own in given]
+    return _read(calls, given)
+
+
+def _read(calls: Calls, given: Any) -> LoadData:
+    if isinstance(given, Mapping):
+        for key in given:
+            if key not in KEYS:
+                raise InputError(f"rollout: loads: {show(key)} is unknown; allowed: {', '.join(KEYS)}")
+        given = loads_of(calls, **given)
+    if not isinstance(given, LoadData):
+        raise InputError(
+            f"rollout: loads = {show(given)}; allowed: LoadData, a mapping from {', '.join(KEYS)}, or a list of these,"
+            " one for every state"
+        )
+    check_loads(calls, given)
+    return given
+
+
+def check_loads(calls: Calls, loads: LoadData) -> None:
+    """Refuse loads that do not fit a robot: C follows them without looking.
+
+    Raises:
+        InputError: shapes, places or numbers are not allowed; says which.
+    """
+    drive, waves = loads.drive, loads.given
+    moved = () if waves is not None else calls.prescribed  # without motions of their own their drives are accelerations
+    free = [i for i, name in enumerate(calls.coordinates) if name not in moved]
+    if np.isnan([loads.first, loads.last]).any():
+        _refuse("first and last", (loads.first, loads.last), "times, s")
+    if drive.torque is not None:
+        _check_track("drive.torque", drive.torque, free)
+    if drive.program is not None:
+        _check_track("drive.program", drive.program, free)
+        columns = drive.program.signal.columns
+        if drive.ratio is not None:
+            _check_numbers("drive.ratio", drive.ratio, (columns,), nonzero=True)
+        for label in ("kp", "kd") if drive.gains is not None else ():
+            _check_numbers(f"drive.gains.{label}", getattr(drive.gains, label), (columns,))
+    elif drive.gains is not None or drive.model is not None:
+        _refuse("drive.program", None, "a Track that gains and model follow")
+    if drive.model is not None:
+        _check_model(calls, drive.model, drive.program, 0 if waves is None else len(waves.wave))
+    if waves is not None:
+        count = len(calls.prescribed)
+        if count == 0:
+            _refuse("prescribed", waves, "nothing, as no coordinate is prescribed")
+        _check_numbers("prescribed.wave", waves.wave, (count, 4))
+        for k, track in enumerate(waves.tracks):
+            _check_track(f"prescribed.tracks[{k}]", track, range(count))
+    for k, wrench in enumerate(loads.wrenches):
+        _check_wrench(f"wrench[{k}]", wrench, len(calls.raw.libraries.meta["links"]))
+
+
+def _refuse(label: str, got: object, allowed: str) -> None:
+    raise InputError(f"loads: {label}: got {show(got)}; allowed: {allowed}")
+
+
+def _check_numbers(label: str, values: ArrayLike, shape: tuple[int, ...], *, nonzero: bool = False) -> Array:
+    """The numbers, finite and of the shape, in which -1 stands for any length from 1 on."""
+    try:
+        found = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        found = np.zeros(0)
+    fits = found.ndim == len(shape) and all(
+        x == wanted or (wanted < 0 < x) for x, wanted in zip(found.shape, shape, strict=True)
+    )
+    if not fits or not np.isfinite(found).all() or (nonzero and not found.all()):
+        named = ", ".join("any" if x < 0 else str(x) for x in shape)
+        kind = "finite numbers, none 0," if nonzero else "finite numbers"
+        _refuse(label, values, f"{kind} of shape ({named}{',' if len(shape) == 1 else ''})")
+    return found
+
+
+def _check_places(label: str, places: Any, allowed: Sequence[int], count: int) -> None:
+    """Refuse places that are not so many whole numbers among those that are allowed."""
+    found = np.asarray(places)
+    if found.shape != (count,) or found.dtype.kind not in "iu" or not np.isin(found, list(allowed)).all():
+        _refuse(label, places, f"{count} whole numbers among {', '.join(map(str, allowed))}")
+
+
+def _check_signal(label: str, signal: Any, columns: int = -1, *, inner: bool = False) -> None:
+    if not isinstance(signal, Signal):
+        _refuse(label, signal, "a Signal")
+    coefficients = _check_numbers(f"{label}.coefficients", signal.coefficients, (-1, -1, columns))
+    knots = _check_numbers(f"{label}.knots", signal.knots, (len(coefficients) + 1,))
+    if not (np.diff(knots) > 0.0).all():
+        _refuse(f"{label}.knots", signal.knots, "numbers that increase")
+    if signal.profile is not None:
+        if inner:
+            _refuse(f"{label}.profile", signal.profile, "none of a profile itself")
+        _check_signal(f"{label}.profile", signal.profile, 1, inner=True)
+
+
+def _check_track(label: str, track: Any, allowed: Sequence[int]) -> None:
+    if not isinstance(track, Track):
+        _refuse(label, track, "a Track")
+    _check_signal(f"{label}.signal", track.signal)
+    _check_places(f"{label}.place", track.place, allowed, track.signal.columns)
+    if len(set(np.asarray(track.place).tolist())) < track.signal.columns:
+        _refuse(f"{label}.place", track.place, "each place once")
+
+
+def _check_model(calls: Calls, model: ModelDrive, program: Track | None, given: int) -> None:
+    """Refuse a model whose coordinates are not some of the robot's."""
+    size, columns = model.calls.n, 0 if program is None else program.signal.columns
+    if model.calls.dtype != np.float64:
+        _refuse("drive.model.calls", model.calls.dtype, "float64")
+    _check_places("drive.model.place", model.place, range(calls.n), size)
+    _check_numbers("drive.model.ratio", model.ratio, (size,), nonzero=True)
+    _check_places("drive.model.column", model.column, range(-1, columns), size)
+    _check_places("drive.model.given", model.given, range(-1, max(given, 1)), size)
+    if model.bandwidth is not None and not 0.0 < model.bandwidth < np.inf:
+        _refuse("drive.model.bandwidth", model.bandwidth, "a finite number greater than 0, rad/s")
+
+
+def _check_wrench(label: str, wrench: LinkWrench, links: int) -> None:
+    _check_places(f"{label}.link", [wrench.link], range(links), 1)
+    _check_signal(f"{label}.signal", wrench.signal, 6)
+    _check_numbers(f"{label}.arm", wrench.arm, (3,))
+    if np.isnan([wrench.t0, wrench.t1]).any():
+        _refuse(f"{label}.t0 and t1", (wrench.t0, wrench.t1), "times, s")
+
+
+def place_given(calls: Calls, loads: LoadData | Sequence[LoadData], q: Array, v: Array) -> None:
+    """Put prescribed coordinates of states, (N, n), where their motions begin, at t = 0."""
+    places = [calls.coordinates.index(name) for name in calls.prescribed]
+    every = [loads] * len(q) if isinstance(loads, LoadData) else loads
+    for own, x, rate in zip(every, q, v, strict=True):
+        if own.given is None:
+            continue
+        amplitude, frequency, phase, offset = own.given.wave.T
+        begins = offset + amplitude * np.sin(phase), amplitude * frequency * np.cos(phase)
+        for track in own.given.tracks:
+            for found, value in zip(begins, _signal_at(track.signal, 0.0), strict=True):
+                found[track.place] = value
+        x[places], rate[places] = begins
+
+
+def _signal_at(signal: Signal, t: float) -> tuple[Array, Array]:
+    """Columns of a signal and their rates at a time."""
+    if signal.profile is not None:
+        s, ds = (float(x[0]) for x in _signal_at(signal.profile, t))
+        x, dx = _signal_at(Signal(signal.knots, signal.coefficients), s)
+        return x, dx * ds
+    knots = np.asarray(signal.knots)
+    k = int(np.clip(np.searchsorted(knots, t, side="right") - 1, 0, len(knots) - 2))
+    ahead, own = np.clip(t, knots[0], knots[-1]) - knots[k], signal.coefficients[k]
+    powers = np.arange(len(own))
+    x = ahead**powers @ own
+    slopes = powers[1:] * ahead ** (powers[1:] - 1)
+    dx = slopes @ own[1:] if knots[0] <= t <= knots[-1] else np.zeros(signal.columns)
+    return x, dx

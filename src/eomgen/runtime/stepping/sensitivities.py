@@ -1,0 +1,166 @@
+"""Derivatives of a rollout's states along directions: steps in C that carry them forwards.
+
+A generated package carries a copy of this file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...errors import ArrayError, InputError
+from ...names import listed, show
+from ..calls import Calls
+from ..derivatives import parameter_slots
+from ..raw import FFI
+from .gradients import WAYS, Motion, Steps, stopped, taken_steps
+from .rollouts import room_for
+
+Array = NDArray[Any]
+
+MOVING = ("q", "v", "u")  # names of what directions are given of
+PART = 2**14  # numbers of the steps of a part, which stay near to the processor
+SHORTEST = 64  # steps of a part at least
+
+
+class Directions:
+    """Rates of the state at the beginning, of drives and of parameters, a row for each direction.
+
+    Attributes:
+        count: of directions.
+        starts: rates of q and v, (directions, n) each.
+    """
+
+    def __init__(self, calls: Calls, motion: Motion, rows: int, along: Mapping[str, ArrayLike], slots: Sequence[int]):
+        """Directions that are given, then one of each parameter.
+
+        Args:
+            calls: of the calls.
+            motion: whose function reads them.
+            rows: of drives.
+            along: rates by names of MOVING.
+            slots: of parameters.
+
+        Raises:
+            InputError: another name, or no direction.
+            ArrayError: another shape.
+        """
+        arrays = _arrays(calls, along, rows)
+        given = next(iter(arrays.values())).shape[0] if arrays else 0
+        self.count = given + len(slots)
+        if not self.count:
+            raise InputError("rollout_sensitivity: no direction is given; allowed: parameters or along")
+        n = calls.n
+        self.starts = [np.zeros((self.count, n), calls.dtype) for _ in range(2)]
+        for own, name in zip(self.starts, ("q", "v"), strict=True):
+            own[:given] = arrays.get(name, 0.0)
+        by_rows = "u" in arrays and arrays["u"].ndim == 3
+        self._u = np.zeros((self.count, rows if by_rows else 1, n), calls.dtype)
+        if "u" in arrays:
+            self._u[:given] = arrays["u"].reshape(given, -1, n)
+        self._parameters = np.zeros((self.count, max(len(calls.parameters), 1)), calls.dtype)
+        self._parameters[range(given, self.count), list(slots)] = 1.0
+        view = calls.raw.view
+        self._pointers = {"u": view(self._u), "parameters": view(self._parameters)}  # which C reads by
+        steps = {"u_direction": self._u[0].size, "u_step": n if by_rows else 0}
+        self.rates = motion.function.library.new("rates", **self._pointers, **steps)
+
+
+def rollout_sensitivity(
+    calls: Calls,
+    driven: Sequence[int],
+    given: Mapping[str, Any],
+    *,
+    parameters: Sequence[str],
+    along: Mapping[str, ArrayLike] | None,
+    out: Sequence[Array] | None,
+    method: str,
+    **how: Any,
+) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    """Samples and their derivatives, as ``Kernel.rollout_sensitivity`` describes it.
+
+    Args:
+        calls: of the calls.
+        driven: indices of the coordinates that a controller may act on.
+        given: q0, v0, u, kp, kd and target by their names.
+        parameters, along, out, method: as there.
+        how: what else there is about steps, as there.
+    """
+    slots = parameter_slots(calls.parameters, parameters)
+    motion, times, taken = taken_steps(calls, driven, "sensitivity", given, method=method, **how)
+    rows = max(int(steps.rows[-1]) + 1 for steps in taken if steps is not None) if any(taken) else 1
+    directions = Directions(calls, motion, rows, along or {}, slots)
+    lead = (motion.states, times.size)
+    shapes: list[tuple[int, ...]] = [(*lead, calls.n)] * 2 + [(*lead, directions.count, calls.n)] * 2
+    found = [room_for(calls, shape, "fewer samples") for shape in shapes]
+    for state, steps in enumerate(taken):
+        if steps is None or not _carry(motion, state, steps, WAYS[method][1], directions, [x[state] for x in found]):
+            raise stopped(calls, driven, given, method=method, **how)
+    results = [x[0] if motion.is_single else x for x in found]
+    if out is not None:
+        results = _written(calls, out, results)
+    return (results[0], results[1]), (results[2], results[3])
+
+
+def _arrays(calls: Calls, along: Mapping[str, ArrayLike], rows: int) -> dict[str, Array]:
+    """Rates by name, (directions, n), those of u perhaps (directions, rows, n)."""
+    found: dict[str, Array] = {}
+    for name, value in along.items():
+        if name not in MOVING:
+            raise InputError(f"along: {show(name)} is unknown; allowed: {listed(MOVING)}")
+        inner = (rows, calls.n) if name == "u" and np.ndim(value) == 3 else (calls.n,)
+        array, lead = calls.array(name, value, inner)
+        if len(lead) != 1:
+            wanted = f"(directions, {calls.n})" + (f" or (directions, {rows}, {calls.n})" if name == "u" else "")
+            raise ArrayError(f"along: {name} has shape {array.shape}; expected {wanted}")
+        found[name] = array
+    if len({array.shape[0] for array in found.values()}) > 1:
+        counts = ", ".join(f"{array.shape[0]} of {name}" for name, array in found.items())
+        raise ArrayError(f"along: {counts}; expected as many directions of each")
+    return found
+
+
+def _carry(
+    motion: Motion, state: int, steps: Steps, number: int, directions: Directions, found: Sequence[Array]
+) -> bool:
+    """Take the steps of a state part by part; False where one is not finite, or has no accelerations.
+
+    Args:
+        motion: of all states.
+        state: which of them.
+        steps: that it takes.
+        number: of the method among those of the function.
+        directions: that derivatives are taken along.
+        found: samples of q, v and their derivatives, which are written.
+    """
+    calls, function = motion.calls, motion.function
+    view, n, count = calls.raw.view, calls.n, directions.count
+    setup, drive = calls.parameters.setup.pointer(function.library), motion.drive(function.library, state)
+    length = min(max(PART // (n * (count + 1)), SHORTEST), steps.dt.size)
+    room = [np.empty((length + 1, *x.shape[1:]), calls.dtype) for x in found]
+    for own, first in zip(room, (*motion.start(state), *directions.starts), strict=True):
+        own[0] = first
+    for begin in range(0, steps.dt.size, length):
+        end = min(begin + length, steps.dt.size)
+        dt, rows = steps.dt[begin:end], FFI.from_buffer("long long[]", steps.rows[begin:end])
+        pointers = [view(x.reshape(-1)) for x in room]
+        status = function.code(setup, drive, end - begin, view(dt), rows, number, count, directions.rates, *pointers)
+        if status >= 0 or not all(np.isfinite(x[: end - begin + 1]).all() for x in room):
+            return False
+        here = (steps.told >= begin) & (steps.told <= end)
+        for samples, own in zip(found, room, strict=True):
+            samples[here] = own[steps.told[here] - begin]
+            own[0] = own[end - begin]
+    return True
+
+
+def _written(calls: Calls, out: Sequence[Array], results: Sequence[Array]) -> list[Array]:
+    """Arrays to write to, with the results."""
+    if not isinstance(out, (tuple, list)) or len(out) != len(results):
+        raise ArrayError(f"out: {show(out)}; expected four arrays, q, v and their derivatives")
+    for own, result in zip(out, results, strict=True):
+        calls.arrays.checked_out(own, result.shape, ())[...] = result
+    return list(out)
