@@ -302,7 +302,7 @@ def _nonlinear(
     ends: Mapping[str, Sequence[tuple[float, Array]]],
     lengths: Mapping[str, Array],
 ) -> tuple[float, list[str]]:
-    """What the linear model is off as a share of the worst case, the greatest, and names of single causes above LINEAR.
+    """Error of the linear model as a share of the worst case, the greatest, and names of single causes above LINEAR.
 
     At both bounds of every contribution by itself, and of all at the worst vertices of position and turn.
     """

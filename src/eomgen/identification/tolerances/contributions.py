@@ -51,7 +51,7 @@ def model_of(robot: Robot, chain: Chain, closing: Closing | None) -> ErrorModel:
 
 
 def _compliances(chain: Chain) -> Iterator[Quantity]:
-    """Those of all described stiffnesses, of deviations and transmissions; their names are those of the stiffness."""
+    """Compliances of all described stiffnesses, of deviations and transmissions, by the names of the stiffness."""
     for k, station in enumerate(chain.stations):
         joint = station.joint
         if joint is None:

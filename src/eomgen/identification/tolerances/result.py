@@ -80,7 +80,7 @@ class ToleranceResult(Shown, Tabular):
 
     @property
     def standard_deviations(self) -> Array:
-        """Of the six components, (N, 6), m and rad."""
+        """Standard deviations of the six components, (N, 6), m and rad."""
         return np.sqrt(np.maximum(np.diagonal(self.covariance, axis1=1, axis2=2), 0.0))
 
     def share(self, name: str, part: str = "position") -> float:

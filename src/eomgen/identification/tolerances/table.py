@@ -22,7 +22,7 @@ _SIZES = ("deviation", "bound")
 
 @dataclass(frozen=True)
 class Tolerance:
-    """What is said of one quantity.
+    """Tolerance of one quantity, as a table states it.
 
     deviation: standard deviation of a normal distribution; bound: half the width of an even one; one of them is None.
     relative: they are shares of the described value.  cost: of tightening, beside others.  is_fixed: stays as it is.
