@@ -19,8 +19,8 @@ from eomgen.cli.shared import OldName
 
 ORDER = (
     *("robots", "info", "new", "check", "schema", "derive", "generate", "simulate", "forces", "fit", "identify"),
-    *("calibrate", "poses"),
-    *("accuracy", "compare", "deflection", "modes", "response", "linearize", "budget", "sweep", "export", "plot"),
+    *("calibrate", "poses", "accuracy", "tolerance"),
+    *("compare", "deflection", "modes", "response", "linearize", "budget", "sweep", "export", "plot"),
     *("report", "view", "bench", "cache"),
 )
 GROUPS = sorted(

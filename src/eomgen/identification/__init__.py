@@ -16,9 +16,13 @@ from .inertial import IdentifyResult, Residuals, identify
 from .iso_9283.evaluate import accuracy
 from .iso_9283.result import AccuracyResult, load_accuracy
 from .least_squares import fit
+from .tolerances.allocation import Allocation
+from .tolerances.budgeting import tolerance
+from .tolerances.result import ToleranceResult
 
 __all__ = [
     "AccuracyResult",
+    "Allocation",
     "BaseParameters",
     "CalibrationResult",
     "Estimate",
@@ -30,6 +34,7 @@ __all__ = [
     "MeasuredPoses",
     "PosesResult",
     "Residuals",
+    "ToleranceResult",
     "accuracy",
     "base_parameters",
     "calibrate",
@@ -41,4 +46,5 @@ __all__ = [
     "poses",
     "poses_from_columns",
     "read_poses",
+    "tolerance",
 ]

@@ -1,5 +1,5 @@
-"""Commands about what was measured."""
+"""Commands about what was measured, and what tolerances make of it."""
 
-from . import motions, poses, standard
+from . import motions, poses, standard, tolerances
 
-COMMANDS = (*motions.COMMANDS, *poses.COMMANDS, *standard.COMMANDS)
+COMMANDS = (*motions.COMMANDS, *poses.COMMANDS, *standard.COMMANDS, *tolerances.COMMANDS)

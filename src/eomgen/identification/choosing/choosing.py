@@ -30,7 +30,7 @@ from .chosen import PosesResult
 from .continuous import CLOSE, bound_of
 from .exchange import chosen_by
 from .information import CRITERIA, DETERMINANT, Information, criterion_of, inverse
-from .proposed import DISTANCE, MEASURES, POSE, WIDTHS, joined, proposed, rows_kept
+from .proposals import DISTANCE, MEASURES, POSE, WIDTHS, joined, proposed, rows_kept
 from .sampling import Where, boxes_from, ranges_of, sampled, where_from
 
 Array = NDArray[np.float64]
@@ -234,7 +234,7 @@ def _base(task: Task, before: MeasuredPoses | None, where: Where, measure: str) 
 def _offer(
     task: Task, before: MeasuredPoses | None, more: MeasuredPoses, many: int, chain: Chain, noise: tuple[float, float]
 ) -> _Offer:
-    """What the first ``many`` of the proposed rows tell; the others stand for the workspace."""
+    """Information of the first ``many`` of the proposed rows; the others stand for the workspace."""
     first = 0 if before is None else len(before.q)
     whole = more if before is None else joined(before, more, noise)
     problem, x = problem_of(task, whole, careful=False)

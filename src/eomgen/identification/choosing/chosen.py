@@ -20,7 +20,7 @@ from ...shown import Shown
 from ...tabular import Rows as TableRows
 from ...tabular import TableColumn, Tabular
 from .information import DETERMINANT
-from .proposed import DISTANCE, POSE
+from .proposals import DISTANCE, POSE
 
 Array = NDArray[np.float64]
 

@@ -21,7 +21,7 @@ _GONE = 1e-3  # of an equal share: weights that are left out until they tell mor
 
 
 def bound_of(information: Information, criterion: Criterion, count: int) -> tuple[float, float]:
-    """What no design of so many poses exceeds, and the gap to the weights that were found, as a share."""
+    """The criterion that no design of so many poses exceeds, and the gap to the weights that were found, as a share."""
     many = len(information.Y)
     weights = np.full(many, 1.0 / many)
     active = np.arange(many)

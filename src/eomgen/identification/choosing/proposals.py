@@ -23,7 +23,7 @@ WIDTHS = {POSE: 6, POSITION: 3, DISTANCE: 1}  # numbers of a frame in a pose
 def proposed(
     chain: Chain, ranges: Ranges, q: Array, base: Array, series: int, measure: str, noise: tuple[float, float]
 ) -> MeasuredPoses:
-    """What the described robot would show at coordinates q, (N, n), to a device that sees its base at ``base``.
+    """Rows that the described robot would show at coordinates q, (N, n), to a device that sees its base at ``base``.
 
     measure: one of MEASURES, of all frames of the chain.  noise: standard deviations of lengths (m) and turns (rad).
     """
@@ -104,7 +104,7 @@ def _both(name: str, before: MeasuredPoses, more: MeasuredPoses, noise: tuple[fl
 
 
 def _part(frames: Mapping[str, Measured], name: str, rows: int) -> Measured:
-    """What was measured of a frame, or blanks."""
+    """Values that were measured of a frame, or blanks."""
     if name in frames:
         return frames[name]
     blank = np.full(rows, np.nan)
