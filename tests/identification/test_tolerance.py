@@ -16,7 +16,7 @@ from eomgen.cli import entry as cli
 from eomgen.errors import ArrayError, DescriptionError, InputError, UnknownNameError
 from eomgen.identification import ToleranceResult, tolerance
 from eomgen.identification.tolerances.allocation import least
-from eomgen.identification.tolerances.regions import radii
+from eomgen.identification.tolerances.regions import ellipsoids, radii
 from eomgen.identification.tolerances.vertices import farthest
 from eomgen.robot.value import Coordinate, Robot
 from tests.support.measured_poses import chain
@@ -71,6 +71,22 @@ def test_radii_of_unequal_variances() -> None:
         for probability in (0.5, 0.95, 0.999):
             r = float(radii(np.diag(variances)[np.newaxis], probability)[0])
             assert imhof(np.array(variances), r**2) == pytest.approx(probability, abs=2e-5)
+
+
+@pytest.mark.parametrize("variances", [(1.0, 2.0, 3.0), (0.0, 1.0, 4.0), (0.0, 0.0, 1.0), (0.0, 0.0, 0.0)])
+def test_ellipsoids_hold_samples(variances: tuple[float, ...]) -> None:
+    turn = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
+    covariance = turn @ np.diag(variances) @ turn.T
+    half, axes = (found[0] for found in ellipsoids(covariance[np.newaxis], 0.9))
+    assert np.linalg.det(axes) == pytest.approx(1.0)
+    drawn = np.random.default_rng(4).normal(size=(40_000, 3)) * np.sqrt(variances) @ turn.T
+    along = drawn @ axes
+    is_wide = half > 0.0
+    assert is_wide.sum() == np.count_nonzero(variances)
+    assert np.abs(along[:, ~is_wide]).max(initial=0.0) < 1e-12
+    if is_wide.any():
+        inside = ((along[:, is_wide] / half[is_wide]) ** 2).sum(axis=1) < 1.0
+        assert inside.mean() == pytest.approx(0.9, abs=0.006)  # four standard deviations of the share
 
 
 def imhof(variances: Array, x: float) -> float:
@@ -130,6 +146,7 @@ def test_a_bound_is_an_even_distribution() -> None:
     assert found.deviations.tolist() == pytest.approx([3e-4 / np.sqrt(3.0), 1e-4])
     assert found.bounds.tolist() == pytest.approx([3e-4, 3e-4])
     assert drawn.std() > 0.0
+    assert any("even within its bound" in note for note in found.notes)
     assert np.abs(found.sample(10_000).std(axis=0)[:3]).max() == pytest.approx(3e-4 / np.sqrt(3.0), rel=0.03)
 
 

@@ -5,7 +5,8 @@ table -> Contribution -> Exact -> sensitivities -> covariance, regions, worst ca
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -36,6 +37,7 @@ MOST_POSES = 10_000
 COVERAGE = 3.0  # standard deviations that a worst case goes up to where no bound is given
 LINEAR = 0.01  # of the worst case: what a linear prediction may be off without a warning
 VERTICES = 8  # contributors whose 2^8 vertices are looked at
+EVEN = 0.3  # of a variance: one even distribution that a sum is no longer normal with
 _EVERY = 20  # poses at which the linear prediction is compared
 _SOFTEST = 0.2  # of a stiffness: its greatest standard deviation
 _COLUMNS = {"position": slice(0, 3), "orientation": slice(3, 6)}
@@ -84,10 +86,11 @@ def tolerance(
     report("reading tolerances")
     model = build_model(robot)
     names = _coordinates(robot, model)
+    t = None
     if random:
         q = _random_poses(robot, names, random, seed)
     elif along is not None:
-        q = _motion(model, names, along)
+        t, q = _motion(model, names, along)
     else:
         q = _given_poses(model, names, poses)
     exact = _exact(robot, model, frame, names, q, wrench)
@@ -96,7 +99,8 @@ def tolerance(
     chosen = tuple(known[entry.name] for entry in read.entries)
     exact = Exact(exact.model, exact.rows, exact.tool, chosen)
     entries = [_sized(read, entry, one) for entry, one in zip(read.entries, chosen, strict=True)]
-    return _result(exact, robot.name, frame, names, q, entries, confidence, report)
+    found = _result(exact, robot.name, frame, names, q, entries, confidence, report)
+    return found if t is None else replace(found, t=t)
 
 
 def _coordinates(robot: Robot, model: Model) -> tuple[str, ...]:
@@ -159,13 +163,14 @@ def _random_poses(robot: Robot, names: Sequence[str], count: int, seed: int) -> 
     return np.random.default_rng(seed).uniform(low_ends, high_ends, (count, len(names)))
 
 
-def _motion(model: Model, names: Sequence[str], along: MeasuredMotion | Path | str) -> Array:
+def _motion(model: Model, names: Sequence[str], along: MeasuredMotion | Path | str) -> tuple[Array, Array]:
     motion = measured_motion(model.name, along, model.coordinates)
     missing = [name for name in names if name not in motion.measured]
     if missing:
         raise InputError(f"along: {motion.source}: {missing[0]} is missing; allowed: all of {listed(names)}")
     q = motion.q[:, [motion.coordinates.index(name) for name in names]]
-    return np.asarray(q[np.unique(np.linspace(0, len(q) - 1, min(len(q), ALONG)).round().astype(np.intp))])
+    chosen = np.unique(np.linspace(0, len(q) - 1, min(len(q), ALONG)).round().astype(np.intp))
+    return np.asarray(motion.t[chosen]), np.asarray(q[chosen])
 
 
 def _exact(robot: Robot, model: Model, frame: str, names: Sequence[str], q: Array, wrench: ArrayLike | None) -> Exact:
@@ -245,6 +250,7 @@ def _result(
     report("comparing with the exact model")
     exact_worst = _at_vertices(exact, reach[worst_pose, :3], bounds, signs, worst_pose)
     off, bent = _nonlinear(exact, S, bounds, ends, lengths)
+    shares = {part: shares_of(scaled[:, _COLUMNS[part]]) for part in PARTS}
     notes = []
     if off > LINEAR:
         which = f", most of all {listed(bent)}" if bent else ""
@@ -252,6 +258,7 @@ def _result(
             f"not linear: the exact model is off the linear one by {100 * off:.2g} % of the worst case{which};"
             " draw samples of the exact model instead (ToleranceResult.sample)"
         )
+    notes += _of_bounds(entries, shares)
     if max(float(x.max()) for x in lengths.values()) == 0.0:
         notes.append(f"nothing in the table moves {frame}")
     chosen = exact.contributions
@@ -274,12 +281,24 @@ def _result(
         farthest=lengths,
         worst_pose=worst_pose,
         exact_worst=exact_worst,
-        shares={part: shares_of(scaled[:, _COLUMNS[part]]) for part in PARTS},
+        shares=shares,
         nonlinearity=off,
         notes=tuple(notes),
         exact=exact,
         tolerances=tuple(entry[0] for entry in entries),
     )
+
+
+def _of_bounds(entries: Sequence[tuple[Tolerance, float, float]], shares: Mapping[str, Array]) -> Iterator[str]:
+    """A note where one even distribution makes so much that sums are not normal."""
+    for part in PARTS:
+        k = int(shares[part].argmax())
+        share, entry = float(shares[part][k]), entries[k][0]
+        if entry.bound is not None and share > EVEN:
+            yield (
+                f"{part}: {entry.name}, even within its bound, makes {100 * share:.3g} % of the variance; regions are"
+                " those of normal numbers: wider than need be"
+            )
 
 
 def _at_vertices(exact: Exact, reach: Array, bounds: Array, signs: Array, pose: int) -> float:

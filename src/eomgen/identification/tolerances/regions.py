@@ -12,6 +12,7 @@ Array = NDArray[np.float64]
 _NODES = 32  # directions in a quarter of the plane
 _ROUND = 1e-6  # a r below which D(a r) / a is r
 _STEPS = 60
+_FLAT = 1e-12  # of the greatest variance: none
 _CHUNK = 1000  # poses at once
 
 
@@ -42,6 +43,21 @@ def worst_deviations(covariance: Array) -> Array:
     return np.asarray(np.sqrt(np.maximum(np.linalg.eigvalsh(covariance)[:, -1], 0.0)))
 
 
+def ellipsoids(covariance: Array, probability: float) -> tuple[Array, Array]:
+    """Half axes, (N, 3), and their directions in columns of rotations, (N, 3, 3), of (N, 3, 3).
+
+    The ellipsoids hold a normal vector of mean 0 with that probability; they are flat where it cannot go.
+    """
+    with optional_import("SciPy", "regions need"):
+        from scipy.special import chdtri
+    variances, axes = np.linalg.eigh(covariance)
+    axes[..., 0] *= np.where(np.linalg.det(axes) < 0.0, -1.0, 1.0)[..., np.newaxis]
+    is_moved = variances > _FLAT * variances[..., -1:]
+    many = is_moved.sum(axis=-1, keepdims=True)
+    size = np.where(many > 0, chdtri(np.maximum(many, 1.0), 1.0 - probability), 0.0)
+    return np.sqrt(size * np.where(is_moved, variances, 0.0)), axes
+
+
 def _quantiles(ratios: Array, probability: float) -> Array:
     """Quantiles of the root where the greatest variance is 1 and the others are ``ratios``, (N, 2): guarded Newton."""
     with optional_import("SciPy", "regions need"):
@@ -61,14 +77,14 @@ def _quantiles(ratios: Array, probability: float) -> Array:
         r = np.where(is_inside, trial, 0.5 * (low + high))
         if bool(np.all(is_inside & (np.abs(step) < 1e-12 * r))):
             break
-    return r
+    return np.asarray(r)
 
 
 def _slopes(ratios: Array) -> Array:
     """a^2 = (1 / g - 1) / 2 of the variances g along directions between the two smaller axes, (N, nodes)."""
     squares = np.cos(0.5 * np.pi * (np.arange(_NODES) + 0.5) / _NODES) ** 2
     g = ratios[:, :1] * squares + ratios[:, 1:] * (1.0 - squares)
-    return 0.5 * (1.0 / np.maximum(g, 1e-300) - 1.0)
+    return np.asarray(0.5 * (1.0 / np.maximum(g, 1e-300) - 1.0))
 
 
 def _probabilities(r: Array, slopes: Array) -> tuple[Array, Array]:

@@ -16,6 +16,7 @@ from ...tabular import Rows as TableRows
 from ...tabular import TableColumn, Tabular
 from .allocation import Allocation, allocated
 from .contributions import Exact
+from .regions import ellipsoids
 from .table import Tolerance
 
 Array = NDArray[np.float64]
@@ -32,6 +33,7 @@ class ToleranceResult(Shown, Tabular):
     Attributes:
         robot, frame: names.
         coordinates, q: names of the coordinates, (k,), and the poses, (N, k), m or rad.
+        t: times of the poses, s, (N,), where they are samples of a motion.
         names, units: of the K quantities.
         described: what the description says, (K,); NaN where that is no number.
         deviations: standard deviations, (K,); of a bound that of an even distribution, bound / sqrt(3).
@@ -75,6 +77,7 @@ class ToleranceResult(Shown, Tabular):
     shares: dict[str, Array]
     nonlinearity: float
     notes: tuple[str, ...]
+    t: Array | None = None
     exact: Exact = field(repr=False)
     tolerances: tuple[Tolerance, ...] = field(repr=False)
 
@@ -82,6 +85,16 @@ class ToleranceResult(Shown, Tabular):
     def standard_deviations(self) -> Array:
         """Standard deviations of the six components, (N, 6), m and rad."""
         return np.sqrt(np.maximum(np.diagonal(self.covariance, axis1=1, axis2=2), 0.0))
+
+    def ellipsoids(self, part: str = "position") -> tuple[Array, Array]:
+        """Half axes (N, 3), m or rad, and rotations (N, 3, 3) with their directions, of ellipsoids around the poses.
+
+        They hold the displacement, or the rotation vector, with the probability ``confidence``; base axes.
+
+        Raises:
+            InputError: another part than "position" or "orientation".
+        """
+        return ellipsoids(self.covariance[:, _at(part), _at(part)], self.confidence)
 
     def share(self, name: str, part: str = "position") -> float:
         """Share of one quantity in the variance.
@@ -92,8 +105,7 @@ class ToleranceResult(Shown, Tabular):
         """
         if name not in self.names:
             raise UnknownNameError(f"tolerance: {name!r} has none{nearest_or_all(name, self.names)}")
-        if part not in PARTS:
-            raise InputError(f"part: {show(part)}; allowed: {', '.join(PARTS)}")
+        _at(part)
         return float(self.shares[part][self.names.index(name)])
 
     def sample(self, count: int, *, pose: int = 0, seed: int = 0) -> Array:
@@ -152,6 +164,7 @@ class ToleranceResult(Shown, Tabular):
             "frame": self.frame,
             "coordinates": list(self.coordinates),
             "q": self.q.tolist(),
+            "t": None if self.t is None else self.t.tolist(),
             "names": list(self.names),
             "units": list(self.units),
             "described": [float(value) if np.isfinite(value) else None for value in self.described],
@@ -198,6 +211,13 @@ class ToleranceResult(Shown, Tabular):
             rest = [100.0 * float(self.shares[part][order[_SHOWN:]].sum()) for part in PARTS]
             lines.append(f"{f'{len(order) - _SHOWN} others':<{width}}{rest[0]:>10.1f} %{rest[1]:>12.1f} %")
         return lines + [""] * bool(self.notes) + [f"note: {note}" for note in self.notes]
+
+
+def _at(part: str) -> slice:
+    """Components of a part of a pose."""
+    if part not in PARTS:
+        raise InputError(f"part: {show(part)}; allowed: {', '.join(PARTS)}")
+    return slice(0, 3) if part == PARTS[0] else slice(3, 6)
 
 
 def shares_of(scaled: Array) -> Array:
