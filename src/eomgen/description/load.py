@@ -101,7 +101,9 @@ def load_robot(
         from .mjcf.read import root_tag  # only who has such a file pays for the XML parser
 
         if path.suffix == ".mjcf" or root_tag(text) != "robot":
-            return robot_from_mjcf(text, source=str(path), inertia=inertia, stops=stops, floating_base=floating_base)
+            return robot_from_mjcf(
+                text, source=str(path), inertia=inertia, stops=stops, floating_base=floating_base, path=path
+            )
     if path.suffix != ".toml":
         return robot_from_urdf(
             text,
@@ -168,11 +170,16 @@ def robot_from_mjcf(
     inertia: str | None = None,
     stops: Mapping[str, float] | None = None,
     floating_base: bool = False,
+    path: Path | None = None,
 ) -> Robot:
-    """The robot that a MJCF text describes; arguments and errors as load_robot."""
+    """The robot that a MJCF text describes; arguments and errors as load_robot.
+
+    With the ``path`` of the file MuJoCo, if it is installed, compiles what the reader here does not take; a text alone
+    opens no file.
+    """
     from .mjcf.read import draft_from_mjcf
 
-    return _finish_xml(draft_from_mjcf(text, source), inertia, stops, floating_base)
+    return _finish_xml(draft_from_mjcf(text, source, path), inertia, stops, floating_base)
 
 
 def _finish_xml(draft: Draft, inertia: str | None, stops: Mapping[str, float] | None, floating_base: bool) -> Robot:
