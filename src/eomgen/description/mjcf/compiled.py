@@ -8,17 +8,15 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+from xml.etree.ElementTree import Element, SubElement
 
 from eomgen.errors import DescriptionError
 from eomgen.limits import MOST_ENTRIES
-from eomgen.names import show
 from eomgen.optional import NotInstalledError, optional_import
 
+from ..xml_text import one_line
 from .flat import flat_model
-
-if TYPE_CHECKING:
-    from xml.etree.ElementTree import Element
 
 _ALLOWED = "a model that MuJoCo compiles, with all files that it names"
 _UNUSED = ("sensors", "keys", "pairs", "excludes", "numerics", "texts", "tuples", "skins", "cameras", "lights")
@@ -53,11 +51,17 @@ def compiled_model(path: Path, refusal: DescriptionError, root: Element) -> tupl
             drives = _without_what_does_not_count(spec, mujoco)
             model = spec.compile()
         except (ValueError, TypeError, RuntimeError, mujoco.FatalError) as error:
-            said = show(" ".join(str(error).split()))[1:-1]
-            text = f"MuJoCo {mujoco.__version__}, which is to compile the file, says: {said}"
+            text = f"MuJoCo {mujoco.__version__}, which is to compile the file, says: {one_line(error)}"
             raise DescriptionError(f"{text}; allowed: {_ALLOWED}", where=refusal.where, source=refusal.source) from None
     given = {body.id for body in spec.bodies if body.explicitinertial}
-    return flat_model(model, mujoco, given, drives), mujoco.__version__
+    hinge = mujoco.mjtJoint.mjJNT_HINGE
+    turning = [joint for joint in spec.joints if joint.type == hinge and joint.compiler.degree]
+    degrees = {joint.id for joint in turning if not model.jnt_limited[joint.id]}
+    flat = flat_model(model, mujoco, given, degrees)
+    actuators = SubElement(flat, "actuator")
+    for name in drives:
+        SubElement(actuators, "general", name=name)
+    return flat, mujoco.__version__
 
 
 def _refuse_many_copies(root: Element, source: str) -> None:
@@ -76,7 +80,7 @@ def _refuse_many_copies(root: Element, source: str) -> None:
 
 def _without_what_does_not_count(spec: Any, mujoco: Any) -> list[str]:
     """Take what has no effect on masses and joints out of the specification; returns the names of actuators."""
-    drives = [item.name or f"<actuator {number}>" for number, item in enumerate(spec.actuators)]
+    drives = [item.name or "<actuator>" for item in spec.actuators]
     for kind in ("actuators", *_UNUSED):
         for item in list(getattr(spec, kind)):
             spec.delete(item)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+import math
+from collections.abc import Collection, Iterable
 from typing import Any
 from xml.etree.ElementTree import Element, SubElement
 
@@ -15,25 +16,22 @@ _FLAGS = ("GRAVITY", "SPRING", "DAMPER", "FRICTIONLOSS")
 _ROUND_OFF = 1e-14  # of an inertia's greatest entry
 
 
-def flat_model(model: Any, mujoco: Any, given: Collection[int], drives: Sequence[str]) -> Element:
+def flat_model(model: Any, mujoco: Any, given: Collection[int], degrees: Collection[int]) -> Element:
     """The root of plain MJCF.
 
     Args:
         model: an mjModel.
         mujoco: the module, for its names of numbers.
         given: ids of bodies whose inertia stands in the file; of the others, those that do not move need none.
-        drives: names of actuators.
+        degrees: ids of hinges whose range MuJoCo leaves in degrees, because it does not keep to it.
     """
     name = bytes(model.names).partition(b"\0")[0].decode("utf-8", "replace")  # the model's is the first of all names
     root = Element("mujoco", model=name)
     SubElement(root, "compiler", angle="radian", inertiafromgeom="false")
     _option(root, model, mujoco)
-    _bodies(SubElement(root, "worldbody"), model, given)
+    _bodies(SubElement(root, "worldbody"), model, given, degrees)
     _tendons(SubElement(root, "tendon"), model, mujoco)
     _equalities(SubElement(root, "equality"), model, mujoco)
-    actuators = SubElement(root, "actuator")
-    for name in drives:
-        SubElement(actuators, "general", name=name)
     if (model.geom_bodyid > 0).any():
         SubElement(root, "contact")
     if model.nflex:
@@ -82,7 +80,7 @@ def _option(root: Element, model: Any, mujoco: Any) -> None:
             flag.set(name.lower(), "disable")
 
 
-def _bodies(world: Element, model: Any, given: Collection[int]) -> None:
+def _bodies(world: Element, model: Any, given: Collection[int], degrees: Collection[int]) -> None:
     """Bodies in MuJoCo's order, each with its inertia, joints and sites."""
     made, moves = [world], [False]
     for index in range(1, model.nbody):
@@ -91,11 +89,11 @@ def _bodies(world: Element, model: Any, given: Collection[int]) -> None:
         body = SubElement(made[parent], "body", pos=_text(model.body_pos[index]), quat=_text(model.body_quat[index]))
         _set(body, name=model.body(index).name, mocap="true" if model.body_mocapid[index] >= 0 else "")
         _nonzero(body, "gravcomp", [model.body_gravcomp[index]])
-        if moves[index] or index in given:
+        if index in given or (moves[index] and model.body_mass[index] > 0.0):
             _inertial(body, model, index)
         made.append(body)
     for index in range(model.njnt):
-        _joint(made[model.jnt_bodyid[index]], model, index)
+        _joint(made[model.jnt_bodyid[index]], model, index, math.pi / 180.0 if index in degrees else 1.0)
     for index in range(model.nsite):
         if name := model.site(index).name:
             pose = {"pos": _text(model.site_pos[index]), "quat": _text(model.site_quat[index])}
@@ -112,7 +110,7 @@ def _inertial(body: Element, model: Any, index: int) -> None:
     _set(inertial, pos=_text(model.body_ipos[index]), fullinertia=_text(entries))
 
 
-def _joint(body: Element, model: Any, index: int) -> None:
+def _joint(body: Element, model: Any, index: int, unit: float) -> None:
     kind, dof, at = _JOINTS[model.jnt_type[index]], model.jnt_dofadr[index], model.jnt_qposadr[index]
     joint = _set(SubElement(body, "joint", type=kind), name=model.joint(index).name)
     _nonzero(joint, "stiffness", _polynomial(model, "jnt_stiffness", index))
@@ -127,7 +125,7 @@ def _joint(body: Element, model: Any, index: int) -> None:
         _nonzero(joint, "ref", [model.qpos0[at]])
         _nonzero(joint, "springref", [model.qpos_spring[at]])
         if model.jnt_limited[index] or model.jnt_range[index].any():
-            joint.set("range", _text(model.jnt_range[index]))
+            joint.set("range", _text(model.jnt_range[index] * unit))
             joint.set("limited", "true" if model.jnt_limited[index] else "false")
 
 
