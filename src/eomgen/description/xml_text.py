@@ -111,7 +111,7 @@ def parse_xml(text: str, source: str, root_tag: str = "robot") -> Xml:
 
 
 def one_line(error: Exception) -> str:
-    """What another program says of a file, as printable ASCII in a line."""
+    """Text that another program says of a file, as printable ASCII in a line."""
     return ascii(" ".join(str(error).split()))[1:-1][:_LONGEST]
 
 

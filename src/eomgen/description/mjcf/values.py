@@ -79,7 +79,7 @@ def matrix(values: Array) -> Matrix:
 
 
 class LeftToMujoco(DescriptionError):
-    """What is refused here, and becomes plain bodies, joints and masses when MuJoCo compiles the model."""
+    """A refusal of what becomes plain bodies, joints and masses when MuJoCo compiles the model."""
 
 
 class Item:
