@@ -68,8 +68,8 @@ def load_robot(
 
     Args:
         source: name of a built-in robot, or path of a ``.toml``, ``.urdf``, ``.xacro`` or ``.xml`` file.  ``.xml``:
-            MJCF or URDF, whatever its root element says.  What the reader here does not know of MJCF goes through MuJoCo,
-            and ``.xacro`` through xacro, where they are installed.
+            MJCF or URDF, whatever its root element says.  What the reader here does not know of MJCF goes
+            through MuJoCo, and ``.xacro`` through xacro, where they are installed.
         inertia: what to do with a link whose inertia no body can have: "error", "warn" (take it as it is) or "project"
             (take the nearest possible body).  None: what the description says, or "error" for an inertia that is given
             in TOML and "warn" for one of an URDF or MJCF.
