@@ -97,7 +97,7 @@ def _bodies(world: Element, model: Any, given: Collection[int], degrees: Collect
     for index in range(model.nsite):
         if name := model.site(index).name:
             pose = {"pos": _text(model.site_pos[index]), "quat": _text(model.site_quat[index])}
-            SubElement(made[model.site_bodyid[index]], "site", name=name, **pose)
+            SubElement(made[model.site_bodyid[index]], "site", {"name": name, **pose})
 
 
 def _inertial(body: Element, model: Any, index: int) -> None:
