@@ -394,6 +394,11 @@ class Motion:
         for whole, own, (_, apart) in zip(self._by_starts, by, self._given.starts, strict=True):
             whole.reshape(-1, self.calls.n)[state if apart else 0] += own
 
+    def held(self, state: int) -> Array:
+        """The first row of a state's u, (n,)."""
+        array, of_state, _ = self._given.drives[0]
+        return array.reshape(-1)[state * of_state :][: self.calls.n]
+
     def drive(self, library: Library, state: int) -> Any:
         """The drives of a state, for a library."""
         steps = {f"{x}_step": row for x, (_, _, row) in zip(("u", "target"), self._given.drives, strict=False)}
@@ -471,6 +476,9 @@ def _chosen_steps(motion: Motion, state: int, times: Array, method: str, allowed
     record, progress = library.new("record", **fields, room=RECORDED), library.new("progress")
     tolerance = library.new("tolerance", rtol=allowed[0], atol=view(allowed[1]), most=RECORDED)
     drive, loads = motion.drive(library, state), motion.loads(library, state)
+    if not drive.u_step and not drive.target_step:  # rows that change nothing: steps then end at samples
+        rows = np.tile(motion.held(state), (times.size, 1))
+        drive.u, drive.u_step = view(rows), calls.n
     where = FFI.from_buffer("double[]", times)
     found: list[Array] = []
     while not progress.reason:
