@@ -372,3 +372,40 @@ def test_what_is_wrong_is_named(built: Build) -> None:
         )
     with pytest.raises(InputError, match="rk4 comes to an end that is not finite"):
         case.gradient(dt=5.0, loads=LoadData())
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("method", METHODS)
+def test_random_robots(method: str, seed: int, built: Build, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With and without prescribed coordinates: gradients are sensitivities and differences."""
+    frozen(monkeypatch)
+    robot = random_robot(7000 + seed, joints=(2, 4), types=("revolute", "prismatic"))
+    robot = some_prescribed(robot, seed) if seed % 2 else robot
+    case, rng = object.__new__(Case), np.random.default_rng(seed)
+    case.kernel, case.method = built(robot, *ALL), method
+    n = case.kernel.n
+    case.loads = loads_of(case.kernel, case.kernel, seed=seed)
+    case.q, case.v, case.u = rng.uniform(-0.3, 0.3, (3, n))
+    case.loss, case.parameters = Loss(n), tuple(case.kernel.parameters)
+    value, found = case.gradient()
+    along = {name: rng.uniform(-1.0, 1.0, (1, n)) for name in ("q", "v", "u")}
+    (q, _), (dq, dv) = case.call("rollout_sensitivity", parameters=case.parameters, along=along)
+    _, by_q, by_v = case.loss(np.zeros(STEPS + 1), q, q)
+    forwards = np.einsum("sn,sdn->d", by_q, dq) + np.einsum("sn,sdn->d", by_v, dv)
+    backwards = [sum((found[name] * x[0]).sum() for name, x in along.items())]
+    backwards += [found[name] for name in case.parameters]
+    np.testing.assert_allclose(forwards, backwards, rtol=1e-9, atol=1e-11 * np.abs(backwards).max())
+    moved, wanted = {}, 0.0
+    for name, by in found["loads"].items():
+        x = numbers(case.loads, name)
+        moved[name] = rng.uniform(-1.0, 1.0, x.shape) * np.maximum(np.abs(x), 1e-3)
+        wanted += float((by * moved[name]).sum())
+    ends = []
+    for s in (1, -1):
+        loads = case.loads
+        for name, direction in moved.items():
+            x = numbers(loads, name) + s * 1e-5 * direction
+            loads = put(loads, name, x if x.ndim else float(x))
+        ends.append(case.gradient(loads=loads)[0])
+    assert wanted == pytest.approx((ends[0] - ends[1]) / 2e-5, rel=1e-6, abs=1e-8 * max(1.0, abs(value)))
