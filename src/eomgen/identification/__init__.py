@@ -10,6 +10,7 @@ from .choosing.choosing import poses
 from .choosing.chosen import PosesResult
 from .estimates import Estimate, FitResult, FittedCoordinate
 from .from_motion import ForcesResult, forces
+from .geometry.covariances import read_covariances
 from .geometry.poses import Measured, MeasuredPoses, poses_from_columns, read_poses
 from .identifiable import BaseParameters, base_parameters
 from .inertial import IdentifyResult, Residuals, identify
@@ -45,6 +46,7 @@ __all__ = [
     "load_calibration",
     "poses",
     "poses_from_columns",
+    "read_covariances",
     "read_poses",
     "tolerance",
 ]

@@ -36,6 +36,14 @@ def _add_calibrate(parser: argparse.ArgumentParser) -> None:
         metavar=("M", "RAD"),
         help="standard deviations of lengths and turns (estimated)",
     )
+    parser.add_argument(
+        "--covariance",
+        nargs="+",
+        type=Path,
+        default=[],
+        metavar="FILE",
+        help="covariances of frames' errors, .csv or .npz: 3 x 3 of positions or 6 x 6 of poses, one or one per row",
+    )
     parser.add_argument("--loss", metavar="NAME", help="huber, cauchy or tukey: mistrust what is far off (none)")
     parser.add_argument("--folds", default="10", metavar="N", help="parts that are held out in turn, loo, or 0 (10)")
     parser.add_argument("--fixed", nargs="+", default=[], metavar="NAME", help="quantities that stay, or their owners")
@@ -53,6 +61,7 @@ def _add_calibrate(parser: argparse.ArgumentParser) -> None:
 
 def _calibrate(options: argparse.Namespace) -> None:
     from ...identification.calibration.calibrating import calibrate
+    from ...identification.geometry.covariances import read_covariances
 
     frames = _attached(options.attach)
     folds = options.folds if options.folds == "loo" else _whole("folds", options.folds)
@@ -67,6 +76,7 @@ def _calibrate(options: argparse.Namespace) -> None:
             frames=frames,
             rotation=options.rotation,
             noise=options.noise,
+            covariance=read_covariances(options.covariance),
             loss=options.loss,
             folds=folds,
             fixed=options.fixed,

@@ -90,7 +90,8 @@ def calibrate(
         frames: link of every measured frame that the description does not have, {"probe": "link6"}.
         rotation: how the file writes orientations: "rotvector", "rpy" or "quaternion".
         noise: standard deviations of lengths (m) and turns (rad) where the file has none; estimated if not given.
-        covariance: of a frame's errors, (3, 3) or (6, 6), by its name: of position, or of position and turn.
+        covariance: of a frame's errors, (3, 3) or (6, 6), by its name: of position, or of position and turn; for every
+            row its own as (R, 3, 3) or (R, 6, 6).  From files by ``read_covariances``.
         loss: "huber", "cauchy" or "tukey": samples count the less, the more they are off.
         folds: contiguous parts of the poses that are held out, one after the other; "loo": every pose; 0: none, and the
             full variant alone.
