@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ..shared import Command, add_json, add_robot, read_robot, show_result, stage_bar
+from ..shared import Command, add_json, add_page, add_robot, read_robot, show_result, show_with_page, stage_bar
 
 
 def _add_motion(parser: argparse.ArgumentParser) -> None:
@@ -35,6 +35,7 @@ def _add_fit(parser: argparse.ArgumentParser) -> None:
     _add_motion(parser)
     parser.add_argument("--coordinates", nargs="+", default=(), metavar="NAME", help="those to fit (all that can be)")
     parser.add_argument("--confidence", type=float, default=0.95, metavar="P", help="of the intervals (0.95)")
+    add_page(parser)
 
 
 def _fit(options: argparse.Namespace) -> None:
@@ -49,7 +50,7 @@ def _fit(options: argparse.Namespace) -> None:
             confidence=options.confidence,
             progress=report,
         )
-    show_result(options, found)
+    show_with_page(options, found)
 
 
 def _add_identify(parser: argparse.ArgumentParser) -> None:
@@ -61,6 +62,7 @@ def _add_identify(parser: argparse.ArgumentParser) -> None:
         metavar="TERM",
         help="what is sought: links, rotors, viscous, dry, offset (all)",
     )
+    add_page(parser)
 
 
 def _identify(options: argparse.Namespace) -> None:
@@ -70,7 +72,7 @@ def _identify(options: argparse.Namespace) -> None:
     robot = read_robot(options)
     with stage_bar("identifying") as report:
         found = identify(robot, options.motion, terms=options.terms or TERMS, progress=report)
-    show_result(options, found)
+    show_with_page(options, found)
 
 
 COMMANDS = (

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ...errors import InputError
 from ...files import FIGURE_ENDINGS
-from ..shared import Command, add_json, add_robot, read_robot, show_files, stage_bar
+from ..shared import Command, add_json, add_page, add_robot, pages_written, read_robot, show_files, stage_bar
 
 
 def _add_calibrate(parser: argparse.ArgumentParser) -> None:
@@ -56,6 +56,7 @@ def _add_calibrate(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--toml", type=Path, metavar="FILE", help="write the description with what was found")
     parser.add_argument("--urdf", type=Path, metavar="FILE", help="write an URDF with what was found in its origins")
     parser.add_argument("-o", "--output", type=Path, help="the result, .npz, or a figure .svg, .pdf or .png")
+    add_page(parser)
     add_json(parser)
 
 
@@ -94,10 +95,10 @@ def _calibrate(options: argparse.Namespace) -> None:
     if options.output is not None and options.output.suffix == ".npz":
         written.append(found.save(options.output))
     elif options.output is not None:
-        from ...pictures.measured import plot_calibration
+        from ...pictures.measured.calibration import plot_calibration
 
         written.append(plot_calibration(found, options.output))
-    show_files(options, found.lines(), found.as_dict(), written)
+    show_files(options, found.lines(), found.as_dict(), written + pages_written(options, found))
 
 
 def _add_poses(parser: argparse.ArgumentParser) -> None:
@@ -148,6 +149,7 @@ def _add_poses(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--candidates", type=int, default=1000, metavar="N", help="poses to choose from (1000)")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of their random numbers (0)")
     parser.add_argument("-o", "--output", type=Path, help="write the poses, .csv, with empty columns to fill in")
+    add_page(parser)
     add_json(parser)
 
 
@@ -189,7 +191,7 @@ def _poses(options: argparse.Namespace) -> None:
             progress=report,
         )
     written = [] if options.output is None else [found.to_csv(options.output)]
-    show_files(options, found.lines(), found.as_dict(), written)
+    show_files(options, found.lines(), found.as_dict(), written + pages_written(options, found))
 
 
 def _attached(texts: Sequence[str]) -> dict[str, str]:

@@ -140,18 +140,7 @@ class PosesResult(Shown, Tabular):
 
     def lines(self) -> list[str]:
         """Tables for people: the criterion, the poses, what stays weak."""
-        behind = f" behind {self.measured} measured ones" if self.measured else ""
-        names = ", ".join(self.frames)
-        without = f", without these poses {1e3 * self.error_before:.4g} mm" if self.measured else ""
-        lines = [
-            f"{self.robot}: {len(self.q)} of {self.candidates} poses{behind}, {self.measure} of {names}",
-            f"criterion {_ABOUT[self.criterion]}: {100 * self.efficiency:.1f} % of what any weights of them reach",
-            f"rank {self.rank} of {self.size}, {self.rank_above_noise} above the noise"
-            f" ({1e3 * self.noise[0]:.3g} mm, {1e3 * self.noise[1]:.3g} mrad)",
-            f"expected error of the tool {1e3 * self.error:.4g} mm rms{without}",
-            "",
-            "".join(f"{name:>16}" for name in self.coordinates),
-        ]
+        lines = [*self.summary_lines(), "", "".join(f"{name:>16}" for name in self.coordinates)]
         lines += ["".join(f"{value:>16.6f}" for value in row) for row in self.q]
         if self.weak:
             lines += ["", "weak: standard deviation of the first, along the direction"]
@@ -160,3 +149,16 @@ class PosesResult(Shown, Tabular):
             width = max(len(name) for name in self.merged) + 2
             lines += ["", "not identifiable:", *(f"{name:<{width}}{why}" for name, why in self.merged.items())]
         return lines + (["", *(f"note: {note}" for note in self.notes)] if self.notes else [])
+
+    def summary_lines(self) -> list[str]:
+        """Lines about the choice: how many of what, how near to the bound, what they will tell."""
+        behind = f" behind {self.measured} measured ones" if self.measured else ""
+        names = ", ".join(self.frames)
+        without = f", without these poses {1e3 * self.error_before:.4g} mm" if self.measured else ""
+        return [
+            f"{self.robot}: {len(self.q)} of {self.candidates} poses{behind}, {self.measure} of {names}",
+            f"criterion {_ABOUT[self.criterion]}: {100 * self.efficiency:.1f} % of what any weights of them reach",
+            f"rank {self.rank} of {self.size}, {self.rank_above_noise} above the noise"
+            f" ({1e3 * self.noise[0]:.3g} mm, {1e3 * self.noise[1]:.3g} mrad)",
+            f"expected error of the tool {1e3 * self.error:.4g} mm rms{without}",
+        ]

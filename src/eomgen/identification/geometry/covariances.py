@@ -61,7 +61,7 @@ def _from_csv(path: Path) -> Mapping[str, Array]:
     return {frame: table if len(table) == size else table.reshape(-1, size, size)}
 
 
-def covariances(frame: str, value: ArrayLike, rows: int, sizes: Iterable[int]) -> Array:
+def matrices_of(frame: str, value: ArrayLike, rows: int, sizes: Iterable[int]) -> Array:
     """Covariances of a frame as float64, (c, c), or one for each of the rows of the poses, (rows, c, c).
 
     Raises:

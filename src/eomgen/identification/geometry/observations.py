@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...errors import ArrayError, InputError
 from ...names import listed, show
 from ...robot.coordinates import MOTIONS
-from .covariances import covariances, whitening_factor
+from .covariances import matrices_of, whitening_factor
 from .error_model import ErrorModel, Rows, State
 from .poses import Measured, MeasuredPoses
 from .rotations import vectors_of
@@ -209,7 +209,7 @@ def _mixed(
         known = [name for name, kind in starts if kind == POSITION]
         raise InputError(f"covariance: {show(frame)} has no measured position; allowed: {listed(known)}")
     whole = (frame, ORIENTATION) in starts
-    matrices = covariances(frame, value, len(poses.q), (3, 6) if whole else (3,))
+    matrices = matrices_of(frame, value, len(poses.q), (3, 6) if whole else (3,))
     first, block = starts[frame, POSITION]
     places = first + 3 * np.arange(block.rows.size)[:, np.newaxis] + np.arange(3)
     if matrices.shape[-1] == 6:

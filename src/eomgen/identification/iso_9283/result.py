@@ -234,9 +234,18 @@ class AccuracyResult(Shown, Tabular):
         name = f"{self.robot}, {self.frame}" if self.robot else self.frame
         lines = [f"{name}: accuracy by the definitions of {STANDARD}, {self.source}"]
         lines += [f"  load: {self.load}", f"  rate: {self.rate}", ""]
-        for rows in (self._pose_rows(), self._path_rows(), self._distance_rows(), self._stop_rows()):
+        for rows in self.tables().values():
             lines += [*_table(rows), ""] if len(rows) > 1 else []
         return lines + [f"note: {text}" for text in self.notes]
+
+    def tables(self) -> dict[str, Sequence[tuple[str, ...]]]:
+        """Rows of texts by what they are of, the first with what is in the columns: lengths in mm, angles in mrad."""
+        return {
+            "Poses": self._pose_rows(),
+            "Paths": self._path_rows(),
+            "Distances": self._distance_rows(),
+            "Stops": self._stop_rows(),
+        }
 
     def _pose_rows(self) -> Sequence[tuple[str, ...]]:
         head = ("pose", "cycles", "AP mm", "RP mm", "AP a b c mrad", "RP a b c mrad")
@@ -296,7 +305,7 @@ class AccuracyResult(Shown, Tabular):
         target = Path(path)
         if target.suffix != ".json":
             raise InputError(f"{target}: the suffix {target.suffix!r} is none of a result; allowed: .json")
-        text = json.dumps({"standard": STANDARD, "format": FORMAT, **asdict(self)}, indent=1)
+        text = json.dumps({"kind": "accuracy", "standard": STANDARD, "format": FORMAT, **asdict(self)}, indent=1)
         return write_atomically(target, lambda stream: stream.write(text.encode("ascii")))
 
 
@@ -314,7 +323,7 @@ def load_accuracy(path: Path | str) -> AccuracyResult:
     data = parse_json(text, str(path), _MOST_MEMORY)
     if not isinstance(data, dict) or data.get("standard") != STANDARD or data.get("format") != FORMAT:
         raise InputError(f"{path}: holds no figures of {STANDARD}; allowed: a file that eomgen accuracy wrote")
-    rest = {key: value for key, value in data.items() if key not in ("standard", "format")}
+    rest = {key: value for key, value in data.items() if key not in ("kind", "standard", "format")}
     found: AccuracyResult = value_of(AccuracyResult, rest, str(path))
     return found
 
