@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +25,7 @@ def dense(points: Array, step: float = 0.005) -> Array:
     """A path with points between its corners."""
     parts = [
         a + np.linspace(0.0, 1.0, round(float(np.linalg.norm(b - a)) / step), endpoint=False)[:, np.newaxis] * (b - a)
-        for a, b in zip(points[:-1], points[1:], strict=True)
+        for a, b in pairwise(points)
     ]
     return np.vstack([*parts, points[-1:]])
 
