@@ -232,11 +232,14 @@ def _columns(robot: Robot, chain: Chain, poses: MeasuredPoses) -> dict[str, tupl
         else:
             found[name] = station[owner], COORDINATES.index(kind), 1.0
     read = {place[:2] for place in found.values()}
+    moving = {k for tool in chain.tools.values() for k in chain.ancestors(tool)}
     for name, k in station.items():
         principal = chain.stations[k].principal
-        if principal is not None and (k, principal) not in read and not robot.is_closed:
+        if k in moving and principal is not None and (k, principal) not in read and not robot.is_closed:
             column = component_name(name, COORDINATES[principal])
-            raise InputError(f"{poses.source}: the column {column} is missing; allowed: all joints that move")
+            raise InputError(
+                f"{poses.source}: the column {column} is missing; allowed: all joints that move what was measured"
+            )
     return found
 
 
