@@ -108,3 +108,14 @@ def test_stiffness_of_a_linkage_is_found() -> None:
 def test_what_loops_hold_is_refused_by_name(name: str, why: str) -> None:
     with pytest.raises(InputError, match=f"stiffness: {name} {why}; allowed: drives of four_bar, and coordinates"):
         calibrate("four_bar", measured(), stiffness=[name], folds=0)
+
+
+def test_loops_that_nothing_closes_rigidly_are_refused() -> None:
+    robot = eomgen.load_robot("hexapod_elastic")
+    tree = build_model(robot)
+    drives = [tree.coordinates[i] for i in tree.driven]
+    given = {name: np.linspace(-0.02, 0.02, 30) ** (i + 1) for i, name in enumerate(drives)}
+    given |= {f"{robot.frames[0].name}.{axis}": np.linspace(0.0, 0.1, 30) ** (i + 1) for i, axis in enumerate("xyz")}
+    poses = poses_from_columns(given, tree.coordinates, [robot.frames[0].name])
+    with pytest.raises(InputError, match="hexapod_elastic: all loops are elastic in all coordinates"):
+        calibrate(robot, poses, folds=0)

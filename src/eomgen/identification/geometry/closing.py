@@ -146,7 +146,7 @@ def closing_of(model: Model, chain: Chain, read: Sequence[Place], source: str) -
     """Loops and couplings of a robot whose drives are read; what else moves follows.
 
     Raises:
-        InputError: a drive's column is missing, or drives do not say where a coordinate is.
+        InputError: a drive's column is missing, drives do not say where a coordinate is, or nothing closes rigidly.
     """
     robot = model.robot
     station = {s.name: k for k, s in enumerate(chain.stations) if s.joint is not None}
@@ -172,6 +172,11 @@ def closing_of(model: Model, chain: Chain, read: Sequence[Place], source: str) -
         for x in robot.couplings
         if x.law is None
     )
+    if not couplings and not any(rigid_parts(loop) for loop in robot.loops):
+        raise InputError(
+            f"{robot.name}: all loops are elastic in all coordinates, so that forces alone say where it stands; allowed:"
+            " loops with rigid coordinates"
+        )
     return _independent(model, chain, Closing(robot, tuple(passive), couplings))
 
 
