@@ -22,6 +22,8 @@ from eomgen.identification import (
     IdentifyResult,
     Residuals,
     calibrate,
+    load_fit,
+    load_poses,
     poses,
     tolerance,
 )
@@ -141,6 +143,26 @@ def test_saved_results_are_reported(
     for name in ("other.npz", "other.json"):
         assert cli.main(["report", name]) == 1
         assert capsys.readouterr().err.startswith(f"eomgen: {name}: is ")
+
+
+def test_fits_and_poses_are_saved_and_reported(tmp_path: Path) -> None:
+    """What loads again has the same page; what is of another kind, or damaged, is refused."""
+    for name, found, load in (("fit", fitted(), load_fit), ("poses", results()["poses"], load_poses)):
+        path = found.save(tmp_path / f"{name}.json")
+        assert load(path).as_dict() == found.as_dict()
+        assert cli.main(["report", str(path)]) == 0
+        assert path.with_suffix(".html").read_text() == report_of(found).html()
+        text = path.read_text()
+        for bad, said in (
+            (text.replace(f'"kind": "{name}"', '"kind": "other"'), f"is no result of the kind {name}"),
+            (text.replace('"robot"', '"rabbit"'), "'rabbit' is unknown"),
+            (text.replace('"units": [', '"units": ["m",') if name == "poses" else "{", "units|no JSON"),
+        ):
+            path.write_text(bad)
+            with pytest.raises(InputError, match=said):
+                load(path)
+        with pytest.raises(InputError, match=r"allowed: a path that ends in .json"):
+            found.save(tmp_path / "result.txt")
 
 
 def test_every_kind_of_file_has_a_page() -> None:

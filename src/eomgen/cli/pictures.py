@@ -40,8 +40,12 @@ def _plot(options: argparse.Namespace) -> None:
 
 
 def _add_report(parser: argparse.ArgumentParser) -> None:
-    about = "folder of eomgen simulate, or its trajectory.npz; or what calibrate (.npz) or accuracy (.json) wrote"
-    parser.add_argument("result", metavar="RESULT", type=Path, help=about)
+    parser.add_argument(
+        "result",
+        metavar="RESULT",
+        type=Path,
+        help="folder of eomgen simulate, or its trajectory.npz; what calibrate, accuracy, fit or poses wrote",
+    )
     parser.add_argument(
         "-o",
         "--output",

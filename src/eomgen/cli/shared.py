@@ -235,9 +235,9 @@ def pages_written(options: argparse.Namespace, found: Any) -> list[Path]:
     return [page_of(found).save(options.report)]
 
 
-def show_with_page(options: argparse.Namespace, found: Any) -> None:
-    """Print a result as ``show_result`` does, and write its page where --report asks for one."""
-    written = pages_written(options, found)
+def show_with_page(options: argparse.Namespace, found: Any, written: Iterable[Path] = ()) -> None:
+    """Print a result as ``show_result`` does, with files that were written; and its page where --report asks for it."""
+    written = [*written, *pages_written(options, found)]
     show_result(options, found)
     if not options.json:
         show_written(written)

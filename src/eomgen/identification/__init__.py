@@ -7,8 +7,8 @@ from .calibration.calibrating import calibrate
 from .calibration.result import CalibrationResult
 from .calibration.stored import load_calibration
 from .choosing.choosing import poses
-from .choosing.chosen import PosesResult
-from .estimates import Estimate, FitResult, FittedCoordinate
+from .choosing.chosen import PosesResult, load_poses
+from .estimates import Estimate, FitResult, FittedCoordinate, load_fit
 from .from_motion import ForcesResult, forces
 from .geometry.covariances import read_covariances
 from .geometry.poses import Measured, MeasuredPoses, poses_from_columns, read_poses
@@ -44,6 +44,8 @@ __all__ = [
     "identify",
     "load_accuracy",
     "load_calibration",
+    "load_fit",
+    "load_poses",
     "poses",
     "poses_from_columns",
     "read_covariances",

@@ -35,6 +35,7 @@ def _add_fit(parser: argparse.ArgumentParser) -> None:
     _add_motion(parser)
     parser.add_argument("--coordinates", nargs="+", default=(), metavar="NAME", help="those to fit (all that can be)")
     parser.add_argument("--confidence", type=float, default=0.95, metavar="P", help="of the intervals (0.95)")
+    parser.add_argument("-o", "--output", type=Path, help="the result, .json")
     add_page(parser)
 
 
@@ -50,7 +51,7 @@ def _fit(options: argparse.Namespace) -> None:
             confidence=options.confidence,
             progress=report,
         )
-    show_with_page(options, found)
+    show_with_page(options, found, [] if options.output is None else [found.save(options.output)])
 
 
 def _add_identify(parser: argparse.ArgumentParser) -> None:

@@ -148,7 +148,9 @@ def _add_poses(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--stiffness", nargs="+", default=[], metavar="NAME", help="coordinates that give way")
     parser.add_argument("--candidates", type=int, default=1000, metavar="N", help="poses to choose from (1000)")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of their random numbers (0)")
-    parser.add_argument("-o", "--output", type=Path, help="write the poses, .csv, with empty columns to fill in")
+    parser.add_argument(
+        "-o", "--output", type=Path, help="the poses, .csv, with empty columns to fill in; or the result, .json"
+    )
     add_page(parser)
     add_json(parser)
 
@@ -156,8 +158,8 @@ def _add_poses(parser: argparse.ArgumentParser) -> None:
 def _poses(options: argparse.Namespace) -> None:
     from ...identification.choosing.choosing import poses
 
-    if options.output is not None and options.output.suffix != ".csv":
-        raise InputError(f"output: {str(options.output)!r}; allowed: a path that ends in .csv")
+    if options.output is not None and options.output.suffix not in (".csv", ".json"):
+        raise InputError(f"output: {str(options.output)!r}; allowed: a path that ends in .csv or .json")
     ranges = {}
     for name, *ends in options.range:
         try:
@@ -190,7 +192,9 @@ def _poses(options: argparse.Namespace) -> None:
             seed=options.seed,
             progress=report,
         )
-    written = [] if options.output is None else [found.to_csv(options.output)]
+    written = []
+    if options.output is not None:
+        written.append((found.save if options.output.suffix == ".json" else found.to_csv)(options.output))
     show_files(options, found.lines(), found.as_dict(), written + pages_written(options, found))
 
 

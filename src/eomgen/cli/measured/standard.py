@@ -5,17 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ..shared import (
-    Command,
-    add_json,
-    add_page,
-    add_robot_of_result,
-    pages_written,
-    progress_bar,
-    read_robot,
-    show_result,
-    show_written,
-)
+from ..shared import Command, add_json, add_page, add_robot_of_result, progress_bar, read_robot, show_with_page
 
 
 def _add_accuracy(parser: argparse.ArgumentParser) -> None:
@@ -84,10 +74,7 @@ def _accuracy(options: argparse.Namespace) -> None:
         from ...pictures.measured.accuracy import plot_accuracy
 
         written.append(plot_accuracy(found, options.plot))
-    written += pages_written(options, found)
-    show_result(options, found)
-    if not options.json:
-        show_written(written)
+    show_with_page(options, found, written)
 
 
 COMMANDS = (

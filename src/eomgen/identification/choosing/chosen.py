@@ -14,16 +14,18 @@ from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...files import write_atomically
-from ...names import component_name, show_path
+from ...names import component_name, show, show_path
 from ...robot.coordinates import MOTIONS
 from ...shown import Shown
 from ...tabular import Rows as TableRows
 from ...tabular import TableColumn, Tabular
+from ..saved import read_json, write_json
 from .information import DETERMINANT
 from .proposals import DISTANCE, POSE
 
 Array = NDArray[np.float64]
 
+KIND = "poses"
 _ABOUT = {
     DETERMINANT: "D (determinant of the information)",
     "V": "V (expected error of the tool over the workspace)",
@@ -110,6 +112,14 @@ class PosesResult(Shown, Tabular):
             writer.writerow([*row, *("" for _ in empty), *(self.series for _ in more)])
         return write_atomically(target, lambda stream: stream.write(text.getvalue().encode("ascii")))
 
+    def save(self, path: Path | str) -> Path:
+        """Write everything as .json, and return the path; ``load_poses`` reads it.
+
+        Raises:
+            InputError: another ending, or the file cannot be written.
+        """
+        return write_json(self, KIND, path)
+
     def as_rows(self) -> TableRows:
         """A row per pose: its coordinates, m or rad."""
         columns = [TableColumn(name, "SI", self.q[:, i]) for i, name in enumerate(self.coordinates)]
@@ -162,3 +172,20 @@ class PosesResult(Shown, Tabular):
             f" ({1e3 * self.noise[0]:.3g} mm, {1e3 * self.noise[1]:.3g} mrad)",
             f"expected error of the tool {1e3 * self.error:.4g} mm rms{without}",
         ]
+
+
+def load_poses(path: Path | str) -> PosesResult:
+    """The result that ``PosesResult.save`` wrote.
+
+    Raises:
+        InputError: the file cannot be read, or is no such result; says what in it is wrong.
+    """
+    found = read_json(PosesResult, KIND, path)
+    many = len(found.names)
+    if found.q.ndim != 2 or found.q.shape[1] != len(found.coordinates) or not len(found.q):
+        raise InputError(f"{path}: q has shape {found.q.shape}; allowed: a row per pose, a column per coordinate")
+    if found.deviations.shape != (many,) or len(found.units) != many:
+        raise InputError(f"{path}: deviations or units are not as many as names; allowed: {many}")
+    if found.criterion not in _ABOUT:
+        raise InputError(f"{path}: criterion: {show(found.criterion)}; allowed: {', '.join(_ABOUT)}")
+    return found

@@ -122,7 +122,8 @@ class Closing:
     def carried(self, chain: Chain, at: Located, forces: Array) -> Array:
         """Forces in all stations' coordinates, (N, S, 6), with what acts on the passive ones that follow them."""
         ks, cs = np.array(self.passive, dtype=np.intp).T
-        return forces + np.einsum("nqsc,nq->nsc", self.followed(chain, at), forces[:, ks, cs])
+        passed_on = np.einsum("nqsc,nq->nsc", self.followed(chain, at), forces[:, ks, cs])
+        return np.asarray(forces + passed_on)
 
 
 def held_by_loops(model: Model, chain: Chain, closing: Closing, places: Sequence[Place]) -> list[Place]:
@@ -174,8 +175,8 @@ def closing_of(model: Model, chain: Chain, read: Sequence[Place], source: str) -
     )
     if not couplings and not any(rigid_parts(loop) for loop in robot.loops):
         raise InputError(
-            f"{robot.name}: all loops are elastic in all coordinates, so that forces alone say where it stands; allowed:"
-            " loops with rigid coordinates"
+            f"{robot.name}: all loops are elastic in all coordinates, so that forces alone say where it stands;"
+            " allowed: loops with rigid coordinates"
         )
     return _independent(model, chain, Closing(robot, tuple(passive), couplings))
 

@@ -15,8 +15,8 @@ from ...files import read_regular
 from ...forms.plain import parse_json
 from ...identification.calibration.result import CalibrationResult
 from ...identification.calibration.stored import load_calibration
-from ...identification.choosing.chosen import PosesResult
-from ...identification.estimates import FitResult
+from ...identification.choosing.chosen import PosesResult, load_poses
+from ...identification.estimates import FitResult, load_fit
 from ...identification.inertial import IdentifyResult
 from ...identification.iso_9283.result import AccuracyResult, load_accuracy
 from ...identification.tolerances.result import ToleranceResult
@@ -40,6 +40,8 @@ PAGES: Mapping[type, Callable[[Any], Report]] = {
 SAVED: Mapping[str, Callable[[Path], Any]] = {
     "accuracy": load_accuracy,
     "calibration": load_calibration,
+    "fit": load_fit,
+    "poses": load_poses,
 }
 
 
