@@ -127,7 +127,7 @@ class Closing:
 
 
 def held_by_loops(model: Model, chain: Chain, closing: Closing, places: Sequence[Place]) -> list[Place]:
-    """Those of some places whose deflections passive coordinates cannot take up: loops share them among several."""
+    """Places of some whose deflections passive coordinates cannot take up: loops share them among several."""
     closing = replace(closing, kept=())
     constants, bases = constants_of(chain, model.robot, 1), np.eye(4)[np.newaxis]
     home = closing.closed(chain, _home(chain, model, 1) + constants, constants, bases, 4 * _LAST)
