@@ -9,6 +9,9 @@ from .calibration.stored import load_calibration
 from .choosing.choosing import poses
 from .choosing.chosen import PosesResult
 from .estimates import Estimate, FitResult, FittedCoordinate
+from .exciting.designing import excite
+from .exciting.excited import ExciteResult
+from .exciting.stored import load_excitation
 from .from_motion import ForcesResult, forces
 from .geometry.poses import Measured, MeasuredPoses, poses_from_columns, read_poses
 from .identifiable import BaseParameters, base_parameters
@@ -26,6 +29,7 @@ __all__ = [
     "BaseParameters",
     "CalibrationResult",
     "Estimate",
+    "ExciteResult",
     "FitResult",
     "FittedCoordinate",
     "ForcesResult",
@@ -38,11 +42,13 @@ __all__ = [
     "accuracy",
     "base_parameters",
     "calibrate",
+    "excite",
     "fit",
     "forces",
     "identify",
     "load_accuracy",
     "load_calibration",
+    "load_excitation",
     "poses",
     "poses_from_columns",
     "read_poses",

@@ -1,5 +1,5 @@
 """Commands about what was measured, and what tolerances make of it."""
 
-from . import motions, poses, standard, tolerances
+from . import exciting, motions, poses, standard, tolerances
 
-COMMANDS = (*motions.COMMANDS, *poses.COMMANDS, *standard.COMMANDS, *tolerances.COMMANDS)
+COMMANDS = (*motions.COMMANDS, *exciting.COMMANDS, *poses.COMMANDS, *standard.COMMANDS, *tolerances.COMMANDS)
