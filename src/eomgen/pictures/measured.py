@@ -109,7 +109,7 @@ def plot_excitation(found: ExciteResult, path: Path | str) -> Path:
     shown = found.coordinates[:MOST]
     height = 1.0 + 0.95 * len(shown)
     with canvas(FULL_WIDTH, height, path) as figure:
-        room = {"top": 1.0 - 0.5 / height, "bottom": 0.42 / height, "left": 0.16, "right": 0.985, "wspace": 0.35}
+        room = {"top": 1.0 - 0.5 / height, "bottom": 0.42 / height, "left": 0.1, "right": 0.985, "wspace": 0.32}
         panels = figure.subplots(len(shown), 3, sharex=True, squeeze=False, gridspec_kw=room)
         for i, (name, row) in enumerate(zip(shown, panels, strict=True)):
             unit, values = unit_of(name), (found.q, found.v, found.u)
@@ -121,9 +121,7 @@ def plot_excitation(found: ExciteResult, path: Path | str) -> Path:
                     panel.axhline(limit, color=PROGRAM_COLOR, linestyle="--", linewidth=0.9)
                 if i == 0:
                     panel.set_title(kind)
-            row[0].annotate(
-                literal(name), (0.0, 0.5), (-44.0, 0.0), "axes fraction", "offset points", rotation=90.0, va="center"
-            )
+            row[0].set_ylabel(f"{literal(name)}\n{unit}")
         for panel in panels[-1]:
             panel.set_xlabel("time, s")
         title_of(figure, f"{found.robot}: a motion that excites {len(found.base)} base parameters")

@@ -66,7 +66,9 @@ def _add_excite(parser: argparse.ArgumentParser) -> None:
         metavar=("FRAME", "X", "Y", "Z", "R"),
         help="a frame keeps that far from a point, m; more than once",
     )
-    parser.add_argument("--noise", nargs="+", metavar="U", help=f"standard deviations of drives: {_AMOUNT} (1 %% of rms)")
+    parser.add_argument(
+        "--noise", nargs="+", metavar="U", help=f"standard deviations of drives: {_AMOUNT} (1 %% of rms)"
+    )
     parser.add_argument("--starts", type=int, default=3, metavar="N", help="searches, of which the best counts (3)")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of random numbers (0)")
     parser.add_argument(

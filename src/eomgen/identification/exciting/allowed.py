@@ -42,7 +42,7 @@ class Region:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What each number of it is called."""
+        """Names of its numbers."""
         if self.normals is None or len(self.low) == 1:
             return (self.text,)
         return tuple(f"{self.text} {side}{axis}" for side in "+-" for axis in "xyz")
@@ -97,7 +97,7 @@ def limits_of(
         unknown = [i for i, name in enumerate(names) if np.isinf(fastest[i]) and unit_of(name) == unit]
         fastest[unknown] = usual
         if unknown:
-            notes.append(f"no limit of rates is given of {listed(names[i] for i in unknown)}: {usual:g} {unit}/s is assumed")
+            notes.append(f"rates of {these(names, unknown)} without a limit: {usual:g} {unit}/s is assumed")
     if accelerations is None and drives is None:
         notes.append("no limits of accelerations and drives are given: harmonics and rates alone hold them")
     regions = [_box(frame, box) for frame, box in (boxes or {}).items()]
@@ -135,6 +135,11 @@ def amounts(label: str, given: Amounts | None, names: tuple[str, ...]) -> Array:
     for name, value in given.items():
         found[_place(label, name, names)] = _positive(f"{label}: {name}", value)
     return found
+
+
+def these(names: Sequence[str], places: Sequence[int]) -> str:
+    """Coordinates at some places, for notes."""
+    return "all coordinates" if len(places) == len(names) else listed(names[i] for i in places)
 
 
 def _ranges(
@@ -186,7 +191,7 @@ def _distance(frame: str, point: Any, radius: Any) -> Region:
 
 
 def _triples(label: str, given: Sequence[Any]) -> list[tuple[Any, Any, Any]]:
-    rows = list(given) if isinstance(given, (list, tuple)) else [given]
+    rows: list[Any] = list(given) if isinstance(given, (list, tuple)) else [given]
     for row in rows:
         if not isinstance(row, (list, tuple)) or len(row) != 3 or not isinstance(row[0], str):
             raise InputError(f"{label}: {show(row)}; allowed: rows of a frame, a vector (3,) and a number")

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,34 +19,39 @@ Course = tuple[Array, Array, Array]  # coordinates, rates and accelerations of a
 RELAXED = 1e-4  # of a limit's width, or m: nearer than this to a limit, or beyond, the barrier is a parabola
 
 
-class Held(Protocol):
-    """Numbers along a motion with their limits."""
+@dataclass(frozen=True, eq=False)
+class Held(ABC):
+    """Numbers along a motion with their limits.
+
+    Attributes:
+        names: of the numbers, k of them, such as "joint1.gamma rate".
+        units: theirs.
+        low, high: least and greatest that is allowed, (k,); infinite where there is no limit.
+    """
 
     names: tuple[str, ...]
     units: tuple[str, ...]
     low: Array
     high: Array
 
+    @abstractmethod
     def values(self, course: Course) -> Array:
         """The numbers, (T, k)."""
 
+    @abstractmethod
     def gradient(self, course: Course, weights: Array) -> Course:
         """Derivatives of the sum of weighted numbers by coordinates, rates and accelerations, (T, n) each."""
 
 
 @dataclass(frozen=True, eq=False)
-class _Direct:
+class _Direct(Held):
     """Coordinates, rates or accelerations themselves; order: 0, 1 or 2."""
 
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    low: Array
-    high: Array
     order: int
     index: NDArray[np.intp]
 
     def values(self, course: Course) -> Array:
-        return course[self.order][:, self.index]
+        return np.asarray(course[self.order][:, self.index])
 
     def gradient(self, course: Course, weights: Array) -> Course:
         q, v, a = (np.zeros_like(x) for x in course)
@@ -55,13 +60,9 @@ class _Direct:
 
 
 @dataclass(frozen=True, eq=False)
-class _Drives:
+class _Drives(Held):
     """Drives without dry friction, between limits that leave room for it, whichever way it acts."""
 
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    low: Array
-    high: Array
     kernel: Kernel
     index: NDArray[np.intp]
 
@@ -76,21 +77,16 @@ class _Drives:
 
 
 @dataclass(frozen=True, eq=False)
-class _Place:
+class _Place(Held):
     """Where a frame is, as its region looks at it."""
 
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    low: Array
-    high: Array
     kernel: Kernel
     region: Region
 
     def values(self, course: Course) -> Array:
-        points = self._points(course)
         if self.region.normals is not None:
-            return points @ self.region.normals.T
-        return np.linalg.norm(points - self.region.point, axis=1)[:, np.newaxis]
+            return np.asarray(self._points(course) @ self.region.normals.T)
+        return np.linalg.norm(self._away(course), axis=1, keepdims=True)
 
     def gradient(self, course: Course, weights: Array) -> Course:
         q, v, a = course
@@ -101,11 +97,16 @@ class _Place:
     def _points(self, course: Course) -> Array:
         return np.asarray(self.kernel.frame_pose(course[0], self.region.frame))[:, :3, 3]
 
+    def _away(self, course: Course) -> Array:
+        """From the point that the frame keeps clear of to the frame, (T, 3), m."""
+        assert self.region.point is not None
+        return np.asarray(self._points(course) - self.region.point)
+
     def _normals(self, course: Course) -> Array:
         """Directions in which the numbers grow, (k, 3) or (T, 1, 3)."""
         if self.region.normals is not None:
             return self.region.normals
-        away = self._points(course) - self.region.point
+        away = self._away(course)
         size = np.linalg.norm(away, axis=1, keepdims=True)
         return np.asarray((away / np.maximum(size, 1e-12))[:, np.newaxis])
 

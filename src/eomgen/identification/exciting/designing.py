@@ -24,7 +24,7 @@ from ...runtime.kernel import Kernel
 from ..estimating import FIRST, least_samples
 from ..identifiable import TERMS, BaseParameters, combinations
 from ..inertial import without_sought
-from .allowed import Amounts, Limits, amounts, limits_of
+from .allowed import Amounts, Limits, amounts, limits_of, these
 from .constraints import Course, extremes, held_by
 from .excited import Compared, ExciteResult
 from .fourier import waves
@@ -124,7 +124,7 @@ def excite(
     report("drawing random motions")
     drawn = _drawn(search, np.random.default_rng(seed))
     telling, notes = _telling(kernel, base, search, deviation, drawn)
-    t = np.arange(samples + 1) * (duration / samples)
+    t = np.asarray(np.arange(samples + 1) * (duration / samples), dtype=np.float64)
     rows = np.asarray(waves(t, duration, harmonics) @ search.combined)
 
     def singular(x: Array) -> Array:
@@ -136,7 +136,7 @@ def excite(
     least = criterion_of(criterion, found_of[start])
     for number, k in enumerate(order[:starts], 1):
         report(f"search {number} of {min(starts, len(drawn))}")
-        x, _ = improved(search, telling, criterion, drawn[k])
+        x = improved(search, telling, criterion, drawn[k])
         value = criterion_of(criterion, singular(x))
         if value < least:
             best, start, least = x, k, value
@@ -155,7 +155,8 @@ def excite(
         sizes=telling.sizes,
         deviations=telling.sizes * np.sqrt(np.diagonal(np.linalg.pinv(G, hermitian=True))),
         criterion=criterion,
-        **_compared(own, found_of[start], found_of),
+        condition=_compared(CONDITION, own, found_of[start], found_of),
+        deviation=_compared(DETERMINANT, own, found_of[start], found_of),
         **_limited(search, rubbing, best),
         randoms=len(drawn),
         starts=min(starts, len(drawn)),
@@ -180,14 +181,14 @@ def moving_coordinates(robot: Robot) -> tuple[str, ...]:
     free = [joint.name for joint in robot.joints if joint.type == "free"]
     if free:
         raise InputError(f"excite: {robot.name} moves freely at {listed(free)}; allowed: robots with a fixed base")
-    model = build_model(robot.rigid())
     names = tuple(
         component_name(joint.name, PRINCIPAL[joint.type])
         for joint in robot.joints
-        if component_name(joint.name, PRINCIPAL.get(joint.type, "")) in model.coordinates
+        if PRINCIPAL.get(joint.type) in joint.coordinates
     )
     if not names:
         raise InputError(f"excite: {robot.name} has no joint that turns or slides; allowed: robots that have one")
+    model = build_model(robot.rigid())
     driven = {model.coordinates[i] for i in (*model.driven, *model.prescribed)}
     loose = [name for name in names if name not in driven]
     if loose:
@@ -205,8 +206,8 @@ def _samples(duration: float, harmonics: int, step: float) -> int:
     least = max(PER_WAVE * harmonics, least_samples(FIRST))
     if samples < least:
         raise InputError(
-            f"step: {step:g} s makes {samples} samples of {duration:g} s, too few for {harmonics} harmonics; allowed: at"
-            f" most {duration / least:.4g} s, or fewer harmonics, or a longer duration"
+            f"step: {step:g} s makes {samples} samples of {duration:g} s, too few for {harmonics} harmonics; allowed:"
+            f" at most {duration / least:.4g} s, or fewer harmonics, or a longer duration"
         )
     if samples > MOST_NUMBERS:
         raise InputError(f"step: {step:g} s makes {samples} samples; allowed: up to {MOST_NUMBERS}")
@@ -262,18 +263,19 @@ def _drawn(search: Search, rng: np.random.Generator) -> list[Array]:
 def _telling(
     kernel: Kernel, base: BaseParameters, search: Search, noise: Array, drawn: Sequence[Array]
 ) -> tuple[Telling, list[str]]:
-    """What motions tell, with noise and sizes from random motions where nothing is said; notes about that."""
+    """Telling, with noise and sizes from random motions where nothing is said; notes about that."""
     whole = [search.course(search.coarse, x) for x in drawn]
     forces = _rms([np.asarray(kernel.inverse_dynamics(*course)) for course in whole], search.index)
     speeds, slopes = (_rms([course[order] for course in whole], search.index) for order in (1, 2))
     forces = np.maximum(forces, 1e-3 * forces.max()) if forces.any() else np.ones_like(forces)
     open_ones = np.isinf(noise)
     deviation = np.where(open_ones, NOISE * forces, noise)
-    names = [name for name, is_open in zip(search.limits.names, open_ones, strict=True) if is_open]
-    notes = [f"noise of the drives of {listed(names)} is assumed, {NOISE:.0%} of their rms in random motions"]
+    unknown = np.flatnonzero(open_ones).tolist()
+    about = these(search.limits.names, unknown)
+    notes = [f"noise of the drives of {about} is assumed: {NOISE:.0%} of their rms in random motions"]
     sizes = _sizes(kernel, base, dict(zip(search.limits.names, zip(forces, speeds, slopes, strict=True), strict=True)))
     turning = SLOW * search.limits.rates
-    return Telling(kernel, base, search.index, deviation, sizes, turning), notes if names else []
+    return Telling(kernel, base, search.index, deviation, sizes, turning), notes if unknown else []
 
 
 def _rms(values: Sequence[Array], index: NDArray[np.intp]) -> Array:
@@ -309,14 +311,10 @@ def _sizes(kernel: Kernel, base: BaseParameters, scales: Mapping[str, tuple[floa
     return np.asarray(np.sqrt(base.matrix**2 @ sizes**2))
 
 
-def _compared(own: Array, start: Array, randoms: Sequence[Array]) -> dict[str, Compared]:
-    """Condition and mean deviation of the motion, of its start, and the median of random ones."""
-    found = {}
-    for label, kind in (("condition", CONDITION), ("deviation", DETERMINANT)):
-        values = [float(np.exp(criterion_of(kind, x))) for x in (own, start)]
-        median = float(np.exp(np.median([criterion_of(kind, x) for x in randoms])))
-        found[label] = Compared(*values, median)
-    return found
+def _compared(kind: str, own: Array, start: Array, randoms: Sequence[Array]) -> Compared:
+    """A figure of the motion, of its start, and the median of random ones, from singular values of their columns."""
+    found, begun = (float(np.exp(criterion_of(kind, x))) for x in (own, start))
+    return Compared(found, begun, float(np.exp(np.median([criterion_of(kind, x) for x in randoms]))))
 
 
 def _limited(search: Search, rubbing: Array, x: Array) -> dict[str, Any]:

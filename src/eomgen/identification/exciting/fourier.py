@@ -34,7 +34,7 @@ class FourierSeries(Shown):
     @property
     def harmonics(self) -> int:
         """Their number N."""
-        return self.sines.shape[1]
+        return int(self.sines.shape[1])
 
     @property
     def start(self) -> Array:

@@ -1,6 +1,6 @@
 """Motions within limits: random ones, and from them better ones, by gradients.
 
-limits -> barrier, criterion -> L-BFGS-B; what still leaves the limits between samples goes on with nearer ones
+limits -> barrier, criterion -> BFGS; what still leaves the limits between samples goes on with nearer ones
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError
-from ...optional import optional_import
 from .allowed import Limits
 from .constraints import Course, Held, barrier, beyond
+from .descending import descended
 from .fourier import FourierSeries, at_rest, waves
 from .telling import Telling, information, smooth_criterion
 
@@ -29,7 +29,6 @@ SHRINKING, SHRUNK = 0.8, 40  # a random motion becomes so much smaller, so often
 FULL = 0.98  # of what limits leave: a random motion's size at first
 WEIGHTS = (1e-2, 1e-3, 1e-4)  # of the barrier, one behind the other
 STEPS = 200  # of the search for each, at most
-MEMORY = 20  # gradients that the search remembers
 ROUNDS = 6  # with nearer limits, where the motion leaves them
 SPARE = 1e-5  # of a limit's width: so much nearer they become, beside what the motion leaves them by
 
@@ -70,7 +69,7 @@ class Search:
         return self._at(CHECKED * self.harmonics)
 
     def _at(self, samples: int) -> Array:
-        t = np.arange(samples) * (self.duration / samples)
+        t = np.asarray(np.arange(samples) * (self.duration / samples), dtype=np.float64)
         return np.asarray(waves(t, self.duration, self.harmonics) @ self.combined)
 
     def course(self, rows: Array, x: Array) -> Course:
@@ -102,9 +101,7 @@ class Search:
         x[:, 1:] = rng.standard_normal(x[:, 1:].shape)
         moved = np.abs(self.fine @ np.where(np.arange(x.shape[1]) > 0, x, 0.0).T).max(axis=1)
         room = np.minimum(self.limits.high - x[:, 0], x[:, 0] - self.limits.low)
-        share = np.minimum.reduce(
-            [room / moved[0], self.limits.rates / moved[1], self.limits.accelerations / moved[2]]
-        )
+        share = np.minimum.reduce([room / moved[0], self.limits.rates / moved[1], self.limits.accelerations / moved[2]])
         x[:, 1:] *= FULL * share[:, np.newaxis]
         for _ in range(SHRUNK):
             if self.admits(x):
@@ -138,48 +135,39 @@ class Search:
                 text = f"{held.names[k]}: {span} in them; its limits are {known} {held.units[k]}"
         if not inside.any():
             raise InputError(
-                f"limits: none of {POSES} random poses at rest is within all of them; {text}; allowed: limits that leave"
-                " room"
+                f"limits: none of {POSES} random poses at rest is within all of them; {text}; allowed: limits that"
+                " leave room"
             )
         return poses[inside]
 
 
-def improved(search: Search, telling: Telling, kind: str, x: Array) -> tuple[Array, int]:
-    """A motion within limits at which a criterion is about as little as it gets near the one with numbers x.
+def improved(search: Search, telling: Telling, kind: str, x: Array) -> Array:
+    """Numbers of a motion within limits at which a criterion is about as little as it gets near another one.
 
     Args:
         search: the series and their limits.
         telling: what motions tell.
         kind: of CRITERIA.
         x: numbers of a motion within limits, (m, 2 N - 1).
-
-    Returns:
-        Its numbers, and how often the criterion was computed.
     """
-    with optional_import("SciPy", "excite needs"):
-        from scipy.optimize import minimize
-
-    scale = _scale(search)
+    scale, found = _scale(search), x
     narrowed = [np.zeros(len(held.names)) for held in search.held]
-    found, calls = x, 0
     for weight in (*WEIGHTS, *WEIGHTS[-1:] * ROUNDS):
 
-        def value(z: Array, weight: float = weight) -> tuple[float, Array]:
-            total, gradient = objective(search, telling, kind, weight, narrowed, z.reshape(x.shape) * scale)
+        def value(z: Array, weight: float = weight, less: Sequence[Array] = narrowed) -> tuple[float, Array]:
+            total, gradient = objective(search, telling, kind, weight, less, z.reshape(x.shape) * scale)
             return total, (gradient * scale).ravel()
 
-        options = {"maxiter": STEPS, "maxcor": MEMORY}
-        done = minimize(value, (found / scale).ravel(), jac=True, method="L-BFGS-B", options=options)
-        found, calls = done.x.reshape(x.shape) * scale, calls + int(done.nfev)
+        found = descended(value, (found / scale).ravel(), STEPS).reshape(x.shape) * scale
         if weight == WEIGHTS[-1]:
             course = search.course(search.fine, found)
             left = [beyond(held, course) for held in search.held]
             if all((room <= 0.0).all() for room in left):
-                return found, calls
+                return found
             narrowed = [
                 less + np.where(room > 0.0, room + SPARE, 0.0) for less, room in zip(narrowed, left, strict=True)
             ]
-    return _between(search, x, found), calls
+    return _between(search, x, found)
 
 
 def objective(

@@ -29,7 +29,7 @@ def load_excitation(path: Path | str) -> ExciteResult:
         meta = json.loads(str(arrays["excitation"]))
         if meta["format"] != FORMAT:
             raise InputError(f"{path}: has format {show(meta['format'])}; allowed: {FORMAT}")
-        numbers = {name: np.asarray(arrays[name], dtype=np.float64) for name in (*ARRAYS, *_SERIES)}
+        numbers: dict[str, Any] = {name: np.asarray(arrays[name], dtype=np.float64) for name in (*ARRAYS, *_SERIES)}
         plain: dict[str, Any] = {name: meta[name] for name in PLAIN}
         for name in ("limited", "units", "notes"):
             plain[name] = tuple(map(str, plain[name]))
