@@ -1,4 +1,4 @@
-"""What measurements say of a robot: stiffness and damping; masses and friction; offsets and placements; accuracy.
+"""What measurements say of a robot: stiffness, damping; masses, friction; offsets, placements; accuracy; tolerances.
 
 Uses runtime, robot, forms, description, state, motion, pipeline, analysis, simulation and sweep.
 """
