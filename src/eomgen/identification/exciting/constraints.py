@@ -86,7 +86,7 @@ class _Place(Held):
     def values(self, course: Course) -> Array:
         if self.region.normals is not None:
             return np.asarray(self._points(course) @ self.region.normals.T)
-        return np.linalg.norm(self._away(course), axis=1, keepdims=True)
+        return np.asarray(np.linalg.norm(self._away(course), axis=1, keepdims=True))
 
     def gradient(self, course: Course, weights: Array) -> Course:
         q, v, a = course

@@ -101,7 +101,7 @@ class Telling:
 
     @cached_property
     def _rubbing(self) -> list[tuple[str, int, int]]:
-        """Of the combinations that begin with friction: the term, their number, and their row."""
+        """Combinations that begin with friction: the term, the number of each, and its row."""
         names = [self.base.parameters[j] for j in self.base.chosen]
         rows = [self.kernel.coordinates[i] for i in self.index]
         own = {component_name(name, term): (term, row) for row, name in enumerate(rows) for term in FRICTION}
