@@ -25,6 +25,7 @@ from eomgen.identification.exciting.telling import CRITERIA, Telling
 from eomgen.identification.identifiable import TERMS, combinations
 from eomgen.identification.inertial import without_sought
 from eomgen.motion.files import motion_from_columns, read_motion
+from eomgen.pictures import plot_excitation
 from eomgen.robot.value import Coordinate, Frame, Friction, Joint, Link, Placement, Robot
 from tests.support.builds import Build
 from tests.support.random_robots import Array
@@ -197,6 +198,15 @@ def test_parameters_come_out_more_exactly_than_from_random_motions(
     assert error(best) < 0.6 * np.median([error(other) for other in rest])
 
 
+def test_a_place_that_random_poses_do_not_meet(kernel: eomgen.Kernel) -> None:
+    box = np.array([[0.6, -0.01, 0.5], [0.62, 0.01, 0.52]])
+    limits = limits_of(arm(), kernel.coordinates, kernel.frames, boxes={"tcp": box})
+    poses = search_of(kernel, limits).poses(np.random.default_rng(0))
+    points = kernel.frame_pose(poses, "tcp")[:, :3, 3]
+    assert len(points)
+    assert ((points >= box[0]) & (points <= box[1])).all()
+
+
 def test_files_and_text(found: ExciteResult, tmp_path: Path) -> None:
     path = found.save(tmp_path / "found.npz")
     again = load_excitation(path)
@@ -215,6 +225,8 @@ def test_files_and_text(found: ExciteResult, tmp_path: Path) -> None:
     assert "joint2.gamma drive [N m]" in text
     assert "tcp half space [m]" in text
     assert "note" not in text.replace("note: rates", "")
+    drawn = plot_excitation(found, tmp_path / "motion.svg").read_text(encoding="utf-8")
+    assert all(name in drawn for name in (*found.coordinates, "position", "rate", "drive", "rad/s", "N m"))
     with pytest.raises(InputError, match=r"beside"):
         found.to_scenario(tmp_path / "other" / "motion.toml", tmp_path / "motion.csv")
     for write in (found.save, found.to_csv):
@@ -258,6 +270,7 @@ def test_deviations_stay_at_zero_and_what_is_assumed_is_said(kernel: eomgen.Kern
         ({"ranges": {"joint2": (0.5, 0.5)}}, r"ranges: joint2.gamma: 0.5 to 0.5 leaves no room"),
         ({"ranges": {"joint9": (0.0, 1.0)}}, r"ranges: no coordinate that moves is called 'joint9'"),
         ({"ranges": {"joint1": (0.0, np.nan)}}, r"ranges: joint1: .*finite"),
+        ({"ranges": [(-1.0, 1.0)]}, r"ranges: .*; allowed: a table by names"),
         ({"rates": 0.0}, r"rates: 0; allowed: a number above 0"),
         ({"rates": {"joint1": -1.0}}, r"rates: joint1: -1"),
         ({"drives": {"joint3": 0.9}}, r"drives: joint3.gamma: 0.9 N m; allowed: more than its dry friction, 1 N m"),
@@ -271,9 +284,9 @@ def test_deviations_stay_at_zero_and_what_is_assumed_is_said(kernel: eomgen.Kern
         ({"clear_of": [("tcp", (0, 0, 0), -1.0)]}, r"clear_of: tcp: distance: -1"),
         (
             {"half_spaces": [("tcp", (0, 0, 1), 2.0)]},
-            r"none of 2000 random poses .*tcp half space: .* m in them; its limits are from 2 m",
+            r"no pose at rest is within all of them; the nearest one has tcp half space 1.3.* m; allowed: from 2 m",
         ),
-        ({"half_spaces": [("tcp", (0, 0, 1), 0.5), ("tcp", (0, 0, -1), -0.5)]}, r"limits: none of 2000 random poses"),
+        ({"half_spaces": [("tcp", (0, 0, 1), 0.5), ("tcp", (0, 0, -1), -0.4)]}, r"limits: no pose at rest is within"),
         ({"harmonics": 40}, r"step: 0.008 s makes 500 samples of 4 s, too few for 40 harmonics; allowed: at most"),
         ({"step": 0.1}, r"step: 0.1 s makes 40 samples"),
         ({"step": 1e-9}, r"step: 1e-09 s makes"),

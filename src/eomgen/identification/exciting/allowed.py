@@ -90,6 +90,9 @@ def limits_of(
         InputError: a limit allows nothing, or is no number.
         UnknownNameError: there is no coordinate or frame of a name.
     """
+    for label, given in (("ranges", ranges), ("boxes", boxes)):
+        if given is not None and not isinstance(given, Mapping):
+            raise InputError(f"{label}: {show(given)}; allowed: a table by names")
     notes: list[str] = []
     low, high = _ranges(robot, names, ranges or {}, notes)
     fastest = amounts("rates", rates, names)

@@ -12,19 +12,17 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import InputError
 from .allowed import Limits
 from .constraints import Course, Held, barrier, beyond
 from .descending import descended
 from .fourier import FourierSeries, at_rest, waves
+from .resting import standing
 from .telling import Telling, information, smooth_criterion
 
 Array = NDArray[np.float64]
 
 SAMPLES = 24  # of a period of the highest harmonic, on which motions are optimised
 CHECKED = 200  # of it, between which limits are checked
-POSES = 2000  # random ones that are looked at to begin with
-MIDDLE = 0.8  # of its range: where a coordinate's random poses are
 SHRINKING, SHRUNK = 0.8, 40  # a random motion becomes so much smaller, so often
 FULL = 0.98  # of what limits leave: a random motion's size at first
 WEIGHTS = (1e-2, 1e-3, 1e-4)  # of the barrier, one behind the other
@@ -110,35 +108,8 @@ class Search:
         return None
 
     def poses(self, rng: np.random.Generator) -> Array:
-        """Random poses in which the robot may stand, (P, m).
-
-        Raises:
-            InputError: none is within all limits; it names the ones that exclude the most.
-        """
-        low, high = self.limits.low, self.limits.high
-        width = np.where(np.arange(POSES) % 2, 1.0, MIDDLE)[:, np.newaxis] * (high - low)
-        poses = (low + high) / 2.0 + (rng.random((POSES, len(low))) - 0.5) * width
-        q = np.zeros((POSES, self.n))
-        q[:, self.index] = poses
-        course = (q, np.zeros_like(q), np.zeros_like(q))
-        inside, worst, text = np.ones(POSES, dtype=np.bool_), 0, ""
-        for held in self.held:
-            values = held.values(course)
-            out = (values < held.low) | (values > held.high)
-            inside &= ~out.any(axis=1)
-            k = int(out.sum(axis=0).argmax())
-            if out[:, k].sum() > worst:
-                worst = int(out[:, k].sum())
-                span = f"{values[:, k].min():.4g} to {values[:, k].max():.4g} {held.units[k]}"
-                bounds = (f"from {held.low[k]:.4g}", f"to {held.high[k]:.4g}")
-                known = " ".join(b for b, x in zip(bounds, (held.low[k], held.high[k]), strict=True) if np.isfinite(x))
-                text = f"{held.names[k]}: {span} in them; its limits are {known} {held.units[k]}"
-        if not inside.any():
-            raise InputError(
-                f"limits: none of {POSES} random poses at rest is within all of them; {text}; allowed: limits that"
-                " leave room"
-            )
-        return poses[inside]
+        """Random poses in which the robot may stand, (P, m); errors as ``standing``."""
+        return standing(self.limits, self.held, self.n, self.index, rng)
 
 
 def improved(search: Search, telling: Telling, kind: str, x: Array) -> Array:
