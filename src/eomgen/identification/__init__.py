@@ -1,11 +1,14 @@
-"""What measurements say of a robot: stiffness and damping; masses and friction; offsets and placements; accuracy.
+"""What measurements say of a robot: stiffness, damping, masses, friction, offsets; accuracy, and what corrects it.
 
-Uses runtime, robot, forms, description, state, motion, pipeline, analysis, simulation and sweep.
+Uses runtime, robot, forms, description, state, motion, integration, scenario, pipeline, analysis, simulation and sweep.
 """
 
 from .calibration.calibrating import calibrate
 from .calibration.result import CalibrationResult
 from .calibration.stored import load_calibration
+from .compensating.correcting import compensate
+from .compensating.result import CompensationResult
+from .compensating.stored import load_compensation
 from .estimates import Estimate, FitResult, FittedCoordinate
 from .from_motion import ForcesResult, forces
 from .geometry.poses import Measured, MeasuredPoses, poses_from_columns, read_poses
@@ -19,6 +22,7 @@ __all__ = [
     "AccuracyResult",
     "BaseParameters",
     "CalibrationResult",
+    "CompensationResult",
     "Estimate",
     "FitResult",
     "FittedCoordinate",
@@ -30,11 +34,13 @@ __all__ = [
     "accuracy",
     "base_parameters",
     "calibrate",
+    "compensate",
     "fit",
     "forces",
     "identify",
     "load_accuracy",
     "load_calibration",
+    "load_compensation",
     "poses_from_columns",
     "read_poses",
 ]

@@ -1,5 +1,5 @@
 """Commands about what was measured."""
 
-from . import motions, poses, standard
+from . import compensating, motions, poses, standard
 
-COMMANDS = (*motions.COMMANDS, *poses.COMMANDS, *standard.COMMANDS)
+COMMANDS = (*motions.COMMANDS, *poses.COMMANDS, *standard.COMMANDS, *compensating.COMMANDS)
