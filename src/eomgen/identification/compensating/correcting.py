@@ -124,7 +124,7 @@ def compensate(
         times=setting.before.trajectory.t,
         before=before,
         after=after,
-        beyond=reach.beyond(after[::2]),
+        beyond=reach.beyond(after),
         weights=numbers,
         history=history,
         rank=reach.rank,

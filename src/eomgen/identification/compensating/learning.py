@@ -20,14 +20,14 @@ from ...simulation.result import SimulationResult
 from .bounds import within_limits
 from .setting import Setting, places_of
 from .splines import Basis, regular
-from .tool_error import Reach, in_tool_axes, tool_error
+from .reach import Reach, in_tool_axes, tool_error
 
 Array = NDArray[np.float64]
 
 INTERVALS, MOST_INTERVALS = 16, 256  # between knots, to begin with and at most
-SAMPLES = 8  # of the program, in an interval at least
+SAMPLES = 2  # of the program, in an interval at least
 BETTER, LAST = 0.8, 0.95  # of an error: what counts as better, and where knots cannot be set closer
-PATIENCE, AT_LAST = 2, 4  # iterations without anything better, before knots are set closer, and before it ends
+PATIENCE, AT_LAST = 3, 4  # iterations without anything better, before knots are set closer, and before it ends
 FINER = 0.95  # of an error that closer knots have to come to, or it ends
 MEMORY = 6  # iterations that are mixed
 WORSE = 1.5  # times the best error, from which on shorter steps are taken from the best iterate
@@ -43,7 +43,7 @@ class Learnt:
         wanted: correction of the program's samples that another iteration would take, (T, m), whatever limits say.
         taken: the correction, (T, m); limits have taken what leads beyond them.
         motion: simulation with it.
-        reach: what changes of the program do along it.
+        reach: what changes of the program do along it, at and between the samples.
         history: weighted rms of the error that can be undone, m, of every simulation, the first without correction.
         intervals: between the knots of the best one.
     """
@@ -57,11 +57,10 @@ class Learnt:
 
 
 def reach_along(setting: Setting, motion: SimulationResult) -> Reach:
-    """What changes of the program's samples do to the tool along a motion."""
+    """Effects of changes of the program on the tool along a motion, at and between the samples."""
     kernel = setting.assembly.kernel
-    q, want = np.ascontiguousarray(motion.trajectory.q[::2]), setting.want[::2]
-    slopes = np.asarray(kernel.frame_jacobian(q, setting.frame))[:, :, setting.index]
-    return Reach(in_tool_axes(slopes, want) * setting.movable, setting.weights)
+    slopes = np.asarray(kernel.frame_jacobian(motion.trajectory.q, setting.frame))[:, :, setting.index]
+    return Reach(in_tool_axes(slopes, setting.want) * setting.movable, setting.weights)
 
 
 def error_of(setting: Setting, motion: SimulationResult) -> Array:
@@ -160,10 +159,10 @@ def _resting(setting: Setting) -> tuple[bool, bool]:
 
 def _point(setting: Setting, basis: Basis, x: Array, motion: SimulationResult, taken: Array | None = None) -> _Point:
     reach = reach_along(setting, motion)
-    error = error_of(setting, motion)[::2]
+    error = error_of(setting, motion)
     left = reach.reached(error)
     cost = float(np.sqrt((left**2).sum(axis=1).mean()))
-    step = _commanded(setting, basis, basis.fit(reach.undoing(error)), motion)
+    step = _commanded(setting, basis, basis.fit(reach.undoing(error)[::2]), motion)
     return _Point(x, np.zeros((len(setting.t), x.shape[1])) if taken is None else taken, motion, reach, cost, step)
 
 

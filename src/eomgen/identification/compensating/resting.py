@@ -18,7 +18,7 @@ from ...simulation.loads import loaded_parameters
 from ...state.equilibrium import static_equilibrium
 from .bounds import within_limits
 from .setting import Setting, places_of
-from .tool_error import Reach, in_tool_axes, tool_error
+from .reach import Reach, in_tool_axes, tool_error
 
 Array = NDArray[np.float64]
 

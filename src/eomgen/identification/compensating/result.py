@@ -70,7 +70,7 @@ class CompensationResult(Shown, Tabular):
         program, corrected: coordinates as they were programmed and as they are to be, (T, m), m or rad.
         times: of the errors, (2 T - 1,), s.
         before, after: the simulated tool's errors without and with the correction, (2 T - 1, 6), m and rad.
-        beyond: what of the latter no change of the program undoes, at the samples, (T, 6).
+        beyond: what of the latter no change of the program undoes, (2 T - 1, 6).
         weights: of the tool's axes, (6,), 1 and m/rad.
         history: weighted rms of the error that can be undone, m: of each simulation of "dynamic", the first without
             correction; empty of "static".

@@ -11,7 +11,7 @@ from ...errors import InputError, IntegrationError
 from ...progress import Progress
 from .result import Variant, sizes
 from .setting import Setting
-from .tool_error import tool_error
+from .reach import tool_error
 
 Array = NDArray[np.float64]
 

@@ -20,7 +20,7 @@ class Basis:
     Args:
         t: times, (T,), s.
         intervals: between knots.
-        resting: whether rates and accelerations vanish at the first and at the last time.
+        resting: whether rates vanish at the first and at the last time.
     """
 
     def __init__(self, t: Array, intervals: int, resting: tuple[bool, bool]) -> None:
@@ -48,8 +48,8 @@ def regular(square: Array) -> Array:
 
 
 def _joined(columns: Array, resting: tuple[bool, bool]) -> Array:
-    """Columns (T, N) with the first three, and the last three, added up where the splines rest there."""
-    begin, end = (3 if rests else 1 for rests in resting)
+    """Columns (T, N) with the first two, and the last two, added up where the splines rest there."""
+    begin, end = (2 if rests else 1 for rests in resting)
     inner = columns[:, begin : columns.shape[1] - end]
     first, last = columns[:, :begin].sum(axis=1), columns[:, columns.shape[1] - end :].sum(axis=1)
     return np.column_stack([first, inner, last])

@@ -50,7 +50,7 @@ def _check(found: CompensationResult, path: str) -> None:
     many, whole = found.t.size, len(found.coordinates)
     shapes: dict[str, tuple[int, ...]] = {"t": (many,), "program": (many, whole), "corrected": (many, whole)}
     shapes |= {"times": (2 * many - 1,), "before": (2 * many - 1, 6), "after": (2 * many - 1, 6)}
-    shapes |= {"beyond": (many, 6), "weights": (len(AXES),)}
+    shapes |= {"beyond": (2 * many - 1, 6), "weights": (len(AXES),)}
     for name, shape in shapes.items():
         array = getattr(found, name)
         if array.shape != shape or not np.isfinite(array).all():

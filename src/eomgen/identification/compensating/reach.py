@@ -30,7 +30,7 @@ def in_tool_axes(jacobian: Array, want: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Reach:
-    """What changes of a program do to the tool, sample by sample.
+    """Effects of changes of a program on the tool, sample by sample.
 
     Attributes:
         slopes: change of the tool in its axes by that of the program, (T, 6, m).
