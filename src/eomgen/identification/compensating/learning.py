@@ -18,9 +18,9 @@ from ...progress import Progress
 from ...simulation.controls import JointPD
 from ...simulation.result import SimulationResult
 from .bounds import within_limits
+from .reach import Reach, in_tool_axes, tool_error
 from .setting import Setting, places_of
 from .splines import Basis, regular
-from .reach import Reach, in_tool_axes, tool_error
 
 Array = NDArray[np.float64]
 

@@ -17,8 +17,8 @@ from ...simulation.initial import initial_state
 from ...simulation.loads import loaded_parameters
 from ...state.equilibrium import static_equilibrium
 from .bounds import within_limits
-from .setting import Setting, places_of
 from .reach import Reach, in_tool_axes, tool_error
+from .setting import Setting, places_of
 
 Array = NDArray[np.float64]
 

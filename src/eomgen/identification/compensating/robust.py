@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from ...errors import InputError, IntegrationError
 from ...progress import Progress
+from .reach import tool_error
 from .result import Variant, sizes
 from .setting import Setting
-from .reach import tool_error
 
 Array = NDArray[np.float64]
 
