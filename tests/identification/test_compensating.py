@@ -15,7 +15,7 @@ import eomgen
 from eomgen.cli import entry as cli
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import EomgenError, InputError
-from eomgen.identification import CompensationResult, compensate, load_compensation
+from eomgen.identification import CompensationResult, accuracy, compensate, load_compensation
 from eomgen.identification.compensating.bounds import within_limits
 from eomgen.identification.compensating.reach import Reach
 from eomgen.identification.compensating.result import HeldBack, Variant, sizes
@@ -28,6 +28,7 @@ from eomgen.robot.coordinates import FORCES
 from eomgen.robot.value import Robot
 from eomgen.scenario.load import load_scenario, scenario_from_toml
 from eomgen.scenario.value import Initial, Integrator, Payload, Scenario, Section, Wrench
+from eomgen.sweep.plan import plan_from_toml
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -66,6 +67,26 @@ y = { stiffness = 5e5, damping = 400.0 }
 name = "tcp"
 link = "fore"
 placement = { xyz = [0.35, 0.0, 0.0] }
+"""
+
+SWING = """
+name = "swing"
+[[links]]
+name = "beam"
+mass = 2.0
+com = [0.3, 0.0, 0.0]
+inertia = { xx = 0.001, yy = 0.06, zz = 0.06 }
+[[joints]]
+name = "hinge"
+parent = "base"
+child = "beam"
+type = "revolute"
+placement = { rpy = [1.5707963267948966, 0.0, 0.0] }
+motor = { ratio = 50.0, inertia = 1e-4, stiffness = 5e3, damping = 10.0 }
+[[frames]]
+name = "tip"
+link = "beam"
+placement = { xyz = [0.6, 0.0, 0.0] }
 """
 
 REACH = """
@@ -241,26 +262,7 @@ def test_pd_drives_that_lag_and_sag() -> None:
 
 def test_motor_behind_a_transmission() -> None:
     """What is programmed is the joint, measured and driven is the motor: the spring's wind-up is corrected."""
-    text = """
-    name = "swing"
-    [[links]]
-    name = "beam"
-    mass = 2.0
-    com = [0.3, 0.0, 0.0]
-    inertia = { xx = 0.001, yy = 0.06, zz = 0.06 }
-    [[joints]]
-    name = "hinge"
-    parent = "base"
-    child = "beam"
-    type = "revolute"
-    placement = { rpy = [1.5707963267948966, 0.0, 0.0] }
-    motor = { ratio = 50.0, inertia = 1e-4, stiffness = 5e3, damping = 10.0 }
-    [[frames]]
-    name = "tip"
-    link = "beam"
-    placement = { xyz = [0.6, 0.0, 0.0] }
-    """
-    robot = robot_from_toml(text)
+    robot = robot_from_toml(SWING)
     for mode, gain, duration in (("dynamic", 50.0, 0.5), ("static", 5.0, 2.0)):
         motion = 'output_step = 5e-3\n[motion]\ntype = "point_to_point"\ngoal = { hinge = 0.5 }\n'
         scenario = scenario_from_toml(f"duration = {duration}\n{motion}")
@@ -269,6 +271,28 @@ def test_motor_behind_a_transmission() -> None:
         assert found.rank == (1, 1)
         assert found.gain > gain
         assert min(item.gain for item in found.robustness) >= 3.0
+
+
+def test_joint_in_its_play_goes_with_the_program() -> None:
+    """Where nothing loads a gear with backlash, its joint has no state of rest of its own."""
+    upright = SWING.replace("placement = { rpy = [1.5707963267948966, 0.0, 0.0] }", "")
+    robot = robot_from_toml(upright.replace("damping = 10.0 }", "damping = 10.0, clearance = 2e-4 }"))
+    scenario = scenario_from_toml(
+        'duration = 0.5\noutput_step = 0.02\n[motion]\ntype = "point_to_point"\ngoal = { hinge = 0.5 }\n'
+    )
+    found = compensate(robot, scenario, mode="static")
+    assert np.abs(found.corrected - found.program).max() < 1e-9
+    assert sizes(found.after)[1][0] == pytest.approx(sizes(found.before)[1][0], rel=0.01)
+
+
+def test_sweeps_compare_with_what_is_wanted(found: CompensationResult, arm: Robot, tmp_path: Path) -> None:
+    found.to_scenario(tmp_path / "better.toml")
+    vary = '[[vary]]\nparameter = "joints.elbow.y.stiffness"\nuniform = { low = 1.0, high = 1.0001 }\nrelative = true\n'
+    plan = plan_from_toml("samples = 2\nseed = 1\n" + vary)
+    cycles = accuracy(robot=arm, scenario=str(tmp_path / "better.toml"), plan=plan)
+    assert len(cycles.poses) == 1
+    assert cycles.poses[0].accuracy < 1e-6
+    assert max(path.accuracy for path in cycles.paths) < 2e-6
 
 
 def test_results_are_saved_and_load_again(found: CompensationResult, tmp_path: Path) -> None:

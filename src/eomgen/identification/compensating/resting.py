@@ -129,6 +129,9 @@ class _States:
         kernel = setting.assembly.kernel
         kernel.parameters.update(loaded_parameters(setting.robot, setting.scenario, t))
         q, v, a = self._moving(i, guess)
+        places, ratios = places_of(kernel, setting)
+        led = ~self._free[places[:, 0]]  # which nothing holds, in play say: they go with the program
+        q[places[led, 0]] = (ratios * (setting.original[i] + change)[places[:, 1]])[led]
 
         def drives(correction: Array) -> Any:
             return self._forces(i, correction, v, a)
@@ -145,6 +148,7 @@ class _States:
             moved[j] += CHANGE
             by_program[:, j] = (drives(moved)(q) - drives(change)(q))[free] / CHANGE
         moves = np.zeros((kernel.n, change.size))
+        moves[places[led, 0], places[led, 1]] = ratios[led]
         moves[free] = np.linalg.solve(stiffness, by_program)
         slopes = (np.asarray(kernel.frame_jacobian(q, setting.frame)) @ moves)[np.newaxis] * setting.movable
         return q, in_tool_axes(slopes, setting.want[2 * i : 2 * i + 1])[0]
