@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 import eomgen
 from eomgen.cli import entry as cli
 from eomgen.description.load import robot_from_toml
-from eomgen.errors import EomgenError, InputError
+from eomgen.errors import EomgenError, InputError, IntegrationError
 from eomgen.identification import CompensationResult, accuracy, compensate, load_compensation
 from eomgen.identification.compensating.bounds import within_limits
 from eomgen.identification.compensating.reach import Reach
 from eomgen.identification.compensating.result import HeldBack, Variant, sizes
+from eomgen.identification.compensating.setting import Setting
 from eomgen.identification.compensating.splines import Basis
 from eomgen.motion.files import read_motion
 from eomgen.motion.splines import Spline
@@ -28,6 +29,7 @@ from eomgen.robot.coordinates import FORCES
 from eomgen.robot.value import Robot
 from eomgen.scenario.load import load_scenario, scenario_from_toml
 from eomgen.scenario.value import Initial, Integrator, Payload, Scenario, Section, Wrench
+from eomgen.simulation.result import SimulationResult
 from eomgen.sweep.plan import plan_from_toml
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
@@ -171,6 +173,25 @@ def test_scenario_that_is_written_does_the_same(found: CompensationResult, arm: 
 
 def arm_coordinates(robot: Robot) -> list[str]:
     return [f"{joint.name}.{name}" for joint in robot.joints for name in joint.coordinates]
+
+
+def test_motion_that_stops_is_taken_up_with_a_shorter_step(
+    arm: Robot, reach: Scenario, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls, whole = [], Setting.run
+
+    def run(self: Setting, samples: Array | None, parameters: dict[str, float] | None = None) -> SimulationResult:
+        calls.append(samples)
+        if len(calls) == 1:
+            raise IntegrationError("it diverges")
+        return whole(self, samples, parameters)
+
+    monkeypatch.setattr(Setting, "run", run)
+    found = compensate(arm, reach, weights=PLANE, iterations=4, step=4e-3)
+    assert len(found.history) == 4
+    assert found.gain > 10.0
+    first, second = (x - found.program for x in calls[:2] if x is not None)
+    assert np.abs(second - 0.5 * first).max() < 1e-12
 
 
 def test_first_sample_is_in_balance(found: CompensationResult) -> None:

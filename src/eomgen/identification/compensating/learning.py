@@ -44,7 +44,8 @@ class Learnt:
         taken: the correction, (T, m); limits have taken what leads beyond them.
         motion: simulation with it.
         reach: what changes of the program do along it, at and between the samples.
-        history: weighted rms of the error that can be undone, m, of every simulation, the first without correction.
+        history: weighted rms of the error that can be undone, m, of every simulation that came to its end, the first
+            without correction.
         intervals: between the knots of the best one.
     """
 
@@ -106,47 +107,80 @@ def learn(setting: Setting, iterations: int, report: Progress) -> Learnt:
         iterations: simulations at most.
         report: told how far it has come.
     """
-    basis, resting = _basis(setting, INTERVALS), _resting(setting)
-    x = np.zeros((basis.values.shape[1], len(setting.index)))
-    best = _point(setting, basis, x, setting.before)
-    history, mixing, share = [best.cost], _Mixing(), 1.0
-    intervals, level_cost, stale, point, patience = basis.intervals, np.inf, 0, best, PATIENCE
-    while len(history) <= iterations and best.cost > EXACT:
-        report(len(history) / (iterations + 1), f"simulation {len(history)}: {1e6 * best.cost:.3g} um, weighted, left")
-        x = mixing.next(point.x, point.step, share)
-        try:
-            taken = within_limits(setting, basis.values @ x)
-            point = _point(setting, basis, x, setting.run(setting.original + taken), taken)
-        except (IntegrationError, FloatingPointError):
-            history.append(np.inf)
-            point, mixing, share, stale = best, _Mixing(), 0.5 * share, stale + 1
-        else:
-            history.append(point.cost)
-            enough, patience = (BETTER, PATIENCE) if _finer(setting, basis) > basis.intervals else (LAST, AT_LAST)
-            stale = 0 if point.cost < enough * best.cost else stale + 1
-            if point.cost < best.cost:
-                best, intervals = point, basis.intervals
-            elif point.cost > WORSE * best.cost:
-                point, mixing, share = best, _Mixing(), 0.5 * share
-        if stale < patience and share >= SHORTEST:
-            continue
-        finer = _finer(setting, basis)
-        if finer <= basis.intervals or best.cost > FINER * level_cost:
+    search = _Search(setting)
+    for tried in range(iterations):
+        if search.best.cost <= EXACT or (search.is_stale and not search.refine()):
             break
-        level_cost, stale, share, mixing = best.cost, 0, 1.0, _Mixing()
-        basis = Basis(setting.t, finer, resting)
-        best = _point(setting, basis, basis.fit(best.taken), best.motion, best.taken)
-        point = best
-    return Learnt(basis.values @ (best.x + best.step), best.taken, best.motion, best.reach, tuple(history), intervals)
+        left = f"{1e6 * search.best.cost:.3g} um, weighted, left"
+        report((tried + 1) / (iterations + 1), f"simulation {tried + 1}: {left}")
+        search.go_on()
+    best, wanted = search.best, search.basis.values @ (search.best.x + search.best.step)
+    return Learnt(wanted, best.taken, best.motion, best.reach, tuple(search.history), search.intervals)
 
 
-def _basis(setting: Setting, intervals: int) -> Basis:
-    return Basis(setting.t, max(1, min(intervals, (setting.t.size - 1) // SAMPLES)), _resting(setting))
+class _Search:
+    """The best iterate so far, and how it goes on from the last one.
 
+    history: errors of all simulations that came to their end.  intervals: between the knots of the best iterate.
+    """
 
-def _finer(setting: Setting, basis: Basis) -> int:
-    """Intervals between closer knots; as many as there are where that is all."""
-    return max(basis.intervals, min(2 * basis.intervals, MOST_INTERVALS, (setting.t.size - 1) // SAMPLES))
+    def __init__(self, setting: Setting) -> None:
+        self._setting = setting
+        self.basis = Basis(setting.t, max(1, min(INTERVALS, (setting.t.size - 1) // SAMPLES)), _resting(setting))
+        x = np.zeros((self.basis.values.shape[1], len(setting.index)))
+        self.best = self._point = _point(setting, self.basis, x, setting.before, np.zeros_like(setting.original))
+        self.history, self.intervals = [self.best.cost], self.basis.intervals
+        self._before = np.inf  # the best error with knots as they were before
+        self._begin()
+
+    def _begin(self, share: float = 1.0) -> None:
+        """Begin at the best iterate, with a share of the step that follows."""
+        self._point, self._mixing, self._share = self.best, _Mixing(), share
+        if share == 1.0:
+            self._stale = 0
+
+    @property
+    def _finer(self) -> int:
+        """Intervals between closer knots; as many as there are where that is all."""
+        most = min(2 * self.basis.intervals, MOST_INTERVALS, (self._setting.t.size - 1) // SAMPLES)
+        return max(self.basis.intervals, most)
+
+    @property
+    def is_stale(self) -> bool:
+        """Whether it gets no better with these knots."""
+        patience = PATIENCE if self._finer > self.basis.intervals else AT_LAST
+        return self._stale >= patience or self._share < SHORTEST
+
+    def go_on(self) -> None:
+        """Simulate the next iterate; go back to the best one where it is much worse, or no motion."""
+        setting = self._setting
+        x = self._mixing.next(self._point.x, self._point.step, self._share)
+        taken = within_limits(setting, self.basis.values @ x)
+        enough = BETTER if self._finer > self.basis.intervals else LAST
+        try:
+            motion = setting.run(setting.original + taken)
+        except IntegrationError:
+            self._stale += 1
+            self._begin(0.5 * self._share)
+            return
+        point = self._point = _point(setting, self.basis, x, motion, taken)
+        self.history.append(point.cost)
+        self._stale = 0 if point.cost < enough * self.best.cost else self._stale + 1
+        if point.cost < self.best.cost:
+            self.best, self.intervals = point, self.basis.intervals
+        elif point.cost > WORSE * self.best.cost:
+            self._begin(0.5 * self._share)
+
+    def refine(self) -> bool:
+        """Set knots closer; False where that is all, or brought nothing the last time."""
+        finer, best = self._finer, self.best
+        if finer <= self.basis.intervals or best.cost > FINER * self._before:
+            return False
+        self._before = best.cost
+        self.basis = Basis(self._setting.t, finer, _resting(self._setting))
+        self.best = _point(self._setting, self.basis, self.basis.fit(best.taken), best.motion, best.taken)
+        self._begin()
+        return True
 
 
 def _resting(setting: Setting) -> tuple[bool, bool]:
@@ -157,13 +191,13 @@ def _resting(setting: Setting) -> tuple[bool, bool]:
     return bool(still[0]), bool(still[1])
 
 
-def _point(setting: Setting, basis: Basis, x: Array, motion: SimulationResult, taken: Array | None = None) -> _Point:
+def _point(setting: Setting, basis: Basis, x: Array, motion: SimulationResult, taken: Array) -> _Point:
     reach = reach_along(setting, motion)
     error = error_of(setting, motion)
     left = reach.reached(error)
     cost = float(np.sqrt((left**2).sum(axis=1).mean()))
     step = _commanded(setting, basis, basis.fit(reach.undoing(error)[::2]), motion)
-    return _Point(x, np.zeros((len(setting.t), x.shape[1])) if taken is None else taken, motion, reach, cost, step)
+    return _Point(x, taken, motion, reach, cost, step)
 
 
 def _commanded(setting: Setting, basis: Basis, change: Array, motion: SimulationResult) -> Array:
