@@ -5,7 +5,17 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from .shared import Command, add_result, add_robot_of_result, progress_bar, read_robot, result_path, say, show_written
+from .shared import (
+    Command,
+    add_result,
+    add_robot_of_result,
+    progress_bar,
+    read_robot,
+    result_path,
+    say,
+    show_written,
+    stage_bar,
+)
 
 KEPT = "the one that the result keeps"
 
@@ -52,6 +62,12 @@ def _report(options: argparse.Namespace) -> None:
 def _add_view(parser: argparse.ArgumentParser) -> None:
     add_result(parser)
     parser.add_argument("--port", type=int, default=8080, help="to listen at on this machine (8080, or the next free)")
+    parser.add_argument(
+        "--tolerance",
+        type=Path,
+        metavar="TABLE",
+        help="a table of tolerances: the tool may be in what is drawn around it",
+    )
     parser.add_argument("--no-browser", action="store_true", help="print the address only")
     add_robot_of_result(parser, KEPT)
 
@@ -60,12 +76,20 @@ def _view(options: argparse.Namespace) -> None:
     import webbrowser
 
     from ..pictures.browser import View
-    from ..simulation.result import load_result
+    from ..simulation.result import load_result, simulated_robot
 
-    result = load_result(result_path(options.result))
+    path = result_path(options.result)
+    result = load_result(path)
     robot = read_robot(options) if options.robot is not None else None
+    found = None
+    if options.tolerance is not None:
+        from ..identification.tolerances.budgeting import tolerance
+
+        with stage_bar("looking at tolerances") as report:
+            simulated = simulated_robot(result, robot)
+            found = tolerance(simulated, options.tolerance, result.tool, along=path, progress=report)
     with progress_bar("computing reactions"):
-        view = View(result, robot, port=options.port)
+        view = View(result, robot, tolerance=found, port=options.port)
     for note in view.notes:
         say(f"note: {note}")
     print(f"{view.address} shows {result.robot}; Ctrl-C ends it", flush=True)

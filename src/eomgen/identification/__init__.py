@@ -1,3 +1,4 @@
+"""What measurements say of a robot: stiffness, damping; masses, friction; offsets, placements; accuracy; tolerances.
 """What measurements say of a robot: stiffness, damping, masses, friction, offsets; accuracy, and what corrects it.
 
 Uses runtime, robot, forms, description, state, motion, integration, scenario, pipeline, analysis, simulation and sweep.
@@ -6,6 +7,8 @@ Uses runtime, robot, forms, description, state, motion, integration, scenario, p
 from .calibration.calibrating import calibrate
 from .calibration.result import CalibrationResult
 from .calibration.stored import load_calibration
+from .choosing.choosing import poses
+from .choosing.chosen import PosesResult
 from .compensating.correcting import compensate
 from .compensating.result import CompensationResult
 from .compensating.stored import load_compensation
@@ -17,9 +20,13 @@ from .inertial import IdentifyResult, Residuals, identify
 from .iso_9283.evaluate import accuracy
 from .iso_9283.result import AccuracyResult, load_accuracy
 from .least_squares import fit
+from .tolerances.allocation import Allocation
+from .tolerances.budgeting import tolerance
+from .tolerances.result import ToleranceResult
 
 __all__ = [
     "AccuracyResult",
+    "Allocation",
     "BaseParameters",
     "CalibrationResult",
     "CompensationResult",
@@ -30,7 +37,9 @@ __all__ = [
     "IdentifyResult",
     "Measured",
     "MeasuredPoses",
+    "PosesResult",
     "Residuals",
+    "ToleranceResult",
     "accuracy",
     "base_parameters",
     "calibrate",
@@ -40,7 +49,9 @@ __all__ = [
     "identify",
     "load_accuracy",
     "load_calibration",
+    "poses",
     "load_compensation",
     "poses_from_columns",
     "read_poses",
+    "tolerance",
 ]

@@ -50,7 +50,7 @@ _SOFT = 1e-3  # rad or m: what a stiffness that nothing is said of is expected t
 
 
 @dataclass(frozen=True)
-class _Task:
+class Task:
     """The task: the robot, measured frames with link, pose and whether it is described, and all options."""
 
     robot: Robot
@@ -109,16 +109,16 @@ def calibrate(
     """
     robot, report = as_robot(robot), progress or no_report
     count = folds_from(folds)
-    task = _Task(
+    task = Task(
         robot=robot,
-        links=_links(robot, frames or {}),
+        links=links_of(robot, frames or {}),
         known=dict.fromkeys(build_model(robot).frames, True) | dict.fromkeys(frames or {}, False),
         noise=noise,
         covariance=covariance or {},
         loss=_one_of("loss", loss, (None, *LOSSES)),
         fixed=tuple(fixed),
         stiffness=tuple(stiffness),
-        sizes=_two_sizes(sizes),
+        sizes=two_sizes(sizes),
     )
     variant = _one_of("variant", variant, VARIANTS) or "full"
     if variant != "full" and not count:
@@ -127,8 +127,8 @@ def calibrate(
         raise InputError(f"confidence: {confidence!r}; allowed: a number between 0 and 1")
     report("reading poses")
     if not isinstance(poses, MeasuredPoses):
-        poses = read_poses(poses, _readable(robot), tuple(task.links), rotation=rotation)
-    problem, start = _problem(task, poses, careful=True)
+        poses = read_poses(poses, readable_columns(robot), tuple(task.links), rotation=rotation)
+    problem, start = problem_of(task, poses, careful=True)
     report("fitting")
     units = at_once(poses)
     notes = list[str]()
@@ -145,7 +145,7 @@ def calibrate(
     report("looking for mistakes")
 
     def again(other: MeasuredPoses) -> Rms:
-        return rough_rms(*_problem(task, other, careful=False))
+        return rough_rms(*problem_of(task, other, careful=False))
 
     full = found.fits["full"]
     notes += judge_alternatives(poses, rms(problem, full.residuals, full.trust), problem.model.chain.reach, again)
@@ -156,12 +156,12 @@ def calibrate(
     return _result(task, poses, problem, found, shown, variant, effect, confidence, notes)
 
 
-def _readable(robot: Robot) -> tuple[str, ...]:
+def readable_columns(robot: Robot) -> tuple[str, ...]:
     """Names of coordinates that a file may have: those of the robot, motors among them."""
     return build_model(robot).coordinates
 
 
-def _links(robot: Robot, frames: Mapping[str, str]) -> dict[str, tuple[str, Array]]:
+def links_of(robot: Robot, frames: Mapping[str, str]) -> dict[str, tuple[str, Array]]:
     """Link and pose on it of every frame that may have been measured."""
     links = {robot.base: robot.base, **{link.name: link.name for link in robot.links}}
     found = {name: (name, np.eye(4)) for name in links}
@@ -175,7 +175,7 @@ def _links(robot: Robot, frames: Mapping[str, str]) -> dict[str, tuple[str, Arra
     return found
 
 
-def _problem(task: _Task, poses: MeasuredPoses, *, careful: bool) -> tuple[Problem, Array]:
+def problem_of(task: Task, poses: MeasuredPoses, *, careful: bool) -> tuple[Problem, Array]:
     """The problem to fit, and first values; ``careful``: mistakes that show before a fit are refused."""
     robot = task.robot
     measured = {name: task.links[name] for name in poses.frames}
@@ -239,7 +239,7 @@ def _columns(robot: Robot, chain: Chain, poses: MeasuredPoses) -> dict[str, tupl
     return found
 
 
-def _compliances(task: _Task, chain: Chain, poses: MeasuredPoses) -> list[Quantity]:
+def _compliances(task: Task, chain: Chain, poses: MeasuredPoses) -> list[Quantity]:
     """Compliances of deviations and transmissions, in m/N and rad/(N m); their names are those of the stiffness."""
     found: list[Quantity] = []
     if task.robot.is_closed:
@@ -280,7 +280,7 @@ def _sized(model: ErrorModel, problem: Problem) -> ErrorModel:
     return replace(model, quantities=quantities)
 
 
-def _notes(task: _Task, problem: Problem) -> list[str]:
+def _notes(task: Task, problem: Problem) -> list[str]:
     """Notes about what a result leaves out."""
     notes = []
     soft = any(quantity.kind == COMPLIANCE for quantity in problem.model.quantities)
@@ -298,7 +298,7 @@ def _notes(task: _Task, problem: Problem) -> list[str]:
 
 
 def _result(
-    task: _Task,
+    task: Task,
     poses: MeasuredPoses,
     problem: Problem,
     found: Variants,
@@ -348,7 +348,7 @@ def _result(
     )
 
 
-def _described(task: _Task, model: ErrorModel, x: Array, covariance: Array) -> tuple[Array, Array, Array]:
+def _described(task: Task, model: ErrorModel, x: Array, covariance: Array) -> tuple[Array, Array, Array]:
     """Values as a description has them, what it says, and standard deviations, (P,) each.
 
     Placements are whole ones, of the frame on its link and of the base before the device; compliances are stiffnesses.
@@ -433,7 +433,7 @@ def _one_of(label: str, value: str | None, allowed: Sequence[str | None]) -> str
     return value
 
 
-def _two_sizes(sizes: Sequence[float]) -> tuple[float, float]:
+def two_sizes(sizes: Sequence[float]) -> tuple[float, float]:
     try:
         values = np.array(sizes, dtype=np.float64)
     except (TypeError, ValueError):

@@ -126,7 +126,7 @@ class ErrorModel:
         return replace(self, quantities=(*self.quantities, *more))
 
     def at(self, x: Array, rows: Rows) -> State:
-        """Where all stations are with these values, (P,), and the factors of the quantities."""
+        """Where all stations are with these values, (P,), or (P, N) of every row, and the factors of the quantities."""
         factors = self._factors(rows)
         moved = [i for i, quantity in enumerate(self.quantities) if quantity.kind != COMPLIANCE]
         soft = [i for i, quantity in enumerate(self.quantities) if quantity.kind == COMPLIANCE]

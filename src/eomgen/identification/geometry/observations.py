@@ -114,7 +114,7 @@ def observations_of(poses: MeasuredPoses, noise: ArrayLike | None, covariance: M
     Raises:
         InputError: a standard deviation is missing in some rows, a covariance is none.
     """
-    usual = _two(noise)
+    usual = (np.nan, np.nan) if noise is None else usual_noise(noise)
     blocks, sigma, sample = list[Block](), list[Array](), list[Places]()
     first = 0
     starts: dict[tuple[str, str], tuple[int, Block]] = {}
@@ -185,9 +185,8 @@ def _sigma(poses: MeasuredPoses, measured: Measured, block: Block, usual: Sequen
     return found
 
 
-def _two(noise: ArrayLike | None) -> tuple[float, float]:
-    if noise is None:
-        return np.nan, np.nan
+def usual_noise(noise: ArrayLike) -> tuple[float, float]:
+    """Standard deviations of lengths (m) and of turns (rad); ArrayError if they are none."""
     try:
         values = np.array(noise, dtype=np.float64)
     except (TypeError, ValueError):
