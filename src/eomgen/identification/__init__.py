@@ -1,5 +1,4 @@
-"""What measurements say of a robot: stiffness, damping; masses, friction; offsets, placements; accuracy; tolerances.
-"""What measurements say of a robot: stiffness, damping, masses, friction, offsets; accuracy, and what corrects it.
+"""What measurements say of a robot: stiffness, masses, friction, offsets; accuracy, tolerances and corrections.
 
 Uses runtime, robot, forms, description, state, motion, integration, scenario, pipeline, analysis, simulation and sweep.
 """
@@ -49,8 +48,8 @@ __all__ = [
     "identify",
     "load_accuracy",
     "load_calibration",
-    "poses",
     "load_compensation",
+    "poses",
     "poses_from_columns",
     "read_poses",
     "tolerance",
