@@ -1,6 +1,6 @@
-"""What measurements say of a robot: stiffness, damping; masses, friction; offsets, placements; accuracy; tolerances.
+"""What measurements say of a robot: stiffness, masses, friction, offsets; accuracy, tolerances and corrections.
 
-Uses runtime, robot, forms, description, state, motion, pipeline, analysis, simulation and sweep.
+Uses runtime, robot, forms, description, state, motion, integration, scenario, pipeline, analysis, simulation and sweep.
 """
 
 from .calibration.calibrating import calibrate
@@ -8,6 +8,9 @@ from .calibration.result import CalibrationResult
 from .calibration.stored import load_calibration
 from .choosing.choosing import poses
 from .choosing.chosen import PosesResult
+from .compensating.correcting import compensate
+from .compensating.result import CompensationResult
+from .compensating.stored import load_compensation
 from .estimates import Estimate, FitResult, FittedCoordinate
 from .exciting.designing import excite
 from .exciting.excited import ExciteResult
@@ -28,6 +31,7 @@ __all__ = [
     "Allocation",
     "BaseParameters",
     "CalibrationResult",
+    "CompensationResult",
     "Estimate",
     "ExciteResult",
     "FitResult",
@@ -42,12 +46,14 @@ __all__ = [
     "accuracy",
     "base_parameters",
     "calibrate",
+    "compensate",
     "excite",
     "fit",
     "forces",
     "identify",
     "load_accuracy",
     "load_calibration",
+    "load_compensation",
     "load_excitation",
     "poses",
     "poses_from_columns",
