@@ -12,6 +12,9 @@ from .compensating.correcting import compensate
 from .compensating.result import CompensationResult
 from .compensating.stored import load_compensation
 from .estimates import Estimate, FitResult, FittedCoordinate
+from .exciting.designing import excite
+from .exciting.excited import ExciteResult
+from .exciting.stored import load_excitation
 from .from_motion import ForcesResult, forces
 from .geometry.poses import Measured, MeasuredPoses, poses_from_columns, read_poses
 from .identifiable import BaseParameters, base_parameters
@@ -30,6 +33,7 @@ __all__ = [
     "CalibrationResult",
     "CompensationResult",
     "Estimate",
+    "ExciteResult",
     "FitResult",
     "FittedCoordinate",
     "ForcesResult",
@@ -43,12 +47,14 @@ __all__ = [
     "base_parameters",
     "calibrate",
     "compensate",
+    "excite",
     "fit",
     "forces",
     "identify",
     "load_accuracy",
     "load_calibration",
     "load_compensation",
+    "load_excitation",
     "poses",
     "poses_from_columns",
     "read_poses",
