@@ -44,7 +44,7 @@ def _add_report(parser: argparse.ArgumentParser) -> None:
         "result",
         metavar="RESULT",
         type=Path,
-        help="folder of eomgen simulate, or its trajectory.npz; what calibrate, accuracy, fit or poses wrote",
+        help="folder of eomgen simulate, or its trajectory.npz; what calibrate, accuracy and the like saved",
     )
     parser.add_argument(
         "-o",

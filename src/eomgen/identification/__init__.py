@@ -1,6 +1,6 @@
-"""What measurements say of a robot: stiffness, damping; masses, friction; offsets, placements; accuracy; tolerances.
+"""What measurements say of a robot: stiffness, masses, friction, offsets; accuracy, tolerances and corrections.
 
-Uses runtime, robot, forms, description, state, motion, pipeline, analysis, simulation and sweep.
+Uses runtime, robot, forms, description, state, motion, integration, scenario, pipeline, analysis, simulation and sweep.
 """
 
 from .calibration.calibrating import calibrate
@@ -8,7 +8,13 @@ from .calibration.result import CalibrationResult
 from .calibration.stored import load_calibration
 from .choosing.choosing import poses
 from .choosing.chosen import PosesResult, load_poses
+from .compensating.correcting import compensate
+from .compensating.result import CompensationResult
+from .compensating.stored import load_compensation
 from .estimates import Estimate, FitResult, FittedCoordinate, load_fit
+from .exciting.designing import excite
+from .exciting.excited import ExciteResult
+from .exciting.stored import load_excitation
 from .from_motion import ForcesResult, forces
 from .geometry.covariances import read_covariances
 from .geometry.poses import Measured, MeasuredPoses, poses_from_columns, read_poses
@@ -26,7 +32,9 @@ __all__ = [
     "Allocation",
     "BaseParameters",
     "CalibrationResult",
+    "CompensationResult",
     "Estimate",
+    "ExciteResult",
     "FitResult",
     "FittedCoordinate",
     "ForcesResult",
@@ -39,11 +47,15 @@ __all__ = [
     "accuracy",
     "base_parameters",
     "calibrate",
+    "compensate",
+    "excite",
     "fit",
     "forces",
     "identify",
     "load_accuracy",
     "load_calibration",
+    "load_compensation",
+    "load_excitation",
     "load_fit",
     "load_poses",
     "poses",

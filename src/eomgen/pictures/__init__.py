@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from .journals import plot_journals
     from .measured.accuracy import plot_accuracy
     from .measured.calibration import plot_calibration
+    from .measured.compensation import plot_compensation
+    from .measured.excitation import plot_excitation
     from .page import report_of
     from .report import Report
     from .robot import plot_robot
@@ -32,6 +34,8 @@ _MODULES = {  # one of them is imported when a name of it is first used: a figur
     "plot_tracks": "analysis",
     "View": "browser",
     "plot_calibration": "measured.calibration",
+    "plot_compensation": "measured.compensation",
+    "plot_excitation": "measured.excitation",
     "plot_energy": "energy",
     "plot_tracking": "energy",
     "plot_journals": "journals",
@@ -51,9 +55,11 @@ __all__ = [
     "plot_accuracy",
     "plot_budget",
     "plot_calibration",
+    "plot_compensation",
     "plot_compliance",
     "plot_deviations",
     "plot_energy",
+    "plot_excitation",
     "plot_journals",
     "plot_response",
     "plot_result",

@@ -1,7 +1,8 @@
 """The kinds of results of measurements: what loads one that was saved, and what makes a page of it.
 
 A new kind has a function that makes a Report of it, and an entry of PAGES.  Where it can be saved, its file says which
-kind it is (``kind`` in the text ``meta`` of an .npz, or in a .json), and SAVED has the function that loads it.
+kind it is (an .npz by a text of that name, or by ``kind`` in its text ``meta``; a .json by ``kind``), and SAVED has the
+function that loads it.
 """
 
 from __future__ import annotations
@@ -16,7 +17,11 @@ from ...forms.plain import parse_json
 from ...identification.calibration.result import CalibrationResult
 from ...identification.calibration.stored import load_calibration
 from ...identification.choosing.chosen import PosesResult, load_poses
+from ...identification.compensating.result import CompensationResult
+from ...identification.compensating.stored import load_compensation
 from ...identification.estimates import FitResult, load_fit
+from ...identification.exciting.excited import ExciteResult
+from ...identification.exciting.stored import load_excitation
 from ...identification.inertial import IdentifyResult
 from ...identification.iso_9283.result import AccuracyResult, load_accuracy
 from ...identification.tolerances.result import ToleranceResult
@@ -26,12 +31,16 @@ from ..report import Report
 from .accuracy import accuracy_page
 from .calibration import calibration_page
 from .choosing import poses_page
+from .compensation import compensation_page
+from .excitation import excitation_page
 from .motions import fit_page, identify_page
 from .tolerances import tolerance_page
 
 PAGES: Mapping[type, Callable[[Any], Report]] = {
     AccuracyResult: accuracy_page,
     CalibrationResult: calibration_page,
+    CompensationResult: compensation_page,
+    ExciteResult: excitation_page,
     FitResult: fit_page,
     IdentifyResult: identify_page,
     PosesResult: poses_page,
@@ -40,6 +49,8 @@ PAGES: Mapping[type, Callable[[Any], Report]] = {
 SAVED: Mapping[str, Callable[[Path], Any]] = {
     "accuracy": load_accuracy,
     "calibration": load_calibration,
+    "compensation": load_compensation,
+    "excitation": load_excitation,
     "fit": load_fit,
     "poses": load_poses,
 }
@@ -75,8 +86,12 @@ def _kind_of(path: Path) -> str | None:
         except (OSError, ValueError) as error:
             raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
     else:
-        meta = read_npz(path, ("meta",)).get("meta")
-        text = str(meta) if meta is not None and meta.dtype.kind == "U" and meta.shape == () else ""
+        arrays = read_npz(path, ("meta", *SAVED))
+        texts = {name: str(x) for name, x in arrays.items() if x.dtype.kind == "U" and x.shape == ()}
+        own = next((name for name in texts if name in SAVED), None)
+        if own is not None:
+            return own
+        text = texts.get("meta", "")
     values = parse_json(text, str(path), 2 * most_bytes()) if text else {}
     kind = values.get("kind") if isinstance(values, dict) else None
     return kind if isinstance(kind, str) else None
