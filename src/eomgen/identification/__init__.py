@@ -8,11 +8,13 @@ from .calibration.result import CalibrationResult
 from .calibration.stored import load_calibration
 from .choosing.choosing import poses
 from .choosing.chosen import PosesResult
+from .dynamics.result import Further, IdentifyResult, Residuals
+from .dynamics.stored import load_identification
 from .estimates import Estimate, FitResult, FittedCoordinate
 from .from_motion import ForcesResult, forces
 from .geometry.poses import Measured, MeasuredPoses, poses_from_columns, read_poses
 from .identifiable import BaseParameters, base_parameters
-from .inertial import IdentifyResult, Residuals, identify
+from .inertial import identify
 from .iso_9283.evaluate import accuracy
 from .iso_9283.result import AccuracyResult, load_accuracy
 from .least_squares import fit
@@ -29,6 +31,7 @@ __all__ = [
     "FitResult",
     "FittedCoordinate",
     "ForcesResult",
+    "Further",
     "IdentifyResult",
     "Measured",
     "MeasuredPoses",
@@ -43,6 +46,7 @@ __all__ = [
     "identify",
     "load_accuracy",
     "load_calibration",
+    "load_identification",
     "poses",
     "poses_from_columns",
     "read_poses",
