@@ -28,7 +28,7 @@ from ..robot.model import build_model
 from ..robot.value import MOTOR, Friction, Robot
 from ..runtime.kernel import Kernel
 from .consistent import doubt, nearest_bodies, with_parameters
-from .dynamics.further import FURTHER, GAINS, STRIBECK, Sought, further_doubts, stribeck_shown
+from .dynamics.further import FURTHER, GAINS, STRIBECK, Sought, further_doubts
 from .dynamics.result import IdentifyResult
 from .dynamics.solving import Data, best_of, iterated
 from .dynamics.traps import other_readings, refuse_impossible
@@ -102,7 +102,8 @@ def identify(
     if len(shown) < len(base):
         data.keep(shown)
     width = best_of(data, widths).half
-    data, best, sought, state = iterated(data, _further(data, terms), width)
+    asked = _further(data, terms)
+    data, best, sought, state = iterated(data, asked, width)
     drawn = _described(robot, kernel, shown)
     many = len(shown)
     values, variances = best.values[:many], best.variances[:many]
@@ -110,12 +111,12 @@ def identify(
     parameters = dict(zip(shown.parameters, theta.tolist(), strict=True))
     deviations = np.sqrt(variances)
     found = sought.found(state, np.sqrt(best.variances[many:]).tolist())
-    warnings += _doubts(shown, values, deviations) + further_doubts(sought, found) + other_readings(data, best)
-    parameters |= {name: x.value for name, x in found.items() if name in stribeck_shown(sought, found)}
+    warnings += _doubts(shown, values, deviations) + further_doubts(asked, sought, found) + other_readings(data, best)
+    parameters |= {name: x.value for name, x in found.items() if name.endswith((".breakaway", ".stribeck"))}
     sure = np.hypot(deviations, doubt(values))
     moved = float((np.abs(shown.matrix @ theta - values) / sure).max())
     notes = [*_notes(kernel, motion, data), f"links that are bodies: base values off by {moved:.2g} deviations at most"]
-    t, drives, fitted = data.over_time(best)
+    t, drives, fitted, kept = data.over_time(best)
     return IdentifyResult(
         robot=with_parameters(robot, parameters),
         base=shown,
@@ -131,6 +132,7 @@ def identify(
         t=t,
         drives=drives,
         fitted=fitted,
+        kept=kept,
     )
 
 

@@ -51,7 +51,7 @@ def _bars(found: CalibrationResult, axes: Any, kind: str, unit: str) -> None:
 
 
 def plot_identification(found: IdentifyResult, path: Path | str) -> Path:
-    """Measured and fitted drives over time and what is left, a panel for each of the first six; returns the path.
+    """Measured and fitted drives over time, and what is left where it counts, of the first six; returns the path.
 
     Raises:
         InputError: Matplotlib is not installed, the ending is none of FIGURE_ENDINGS, or the file cannot be written.
@@ -59,6 +59,7 @@ def plot_identification(found: IdentifyResult, path: Path | str) -> Path:
     names = list(found.residuals)[:MOST]
     every = max(1, len(found.t) // SAMPLES)
     t, drives, fitted = found.t[::every], found.drives[::every], found.fitted[::every]
+    left = np.where(found.kept[::every], drives - fitted, np.nan)
     with canvas(6.4, 1.0 + 1.5 * len(names), path) as figure:
         height = 1.0 + 1.5 * len(names)
         room = {"top": 1.0 - 0.45 / height, "bottom": 0.55 / height, "left": 0.12, "right": 0.98, "hspace": 0.25}
@@ -66,7 +67,7 @@ def plot_identification(found: IdentifyResult, path: Path | str) -> Path:
         for row, (axes, name) in enumerate(zip(panels, names, strict=True)):
             axes.plot(t, drives[:, row], color=COLORS["m"]["x"], label="measured")
             axes.plot(t, fitted[:, row], color=COLORS["m"]["y"], label="fitted")
-            axes.plot(t, drives[:, row] - fitted[:, row], color=COLORS["m"]["z"], label="residual")
+            axes.plot(t, left[:, row], color=COLORS["m"]["z"], label="residual")
             axes.set_ylabel(f"{literal(name)}, {force_unit_of(name)}")
         panels[0].legend(loc="upper right", ncols=3)
         panels[-1].set_xlabel("t, s")

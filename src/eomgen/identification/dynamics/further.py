@@ -126,6 +126,15 @@ class Sought:
         logarithms = np.clip(left[many:], -LONGEST, LONGEST)
         return State(delay, gains, state.breakaway + left[:many], state.rates * np.exp(logarithms))
 
+    def shown(self, state: State, deviations: Array) -> tuple[int, ...]:
+        """Those of ``rubbing`` whose static friction is more than their dry friction; all if none is asked about."""
+        if STRIBECK not in self.terms:
+            return self.rubbing
+        many = len(self.rubbing)
+        own = deviations[len(deviations) - 2 * many :][:many]
+        is_shown = state.breakaway > DEVIATIONS * own
+        return tuple(i for i, there in zip(self.rubbing, is_shown, strict=True) if there)
+
     def found(self, state: State, deviations: Sequence[float]) -> dict[str, Further]:
         """Values with standard deviations of the steps that ``columns`` is of."""
         values: list[tuple[float, float, str]] = [(state.delay, 1.0, "s")] if DELAY in self.terms else []
@@ -168,18 +177,14 @@ def shifted(x: Array, samples: float) -> Array:
     return np.asarray(np.einsum("j,tjk->tk", np.array(weights), x[np.clip(rows, 0, len(x) - 1)]))
 
 
-def stribeck_shown(sought: Sought, found: dict[str, Further]) -> list[str]:
-    """Names of the numbers of Stribeck's friction that there is, and that the motion shows."""
-    names = []
-    for i in sought.rubbing if STRIBECK in sought.terms else ():
-        both = [component_name(sought.coordinates[i], key) for key in ("breakaway", "stribeck")]
-        if found[both[0]].value > DEVIATIONS * found[both[0]].deviation:
-            names += both
-    return names
+def further_doubts(asked: Sought, sought: Sought, found: dict[str, Further]) -> list[str]:
+    """Warnings about what cannot be told, what the motion hardly shows, and gains that are negative.
 
-
-def further_doubts(sought: Sought, found: dict[str, Further]) -> list[str]:
-    """Warnings about what cannot be told, what the motion hardly shows, and gains that are negative."""
+    Args:
+        asked: what was asked for.
+        sought: what of it there is.
+        found: its values.
+    """
     warnings = []
     for k, i in enumerate(sought.drives if GAINS in sought.terms else ()):
         name = component_name(sought.coordinates[i], "gain")
@@ -192,8 +197,6 @@ def further_doubts(sought: Sought, found: dict[str, Further]) -> list[str]:
             warnings.append(f"{name} is negative; is the drive's sign right?")
         elif found[name].deviation > HARDLY * found[name].value:
             warnings.append(f"{name} is hardly shown: {found[name].value:.3g} +- {found[name].deviation:.2g}")
-    shown = stribeck_shown(sought, found)
-    hidden = [name for name in found if name.endswith((".breakaway", ".stribeck")) and name not in shown]
-    owners = dict.fromkeys(name.rpartition(".")[0] for name in hidden)
-    warnings += [f"{name}: the motion shows no Stribeck friction" for name in owners]
-    return warnings
+    rubbing = sought.rubbing if STRIBECK in sought.terms else ()
+    lost = [asked.coordinates[i] for i in asked.rubbing if i not in rubbing] if STRIBECK in asked.terms else []
+    return [*warnings, *(f"{name}: the motion shows no Stribeck friction" for name in lost)]

@@ -39,5 +39,5 @@ def write_record(result: Any, target: Path) -> Path:
         "notes": result.notes,
     }
     arrays: dict[str, Any] = {name: getattr(result, name) for name in ARRAYS}
-    arrays |= {"chosen": base.chosen, "matrix": base.matrix, "meta": np.array(json.dumps(meta))}
+    arrays |= {"chosen": base.chosen, "kept": result.kept, "matrix": base.matrix, "meta": np.array(json.dumps(meta))}
     return write_atomically(target, lambda stream: np.savez_compressed(stream, **arrays))

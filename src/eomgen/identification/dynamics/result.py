@@ -63,6 +63,7 @@ class IdentifyResult(Shown):
         further: parameters that forces are not linear in, by name: "delay", "joint1.gamma.gain" and their like.
         t: times behind the filters, (T,), s.
         drives, fitted: (T, r), measured drives and what the parameters make of them, in the order of ``residuals``.
+        kept: whether a sample counts, (T, r): not where a filter sees a drive stand still.
     """
 
     robot: Robot
@@ -79,6 +80,7 @@ class IdentifyResult(Shown):
     t: Array = field(default_factory=lambda: np.zeros(0))
     drives: Array = field(default_factory=lambda: np.zeros((0, 0)))
     fitted: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    kept: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((0, 0), dtype=np.bool_))
 
     @property
     def base_names(self) -> tuple[str, ...]:

@@ -81,7 +81,12 @@ class Data:
         v = narrow(motion.q, 1) if motion.v is None else narrow(motion.v)
         a = narrow(motion.q, 2) if motion.v is None else narrow(motion.v, 1)
         order, given = (1, motion.q) if motion.v is None else (0, motion.v)
-        return narrow(motion.q), v, a, noise_deviation(given) * np.linalg.norm(narrow.weights[order])
+        noise = noise_deviation(given) * np.linalg.norm(narrow.weights[order])
+        if not self.relations.is_coupled:
+            return narrow(motion.q), v, a, noise
+        free, matrix = list(self.relations.free), self.relations.matrix.T  # exactly, which kernels ask for
+        q = narrow(motion.q)[:, free] @ matrix + self.relations.offset
+        return q, v[:, free] @ matrix, a[:, free] @ matrix, noise
 
     def measured(self, u: Array) -> Array:
         """Forces of the rows, (T, r), behind the filter, of drives at all coordinates."""
@@ -152,13 +157,13 @@ class Data:
             found[name] = Residuals(fitted, held_out, drive, int(solution.counts[row]))
         return found
 
-    def over_time(self, solution: Solution) -> tuple[Array, Array, Array]:
-        """Times, (T,), drives and what the solution makes of them, (T, r), behind the solution's filter."""
+    def over_time(self, solution: Solution) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+        """Times, (T,), drives, what the solution makes of them behind its filter, and whether they count, (T, r)."""
         drives, fitted = self.total, self.predicted(solution)
         if solution.half:
             drives, fitted = (filtered(x, bell(solution.half)) for x in (drives, fitted))
         cut = self.half + solution.half
-        return self.motion.t[cut : len(self.motion.t) - cut], drives, fitted
+        return self.motion.t[cut : len(self.motion.t) - cut], drives, fitted, self.kept(solution.half)
 
 
 def best_of(data: Data, widths: Sequence[int]) -> Solution:
@@ -182,7 +187,7 @@ def best_of(data: Data, widths: Sequence[int]) -> Solution:
 
 
 def iterated(data: Data, sought: Sought, half: int) -> tuple[Data, Solution, Sought, State]:
-    """Find what forces are not linear in, by Gauss and Newton.
+    """Find what forces are not linear in, by Gauss and Newton; Stribeck's friction where there is some.
 
     Returns:
         The data there, the solution, whose last values are further steps, what could be told apart, and its values.
@@ -191,7 +196,7 @@ def iterated(data: Data, sought: Sought, half: int) -> tuple[Data, Solution, Sou
     solution = Solution.of(data, half)
     if GAINS in sought.terms:
         sought = replace(sought, free_gains=told_apart(sought, data.columns, data.predicted(solution)))
-        state = _first_gains(data, sought, state, half)
+        state = _first_gains(data, sought, state)
     if STRIBECK in sought.terms:
         state = _first_friction(data, sought, state, half)
     here, many = data.at(sought, state), data.columns.shape[-1]
@@ -205,25 +210,36 @@ def iterated(data: Data, sought: Sought, half: int) -> tuple[Data, Solution, Sou
         if (np.abs(steps) <= SETTLED * np.sqrt(solution.variances[many:])).all():
             break
         state = sought.stepped(state, steps)
+    shown = sought.shown(state, np.sqrt(solution.variances[many:]))
+    if len(shown) < len(sought.rubbing):
+        terms = sought.terms if shown else tuple(term for term in sought.terms if term != STRIBECK)
+        return iterated(data, replace(sought, terms=terms, rubbing=shown), half)
     return here, solution, sought, state
 
 
-def _first_gains(data: Data, sought: Sought, state: State, half: int) -> State:
-    """Gains by linear least squares, a little too small by the noise of drives."""
-    if not sought.free_gains:
-        return state
-    drives = [sought.drives[k] for k in sought.free_gains]
-    rest, extra = np.array(data.motion.u), []
-    rest[:, drives] = 0.0
+def _first_gains(data: Data, sought: Sought, state: State) -> State:
+    """Gains that leave least of the drives' own size, whatever the base parameters; a little off by noise.
+
+    The least of |Y beta + k - C g| relative to |C g| and |k|, so that gains of 0 are no answer.
+    """
+    drives, parts = list(sought.drives), []
     for i in drives:
-        alone = np.zeros_like(rest)
+        alone = np.zeros_like(data.motion.u)
         alone[:, i] = data.motion.u[:, i]
-        extra.append(-data.measured(alone))
-    first = copy(data)
-    first.forces = data.measured(rest) - data.laws
-    found = Solution.of(first.beside(np.stack(extra, axis=-1)), half).values[data.columns.shape[-1] :]
+        parts.append(data.measured(alone))
+    laws = data.laws if len(sought.free_gains) == len(drives) else np.zeros_like(data.laws)
+    both = np.concatenate([data.columns, np.stack([*parts, -laws], axis=-1)], axis=-1)
+    both /= np.maximum(np.sqrt(np.mean(data.total**2, axis=0)), 1e-300)[:, None]
+    rows = both[~data.resting]
+    size = np.linalg.norm(rows, axis=0)
+    size[size == 0.0] = 1.0
+    R, many = np.linalg.qr(rows / size, mode="r"), data.columns.shape[-1]
+    left = R[many:, many:][:, : len(drives) + bool(laws.any())]
+    best = np.linalg.svd(left)[2][-1] / size[many : many + left.shape[1]]
+    measure = best[-1] if laws.any() else best[min(set(range(len(drives))).difference(sought.free_gains), default=0)]
     gains = np.array(state.gains)
-    gains[list(sought.free_gains)] = np.where(found == 0.0, 1.0, found)
+    for k in sought.free_gains:
+        gains[k] = best[k] / measure if measure and best[k] else 1.0
     return replace(state, gains=gains)
 
 

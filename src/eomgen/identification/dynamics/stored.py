@@ -42,6 +42,7 @@ def load_identification(path: Path | str) -> IdentifyResult:
             robot=robot_from_record(meta["description"], str(path)),
             base=base,
             **found,
+            kept=np.asarray(arrays["kept"], dtype=np.bool_),
             parameters={str(name): float(value) for name, value in meta["parameters"].items()},
             residuals={str(name): Residuals(**entry) for name, entry in meta["residuals"].items()},
             further={str(name): Further(**entry) for name, entry in meta["further"].items()},
@@ -64,7 +65,7 @@ def _texts(values: list[Any]) -> tuple[str, ...]:
 def _check(result: IdentifyResult, path: str) -> None:
     many, whole, samples = len(result.base), len(result.base.parameters), len(result.t)
     shapes: dict[str, tuple[int, ...]] = dict.fromkeys(("base_values", "deviations", "described"), (many,))
-    shapes |= dict.fromkeys(("drives", "fitted"), (samples, len(result.residuals))) | {"t": (samples,)}
+    shapes |= dict.fromkeys(("drives", "fitted", "kept"), (samples, len(result.residuals))) | {"t": (samples,)}
     found = {name: getattr(result, name) for name in shapes} | {
         "matrix": result.base.matrix,
         "chosen": result.base.chosen,
