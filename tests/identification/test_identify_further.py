@@ -106,7 +106,7 @@ def bare_kernel(robot: Robot, built: Build, *more: str) -> eomgen.Kernel:
 
 
 def test_gains_from_a_link_that_is_known(built: Build) -> None:
-    """Currents in the place of moments: links whose numbers are known are the measure; without them one gain is open."""
+    """Currents in the place of moments: links that are known are the measure; without them one gain is open."""
     robot = arm()
     whole, bare = kernels(robot, built)
     motion = measured(whole, (0.0, 0.01))
@@ -144,7 +144,7 @@ def test_a_delay_of_drives(rates: bool, built: Build) -> None:
 
 
 def test_stribeck_friction(built: Build) -> None:
-    """Static friction and Stribeck's rate of one joint come back; the other shows none; the robot has what was found."""
+    """Static friction and Stribeck's rate of one joint come back; the other shows none."""
     robot = arm()
     rubbing = Friction(coulomb=0.4, static=0.9, stribeck=0.5, smoothing=1e-9)
     first = replace(robot.joints[0], coordinates={"gamma": Coordinate(damping=0.7, armature=0.2, friction=rubbing)})
@@ -305,12 +305,12 @@ def test_results_are_saved_loaded_drawn_and_written(built: Build, tmp_path: Path
     assert read.links == found.robot.links
     assert read.joint("joint1").coordinates == found.robot.joint("joint1").coordinates
     assert read.joint("joint1").coordinates["gamma"].stiffness == 2.0
-    with pytest.raises(InputError, match="output: .*; allowed: a path that ends in .toml"):
+    with pytest.raises(InputError, match=r"output: .*; allowed: a path that ends in .toml"):
         found.to_toml(tmp_path / "better.txt")
     with pytest.raises(InputError, match="has no description to write into"):
         replace(found, robot=arm()).to_toml(tmp_path / "better.toml")
     source.write_text(ARM.replace("mass = 1.5\n", "mass = 1.5\ncom = [\n0.1, 0.0, 0.0]\n"), encoding="utf-8")
-    with pytest.raises(InputError, match="com is not written in .* so that it can be changed"):
+    with pytest.raises(InputError, match=r"com is not written in .* so that it can be changed"):
         found.to_toml(tmp_path / "better.toml")
     np.savez(tmp_path / "other.npz", meta=np.array("{}"))
     with pytest.raises(InputError, match="is no identification"):

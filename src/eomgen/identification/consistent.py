@@ -208,7 +208,7 @@ def _motor(motor: Motor, own: Mapping[str, float]) -> Motor:
     if "dry" in own or "viscous" in own:
         old = friction or Friction()
         friction = _friction(old, own, own.get("viscous", old.viscous))
-    found = {key: own[key] for key in ("stiffness", "damping") if key in own}
+    found: dict[str, Any] = {key: own[key] for key in ("stiffness", "damping") if key in own}
     inertia = own.get("inertia", motor.inertia)
     return replace(motor, inertia=inertia, friction=friction, transmission=replace(spring, **found))
 

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from ..description import RobotLike, as_robot
 from ..errors import InputError
 from ..motion.files import MeasuredMotion, measured_motion
+from ..motion.smoothing import STENCIL
 from ..names import component_name, joint_of, kind_of, listed, show
 from ..pipeline.stages import build
 from ..progress import StageReport
@@ -157,7 +158,7 @@ def _check_transmissions(relations: Relations, motion: MeasuredMotion) -> None:
 
 
 def _further(data: Data, terms: Sequence[str]) -> Sought:
-    """Give what is sought beside base parameters: gains of all drives that act in a row, friction of what moves there."""
+    """Give what is sought beside base parameters: gains of drives that act in a row, friction of what moves there."""
     motion, matrix = data.motion, data.relations.matrix[:, data.known]
     drives = [i for i, name in enumerate(motion.coordinates) if name in motion.driven and matrix[i].any()]
     names = tuple(term for term in FURTHER if term in terms)
@@ -255,7 +256,8 @@ def _doubts(base: BaseParameters, values: Array, deviations: Array) -> list[str]
 
 
 def _notes(kernel: Kernel, motion: MeasuredMotion, data: Data) -> tuple[str, ...]:
-    how = "central differences of eighth order behind a bell of 9 samples" if data.half else "from the file"
+    bell = 2 * (data.half - STENCIL) + 1
+    how = f"central differences of eighth order behind a bell of {bell} samples" if data.half else "from the file"
     notes = [f"rates and accelerations: {how}; all terms filtered alike; rows weighted by their residuals"]
     held = [name for name in kernel.coordinates if name not in motion.measured]
     if held:

@@ -1,8 +1,8 @@
-"""How coordinates of a robot belong together where forces are known: rigid couplings, motors, what rubs, what is known.
+"""How coordinates of a robot belong together where forces are known: rigid couplings, motors, what rubs.
 
-With rigid couplings q = G z + c, forces of coupled coordinates do work along z alone: G^T u = G^T Y theta, a row for each
-coordinate that follows from no other.  So the motor of a wrist that turns with two joints acts, rubs and has its inertia
-in both of their rows.
+With rigid couplings q = G z + c, forces of coupled coordinates do work along z alone: G^T u = G^T Y theta, a row for
+each coordinate that follows from no other.  So the motor of a wrist that turns with two joints acts, rubs and has its
+inertia in both of their rows.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class Relations:
         coordinates: names of all, n of them.
         free: indices of those that follow from no others, f of them: the rows.
         matrix, offset: (n, f) and (n,), all coordinates from the free ones.
-        rubbing: indices of the coordinates whose friction and offset can be sought: with a drive, and in rigid couplings.
+        rubbing: indices of the coordinates whose friction and offset can be sought: with a drive, or coupled rigidly.
         motors: indices of a motor's coordinate and of the one that it drives, and the gear's ratio.
         known: names of links whose inertial parameters are not sought.
     """

@@ -19,10 +19,10 @@ from ..calibration.as_toml import block_of, numbers_text, own_text, relative_pat
 _CLOSE = 1e-12  # by how much what was written may be off when it is read again
 HEAD = (
     "# Identified.  Links have the mass (kg), the centre of mass (m, link's frame) and the inertia (kg m^2, about the",
-    "# centre of mass, link's axes) of bodies that are near to the description and have the base parameters below: sums",
-    "# that forces show, behind +- with their standard deviations.  Inertias ixx ... izz in their formulas are about the",
-    "# origin of the link's frame.  Friction acts against the coordinate's rate; a preload acts against a positive",
-    "# deviation, so that the drive has to overcome both.",
+    "# centre of mass, link's axes) of bodies that are near to the description and have the base parameters below,",
+    "# sums that forces show, with their standard deviations behind +-.  Inertias ixx ... izz in their formulas are",
+    "# about the origin of the link's frame.  Friction acts against the coordinate's rate; a preload acts against a",
+    "# positive deviation, so that the drive has to overcome both.",
 )
 
 

@@ -193,10 +193,10 @@ def further_doubts(asked: Sought, sought: Sought, found: dict[str, Further]) -> 
                 f"{name} cannot be told from masses, inertias, friction and gains of other drives, and stays 1: links"
                 " whose numbers are known are a measure"
             )
+        elif found[name].deviation > HARDLY * abs(found[name].value):
+            warnings.append(f"{name} is hardly shown: {found[name].value:.3g} +- {found[name].deviation:.2g}")
         elif found[name].value < 0.0:
             warnings.append(f"{name} is negative; is the drive's sign right?")
-        elif found[name].deviation > HARDLY * found[name].value:
-            warnings.append(f"{name} is hardly shown: {found[name].value:.3g} +- {found[name].deviation:.2g}")
     rubbing = sought.rubbing if STRIBECK in sought.terms else ()
     lost = [asked.coordinates[i] for i in asked.rubbing if i not in rubbing] if STRIBECK in asked.terms else []
     return [*warnings, *(f"{name}: the motion shows no Stribeck friction" for name in lost)]

@@ -15,11 +15,13 @@ from ...motion.smoothing import Differentiator, bell, filtered, noise_deviation
 from ...runtime.kernel import Kernel
 from ..estimating import FIRST, block_count, least_samples
 from ..identifiable import BaseParameters, columns, inertial_places, regrouped, with_formulas
-from .further import GAINS, STRIBECK, FRACTIONS, NEIGHBOURS, Sought, State, told_apart
+from .further import FRACTIONS, GAINS, NEIGHBOURS, STRIBECK, Sought, State, told_apart
 from .result import Residuals
 
 Array = NDArray[np.float64]
 
+FIRSTS = (FIRST, 16, 32, 64, 128)  # half widths of the filter that differentiates
+NOISY = 0.1  # of the rms of an acceleration: noise that the next wider one is taken for
 REWEIGHTED = 4  # times that weights follow the residuals
 RESTING = 0.02  # of the rms of a rate: below it a drive stands still
 NOISES = 3.0  # deviations of a rate's noise below which it stands still, too
@@ -76,8 +78,8 @@ class Data:
         motion = self.motion
         if motion.v is not None and motion.a is not None:
             return motion.q, motion.v, motion.a, np.zeros(len(motion.coordinates))
-        self._narrow, self.half = Differentiator(FIRST, self.step), FIRST
-        narrow = self._narrow
+        self._narrow = narrow = self._differentiator()
+        self.half = narrow.half
         v = narrow(motion.q, 1) if motion.v is None else narrow(motion.v)
         a = narrow(motion.q, 2) if motion.v is None else narrow(motion.v, 1)
         order, given = (1, motion.q) if motion.v is None else (0, motion.v)
@@ -87,6 +89,21 @@ class Data:
         free, matrix = list(self.relations.free), self.relations.matrix.T  # exactly, which kernels ask for
         q = narrow(motion.q)[:, free] @ matrix + self.relations.offset
         return q, v[:, free] @ matrix, a[:, free] @ matrix, noise
+
+    def _differentiator(self) -> Differentiator:
+        """The narrowest filter behind which noise is a small part of all accelerations, and else the widest."""
+        motion, places = self.motion, [self.motion.coordinates.index(name) for name in self.motion.measured]
+        given, order = (motion.q, 2) if motion.v is None else (motion.v, 1)
+        noise, found = noise_deviation(given)[places], Differentiator(FIRST, self.step)
+        for half in FIRSTS:
+            if len(motion.t) < least_samples(half):
+                break
+            found = Differentiator(half, self.step)
+            size = np.sqrt(np.mean(found(given[:, places], order) ** 2, axis=0))
+            off = noise * np.linalg.norm(found.weights[order])
+            if (off <= np.maximum(NOISY * size, RESTING * size.max())).all():
+                break
+        return found
 
     def measured(self, u: Array) -> Array:
         """Forces of the rows, (T, r), behind the filter, of drives at all coordinates."""
@@ -176,7 +193,7 @@ def best_of(data: Data, widths: Sequence[int]) -> Solution:
     found = [
         Solution.of(data, half)
         for half in widths
-        if samples >= least_samples(FIRST + half) and data.share(half) >= LEFT
+        if samples >= least_samples((data.half or FIRST) + half) and data.share(half) >= LEFT
     ]
     if not found:
         raise InputError(
@@ -233,7 +250,7 @@ def _first_gains(data: Data, sought: Sought, state: State) -> State:
     rows = both[~data.resting]
     size = np.linalg.norm(rows, axis=0)
     size[size == 0.0] = 1.0
-    R, many = np.linalg.qr(rows / size, mode="r"), data.columns.shape[-1]
+    R, many = np.asarray(np.linalg.qr(rows / size, mode="r")), data.columns.shape[-1]
     left = R[many:, many:][:, : len(drives) + bool(laws.any())]
     best = np.linalg.svd(left)[2][-1] / size[many : many + left.shape[1]]
     measure = best[-1] if laws.any() else best[min(set(range(len(drives))).difference(sought.free_gains), default=0)]

@@ -1,4 +1,4 @@
-"""Mistakes that records of motions are made with, told by name: before a fit by sizes, after it by what explains more."""
+"""Mistakes that records of motions are made with, told by name: before a fit by sizes, after it by residuals."""
 
 from __future__ import annotations
 
@@ -48,8 +48,8 @@ def refuse_impossible(robot: Robot, motion: MeasuredMotion, step: float) -> None
     fastest = float(np.abs(slopes).max())
     if step >= _FAR_APART and fastest < _SLOW and np.ptp(motion.q, axis=0).max() > _SLOW:
         raise InputError(
-            f"{motion.source}: samples are {step:.4g} s apart, and nothing moves faster than {fastest:.3g} rad/s or m/s:"
-            " milliseconds for seconds? allowed: times in s"
+            f"{motion.source}: samples are {step:.4g} s apart, and nothing moves faster than {fastest:.3g} rad/s or"
+            " m/s: milliseconds for seconds? allowed: times in s"
         )
     for name in motion.driven:
         if not motion.u[:, motion.coordinates.index(name)].any():
