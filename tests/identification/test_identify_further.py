@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import eomgen
+from eomgen.cli.entry import main
 from eomgen.errors import InputError
 from eomgen.identification import base_parameters, identify, load_identification
 from eomgen.identification.identifiable import TERMS
@@ -245,7 +246,7 @@ def test_arguments_that_are_refused(built: Build) -> None:
     wrong: tuple[tuple[dict[str, Any], str], ...] = (
         ({"known": ("hand",)}, "known: there is no moving link 'hand'; allowed: 'upper', 'fore'"),
         ({"half": -1}, "half: -1; allowed: a whole number from 0"),
-        ({"half": 5000}, "drives stand still too often"),
+        ({"half": 5000}, "2400 samples; a filter of half width 5000 needs at least"),
         ({"terms": ("delays",)}, "terms: 'delays'; allowed: links, .*, stribeck, gains, delay"),
     )
     for options, message in wrong:
@@ -315,3 +316,31 @@ def test_results_are_saved_loaded_drawn_and_written(built: Build, tmp_path: Path
     np.savez(tmp_path / "other.npz", meta=np.array("{}"))
     with pytest.raises(InputError, match="is no identification"):
         load_identification(tmp_path / "other.npz")
+
+
+def test_the_command_writes_what_was_found(built: Build, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Options reach ``identify``; a result, a figure and a description are written."""
+    source, record = tmp_path / "one.toml", tmp_path / "one.csv"
+    source.write_text(
+        'name = "one_link"\n[[links]]\nname = "arm"\nmass = 1.0\ncom = [0.2, 0.0, 0.0]\n'
+        "inertia = { xx = 0.01, yy = 0.01, zz = 0.01 }\n[[joints]]\n"
+        'name = "joint1"\nparent = "base"\nchild = "arm"\ntype = "revolute"\n'
+        "dh = { a = 0, alpha = 1.5, d = 0, theta = 0 }\n",
+        encoding="utf-8",
+    )
+    t, q, v, a = swing(1200)
+    drive = 0.3 * a[:, 0] + 2.0 * np.cos(q[:, 0]) + 0.5 * np.sign(v[:, 0])
+    names = ("t", "joint1.gamma", "joint1.gamma.rate", "joint1.gamma.acceleration", "joint1.gamma.drive")
+    table = np.column_stack([t, q[:, 0], v[:, 0], a[:, 0], drive])
+    np.savetxt(record, table, delimiter=",", header=",".join(names), comments="")
+    more = ["--half", "0", "--toml", str(tmp_path / "b.toml"), "-o", str(tmp_path / "r.npz")]
+    assert main(["identify", str(source), str(record), "--terms", "links", "dry", *more]) == 0
+    assert "arm.izz" in capsys.readouterr().out
+    found = load_identification(tmp_path / "r.npz")
+    assert dict(zip(found.base_names, found.base_values, strict=True))["joint1.gamma.dry"] == pytest.approx(
+        0.5, abs=1e-6
+    )
+    assert found.width == 0.0
+    assert eomgen.load_robot(tmp_path / "b.toml").links == found.robot.links
+    assert main(["identify", str(source), str(record), "-o", "r.txt"]) == 1
+    assert "allowed: a path that ends in .npz" in capsys.readouterr().err

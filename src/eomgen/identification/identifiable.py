@@ -7,7 +7,7 @@ parameters that no measurement tells apart from those: they are regrouped (M. Ga
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,7 @@ from ..names import component_name, show
 from ..pipeline.stages import build
 from ..runtime.kernel import Kernel
 from ..shown import Shown
-from .relations import Relations, relations_of
+from .relations import Relations, relations_of, tree_relations
 
 Array = NDArray[np.float64]
 
@@ -135,8 +135,8 @@ def base_parameters(
     """
     robot = as_robot(robot)
     kernel = kernel or build(robot, kernels=("regressor",))
-    is_open = bool(robot.loops) or any(coupling.law is not None for coupling in robot.couplings)
-    relations = relations_of(replace(robot, loops=(), couplings=()) if is_open else robot, known)
+    is_tree = bool(robot.loops) or any(coupling.law is not None for coupling in robot.couplings)
+    relations = (tree_relations if is_tree else relations_of)(robot, known)
     everything = np.ones(len(relations.free), dtype=np.bool_)
     return combinations(kernel, terms, everything, everything, relations, static=static)
 

@@ -31,7 +31,7 @@ from ..runtime.kernel import Kernel
 from .consistent import doubt, nearest_bodies, with_parameters
 from .dynamics.further import FURTHER, GAINS, STRIBECK, Sought, further_doubts
 from .dynamics.result import IdentifyResult
-from .dynamics.solving import Data, best_of, iterated
+from .dynamics.solving import Data, Solution, best_of, iterated
 from .dynamics.traps import other_readings, refuse_impossible
 from .estimating import HALF_WIDTHS, even_step
 from .identifiable import LINEAR, TERMS, TRANSMISSIONS, BaseParameters, combinations, parameter_names
@@ -40,6 +40,7 @@ from .relations import Relations, completed, relations_of
 Array = NDArray[np.float64]
 
 ALL_TERMS = (*LINEAR, *FURTHER)
+UNSETTLED = 0.1  # of a standard deviation, by which the last step moves at most
 SPREAD = 0.5  # relative, of the description's numbers of single links
 
 
@@ -112,7 +113,12 @@ def identify(
     parameters = dict(zip(shown.parameters, theta.tolist(), strict=True))
     deviations = np.sqrt(variances)
     found = sought.found(state, np.sqrt(best.variances[many:]).tolist())
-    warnings += _doubts(shown, values, deviations) + further_doubts(asked, sought, found) + other_readings(data, best)
+    warnings += (
+        _doubts(shown, values, deviations)
+        + further_doubts(asked, sought, found)
+        + _unsettled(sought, best)
+        + other_readings(data, best)
+    )
     parameters |= {name: x.value for name, x in found.items() if name.endswith((".breakaway", ".stribeck"))}
     sure = np.hypot(deviations, doubt(values))
     moved = float((np.abs(shown.matrix @ theta - values) / sure).max())
@@ -138,7 +144,7 @@ def identify(
 
 
 def _linear(terms: Sequence[str]) -> tuple[str, ...]:
-    """Those of the terms that forces are linear in."""
+    """Select the terms that forces are linear in."""
     for term in terms:
         if term not in ALL_TERMS:
             raise InputError(f"terms: {show(term)}; allowed: {', '.join(ALL_TERMS)}")
@@ -166,6 +172,14 @@ def _further(data: Data, terms: Sequence[str]) -> Sought:
         raise InputError(f"{motion.source}: more drives than rows whose forces are known; allowed: terms without gains")
     rubbing = tuple(i for i in data.relations.rubbing if matrix[i].any())
     return Sought(names, motion.coordinates, tuple(drives), (), rubbing, matrix, data.step)
+
+
+def _unsettled(sought: Sought, solution: Solution) -> list[str]:
+    """Warnings about what forces are not linear in, and what still moved at the last step."""
+    many = len(sought.names())
+    steps, deviations = solution.values[-many or len(solution.values) :], np.sqrt(solution.variances)[-many:]
+    moving = [name for name, x, d in zip(sought.names(), steps, deviations, strict=False) if abs(x) > UNSETTLED * d]
+    return [f"not settled: {listed(moving)}"] if moving else []
 
 
 def without_sought(robot: Robot, terms: Sequence[str]) -> Robot:

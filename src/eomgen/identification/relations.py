@@ -26,7 +26,7 @@ OFF = 0.05  # of the rms of a coordinate: by so much measured ones contradict a 
 
 @dataclass(frozen=True)
 class Relations:
-    """What of a robot its regressor does not say.
+    """Relations of coordinates that a regressor does not say.
 
     Attributes:
         coordinates: names of all, n of them.
@@ -78,18 +78,12 @@ def relations_of(robot: Robot, known: Collection[str] = ()) -> Relations:
     Raises:
         InputError: it has loops or elastic couplings, or no such link.
     """
-    model = build_model(robot)
-    bodies = tuple(body.name for body in model.bodies)
-    for name in known:
-        if name not in bodies:
-            raise InputError(
-                f"known: there is no moving link {show(name)}{nearest(name, bodies)}; allowed: {listed(bodies)}"
-            )
     elastic = [coupling.name for coupling in robot.couplings if coupling.law is not None]
     if robot.loops or elastic:
         raise InputError(f"identify: {robot.name} has loops or elastic couplings; allowed: robots without")
     rules = {coupling.of: coupling for coupling in robot.couplings}
-    names, n = model.coordinates, len(model.coordinates)
+    tree = tree_relations(robot, known)
+    names, n = tree.coordinates, len(tree.coordinates)
     free = tuple(i for i, name in enumerate(names) if name not in rules)
     matrix, offset = np.zeros((n, len(free))), np.zeros(n)
     matrix[list(free), range(len(free))] = 1.0
@@ -103,8 +97,22 @@ def relations_of(robot: Robot, known: Collection[str] = ()) -> Relations:
             offset[i] += ratio * offset[names.index(other)]
         left.remove(name)
     coupled = {names.index(name) for x in robot.couplings for name in (x.of, *x.to)}
-    rubbing = tuple(sorted(coupled.union(model.driven)))
-    return Relations(names, free, matrix, offset, rubbing, _motors(robot, model), frozenset(known))
+    rubbing = tuple(sorted(coupled.union(tree.rubbing)))
+    return replace(tree, free=free, matrix=matrix, offset=offset, rubbing=rubbing)
+
+
+def tree_relations(robot: Robot, known: Collection[str] = ()) -> Relations:
+    """The relations of the open tree, in which no coordinate follows from others; errors as ``relations_of``."""
+    model = build_model(robot)
+    bodies = tuple(body.name for body in model.bodies)
+    for name in known:
+        if name not in bodies:
+            raise InputError(
+                f"known: there is no moving link {show(name)}{nearest(name, bodies)}; allowed: {listed(bodies)}"
+            )
+    n = len(model.coordinates)
+    every, driven, motors = tuple(range(n)), tuple(model.driven), _motors(robot, model)
+    return Relations(model.coordinates, every, np.eye(n), np.zeros(n), driven, motors, frozenset(known))
 
 
 def _motors(robot: Robot, model: Model) -> tuple[tuple[int, int, float], ...]:

@@ -40,7 +40,7 @@ class State:
 
 @dataclass(frozen=True)
 class Sought:
-    """What is sought beside base parameters.
+    """Parameters to look for beside base parameters.
 
     Attributes:
         terms: among FURTHER.
@@ -99,7 +99,7 @@ class Sought:
         return np.asarray(-drives[:, None, :] * onto.T)
 
     def friction(self, state: State, v: Array) -> Array:
-        """What Stribeck's law adds to dry friction along all coordinates, (T, n)."""
+        """Resistance by Stribeck's law beyond dry friction, along all coordinates, (T, n)."""
         found = np.zeros_like(v)
         if STRIBECK in self.terms:
             rates = v[:, self.rubbing]
@@ -126,14 +126,18 @@ class Sought:
         logarithms = np.clip(left[many:], -LONGEST, LONGEST)
         return State(delay, gains, state.breakaway + left[:many], state.rates * np.exp(logarithms))
 
-    def shown(self, state: State, deviations: Array) -> tuple[int, ...]:
-        """Those of ``rubbing`` whose static friction is more than their dry friction; all if none is asked about."""
-        if STRIBECK not in self.terms:
-            return self.rubbing
-        many = len(self.rubbing)
-        own = deviations[len(deviations) - 2 * many :][:many]
-        is_shown = state.breakaway > DEVIATIONS * own
-        return tuple(i for i, there in zip(self.rubbing, is_shown, strict=True) if there)
+    def narrowed(self, state: State, deviations: Array) -> tuple[Sought, State]:
+        """Go on with coordinates alone whose static friction is more than dry friction.
+
+        Args:
+            state: with all of ``rubbing``.
+            deviations: of its ``breakaway``, (k,).
+        """
+        shown = state.breakaway > DEVIATIONS * deviations
+        rubbing = tuple(i for i, there in zip(self.rubbing, shown, strict=True) if there)
+        terms = self.terms if rubbing else tuple(term for term in self.terms if term != STRIBECK)
+        left = replace(state, breakaway=state.breakaway[shown], rates=state.rates[shown])
+        return replace(self, terms=terms, rubbing=rubbing), left
 
     def found(self, state: State, deviations: Sequence[float]) -> dict[str, Further]:
         """Values with standard deviations of the steps that ``columns`` is of."""

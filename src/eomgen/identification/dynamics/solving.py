@@ -189,12 +189,14 @@ def best_of(data: Data, widths: Sequence[int]) -> Solution:
     Raises:
         InputError: no filter leaves enough samples.
     """
-    samples = len(data.motion.t)
-    found = [
-        Solution.of(data, half)
-        for half in widths
-        if samples >= least_samples((data.half or FIRST) + half) and data.share(half) >= LEFT
-    ]
+    samples, first = len(data.motion.t), data.half or FIRST
+    fitting = [half for half in widths if samples >= least_samples(first + half)]
+    if not fitting:
+        raise InputError(
+            f"{data.motion.source}: {samples} samples; a filter of half width {min(widths)} needs at least"
+            f" {least_samples(first + min(widths))}"
+        )
+    found = [Solution.of(data, half) for half in fitting if data.share(half) >= LEFT]
     if not found:
         raise InputError(
             f"{data.motion.source}: drives stand still too often between {samples} samples; allowed: motions that"
@@ -215,7 +217,7 @@ def iterated(data: Data, sought: Sought, half: int) -> tuple[Data, Solution, Sou
         sought = replace(sought, free_gains=told_apart(sought, data.columns, data.predicted(solution)))
         state = _first_gains(data, sought, state)
     if STRIBECK in sought.terms:
-        state = _first_friction(data, sought, state, half)
+        sought, state = _first_friction(data, sought, state, half)
     here, many = data.at(sought, state), data.columns.shape[-1]
     if not sought.names():
         return here, solution, sought, state
@@ -227,10 +229,13 @@ def iterated(data: Data, sought: Sought, half: int) -> tuple[Data, Solution, Sou
         if (np.abs(steps) <= SETTLED * np.sqrt(solution.variances[many:])).all():
             break
         state = sought.stepped(state, steps)
-    shown = sought.shown(state, np.sqrt(solution.variances[many:]))
-    if len(shown) < len(sought.rubbing):
-        terms = sought.terms if shown else tuple(term for term in sought.terms if term != STRIBECK)
-        return iterated(data, replace(sought, terms=terms, rubbing=shown), half)
+    if STRIBECK in sought.terms:
+        deviations = np.sqrt(
+            solution.variances[solution.values.size - 2 * len(sought.rubbing) :][: len(sought.rubbing)]
+        )
+        fewer, _ = sought.narrowed(state, deviations)
+        if len(fewer.rubbing) < len(sought.rubbing):
+            return iterated(data, fewer, half)
     return here, solution, sought, state
 
 
@@ -260,12 +265,12 @@ def _first_gains(data: Data, sought: Sought, state: State) -> State:
     return replace(state, gains=gains)
 
 
-def _first_friction(data: Data, sought: Sought, state: State, half: int) -> State:
-    """Stribeck's friction at the best of some rates, of each coordinate by the rows that it acts in."""
+def _first_friction(data: Data, sought: Sought, state: State, half: int) -> tuple[Sought, State]:
+    """Stribeck's friction at the best of some rates, of each coordinate by the rows that it acts in, where it shows."""
     rms = np.sqrt(np.mean(data.v[:, sought.rubbing] ** 2, axis=0))
     rms = np.where(rms == 0.0, 1.0, rms)
     onto, many = sought.matrix[list(sought.rubbing)] != 0.0, len(sought.rubbing)
-    left, values = [], []
+    left, values, variances = [], [], []
     for fraction in FRACTIONS:
         tried = replace(state, rates=fraction * rms)
         here = data.at(sought, tried)
@@ -274,9 +279,11 @@ def _first_friction(data: Data, sought: Sought, state: State, half: int) -> Stat
         solution = Solution.of(here.beside(extra), half)
         left.append([np.log(np.maximum(solution.fitted[row], 1e-300)).sum() for row in onto])
         values.append(solution.values[data.columns.shape[-1] :])
+        variances.append(solution.variances[data.columns.shape[-1] :])
     best = np.argmin(np.array(left), axis=0)
-    breakaway = np.array(values)[best, np.arange(many)]
-    return replace(state, breakaway=breakaway, rates=np.array(FRACTIONS)[best] * rms)
+    breakaway, variance = (np.array(x)[best, np.arange(many)] for x in (values, variances))
+    start = replace(state, breakaway=breakaway, rates=np.array(FRACTIONS)[best] * rms)
+    return sought.narrowed(start, np.sqrt(variance))
 
 
 @dataclass(frozen=True)

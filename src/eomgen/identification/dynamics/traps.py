@@ -62,10 +62,11 @@ def refuse_impossible(robot: Robot, motion: MeasuredMotion, step: float) -> None
 def _refuse_angles(robot: Robot, motion: MeasuredMotion) -> None:
     """InputError where joints turn further than they can: degrees, or angles of motors."""
     wrong, as_degrees = list[str](), True
+    coupled = {name for coupling in robot.couplings for name in (coupling.of, *coupling.to)}
     for joint in robot.joints:
         kind = PRINCIPAL.get(joint.type)
         name = component_name(joint.name, kind or "")
-        if kind not in ANGULAR or name not in motion.measured:
+        if kind not in ANGULAR or name not in motion.measured or (joint.limits is None and name in coupled):
             continue
         values = motion.q[:, motion.coordinates.index(name)]
         limits = joint.limits
