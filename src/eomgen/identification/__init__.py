@@ -1,6 +1,6 @@
-"""What measurements say of a robot: stiffness, damping; masses, friction; offsets, placements; accuracy; tolerances.
+"""What measurements say of a robot: stiffness, masses, friction, offsets; accuracy, tolerances and corrections.
 
-Uses runtime, robot, forms, description, state, motion, pipeline, analysis, simulation and sweep.
+Uses runtime, robot, forms, description, state, motion, integration, scenario, pipeline, analysis, simulation and sweep.
 """
 
 from .calibration.calibrating import calibrate
@@ -8,6 +8,9 @@ from .calibration.result import CalibrationResult
 from .calibration.stored import load_calibration
 from .choosing.choosing import poses
 from .choosing.chosen import PosesResult
+from .compensating.correcting import compensate
+from .compensating.result import CompensationResult
+from .compensating.stored import load_compensation
 from .dynamics.result import Further, IdentifyResult, Residuals
 from .dynamics.stored import load_identification
 from .estimates import Estimate, FitResult, FittedCoordinate
@@ -27,6 +30,7 @@ __all__ = [
     "Allocation",
     "BaseParameters",
     "CalibrationResult",
+    "CompensationResult",
     "Estimate",
     "FitResult",
     "FittedCoordinate",
@@ -41,11 +45,13 @@ __all__ = [
     "accuracy",
     "base_parameters",
     "calibrate",
+    "compensate",
     "fit",
     "forces",
     "identify",
     "load_accuracy",
     "load_calibration",
+    "load_compensation",
     "load_identification",
     "poses",
     "poses_from_columns",

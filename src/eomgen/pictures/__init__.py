@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from .browser import View
     from .energy import plot_energy, plot_tracking
     from .journals import plot_journals
-    from .measured import plot_accuracy, plot_calibration
+    from .measured import plot_accuracy, plot_calibration, plot_compensation
     from .page import Report, report_of
     from .robot import plot_robot
     from .simulation import plot_deviations, plot_result, plot_tool
@@ -30,6 +30,7 @@ _MODULES = {  # one of them is imported when a name of it is first used: a figur
     "plot_tracks": "analysis",
     "View": "browser",
     "plot_calibration": "measured",
+    "plot_compensation": "measured",
     "plot_energy": "energy",
     "plot_tracking": "energy",
     "plot_journals": "journals",
@@ -49,6 +50,7 @@ __all__ = [
     "plot_accuracy",
     "plot_budget",
     "plot_calibration",
+    "plot_compensation",
     "plot_compliance",
     "plot_deviations",
     "plot_energy",

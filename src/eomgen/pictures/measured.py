@@ -1,4 +1,4 @@
-"""Figures of what measurements say: residuals of a calibration, identified drives, and accuracy by ISO 9283."""
+"""Figures about accuracy: calibrations, identified drives, figures of ISO 9283, a tool before and after correction."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..identification.calibration.result import CalibrationResult
+from ..identification.compensating.result import AXES, CompensationResult
 from ..identification.dynamics.result import IdentifyResult
 from ..identification.iso_9283.result import AccuracyResult
 from ..robot.coordinates import force_unit_of
@@ -123,3 +124,28 @@ def _paths(found: AccuracyResult, part: Any) -> None:
         panel.set_ylabel(f"{title}, {unit}")
     panels[0].legend()
     panels[1].set_xlabel("length along the path, m")
+
+
+def plot_compensation(found: CompensationResult, path: Path | str) -> Path:
+    """The tool's errors over time along and about its axes, without the correction above and with it below.
+
+    Raises:
+        InputError: Matplotlib is not installed, the ending is none of FIGURE_ENDINGS, or the file cannot be written.
+    """
+    colors = tuple(COLORS["m"].values())
+    with canvas(6.8, 4.4, path) as figure:
+        room = {"top": 0.88, "bottom": 0.12, "left": 0.1, "right": 0.98, "wspace": 0.3, "hspace": 0.2}
+        panels = figure.subplots(2, 2, sharex=True, gridspec_kw=room)
+        for row, (name, error) in zip(panels, (("before", found.before), ("after", found.after)), strict=True):
+            for panel, first, unit in zip(row, (0, 3), ("m", "rad"), strict=True):
+                part = error[:, first : first + 3]
+                scale, prefixed = scale_of(part, unit)
+                for color, axis, column in zip(colors, AXES[first:], part.T, strict=False):
+                    panel.plot(found.times, scale * column, color=color, label=axis)
+                panel.set_ylabel(f"{name}, {prefixed}")
+        for panel in panels[0]:
+            panel.legend(loc="upper right")
+        for panel in panels[1]:
+            panel.set_xlabel("t, s")
+        title_of(figure, f"{found.robot}: {found.frame} off its program, in its own axes")
+    return Path(path)

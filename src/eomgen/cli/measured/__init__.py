@@ -1,5 +1,5 @@
-"""Commands about what was measured, and what tolerances make of it."""
+"""Commands about what was measured, what tolerances make of it, and what to command for it."""
 
-from . import motions, poses, standard, tolerances
+from . import compensating, motions, poses, standard, tolerances
 
-COMMANDS = (*motions.COMMANDS, *poses.COMMANDS, *standard.COMMANDS, *tolerances.COMMANDS)
+COMMANDS = (*motions.COMMANDS, *poses.COMMANDS, *standard.COMMANDS, *tolerances.COMMANDS, *compensating.COMMANDS)
