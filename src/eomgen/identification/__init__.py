@@ -14,6 +14,9 @@ from .compensating.stored import load_compensation
 from .dynamics.result import Further, IdentifyResult, Residuals
 from .dynamics.stored import load_identification
 from .estimates import Estimate, FitResult, FittedCoordinate
+from .exciting.designing import excite
+from .exciting.excited import ExciteResult
+from .exciting.stored import load_excitation
 from .from_motion import ForcesResult, forces
 from .geometry.poses import Measured, MeasuredPoses, poses_from_columns, read_poses
 from .identifiable import BaseParameters, base_parameters
@@ -32,6 +35,7 @@ __all__ = [
     "CalibrationResult",
     "CompensationResult",
     "Estimate",
+    "ExciteResult",
     "FitResult",
     "FittedCoordinate",
     "ForcesResult",
@@ -46,12 +50,14 @@ __all__ = [
     "base_parameters",
     "calibrate",
     "compensate",
+    "excite",
     "fit",
     "forces",
     "identify",
     "load_accuracy",
     "load_calibration",
     "load_compensation",
+    "load_excitation",
     "load_identification",
     "poses",
     "poses_from_columns",

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from .browser import View
     from .energy import plot_energy, plot_tracking
     from .journals import plot_journals
-    from .measured import plot_accuracy, plot_calibration, plot_compensation
+    from .measured import plot_accuracy, plot_calibration, plot_compensation, plot_excitation
     from .page import Report, report_of
     from .robot import plot_robot
     from .simulation import plot_deviations, plot_result, plot_tool
@@ -31,6 +31,7 @@ _MODULES = {  # one of them is imported when a name of it is first used: a figur
     "View": "browser",
     "plot_calibration": "measured",
     "plot_compensation": "measured",
+    "plot_excitation": "measured",
     "plot_energy": "energy",
     "plot_tracking": "energy",
     "plot_journals": "journals",
@@ -54,6 +55,7 @@ __all__ = [
     "plot_compliance",
     "plot_deviations",
     "plot_energy",
+    "plot_excitation",
     "plot_journals",
     "plot_response",
     "plot_result",

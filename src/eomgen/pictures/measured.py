@@ -1,4 +1,4 @@
-"""Figures about accuracy: calibrations, identified drives, figures of ISO 9283, a tool before and after correction."""
+"""Figures about measurements: calibrations, identified drives, ISO 9283, motions that excite, corrected programs."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ import numpy as np
 from ..identification.calibration.result import CalibrationResult
 from ..identification.compensating.result import AXES, CompensationResult
 from ..identification.dynamics.result import IdentifyResult
+from ..identification.exciting.excited import ExciteResult
 from ..identification.iso_9283.result import AccuracyResult
-from ..robot.coordinates import force_unit_of
-from .style import COLORS, canvas, literal, scale_of, title_of
+from ..robot.coordinates import force_unit_of, unit_of
+from .style import COLORS, FULL_WIDTH, PROGRAM_COLOR, canvas, literal, scale_of, title_of
 
 CYCLE = tuple(color for colors in COLORS.values() for color in colors.values())
 MOST = len(CYCLE)  # poses, and paths, that are drawn
@@ -149,3 +150,38 @@ def plot_compensation(found: CompensationResult, path: Path | str) -> Path:
             panel.set_xlabel("t, s")
         title_of(figure, f"{found.robot}: {found.frame} off its program, in its own axes")
     return Path(path)
+
+
+def plot_excitation(found: ExciteResult, path: Path | str) -> Path:
+    """Positions, rates and drives over the period with their limits, a row for each of the first six coordinates;
+    returns the path.
+
+    Raises:
+        InputError: Matplotlib is not installed, the ending is none of FIGURE_ENDINGS, or the file cannot be written.
+    """
+    shown = found.coordinates[:MOST]
+    height = 1.0 + 0.95 * len(shown)
+    with canvas(FULL_WIDTH, height, path) as figure:
+        room = {"top": 1.0 - 0.5 / height, "bottom": 0.42 / height, "left": 0.1, "right": 0.985, "wspace": 0.32}
+        panels = figure.subplots(len(shown), 3, sharex=True, squeeze=False, gridspec_kw=room)
+        for i, (name, row) in enumerate(zip(shown, panels, strict=True)):
+            unit, values = unit_of(name), (found.q, found.v, found.u)
+            units = (unit, f"{unit}/s", force_unit_of(name))
+            for panel, kind, kept, own in zip(row, ("position", "rate", "drive"), values, units, strict=True):
+                panel.plot(found.t, kept[:, i], color=CYCLE[i])
+                panel.set_ylabel(own)
+                for limit in _limits(found, f"{name} {kind}"):
+                    panel.axhline(limit, color=PROGRAM_COLOR, linestyle="--", linewidth=0.9)
+                if i == 0:
+                    panel.set_title(kind)
+            row[0].set_ylabel(f"{literal(name)}\n{unit}")
+        for panel in panels[-1]:
+            panel.set_xlabel("time, s")
+        title_of(figure, f"{found.robot}: a motion that excites {len(found.base)} base parameters")
+    return Path(path)
+
+
+def _limits(found: ExciteResult, name: str) -> list[float]:
+    """Limits of that name, without infinite ones."""
+    rows = [i for i, own in enumerate(found.limited) if own == name]
+    return [float(x) for i in rows for x in found.limits[i] if np.isfinite(x)]
