@@ -1,4 +1,4 @@
-"""Figures about measurements: calibrations, accuracy by ISO 9283, motions that excite, corrected programs."""
+"""Figures about measurements: calibrations, identified drives, ISO 9283, motions that excite, corrected programs."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from ..identification.calibration.result import CalibrationResult
 from ..identification.compensating.result import AXES, CompensationResult
+from ..identification.dynamics.result import IdentifyResult
 from ..identification.exciting.excited import ExciteResult
 from ..identification.iso_9283.result import AccuracyResult
 from ..robot.coordinates import force_unit_of, unit_of
@@ -16,6 +17,7 @@ from .style import COLORS, FULL_WIDTH, PROGRAM_COLOR, canvas, literal, scale_of,
 
 CYCLE = tuple(color for colors in COLORS.values() for color in colors.values())
 MOST = len(CYCLE)  # poses, and paths, that are drawn
+SAMPLES = 2000  # of a curve that are drawn
 _KINDS = (("position", "m"), ("orientation", "rad"))
 
 
@@ -48,6 +50,31 @@ def _bars(found: CalibrationResult, axes: Any, kind: str, unit: str) -> None:
     axes.set_yscale("log")
     axes.set_xticks(places, names)
     axes.set_ylabel(f"{kind}, {prefixed}")
+
+
+def plot_identification(found: IdentifyResult, path: Path | str) -> Path:
+    """Measured and fitted drives over time, and what is left where it counts, of the first six; returns the path.
+
+    Raises:
+        InputError: Matplotlib is not installed, the ending is none of FIGURE_ENDINGS, or the file cannot be written.
+    """
+    names = list(found.residuals)[:MOST]
+    every = max(1, len(found.t) // SAMPLES)
+    t, drives, fitted = found.t[::every], found.drives[::every], found.fitted[::every]
+    left = np.where(found.kept[::every], drives - fitted, np.nan)
+    with canvas(6.4, 1.0 + 1.5 * len(names), path) as figure:
+        height = 1.0 + 1.5 * len(names)
+        room = {"top": 1.0 - 0.45 / height, "bottom": 0.55 / height, "left": 0.12, "right": 0.98, "hspace": 0.25}
+        panels = figure.subplots(len(names), 1, sharex=True, squeeze=False, gridspec_kw=room)[:, 0]
+        for row, (axes, name) in enumerate(zip(panels, names, strict=True)):
+            axes.plot(t, drives[:, row], color=COLORS["m"]["x"], label="measured")
+            axes.plot(t, fitted[:, row], color=COLORS["m"]["y"], label="fitted")
+            axes.plot(t, left[:, row], color=COLORS["m"]["z"], label="residual")
+            axes.set_ylabel(f"{literal(name)}, {force_unit_of(name)}")
+        panels[0].legend(loc="upper right", ncols=3)
+        panels[-1].set_xlabel("t, s")
+        title_of(figure, f"{found.base.robot}: drives, measured and by what was identified")
+    return Path(path)
 
 
 def plot_accuracy(found: AccuracyResult, path: Path | str) -> Path:
