@@ -24,6 +24,7 @@ from eomgen.identification.exciting.searching import Search, objective
 from eomgen.identification.exciting.telling import CRITERIA, Telling
 from eomgen.identification.identifiable import TERMS, combinations
 from eomgen.identification.inertial import without_sought
+from eomgen.identification.relations import tree_relations
 from eomgen.motion.files import motion_from_columns, read_motion
 from eomgen.pictures import plot_excitation, report_of
 from eomgen.robot.value import Coordinate, Frame, Friction, Joint, Link, Placement, Robot
@@ -114,7 +115,7 @@ def test_gradients_are_exact(kind: str, size: float, kernel: eomgen.Kernel) -> N
     limits = limits_of(arm(), kernel.coordinates, kernel.frames, **LIMITS)
     search = search_of(kernel, limits)
     everywhere = np.ones(3, dtype=np.bool_)
-    base = combinations(kernel, TERMS, everywhere, everywhere)
+    base = combinations(kernel, TERMS, everywhere, everywhere, tree_relations(arm()))
     rng = np.random.default_rng(2)
     sizes = rng.uniform(0.1, 1.0, len(base))
     telling = Telling(kernel, base, np.arange(3), np.array([0.2, 0.3, 0.4]), sizes, np.full(3, 0.1))

@@ -11,6 +11,8 @@ from .choosing.chosen import PosesResult, load_poses
 from .compensating.correcting import compensate
 from .compensating.result import CompensationResult
 from .compensating.stored import load_compensation
+from .dynamics.result import Further, IdentifyResult, Residuals
+from .dynamics.stored import load_identification
 from .estimates import Estimate, FitResult, FittedCoordinate, load_fit
 from .exciting.designing import excite
 from .exciting.excited import ExciteResult
@@ -19,7 +21,7 @@ from .from_motion import ForcesResult, forces
 from .geometry.covariances import read_covariances
 from .geometry.poses import Measured, MeasuredPoses, poses_from_columns, read_poses
 from .identifiable import BaseParameters, base_parameters
-from .inertial import IdentifyResult, Residuals, identify
+from .inertial import identify
 from .iso_9283.evaluate import accuracy
 from .iso_9283.result import AccuracyResult, load_accuracy
 from .least_squares import fit
@@ -38,6 +40,7 @@ __all__ = [
     "FitResult",
     "FittedCoordinate",
     "ForcesResult",
+    "Further",
     "IdentifyResult",
     "Measured",
     "MeasuredPoses",
@@ -57,6 +60,7 @@ __all__ = [
     "load_compensation",
     "load_excitation",
     "load_fit",
+    "load_identification",
     "load_poses",
     "poses",
     "poses_from_columns",

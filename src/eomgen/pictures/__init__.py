@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from .measured.calibration import plot_calibration
     from .measured.compensation import plot_compensation
     from .measured.excitation import plot_excitation
+    from .measured.motions import plot_identification
     from .page import report_of
     from .report import Report
     from .robot import plot_robot
@@ -36,6 +37,7 @@ _MODULES = {  # one of them is imported when a name of it is first used: a figur
     "plot_calibration": "measured.calibration",
     "plot_compensation": "measured.compensation",
     "plot_excitation": "measured.excitation",
+    "plot_identification": "measured.motions",
     "plot_energy": "energy",
     "plot_tracking": "energy",
     "plot_journals": "journals",
@@ -60,6 +62,7 @@ __all__ = [
     "plot_deviations",
     "plot_energy",
     "plot_excitation",
+    "plot_identification",
     "plot_journals",
     "plot_response",
     "plot_result",

@@ -24,6 +24,7 @@ from ...runtime.kernel import Kernel
 from ..estimating import FIRST, least_samples
 from ..identifiable import TERMS, BaseParameters, combinations
 from ..inertial import without_sought
+from ..relations import tree_relations
 from .allowed import Amounts, Limits, amounts, limits_of, these
 from .constraints import Course, extremes, held_by
 from .excited import Compared, ExciteResult
@@ -115,7 +116,8 @@ def excite(
     )
     deviation = amounts("noise", noise, names)
     moving = np.isin(kernel.coordinates, names)
-    base = combinations(kernel, terms, moving, moving)
+    base = combinations(kernel, terms, moving, moving, tree_relations(moving_robot(robot)))
+    base = replace(base, relations=None)  # none of its coordinates follows from others
     if samples * len(names) * len(base) > MOST_NUMBERS:
         most = MOST_NUMBERS // (len(names) * len(base))
         raise InputError(f"step: {step:g} s makes {samples} samples; allowed: {most} of {len(base)} parameters")

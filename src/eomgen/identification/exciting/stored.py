@@ -47,7 +47,9 @@ def load_excitation(path: Path | str) -> ExciteResult:
 
 
 def _base(given: dict[str, Any]) -> BaseParameters:
-    texts = {name: tuple(map(str, given[name])) for name in ("terms", "parameters", "names", "without_effect")}
+    texts: dict[str, Any] = {
+        name: tuple(map(str, given[name])) for name in ("terms", "parameters", "names", "without_effect")
+    }
     return BaseParameters(
         robot=str(given["robot"]),
         **texts,

@@ -19,10 +19,11 @@ from ...identification.calibration.stored import load_calibration
 from ...identification.choosing.chosen import PosesResult, load_poses
 from ...identification.compensating.result import CompensationResult
 from ...identification.compensating.stored import load_compensation
+from ...identification.dynamics.result import IdentifyResult
+from ...identification.dynamics.stored import load_identification
 from ...identification.estimates import FitResult, load_fit
 from ...identification.exciting.excited import ExciteResult
 from ...identification.exciting.stored import load_excitation
-from ...identification.inertial import IdentifyResult
 from ...identification.iso_9283.result import AccuracyResult, load_accuracy
 from ...identification.tolerances.result import ToleranceResult
 from ...names import listed, show
@@ -52,6 +53,7 @@ SAVED: Mapping[str, Callable[[Path], Any]] = {
     "compensation": load_compensation,
     "excitation": load_excitation,
     "fit": load_fit,
+    "identification": load_identification,
     "poses": load_poses,
 }
 

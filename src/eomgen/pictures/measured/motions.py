@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
+from ...identification.dynamics.result import IdentifyResult
 from ...identification.estimates import KEYS, Estimate, FitResult
-from ...identification.inertial import IdentifyResult
 from ...names import component_name
 from ...robot.coordinates import force_unit_of
 from ..report import Drawing, Report, drawn
@@ -16,6 +16,7 @@ from .tables import number, table
 
 _ROW = 0.22  # inches of a parameter, or of a drive
 _MOST = 40
+_DRIVES, _SAMPLES = 6, 2000  # of drives over time, and of each
 
 
 def fit_page(found: FitResult) -> Report:
@@ -105,15 +106,21 @@ def identify_page(found: IdentifyResult) -> Report:
     head = ("drive", "unit", "fitted", "held out", "fitted, % of the drive's rms", "held out, %", "samples")
     single = [(name, number(value)) for name, value in found.parameters.items()]
     text = "Rms of what is left of each drive over the drive's own, fitted and held out."
+    figures = [Drawing("drives", text, lambda path: plot_identified(found, path))]
+    if found.t.size:
+        text = "Drives as measured and by what was identified, and what is left where it counts."
+        figures.append(Drawing("over_time", text, lambda path: plot_identification(found, path)))
+    others = [(name, number(x.value), number(x.deviation, 1.0, 2), x.unit) for name, x in found.further.items()]
     return Report(
         title=f"{found.base.robot}: {len(found.base)} base parameters",
         summary=(f"{len(found.residuals)} drives, filter of {number(found.width, 1.0, 3)} s",),
         warnings=(*found.warnings, *found.notes),
         missing=(),
-        figures=drawn([Drawing("drives", text, lambda path: plot_identified(found, path))] if drives else []),
+        figures=drawn(figures if drives else []),
         tables=(
             *table("Residuals of drives, rms", head, drives),
             *table("Base parameters, SI units", ("parameter", "value", "std. deviation", "described"), rows),
+            *table("Further parameters", ("parameter", "value", "std. deviation", "unit"), others),
             *table("Bodies that have them, SI units", ("parameter", "value"), single),
         ),
     )
@@ -137,4 +144,29 @@ def plot_identified(found: IdentifyResult, path: Path | str) -> Path:
         axes.set_xlabel("rms of the residual over that of the drive, %")
         axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2)
         title_of(figure, f"{found.base.robot}: what base parameters leave of the drives")
+    return Path(path)
+
+
+def plot_identification(found: IdentifyResult, path: Path | str) -> Path:
+    """Measured and fitted drives over time, and what is left where it counts, of the first six; returns the path.
+
+    Raises:
+        InputError: Matplotlib is not installed, the ending is none of FIGURE_ENDINGS, or the file cannot be written.
+    """
+    names = list(found.residuals)[:_DRIVES]
+    every = max(1, len(found.t) // _SAMPLES)
+    t, drives, fitted = found.t[::every], found.drives[::every], found.fitted[::every]
+    left = np.where(found.kept[::every], drives - fitted, np.nan)
+    with canvas(6.4, 1.0 + 1.5 * len(names), path) as figure:
+        height = 1.0 + 1.5 * len(names)
+        room = {"top": 1.0 - 0.45 / height, "bottom": 0.55 / height, "left": 0.12, "right": 0.98, "hspace": 0.25}
+        panels = figure.subplots(len(names), 1, sharex=True, squeeze=False, gridspec_kw=room)[:, 0]
+        for row, (axes, name) in enumerate(zip(panels, names, strict=True)):
+            axes.plot(t, drives[:, row], color=COLORS["m"]["x"], label="measured")
+            axes.plot(t, fitted[:, row], color=COLORS["m"]["y"], label="fitted")
+            axes.plot(t, left[:, row], color=COLORS["m"]["z"], label="residual")
+            axes.set_ylabel(f"{literal(name)}, {force_unit_of(name)}")
+        panels[0].legend(loc="upper right", ncols=3)
+        panels[-1].set_xlabel("t, s")
+        title_of(figure, f"{found.base.robot}: drives, measured and by what was identified")
     return Path(path)
