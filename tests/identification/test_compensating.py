@@ -24,7 +24,7 @@ from eomgen.identification.compensating.splines import Basis
 from eomgen.motion.files import read_motion
 from eomgen.motion.splines import Spline
 from eomgen.motion.timetable import TimeTable
-from eomgen.pictures import plot_compensation
+from eomgen.pictures import plot_compensation, report_of
 from eomgen.robot.coordinates import FORCES
 from eomgen.robot.value import Robot
 from eomgen.scenario.load import load_scenario, scenario_from_toml
@@ -314,6 +314,17 @@ def test_sweeps_compare_with_what_is_wanted(found: CompensationResult, arm: Robo
     assert len(cycles.poses) == 1
     assert cycles.poses[0].accuracy < 1e-6
     assert max(path.accuracy for path in cycles.paths) < 2e-6
+
+
+def test_a_saved_result_has_a_page(found: CompensationResult, tmp_path: Path) -> None:
+    """Errors by axis in um, what is out of reach, other robots."""
+    assert cli.main(["report", str(found.save(tmp_path / "found.npz"))]) == 0
+    page = report_of(found)
+    assert (tmp_path / "found.html").read_text() == page.html()
+    tables = {table.title: {row[0]: row[1:] for row in table.rows} for table in page.tables}
+    rms = found.figures()["position"]["after_rms"]
+    assert float(tables["Errors of the tool, um and urad"]["position"][2]) == pytest.approx(1e6 * rms, rel=1e-3)
+    assert len(tables["Other robots, rms of position"]) == len(found.robustness)
 
 
 def test_results_are_saved_and_load_again(found: CompensationResult, tmp_path: Path) -> None:

@@ -26,7 +26,7 @@ from eomgen.identification.identifiable import TERMS, combinations
 from eomgen.identification.inertial import without_sought
 from eomgen.identification.relations import tree_relations
 from eomgen.motion.files import motion_from_columns, read_motion
-from eomgen.pictures import plot_excitation
+from eomgen.pictures import plot_excitation, report_of
 from eomgen.robot.value import Coordinate, Frame, Friction, Joint, Link, Placement, Robot
 from tests.support.builds import Build
 from tests.support.random_robots import Array
@@ -226,6 +226,11 @@ def test_files_and_text(found: ExciteResult, tmp_path: Path) -> None:
     assert "joint2.gamma drive [N m]" in text
     assert "tcp half space [m]" in text
     assert "note" not in text.replace("note: rates", "")
+    assert main(["report", str(path), "-o", str(tmp_path / "page.html")]) == 0
+    page = report_of(found)
+    assert (tmp_path / "page.html").read_text() == page.html()
+    (limits,) = (table.rows for table in page.tables if table.title == "Limits")
+    assert [row[0] for row in limits] == list(found.limited)
     drawn = plot_excitation(found, tmp_path / "motion.svg").read_text(encoding="utf-8")
     assert all(name in drawn for name in (*found.coordinates, "position", "rate", "drive", "rad/s", "N m"))
     with pytest.raises(InputError, match=r"beside"):

@@ -19,7 +19,7 @@ from eomgen.identification.identifiable import TERMS
 from eomgen.identification.inertial import without_sought
 from eomgen.identification.relations import relations_of
 from eomgen.motion.files import MeasuredMotion, motion_from_columns
-from eomgen.pictures.measured import plot_identification
+from eomgen.pictures.measured.motions import plot_identification
 from eomgen.robot.value import Coordinate, Coupling, Friction, Joint, Link, Motor, Robot
 from tests.support.builds import Build
 from tests.support.random_robots import Array

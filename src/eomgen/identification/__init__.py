@@ -7,17 +7,18 @@ from .calibration.calibrating import calibrate
 from .calibration.result import CalibrationResult
 from .calibration.stored import load_calibration
 from .choosing.choosing import poses
-from .choosing.chosen import PosesResult
+from .choosing.chosen import PosesResult, load_poses
 from .compensating.correcting import compensate
 from .compensating.result import CompensationResult
 from .compensating.stored import load_compensation
 from .dynamics.result import Further, IdentifyResult, Residuals
 from .dynamics.stored import load_identification
-from .estimates import Estimate, FitResult, FittedCoordinate
+from .estimates import Estimate, FitResult, FittedCoordinate, load_fit
 from .exciting.designing import excite
 from .exciting.excited import ExciteResult
 from .exciting.stored import load_excitation
 from .from_motion import ForcesResult, forces
+from .geometry.covariances import read_covariances
 from .geometry.poses import Measured, MeasuredPoses, poses_from_columns, read_poses
 from .identifiable import BaseParameters, base_parameters
 from .inertial import identify
@@ -58,9 +59,12 @@ __all__ = [
     "load_calibration",
     "load_compensation",
     "load_excitation",
+    "load_fit",
     "load_identification",
+    "load_poses",
     "poses",
     "poses_from_columns",
+    "read_covariances",
     "read_poses",
     "tolerance",
 ]

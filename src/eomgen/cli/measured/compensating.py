@@ -7,7 +7,17 @@ from pathlib import Path
 
 from ...errors import InputError
 from ...files import FIGURE_ENDINGS
-from ..shared import Command, add_json, add_robot, coordinate_values, progress_bar, read_robot, show_files
+from ..shared import (
+    Command,
+    add_json,
+    add_page,
+    add_robot,
+    coordinate_values,
+    pages_written,
+    progress_bar,
+    read_robot,
+    show_files,
+)
 
 
 def _add_compensate(parser: argparse.ArgumentParser) -> None:
@@ -39,6 +49,7 @@ def _add_compensate(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=int, default=0, help="of these signs (0)")
     parser.add_argument("--toml", type=Path, metavar="FILE", help="write a scenario that follows the corrected program")
     parser.add_argument("-o", "--output", type=Path, help="the result, .npz, or a figure .svg, .pdf or .png")
+    add_page(parser)
     add_json(parser)
 
 
@@ -72,10 +83,10 @@ def _compensate(options: argparse.Namespace) -> None:
     if options.output is not None and options.output.suffix == ".npz":
         written.append(found.save(options.output))
     elif options.output is not None:
-        from ...pictures.measured import plot_compensation
+        from ...pictures.measured.compensation import plot_compensation
 
         written.append(plot_compensation(found, options.output))
-    show_files(options, found.lines(), found.as_dict(), written)
+    show_files(options, found.lines(), found.as_dict(), written + pages_written(options, found))
 
 
 def _numbers(label: str, texts: list[str] | None) -> dict[str, float] | None:

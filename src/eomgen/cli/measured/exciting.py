@@ -9,7 +9,17 @@ from typing import Any
 
 from ...errors import InputError
 from ...files import FIGURE_ENDINGS
-from ..shared import Command, add_json, add_robot, coordinate_values, read_robot, show_files, stage_bar
+from ..shared import (
+    Command,
+    add_json,
+    add_page,
+    add_robot,
+    coordinate_values,
+    pages_written,
+    read_robot,
+    show_files,
+    stage_bar,
+)
 
 _MOTION, _RESULT, _SCENARIO = ".csv", ".npz", ".toml"
 _ENDINGS = (_MOTION, _RESULT, _SCENARIO, *FIGURE_ENDINGS)
@@ -79,6 +89,7 @@ def _add_excite(parser: argparse.ArgumentParser) -> None:
         default=[],
         help="the motion .csv, a scenario of it .toml, the result .npz, a figure .svg, .pdf or .png",
     )
+    add_page(parser)
     add_json(parser)
 
 
@@ -123,10 +134,10 @@ def _excite(options: argparse.Namespace) -> None:
         elif path.suffix == _SCENARIO:
             written.append(found.to_scenario(path, motion))
         else:
-            from ...pictures.measured import plot_excitation
+            from ...pictures.measured.excitation import plot_excitation
 
             written.append(plot_excitation(found, path))
-    show_files(options, found.lines(), found.as_dict(), written)
+    show_files(options, found.lines(), found.as_dict(), written + pages_written(options, found))
 
 
 def _outputs(paths: Sequence[Path]) -> Path:

@@ -8,7 +8,18 @@ from pathlib import Path
 from ...errors import InputError
 from ...files import FIGURE_ENDINGS
 from ...names import show
-from ..shared import Command, add_json, add_robot, read_robot, show_files, show_result, stage_bar
+from ..shared import (
+    Command,
+    add_json,
+    add_page,
+    add_robot,
+    pages_written,
+    read_robot,
+    show_files,
+    show_result,
+    show_with_page,
+    stage_bar,
+)
 
 
 def _add_motion(parser: argparse.ArgumentParser) -> None:
@@ -38,6 +49,8 @@ def _add_fit(parser: argparse.ArgumentParser) -> None:
     _add_motion(parser)
     parser.add_argument("--coordinates", nargs="+", default=(), metavar="NAME", help="those to fit (all that can be)")
     parser.add_argument("--confidence", type=float, default=0.95, metavar="P", help="of the intervals (0.95)")
+    parser.add_argument("-o", "--output", type=Path, help="the result, .json")
+    add_page(parser)
 
 
 def _fit(options: argparse.Namespace) -> None:
@@ -52,7 +65,7 @@ def _fit(options: argparse.Namespace) -> None:
             confidence=options.confidence,
             progress=report,
         )
-    show_result(options, found)
+    show_with_page(options, found, [] if options.output is None else [found.save(options.output)])
 
 
 def _add_identify(parser: argparse.ArgumentParser) -> None:
@@ -75,6 +88,7 @@ def _add_identify(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--toml", type=Path, metavar="FILE", help="write the description with what was found")
     parser.add_argument("-o", "--output", type=Path, help="the result, .npz, or a figure .svg, .pdf or .png")
+    add_page(parser)
 
 
 def _identify(options: argparse.Namespace) -> None:
@@ -101,10 +115,10 @@ def _identify(options: argparse.Namespace) -> None:
     if options.output is not None and options.output.suffix == ".npz":
         written.append(found.save(options.output))
     elif options.output is not None:
-        from ...pictures.measured import plot_identification
+        from ...pictures.measured.motions import plot_identification
 
         written.append(plot_identification(found, options.output))
-    show_files(options, found.lines(), found.as_dict(), written)
+    show_files(options, found.lines(), found.as_dict(), written + pages_written(options, found))
 
 
 COMMANDS = (
