@@ -19,8 +19,8 @@ from eomgen.cli.shared import OldName
 
 ORDER = (
     *("robots", "info", "new", "check", "schema", "derive", "generate", "simulate", "forces", "fit", "identify"),
-    "calibrate",
-    *("accuracy", "compare", "deflection", "modes", "response", "linearize", "budget", "sweep", "export", "plot"),
+    *("excite", "calibrate", "poses", "accuracy", "tolerance", "compensate"),
+    *("compare", "deflection", "modes", "response", "linearize", "budget", "sweep", "export", "plot"),
     *("report", "view", "bench", "cache"),
 )
 GROUPS = sorted(

@@ -16,10 +16,13 @@ import eomgen
 from eomgen.cli import entry as cli
 from eomgen.description.load import load_robot
 from eomgen.errors import InputError
+from eomgen.identification import tolerance
+from eomgen.motion.files import MeasuredMotion
 from eomgen.pictures import shapes as visuals
 from eomgen.pictures.browser import View
 from eomgen.pictures.framing import Camera, drawn_points, first_factor, framed, largest_power, up_of
 from eomgen.pictures.scene import (
+    Region,
     accelerations,
     capsule_mesh,
     capsules,
@@ -349,6 +352,39 @@ def test_controls_move_the_scene(view: View, result: SimulationResult, robot: Ro
     while view.time == start and time.monotonic() < deadline:
         time.sleep(0.02)
     assert view.time != start
+
+
+def test_tolerances_are_drawn_around_the_tool(result: SimulationResult, robot: Robot) -> None:
+    pytest.importorskip("viser")
+    sizes = {"joints.*.offset.z": {"deviation": 1e-4}, "joints.*.offset.x": {"deviation": 3e-4}}
+    motion = motion_of(result)
+    found = tolerance(robot, sizes, "link2", along=motion)
+    shown = View(result, tolerance=found, port=free_port())
+    try:
+        shown.factor = 10.0
+        for share in (0.0, 0.7):
+            shown.time = share * result.trajectory.t[-1]
+            handle = shown._ellipsoid
+            k = int(np.abs(found.t - shown.time).argmin()) if found.t is not None else 0
+            assert np.allclose(handle.position, shown.drawn("reality", "link2")[:3])
+            assert sorted(handle.scale)[1:] == pytest.approx(sorted(10.0 * found.ellipsoids()[0][k])[1:], rel=1e-6)
+    finally:
+        shown.close()
+
+
+def test_regions_that_are_of_something_else(result: SimulationResult, robot: Robot) -> None:
+    sizes = {"joints.*.offset.z": {"deviation": 1e-4}}
+    with pytest.raises(InputError, match="tolerance: is at poses; allowed"):
+        Region(tolerance(robot, sizes, "link2"), robot.name)
+    with pytest.raises(InputError, match="tolerance: is of robot"):
+        Region(tolerance("one_link", sizes), robot.name)
+
+
+def motion_of(result: SimulationResult) -> MeasuredMotion:
+    motion, names = result.trajectory, result.trajectory.coordinates
+    return MeasuredMotion(
+        coordinates=names, t=motion.t, q=motion.q, v=None, a=None, u=motion.u, measured=names, driven=names
+    )
 
 
 def test_what_cannot_be_viewed(

@@ -5,7 +5,18 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from .shared import Command, add_result, add_robot_of_result, progress_bar, read_robot, result_path, say, show_written
+from ..errors import InputError
+from .shared import (
+    Command,
+    add_result,
+    add_robot_of_result,
+    progress_bar,
+    read_robot,
+    result_path,
+    say,
+    show_written,
+    stage_bar,
+)
 
 KEPT = "the one that the result keeps"
 
@@ -29,29 +40,53 @@ def _plot(options: argparse.Namespace) -> None:
 
 
 def _add_report(parser: argparse.ArgumentParser) -> None:
-    add_result(parser)
-    parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="page to write (report.html at the result)")
+    parser.add_argument(
+        "result",
+        metavar="RESULT",
+        type=Path,
+        help="folder of eomgen simulate, or its trajectory.npz; what calibrate, accuracy and the like saved",
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        metavar="FILE",
+        help="page to write (report.html at a simulation; the file with .html of a calibration and the like)",
+    )
     parser.add_argument("--no-modes", action="store_true", help="without frequencies along the program")
     add_robot_of_result(parser, KEPT)
 
 
 def _report(options: argparse.Namespace) -> None:
+    from ..pictures.measured.kinds import load_measured, page_of
     from ..pictures.page import report_of
     from ..simulation.result import load_result
 
     path = result_path(options.result)
-    result = load_result(path)
-    robot = read_robot(options) if options.robot is not None else None
     with progress_bar("reporting") as report:
-        page = report_of(result, robot, modes=not options.no_modes, progress=report)
+        measured = load_measured(path)
+        if measured is not None and options.robot is not None:
+            raise InputError(f"{path}: is no simulation; allowed: --robot with simulations")
+        if measured is not None:
+            page, usual = page_of(measured), path.with_suffix(".html")
+        else:
+            robot = read_robot(options) if options.robot is not None else None
+            page = report_of(load_result(path), robot, modes=not options.no_modes, progress=report)
+            usual = path.with_name("report.html")
     for line in page.missing:
         say(f"missing: {line}")
-    say(f"wrote {page.save(options.output or path.with_name('report.html'))}")
+    say(f"wrote {page.save(options.output or usual)}")
 
 
 def _add_view(parser: argparse.ArgumentParser) -> None:
     add_result(parser)
     parser.add_argument("--port", type=int, default=8080, help="to listen at on this machine (8080, or the next free)")
+    parser.add_argument(
+        "--tolerance",
+        type=Path,
+        metavar="TABLE",
+        help="a table of tolerances: the tool may be in what is drawn around it",
+    )
     parser.add_argument("--no-browser", action="store_true", help="print the address only")
     add_robot_of_result(parser, KEPT)
 
@@ -60,12 +95,20 @@ def _view(options: argparse.Namespace) -> None:
     import webbrowser
 
     from ..pictures.browser import View
-    from ..simulation.result import load_result
+    from ..simulation.result import load_result, simulated_robot
 
-    result = load_result(result_path(options.result))
+    path = result_path(options.result)
+    result = load_result(path)
     robot = read_robot(options) if options.robot is not None else None
+    found = None
+    if options.tolerance is not None:
+        from ..identification.tolerances.budgeting import tolerance
+
+        with stage_bar("looking at tolerances") as report:
+            simulated = simulated_robot(result, robot)
+            found = tolerance(simulated, options.tolerance, result.tool, along=path, progress=report)
     with progress_bar("computing reactions"):
-        view = View(result, robot, port=options.port)
+        view = View(result, robot, tolerance=found, port=options.port)
     for note in view.notes:
         say(f"note: {note}")
     print(f"{view.address} shows {result.robot}; Ctrl-C ends it", flush=True)

@@ -16,12 +16,14 @@ from numpy.typing import NDArray
 
 from ..description import RobotLike
 from ..errors import BuildError, InputError
+from ..identification.tolerances.result import ToleranceResult
 from ..optional import optional_import
 from ..pipeline.stages import build
 from ..simulation.result import SimulationResult, simulated_robot
 from .framing import STEP, first_factor, framed, largest_power, motion_points, up_of
 from .scene import (
     SLENDER,
+    Region,
     capsule_mesh,
     capsules,
     exaggerated,
@@ -38,6 +40,7 @@ Array = NDArray[np.float64]
 
 REAL_COLOR, PROGRAM_COLOR, FORCE_COLOR, SPRING_COLOR = (70, 120, 170), (150, 150, 150), (204, 51, 17), (0, 158, 115)
 PROGRAM_OPACITY = 0.35
+REGION_COLOR, REGION_OPACITY = (230, 159, 0), 0.45
 PATH_POINTS = 300
 RATE = 30.0  # pictures per s
 FIELD_OF_VIEW = math.radians(45.0)  # vertical
@@ -54,21 +57,31 @@ class View:
         notes: lines about what could not be drawn.
     """
 
-    def __init__(self, result: SimulationResult, robot: RobotLike | None = None, *, port: int = 8080) -> None:
+    def __init__(
+        self,
+        result: SimulationResult,
+        robot: RobotLike | None = None,
+        *,
+        tolerance: ToleranceResult | None = None,
+        port: int = 8080,
+    ) -> None:
         """Open the server.
 
         Args:
             result: with its robot in it, or of ``robot``.
             robot: that was simulated; by default the one that the result keeps.
+            tolerance: of a frame along the motion: where it may be is drawn around it, exaggerated as deviations are.
             port: to listen at; the next one that is free where it is taken.
 
         Raises:
-            InputError: viser is not installed, the robot is missing or another one, or the port is none.
+            InputError: viser is not installed, the robot is missing or another one, the tolerance is of another
+                robot or not along a motion, or the port is none.
         """
         viser = _viser()
         if not 1 <= port <= 65535:
             raise InputError(f"port: {port}; allowed: a whole number from 1 to 65535")
         self._result, self._robot = result, simulated_robot(result, robot)
+        self._region = None if tolerance is None else Region(tolerance, result.robot)
         self._size, self._program = extent(self._robot), program_positions(result)
         self._off = result.trajectory.q - self._program
         shapes, notes = urdf_shapes(self._robot)
@@ -98,6 +111,7 @@ class View:
                     handle.position, handle.wxyz = poses[link][:3, 3], quaternions(poses[link])
                 if kind == "reality":
                     self._move_lines(k, poses)
+                    self._move_region(poses)
 
     @property
     def time(self) -> float:
@@ -215,10 +229,24 @@ class View:
         if self._robot.springs:
             ends = np.zeros((len(self._robot.springs), 2, 3))
             self._springs = scene.add_line_segments("/springs", ends, SPRING_COLOR, thickness=0.008 * size)
+        self._ellipsoid: Any = None
+        if self._region is not None:
+            ball = capsule_mesh(np.zeros(3), np.zeros(3), 1.0)
+            look: dict[str, Any] = {"color": REGION_COLOR, "opacity": REGION_OPACITY}
+            self._ellipsoid = scene.add_mesh_simple("/tolerance", *ball, **look)
         if self._forces is not None and self._forces.any():
             thick = {"shaft_radius": 0.007 * size, "head_radius": 0.016 * size, "head_length": 0.035 * size}
             ends = np.zeros((self._forces.shape[1], 2, 3))
             self._arrows = scene.add_arrows("/reactions", ends, FORCE_COLOR, **thick)
+
+    def _move_region(self, poses: dict[str, Array]) -> None:
+        if self._region is None:
+            return
+        half, turn = self._region.at(self._time.value)
+        self._ellipsoid.position = poses[self._region.frame][:3, 3]
+        self._ellipsoid.wxyz = quaternions(turn)
+        least = 1e-3 * SLENDER * self._size  # a mesh without any depth has no side to be seen from
+        self._ellipsoid.scale = tuple(np.maximum(self.factor * half, least).tolist())
 
     @property
     def _stride(self) -> int:
@@ -265,6 +293,7 @@ class View:
             "reality": [*self._frames["reality"].values(), self._path],
             "program": [*self._frames["program"].values(), self._program_path],
             "springs": [self._springs] if self._springs is not None else [],
+            "tolerance": [self._ellipsoid] if self._ellipsoid is not None else [],
             "joint reactions": [self._arrows] if self._arrows is not None else [],
         }
         for name, handles in parts.items():

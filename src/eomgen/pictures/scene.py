@@ -11,7 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..names import component_name
+from ..errors import InputError
+from ..identification.tolerances.result import ToleranceResult
+from ..names import component_name, show
 from ..robot.coordinates import index_of
 from ..robot.value import ANGULAR, COORDINATES, LINEAR, Joint, Placement, Robot
 from ..runtime.kernel import Kernel
@@ -32,6 +34,28 @@ class Capsule:
     begin: Array
     end: Array
     radius: float
+
+
+class Region:
+    """Where a frame may be by tolerances: an ellipsoid around it, over a motion's time."""
+
+    def __init__(self, tolerance: ToleranceResult, robot: str) -> None:
+        """Take it from a result.
+
+        Raises:
+            InputError: it is of another robot than that of this name, or not along a motion.
+        """
+        if tolerance.robot != robot:
+            raise InputError(f"tolerance: is of robot {show(tolerance.robot)}; allowed: one of {show(robot)}")
+        if tolerance.t is None:
+            raise InputError("tolerance: is at poses; allowed: one along the motion, tolerance(..., along=result)")
+        self.frame, self._t = tolerance.frame, tolerance.t
+        self._half, self._turn = tolerance.ellipsoids()
+
+    def at(self, t: float) -> tuple[Array, Array]:
+        """Half axes, (3,), m, and a pose, (4, 4), whose rotation has their directions, base axes; nearest in time."""
+        k = int(np.abs(self._t - t).argmin())
+        return self._half[k], _pose(self._turn[k])
 
 
 def link_poses(robot: Robot, coordinates: Sequence[str], q: ArrayLike) -> dict[str, Array]:

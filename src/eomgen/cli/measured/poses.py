@@ -1,13 +1,14 @@
-"""The command about measured poses: calibrate."""
+"""Commands about poses to measure and measured: calibrate, poses."""
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 
 from ...errors import InputError
 from ...files import FIGURE_ENDINGS
-from ..shared import Command, add_json, add_robot, read_robot, show_files, stage_bar
+from ..shared import Command, add_json, add_page, add_robot, pages_written, read_robot, show_files, stage_bar
 
 
 def _add_calibrate(parser: argparse.ArgumentParser) -> None:
@@ -35,6 +36,14 @@ def _add_calibrate(parser: argparse.ArgumentParser) -> None:
         metavar=("M", "RAD"),
         help="standard deviations of lengths and turns (estimated)",
     )
+    parser.add_argument(
+        "--covariance",
+        nargs="+",
+        type=Path,
+        default=[],
+        metavar="FILE",
+        help="covariances of frames' errors, .csv or .npz: 3 x 3 of positions or 6 x 6 of poses, one or one per row",
+    )
     parser.add_argument("--loss", metavar="NAME", help="huber, cauchy or tukey: mistrust what is far off (none)")
     parser.add_argument("--folds", default="10", metavar="N", help="parts that are held out in turn, loo, or 0 (10)")
     parser.add_argument("--fixed", nargs="+", default=[], metavar="NAME", help="quantities that stay, or their owners")
@@ -47,18 +56,15 @@ def _add_calibrate(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--toml", type=Path, metavar="FILE", help="write the description with what was found")
     parser.add_argument("--urdf", type=Path, metavar="FILE", help="write an URDF with what was found in its origins")
     parser.add_argument("-o", "--output", type=Path, help="the result, .npz, or a figure .svg, .pdf or .png")
+    add_page(parser)
     add_json(parser)
 
 
 def _calibrate(options: argparse.Namespace) -> None:
     from ...identification.calibration.calibrating import calibrate
+    from ...identification.geometry.covariances import read_covariances
 
-    frames = {}
-    for text in options.attach:
-        name, sign, link = text.partition("=")
-        if not sign or name in frames:
-            raise InputError(f"attach: {text!r}; allowed: F=LINK, each F once")
-        frames[name] = link
+    frames = _attached(options.attach)
     folds = options.folds if options.folds == "loo" else _whole("folds", options.folds)
     endings = (".npz", *FIGURE_ENDINGS)
     if options.output is not None and options.output.suffix not in endings:
@@ -71,6 +77,7 @@ def _calibrate(options: argparse.Namespace) -> None:
             frames=frames,
             rotation=options.rotation,
             noise=options.noise,
+            covariance=read_covariances(options.covariance),
             loss=options.loss,
             folds=folds,
             fixed=options.fixed,
@@ -88,10 +95,121 @@ def _calibrate(options: argparse.Namespace) -> None:
     if options.output is not None and options.output.suffix == ".npz":
         written.append(found.save(options.output))
     elif options.output is not None:
-        from ...pictures.measured import plot_calibration
+        from ...pictures.measured.calibration import plot_calibration
 
         written.append(plot_calibration(found, options.output))
-    show_files(options, found.lines(), found.as_dict(), written)
+    show_files(options, found.lines(), found.as_dict(), written + pages_written(options, found))
+
+
+def _add_poses(parser: argparse.ArgumentParser) -> None:
+    add_robot(parser)
+    parser.add_argument("--count", type=int, default=30, metavar="N", help="poses to choose (30)")
+    parser.add_argument("--frame", nargs="+", metavar="F", help="frames to measure (tcp, or the end of the robot)")
+    parser.add_argument("--measure", default="pose", metavar="WHAT", help="of them: pose, position, distance (pose)")
+    parser.add_argument(
+        "--attach", nargs="+", default=[], metavar="F=LINK", help="frames that the description does not have"
+    )
+    parser.add_argument(
+        "--range",
+        nargs=3,
+        action="append",
+        default=[],
+        metavar=("NAME", "LOW", "HIGH"),
+        help="of a coordinate, m or rad (its limits); more than once",
+    )
+    parser.add_argument(
+        "--box",
+        nargs=6,
+        type=float,
+        action="append",
+        metavar=("X0", "Y0", "Z0", "X1", "Y1", "Z1"),
+        help="where frames may be, corners, m, base axes; more than once: in one of them",
+    )
+    parser.add_argument("--reach", nargs=2, type=float, metavar=("LOW", "HIGH"), help="distance from the base, m")
+    parser.add_argument("--device", nargs=3, type=float, metavar=("X", "Y", "Z"), help="place of the device, m")
+    parser.add_argument("--angle", type=float, metavar="RAD", help="between the frame's axis and the device, at most")
+    parser.add_argument("--axis", default="z", metavar="AXIS", help="that axis: x, y, z, or --axis=-z (z)")
+    parser.add_argument("--criterion", default="D", metavar="NAME", help="D, or V: error of the tool (D)")
+    parser.add_argument(
+        "--workspace",
+        nargs=6,
+        type=float,
+        action="append",
+        metavar=("X0", "Y0", "Z0", "X1", "Y1", "Z1"),
+        help="boxes where the tool's error counts (everywhere)",
+    )
+    parser.add_argument("--after", type=Path, metavar="POSES", help="poses that were measured already: they count")
+    parser.add_argument("--rotation", default="rotvector", metavar="KIND", help="of their orientations (rotvector)")
+    parser.add_argument("--fit", type=Path, metavar="FILE", help="a calibration, .npz: its noise is taken")
+    parser.add_argument(
+        "--noise", nargs=2, type=float, metavar=("M", "RAD"), help="of lengths and turns (that of --fit, or 5e-5 1e-4)"
+    )
+    parser.add_argument("--fixed", nargs="+", default=[], metavar="NAME", help="quantities that stay, or their owners")
+    parser.add_argument("--stiffness", nargs="+", default=[], metavar="NAME", help="coordinates that give way")
+    parser.add_argument("--candidates", type=int, default=1000, metavar="N", help="poses to choose from (1000)")
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of their random numbers (0)")
+    parser.add_argument(
+        "-o", "--output", type=Path, help="the poses, .csv, with empty columns to fill in; or the result, .json"
+    )
+    add_page(parser)
+    add_json(parser)
+
+
+def _poses(options: argparse.Namespace) -> None:
+    from ...identification.choosing.choosing import poses
+
+    if options.output is not None and options.output.suffix not in (".csv", ".json"):
+        raise InputError(f"output: {str(options.output)!r}; allowed: a path that ends in .csv or .json")
+    ranges = {}
+    for name, *ends in options.range:
+        try:
+            ranges[name] = tuple(float(end) for end in ends)
+        except ValueError:
+            raise InputError(f"range: {name}: {' '.join(ends)!r}; allowed: two numbers") from None
+    robot = read_robot(options)
+    with stage_bar("choosing poses") as report:
+        found = poses(
+            robot,
+            count=options.count,
+            frame=options.frame,
+            measure=options.measure,
+            frames=_attached(options.attach),
+            ranges=ranges,
+            boxes=_boxes(options.box),
+            reach=options.reach,
+            device=options.device,
+            angle=options.angle,
+            axis=options.axis,
+            criterion=options.criterion,
+            workspace=_boxes(options.workspace),
+            after=options.after,
+            rotation=options.rotation,
+            fit=options.fit,
+            noise=options.noise,
+            fixed=options.fixed,
+            stiffness=options.stiffness,
+            candidates=options.candidates,
+            seed=options.seed,
+            progress=report,
+        )
+    written = []
+    if options.output is not None:
+        written.append((found.save if options.output.suffix == ".json" else found.to_csv)(options.output))
+    show_files(options, found.lines(), found.as_dict(), written + pages_written(options, found))
+
+
+def _attached(texts: Sequence[str]) -> dict[str, str]:
+    frames: dict[str, str] = {}
+    for text in texts:
+        name, sign, link = text.partition("=")
+        if not sign or name in frames:
+            raise InputError(f"attach: {text!r}; allowed: F=LINK, each F once")
+        frames[name] = link
+    return frames
+
+
+def _boxes(given: Sequence[Sequence[float]] | None) -> list[list[Sequence[float]]] | None:
+    return None if given is None else [[box[:3], box[3:]] for box in given]
 
 
 def _whole(label: str, text: str) -> int:
@@ -108,5 +226,12 @@ COMMANDS = (
         _add_calibrate,
         _calibrate,
         (("calibrate arm.toml poses.csv --toml better.toml", "offsets and placements from measured poses"),),
+    ),
+    Command(
+        "poses",
+        "poses to measure, so that calibrate finds most",
+        _add_poses,
+        _poses,
+        (("poses arm.toml --count 30 -o plan.csv", "poses to measure, by what they tell"),),
     ),
 )

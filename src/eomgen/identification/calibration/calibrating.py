@@ -19,7 +19,7 @@ from ...optional import optional_import
 from ...progress import StageReport, no_report
 from ...robot.model import build_model
 from ...robot.value import COORDINATES, MOTOR, Robot
-from ..geometry.closing import closed_readings, closing_of
+from ..geometry.closing import Closing, closed_readings, closing_of, held_by_loops
 from ..geometry.error_model import (
     COMPLIANCE,
     JOINTS,
@@ -35,7 +35,7 @@ from ..geometry.placing import placed
 from ..geometry.poses import MeasuredPoses, read_poses
 from ..geometry.rotations import coordinates_of, pose_from
 from ..geometry.solving import LOSSES, Fit, Problem
-from ..geometry.stations import Chain, chain_of, forces_on, matrix_of
+from ..geometry.stations import Chain, chain_of, matrix_of
 from .drives import with_drives
 from .identifiability import Identifiable, identifiable, refuse_too_few
 from .result import CalibrationResult
@@ -50,7 +50,7 @@ _SOFT = 1e-3  # rad or m: what a stiffness that nothing is said of is expected t
 
 
 @dataclass(frozen=True)
-class _Task:
+class Task:
     """The task: the robot, measured frames with link, pose and whether it is described, and all options."""
 
     robot: Robot
@@ -90,7 +90,8 @@ def calibrate(
         frames: link of every measured frame that the description does not have, {"probe": "link6"}.
         rotation: how the file writes orientations: "rotvector", "rpy" or "quaternion".
         noise: standard deviations of lengths (m) and turns (rad) where the file has none; estimated if not given.
-        covariance: of a frame's errors, (3, 3) or (6, 6), by its name: of position, or of position and turn.
+        covariance: of a frame's errors, (3, 3) or (6, 6), by its name: of position, or of position and turn; for every
+            row its own as (R, 3, 3) or (R, 6, 6).  From files by ``read_covariances``.
         loss: "huber", "cauchy" or "tukey": samples count the less, the more they are off.
         folds: contiguous parts of the poses that are held out, one after the other; "loo": every pose; 0: none, and the
             full variant alone.
@@ -109,16 +110,16 @@ def calibrate(
     """
     robot, report = as_robot(robot), progress or no_report
     count = folds_from(folds)
-    task = _Task(
+    task = Task(
         robot=robot,
-        links=_links(robot, frames or {}),
+        links=links_of(robot, frames or {}),
         known=dict.fromkeys(build_model(robot).frames, True) | dict.fromkeys(frames or {}, False),
         noise=noise,
         covariance=covariance or {},
         loss=_one_of("loss", loss, (None, *LOSSES)),
         fixed=tuple(fixed),
         stiffness=tuple(stiffness),
-        sizes=_two_sizes(sizes),
+        sizes=two_sizes(sizes),
     )
     variant = _one_of("variant", variant, VARIANTS) or "full"
     if variant != "full" and not count:
@@ -127,8 +128,8 @@ def calibrate(
         raise InputError(f"confidence: {confidence!r}; allowed: a number between 0 and 1")
     report("reading poses")
     if not isinstance(poses, MeasuredPoses):
-        poses = read_poses(poses, _readable(robot), tuple(task.links), rotation=rotation)
-    problem, start = _problem(task, poses, careful=True)
+        poses = read_poses(poses, readable_columns(robot), tuple(task.links), rotation=rotation)
+    problem, start = problem_of(task, poses, careful=True)
     report("fitting")
     units = at_once(poses)
     notes = list[str]()
@@ -145,7 +146,7 @@ def calibrate(
     report("looking for mistakes")
 
     def again(other: MeasuredPoses) -> Rms:
-        return rough_rms(*_problem(task, other, careful=False))
+        return rough_rms(*problem_of(task, other, careful=False))
 
     full = found.fits["full"]
     notes += judge_alternatives(poses, rms(problem, full.residuals, full.trust), problem.model.chain.reach, again)
@@ -156,12 +157,12 @@ def calibrate(
     return _result(task, poses, problem, found, shown, variant, effect, confidence, notes)
 
 
-def _readable(robot: Robot) -> tuple[str, ...]:
+def readable_columns(robot: Robot) -> tuple[str, ...]:
     """Names of coordinates that a file may have: those of the robot, motors among them."""
     return build_model(robot).coordinates
 
 
-def _links(robot: Robot, frames: Mapping[str, str]) -> dict[str, tuple[str, Array]]:
+def links_of(robot: Robot, frames: Mapping[str, str]) -> dict[str, tuple[str, Array]]:
     """Link and pose on it of every frame that may have been measured."""
     links = {robot.base: robot.base, **{link.name: link.name for link in robot.links}}
     found = {name: (name, np.eye(4)) for name in links}
@@ -175,7 +176,7 @@ def _links(robot: Robot, frames: Mapping[str, str]) -> dict[str, tuple[str, Arra
     return found
 
 
-def _problem(task: _Task, poses: MeasuredPoses, *, careful: bool) -> tuple[Problem, Array]:
+def problem_of(task: Task, poses: MeasuredPoses, *, careful: bool) -> tuple[Problem, Array]:
     """The problem to fit, and first values; ``careful``: mistakes that show before a fit are refused."""
     robot = task.robot
     measured = {name: task.links[name] for name in poses.frames}
@@ -195,7 +196,7 @@ def _problem(task: _Task, poses: MeasuredPoses, *, careful: bool) -> tuple[Probl
     known = {name: task.known[name] for name in measured}
     quantities = tuple(quantities_of(robot, chain, series, known, task.sizes))
     bases = {number: np.eye(4) for number in series}
-    model = ErrorModel(robot, chain, (*quantities, *_compliances(task, chain, poses)), bases, closing)
+    model = ErrorModel(robot, chain, (*quantities, *_compliances(task, chain, poses, closing)), bases, closing)
     seen = observations_of(poses, task.noise, task.covariance)
     model = placed(model, rows, seen, {name: known[name] for name in known if poses.frames[name].is_measured})
     model = _sized(model, Problem(model, rows, seen, np.zeros(0, dtype=np.intp)))
@@ -231,21 +232,26 @@ def _columns(robot: Robot, chain: Chain, poses: MeasuredPoses) -> dict[str, tupl
         else:
             found[name] = station[owner], COORDINATES.index(kind), 1.0
     read = {place[:2] for place in found.values()}
+    moving = {k for tool in chain.tools.values() for k in chain.ancestors(tool)}
     for name, k in station.items():
         principal = chain.stations[k].principal
-        if principal is not None and (k, principal) not in read and not robot.is_closed:
+        if k in moving and principal is not None and (k, principal) not in read and not robot.is_closed:
             column = component_name(name, COORDINATES[principal])
-            raise InputError(f"{poses.source}: the column {column} is missing; allowed: all joints that move")
+            raise InputError(
+                f"{poses.source}: the column {column} is missing; allowed: all joints that move what was measured"
+            )
     return found
 
 
-def _compliances(task: _Task, chain: Chain, poses: MeasuredPoses) -> list[Quantity]:
-    """Compliances of deviations and transmissions, in m/N and rad/(N m); their names are those of the stiffness."""
+def _compliances(task: Task, chain: Chain, poses: MeasuredPoses, closing: Closing | None) -> list[Quantity]:
+    """Compliances of deviations and transmissions, in m/N and rad/(N m); their names are those of the stiffness.
+
+    Of closed mechanisms those whose deflections the loops let happen.
+
+    Raises:
+        InputError: a coordinate that is asked for follows from the loops, or is held by them.
+    """
     found: list[Quantity] = []
-    if task.robot.is_closed:
-        if task.stiffness:
-            raise InputError(f"stiffness: {task.robot.name} has loops or couplings; allowed: robots that are trees")
-        return found
     names = [component_name(s.name, kind) for s in chain.stations if s.joint for kind in COORDINATES]
     for name in task.stiffness:
         if name not in names:
@@ -263,7 +269,22 @@ def _compliances(task: _Task, chain: Chain, poses: MeasuredPoses) -> list[Quanti
                 nominal = 1.0 / described if described > 0.0 else 0.0
                 key = parameter_name(JOINTS, name, "stiffness")
                 found.append(Quantity(key, COMPLIANCE, k, c, "force", nominal, nominal))
-    return found
+    return found if closing is None else _free_ones(task, chain, closing, found)
+
+
+def _free_ones(task: Task, chain: Chain, closing: Closing, found: Sequence[Quantity]) -> list[Quantity]:
+    """Compliances of a closed mechanism whose deflections passive coordinates can take up; see ``_compliances``."""
+    places = [(quantity.station, quantity.coordinate) for quantity in found]
+    held = held_by_loops(build_model(task.robot), chain, closing, places)
+    for k, c in places:
+        name = component_name(chain.stations[k].name, COORDINATES[c])
+        if name in task.stiffness and (k, c) in (*closing.passive, *held):
+            why = "follows from the drives" if (k, c) in closing.passive else "is held by the loops, too"
+            raise InputError(
+                f"stiffness: {name} {why}; allowed: drives of {task.robot.name}, and coordinates whose deflections the"
+                " passive ones can take up"
+            )
+    return [quantity for quantity, place in zip(found, places, strict=True) if place not in held]
 
 
 def _sized(model: ErrorModel, problem: Problem) -> ErrorModel:
@@ -271,8 +292,7 @@ def _sized(model: ErrorModel, problem: Problem) -> ErrorModel:
     if not any(quantity.size == 0.0 for quantity in model.quantities):
         return model
     state = model.at(model.nominal, problem.rows)
-    gravity = np.array(model.robot.gravity)
-    forces = np.abs(forces_on(model.chain, state.found, gravity, problem.rows.loads)).max(axis=0)
+    forces = np.abs(model.forces(state.found, problem.rows)).max(axis=0)
     quantities = tuple(
         replace(q, size=_SOFT / max(float(forces[q.station, q.coordinate]), 1e-3)) if q.size == 0.0 else q
         for q in model.quantities
@@ -280,12 +300,23 @@ def _sized(model: ErrorModel, problem: Problem) -> ErrorModel:
     return replace(model, quantities=quantities)
 
 
-def _notes(task: _Task, problem: Problem) -> list[str]:
+def _notes(task: Task, problem: Problem) -> list[str]:
     """Notes about what a result leaves out."""
     notes = []
     soft = any(quantity.kind == COMPLIANCE for quantity in problem.model.quantities)
     if soft and task.robot.springs:
         notes.append("springs between points are left out of the loads")
+    if problem.model.closing is not None:
+        fitted = {(q.station, q.coordinate) for q in problem.model.quantities if q.kind == COMPLIANCE}
+        left = [
+            component_name(station.name, kind)
+            for k, station in enumerate(problem.model.chain.stations)
+            if station.joint is not None
+            for kind, given in station.joint.coordinates.items()
+            if given.stiffness and (k, COORDINATES.index(kind)) not in fitted
+        ]
+        if left:
+            notes.append(f"stiffness of {listed(left)} is not fitted: the loops hold these coordinates, too")
     bent = [
         component_name(joint.name, kind)
         for joint in task.robot.joints
@@ -298,7 +329,7 @@ def _notes(task: _Task, problem: Problem) -> list[str]:
 
 
 def _result(
-    task: _Task,
+    task: Task,
     poses: MeasuredPoses,
     problem: Problem,
     found: Variants,
@@ -348,7 +379,7 @@ def _result(
     )
 
 
-def _described(task: _Task, model: ErrorModel, x: Array, covariance: Array) -> tuple[Array, Array, Array]:
+def _described(task: Task, model: ErrorModel, x: Array, covariance: Array) -> tuple[Array, Array, Array]:
     """Values as a description has them, what it says, and standard deviations, (P,) each.
 
     Placements are whole ones, of the frame on its link and of the base before the device; compliances are stiffnesses.
@@ -433,7 +464,7 @@ def _one_of(label: str, value: str | None, allowed: Sequence[str | None]) -> str
     return value
 
 
-def _two_sizes(sizes: Sequence[float]) -> tuple[float, float]:
+def two_sizes(sizes: Sequence[float]) -> tuple[float, float]:
     try:
         values = np.array(sizes, dtype=np.float64)
     except (TypeError, ValueError):

@@ -1,0 +1,73 @@
+"""Choice of poses: the best one after the other, then exchanges while one of them gains (V. Fedorov)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .information import Criterion, Information, added, inverse, removed
+
+Array = NDArray[np.float64]
+Places = NDArray[np.intp]
+
+ENOUGH = 0.95  # of the bound
+_STARTS = 10  # of exchanges: few poses have many choices that no single exchange betters
+_PASSES = 50  # over all chosen ones
+_GAIN = 1e-9  # of the function's gain, below which an exchange is none
+
+
+def chosen_by(
+    information: Information, criterion: Criterion, count: int, possible: float, rng: np.random.Generator
+) -> Places:
+    """Indices of the chosen candidates, each once, the ones that tell most first.
+
+    possible: the bound; while less than ENOUGH of it is reached, exchanges begin anew with random candidates.
+    """
+    many = len(information.Y)
+    best, reached = np.zeros(0, dtype=np.intp), -np.inf
+    for start in range(_STARTS):
+        first = rng.choice(many, count, replace=False) if start else _greedy(information, criterion, count)
+        chosen = _exchanged(information, criterion, first)
+        value = criterion.value(information.total(np.bincount(chosen, minlength=many).astype(np.float64)))
+        if value > reached:
+            best, reached = chosen, value
+        if criterion.efficiency(reached, possible, information.size) >= ENOUGH:
+            break
+    return best[_greedy(replace(information, Y=information.Y[best]), criterion, count)]
+
+
+def _greedy(information: Information, criterion: Criterion, count: int) -> Places:
+    """The candidate that gains most, again and again."""
+    covariance, left, found = inverse(information.start), np.arange(len(information.Y)), list[int]()
+    for _ in range(count):
+        best = int(criterion.gains(information.Y[left], covariance).argmax())
+        found.append(int(left[best]))
+        covariance = added(covariance, information.Y[left[best]])
+        left = np.delete(left, best)
+    return np.array(found, dtype=np.intp)
+
+
+def _exchanged(information: Information, criterion: Criterion, chosen: Places) -> Places:
+    """The chosen ones with each replaced by the best candidate, until none is better."""
+    found = chosen.copy()
+    free = np.ones(len(information.Y), dtype=bool)
+    free[found] = False
+    for _ in range(_PASSES):
+        covariance = inverse(information.total(np.bincount(found, minlength=free.size).astype(np.float64)))
+        swaps = 0
+        for k, own in enumerate(found.tolist()):
+            without = removed(covariance, information.Y[own])
+            free[own] = True
+            places = np.flatnonzero(free)
+            gains = criterion.gains(information.Y[places], without)
+            best, kept = int(gains.argmax()), float(gains[np.searchsorted(places, own)])
+            if gains[best] > kept + _GAIN * abs(kept):
+                found[k] = places[best]
+                swaps += 1
+                covariance = added(without, information.Y[found[k]])
+            free[found[k]] = False
+        if not swaps:
+            break
+    return np.asarray(found)

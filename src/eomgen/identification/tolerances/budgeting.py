@@ -1,0 +1,345 @@
+"""From a table of tolerances to the accuracy of a tool at poses.
+
+table -> Contribution -> Exact -> sensitivities -> covariance, regions, worst cases, shares -> ToleranceResult
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...description import RobotLike, as_robot
+from ...errors import ArrayError, InputError, UnknownNameError
+from ...motion.files import MeasuredMotion, measured_motion
+from ...names import component_name, joint_of, kind_of, listed, nearest_or_all, show
+from ...progress import StageReport, no_report
+from ...robot.model import Model, build_model, tool_of
+from ...robot.value import COORDINATES, MOTOR, PRINCIPAL, Robot
+from ..geometry.closing import closed_readings, closing_of
+from ..geometry.error_model import Rows
+from ..geometry.stations import Chain, chain_of, matrix_of
+from .contributions import Contribution, Exact, contributions_of, model_of
+from .regions import quantile_of_normal, radii, worst_deviations
+from .result import PARTS, ToleranceResult, shares_of
+from .table import Table, Tolerance, read_table
+from .vertices import farthest
+
+Array = NDArray[np.float64]
+
+ALONG = 200  # samples of a motion, at most
+MOST_POSES = 10_000
+COVERAGE = 3.0  # standard deviations that a worst case goes up to where no bound is given
+LINEAR = 0.01  # of the worst case: what a linear prediction may be off without a warning
+VERTICES = 8  # contributors whose 2^8 vertices are looked at
+EVEN = 0.3  # of a variance: one even distribution that a sum is no longer normal with
+_EVERY = 20  # poses at which the linear prediction is compared
+_SOFTEST = 0.2  # of a stiffness: its greatest standard deviation
+_COLUMNS = {"position": slice(0, 3), "orientation": slice(3, 6)}
+
+
+def tolerance(
+    robot: RobotLike,
+    table: Mapping[str, Any] | Path | str,
+    frame: str | None = None,
+    *,
+    poses: ArrayLike | Mapping[str, float] | None = None,
+    random: int = 0,
+    along: MeasuredMotion | Path | str | None = None,
+    seed: int = 0,
+    wrench: ArrayLike | None = None,
+    confidence: float = 0.95,
+    progress: StageReport | None = None,
+) -> ToleranceResult:
+    """Accuracy of a frame by the tolerances of offsets, placements, lengths, stiffness, clearances and drives.
+
+    Args:
+        robot: a Robot, the name of a built-in one, or the path of a description.
+        table: path of a .toml file, or a mapping of the same form, {"joints.joint2.offset.z": {"bound": 1e-4}}:
+            "deviation" (normal) or "bound" (even within), optionally "relative", "cost" and "fixed".
+        frame: frame or link to look at; by default the tool.
+        poses: values of the moving joints' coordinates, (k,) or (N, k), m and rad, or values by name, others at home;
+            by default home.  Of a mechanism with loops those of the drives.
+        random: number of poses within the joints' limits instead; a joint without limits that turns goes all around.
+        along: a motion instead, or its path: a .csv or .npz, such as that of a simulation; up to 200 samples of it.
+        seed: of the random poses.
+        wrench: force (N) and moment (N m) on the frame, (6,), base axes; beside gravity.
+        confidence: probability of regions.
+        progress: called with a line of text when a stage begins.
+
+    Raises:
+        DescriptionError: the table names what is not there, or a value cannot be used.
+        InputError: another argument cannot be used, or a mechanism does not close.
+        UnknownNameError: there is no frame or coordinate of a name.
+    """
+    robot, report = as_robot(robot), progress or no_report
+    frame = tool_of(robot, frame, "frame")
+    if isinstance(confidence, bool) or not 0.0 < confidence < 1.0:
+        raise InputError(f"confidence: {confidence!r}; allowed: a number between 0 and 1")
+    if sum((poses is not None, bool(random), along is not None)) > 1:
+        raise InputError("poses, random and along: more than one is given; allowed: one of them")
+    report("reading tolerances")
+    model = build_model(robot)
+    names = _coordinates(robot, model)
+    t = None
+    if random:
+        q = _random_poses(robot, names, random, seed)
+    elif along is not None:
+        t, q = _motion(model, names, along)
+    else:
+        q = _given_poses(model, names, poses)
+    exact = _exact(robot, model, frame, names, q, wrench)
+    known = contributions_of(exact.model)
+    read = read_table(table, tuple(known))
+    chosen = tuple(known[entry.name] for entry in read.entries)
+    exact = Exact(exact.model, exact.rows, exact.tool, chosen)
+    entries = [_sized(read, entry, one) for entry, one in zip(read.entries, chosen, strict=True)]
+    found = _result(exact, robot.name, frame, names, q, entries, confidence, report)
+    return found if t is None else replace(found, t=t)
+
+
+def _coordinates(robot: Robot, model: Model) -> tuple[str, ...]:
+    """Names of the coordinates that say where a robot is: of a tree those of all moving joints, else of all drives."""
+    if not robot.is_closed:
+        return tuple(
+            component_name(joint.name, PRINCIPAL[joint.type])
+            for joint in robot.joints
+            if joint.coordinates and joint.type in PRINCIPAL
+        )
+    driven = [model.coordinates[i] for i in (*model.driven, *model.prescribed)]
+    return tuple(_of_joint(robot, name) for name in driven)
+
+
+def _of_joint(robot: Robot, name: str) -> str:
+    """The coordinate of the joint that a motor turns."""
+    if kind_of(name) != MOTOR:
+        return name
+    return component_name(joint_of(name), PRINCIPAL[robot.joint(joint_of(name)).type])
+
+
+def _given_poses(model: Model, names: Sequence[str], poses: ArrayLike | Mapping[str, float] | None) -> Array:
+    home = dict(zip(model.coordinates, model.home, strict=True))
+    start = np.array([float(home.get(name, 0.0)) for name in names])
+    if poses is None:
+        return start[np.newaxis]
+    if isinstance(poses, Mapping):
+        for name, value in poses.items():
+            if name not in names:
+                raise UnknownNameError(f"poses: there is no coordinate {name!r}{nearest_or_all(name, names)}")
+            if not isinstance(value, (int, float)) or not np.isfinite(value):
+                raise InputError(f"poses: {name}: {show(value)}; allowed: a finite number")
+            start[names.index(name)] = float(value)
+        return start[np.newaxis]
+    try:
+        given = np.asarray(poses, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ArrayError(f"poses: {show(str(poses))}; allowed: numbers") from None
+    shape = f"({len(names)},) or (N, {len(names)})"
+    is_shaped = given.ndim in (1, 2) and given.shape[-1] == len(names) and given.size > 0
+    if not is_shaped or not np.isfinite(given).all():
+        raise ArrayError(f"poses: got shape {given.shape}; allowed: finite numbers of shape {shape}: {listed(names)}")
+    given = given.reshape(-1, len(names))
+    if len(given) > MOST_POSES:
+        raise ArrayError(f"poses: {len(given)} rows; allowed: up to {MOST_POSES}")
+    return given
+
+
+def _random_poses(robot: Robot, names: Sequence[str], count: int, seed: int) -> Array:
+    for label, value, low, high in (("random", count, 1, MOST_POSES), ("seed", seed, 0, 2**63)):
+        if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not low <= value <= high:
+            raise InputError(f"{label}: {show(value)}; allowed: a whole number from {low} to {high}")
+    limits = []
+    for name in names:
+        given = robot.joint(joint_of(name)).limits
+        if given is None and kind_of(name) in COORDINATES[:3]:
+            raise InputError(f"random: {name} has no limits; allowed: limits of all joints that slide")
+        limits.append(given or (-np.pi, np.pi))
+    low_ends, high_ends = np.array(limits, dtype=np.float64).reshape(-1, 2).T
+    return np.random.default_rng(seed).uniform(low_ends, high_ends, (count, len(names)))
+
+
+def _motion(model: Model, names: Sequence[str], along: MeasuredMotion | Path | str) -> tuple[Array, Array]:
+    motion = measured_motion(model.name, along, model.coordinates)
+    missing = [name for name in names if name not in motion.measured]
+    if missing:
+        raise InputError(f"along: {motion.source}: {missing[0]} is missing; allowed: all of {listed(names)}")
+    q = motion.q[:, [motion.coordinates.index(name) for name in names]]
+    chosen = np.unique(np.linspace(0, len(q) - 1, min(len(q), ALONG)).round().astype(np.intp))
+    return np.asarray(motion.t[chosen]), np.asarray(q[chosen])
+
+
+def _exact(robot: Robot, model: Model, frame: str, names: Sequence[str], q: Array, wrench: ArrayLike | None) -> Exact:
+    """The exact model at the poses, without contributions."""
+    frames = {one.name: (one.link, matrix_of(one.placement)) for one in robot.frames}
+    chain = chain_of(robot, {frame: frames.get(frame, (frame, np.eye(4)))})
+    places = _places(chain, names)
+    readings = np.zeros((len(q), len(chain.stations), 6))
+    for (k, c), values in zip(places, q.T, strict=True):
+        readings[:, k, c] = values
+    closing = None
+    if robot.is_closed:
+        closing = closing_of(model, chain, places, "poses")
+        readings = closed_readings(chain, closing, model, readings, [f"poses: row {row}" for row in range(len(q))])
+    tool = chain.tools[frame]
+    loads = {} if wrench is None else {tool: np.tile(_wrench(wrench), (len(q), 1))}
+    rows = Rows(readings, np.zeros(len(q), dtype=np.int64), loads, np.zeros(readings.shape[:2]), None)
+    return Exact(model_of(robot, chain, closing), rows, tool, ())
+
+
+def _places(chain: Chain, names: Sequence[str]) -> list[tuple[int, int]]:
+    station = {s.name: k for k, s in enumerate(chain.stations) if s.joint is not None}
+    return [(station[joint_of(name)], COORDINATES.index(kind_of(name))) for name in names]
+
+
+def _wrench(given: ArrayLike) -> Array:
+    try:
+        found = np.asarray(given, dtype=np.float64)
+    except (TypeError, ValueError):
+        found = np.zeros(0)
+    if found.shape != (6,) or not np.isfinite(found).all():
+        raise ArrayError(f"wrench: {show(str(given))}; allowed: 6 finite numbers, N and N m")
+    return found
+
+
+def _sized(table: Table, entry: Tolerance, one: Contribution) -> tuple[Tolerance, float, float]:
+    """The entry, its standard deviation and its bound, in the quantity's unit."""
+    scale = 1.0
+    if entry.relative:
+        if not one.described:
+            raise table.refusal(entry.name, "is relative, but nothing is described; allowed: a size of its own")
+        scale = abs(one.described)
+    if entry.bound is not None:
+        deviation, bound = scale * entry.bound / np.sqrt(3.0), scale * entry.bound
+    else:
+        deviation = scale * (entry.deviation or 0.0)
+        bound = COVERAGE * deviation
+    if one.is_stiffness and one.described is not None:
+        most = one.described if entry.bound is not None else _SOFTEST * one.described
+        if not (bound if entry.bound is not None else deviation) < most:
+            got = bound if entry.bound is not None else deviation
+            raise table.refusal(entry.name, f"{got:g} {one.unit}; allowed: below {most:g}, or the stiffness may vanish")
+    return entry, deviation, bound
+
+
+def _result(
+    exact: Exact,
+    robot: str,
+    frame: str,
+    names: tuple[str, ...],
+    q: Array,
+    entries: Sequence[tuple[Tolerance, float, float]],
+    confidence: float,
+    report: StageReport,
+) -> ToleranceResult:
+    deviations, bounds = (np.array([entry[i] for entry in entries]) for i in (1, 2))
+    report("looking at sensitivities")
+    S = exact.sensitivities(bounds)
+    scaled, reach = S * deviations, S * bounds
+    covariance = scaled @ scaled.transpose(0, 2, 1)
+    blocks = {part: covariance[:, at, at] for part, at in _COLUMNS.items()}
+    report("looking for worst cases")
+    ends = {part: [farthest(row[at]) for row in reach] for part, at in _COLUMNS.items()}
+    lengths = {part: np.array([length for length, _ in found]) for part, found in ends.items()}
+    worst_pose = int(lengths["position"].argmax())
+    signs = ends["position"][worst_pose][1]
+    report("comparing with the exact model")
+    exact_worst = _at_vertices(exact, reach[worst_pose, :3], bounds, signs, worst_pose)
+    off, bent = _nonlinear(exact, S, bounds, ends, lengths)
+    shares = {part: shares_of(scaled[:, _COLUMNS[part]]) for part in PARTS}
+    notes = []
+    if off > LINEAR:
+        which = f", most of all {listed(bent)}" if bent else ""
+        notes.append(
+            f"not linear: the exact model is off the linear one by {100 * off:.2g} % of the worst case{which};"
+            " draw samples of the exact model instead (ToleranceResult.sample)"
+        )
+    notes += _of_bounds(entries, shares)
+    if max(float(x.max()) for x in lengths.values()) == 0.0:
+        notes.append(f"nothing in the table moves {frame}")
+    chosen = exact.contributions
+    return ToleranceResult(
+        robot=robot,
+        frame=frame,
+        coordinates=names,
+        q=q,
+        names=tuple(one.name for one in chosen),
+        units=tuple(one.unit for one in chosen),
+        described=np.array([np.nan if one.described is None else one.described for one in chosen]),
+        deviations=deviations,
+        bounds=bounds,
+        sensitivities=S,
+        covariance=covariance,
+        confidence=float(confidence),
+        radius={part: radii(block, confidence) for part, block in blocks.items()},
+        direction={part: quantile_of_normal(confidence) * worst_deviations(b) for part, b in blocks.items()},
+        worst=np.abs(reach).sum(axis=2),
+        farthest=lengths,
+        worst_pose=worst_pose,
+        exact_worst=exact_worst,
+        shares=shares,
+        nonlinearity=off,
+        notes=tuple(notes),
+        exact=exact,
+        tolerances=tuple(entry[0] for entry in entries),
+    )
+
+
+def _of_bounds(entries: Sequence[tuple[Tolerance, float, float]], shares: Mapping[str, Array]) -> Iterator[str]:
+    """A note where one even distribution makes so much that sums are not normal."""
+    for part in PARTS:
+        k = int(shares[part].argmax())
+        share, entry = float(shares[part][k]), entries[k][0]
+        if entry.bound is not None and share > EVEN:
+            yield (
+                f"{part}: {entry.name}, even within its bound, makes {100 * share:.3g} % of the variance; regions are"
+                " those of normal numbers: wider than need be"
+            )
+
+
+def _at_vertices(exact: Exact, reach: Array, bounds: Array, signs: Array, pose: int) -> float:
+    """Greatest displacement by the exact model, m, at all vertices of the main contributors, others at their signs."""
+    main = np.argsort(-np.linalg.norm(reach, axis=0), kind="stable")[:VERTICES]
+    corners = np.array(list(product((1.0, -1.0), repeat=len(main)))).T
+    found = 0.0
+    for others in (signs, -signs):
+        y = np.repeat((others * bounds)[:, np.newaxis], corners.shape[1], axis=1)
+        y[main] = corners * bounds[main, np.newaxis]
+        motions = exact.motions(y, np.full(corners.shape[1], pose, dtype=np.intp))
+        found = max(found, float(np.linalg.norm(motions[:, :3], axis=1).max()))
+    return found
+
+
+def _nonlinear(
+    exact: Exact,
+    S: Array,
+    bounds: Array,
+    ends: Mapping[str, Sequence[tuple[float, Array]]],
+    lengths: Mapping[str, Array],
+) -> tuple[float, list[str]]:
+    """Error of the linear model as a share of the worst case, the greatest, and names of single causes above LINEAR.
+
+    At both bounds of every contribution by itself, and of all at the worst vertices of position and turn.
+    """
+    count = len(bounds)
+    poses = np.unique(np.linspace(0, len(S) - 1, min(len(S), _EVERY)).round().astype(np.intp))
+    poses = np.union1d(poses, [int(lengths["position"].argmax())])
+    greatest, causes = 0.0, np.zeros(count)
+    for pose in poses.tolist():
+        vertices = [ends[part][pose][1] for part in PARTS]
+        y = np.hstack(
+            [np.diag(bounds), -np.diag(bounds), *((s * bounds)[:, np.newaxis] for v in vertices for s in (v, -v))]
+        )
+        left = exact.motions(y, np.full(y.shape[1], pose, dtype=np.intp)) - (S[pose] @ y).T
+        for part, at in _COLUMNS.items():
+            whole = float(lengths[part].max())
+            if whole > 0.0:
+                off = np.linalg.norm(left[:, at], axis=1) / whole
+                greatest = max(greatest, float(off.max()))
+                causes = np.maximum(causes, np.maximum(off[:count], off[count : 2 * count]))
+    order = [k for k in np.argsort(-causes, kind="stable") if causes[k] > LINEAR]
+    return greatest, [exact.contributions[k].name for k in order[:3]]

@@ -1,0 +1,182 @@
+"""What tolerances may be given of, as directions in the quantities of the error model; the exact model of all of them.
+
+x = nominal + D y    but 1 / (k + y) of a stiffness    where y are deviations of what the table names
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...names import component_name, parameter_name
+from ...robot.coordinates import UNITS
+from ...robot.value import COORDINATES, MOTOR, Robot
+from ..geometry.closing import Closing
+from ..geometry.error_model import COMPLIANCE, DRIVE, JOINTS, ErrorModel, Quantity, Rows, quantities_of
+from ..geometry.rotations import vectors_of
+from ..geometry.stations import Chain, Station
+
+Array = NDArray[np.float64]
+
+CHUNK = 20_000  # rows that are evaluated at once: 150 MB of a six-axis arm
+
+
+@dataclass(frozen=True)
+class Contribution:
+    """One quantity that a table may name.
+
+    described: what the description says, in its unit; None where that is no number of its own.
+    parts: indices of quantities of the error model, and by how much each moves per unit; of a stiffness the index of
+        its compliance.
+    """
+
+    name: str
+    unit: str
+    described: float | None
+    parts: tuple[tuple[int, float], ...]
+    is_stiffness: bool = False
+
+
+def model_of(robot: Robot, chain: Chain, closing: Closing | None) -> ErrorModel:
+    """The error model with everything that can be off: placements, offsets, compliances, terms of drives."""
+    known = dict.fromkeys(chain.tools, True)
+    quantities = list(quantities_of(robot, chain, [0], known))
+    if closing is None:
+        quantities += _compliances(chain)
+    quantities += _drives(chain)
+    return ErrorModel(robot, chain, tuple(quantities), {0: np.eye(4)}, closing)
+
+
+def _compliances(chain: Chain) -> Iterator[Quantity]:
+    """Compliances of all described stiffnesses, of deviations and transmissions, by the names of the stiffness."""
+    for k, station in enumerate(chain.stations):
+        joint = station.joint
+        if joint is None:
+            continue
+        for c, kind in enumerate(COORDINATES):
+            given = joint.coordinates.get(kind)
+            name, stiffness = component_name(joint.name, kind), 0.0
+            if c == station.principal and joint.motor is not None:
+                name, stiffness = component_name(joint.name, MOTOR), joint.motor.transmission.stiffness or 0.0
+            elif c != station.principal and given is not None:
+                stiffness = given.stiffness or 0.0
+            if stiffness > 0.0:
+                key = parameter_name(JOINTS, name, "stiffness")
+                yield Quantity(key, COMPLIANCE, k, c, "force", 1.0 / stiffness, 1.0 / stiffness)
+
+
+def _drives(chain: Chain) -> Iterator[Quantity]:
+    """Gain of every principal coordinate, eccentricity of those that turn."""
+    for k, station in enumerate(chain.stations):
+        c = station.principal
+        if c is None:
+            continue
+        terms = [("gain", "gain")]
+        terms += [("eccentricity.cos", "cos"), ("eccentricity.sin", "sin")] if c >= 3 else []
+        for key, factor in terms:
+            yield Quantity(parameter_name(JOINTS, station.name, key), DRIVE, k, c, factor, 0.0, 1.0)
+
+
+def contributions_of(model: ErrorModel) -> dict[str, Contribution]:
+    """Everything that a table may name, by name."""
+    found = [_own(i, quantity) for i, quantity in enumerate(model.quantities)]
+    index = {quantity.name: i for i, quantity in enumerate(model.quantities)}
+    for station in model.chain.stations:
+        found += _of_joint(station, index)
+    return {one.name: one for one in found}
+
+
+def _own(i: int, quantity: Quantity) -> Contribution:
+    if quantity.kind == COMPLIANCE:
+        return Contribution(quantity.name, quantity.unit, 1.0 / quantity.nominal, ((i, 1.0),), True)
+    return Contribution(quantity.name, quantity.unit, quantity.nominal, ((i, 1.0),))
+
+
+def _of_joint(station: Station, index: Mapping[str, int]) -> Iterator[Contribution]:
+    """A joint's placement along the axes of its parent, its length, and its clearances."""
+    joint = station.joint
+    if joint is None or station.principal is None:
+        return
+    offsets = [index[parameter_name(JOINTS, joint.name, "offset", kind)] for kind in COORDINATES]
+    xyz = np.array(joint.placement.xyz)
+    turn = np.array(joint.placement.rotation) @ np.array(joint.axis_turn)
+    directions = {parameter_name("placement", kind): (np.eye(3)[c], xyz[c]) for c, kind in enumerate(COORDINATES[:3])}
+    length = float(np.linalg.norm(xyz))
+    if length > 0.0:
+        directions["length"] = xyz / length, length
+    for key, (along, described) in directions.items():
+        parts = tuple(zip(offsets[:3], (turn.T @ along).tolist(), strict=True))
+        yield Contribution(parameter_name(JOINTS, joint.name, key), "m", float(described), parts)
+    for c, kind in enumerate(COORDINATES):
+        given = joint.coordinates.get(kind)
+        described = None if given is None else given.clearance
+        name = parameter_name(JOINTS, joint.name, kind, "clearance")
+        yield Contribution(name, UNITS[kind], described, ((offsets[c], 1.0),))
+
+
+@dataclass(frozen=True)
+class Exact:
+    """The exact model of a tool at poses: what K contributions do to it, however large they are.
+
+    rows: of the N poses.  tool: station of the tool.
+    """
+
+    model: ErrorModel
+    rows: Rows
+    tool: int
+    contributions: tuple[Contribution, ...]
+
+    @property
+    def is_soft(self) -> bool:
+        """Whether loads deflect the robot."""
+        return any(quantity.kind == COMPLIANCE for quantity in self.model.quantities)
+
+    def values(self, y: Array) -> Array:
+        """Values of the error model's quantities, (P, M), of deviations of the contributions, (K, M)."""
+        x = np.repeat(self.model.nominal[:, np.newaxis], y.shape[1], axis=1)
+        for one, off in zip(self.contributions, y, strict=True):
+            for i, factor in one.parts:
+                x[i] = 1.0 / (one.described + off) if one.is_stiffness and one.described else x[i] + factor * off
+        return x
+
+    def poses(self, y: Array, chosen: NDArray[np.intp]) -> tuple[Array, Array]:
+        """Rotation (M, 3, 3) and position (M, 3), m, of the tool, with deviations (K, M), at the poses ``chosen``."""
+        R, p = np.empty((len(chosen), 3, 3)), np.empty((len(chosen), 3))
+        for first in range(0, len(chosen), CHUNK):
+            part = slice(first, first + CHUNK)
+            found = self.model.at(self.values(y[:, part]), self.rows.part(chosen[part])).found
+            R[part], p[part] = found.R[self.tool], found.p[self.tool]
+        return R, p
+
+    def motions(self, y: Array, chosen: NDArray[np.intp]) -> Array:
+        """Displacement (m) and rotation vector (rad) of the tool, (M, 6), base axes; arguments as of ``poses``."""
+        which, places = np.unique(chosen, return_inverse=True)
+        R0, p0 = self.poses(np.zeros((len(self.contributions), len(which))), which)
+        R, p = self.poses(y, chosen)
+        turn = vectors_of(R @ R0[places].transpose(0, 2, 1))
+        return np.hstack([p - p0[places], turn])
+
+    def sensitivities(self, sizes: Array) -> Array:
+        """Motion of the tool per unit of every contribution, (N, 6, K), m and rad.
+
+        Exact where nothing is elastic; else by central differences over a hundredth of the sizes, (K,), because what is
+        off moves loads, too.
+        """
+        count, many = len(self.contributions), len(self.rows.series)
+        if not self.is_soft:
+            by_quantity = self.model.at(self.model.nominal, self.rows).sensitivities(self.tool)
+            D = np.zeros((len(self.model.quantities), count))
+            for k, one in enumerate(self.contributions):
+                for i, factor in one.parts:
+                    D[i, k] += factor
+            return np.asarray(by_quantity @ D)
+        found = np.empty((many, 6, count))
+        everywhere = np.arange(many)
+        for k in range(count):
+            y = np.zeros((count, many))
+            y[k] = step = 1e-2 * sizes[k] if sizes[k] > 0.0 else 1e-6 * (self.contributions[k].described or 1.0)
+            found[:, :, k] = (self.motions(y, everywhere) - self.motions(-y, everywhere)) / (2.0 * step)
+        return found

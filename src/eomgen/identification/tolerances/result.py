@@ -1,0 +1,227 @@
+"""What tolerances make of a tool's pose: covariances, regions, worst cases, shares by contribution."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InputError, UnknownNameError
+from ...names import nearest_or_all, show
+from ...robot.coordinates import MOTIONS
+from ...shown import Shown
+from ...tabular import Rows as TableRows
+from ...tabular import TableColumn, Tabular
+from .allocation import Allocation, allocated
+from .contributions import Exact
+from .regions import ellipsoids
+from .table import Tolerance
+
+Array = NDArray[np.float64]
+
+PARTS = ("position", "orientation")
+_MOST_DRAWN = 10_000_000
+_SHOWN = 12  # contributions in the text
+
+
+@dataclass(frozen=True, kw_only=True)
+class ToleranceResult(Shown, Tabular):
+    """Accuracy of a frame at N poses, by tolerances of K quantities, to first order.
+
+    Attributes:
+        robot, frame: names.
+        coordinates, q: names of the coordinates, (k,), and the poses, (N, k), m or rad.
+        t: times of the poses, s, (N,), where they are samples of a motion.
+        names, units: of the K quantities.
+        described: what the description says, (K,); NaN where that is no number.
+        deviations: standard deviations, (K,); of a bound that of an even distribution, bound / sqrt(3).
+        bounds: what worst cases go up to, (K,); of a deviation three of them.
+        sensitivities: motion of the frame per unit of a quantity, (N, 6, K): x, y, z (m), rx, ry, rz (rad), base axes.
+        covariance: of the frame's motion, (N, 6, 6).
+        confidence: of regions.
+        radius: of spheres that hold the frame's displacement, or rotation vector, with that probability: "position" (m)
+            and "orientation" (rad), (N,).
+        direction: half the interval that holds, with that probability, the component along the direction in which it is
+            greatest, by the same names, (N,).
+        worst: worst case of every component, sum of |S_i| t_i, (N, 6).
+        farthest: worst displacement (m) and rotation vector (rad), to first order, by the same names, (N,).
+        worst_pose: index of the pose with the greatest worst displacement.
+        exact_worst: worst displacement that the exact model has there, at the vertices of the main contributors, m.
+        shares: of the trace of the covariance, mean over the poses, by the same names, (K,); they add up to 1.
+        nonlinearity: by how much the exact model is off a linear one with one quantity at its bound, or all at the
+            worst vertex, as a share of the worst displacement or turn; the greatest.
+        notes: what was found, warnings among them.
+        exact, tolerances: the exact model and the table.
+    """
+
+    robot: str
+    frame: str
+    coordinates: tuple[str, ...]
+    q: Array
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    described: Array
+    deviations: Array
+    bounds: Array
+    sensitivities: Array
+    covariance: Array
+    confidence: float
+    radius: dict[str, Array]
+    direction: dict[str, Array]
+    worst: Array
+    farthest: dict[str, Array]
+    worst_pose: int
+    exact_worst: float
+    shares: dict[str, Array]
+    nonlinearity: float
+    notes: tuple[str, ...]
+    t: Array | None = None
+    exact: Exact = field(repr=False)
+    tolerances: tuple[Tolerance, ...] = field(repr=False)
+
+    @property
+    def standard_deviations(self) -> Array:
+        """Standard deviations of the six components, (N, 6), m and rad."""
+        return np.sqrt(np.maximum(np.diagonal(self.covariance, axis1=1, axis2=2), 0.0))
+
+    def ellipsoids(self, part: str = "position") -> tuple[Array, Array]:
+        """Half axes (N, 3), m or rad, and rotations (N, 3, 3) with their directions, of ellipsoids around the poses.
+
+        They hold the displacement, or the rotation vector, with the probability ``confidence``; base axes.
+
+        Raises:
+            InputError: another part than "position" or "orientation".
+        """
+        return ellipsoids(self.covariance[:, _at(part), _at(part)], self.confidence)
+
+    def share(self, name: str, part: str = "position") -> float:
+        """Share of one quantity in the variance.
+
+        Raises:
+            UnknownNameError: the table has no such quantity.
+            InputError: another part than "position" or "orientation".
+        """
+        if name not in self.names:
+            raise UnknownNameError(f"tolerance: {name!r} has none{nearest_or_all(name, self.names)}")
+        _at(part)
+        return float(self.shares[part][self.names.index(name)])
+
+    def sample(self, count: int, *, pose: int = 0, seed: int = 0) -> Array:
+        """Motions of the frame by the exact model, (count, 6), m and rad, of random deviations at one pose.
+
+        Raises:
+            InputError: the count, the pose or the seed cannot be used.
+        """
+        for label, value, low, high in (
+            ("count", count, 1, _MOST_DRAWN),
+            ("pose", pose, 0, len(self.q) - 1),
+            ("seed", seed, 0, 2**63),
+        ):
+            if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not low <= value <= high:
+                raise InputError(f"{label}: {show(value)}; allowed: a whole number from {low} to {high}")
+        rng = np.random.default_rng(seed)
+        drawn = np.empty((len(self.names), count))
+        for k, given in enumerate(self.tolerances):
+            if given.bound is None:
+                drawn[k] = self.deviations[k] * rng.standard_normal(count)
+            else:
+                drawn[k] = self.bounds[k] * rng.uniform(-1.0, 1.0, count)
+        return self.exact.motions(drawn, np.full(count, pose, dtype=np.intp))
+
+    def allocate(self, accuracy: float) -> Allocation:
+        """Tolerances to tighten, at least cost, so that the radius of position is at most this at all poses.
+
+        Raises:
+            InputError: the accuracy is no positive number, or what is fixed alone makes it impossible.
+        """
+        return allocated(
+            self.names,
+            self.units,
+            np.array([self.bounds[k] if t.bound is not None else self.deviations[k] for k, t in self._numbered()]),
+            self.sensitivities[:, :3] * self.deviations,
+            np.array([given.cost for given in self.tolerances]),
+            np.array([given.is_fixed for given in self.tolerances]),
+            accuracy,
+            self.confidence,
+        )
+
+    def _numbered(self) -> list[tuple[int, Tolerance]]:
+        return list(enumerate(self.tolerances))
+
+    def as_rows(self) -> TableRows:
+        """A row per quantity: standard deviation, bound, shares of variance."""
+        columns = [TableColumn("deviation", "SI", self.deviations), TableColumn("bound", "SI", self.bounds)]
+        columns += [TableColumn(f"{part}_share", "1", self.shares[part]) for part in PARTS]
+        names = np.array(self.names, dtype=object)
+        return TableRows("name", "", names, columns, {"robot": self.robot, "frame": self.frame})
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON."""
+        return {
+            "robot": self.robot,
+            "frame": self.frame,
+            "coordinates": list(self.coordinates),
+            "q": self.q.tolist(),
+            "t": None if self.t is None else self.t.tolist(),
+            "names": list(self.names),
+            "units": list(self.units),
+            "described": [float(value) if np.isfinite(value) else None for value in self.described],
+            "deviations": self.deviations.tolist(),
+            "bounds": self.bounds.tolist(),
+            "components": list(MOTIONS),
+            "standard_deviations": self.standard_deviations.tolist(),
+            "covariance": self.covariance.tolist(),
+            "confidence": self.confidence,
+            "radius": {part: values.tolist() for part, values in self.radius.items()},
+            "direction": {part: values.tolist() for part, values in self.direction.items()},
+            "worst": self.worst.tolist(),
+            "farthest": {part: values.tolist() for part, values in self.farthest.items()},
+            "worst_pose": self.worst_pose,
+            "exact_worst": self.exact_worst,
+            "shares": {part: dict(zip(self.names, x.tolist(), strict=True)) for part, x in self.shares.items()},
+            "nonlinearity": self.nonlinearity,
+            "notes": list(self.notes),
+        }
+
+    def lines(self) -> list[str]:
+        """Tables for people: accuracy over the poses, and shares of contributions."""
+        count = len(self.q)
+        lines = [f"{self.robot}, {self.frame}: {len(self.names)} tolerances at {count} pose{'s' * (count != 1)}", ""]
+        share = f"{100 * self.confidence:g} % within"
+        lines.append(f"{'':<14}{share:>14}{'worst direction':>18}{'worst case':>14}")
+        several = ("",) if count == 1 else (" mean", " max")
+        for part, unit in zip(PARTS, ("mm", "mrad"), strict=True):
+            for kind in several:
+                function = np.max if kind == " max" else np.mean
+                values = [1e3 * float(function(x[part])) for x in (self.radius, self.direction, self.farthest)]
+                head = part if kind != " max" else ""
+                row = f"{values[0]:>14.4g}{values[1]:>18.4g}{values[2]:>14.4g}"
+                lines.append(f"{head:<14}{row}  {unit}{kind}")
+        lines += ["", f"worst position by the exact model at the vertices: {1e3 * self.exact_worst:.4g} mm"]
+        width = max(len(name) for name in self.names) + 2
+        lines += ["", f"{'share of variance':<{width}}{'position':>12}{'orientation':>14}{'deviation':>14}  unit"]
+        order = np.argsort(-np.maximum(self.shares[PARTS[0]], self.shares[PARTS[1]]), kind="stable")
+        for k in order[:_SHOWN]:
+            parts = [100.0 * float(self.shares[part][k]) for part in PARTS]
+            row = f"{parts[0]:>10.1f} %{parts[1]:>12.1f} %{self.deviations[k]:>14.3g}"
+            lines.append(f"{self.names[k]:<{width}}{row}  {self.units[k]}")
+        if len(order) > _SHOWN:
+            rest = [100.0 * float(self.shares[part][order[_SHOWN:]].sum()) for part in PARTS]
+            lines.append(f"{f'{len(order) - _SHOWN} others':<{width}}{rest[0]:>10.1f} %{rest[1]:>12.1f} %")
+        return lines + [""] * bool(self.notes) + [f"note: {note}" for note in self.notes]
+
+
+def _at(part: str) -> slice:
+    """Components of a part of a pose."""
+    if part not in PARTS:
+        raise InputError(f"part: {show(part)}; allowed: {', '.join(PARTS)}")
+    return slice(0, 3) if part == PARTS[0] else slice(3, 6)
+
+
+def shares_of(scaled: Array) -> Array:
+    """Share of every contribution in the mean of the traces of covariances, (K,), of S times deviations, (N, 3, K)."""
+    variances = (scaled**2).sum(axis=(0, 1))
+    total = float(variances.sum())
+    return variances / total if total > 0.0 else np.zeros(len(variances))

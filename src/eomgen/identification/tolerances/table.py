@@ -1,0 +1,152 @@
+"""Tables of tolerances: a TOML file, or a mapping, that names quantities as calibrate does; checked value by value."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+from ...errors import DescriptionError
+from ...forms.toml_place import locate
+from ...forms.toml_text import parse_toml, read_text
+from ...names import listed, nearest, show
+
+KEYS = ("deviation", "bound", "relative", "cost", "fixed")
+MOST = 400  # quantities: a worst case looks at every pair of them
+_LARGEST_COST = 1e12
+_SIZES = ("deviation", "bound")
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """Tolerance of one quantity, as a table states it.
+
+    deviation: standard deviation of a normal distribution; bound: half the width of an even one; one of them is None.
+    relative: they are shares of the described value.  cost: of tightening, beside others.  is_fixed: stays as it is.
+    """
+
+    name: str
+    deviation: float | None = None
+    bound: float | None = None
+    relative: bool = False
+    cost: float = 1.0
+    is_fixed: bool = False
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table as it was read: its tolerances in order, and where it came from."""
+
+    entries: tuple[Tolerance, ...]
+    source: str = "tolerances"
+    text: str = ""
+
+    def refusal(self, name: str, message: str) -> DescriptionError:
+        """The error of a quantity's entry, with its line in the file."""
+        return _refused(self.source, self.text, name.split("."), name, message)
+
+
+def read_table(given: Mapping[str, Any] | Path | str, known: Sequence[str]) -> Table:
+    """A table of tolerances, from the path of a .toml file or a mapping of the same form.
+
+    Args:
+        given: names, nested or with dots, with tables of KEYS; a part of a name may be "*".  Names that are written out
+            go before those with "*".
+        known: names of quantities that there are.
+
+    Raises:
+        DescriptionError: with the file, the name, what came and what is allowed.
+    """
+    if isinstance(given, Mapping):
+        values, text, source = dict(given), "", "tolerances"
+    else:
+        path = Path(given)
+        source = str(given)
+        if path.suffix != ".toml":
+            raise DescriptionError(f"the table {show(source)} is no .toml file; allowed: a path that ends in .toml")
+        text = read_text(path, source, ".toml file")
+        values = parse_toml(text, source)
+    found: dict[str, Tolerance] = {}
+    exact: set[str] = set()
+    for keys, entry in _entries(values, (), source, text):
+        name = ".".join(keys)
+        names = _meant(name, known)
+        if not names:
+            allowed = f"{nearest(name, known)}; allowed: {listed(known)}"
+            raise _refused(source, text, keys, name, f"there is no such quantity{allowed}")
+        read = _read(entry, keys, source, text)
+        for one in names:
+            if "*" not in name and one in exact:
+                raise _refused(source, text, keys, name, "is there twice; allowed: once")
+            if "*" not in name or one not in exact:
+                found[one] = Tolerance(one, **read)
+        exact |= set() if "*" in name else {name}
+    if not found:
+        raise DescriptionError(f"no quantity is named; allowed: {listed(known)}", source=source)
+    if len(found) > MOST:
+        raise DescriptionError(f"{len(found)} quantities are named; allowed: up to {MOST}", source=source)
+    return Table(tuple(found[name] for name in known if name in found), source, text)
+
+
+def _entries(
+    values: Mapping[str, Any], before: tuple[str, ...], source: str, text: str
+) -> Iterator[tuple[tuple[str, ...], Mapping[str, Any]]]:
+    """Names, in the keys that the file has them by, and their tables."""
+    for key, value in values.items():
+        keys = (*before, str(key))
+        if not isinstance(value, Mapping):
+            message = f"{show(value)}; allowed: a table such as {{ deviation = 1e-5 }} or {{ bound = 1e-5 }}"
+            raise _refused(source, text, keys, ".".join(keys), message)
+        if value and all(isinstance(inner, Mapping) for inner in value.values()):
+            yield from _entries(value, keys, source, text)
+        else:
+            yield keys, value
+
+
+def _meant(name: str, known: Sequence[str]) -> list[str]:
+    """Known names that a name means: itself, or those that it matches, part by part."""
+    if "*" not in name:
+        return [name] if name in known else []
+    pattern = re.compile(r"[^.]*".join(re.escape(part) for part in re.split(r"\*+", name)))
+    return [one for one in known if pattern.fullmatch(one)]
+
+
+def _read(entry: Mapping[str, Any], keys: Sequence[str], source: str, text: str) -> dict[str, Any]:
+    """Keywords of a Tolerance."""
+    name = ".".join(keys)
+
+    def refuse(key: str, message: str) -> DescriptionError:
+        return _refused(source, text, (*keys, key), f"{name}.{key}", message)
+
+    for key in entry:
+        if key not in KEYS:
+            raise refuse(str(key), f"is unknown{nearest(str(key), KEYS)}; allowed: {', '.join(KEYS)}")
+    given = [key for key in _SIZES if key in entry]
+    if len(given) != 1:
+        message = f"has {' and '.join(given) or 'neither deviation nor bound'}; allowed: one of deviation, bound"
+        raise _refused(source, text, keys, name, message)
+    found: dict[str, Any] = {}
+    for key in (*given, *(("cost",) if "cost" in entry else ())):
+        value = entry[key]
+        is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
+        if not is_number or not isfinite(value) or value < 0.0 or (key == "cost" and not 0.0 < value <= _LARGEST_COST):
+            allowed = "a number above 0, up to 1e12" if key == "cost" else "a finite number that is not negative"
+            raise refuse(key, f"{show(value)}; allowed: {allowed}")
+        found[key] = float(value)
+    for key, field in (("relative", "relative"), ("fixed", "is_fixed")):
+        value = entry.get(key, False)
+        if not isinstance(value, bool):
+            raise refuse(key, f"{show(value)}; allowed: true or false")
+        found[field] = value
+    return found
+
+
+def _refused(source: str, text: str, keys: Sequence[str], where: str, message: str) -> DescriptionError:
+    where = where if where.isascii() and where.isprintable() else ascii(where)
+    error = DescriptionError(message, where=where, source=source, path=tuple(keys))
+    if text:
+        locate(error, text, parse_toml(text, source))
+    return error
