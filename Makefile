@@ -45,6 +45,7 @@ bench: $(VENV)/.bench-$(STAMP)
 	$(BIN)/python benchmarks/run.py
 	$(BIN)/python -m benchmarks.batches
 	$(BIN)/python -m benchmarks.builds
+	$(BIN)/python -m benchmarks.calibrating
 	$(BIN)/python -m benchmarks.closed
 	$(BIN)/python -m benchmarks.levels
 	$(BIN)/python -m benchmarks.peers

@@ -160,6 +160,12 @@ def number_context(equations: Equations, dtype: str, meta: Mapping[str, Any]) ->
     }
 
 
+def _stage_shares(matrix: Array) -> list[str]:
+    """Shares of a step at which stages are; the end is exactly 1: what begins there again has the same bits."""
+    shares = [math.fsum(row) for row in matrix.tolist()]
+    return [repr(1.0 if math.isclose(share, 1.0, rel_tol=1e-12) else share) for share in shares]
+
+
 def _methods(equations: Equations, scalar: Scalar) -> dict[str, Any]:
     """Tables of the template of steps with error control."""
     size = kept_size(equations)
@@ -174,11 +180,6 @@ def _methods(equations: Equations, scalar: Scalar) -> dict[str, Any]:
 
     def terms(values: Array) -> list[tuple[int, str]]:
         return [(k, scalar.literal(value)) for k, value in enumerate(values.tolist()) if value]
-
-    def times(matrix: Array) -> list[str]:
-        """Shares of a step at which stages are; the end is exactly 1: what begins there again has the same bits."""
-        shares = [math.fsum(row) for row in matrix.tolist()]
-        return [repr(1.0 if math.isclose(share, 1.0, rel_tol=1e-12) else share) for share in shares]
 
     ahead, back, weight, wrong = W643.transformed()
     between = TSIT5.between
@@ -199,7 +200,7 @@ def _methods(equations: Equations, scalar: Scalar) -> dict[str, Any]:
             "back_of": [terms(row) for row in back],
             "weight_of": terms(weight),
             "wrong_of": terms(wrong),
-            "shares": times(W643.alpha),
+            "shares": _stage_shares(W643.alpha),
             "worked": ", ".join(map(repr, W643.b.tolist())),
             "doubted": ", ".join(map(repr, _as_long(W643.b - W643.embedded, TSIT5.error))),
         },
@@ -207,7 +208,7 @@ def _methods(equations: Equations, scalar: Scalar) -> dict[str, Any]:
             "stages": len(TSIT5.b),
             "ahead_of": [terms(row) for row in TSIT5.a],
             "wrong_of": terms(TSIT5.error),
-            "shares": times(TSIT5.a),
+            "shares": _stage_shares(TSIT5.a),
             "doubted": ", ".join(map(repr, TSIT5.error.tolist())),
             "degree": between.shape[1],
             "worked": ", ".join(f"{{ {', '.join(map(repr, row))} }}" for row in between.tolist()),
@@ -238,8 +239,10 @@ def _gradients(equations: Equations, scalar: Scalar) -> dict[str, Any]:
         rows[: len(b), : len(b)], rows[len(b), : len(b)] = a, b
         numbers = (", ".join(map(scalar.literal, row)) for row in rows.tolist())
         tables.append(f"{{ {', '.join(f'{{ {row} }}' for row in numbers)} }}")
+    shares = (", ".join([*_stage_shares(a), *["1.0"] * (most - len(a))]) for a in (RK4.a, TSIT5.a[:-1]))
+    explicit = {"tables": ", ".join(tables), "shares": ", ".join(f"{{ {row} }}" for row in shares)}
     return {
-        "explicit": {"stages": most, "tables": ", ".join(tables), "counts": f"{len(RK4.b)}, {len(TSIT5.b) - 1}"},
+        "explicit": {"stages": most, "counts": f"{len(RK4.b)}, {len(TSIT5.b) - 1}", **explicit},
         "kept_numbers": kept_of_a_step(equations.model),
         "ways": list(dict.fromkeys(name.split("_")[0] for name in equations.kernels if name in GRADIENTS)),
         "texts": {name: KERNELS[name].text for name in GRADIENTS},

@@ -144,29 +144,6 @@ typedef struct {
     size_t target_state;
     size_t target_step;
 } one_link_drive;
-long long one_link_rollout(const double *h, const double *q, const double *v, const one_link_drive *drive, double dt, size_t steps, size_t every, int method, double *q_out, double *v_out);
-long long one_link_rollout_batch(size_t count, const double *h, const double *q, size_t q_step, const double *v, size_t v_step, const one_link_drive *drive, double dt, size_t steps, size_t every, int method, double *q_out, double *v_out);
-typedef struct {
-    double rtol;
-    const double *atol;
-    long long most;
-} one_link_tolerance;
-typedef struct {
-    double t;
-    double next;
-    double largest;
-    double smallest;
-    double looked;
-    double excess;
-    double work[4];
-    double *works;
-    long long steps;
-    long long rejected;
-    long long counted;
-    size_t sample;
-    int refused;
-    int reason;
-} one_link_progress;
 typedef struct one_link_signal {
     const double *knot;
     const double *coefficient;
@@ -194,6 +171,10 @@ typedef struct {
     const double *ratio;
     const int *column;
     const int *given;
+    int (*back)(const double *h, const double *q, const double *v, const double *a, const double *weights, double *out);
+    const double *back_h;
+    int (*along)(const double *h, const double *q, const double *v, const double *a, const double *dq, const double *dv, const double *da, double *out);
+    const double *along_h;
     double bandwidth;
     int size;
     int holds;
@@ -234,7 +215,42 @@ typedef struct {
     const double *frame_h;
     int (*external_force)(const double *h, const double *q, const double *wrench, double *out);
     const double *force_h;
+    int (*force_back)(const double *h, const double *q, const double *wrench, const double *weights, double *out);
+    const double *force_back_h;
+    int (*pose_back)(const double *h, const double *q, const double *weights, double *out);
+    const double *pose_back_h;
+    int (*force_along)(const double *h, const double *q, const double *wrench, const double *dq, const double *dwrench, double *out);
+    const double *force_along_h;
+    int (*force_by)(const double *h, const double *q, const double *wrench, const double *dp, double *out);
+    const double *force_by_h;
+    int (*pose_along)(const double *h, const double *q, const double *dq, double *out);
+    const double *pose_along_h;
+    int (*pose_by)(const double *h, const double *q, const double *dp, double *out);
+    const double *pose_by_h;
 } one_link_loads;
+long long one_link_rollout(const double *h, const double *q, const double *v, const one_link_drive *drive, double dt, size_t steps, size_t every, int method, double *q_out, double *v_out);
+long long one_link_rollout_batch(size_t count, const double *h, const double *q, size_t q_step, const double *v, size_t v_step, const one_link_drive *drive, double dt, size_t steps, size_t every, int method, double *q_out, double *v_out);
+typedef struct {
+    double rtol;
+    const double *atol;
+    long long most;
+} one_link_tolerance;
+typedef struct {
+    double t;
+    double next;
+    double largest;
+    double smallest;
+    double looked;
+    double excess;
+    double work[4];
+    double *works;
+    long long steps;
+    long long rejected;
+    long long counted;
+    size_t sample;
+    int refused;
+    int reason;
+} one_link_progress;
 typedef struct {
     double *t;
     double *q;

@@ -7,6 +7,7 @@ import struct
 import tokenize
 import zipfile
 import zlib
+from collections.abc import Collection
 from math import prod
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -43,11 +44,15 @@ _DAMAGED = (  # what NumPy and zipfile raise for files that are not what NumPy w
 )
 
 
-def read_npz(path: Path | str) -> dict[str, NDArray[Any]]:
+def read_npz(path: Path | str, names: Collection[str] | None = None) -> dict[str, NDArray[Any]]:
     """Read arrays of numbers and texts by name, as ``numpy.savez`` and ``numpy.savez_compressed`` write them.
 
     Arrays may have 256 MB together; the environment's ``EOMGEN_NPZ_MB`` says otherwise.  It is known before anything is
     unpacked, so that a small file cannot become a large one.
+
+    Args:
+        path: of the file.
+        names: of the arrays to read, as far as they are there; all if not given.
 
     Raises:
         InputError: the file cannot be read, is no such file or a damaged one, holds a name twice or an array of
@@ -58,7 +63,7 @@ def read_npz(path: Path | str) -> dict[str, NDArray[Any]]:
         with open_regular(Path(path), most) as stream:
             _check_end(stream, path)
             with zipfile.ZipFile(stream) as archive:
-                return _arrays(archive, path, most)
+                return _arrays(archive, path, most, names)
     except OSError as error:
         reason = error.strerror or str(error)
         raise InputError(f"{path}: cannot be read: {reason}{'' if 'allowed: ' in reason else _ALLOWED}") from None
@@ -87,7 +92,9 @@ def _check_end(stream: BinaryIO, path: Path | str) -> None:
         raise InputError(f"{path}: its directory has {directory} bytes; allowed: up to {_MOST_DIRECTORY}")
 
 
-def _arrays(archive: zipfile.ZipFile, path: Path | str, most: int) -> dict[str, NDArray[Any]]:
+def _arrays(
+    archive: zipfile.ZipFile, path: Path | str, most: int, names: Collection[str] | None
+) -> dict[str, NDArray[Any]]:
     entries: dict[str, zipfile.ZipInfo] = {}
     for entry in archive.infolist():
         name = entry.filename.removesuffix(".npy")
@@ -101,6 +108,8 @@ def _arrays(archive: zipfile.ZipFile, path: Path | str, most: int) -> dict[str, 
         )
     found = {}
     for name, entry in entries.items():
+        if names is not None and name not in names:
+            continue
         with archive.open(entry) as member:
             found[name] = _array(member, entry.file_size, f"{path}: array {show(name)}")
     return found

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from functools import partial
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import Any
 
 import jax
@@ -33,6 +33,10 @@ def doubles() -> Iterator[None]:
     jax.config.update("jax_enable_x64", False)
 
 
+def eager(function: Any) -> Any:
+    return function
+
+
 @pytest.fixture
 def calls(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, int | None]]:
     """Every call of C with its number of states."""
@@ -49,9 +53,10 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, int | None]]:
     return found
 
 
+@pytest.mark.parametrize("way", [eager, pytest.param(jax.jit, marks=pytest.mark.soak)], ids=["eager", "jit"])
 @pytest.mark.parametrize("seed", seeds(4103, 1, 30))
-def test_values_and_derivatives_are_the_kernels(seed: int, built: Build, figures: Figures) -> None:
-    """Of all functions under jit, forward and in reverse."""
+def test_values_and_derivatives_are_the_kernels(seed: int, way: Any, built: Build, figures: Figures) -> None:
+    """Of all functions, forward and in reverse; compiling them by jit takes a second each."""
     robot = sample(seed)
     kernel = built_for(robot, built)
     given = states(robot, kernel, seed)
@@ -61,7 +66,7 @@ def test_values_and_derivatives_are_the_kernels(seed: int, built: Build, figures
         arrays = [given[name] for name in there.reads]
         moves = [rng.uniform(-1.0, 1.0, array.shape) for array in arrays]
         pull = rng.uniform(-1.0, 1.0, there.output)
-        value, along, back = jax.jit(partial(both_ways, made))(arrays, moves, pull)
+        value, along, back = way(partial(both_ways, made))(arrays, moves, pull)
         figures.at_most("value", float(np.abs(value - there.value(*arrays)).max()), 1e-14)
         blocks = there.derivatives(*arrays)
         expected = sum(np.tensordot(b, m, axes=m.ndim) for b, m in zip(blocks, moves, strict=True))
@@ -178,31 +183,39 @@ def test_frames_have_derivatives_of_any_order(built: Build) -> None:
     assert np.abs(orders[3](q)).max() > 0.1
 
 
-def test_second_derivatives_of_closed_and_open_mechanisms(built: Build) -> None:
+SECOND = [
+    pytest.param(robot, name, marks=() if at in (1, 3, 4) else pytest.mark.soak, id=f"{robot}-{name}")
+    for at, (robot, name) in enumerate(
+        product(("one_link", "four_bar"), ("forward_dynamics", "inverse_dynamics", "energy", "frame_pose"))
+    )
+]
+
+
+@pytest.mark.parametrize(("robot", "name"), SECOND)
+def test_second_derivatives_of_closed_and_open_mechanisms(robot: str, name: str, built: Build) -> None:
     """Forward over reverse, reverse over forward and forward twice, under jit, against differences of the gradient."""
-    names, h = ("forward_dynamics", "inverse_dynamics"), 1e-6
-    for robot in map(eomgen.load_robot, ("one_link", "four_bar")):
-        closed = bool(robot.loops)
-        kernel = built(robot, *kernels_for(*names, "energy", "frame_pose", closed=closed))
-        rng = np.random.default_rng(5)
-        x = np.concatenate([np.array(build_model(robot).home) + 1e-3, rng.uniform(-1.0, 1.0, 2 * kernel.n)])
-        for name, frame in (*((name, None) for name in names), ("energy", None), ("frame_pose", "tcp")):
-            made = function(kernel, name, frame)
-            there = DifferentiableFunction(kernel, name, frame)
-            weights, size = rng.uniform(-1.0, 1.0, there.output), kernel.n * len(there.reads)
+    h = 1e-6
+    kernel = built(eomgen.load_robot(robot), *kernels_for(name, closed=robot == "four_bar"))
+    rng = np.random.default_rng(5)
+    x = np.concatenate(
+        [np.array(build_model(eomgen.load_robot(robot)).home) + 1e-3, rng.uniform(-1.0, 1.0, 2 * kernel.n)]
+    )
+    frame = "tcp" if name == "frame_pose" else None
+    made, there = function(kernel, name, frame), DifferentiableFunction(kernel, name, frame)
+    parts, size = len(there.reads), kernel.n * len(there.reads)
+    weights = rng.uniform(-1.0, 1.0, there.output)
+    weights /= 1.0 + np.abs(made(*np.split(x[:size], parts))).max()
 
-            extent = 1.0 + np.abs(made(*np.split(x[:size], len(there.reads)))).max()
+    def loss(x: Any) -> Any:
+        y = made(*jnp.split(x, parts))
+        return jnp.sum(weights * y) + jnp.sum(weights * y) ** 2
 
-            def loss(x: Any, made: Any = made, weights: Any = weights / extent, parts: int = len(there.reads)) -> Any:
-                y = made(*jnp.split(x, parts))
-                return jnp.sum(weights * y) + jnp.sum(weights * y) ** 2
-
-            slope, at = jax.jit(jax.grad(loss)), x[:size]
-            units = h * np.eye(size)
-            expected = np.stack([(slope(at + unit) - slope(at - unit)) / (2 * h) for unit in units])
-            scale = max(float(np.abs(expected).max()), float(np.abs(slope(at)).max()), 1.0)
-            for way in (jax.hessian(loss), jax.jacrev(jax.jacfwd(loss)), jax.jacfwd(jax.jacfwd(loss))):
-                assert np.abs(jax.jit(way)(at) - expected).max() < 1e-7 * scale, (robot.name, name)
+    slope, at = jax.jit(jax.grad(loss)), x[:size]
+    units = h * np.eye(size)
+    expected = np.stack([(slope(at + unit) - slope(at - unit)) / (2 * h) for unit in units])
+    scale = max(float(np.abs(expected).max()), float(np.abs(slope(at)).max()), 1.0)
+    for way in (jax.hessian(loss), jax.jacrev(jax.jacfwd(loss)), jax.jacfwd(jax.jacfwd(loss))):
+        assert np.abs(jax.jit(way)(at) - expected).max() < 1e-7 * scale
 
 
 def test_a_batch_of_hessians_is_one_call(built: Build, calls: list[tuple[str, int | None]]) -> None:

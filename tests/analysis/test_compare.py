@@ -20,7 +20,7 @@ from eomgen.robot.value import Link, Robot
 from eomgen.simulation.run import simulate
 from tests.oracles.pinocchio_models import PinocchioOracle
 from tests.support.builds import Build
-from tests.support.random_robots import random_robot
+from tests.support.random_robots import random_robot, seeds
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -33,7 +33,7 @@ def rigid_robots(seed: int) -> list[Robot]:
     return [replace(robot, name=f"arm{i}") for i, robot in enumerate(made)]
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", seeds(0, 1, 3))
 def test_peaks_of_rigid_robots_are_those_of_pinocchio(seed: int) -> None:
     """A rigid robot follows the program, so its drives and reactions are those of inverse dynamics along it."""
     robots, goal = rigid_robots(seed), [0.7, -0.5, 0.6]
@@ -147,6 +147,7 @@ def test_command(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert "does not reach" in capsys.readouterr().err
 
 
+@pytest.mark.soak
 def test_closed_mechanisms(capsys: pytest.CaptureFixture[str]) -> None:
     """Twice the masses take twice the forces, and the same motion; a line of the tool is refused in words."""
     one = eomgen.load_robot("four_bar")

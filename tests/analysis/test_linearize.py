@@ -41,7 +41,7 @@ def slopes(function: object, at: Array, h: float = 1e-6) -> Array:
     return np.array(columns).T
 
 
-@pytest.mark.parametrize("seed", seeds(0, 3, 8))
+@pytest.mark.parametrize("seed", seeds(0, 1, 8))
 def test_about_a_motion_of_random_robots(seed: int, built: Build) -> None:
     """All of A, B, C, D at a state with rates: by differences of Pinocchio's articulated body algorithm."""
     robot = random_robot(seed, joints=(2, 3), tree=seed % 2 == 0, types=("revolute", "prismatic", "fixed", "free"))

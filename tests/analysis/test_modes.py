@@ -79,7 +79,7 @@ def test_damped_oscillator(damping: float) -> None:
         assert found.damping_ratios == pytest.approx([1.0, 1.0])
 
 
-@pytest.mark.parametrize("seed", seeds(0, 3, 8))
+@pytest.mark.parametrize("seed", seeds(0, 1, 8))
 @pytest.mark.parametrize("drives", ["locked", "pd"])
 def test_random_robots_against_pinocchio_and_scipy(seed: int, drives: str, built: Build) -> None:
     """Eigenvalues, Rayleigh quotients and mass-normalised shapes, at a loaded state, from Pinocchio's matrices."""
@@ -124,7 +124,7 @@ def test_random_robots_against_pinocchio_and_scipy(seed: int, drives: str, built
     assert np.sign(found.undamped) * found.undamped**2 * 4 * np.pi**2 == pytest.approx(pencil, rel=1e-5, abs=1e-2)
 
 
-@pytest.mark.parametrize("seed", seeds(0, 3, 10))
+@pytest.mark.parametrize("seed", seeds(0, 1, 10))
 def test_second_derivatives_of_frames_are_those_of_pinocchio(seed: int, built: Build) -> None:
     robot = random_robot(seed, joints=(2, 4), tree=seed % 2 == 0, types=("revolute", "prismatic", "fixed", "free"))
     oracle, kernel = PinocchioOracle(robot), built(robot, *KERNELS)

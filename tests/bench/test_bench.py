@@ -71,7 +71,7 @@ def check_equal(kernel: eomgen.Kernel, robot: Robot, seed: int, states: int = 5)
         assert relative(found, expected) < max(1e-11, 100 * float(np.linalg.cond(matrix)) * EPS)
 
 
-@pytest.mark.parametrize("seed", seeds(0, 4, 12))
+@pytest.mark.parametrize("seed", seeds(0, 1, 12))
 def test_textbook_equals_kernels_on_random_robots(seed: int, built: Build) -> None:
     robot = some_robot(seed)
     check_equal(built(robot, *COUNTERPARTS), robot, seed)

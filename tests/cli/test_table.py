@@ -19,7 +19,7 @@ from eomgen.cli.shared import OldName
 
 ORDER = (
     *("robots", "info", "new", "check", "schema", "derive", "generate", "simulate", "forces", "fit", "identify"),
-    *("calibrate", "poses", "accuracy", "tolerance"),
+    *("excite", "calibrate", "poses", "accuracy", "tolerance", "compensate"),
     *("compare", "deflection", "modes", "response", "linearize", "budget", "sweep", "export", "plot"),
     *("report", "view", "bench", "cache"),
 )

@@ -55,6 +55,7 @@ def guided(kind: str, folder: Path, *flags: str) -> int:
     return int(tried.group(1))
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("kind", ["toml", "npz", pytest.param("csv", marks=pytest.mark.soak)])
 def test_a_few_guided_inputs(kind: str, tmp_path: Path) -> None:
     assert guided(kind, tmp_path, "-runs=300", "-seed=1") >= 300

@@ -164,7 +164,7 @@ def test_outputs_are_the_kernels(name: str, version: int, exported: Export) -> N
     host.unit.freeInstance()
 
 
-@pytest.mark.parametrize("seed", seeds(0, 3, 45))
+@pytest.mark.parametrize("seed", seeds(0, 1, 45))
 def test_outputs_and_derivatives_of_random_robots(seed: int, exported: Export) -> None:
     """Derivatives against central differences of the unit's own outputs, of fourth order."""
     robot = robot_of(seed)

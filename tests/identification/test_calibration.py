@@ -376,6 +376,24 @@ def test_transmissions_give_way_behind_motors() -> None:
         calibrate(robot, poses, folds=0)
 
 
+def test_joints_that_move_nothing_measured_are_not_read() -> None:
+    """Of a robot with a second arm: its column may be missing, its offsets are named; others may not."""
+    robot = arm()
+    other = replace(robot.joints[0], name="other", child="hand")
+    whole = replace(robot, links=(*robot.links, replace(robot.links[0], name="hand")), joints=(*robot.joints, other))
+    made = trial(arm(), 3, 40)
+    names = build_model(whole).coordinates
+    found = calibrate(whole, poses_from_columns(made.columns, names, ["tcp"]), folds=0)
+    assert found.merged["joints.other.offset.gamma"] == "it moves nothing that was measured"
+    alone = calibrate(arm(), made.poses(), folds=0)
+    assert found.rank == alone.rank
+    ours, theirs = found.predict(np.zeros(4), "tcp", series=0)[0], alone.predict(np.zeros(3), "tcp", series=0)[0]
+    np.testing.assert_allclose(ours, theirs, atol=1e-6)
+    part = {name: values for name, values in made.columns.items() if name != "joint2.gamma"}
+    with pytest.raises(InputError, match=r"the column joint2.gamma is missing; allowed: all joints that move what was"):
+        calibrate(whole, poses_from_columns(part, names, ["tcp"]), folds=0)
+
+
 def test_what_is_fixed_stays() -> None:
     found = calibrate(arm(), trial(arm(), 3, 60).poses(), fixed=["frames.tcp", "joints.joint1.offset.x"], folds=0)
     assert not any(name.startswith("frames.") for name in found.names)

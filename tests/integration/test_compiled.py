@@ -127,7 +127,10 @@ def test_drives_of_c_are_those_of_python(robot: str, drive: str) -> None:
         assert u[free] == pytest.approx(wanted[free], rel=1e-11, abs=1e-10 * np.abs(wanted).max())
 
 
-@pytest.mark.parametrize(("robot", "axes"), [("one_link", "base"), ("one_link", "link"), ("shaken_arm", "base")])
+@pytest.mark.parametrize(
+    ("robot", "axes"),
+    [("one_link", "link"), ("shaken_arm", "base"), pytest.param("one_link", "base", marks=pytest.mark.soak)],
+)
 def test_wrenches_of_c_are_those_of_python(robot: str, axes: str) -> None:
     """Forces besides the centre of mass that come, change and go, on both integrators, also where motions are given."""
     text = "duration = 0.1\noutput_step = 0.005\n[control]\ntype = 'none'\n" + PUSH.format(link="link1", axes=axes)
@@ -163,7 +166,7 @@ def test_wrenches_of_c_are_those_of_python(robot: str, axes: str) -> None:
         ),
     ],
 )
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", ["tsit5", pytest.param("rosenbrock", marks=pytest.mark.soak)])
 def test_simulations_agree_with_scipy(robot: str, text: str, method: str) -> None:
     found, wanted = (
         run_scenario(robot, scenario_from_toml(text + f"[integrator]\nmethod = '{name}'\nrtol = {rtol}\n"))
@@ -412,7 +415,13 @@ def test_drives_of_closed_mechanisms_are_those_of_python(label: str, text: str) 
 
 @pytest.mark.usefixtures("unoptimised")
 @pytest.mark.parametrize(
-    ("label", "text"), [("driven", MOVED), ("shaken", SHAKEN_BARS), ("plate", SWUNG), ("plate", SWUNG + HELD)]
+    ("label", "text"),
+    [
+        ("driven", MOVED),
+        ("shaken", SHAKEN_BARS),
+        ("plate", SWUNG + HELD),
+        pytest.param("plate", SWUNG, marks=pytest.mark.soak),
+    ],
 )
 def test_closed_mechanisms_move_as_by_python(label: str, text: str) -> None:
     """Under computed torque, and PD control with gravity compensation: C by default, Radau on request."""

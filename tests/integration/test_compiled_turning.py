@@ -125,7 +125,7 @@ class Pull:
         return [LinkWrench(self._place, Signal.constant(self._row), self._arm, turns=self._turns)]
 
 
-@pytest.mark.parametrize("method", ["auto", "rosenbrock"])
+@pytest.mark.parametrize("method", ["auto", pytest.param("rosenbrock", marks=pytest.mark.soak)])
 @pytest.mark.parametrize("turns", [True, False])
 def test_a_floating_arm_under_pd_control_and_a_force(method: str, turns: bool, built: Build) -> None:
     """Two joints that turn at times of their own; what acts is asked in described states, and acts on all links."""

@@ -190,7 +190,7 @@ def in_other_axes(
     return found, np.linalg.lstsq(there, here @ v, rcond=None)[0]
 
 
-@pytest.mark.parametrize("seed", seeds(0, 1, 100))
+@pytest.mark.parametrize("seed", seeds(0, 0, 100))
 def test_a_triangle_moves_the_same_in_other_axes(seed: int, built: Build) -> None:
     """Two ball joints in one loop, whose poles lie elsewhere where their axes do."""
     kernel, other = built(triangle(), *INTEGRATED), built(triangle(turned=True), *INTEGRATED)

@@ -99,6 +99,7 @@ def pickled(error: ReachError) -> ReachError:
     return found
 
 
+@pytest.mark.soak
 def test_a_platform_takes_a_pose() -> None:
     """Drives free, loops closed; legs within their limits."""
     robot = eomgen.load_robot("gough")

@@ -86,9 +86,12 @@ class PinocchioOracle:
             pin.nonLinearEffects(self.model, self.data, q, v) - pin.rnea(self.model, self.data, q, still, still)
         )
 
+    def weights(self, q: Array) -> Array:
+        """Drives that hold the robot against gravity alone, without its springs."""
+        return np.array(pin.computeGeneralizedGravity(self.model, self.data, q))
+
     def generalized_force(self, q: Array, v: Array) -> Array:
-        weights = pin.computeGeneralizedGravity(self.model, self.data, q)
-        return np.asarray(-weights - self.stiffness * q - self.damping * v)
+        return np.asarray(-self.weights(q) - self.stiffness * q - self.damping * v)
 
     def forward_dynamics(self, q: Array, v: Array, u: Array) -> Array:
         """By the articulated body algorithm."""

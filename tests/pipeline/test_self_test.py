@@ -207,8 +207,15 @@ def derived(name: str = "one_link", *kernels: str, dtype: str = "float64") -> Eq
     return derive_equations(build_model(eomgen.load_robot(name)), kernels, dtype)
 
 
-@pytest.mark.parametrize("dtype", ["float64", "float32"])
-@pytest.mark.parametrize("name", ["one_link", "four_bar"])
+@pytest.mark.parametrize(
+    ("name", "dtype"),
+    [
+        ("one_link", "float64"),
+        ("four_bar", "float32"),
+        pytest.param("one_link", "float32", marks=pytest.mark.soak),
+        pytest.param("four_bar", "float64", marks=pytest.mark.soak),
+    ],
+)
 def test_every_number_is_looked_at(name: str, dtype: str, built: Build) -> None:
     """Each sample that is changed by a unit in the last place is found, of every function and state."""
     kernel = built(eomgen.load_robot(name), "all", dtype=dtype)

@@ -156,7 +156,7 @@ def test_memory_behind_the_arrays_is_not_touched(built: Build) -> None:
         assert np.isfinite(room[1:-1]).all()
 
 
-@pytest.mark.parametrize("flags", [(), ("-mavx2",), ("-mavx512f",)])
+@pytest.mark.parametrize("flags", [(), ("-mavx512f",), pytest.param(("-mavx2",), marks=pytest.mark.soak)])
 def test_results_stand_wherever_there_is_room(flags: tuple[str, ...]) -> None:
     """Matrices with zeros and mirrored halves, at any place in a vector of memory, of any number of states."""
     robot = random_robot(3, joints=(10, 10), tree=True, types=("revolute",), max_coordinates=1, forces=False)

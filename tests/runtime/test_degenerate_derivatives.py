@@ -108,8 +108,9 @@ def refused(kernel: eomgen.Kernel, q: np.ndarray, match: str) -> None:
         "parameters back": lambda: kernel.vjp(name, state, ones, ("gravity.x",)),
     }
     for what, call in calls.items():
-        with pytest.raises(SingularError, match=match):
+        with pytest.raises(SingularError, match=match) as caught:
             print(what, call())
+        assert (" in state" in str(caught.value)) == (what == "jvp of many"), "a single state has no number"
 
 
 def test_angles_at_their_poles_are_named(built: Build) -> None:
@@ -125,6 +126,24 @@ def test_a_dead_mechanism_is_named(built: Build) -> None:
         *("forward_dynamics_jacobian", "constraint_jacobian", "mass_matrix"),
     )
     refused(kernel, np.zeros(3), r"loop hinge is at a singular pose.*allowed: poses beside it")
+
+
+def test_parameters_of_many_states_name_the_one(built: Build) -> None:
+    kernel = built(floating(), "forward_dynamics", "forward_dynamics_parameter_tangent")
+    q = np.zeros((2, 3, 6))
+    q[1, 2, 4] = np.pi / 2
+    with pytest.raises(SingularError, match=r"root.gamma in state \(1, 2\);"):
+        kernel.parameter_jacobian("forward_dynamics", (q, np.zeros(6), np.zeros(6)))
+
+
+def test_a_rollout_from_a_dead_pose_blames_the_pose(built: Build) -> None:
+    """Not the step: there are no accelerations where it begins, however it goes on."""
+    beside = ("constraint_jacobian", "mass_matrix", "constraint", "cut_poses")
+    kernel, still = built(parallelogram(), "rollout", "forward_dynamics", *beside), np.zeros(3)
+    with pytest.raises(SingularError, match=r"rollout: parallelogram: loop hinge is at a singular pose.* in step 0$"):
+        kernel.rollout(still, still, still, 1e-3, 5)
+    with pytest.raises(SingularError, match=r" in step 0 of state 1"):
+        kernel.rollout(np.array([[0.5, -0.5, 0.5], still]), still, still, 1e-3, 5)
 
 
 def test_parameters_of_a_robot_that_turns_freely(built: Build) -> None:

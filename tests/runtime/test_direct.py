@@ -217,8 +217,9 @@ ROBOTS: dict[str, Callable[[], Robot]] = {
 @pytest.mark.parametrize(
     ("robot", "dtype"),
     [
-        *((robot, "float64") for robot in ROBOTS),
+        *((robot, "float64") for robot in ROBOTS if robot != "loops"),
         ("one_link", "float32"),
+        pytest.param("loops", "float64", marks=pytest.mark.soak),
         *(pytest.param(robot, "float32", marks=pytest.mark.soak) for robot in ROBOTS if robot != "one_link"),
     ],
 )

@@ -68,7 +68,7 @@ def implicit(
     return np.array(qs), np.array(vs)
 
 
-@pytest.mark.parametrize("seed", [*seeds(1000, 3, 5), *seeds(1006, 0, 3)])  # 1005 ends in a rod without inertia
+@pytest.mark.parametrize("seed", [*seeds(1000, 1, 5), *seeds(1006, 0, 3)])  # 1005 ends in a rod without inertia
 @pytest.mark.parametrize("method", ["rk4", "implicit"])
 def test_steps_are_those_of_the_formulas(seed: int, method: str, built: Build) -> None:
     robot = random_robot(seed, joints=(1, 4), tree=seed % 2 == 0, types=TYPES)
@@ -85,7 +85,7 @@ def test_steps_are_those_of_the_formulas(seed: int, method: str, built: Build) -
         assert distance(x, y) < 1e-10
 
 
-@pytest.mark.parametrize("seed", seeds(1010, 2, 4))
+@pytest.mark.parametrize("seed", seeds(1010, 1, 4))
 @pytest.mark.parametrize("method", ["rk4", "implicit"])
 def test_a_controller_of_joints(seed: int, method: str, built: Build) -> None:
     robot = random_robot(seed, joints=(2, 4), types=("revolute", "prismatic"))

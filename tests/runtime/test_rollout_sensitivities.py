@@ -172,30 +172,34 @@ def test_what_is_wrong_is_named(built: Build) -> None:
 class Evaluated:
     """Steps of all methods by the programs themselves, evaluated with complex numbers."""
 
+    names: tuple[str, ...] = ("forward_dynamics", "implicit_step", "stage_factors", "stage_solution")
+
     def __init__(self, robot: Robot, values: dict[str, np.ndarray]) -> None:
         self.model, self.values = build_model(robot), values
-        self.programs = {
-            name: derive(self.model, name)
-            for name in ("forward_dynamics", "implicit_step", "stage_factors", "stage_solution")
-        }
+        self.programs = {name: derive(self.model, name) for name in self.names}
 
     def run(self, name: str, **arrays: np.ndarray) -> np.ndarray:
         given = {key: list(x) for key, x in {**arrays, "p": self.values["p"]}.items()}
         found = evaluate(self.programs[name], given, lambda x: (cmath.sin(x), cmath.cos(x)), COMPLEX)
         return np.array([found["out", i] for i in range(sum(key[0] == "out" for key in found))], complex)
 
-    def held(self, row: int, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+    def gains(self) -> dict[str, np.ndarray]:
+        """Gains in the matrix of a step."""
+        return {name: self.values[name] for name in ("kp", "kd")}
+
+    def held(self, row: int, q: np.ndarray, v: np.ndarray, share: float) -> np.ndarray:
+        """Drives at a share of the step under a row."""
         x = self.values
         return x["u"][row] + x["kp"] * (x["target"][row] - q) - x["kd"] * v
 
-    def accelerations(self, row: int, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        return self.run("forward_dynamics", q=q, v=v, u=self.held(row, q, v))
+    def accelerations(self, row: int, q: np.ndarray, v: np.ndarray, share: float) -> np.ndarray:
+        return self.run("forward_dynamics", q=q, v=v, u=self.held(row, q, v, share))
 
     def step(self, method: str, row: int, dt: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         if method == "implicit":
-            x = self.values
+            x, u = self.gains(), self.held(row, q + dt * v, v, 1.0)
             added, times = dt * (x["kd"] + dt * x["kp"]), np.array([dt, dt * dt])
-            v_end = v + dt * self.run("implicit_step", q=q, v=v, u=self.held(row, q + dt * v, v), added=added, dt=times)
+            v_end = v + dt * self.run("implicit_step", q=q, v=v, u=u, added=added, dt=times)
             return q + dt * v_end, v_end
         if method == "rosenbrock":
             return self.rosenbrock(row, dt, q, v)
@@ -204,20 +208,19 @@ class Evaluated:
         for shares in table.a[: 4 if method == "rk4" else 6]:
             moved = sum((dt * w * k for w, k in zip(shares, rates, strict=False)), np.zeros((2, q.size), complex))
             q_here, v_here = np.array([q, v]) + moved
-            rates.append(np.array([v_here, self.accelerations(row, q_here, v_here)]))
+            rates.append(np.array([v_here, self.accelerations(row, q_here, v_here, shares.sum())]))
         q, v = np.array([q, v]) + sum(dt * w * k for w, k in zip(table.b, rates, strict=False))
         return q, v
 
     def rosenbrock(self, row: int, dt: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         ahead, back, weight, _ = W643.transformed()
         c = W643.diagonal * dt
-        gains = {name: self.values[name] for name in ("kp", "kd")}
-        kept = self.run("stage_factors", q=q, v=v, times=np.array([c, c * c]), **gains)
+        kept = self.run("stage_factors", q=q, v=v, times=np.array([c, c * c]), **self.gains())
         parts: list[np.ndarray] = []
-        for more, less in zip(ahead, back, strict=True):
+        for more, less, share in zip(ahead, back, W643.alpha.sum(axis=1), strict=True):
             start = np.zeros((2, q.size), complex)
             q_here, v_here = np.array([q, v]) + sum((w * x for w, x in zip(more, parts, strict=False)), start)
-            a = self.accelerations(row, q_here, v_here)
+            a = self.accelerations(row, q_here, v_here, share)
             shift, rate = np.array([v_here, a]) + sum((w / dt * x for w, x in zip(less, parts, strict=False)), start)
             v_part = c * (rate + self.run("stage_solution", kept=kept, rates=rate, shifts=shift))
             parts.append(np.array([c * (v_part + shift), v_part]))

@@ -43,7 +43,7 @@ def follows(result: SimulationResult, within: float = 1e-7) -> None:
     assert np.abs(result.tool_deviation).max() <= within
 
 
-@pytest.mark.parametrize("name", ["four_bar", "bennett", "gough"])
+@pytest.mark.parametrize("name", ["four_bar", "bennett", pytest.param("gough", marks=pytest.mark.soak)])
 def test_drives_move_from_home_and_the_rest_follows(name: str) -> None:
     robot = eomgen.load_robot(name)
     result = eomgen.simulate(name, duration=0.5)
@@ -88,6 +88,7 @@ def test_pd_control_holds_against_gravity() -> None:
     assert np.ptp(sagging.trajectory.q, axis=0).max() <= 1e-6  # it starts in balance
 
 
+@pytest.mark.soak
 def test_tools_of_platforms_follow_lines_and_circles() -> None:
     line = run("gough", "duration = 0.5\n[motion]\ntype = 'line'\nfrom = [0.0, 0.0, 1.1]\nto = [0.1, 0.05, 1.0]\n")
     follows(line)
@@ -147,7 +148,7 @@ def test_elastic_legs_deviate_from_the_rigid_mechanism() -> None:
     assert 1e-7 < np.abs(result.deviations).max() < 1e-3
 
 
-@pytest.mark.parametrize("rigid", [("z", "alpha", "beta"), ()])
+@pytest.mark.parametrize("rigid", [("z", "alpha", "beta"), pytest.param((), marks=pytest.mark.soak)])
 def test_elastic_cut_joints(rigid: tuple[str, ...]) -> None:
     robot = eomgen.load_robot("four_bar")
     soft = {name: Coordinate(stiffness=1e6, damping=1e2) for name in ("x", "y", "z", "alpha", "beta")}
@@ -203,7 +204,7 @@ def crossings(deviation: NDArray[np.float64], clearance: float) -> list[tuple[in
     return [(int(i), bool(beyond[i + 1])) for i in np.flatnonzero(beyond[1:] != beyond[:-1])]
 
 
-@pytest.mark.parametrize("place", ["joint3.gamma", "joint4.x"])
+@pytest.mark.parametrize("place", ["joint3.gamma", pytest.param("joint4.x", marks=pytest.mark.soak)])
 def test_contacts_in_joints_of_a_loop(place: str, tmp_path: Path) -> None:
     """Found in the tree and in a cut joint where the deviation says so, in the result, and in its file."""
     robot = eomgen.load_robot("four_bar")

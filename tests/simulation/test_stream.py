@@ -128,7 +128,9 @@ for i in range(1_000_000):
 """
 
 
-@pytest.mark.parametrize("delay", [0.05, 0.11, 0.23, 0.37])
+@pytest.mark.parametrize(
+    "delay", [0.11, *(pytest.param(delay, marks=pytest.mark.soak) for delay in (0.05, 0.23, 0.37))]
+)
 def test_a_writer_that_is_killed_while_it_writes(delay: float, tmp_path: Path) -> None:
     """A writer that does nothing else is hit inside a write: whatever t says is there, is there."""
     folder = tmp_path / "s"

@@ -218,11 +218,13 @@ class Oracle:
         spread, given = self.motors.spread, self.motors.given
         M, inverse = self.motors.mass_matrix(s.q), self.inverse_dynamics(s.q, s.v, s.a)
         rest, bias = self.inverse_dynamics(s.q, s.v, still), spread(self.bodies.bias_force(q, v))
+        weight = spread(self.bodies.weights(q))
         found = {
             "inverse_dynamics": inverse,
             "residual": inverse - s.u,
             "bias_force": bias,
             "mass_matrix": M,
+            "regressor": inverse + bias - rest + weight,  # times the described parameters
             "generalized_force": bias - rest,
             "forward_dynamics": _accelerations(M, s.u - rest, s.u, given),
             "energy": self._energy(s),

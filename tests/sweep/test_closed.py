@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from eomgen.sweep import plan_from_toml, run
 
@@ -22,6 +23,7 @@ relative = true
 MOTION = {"duration": 0.05, "motion": {"type": "point_to_point"}}
 
 
+@pytest.mark.soak
 def test_engines_agree_on_a_four_bar(tmp_path: Path) -> None:
     found = []
     for engine in ("rollout", "integrate"):

@@ -108,7 +108,7 @@ def same(a: SweepResult, b: SweepResult) -> bool:
     ("engine", "tolerance"),
     [
         ("method = 'rk4'\nstep = 1e-4", 1e-9),
-        ("step = 1e-4", 1e-4),
+        pytest.param("step = 1e-4", 1e-4, marks=pytest.mark.soak),
         pytest.param("type = 'integrate'", 1e-5, marks=pytest.mark.soak),
     ],
 )
@@ -146,7 +146,7 @@ CONTROLS = {
 
 
 @pytest.mark.parametrize(
-    "case", [pytest.param(name, marks=pytest.mark.soak) if name.startswith("pd") else name for name in CONTROLS]
+    "case", [pytest.param(name, marks=pytest.mark.soak) if name != "loads" else name for name in CONTROLS]
 )
 def test_rollouts_come_near_scipy_as_their_steps_shrink(tmp_path: Path, case: str) -> None:
     scenario = {**REACH, "duration": 0.2, **CONTROLS[case], "integrator": {"rtol": 1e-8}}
@@ -315,6 +315,7 @@ def test_other_machines_compile_what_they_are_sent(tmp_path: Path) -> None:
         unpack(content, builds, ("0" * 64,))
 
 
+@pytest.mark.soak
 def test_a_killed_sweep_goes_on(tmp_path: Path, swept: SweepResult) -> None:
     """SIGKILL in the middle: what was done stays, byte by byte, and the rest is added."""
     (tmp_path / "arm.toml").write_text(ARM)

@@ -954,6 +954,7 @@ class Kernel:
         samples: int | None = None,
         rtol: float = 1e-6,
         atol: ArrayLike | None = None,
+        loads: Loads | Sequence[Loads] | None = None,
         out: Mapping[str, Array] | None = None,
     ) -> tuple[Any, dict[str, Any]]:
         """The gradient of a function of a rollout's states, exact for its steps: they are taken once more, backwards.
@@ -967,11 +968,17 @@ class Kernel:
             loss: ``loss(t, q, v)`` returns a value and its derivatives by q and v, of their shapes; t are times, s,
                 (samples,), q and v states as of ``rollout``.
             parameters: names of run-time parameters that the gradient is taken by as well.
+            loads: as of ``rollout``, but with all methods; an implicit step takes them at its end.  Wrenches need the
+                kernel external_force_parameter_adjoint, in points and axes of links frame_pose_parameter_adjoint; a
+                model that drives know needs inverse_dynamics_adjoint, and has no loops.
             out: arrays to write derivatives to, by the names that they are returned by; others are new.
 
         Returns:
             The value, and derivatives by name: "q" and "v" by the states at the beginning, "u", and with a controller
-            "target", "kp" and "kd", in the shapes of what was given (gains: (n,)); a number for each parameter.
+            "target", "kp" and "kd", in the shapes of what was given (gains: (n,)); a number for each parameter.  With
+            ``loads`` "loads": a dictionary, or one for each of a list, with "drive.torque", "drive.program",
+            "prescribed.tracks[k]" and "wrench[k]", derivatives by the coefficients of signals (``Signal.by_samples``
+            gives those by samples), "drive.gains.kp", "drive.gains.kd" and "drive.model.bandwidth".
 
         Raises:
             UnknownNameError: no such parameter, or the kernel was built without the method's gradient.
@@ -997,6 +1004,7 @@ class Kernel:
             kp=kp,
             kd=kd,
             target=target,
+            loads=loads,
             out=out,
         )
 
@@ -1019,6 +1027,7 @@ class Kernel:
         samples: int | None = None,
         rtol: float = 1e-6,
         atol: ArrayLike | None = None,
+        loads: Loads | Sequence[Loads] | None = None,
         out: Sequence[Array] | None = None,
     ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
         """Derivatives of a rollout's states along few directions, exact for its steps: they carry them forwards.
@@ -1031,6 +1040,9 @@ class Kernel:
             parameters: names of run-time parameters, a direction each.
             along: directions in front of those: rates by names "q", "v" and "u", (directions, n) each, those of drives
                 (directions, rows, n) where they change with the rows of u; rates that are not given are zero.
+            loads: as of ``rollout_gradient``; wrenches need external_force_tangent and
+                external_force_parameter_tangent, in points and axes of links those of frame_pose, and a model that
+                drives know inverse_dynamics_tangent.
             out: q, v, dq and dv to write to.
 
         Returns:
@@ -1045,7 +1057,9 @@ class Kernel:
         given = {"q0": q0, "v0": v0, "u": u, "kp": kp, "kd": kd, "target": target}
         how: dict[str, Any] = {"method": method, "dt": dt, "steps": steps, "every": every, "duration": duration}
         how |= {"samples": samples, "rtol": rtol, "atol": atol}
-        return rollout_sensitivity(self.calls, self._driven, given, parameters=parameters, along=along, out=out, **how)
+        return rollout_sensitivity(
+            self.calls, self._driven, given, parameters=parameters, along=along, loads=loads, out=out, **how
+        )
 
     def frame_index(self, name: str) -> int:
         """The number of a frame or link in ``frames``, by which functions of C take it.

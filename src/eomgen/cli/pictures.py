@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from ..errors import InputError
 from .shared import (
     Command,
     add_result,
@@ -39,24 +40,42 @@ def _plot(options: argparse.Namespace) -> None:
 
 
 def _add_report(parser: argparse.ArgumentParser) -> None:
-    add_result(parser)
-    parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="page to write (report.html at the result)")
+    parser.add_argument(
+        "result",
+        metavar="RESULT",
+        type=Path,
+        help="folder of eomgen simulate, or its trajectory.npz; what calibrate, accuracy and the like saved",
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        metavar="FILE",
+        help="page to write (report.html at a simulation; the file with .html of a calibration and the like)",
+    )
     parser.add_argument("--no-modes", action="store_true", help="without frequencies along the program")
     add_robot_of_result(parser, KEPT)
 
 
 def _report(options: argparse.Namespace) -> None:
+    from ..pictures.measured.kinds import load_measured, page_of
     from ..pictures.page import report_of
     from ..simulation.result import load_result
 
     path = result_path(options.result)
-    result = load_result(path)
-    robot = read_robot(options) if options.robot is not None else None
     with progress_bar("reporting") as report:
-        page = report_of(result, robot, modes=not options.no_modes, progress=report)
+        measured = load_measured(path)
+        if measured is not None and options.robot is not None:
+            raise InputError(f"{path}: is no simulation; allowed: --robot with simulations")
+        if measured is not None:
+            page, usual = page_of(measured), path.with_suffix(".html")
+        else:
+            robot = read_robot(options) if options.robot is not None else None
+            page = report_of(load_result(path), robot, modes=not options.no_modes, progress=report)
+            usual = path.with_name("report.html")
     for line in page.missing:
         say(f"missing: {line}")
-    say(f"wrote {page.save(options.output or path.with_name('report.html'))}")
+    say(f"wrote {page.save(options.output or usual)}")
 
 
 def _add_view(parser: argparse.ArgumentParser) -> None:

@@ -221,6 +221,28 @@ def can_be_left_out(what: str) -> Iterator[None]:
         say(f"note: {what} left out: {error}", sys.stderr)
 
 
+def add_page(parser: argparse.ArgumentParser) -> None:
+    """The option --report of commands about measurements."""
+    parser.add_argument("--report", type=Path, metavar="FILE", help="write a page about it, with figures and tables")
+
+
+def pages_written(options: argparse.Namespace, found: Any) -> list[Path]:
+    """Write the page about a result of measurements where --report asks for one; its path."""
+    if options.report is None:
+        return []
+    from ..pictures.measured.kinds import page_of
+
+    return [page_of(found).save(options.report)]
+
+
+def show_with_page(options: argparse.Namespace, found: Any, written: Iterable[Path] = ()) -> None:
+    """Print a result as ``show_result`` does, with files that were written; and its page where --report asks for it."""
+    written = [*written, *pages_written(options, found)]
+    show_result(options, found)
+    if not options.json:
+        show_written(written)
+
+
 def show_written(paths: Iterable[Path]) -> None:
     """Print the paths of files that were written."""
     for path in paths:

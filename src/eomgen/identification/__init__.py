@@ -1,18 +1,27 @@
-"""What measurements say of a robot: stiffness and damping; masses and friction; offsets and placements; accuracy.
+"""What measurements say of a robot: stiffness, masses, friction, offsets; accuracy, tolerances and corrections.
 
-Uses runtime, robot, forms, description, state, motion, pipeline, analysis, simulation and sweep.
+Uses runtime, robot, forms, description, state, motion, integration, scenario, pipeline, analysis, simulation and sweep.
 """
 
 from .calibration.calibrating import calibrate
 from .calibration.result import CalibrationResult
 from .calibration.stored import load_calibration
 from .choosing.choosing import poses
-from .choosing.chosen import PosesResult
-from .estimates import Estimate, FitResult, FittedCoordinate
+from .choosing.chosen import PosesResult, load_poses
+from .compensating.correcting import compensate
+from .compensating.result import CompensationResult
+from .compensating.stored import load_compensation
+from .dynamics.result import Further, IdentifyResult, Residuals
+from .dynamics.stored import load_identification
+from .estimates import Estimate, FitResult, FittedCoordinate, load_fit
+from .exciting.designing import excite
+from .exciting.excited import ExciteResult
+from .exciting.stored import load_excitation
 from .from_motion import ForcesResult, forces
+from .geometry.covariances import read_covariances
 from .geometry.poses import Measured, MeasuredPoses, poses_from_columns, read_poses
 from .identifiable import BaseParameters, base_parameters
-from .inertial import IdentifyResult, Residuals, identify
+from .inertial import identify
 from .iso_9283.evaluate import accuracy
 from .iso_9283.result import AccuracyResult, load_accuracy
 from .least_squares import fit
@@ -25,10 +34,13 @@ __all__ = [
     "Allocation",
     "BaseParameters",
     "CalibrationResult",
+    "CompensationResult",
     "Estimate",
+    "ExciteResult",
     "FitResult",
     "FittedCoordinate",
     "ForcesResult",
+    "Further",
     "IdentifyResult",
     "Measured",
     "MeasuredPoses",
@@ -38,13 +50,21 @@ __all__ = [
     "accuracy",
     "base_parameters",
     "calibrate",
+    "compensate",
+    "excite",
     "fit",
     "forces",
     "identify",
     "load_accuracy",
     "load_calibration",
+    "load_compensation",
+    "load_excitation",
+    "load_fit",
+    "load_identification",
+    "load_poses",
     "poses",
     "poses_from_columns",
+    "read_covariances",
     "read_poses",
     "tolerance",
 ]

@@ -203,13 +203,23 @@ def _joint(joint: Joint, theta: Mapping[str, float]) -> Joint:
 
 
 def _motor(motor: Motor, own: Mapping[str, float]) -> Motor:
-    """A motor with its rotor's inertia and friction."""
-    friction = motor.friction
+    """A motor with its rotor's inertia and friction, and its transmission's stiffness and damping."""
+    friction, spring = motor.friction, motor.transmission
     if "dry" in own or "viscous" in own:
         old = friction or Friction()
-        coulomb, viscous = own.get("dry", old.coulomb), own.get("viscous", old.viscous)
-        friction = Friction(coulomb=coulomb, viscous=viscous, smoothing=old.smoothing)
-    return replace(motor, inertia=own.get("inertia", motor.inertia), friction=friction)
+        friction = _friction(old, own, own.get("viscous", old.viscous))
+    found: dict[str, Any] = {key: own[key] for key in ("stiffness", "damping") if key in own}
+    inertia = own.get("inertia", motor.inertia)
+    return replace(motor, inertia=inertia, friction=friction, transmission=replace(spring, **found))
+
+
+def _friction(old: Friction, own: Mapping[str, float], viscous: float | None) -> Friction:
+    """Dry friction that was found, in the place of an old one; with Stribeck's where that was found, too."""
+    coulomb = own.get("dry", old.coulomb)
+    if "breakaway" not in own:
+        return Friction(coulomb=coulomb, viscous=viscous, smoothing=old.smoothing)
+    static, stribeck = coulomb + own["breakaway"], own["stribeck"]
+    return Friction(coulomb=coulomb, static=static, stribeck=stribeck, viscous=viscous)
 
 
 def _coordinate(given: Coordinate, own: Mapping[str, float]) -> Coordinate:
@@ -221,7 +231,7 @@ def _coordinate(given: Coordinate, own: Mapping[str, float]) -> Coordinate:
     old = given.friction or Friction()
     viscous = None if "viscous" in own else old.viscous
     if "dry" in own:
-        more["friction"] = Friction(coulomb=own["dry"], viscous=viscous, smoothing=old.smoothing)
+        more["friction"] = _friction(old, own, viscous)
     elif given.friction:
         more["friction"] = replace(given.friction, viscous=viscous)
     return replace(given, **more)

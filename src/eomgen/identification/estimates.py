@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, fields
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,9 @@ from ..errors import UnknownNameError
 from ..names import parameter_name
 from ..shown import Shown
 from ..tabular import Rows, TableColumn, Tabular
+from .saved import read_json, write_json
 
+KIND = "fit"
 KEYS = ("stiffness", "damping")
 
 
@@ -90,6 +93,14 @@ class FitResult(Shown, Tabular):
             columns.append(TableColumn(field.name, unit, values))
         return Rows("parameter", "", np.array(list(found), dtype=object), columns, {"robot": self.robot})
 
+    def save(self, path: Path | str) -> Path:
+        """Write everything as .json, and return the path; ``load_fit`` reads it.
+
+        Raises:
+            InputError: another ending, or the file cannot be written.
+        """
+        return write_json(self, KIND, path)
+
     def as_dict(self) -> dict[str, Any]:
         """Plain values, for JSON."""
         return asdict(self)
@@ -108,3 +119,12 @@ class FitResult(Shown, Tabular):
                     lines.append(f"{entry.coordinate + '.' + key:<34}{row}")
         lines += ["", *(f"warning: {text}" for text in self.warnings), *(f"note: {text}" for text in self.notes)]
         return lines
+
+
+def load_fit(path: Path | str) -> FitResult:
+    """The result that ``FitResult.save`` wrote.
+
+    Raises:
+        InputError: the file cannot be read, or is no such result; says what in it is wrong.
+    """
+    return read_json(FitResult, KIND, path)

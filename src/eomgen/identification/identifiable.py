@@ -19,11 +19,13 @@ from ..names import component_name, show
 from ..pipeline.stages import build
 from ..runtime.kernel import Kernel
 from ..shown import Shown
+from .relations import Relations, relations_of, tree_relations
 
 Array = NDArray[np.float64]
 
 TERMS = ("links", "rotors", "viscous", "dry", "offset")
-LINKS, ROTORS, FRICTION = TERMS[0], TERMS[1], TERMS[2:]
+LINKS, ROTORS, FRICTION, TRANSMISSIONS = TERMS[0], TERMS[1], TERMS[2:], "transmissions"
+LINEAR = (*TERMS, TRANSMISSIONS)  # what forces are linear in
 ZERO = 1e-9  # of the longest column: one that is shorter is round-off, or of no effect
 DEPENDENT = 1e-8  # of a column's length: what is left of one that depends on those before it
 ROUND_OFF = 1e-8  # of coefficients that are meant to be whole numbers
@@ -43,6 +45,7 @@ class BaseParameters(Shown):
         matrix: (b, p), base values are ``matrix @ theta``.
         names: formulas of the combinations, such as "link2.mx + 0.4318 link3.m".
         without_effect: names of the parameters that no force depends on.
+        relations: of the robot's coordinates; None where none follows from others.
     """
 
     robot: str
@@ -52,6 +55,7 @@ class BaseParameters(Shown):
     matrix: Array
     names: tuple[str, ...]
     without_effect: tuple[str, ...]
+    relations: Relations | None = None
 
     def __len__(self) -> int:
         return len(self.names)
@@ -59,11 +63,13 @@ class BaseParameters(Shown):
     def regressor(self, kernel: Kernel, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
         """Columns of the regressor that belong to the combinations, (..., n, b), N or N m per unit of each.
 
+        With rigid couplings rows are those of the coordinates that follow from no others.
+
         Args:
             kernel: of that robot, with its regressor.
             q, v, a: (..., n), as of ``kernel.regressor``.
         """
-        return columns(kernel, q, v, a, self.terms)[1][..., self.chosen]
+        return columns(kernel, q, v, a, self.terms, self.relations)[1][..., self.chosen]
 
     def values(self, theta: ArrayLike) -> Array:
         """Values of the combinations, (b,), from those of the parameters, (p,).
@@ -104,114 +110,167 @@ def base_parameters(
     terms: Sequence[str] = (LINKS, ROTORS),
     static: bool = False,
     kernel: Kernel | None = None,
+    known: Collection[str] = (),
 ) -> BaseParameters:
     """Which combinations of parameters forces can show, found on random motions of the robot.
 
     A parameter that cannot be told apart from others goes to those that stand before it: from a link to the one that it
     hangs on, from an armature to links.  Gravity is the robot's, and so are lengths: special ones, such as axes that
-    meet, leave fewer combinations.  Of a robot with loops: of its open tree, with forces known at every coordinate.
+    meet, leave fewer combinations.  Of a robot with loops: of its open tree, with forces known at every coordinate.  Of
+    one with rigid couplings: along the coordinates that follow from no others, so that a motor that turns with two
+    joints acts in the rows of both.
 
     Args:
         robot: a Robot, the name of a built-in one, or the path of a description.
-        terms: what parameters there are of, among TERMS: "links" (m, m c and inertia about the origin of the link's
-            frame), "rotors" (armatures); of each coordinate with a drive "viscous" (times its rate), "dry" (times the
-            sign of its rate) and "offset" (a constant force).
+        terms: what parameters there are of, among LINEAR: "links" (m, m c and inertia about the origin of the link's
+            frame), "rotors" (armatures); of each coordinate with a drive or in a rigid coupling "viscous" (times its
+            rate), "dry" (times the sign of its rate) and "offset" (a constant force); "transmissions" (stiffness and
+            damping between motors and their joints).
         static: whether the robot stands still in every sample.
         kernel: of that robot, with its regressor; built if not given.  Its parameters count, gravity among them.
+        known: names of links whose parameters are known, and not among those of "links".
 
     Raises:
         InputError: terms that there are not, or that nothing can be found of.
     """
     robot = as_robot(robot)
     kernel = kernel or build(robot, kernels=("regressor",))
-    everything = np.ones(kernel.n, dtype=np.bool_)
-    return combinations(kernel, terms, everything, everything, static=static)
+    is_tree = bool(robot.loops) or any(coupling.law is not None for coupling in robot.couplings)
+    relations = (tree_relations if is_tree else relations_of)(robot, known)
+    everything = np.ones(len(relations.free), dtype=np.bool_)
+    return combinations(kernel, terms, everything, everything, relations, static=static)
 
 
 def combinations(
-    kernel: Kernel, terms: Sequence[str], moving: NDArray[np.bool_], known: NDArray[np.bool_], *, static: bool = False
+    kernel: Kernel,
+    terms: Sequence[str],
+    moving: NDArray[np.bool_],
+    known: NDArray[np.bool_],
+    relations: Relations,
+    *,
+    static: bool = False,
 ) -> BaseParameters:
     """``base_parameters`` where some coordinates stand at 0, and forces are known at some.
 
     Args:
         kernel: with its regressor.
-        terms: among TERMS.
-        moving: whether a coordinate moves, (n,).
-        known: whether the force there is known, (n,).
+        terms: among LINEAR.
+        moving: whether a coordinate moves, (f,), of those that follow from no others.
+        known: whether the force there is known, (f,).
+        relations: of the robot's coordinates.
         static: as of ``base_parameters``.
 
     Raises:
         InputError: as of ``base_parameters``.
     """
-    names = parameter_names(kernel, terms)
+    names = parameter_names(kernel, terms, relations)
     count = 10 + 3 * len(names) // max(int(known.sum()), 1)
     rng = np.random.default_rng(SEED)
-    q, v, a = rng.uniform(-WIDTH, WIDTH, (3, count, kernel.n)) * moving
-    W = columns(kernel, q, v * (not static), a * (not static), terms)[1][:, known].reshape(-1, len(names))
+    free = rng.uniform(-WIDTH, WIDTH, (3, count, len(moving))) * moving
+    q, v, a = (x @ relations.matrix.T for x in free)
+    still = 0.0 if static else 1.0
+    W = columns(kernel, q + relations.offset, v * still, a * still, terms, relations)[1][:, known]
+    W = W.reshape(-1, len(names))
     chosen, matrix = regrouped(W)
     if not chosen.size:
         raise InputError(f"terms: {', '.join(terms)}: no force of {kernel.name} depends on them; allowed: other terms")
-    return with_formulas(kernel.name, terms, names, chosen, matrix)
+    return with_formulas(kernel.name, terms, names, chosen, matrix, relations)
 
 
 def with_formulas(
-    robot: str, terms: Sequence[str], names: tuple[str, ...], chosen: NDArray[np.intp], matrix: Array
+    robot: str,
+    terms: Sequence[str],
+    names: tuple[str, ...],
+    chosen: NDArray[np.intp],
+    matrix: Array,
+    relations: Relations | None,
 ) -> BaseParameters:
     """Combinations with their names, from what ``regrouped`` found among the parameters of these names."""
     formulas = tuple(_formula(names, int(first), row) for first, row in zip(chosen, matrix, strict=True))
     idle = tuple(name for name, column in zip(names, matrix.T, strict=True) if not column.any())
-    return BaseParameters(robot, tuple(terms), names, chosen, matrix, formulas, idle)
+    return BaseParameters(robot, tuple(terms), names, chosen, matrix, formulas, idle, relations)
 
 
-def parameter_names(kernel: Kernel, terms: Collection[str]) -> tuple[str, ...]:
+def parameter_names(kernel: Kernel, terms: Collection[str], relations: Relations | None = None) -> tuple[str, ...]:
     """Names of the columns of ``columns``.
 
     Raises:
-        InputError: no terms, or unknown ones.
+        InputError: no terms, or unknown ones, or transmissions of a robot without motors.
     """
     _check_terms(terms)
     names = kernel.regressor_names
-    links = 10 * len(kernel.joints)
-    found = [*(names[:links] if LINKS in terms else ()), *(names[links:] if ROTORS in terms else ())]
+    found = [names[i] for i in inertial_places(kernel, terms, relations)]
     for term in FRICTION:
-        found += [component_name(kernel.coordinates[i], term) for i in _driven(kernel) if term in terms]
+        found += [component_name(kernel.coordinates[i], term) for i in _rubbing(kernel, relations) if term in terms]
+    if TRANSMISSIONS in terms:
+        motors = relations.motors if relations else ()
+        if not motors:
+            raise InputError(f"terms: transmissions: no joint of {kernel.name} has a motor; allowed: other terms")
+        for i, _, _ in motors:
+            found += [component_name(kernel.coordinates[i], key) for key in ("stiffness", "damping")]
     return tuple(found)
 
 
+def inertial_places(kernel: Kernel, terms: Collection[str], relations: Relations | None) -> NDArray[np.intp]:
+    """Places of the kernel's columns that are sought: of links that are not known, and of armatures."""
+    names, links = kernel.regressor_names, 10 * len(kernel.joints)
+    known = relations.known if relations else frozenset()
+    of_links = [i for i in range(links) if LINKS in terms and names[i].rpartition(".")[0] not in known]
+    return np.array([*of_links, *(range(links, len(names)) if ROTORS in terms else ())], dtype=np.intp)
+
+
 def columns(
-    kernel: Kernel, q: ArrayLike, v: ArrayLike, a: ArrayLike, terms: Collection[str]
+    kernel: Kernel,
+    q: ArrayLike,
+    v: ArrayLike,
+    a: ArrayLike,
+    terms: Collection[str],
+    relations: Relations | None = None,
 ) -> tuple[tuple[str, ...], Array]:
     """Names of the parameters of the terms, and their columns (..., n, parameters).
 
     Args:
         kernel: with its regressor.
         q, v, a: (..., n).
-        terms: among TERMS.
+        terms: among LINEAR.
+        relations: of the robot's coordinates; with couplings rows are those of the f that follow from no others.
 
     Raises:
-        InputError: no terms, or unknown ones.
+        InputError: no terms, or unknown ones, or transmissions of a robot without motors.
     """
-    names = parameter_names(kernel, terms)
-    Y, links = kernel.regressor(q, v, a), 10 * len(kernel.joints)
+    names = parameter_names(kernel, terms, relations)
+    Y = kernel.regressor(q, v, a)
     rates = np.broadcast_to(np.asarray(v, dtype=np.float64), Y.shape[:-1])
-    parts = [*([Y[..., :links]] if LINKS in terms else []), *([Y[..., links:]] if ROTORS in terms else [])]
-    own = np.eye(kernel.n)[:, _driven(kernel)]
+    parts = [Y[..., inertial_places(kernel, terms, relations)]]
+    own = np.eye(kernel.n)[:, _rubbing(kernel, relations)]
     factors = {"viscous": rates, "dry": np.sign(rates), "offset": np.ones_like(rates)}
     parts += [factors[term][..., None] * own for term in FRICTION if term in terms]
-    return names, np.concatenate(parts, axis=-1)
+    if TRANSMISSIONS in terms and relations:
+        angles = np.broadcast_to(np.asarray(q, dtype=np.float64), Y.shape[:-1])
+        parts += [_transmission(x, motor) for motor in relations.motors for x in (angles, rates)]
+    found = np.concatenate(parts, axis=-1)
+    return names, relations.columns(found) if relations else found
 
 
-def _driven(kernel: Kernel) -> list[int]:
-    """Numbers of the coordinates that have a drive."""
-    return list(kernel.raw.libraries.meta["driven"])
+def _transmission(x: Array, motor: tuple[int, int, float]) -> Array:
+    """The column, (..., n, 1), of a force in the deflection of a transmission, or in its rate."""
+    rotor, joint, ratio = motor
+    deflection, found = x[..., rotor] / ratio - x[..., joint], np.zeros((*x.shape, 1))
+    found[..., rotor, 0], found[..., joint, 0] = deflection / ratio, -deflection
+    return found
+
+
+def _rubbing(kernel: Kernel, relations: Relations | None) -> list[int]:
+    """Numbers of the coordinates whose friction counts: with a drive, or in a coupling."""
+    return list(relations.rubbing) if relations else list(kernel.raw.libraries.meta["driven"])
 
 
 def _check_terms(terms: Collection[str]) -> None:
     for term in terms:
-        if term not in TERMS:
-            raise InputError(f"terms: {show(term)}; allowed: {', '.join(TERMS)}")
+        if term not in LINEAR:
+            raise InputError(f"terms: {show(term)}; allowed: {', '.join(LINEAR)}")
     if not terms:
-        raise InputError(f"terms: none are given; allowed: one or more of {', '.join(TERMS)}")
+        raise InputError(f"terms: none are given; allowed: one or more of {', '.join(LINEAR)}")
 
 
 def regrouped(W: Array) -> tuple[NDArray[np.intp], Array]:

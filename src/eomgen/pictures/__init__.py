@@ -15,25 +15,33 @@ if TYPE_CHECKING:
     from .browser import View
     from .energy import plot_energy, plot_tracking
     from .journals import plot_journals
-    from .measured import plot_accuracy, plot_calibration
-    from .page import Report, report_of
+    from .measured.accuracy import plot_accuracy
+    from .measured.calibration import plot_calibration
+    from .measured.compensation import plot_compensation
+    from .measured.excitation import plot_excitation
+    from .measured.motions import plot_identification
+    from .page import report_of
+    from .report import Report
     from .robot import plot_robot
     from .simulation import plot_deviations, plot_result, plot_tool
     from .sweep import plot_sweep
     from .zeros import plot_zeros
 
 _MODULES = {  # one of them is imported when a name of it is first used: a figure of one thing waits for no other
-    "plot_accuracy": "measured",
+    "plot_accuracy": "measured.accuracy",
     "plot_budget": "analysis",
     "plot_compliance": "analysis",
     "plot_response": "analysis",
     "plot_tracks": "analysis",
     "View": "browser",
-    "plot_calibration": "measured",
+    "plot_calibration": "measured.calibration",
+    "plot_compensation": "measured.compensation",
+    "plot_excitation": "measured.excitation",
+    "plot_identification": "measured.motions",
     "plot_energy": "energy",
     "plot_tracking": "energy",
     "plot_journals": "journals",
-    "Report": "page",
+    "Report": "report",
     "report_of": "page",
     "plot_robot": "robot",
     "plot_deviations": "simulation",
@@ -49,9 +57,12 @@ __all__ = [
     "plot_accuracy",
     "plot_budget",
     "plot_calibration",
+    "plot_compensation",
     "plot_compliance",
     "plot_deviations",
     "plot_energy",
+    "plot_excitation",
+    "plot_identification",
     "plot_journals",
     "plot_response",
     "plot_result",

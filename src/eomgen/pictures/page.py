@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..description import RobotLike
 from ..errors import EomgenError
-from ..files import write_atomically
 from ..names import component_name
 from ..pipeline.costs import RobotInfo, robot_info
 from ..progress import Progress, no_progress
@@ -21,71 +18,24 @@ from ..robot.model import build_model
 from ..robot.value import MOTOR, PRINCIPAL, Coordinate, Robot
 from ..simulation.balance import TERMS
 from ..simulation.result import SimulationResult, simulated_robot
-from .page_figures import Figure, figures_of
+from .page_figures import figures_of
+from .report import Report, Table
 
 ROWS = 12  # of a table that a scenario shows of a long one
-TEMPLATE = "report/report.html.jinja"
-
-
-@dataclass(frozen=True)
-class Table:
-    """A table of a page: texts; the first column names the row."""
-
-    title: str
-    head: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-
-
-@dataclass(frozen=True)
-class Report:
-    """A self-contained page about a result, ready to be saved.
-
-    Attributes:
-        title: its heading.
-        summary: lines about what came out.
-        warnings: what is to be minded.
-        missing: what the page should have and has not, each with its reason.
-        figures: in the order of the page.
-        tables: in the order of the page.
-    """
-
-    title: str
-    summary: tuple[str, ...]
-    warnings: tuple[str, ...]
-    missing: tuple[str, ...]
-    figures: tuple[Figure, ...]
-    tables: tuple[Table, ...]
-
-    def html(self) -> str:
-        """One page that refers to nothing outside of it."""
-        import jinja2
-
-        environment = jinja2.Environment(
-            loader=jinja2.PackageLoader("eomgen.templates", ""),
-            undefined=jinja2.StrictUndefined,
-            autoescape=True,
-            trim_blocks=True,
-            lstrip_blocks=True,
-        )
-        return environment.get_template(TEMPLATE).render(report=self)
-
-    def save(self, path: Path | str) -> Path:
-        """Write the page and return its path; InputError if it cannot be written."""
-        text = self.html().encode("utf-8", "replace")  # a lone surrogate of a name
-        return write_atomically(Path(path), lambda stream: stream.write(text))
 
 
 def report_of(
-    result: SimulationResult,
+    result: SimulationResult | Any,
     robot: RobotLike | None = None,
     *,
     modes: bool = True,
     progress: Progress = no_progress,
 ) -> Report:
-    """The report of a simulation.
+    """The report of a simulation, or of a result of measurements (``measured.kinds.PAGES`` has those).
 
     Args:
-        result: from ``simulate``, ``run_scenario`` or ``load_result``.
+        result: from ``simulate``, ``run_scenario`` or ``load_result``; or from ``calibrate``, ``accuracy`` and others,
+            which need nothing else.
         robot: that was simulated; by default the one that the result keeps.  Without either the page is made of what
             the result has, and says what is missing.
         modes: whether frequencies along the program are computed, which compiles further kernels.
@@ -94,6 +44,10 @@ def report_of(
     Raises:
         InputError: the robot given is not that of the result, or Matplotlib is not installed.
     """
+    if not isinstance(result, SimulationResult):
+        from .measured.kinds import page_of
+
+        return page_of(result)
     missing: list[str] = []
     found, info = _robot(result, robot, missing)
     figures = figures_of(result, found, missing, modes=modes, progress=progress)

@@ -5,9 +5,7 @@ from __future__ import annotations
 import tempfile
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -19,8 +17,8 @@ from ..robot.model import build_model
 from ..robot.value import Robot
 from ..simulation.result import SimulationResult
 from .analysis import plot_tracks
+from .report import Figure, figure_of
 from .simulation import plot_result
-from .svg import inline_svg
 from .zeros import plot_zeros
 
 POSES = 21  # along the program, of frequencies
@@ -33,15 +31,6 @@ CAPTIONS = {
     "modes": "Natural frequencies and damping ratios of small motions about the program, drives locked.",
     "zeros": "What vanishes identically in the mass matrix and in the tensor C of eqs. (11) and (12).",
 }
-
-
-@dataclass(frozen=True)
-class Figure:
-    """name; caption; svg: an element, safe to put into a page as it is."""
-
-    name: str
-    caption: str
-    svg: Any
 
 
 def figures_of(
@@ -61,15 +50,7 @@ def figures_of(
             if modes:
                 paths += _attempt("frequencies along the program", missing, lambda: _modes(result, robot, folder))
             paths += _attempt("zeros", missing, lambda: [plot_zeros(build_model(robot), Path(folder) / "zeros.svg")])
-        return [_figure(path) for path in paths]
-
-
-def _figure(path: Path) -> Figure:
-    from markupsafe import Markup, escape
-
-    caption = CAPTIONS[path.stem]
-    text = inline_svg(path.read_text(encoding="utf-8"), path.stem, str(escape(caption)))
-    return Figure(path.stem, caption, Markup(text))  # Matplotlib has escaped what is in it
+        return [figure_of(path, CAPTIONS[path.stem]) for path in paths]
 
 
 def _attempt(what: str, missing: list[str], draw: Callable[[], list[Path]]) -> list[Path]:

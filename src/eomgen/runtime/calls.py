@@ -112,6 +112,7 @@ class Calls:
         values: Sequence[ArrayLike],
         extra: tuple[int, ...] = (),
         lead: Lead = (),
+        inner: int = 0,
     ) -> Array:
         """Check the arrays, call the C, and say what went wrong.
 
@@ -121,6 +122,7 @@ class Calls:
             values: what it reads, for one state or many; their leading axes go together as NumPy broadcasts.
             extra: the number of a frame, for a function that takes one.
             lead: leading axes that the result has at least.
+            inner: how many of the last leading axes are no states' own: errors name none of them.
 
         Raises:
             UnknownNameError: the kernel was built without this function.
@@ -151,7 +153,8 @@ class Calls:
             state, reason = divmod(failed, raw.statuses)
             q, place = arrays[function.reads.index("q")], ""
             if lead:
-                q, place = rows_of(q, (self.n,), lead), place_of([int(i) for i in np.unravel_index(state, lead)])
+                q, indices = rows_of(q, (self.n,), lead), np.unravel_index(state, lead)
+                place = place_of([int(i) for i in indices[: len(indices) - inner]])
             if reason >= self.n:
                 rows = self._rows(function.reads, arrays, lead)[0] if lead else arrays
                 alone = [x[state] if x.ndim == 2 else x for x in rows]

@@ -104,15 +104,15 @@ class Differentiated:
             self.calls.run(self.name, None, arrays)
         return arrays, frame
 
-    def run(self, kind: str, arrays: Sequence[ArrayLike]) -> Array:
-        """Call one of its derivatives.
+    def run(self, kind: str, arrays: Sequence[ArrayLike], inner: int = 0) -> Array:
+        """Call one of its derivatives; the last ``inner`` leading axes are no states' own.
 
         Raises:
             UnknownNameError: the kernel was built without it.
         """
         if f"{self.name}_{kind}" not in self.calls.raw.functions:
             raise self.calls.raw.missing(f"{self.name}_{kind}")
-        return self.calls.run(f"{self.name}_{kind}", None, arrays)
+        return self.calls.run(f"{self.name}_{kind}", None, arrays, inner=inner)
 
     def weights(self, cotangent: ArrayLike, frame: int | None) -> Array:
         """Weights of the results as derivatives read them.
@@ -197,7 +197,7 @@ def parameter_jacobian(f: Differentiated, args: Sequence[Any], parameters: Seque
     units = np.zeros((len(slots), len(calls.parameters)), calls.dtype)
     units[range(len(slots)), slots] = 1.0
     beside = [x.reshape(*own, 1, *f.shape(label)) for label, (x, own) in zip(f.reads, shaped, strict=True)]
-    found = f.part(f.run(f"{BY_PARAMETERS}{TANGENT}", [*beside, units]), frame)
+    found = f.part(f.run(f"{BY_PARAMETERS}{TANGENT}", [*beside, units], inner=1), frame)
     return np.moveaxis(found, len(lead), -1)
 
 

@@ -91,7 +91,13 @@ MOTIONS: dict[str, Keys] = {
         ),
         "begin": _BEGIN,
     },
-    "sampled": {"file": _sampled("measured motion beside this file")},
+    "sampled": {
+        "file": _sampled("measured motion beside this file"),
+        "wanted": FileName(
+            "motion that this one corrects: results are compared with it; default the file's own",
+            suffixes=(".csv", ".npz"),
+        ),
+    },
     "line": {
         "frame": _FRAME,
         "from": vector("where the line begins, base axes", "m", "a point, three numbers in m, base axes"),

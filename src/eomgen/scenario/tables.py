@@ -69,12 +69,12 @@ def _spline(table: Table, _: Path | None) -> dict[str, Any]:
     }
 
 
-def _file(table: Table, folder: Path | None) -> str:
-    name = table.text("file") or ""
+def _file(table: Table, folder: Path | None, key: str = "file") -> str:
+    name = table.text(key) or ""
     if folder is None:
-        table.fail(f"got {show(name)}; allowed: the path of a file, relative to this file", "file")
+        table.fail(f"got {show(name)}; allowed: the path of a file, relative to this file", key)
     if not _is_file(folder / name):
-        table.fail(f"got {show(name)}, which does not exist in {str(folder)!a}; allowed: an existing file", "file")
+        table.fail(f"got {show(name)}, which does not exist in {str(folder)!a}; allowed: an existing file", key)
     return str(folder / name)
 
 
@@ -86,8 +86,9 @@ def _is_file(path: Path) -> bool:
 
 
 def read_sampled(table: Table, folder: Path | None) -> dict[str, Any]:
-    """The path of a sampled motion's file."""
-    return {"file": _file(table, folder)}
+    """The path of a sampled motion's file, and of the motion that it corrects."""
+    wanted = {"wanted": _file(table, folder, "wanted")} if "wanted" in table else {}
+    return {"file": _file(table, folder), **wanted}
 
 
 def _line(table: Table, _: Path | None) -> dict[str, Any]:

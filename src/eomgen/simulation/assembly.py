@@ -64,7 +64,8 @@ class Assembly:
     """A scenario for one robot: kernel, names of the driven coordinates, program, drives, wrenches, prescribed motion.
 
     given: initial positions by coordinate, as the scenario has them.  path: of the rigid mechanism along the program,
-    where there are loops.  until: what the motion goes on to, if not to the duration.
+    where there are loops.  until: what the motion goes on to, if not to the duration.  wanted: program that the one of
+    the drives corrects, if it does.
     """
 
     kernel: Kernel
@@ -77,6 +78,12 @@ class Assembly:
     path: Path | None
     until: Until | None
     facts: Facts
+    wanted: Program | None = None
+
+    @property
+    def shown(self) -> Program | None:
+        """The program that results are compared with."""
+        return self.program if self.wanted is None else self.wanted
 
 
 def assemble(
@@ -130,10 +137,12 @@ def assemble(
     if prescribed is not None:
         start |= dict(zip(names, prescribed(0.0)[0].tolist(), strict=True))
     program: Program | None = None
+    wanted: Program | None = None
     if scenario.motion is not None and scenario.motion.type == "program":
         program = scenario.motion.get("program")
     elif scenario.motion is not None:
         program = make_program(scenario, robot, driven, rigid, tool, start)
+        wanted = _wanted(scenario, robot, lambda whole: make_program(whole, robot, driven, rigid, tool, start))
     elif control.type in ("pd", "computed_torque"):
         program = Standstill(np.array([start.get(name, 0.0) for name in driven]))
     path = None
@@ -148,7 +157,17 @@ def assemble(
     wrenches = Wrenches(scenario, robot, kernel) if scenario.wrenches else None
     facts = Facts(record_of(robot), robot_hash(robot), scenario.as_dict(), is_rigid(robot))
     until = _until(scenario, robot, kernel)
-    return Assembly(kernel, driven, given, program, drive, wrenches, prescribed, path, until, facts)
+    return Assembly(kernel, driven, given, program, drive, wrenches, prescribed, path, until, facts, wanted)
+
+
+def _wanted(scenario: Scenario, robot: Robot, make: Callable[[Scenario], Program]) -> Program | None:
+    """The program that a sampled one corrects; None where it says of none."""
+    motion = scenario.motion
+    if motion is None or motion.get("wanted") is None:
+        return None
+    if robot.is_closed:
+        scenario.fail("motion.wanted", f"{robot.name} has loops or couplings; allowed: robots without them")
+    return make(replace(scenario, motion=Section(motion.type, {"file": motion.get("wanted")})))
 
 
 def is_rigid(robot: Robot) -> bool:

@@ -53,7 +53,7 @@ class SimulationResult(Shown, Tabular):
         robot: the robot's name.
         trajectory: all n coordinates over T times.
         program_coordinates, program_q: names of the coordinates that are driven, themselves or by a motor, (p,), and
-            their program, (T, p), m or rad.
+            their program, (T, p), m or rad; of a corrected one that which it corrects.
         tool: name of the frame that is looked at.
         pose, program_pose: its pose, and that of the rigid robot on its program, (T, 4, 4), base axes, m.
         notes: lines about the method and about what was assumed.

@@ -161,7 +161,7 @@ def run_assembly(
     )
     t, q = found.trajectory.t, found.trajectory.q
     driven = index_of(kernel.coordinates, assembly.driven)
-    program_q = q[:, driven] if assembly.program is None else assembly.program.at(t)[0]
+    program_q = q[:, driven] if assembly.shown is None else assembly.shown.at(t)[0]
     rigid_q = np.zeros_like(q)
     given = index_of(kernel.coordinates, kernel.prescribed)
     rigid_q[:, driven], rigid_q[:, given] = program_q, q[:, given]
@@ -255,6 +255,8 @@ def _assumptions(robot: Robot, loose: tuple[str, ...], scenario: Scenario, assem
     motors = [component_name(joint.name, MOTOR) for joint in robot.joints if joint.motor]
     if motors and programmed:
         notes.append(f"drives act at {', '.join(motors)} and know their angles alone, not their joints'")
+    if assembly.wanted is not None:
+        notes.append("drives follow a corrected program; what is compared is the program that it corrects")
     if loose:
         why = "without a stiffness of its own or a drive, or inside a clearance"
         notes.append(f"{why}, so not in balance at the start: {', '.join(loose)}")

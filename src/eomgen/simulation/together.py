@@ -130,7 +130,7 @@ class _Crowd:
             times.append(here[keep])
             self._piece([way for way in ways if not way.failed], here, keep)
         t = np.concatenate(times)
-        program = ways[0].assembly.program
+        program = ways[0].assembly.shown
         programmed = None if program is None else program.at(t)[0]
         return [None if way.failed else self._result(way, t, tool, programmed) for way in ways]
 

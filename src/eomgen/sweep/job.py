@@ -311,7 +311,7 @@ def _result(job: Job, assembly: Assembly, nominal: Assembly, motion: Rolled) -> 
         robot=job.robot.name,
         trajectory=motion.trajectory,
         program_coordinates=assembly.driven,
-        program_q=q[:, driven] if assembly.program is None else assembly.program.at(t)[0],
+        program_q=q[:, driven] if assembly.shown is None else assembly.shown.at(t)[0],
         tool=job.tool,
         pose=np.asarray(assembly.kernel.frame_pose(q, job.tool)),
         program_pose=np.empty((0, 4, 4)),

@@ -201,7 +201,9 @@ int main(void)
 """
 
 
-@pytest.mark.parametrize("kind", ["static", "shared", "fetched"])
+@pytest.mark.parametrize(
+    "kind", ["shared", *(pytest.param(kind, marks=pytest.mark.soak) for kind in ("static", "fetched"))]
+)
 def test_two_kernels_in_one_program(kind: str, tmp_path: Path) -> None:
     """One named as a header of C; installed, moved, and found at the new place; or fetched."""
     variables = environment("gcc", tmp_path)

@@ -180,6 +180,7 @@ def test_compilers_and_levels_give_the_same_bits(name: str, dtype: str, tmp_path
     print(f"{name} {dtype}: {expected.size} numbers, {len(results)} builds, no bit differs")
 
 
+@pytest.mark.soak
 @pytest.mark.skipif("x86" not in platform.machine(), reason="the flags of fused multiply-add are those of x86")
 @corpus
 def test_fused_multiply_add_changes_the_last_digits_alone(name: str, dtype: str, tmp_path: Path) -> None:
@@ -220,6 +221,7 @@ def condition(source: Source, found: Array) -> float:
     return worst
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(("name", "dtype"), SHORT)
 def test_the_driver_finds_what_the_kernel_finds(name: str, dtype: str, tmp_path: Path) -> None:
     """To the bit: singles, batches and rollouts of the C program against those through NumPy."""
@@ -263,6 +265,7 @@ def cpu_of_children() -> float:
     return used.ru_utime + used.ru_stime
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("sanitizer", SANITIZERS)
 @corpus
 def test_sanitizers_have_nothing_to_say(name: str, dtype: str, sanitizer: str, tmp_path: Path) -> None:

@@ -186,6 +186,7 @@ print(hashlib.sha256("".join((source.header, source.code, source.cdef, source.me
 """
 
 
+@pytest.mark.soak
 def test_text_does_not_depend_on_the_hash_seed() -> None:
     processes = [
         subprocess.Popen(

@@ -53,7 +53,7 @@ def rotor(radial: Radial | None, *deviations: str, gravity: float = 0.0, **given
     return Robot("rotor", (0.0, -gravity, 0.0), (link,), (joint,))
 
 
-@pytest.mark.parametrize("seed", seeds(2100, 2, 10))
+@pytest.mark.parametrize("seed", seeds(2100, 1, 10))
 def test_forces_are_the_formulas(seed: int, built: Build) -> None:
     """What journals add to a robot without them, one state at a time, several on vectors, and in single precision."""
     robot = worn(seed)
@@ -74,7 +74,7 @@ def test_forces_are_the_formulas(seed: int, built: Build) -> None:
     assert close(single.generalized_force(*few), kernel.generalized_force(*(x.astype(float) for x in few)), 1e-4)
 
 
-@pytest.mark.parametrize("seed", seeds(2120, 2, 15))
+@pytest.mark.parametrize("seed", seeds(2120, 1, 15))
 def test_slopes_are_those_of_the_forces(seed: int) -> None:
     robot = worn(seed, (1, 2))
     model, jacobian = build_model(robot), derive(build_model(robot), "residual_jacobian")
@@ -108,7 +108,7 @@ def has_full_rank(robot: Robot) -> bool:
 
 
 @pytest.mark.parametrize("kind", ["alone", "prescribed", "springs", "loops"])
-@pytest.mark.parametrize("seed", seeds(2140, 2, 12))
+@pytest.mark.parametrize("seed", seeds(2140, 1, 12))
 def test_an_implicit_step_is_the_linear_system(seed: int, kind: str) -> None:
     """(M + slopes) a = u + forces ahead - bias, with what the robot without journals has beside them."""
     robot, dt = worn(seed, (1, 2) if kind == "alone" else (2, 2)), 0.02

@@ -39,7 +39,7 @@ def slider(mass: float = 2.0, name: str = "slider", **forces: Any) -> Robot:
     return Robot(name, (0.0, 0.0, 0.0), (link,), (joint,))
 
 
-@pytest.mark.parametrize("seed", seeds(1300, 2, 12))
+@pytest.mark.parametrize("seed", seeds(1300, 1, 12))
 def test_forces_are_the_formulas(seed: int, built: Build) -> None:
     """One state at a time, and several on vectors."""
     robot = worn(seed)
@@ -62,7 +62,7 @@ def test_forces_are_the_formulas(seed: int, built: Build) -> None:
         assert close(np.asarray(many), np.array(one), 1e-12)
 
 
-@pytest.mark.parametrize("seed", seeds(1320, 2, 10))
+@pytest.mark.parametrize("seed", seeds(1320, 1, 10))
 def test_slopes_are_those_of_the_forces(seed: int, built: Build) -> None:
     robot = worn(seed, (1, 3))
     kernel = built(robot, "residual_jacobian", "forward_dynamics", "forward_dynamics_jacobian")
@@ -91,7 +91,7 @@ def test_closed_form_has_them(seed: int) -> None:
     assert close(np.array(evaluate(derive(model, "energy"), inputs)["out", 1]), potential)
 
 
-@pytest.mark.parametrize("seed", seeds(1340, 2, 12))
+@pytest.mark.parametrize("seed", seeds(1340, 1, 12))
 def test_a_curve_is_scipys(seed: int, built: Build) -> None:
     """Values, slopes and energies; and again with other forces, set without recompiling."""
     rng = np.random.default_rng(seed)
@@ -162,7 +162,7 @@ def elastic_part(given: Coordinate) -> dict[str, float]:
     return {key: number for key, number in given.further.items() if not key.endswith("damping")}
 
 
-@pytest.mark.parametrize("seed", seeds(1360, 2, 6))
+@pytest.mark.parametrize("seed", seeds(1360, 1, 6))
 def test_closed_cycles_take_energy(seed: int, built: Build) -> None:
     """Work of the forces of every coordinate along closed paths: never gained, and none where all is elastic."""
     robot = worn(seed)

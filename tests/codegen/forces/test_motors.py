@@ -34,7 +34,7 @@ def one_joint(motor: Motor, kind: str = "revolute", name: str = "geared") -> Rob
     return Robot(name, (0.0, 0.0, 0.0), (ROD,), (Joint("joint1", "base", "rod", kind, coordinates=given, motor=motor),))
 
 
-@pytest.mark.parametrize("seed", seeds(1900, 2, 14))
+@pytest.mark.parametrize("seed", seeds(1900, 1, 14))
 def test_all_kernels_of_random_robots(seed: int, built: Build) -> None:
     """One state at a time, and several on vectors."""
     robot = geared_robot(seed, kinds=KINDS[seed % 7 :] + KINDS[: seed % 7], prescribed=0.3 * (seed % 3 == 0))
@@ -101,7 +101,7 @@ def test_against_sympys_lagrangian(seed: int, built: Build) -> None:
     assert close(kernel.residual(s.q, s.v, s.a, s.u), expected)
 
 
-@pytest.mark.parametrize("seed", seeds(1930, 2, 7))
+@pytest.mark.parametrize("seed", seeds(1930, 1, 7))
 def test_derivatives(seed: int, built: Build) -> None:
     robot = geared_robot(seed, (1, 3), kinds=KINDS[seed % 7 :] + KINDS[: seed % 7])
     kernel = built(robot, "residual_jacobian", "forward_dynamics", "forward_dynamics_jacobian")
@@ -116,7 +116,7 @@ def test_derivatives(seed: int, built: Build) -> None:
         assert close(M @ block, wanted, 1e-9)
 
 
-@pytest.mark.parametrize("seed", seeds(1940, 2, 4))
+@pytest.mark.parametrize("seed", seeds(1940, 1, 4))
 def test_both_solvers_agree(seed: int) -> None:
     robot = geared_robot(seed, (2, 3))
     model, s = build_model(robot), motor_state(robot, seed)
@@ -177,7 +177,7 @@ def tangent(c: Coordinate, s: float, v: float, by: int, h: float = 1e-5) -> floa
     return float(np.dot(forces, [1.0, -8.0, 8.0, -1.0]) / (12.0 * h))
 
 
-@pytest.mark.parametrize("seed", seeds(1960, 2, 18))
+@pytest.mark.parametrize("seed", seeds(1960, 1, 18))
 def test_an_implicit_step_is_that_of_the_whole_matrix(seed: int, built: Build) -> None:
     """All kinds of forces; motors and principal coordinates that are prescribed; a controller of the motors."""
     robot = geared_robot(seed, kinds=KINDS[seed % 7 :] + KINDS[: seed % 7], prescribed=0.4 * (seed % 2))
@@ -364,7 +364,7 @@ def test_a_rotor_without_inertia_is_named(built: Build) -> None:
         kernel.forward_dynamics(*np.zeros((3, 2)))
 
 
-@pytest.mark.parametrize("seed", seeds(2000, 2, 6))
+@pytest.mark.parametrize("seed", seeds(2000, 1, 6))
 def test_zeros_and_blocks(seed: int, built: Build) -> None:
     """What the map says vanishes does, and every motor has its inertia alone."""
     robot = geared_robot(seed, (2, 4))

@@ -34,7 +34,7 @@ pytestmark = pytest.mark.usefixtures("unoptimised")
 NAMES = ("inverse_dynamics", "residual", "generalized_force", "forward_dynamics", "energy", "reactions")
 
 
-@pytest.mark.parametrize("seed", seeds(2000, 2, 12))
+@pytest.mark.parametrize("seed", seeds(2000, 1, 12))
 def test_forces_are_external_forces_in_pinocchio(seed: int, built: Build) -> None:
     """Rows, accelerations, energy, reactions, lengths and tensions; one state at a time, and several on vectors."""
     robot = sprung(seed)
@@ -61,7 +61,7 @@ def test_forces_are_external_forces_in_pinocchio(seed: int, built: Build) -> Non
         assert close(np.asarray(many), np.array(one), 1e-12)
 
 
-@pytest.mark.parametrize("seed", seeds(2090, 2, 4))
+@pytest.mark.parametrize("seed", seeds(2090, 1, 4))
 def test_frames_that_move_take_points_along(seed: int, built: Build) -> None:
     """Rigid chains, whose body frames the generator shifts and turns; C without a warning."""
     robot = with_springs(random_robot(seed, joints=(3, 5), types=("revolute", "prismatic"), rigid=True), seed)
@@ -95,7 +95,7 @@ def test_derivatives_are_exact(seed: int, built: Build) -> None:
         assert close(M @ block, wanted, 1e-9)
 
 
-@pytest.mark.parametrize("seed", seeds(2040, 2, 3))
+@pytest.mark.parametrize("seed", seeds(2040, 1, 3))
 def test_rows_are_the_gradient_of_energy(seed: int, built: Build) -> None:
     """Pinocchio's and the quadrature's energy, differences of eighth order."""
     robot = sprung(seed, (1, 3), forces=False)
@@ -231,7 +231,7 @@ def test_energy_is_conserved(seed: int, built: Build) -> None:
     assert np.ptp(energy.sum(axis=1)) <= 1e-6 * np.ptp(energy[:, 0])
 
 
-@pytest.mark.parametrize("seed", seeds(2060, 2, 4))
+@pytest.mark.parametrize("seed", seeds(2060, 1, 4))
 def test_implicit_steps_are_those_of_the_formula(seed: int, built: Build) -> None:
     robot = sprung(seed)
     kernel = built(robot, "rollout", "forward_dynamics", "mass_matrix", "bias_force", "generalized_force")

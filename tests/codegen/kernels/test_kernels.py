@@ -197,7 +197,7 @@ def recursion_on_floats(robot: Robot, q: Array, v: Array, a: Array) -> tuple[Arr
     return u, M
 
 
-@pytest.mark.parametrize("seed", seeds(402, 2, 8))
+@pytest.mark.parametrize("seed", seeds(402, 1, 8))
 def test_four_ways_agree(seed: int, built: Build) -> None:
     """Closed form (11)-(12), recursion on floats, compiled kernel, LagrangesMethod: small robots, any coordinates."""
     robot = random_robot(seed, max_size=3 if seed < 408 else 4, tree=seed % 2 == 0)
@@ -218,7 +218,7 @@ def test_four_ways_agree(seed: int, built: Build) -> None:
         assert np.abs(kernel.inverse_dynamics(s.q, s.v, s.a) - drives).max() <= TOLERANCE * size
 
 
-@pytest.mark.parametrize("seed", seeds(500, 3, 12))
+@pytest.mark.parametrize("seed", seeds(500, 1, 12))
 def test_kernel_equals_recursion_on_floats(seed: int, built: Build) -> None:
     """Up to three joints with any subset of the six coordinates in each."""
     robot = random_robot(seed)
@@ -244,7 +244,7 @@ def test_loop_equals_straight_line(built: Build, empty_cache: Path, monkeypatch:
     assert np.abs(loop.christoffel(q) - T).max() <= 1e-13 * np.abs(T).max()
 
 
-@pytest.mark.parametrize("seed", seeds(0, 3, 12))
+@pytest.mark.parametrize("seed", seeds(0, 1, 12))
 def test_solvers_of_forward_dynamics_agree(seed: int) -> None:
     """Factorised and eliminated: chains and trees, any coordinates, joints with six of them and armature on some."""
     types = ("revolute", "prismatic", "fixed", "free") if seed % 2 else ("free",)

@@ -44,7 +44,7 @@ def by_pinocchio(oracle: PinocchioOracle, free: Array, s: State, u: Array) -> Ar
     return a
 
 
-@pytest.mark.parametrize("seed", seeds(1100, 3, 24))
+@pytest.mark.parametrize("seed", seeds(1100, 1, 24))
 def test_forward_dynamics_of_random_robots(seed: int, built: Build) -> None:
     robot = some_prescribed(random_robot(seed, joints=(2, 4), tree=seed % 2 == 0, types=TYPES), seed)
     kernel, oracle, s = built(robot, *NAMES), PinocchioOracle(robot), random_state(robot, seed)
@@ -59,7 +59,7 @@ def test_forward_dynamics_of_random_robots(seed: int, built: Build) -> None:
     assert np.abs(many - found).max() <= 10 * allowed * np.abs(found).max()
 
 
-@pytest.mark.parametrize("seed", seeds(1130, 2, 8))
+@pytest.mark.parametrize("seed", seeds(1130, 1, 8))
 def test_derivatives_of_forward_dynamics(seed: int, built: Build) -> None:
     """Free rows by the residual's derivatives; prescribed rows depend on nothing but their own u."""
     robot = some_prescribed(random_robot(seed, joints=(2, 4), tree=seed % 2 == 0, types=TYPES), seed)
@@ -86,7 +86,7 @@ def test_derivatives_of_forward_dynamics(seed: int, built: Build) -> None:
         assert np.abs(block[4] - wanted).max() <= 10 * allowed * np.abs(wanted).max()
 
 
-@pytest.mark.parametrize("seed", seeds(1140, 2, 4))
+@pytest.mark.parametrize("seed", seeds(1140, 1, 4))
 def test_rollouts_follow_accelerations(seed: int, built: Build) -> None:
     """Constant accelerations of what is prescribed make parabolas; the rest follows the formulas of the steps."""
     robot = some_prescribed(random_robot(seed, joints=(2, 3), types=("revolute", "prismatic")), seed)

@@ -102,7 +102,7 @@ def check(given: Inputs) -> None:
             close(by, given.along(name, {"p": parameters}))
 
 
-@pytest.mark.parametrize("seed", seeds(0, 3, 60))
+@pytest.mark.parametrize("seed", seeds(0, 1, 60))
 def test_derivatives_of_random_robots(seed: int) -> None:
     model = build_model(robot_of(seed))
     for name in (*OF_STATES, *(SMALL if seed % 3 == 0 else ()), *FRAMED):

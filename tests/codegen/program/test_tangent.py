@@ -59,7 +59,7 @@ def robot_of(seed: int) -> Robot:
     return with_springs(with_laws(robot, seed), seed) if seed % 3 else robot
 
 
-@pytest.mark.parametrize("seed", seeds(0, 3, 60))
+@pytest.mark.parametrize("seed", seeds(0, 1, 60))
 def test_tangents_are_the_derivatives_of_their_programs(seed: int) -> None:
     robot = robot_of(seed)
     model, values = build_model(robot), inputs(robot, seed)

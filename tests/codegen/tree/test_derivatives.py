@@ -57,7 +57,7 @@ def complex_steps(robot: Robot, s: State) -> list[Array]:
     return blocks
 
 
-@pytest.mark.parametrize("seed", seeds(900, 2, 16))
+@pytest.mark.parametrize("seed", seeds(900, 1, 16))
 def test_residual_jacobian_is_pinocchios(seed: int, built: Build) -> None:
     robot = random_robot(seed, joints=(1, 5), tree=seed % 2 == 0, types=TYPES)
     kernel = built(robot, "residual_jacobian")
@@ -67,7 +67,7 @@ def test_residual_jacobian_is_pinocchios(seed: int, built: Build) -> None:
             assert distance(block, expected) < 1e-11
 
 
-@pytest.mark.parametrize("seed", seeds(920, 2, 8))
+@pytest.mark.parametrize("seed", seeds(920, 1, 8))
 def test_residual_jacobian_is_that_of_the_residual(seed: int, built: Build) -> None:
     robot = random_robot(seed, joints=(1, 3), tree=seed % 2 == 0, types=TYPES)
     kernel, s = built(robot, "residual_jacobian"), random_state(robot, seed)
@@ -75,7 +75,7 @@ def test_residual_jacobian_is_that_of_the_residual(seed: int, built: Build) -> N
         assert distance(block, expected) < 1e-12
 
 
-@pytest.mark.parametrize("seed", seeds(930, 2, 8))
+@pytest.mark.parametrize("seed", seeds(930, 1, 8))
 def test_by_velocity_is_twice_the_coriolis_matrix(seed: int, built: Build) -> None:
     """The bias is a quadratic form of v with the Christoffel symbols, so that its derivative is 2 C."""
     robot = random_robot(seed, joints=(2, 4), tree=seed % 2 == 0, types=TYPES, forces=False)
@@ -92,7 +92,7 @@ def test_of_the_elastic_arm(built: Build) -> None:
         assert distance(block, expected) < 1e-11
 
 
-@pytest.mark.parametrize("seed", seeds(940, 2, 16))
+@pytest.mark.parametrize("seed", seeds(940, 1, 16))
 def test_forward_dynamics_jacobian_is_pinocchios(seed: int, built: Build) -> None:
     """Against the articulated body algorithm's; springs and dampers by the chain rule."""
     robot = random_robot(seed, joints=(1, 5), tree=seed % 2 == 0, types=TYPES)

@@ -36,7 +36,7 @@ def distance(found: Array, expected: Array) -> float:
     return float(np.max(np.abs(found - expected)) / max(float(np.max(np.abs(expected))), 1e-300))
 
 
-@pytest.mark.parametrize("seed", seeds(1200, 2, 16))
+@pytest.mark.parametrize("seed", seeds(1200, 1, 16))
 def test_random_robots_are_pinocchios(seed: int, built: Build) -> None:
     """Offsets in all coordinates, active or not, in front of, between and behind those that move; welds as well."""
     robot = with_offsets(random_robot(seed, joints=(2, 4), tree=seed % 2 == 0, types=TYPES), seed)
@@ -60,7 +60,7 @@ def test_random_robots_are_pinocchios(seed: int, built: Build) -> None:
     assert distance(by_q @ change, slope / 2) < 1e-7
 
 
-@pytest.mark.parametrize("seed", seeds(1220, 2, 4))
+@pytest.mark.parametrize("seed", seeds(1220, 1, 4))
 def test_offsets_are_parameters(seed: int, built: Build) -> None:
     """One kernel with its offsets changed equals the kernel of another description."""
     plain = random_robot(seed, joints=(2, 3), types=TYPES)
@@ -126,7 +126,7 @@ z = {}
     assert zero_map(build_model(robot_from_toml(text + "offset = { alpha = 0.1 }\n"))).mass_matrix.mask[0, 1]
 
 
-@pytest.mark.parametrize("seed", seeds(1240, 2, 4))
+@pytest.mark.parametrize("seed", seeds(1240, 1, 4))
 def test_sensitivity_is_the_slope_of_the_pose(seed: int, built: Build) -> None:
     robot = with_offsets(random_robot(seed, joints=(2, 4), tree=seed % 2 == 0, types=TYPES), seed)
     every = tuple(f"joints.{j.name}.offset.{c}" for j in robot.joints for c in COORDINATES)

@@ -226,17 +226,42 @@ def place_given(calls: Calls, loads: LoadData | Sequence[LoadData], q: Array, v:
         x[places], rate[places] = begins
 
 
-def _signal_at(signal: Signal, t: float) -> tuple[Array, Array]:
-    """Columns of a signal and their rates at a time."""
+def place_back(calls: Calls, loads: LoadData, q: Array, v: Array, slopes: Sequence[Array]) -> None:
+    """Go back from derivatives by a placed state, (n,) each, which become zero where its motions are given.
+
+    Args:
+        calls: of the robot's kernel.
+        loads: of the state.
+        q, v: the derivatives, which are written to.
+        slopes: of the coefficients of each track's signal, what theirs are added to.
+    """
+    if loads.given is None:
+        return
+    places = np.array([calls.coordinates.index(name) for name in calls.prescribed])
+    by = q[places].astype(np.float64), v[places].astype(np.float64)
+    q[places], v[places] = 0.0, 0.0
+    for track, own in zip(reversed(loads.given.tracks), reversed(slopes), strict=True):
+        piece, value, rate = _weights_at(track.signal, 0.0)
+        own[piece] += np.outer(value, by[0][track.place]) + np.outer(rate, by[1][track.place])
+        for x in by:  # what tracks in front have there does not count
+            x[track.place] = 0.0
+
+
+def _weights_at(signal: Signal, t: float) -> tuple[int, Array, Array]:
+    """The piece of a signal at a time, and how its coefficients make columns and their rates."""
+    speed = 1.0
     if signal.profile is not None:
-        s, ds = (float(x[0]) for x in _signal_at(signal.profile, t))
-        x, dx = _signal_at(Signal(signal.knots, signal.coefficients), s)
-        return x, dx * ds
+        t, speed = (float(x[0]) for x in _signal_at(signal.profile, t))
     knots = np.asarray(signal.knots)
     k = int(np.clip(np.searchsorted(knots, t, side="right") - 1, 0, len(knots) - 2))
-    ahead, own = np.clip(t, knots[0], knots[-1]) - knots[k], signal.coefficients[k]
-    powers = np.arange(len(own))
-    x = ahead**powers @ own
-    slopes = powers[1:] * ahead ** (powers[1:] - 1)
-    dx = slopes @ own[1:] if knots[0] <= t <= knots[-1] else np.zeros(signal.columns)
-    return x, dx
+    ahead, powers = np.clip(t, knots[0], knots[-1]) - knots[k], np.arange(signal.coefficients.shape[1])
+    rates = np.zeros(powers.size)
+    rates[1:] = powers[1:] * ahead ** (powers[1:] - 1) if knots[0] <= t <= knots[-1] else 0.0
+    return k, ahead**powers, speed * rates
+
+
+def _signal_at(signal: Signal, t: float) -> tuple[Array, Array]:
+    """Columns of a signal and their rates at a time."""
+    k, value, rate = _weights_at(signal, t)
+    own = signal.coefficients[k]
+    return value @ own, rate @ own

@@ -22,6 +22,9 @@ from ..derivatives import parameter_slots
 from ..raw import FFI, Library, RawFunction
 from .adaptive import DONE, adaptive_rollout, length_of_time, takes_samples, tolerances
 from .adaptive import METHODS as ADAPTIVE
+from .given_loads import Loads
+from .load_slopes import Acting
+from .loads import BACK, Slopes
 from .many_steps import rollout, step_length
 from .rollouts import NUMBERS, Given, count_states, read_given, room_for, whole_number
 
@@ -44,11 +47,13 @@ class Steps:
 
     Attributes:
         dt: their lengths, s, (steps,).
+        times: where they begin, and where the last one ends, s, (steps + 1,).
         rows: of the drives that act in them, (steps,).
         told: of each sample the number of steps in front of it, (samples,).
     """
 
     dt: Array
+    times: Array
     rows: Array
     told: Array
 
@@ -60,16 +65,23 @@ class Way:
         calls: of the calls.
         function: of the kernel that goes back by this method.
         method: one of WAYS.
-        drive: the drives, for the function's library, and slopes, what derivatives by them are added to.
+        acts: the drives and loads, for the function's library, and slopes, what derivatives by them are added to.
         steps: that it takes.
         room: how many numbers may be kept.
     """
 
     def __init__(
-        self, calls: Calls, function: RawFunction, method: str, drive: Any, slopes: Any, steps: Steps, room: int
+        self,
+        calls: Calls,
+        function: RawFunction,
+        method: str,
+        acts: tuple[Any, Any],
+        slopes: Any,
+        steps: Steps,
+        room: int,
     ) -> None:
         kind, self._number = WAYS[method]
-        self._calls, self._function, self._drive, self._slopes, self.steps = calls, function, drive, slopes, steps
+        self._calls, self._function, self._acts, self._slopes, self.steps = calls, function, acts, slopes, steps
         self._forwards = function.library.function(f"{kind}_states")
         self._kept: int = function.library.meta["kept"][function.name]  # numbers of a step, which spare work
         size, steady = len(steps.dt), max(PART // calls.n, SHORTEST)
@@ -129,8 +141,9 @@ class Way:
     def _before(self, part: slice) -> tuple[Any, ...]:
         """The first arguments of both functions."""
         setup, dt, rows = self._calls.parameters.setup, self.steps.dt[part], self.steps.rows[part]
-        pointers = self._calls.raw.view(dt), FFI.from_buffer("long long[]", rows)
-        return setup.pointer(self._function.library), self._drive, len(dt), *pointers, self._number
+        times = FFI.from_buffer("double[]", self.steps.times[part.start : part.stop + 1])
+        pointers = self._calls.raw.view(dt), times, FFI.from_buffer("long long[]", rows)
+        return setup.pointer(self._function.library), *self._acts, len(dt), *pointers, self._number
 
     def back(self, by_q: Array, by_v: Array, room: Array) -> tuple[Array, Array]:
         """Derivatives by the first state, (n,) each; those by drives, gains and parameters are added to the slopes.
@@ -209,6 +222,7 @@ def rollout_gradient(
     kp: ArrayLike | None,
     kd: ArrayLike | None,
     target: ArrayLike | None,
+    loads: Loads | Sequence[Loads] | None,
     out: Mapping[str, Array] | None,
 ) -> tuple[Any, dict[str, Any]]:
     """The gradient of a rollout, as ``Kernel.rollout_gradient`` describes it.
@@ -216,21 +230,22 @@ def rollout_gradient(
     Args:
         calls: of the calls.
         driven: indices of the coordinates that a controller may act on.
-        q0, v0, u, dt, steps, loss, parameters, method, every, duration, samples, rtol, atol, kp, kd, target, out: as
-            there.
+        q0, v0, u, dt, steps, loss, parameters, method, every, duration, samples, rtol, atol, kp, kd, target,
+            loads, out: as there.
     """
     slots = parameter_slots(calls.parameters, parameters)
     steps_of: dict[str, Any] = {"method": method, "dt": dt, "steps": steps, "every": every}
     steps_of |= {"duration": duration, "samples": samples, "rtol": rtol, "atol": atol}
     controlled: dict[str, Any] = {"kp": kp, "kd": kd, "target": target}
     given: dict[str, Any] = {"q0": q0, "v0": v0, "u": u, **controlled}
-    motion, times, taken = taken_steps(calls, driven, "gradient", given, **steps_of)
+    acting = None if loads is None else Acting(calls, "gradient", loads)
+    motion, times, taken = taken_steps(calls, driven, "gradient", given, acting, **steps_of)
     motion.write_to({} if out is None else out)
     ways = [motion.way(method, state, steps) for state, steps in enumerate(taken) if steps is not None]
     room = Room(calls, ways)
     found = _there(motion, ways, times.size, room)
     if found is None:  # the rollout says why
-        raise stopped(calls, driven, given, **steps_of)
+        raise stopped(calls, driven, given, loads, **steps_of)
     value, by_q, by_v = _asked(calls, loss, times, *found, single=motion.is_single)
     for state, way in enumerate(ways):
         motion.add_start(state, way.back(by_q[state], by_v[state], room.of(state)))
@@ -253,6 +268,7 @@ def taken_steps(
     driven: Sequence[int],
     kind: str,
     given: Mapping[str, Any],
+    acting: Acting | None,
     *,
     method: str,
     dt: float | None,
@@ -269,13 +285,15 @@ def taken_steps(
         calls, driven, method, dt, steps, every, duration, samples, rtol, atol: as of ``rollout_gradient``.
         kind: of the function that takes the steps, "gradient", which goes back, or "sensitivity".
         given: q0, v0, u, kp, kd and target by their names.
+        acting: loads, if there are some.
     """
     chooses = takes_samples(method, dt=dt, steps=steps, every=every, duration=duration, samples=samples, atol=atol)
     function, count = _step_function(calls, method, kind), count_states(**{x: given[x] for x in STATES})
+    count = count if acting is None else acting.count(count)
     most = NUMBERS // (calls.n * max(count or 1, 1))
     label, number = ("samples", 1 if samples is None else samples) if chooses else ("steps", steps)
     rows = whole_number(label, number, most)
-    motion = Motion(calls, function, read_given(calls, driven, rows, count, **given))
+    motion = Motion(calls, function, read_given(calls, driven, rows, count, **given), acting)
     _refuse_singular(calls, given["q0"], given["v0"])
     if chooses:
         times: Array = np.linspace(0.0, length_of_time(duration), rows + 1)
@@ -283,7 +301,8 @@ def taken_steps(
         return motion, times, [_chosen_steps(motion, i, times, method, allowed) for i in range(motion.states)]
     length, every = step_length(calls, dt), whole_number("every", every, most)
     times = float(length) * every * np.arange(rows // every + 1)
-    same = Steps(np.full(rows, length, calls.dtype), np.arange(rows), np.arange(0, rows + 1, every))
+    each = float(length) * np.arange(rows + 1)
+    same = Steps(np.full(rows, length, calls.dtype), each, np.arange(rows), np.arange(0, rows + 1, every))
     return motion, times, [same] * motion.states
 
 
@@ -291,6 +310,7 @@ def stopped(
     calls: Calls,
     driven: Sequence[int],
     given: Mapping[str, Any],
+    loads: Loads | Sequence[Loads] | None,
     *,
     method: str,
     dt: float | None,
@@ -305,9 +325,9 @@ def stopped(
     q0, v0, u = given["q0"], given["v0"], given["u"]
     controlled: dict[str, Any] = {name: given[name] for name in ("kp", "kd", "target")}
     if method in ADAPTIVE:
-        how: dict[str, Any] = {"method": method, "rtol": rtol, "atol": atol}
+        how: dict[str, Any] = {"method": method, "rtol": rtol, "atol": atol, "loads": loads}
         adaptive_rollout(calls, driven, q0, v0, u, duration, samples, **how, **controlled)
-    else:
+    elif loads is None:
         rollout(calls, driven, q0, v0, u, dt, steps, method=method, every=every, **controlled)
     return InputError(f"rollout: {method} comes to an end that is not finite; allowed: shorter steps")
 
@@ -345,8 +365,8 @@ def _there(motion: Motion, ways: Sequence[Way], samples: int, room: Room) -> tup
 class Motion:
     """States and drives of a rollout, and what derivatives by them add up to."""
 
-    def __init__(self, calls: Calls, function: RawFunction, given: Given) -> None:
-        self.calls, self.function, self._given = calls, function, given
+    def __init__(self, calls: Calls, function: RawFunction, given: Given, acting: Acting | None) -> None:
+        self.calls, self.function, self._given, self._acting = calls, function, given, acting
         self.states, self.is_single = 1 if given.count is None else given.count, given.count is None
         self._by_starts = [np.zeros_like(array) for array, _ in given.starts]
         self._by_drives = [np.zeros_like(array) for array, _, _ in given.drives]
@@ -359,12 +379,25 @@ class Motion:
     def start(self, state: int) -> tuple[Array, Array]:
         """Where a state begins."""
         q, v = (array.reshape(-1, self.calls.n)[state if apart else 0] for array, apart in self._given.starts)
-        return q, v
+        return (q, v) if self._acting is None else self._acting.placed(state, q, v)
+
+    def rest(self, dq: Array, dv: Array, state: int) -> None:
+        """Let rates of a state at the beginning, (directions, n) each, be zero where its motions are given."""
+        if self._acting is not None and self._acting.of(state).given is not None:
+            places = [self.calls.coordinates.index(name) for name in self.calls.prescribed]
+            dq[:, places], dv[:, places] = 0.0, 0.0
 
     def add_start(self, state: int, by: tuple[Array, Array]) -> None:
         """Add derivatives by where a state begins."""
+        if self._acting is not None:
+            self._acting.back(state, *by)
         for whole, own, (_, apart) in zip(self._by_starts, by, self._given.starts, strict=True):
             whole.reshape(-1, self.calls.n)[state if apart else 0] += own
+
+    def held(self, state: int) -> Array:
+        """The first row of a state's u, (n,)."""
+        array, of_state, _ = self._given.drives[0]
+        return array.reshape(-1)[state * of_state :][: self.calls.n]
 
     def drive(self, library: Library, state: int) -> Any:
         """The drives of a state, for a library."""
@@ -375,9 +408,16 @@ class Motion:
         """The way of a state by a method of WAYS."""
         fields = self._fields(state, self._by_drives, self._by_gains)
         by_parameters = self.calls.raw.view(self._by_parameters)
-        slopes = self.function.library.new("slopes", parameters=by_parameters, **fields)
-        drive = self.drive(self.function.library, state)
-        return Way(self.calls, self.function, method, drive, slopes, steps, ROOM // self.states)
+        library = self.function.library
+        if self._acting is not None:
+            fields["loads"] = self._acting.slopes(library, state)
+        slopes = library.new("slopes", parameters=by_parameters, **fields)
+        acts = self.drive(library, state), self.loads(library, state, BACK)
+        return Way(self.calls, self.function, method, acts, slopes, steps, ROOM // self.states)
+
+    def loads(self, library: Library, state: int, slopes: Slopes | None = None) -> Any:
+        """The loads of a state, for a library, with these derivatives; NULL without any."""
+        return FFI.NULL if self._acting is None else self._acting.packed(library, state, slopes)
 
     def _fields(self, state: int, arrays: Sequence[Array], gains: Sequence[Array]) -> dict[str, Any]:
         """Pointers to what a state reads of drives, or adds to."""
@@ -391,7 +431,8 @@ class Motion:
     def gradients(self, parameters: Sequence[str], slots: Sequence[int]) -> dict[str, Any]:
         """Derivatives by name, in the shapes of what was given."""
         numbers = {name: float(self._by_parameters[slot]) for name, slot in zip(parameters, slots, strict=True)}
-        return self._by_name() | numbers
+        loads = {} if self._acting is None else {"loads": self._acting.by_name()}
+        return self._by_name() | loads | numbers
 
     def write_to(self, out: Mapping[str, Array]) -> None:
         """Let derivatives by these names be written to arrays.
@@ -434,7 +475,10 @@ def _chosen_steps(motion: Motion, state: int, times: Array, method: str, allowed
     fields = {"t": FFI.from_buffer("double[]", ends), "q": view(kept[0]), "v": view(kept[1])}
     record, progress = library.new("record", **fields, room=RECORDED), library.new("progress")
     tolerance = library.new("tolerance", rtol=allowed[0], atol=view(allowed[1]), most=RECORDED)
-    drive = motion.drive(library, state)
+    drive, loads = motion.drive(library, state), motion.loads(library, state)
+    if not drive.u_step and not drive.target_step:  # rows that change nothing: steps then end at samples
+        rows = np.tile(motion.held(state), (times.size, 1))
+        drive.u, drive.u_step = view(rows), calls.n
     where = FFI.from_buffer("double[]", times)
     found: list[Array] = []
     while not progress.reason:
@@ -442,7 +486,7 @@ def _chosen_steps(motion: Motion, state: int, times: Array, method: str, allowed
         function.code(
             calls.parameters.setup.pointer(library),
             drive,
-            library.ffi.NULL,
+            loads,
             tolerance,
             where,
             times.size - 1,
@@ -457,7 +501,7 @@ def _chosen_steps(motion: Motion, state: int, times: Array, method: str, allowed
     t = np.concatenate([times[:1], *found])
     rows = np.searchsorted(times, (t[1:] + t[:-1]) / 2.0, side="right") - 1
     told = np.searchsorted(t, times - 1e-9 * np.diff(t).min(initial=1.0), side="left")
-    return Steps(np.diff(t).astype(calls.dtype), rows, told)
+    return Steps(np.diff(t).astype(calls.dtype), t, rows, told)
 
 
 def _asked(calls: Calls, loss: Loss, times: Array, q: Array, v: Array, *, single: bool) -> tuple[Any, Array, Array]:

@@ -5,7 +5,7 @@ A generated package carries a copy of this file.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -34,6 +34,22 @@ class Signal:
     knots: Array
     coefficients: Array
     profile: Signal | None = None
+
+    @classmethod
+    def through(cls, times: ArrayLike, samples: ArrayLike) -> Signal:
+        """Straight lines between samples, (T, columns), at times, s, (T,), increasing."""
+        knots, x = np.array(times, dtype=np.float64), np.array(samples, dtype=np.float64)
+        rates = np.diff(x, axis=0) / np.diff(knots)[:, None]
+        return cls(knots, np.stack([x[:-1], rates], axis=1))
+
+    def by_samples(self, by_coefficients: ArrayLike) -> Array:
+        """Derivatives by the samples that it goes ``through``, (T, columns), of those by its coefficients."""
+        by = np.asarray(by_coefficients, dtype=np.float64)
+        rates = by[:, 1] / np.diff(np.asarray(self.knots))[:, None]
+        found = np.zeros((len(by) + 1, self.columns))
+        found[:-1] += by[:, 0] - rates
+        found[1:] += rates
+        return found
 
     @classmethod
     def constant(cls, values: ArrayLike) -> Signal:
@@ -189,6 +205,33 @@ def work_kernels(calls: Calls) -> tuple[str, ...]:
     return ("generalized_force", *((needed,) if calls.prescribed else ()))
 
 
+@dataclass(frozen=True)
+class Slopes:
+    """Names of the derivatives that differentiated steps call, by fields of the C.
+
+    Attributes:
+        model: of a model's inverse dynamics.
+        forces: of the forces that wrenches make.
+        poses: of the poses of the links that wrenches turn with.
+    """
+
+    model: tuple[str, str]
+    forces: Mapping[str, str]
+    poses: Mapping[str, str]
+
+
+BACK = Slopes(
+    ("back", "inverse_dynamics_adjoint"),
+    {"force_back": "external_force_parameter_adjoint"},
+    {"pose_back": "frame_pose_parameter_adjoint"},
+)
+ALONG = Slopes(
+    ("along", "inverse_dynamics_tangent"),
+    {"force_along": "external_force_tangent", "force_by": "external_force_parameter_tangent"},
+    {"pose_along": "frame_pose_tangent", "pose_by": "frame_pose_parameter_tangent"},
+)
+
+
 class Packed:
     """Loads as C takes them; whatever it points to lives as long as this object.
 
@@ -198,15 +241,24 @@ class Packed:
         loads: the data.
         many: whether many states are moved at a time, so that a model of the robot is asked for many, too.
         works: whether works are integrated, see ``WORKS``; the kernel must have what ``work_kernels`` names.
+        slopes: which derivatives of the kernel's functions and the model's go with them, of ``BACK`` or ``ALONG``.
 
     Attributes:
         pointer: to ``NAME_loads``.
     """
 
     def __init__(
-        self, library: Library, calls: Calls, loads: LoadData, *, many: bool = False, works: bool = False
+        self,
+        library: Library,
+        calls: Calls,
+        loads: LoadData,
+        *,
+        many: bool = False,
+        works: bool = False,
+        slopes: Slopes | None = None,
     ) -> None:
         self._library, self._calls, self._kept, self._many = library, calls, list[Any](), many
+        self._slopes = slopes
         drive, fields = loads.drive, dict[str, Any](first=loads.first, last=loads.last)
         if works:
             fields["work"] = self._work()
@@ -278,6 +330,9 @@ class Packed:
 
     def _model(self, model: ModelDrive) -> Any:
         fields: dict[str, Any] = {}
+        if self._slopes is not None:
+            field, name = self._slopes.model
+            fields[field], fields[f"{field}_h"] = self._function(model.calls, name)
         if model.mechanism is None:
             fields["inverse_dynamics"], fields["h"] = self._function(model.calls, "inverse_dynamics")
             fields |= zip(("inverse_dynamics_batch", "batch_h"), self._batch(model.calls), strict=False)
@@ -340,8 +395,12 @@ class Packed:
         fields["external_force"], fields["force_h"] = self._function(self._calls, "external_force")
         if self._calls.raw.turning:
             fields["force_turned"] = self._function(self._calls, "external_force", turned=True)[1]
-        if any(own[k].frame >= 0 for k in range(len(wrenches))):
+        framed = any(own[k].frame >= 0 for k in range(len(wrenches)))
+        if framed:
             fields["frame_pose"], fields["frame_h"] = self._function(self._calls, "frame_pose")
+        if self._slopes is not None:
+            for field, name in {**self._slopes.forces, **(self._slopes.poses if framed else {})}.items():
+                fields[field], fields[f"{field}_h"] = self._function(self._calls, name)
         return fields
 
     def _batch(self, calls: Calls) -> tuple[Any, ...]:

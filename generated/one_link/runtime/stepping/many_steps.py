@@ -318,5 +318,5 @@ def _begins_well(
     if not (np.abs(q) < FAR).all():
         return True
     still = np.zeros(n, calls.dtype)
-    once = 1e-9 * dt, 1, 1, METHODS["implicit"]  # it asks for accelerations at q alone
+    once = 1e-9 * dt, 1, 1, method  # so short that all of its stages are at q
     return _call(calls, [(q, 0), (still, 0)], [(still, 0, 0)], (), once, one, ends) < 0

@@ -1,5 +1,6 @@
-"""Commands about what was measured, and what tolerances make of it."""
+"""Commands about what is to be measured, what was measured, what tolerances make of it, and what to command for it."""
 
-from . import motions, poses, standard, tolerances
+from . import compensating, exciting, motions, poses, standard, tolerances
 
-COMMANDS = (*motions.COMMANDS, *poses.COMMANDS, *standard.COMMANDS, *tolerances.COMMANDS)
+_MODULES = (motions, exciting, poses, standard, tolerances, compensating)
+COMMANDS = tuple(command for module in _MODULES for command in module.COMMANDS)

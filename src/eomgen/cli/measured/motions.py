@@ -5,7 +5,21 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ..shared import Command, add_json, add_robot, read_robot, show_result, stage_bar
+from ...errors import InputError
+from ...files import FIGURE_ENDINGS
+from ...names import show
+from ..shared import (
+    Command,
+    add_json,
+    add_page,
+    add_robot,
+    pages_written,
+    read_robot,
+    show_files,
+    show_result,
+    show_with_page,
+    stage_bar,
+)
 
 
 def _add_motion(parser: argparse.ArgumentParser) -> None:
@@ -35,6 +49,8 @@ def _add_fit(parser: argparse.ArgumentParser) -> None:
     _add_motion(parser)
     parser.add_argument("--coordinates", nargs="+", default=(), metavar="NAME", help="those to fit (all that can be)")
     parser.add_argument("--confidence", type=float, default=0.95, metavar="P", help="of the intervals (0.95)")
+    parser.add_argument("-o", "--output", type=Path, help="the result, .json")
+    add_page(parser)
 
 
 def _fit(options: argparse.Namespace) -> None:
@@ -49,7 +65,7 @@ def _fit(options: argparse.Namespace) -> None:
             confidence=options.confidence,
             progress=report,
         )
-    show_result(options, found)
+    show_with_page(options, found, [] if options.output is None else [found.save(options.output)])
 
 
 def _add_identify(parser: argparse.ArgumentParser) -> None:
@@ -59,18 +75,50 @@ def _add_identify(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         default=(),
         metavar="TERM",
-        help="what is sought: links, rotors, viscous, dry, offset (all)",
+        help="what is sought: links, rotors, viscous, dry, offset (all these), stribeck, gains, delay, transmissions",
     )
+    parser.add_argument(
+        "--known", nargs="+", default=(), metavar="LINK", help="links whose numbers are known: gains need a measure"
+    )
+    parser.add_argument(
+        "--half", type=int, metavar="N", help="half width of the second filter, samples, 0 for none (the best of some)"
+    )
+    parser.add_argument(
+        "--spread", type=float, default=0.5, metavar="S", help="how far the description's links are off, relative (0.5)"
+    )
+    parser.add_argument("--toml", type=Path, metavar="FILE", help="write the description with what was found")
+    parser.add_argument("-o", "--output", type=Path, help="the result, .npz, or a figure .svg, .pdf or .png")
+    add_page(parser)
 
 
 def _identify(options: argparse.Namespace) -> None:
     from ...identification.identifiable import TERMS
     from ...identification.inertial import identify
 
+    endings = (".npz", *FIGURE_ENDINGS)
+    if options.output is not None and options.output.suffix not in endings:
+        raise InputError(f"output: {show(str(options.output))}; allowed: a path that ends in {', '.join(endings)}")
     robot = read_robot(options)
     with stage_bar("identifying") as report:
-        found = identify(robot, options.motion, terms=options.terms or TERMS, progress=report)
-    show_result(options, found)
+        found = identify(
+            robot,
+            options.motion,
+            terms=options.terms or TERMS,
+            known=options.known,
+            half=options.half,
+            spread=options.spread,
+            progress=report,
+        )
+    written = []
+    if options.toml is not None:
+        written.append(found.to_toml(options.toml))
+    if options.output is not None and options.output.suffix == ".npz":
+        written.append(found.save(options.output))
+    elif options.output is not None:
+        from ...pictures.measured.motions import plot_identification
+
+        written.append(plot_identification(found, options.output))
+    show_files(options, found.lines(), found.as_dict(), written + pages_written(options, found))
 
 
 COMMANDS = (
@@ -93,6 +141,9 @@ COMMANDS = (
         "masses, inertias and friction from a measured motion and its drives",
         _add_identify,
         _identify,
-        (("identify arm.toml measured.csv", "base parameters of links, rotors and friction, with residuals"),),
+        (
+            ("identify arm.toml measured.csv", "base parameters of links, rotors and friction, with residuals"),
+            ("identify arm.toml measured.csv --toml better.toml", "the description with bodies that have them"),
+        ),
     ),
 )

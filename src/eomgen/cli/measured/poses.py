@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ...errors import InputError
 from ...files import FIGURE_ENDINGS
-from ..shared import Command, add_json, add_robot, read_robot, show_files, stage_bar
+from ..shared import Command, add_json, add_page, add_robot, pages_written, read_robot, show_files, stage_bar
 
 
 def _add_calibrate(parser: argparse.ArgumentParser) -> None:
@@ -36,6 +36,14 @@ def _add_calibrate(parser: argparse.ArgumentParser) -> None:
         metavar=("M", "RAD"),
         help="standard deviations of lengths and turns (estimated)",
     )
+    parser.add_argument(
+        "--covariance",
+        nargs="+",
+        type=Path,
+        default=[],
+        metavar="FILE",
+        help="covariances of frames' errors, .csv or .npz: 3 x 3 of positions or 6 x 6 of poses, one or one per row",
+    )
     parser.add_argument("--loss", metavar="NAME", help="huber, cauchy or tukey: mistrust what is far off (none)")
     parser.add_argument("--folds", default="10", metavar="N", help="parts that are held out in turn, loo, or 0 (10)")
     parser.add_argument("--fixed", nargs="+", default=[], metavar="NAME", help="quantities that stay, or their owners")
@@ -48,11 +56,13 @@ def _add_calibrate(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--toml", type=Path, metavar="FILE", help="write the description with what was found")
     parser.add_argument("--urdf", type=Path, metavar="FILE", help="write an URDF with what was found in its origins")
     parser.add_argument("-o", "--output", type=Path, help="the result, .npz, or a figure .svg, .pdf or .png")
+    add_page(parser)
     add_json(parser)
 
 
 def _calibrate(options: argparse.Namespace) -> None:
     from ...identification.calibration.calibrating import calibrate
+    from ...identification.geometry.covariances import read_covariances
 
     frames = _attached(options.attach)
     folds = options.folds if options.folds == "loo" else _whole("folds", options.folds)
@@ -67,6 +77,7 @@ def _calibrate(options: argparse.Namespace) -> None:
             frames=frames,
             rotation=options.rotation,
             noise=options.noise,
+            covariance=read_covariances(options.covariance),
             loss=options.loss,
             folds=folds,
             fixed=options.fixed,
@@ -84,10 +95,10 @@ def _calibrate(options: argparse.Namespace) -> None:
     if options.output is not None and options.output.suffix == ".npz":
         written.append(found.save(options.output))
     elif options.output is not None:
-        from ...pictures.measured import plot_calibration
+        from ...pictures.measured.calibration import plot_calibration
 
         written.append(plot_calibration(found, options.output))
-    show_files(options, found.lines(), found.as_dict(), written)
+    show_files(options, found.lines(), found.as_dict(), written + pages_written(options, found))
 
 
 def _add_poses(parser: argparse.ArgumentParser) -> None:
@@ -137,15 +148,18 @@ def _add_poses(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--stiffness", nargs="+", default=[], metavar="NAME", help="coordinates that give way")
     parser.add_argument("--candidates", type=int, default=1000, metavar="N", help="poses to choose from (1000)")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of their random numbers (0)")
-    parser.add_argument("-o", "--output", type=Path, help="write the poses, .csv, with empty columns to fill in")
+    parser.add_argument(
+        "-o", "--output", type=Path, help="the poses, .csv, with empty columns to fill in; or the result, .json"
+    )
+    add_page(parser)
     add_json(parser)
 
 
 def _poses(options: argparse.Namespace) -> None:
     from ...identification.choosing.choosing import poses
 
-    if options.output is not None and options.output.suffix != ".csv":
-        raise InputError(f"output: {str(options.output)!r}; allowed: a path that ends in .csv")
+    if options.output is not None and options.output.suffix not in (".csv", ".json"):
+        raise InputError(f"output: {str(options.output)!r}; allowed: a path that ends in .csv or .json")
     ranges = {}
     for name, *ends in options.range:
         try:
@@ -178,8 +192,10 @@ def _poses(options: argparse.Namespace) -> None:
             seed=options.seed,
             progress=report,
         )
-    written = [] if options.output is None else [found.to_csv(options.output)]
-    show_files(options, found.lines(), found.as_dict(), written)
+    written = []
+    if options.output is not None:
+        written.append((found.save if options.output.suffix == ".json" else found.to_csv)(options.output))
+    show_files(options, found.lines(), found.as_dict(), written + pages_written(options, found))
 
 
 def _attached(texts: Sequence[str]) -> dict[str, str]:

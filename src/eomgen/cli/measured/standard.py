@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ..shared import Command, add_json, add_robot_of_result, progress_bar, read_robot, show_result, show_written
+from ..shared import Command, add_json, add_page, add_robot_of_result, progress_bar, read_robot, show_with_page
 
 
 def _add_accuracy(parser: argparse.ArgumentParser) -> None:
@@ -45,6 +45,7 @@ def _add_accuracy(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--rate", default="", help="speed of the test, in words (what simulations say)")
     parser.add_argument("-o", "--output", type=Path, help="write all figures, .json")
     parser.add_argument("--plot", type=Path, help="draw them, .svg, .pdf or .png")
+    add_page(parser)
     add_json(parser)
 
 
@@ -70,12 +71,10 @@ def _accuracy(options: argparse.Namespace) -> None:
         )
     written = [] if options.output is None else [found.save(options.output)]
     if options.plot is not None:
-        from ...pictures.measured import plot_accuracy
+        from ...pictures.measured.accuracy import plot_accuracy
 
         written.append(plot_accuracy(found, options.plot))
-    show_result(options, found)
-    if not options.json:
-        show_written(written)
+    show_with_page(options, found, written)
 
 
 COMMANDS = (

@@ -5,7 +5,19 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ..shared import Command, add_json, add_robot, coordinate_values, read_robot, say, show_json, stage_bar
+from ..shared import (
+    Command,
+    add_json,
+    add_page,
+    add_robot,
+    coordinate_values,
+    pages_written,
+    read_robot,
+    say,
+    show_json,
+    show_written,
+    stage_bar,
+)
 
 
 def _add_tolerance(parser: argparse.ArgumentParser) -> None:
@@ -22,6 +34,7 @@ def _add_tolerance(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--wrench", nargs=6, type=float, metavar="F", help="force and moment on the frame, N and N m")
     parser.add_argument("--confidence", type=float, default=0.95, metavar="P", help="of the regions (0.95)")
     parser.add_argument("--accuracy", type=float, metavar="M", help="radius to reach: which tolerances to tighten")
+    add_page(parser)
     add_json(parser)
 
 
@@ -43,10 +56,12 @@ def _tolerance(options: argparse.Namespace) -> None:
             progress=report,
         )
         allocation = None if options.accuracy is None else found.allocate(options.accuracy)
+    written = pages_written(options, found)
     if options.json:
         show_json({**found.as_dict(), "allocation": None if allocation is None else allocation.as_dict()})
         return
     say("\n".join([*found.lines(), *([] if allocation is None else ["", *allocation.lines()])]))
+    show_written(written)
 
 
 COMMANDS = (

@@ -72,9 +72,9 @@ def toml_text(found: Found, folder: Path) -> str:
         raise InputError(f"{robot.name}: has no description to write into; allowed: a robot that was read from a file")
     lines = [*HEAD, *_comments(found)]
     if source.suffix in (".urdf", ".xml"):
-        body = [f'name = "{robot.name}"', f'urdf = "{_relative(source, folder)}"', ""]
+        body = [f'name = "{robot.name}"', f'urdf = "{relative_path(source, folder)}"', ""]
     else:
-        body = _own_text(robot, source, folder)
+        body = own_text(robot, source, folder)
     for joint in robot.joints:
         _put_joint(found, joint, body, robot)
     for loop in robot.loops:
@@ -85,20 +85,20 @@ def toml_text(found: Found, folder: Path) -> str:
     for name, link, pose in placements(found.links, found.values):
         placed = placement_of(pose)
         rpy = placed.rpy or (0.0, 0.0, 0.0)
-        text = f"placement = {{ xyz = {_numbers(placed.xyz)}, rpy = {_numbers(rpy)} }}"
+        text = f"placement = {{ xyz = {numbers_text(placed.xyz)}, rpy = {numbers_text(rpy)} }}"
         keys = [parameter_name(FRAMES, name, kind) for kind in UNITS if kind != "motor"]
         comment = "# +- " + ", ".join(f"{found.deviations[key]:.2g}" for key in keys)
         new = name + OF_LINK if name in own else name
-        block = _block(body, "frames", new)
+        block = block_of(body, "frames", new)
         if block is None:
             body += ["", "[[frames]]", f'name = "{new}"', f'link = "{link}"', f"{text}  {comment}"]
         else:
-            _replace(body, block, "placement", f"{text}  {comment}", robot)
+            replace_line(body, block, "placement", f"{text}  {comment}", robot)
     first = 1 if body and body[0].startswith("#:schema") else 0
     return "\n".join([*body[:first], *lines, *body[first:]]) + "\n"
 
 
-def _own_text(robot: Robot, source: Path, folder: Path) -> list[str]:
+def own_text(robot: Robot, source: Path, folder: Path) -> list[str]:
     """Lines of the robot's own file; names of files in them lead to the same files from the new folder."""
     if str(source) in builtin_robots():
         return read_text(BUILTIN / f"{source}.toml", str(source)).splitlines()
@@ -106,13 +106,13 @@ def _own_text(robot: Robot, source: Path, folder: Path) -> list[str]:
         raise InputError(f"{robot.name}: was read from {show_path(str(source))}; allowed for TOML: .toml or .urdf")
 
     def moved(match: re.Match[str]) -> str:
-        return f'{match[1]}"{_relative(source.parent / match[2], folder)}"'
+        return f'{match[1]}"{relative_path(source.parent / match[2], folder)}"'
 
     text = read_text(source, str(source))
     return [re.sub(r'\b((?:urdf|curve)\s*=\s*)"([^"]+)"', moved, line) for line in text.splitlines()]
 
 
-def _relative(path: Path, folder: Path) -> str:
+def relative_path(path: Path, folder: Path) -> str:
     return Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
 
 
@@ -136,20 +136,20 @@ def _put_joint(found: Found, joint: Joint, body: list[str], robot: Robot) -> Non
     tilt = tilt_of(joint, found.values)
     if not offset and not stiffness and tilt is None:
         return
-    if _block(body, JOINTS, joint.name) is None:
+    if block_of(body, JOINTS, joint.name) is None:
         if 'urdf = "' not in "\n".join(body):
-            raise _unwritable(robot, joint.name)
+            raise unwritable(robot, joint.name)
         body += ["", "[[joints]]", f'name = "{joint.name}"']
     if offset:
         _put_offset(found, JOINTS, joint.name, offset, body)
     if tilt is not None:
         _put_placement(found, joint, body)
     for kind, value in stiffness.items():
-        block = _block(body, JOINTS, joint.name)
+        block = block_of(body, JOINTS, joint.name)
         assert block is not None
         at = [i for i in range(*block) if re.match(rf"\s*{kind}\s*=\s*\{{", body[i])]
         if len(at) != 1 or "stiffness" not in body[at[0]]:
-            raise _unwritable(robot, f"{joint.name}.{kind}")
+            raise unwritable(robot, f"{joint.name}.{kind}")
         key = parameter_name(JOINTS, joint.name, kind, "stiffness")
         changed = re.sub(r"(?<!_)\bstiffness\s*=\s*[^,}\s]+", f"stiffness = {value!r}", body[at[0]], count=1)
         body[at[0]] = f"{changed}  # stiffness +- {found.deviations[key]:.2g}"
@@ -157,31 +157,31 @@ def _put_joint(found: Found, joint: Joint, body: list[str], robot: Robot) -> Non
 
 def _put_offset(found: Found, table: str, name: str, offset: Mapping[str, float], body: list[str]) -> None:
     """The offsets of a joint, or of a loop's, in its entry."""
-    block = _block(body, table, name)
+    block = block_of(body, table, name)
     if block is None:
-        raise _unwritable(found.robot, name)
+        raise unwritable(found.robot, name)
     values = ", ".join(f"{kind} = {value!r}" for kind, value in offset.items())
     said = ", ".join(f"{found.deviations[parameter_name(table, name, 'offset', kind)]:.2g}" for kind in offset)
-    _replace(body, block, "offset", f"offset = {{ {values} }}  # +- {said}", found.robot)
+    replace_line(body, block, "offset", f"offset = {{ {values} }}  # +- {said}", found.robot)
 
 
 def _put_placement(found: Found, joint: Joint, body: list[str]) -> None:
     """The placement of a prismatic joint with its axis tilted, in the place of what is there."""
-    block = _block(body, JOINTS, joint.name)
+    block = block_of(body, JOINTS, joint.name)
     assert block is not None
     dh = [i for i in range(*block) if re.match(r"\s*dh\s*=", body[i])]
     for i in reversed(dh):
         del body[i]
     placed = found.calibrated.joint(joint.name).placement
-    table = f"{{ xyz = {_numbers(placed.xyz)}, rpy = {_numbers(placed.rpy or (0.0, 0.0, 0.0))} }}"
+    table = f"{{ xyz = {numbers_text(placed.xyz)}, rpy = {numbers_text(placed.rpy or (0.0, 0.0, 0.0))} }}"
     names = [parameter_name(JOINTS, joint.name, TILT, kind) for kind in ("alpha", "beta")]
     said = ", ".join(f"{found.deviations[name]:.2g}" for name in names if name in found.deviations)
-    block = _block(body, JOINTS, joint.name)
+    block = block_of(body, JOINTS, joint.name)
     assert block is not None
-    _replace(body, block, "placement", f"placement = {table}  # tilt of its axis +- {said}", found.robot)
+    replace_line(body, block, "placement", f"placement = {table}  # tilt of its axis +- {said}", found.robot)
 
 
-def _block(body: Sequence[str], table: str, name: str) -> tuple[int, int] | None:
+def block_of(body: Sequence[str], table: str, name: str) -> tuple[int, int] | None:
     """Lines from the header of an entry of an array of tables to the next header; None where there is none."""
     heads = [i for i, line in enumerate(body) if re.match(r"\s*\[", line)] + [len(body)]
     for first, last in itertools.pairwise(heads):
@@ -192,12 +192,12 @@ def _block(body: Sequence[str], table: str, name: str) -> tuple[int, int] | None
     return None
 
 
-def _replace(body: list[str], block: tuple[int, int], key: str, line: str, robot: Robot) -> None:
+def replace_line(body: list[str], block: tuple[int, int], key: str, line: str, robot: Robot) -> None:
     """Put a line in the place of that of a key, or behind the name."""
     at = [i for i in range(*block) if re.match(rf"\s*{key}\s*=", body[i])]
     if at:
         if body[at[0]].count("{") != body[at[0]].split("#")[0].count("}"):
-            raise _unwritable(robot, key)
+            raise unwritable(robot, key)
         body[at[0]] = line
         return
     name = next(i for i in range(*block) if re.match(r"\s*name\s*=", body[i]))
@@ -220,14 +220,14 @@ def _compare(found: Found, text: str, target: Path) -> None:
         rows = zip(joint.placement.rotation, other.placement.rotation, strict=True)
         pairs += [pair for a, b in rows for pair in zip(a, b, strict=True)]
         if joint.name != other.name or any(abs(a - b) > _CLOSE * max(1.0, abs(a)) for a, b in pairs):
-            raise _unwritable(found.robot, joint.name)
+            raise unwritable(found.robot, joint.name)
 
 
-def _numbers(values: Sequence[float]) -> str:
+def numbers_text(values: Sequence[float]) -> str:
     return "[" + ", ".join(repr(float(value)) for value in values) + "]"
 
 
-def _unwritable(robot: Robot, what: str) -> InputError:
+def unwritable(robot: Robot, what: str) -> InputError:
     return InputError(
         f"{robot.name}: {what} is not written in {show_path(robot.source)} so that it can be changed; allowed: entries"
         " [[joints]] and [[frames]] with each table on one line"

@@ -19,7 +19,7 @@ from ...optional import optional_import
 from ...progress import StageReport, no_report
 from ...robot.model import build_model
 from ...robot.value import COORDINATES, MOTOR, Robot
-from ..geometry.closing import closed_readings, closing_of
+from ..geometry.closing import Closing, closed_readings, closing_of, held_by_loops
 from ..geometry.error_model import (
     COMPLIANCE,
     JOINTS,
@@ -35,7 +35,7 @@ from ..geometry.placing import placed
 from ..geometry.poses import MeasuredPoses, read_poses
 from ..geometry.rotations import coordinates_of, pose_from
 from ..geometry.solving import LOSSES, Fit, Problem
-from ..geometry.stations import Chain, chain_of, forces_on, matrix_of
+from ..geometry.stations import Chain, chain_of, matrix_of
 from .drives import with_drives
 from .identifiability import Identifiable, identifiable, refuse_too_few
 from .result import CalibrationResult
@@ -90,7 +90,8 @@ def calibrate(
         frames: link of every measured frame that the description does not have, {"probe": "link6"}.
         rotation: how the file writes orientations: "rotvector", "rpy" or "quaternion".
         noise: standard deviations of lengths (m) and turns (rad) where the file has none; estimated if not given.
-        covariance: of a frame's errors, (3, 3) or (6, 6), by its name: of position, or of position and turn.
+        covariance: of a frame's errors, (3, 3) or (6, 6), by its name: of position, or of position and turn; for every
+            row its own as (R, 3, 3) or (R, 6, 6).  From files by ``read_covariances``.
         loss: "huber", "cauchy" or "tukey": samples count the less, the more they are off.
         folds: contiguous parts of the poses that are held out, one after the other; "loo": every pose; 0: none, and the
             full variant alone.
@@ -195,7 +196,7 @@ def problem_of(task: Task, poses: MeasuredPoses, *, careful: bool) -> tuple[Prob
     known = {name: task.known[name] for name in measured}
     quantities = tuple(quantities_of(robot, chain, series, known, task.sizes))
     bases = {number: np.eye(4) for number in series}
-    model = ErrorModel(robot, chain, (*quantities, *_compliances(task, chain, poses)), bases, closing)
+    model = ErrorModel(robot, chain, (*quantities, *_compliances(task, chain, poses, closing)), bases, closing)
     seen = observations_of(poses, task.noise, task.covariance)
     model = placed(model, rows, seen, {name: known[name] for name in known if poses.frames[name].is_measured})
     model = _sized(model, Problem(model, rows, seen, np.zeros(0, dtype=np.intp)))
@@ -231,21 +232,26 @@ def _columns(robot: Robot, chain: Chain, poses: MeasuredPoses) -> dict[str, tupl
         else:
             found[name] = station[owner], COORDINATES.index(kind), 1.0
     read = {place[:2] for place in found.values()}
+    moving = {k for tool in chain.tools.values() for k in chain.ancestors(tool)}
     for name, k in station.items():
         principal = chain.stations[k].principal
-        if principal is not None and (k, principal) not in read and not robot.is_closed:
+        if k in moving and principal is not None and (k, principal) not in read and not robot.is_closed:
             column = component_name(name, COORDINATES[principal])
-            raise InputError(f"{poses.source}: the column {column} is missing; allowed: all joints that move")
+            raise InputError(
+                f"{poses.source}: the column {column} is missing; allowed: all joints that move what was measured"
+            )
     return found
 
 
-def _compliances(task: Task, chain: Chain, poses: MeasuredPoses) -> list[Quantity]:
-    """Compliances of deviations and transmissions, in m/N and rad/(N m); their names are those of the stiffness."""
+def _compliances(task: Task, chain: Chain, poses: MeasuredPoses, closing: Closing | None) -> list[Quantity]:
+    """Compliances of deviations and transmissions, in m/N and rad/(N m); their names are those of the stiffness.
+
+    Of closed mechanisms those whose deflections the loops let happen.
+
+    Raises:
+        InputError: a coordinate that is asked for follows from the loops, or is held by them.
+    """
     found: list[Quantity] = []
-    if task.robot.is_closed:
-        if task.stiffness:
-            raise InputError(f"stiffness: {task.robot.name} has loops or couplings; allowed: robots that are trees")
-        return found
     names = [component_name(s.name, kind) for s in chain.stations if s.joint for kind in COORDINATES]
     for name in task.stiffness:
         if name not in names:
@@ -263,7 +269,22 @@ def _compliances(task: Task, chain: Chain, poses: MeasuredPoses) -> list[Quantit
                 nominal = 1.0 / described if described > 0.0 else 0.0
                 key = parameter_name(JOINTS, name, "stiffness")
                 found.append(Quantity(key, COMPLIANCE, k, c, "force", nominal, nominal))
-    return found
+    return found if closing is None else _free_ones(task, chain, closing, found)
+
+
+def _free_ones(task: Task, chain: Chain, closing: Closing, found: Sequence[Quantity]) -> list[Quantity]:
+    """Compliances of a closed mechanism whose deflections passive coordinates can take up; see ``_compliances``."""
+    places = [(quantity.station, quantity.coordinate) for quantity in found]
+    held = held_by_loops(build_model(task.robot), chain, closing, places)
+    for k, c in places:
+        name = component_name(chain.stations[k].name, COORDINATES[c])
+        if name in task.stiffness and (k, c) in (*closing.passive, *held):
+            why = "follows from the drives" if (k, c) in closing.passive else "is held by the loops, too"
+            raise InputError(
+                f"stiffness: {name} {why}; allowed: drives of {task.robot.name}, and coordinates whose deflections the"
+                " passive ones can take up"
+            )
+    return [quantity for quantity, place in zip(found, places, strict=True) if place not in held]
 
 
 def _sized(model: ErrorModel, problem: Problem) -> ErrorModel:
@@ -271,8 +292,7 @@ def _sized(model: ErrorModel, problem: Problem) -> ErrorModel:
     if not any(quantity.size == 0.0 for quantity in model.quantities):
         return model
     state = model.at(model.nominal, problem.rows)
-    gravity = np.array(model.robot.gravity)
-    forces = np.abs(forces_on(model.chain, state.found, gravity, problem.rows.loads)).max(axis=0)
+    forces = np.abs(model.forces(state.found, problem.rows)).max(axis=0)
     quantities = tuple(
         replace(q, size=_SOFT / max(float(forces[q.station, q.coordinate]), 1e-3)) if q.size == 0.0 else q
         for q in model.quantities
@@ -286,6 +306,17 @@ def _notes(task: Task, problem: Problem) -> list[str]:
     soft = any(quantity.kind == COMPLIANCE for quantity in problem.model.quantities)
     if soft and task.robot.springs:
         notes.append("springs between points are left out of the loads")
+    if problem.model.closing is not None:
+        fitted = {(q.station, q.coordinate) for q in problem.model.quantities if q.kind == COMPLIANCE}
+        left = [
+            component_name(station.name, kind)
+            for k, station in enumerate(problem.model.chain.stations)
+            if station.joint is not None
+            for kind, given in station.joint.coordinates.items()
+            if given.stiffness and (k, COORDINATES.index(kind)) not in fitted
+        ]
+        if left:
+            notes.append(f"stiffness of {listed(left)} is not fitted: the loops hold these coordinates, too")
     bent = [
         component_name(joint.name, kind)
         for joint in task.robot.joints

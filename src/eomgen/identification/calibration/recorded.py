@@ -33,6 +33,7 @@ def write_record(result: Any, target: Path) -> Path:
     meta: dict[str, Any] = {name: getattr(result, name) for name in PLAIN}
     meta["merged"], meta["noise"], meta["frames"] = dict(result.merged), dict(result.noise), dict(result.frames)
     meta |= {
+        "kind": "calibration",
         "format": FORMAT,
         "gain": None if result.gain is None else vars(result.gain),
         "description": record_of(model.robot),

@@ -237,10 +237,7 @@ class CalibrationResult(Shown, Tabular):
         """Tables for people: residuals, values, what merges."""
         lines = [f"{self.robot}: {self.rows} poses, rank {self.rank}, {self.rank_above_noise} above the noise", ""]
         lines += self._residual_lines()
-        lines += ["", self._gain_line()] if any(self.residuals["full"]["held_out"]) else []
-        lines += [f"reduced chi-square {self.chi2:.3g}"] if self.chi2 is not None else []
-        known = "known" if self.is_noise_known else "estimated"
-        lines += [f"noise of {name}: {_shown(value, name)}, {known}" for name, value in self.noise.items()]
+        lines += ["", *self.summary_lines()] if any(self.residuals["full"]["held_out"]) else self.summary_lines()
         width = max(len(name) for name in self.names) + 2
         lines += ["", f"{'quantity':<{width}}{'value':>14}{'std. deviation':>16}{'described':>14}  unit"]
         for i, name in enumerate(self.names):
@@ -258,6 +255,13 @@ class CalibrationResult(Shown, Tabular):
             rows = ", ".join(f"{row} ({weight:.2f})" for row, weight in self.mistrusted[:12])
             lines += ["", f"mistrusted rows, with their weights: {rows}"]
         return lines + ["", *(f"note: {note}" for note in self.notes)]
+
+    def summary_lines(self) -> list[str]:
+        """Lines about the gain over placement alone, reduced chi-square, and the noise."""
+        lines = [self._gain_line()] if any(self.residuals["full"]["held_out"]) else []
+        lines += [f"reduced chi-square {self.chi2:.3g}"] if self.chi2 is not None else []
+        known = "known" if self.is_noise_known else "estimated"
+        return lines + [f"noise of {name}: {_shown(value, name)}, {known}" for name, value in self.noise.items()]
 
     def _residual_lines(self) -> list[str]:
         kinds = [kind for kind in (POSITION, ORIENTATION) if kind in self.residuals["full"]["fitted"]]

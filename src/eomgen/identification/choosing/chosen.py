@@ -14,16 +14,18 @@ from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...files import write_atomically
-from ...names import component_name, show_path
+from ...names import component_name, show, show_path
 from ...robot.coordinates import MOTIONS
 from ...shown import Shown
 from ...tabular import Rows as TableRows
 from ...tabular import TableColumn, Tabular
+from ..saved import read_json, write_json
 from .information import DETERMINANT
 from .proposals import DISTANCE, POSE
 
 Array = NDArray[np.float64]
 
+KIND = "poses"
 _ABOUT = {
     DETERMINANT: "D (determinant of the information)",
     "V": "V (expected error of the tool over the workspace)",
@@ -110,6 +112,14 @@ class PosesResult(Shown, Tabular):
             writer.writerow([*row, *("" for _ in empty), *(self.series for _ in more)])
         return write_atomically(target, lambda stream: stream.write(text.getvalue().encode("ascii")))
 
+    def save(self, path: Path | str) -> Path:
+        """Write everything as .json, and return the path; ``load_poses`` reads it.
+
+        Raises:
+            InputError: another ending, or the file cannot be written.
+        """
+        return write_json(self, KIND, path)
+
     def as_rows(self) -> TableRows:
         """A row per pose: its coordinates, m or rad."""
         columns = [TableColumn(name, "SI", self.q[:, i]) for i, name in enumerate(self.coordinates)]
@@ -140,18 +150,7 @@ class PosesResult(Shown, Tabular):
 
     def lines(self) -> list[str]:
         """Tables for people: the criterion, the poses, what stays weak."""
-        behind = f" behind {self.measured} measured ones" if self.measured else ""
-        names = ", ".join(self.frames)
-        without = f", without these poses {1e3 * self.error_before:.4g} mm" if self.measured else ""
-        lines = [
-            f"{self.robot}: {len(self.q)} of {self.candidates} poses{behind}, {self.measure} of {names}",
-            f"criterion {_ABOUT[self.criterion]}: {100 * self.efficiency:.1f} % of what any weights of them reach",
-            f"rank {self.rank} of {self.size}, {self.rank_above_noise} above the noise"
-            f" ({1e3 * self.noise[0]:.3g} mm, {1e3 * self.noise[1]:.3g} mrad)",
-            f"expected error of the tool {1e3 * self.error:.4g} mm rms{without}",
-            "",
-            "".join(f"{name:>16}" for name in self.coordinates),
-        ]
+        lines = [*self.summary_lines(), "", "".join(f"{name:>16}" for name in self.coordinates)]
         lines += ["".join(f"{value:>16.6f}" for value in row) for row in self.q]
         if self.weak:
             lines += ["", "weak: standard deviation of the first, along the direction"]
@@ -160,3 +159,33 @@ class PosesResult(Shown, Tabular):
             width = max(len(name) for name in self.merged) + 2
             lines += ["", "not identifiable:", *(f"{name:<{width}}{why}" for name, why in self.merged.items())]
         return lines + (["", *(f"note: {note}" for note in self.notes)] if self.notes else [])
+
+    def summary_lines(self) -> list[str]:
+        """Lines about the choice: how many of what, how near to the bound, what they will tell."""
+        behind = f" behind {self.measured} measured ones" if self.measured else ""
+        names = ", ".join(self.frames)
+        without = f", without these poses {1e3 * self.error_before:.4g} mm" if self.measured else ""
+        return [
+            f"{self.robot}: {len(self.q)} of {self.candidates} poses{behind}, {self.measure} of {names}",
+            f"criterion {_ABOUT[self.criterion]}: {100 * self.efficiency:.1f} % of what any weights of them reach",
+            f"rank {self.rank} of {self.size}, {self.rank_above_noise} above the noise"
+            f" ({1e3 * self.noise[0]:.3g} mm, {1e3 * self.noise[1]:.3g} mrad)",
+            f"expected error of the tool {1e3 * self.error:.4g} mm rms{without}",
+        ]
+
+
+def load_poses(path: Path | str) -> PosesResult:
+    """The result that ``PosesResult.save`` wrote.
+
+    Raises:
+        InputError: the file cannot be read, or is no such result; says what in it is wrong.
+    """
+    found = read_json(PosesResult, KIND, path)
+    many = len(found.names)
+    if found.q.ndim != 2 or found.q.shape[1] != len(found.coordinates) or not len(found.q):
+        raise InputError(f"{path}: q has shape {found.q.shape}; allowed: a row per pose, a column per coordinate")
+    if found.deviations.shape != (many,) or len(found.units) != many:
+        raise InputError(f"{path}: deviations or units are not as many as names; allowed: {many}")
+    if found.criterion not in _ABOUT:
+        raise InputError(f"{path}: criterion: {show(found.criterion)}; allowed: {', '.join(_ABOUT)}")
+    return found

@@ -23,6 +23,7 @@ Array = NDArray[np.float64]
 Place = tuple[int, int]  # station and coordinate
 
 CLOSED = 1e-9  # m or rad: gaps that are none
+_HELD = 1e-6  # m/rad and the like: of gaps that a deflection leaves
 _STEPS = 30  # from home to a pose
 _EACH = 2  # of Newton's method at every step
 _LAST = 12  # at the pose itself
@@ -118,12 +119,35 @@ class Closing:
         G[:, of_couplings] = 0.0
         return np.asarray(-np.einsum("nqm,nmsc->nqsc", inverse, G))
 
+    def carried(self, chain: Chain, at: Located, forces: Array) -> Array:
+        """Forces in all stations' coordinates, (N, S, 6), with what acts on the passive ones that follow them."""
+        ks, cs = np.array(self.passive, dtype=np.intp).T
+        passed_on = np.einsum("nqsc,nq->nsc", self.followed(chain, at), forces[:, ks, cs])
+        return np.asarray(forces + passed_on)
+
+
+def held_by_loops(model: Model, chain: Chain, closing: Closing, places: Sequence[Place]) -> list[Place]:
+    """Places of some whose deflections passive coordinates cannot take up: loops share them among several."""
+    closing = replace(closing, kept=())
+    constants, bases = constants_of(chain, model.robot, 1), np.eye(4)[np.newaxis]
+    home = closing.closed(chain, _home(chain, model, 1) + constants, constants, bases, 4 * _LAST)
+    G = closing.slopes(chain, located(chain, home, bases))[0]
+    ks, cs = np.array(closing.passive, dtype=np.intp).reshape(-1, 2).T
+    free = G[:, ks, cs]
+    G[sum(len(rigid_parts(loop)) for loop in closing.robot.loops) :] = 0.0  # couplings are between drives' sides
+    found = []
+    for k, c in places:
+        left = G[:, k, c] - free @ (np.linalg.pinv(free, rcond=RANK) @ G[:, k, c])
+        if np.abs(left).max(initial=0.0) > _HELD:
+            found.append((k, c))
+    return found
+
 
 def closing_of(model: Model, chain: Chain, read: Sequence[Place], source: str) -> Closing:
     """Loops and couplings of a robot whose drives are read; what else moves follows.
 
     Raises:
-        InputError: a drive's column is missing, or drives do not say where a coordinate is.
+        InputError: a drive's column is missing, drives do not say where a coordinate is, or nothing closes rigidly.
     """
     robot = model.robot
     station = {s.name: k for k, s in enumerate(chain.stations) if s.joint is not None}
@@ -149,6 +173,11 @@ def closing_of(model: Model, chain: Chain, read: Sequence[Place], source: str) -
         for x in robot.couplings
         if x.law is None
     )
+    if not couplings and not any(rigid_parts(loop) for loop in robot.loops):
+        raise InputError(
+            f"{robot.name}: all loops are elastic in all coordinates, so that forces alone say where it stands;"
+            " allowed: loops with rigid coordinates"
+        )
     return _independent(model, chain, Closing(robot, tuple(passive), couplings))
 
 

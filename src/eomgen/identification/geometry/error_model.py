@@ -135,18 +135,29 @@ class ErrorModel:
         rigid = rows.readings.copy()
         for i in moved:
             rigid[:, places[i][0], places[i][1]] += x[i] * factors[:, i]
-        if self.closing is not None:
-            rigid = self.closing.closed(self.chain, rigid, rigid - rows.readings, bases)
-        found = located(self.chain, rigid, bases)
-        gravity = np.array(self.robot.gravity)
+        found = self._located(rigid, rows, bases)
         for _ in range(PASSES if soft else 0):
-            forces = forces_on(self.chain, found, gravity, rows.loads)
+            forces = self.forces(found, rows)
             values = rigid.copy()
             for i in soft:
                 factors[:, i] = forces[:, places[i][0], places[i][1]]
                 values[:, places[i][0], places[i][1]] += x[i] * factors[:, i]
-            found = located(self.chain, values, bases)
+            found = self._located(values, rows, bases)
         return State(self, found, factors)
+
+    def _located(self, values: Array, rows: Rows, bases: Array) -> Located:
+        """Stations by their coordinates, (N, S, 6), whose passive ones are made to close loops."""
+        if self.closing is not None:
+            values = self.closing.closed(self.chain, values, values - rows.readings, bases)
+        return located(self.chain, values, bases)
+
+    def forces(self, found: Located, rows: Rows) -> Array:
+        """Generalized forces of gravity and of loads at all stations' coordinates, (N, S, 6), N and N m.
+
+        Of closed mechanisms they are those of coordinates that passive ones follow.
+        """
+        forces = forces_on(self.chain, found, np.array(self.robot.gravity), rows.loads)
+        return forces if self.closing is None else self.closing.carried(self.chain, found, forces)
 
     def _factors(self, rows: Rows) -> Array:
         """Factors of all quantities, (N, P); those of compliances are still 0."""

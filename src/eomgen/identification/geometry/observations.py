@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...errors import ArrayError, InputError
 from ...names import listed, show
 from ...robot.coordinates import MOTIONS
+from .covariances import matrices_of, whitening_factor
 from .error_model import ErrorModel, Rows, State
 from .poses import Measured, MeasuredPoses
 from .rotations import vectors_of
@@ -43,7 +44,8 @@ class Observations:
 
     group: of each number, the index of its block; row: of the file; sample: index of what was measured at once of a
     frame, and is weighted as one.  sigma: standard deviations, (M,), NaN where not known.  weight: of information.
-    mixed: places (R, c) of numbers whose errors go together, with the inverse factor of their covariance, (c, c).
+    mixed: places (R, c) of numbers whose errors go together, with the inverse factors of their covariances,
+    (c, c) or (R, c, c).
     """
 
     blocks: tuple[Block, ...]
@@ -93,9 +95,9 @@ class Observations:
         for places, factor in self.mixed:
             root = np.sqrt(self.weight[places[:, :1]])
             if values.ndim == 1:
-                scaled[places] = root * (values[places] @ factor.T)
+                scaled[places] = root * (factor @ values[places][..., np.newaxis])[..., 0]
             else:
-                scaled[places] = root[..., np.newaxis] * np.einsum("ij,njp->nip", factor, values[places])
+                scaled[places] = root[..., np.newaxis] * (factor @ values[places])
         return np.asarray(scaled)
 
     def part(self, kept: NDArray[np.bool_]) -> Places:
@@ -109,7 +111,8 @@ def observations_of(poses: MeasuredPoses, noise: ArrayLike | None, covariance: M
     Args:
         poses: from a file.
         noise: standard deviations of lengths (m) and of turns (rad) where the file has none; None: not known.
-        covariance: of the errors of a frame, (3, 3) of its position or (6, 6) of position and turn, in place of that.
+        covariance: of the errors of a frame, (3, 3) of its position or (6, 6) of position and turn, in place of that;
+            or one for each of the R rows, (R, 3, 3) or (R, 6, 6).
 
     Raises:
         InputError: a standard deviation is missing in some rows, a covariance is none.
@@ -128,9 +131,11 @@ def observations_of(poses: MeasuredPoses, noise: ArrayLike | None, covariance: M
     widths = [block.width * block.rows.size for block in blocks]
     row = np.concatenate([np.repeat(block.rows, block.width) for block in blocks])
     deviations = np.concatenate(sigma)
-    mixed = [_mixed(frame, value, starts) for frame, value in covariance.items()]
-    for places, _ in mixed:
-        deviations[places] = 1.0
+    mixed = []
+    for frame, value in covariance.items():
+        places, factor, own = _mixed(poses, frame, value, starts)
+        mixed.append((places, factor))
+        deviations[places] = own
     return Observations(
         tuple(blocks),
         np.repeat(np.arange(len(blocks)), widths),
@@ -196,29 +201,28 @@ def usual_noise(noise: ArrayLike) -> tuple[float, float]:
     return float(values[0]), float(values[1])
 
 
-def _mixed(frame: str, value: ArrayLike, starts: Mapping[tuple[str, str], tuple[int, Block]]) -> tuple[Places, Array]:
-    """Places of a frame's numbers that a covariance is of, and the inverse of its Cholesky factor."""
+def _mixed(
+    poses: MeasuredPoses, frame: str, value: ArrayLike, starts: Mapping[tuple[str, str], tuple[int, Block]]
+) -> tuple[Places, Array, Array]:
+    """Places of a frame's numbers that a covariance is of, inverse Cholesky factors, and standard deviations."""
     if (frame, POSITION) not in starts:
         known = [name for name, kind in starts if kind == POSITION]
         raise InputError(f"covariance: {show(frame)} has no measured position; allowed: {listed(known)}")
-    matrix = np.array(value, dtype=np.float64)
     whole = (frame, ORIENTATION) in starts
-    if matrix.shape not in ((3, 3), *(((6, 6),) if whole else ())):
-        raise ArrayError(f"covariance: {frame} has shape {matrix.shape}; allowed: (3, 3){', (6, 6)' if whole else ''}")
-    try:
-        if not (np.isfinite(matrix).all() and np.allclose(matrix, matrix.T, rtol=1e-9, atol=0.0)):
-            raise np.linalg.LinAlgError
-        factor = np.linalg.inv(np.linalg.cholesky(matrix))
-    except np.linalg.LinAlgError:
-        raise ArrayError(f"covariance: that of {frame} is not symmetric and positive definite; allowed: one") from None
+    matrices = matrices_of(frame, value, len(poses.q), (3, 6) if whole else (3,))
     first, block = starts[frame, POSITION]
     places = first + 3 * np.arange(block.rows.size)[:, np.newaxis] + np.arange(3)
-    if len(matrix) == 6:
+    if matrices.shape[-1] == 6:
         second, turned = starts[frame, ORIENTATION]
         if not np.array_equal(block.rows, turned.rows):
             raise InputError(f"covariance: {frame} has positions without turns; allowed: both in all rows")
         places = np.hstack([places, second + 3 * np.arange(block.rows.size)[:, np.newaxis] + np.arange(3)])
-    return places, factor
+    if matrices.ndim == 2:
+        return places, whitening_factor(frame, matrices), np.sqrt(np.diagonal(matrices))
+    chosen = matrices[block.rows]
+    named = [f"{frame} ({poses.place(row)})" for row in block.rows.tolist()]
+    factors = np.stack([whitening_factor(of, matrix) for of, matrix in zip(named, chosen, strict=True)])
+    return places, factors, np.sqrt(np.diagonal(chosen, axis1=1, axis2=2))
 
 
 def at_rows(model: ErrorModel, rows: Rows, seen: Observations, x: Array) -> tuple[Array, Array]:

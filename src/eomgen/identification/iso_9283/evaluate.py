@@ -22,6 +22,7 @@ from .poses import distance_figures, pose_figures, stop_figures
 from .result import STANDARD, AccuracyResult, PathFigures, PoseFigures
 from .samples import from_plan
 from .simulated import from_simulations
+from .variations import variation_figures
 
 POSES, CYCLES, PATH_CYCLES = 5, 30, 10  # that the standard asks for
 TRAJECTORY, SWEEP = "trajectory.npz", "sweep.json"
@@ -146,6 +147,7 @@ def figures_of(
     _check_cycles(found)
     poses = tuple(pose_figures(pose) for pose in found.poses)
     paths = tuple(path_figures(path, match) for path in found.paths)
+    variations, directions = variation_figures(found.poses, poses)
     stops, unsettled = stop_figures(found.poses, poses, band)
     notes = [*_standard(found), *_exactly(found), *found.notes, *_convention(found, match), *_far(poses, paths)]
     return AccuracyResult(
@@ -159,7 +161,8 @@ def figures_of(
         paths=paths,
         distances=distance_figures(found.poses, distances),
         stops=stops,
-        notes=(*notes, *unsettled),
+        variations=variations,
+        notes=(*notes, *directions, *unsettled),
     )
 
 

@@ -208,3 +208,34 @@ def speeds(t: Array, positions: Array) -> Array:
     if len(t) < 2:
         return np.zeros(len(t))
     return np.asarray(np.linalg.norm(np.gradient(positions, t, axis=0), axis=1))
+
+
+def greatest_differences(values: Array) -> Array:
+    """Greatest differences between rows, column by column, (k,), of (n, k)."""
+    return np.asarray(np.ptp(values, axis=0))
+
+
+def distance_to_path(point: Array, path: Array) -> float:
+    """Distance of a point, (3,), from a path, (k, 3), straight between its points: clause 8.5, m."""
+    begin, steps = path[:-1], np.diff(path, axis=0)
+    squares = np.maximum(np.einsum("ki,ki->k", steps, steps), 1e-300)
+    share = np.clip(np.einsum("ki,ki->k", point - begin, steps) / squares, 0.0, 1.0)
+    return float(np.linalg.norm(begin + share[:, np.newaxis] * steps - point, axis=1).min())
+
+
+def corner_overshoot(attained: Array, corner: Array, before: Array, behind: Array) -> float:
+    """Overshoot of an attained path, (k, 3), over the line behind a corner: clause 8.5, m.
+
+    It is the greatest distance from that line of points that have passed the corner and lie on the outer side, to which
+    the path in front of the corner points; 0 where none does.
+
+    Args:
+        attained: positions around the corner, in their order, m.
+        corner: its position, (3,), m.
+        before, behind: unit vectors along the commanded path in front of the corner and behind it.
+    """
+    outward = before - (before @ behind) * behind
+    arm = attained - corner
+    past = arm @ behind
+    off = np.linalg.norm(arm - past[:, np.newaxis] * behind, axis=1)
+    return float(off[(past >= 0.0) & (arm @ outward > 0.0)].max(initial=0.0))

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from ...errors import InputError
 from .attained import Path, Record
+from .corners import corner_figures
 from .formulas import STEADY, arc, at_planes, between, deviations, path_scatter, speeds, tangents, turns_from
 from .result import PathFigures, SpeedFigures, vector
 
@@ -58,6 +59,7 @@ def path_figures(path: Path, match: str) -> PathFigures:
         turned=turned,
         turning=turning,
         speed=_speed(path),
+        corners=corner_figures(path, _without_rests(path.command)),
         along=tuple(along.tolist()),
         offsets=tuple(spread.accuracy.tolist()),
         scatters=tuple(spread.repeatability.tolist()),

@@ -13,6 +13,7 @@ from ...names import listed, nearest, show
 from .attained import Pose
 from .formulas import deviations, distance_scatter, scatter, stabilization, turns_from
 from .result import DistanceFigures, PoseFigures, StopFigures, vector
+from .variations import same_command
 
 Array = NDArray[np.float64]
 
@@ -51,7 +52,8 @@ def distance_figures(poses: Sequence[Pose], pairs: Sequence[tuple[str, str]] | N
         InputError: both poses of a pair have no cycle in common; UnknownNameError: there is no pose of that name.
     """
     by_name = {pose.name: pose for pose in poses}
-    wanted = [(a.name, b.name) for a, b in pairwise(poses)] if pairs is None else list(pairs)
+    following = [(a.name, b.name) for a, b in pairwise(poses) if not same_command(a, b)]
+    wanted = following if pairs is None else list(pairs)
     found = []
     for pair in wanted:
         for name in pair:

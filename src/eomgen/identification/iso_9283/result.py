@@ -76,6 +76,22 @@ class SpeedFigures:
 
 
 @dataclass(frozen=True, kw_only=True)
+class CornerFigures:
+    """Deviations at a corner of a path, clause 8.5; m, rad.
+
+    along: length of the commanded path up to it.  angle: by which the path turns there.  rounding: CR, the least
+    distance of the attained path from the corner; overshoot: CO, its greatest distance from the path behind the corner
+    on the outer side; of both the greatest of all cycles.
+    """
+
+    along: float
+    angle: float
+    cycles: int
+    rounding: float
+    overshoot: float
+
+
+@dataclass(frozen=True, kw_only=True)
 class PathFigures:
     """Figures of one path, clause 8; m, rad.
 
@@ -89,6 +105,7 @@ class PathFigures:
         accuracy_at, repeatability_at: lengths along the path where those are.
         turned, turning: AT_a, AT_b, AT_c and RT_a, RT_b, RT_c: greatest of all points; None without orientations.
         speed: velocities; None where times are not known.
+        corners: deviations at its corners.
         along, offsets, scatters: by point (points,): length along the path, distance of the barycentre, l-bar + 3 S_l.
     """
 
@@ -107,6 +124,7 @@ class PathFigures:
     along: tuple[float, ...] = ()
     offsets: tuple[float, ...] = ()
     scatters: tuple[float, ...] = ()
+    corners: tuple[CornerFigures, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,6 +152,20 @@ class DistanceFigures:
 
 
 @dataclass(frozen=True, kw_only=True)
+class VariationFigures:
+    """Variation of a pose that is reached from several directions, clause 7.2.3; m, rad.
+
+    poses: names that it has by direction.  cycles: of each at least.  position: vAP_p, greatest distance between the
+    barycentres of two directions; turned: vAP_a, vAP_b, vAP_c, of the mean angles; None without orientations.
+    """
+
+    poses: tuple[str, ...]
+    cycles: int
+    position: float
+    turned: Vector | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
 class StopFigures:
     """Coming to rest at a pose, clauses 7.4 and 7.5.
 
@@ -157,6 +189,7 @@ class AccuracyResult(Shown, Tabular):
         load, rate: load and speed of the test, in words.
         exact: whether cycles repeat themselves because nothing differs between them, so that RP and RT are 0.
         poses, paths, distances, stops: figures of each.
+        variations: of poses that are commanded several times, reached from different directions.
         notes: lines about the method, and about what differs from the standard's test.
     """
 
@@ -171,14 +204,18 @@ class AccuracyResult(Shown, Tabular):
     distances: tuple[DistanceFigures, ...]
     stops: tuple[StopFigures, ...]
     notes: tuple[str, ...]
+    variations: tuple[VariationFigures, ...] = ()
 
     def summary(self) -> dict[str, Any]:
         """The worst of each figure, as plain numbers in SI units; None where there is none."""
         worst = {
             "AP": [item.accuracy for item in self.poses],
             "RP": [item.repeatability for item in self.poses],
+            "vAP": [item.position for item in self.variations],
             "AT": [item.accuracy for item in self.paths],
             "RT": [item.repeatability for item in self.paths],
+            "CR": [corner.rounding for item in self.paths for corner in item.corners],
+            "CO": [corner.overshoot for item in self.paths for corner in item.corners],
             "AD": [abs(item.accuracy) for item in self.distances],
             "RD": [item.repeatability for item in self.distances],
             "stabilization": [item.time for item in self.stops],
@@ -209,6 +246,10 @@ class AccuracyResult(Shown, Tabular):
             yield from ((of, f"AP_{axis}", x, "m") for axis, x in zip("xyz", pose.offset, strict=True))
             yield of, "RP_l", pose.repeatability, "m"
             yield from _angles(of, "P", pose.turned, pose.turning)
+        for variation in self.variations:
+            of = f"poses {' and '.join(variation.poses)}"
+            yield of, "vAP_p", variation.position, "m"
+            yield from ((of, f"vAP_{axis}", x, "rad") for axis, x in zip("abc", variation.turned or (), strict=False))
         for path in self.paths:
             of = f"path {path.name}"
             yield of, "AT_p", path.accuracy, "m"
@@ -218,6 +259,9 @@ class AccuracyResult(Shown, Tabular):
                 yield of, "AV", path.speed.accuracy, "1"
                 yield of, "RV", path.speed.repeatability, "1"
                 yield of, "FV", path.speed.fluctuation, "m/s"
+            for number, corner in enumerate(path.corners, 1):
+                yield f"{of}, corner {number}", "CR", corner.rounding, "m"
+                yield f"{of}, corner {number}", "CO", corner.overshoot, "m"
         for distance in self.distances:
             of = f"poses {' and '.join(distance.poses)}"
             yield of, "AD_p", distance.accuracy, "m"
@@ -234,9 +278,20 @@ class AccuracyResult(Shown, Tabular):
         name = f"{self.robot}, {self.frame}" if self.robot else self.frame
         lines = [f"{name}: accuracy by the definitions of {STANDARD}, {self.source}"]
         lines += [f"  load: {self.load}", f"  rate: {self.rate}", ""]
-        for rows in (self._pose_rows(), self._path_rows(), self._distance_rows(), self._stop_rows()):
+        for rows in self.tables().values():
             lines += [*_table(rows), ""] if len(rows) > 1 else []
         return lines + [f"note: {text}" for text in self.notes]
+
+    def tables(self) -> dict[str, Sequence[tuple[str, ...]]]:
+        """Rows of texts by what they are of, the first with what is in the columns: lengths in mm, angles in mrad."""
+        return {
+            "Poses": self._pose_rows(),
+            "Reached from several directions": self._variation_rows(),
+            "Paths": self._path_rows(),
+            "Corners": self._corner_rows(),
+            "Distances": self._distance_rows(),
+            "Stops": self._stop_rows(),
+        }
 
     def _pose_rows(self) -> Sequence[tuple[str, ...]]:
         head = ("pose", "cycles", "AP mm", "RP mm", "AP a b c mrad", "RP a b c mrad")
@@ -265,6 +320,28 @@ class AccuracyResult(Shown, Tabular):
                 *_speed_texts(item.speed),
             )
             for item in self.paths
+        ]
+
+    def _variation_rows(self) -> Sequence[tuple[str, ...]]:
+        head = ("poses", "cycles", "vAP mm", "vAP a b c mrad")
+        return [head] + [
+            (" - ".join(item.poses), str(item.cycles), _milli(item.position), _angle_text(item.turned))
+            for item in self.variations
+        ]
+
+    def _corner_rows(self) -> Sequence[tuple[str, ...]]:
+        head = ("corner of path", "at mm", "turn deg", "cycles", "CR mm", "CO mm")
+        return [head] + [
+            (
+                item.name,
+                f"{1e3 * corner.along:.6g}",
+                f"{np.rad2deg(corner.angle):.3g}",
+                str(corner.cycles),
+                _milli(corner.rounding),
+                _milli(corner.overshoot),
+            )
+            for item in self.paths
+            for corner in item.corners
         ]
 
     def _distance_rows(self) -> Sequence[tuple[str, ...]]:
@@ -296,7 +373,7 @@ class AccuracyResult(Shown, Tabular):
         target = Path(path)
         if target.suffix != ".json":
             raise InputError(f"{target}: the suffix {target.suffix!r} is none of a result; allowed: .json")
-        text = json.dumps({"standard": STANDARD, "format": FORMAT, **asdict(self)}, indent=1)
+        text = json.dumps({"kind": "accuracy", "standard": STANDARD, "format": FORMAT, **asdict(self)}, indent=1)
         return write_atomically(target, lambda stream: stream.write(text.encode("ascii")))
 
 
@@ -314,7 +391,7 @@ def load_accuracy(path: Path | str) -> AccuracyResult:
     data = parse_json(text, str(path), _MOST_MEMORY)
     if not isinstance(data, dict) or data.get("standard") != STANDARD or data.get("format") != FORMAT:
         raise InputError(f"{path}: holds no figures of {STANDARD}; allowed: a file that eomgen accuracy wrote")
-    rest = {key: value for key, value in data.items() if key not in ("standard", "format")}
+    rest = {key: value for key, value in data.items() if key not in ("kind", "standard", "format")}
     found: AccuracyResult = value_of(AccuracyResult, rest, str(path))
     return found
 

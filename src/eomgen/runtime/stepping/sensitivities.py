@@ -16,7 +16,10 @@ from ...names import listed, show
 from ..calls import Calls
 from ..derivatives import parameter_slots
 from ..raw import FFI
+from .given_loads import Loads
 from .gradients import WAYS, Motion, Steps, stopped, taken_steps
+from .load_slopes import Acting
+from .loads import ALONG
 from .rollouts import room_for
 
 Array = NDArray[Any]
@@ -76,6 +79,7 @@ def rollout_sensitivity(
     *,
     parameters: Sequence[str],
     along: Mapping[str, ArrayLike] | None,
+    loads: Loads | Sequence[Loads] | None,
     out: Sequence[Array] | None,
     method: str,
     **how: Any,
@@ -86,11 +90,12 @@ def rollout_sensitivity(
         calls: of the calls.
         driven: indices of the coordinates that a controller may act on.
         given: q0, v0, u, kp, kd and target by their names.
-        parameters, along, out, method: as there.
+        parameters, along, loads, out, method: as there.
         how: what else there is about steps, as there.
     """
     slots = parameter_slots(calls.parameters, parameters)
-    motion, times, taken = taken_steps(calls, driven, "sensitivity", given, method=method, **how)
+    acting = None if loads is None else Acting(calls, "sensitivity", loads)
+    motion, times, taken = taken_steps(calls, driven, "sensitivity", given, acting, method=method, **how)
     rows = max(int(steps.rows[-1]) + 1 for steps in taken if steps is not None) if any(taken) else 1
     directions = Directions(calls, motion, rows, along or {}, slots)
     lead = (motion.states, times.size)
@@ -98,7 +103,7 @@ def rollout_sensitivity(
     found = [room_for(calls, shape, "fewer samples") for shape in shapes]
     for state, steps in enumerate(taken):
         if steps is None or not _carry(motion, state, steps, WAYS[method][1], directions, [x[state] for x in found]):
-            raise stopped(calls, driven, given, method=method, **how)
+            raise stopped(calls, driven, given, loads, method=method, **how)
     results = [x[0] if motion.is_single else x for x in found]
     if out is not None:
         results = _written(calls, out, results)
@@ -138,16 +143,23 @@ def _carry(
     """
     calls, function = motion.calls, motion.function
     view, n, count = calls.raw.view, calls.n, directions.count
-    setup, drive = calls.parameters.setup.pointer(function.library), motion.drive(function.library, state)
+    library = function.library
+    setup, drive, loads = (
+        calls.parameters.setup.pointer(library),
+        motion.drive(library, state),
+        motion.loads(library, state, ALONG),
+    )
     length = min(max(PART // (n * (count + 1)), SHORTEST), steps.dt.size)
     room = [np.empty((length + 1, *x.shape[1:]), calls.dtype) for x in found]
     for own, first in zip(room, (*motion.start(state), *directions.starts), strict=True):
         own[0] = first
+    motion.rest(room[2][0], room[3][0], state)
     for begin in range(0, steps.dt.size, length):
         end = min(begin + length, steps.dt.size)
-        dt, rows = steps.dt[begin:end], FFI.from_buffer("long long[]", steps.rows[begin:end])
+        times, rows = steps.times[begin : end + 1], FFI.from_buffer("long long[]", steps.rows[begin:end])
+        given = end - begin, view(steps.dt[begin:end]), FFI.from_buffer("double[]", times), rows, number
         pointers = [view(x.reshape(-1)) for x in room]
-        status = function.code(setup, drive, end - begin, view(dt), rows, number, count, directions.rates, *pointers)
+        status = function.code(setup, drive, loads, *given, count, directions.rates, *pointers)
         if status >= 0 or not all(np.isfinite(x[: end - begin + 1]).all() for x in room):
             return False
         here = (steps.told >= begin) & (steps.told <= end)

@@ -1,4 +1,4 @@
-"""Figures of what measurements say: residuals of a calibration, and accuracy by ISO 9283."""
+"""Figures of ISO 9283 drawn and as a page."""
 
 from __future__ import annotations
 
@@ -7,44 +7,37 @@ from typing import Any
 
 import numpy as np
 
-from ..identification.calibration.result import CalibrationResult
-from ..identification.iso_9283.result import AccuracyResult
-from .style import COLORS, canvas, literal, scale_of, title_of
+from ...identification.iso_9283.result import AccuracyResult
+from ..report import Drawing, Report, Table, drawn
+from ..style import COLORS, canvas, literal, scale_of, title_of
+from .tables import columns_of, table
 
 CYCLE = tuple(color for colors in COLORS.values() for color in colors.values())
 MOST = len(CYCLE)  # poses, and paths, that are drawn
-_KINDS = (("position", "m"), ("orientation", "rad"))
 
 
-def plot_calibration(found: CalibrationResult, path: Path | str) -> Path:
-    """Rms of residuals by variant, a panel for positions and one for orientations; returns the path.
-
-    Raises:
-        InputError: Matplotlib is not installed, the ending is none of FIGURE_ENDINGS, or the file cannot be written.
-    """
-    kinds = [entry for entry in _KINDS if entry[0] in found.residuals["full"]["fitted"]]
-    with canvas(3.6 * len(kinds), 3.0, path) as figure:
-        room = {"top": 0.86, "bottom": 0.12, "left": 0.18 / len(kinds), "right": 0.98, "wspace": 0.3}
-        panels = figure.subplots(1, len(kinds), squeeze=False, gridspec_kw=room)
-        for axes, (kind, unit) in zip(panels[0], kinds, strict=True):
-            _bars(found, axes, kind, unit)
-        panels[0][0].legend(loc="upper right")
-        title_of(figure, f"{found.robot}: rms of residuals of {found.rows} poses")
-    return Path(path)
-
-
-def _bars(found: CalibrationResult, axes: Any, kind: str, unit: str) -> None:
-    names = list(found.residuals)
-    fitted = np.array([found.residuals[name]["fitted"][kind] for name in names])
-    held = np.array([found.residuals[name]["held_out"].get(kind, np.nan) for name in names])
-    factor, prefixed = scale_of(fitted, unit)
-    places = np.arange(len(names))
-    axes.bar(places - 0.2, factor * fitted, 0.38, color=COLORS["m"]["x"], label="fitted")
-    if np.isfinite(held).any():
-        axes.bar(places + 0.2, factor * held, 0.38, color=COLORS["m"]["y"], label="held out")
-    axes.set_yscale("log")
-    axes.set_xticks(places, names)
-    axes.set_ylabel(f"{kind}, {prefixed}")
+def accuracy_page(found: AccuracyResult) -> Report:
+    """A page about figures of ISO 9283: those of poses, distances, stops and paths, load and rate, notes."""
+    figures = []
+    if found.poses or found.paths:
+        text = (
+            "Attained positions less the command with a circle of the repeatability about each barycentre; along paths"
+            " the offset of the barycentre and the repeatability."
+        )
+        figures.append(Drawing("accuracy", text, lambda path: plot_accuracy(found, path)))
+    tables = list[Table]()
+    for title, rows in found.tables().items():
+        if len(rows) > 1:
+            head, *others = columns_of(rows)
+            tables += table(title, head, others)
+    return Report(
+        title=f"{found.robot or found.frame}: accuracy by ISO 9283",
+        summary=(f"frame {found.frame}, {found.source}", f"load: {found.load}", f"rate: {found.rate}"),
+        warnings=found.notes,
+        missing=(),
+        figures=drawn(figures),
+        tables=tuple(tables),
+    )
 
 
 def plot_accuracy(found: AccuracyResult, path: Path | str) -> Path:

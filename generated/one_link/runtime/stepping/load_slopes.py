@@ -1,0 +1,126 @@
+"""Loads of motions that are differentiated, and what derivatives by their numbers add up to.
+
+A generated package carries a copy of this file.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import ArrayError, InputError
+from ..calls import Calls
+from ..raw import FFI, Library
+from .given_loads import place_back, place_given, read_loads
+from .loads import LoadData, Packed, Signal, Slopes
+
+Array = NDArray[np.float64]
+
+
+class Acting:
+    """Loads of all states, or of each of them, in motions that are differentiated.
+
+    Args:
+        calls: of the kernel.
+        kind: of the motion's function, "gradient" or "sensitivity".
+        given: as of ``Kernel.rollout``.
+
+    Raises:
+        InputError: loads that are not allowed, or a mechanism's drives, through which C has no derivatives.
+    """
+
+    def __init__(self, calls: Calls, kind: str, given: Any) -> None:
+        read = read_loads(calls, given)
+        self._calls, self.is_shared = calls, isinstance(read, LoadData)
+        self._each = [read] if isinstance(read, LoadData) else read
+        self._sums = [_sums(loads) for loads in self._each]
+        self._kept: list[Any] = []
+        for loads in self._each:
+            if loads.drive.model is not None and loads.drive.model.mechanism is not None:
+                raise InputError(
+                    f"rollout_{kind}: loads: drive.model.mechanism has no derivatives; allowed: models without loops"
+                )
+
+    def count(self, states: int | None) -> int | None:
+        """Number of states with that of their loads; None for a single one.
+
+        Raises:
+            ArrayError: another number of loads than of states.
+        """
+        if self.is_shared:
+            return states
+        if states not in (None, 1) and len(self._each) not in (1, states):
+            raise ArrayError(f"rollout: {len(self._each)} states in loads, but {states} in other arrays")
+        return max(states or 1, len(self._each))
+
+    def of(self, state: int) -> LoadData:
+        """The loads of a state."""
+        return self._each[state if len(self._each) > 1 else 0]
+
+    def placed(self, state: int, q: NDArray[Any], v: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Where a state begins, with prescribed coordinates where their motions do."""
+        at = q[np.newaxis].copy(), v[np.newaxis].copy()
+        place_given(self._calls, self.of(state), *at)
+        return at[0][0], at[1][0]
+
+    def back(self, state: int, by_q: NDArray[Any], by_v: NDArray[Any]) -> None:
+        """Go back from derivatives by a placed state to those by the one that was given, in place."""
+        sums = self._sums[state if len(self._sums) > 1 else 0]
+        tracks = [x for name, x in sums.items() if name.startswith(TRACK)]
+        place_back(self._calls, self.of(state), by_q, by_v, tracks)
+
+    def packed(self, library: Library, state: int, slopes: Slopes | None = None) -> Any:
+        """``NAME_loads`` of a state, which lives as long as this object."""
+        self._kept.append(Packed(library, self._calls, self.of(state), slopes=slopes))
+        return self._kept[-1].pointer
+
+    def slopes(self, library: Library, state: int) -> Any:
+        """``NAME_load_slopes`` of a state, what derivatives by its loads are added to."""
+        sums = self._sums[state if len(self._sums) > 1 else 0]
+        fields = {
+            field: FFI.from_buffer("double[]", sums[name].reshape(-1)) for name, field in FIELDS.items() if name in sums
+        }
+        for field, begin in (("tracks", TRACK), ("wrench", WRENCH)):
+            rows = [FFI.from_buffer("double[]", x.reshape(-1)) for name, x in sums.items() if name.startswith(begin)]
+            if rows:
+                fields[field] = library.ffi.new("double *[]", rows)
+            self._kept.append(rows)
+        self._kept.append(fields)
+        return library.new("load_slopes", **fields)
+
+    def by_name(self) -> dict[str, Array | float] | list[dict[str, Array | float]]:
+        """Derivatives by what loads consist of, of all states' or in a list of each."""
+        found = [{name: float(x) if x.ndim == 0 else x for name, x in sums.items()} for sums in self._sums]
+        return found[0] if self.is_shared else found
+
+
+FIELDS = {
+    "drive.torque": "torque",
+    "drive.program": "program",
+    "drive.gains.kp": "kp",
+    "drive.gains.kd": "kd",
+    "drive.model.bandwidth": "bandwidth",
+}
+TRACK, WRENCH = "prescribed.tracks[", "wrench["
+
+
+def _sums(loads: LoadData) -> dict[str, Array]:
+    """Zeros for derivatives by the numbers of loads: coefficients of signals, gains, a bandwidth."""
+    drive, found = loads.drive, dict[str, Array]()
+
+    def of(signal: Signal) -> Array:
+        return np.zeros(np.shape(signal.coefficients))
+
+    if drive.torque is not None:
+        found["drive.torque"] = of(drive.torque.signal)
+    if drive.program is not None:
+        found["drive.program"] = of(drive.program.signal)
+    if drive.gains is not None:
+        found |= {f"drive.gains.{name}": np.zeros(np.shape(getattr(drive.gains, name))) for name in ("kp", "kd")}
+    if drive.model is not None and drive.model.bandwidth is not None:
+        found["drive.model.bandwidth"] = np.zeros(())
+    if loads.given is not None:
+        found |= {f"{TRACK}{k}]": of(track.signal) for k, track in enumerate(loads.given.tracks)}
+    return found | {f"{WRENCH}{k}]": of(wrench.signal) for k, wrench in enumerate(loads.wrenches)}

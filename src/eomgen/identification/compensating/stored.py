@@ -1,0 +1,59 @@
+"""Compensations as .npz files, read again."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...errors import InputError
+from ...names import show
+from ...npz import read_npz
+from ...scenario.recorded import scenario_from_record
+from .result import AXES, CompensationResult, HeldBack, Variant
+from .written import ARRAYS, FORMAT, PLAIN
+
+
+def load_compensation(path: Path | str) -> CompensationResult:
+    """The result that ``CompensationResult.save`` wrote.
+
+    Raises:
+        InputError: the file cannot be read, or is no compensation.
+    """
+    arrays = read_npz(path)
+    try:
+        meta = json.loads(str(arrays["compensation"]))
+        if meta["format"] != FORMAT:
+            raise InputError(f"{path}: has format {show(meta['format'])}; allowed: {FORMAT}")
+        plain: dict[str, Any] = {name: meta[name] for name in PLAIN}
+        for name in ("coordinates", "history", "rank", "shares", "notes"):
+            plain[name] = tuple(plain[name])
+        plain |= {name: np.asarray(arrays[name], dtype=np.float64) for name in ARRAYS}
+        found = CompensationResult(
+            **plain,
+            limits=tuple(HeldBack(**entry) for entry in meta["limits"]),
+            robustness=tuple(Variant(**entry) for entry in meta["robustness"]),
+            scenario=scenario_from_record(meta["scenario"], f"{path}: scenario"),
+        )
+        _check(found, str(path))
+        found.lines()  # every number has its type
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{path}: is no compensation ({show(str(error))}); allowed: what its save wrote") from None
+    return found
+
+
+def _check(found: CompensationResult, path: str) -> None:
+    many, whole = found.t.size, len(found.coordinates)
+    shapes: dict[str, tuple[int, ...]] = {"t": (many,), "program": (many, whole), "corrected": (many, whole)}
+    shapes |= {"times": (2 * many - 1,), "before": (2 * many - 1, 6), "after": (2 * many - 1, 6)}
+    shapes |= {"beyond": (2 * many - 1, 6), "weights": (len(AXES),)}
+    for name, shape in shapes.items():
+        array = getattr(found, name)
+        if array.shape != shape or not np.isfinite(array).all():
+            raise InputError(f"{path}: array {name} has shape {array.shape}; allowed: {shape}, finite numbers")
+    if (np.diff(found.t) <= 0.0).any():
+        raise InputError(f"{path}: array t does not increase; allowed: increasing times")

@@ -1,0 +1,206 @@
+"""Parameters that forces are not linear in: gains of drives, a delay, Stribeck's friction; by Gauss and Newton.
+
+About their present values each of them is one more column beside those of the base parameters: of a gain what its drive
+should be by all parameters, not what was measured, so that noise of the drive is in no column; of the delay the rate of
+that; of Stribeck's law its slopes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...names import component_name
+from ...robot.coordinates import force_unit_of, unit_of
+from ..identifiable import regrouped
+from .result import Further
+
+Array = NDArray[np.float64]
+
+STRIBECK, GAINS, DELAY = FURTHER = ("stribeck", "gains", "delay")
+FRACTIONS = (0.03, 0.06, 0.12, 0.25, 0.5, 1.0)  # of the rms of a rate, where Stribeck's rate is looked for first
+LONGEST = 0.7  # step of a logarithm: a factor of 2
+DEVIATIONS = 2.0  # of what static friction is more, below which there is none
+HARDLY = 0.2  # of a gain: a deviation that leaves it open
+NEIGHBOURS = 3  # on each side of the place that a sample is interpolated at
+
+
+@dataclass(frozen=True)
+class State:
+    """Present values: delay (s), gains of drives, (d,), Stribeck's static less dry friction and rate, (k,) each."""
+
+    delay: float
+    gains: Array
+    breakaway: Array
+    rates: Array
+
+
+@dataclass(frozen=True)
+class Sought:
+    """Parameters to look for beside base parameters.
+
+    Attributes:
+        terms: among FURTHER.
+        coordinates: names of all.
+        drives: indices of the coordinates whose drive was measured, d of them.
+        free_gains: those among ``drives``, by place, whose gain can be told from the rest.
+        rubbing: indices of the coordinates whose friction is sought, k of them.
+        matrix: (n, r), forces at all coordinates to the rows that are known.
+        step: of the samples, s.
+    """
+
+    terms: tuple[str, ...]
+    coordinates: tuple[str, ...]
+    drives: tuple[int, ...]
+    free_gains: tuple[int, ...]
+    rubbing: tuple[int, ...]
+    matrix: Array
+    step: float
+
+    def start(self) -> State:
+        """Where it begins."""
+        return State(0.0, np.ones(len(self.drives)), np.zeros(len(self.rubbing)), np.ones(len(self.rubbing)))
+
+    def names(self) -> list[str]:
+        """Names of the columns of ``columns``."""
+        found = ["delay"] if DELAY in self.terms else []
+        found += [component_name(self.coordinates[self.drives[k]], "gain") for k in self.free_gains]
+        if STRIBECK in self.terms:
+            for key in ("breakaway", "stribeck"):
+                found += [component_name(self.coordinates[i], key) for i in self.rubbing]
+        return found
+
+    def columns(self, state: State, predicted: Array, v: Array) -> Array:
+        """Columns of steps of all, (T, r, e).
+
+        Args:
+            state: about which.
+            predicted: forces of the rows by all parameters, (T, r).
+            v: rates, (T, n).
+        """
+        parts = [-np.gradient(predicted, self.step, axis=0)[..., None]] if DELAY in self.terms else []
+        if self.free_gains:
+            parts.append(self.gain_columns(predicted)[..., list(self.free_gains)])
+        if STRIBECK in self.terms:
+            x = v[:, self.rubbing] / state.rates
+            sign, onto = np.sign(v[:, self.rubbing]), self.matrix[list(self.rubbing)].T
+            share = 1.0 / (1.0 + x**2)
+            parts.append((sign * share)[:, None, :] * onto)
+            parts.append((sign * state.breakaway * 2.0 * (x * share) ** 2)[:, None, :] * onto)
+        return np.concatenate(parts, axis=-1)
+
+    def gain_columns(self, predicted: Array) -> Array:
+        """Columns of relative changes of all gains, (T, r, d)."""
+        onto = self.matrix[list(self.drives)]  # (d, r)
+        drives = predicted @ np.linalg.pinv(onto)
+        return np.asarray(-drives[:, None, :] * onto.T)
+
+    def friction(self, state: State, v: Array) -> Array:
+        """Resistance by Stribeck's law beyond dry friction, along all coordinates, (T, n)."""
+        found = np.zeros_like(v)
+        if STRIBECK in self.terms:
+            rates = v[:, self.rubbing]
+            found[:, self.rubbing] = np.sign(rates) * state.breakaway / (1.0 + (rates / state.rates) ** 2)
+        return found
+
+    def drives_of(self, state: State, u: Array) -> Array:
+        """Drives, (T, n), N or N m, of what was measured of them: with their gains, and without their delay."""
+        found = np.array(u)
+        found[:, list(self.drives)] *= state.gains
+        return shifted(found, state.delay / self.step)
+
+    def stepped(self, state: State, steps: Array) -> State:
+        """The state after steps of what ``columns`` is of."""
+        left = list(steps)
+        delay, gains = state.delay, np.array(state.gains)
+        if DELAY in self.terms:
+            delay += float(left.pop(0))
+        for k in self.free_gains:
+            gains[k] *= float(np.clip(1.0 + left.pop(0), 0.5, 2.0))
+        if STRIBECK not in self.terms:
+            return replace(state, delay=delay, gains=gains)
+        many = len(self.rubbing)
+        logarithms = np.clip(left[many:], -LONGEST, LONGEST)
+        return State(delay, gains, state.breakaway + left[:many], state.rates * np.exp(logarithms))
+
+    def narrowed(self, state: State, deviations: Array) -> tuple[Sought, State]:
+        """Go on with coordinates alone whose static friction is more than dry friction.
+
+        Args:
+            state: with all of ``rubbing``.
+            deviations: of its ``breakaway``, (k,).
+        """
+        shown = state.breakaway > DEVIATIONS * deviations
+        rubbing = tuple(i for i, there in zip(self.rubbing, shown, strict=True) if there)
+        terms = self.terms if rubbing else tuple(term for term in self.terms if term != STRIBECK)
+        left = replace(state, breakaway=state.breakaway[shown], rates=state.rates[shown])
+        return replace(self, terms=terms, rubbing=rubbing), left
+
+    def found(self, state: State, deviations: Sequence[float]) -> dict[str, Further]:
+        """Values with standard deviations of the steps that ``columns`` is of."""
+        values: list[tuple[float, float, str]] = [(state.delay, 1.0, "s")] if DELAY in self.terms else []
+        for k in self.free_gains:
+            unit = force_unit_of(self.coordinates[self.drives[k]])
+            values.append((float(state.gains[k]), float(state.gains[k]), f"{unit} per unit in the file"))
+        if STRIBECK in self.terms:
+            names = [self.coordinates[i] for i in self.rubbing]
+            values += [(float(x), 1.0, force_unit_of(name)) for x, name in zip(state.breakaway, names, strict=True)]
+            values += [(float(x), float(x), f"{unit_of(name)}/s") for x, name in zip(state.rates, names, strict=True)]
+        pairs = zip(self.names(), values, deviations, strict=True)
+        return {name: Further(value, abs(size) * float(d), unit) for name, (value, size, unit), d in pairs}
+
+
+def told_apart(sought: Sought, columns: Array, predicted: Array) -> tuple[int, ...]:
+    """Places of the drives whose gains can be told from base parameters and from gains before them.
+
+    Args:
+        sought: with all drives.
+        columns: of base parameters, (T, r, b).
+        predicted: what some values of these make of the rows, exactly, (T, r), with all forces that are known.
+    """
+    gains = sought.gain_columns(predicted)
+    both = np.concatenate([columns, gains], axis=-1).reshape(-1, columns.shape[-1] + gains.shape[-1])
+    size = np.linalg.norm(both, axis=0)
+    both = both / np.where(size == 0.0, 1.0, size)
+    chosen, _ = regrouped(np.asarray(np.linalg.qr(both, mode="r"), dtype=np.float64))
+    return tuple(int(k) - columns.shape[-1] for k in chosen if k >= columns.shape[-1])
+
+
+def shifted(x: Array, samples: float) -> Array:
+    """Columns at times that are so many samples later, (T, k): polynomials of fifth degree; held at the ends."""
+    if samples == 0.0:
+        return x
+    whole = int(np.floor(samples))
+    offsets = np.arange(1 - NEIGHBOURS, NEIGHBOURS + 1)
+    part = samples - whole
+    weights = [np.prod([(part - other) / (place - other) for other in offsets if other != place]) for place in offsets]
+    rows = np.arange(len(x))[:, None] + whole + offsets
+    return np.asarray(np.einsum("j,tjk->tk", np.array(weights), x[np.clip(rows, 0, len(x) - 1)]))
+
+
+def further_doubts(asked: Sought, sought: Sought, found: dict[str, Further]) -> list[str]:
+    """Warnings about what cannot be told, what the motion hardly shows, and gains that are negative.
+
+    Args:
+        asked: what was asked for.
+        sought: what of it there is.
+        found: its values.
+    """
+    warnings = []
+    for k, i in enumerate(sought.drives if GAINS in sought.terms else ()):
+        name = component_name(sought.coordinates[i], "gain")
+        if k not in sought.free_gains:
+            warnings.append(
+                f"{name} cannot be told from masses, inertias, friction and gains of other drives, and stays 1: links"
+                " whose numbers are known are a measure"
+            )
+        elif found[name].deviation > HARDLY * abs(found[name].value):
+            warnings.append(f"{name} is hardly shown: {found[name].value:.3g} +- {found[name].deviation:.2g}")
+        elif found[name].value < 0.0:
+            warnings.append(f"{name} is negative; is the drive's sign right?")
+    rubbing = sought.rubbing if STRIBECK in sought.terms else ()
+    lost = [asked.coordinates[i] for i in asked.rubbing if i not in rubbing] if STRIBECK in asked.terms else []
+    return [*warnings, *(f"{name}: the motion shows no Stribeck friction" for name in lost)]

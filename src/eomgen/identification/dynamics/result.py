@@ -1,0 +1,165 @@
+"""What identification finds: base parameters with their deviations, what they leave of each drive, and a robot."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...robot.coordinates import force_unit_of
+from ...robot.value import Robot
+from ...shown import Shown
+from ..identifiable import BaseParameters
+from .as_toml import write_toml
+from .recorded import write_record
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """Residuals of a drive, rms, N or N m: of samples that parameters were fitted to, and of blocks held out.
+
+    ``drive`` is the rms of the measured drive itself over the whole record, ``samples`` how many count.
+    """
+
+    fitted: float
+    held_out: float
+    drive: float
+    samples: int
+
+    @property
+    def relative(self) -> tuple[float, float]:
+        """Both, fitted and held out, over the drive's rms."""
+        return self.fitted / max(self.drive, 1e-300), self.held_out / max(self.drive, 1e-300)
+
+
+@dataclass(frozen=True)
+class Further:
+    """A parameter that forces are not linear in: its value and standard deviation, and their unit."""
+
+    value: float
+    deviation: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class IdentifyResult(Shown):
+    """Base parameters with their standard deviations, and what they leave of each drive.
+
+    Attributes:
+        robot: the description with links that have these base parameters, near to its own, and that are bodies.
+        base: the combinations that the motion shows, with their formulas.
+        base_values: of these, (b,), SI units.
+        deviations: standard deviations, (b,), the jackknife's over blocks of time.
+        described: the description's values of the same combinations, (b,).
+        parameters: of the links, rotors and drives of ``robot`` by name, kg, kg m, kg m^2, N m s, N m and their like.
+        residuals: by the names of the coordinates; of those that others follow in a rigid coupling all together.
+        width: of the filter, s.
+        warnings, notes: lines about what is doubtful, and about the method.
+        further: parameters that forces are not linear in, by name: "delay", "joint1.gamma.gain" and their like.
+        t: times behind the filters, (T,), s.
+        drives, fitted: (T, r), measured drives and what the parameters make of them, in the order of ``residuals``.
+        kept: whether a sample counts, (T, r): not where a filter sees a drive stand still.
+    """
+
+    robot: Robot
+    base: BaseParameters
+    base_values: Array
+    deviations: Array
+    described: Array
+    parameters: dict[str, float]
+    residuals: dict[str, Residuals]
+    width: float
+    warnings: tuple[str, ...]
+    notes: tuple[str, ...]
+    further: dict[str, Further] = field(default_factory=dict)
+    t: Array = field(default_factory=lambda: np.zeros(0))
+    drives: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    fitted: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    kept: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((0, 0), dtype=np.bool_))
+
+    @property
+    def base_names(self) -> tuple[str, ...]:
+        """Formulas of the combinations, such as "link2.mx + 0.4318 link3.m"."""
+        return self.base.names
+
+    def save(self, path: Path | str) -> Path:
+        """Write the result as .npz, and return the path; ``load_identification`` reads it.
+
+        Raises:
+            InputError: another ending, or the file cannot be written.
+        """
+        return write_record(self, Path(path))
+
+    def to_toml(self, path: Path | str) -> Path:
+        """Write the description with the links, rotors and friction of ``robot``, and return the path.
+
+        Base parameters with their standard deviations stand above it as comments.
+
+        Raises:
+            InputError: the robot was read from no TOML or URDF, another ending, or the file cannot be written.
+        """
+        lines = [
+            f"# {name} = {value:.9g} +- {deviation:.2g} {unit_of_parameter(name)}"
+            for name, value, deviation in zip(self.base_names, self.base_values, self.deviations, strict=True)
+        ]
+        lines += [f"# {name} = {x.value:.9g} +- {x.deviation:.2g} {x.unit}" for name, x in self.further.items()]
+        return write_toml(self.robot, self.parameters, lines, Path(path))
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON."""
+        return {
+            **self.base.as_dict(),
+            "values": dict(zip(self.base_names, self.base_values.tolist(), strict=True)),
+            "deviations": dict(zip(self.base_names, self.deviations.tolist(), strict=True)),
+            "described": dict(zip(self.base_names, self.described.tolist(), strict=True)),
+            "further": {name: vars(found) for name, found in self.further.items()},
+            "parameters": self.parameters,
+            "residuals": {
+                name: {**vars(found), "relative": dict(zip(("fitted", "held_out"), found.relative, strict=True))}
+                for name, found in self.residuals.items()
+            },
+            "width": self.width,
+            "warnings": list(self.warnings),
+            "notes": list(self.notes),
+        }
+
+    def lines(self) -> list[str]:
+        """Tables for people."""
+        lines = [f"{self.base.robot}: {len(self.base)} base parameters by least squares", ""]
+        lines.append(f"{'value':>12}{'std. dev.':>12}{'described':>12}  parameter")
+        for name, *numbers in zip(self.base_names, self.base_values, self.deviations, self.described, strict=True):
+            value, deviation, described = (float(x) for x in numbers)
+            lines.append(f"{value:>12.5g}{deviation:>12.2g}{described:>12.5g}  {name}")
+        for name, found in self.further.items():
+            lines.append(f"{found.value:>12.5g}{found.deviation:>12.2g}{'':>12}  {name}, {found.unit}")
+        lines += ["", f"{'residual, rms':<28}{'fitted':>12}{'held out':>12}{'of the drive':>24}"]
+        for name, left in self.residuals.items():
+            label, (fitted, held_out) = f"{name} [{force_unit_of(name)}]", left.relative
+            share = f"{100 * fitted:.3g} %, {100 * held_out:.3g} %"
+            lines.append(f"{label:<28}{left.fitted:>12.4g}{left.held_out:>12.4g}{share:>24}")
+        return lines + ["", *(f"warning: {x}" for x in self.warnings), *(f"note: {x}" for x in self.notes)]
+
+
+_UNITS = {"m": "kg", "mx": "kg m", "my": "kg m", "mz": "kg m", "inertia": "kg m^2"}
+
+
+def unit_of_parameter(formula: str) -> str:
+    """The unit of a combination, which is that of the parameter that begins it."""
+    name = formula.split(" ")[0]
+    owner, _, key = name.rpartition(".")
+    if key in _UNITS or key.startswith("i"):
+        return _UNITS.get(key, "kg m^2")
+    force = force_unit_of(owner)
+    is_linear = force == "N"
+    if key == "armature":
+        return "kg" if is_linear else "kg m^2"
+    if key in ("viscous", "damping"):
+        return f"{force} s/m" if is_linear else f"{force} s/rad"
+    if key == "stiffness":
+        return f"{force}/m" if is_linear else f"{force}/rad"
+    return force

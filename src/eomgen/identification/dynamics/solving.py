@@ -1,0 +1,354 @@
+"""Least squares of base parameters over time: columns, filters, weights, blocks, and what forces are not linear in."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InputError
+from ...motion.files import MeasuredMotion
+from ...motion.smoothing import Differentiator, bell, filtered, noise_deviation
+from ...runtime.kernel import Kernel
+from ..estimating import FIRST, block_count, least_samples
+from ..identifiable import BaseParameters, columns, inertial_places, regrouped, with_formulas
+from .further import FRACTIONS, GAINS, NEIGHBOURS, STRIBECK, Sought, State, told_apart
+from .result import Residuals
+
+Array = NDArray[np.float64]
+
+FIRSTS = (FIRST, 16, 32, 64, 128)  # half widths of the filter that differentiates
+NOISY = 0.1  # of the rms of an acceleration: noise that the next wider one is taken for
+REWEIGHTED = 4  # times that weights follow the residuals
+RESTING = 0.02  # of the rms of a rate: below it a drive stands still
+NOISES = 3.0  # deviations of a rate's noise below which it stands still, too
+LEFT = 0.25  # of all rows that a filter must leave
+PIECE = 2000  # samples at a time whose whole regressor is in memory
+EXACT = 1e-6  # of the largest residual: smaller ones weigh no more
+UNDETERMINED = 1e-13  # of the greatest singular value: directions that round-off alone decides stay 0
+MOST_NUMBERS = 100_000_000  # of all columns at all times
+STEPS, SETTLED = 20, 1e-2  # of Gauss and Newton: most of them, and deviations that the last one moves by at most
+
+
+class Data:
+    """Columns and forces of the rows that are known, (T, r, b) and (T, r), behind the filter that differentiates.
+
+    half: of that filter; 0 where rates and accelerations come with the motion.  names: of the rows' coordinates.
+    resting: whether a drive stands still, (T, r), so that its dry friction is unknown.  total: measured drives, and
+    laws what of them is the description's, (T, r).  v: rates, (T, n).
+    """
+
+    def __init__(
+        self, kernel: Kernel, motion: MeasuredMotion, base: BaseParameters, known: NDArray[np.bool_], step: float
+    ) -> None:
+        assert base.relations is not None
+        self.kernel, self.motion, self.base, self.known, self.step = kernel, motion, base, known, step
+        self.relations, self._narrow, self.half = base.relations, None, 0
+        q, self.v, a, noise = self._motion()
+        self.names = tuple(np.array(self.relations.rows)[known].tolist())
+        if len(q) * len(self.names) * len(base) > MOST_NUMBERS:
+            raise InputError(
+                f"{motion.source}: {len(motion.t)} samples; allowed: at most"
+                f" {MOST_NUMBERS // (len(self.names) * len(base))} for {len(base)} parameters"
+            )
+        laws = np.asarray(kernel.inverse_dynamics(q, self.v, a))
+        places, parts = inertial_places(kernel, base.terms, self.relations), []
+        for first in range(0, len(q), PIECE):
+            at = slice(first, first + PIECE)
+            sought = np.asarray(kernel.regressor(q[at], self.v[at], a[at]))[..., places]
+            laws[at] -= sought @ kernel.regressor_values[places]
+            found = columns(kernel, q[at], self.v[at], a[at], base.terms, self.relations)[1]
+            parts.append(found[:, known][..., base.chosen])
+        self.columns: Array = np.concatenate(parts)
+        self.laws: Array = self.relations.forces(laws)[:, known]
+        still = np.abs(self.v) <= np.maximum(RESTING * np.sqrt(np.mean(self.v**2, axis=0)), NOISES * noise)
+        rubs = np.zeros(kernel.n, dtype=np.bool_)
+        rubs[list(self.relations.rubbing)] = "dry" in base.terms
+        self.resting: NDArray[np.bool_] = self.relations.rows_of(still & rubs)[:, known]
+        self.total = self.measured(motion.u)
+        self.forces: Array = self.total - self.laws
+
+    _narrow: Differentiator | None
+
+    def _motion(self) -> tuple[Array, Array, Array, Array]:
+        """Coordinates, rates and accelerations behind the filter, (T, n), and the noise of the rates, (n,)."""
+        motion = self.motion
+        if motion.v is not None and motion.a is not None:
+            return motion.q, motion.v, motion.a, np.zeros(len(motion.coordinates))
+        self._narrow = narrow = self._differentiator()
+        self.half = narrow.half
+        v = narrow(motion.q, 1) if motion.v is None else narrow(motion.v)
+        a = narrow(motion.q, 2) if motion.v is None else narrow(motion.v, 1)
+        order, given = (1, motion.q) if motion.v is None else (0, motion.v)
+        noise = noise_deviation(given) * np.linalg.norm(narrow.weights[order])
+        if not self.relations.is_coupled:
+            return narrow(motion.q), v, a, noise
+        free, matrix = list(self.relations.free), self.relations.matrix.T  # exactly, which kernels ask for
+        q = narrow(motion.q)[:, free] @ matrix + self.relations.offset
+        return q, v[:, free] @ matrix, a[:, free] @ matrix, noise
+
+    def _differentiator(self) -> Differentiator:
+        """The narrowest filter behind which noise is a small part of all accelerations, and else the widest."""
+        motion, places = self.motion, [self.motion.coordinates.index(name) for name in self.motion.measured]
+        given, order = (motion.q, 2) if motion.v is None else (motion.v, 1)
+        noise, found = noise_deviation(given)[places], Differentiator(FIRST, self.step)
+        for half in FIRSTS:
+            if len(motion.t) < least_samples(half):
+                break
+            found = Differentiator(half, self.step)
+            size = np.sqrt(np.mean(found(given[:, places], order) ** 2, axis=0))
+            off = noise * np.linalg.norm(found.weights[order])
+            if (off <= np.maximum(NOISY * size, RESTING * size.max())).all():
+                break
+        return found
+
+    def measured(self, u: Array) -> Array:
+        """Forces of the rows, (T, r), behind the filter, of drives at all coordinates."""
+        return self.relations.forces(self._narrow(u) if self._narrow else u)[:, self.known]
+
+    def keep(self, base: BaseParameters) -> None:
+        """Go on with some of the combinations alone."""
+        self.columns, self.base = self.columns[..., np.isin(self.base.chosen, base.chosen)], base
+
+    def at(self, sought: Sought, state: State) -> Data:
+        """The same data with present values of what forces are not linear in."""
+        found = copy(self)
+        found.total = self.measured(sought.drives_of(state, self.motion.u))
+        found.forces = found.total - self.laws - sought.friction(state, self.v) @ sought.matrix
+        ends = int(np.ceil(abs(state.delay) / self.step)) + NEIGHBOURS if state.delay else 0
+        if ends:
+            found.resting = self.resting.copy()
+            found.resting[:ends], found.resting[-ends:] = True, True
+        return found
+
+    def beside(self, extra: Array) -> Data:
+        """The same data with further columns."""
+        found = copy(self)
+        found.columns = np.concatenate([self.columns, extra], axis=-1)
+        return found
+
+    def turned(self, row: int) -> Data:
+        """The same data with one drive in the other sense."""
+        found = copy(self)
+        found.forces = self.forces.copy()
+        found.forces[:, row] -= 2.0 * self.total[:, row]
+        return found
+
+    def predicted(self, solution: Solution) -> Array:
+        """Forces of the rows, (T, r), by all that is known and found."""
+        of_base = self.columns @ solution.values[: self.columns.shape[-1]]
+        return np.asarray(of_base + self.total - self.forces)
+
+    def shown(self, base: BaseParameters) -> tuple[BaseParameters, list[str]]:
+        """Give what of the combinations this motion can tell apart, and a warning where that is fewer."""
+        rows = self.columns[~self.resting]
+        if not len(rows):
+            return base, []
+        chosen, matrix = regrouped(np.asarray(np.linalg.qr(rows, mode="r"), dtype=np.float64))
+        if len(chosen) == len(base):
+            return base, []
+        places, whole = base.chosen[chosen], matrix @ base.matrix
+        found = with_formulas(base.robot, base.terms, base.parameters, places, whole, base.relations)
+        return found, [f"the motion shows {len(chosen)} of {len(base)} base parameters; others move it as these do"]
+
+    def kept(self, half: int) -> NDArray[np.bool_]:
+        """Rows without a standstill in the window of a filter, (T - 2 half, r)."""
+        if not half:
+            return ~self.resting
+        counts = np.cumsum(np.vstack([np.zeros((1, self.resting.shape[1])), self.resting]), axis=0)
+        return np.asarray(counts[2 * half + 1 :] == counts[: -2 * half - 1])
+
+    def share(self, half: int) -> float:
+        """How much of all rows a filter leaves; of the drive with the fewest."""
+        return float(self.kept(half).mean(axis=0).min(initial=1.0))
+
+    def residuals(self, solution: Solution) -> dict[str, Residuals]:
+        """Give the residuals of a solution by the names of the rows' coordinates."""
+        found = {}
+        for row, name in enumerate(self.names):
+            drive = float(np.sqrt(np.mean(self.total[:, row] ** 2)))
+            fitted, held_out = float(solution.fitted[row]), float(solution.held_out[row])
+            found[name] = Residuals(fitted, held_out, drive, int(solution.counts[row]))
+        return found
+
+    def over_time(self, solution: Solution) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+        """Times, (T,), drives, what the solution makes of them behind its filter, and whether they count, (T, r)."""
+        drives, fitted = self.total, self.predicted(solution)
+        if solution.half:
+            drives, fitted = (filtered(x, bell(solution.half)) for x in (drives, fitted))
+        cut = self.half + solution.half
+        return self.motion.t[cut : len(self.motion.t) - cut], drives, fitted, self.kept(solution.half)
+
+
+def best_of(data: Data, widths: Sequence[int]) -> Solution:
+    """The solution behind the filter with the smallest standard deviations.
+
+    Raises:
+        InputError: no filter leaves enough samples.
+    """
+    samples, first = len(data.motion.t), data.half or FIRST
+    fitting = [half for half in widths if samples >= least_samples(first + half)]
+    if not fitting:
+        raise InputError(
+            f"{data.motion.source}: {samples} samples; a filter of half width {min(widths)} needs at least"
+            f" {least_samples(first + min(widths))}"
+        )
+    found = [Solution.of(data, half) for half in fitting if data.share(half) >= LEFT]
+    if not found:
+        raise InputError(
+            f"{data.motion.source}: drives stand still too often between {samples} samples; allowed: motions that"
+            " turn round less often, narrower filters, or terms without dry"
+        )
+    return min(found, key=lambda solution: float(np.log(solution.variances).sum()))
+
+
+def iterated(data: Data, sought: Sought, half: int) -> tuple[Data, Solution, Sought, State]:
+    """Find what forces are not linear in, by Gauss and Newton; Stribeck's friction where there is some.
+
+    Returns:
+        The data there, the solution, whose last values are further steps, what could be told apart, and its values.
+    """
+    state = sought.start()
+    solution = Solution.of(data, half)
+    if GAINS in sought.terms:
+        sought = replace(sought, free_gains=told_apart(sought, data.columns, data.predicted(solution)))
+        state = _first_gains(data, sought, state)
+    if STRIBECK in sought.terms:
+        sought, state = _first_friction(data, sought, state, half)
+    here, many = data.at(sought, state), data.columns.shape[-1]
+    if not sought.names():
+        return here, solution, sought, state
+    solution = Solution.of(here, half)
+    for _ in range(STEPS):
+        here = data.at(sought, state)
+        solution = Solution.of(here.beside(sought.columns(state, here.predicted(solution), data.v)), half)
+        steps = solution.values[many:]
+        if (np.abs(steps) <= SETTLED * np.sqrt(solution.variances[many:])).all():
+            break
+        state = sought.stepped(state, steps)
+    if STRIBECK in sought.terms:
+        deviations = np.sqrt(
+            solution.variances[solution.values.size - 2 * len(sought.rubbing) :][: len(sought.rubbing)]
+        )
+        fewer, _ = sought.narrowed(state, deviations)
+        if len(fewer.rubbing) < len(sought.rubbing):
+            return iterated(data, fewer, half)
+    return here, solution, sought, state
+
+
+def _first_gains(data: Data, sought: Sought, state: State) -> State:
+    """Gains that leave least of the drives' own size, whatever the base parameters; a little off by noise.
+
+    The least of |Y beta + k - C g| relative to |C g| and |k|, so that gains of 0 are no answer.
+    """
+    drives, parts = list(sought.drives), []
+    for i in drives:
+        alone = np.zeros_like(data.motion.u)
+        alone[:, i] = data.motion.u[:, i]
+        parts.append(data.measured(alone))
+    laws = data.laws if len(sought.free_gains) == len(drives) else np.zeros_like(data.laws)
+    both = np.concatenate([data.columns, np.stack([*parts, -laws], axis=-1)], axis=-1)
+    both /= np.maximum(np.sqrt(np.mean(data.total**2, axis=0)), 1e-300)[:, None]
+    rows = both[~data.resting]
+    size = np.linalg.norm(rows, axis=0)
+    size[size == 0.0] = 1.0
+    R, many = np.asarray(np.linalg.qr(rows / size, mode="r")), data.columns.shape[-1]
+    left = R[many:, many:][:, : len(drives) + bool(laws.any())]
+    best = np.linalg.svd(left)[2][-1] / size[many : many + left.shape[1]]
+    measure = best[-1] if laws.any() else best[min(set(range(len(drives))).difference(sought.free_gains), default=0)]
+    gains = np.array(state.gains)
+    for k in sought.free_gains:
+        gains[k] = best[k] / measure if measure and best[k] else 1.0
+    return replace(state, gains=gains)
+
+
+def _first_friction(data: Data, sought: Sought, state: State, half: int) -> tuple[Sought, State]:
+    """Stribeck's friction at the best of some rates, of each coordinate by the rows that it acts in, where it shows."""
+    rms = np.sqrt(np.mean(data.v[:, sought.rubbing] ** 2, axis=0))
+    rms = np.where(rms == 0.0, 1.0, rms)
+    onto, many = sought.matrix[list(sought.rubbing)] != 0.0, len(sought.rubbing)
+    left, values, variances = [], [], []
+    for fraction in FRACTIONS:
+        tried = replace(state, rates=fraction * rms)
+        here = data.at(sought, tried)
+        only = replace(sought, terms=(STRIBECK,), free_gains=())
+        extra = only.columns(tried, here.total, data.v)[..., :many]
+        solution = Solution.of(here.beside(extra), half)
+        left.append([np.log(np.maximum(solution.fitted[row], 1e-300)).sum() for row in onto])
+        values.append(solution.values[data.columns.shape[-1] :])
+        variances.append(solution.variances[data.columns.shape[-1] :])
+    best = np.argmin(np.array(left), axis=0)
+    breakaway, variance = (np.array(x)[best, np.arange(many)] for x in (values, variances))
+    start = replace(state, breakaway=breakaway, rates=np.array(FRACTIONS)[best] * rms)
+    return sought.narrowed(start, np.sqrt(variance))
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Weighted least squares behind a bell of that half width; variances are the jackknife's over blocks of time.
+
+    covariance: that of white residuals, made as wide as the jackknife's on average.
+    fitted, held_out: rms of residuals, (r,); counts: of samples, (r,).
+    """
+
+    half: int
+    values: Array
+    variances: Array
+    covariance: Array
+    fitted: Array
+    held_out: Array
+    counts: NDArray[np.intp]
+
+    @classmethod
+    def of(cls, data: Data, half: int) -> Solution:
+        """Solve for the parameters, and once more without each block of time."""
+        wide, (samples, rows, count) = bell(half), data.columns.shape
+        X = filtered(data.columns.reshape(samples, -1), wide).reshape(-1, rows, count) if half else data.columns
+        y, kept = (filtered(data.forces, wide) if half else data.forces), data.kept(half)
+        size = np.sqrt(np.mean(X**2, axis=(0, 1)))
+        size[size == 0.0] = 1.0
+        both = np.concatenate([X / size, y[..., None]], axis=2) * kept[..., None]
+        blocks = np.array_split(both, block_count(len(X), max(data.half + half, 1)))
+        R = np.stack([[np.linalg.qr(_padded(block[:, row]), mode="r") for row in range(rows)] for block in blocks])
+        counts, weights = kept.sum(axis=0), np.ones(rows)
+        for _ in range(REWEIGHTED):
+            values = _solved(R * weights[:, None, None])
+            fitted = np.sqrt(_left(R, values).sum(axis=0) / np.maximum(counts, 1))
+            weights = 1.0 / np.maximum(fitted, EXACT * max(float(fitted.max()), 1e-300))
+        weighted = R * weights[:, None, None]
+        merged = np.stack([np.linalg.qr(block.reshape(-1, count + 1), mode="r") for block in weighted])
+        without = [_solved(np.delete(merged, place, axis=0)) for place in range(len(blocks))]
+        left = sum(_left(block, x) for block, x in zip(R, without, strict=True))
+        off = np.stack(without) - values
+        variances = (off**2).sum(axis=0) * (len(blocks) - 1) / len(blocks)
+        held_out = np.sqrt(left / np.maximum(counts, 1))
+        variances = np.maximum(variances, 1e-300)
+        covariance = _covariance(merged, variances) / np.outer(size, size)
+        return cls(half, values / size, variances / size**2, covariance, fitted, held_out, counts)
+
+
+def _covariance(R: Array, variances: Array) -> Array:
+    """The covariance, (b, b), that rows of weighted triangles give, with these variances on average."""
+    rows = R.reshape(-1, R.shape[-1])[:, :-1]
+    white = np.linalg.pinv(rows.T @ rows, rcond=UNDETERMINED, hermitian=True)
+    own = np.maximum(np.diagonal(white), 1e-300)
+    return np.asarray(white * np.exp(np.mean(np.log(variances / own))))
+
+
+def _padded(rows: Array) -> Array:
+    """The rows, and rows of zeros until there are as many as columns."""
+    return np.pad(rows, ((0, max(rows.shape[1] - len(rows), 0)), (0, 0)))
+
+
+def _solved(R: Array) -> Array:
+    """Least squares of stacked rows whose last column is the right side."""
+    rows = np.asarray(np.linalg.qr(R.reshape(-1, R.shape[-1]), mode="r"))
+    return np.asarray(np.linalg.lstsq(rows[:, :-1], rows[:, -1], rcond=UNDETERMINED)[0])
+
+
+def _left(R: Array, values: Array) -> Array:
+    """Sums of squares of what values leave of triangles (..., b + 1, b + 1)."""
+    return np.asarray(((R[..., :-1] @ values - R[..., -1]) ** 2).sum(axis=-1))

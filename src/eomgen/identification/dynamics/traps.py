@@ -1,0 +1,122 @@
+"""Mistakes that records of motions are made with, told by name: before a fit by sizes, after it by residuals."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InputError
+from ...motion.files import MeasuredMotion
+from ...motion.smoothing import Differentiator
+from ...names import component_name
+from ...robot.value import ANGULAR, PRINCIPAL, Robot
+from ..estimating import FIRST
+from .solving import Data, Solution
+
+Array = NDArray[np.float64]
+
+_ROUND = 4.0 * np.pi  # rad: joints without limits turn no further
+_SLOW, _FAR_APART = 0.05, 0.1  # rate in rad/s or m/s that nothing exceeds, and s between samples: times are no seconds
+_MOVES = 1e-3  # of the fastest coordinate: slower ones may be noise
+_ROUND_OFF = 1e-12  # of a coordinate from one sample to the next
+_ALIKE = 0.2  # of the rms of a derivative: by so much a column of rates may be off
+_FACTORS = (  # of a rate over the derivative of its coordinate
+    (1e-3, "times in milliseconds"),
+    (1e3, "times in milliseconds"),
+    (180.0 / np.pi, "rates in degrees per second and coordinates in rad, or the other way round"),
+    (np.pi / 180.0, "rates in degrees per second and coordinates in rad, or the other way round"),
+    (-1.0, "another sign"),
+)
+BAD = 0.3  # of a drive's rms: residuals that something is wrong with
+BETTER = 3.0  # times less: what another reading must leave to be the cause
+
+
+def refuse_impossible(robot: Robot, motion: MeasuredMotion, step: float) -> None:
+    """Refuse what sizes alone show.
+
+    Raises:
+        InputError: angles are degrees or those of motors, times are milliseconds, rates are not those of the
+            coordinates, or a drive is 0 at all times.
+    """
+    _refuse_angles(robot, motion)
+    narrow = Differentiator(FIRST, step)
+    slopes = narrow(motion.q, 1)
+    if motion.v is not None:
+        _refuse_foreign(motion, slopes, narrow(motion.v), ".rate")
+        if motion.a is not None:
+            _refuse_foreign(motion, narrow(motion.v, 1), narrow(motion.a), ".acceleration")
+    fastest = float(np.abs(slopes).max())
+    if step >= _FAR_APART and fastest < _SLOW and np.ptp(motion.q, axis=0).max() > _SLOW:
+        raise InputError(
+            f"{motion.source}: samples are {step:.4g} s apart, and nothing moves faster than {fastest:.3g} rad/s or"
+            " m/s: milliseconds for seconds? allowed: times in s"
+        )
+    for name in motion.driven:
+        if not motion.u[:, motion.coordinates.index(name)].any():
+            raise InputError(
+                f"{motion.source}: {component_name(name, 'drive')} is 0 in every sample; allowed: measured drives, and"
+                " no column where there is none"
+            )
+
+
+def _refuse_angles(robot: Robot, motion: MeasuredMotion) -> None:
+    """InputError where joints turn further than they can: degrees, or angles of motors."""
+    wrong, as_degrees = list[str](), True
+    coupled = {name for coupling in robot.couplings for name in (coupling.of, *coupling.to)}
+    for joint in robot.joints:
+        kind = PRINCIPAL.get(joint.type)
+        name = component_name(joint.name, kind or "")
+        if kind not in ANGULAR or name not in motion.measured or (joint.limits is None and name in coupled):
+            continue
+        values = motion.q[:, motion.coordinates.index(name)]
+        limits = joint.limits
+        low, high = limits if limits is not None and limits[0] < limits[1] else (-_ROUND, _ROUND)
+        room = 0.5 * max(high - low, 1.0)
+        if values.min() < low - room or values.max() > high + room:
+            wrong.append(
+                f"{name} goes from {values.min():.4g} to {values.max():.4g} rad, allowed: {low:.4g} to {high:.4g}"
+            )
+            degrees = np.deg2rad(values)
+            as_degrees &= bool(degrees.min() >= low - 0.1 * room and degrees.max() <= high + 0.1 * room)
+    if wrong:
+        cause = "degrees for radians" if as_degrees else "motor angles for joint angles, or degrees for radians"
+        raise InputError(f"{motion.source}: {wrong[0]}: {cause}? allowed: angles of joints in rad")
+
+
+def _refuse_foreign(motion: MeasuredMotion, slopes: Array, given: Array, suffix: str) -> None:
+    """InputError where a column is not the derivative of the one that it should be."""
+    largest = float(np.sqrt(np.mean(slopes**2, axis=0)).max())
+    largest = max(largest, _ROUND_OFF * float(np.abs(motion.q).max()) / float(motion.t[1] - motion.t[0]) / _MOVES)
+    for name in motion.measured:
+        i = motion.coordinates.index(name)
+        size = float(np.sqrt(np.mean(slopes[:, i] ** 2)))
+        if size <= _MOVES * largest or np.sqrt(np.mean((given[:, i] - slopes[:, i]) ** 2)) <= _ALIKE * size:
+            continue
+        factor = float(given[:, i] @ slopes[:, i]) / float(slopes[:, i] @ slopes[:, i])
+        off = np.sqrt(np.mean((given[:, i] - factor * slopes[:, i]) ** 2))
+        if off > _ALIKE * abs(factor) * size:
+            continue  # noise, or a motion of which the filter takes much away
+        cause = next((text for x, text in _FACTORS if abs(factor / x - 1.0) < 0.1), "other units")
+        raise InputError(
+            f"{motion.source}: {name}{suffix} is {factor:.4g} times the derivative of what it belongs to: {cause}?"
+            " allowed: s, and m or rad"
+        )
+
+
+def other_readings(data: Data, solution: Solution) -> list[str]:
+    """Warnings about drives that would fit much better in the other sense, and about residuals that are too large."""
+    drive = np.sqrt(np.mean(data.total**2, axis=0))
+    share = solution.fitted / np.maximum(drive, 1e-300)
+    if share.max() < BAD:
+        return []
+    size = float(np.log(np.maximum(solution.fitted, 1e-300)).sum())
+    for row, name in enumerate(data.names):
+        turned = Solution.of(data.turned(row), solution.half)
+        better = size - float(np.log(np.maximum(turned.fitted, 1e-300)).sum())
+        if better > np.log(BETTER):
+            return [f"{name}.drive in the other sense leaves {np.exp(better):.3g} times less: another sign?"]
+    worst = int(share.argmax())
+    return [
+        f"{data.names[worst]}: {100 * share[worst]:.3g} % of the drive stay unexplained; are angles those of joints, in"
+        " rad, times in s, and drives in N or N m at the joints?"
+    ]

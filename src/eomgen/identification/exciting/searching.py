@@ -1,0 +1,172 @@
+"""Motions within limits: random ones, and from them better ones, by gradients.
+
+limits -> barrier, criterion -> BFGS; what still leaves the limits between samples goes on with nearer ones
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .allowed import Limits
+from .constraints import Course, Held, barrier, beyond
+from .descending import descended
+from .fourier import FourierSeries, at_rest, waves
+from .resting import standing
+from .telling import Telling, information, smooth_criterion
+
+Array = NDArray[np.float64]
+
+SAMPLES = 24  # of a period of the highest harmonic, on which motions are optimised
+CHECKED = 200  # of it, between which limits are checked
+SHRINKING, SHRUNK = 0.8, 40  # a random motion becomes so much smaller, so often
+FULL = 0.98  # of what limits leave: a random motion's size at first
+WEIGHTS = (1e-2, 1e-3, 1e-4)  # of the barrier, one behind the other
+STEPS = 200  # of the search for each, at most
+ROUNDS = 6  # with nearer limits, where the motion leaves them
+SPARE = 1e-5  # of a limit's width: so much nearer they become, beside what the motion leaves them by
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """Fourier series within limits.
+
+    Attributes:
+        limits: of the m coordinates that move.
+        duration: of the period, s.
+        harmonics: their number.
+        held: what limits hold.
+        n: number of all coordinates; those that do not move are 0.
+        index: numbers of those that move, (m,).
+    """
+
+    limits: Limits
+    duration: float
+    harmonics: int
+    held: tuple[Held, ...]
+    n: int
+    index: NDArray[np.intp]
+
+    @cached_property
+    def combined(self) -> Array:
+        """Coefficients of series that begin and end at rest, (2 N + 1, 2 N - 1)."""
+        return at_rest(self.harmonics)
+
+    @cached_property
+    def coarse(self) -> Array:
+        """Series at the times of the search, with derivatives, (3, T, 2 N - 1)."""
+        return self._at(SAMPLES * self.harmonics)
+
+    @cached_property
+    def fine(self) -> Array:
+        """Series at the times of checks, with derivatives, (3, T, 2 N - 1)."""
+        return self._at(CHECKED * self.harmonics)
+
+    def _at(self, samples: int) -> Array:
+        t = np.asarray(np.arange(samples) * (self.duration / samples), dtype=np.float64)
+        return np.asarray(waves(t, self.duration, self.harmonics) @ self.combined)
+
+    def course(self, rows: Array, x: Array) -> Course:
+        """The motion with these numbers, (m, 2 N - 1), at the times of rows; all coordinates, (T, n) each."""
+        whole = np.zeros((3, rows.shape[1], self.n))
+        whole[:, :, self.index] = rows @ x.T
+        return whole[0], whole[1], whole[2]
+
+    def back(self, rows: Array, gradient: Course) -> Array:
+        """A gradient by the motion as one by its numbers, (m, 2 N - 1)."""
+        own = np.stack(gradient)[:, :, self.index]
+        return np.asarray(np.einsum("stm,stp->mp", own, rows))
+
+    def series(self, x: Array) -> FourierSeries:
+        """The motion with these numbers."""
+        found = x @ self.combined.T
+        first = self.harmonics + 1
+        return FourierSeries(self.limits.names, self.duration, found[:, 0], found[:, 1:first], found[:, first:])
+
+    def admits(self, x: Array) -> bool:
+        """Whether a motion stays within all limits."""
+        course = self.course(self.fine, x)
+        return all((beyond(held, course) <= 0.0).all() for held in self.held)
+
+    def random(self, rng: np.random.Generator, poses: Array) -> Array | None:
+        """Numbers of a random motion about one of these poses that fills what limits leave; None if all is too much."""
+        x = np.zeros((len(self.index), self.combined.shape[1]))
+        x[:, 0] = poses[rng.integers(len(poses))]
+        x[:, 1:] = rng.standard_normal(x[:, 1:].shape)
+        moved = np.abs(self.fine @ np.where(np.arange(x.shape[1]) > 0, x, 0.0).T).max(axis=1)
+        room = np.minimum(self.limits.high - x[:, 0], x[:, 0] - self.limits.low)
+        share = np.minimum.reduce([room / moved[0], self.limits.rates / moved[1], self.limits.accelerations / moved[2]])
+        x[:, 1:] *= FULL * share[:, np.newaxis]
+        for _ in range(SHRUNK):
+            if self.admits(x):
+                return x
+            x[:, 1:] *= SHRINKING
+        return None
+
+    def poses(self, rng: np.random.Generator) -> Array:
+        """Random poses in which the robot may stand, (P, m); errors as ``standing``."""
+        return standing(self.limits, self.held, self.n, self.index, rng)
+
+
+def improved(search: Search, telling: Telling, kind: str, x: Array) -> Array:
+    """Numbers of a motion within limits at which a criterion is about as little as it gets near another one.
+
+    Args:
+        search: the series and their limits.
+        telling: what motions tell.
+        kind: of CRITERIA.
+        x: numbers of a motion within limits, (m, 2 N - 1).
+    """
+    scale, found = _scale(search), x
+    narrowed = [np.zeros(len(held.names)) for held in search.held]
+    for weight in (*WEIGHTS, *WEIGHTS[-1:] * ROUNDS):
+
+        def value(z: Array, weight: float = weight, less: Sequence[Array] = narrowed) -> tuple[float, Array]:
+            total, gradient = objective(search, telling, kind, weight, less, z.reshape(x.shape) * scale)
+            return total, (gradient * scale).ravel()
+
+        found = descended(value, (found / scale).ravel(), STEPS).reshape(x.shape) * scale
+        if weight == WEIGHTS[-1]:
+            course = search.course(search.fine, found)
+            left = [beyond(held, course) for held in search.held]
+            if all((room <= 0.0).all() for room in left):
+                return found
+            narrowed = [
+                less + np.where(room > 0.0, room + SPARE, 0.0) for less, room in zip(narrowed, left, strict=True)
+            ]
+    return _between(search, x, found)
+
+
+def objective(
+    search: Search, telling: Telling, kind: str, weight: float, narrowed: Sequence[Array], x: Array
+) -> tuple[float, Array]:
+    """Criterion and weighted barrier of the motion with numbers x, and the gradient by them, (m, 2 N - 1)."""
+    course = search.course(search.coarse, x)
+    W = telling.columns(course, smooth=True)
+    total, slope = smooth_criterion(kind, information(W))
+    gradient = telling.gradient(course, 2.0 * (W @ slope))
+    hindered, back = barrier(search.held, course, narrowed)
+    both = tuple(a + weight * b for a, b in zip(gradient, back, strict=True))
+    return total + weight * hindered, search.back(search.coarse, (both[0], both[1], both[2]))
+
+
+def _scale(search: Search) -> Array:
+    """Sizes of the numbers of motions, (m, 2 N - 1): half a range, and what the rates allow the harmonics."""
+    half = (search.limits.high - search.limits.low) / 2.0
+    moving = np.minimum(half, search.limits.rates * search.duration / (2.0 * np.pi * np.sqrt(search.harmonics)))
+    found = np.repeat(moving[:, np.newaxis], search.combined.shape[1], axis=1)
+    found[:, 0] = half
+    return found
+
+
+def _between(search: Search, admitted: Array, wanted: Array) -> Array:
+    """Numbers of the motion on the way from one within limits to another that is not as far as it stays within them."""
+    low, high = 0.0, 1.0
+    for _ in range(30):
+        middle = (low + high) / 2.0
+        low, high = (middle, high) if search.admits(admitted + middle * (wanted - admitted)) else (low, middle)
+    return np.asarray(admitted + low * (wanted - admitted))

@@ -1,0 +1,142 @@
+"""What a motion tells of base parameters: weighted columns, their information, criteria and exact gradients."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...names import component_name
+from ...runtime.kernel import Kernel
+from ..identifiable import FRICTION, BaseParameters
+from .constraints import Course
+
+Array = NDArray[np.float64]
+
+DETERMINANT, CONDITION = "D", "condition"
+CRITERIA = {
+    DETERMINANT: "determinant of the information",
+    CONDITION: "condition number",
+}
+POWER = 8  # of the norms that stand for the greatest and least eigenvalue, smoothly
+LEAST = 1e-14  # of the greatest eigenvalue: what round-off leaves of directions that show nothing
+
+
+@dataclass(frozen=True, eq=False)
+class Telling:
+    """Columns of base parameters, in units of the parameters' expected sizes and of the drives' noise.
+
+    Attributes:
+        kernel: with the regressor and its adjoint.
+        base: the combinations.
+        index: numbers of the coordinates whose drives are known, (m,).
+        noise: standard deviations of their drives, (m,), N or N m.
+        sizes: that are expected of the combinations, (b,), SI units.
+        turning: rates over which dry friction turns round, for gradients, (m,).
+    """
+
+    kernel: Kernel
+    base: BaseParameters
+    index: NDArray[np.intp]
+    noise: Array
+    sizes: Array
+    turning: Array
+
+    def columns(self, course: Course, *, smooth: bool = False) -> Array:
+        """Weighted columns, (T, m, b).
+
+        Args:
+            course: the motion.
+            smooth: whether dry friction turns round over ``turning`` instead of at once.
+        """
+        return self._weighted(self._own(course, smooth=smooth))
+
+    def _own(self, course: Course, *, smooth: bool) -> Array:
+        """Columns of the combinations in SI units, (T, m, b)."""
+        q, v, a = course
+        Y = np.asarray(self.kernel.regressor(q, v, a))[:, self.index]
+        found = np.zeros((*Y.shape[:2], len(self.base)))
+        inner, outer = self._inertial
+        found[..., inner] = Y[..., outer]
+        for term, column, row in self._rubbing:
+            found[:, row, column] = self._friction(term, v[:, self.index[row]], row, smooth=smooth)[0]
+        return found
+
+    def _weighted(self, columns: Array) -> Array:
+        return np.asarray(columns / self.noise[:, np.newaxis] * self.sizes)
+
+    def gradient(self, course: Course, weights: Array) -> Course:
+        """Derivatives of the sum of weighted smooth columns by the course, weights (T, m, b)."""
+        q, v, a = course
+        own = weights / self.noise[:, np.newaxis] * self.sizes
+        whole = np.zeros((len(q), self.kernel.n, len(self.kernel.regressor_names)))
+        inner, outer = self._inertial
+        whole[:, self.index[:, np.newaxis], outer] = own[..., inner]
+        by_q, by_v, by_a = self.kernel.vjp("regressor", (q, v, a), whole)
+        for term, column, row in self._rubbing:
+            i = self.index[row]
+            by_v[:, i] += own[:, row, column] * self._friction(term, v[:, i], row, smooth=True)[1]
+        return by_q, by_v, by_a
+
+    def _friction(self, term: str, v: Array, row: int, *, smooth: bool) -> tuple[Array, Array]:
+        """A term's factor at rates, and its slope."""
+        if term == "viscous":
+            return v, np.ones_like(v)
+        if term == "offset":
+            return np.ones_like(v), np.zeros_like(v)
+        if not smooth:
+            return np.sign(v), np.zeros_like(v)
+        root = np.hypot(v, self.turning[row])
+        return v / root, self.turning[row] ** 2 / root**3
+
+    @cached_property
+    def _inertial(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Numbers of the combinations that begin with an inertial parameter, and of its regressor's columns."""
+        known = {name: k for k, name in enumerate(self.kernel.regressor_names)}
+        names = [self.base.parameters[j] for j in self.base.chosen]
+        inner = [i for i, name in enumerate(names) if name in known]
+        return np.array(inner, dtype=np.intp), np.array([known[names[i]] for i in inner], dtype=np.intp)
+
+    @cached_property
+    def _rubbing(self) -> list[tuple[str, int, int]]:
+        """Combinations that begin with friction: the term, the number of each, and its row."""
+        names = [self.base.parameters[j] for j in self.base.chosen]
+        rows = [self.kernel.coordinates[i] for i in self.index]
+        own = {component_name(name, term): (term, row) for row, name in enumerate(rows) for term in FRICTION}
+        return [(own[name][0], i, own[name][1]) for i, name in enumerate(names) if name in own]
+
+
+def information(columns: Array) -> Array:
+    """The matrix of information, (b, b), from weighted columns (T, m, b)."""
+    W = columns.reshape(-1, columns.shape[-1])
+    return np.asarray(W.T @ W)
+
+
+def singular_values(columns: Array) -> Array:
+    """Singular values of weighted columns (T, m, b), the greatest first."""
+    R = np.linalg.qr(columns.reshape(-1, columns.shape[-1]), mode="r")
+    return np.asarray(np.linalg.svd(R, compute_uv=False))
+
+
+def criterion_of(kind: str, singular: Array) -> float:
+    """A criterion's value, the less the better: log of the mean standard deviation over sizes, or of the condition."""
+    if kind == CONDITION:
+        return float(np.log(singular[0]) - np.log(max(singular[-1], LEAST * singular[0])))
+    return float(-np.log(np.maximum(singular, LEAST * singular[0])).mean())
+
+
+def smooth_criterion(kind: str, G: Array) -> tuple[float, Array]:
+    """A criterion that has a gradient everywhere, by the matrix of information (b, b), and that gradient, (b, b).
+
+    The condition number's greatest and least eigenvalues are those of norms of the power POWER.
+    """
+    values, vectors = np.linalg.eigh(G)
+    values = np.maximum(values, LEAST * values[-1])
+    if kind == CONDITION:
+        up, down = (values / values[-1]) ** POWER, (values[0] / values) ** POWER
+        found = np.log(values[-1] / values[0]) + np.log(up.sum()) / POWER + np.log(down.sum()) / POWER
+        slopes = 0.5 * (up / up.sum() - down / down.sum()) / values
+        return float(0.5 * found), np.asarray((vectors * slopes) @ vectors.T)
+    return float(-0.5 * np.log(values).mean()), np.asarray((vectors * (-0.5 / values / len(values))) @ vectors.T)

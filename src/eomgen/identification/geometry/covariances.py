@@ -1,0 +1,90 @@
+"""Covariances of what was measured of a frame: read from files, checked, the factors that whiten errors."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...errors import ArrayError, InputError
+from ...motion.csv_columns import read_csv
+from ...names import listed, show, split_component
+from ...npz import read_npz
+from ...robot.coordinates import MOTIONS
+
+Array = NDArray[np.float64]
+
+COVARIANCE_RULE = "columns F.x F.y F.z, or these and F.rx F.ry F.rz, of a frame F, and as many lines as columns"
+_SYMMETRIC = 1e-9  # relative: by more than that sides differ
+
+
+def read_covariances(paths: Iterable[Path | str]) -> dict[str, Array]:
+    """Covariances by frame from files, (c, c) or (R, c, c), m^2, m rad and rad^2.
+
+    A .csv has the matrix of one frame under the names of its components, or one matrix per pose below each other.  A
+    .npz has arrays by the names of frames.
+
+    Raises:
+        InputError: a file cannot be read, has other columns, or has a frame that another file has.
+    """
+    found: dict[str, Array] = {}
+    for path in map(Path, paths):
+        if path.suffix not in (".csv", ".npz"):
+            raise InputError(f"covariance: {show(str(path))}; allowed: a path that ends in .csv or .npz")
+        given = read_npz(path) if path.suffix == ".npz" else _from_csv(path)
+        for frame, matrix in given.items():
+            if frame in found:
+                raise InputError(f"{path}: {show(frame)} has a covariance already; allowed: one of each frame")
+            if matrix.dtype.kind not in "fiu":
+                raise InputError(f"{path}: array {show(frame)} has dtype {matrix.dtype}; allowed: numbers")
+            found[frame] = matrix.astype(np.float64)
+    return found
+
+
+def _from_csv(path: Path) -> Mapping[str, Array]:
+    try:
+        columns, _ = read_csv(path, rule=COVARIANCE_RULE)
+    except (OSError, ValueError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    names = list(columns)
+    frame = split_component(names[0])[0]
+    size = len(names)
+    if not frame or names not in ([f"{frame}.{part}" for part in MOTIONS[:many]] for many in (3, 6)):
+        raise InputError(f"{path}: has the columns {listed(names)}; allowed: {COVARIANCE_RULE}")
+    table = np.stack(list(columns.values()), axis=1)
+    if len(table) % size:
+        raise InputError(f"{path}: has {len(table)} lines of {size} numbers; allowed: {size}, or {size} for each pose")
+    return {frame: table if len(table) == size else table.reshape(-1, size, size)}
+
+
+def matrices_of(frame: str, value: ArrayLike, rows: int, sizes: Iterable[int]) -> Array:
+    """Covariances of a frame as float64, (c, c), or one for each of the rows of the poses, (rows, c, c).
+
+    Raises:
+        ArrayError: they have another shape.
+    """
+    matrices = np.array(value, dtype=np.float64)
+    allowed = [shape for size in sizes for shape in ((size, size), (rows, size, size))]
+    if matrices.shape not in allowed:
+        shapes = ", ".join(map(str, allowed))
+        raise ArrayError(f"covariance: {frame} has shape {matrices.shape}; allowed: {shapes}")
+    return matrices
+
+
+def whitening_factor(of: str, matrix: Array) -> Array:
+    """Inverse of the Cholesky factor of a covariance, (c, c): it makes errors independent and of size 1.
+
+    Raises:
+        ArrayError: the matrix is not finite, symmetric and positive definite; ``of`` says whose it is.
+    """
+    scale = np.sqrt(np.abs(np.outer(np.diag(matrix), np.diag(matrix))))
+    try:
+        if not (np.isfinite(matrix).all() and (np.abs(matrix - matrix.T) <= _SYMMETRIC * scale).all()):
+            raise np.linalg.LinAlgError
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(matrix)))
+    except np.linalg.LinAlgError:
+        raise ArrayError(f"covariance: that of {of} is not symmetric and positive definite; allowed: one") from None

@@ -1,0 +1,119 @@
+"""Corners of commanded paths: by how much attained paths round them off, and how far they overshoot."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .attained import Path, Record
+from .formulas import arc, at_planes, between, corner_overshoot, distance_to_path
+from .result import CornerFigures
+
+Array = NDArray[np.float64]
+
+CYCLES = 3  # that the standard asks for
+SHARPEST = np.deg2rad(170.0)  # a path that turns by more comes back, and has no outer side
+BLUNTEST = np.deg2rad(20.0)  # between neighbouring steps of a command, from which on it is a corner
+_STRAIGHT = 0.1  # of a corner's angle, by which the steps before and behind it may turn
+_SHARP = np.deg2rad(60.0)  # corners that follow each other: no curve is given by so few points
+
+
+@dataclass(frozen=True)
+class Corner:
+    """A corner of a commanded path.
+
+    point: (3,), m.  before, behind: unit vectors of the path that comes and goes, (3,).  angle: between them, rad.
+    first, last: points of the command that it lies between; they are the same where it is one of them.
+    """
+
+    point: Array
+    before: Array
+    behind: Array
+    angle: float
+    first: int
+    last: int
+
+
+def corner_figures(path: Path, command: Record) -> tuple[CornerFigures, ...]:
+    """Figures of all corners of a path whose command, (m, 3), has no rests: clause 8.5."""
+    points = command.position
+    corners = corners_of(points)
+    if not corners:
+        return ()
+    length = arc(points)
+    ends = [0.0, *(0.5 * (length[x.first] + length[x.last]) for x in corners), float(length[-1])]
+    found = []
+    for i, corner in enumerate(corners):
+        begin = 0.5 * (ends[i] + ends[i + 1])
+        last = i + 2 == len(ends) - 1
+        end = ends[i + 2] if last else 0.5 * (ends[i + 1] + ends[i + 2])
+        parts = [_part(points, length, record, begin, end) for record in path.cycles]
+        found.append(
+            CornerFigures(
+                along=ends[i + 1],
+                angle=corner.angle,
+                cycles=len(parts),
+                rounding=max(distance_to_path(corner.point, part) for part in parts),
+                overshoot=max(corner_overshoot(part, corner.point, corner.before, corner.behind) for part in parts),
+            )
+        )
+    return tuple(found)
+
+
+def corners_of(points: Array) -> list[Corner]:
+    """Corners of a path through points, (m, 3): where straight parts meet, at a point or between two of them."""
+    steps = np.diff(points, axis=0)
+    ways = steps / np.linalg.norm(steps, axis=1, keepdims=True)
+    found, k = [], 1
+    while k < len(ways):
+        corner = _corner(points, ways, k, k) or (_corner(points, ways, k, k + 1) if k + 1 < len(ways) else None)
+        if corner is None:
+            k += 1
+        else:
+            found.append(corner)
+            k = corner.last + 1
+    return found
+
+
+def _corner(points: Array, ways: Array, first: int, last: int) -> Corner | None:
+    """The corner between the steps in front of ``first`` and behind ``last``, points of the path; None without one."""
+    before, behind = ways[first - 1], ways[last]
+    angle = _angle(before, behind)
+    if not BLUNTEST <= angle <= SHARPEST:
+        return None
+    around = [(k - 1, k) for k in (first - 1, last + 1) if 1 <= k < len(ways)]
+    turns = [_angle(ways[a], ways[b]) for a, b in around]
+    sharp = first == last and angle >= _SHARP
+    if any(turn > _STRAIGHT * angle and not (sharp and turn >= _SHARP) for turn in turns):
+        return None
+    if first == last:
+        return Corner(points[first], before, behind, angle, first, last)
+    if min(_angle(before, ways[first]), _angle(ways[first], behind)) < _STRAIGHT * angle:
+        return None  # one of both points is the corner
+    gap = points[last] - points[first]
+    cosine = float(before @ behind)
+    share = (gap @ before - (gap @ behind) * cosine) / (1.0 - cosine**2)
+    back = ((gap @ before) * cosine - gap @ behind) / (1.0 - cosine**2)
+    if share < 0.0 or back > 0.0:  # both lines meet in front of the one and behind the other
+        return None
+    point = 0.5 * (points[first] + share * before + points[last] + back * behind)
+    return Corner(point, before, behind, angle, first, last)
+
+
+def _angle(one: Array, other: Array) -> float:
+    return float(np.arctan2(np.linalg.norm(np.cross(one, other)), one @ other))
+
+
+def _part(points: Array, length: Array, record: Record, begin: float, end: float) -> Array:
+    """The attained path between lengths of the commanded one, (k, 3): as far as it goes through their planes."""
+    index = np.interp((begin, end), length, np.arange(len(points)))
+    steps = np.diff(points, axis=0)[np.minimum(index.astype(np.intp), len(points) - 2)]
+    ways = steps / np.linalg.norm(steps, axis=1, keepdims=True)
+    travelled = arc(record.position)
+    near = np.searchsorted(travelled, np.array([begin, end]) / length[-1] * travelled[-1]).clip(0, len(travelled) - 1)
+    places = at_planes(between(points, index), ways, near.astype(np.intp), record.position)
+    first = 0 if np.isnan(places[0]) else int(places[0])
+    last = len(travelled) - 1 if np.isnan(places[1]) else int(np.ceil(places[1]))
+    return record.position[first : max(last, first + 1) + 1]

@@ -1,0 +1,86 @@
+"""Motions that excite drawn and as a page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from ...identification.exciting.excited import ExciteResult
+from ...robot.coordinates import force_unit_of, unit_of
+from ..report import Drawing, Report, drawn
+from ..style import FULL_WIDTH, PROGRAM_COLOR, canvas, literal, title_of
+from .accuracy import CYCLE, MOST
+from .tables import number, table
+
+
+def excitation_page(found: ExciteResult) -> Report:
+    """A page about a motion that excites: what it tells beside others, limits, what to expect of each combination."""
+    compared = [
+        (label, *(number(x, 1.0, 4) for x in (figure.found, figure.start, figure.random)))
+        for label, figure in (("condition number", found.condition), ("mean deviation over size", found.deviation))
+    ]
+    limits = [
+        (name, unit, *(number(x, 1.0, 4) for x in (*reached, *allowed)), number(used, 100.0, 3))
+        for name, unit, allowed, reached, used in zip(
+            found.limited, found.units, found.limits.tolist(), found.extremes.tolist(), found.used.tolist(), strict=True
+        )
+    ]
+    told = zip(found.base.names, found.deviations, found.sizes, strict=True)
+    text = "Positions, rates and drives over the period with their limits."
+    series = found.series
+    return Report(
+        title=f"{found.robot}: a motion that excites {len(found.base)} base parameters",
+        summary=(
+            f"{series.duration:g} s, {series.harmonics} harmonics of {1.0 / series.duration:.4g} Hz,"
+            f" {len(found.t)} samples",
+            f"criterion {found.criterion}; median of {found.randoms} random motions, seed {found.seed}",
+        ),
+        warnings=found.notes,
+        missing=(),
+        figures=drawn([Drawing("motion", text, lambda path: plot_excitation(found, path))]),
+        tables=(
+            *table("Beside others", ("", "this motion", "its start", "random"), compared),
+            *table("Limits", ("of", "unit", "least", "greatest", "allowed from", "to", "used, %"), limits),
+            *table(
+                "Expected standard deviations, SI units",
+                ("parameter", "std. deviation", "size"),
+                [(name, number(deviation, 1.0, 3), number(size, 1.0, 3)) for name, deviation, size in told],
+            ),
+        ),
+    )
+
+
+def plot_excitation(found: ExciteResult, path: Path | str) -> Path:
+    """Positions, rates and drives over the period with their limits, a row for each of the first six coordinates;
+    returns the path.
+
+    Raises:
+        InputError: Matplotlib is not installed, the ending is none of FIGURE_ENDINGS, or the file cannot be written.
+    """
+    shown = found.coordinates[:MOST]
+    height = 1.0 + 0.95 * len(shown)
+    with canvas(FULL_WIDTH, height, path) as figure:
+        room = {"top": 1.0 - 0.5 / height, "bottom": 0.42 / height, "left": 0.1, "right": 0.985, "wspace": 0.32}
+        panels = figure.subplots(len(shown), 3, sharex=True, squeeze=False, gridspec_kw=room)
+        for i, (name, row) in enumerate(zip(shown, panels, strict=True)):
+            unit, values = unit_of(name), (found.q, found.v, found.u)
+            units = (unit, f"{unit}/s", force_unit_of(name))
+            for panel, kind, kept, own in zip(row, ("position", "rate", "drive"), values, units, strict=True):
+                panel.plot(found.t, kept[:, i], color=CYCLE[i])
+                panel.set_ylabel(own)
+                for limit in _limits(found, f"{name} {kind}"):
+                    panel.axhline(limit, color=PROGRAM_COLOR, linestyle="--", linewidth=0.9)
+                if i == 0:
+                    panel.set_title(kind)
+            row[0].set_ylabel(f"{literal(name)}\n{unit}")
+        for panel in panels[-1]:
+            panel.set_xlabel("time, s")
+        title_of(figure, f"{found.robot}: a motion that excites {len(found.base)} base parameters")
+    return Path(path)
+
+
+def _limits(found: ExciteResult, name: str) -> list[float]:
+    """Limits of that name, without infinite ones."""
+    rows = [i for i, own in enumerate(found.limited) if own == name]
+    return [float(x) for i in rows for x in found.limits[i] if np.isfinite(x)]

@@ -1,0 +1,172 @@
+"""Fits of stiffness and damping, and identified masses and friction: drawn and as pages."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from ...identification.dynamics.result import IdentifyResult
+from ...identification.estimates import KEYS, Estimate, FitResult
+from ...names import component_name
+from ...robot.coordinates import force_unit_of
+from ..report import Drawing, Report, drawn
+from ..style import COLORS, PROGRAM_COLOR, canvas, literal, title_of
+from .tables import number, table
+
+_ROW = 0.22  # inches of a parameter, or of a drive
+_MOST = 40
+_DRIVES, _SAMPLES = 6, 2000  # of drives over time, and of each
+
+
+def fit_page(found: FitResult) -> Report:
+    """A page about a fit of stiffness and damping: values with intervals, beside what is described."""
+    share = f"{100 * found.confidence:g} %"
+    estimates = _estimates(found)
+    rows = [
+        (
+            name,
+            number(estimate.value),
+            number(estimate.standard_error, 1.0, 2),
+            number(estimate.low),
+            number(estimate.high),
+            number(estimate.described),
+            number(estimate.width, 1.0, 3),
+            number(estimate.unexplained, 100.0, 3),
+        )
+        for name, estimate in estimates.items()
+    ]
+    head = ("parameter", "value, SI", "std. error", f"{share} from", f"{share} to", "described", "filter, s")
+    text = f"Found over described, with {share} intervals."
+    figures = [Drawing("fit", text, lambda path: plot_fit(found, path))] if _drawn(estimates) else []
+    noise = [(entry.coordinate, number(entry.noise, 1.0, 3)) for entry in found.fitted]
+    return Report(
+        title=f"{found.robot}: stiffness and damping by least squares",
+        summary=(f"{len(rows)} parameters of {len(found.fitted)} coordinates",),
+        warnings=(*found.warnings, *found.notes),
+        missing=(),
+        figures=drawn(figures),
+        tables=(
+            *table("Stiffness and damping", (*head, "unexplained, %"), rows),
+            *table("Noise of the coordinates", ("coordinate", "std. deviation, m or rad"), noise),
+        ),
+    )
+
+
+def _estimates(found: FitResult) -> dict[str, Estimate]:
+    """Estimates that were found, by the names of their parameters."""
+    pairs = [(entry, key, getattr(entry, key)) for entry in found.fitted for key in KEYS]
+    return {component_name(entry.coordinate, key): value for entry, key, value in pairs if value is not None}
+
+
+def _drawn(estimates: dict[str, Estimate]) -> list[str]:
+    """Names of the estimates whose described value they can be compared with."""
+    return [name for name, estimate in estimates.items() if estimate.described][:_MOST]
+
+
+def plot_fit(found: FitResult, path: Path | str) -> Path:
+    """Fitted over described values with their intervals; returns the path.
+
+    Raises:
+        InputError: Matplotlib is not installed, the ending is none of FIGURE_ENDINGS, or the file cannot be written.
+    """
+    estimates = _estimates(found)
+    names = _drawn(estimates)
+    with canvas(6.4, 1.0 + _ROW * len(names), path) as figure:
+        height = 1.0 + _ROW * len(names)
+        axes = figure.add_axes((0.28, 0.45 / height, 0.69, 1.0 - 0.8 / height))
+        rows = np.arange(len(names))[::-1]
+        values = np.array([[x.low, x.value, x.high] for x in (estimates[name] for name in names)]).reshape(-1, 3)
+        values /= np.array([[estimates[name].described] for name in names]).reshape(-1, 1)
+        axes.axvline(1.0, color=PROGRAM_COLOR, linewidth=0.9)
+        half = np.abs(np.diff(values, axis=1)).T
+        axes.errorbar(values[:, 1], rows, xerr=half, fmt="o", markersize=3.0, capsize=2.0, color=COLORS["m"]["x"])
+        axes.set_yticks(rows, [literal(name) for name in names])
+        axes.grid(visible=False, axis="y")
+        axes.set_xlabel("found over described")
+        title_of(figure, f"{found.robot}: stiffness and damping")
+    return Path(path)
+
+
+def identify_page(found: IdentifyResult) -> Report:
+    """A page about identified masses and friction: base parameters, residuals of drives fitted and held out."""
+    values = zip(found.base_names, found.base_values, found.deviations, found.described, strict=True)
+    rows = [(name, number(x), number(deviation, 1.0, 2), number(said)) for name, x, deviation, said in values]
+    drives = [
+        (
+            name,
+            force_unit_of(name),
+            number(x.fitted, 1.0, 4),
+            number(x.held_out, 1.0, 4),
+            *(number(share, 100.0, 3) for share in x.relative),
+            str(x.samples),
+        )
+        for name, x in found.residuals.items()
+    ]
+    head = ("drive", "unit", "fitted", "held out", "fitted, % of the drive's rms", "held out, %", "samples")
+    single = [(name, number(value)) for name, value in found.parameters.items()]
+    text = "Rms of what is left of each drive over the drive's own, fitted and held out."
+    figures = [Drawing("drives", text, lambda path: plot_identified(found, path))]
+    if found.t.size:
+        text = "Drives as measured and by what was identified, and what is left where it counts."
+        figures.append(Drawing("over_time", text, lambda path: plot_identification(found, path)))
+    others = [(name, number(x.value), number(x.deviation, 1.0, 2), x.unit) for name, x in found.further.items()]
+    return Report(
+        title=f"{found.base.robot}: {len(found.base)} base parameters",
+        summary=(f"{len(found.residuals)} drives, filter of {number(found.width, 1.0, 3)} s",),
+        warnings=(*found.warnings, *found.notes),
+        missing=(),
+        figures=drawn(figures if drives else []),
+        tables=(
+            *table("Residuals of drives, rms", head, drives),
+            *table("Base parameters, SI units", ("parameter", "value", "std. deviation", "described"), rows),
+            *table("Further parameters", ("parameter", "value", "std. deviation", "unit"), others),
+            *table("Bodies that have them, SI units", ("parameter", "value"), single),
+        ),
+    )
+
+
+def plot_identified(found: IdentifyResult, path: Path | str) -> Path:
+    """Residuals of each drive over its rms, fitted and held out; returns the path.
+
+    Raises:
+        InputError: Matplotlib is not installed, the ending is none of FIGURE_ENDINGS, or the file cannot be written.
+    """
+    shares = 100.0 * np.array([x.relative for x in found.residuals.values()])
+    height = 1.1 + _ROW * len(shares)
+    with canvas(6.4, height, path) as figure:
+        axes = figure.add_axes((0.2, 0.45 / height, 0.77, 1.0 - 0.8 / height))
+        rows = np.arange(len(shares))[::-1]
+        for column, (label, axis) in enumerate((("fitted", "x"), ("held out", "y"))):
+            axes.barh(rows + 0.2 - 0.4 * column, shares[:, column], 0.38, color=COLORS["m"][axis], label=label)
+        axes.set_yticks(rows, [literal(name) for name in found.residuals])
+        axes.grid(visible=False, axis="y")
+        axes.set_xlabel("rms of the residual over that of the drive, %")
+        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2)
+        title_of(figure, f"{found.base.robot}: what base parameters leave of the drives")
+    return Path(path)
+
+
+def plot_identification(found: IdentifyResult, path: Path | str) -> Path:
+    """Measured and fitted drives over time, and what is left where it counts, of the first six; returns the path.
+
+    Raises:
+        InputError: Matplotlib is not installed, the ending is none of FIGURE_ENDINGS, or the file cannot be written.
+    """
+    names = list(found.residuals)[:_DRIVES]
+    every = max(1, len(found.t) // _SAMPLES)
+    t, drives, fitted = found.t[::every], found.drives[::every], found.fitted[::every]
+    left = np.where(found.kept[::every], drives - fitted, np.nan)
+    with canvas(6.4, 1.0 + 1.5 * len(names), path) as figure:
+        height = 1.0 + 1.5 * len(names)
+        room = {"top": 1.0 - 0.45 / height, "bottom": 0.55 / height, "left": 0.12, "right": 0.98, "hspace": 0.25}
+        panels = figure.subplots(len(names), 1, sharex=True, squeeze=False, gridspec_kw=room)[:, 0]
+        for row, (axes, name) in enumerate(zip(panels, names, strict=True)):
+            axes.plot(t, drives[:, row], color=COLORS["m"]["x"], label="measured")
+            axes.plot(t, fitted[:, row], color=COLORS["m"]["y"], label="fitted")
+            axes.plot(t, left[:, row], color=COLORS["m"]["z"], label="residual")
+            axes.set_ylabel(f"{literal(name)}, {force_unit_of(name)}")
+        panels[0].legend(loc="upper right", ncols=3)
+        panels[-1].set_xlabel("t, s")
+        title_of(figure, f"{found.base.robot}: drives, measured and by what was identified")
+    return Path(path)

@@ -1,0 +1,112 @@
+"""Accuracy by tolerances drawn and as a page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from ...identification.tolerances.result import PARTS, ToleranceResult
+from ..report import Drawing, Report, drawn
+from ..style import COLORS, canvas, literal, title_of
+from .tables import number, table
+
+_MOST = 20  # contributions that are drawn
+_ROW = 0.2  # inches of one
+_UNITS = ("mm", "mrad")
+
+
+def tolerance_page(found: ToleranceResult) -> Report:
+    """A page about what tolerances make of a tool's pose: regions, worst cases, and what they come from."""
+    figures = [
+        Drawing("shares", "Shares of the variance by contribution.", lambda path: plot_shares(found, path)),
+    ]
+    if len(found.q) > 1:
+        text = f"What holds the deviation with {100 * found.confidence:g} % at each pose, and its worst case."
+        figures.append(Drawing("regions", text, lambda path: plot_regions(found, path)))
+    count = len(found.q)
+    return Report(
+        title=f"{found.robot}, {found.frame}: accuracy by {len(found.names)} tolerances",
+        summary=(
+            f"{count} pose{'s' * (count != 1)}",
+            f"worst position by the exact model at the vertices: {1e3 * found.exact_worst:.4g} mm",
+            f"the exact model is off a linear one by {100 * found.nonlinearity:.2g} % of the worst case",
+        ),
+        warnings=found.notes,
+        missing=(),
+        figures=drawn(figures),
+        tables=(*table("Accuracy", *_accuracy(found)), *table("Contributions", *_contributions(found))),
+    )
+
+
+def _accuracy(found: ToleranceResult) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Head and rows: mean and greatest over the poses of radius, worst direction and worst case."""
+    several = (("", np.max),) if len(found.q) == 1 else ((", mean", np.mean), (", greatest", np.max))
+    rows = []
+    for part, unit in zip(PARTS, _UNITS, strict=True):
+        for kind, function in several:
+            values = [float(function(x[part])) for x in (found.radius, found.direction, found.farthest)]
+            rows.append((f"{part}{kind}", *(number(value, 1e3, 4) for value in values), unit))
+    share = f"{100 * found.confidence:g} % within"
+    return ("", share, "in the worst direction", "worst case", "unit"), rows
+
+
+def _contributions(found: ToleranceResult) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    rows = [
+        (
+            found.names[k],
+            number(found.deviations[k], 1.0, 3),
+            number(found.bounds[k], 1.0, 3),
+            found.units[k],
+            *(number(found.shares[part][k], 100.0, 3) for part in PARTS),
+        )
+        for k in _order(found)
+    ]
+    return ("quantity", "std. deviation", "bound", "unit", "share of position, %", "share of orientation, %"), rows
+
+
+def _order(found: ToleranceResult) -> list[int]:
+    """Contributions, the largest share first."""
+    largest = np.maximum(found.shares[PARTS[0]], found.shares[PARTS[1]])
+    return [int(k) for k in np.argsort(-largest, kind="stable")]
+
+
+def plot_shares(found: ToleranceResult, path: Path | str) -> Path:
+    """Shares of the variance of position and orientation by contribution, the largest ones; returns the path.
+
+    Raises:
+        InputError: Matplotlib is not installed, the ending is none of FIGURE_ENDINGS, or the file cannot be written.
+    """
+    chosen = _order(found)[:_MOST]
+    height = 1.1 + _ROW * len(chosen)
+    with canvas(6.4, height, path) as figure:
+        axes = figure.add_axes((0.32, 0.45 / height, 0.65, 1.0 - 0.8 / height))
+        rows = np.arange(len(chosen))[::-1]
+        for column, (part, axis) in enumerate(zip(PARTS, "xy", strict=True)):
+            values = 100.0 * found.shares[part][chosen]
+            axes.barh(rows + 0.2 - 0.4 * column, values, 0.38, color=COLORS["m"][axis], label=part)
+        axes.set_yticks(rows, [literal(found.names[k]) for k in chosen])
+        axes.grid(visible=False, axis="y")
+        axes.set_xlabel("share of the variance, %")
+        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2)
+        title_of(figure, f"{found.robot}: what the deviation of {found.frame} comes from")
+    return Path(path)
+
+
+def plot_regions(found: ToleranceResult, path: Path | str) -> Path:
+    """Radii of regions and worst cases over poses, or time; returns the path, errors as of ``plot_shares``."""
+    over = np.arange(len(found.q)) if found.t is None else found.t
+    style = "." if found.t is None else "-"
+    with canvas(6.4, 4.4, path) as figure:
+        panels = figure.subplots(2, 1, sharex=True, gridspec_kw={"top": 0.91, "bottom": 0.11, "left": 0.11})
+        for panel, part, unit in zip(panels, PARTS, _UNITS, strict=True):
+            label = f"{100 * found.confidence:g} % within"
+            panel.plot(over, 1e3 * found.radius[part], style, color=COLORS["m"]["x"], label=label)
+            panel.plot(over, 1e3 * found.farthest[part], style, color=COLORS["m"]["y"], label="worst case")
+            most = max(float(found.radius[part].max()), float(found.farthest[part].max()))
+            panel.set_ylim(0.0, 1.1e3 * most if most > 0.0 else 1.0)
+            panel.set_ylabel(f"{part}, {unit}")
+        panels[0].legend()
+        panels[1].set_xlabel("pose" if found.t is None else "time, s")
+        title_of(figure, f"{found.robot}: deviation of {found.frame} by tolerances")
+    return Path(path)

@@ -1,0 +1,121 @@
+"""Stiffness of closed mechanisms in calibrations: deflections that passive coordinates follow."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import eomgen
+from eomgen.errors import InputError
+from eomgen.identification import MeasuredPoses, calibrate, poses_from_columns
+from eomgen.identification.geometry.closing import closed_readings, closing_of
+from eomgen.identification.geometry.error_model import COMPLIANCE, OFFSET, ErrorModel, Quantity, Rows, rows_of
+from eomgen.identification.geometry.stations import chain_of, matrix_of
+from eomgen.robot.model import build_model
+
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
+Array = NDArray[np.float64]
+COUNT = 24
+SOFT = {(1, 5): ("joints.joint1.gamma.stiffness", 2e-4), (2, 0): ("joints.joint2.x.stiffness", 1e-6)}  # drive, bearing
+
+
+def columns() -> dict[str, Array]:
+    """Drive and loads of a four-bar linkage; positions are to come."""
+    drive = np.linspace(0.3, 6.0, COUNT)
+    load = {"tcp.fx": 40.0 * np.cos(7.0 * drive), "tcp.fy": -60.0 + 50.0 * np.sin(5.0 * drive), "tcp.mz": 3.0 * drive}
+    return {"joint1.gamma": drive} | load | {f"tcp.{axis}": np.zeros(COUNT) for axis in "xyz"}
+
+
+def linkage(given: dict[str, Array], quantities: tuple[Quantity, ...]) -> tuple[ErrorModel, Rows]:
+    robot = eomgen.load_robot("four_bar")
+    tree = build_model(robot)
+    chain = chain_of(robot, {"tcp": ("coupler", matrix_of(robot.frames[0].placement))})
+    rows = rows_of(chain, robot, poses_from_columns(given, tree.coordinates, ["tcp"]), {"joint1.gamma": (1, 5, 1.0)})
+    closing = closing_of(tree, chain, [(1, 5)], "poses")
+    readings = closed_readings(chain, closing, tree, rows.readings, [""] * len(rows.series))
+    return ErrorModel(robot, chain, quantities, {0: np.eye(4)}, closing), replace(rows, readings=readings)
+
+
+def compliances() -> tuple[Quantity, ...]:
+    return tuple(Quantity(name, COMPLIANCE, *place, "force", c, c) for place, (name, c) in SOFT.items())
+
+
+def test_deflections_are_those_of_least_energy() -> None:
+    """The derivative of e^2 / 2 c less the work of weights and loads vanishes, by differences along closed poses."""
+    model, rows = linkage(columns(), compliances())
+    state = model.at(model.nominal, rows)
+    found = state.factors * model.nominal
+    assert np.abs(found).max(axis=0) == pytest.approx(np.array([3e-3, 2e-5]), rel=9.0)  # far above round-off
+    rigid = tuple(Quantity(f"offset {i}", OFFSET, *place, "one", 0.0, 1.0) for i, place in enumerate(SOFT))
+    other = replace(model, quantities=rigid)
+    tool, base = model.chain.tools["tcp"], np.array(model.robot.gravity)
+
+    def work(row: int, e: Array) -> float:
+        at = other.at(e, rows.part(np.array([row]))).found
+        total = sum(
+            station.mass * float(base @ (at.p[k, 0] + at.R[k, 0] @ station.com))
+            for k, station in enumerate(model.chain.stations)
+            if station.com is not None
+        )
+        load = rows.loads[tool][row]
+        angle = np.arctan2(at.R[tool, 0, 1, 0], at.R[tool, 0, 0, 0])
+        return total + float(load[:3] @ at.p[tool, 0]) + float(load[5]) * float(angle)
+
+    for row in (0, 7, 15):
+        for i, h in enumerate((1e-5, 1e-5)):
+            step = h * np.eye(2)[i]
+            force = (work(row, found[row] + step) - work(row, found[row] - step)) / (2.0 * h)
+            assert found[row, i] == pytest.approx(model.nominal[i] * force, rel=1e-4, abs=1e-12)
+    np.testing.assert_allclose(other.at(found[7], rows.part(np.array([7]))).found.p[tool], state.found.p[tool, 7:8])
+
+
+def test_sensitivities_of_compliances_are_derivatives() -> None:
+    """To first order: of deflections so small that they leave the lever arms of loads as they are."""
+    model, rows = linkage(columns(), compliances())
+    tool, x = model.chain.tools["tcp"], 1e-3 * model.nominal
+    S = model.at(x, rows).sensitivities(tool)[:, :3]
+    for i, c in enumerate(x):
+        step = 0.1 * c * np.eye(2)[i]
+        ahead, behind = (model.at(x + change, rows).found.p[tool] for change in (step, -step))
+        slope = (ahead - behind) / (2.0 * step[i])
+        np.testing.assert_allclose(S[:, :, i], slope, atol=2e-3 * np.abs(slope).max())
+
+
+def measured() -> MeasuredPoses:
+    """Positions of the soft linkage under its loads."""
+    model, rows = linkage(columns(), compliances())
+    p = model.at(model.nominal, rows).found.p[model.chain.tools["tcp"]]
+    given = columns() | {f"tcp.{axis}": x for axis, x in zip("xyz", p.T, strict=True)}
+    return poses_from_columns(given, build_model(model.robot).coordinates, ["tcp"])
+
+
+def test_stiffness_of_a_linkage_is_found() -> None:
+    asked = ["joint1.gamma", "joint2.x"]
+    found = calibrate("four_bar", measured(), stiffness=asked, folds=0, noise=(1e-6, 1e-6))
+    for name, c in SOFT.values():
+        assert found[name] == pytest.approx(1.0 / c, rel=0.01)
+    rigid = calibrate("four_bar", measured(), folds=0)
+    assert rigid.residuals["full"]["fitted"]["position"] > 100.0 * found.residuals["full"]["fitted"]["position"]
+
+
+@pytest.mark.parametrize(
+    ("name", "why"), [("joint2.gamma", "follows from the drives"), ("joint2.alpha", "is held by the loops, too")]
+)
+def test_what_loops_hold_is_refused_by_name(name: str, why: str) -> None:
+    with pytest.raises(InputError, match=f"stiffness: {name} {why}; allowed: drives of four_bar, and coordinates"):
+        calibrate("four_bar", measured(), stiffness=[name], folds=0)
+
+
+def test_loops_that_nothing_closes_rigidly_are_refused() -> None:
+    robot = eomgen.load_robot("hexapod_elastic")
+    tree = build_model(robot)
+    drives = [tree.coordinates[i] for i in tree.driven]
+    given = {name: np.linspace(-0.02, 0.02, 30) ** (i + 1) for i, name in enumerate(drives)}
+    given |= {f"{robot.frames[0].name}.{axis}": np.linspace(0.0, 0.1, 30) ** (i + 1) for i, axis in enumerate("xyz")}
+    poses = poses_from_columns(given, tree.coordinates, [robot.frames[0].name])
+    with pytest.raises(InputError, match="hexapod_elastic: all loops are elastic in all coordinates"):
+        calibrate(robot, poses, folds=0)
