@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import mujoco
 import numpy as np
 
@@ -27,10 +29,14 @@ def angle_rates(angles: Array) -> Array:
 
 
 class MjcfOracle:
-    """The model of a text in MuJoCo, in the coordinates of the robot that was read from it; nothing constrains it."""
+    """The model of a text or file in MuJoCo, in the coordinates of the robot that was read from it.
 
-    def __init__(self, text: str, robot: Robot) -> None:
-        self.model = mujoco.MjModel.from_xml_string(text)
+    Nothing constrains it.
+    """
+
+    def __init__(self, given: str | Path, robot: Robot) -> None:
+        read = mujoco.MjModel.from_xml_path if isinstance(given, Path) else mujoco.MjModel.from_xml_string
+        self.model = read(str(given))
         self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
         self.data = mujoco.MjData(self.model)
         self.n = sum(len(joint.coordinates) for joint in robot.joints)

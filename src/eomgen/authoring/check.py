@@ -63,7 +63,7 @@ def check_file(path: str | Path, *, inertia: str | None = None) -> Checked:
     name = str(path)
     kind = "robot"
     try:
-        if Path(path).suffix not in SUFFIXES:
+        if Path(path).suffix not in (*SUFFIXES, ".sdf"):  # whose refusal says what to do
             message = f"cannot be checked; allowed: a path that ends in {', '.join(SUFFIXES)}"
             raise DescriptionError(message, source=name if name.isascii() and name.isprintable() else ascii(name))
         if Path(path).suffix == ".toml":

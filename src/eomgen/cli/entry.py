@@ -115,5 +115,5 @@ def _examples() -> str:
     lines = [
         f"{f'  eomgen {words}':<{EXAMPLE_WIDTH}}   {what}" for command in COMMANDS for words, what in command.examples
     ]
-    robot = "ROBOT is the name of a built-in robot, or the path of a .toml, .urdf or .xml (MJCF) file."
+    robot = "ROBOT is the name of a built-in robot, or the path of a .toml, .urdf, .xacro or .xml (MJCF) file."
     return "\n".join(["examples:", *lines, "", robot, ""])

@@ -49,7 +49,7 @@ from .springs import check_springs, read_spring
 from .stops import asked_stops, joint_stops, stop_all, stop_numbers
 
 RobotLike = Robot | str | Path  # what functions take where they ask for a robot, see as_robot
-SUFFIXES = (".toml", ".urdf", ".xml", ".mjcf")
+SUFFIXES = (".toml", ".urdf", ".xml", ".mjcf", ".xacro")
 
 _WORLD = (BASE, "world")  # what the ground may be called when the root link of an URDF is put on a joint
 
@@ -67,8 +67,9 @@ def load_robot(
     """Read a robot.
 
     Args:
-        source: name of a built-in robot, or path of a ``.toml``, ``.urdf`` or ``.xml`` file (``.xml``: MJCF, or URDF,
-            whatever its root element says).
+        source: name of a built-in robot, or path of a ``.toml``, ``.urdf``, ``.xacro`` or ``.xml`` file.  ``.xml``:
+            MJCF or URDF, whatever its root element says.  What the reader here does not know of MJCF goes
+            through MuJoCo, and ``.xacro`` through xacro, where they are installed.
         inertia: what to do with a link whose inertia no body can have: "error", "warn" (take it as it is) or "project"
             (take the nearest possible body).  None: what the description says, or "error" for an inertia that is given
             in TOML and "warn" for one of an URDF or MJCF.
@@ -92,6 +93,10 @@ def load_robot(
     if not isinstance(source, (str, Path)):
         raise DescriptionError(f"a robot cannot be loaded from {type(source).__name__}; allowed: a name or a path")
     path = Path(source)
+    if path.suffix == ".sdf":
+        from .urdf import SDF
+
+        raise DescriptionError(SDF, source=str(path))
     if path.suffix not in SUFFIXES:
         known, name = builtin_robots(), str(source)
         allowed = f"a path that ends in {', '.join(SUFFIXES)}, or one of {', '.join(known)}"
@@ -101,11 +106,17 @@ def load_robot(
         from .mjcf.read import root_tag  # only who has such a file pays for the XML parser
 
         if path.suffix == ".mjcf" or root_tag(text) != "robot":
-            return robot_from_mjcf(text, source=str(path), inertia=inertia, stops=stops, floating_base=floating_base)
+            return robot_from_mjcf(
+                text, source=str(path), inertia=inertia, stops=stops, floating_base=floating_base, path=path
+            )
+    if path.suffix == ".xacro":
+        from .macros import expanded_urdf
+
+        text = expanded_urdf(path)
     if path.suffix != ".toml":
         return robot_from_urdf(
             text,
-            source=str(path),
+            source=f"{path} (expanded)" if path.suffix == ".xacro" else str(path),
             inertia=inertia,
             urdf_damping=urdf_damping,
             urdf_friction=urdf_friction,
@@ -168,11 +179,16 @@ def robot_from_mjcf(
     inertia: str | None = None,
     stops: Mapping[str, float] | None = None,
     floating_base: bool = False,
+    path: Path | None = None,
 ) -> Robot:
-    """The robot that a MJCF text describes; arguments and errors as load_robot."""
+    """The robot that a MJCF text describes; arguments and errors as load_robot.
+
+    With the ``path`` of the file MuJoCo, if it is installed, compiles what the reader here does not take; a text alone
+    opens no file.
+    """
     from .mjcf.read import draft_from_mjcf
 
-    return _finish_xml(draft_from_mjcf(text, source), inertia, stops, floating_base)
+    return _finish_xml(draft_from_mjcf(text, source, path), inertia, stops, floating_base)
 
 
 def _finish_xml(draft: Draft, inertia: str | None, stops: Mapping[str, float] | None, floating_base: bool) -> Robot:

@@ -29,6 +29,11 @@ TYPES = {
     "fixed": "fixed",
     "floating": "free",
 }
+SDF = (
+    "SDF is not read; allowed: the URDF that it was made from, or MJCF, as sdformat_mjcf of"
+    " https://github.com/gazebosim/gz-mujoco writes it"
+)
+_XACRO = "a file that ends in .xacro, which eomgen[xacro] expands"
 _MOMENTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 _FIRST_COUNTS = ("axis", "limit", "dynamics")  # where several differ: so they do in urdfdom, and so in Pinocchio
 
@@ -82,11 +87,13 @@ class _Reader:
 
     def read(self) -> Draft:
         root = self.root
+        if root.tag == "sdf":
+            self.fail("", f"the root element is 'sdf', not 'robot': {SDF}")
         if root.tag != "robot":
             self.fail("", f"the root element is {show(root.tag)}; allowed: 'robot'")
         macro = _macro(root)
         if macro:
-            self.fail("robot", f"{show(macro)} is a xacro macro; allowed: an URDF that xacro has expanded")
+            self.fail("robot", f"{show(macro)} is a xacro macro; allowed: an URDF that xacro has expanded, or {_XACRO}")
         links, joints = self._named(root, "link"), self._named(root, "joint")
         if not links:
             self.fail("robot", "there is no <link>; allowed: at least one link and one joint that moves")

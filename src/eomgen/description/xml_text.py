@@ -20,6 +20,8 @@ from .draft import Place, spot
 
 NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")  # float() also takes nan, inf and 1_000
 
+_LONGEST = 400  # of what other programs say
+
 _BLANKS = re.compile(r"[ \t\r\n]*")
 _VISIBLE = re.compile(r"[^\r\n]")
 _COMMENT_OR_INSTRUCTION = re.compile(r"<!--.*?-->|<\?.*?\?>", re.DOTALL)
@@ -106,6 +108,11 @@ def parse_xml(text: str, source: str, root_tag: str = "robot") -> Xml:
         raise refusal from None
     made = Xml(source, text, root)
     return Xml(source, text, root, (*notes, *_undeclared_prefixes(made)))
+
+
+def one_line(error: Exception) -> str:
+    """Text that another program says of a file, as printable ASCII in a line."""
+    return ascii(" ".join(str(error).split()))[1:-1][:_LONGEST]
 
 
 def _refusal(message: str, source: str, parser: expat.XMLParserType) -> DescriptionError:

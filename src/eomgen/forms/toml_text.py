@@ -18,7 +18,7 @@ else:
 
 _MOST_BYTES = 1 << 20  # what takes a second to read, if it is the slowest of its kind
 _MOST_XML = 1 << 22  # so does this of XML
-_XML = (".urdf", ".xml", ".mjcf")
+_XML = (".urdf", ".xml", ".mjcf", ".xacro")
 _MOST_PARTS = 8  # of a dotted key: the parser's time and memory grow with the square of it
 _WORD = r"""(?:[A-Za-z0-9_-]+|"[^"\n]*"|'[^'\n]*')"""
 _DEEP_KEY = re.compile(rf"(?<![A-Za-z0-9_-]){_WORD}(?:[ \t]*\.[ \t]*{_WORD}){{{_MOST_PARTS}}}")

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ..description import RobotLike
-from ..errors import EomgenError
+from ..description import RobotLike, as_robot
+from ..errors import EomgenError, InputError
 from ..names import component_name
 from ..pipeline.costs import RobotInfo, robot_info
 from ..progress import Progress, no_progress
@@ -47,6 +47,8 @@ def report_of(
     if not isinstance(result, SimulationResult):
         from .measured.kinds import page_of
 
+        if robot is not None:
+            raise InputError(f"report: robot {as_robot(robot).name} is given; allowed: with simulations")
         return page_of(result)
     missing: list[str] = []
     found, info = _robot(result, robot, missing)

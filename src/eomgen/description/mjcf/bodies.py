@@ -30,6 +30,7 @@ _REFUSED = {
     "flexcomp": "a body that deforms is not supported",
     "plugin": "plugins are not read",
 }
+_COPIED = ("attach", "replicate", "composite")  # what MuJoCo writes out as bodies
 
 
 class Names:
@@ -161,7 +162,8 @@ class Bodies:
             else:
                 item = Item(self.reading, child, where)
                 if child.tag in _REFUSED:
-                    item.fail(f"{_REFUSED[child.tag]} (<{child.tag}>); allowed: bodies that are written out")
+                    refuse = item.leave if child.tag in _COPIED else item.fail
+                    refuse(f"{_REFUSED[child.tag]} (<{child.tag}>); allowed: bodies that are written out")
                 known = f"{nearest(str(child.tag), _INSIDE)} (allowed: {', '.join(_INSIDE)})"
                 item.fail(f"unknown element <{show(child.tag)[1:-1]}>{known}")
 

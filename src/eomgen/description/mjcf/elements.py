@@ -63,7 +63,8 @@ class JointReader:
         axis = np.asarray(frame.rotation @ item.direction("axis", (0.0, 0.0, 1.0)))
         for key in ("springdamper", "springyield"):
             if any(item.numbers(key, 1, 2)):
-                item.fail(f"{key} is {show(item.values[key])}, which is not supported; allowed: stiffness and damping")
+                refuse = item.leave if key == "springdamper" else item.fail
+                refuse(f"{key} is {show(item.values[key])}, which is not supported; allowed: stiffness and damping")
         anchor = frame.point(item.vector("pos"))
         if kind in ("ball", "free"):
             return self._quaternion(item, name, kind, anchor)

@@ -71,11 +71,11 @@ def geom_mass(item: Item, frame: Pose, rules: Rules) -> Mass:
     if mass == 0.0 if "mass" in item else density == 0.0:
         return NOTHING
     if "mesh" in item or shape in ("mesh", "sdf"):
-        item.fail(
+        item.leave(
             "its inertia is that of a mesh, which is not computed; allowed: an <inertial> in its body, or mass='0'"
         )
     if item.flag("shellinertia"):
-        item.fail("shellinertia is 'true', which is not computed; allowed: an <inertial> in its body")
+        item.leave("shellinertia is 'true', which is not computed; allowed: an <inertial> in its body")
     size, pose = _placed(item, shape)
     volume, moments = _solid(shape, size)
     mass = mass if "mass" in item else density * volume

@@ -11,7 +11,9 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from typing import TYPE_CHECKING
+from collections.abc import Iterable
+from pathlib import Path
+from xml.etree.ElementTree import Element
 
 from eomgen.errors import DescriptionError
 from eomgen.limits import MOST_ENTRIES
@@ -19,16 +21,13 @@ from eomgen.names import is_robot_name, listed, nearest, show, to_robot_name
 from eomgen.robot.geometry import ZERO
 
 from ..draft import Draft
-from ..xml_text import parse_xml
+from ..xml_text import Xml, parse_xml
 from .bodies import read_bodies
 from .defaults import Defaults
 from .equalities import read_equalities
 from .geoms import Rules
 from .tendons import read_tendons
-from .values import Item, Reading, triple
-
-if TYPE_CHECKING:
-    from xml.etree.ElementTree import Element
+from .values import Item, LeftToMujoco, Reading, triple
 
 _IGNORED = ("asset", "contact", "custom", "keyframe", "sensor", "size", "statistic", "visual")
 _READ = ("compiler", "option", "default", "worldbody", "tendon", "equality", "actuator", "deformable", "extension")
@@ -53,20 +52,30 @@ def root_tag(text: str) -> str:
     return ""
 
 
-def draft_from_mjcf(text: str, source: str) -> Draft:
+def draft_from_mjcf(text: str, source: str, path: Path | None = None) -> Draft:
     """Read a MJCF model.
 
     Args:
         text: the XML.
         source: the file's name, for messages.
+        path: the file, where there is one: what only MuJoCo's compiler knows goes through that, if it is installed.
 
     Raises:
         DescriptionError: anything that is no model, or that acts on the motion and has no equal here; with the element
             and its line.
     """
     xml = parse_xml(text, source, "mujoco")
-    reading = Reading(Draft(source, base="world", xml_source=source, notes=list(xml.notes)), xml.root)
-    written: dict[str, Element] = {}
+    try:
+        return _draft(xml, source)
+    except LeftToMujoco as refusal:
+        if path is None:
+            raise
+        return _compiled(path, refusal, xml)
+
+
+def _draft(xml: Xml, source: str) -> Draft:
+    """The draft of elements that stand in a file."""
+    reading, written = _reading(xml.root, source, xml.notes), dict[str, Element]()
     try:
         _read(xml.root, reading, written)
     except DescriptionError as error:
@@ -79,13 +88,36 @@ def draft_from_mjcf(text: str, source: str) -> Draft:
     return draft
 
 
+def _compiled(path: Path, refusal: LeftToMujoco, xml: Xml) -> Draft:
+    """The draft of what MuJoCo makes of a file; its elements have no lines."""
+    from .compiled import compiled_model  # only who has such a file asks for MuJoCo
+
+    source = refusal.source
+    try:
+        root, version = compiled_model(path, refusal, xml.root)
+    except DescriptionError as error:
+        error.line, error.column = refusal.line, refusal.column
+        raise
+    reading = _reading(root, source, xml.notes)
+    _read(root, reading, {})
+    draft = reading.draft
+    reason = refusal.message.partition("; allowed")[0]
+    draft.notes.insert(0, f"read as MuJoCo {version} compiles it ({refusal.where}: {reason})")
+    draft.foreign = set(draft.links)
+    return draft
+
+
+def _reading(root: Element, source: str, notes: Iterable[str]) -> Reading:
+    return Reading(Draft(source, base="world", xml_source=source, notes=list(notes)), root)
+
+
 def _read(root: Element, reading: Reading, written: dict[str, Element]) -> None:
     draft = reading.draft
     if root.tag != "mujoco":
         draft.fail("", f"the root element is {show(root.tag)}; allowed: 'mujoco'")
     _refuse_many(root, reading)
     for element in root.iter("include"):
-        Item(reading, element, "include").fail(f"includes are not read; allowed: {_EXPANDED}")
+        Item(reading, element, "include").leave(f"includes are not read; allowed: {_EXPANDED}")
     for child in root:
         if child.tag not in (*_READ, *_IGNORED):
             known = (*_READ, *_IGNORED)
@@ -134,7 +166,7 @@ def _compiler(root: Element, reading: Reading) -> Rules:
         if item.choice("coordinate", ("local", "global"), "local") == "global":
             item.fail("coordinate is 'global'; allowed: 'local'")
         if item.number("settotalmass", -1.0) > 0.0:
-            item.fail("settotalmass is given, which scales all masses; allowed: masses as they are to be")
+            item.leave("settotalmass is given, which scales all masses; allowed: masses as they are to be")
         groups = item.numbers("inertiagrouprange", 2) or [0.0, 5.0]
         rules = Rules(
             item.choice("inertiafromgeom", ("auto", "true", "false"), "auto"),

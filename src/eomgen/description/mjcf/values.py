@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
+from eomgen.errors import DescriptionError
 from eomgen.limits import LARGEST
 from eomgen.names import nearest, show
 from eomgen.robot.geometry import Matrix, Vector, snap
@@ -77,6 +78,10 @@ def matrix(values: Array) -> Matrix:
     return a, b, c
 
 
+class LeftToMujoco(DescriptionError):
+    """A refusal of what becomes plain bodies, joints and masses when MuJoCo compiles the model."""
+
+
 class Item:
     """An element with its attributes and those of its default class.
 
@@ -108,6 +113,11 @@ class Item:
         """Raise the DescriptionError of this element."""
         self.reading.at = self.element
         self.reading.draft.fail(self.where, message)
+
+    def leave(self, message: str) -> NoReturn:
+        """Raise the DescriptionError of this element, for something that MuJoCo compiles into plain elements."""
+        self.reading.at = self.element
+        raise LeftToMujoco(message, where=self.where, source=self.reading.draft.source)
 
     def __contains__(self, key: str) -> bool:
         return key in self.values

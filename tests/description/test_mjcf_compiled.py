@@ -1,0 +1,252 @@
+"""MJCF that MuJoCo compiles before it is read: includes, copies, inertias of meshes; and xacro, and SDF."""
+
+from __future__ import annotations
+
+import struct
+import sys
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eomgen.cli.entry import main
+from eomgen.description.load import load_robot, robot_from_mjcf
+from eomgen.errors import DescriptionError, InputError
+from eomgen.robot.value import Robot
+from tests.oracles.mjcf import MjcfOracle
+from tests.support.builds import Build
+from tests.support.description_samples import MJCF, URDF
+from tests.support.fuzzing import check_message
+from tests.support.mjcf_models import random_model
+
+LEG = """<mujocoinclude>
+  <default><default class="leg"><joint damping="0.2" axis="0 1 0" range="-40 50"/></default></default>
+  <asset><mesh name="foot" file="foot.stl" scale="0.5 0.5 0.5"/></asset>
+</mujocoinclude>
+"""
+WALKER = """<mujoco model="walker">
+  <include file="leg.xml"/>
+  <worldbody>
+    <body name="trunk" pos="0 0 1">
+      <joint name="lift" type="slide" axis="0 0 1" armature="0.3"/>
+      <geom type="box" size="0.2 0.1 0.1"/>
+      <replicate count="2" sep="-" offset="0 0.3 0">
+        <body name="leg" childclass="leg" pos="0.1 0 -0.2" euler="0 20 0">
+          <joint name="hip" springdamper="0.5 1"/>
+          <geom type="mesh" mesh="foot" pos="0 0.02 -0.1"/>
+          <site name="toe" pos="0 0 -0.3"/>
+        </body>
+      </replicate>
+    </body>
+  </worldbody>
+  <actuator><motor name="push" joint="lift"/></actuator>
+</mujoco>
+"""
+EMPTY = '<include file="empty.xml"/>'
+CORNERS = np.array([[0.0, 0.0, 0.0], [0.4, 0.0, 0.0], [0.0, 0.3, 0.0], [0.1, 0.1, 0.5]])  # m
+
+
+def stl() -> bytes:
+    """A tetrahedron, as a binary STL."""
+    faces = [CORNERS[list(face)] for face in ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3))]
+    parts = [struct.pack("<12fH", 0.0, 0.0, 0.0, *face.ravel(), 0) for face in faces]
+    return bytes(80) + struct.pack("<I", len(parts)) + b"".join(parts)
+
+
+@pytest.fixture
+def walker(tmp_path: Path) -> Path:
+    (tmp_path / "foot.stl").write_bytes(stl())
+    (tmp_path / "leg.xml").write_text(LEG)
+    return written(tmp_path, WALKER)
+
+
+def written(folder: Path, text: str) -> Path:
+    (folder / "empty.xml").write_text("<mujocoinclude><statistic extent='2'/></mujocoinclude>")
+    path = folder / "model.xml"
+    path.write_text(text)
+    return path
+
+
+def test_a_model_of_several_files_moves_as_mujocos(walker: Path, built: Build) -> None:
+    robot = load_robot(walker)
+    coordinates = [f"{joint.name}.{key}" for joint in robot.joints for key in joint.coordinates]
+    assert coordinates == ["lift.z", "hip_0.gamma", "hip_1.gamma"]
+    assert {frame.name for frame in robot.frames} == {"toe_0", "toe_1"}
+    assert robot.joint("hip_0").limits == pytest.approx(np.radians([-40, 50]))
+    assert robot.joint("hip_0").coordinates["gamma"].stiffness
+    volume = abs(np.linalg.det(0.5 * (CORNERS[1:] - CORNERS[0]))) / 6.0
+    assert robot.link("leg_0").mass == pytest.approx(1000.0 * volume, rel=1e-6)  # STL has floats of 32 bits
+    (note,) = (note for note in robot.notes if "compiles" in note)
+    assert note.startswith("read as MuJoCo ")
+    assert "include" in note
+    assert any("'push'" in note for note in robot.notes)
+
+    kernel, oracle = built(robot, "mass_matrix", "inverse_dynamics", "kinematics"), MjcfOracle(walker, robot)
+    for q, v, a in np.random.default_rng(0).uniform(-1.0, 1.0, (3, 3, 3)):
+        assert np.allclose(kernel.mass_matrix(q), oracle.mass_matrix(q), rtol=1e-11, atol=1e-12)
+        assert np.allclose(kernel.inverse_dynamics(q, v, a), oracle.inverse_dynamics(q, v, a), rtol=1e-11, atol=1e-11)
+        for name, pose in oracle.poses(q).items():
+            assert np.allclose(kernel.frame_pose(q, name.replace("-", "_")), pose, atol=1e-13)
+
+
+def apart(first: object, second: object, where: str = "robot") -> list[str]:
+    """What differs between two robots, numbers by more than 1e-12."""
+    if isinstance(first, float) and isinstance(second, float):
+        return [] if abs(first - second) <= 1e-12 * max(1.0, abs(first)) else [f"{where}: {first} and {second}"]
+    if is_dataclass(first):
+        keys = [field.name for field in fields(first) if field.name not in ("notes", "source")]
+        return [text for key in keys for text in apart(getattr(first, key), getattr(second, key), f"{where}.{key}")]
+    if isinstance(first, (tuple, list)) and isinstance(second, (tuple, list)) and len(first) == len(second):
+        pairs = enumerate(zip(first, second, strict=True))
+        return [text for i, (one, other) in pairs for text in apart(one, other, f"{where}[{i}]")]
+    if isinstance(first, dict) and isinstance(second, dict) and list(first) == list(second):
+        return [text for key in first for text in apart(first[key], second[key], f"{where}.{key}")]
+    return [] if first == second else [f"{where}: {first} and {second}"]
+
+
+EQUALITIES = """<mujoco>
+  <worldbody>
+    <site name="ground" pos="0.3 0.2 0.1" euler="10 20 30"/>
+    <body name="a" pos="0.1 0 0.2" euler="0 30 0">
+      <joint name="turn" axis="0 0 1" pos="0.1 0 0" ref="30"/><geom size="0.1"/>
+      <body name="b" pos="0.5 0 0" quat="0.5 0.1 0.2 0.3">
+        <joint name="slide" type="slide" axis="1 0 0" ref="0.25"/><geom size="0.1"/>
+        <site name="tip" pos="0.2 0 0.1" euler="0 40 0"/>
+      </body>
+    </body>
+    <body pos="0 1 0"><joint axis="1 0 0" limited="false" range="-3 4"/><geom size="0.1"/>
+      <body name="e"><joint name="ball" type="ball" damping="0.2"/><geom size="0.1"/></body></body>
+  </worldbody>
+  <equality>
+    <joint joint1="turn" joint2="slide" polycoef="0.1 2"/><connect body1="a" body2="e" anchor="0.1 0 0.2"/>
+    <weld body1="b" body2="e" relpose="0.1 0.2 0.3 1 0 0 0.5"/><weld body1="a" body2="e" name="held"/>
+    <connect site1="tip" site2="ground" active="false"/><weld site1="tip" site2="ground"/>
+  </equality>
+</mujoco>
+"""
+MODELS = {"sample": MJCF, "equalities": EQUALITIES, **{f"random {seed}": random_model(seed) for seed in range(6)}}
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_a_model_is_the_same_robot_with_mujoco_and_without(name: str, tmp_path: Path) -> None:
+    text = MODELS[name]
+    own, compiled = robot_from_mjcf(text), load_robot(written(tmp_path, text.replace("</mujoco>", f"{EMPTY}</mujoco>")))
+    assert not any("compiles" in note for note in own.notes)
+    assert any("compiles" in note for note in compiled.notes)
+    assert apart(own, compiled) == []
+
+
+def test_what_the_reader_knows_is_read_without_mujoco(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = written(tmp_path, MJCF)
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    assert load_robot(path).joints == robot_from_mjcf(MJCF).joints
+
+
+def test_without_mujoco_a_refusal_says_what_would_help(walker: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    with pytest.raises(DescriptionError, match=r"model\.xml:2:3: include: .*eomgen\[mujoco\]") as caught:
+        load_robot(walker)
+    check_message(caught.value)
+
+
+def test_a_text_alone_opens_no_file(walker: Path) -> None:
+    with pytest.raises(DescriptionError, match="includes are not read"):
+        robot_from_mjcf(walker.read_text(), source=str(walker))
+
+
+def test_what_is_only_shown_or_measured_need_not_be_there(tmp_path: Path) -> None:
+    more = """<asset><mesh name="shin" file="gone.stl"/><texture name="sky" type="2d" file="gone.png"/>
+      <material name="blue" texture="sky"/></asset><sensor><touch site="gone"/></sensor>"""
+    text = MJCF.replace('mesh="shin"/>', 'mesh="shin" material="blue"/>')
+    path = written(tmp_path, text.replace("</mujoco>", f"{more}{EMPTY}</mujoco>"))
+    assert apart(load_robot(path), robot_from_mjcf(MJCF)) == []
+
+
+REFUSED = {  # what stands in the model instead of its include, and words of the refusal
+    "an include that is missing": ('<include file="nothing.xml"/>', ["include", "nothing.xml", "MuJoCo 4"]),
+    "a mesh that counts and is missing": (
+        '<asset><mesh name="foot" file="gone.stl"/></asset><default><default class="leg"/></default>',
+        ["gone.stl"],
+    ),
+    "a fluid, in another file": ('<include file="leg.xml"/><include file="fluid.xml"/>', ["density is 1000", "fluid"]),
+    "a tendon of a pulley": ('<include file="leg.xml"/><include file="rope.xml"/>', ["tendon 'rope'", "straight"]),
+    "weight that is carried": ('<include file="leg.xml"/><include file="float.xml"/>', ["body 'up'", "gravcomp"]),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_refusals_name_file_and_reason(case: str, walker: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = walker.parent
+    (folder / "fluid.xml").write_text('<mujocoinclude><option density="1000"/></mujocoinclude>')
+    rope = '<site site="toe-0"/><pulley divisor="2"/><site site="toe-0"/><site site="toe-1"/>'
+    (folder / "rope.xml").write_text(
+        f'<mujocoinclude><tendon><spatial name="rope" stiffness="3"><site site="toe-1"/>{rope}</spatial></tendon>'
+        "</mujocoinclude>"
+    )
+    (folder / "float.xml").write_text(
+        '<mujocoinclude><worldbody><body name="up" gravcomp="1"><joint/><geom size="1"/></body></worldbody>'
+        "</mujocoinclude>"
+    )
+    new, words = REFUSED[case]
+    path = written(folder, WALKER.replace('<include file="leg.xml"/>', new))
+    with pytest.raises(DescriptionError) as caught:
+        load_robot(path)
+    check_message(caught.value)
+    for word in ("model.xml", "allowed", *words):
+        assert word in str(caught.value)
+    assert main(["check", str(path)]) == 1
+    assert words[0] in capsys.readouterr().out
+
+
+def test_copies_without_end_are_refused_before_they_are_made(tmp_path: Path) -> None:
+    body = '<body><joint/><geom size="1"/></body>'
+    copies = f'<replicate count="10000"><replicate count="10000">{body}</replicate></replicate>'
+    path = written(tmp_path, f"<mujoco><worldbody>{copies}</worldbody></mujoco>")
+    with pytest.raises(DescriptionError, match="10000 times; allowed: up to"):
+        load_robot(path)
+
+
+def test_check_says_that_mujoco_has_compiled(walker: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["check", str(walker)]) == 0
+    assert "read as MuJoCo" in capsys.readouterr().out
+
+
+def expanded(tmp_path: Path, text: str) -> Robot:
+    path = tmp_path / "arm.urdf.xacro"
+    path.write_text(text)
+    return load_robot(path)
+
+
+MACROS = URDF.replace("<robot ", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" ', 1)
+
+
+def test_macros_of_xacro_are_expanded(tmp_path: Path) -> None:
+    pytest.importorskip("xacro")
+    (tmp_path / "more.xacro").write_text(
+        '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:property name="m" value="2"/></robot>'
+    )
+    include = '<xacro:include filename="more.xacro"/>'
+    moments = '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+    link = f'<link name="extra"><inertial><mass value="${{m * 2}}"/>{moments}</inertial></link>'
+    joint = '<joint name="hold" type="fixed"><parent link="lower"/><child link="extra"/></joint>'
+    robot = expanded(tmp_path, MACROS.replace("</robot>", f"{include}{link}{joint}</robot>"))
+    assert robot.link("extra").mass == 4.0
+    with pytest.raises(DescriptionError, match=r"arm\.urdf\.xacro: xacro says: .*gone\.xacro") as caught:
+        expanded(tmp_path, MACROS.replace("</robot>", '<xacro:include filename="gone.xacro"/></robot>'))
+    check_message(caught.value)
+
+
+def test_without_xacro_it_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "xacro", None)
+    with pytest.raises(InputError, match=r"need xacro, which is not installed: .*eomgen\[xacro\]"):
+        expanded(tmp_path, MACROS)
+
+
+def test_sdf_is_refused_with_what_to_do(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "arm.sdf"
+    path.write_text('<sdf version="1.9"/>')
+    with pytest.raises(DescriptionError, match="SDF is not read; allowed: the URDF"):
+        load_robot(path)
+    assert main(["check", str(path)]) == 1
+    assert "SDF is not read" in capsys.readouterr().out
