@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 
 from eomgen.cli import entry as cli
 from eomgen.errors import ArrayError, DescriptionError, InputError, UnknownNameError
-from eomgen.identification import ToleranceResult, tolerance
+from eomgen.identification import ToleranceResult, load_tolerance, tolerance
 from eomgen.identification.tolerances.allocation import least
 from eomgen.identification.tolerances.regions import ellipsoids, radii
 from eomgen.identification.tolerances.vertices import farthest
+from eomgen.pictures import plot_tolerance
 from eomgen.robot.value import Coordinate, Robot
 from tests.support.measured_poses import chain
 
@@ -380,6 +381,35 @@ def test_the_result_is_plain_and_shows_itself() -> None:
     assert len(found.as_rows().columns) == 4
     with pytest.raises(InputError, match="pose: 2; allowed: a whole number from 0 to 1"):
         found.sample(10, pose=2)
+
+
+@pytest.mark.parametrize("kind", ["rigid", "soft", "closed"])
+def test_results_are_saved_and_load_again(kind: str, tmp_path: Path) -> None:
+    found = replace(example(kind), t=None)
+    again = load_tolerance(found.save(tmp_path / "found.json"))
+    assert again.as_dict() == found.as_dict()
+    assert np.array_equal(again.sample(50), found.sample(50))
+    timed = replace(found, t=np.arange(float(len(found.q))))
+    assert np.array_equal(load_tolerance(timed.save(tmp_path / "timed.json")).t, timed.t)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=r"allowed: a path that ends in .json"):
+        found.save(tmp_path / "found.npz")
+    data = json.loads((tmp_path / "found.json").read_text())
+    for change, message in (
+        ({"kind": "fit"}, "is no accuracy by tolerances"),
+        ({"t": [0.0]}, "is damaged" if len(found.q) > 1 else ""),
+        ({"description": 3}, ""),
+        ({"table": {"joints.none.offset.x": {"bound": 1.0}}}, "no such quantity"),
+    ):
+        if message:
+            (tmp_path / "wrong.json").write_text(json.dumps({**data, **change}))
+            with pytest.raises((InputError, DescriptionError), match=message):
+                load_tolerance(tmp_path / "wrong.json")
+
+
+def test_a_map_has_every_pose(tmp_path: Path) -> None:
+    found = example("rigid")
+    assert np.allclose(found.positions[0], found.exact.poses(np.zeros((len(found.names), 1)), np.array([0]))[1][0])
+    assert "<svg" in plot_tolerance(found, tmp_path / "map.svg").read_text(encoding="utf-8")
 
 
 def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

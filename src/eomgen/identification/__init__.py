@@ -28,6 +28,7 @@ from .least_squares import fit
 from .tolerances.allocation import Allocation
 from .tolerances.budgeting import tolerance
 from .tolerances.result import ToleranceResult
+from .tolerances.stored import load_tolerance
 
 __all__ = [
     "AccuracyResult",
@@ -62,6 +63,7 @@ __all__ = [
     "load_fit",
     "load_identification",
     "load_poses",
+    "load_tolerance",
     "poses",
     "poses_from_columns",
     "read_covariances",

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from .measured.compensation import plot_compensation
     from .measured.excitation import plot_excitation
     from .measured.motions import plot_identification
+    from .measured.tolerances import plot_tolerance
     from .page import report_of
     from .report import Report
     from .robot import plot_robot
@@ -38,6 +39,7 @@ _MODULES = {  # one of them is imported when a name of it is first used: a figur
     "plot_compensation": "measured.compensation",
     "plot_excitation": "measured.excitation",
     "plot_identification": "measured.motions",
+    "plot_tolerance": "measured.tolerances",
     "plot_energy": "energy",
     "plot_tracking": "energy",
     "plot_journals": "journals",
@@ -68,6 +70,7 @@ __all__ = [
     "plot_result",
     "plot_robot",
     "plot_sweep",
+    "plot_tolerance",
     "plot_tool",
     "plot_tracking",
     "plot_tracks",

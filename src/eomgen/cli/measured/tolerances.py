@@ -5,6 +5,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from ...errors import InputError
+from ...files import FIGURE_ENDINGS
+from ...names import show
 from ..shared import (
     Command,
     add_json,
@@ -34,6 +37,7 @@ def _add_tolerance(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--wrench", nargs=6, type=float, metavar="F", help="force and moment on the frame, N and N m")
     parser.add_argument("--confidence", type=float, default=0.95, metavar="P", help="of the regions (0.95)")
     parser.add_argument("--accuracy", type=float, metavar="M", help="radius to reach: which tolerances to tighten")
+    parser.add_argument("-o", "--output", type=Path, help="the result, .json, or a map of the poses .svg, .pdf or .png")
     add_page(parser)
     add_json(parser)
 
@@ -41,6 +45,9 @@ def _add_tolerance(parser: argparse.ArgumentParser) -> None:
 def _tolerance(options: argparse.Namespace) -> None:
     from ...identification.tolerances.budgeting import tolerance
 
+    endings = (".json", *FIGURE_ENDINGS)
+    if options.output is not None and options.output.suffix not in endings:
+        raise InputError(f"output: {show(str(options.output))}; allowed: a path that ends in {', '.join(endings)}")
     robot = read_robot(options)
     with stage_bar("looking at tolerances") as report:
         found = tolerance(
@@ -57,6 +64,12 @@ def _tolerance(options: argparse.Namespace) -> None:
         )
         allocation = None if options.accuracy is None else found.allocate(options.accuracy)
     written = pages_written(options, found)
+    if options.output is not None and options.output.suffix == ".json":
+        written.append(found.save(options.output))
+    elif options.output is not None:
+        from ...pictures.measured.tolerances import plot_tolerance
+
+        written.append(plot_tolerance(found, options.output))
     if options.json:
         show_json({**found.as_dict(), "allocation": None if allocation is None else allocation.as_dict()})
         return

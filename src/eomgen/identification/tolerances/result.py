@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from ...tabular import Rows as TableRows
 from ...tabular import TableColumn, Tabular
 from .allocation import Allocation, allocated
 from .contributions import Exact
+from .recorded import write_record
 from .regions import ellipsoids
 from .table import Tolerance
 
@@ -129,6 +131,19 @@ class ToleranceResult(Shown, Tabular):
             else:
                 drawn[k] = self.bounds[k] * rng.uniform(-1.0, 1.0, count)
         return self.exact.motions(drawn, np.full(count, pose, dtype=np.intp))
+
+    @property
+    def positions(self) -> Array:
+        """Places of the frame at the poses, without what is off, (N, 3), m, in the base frame."""
+        return self.exact.poses(np.zeros((len(self.names), len(self.q))), np.arange(len(self.q)))[1]
+
+    def save(self, path: Path | str) -> Path:
+        """Write the robot, the table and the poses as .json, and return the path; ``load_tolerance`` reads it.
+
+        Raises:
+            InputError: another ending, or the file cannot be written.
+        """
+        return write_record(self, Path(path))
 
     def allocate(self, accuracy: float) -> Allocation:
         """Tolerances to tighten, at least cost, so that the radius of position is at most this at all poses.

@@ -26,6 +26,7 @@ from ...identification.exciting.excited import ExciteResult
 from ...identification.exciting.stored import load_excitation
 from ...identification.iso_9283.result import AccuracyResult, load_accuracy
 from ...identification.tolerances.result import ToleranceResult
+from ...identification.tolerances.stored import load_tolerance
 from ...names import listed, show
 from ...npz import most_bytes, read_npz
 from ..report import Report
@@ -55,6 +56,7 @@ SAVED: Mapping[str, Callable[[Path], Any]] = {
     "fit": load_fit,
     "identification": load_identification,
     "poses": load_poses,
+    "tolerance": load_tolerance,
 }
 
 

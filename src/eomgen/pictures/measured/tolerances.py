@@ -8,11 +8,13 @@ import numpy as np
 
 from ...identification.tolerances.result import PARTS, ToleranceResult
 from ..report import Drawing, Report, drawn
-from ..style import COLORS, canvas, literal, title_of
+from ..style import COLORS, FULL_WIDTH, PROGRAM_COLOR, canvas, literal, title_of
 from .tables import number, table
 
 _MOST = 20  # contributions that are drawn
 _ROW = 0.2  # inches of one
+_OUTLINES = 40  # of ellipsoids in a map
+_ELLIPSE = 0.05  # of the poses' extent: the largest half axis
 _UNITS = ("mm", "mrad")
 
 
@@ -24,6 +26,8 @@ def tolerance_page(found: ToleranceResult) -> Report:
     if len(found.q) > 1:
         text = f"What holds the deviation with {100 * found.confidence:g} % at each pose, and its worst case."
         figures.append(Drawing("regions", text, lambda path: plot_regions(found, path)))
+        text = "Where the poses are, by the radius of their region, with the ellipses of the largest ones exaggerated."
+        figures.append(Drawing("map", text, lambda path: plot_tolerance(found, path)))
     count = len(found.q)
     return Report(
         title=f"{found.robot}, {found.frame}: accuracy by {len(found.names)} tolerances",
@@ -90,6 +94,36 @@ def plot_shares(found: ToleranceResult, path: Path | str) -> Path:
         axes.set_xlabel("share of the variance, %")
         axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2)
         title_of(figure, f"{found.robot}: what the deviation of {found.frame} comes from")
+    return Path(path)
+
+
+def plot_tolerance(found: ToleranceResult, path: Path | str) -> Path:
+    """A map of the frame's poses from above and from the side, coloured by the radius of the region of position, with
+    exaggerated outlines of the ellipsoids of some; returns the path, errors as of ``plot_shares``.
+    """
+    places, radius = 1e3 * found.positions, 1e3 * found.radius[PARTS[0]]
+    half, axes = found.ellipsoids()
+    extent = max(float(np.ptp(places, axis=0).max()), 1e-3)
+    factor = _ELLIPSE * extent / max(1e3 * float(half.max()), 1e-12)
+    around = np.linspace(0.0, 2.0 * np.pi, 61)
+    circle = np.stack([np.cos(around), np.sin(around)])
+    chosen = np.argsort(-radius, kind="stable")[:_OUTLINES]
+    with canvas(FULL_WIDTH, 3.6, path) as figure:
+        room = {"top": 0.88, "bottom": 0.14, "left": 0.09, "right": 0.86, "wspace": 0.3}
+        panels = figure.subplots(1, 2, gridspec_kw=room)
+        for panel, (i, j) in zip(panels, ((0, 1), (0, 2)), strict=True):
+            drawn_points = panel.scatter(places[:, i], places[:, j], c=radius, s=9.0, cmap="viridis")
+            for k in chosen:
+                shape = (axes[k] * (1e3 * half[k]) ** 2) @ axes[k].T
+                variances, turn = np.linalg.eigh(shape[np.ix_((i, j), (i, j))])
+                outline = factor * turn @ (np.sqrt(np.maximum(variances, 0.0))[:, np.newaxis] * circle)
+                panel.plot(places[k, i] + outline[0], places[k, j] + outline[1], color=PROGRAM_COLOR, linewidth=0.8)
+            panel.set_aspect("equal", adjustable="datalim")
+            panel.set_xlabel(f"{'xyz'[i]}, mm")
+            panel.set_ylabel(f"{'xyz'[j]}, mm")
+        bar = figure.colorbar(drawn_points, cax=figure.add_axes((0.885, 0.14, 0.02, 0.74)))
+        bar.set_label(f"{100 * found.confidence:g} % within, mm")
+        title_of(figure, f"{found.robot}: regions of {found.frame}, outlines times {factor:.3g}")
     return Path(path)
 
 
