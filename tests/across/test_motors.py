@@ -141,6 +141,7 @@ def test_drives_of_a_stiff_gear_are_the_rigid_ones_over_the_ratio() -> None:
     assert np.allclose(100.0 * hard.trajectory.u[:, 1], rigid.trajectory.u[:, 0], atol=1e-2 * rigid.trajectory.u.max())
 
 
+@pytest.mark.soak
 def test_loops_over_motors(built: Build) -> None:
     """A four-bar linkage whose crank a motor drives: constraint and both rows of the transmission hold."""
     robot = eomgen.load_robot("four_bar")

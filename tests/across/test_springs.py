@@ -141,6 +141,7 @@ def test_prescribed_coordinates(seed: int, built: Build) -> None:
     assert close(vs[-1], expected, 1e-6)
 
 
+@pytest.mark.soak
 def test_simulation_of_the_built_in_arm() -> None:
     """Its drives carry hardly any weight of the upper arm, and the cable ends its reach."""
     robot = eomgen.load_robot("balanced_arm")

@@ -58,6 +58,7 @@ def test_values_and_jacobians_are_the_kernels(seed: int, built: Build, figures: 
         figures.count("functions")
 
 
+@pytest.mark.soak
 def test_closed_mechanisms(built: Build) -> None:
     """Accelerations, drives and forces of the constraint with their Jacobians, beside closed states, too."""
     robot = eomgen.load_robot("four_bar")
@@ -107,7 +108,7 @@ def test_hessians_are_the_kernels(seed: int, built: Build, figures: Figures) -> 
         figures.count("functions")
 
 
-@pytest.mark.parametrize("name", ["one_link", "four_bar"])
+@pytest.mark.parametrize("name", ["one_link", pytest.param("four_bar", marks=pytest.mark.soak)])
 def test_hessians_of_mechanisms(name: str, built: Build) -> None:
     """Of open and closed ones, beside closed states, too."""
     robot, asked = eomgen.load_robot(name), ["inverse_dynamics", "forward_dynamics", "energy", "frame_pose", "residual"]
@@ -140,6 +141,7 @@ def error_of_hessian(there: DifferentiableFunction, made: casadi.Function, array
     return float(np.abs(np.array(found(np.concatenate([x.ravel() for x in arrays]))) - expected).max()) / size
 
 
+@pytest.mark.soak
 def test_on_threads(built: Build) -> None:
     """Calls share nothing: each of many states has the kernel's result, derivatives too."""
     robot = random_robot(4420, joints=(3, 3))

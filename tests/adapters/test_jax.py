@@ -54,7 +54,7 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, int | None]]:
 
 
 @pytest.mark.parametrize("way", [eager, pytest.param(jax.jit, marks=pytest.mark.soak)], ids=["eager", "jit"])
-@pytest.mark.parametrize("seed", seeds(4103, 1, 30))
+@pytest.mark.parametrize("seed", [4100, *seeds(4101, 0, 30)])
 def test_values_and_derivatives_are_the_kernels(seed: int, way: Any, built: Build, figures: Figures) -> None:
     """Of all functions, forward and in reverse; compiling them by jit takes a second each."""
     robot = sample(seed)
@@ -100,8 +100,7 @@ def distance(found: Any, expected: Any) -> float:
 
 
 def test_vmap_calls_the_batch_kernel_once(built: Build, calls: list[tuple[str, int | None]]) -> None:
-    robot = random_robot(4520, joints=(3, 3))
-    kernel = built(robot, *kernels_for("forward_dynamics"))
+    kernel = built(eomgen.load_robot("one_link"), *kernels_for("forward_dynamics"))
     made = function(kernel, "forward_dynamics")
     rng = np.random.default_rng(2)
     q, v, u = rng.uniform(-1.0, 1.0, (3, 24, kernel.n))
@@ -169,6 +168,7 @@ def test_a_rollout_is_that_of_the_kernel_and_has_its_gradient(built: Build) -> N
         assert slope[place] == pytest.approx(difference, rel=1e-6, abs=1e-9)
 
 
+@pytest.mark.soak
 def test_frames_have_derivatives_of_any_order(built: Build) -> None:
     robot = random_robot(4540, joints=(2, 2), max_coordinates=2)
     kernel = built(robot, *kernels_for("frame_pose"))
@@ -263,6 +263,7 @@ def test_rollouts_of_the_kernel_have_gradients(controlled: bool, built: Build) -
         made(q[0], v[0], u[:3])
 
 
+@pytest.mark.soak
 def test_in_single_precision(built: Build) -> None:
     robot = random_robot(4550, joints=(2, 2))
     kernel = built(robot, *kernels_for("inverse_dynamics"), dtype="float32")

@@ -64,6 +64,7 @@ def test_drives_that_hold_a_mechanism_leave_no_mode(capsys: pytest.CaptureFixtur
     assert not rigid.deflection.any()
 
 
+@pytest.mark.soak
 def test_platform_on_legs_that_yield(built: Build) -> None:
     """Eigenvalues of what NumPy makes of null spaces and of differences of forces on the closed states."""
     robot = eomgen.load_robot("gough")

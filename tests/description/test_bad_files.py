@@ -50,6 +50,7 @@ def test_diagnosis(
 ROOT = Path(__file__).parents[2]
 
 
+@pytest.mark.soak
 def test_limits_of_time_and_memory(tmp_path: Path) -> None:
     """In one process that is allowed 512 MB more than it begins with, 2 s each."""
     code = f"""

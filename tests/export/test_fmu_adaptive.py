@@ -142,7 +142,7 @@ def test_prescribed_coordinates_and_wrenches(exported: Exported, built: Build) -
     np.testing.assert_allclose(found, np.concatenate([wanted.q[-1], wanted.v[-1]]), atol=1e-7)
 
 
-@pytest.mark.parametrize(("name", "rate"), [("four_bar", 3.0), ("bennett", 2.0)])
+@pytest.mark.parametrize(("name", "rate"), [("four_bar", 3.0), pytest.param("bennett", 2.0, marks=pytest.mark.soak)])
 def test_closed_mechanisms(name: str, rate: float, exported: Exported, built: Build) -> None:
     """They stay closed, keep their energy, and move as an integration with tight tolerances says."""
     robot = eomgen.load_robot(name)
@@ -192,6 +192,7 @@ def test_free_joints_turn(method: str, exported: Exported, built: Build) -> None
     np.testing.assert_array_equal(run(host, 16, 0.05, first=4), found)
 
 
+@pytest.mark.soak
 def test_a_cut_holds_a_body_that_turns(exported: Exported, built: Build) -> None:
     """A pendulum on a cut swings over the poles of its free joint's angles; a wrench acts."""
     kernel = built(held_pendulum(), *INTEGRATED)
@@ -331,6 +332,7 @@ int main(void)
 """
 
 
+@pytest.mark.soak
 def test_the_choice_between_both_is_the_implicit_one_where_it_is_stiff(exported: Exported, tmp_path: Path) -> None:
     """A damped spring of 1e9 N/m, in steps: what each method takes, and both in turn."""
     taken = {}

@@ -55,7 +55,7 @@ def elsewhere(found: CalibrationResult, made: Trial, seed: int) -> Array:
     return np.abs(off) <= found.quantile * np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
 
 
-@pytest.mark.parametrize("is_known", [True, False])
+@pytest.mark.parametrize("is_known", [False, pytest.param(True, marks=pytest.mark.soak)])
 @pytest.mark.parametrize(
     ("arms", "about"), [(12, 0.06), pytest.param(1000, 0.02, marks=pytest.mark.soak)], ids=["some", "many"]
 )

@@ -112,6 +112,7 @@ def test_a_linkage_from_exact_samples(built: Build) -> None:
         assert result[name].damping.value == pytest.approx(c, rel=1e-8)
 
 
+@pytest.mark.soak
 def test_a_linkage_from_noisy_coordinates(built: Build, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Rates and accelerations are derived; on the command line, too."""
     t = np.arange(3000) * 1e-3

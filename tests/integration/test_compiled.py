@@ -157,9 +157,11 @@ def test_wrenches_of_c_are_those_of_python(robot: str, axes: str) -> None:
     ("robot", "text"),
     [
         ("geared_arm", "duration = 0.3\n"),
-        ("shaken_arm", "duration = 0.3\n" + SHAKEN),
+        pytest.param("shaken_arm", "duration = 0.3\n" + SHAKEN, marks=pytest.mark.soak),
         ("shaken_arm", "duration = 0.3\n" + SHAKEN + "[[wrenches]]\nlink = 'link1'\nforce = [300.0, 100.0, -200.0]\n"),
-        ("four_bar", "duration = 0.3\n[control]\ntype = 'pd'\nkp = 200.0\nkd = 20.0\n"),
+        pytest.param(
+            "four_bar", "duration = 0.3\n[control]\ntype = 'pd'\nkp = 200.0\nkd = 20.0\n", marks=pytest.mark.soak
+        ),
         (
             "one_link",
             "duration = 0.3\n[[payloads]]\nlink = 'link1'\nmass = 0.4\npoint = [0.1, 0.0, 0.0]\nt0 = 0.1\nt1 = 0.2\n",

@@ -60,6 +60,7 @@ z = {{ stiffness = {stiffness}, clearance = {gap}, smoothing = 1e-9 }}
     )
 
 
+@pytest.mark.soak
 def test_a_stiff_joint_costs_few_residual_calls(built: Build) -> None:
     """1e8 N/m, damped: at most 2000 residual calls for 2 s at rtol 1e-8, and an error below 1e-6 rad."""
     kernel = built(stiff_rod(1e8, 2e4), *KERNELS)

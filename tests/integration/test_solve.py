@@ -84,7 +84,7 @@ def test_rk4_is_of_order_four(built: Build) -> None:
     assert np.abs(orders - 4.0).max() < 0.25
 
 
-@pytest.mark.parametrize(("method", "rtol"), [("DOP853", 1e-11), ("Radau", 1e-10)])
+@pytest.mark.parametrize(("method", "rtol"), [("DOP853", 1e-11), pytest.param("Radau", 1e-10, marks=pytest.mark.soak)])
 def test_energy_is_conserved_without_damping(method: str, rtol: float, built: Build) -> None:
     robot = elastic_arm(damping=0.0)
     kernel = built(robot, *NEEDED)

@@ -43,6 +43,7 @@ def test_batches_are_single_states_to_the_bit(number: int, built: Build, figures
         kernel.threads = 1
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("number", seeds(5, 1, 60))
 def test_single_precision(number: int, built: Build, figures: Figures) -> None:
     """Accelerations of float32 at rest, as near as the mechanism's pose lets a rounded state be; steps stay closed."""

@@ -119,6 +119,7 @@ def test_inverse_of_forward_dynamics(name: str, driven: list[str], built: Build)
         loops.inverse_dynamics(q, v, a, driven=["joint9"])
 
 
+@pytest.mark.soak
 def test_legs_of_goughs_platform_hold_it(built: Build) -> None:
     """Forces in six legs at rest balance the platform's weight, by virtual work of its six freedoms."""
     robot = eomgen.load_robot("gough")

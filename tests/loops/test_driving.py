@@ -81,7 +81,7 @@ def test_least_drives_of_random_rows(seed: int) -> None:
         ("four_bar", ("joint3.gamma",)),
         ("bennett", None),
         ("bennett", ("joint1.gamma",)),
-        ("gough", None),
+        pytest.param("gough", None, marks=pytest.mark.soak),
     ],
 )
 def test_drives_and_reactions_are_those_of_singular_values(

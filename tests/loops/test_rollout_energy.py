@@ -46,6 +46,7 @@ def test_a_first_step_from_an_open_state_does_not_stop_the_mechanism(built: Buil
     assert np.abs(vs[1] - v).max() <= 1e-2
 
 
+@pytest.mark.soak
 def test_rollouts_and_error_control_agree(built: Build) -> None:
     robot = replace(eomgen.load_robot("gough"), name="falling_platform")
     kernel = built(robot, *KERNELS, "rollout")

@@ -207,6 +207,7 @@ def test_orientations_that_cannot_be_used(ur5: eomgen.Kernel) -> None:
             ToolSpline(ur5, "tcp", points, times, **options)
 
 
+@pytest.mark.soak
 def test_a_platform_keeps_its_orientation() -> None:
     """A closed mechanism along a line: level all the way, its loops closed."""
     robot = eomgen.load_robot("gough")

@@ -130,7 +130,7 @@ def test_both_halves_have_the_same_bits(which: str, built: Build) -> None:
             assert alone.tobytes() == expected[state].tobytes(), name
 
 
-@pytest.mark.parametrize("batch_first", [False, True])
+@pytest.mark.parametrize("batch_first", [True, pytest.param(False, marks=pytest.mark.soak)])
 def test_an_assignment_reaches_both_halves(batch_first: bool, built: Build) -> None:
     """Through the extension module as well, whichever half came first."""
     kernel = built(eomgen.load_robot("one_link"), dtype="float32" if batch_first else "float64")

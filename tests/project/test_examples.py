@@ -112,6 +112,7 @@ def test_identify_worn_arm(capsys: pytest.CaptureFixture[str]) -> None:
     assert all(abs(float(ratio) / float(true) - 1.0) < 0.02 for ratio, true in pairs)
 
 
+@pytest.mark.soak
 def test_learned_friction(capsys: pytest.CaptureFixture[str]) -> None:
     text = said("learned_friction.py", capsys)
     before, after = numbers(r"by ([0-9.]+) rad", text), numbers(r"friction, ([0-9.]+) with", text)

@@ -16,7 +16,7 @@ from eomgen.runtime.stepping.adaptive import METHODS
 from tests.codegen.forces.test_laws import slider, worn
 from tests.support.builds import Build
 from tests.support.random_motors import geared_robot, motor_state
-from tests.support.random_robots import Array, random_robot, random_state, some_prescribed
+from tests.support.random_robots import Array, random_robot, random_state, seeds, some_prescribed
 from tests.support.random_springs import with_springs
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
@@ -47,7 +47,7 @@ def test_order(method: str, kind: str, built: Build) -> None:
 
 
 @pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("seed", [1465, 1466])
+@pytest.mark.parametrize("seed", seeds(1465, 1, 2))
 def test_worn_joints_against_radau(method: str, seed: int, built: Build) -> None:
     """Clearances, curves, frictions and springs between points, at samples that steps do not know of beforehand."""
     robot = with_springs(worn(seed, (1, 2)), seed)

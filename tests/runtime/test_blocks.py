@@ -85,6 +85,7 @@ def test_the_papers_robot(built: Build) -> None:
     assert len(blocks.christoffel) == 1
 
 
+@pytest.mark.soak
 def test_36_coordinates_have_as_many_entries_as_the_map_says(built: Build) -> None:
     robot = chain(6)
     kernel = built(robot, *KERNELS)

@@ -148,6 +148,7 @@ def test_elastic_legs_deviate_from_the_rigid_mechanism() -> None:
     assert 1e-7 < np.abs(result.deviations).max() < 1e-3
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("rigid", [("z", "alpha", "beta"), pytest.param((), marks=pytest.mark.soak)])
 def test_elastic_cut_joints(rigid: tuple[str, ...]) -> None:
     robot = eomgen.load_robot("four_bar")
@@ -204,6 +205,7 @@ def crossings(deviation: NDArray[np.float64], clearance: float) -> list[tuple[in
     return [(int(i), bool(beyond[i + 1])) for i in np.flatnonzero(beyond[1:] != beyond[:-1])]
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("place", ["joint3.gamma", pytest.param("joint4.x", marks=pytest.mark.soak)])
 def test_contacts_in_joints_of_a_loop(place: str, tmp_path: Path) -> None:
     """Found in the tree and in a cut joint where the deviation says so, in the result, and in its file."""

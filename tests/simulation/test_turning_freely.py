@@ -148,7 +148,7 @@ def test_robots_without_such_joints_have_none(tmp_path: Path) -> None:
         run("one_link", {"duration": 0.1}, plan, tmp_path / "sweep")
 
 
-@pytest.mark.parametrize("engine", ["rollout", "integrate"])
+@pytest.mark.parametrize("engine", ["integrate", pytest.param("rollout", marks=pytest.mark.soak)])
 def test_sweeps_over_the_poles(engine: str, tmp_path: Path) -> None:
     """Moments of inertia that vary: each sample ends where the body of that inertia does."""
     values = (0.095, 0.1, 0.11)

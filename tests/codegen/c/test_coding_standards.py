@@ -41,6 +41,7 @@ def counts(robot: str) -> dict[str, str]:
     return {row[0]: row[at] for row in rows if row[0][0].isdigit() and row[at] != "0"}
 
 
+@pytest.mark.soak
 def test_rules_of_a_small_robot(misra: ModuleType, cppcheck: str) -> None:
     """All templates are in it: the rules are those of the page's sections, no other and no fewer."""
     found = misra.violations(cppcheck, "one_link")

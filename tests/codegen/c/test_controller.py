@@ -58,6 +58,7 @@ def test_the_loop_is_closed(task) -> None:  # type: ignore[no-untyped-def]
 BUILDS = [("zig", "own"), ("gcc", "own"), ("gcc", "library"), pytest.param(("zig", "library"), marks=pytest.mark.soak)]
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("built", BUILDS, indirect=True)
 def test_on_a_cortex_m7(example: ModuleType, task, built) -> None:  # type: ignore[no-untyped-def]
     """The host's drives, to the bit with the generated sine; sizes, stack and instructions hang together."""

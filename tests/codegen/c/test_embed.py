@@ -102,6 +102,7 @@ def table(text: str, header: str) -> Array:
     return np.array([[float(x) for x in line.split(",")] for line in lines[1:]])
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(
     "compiler", [pytest.param(name, marks=pytest.mark.soak if name == "clang" else ()) for name in COMPILERS]
 )

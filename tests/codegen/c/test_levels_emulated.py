@@ -154,7 +154,7 @@ def test_levels_that_run_here(known: tuple[Path, bytes, np.ndarray], level: str)
 
 
 @needs_levels
-@pytest.mark.parametrize(("level", "processor"), [("v1", "qemu64"), ("v3", "max")])
+@pytest.mark.parametrize(("level", "processor"), [("v3", "max"), pytest.param("v1", "qemu64", marks=pytest.mark.soak)])
 def test_levels_that_are_emulated(known: tuple[Path, bytes, np.ndarray], level: str, processor: str) -> None:
     """The base on a processor without AVX, which an instruction beyond the base would stop."""
     machine = emulator("x86_64", needs_avx=level == "v3")

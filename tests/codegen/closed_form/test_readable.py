@@ -173,6 +173,7 @@ def test_redundant_rows_are_said() -> None:
     assert r"\lambda_{1}" in form.latex()
 
 
+@pytest.mark.soak
 def test_elastic_coordinates_of_a_cut_are_forces(built: Build) -> None:
     """As in the kernel of the tree."""
     robot = linkages("x = { stiffness = 1e4, damping = 3.0 }\ny = { stiffness = 2e4 }\n")[0]

@@ -112,6 +112,7 @@ def test_an_implicit_step_is_that_of_a_joint(radial: Radial) -> None:
         assert close(found[1], found[0], 1e-6)
 
 
+@pytest.mark.soak
 def test_motions_are_those_of_a_joint(built: Build) -> None:
     """All kinds of steps; contacts with their angle and end."""
     radial = replace(FULL, friction=SlidingFriction(0.1, 0.2, 1e-2))
@@ -258,6 +259,7 @@ def test_it_is_read_kept_and_named() -> None:
         closed_form(build_model(robot))
 
 
+@pytest.mark.soak
 @pytest.mark.usefixtures("unoptimised")
 def test_a_simulation_falls_through_the_play(tmp_path: Path) -> None:
     """The bar's end drops by the clearance, bounces below, and its energy balances; the file knows the contact."""

@@ -276,7 +276,7 @@ def test_motion_is_scipys(built: Build) -> None:
     assert v[-1, 0] == pytest.approx(expected.y[1, -1], abs=1e-6)
 
 
-@pytest.mark.parametrize("seed", [*seeds(1370, 1, 1), *seeds(1372, 1, 3)])
+@pytest.mark.parametrize("seed", [*seeds(1370, 1, 1), *seeds(1372, 0, 3)])
 def test_implicit_steps_are_those_of_the_formula(seed: int, built: Build) -> None:
     """Forces and tangents where the rate leads to, tangents that fall left out: with the whole matrix, in NumPy.
 
@@ -346,6 +346,7 @@ def test_simulation_with_clearances(built: Build) -> None:
     assert found.q[-1, 0] == pytest.approx(-5e-3, abs=2e-4)
 
 
+@pytest.mark.soak
 def test_single_precision(built: Build) -> None:
     robot = worn(1380, (3, 3))
     single, double = built(robot, *NAMES, dtype="float32"), built(robot, *NAMES)

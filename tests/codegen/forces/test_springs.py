@@ -342,6 +342,7 @@ def test_numbers_are_parameters(built: Build) -> None:
         kernel.parameters["springs.spring4.smoothing"] = 0.0
 
 
+@pytest.mark.soak
 def test_single_precision(built: Build) -> None:
     robot = sprung(2080, (3, 3))
     single, double = built(robot, *NAMES, dtype="float32"), built(robot, *NAMES)

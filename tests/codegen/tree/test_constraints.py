@@ -172,6 +172,7 @@ def test_what_moves_both_sides_is_not_in_the_constraint() -> None:
     assert {index for array, index in read if array in "qv"} == {2, 3}
 
 
+@pytest.mark.soak
 def test_loops_do_not_change_the_tree(built: Build) -> None:
     """Kernels of the tree are the same programs with and without loops, and without loops there is nothing of them."""
     robot = random_robot(9, joints=(2, 2))

@@ -156,6 +156,7 @@ def test_batches_and_out(name: str, built: Build) -> None:
         assert np.array_equal(block, expected)
 
 
+@pytest.mark.soak
 def test_in_single_precision(built: Build) -> None:
     robot = random_robot(972, joints=(2, 2), types=TYPES)
     single, double = built(robot, *JACOBIANS, dtype="float32"), built(robot, *JACOBIANS)
@@ -193,6 +194,7 @@ def test_refusals(built: Build) -> None:
     assert kernel.euler_cosines(q) == pytest.approx([0.0], abs=1e-15)
 
 
+@pytest.mark.soak
 def test_loops_in_c_where_the_solution_is_long(built: Build, monkeypatch: pytest.MonkeyPatch) -> None:
     """They answer what the straight program does, and count what they do."""
     name = "forward_dynamics_jacobian"
