@@ -81,7 +81,7 @@ kept ([Theory](theory.md)). Measured on {processor} with {cores} cores by `pytho
 {rounds} rounds in turns, in seconds. The time of all kernels is that of one library with all but derivatives.
 Derivatives of the dynamics are, in one library with functions for batches, first and second ones of inverse and forward
 dynamics and gradients of rollouts by all methods; those of all kernels are all that `kernels=` can name. In brackets
-stands what is to hold of them, in seconds and MB on two quiet cores; they are built {deep} time(s).
+stands what is to hold of them, in seconds and MB on two quiet cores; they are built {deep}.
 """
 
 
@@ -139,7 +139,12 @@ def page(robots: Sequence[str], rounds: int, deep: int) -> str:
         for (robot, what), costs in builds.items():
             if turn < (deep if what in (DYNAMICS, EVERY) else rounds):
                 costs.append(build(str(case(robot).urdf) if robot in URDFS else robot, BUILDS[what]))
-    head = HEAD.format(processor=processor_name(), cores=len(os.sched_getaffinity(0)), rounds=rounds, deep=deep)
+    head = HEAD.format(
+        processor=processor_name(),
+        cores=len(os.sched_getaffinity(0)),
+        rounds=rounds,
+        deep="once" if deep == 1 else f"{deep} times",
+    )
     lines = ["| start | s |", "|---|---:|"]
     lines += [f"| {name} | {min(cost.wall for cost in costs):.2f} |" for name, costs in starts.items()]
     lines += ["", "| robot | what is built | clock | Python | compilers | largest process, MB |"]

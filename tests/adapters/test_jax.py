@@ -76,6 +76,7 @@ def test_values_and_derivatives_are_the_kernels(seed: int, way: Any, built: Buil
         figures.count("functions")
 
 
+@pytest.mark.soak
 def test_closed_mechanisms(built: Build) -> None:
     robot = eomgen.load_robot("four_bar")
     names = ("forward_dynamics", "inverse_dynamics", "constraint_forces")

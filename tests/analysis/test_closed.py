@@ -190,6 +190,7 @@ def test_about_a_motion_the_closed_accelerations_are_differenced(name: str, buil
     assert pytest.approx(alike.A, rel=1e-7, abs=1e-7) == again.A
 
 
+@pytest.mark.soak
 def test_compliance_over_a_plane(built: Build) -> None:
     """Where the platform can be the map has what a deflection at that pose has; elsewhere nothing."""
     robot = eomgen.load_robot("gough")

@@ -420,7 +420,7 @@ def test_drives_of_closed_mechanisms_are_those_of_python(label: str, text: str) 
     ("label", "text"),
     [
         ("driven", MOVED),
-        ("shaken", SHAKEN_BARS),
+        pytest.param("shaken", SHAKEN_BARS, marks=pytest.mark.soak),
         ("plate", SWUNG + HELD),
         pytest.param("plate", SWUNG, marks=pytest.mark.soak),
     ],

@@ -43,7 +43,9 @@ def follows(result: SimulationResult, within: float = 1e-7) -> None:
     assert np.abs(result.tool_deviation).max() <= within
 
 
-@pytest.mark.parametrize("name", ["four_bar", "bennett", pytest.param("gough", marks=pytest.mark.soak)])
+@pytest.mark.parametrize(
+    "name", ["four_bar", *(pytest.param(name, marks=pytest.mark.soak) for name in ("bennett", "gough"))]
+)
 def test_drives_move_from_home_and_the_rest_follows(name: str) -> None:
     robot = eomgen.load_robot(name)
     result = eomgen.simulate(name, duration=0.5)

@@ -182,6 +182,7 @@ def test_rollouts_come_near_scipy_as_their_steps_shrink(tmp_path: Path, case: st
     ],
     ids=["computed_torque", "pd", "torque"],
 )
+@pytest.mark.soak
 def test_rollouts_drive_motors_as_the_integrator_does(tmp_path: Path, control: dict[str, object]) -> None:
     """Gears with backlash and friction, under all kinds of control."""
     scenario = {"duration": 0.15, **control, "integrator": {"rtol": 1e-7}}

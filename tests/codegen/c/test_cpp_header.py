@@ -107,7 +107,7 @@ def calls(called: RawFunction, writes: Sequence[int], frame: str) -> list[str]:
     [
         pytest.param(sprung, "float64", "gcc", True, marks=pytest.mark.soak),
         (looped, "float64", "clang", False),
-        (looped, "float64", "gcc", True),
+        pytest.param(looped, "float64", "gcc", True, marks=pytest.mark.soak),
         (tree, "float32", "clang", True),
         pytest.param(tree, "float64", "gcc", False, marks=pytest.mark.soak),
     ],

@@ -244,6 +244,7 @@ def check(found: np.ndarray, motion: tuple[str, np.ndarray, np.ndarray]) -> None
     assert worst < 1.0, worst
 
 
+@pytest.mark.soak
 @needs_zig
 def test_cortex_m7(single: cache.Entry, motion: tuple[str, np.ndarray, np.ndarray], tmp_path: Path) -> None:
     """Float32 inverse dynamics of a 6-DOF arm on an emulated Cortex-M7: the same numbers but for round-off."""

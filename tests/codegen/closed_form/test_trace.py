@@ -113,6 +113,7 @@ def test_random_robots_with_four_coordinates(seed: int) -> None:
     compare(random_robot(seed, joints=(1, 2), max_size=4), seed)
 
 
+@pytest.mark.soak
 def test_one_joint_with_all_six_coordinates() -> None:
     compare(random_robot(4, joints=(1, 1), types=("free",)), 4)
 

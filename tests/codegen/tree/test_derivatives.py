@@ -92,6 +92,7 @@ def test_of_the_elastic_arm(built: Build) -> None:
         assert distance(block, expected) < 1e-11
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("seed", seeds(940, 1, 16))
 def test_forward_dynamics_jacobian_is_pinocchios(seed: int, built: Build) -> None:
     """Against the articulated body algorithm's; springs and dampers by the chain rule."""
