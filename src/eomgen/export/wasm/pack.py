@@ -151,7 +151,7 @@ def _context(robot: Robot, meta: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _description(meta: Mapping[str, Any], pushed: bool) -> dict[str, Any]:
-    """What the script says of the kernel, and reads itself."""
+    """Plain values that the script says of the kernel, and reads itself."""
     return {
         **{name: meta[name] for name in _SAID},
         "constraints": meta.get("constraints", []),
