@@ -176,7 +176,7 @@ def _context(robot: Robot, meta: Mapping[str, Any], rigid: Source | None) -> dic
 def _description(
     meta: Mapping[str, Any], pushed: bool, home: Sequence[float], rigid: Mapping[str, Any] | None
 ) -> dict[str, Any]:
-    """What the script says of the kernel, and reads itself."""
+    """Plain values that the script says of the kernel, and reads itself."""
     return {
         **{name: meta[name] for name in _SAID},
         "constraints": meta.get("constraints", []),
