@@ -157,7 +157,7 @@ def test_errors_name_what_is_wrong(tmp_path: Path) -> None:
     ]
     expected = (
         "q: expected 2 numbers, got 1",
-        "v[1]",
+        "v[joint1.gamma] = heavy is not a finite number",
         "parameter gravity.w is unknown; allowed: gravity.x",
         "gravity.x = heavy is not allowed; a finite number is",
         "joints.joint1.x.stiffness = -1 is not allowed; a number from 0 on is",
