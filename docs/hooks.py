@@ -69,7 +69,7 @@ def _pages_of(nav: Any) -> Iterator[str]:
 
 
 def on_files(files: Any, config: Any) -> Any:
-    """Add what is generated; a draft may ask for a few robots of the gallery and notebooks, which take most of the time."""
+    """Add what is generated; a draft may ask for a few robots and notebooks, which take most of the time."""
     robots = (config.extra.get("gallery") or "").split() or eomgen.builtin_robots()
     run = (config.extra.get("notebooks") or "").split() or None
     for path, content in generated(robots, run).items():

@@ -317,6 +317,7 @@ def test_the_server_answers(view: View) -> None:
     with urllib.request.urlopen(view.address, timeout=20) as answer:
         assert answer.status == 200
         assert b"<html" in answer.read().lower()
+    assert f'<iframe src="{view.address}"' in view._repr_html_(), "a notebook shows it"
     import viser
     from websockets.sync.client import connect
 
