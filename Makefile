@@ -13,6 +13,7 @@
 #   make schemas  regenerate the JSON Schemas in src/eomgen/schemas
 #   make misra    what MISRA C finds in generated code; writes its table into docs/coding_standards.md
 #   make wheel    build the source distribution and the wheel into dist/, and check what an index would show of them
+#   make release  build both, check versions, and try them in fresh environments of Python 3.10 to 3.13 (PYTHONS="3.11 3.12")
 #   make clean    remove what the commands above made
 
 PYTHON ?= python3
@@ -27,7 +28,7 @@ INSTALL := $(PIP) --config-settings editable_mode=strict
 # What the extra "wheel" lists, without eomgen and what it needs to run.
 WHEEL_TOOLS := $(shell sed -n 's/^wheel = \[\(.*\)\]$$/\1/p' pyproject.toml | tr ',' ' ')
 
-.PHONY: demo test lint bench soak mutation docs notebooks sample tables schemas misra wheel clean
+.PHONY: demo test lint bench soak mutation docs notebooks sample tables schemas misra wheel release clean
 
 demo: $(VENV)/.sim-$(STAMP)
 	$(BIN)/eomgen info puma560_elastic
@@ -51,6 +52,7 @@ bench: $(VENV)/.bench-$(STAMP)
 	$(BIN)/python -m benchmarks.levels
 	$(BIN)/python -m benchmarks.peers
 	$(BIN)/python -m benchmarks.precision
+	$(BIN)/python -m benchmarks.wasm
 	$(BIN)/python docs/tables.py
 
 soak: $(VENV)/.test-$(STAMP)
@@ -81,6 +83,9 @@ wheel: $(VENV)/.wheel
 	rm -rf build/lib dist
 	$(BIN)/python -m build
 	$(BIN)/twine check --strict dist/*
+
+release: $(VENV)/.wheel
+	$(BIN)/python -m release $(if $(PYTHONS),--pythons $(PYTHONS))
 
 clean:
 	rm -rf $(VENV) build dist out src/*.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
