@@ -14,7 +14,7 @@ from mkdocs.structure.files import File
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from generators import api, commands, figures, formats, gallery, mathematics
+from generators import api, commands, figures, formats, gallery, mathematics, notebooks
 
 import eomgen
 
@@ -25,8 +25,11 @@ _OUTSIDE = re.compile(r"\[([^\]]+)\]\(((?:\.\./)+[^)#]*)(?:#[^)]*)?\)")
 _CODE = re.compile(r"<(code|pre)\b.*?</\1>", re.DOTALL)
 
 
-def generated(robots: Sequence[str]) -> dict[str, str | bytes]:
-    """Pages and figures that are in no file, by their paths in the site; the gallery is one of these robots."""
+def generated(robots: Sequence[str], run: Sequence[str] | None = None) -> dict[str, str | bytes]:
+    """Pages and figures that are in no file, by their paths in the site.
+
+    The gallery is one of these robots; notebooks of these names are run, all by default.
+    """
     found: dict[str, str | bytes] = {
         "reference/description.md": formats.description_page(),
         "reference/scenario.md": formats.scenario_page(),
@@ -37,7 +40,11 @@ def generated(robots: Sequence[str]) -> dict[str, str | bytes]:
     }
     found |= {f"reference/{name}.md": text for name, text in api.pages().items()}
     drawn = {**gallery.figures(robots), **figures.figures()}
-    return found | {f"figures/{name}": content for name, content in drawn.items()}
+    found |= {f"figures/{name}": content for name, content in drawn.items()}
+    try:
+        return found | notebooks.pages(run)
+    except notebooks.NotebookError as error:
+        raise PluginError(str(error)) from None
 
 
 def on_config(config: Any) -> Any:
@@ -62,9 +69,10 @@ def _pages_of(nav: Any) -> Iterator[str]:
 
 
 def on_files(files: Any, config: Any) -> Any:
-    """Add what is generated; a draft may ask for a few robots of the gallery, which takes most of the time."""
+    """Add what is generated; a draft may ask for a few robots and notebooks, which take most of the time."""
     robots = (config.extra.get("gallery") or "").split() or eomgen.builtin_robots()
-    for path, content in generated(robots).items():
+    run = (config.extra.get("notebooks") or "").split() or None
+    for path, content in generated(robots, run).items():
         files.append(File.generated(config, path, content=content))
     return files
 
