@@ -45,6 +45,7 @@ lint: $(VENV)/.test-$(STAMP)
 
 bench: $(VENV)/.bench-$(STAMP)
 	$(BIN)/python benchmarks/run.py
+	$(BIN)/python -m benchmarks.arrays
 	$(BIN)/python -m benchmarks.batches
 	$(BIN)/python -m benchmarks.builds
 	$(BIN)/python -m benchmarks.calibrating

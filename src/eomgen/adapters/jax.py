@@ -13,8 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..description import RobotLike, as_robot
 from ..errors import ArrayError, InputError
 from ..optional import optional_import
+from ..robot.model import build_model
 from ..runtime.kernel import Kernel
 from .frames import jacobian_derivative, pose_derivative
 from .mappings import FUNCTIONS, DifferentiableFunction, kernels_for
@@ -67,6 +69,34 @@ def function(kernel: Kernel, name: str, frame: str | None = None, *, cut: bool =
     checked.__name__ = name
     checked.__doc__ = f"{name}({', '.join(there.reads)}) of {there.kernel.name}; see eomgen.adapters.jax.function."
     return checked
+
+
+def native(robot: RobotLike, kernels: Sequence[str] = ()) -> Any:
+    """Functions whose equations JAX itself compiles: under jit, vmap and grad, and on accelerators, without callbacks.
+
+    They have derivatives by parameters too, of any order, and no checks; compiling takes seconds for an arm, and grows
+    with the length of the equations (``function`` compiles at once, and is faster on the host's processor).
+
+    Args:
+        robot: a Robot, the name of a built-in one, or the path of a description.
+        kernels: as of ``eomgen.export_arrays``.
+
+    Returns:
+        An object with a function for each kernel, ``frame_poses`` and ``rollout``; what ``make`` of the module gives
+        that ``eomgen.export_arrays`` writes.
+
+    Raises:
+        InputError: JAX is not installed, or a kernel is unknown or no program.
+    """
+    with optional_import("JAX", "functions of JAX need"):
+        import jax
+        import jax.numpy as jnp
+    from ..codegen.arrays.sources import render_arrays
+
+    own = as_robot(robot)
+    module: dict[str, Any] = {"__name__": f"{own.name}_arrays"}
+    exec(compile(render_arrays(build_model(own), kernels), f"<{own.name}_arrays>", "exec"), module)
+    return module["make"](jnp, jax.lax.scan)
 
 
 def _refuse_single(jax: Any, name: str, kernel: Kernel) -> None:
@@ -285,4 +315,4 @@ def _one_by_one(call: Callable[..., Any], rows: Sequence[Array]) -> tuple[Array,
     return tuple(np.stack(column) for column in zip(*(call(*state) for state in zip(*rows, strict=True)), strict=True))
 
 
-__all__ = ["FUNCTIONS", "function", "kernels_for", "rollout"]
+__all__ = ["FUNCTIONS", "function", "kernels_for", "native", "rollout"]

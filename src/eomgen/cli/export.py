@@ -54,9 +54,18 @@ def _export_wasm(robot: Robot, options: argparse.Namespace, report: StageReport)
     return export_wasm(robot, options.output, kernels=options.kernels, dtype=options.dtype, progress=report)
 
 
+def _export_arrays(robot: Robot, options: argparse.Namespace, report: StageReport) -> list[Path]:
+    from ..export.arrays import export_arrays
+
+    output: Path = options.output
+    path = output if output.suffix == ".py" else output / f"{robot.name}_arrays.py"
+    return [export_arrays(robot, path, kernels=options.kernels, progress=report)]
+
+
 FORMATS: Mapping[str, tuple[str, Export]] = {  # an option's name, what it says, and what it does
     "fmu": ("functional mock-up units for model exchange and co-simulation", _export_fmu),
     "mjcf": ("a model of MuJoCo", _export_mjcf),
+    "arrays": ("a module of Python on arrays of NumPy or JAX", _export_arrays),
     "wasm": ("WebAssembly, with an ES module that calls it and TypeScript's declarations", _export_wasm),
 }
 
@@ -69,7 +78,11 @@ def _add_export(parser: argparse.ArgumentParser) -> None:
     for name, (text, _) in FORMATS.items():
         parser.add_argument(f"--{name}", action="store_true", help=text)
     parser.add_argument(
-        "-o", "--output", type=Path, default=Path("out"), help="folder to write to (out); of MJCF, or a .xml file"
+        "-o",
+        "--output",
+        type=Path,
+        default=Path("out"),
+        help="folder to write to (out); of MJCF or a .xml file, of arrays or a .py file",
     )
     parser.add_argument(
         "--step",
@@ -83,11 +96,11 @@ def _add_export(parser: argparse.ArgumentParser) -> None:
     units.add_argument("--rtol", type=float, metavar="R", help="relative tolerance of co-simulation at first (1e-6)")
     models = parser.add_argument_group("models of MuJoCo")
     models.add_argument("--approximate", action="store_true", help="leave out what MuJoCo has no equal for, with notes")
-    modules = parser.add_argument_group("WebAssembly")
+    modules = parser.add_argument_group("WebAssembly and arrays")
     modules.add_argument(
-        "--kernels", nargs="+", default=[], metavar="NAME", help="which (dynamics, kinematics, energy, rollouts ...)"
+        "--kernels", nargs="+", default=[], metavar="NAME", help="which (dynamics, kinematics, energy ...)"
     )
-    modules.add_argument("--dtype", choices=DTYPES, default="float64", help="of all arrays (float64)")
+    modules.add_argument("--dtype", choices=DTYPES, default="float64", help="of WebAssembly (float64)")
 
 
 def _export(options: argparse.Namespace) -> None:
@@ -110,6 +123,7 @@ COMMANDS = (
             ("export arm.toml --fmu -o out", "functional mock-up units of FMI 2.0 and 3.0"),
             ("export arm.toml --mjcf -o arm.xml", "the same robot for MuJoCo"),
             ("export arm.toml --wasm -o out", "its kernel for browsers"),
+            ("export arm.toml --arrays -o arm.py", "its equations on arrays of NumPy or JAX"),
         ),
     ),
 )

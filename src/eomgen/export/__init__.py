@@ -1,6 +1,6 @@
-"""Robots for other tools: functional mock-up units, models of MuJoCo, WebAssembly.
+"""Robots for other tools: functional mock-up units, models of MuJoCo, WebAssembly, Python on arrays.
 
-Uses runtime, robot, description, state, codegen (c, kernels, package), templates and pipeline.
+Uses runtime, robot, description, state, codegen (arrays, c, kernels, package), templates and pipeline.
 """
 
 from __future__ import annotations
@@ -10,13 +10,19 @@ from typing import TYPE_CHECKING
 from ..lazily import attributes
 
 if TYPE_CHECKING:
+    from .arrays import export_arrays
     from .fmu import export_fmu
     from .mujoco import export_mjcf
     from .wasm import export_wasm
 
-__all__ = ["export_fmu", "export_mjcf", "export_wasm"]
+__all__ = ["export_arrays", "export_fmu", "export_mjcf", "export_wasm"]
 
-_MODULES = {"export_fmu": "fmu.pack", "export_mjcf": "mujoco", "export_wasm": "wasm.pack"}
+_MODULES = {
+    "export_arrays": "arrays",
+    "export_fmu": "fmu.pack",
+    "export_mjcf": "mujoco",
+    "export_wasm": "wasm.pack",
+}
 
 
 if not TYPE_CHECKING:  # or type checkers would take every name to be there

@@ -71,7 +71,9 @@ def _program(drive: DriveData, program: Track) -> dict[str, Any]:
 
 def _model(model: ModelDrive) -> dict[str, Any]:
     if model.mechanism is not None:
-        raise InputError("loads: the drives' model has loops or couplings; allowed in WebAssembly: one without, or gains")
+        raise InputError(
+            "loads: the drives' model has loops or couplings; allowed in WebAssembly: one without, or gains"
+        )
     return {
         "place": _whole(model.place),
         "ratio": _numbers(model.ratio),

@@ -15,8 +15,8 @@ from eomgen.codegen.c.scalar_types import SCALARS
 from eomgen.codegen.c.source import Source, environment
 from eomgen.codegen.kernels.interface import turning_joints
 from eomgen.codegen.kernels.signatures import available, functions, with_beside
-from eomgen.description import RobotLike, as_robot
 from eomgen.codegen.package.compile import LONG
+from eomgen.description import RobotLike, as_robot
 from eomgen.errors import InputError
 from eomgen.files import write_atomically
 from eomgen.pipeline.closing import closed_home

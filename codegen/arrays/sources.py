@@ -1,0 +1,100 @@
+"""Equations -> a module of Python: a function per kernel, on NumPy's arrays or JAX's, whichever it is made for."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from eomgen._version import __version__
+from eomgen.errors import InputError
+from eomgen.memory import without_collection
+from eomgen.names import show
+from eomgen.robot.model import Model
+
+from ..c.source import environment
+from ..kernels.equations import Equations, derive_equations
+from ..kernels.signatures import KERNELS, SIGNATURES, available, shapes
+from ..program.ir import Program
+from .statements import Statements, write_statements
+
+DEFAULT = (
+    *("inverse_dynamics", "forward_dynamics", "mass_matrix", "bias_force", "generalized_force", "external_force"),
+    *("energy", "kinematics", "residual", "constraint", "constraint_jacobian"),
+)
+CLOSED = {
+    "forward_dynamics": "constrained_dynamics",
+    "inverse_dynamics": "constrained_drives",
+}  # whose first n they are
+POSES = "Poses [R | X] of all frames in the base; eqs. (1) and (2)."
+
+
+@without_collection()
+def render_arrays(model: Model, kernels: Sequence[str] = ()) -> str:
+    """Model -> text of a module that needs neither eomgen nor anything else.
+
+    Args:
+        kernels: names of KERNELS; those of DEFAULT that the model has if empty.
+
+    Raises:
+        InputError: a kernel is unknown, or no program: its C has loops or calls.
+    """
+    known = available(model)
+    for name in kernels:
+        if name not in KERNELS:
+            raise InputError(f"kernels: {show(name)} is unknown; allowed: {', '.join(known)}")
+    chosen = tuple(kernels) or tuple(name for name in DEFAULT if name in known)
+    equations = derive_equations(model, chosen)
+    functions = [_function(equations, name) for name in equations.kernels if name in chosen]
+    h = write_statements(equations.setup, "h", len(equations.setup.outputs))
+    context = {
+        "name": model.name,
+        "version": __version__,
+        "coordinates": model.coordinates,
+        "links": model.links,
+        "frames": model.frames,
+        "parameters": {key: float(value) for key, value in model.parameters.items()},
+        "n": model.size,
+        "setup": _text(h),
+        "functions": functions,
+        "rolls": "forward_dynamics" in chosen,
+    }
+    return environment().get_template("arrays/module.py.jinja").render(context)
+
+
+def _function(equations: Equations, name: str) -> dict[str, Any]:
+    """What the template says of a kernel.
+
+    Raises:
+        InputError: it is no program.
+    """
+    model = equations.model
+    program, reads, given = _program(equations, name)
+    if name == "kinematics":
+        shape: tuple[int, ...] = (len(model.frames), 3, 4)
+    else:
+        shape = shapes(model, equations.kernels)[KERNELS[name].writes]
+    written = write_statements(program, "out", math.prod(shape))
+    return {
+        "name": "frame_poses" if name == "kinematics" else name,
+        "text": POSES if name == "kinematics" else KERNELS[name].text,
+        "reads": reads,
+        "unread": given,
+        "shape": shape,
+        **_text(written),
+    }
+
+
+def _program(equations: Equations, name: str) -> tuple[Program, tuple[str, ...], tuple[str, ...]]:
+    """The program, the arrays that callers give, and those that are zero."""
+    closed = CLOSED.get(name) if equations.model.constraints else None
+    if closed is not None:
+        reads, own = KERNELS[name].reads, SIGNATURES[closed].reads
+        return equations.programs[closed], reads, tuple(array for array in own if array not in reads)
+    if name not in equations.programs:
+        raise InputError(f"kernels: {show(name)} is no program of arrays; allowed: kernels without loops or calls in C")
+    return equations.programs[name], KERNELS[name].reads, ()
+
+
+def _text(written: Statements) -> dict[str, Any]:
+    return {"inputs": written.inputs, "lines": written.lines, "results": written.results}
