@@ -70,8 +70,8 @@ def report() -> str:
     jax.config.update("jax_enable_x64", True)
     heads = ("robot", "JAX compiles, s", "C, ns", "JAX, ns", "NumPy, ns", "greatest difference")
     lines = [
-        f"Measured by `python -m benchmarks.arrays` on {processor_name()}, JAX {jax.__version__}: forward dynamics of {STATES}",
-        f"states together, nanoseconds a state, medians of {ROUNDS} rounds in turns on {os.cpu_count()} processors.",
+        f"Measured by `python -m benchmarks.arrays` on {processor_name()}, JAX {jax.__version__}: forward dynamics",
+        f"of {STATES} states together, nanoseconds a state, medians of {ROUNDS} rounds in turns on {os.cpu_count()} processors.",
         "",
         f"| {' | '.join(heads)} |",
         "|---" + "|---:" * (len(heads) - 1) + "|",
