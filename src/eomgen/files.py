@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from .errors import InputError
+from .names import show_path
 
 FIGURE_ENDINGS = (".svg", ".pdf", ".png")  # of files that figures are written to
 
@@ -23,6 +24,18 @@ _KINDS = {  # what a path may lead to, and what a reader would wait for, or neve
     stat.S_IFSOCK: "a socket",
     stat.S_IFDIR: "a folder",
 }
+
+
+def check_ending(path: Path | str, *endings: str, label: str = "output") -> Path:
+    """The path of a file to write.
+
+    Raises:
+        InputError: it has none of the endings; the message begins with the label.
+    """
+    target = Path(path)
+    if target.suffix not in endings:
+        raise InputError(f"{label}: {show_path(str(target))}; allowed: a path that ends in {', '.join(endings)}")
+    return target
 
 
 @contextmanager

@@ -341,7 +341,7 @@ def test_results_are_saved_and_load_again(found: CompensationResult, tmp_path: P
     with pytest.raises(InputError, match=r"allowed: a path that ends in \.toml"):
         found.to_scenario(tmp_path / "found.csv")
     np.savez(tmp_path / "other.npz", t=np.zeros(3))
-    with pytest.raises(InputError, match="is no compensation"):
+    with pytest.raises(InputError, match="is no result of the kind compensation"):
         load_compensation(tmp_path / "other.npz")
     arrays = dict(np.load(tmp_path / "found.npz"))
     np.savez(tmp_path / "short.npz", **{**arrays, "after": arrays["after"][:5]})

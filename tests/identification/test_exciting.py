@@ -239,7 +239,7 @@ def test_files_and_text(found: ExciteResult, tmp_path: Path) -> None:
         with pytest.raises(InputError, match=r"allowed: a path that ends in \.(npz|csv)"):
             write(tmp_path / "found.txt")
     np.savez(tmp_path / "strange.npz", t=np.zeros(3))
-    with pytest.raises(InputError, match="is no motion of excite"):
+    with pytest.raises(InputError, match="is no result of the kind excitation"):
         load_excitation(tmp_path / "strange.npz")
     bad = dict(np.load(path))
     np.savez(tmp_path / "short.npz", **{**bad, "q": bad["q"][:-1]})

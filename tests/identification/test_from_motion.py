@@ -274,7 +274,7 @@ def test_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["fit", str(robot), str(motion), "--coordinates", "elbow.gamma"]) == 0
     assert "elbow.gamma.stiffness" in capsys.readouterr().out
     assert cli.main(["forces", str(robot), str(motion), "-o", str(tmp_path / "f.txt")]) == 1
-    assert ".csv or .npz" in capsys.readouterr().err
+    assert ".csv, .npz" in capsys.readouterr().err
     assert cli.main(["forces", str(robot), str(motion), "--window", "4"]) == 1
     assert "window: 4" in capsys.readouterr().err
 

@@ -330,7 +330,7 @@ def test_results_are_saved_loaded_drawn_and_written(built: Build, tmp_path: Path
     with pytest.raises(InputError, match=r"com is not written in .* so that it can be changed"):
         found.to_toml(tmp_path / "better.toml")
     np.savez(tmp_path / "other.npz", meta=np.array("{}"))
-    with pytest.raises(InputError, match="is no identification"):
+    with pytest.raises(InputError, match="is no result of the kind identification"):
         load_identification(tmp_path / "other.npz")
 
 

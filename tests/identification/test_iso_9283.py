@@ -529,7 +529,7 @@ def test_a_result_is_saved_and_loaded(tmp_path: Path) -> None:
     assert found.paths[0].speed is not None
     path = found.save(tmp_path / "new" / "figures.json")
     assert load_accuracy(path) == found
-    with pytest.raises(InputError, match=r"the suffix '.npz' is none of a result; allowed: .json"):
+    with pytest.raises(InputError, match=r"figures.npz'; allowed: a path that ends in .json"):
         found.save(tmp_path / "figures.npz")
     values = json.loads(path.read_text(encoding="ascii"))
     for change, message in (

@@ -395,8 +395,8 @@ def test_results_are_saved_and_load_again(kind: str, tmp_path: Path) -> None:
         found.save(tmp_path / "found.npz")
     data = json.loads((tmp_path / "found.json").read_text())
     for change, message in (
-        ({"kind": "fit"}, "is no accuracy by tolerances"),
-        ({"t": [0.0]}, "is damaged" if len(found.q) > 1 else ""),
+        ({"kind": "fit"}, "is no result of the kind tolerance"),
+        ({"t": [0.0]}, "is no accuracy by tolerances" if len(found.q) > 1 else ""),
         ({"description": 3}, ""),
         ({"table": {"joints.none.offset.x": {"bound": 1.0}}}, "no such quantity"),
     ):

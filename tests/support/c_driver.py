@@ -219,6 +219,7 @@ def calls_of(meta: Mapping[str, Any]) -> Iterator[Call]:
     n = len(meta["coordinates"])
     kernels = [(name, tuple(k["reads"]), shapes[k["writes"]], (None,)) for name, k in meta["kernels"].items()]
     kernels = [entry for entry in kernels if entry[0] not in ("kinematics", "rollout", "adaptive_rollout")]
+    kernels = [entry for entry in kernels if set(entry[1]) <= set(LABELS)]  # a chart is no random array: it has indices
     if "kinematics" in meta["kernels"]:
         frames = tuple(range(len(meta["frames"])))
         kernels += [("frame_pose", ("q",), 16, frames), ("frame_jacobian", ("q",), 6 * n, frames)]

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..description import RobotLike
 from ..errors import ArrayError, InputError
-from ..files import write_atomically
+from ..files import check_ending, write_atomically
 from ..optional import optional_import
 from ..progress import StageReport
 from ..robot.coordinates import force_unit_of
@@ -117,13 +117,11 @@ class Response(Shown, Tabular):
         Raises:
             InputError: another ending, or the file cannot be written.
         """
-        target = Path(path)
+        target = check_ending(path, ".csv", ".npz")
         if target.suffix == ".npz":
             names = ("frequencies", "H", "inputs", "outputs", "kind", "coordinates", "q")
             arrays: dict[str, Any] = {name: getattr(self, name) for name in names}
             return write_atomically(target, lambda stream: np.savez_compressed(stream, **arrays))
-        if target.suffix != ".csv":
-            raise InputError(f"output: {str(target)!r}; allowed: a path that ends in .csv or .npz")
         columns = {"frequency": self.frequencies}
         for y in self.outputs:
             for x in self.inputs:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..description import RobotLike
 from ..errors import InputError
-from ..files import write_atomically
+from ..files import check_ending, write_atomically
 from ..names import component_name
 from ..progress import StageReport
 from ..robot.coordinates import MOTIONS
@@ -94,9 +94,7 @@ class StateSpace(Shown):
 
     def save(self, path: Path | str) -> Path:
         """Write all arrays and names as .npz and return the path; InputError if it cannot be written."""
-        target = Path(path)
-        if target.suffix != ".npz":
-            raise InputError(f"output: {str(path)!r}; allowed: a path that ends in .npz")
+        target = check_ending(path, ".npz")
         names = ("A", "B", "C", "D", "states", "inputs", "outputs", "kind", "coordinates", "q", "v", "a", "u")
         arrays: dict[str, Any] = {name: getattr(self, name) for name in names}
         return write_atomically(target, lambda stream: np.savez_compressed(stream, **arrays))

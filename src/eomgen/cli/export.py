@@ -48,13 +48,21 @@ def _export_mjcf(robot: Robot, options: argparse.Namespace, report: StageReport)
     return [written]
 
 
+def _export_wasm(robot: Robot, options: argparse.Namespace, report: StageReport) -> list[Path]:
+    from ..export.wasm.pack import export_wasm
+
+    return export_wasm(robot, options.output, kernels=options.kernels, dtype=options.dtype, progress=report)
+
+
 FORMATS: Mapping[str, tuple[str, Export]] = {  # an option's name, what it says, and what it does
     "fmu": ("functional mock-up units for model exchange and co-simulation", _export_fmu),
     "mjcf": ("a model of MuJoCo", _export_mjcf),
+    "wasm": ("WebAssembly, with an ES module that calls it and TypeScript's declarations", _export_wasm),
 }
 
 
 def _add_export(parser: argparse.ArgumentParser) -> None:
+    from ..codegen.kernels.signatures import DTYPES
     from ..export.fmu.choices import AUTO, METHODS, VERSIONS
 
     add_robot(parser)
@@ -75,6 +83,11 @@ def _add_export(parser: argparse.ArgumentParser) -> None:
     units.add_argument("--rtol", type=float, metavar="R", help="relative tolerance of co-simulation at first (1e-6)")
     models = parser.add_argument_group("models of MuJoCo")
     models.add_argument("--approximate", action="store_true", help="leave out what MuJoCo has no equal for, with notes")
+    modules = parser.add_argument_group("WebAssembly")
+    modules.add_argument(
+        "--kernels", nargs="+", default=[], metavar="NAME", help="which (dynamics, kinematics, energy, rollouts ...)"
+    )
+    modules.add_argument("--dtype", choices=DTYPES, default="float64", help="of all arrays (float64)")
 
 
 def _export(options: argparse.Namespace) -> None:
@@ -96,6 +109,7 @@ COMMANDS = (
         (
             ("export arm.toml --fmu -o out", "functional mock-up units of FMI 2.0 and 3.0"),
             ("export arm.toml --mjcf -o arm.xml", "the same robot for MuJoCo"),
+            ("export arm.toml --wasm -o out", "its kernel for browsers"),
         ),
     ),
 )

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
 from ..errors import InputError
+from ..files import FIGURE_ENDINGS, check_ending
 from ..names import printable
 from ..optional import NotInstalledError
 from ..progress import Progress, StageReport, no_progress
@@ -233,6 +234,23 @@ def pages_written(options: argparse.Namespace, found: Any) -> list[Path]:
     from ..pictures.measured.kinds import page_of
 
     return [page_of(found).save(options.report)]
+
+
+def check_output(options: argparse.Namespace, *endings: str) -> None:
+    """Check the ending of -o before anything is computed.
+
+    Raises:
+        InputError: it is none of these, nor that of a figure.
+    """
+    if options.output is not None:
+        check_ending(options.output, *endings, *FIGURE_ENDINGS)
+
+
+def saved_or_drawn(options: argparse.Namespace, found: Any, draw: Callable[[Any, Path], Path]) -> list[Path]:
+    """Write a result where -o says: a figure by ``draw`` to a path of a figure, else what its save writes; the path."""
+    if options.output is None:
+        return []
+    return [(draw(found, options.output) if options.output.suffix in FIGURE_ENDINGS else found.save(options.output))]
 
 
 def show_with_page(options: argparse.Namespace, found: Any, written: Iterable[Path] = ()) -> None:

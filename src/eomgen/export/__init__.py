@@ -1,4 +1,4 @@
-"""Robots for other tools: functional mock-up units, models of MuJoCo.
+"""Robots for other tools: functional mock-up units, models of MuJoCo, WebAssembly.
 
 Uses runtime, robot, description, state, codegen (c, kernels, package), templates and pipeline.
 """
@@ -12,10 +12,11 @@ from ..lazily import attributes
 if TYPE_CHECKING:
     from .fmu import export_fmu
     from .mujoco import export_mjcf
+    from .wasm import export_wasm
 
-__all__ = ["export_fmu", "export_mjcf"]
+__all__ = ["export_fmu", "export_mjcf", "export_wasm"]
 
-_MODULES = {"export_fmu": "fmu.pack", "export_mjcf": "mujoco"}
+_MODULES = {"export_fmu": "fmu.pack", "export_mjcf": "mujoco", "export_wasm": "wasm.pack"}
 
 
 if not TYPE_CHECKING:  # or type checkers would take every name to be there

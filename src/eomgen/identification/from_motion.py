@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ..description import RobotLike, as_robot
 from ..errors import InputError
-from ..files import write_atomically
+from ..files import check_ending, write_atomically
 from ..motion.files import MeasuredMotion, measured_motion
 from ..motion.smoothing import local_polynomials
 from ..names import component_name, parameter_path, split_component
@@ -200,12 +200,10 @@ class ForcesResult(Shown, Tabular):
         Raises:
             InputError: another ending, or the file cannot be written.
         """
-        target, columns = Path(path), self.columns()
+        target, columns = check_ending(path, ".csv", ".npz"), self.columns()
         if target.suffix == ".npz":
             arrays: dict[str, Any] = dict(columns)
             return write_atomically(target, lambda stream: np.savez_compressed(stream, **arrays))
-        if target.suffix != ".csv":
-            raise InputError(f"output: {str(target)!r}; allowed: a path that ends in .csv or .npz")
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(columns)

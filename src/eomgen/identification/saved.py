@@ -1,24 +1,59 @@
-"""Results as .json files that say which kind they are of, written and read again with the types that they declare."""
+"""Results as files that say which kind they are of, written and read again.
+
+A .json file has all fields of a result with the types that they declare, or what it follows from; an .npz file has
+arrays, and everything else as one text of JSON, ``meta``.
+"""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..files import read_regular, write_atomically
+from ..files import check_ending, read_regular, write_atomically
 from ..forms.plain import parse_json, value_of
-from ..names import show_path
+from ..names import show, show_path
+from ..npz import read_npz
 
 Result = TypeVar("Result")
+Arrays = Mapping[str, NDArray[Any]]
 
 FORMAT = 1  # raised when a reader of the old one would misread it
 _MOST_BYTES = 1 << 26
 _MOST_MEMORY = 1 << 29
+_DAMAGED = (KeyError, TypeError, ValueError, AttributeError, IndexError)  # what values of wrong types raise
+
+
+@contextmanager
+def damage_named(path: Path | str, what: str) -> Iterator[None]:
+    """Around code that makes a result of a file's values: wrong ones become an InputError, "PATH: is no WHAT"."""
+    try:
+        yield
+    except InputError:
+        raise
+    except _DAMAGED as error:
+        raise InputError(f"{path}: is no {what} ({show(str(error))}); allowed: what its save wrote") from None
+
+
+def check_shapes(found: Arrays, shapes: Mapping[str, tuple[int, ...]], path: str) -> None:
+    """Check arrays of a file.
+
+    Raises:
+        InputError: an array has another shape, or a number in it is not finite.
+    """
+    for name, shape in shapes.items():
+        if found[name].shape != shape or not np.isfinite(found[name]).all():
+            raise InputError(f"{path}: array {name} has shape {found[name].shape}; allowed: {shape}, finite numbers")
+
+
+# All fields as they are declared
 
 
 def write_json(result: Any, kind: str, path: Path | str) -> Path:
@@ -27,10 +62,27 @@ def write_json(result: Any, kind: str, path: Path | str) -> Path:
     Raises:
         InputError: another ending, a number that is not finite, or the file cannot be written.
     """
-    target = Path(path)
-    if target.suffix != ".json":
-        raise InputError(f"output: {show_path(str(target))}; allowed: a path that ends in .json")
-    values = {field.name: getattr(result, field.name) for field in fields(result)}
+    return write_plain({field.name: getattr(result, field.name) for field in fields(result)}, kind, path)
+
+
+def read_json(declared: type[Result], kind: str, path: Path | str) -> Result:
+    """The result that ``write_json`` wrote.
+
+    Raises:
+        InputError: the file cannot be read, is of another kind, or has not what is declared.
+    """
+    found: Any = value_of(declared, read_plain(kind, path), str(path))
+    arrays = {field.name: np.array(getattr(found, field.name)) for field in fields(found) if field.type == "Array"}
+    result: Result = replace(found, **arrays)
+    return result
+
+
+# Plain values
+
+
+def write_plain(values: Mapping[str, Any], kind: str, path: Path | str) -> Path:
+    """Write values as .json, to a temporary name first, and return the path; errors as ``write_json``."""
+    target = check_ending(path, ".json")
     try:
         text = json.dumps({"kind": kind, "format": FORMAT, **values}, indent=1, default=_plain, allow_nan=False)
     except ValueError:
@@ -45,11 +97,11 @@ def _plain(value: Any) -> Any:
     return {field.name: getattr(value, field.name) for field in fields(value)}
 
 
-def read_json(declared: type[Result], kind: str, path: Path | str) -> Result:
-    """The result that ``write_json`` wrote.
+def read_plain(kind: str, path: Path | str) -> dict[str, Any]:
+    """The values that ``write_plain`` wrote.
 
     Raises:
-        InputError: the file cannot be read, is of another kind, or has not what is declared.
+        InputError: the file cannot be read, or is of another kind.
     """
     try:
         text = read_regular(Path(path), _MOST_BYTES).decode("utf-8")
@@ -58,8 +110,31 @@ def read_json(declared: type[Result], kind: str, path: Path | str) -> Result:
     data = parse_json(text, str(path), _MOST_MEMORY)
     if not isinstance(data, dict) or data.get("kind") != kind or data.get("format") != FORMAT:
         raise InputError(f"{path}: is no result of the kind {kind}; allowed: what its save wrote")
-    rest = {key: value for key, value in data.items() if key not in ("kind", "format")}
-    found: Any = value_of(declared, rest, str(path))
-    arrays = {field.name: np.array(getattr(found, field.name)) for field in fields(found) if field.type == "Array"}
-    result: Result = replace(found, **arrays)
-    return result
+    return {key: value for key, value in data.items() if key not in ("kind", "format")}
+
+
+# Arrays, and everything else as text
+
+
+def write_arrays(arrays: Arrays, meta: Mapping[str, Any], kind: str, path: Path | str) -> Path:
+    """Write arrays and plain values as .npz, to a temporary name first, and return the path.
+
+    Raises:
+        InputError: another ending, or the file cannot be written.
+    """
+    text = np.array(json.dumps({"kind": kind, "format": FORMAT, **meta}))
+    own: dict[str, Any] = {**arrays, "meta": text}
+    return write_atomically(check_ending(path, ".npz"), lambda stream: np.savez_compressed(stream, **own))
+
+
+def read_arrays(kind: str, path: Path | str) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+    """Arrays and plain values that ``write_arrays`` wrote.
+
+    Raises:
+        InputError: the file cannot be read, or is of another kind.
+    """
+    arrays = read_npz(path)
+    data = parse_json(str(arrays.pop("meta", "null")), str(path), _MOST_MEMORY)
+    if not isinstance(data, dict) or data.get("kind") != kind or data.get("format") != FORMAT:
+        raise InputError(f"{path}: is no result of the kind {kind}; allowed: what its save wrote")
+    return arrays, data

@@ -12,8 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError
-from ..files import FIGURE_ENDINGS, write_atomically
+from ..files import FIGURE_ENDINGS, check_ending, write_atomically
 from ..optional import optional_import
 from ..simulation.result import SimulationResult
 
@@ -85,9 +84,7 @@ def canvas(width: float, height: float, path: Path | str) -> Iterator[Any]:
     Raises:
         InputError: Matplotlib is not installed, the ending is none of FIGURE_ENDINGS, or the file cannot be written.
     """
-    target = Path(path)
-    if target.suffix not in FIGURE_ENDINGS:
-        raise InputError(f"output: {str(path)!r}; allowed: a path that ends in {', '.join(FIGURE_ENDINGS)}")
+    target = check_ending(path, *FIGURE_ENDINGS)
     mpl, figure = _figure(width, height)
     with mpl.rc_context(RC):
         yield figure

@@ -22,6 +22,7 @@ import eomgen
 from eomgen.codegen.c.source import Source
 from eomgen.codegen.c.sources import render
 from eomgen.codegen.kernels.equations import derive_equations
+from eomgen.codegen.kernels.signatures import KERNELS
 from eomgen.codegen.package.compile import FLAGS
 from eomgen.description.builtin import builtin_robots
 from eomgen.pipeline.stages import Options, generate
@@ -53,6 +54,7 @@ SANITIZERS = {
 }
 EPS = float(np.finfo(np.float64).eps)
 INVERTING = ("forward_dynamics", "forward_dynamics_jacobian", "rollout")
+SOLVING = {"constrained_drives", "constrained_dynamics", "settling"}  # for multipliers
 
 
 def small_tree() -> Robot:
@@ -187,10 +189,14 @@ def test_fused_multiply_add_changes_the_last_digits_alone(name: str, dtype: str,
     """1e-13 of the largest number of each result in double precision, as many units of float in single.
 
     Where a mass matrix is inverted, its condition number multiplies round-off: there as many times more are allowed.
+    What solves for multipliers is left out: in states that are not closed redundant constraints contradict each other,
+    and what is left of that is not determined by the states.
     """
     if " fma" not in Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace"):
         pytest.skip("this processor has no fused multiply-add")
     source = prepared(name, dtype, tmp_path)
+    constrained = bool(json.loads(source.meta).get("constraints"))
+    undetermined = {k for k, own in KERNELS.items() if constrained and SOLVING & {k, *own.calls, *own.closed}}
     first = compilers()[0]
     expected = run_driver(compile_driver(source, tmp_path, first, ("-O2", *PLAIN), "plain"), source)
     levels = LEVELS[1:2] if (name, dtype) in QUICK or name in LARGE else LEVELS[1:]
@@ -205,7 +211,8 @@ def test_fused_multiply_add_changes_the_last_digits_alone(name: str, dtype: str,
             text = ", ".join(f"{kernel} {worst[kernel]:.1e}" for kernel in sorted(worst, key=lambda k: -worst[k])[:4])
             print(f"{name} {dtype} {compiler} {level} fused: {text}")
             unit = 1e-13 if dtype == "float64" else 1e-13 / EPS * float(np.finfo(np.float32).eps)
-            for kernel, difference in worst.items():
+            for kernel in worst.keys() - undetermined:
+                difference = worst[kernel]
                 allowed = unit * max(1.0, condition(source, expected) if kernel in INVERTING else 1.0)
                 assert difference <= allowed, (kernel, difference, allowed)
 

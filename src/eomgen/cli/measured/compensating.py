@@ -6,16 +6,18 @@ import argparse
 from pathlib import Path
 
 from ...errors import InputError
-from ...files import FIGURE_ENDINGS
+from ...files import check_ending
 from ..shared import (
     Command,
     add_json,
     add_page,
     add_robot,
+    check_output,
     coordinate_values,
     pages_written,
     progress_bar,
     read_robot,
+    saved_or_drawn,
     show_files,
 )
 
@@ -55,12 +57,11 @@ def _add_compensate(parser: argparse.ArgumentParser) -> None:
 
 def _compensate(options: argparse.Namespace) -> None:
     from ...identification.compensating.correcting import compensate
+    from ...pictures.measured.compensation import plot_compensation
 
-    endings = (".npz", *FIGURE_ENDINGS)
-    if options.output is not None and options.output.suffix not in endings:
-        raise InputError(f"output: {str(options.output)!r}; allowed: a path that ends in {', '.join(endings)}")
-    if options.toml is not None and options.toml.suffix != ".toml":
-        raise InputError(f"toml: {str(options.toml)!r}; allowed: a path that ends in .toml")
+    check_output(options, ".npz")
+    if options.toml is not None:
+        check_ending(options.toml, ".toml", label="toml")
     robot = read_robot(options)
     with progress_bar("compensating") as report:
         found = compensate(
@@ -80,12 +81,7 @@ def _compensate(options: argparse.Namespace) -> None:
             progress=report,
         )
     written = [] if options.toml is None else found.to_scenario(options.toml)
-    if options.output is not None and options.output.suffix == ".npz":
-        written.append(found.save(options.output))
-    elif options.output is not None:
-        from ...pictures.measured.compensation import plot_compensation
-
-        written.append(plot_compensation(found, options.output))
+    written += saved_or_drawn(options, found, plot_compensation)
     show_files(options, found.lines(), found.as_dict(), written + pages_written(options, found))
 
 

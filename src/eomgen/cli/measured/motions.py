@@ -5,16 +5,15 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ...errors import InputError
-from ...files import FIGURE_ENDINGS
-from ...names import show
 from ..shared import (
     Command,
     add_json,
     add_page,
     add_robot,
+    check_output,
     pages_written,
     read_robot,
+    saved_or_drawn,
     show_files,
     show_result,
     show_with_page,
@@ -94,10 +93,9 @@ def _add_identify(parser: argparse.ArgumentParser) -> None:
 def _identify(options: argparse.Namespace) -> None:
     from ...identification.identifiable import TERMS
     from ...identification.inertial import identify
+    from ...pictures.measured.motions import plot_identification
 
-    endings = (".npz", *FIGURE_ENDINGS)
-    if options.output is not None and options.output.suffix not in endings:
-        raise InputError(f"output: {show(str(options.output))}; allowed: a path that ends in {', '.join(endings)}")
+    check_output(options, ".npz")
     robot = read_robot(options)
     with stage_bar("identifying") as report:
         found = identify(
@@ -112,12 +110,7 @@ def _identify(options: argparse.Namespace) -> None:
     written = []
     if options.toml is not None:
         written.append(found.to_toml(options.toml))
-    if options.output is not None and options.output.suffix == ".npz":
-        written.append(found.save(options.output))
-    elif options.output is not None:
-        from ...pictures.measured.motions import plot_identification
-
-        written.append(plot_identification(found, options.output))
+    written += saved_or_drawn(options, found, plot_identification)
     show_files(options, found.lines(), found.as_dict(), written + pages_written(options, found))
 
 

@@ -7,8 +7,19 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ...errors import InputError
-from ...files import FIGURE_ENDINGS
-from ..shared import Command, add_json, add_page, add_robot, pages_written, read_robot, show_files, stage_bar
+from ...files import check_ending
+from ..shared import (
+    Command,
+    add_json,
+    add_page,
+    add_robot,
+    check_output,
+    pages_written,
+    read_robot,
+    saved_or_drawn,
+    show_files,
+    stage_bar,
+)
 
 
 def _add_calibrate(parser: argparse.ArgumentParser) -> None:
@@ -63,12 +74,11 @@ def _add_calibrate(parser: argparse.ArgumentParser) -> None:
 def _calibrate(options: argparse.Namespace) -> None:
     from ...identification.calibration.calibrating import calibrate
     from ...identification.geometry.covariances import read_covariances
+    from ...pictures.measured.calibration import plot_calibration
 
     frames = _attached(options.attach)
     folds = options.folds if options.folds == "loo" else _whole("folds", options.folds)
-    endings = (".npz", *FIGURE_ENDINGS)
-    if options.output is not None and options.output.suffix not in endings:
-        raise InputError(f"output: {str(options.output)!r}; allowed: a path that ends in {', '.join(endings)}")
+    check_output(options, ".npz")
     robot = read_robot(options)
     with stage_bar("calibrating") as report:
         found = calibrate(
@@ -92,12 +102,7 @@ def _calibrate(options: argparse.Namespace) -> None:
         written.append(found.to_toml(options.toml))
     if options.urdf is not None:
         written.append(found.to_urdf(options.urdf))
-    if options.output is not None and options.output.suffix == ".npz":
-        written.append(found.save(options.output))
-    elif options.output is not None:
-        from ...pictures.measured.calibration import plot_calibration
-
-        written.append(plot_calibration(found, options.output))
+    written += saved_or_drawn(options, found, plot_calibration)
     show_files(options, found.lines(), found.as_dict(), written + pages_written(options, found))
 
 
@@ -158,8 +163,8 @@ def _add_poses(parser: argparse.ArgumentParser) -> None:
 def _poses(options: argparse.Namespace) -> None:
     from ...identification.choosing.choosing import poses
 
-    if options.output is not None and options.output.suffix not in (".csv", ".json"):
-        raise InputError(f"output: {str(options.output)!r}; allowed: a path that ends in .csv or .json")
+    if options.output is not None:
+        check_ending(options.output, ".csv", ".json")
     ranges = {}
     for name, *ends in options.range:
         try:

@@ -5,17 +5,16 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ...errors import InputError
-from ...files import FIGURE_ENDINGS
-from ...names import show
 from ..shared import (
     Command,
     add_json,
     add_page,
     add_robot,
+    check_output,
     coordinate_values,
     pages_written,
     read_robot,
+    saved_or_drawn,
     say,
     show_json,
     show_written,
@@ -44,10 +43,9 @@ def _add_tolerance(parser: argparse.ArgumentParser) -> None:
 
 def _tolerance(options: argparse.Namespace) -> None:
     from ...identification.tolerances.budgeting import tolerance
+    from ...pictures.measured.tolerances import plot_tolerance
 
-    endings = (".json", *FIGURE_ENDINGS)
-    if options.output is not None and options.output.suffix not in endings:
-        raise InputError(f"output: {show(str(options.output))}; allowed: a path that ends in {', '.join(endings)}")
+    check_output(options, ".json")
     robot = read_robot(options)
     with stage_bar("looking at tolerances") as report:
         found = tolerance(
@@ -63,13 +61,7 @@ def _tolerance(options: argparse.Namespace) -> None:
             progress=report,
         )
         allocation = None if options.accuracy is None else found.allocate(options.accuracy)
-    written = pages_written(options, found)
-    if options.output is not None and options.output.suffix == ".json":
-        written.append(found.save(options.output))
-    elif options.output is not None:
-        from ...pictures.measured.tolerances import plot_tolerance
-
-        written.append(plot_tolerance(found, options.output))
+    written = pages_written(options, found) + saved_or_drawn(options, found, plot_tolerance)
     if options.json:
         show_json({**found.as_dict(), "allocation": None if allocation is None else allocation.as_dict()})
         return

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ...description.builtin import BUILTIN, builtin_robots
 from ...description.load import robot_from_toml
 from ...errors import DescriptionError, InputError
-from ...files import write_atomically
+from ...files import check_ending, write_atomically
 from ...forms.toml_text import read_text
 from ...names import parameter_name, show_path
 from ...robot.coordinates import UNITS
@@ -58,8 +58,7 @@ def write_toml(found: Found, target: Path) -> Path:
     Raises:
         InputError: see ``CalibrationResult.to_toml``.
     """
-    if target.suffix != ".toml":
-        raise InputError(f"output: {show_path(str(target))}; allowed: a path that ends in .toml")
+    check_ending(target, ".toml")
     text = toml_text(found, target.parent)
     _compare(found, text, target)
     return write_atomically(target, lambda stream: stream.write(text.encode("utf-8")))

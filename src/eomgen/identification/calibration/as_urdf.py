@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from ...description.xml_text import parse_xml
 from ...errors import InputError
-from ...files import write_atomically
+from ...files import check_ending, write_atomically
 from ...forms.toml_text import read_text
 from ...motion.turns import rpy_of
-from ...names import show_path, unique_identifiers
+from ...names import unique_identifiers
 from ...robot.value import PRINCIPAL, Joint, Robot
 from ..geometry.rotations import pose_from
 from ..geometry.stations import matrix_of
@@ -34,8 +34,7 @@ def write_urdf(found: Found, target: Path) -> Path:
     Raises:
         InputError: see ``CalibrationResult.to_urdf``.
     """
-    if target.suffix != ".urdf":
-        raise InputError(f"output: {show_path(str(target))}; allowed: a path that ends in .urdf")
+    check_ending(target, ".urdf")
     from xml.etree import ElementTree
 
     root = _from_source(found) if Path(found.robot.source).suffix in (".urdf", ".xml") else _plain(found.robot)

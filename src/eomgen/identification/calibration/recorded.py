@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from ...errors import InputError
-from ...files import write_atomically
-from ...names import show_path
 from ...robot.record import record_of
+from ..saved import write_arrays
 
-FORMAT = 1
+KIND = "calibration"
 ARRAYS = ("values", "described", "deviations", "x", "covariance")
 PLAIN = (
     *("robot", "rows", "names", "units", "confidence", "rank", "rank_above_noise", "merged", "weak", "residuals"),
@@ -27,20 +22,14 @@ def write_record(result: Any, target: Path) -> Path:
     Raises:
         InputError: another ending, or the file cannot be written.
     """
-    if target.suffix != ".npz":
-        raise InputError(f"output: {show_path(str(target))}; allowed: a path that ends in .npz")
     model = result.model
     meta: dict[str, Any] = {name: getattr(result, name) for name in PLAIN}
     meta["merged"], meta["noise"], meta["frames"] = dict(result.merged), dict(result.noise), dict(result.frames)
     meta |= {
-        "kind": "calibration",
-        "format": FORMAT,
         "gain": None if result.gain is None else vars(result.gain),
         "description": record_of(model.robot),
         "quantities": [vars(quantity) for quantity in model.quantities],
         "bases": {str(number): pose.tolist() for number, pose in model.bases.items()},
         "tools": {name: model.tool_on_link(name, link).tolist() for name, link in result.frames.items()},
     }
-    arrays: dict[str, Any] = {name: getattr(result, name) for name in ARRAYS}
-    arrays["meta"] = np.array(json.dumps(meta))
-    return write_atomically(target, lambda stream: np.savez_compressed(stream, **arrays))
+    return write_arrays({name: getattr(result, name) for name in ARRAYS}, meta, KIND, target)

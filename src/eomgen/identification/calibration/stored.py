@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -11,13 +10,13 @@ import numpy as np
 from ...description.recorded import robot_from_record
 from ...errors import InputError
 from ...names import show
-from ...npz import read_npz
 from ...robot.model import build_model
 from ...robot.value import COORDINATES, Robot
 from ..geometry.closing import closing_of
 from ..geometry.error_model import COMPLIANCE, DRIVE, OFFSET, PLACEMENT, ZERO, ErrorModel, Quantity
 from ..geometry.stations import chain_of
-from .recorded import ARRAYS, FORMAT, PLAIN
+from ..saved import damage_named, read_arrays
+from .recorded import ARRAYS, KIND, PLAIN
 from .result import CalibrationResult
 from .variants import Gain
 
@@ -30,11 +29,8 @@ def load_calibration(path: Path | str) -> CalibrationResult:
     Raises:
         InputError: the file cannot be read, or is no calibration.
     """
-    arrays = read_npz(path)
-    try:
-        meta = json.loads(str(arrays["meta"]))
-        if meta["format"] != FORMAT:
-            raise InputError(f"{path}: has format {show(meta['format'])}; allowed: {FORMAT}")
+    arrays, meta = read_arrays(KIND, path)
+    with damage_named(path, KIND):
         robot: Robot = robot_from_record(meta["description"], str(path))
         quantities = tuple(_quantity(entry) for entry in meta["quantities"])
         frames = {name: (link, np.array(meta["tools"][name], dtype=float)) for name, link in meta["frames"].items()}
@@ -54,10 +50,6 @@ def load_calibration(path: Path | str) -> CalibrationResult:
         gain = None if meta["gain"] is None else Gain(**meta["gain"])
         result = CalibrationResult(**plain, **arrays_found, gain=gain, model=model)
         _check(result, str(path))
-    except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"{path}: is no calibration ({show(str(error))}); allowed: what its save wrote") from None
     return result
 
 

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError
-from ...files import write_atomically
-from ...names import component_name, show, show_path
+from ...files import check_ending, write_atomically
+from ...names import component_name, show
 from ...robot.coordinates import MOTIONS
 from ...shown import Shown
 from ...tabular import Rows as TableRows
@@ -97,9 +97,7 @@ class PosesResult(Shown, Tabular):
         Raises:
             InputError: another ending, or the file cannot be written.
         """
-        target = Path(path)
-        if target.suffix != ".csv":
-            raise InputError(f"output: {show_path(str(target))}; allowed: a path that ends in .csv")
+        target = check_ending(path, ".csv")
         parts = {POSE: MOTIONS, DISTANCE: ("distance",)}.get(self.measure, MOTIONS[:3])
         empty = [component_name(frame, part) for frame in self.frames for part in parts]
         more = ["series"] if self.series else []

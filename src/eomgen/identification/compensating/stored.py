@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ...errors import InputError
-from ...names import show
-from ...npz import read_npz
 from ...scenario.recorded import scenario_from_record
+from ..saved import check_shapes, damage_named, read_arrays
 from .result import AXES, CompensationResult, HeldBack, Variant
-from .written import ARRAYS, FORMAT, PLAIN
+from .written import ARRAYS, KIND, PLAIN
 
 
 def load_compensation(path: Path | str) -> CompensationResult:
@@ -22,11 +20,8 @@ def load_compensation(path: Path | str) -> CompensationResult:
     Raises:
         InputError: the file cannot be read, or is no compensation.
     """
-    arrays = read_npz(path)
-    try:
-        meta = json.loads(str(arrays["compensation"]))
-        if meta["format"] != FORMAT:
-            raise InputError(f"{path}: has format {show(meta['format'])}; allowed: {FORMAT}")
+    arrays, meta = read_arrays(KIND, path)
+    with damage_named(path, KIND):
         plain: dict[str, Any] = {name: meta[name] for name in PLAIN}
         for name in ("coordinates", "history", "rank", "shares", "notes"):
             plain[name] = tuple(plain[name])
@@ -39,10 +34,6 @@ def load_compensation(path: Path | str) -> CompensationResult:
         )
         _check(found, str(path))
         found.lines()  # every number has its type
-    except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"{path}: is no compensation ({show(str(error))}); allowed: what its save wrote") from None
     return found
 
 
@@ -51,9 +42,6 @@ def _check(found: CompensationResult, path: str) -> None:
     shapes: dict[str, tuple[int, ...]] = {"t": (many,), "program": (many, whole), "corrected": (many, whole)}
     shapes |= {"times": (2 * many - 1,), "before": (2 * many - 1, 6), "after": (2 * many - 1, 6)}
     shapes |= {"beyond": (2 * many - 1, 6), "weights": (len(AXES),)}
-    for name, shape in shapes.items():
-        array = getattr(found, name)
-        if array.shape != shape or not np.isfinite(array).all():
-            raise InputError(f"{path}: array {name} has shape {array.shape}; allowed: {shape}, finite numbers")
+    check_shapes({name: getattr(found, name) for name in shapes}, shapes, path)
     if (np.diff(found.t) <= 0.0).any():
         raise InputError(f"{path}: array t does not increase; allowed: increasing times")

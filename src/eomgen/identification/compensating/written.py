@@ -12,38 +12,32 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import InputError
-from ...files import write_atomically
+from ...files import check_ending, write_atomically
 from ...motion.splines import Spline
-from ...names import show_path
 from ...robot.coordinates import FORCES
 from ...robot.value import INERTIA_KEYS
 from ...scenario.value import Integrator, Payload, Scenario, Section, Wrench
+from ..saved import write_arrays
 
 Array = NDArray[np.float64]
 
-FORMAT = 1
+KIND = "compensation"
 ARRAYS = ("t", "program", "corrected", "times", "before", "after", "beyond", "weights")
 PLAIN = ("robot", "frame", "mode", "coordinates", "history", "rank", "shares", "notes")
 
 
 def write_record(result: Any, target: Path) -> Path:
     """Write a result as .npz, and return the path; errors as ``CompensationResult.save``."""
-    if target.suffix != ".npz":
-        raise InputError(f"output: {show_path(str(target))}; allowed: a path that ends in .npz")
-    meta: dict[str, Any] = {"format": FORMAT, **{name: getattr(result, name) for name in PLAIN}}
+    meta: dict[str, Any] = {name: getattr(result, name) for name in PLAIN}
     meta["limits"] = [vars(item) for item in result.limits]
     meta["robustness"] = [vars(item) for item in result.robustness]
     meta["scenario"] = result.scenario.as_dict()
-    arrays: dict[str, Any] = {name: getattr(result, name) for name in ARRAYS}
-    arrays["compensation"] = np.array(json.dumps(meta))
-    return write_atomically(target, lambda stream: np.savez_compressed(stream, **arrays))
+    return write_arrays({name: getattr(result, name) for name in ARRAYS}, meta, KIND, target)
 
 
 def write_program(result: Any, target: Path) -> list[Path]:
     """Write samples and scenario, and return both paths; errors as ``CompensationResult.to_scenario``."""
-    if target.suffix != ".toml":
-        raise InputError(f"toml: {show_path(str(target))}; allowed: a path that ends in .toml")
+    check_ending(target, ".toml", label="toml")
     own, wanted = target.with_suffix(".csv"), target.with_name(f"{target.stem}_wanted.csv")
     tables = {own: result.corrected, wanted: result.program}
     texts: dict[Path, Iterator[str]] = {path: _sample_lines(result, samples) for path, samples in tables.items()}

@@ -10,9 +10,9 @@ from typing import Any
 
 from ...description.load import robot_from_toml
 from ...errors import DescriptionError, InputError
-from ...files import write_atomically
+from ...files import check_ending, write_atomically
 from ...forms.toml_text import parse_toml
-from ...names import joint_of, kind_of, show_path, split_component
+from ...names import joint_of, kind_of, split_component
 from ...robot.value import INERTIA_KEYS, MOTOR, Friction, Joint, Link, Robot
 from ..calibration.as_toml import block_of, numbers_text, own_text, relative_path, replace_line, unwritable
 
@@ -39,8 +39,7 @@ def write_toml(robot: Robot, parameters: Mapping[str, float], comments: Sequence
         InputError: another ending, the robot was read from no file, or something is not written there so that it can
             be changed.
     """
-    if target.suffix != ".toml":
-        raise InputError(f"output: {show_path(str(target))}; allowed: a path that ends in .toml")
+    check_ending(target, ".toml")
     text = toml_text(robot, parameters, comments, target.parent)
     _compare(robot, text, target)
     return write_atomically(target, lambda stream: stream.write(text.encode("utf-8")))

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from ...errors import InputError
-from ...files import write_atomically
-from ...names import show_path
 from ...robot.record import record_of
+from ..saved import write_arrays
 
-FORMAT = 1
+KIND = "identification"
 ARRAYS = ("base_values", "deviations", "described", "t", "drives", "fitted")
 
 
@@ -23,12 +18,8 @@ def write_record(result: Any, target: Path) -> Path:
     Raises:
         InputError: another ending, or the file cannot be written.
     """
-    if target.suffix != ".npz":
-        raise InputError(f"output: {show_path(str(target))}; allowed: a path that ends in .npz")
     base = result.base
     meta = {
-        "format": FORMAT,
-        "kind": "identification",
         "description": record_of(result.robot),
         "base": {name: getattr(base, name) for name in ("robot", "terms", "parameters", "names", "without_effect")},
         "parameters": result.parameters,
@@ -39,5 +30,5 @@ def write_record(result: Any, target: Path) -> Path:
         "notes": result.notes,
     }
     arrays: dict[str, Any] = {name: getattr(result, name) for name in ARRAYS}
-    arrays |= {"chosen": base.chosen, "kept": result.kept, "matrix": base.matrix, "meta": np.array(json.dumps(meta))}
-    return write_atomically(target, lambda stream: np.savez_compressed(stream, **arrays))
+    arrays |= {"chosen": base.chosen, "kept": result.kept, "matrix": base.matrix}
+    return write_arrays(arrays, meta, KIND, target)

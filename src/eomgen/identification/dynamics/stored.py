@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +9,9 @@ import numpy as np
 
 from ...description.recorded import robot_from_record
 from ...errors import InputError
-from ...names import show
-from ...npz import read_npz
 from ..identifiable import BaseParameters
-from .recorded import ARRAYS, FORMAT
+from ..saved import check_shapes, damage_named, read_arrays
+from .recorded import ARRAYS, KIND
 from .result import Further, IdentifyResult, Residuals
 
 
@@ -23,11 +21,8 @@ def load_identification(path: Path | str) -> IdentifyResult:
     Raises:
         InputError: the file cannot be read, or is no identification.
     """
-    arrays = read_npz(path)
-    try:
-        meta = json.loads(str(arrays["meta"]))
-        if meta["kind"] != "identification" or meta["format"] != FORMAT:
-            raise ValueError(f"{meta['kind']}, format {meta['format']}")
+    arrays, meta = read_arrays(KIND, path)
+    with damage_named(path, KIND):
         base = BaseParameters(
             robot=str(meta["base"]["robot"]),
             terms=_texts(meta["base"]["terms"]),
@@ -51,10 +46,6 @@ def load_identification(path: Path | str) -> IdentifyResult:
             notes=_texts(meta["notes"]),
         )
         _check(result, str(path))
-    except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"{path}: is no identification ({show(str(error))}); allowed: what its save wrote") from None
     return result
 
 
@@ -70,8 +61,6 @@ def _check(result: IdentifyResult, path: str) -> None:
         "matrix": result.base.matrix,
         "chosen": result.base.chosen,
     }
-    for name, shape in (shapes | {"matrix": (many, whole), "chosen": (many,)}).items():
-        if found[name].shape != shape or not np.isfinite(found[name]).all():
-            raise InputError(f"{path}: array {name} has shape {found[name].shape}; allowed: {shape}, finite numbers")
+    check_shapes(found, shapes | {"matrix": (many, whole), "chosen": (many,)}, path)
     if many and not 0 <= result.base.chosen.min() <= result.base.chosen.max() < whole:
         raise InputError(f"{path}: array chosen has places up to {result.base.chosen.max()}; allowed: 0 to {whole - 1}")

@@ -13,17 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError
-from ...files import write_atomically
+from ...files import check_ending, write_atomically
 from ...motion.files import SUFFIXES
 from ...names import show_path
 from ...shown import Shown
 from ..identifiable import BaseParameters
+from ..saved import write_arrays
 from .fourier import FourierSeries
 from .telling import CRITERIA
 
 Array = NDArray[np.float64]
 
-FORMAT = 1
+KIND = "excitation"
 ARRAYS = (*("t", "q", "v", "a", "u", "noise", "sizes", "deviations"), *("limits", "extremes"))
 PLAIN = ("robot", "criterion", "condition", "deviation", "limited", "units", "randoms", "starts", "seed", "notes")
 CONTROL = 20.0  # rad/s: bandwidth of computed torque in scenarios that are written
@@ -162,7 +163,7 @@ class ExciteResult(Shown):
         Raises:
             InputError: another ending, or the file cannot be written.
         """
-        target = _target(path, ".csv")
+        target = check_ending(path, ".csv")
         text = StringIO()
         text.write(f"# Motion of {self.robot} that excites its base parameters: s, m and rad, N and N m.\n")
         text.write("# Drives are computed from the description; measured ones take their place.\n")
@@ -181,7 +182,7 @@ class ExciteResult(Shown):
         Raises:
             InputError: another ending or folder, or the file cannot be written.
         """
-        target, samples = _target(path, ".toml"), Path(motion)
+        target, samples = check_ending(path, ".toml"), Path(motion)
         if samples.parent.resolve() != target.parent.resolve():
             raise InputError(
                 f"output: {show_path(str(samples))} is not beside {show_path(str(target))}; allowed: one folder"
@@ -209,23 +210,14 @@ class ExciteResult(Shown):
         Raises:
             InputError: another ending, or the file cannot be written.
         """
-        target = _target(path, ".npz")
         meta: dict[str, Any] = {name: getattr(self, name) for name in PLAIN}
-        meta |= {"condition": vars(self.condition), "deviation": vars(self.deviation), "format": FORMAT}
+        meta |= {"condition": vars(self.condition), "deviation": vars(self.deviation)}
         about = {**vars(self.base), "chosen": self.base.chosen.tolist(), "matrix": self.base.matrix.tolist()}
         meta |= {"base": about, "coordinates": self.coordinates, "duration": self.series.duration}
         arrays: dict[str, Any] = {name: getattr(self, name) for name in ARRAYS}
         arrays |= {name: getattr(self.series, name) for name in ("offset", "sines", "cosines")}
-        arrays["excitation"] = np.array(json.dumps(meta))
-        return write_atomically(target, lambda stream: np.savez_compressed(stream, **arrays))
+        return write_arrays(arrays, meta, KIND, path)
 
 
 def _finite(x: float) -> float | None:
     return x if np.isfinite(x) else None
-
-
-def _target(path: Path | str, ending: str) -> Path:
-    target = Path(path)
-    if target.suffix != ending:
-        raise InputError(f"output: {show_path(str(target))}; allowed: a path that ends in {ending}")
-    return target

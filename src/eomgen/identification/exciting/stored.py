@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ...errors import InputError
-from ...names import show
-from ...npz import read_npz
 from ..identifiable import BaseParameters
-from .excited import ARRAYS, FORMAT, PLAIN, Compared, ExciteResult
+from ..saved import damage_named, read_arrays
+from .excited import ARRAYS, KIND, PLAIN, Compared, ExciteResult
 from .fourier import FourierSeries
 
 _SERIES = ("offset", "sines", "cosines")
@@ -24,11 +22,8 @@ def load_excitation(path: Path | str) -> ExciteResult:
     Raises:
         InputError: the file cannot be read, or is no such file.
     """
-    arrays = read_npz(path)
-    try:
-        meta = json.loads(str(arrays["excitation"]))
-        if meta["format"] != FORMAT:
-            raise InputError(f"{path}: has format {show(meta['format'])}; allowed: {FORMAT}")
+    arrays, meta = read_arrays(KIND, path)
+    with damage_named(path, "motion of excite"):
         numbers: dict[str, Any] = {name: np.asarray(arrays[name], dtype=np.float64) for name in (*ARRAYS, *_SERIES)}
         plain: dict[str, Any] = {name: meta[name] for name in PLAIN}
         for name in ("limited", "units", "notes"):
@@ -39,10 +34,6 @@ def load_excitation(path: Path | str) -> ExciteResult:
         series = FourierSeries(names, float(meta["duration"]), *(numbers.pop(name) for name in _SERIES))
         found = ExciteResult(**plain, **numbers, series=series, base=_base(meta["base"]))
         _check(found, str(path))
-    except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"{path}: is no motion of excite ({show(str(error))}); allowed: what its save wrote") from None
     return found
 
 

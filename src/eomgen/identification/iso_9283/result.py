@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -12,17 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError
-from ...files import read_regular, write_atomically
-from ...forms.plain import parse_json, value_of
+from ...forms.plain import value_of
 from ...shown import Shown
 from ...tabular import Rows, TableColumn, Tabular
+from ..saved import read_plain, write_plain
 
 Vector = tuple[float, float, float]
 
 STANDARD = "ISO 9283:1998"
-FORMAT = 1  # raised when a reader of the old one would misread it
-_MOST_BYTES = 1 << 26
-_MOST_MEMORY = 1 << 29
+KIND = "accuracy"
 
 
 def vector(values: NDArray[np.float64]) -> Vector:
@@ -370,11 +367,7 @@ class AccuracyResult(Shown, Tabular):
         Raises:
             InputError: another suffix, or the file cannot be written.
         """
-        target = Path(path)
-        if target.suffix != ".json":
-            raise InputError(f"{target}: the suffix {target.suffix!r} is none of a result; allowed: .json")
-        text = json.dumps({"kind": "accuracy", "standard": STANDARD, "format": FORMAT, **asdict(self)}, indent=1)
-        return write_atomically(target, lambda stream: stream.write(text.encode("ascii")))
+        return write_plain({"standard": STANDARD, **asdict(self)}, KIND, path)
 
 
 def load_accuracy(path: Path | str) -> AccuracyResult:
@@ -383,15 +376,9 @@ def load_accuracy(path: Path | str) -> AccuracyResult:
     Raises:
         InputError: the file cannot be read, or is no such file; says what in it is wrong.
     """
-    source = Path(path)
-    try:
-        text = read_regular(source, _MOST_BYTES).decode("utf-8")
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
-    data = parse_json(text, str(path), _MOST_MEMORY)
-    if not isinstance(data, dict) or data.get("standard") != STANDARD or data.get("format") != FORMAT:
+    rest = read_plain(KIND, path)
+    if rest.pop("standard", None) != STANDARD:
         raise InputError(f"{path}: holds no figures of {STANDARD}; allowed: a file that eomgen accuracy wrote")
-    rest = {key: value for key, value in data.items() if key not in ("kind", "standard", "format")}
     found: AccuracyResult = value_of(AccuracyResult, rest, str(path))
     return found
 

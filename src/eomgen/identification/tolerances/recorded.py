@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ...errors import InputError
-from ...files import write_atomically
-from ...names import show_path
 from ...robot.record import record_of
+from ..saved import write_plain
 from .contributions import Exact
 from .table import Tolerance
 
-FORMAT = 1
+KIND = "tolerance"
 
 
 def write_record(result: Any, target: Path) -> Path:
@@ -24,13 +21,9 @@ def write_record(result: Any, target: Path) -> Path:
     Raises:
         InputError: another ending, or the file cannot be written.
     """
-    if target.suffix != ".json":
-        raise InputError(f"output: {show_path(str(target))}; allowed: a path that ends in .json")
     exact: Exact = result.exact
     loads = exact.rows.loads.get(exact.tool)
     meta = {
-        "kind": "tolerance",
-        "format": FORMAT,
         "description": record_of(exact.model.robot),
         "table": {given.name: _entry(given) for given in result.tolerances},
         "frame": result.frame,
@@ -39,8 +32,7 @@ def write_record(result: Any, target: Path) -> Path:
         "wrench": None if loads is None else np.asarray(loads)[0].tolist(),
         "confidence": result.confidence,
     }
-    text = json.dumps(meta, indent=1, allow_nan=False)
-    return write_atomically(target, lambda stream: stream.write(text.encode("ascii")))
+    return write_plain(meta, KIND, target)
 
 
 def _entry(given: Tolerance) -> dict[str, float | bool]:

@@ -8,15 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from ...description.recorded import robot_from_record
-from ...errors import InputError
-from ...files import read_regular
-from ...forms.plain import parse_json
-from ...names import show
+from ..saved import damage_named, read_plain
 from .budgeting import tolerance
-from .recorded import FORMAT
+from .recorded import KIND
 from .result import ToleranceResult
-
-_MOST_BYTES, _MOST_MEMORY = 64 * 2**20, 512 * 2**20
 
 
 def load_tolerance(path: Path | str) -> ToleranceResult:
@@ -26,14 +21,8 @@ def load_tolerance(path: Path | str) -> ToleranceResult:
         InputError: the file cannot be read, or is no such result.
         DescriptionError: its robot or its table cannot be.
     """
-    try:
-        text = read_regular(Path(path), _MOST_BYTES).decode("utf-8")
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
-    data = parse_json(text, str(path), _MOST_MEMORY)
-    if not isinstance(data, dict) or data.get("kind") != "tolerance" or data.get("format") != FORMAT:
-        raise InputError(f"{path}: is no accuracy by tolerances; allowed: what its save wrote")
-    try:
+    data = read_plain(KIND, path)
+    with damage_named(path, "accuracy by tolerances"):
         found = tolerance(
             robot_from_record(data["description"], str(path)),
             dict(data["table"]),
@@ -47,8 +36,4 @@ def load_tolerance(path: Path | str) -> ToleranceResult:
         t = np.array(data["t"], dtype=np.float64)
         if t.shape != (len(found.q),) or not np.isfinite(t).all():
             raise ValueError(f"t of shape {t.shape}")
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"{path}: is damaged ({show(str(error))}); allowed: what its save wrote") from None
     return replace(found, t=t)

@@ -1,8 +1,7 @@
 """The kinds of results of measurements: what loads one that was saved, and what makes a page of it.
 
 A new kind has a function that makes a Report of it, and an entry of PAGES.  Where it can be saved, its file says which
-kind it is (an .npz by a text of that name, or by ``kind`` in its text ``meta``; a .json by ``kind``), and SAVED has the
-function that loads it.
+kind it is (by ``kind``, in the text ``meta`` of an .npz), and SAVED has the function that loads it.
 """
 
 from __future__ import annotations
@@ -90,12 +89,8 @@ def _kind_of(path: Path) -> str | None:
         except (OSError, ValueError) as error:
             raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
     else:
-        arrays = read_npz(path, ("meta", *SAVED))
-        texts = {name: str(x) for name, x in arrays.items() if x.dtype.kind == "U" and x.shape == ()}
-        own = next((name for name in texts if name in SAVED), None)
-        if own is not None:
-            return own
-        text = texts.get("meta", "")
+        meta = read_npz(path, ("meta",)).get("meta")
+        text = str(meta) if meta is not None and meta.dtype.kind == "U" and meta.shape == () else ""
     values = parse_json(text, str(path), 2 * most_bytes()) if text else {}
     kind = values.get("kind") if isinstance(values, dict) else None
     return kind if isinstance(kind, str) else None

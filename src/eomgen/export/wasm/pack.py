@@ -1,0 +1,193 @@
+"""A robot's kernel as WebAssembly: the module, an ES module that calls it, and TypeScript's declarations of that."""
+
+from __future__ import annotations
+
+import json
+import re
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from eomgen._version import __version__
+from eomgen.codegen.c.scalar_types import SCALARS
+from eomgen.codegen.c.source import Source, environment
+from eomgen.codegen.kernels.interface import turning_joints
+from eomgen.codegen.kernels.signatures import available, functions, with_beside
+from eomgen.description import RobotLike, as_robot
+from eomgen.files import write_atomically
+from eomgen.pipeline.stages import Options, make_source
+from eomgen.progress import StageReport, no_report
+from eomgen.robot.model import build_model
+from eomgen.robot.value import Robot
+from eomgen.runtime.stepping.adaptive import LEAST
+
+from .compile import compile_wasm
+
+KERNELS = (
+    *("forward_dynamics", "inverse_dynamics", "mass_matrix", "bias_force", "generalized_force", "external_force"),
+    *("kinematics", "energy", "reactions", "constraint", "rollout", "adaptive_rollout"),
+)
+_SAID = (  # of a kernel's metadata, to those who call it
+    *("name", "generator", "dtype", "coordinates", "joints", "links", "frames", "driven", "prescribed", "parameters"),
+    *("least", "shapes", "functions", "hoisted"),
+)
+_ROLLING = ("rollout", "adaptive")
+
+
+@dataclass(frozen=True)
+class WasmModule:
+    """A kernel as WebAssembly, not yet written.
+
+    Attributes:
+        name: the robot's.
+        binary: the module.
+        script: text of the ES module that calls it; looks for NAME.wasm beside itself.
+        declarations: text of TypeScript's declarations of the script.
+        description: plain values that the script has as ``description``.
+    """
+
+    name: str
+    binary: bytes
+    script: str
+    declarations: str
+    description: Mapping[str, Any]
+
+    def write(self, folder: Path | str) -> list[Path]:
+        """Write NAME.wasm, NAME.mjs and NAME.d.mts, and return their paths; InputError if they cannot be."""
+        contents = {
+            f"{self.name}.wasm": self.binary,
+            f"{self.name}.mjs": self.script.encode("ascii"),
+            f"{self.name}.d.mts": self.declarations.encode("ascii"),
+        }
+        return [write_atomically(Path(folder) / file, partial(_put, content)) for file, content in contents.items()]
+
+
+def export_wasm(
+    robot: RobotLike,
+    folder: Path | str,
+    *,
+    kernels: Sequence[str] = (),
+    dtype: str = "float64",
+    progress: StageReport = no_report,
+) -> list[Path]:
+    """Write NAME.wasm, NAME.mjs and NAME.d.mts into a folder, and return their paths.
+
+    The module has no imports, and computes the bits of a kernel that is not ``native``.
+
+    Args:
+        robot: a Robot, the name of a built-in one, or the path of a description.
+        folder: is made if it is not there.
+        kernels: names of KERNEL_NAMES; by default dynamics, kinematics, energy, reactions and rollouts.
+        dtype: "float64" or "float32", of all arrays.
+        progress: called with a line of text when a stage begins.
+
+    Raises:
+        InputError: a kernel or a dtype is unknown, or the folder cannot be written.
+        BuildError: no compiler for WebAssembly, or one that fails.
+    """
+    return make_wasm(robot, kernels=kernels, dtype=dtype, progress=progress).write(folder)
+
+
+def _put(content: bytes, stream: BinaryIO) -> None:
+    stream.write(content)
+
+
+def make_wasm(
+    robot: RobotLike, *, kernels: Sequence[str] = (), dtype: str = "float64", progress: StageReport = no_report
+) -> WasmModule:
+    """The module and its texts; arguments and errors as of ``export_wasm``."""
+    robot = as_robot(robot)
+    model = build_model(robot)
+    chosen = Options(tuple(kernels), dtype).kernels or tuple(name for name in KERNELS if name in available(model))
+    source = make_source(robot, Options(with_beside(chosen, model), dtype, batches=False), progress)
+    meta = json.loads(source.meta)
+    context = _context(robot, meta)
+    described = _description(meta, context["pushed"])
+    progress(f"compiling {source.statements} statements of C")
+    with tempfile.TemporaryDirectory() as work:
+        binary = compile_wasm(_sources(source, context), _exported(meta), Path(work))
+    script = {"description": json.dumps(described, allow_nan=False), **context}
+    return WasmModule(
+        robot.name,
+        binary,
+        _filled("wasm/kernel.mjs.jinja", script),
+        _filled("wasm/kernel.d.mts.jinja", {**context, **_declared(meta)}),
+        described,
+    )
+
+
+def _sources(source: Source, context: Mapping[str, Any]) -> dict[str, str]:
+    calls = _filled("wasm/calls.c.jinja", context)
+    return {
+        f"{source.name}.h": source.header,
+        f"{source.name}.c": source.code,
+        f"{source.name}_wasm.c": calls,
+    }
+
+
+def _exported(meta: Mapping[str, Any]) -> list[str]:
+    """Names of C's functions that the script calls as they are."""
+    plain = (name for name, function in meta["functions"].items() if function["kind"] not in _ROLLING)
+    return [f"{meta['name']}_{name}" for name in ("setup", *plain)]
+
+
+def _context(robot: Robot, meta: Mapping[str, Any]) -> dict[str, Any]:
+    """Names that the templates use."""
+    kinds = {function["kind"] for function in meta["functions"].values()}
+    return {
+        "name": robot.name,
+        "version": __version__,
+        "real": SCALARS[meta["dtype"]].name,
+        "n": len(meta["coordinates"]),
+        "rolls": "rollout" in kinds,
+        "adapts": "adaptive" in kinds,
+        "pushed": {"external_force", "frame_pose"} <= meta["functions"].keys(),
+        "turning": bool(meta.get("turning")),
+        "turned_size": turning_joints(build_model(robot))["room"],
+    }
+
+
+def _description(meta: Mapping[str, Any], pushed: bool) -> dict[str, Any]:
+    """What the script says of the kernel, and reads itself."""
+    return {
+        **{name: meta[name] for name in _SAID},
+        "constraints": meta.get("constraints", []),
+        "statuses": meta.get("statuses", len(meta["coordinates"])),
+        "sizes": meta.get("sizes", []),
+        "rubbing": meta.get("rubbing", []),
+        "least_rtol": LEAST[meta["dtype"]],
+        "pushed": pushed,
+    }
+
+
+def _declared(meta: Mapping[str, Any]) -> dict[str, Any]:
+    """Names that the declarations use beside the others."""
+    public = [function for function in functions(meta["kernels"]) if not function.is_rollout]
+    rows = [
+        {
+            "name": re.sub(r"_(\w)", lambda match: match[1].upper(), function.name),
+            "text": function.signature.text,
+            "shape": " x ".join(map(str, meta["shapes"][function.signature.writes])),
+            "reads": function.signature.reads,
+            "framed": function.is_framed,
+        }
+        for function in public
+    ]
+    return {
+        "plain": [row for row in rows if not row["framed"]],
+        "framed": [row for row in rows if row["framed"]],
+        "array": {"float64": "Float64Array", "float32": "Float32Array"}[meta["dtype"]],
+        **{key: _literals(meta[key]) for key in ("coordinates", "links", "frames", "parameters")},
+    }
+
+
+def _literals(names: Sequence[str] | Mapping[str, Any]) -> str:
+    """A type of TypeScript that allows these texts."""
+    return " | ".join(map(json.dumps, names)) or "never"
+
+
+def _filled(template: str, context: Mapping[str, Any]) -> str:
+    return environment().get_template(template).render(context)

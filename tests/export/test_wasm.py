@@ -1,0 +1,226 @@
+"""WebAssembly of kernels, under node and under wasmtime: the bits of the kernel that Python calls, and its errors."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import struct
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import eomgen
+from eomgen.errors import BuildError, InputError
+from eomgen.export.wasm import compile as compiling
+from eomgen.export.wasm.pack import make_wasm
+from eomgen.robot.value import Robot
+from tests.oracles.force_laws import with_laws
+from tests.support.random_robots import random_robot
+
+pytest.importorskip("ziglang", reason="the compiler for WebAssembly is not installed")
+NODE = shutil.which("node")
+needs_node = pytest.mark.skipif(NODE is None, reason="node is not installed")
+LARGEST = 250_000  # bytes of a module of six degrees of freedom, with rollouts
+
+RUNNER = """
+import { readFileSync } from "node:fs";
+const { load } = await import(process.argv[2]);
+const kernel = await load();
+const calls = JSON.parse(readFileSync(0, "utf8"));
+const hex = (x) => Buffer.from(x.buffer, x.byteOffset, x.byteLength).toString("hex");
+const found = calls.map(([name, ...given]) => {
+  try {
+    const x = kernel[name](...given.map((value) => (value === null ? undefined : value)));
+    if (x === kernel) return "set";
+    return ArrayBuffer.isView(x) ? hex(x) : { t: hex(x.t), q: hex(x.q), v: hex(x.v), steps: x.steps };
+  } catch (error) {
+    return { error: error.message, kind: error.constructor.name, coordinate: error.coordinate };
+  }
+});
+console.log(JSON.stringify(found));
+"""
+
+
+def with_node(folder: Path, name: str, calls: list[list[Any]]) -> list[Any]:
+    """What the module's script answers to calls: hexadecimal bytes of arrays, or errors."""
+    (folder / "runner.mjs").write_text(RUNNER, encoding="ascii")
+    command = [str(NODE), "runner.mjs", f"./{name}.mjs"]
+    result = subprocess.run(command, input=json.dumps(calls), capture_output=True, text=True, cwd=folder, check=False)
+    assert result.returncode == 0, result.stderr
+    found: list[Any] = json.loads(result.stdout)
+    return found
+
+
+def laws(seed: int) -> Robot:
+    """A random tree with forces of every kind."""
+    robot = random_robot(seed, joints=(2, 3), tree=True, types=("revolute", "prismatic"), max_coordinates=3)
+    return with_laws(robot, seed)
+
+
+def states(kernel: Any, seed: int = 3) -> dict[str, np.ndarray]:
+    """Small states: nothing is near a singular one, and no spring drowns the rest."""
+    rng = np.random.default_rng(seed)
+    found = {name: rng.uniform(-0.3, 0.3, kernel.n) for name in "qvau"}
+    return found | {"wrench": rng.uniform(-1.0, 1.0, (len(kernel.links), 6))}
+
+
+def compare_functions(folder: Path, robot: Robot, dtype: str = "float64") -> int:
+    """All functions of a state, to the bit; how many there are."""
+    made = make_wasm(robot, dtype=dtype)
+    made.write(folder)
+    kernel = eomgen.build(robot, dtype=dtype)
+    x = {name: np.asarray(array, dtype).astype(np.float64) for name, array in states(kernel).items()}
+    if kernel.raw.libraries.meta.get("constraints"):
+        x["q"], x["v"] = (np.asarray(y, np.float64) for y in (kernel.close(x["q"]), 0.0 * x["v"]))
+    calls, expected = [], []
+    for name, function in made.description["functions"].items():
+        if function["kind"] in ("rollout", "adaptive"):
+            continue
+        camel = name.split("_")[0] + "".join(word.title() for word in name.split("_")[1:])
+        arrays = [np.asarray(x[r], dtype).reshape(kernel.raw.shapes[r]) for r in function["reads"] if r in x]
+        if len(arrays) < len(function["reads"]):
+            continue
+        for frame in [None] if function["kind"] != "frames" else range(len(kernel.frames)):
+            try:
+                answer = kernel.calls.run(name, None, arrays, () if frame is None else (frame,))
+            except eomgen.LoopError:
+                continue  # random accelerations open loops
+            extra = [] if frame is None else [frame]
+            calls.append([camel, *(array.ravel().tolist() for array in arrays), *extra])
+            expected.append((name, answer.tobytes().hex()))
+    for (name, answer), got in zip(expected, with_node(folder, robot.name, calls), strict=True):
+        assert got == answer, name
+    return len(expected)
+
+
+def compare_rollouts(folder: Path, robot: Robot, duration: float = 0.02) -> None:
+    """Every method, with and without a controller, to the bit."""
+    kernel = eomgen.build(robot)
+    x = states(kernel)
+    q, v, u = x["q"], x["v"], 0.1 * x["u"]
+    if kernel.raw.libraries.meta.get("constraints"):
+        q, v = kernel.close(q), 0.0 * v
+    target = np.repeat(q[None], 4, axis=0) + 0.01
+    calls, expected = [], []
+    start = [q.tolist(), v.tolist()]
+    for controlled in (False, True):
+        how = {"kp": 40.0, "kd": 4.0} if controlled else {}
+        for method in ("rk4", "implicit"):
+            aim = {"target": target[0]} if controlled else {}
+            plain = {key: value.tolist() for key, value in aim.items()}
+            given: dict[str, Any] = {"dt": 1e-5, "steps": 8, "every": 4, "method": method, **how}
+            calls.append(["rollout", *start, u.tolist(), {**given, **plain}])
+            expected.append(kernel.rollout(q, v, u, **given, **aim))
+        for method in ("rosenbrock", "tsit5"):
+            aim = {"target": target} if controlled else {}
+            plain = {key: value.ravel().tolist() for key, value in aim.items()}
+            given = {"duration": duration, "samples": 4, "rtol": 1e-5, "method": method, **how}
+            calls.append(["adaptiveRollout", *start, u.tolist(), {**given, **plain}])
+            expected.append(kernel.rollout(q, v, u, **given, **aim))
+    for call, answer, got in zip(calls, expected, with_node(folder, robot.name, calls), strict=True):
+        assert "error" not in got, (call, got)
+        for name, array in zip("qv", answer, strict=True):
+            assert got[name] == array.tobytes().hex(), (call[0], call[-1], name)
+        if call[0] == "adaptiveRollout":
+            assert got["steps"] == answer.steps
+
+
+@needs_node
+def test_under_node_functions_and_rollouts_have_the_same_bits(tmp_path: Path) -> None:
+    robot = eomgen.load_robot("one_link")
+    assert compare_functions(tmp_path, robot) >= 12
+    compare_rollouts(tmp_path, robot)
+
+
+@needs_node
+def test_errors_name_what_is_wrong(tmp_path: Path) -> None:
+    eomgen.export_wasm("one_link", tmp_path)
+    z = [0.0, 0.0]
+    calls: list[list[Any]] = [
+        ["forwardDynamics", [0.0], z, z],
+        ["forwardDynamics", z, [0.0, "heavy"], z],
+        ["set", {"gravity.w": 1.0}],
+        ["set", {"gravity.x": "heavy"}],
+        ["set", {"joints.joint1.x.stiffness": -1.0}],
+        ["framePose", z, "hand"],
+        ["rollout", z, z, z, {"dt": 0.0, "steps": 1}],
+        ["rollout", z, z, z, {"dt": 1e-3, "steps": 1, "method": "euler"}],
+        ["rollout", z, z, z, {"dt": 10.0, "steps": 100}],
+        ["adaptiveRollout", z, z, z, {"duration": 1.0, "rtol": 2.0}],
+        ["adaptiveRollout", z, z, z, {"duration": 1.0, "kp": 3.0}],
+    ]
+    expected = (
+        "q: expected 2 numbers, got 1",
+        "v[1]",
+        "parameter gravity.w is unknown; allowed: gravity.x",
+        "gravity.x = heavy is not allowed; a finite number is",
+        "joints.joint1.x.stiffness = -1 is not allowed; a number from 0 on is",
+        "frame hand is unknown; allowed: tcp, base, link1",
+        "dt = 0 is not allowed",
+        "method: euler is unknown; allowed: rk4, implicit",
+        "at step ",
+        "rtol = 2 is not allowed",
+        "given together",
+    )
+    for call, message, got in zip(calls, expected, with_node(tmp_path, "one_link", calls), strict=True):
+        assert message in got["error"], (call, got)
+
+
+def test_under_wasmtime_it_needs_nothing_and_has_the_same_bits() -> None:
+    wasmtime = pytest.importorskip("wasmtime")
+    made = make_wasm("one_link", kernels=("forward_dynamics",))
+    engine = wasmtime.Engine()
+    module = wasmtime.Module(engine, made.binary)
+    assert not module.imports
+    store = wasmtime.Store(engine)
+    exports = wasmtime.Instance(store, module, []).exports(store)
+    memory, base = exports["memory"], exports["__heap_base"].value(store)
+    kernel = eomgen.build("one_link")
+    x = states(kernel)
+    place = base
+    addresses = {}
+    arrays = {"p": np.array(list(made.description["parameters"].values())), "h": np.zeros(64)}
+    for name, array in (arrays | {key: x[key] for key in "qvu"} | {"out": np.zeros(2)}).items():
+        memory.write(store, array.tobytes(), place)
+        addresses[name], place = place, place + array.nbytes
+    exports["one_link_setup"](store, addresses["p"], addresses["h"])
+    status = exports["one_link_forward_dynamics"](store, *(addresses[key] for key in ("h", "q", "v", "u", "out")))
+    found = memory.read(store, addresses["out"], addresses["out"] + 16)
+    assert status == 0
+    assert bytes(found) == kernel.forward_dynamics(x["q"], x["v"], x["u"]).tobytes()
+    assert struct.unpack("<4sI", made.binary[:8]) == (b"\0asm", 1)
+
+
+def test_what_cannot_be_exported(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="kernels: 'thoughts' is unknown"):
+        eomgen.export_wasm("one_link", tmp_path, kernels=("thoughts",))
+    monkeypatch.setattr(compiling.importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr(compiling.shutil, "which", lambda name: None)
+    with pytest.raises(BuildError, match=r"eomgen\[compiler\]"):
+        eomgen.export_wasm("one_link", tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.soak
+@needs_node
+@pytest.mark.parametrize("name", ["ur5", "puma560", "puma560_elastic", "four_bar", "delta", "worn_arm", "shaken_arm"])
+def test_robots_have_the_same_bits(name: str, tmp_path: Path) -> None:
+    robot = eomgen.load_robot(name)
+    compare_functions(tmp_path, robot)
+    if name != "shaken_arm":  # whose prescribed coordinates take accelerations
+        compare_rollouts(tmp_path, robot, 2e-3)
+    if name in ("ur5", "puma560"):
+        assert (tmp_path / f"{name}.wasm").stat().st_size < LARGEST
+
+
+@pytest.mark.soak
+@needs_node
+@pytest.mark.parametrize("seed", range(6))
+def test_random_robots_have_the_same_bits(seed: int, tmp_path: Path) -> None:
+    robot = laws(seed)
+    compare_functions(tmp_path, robot, ("float64", "float32")[seed % 2])
+    if seed % 2 == 0:
+        compare_rollouts(tmp_path, robot, 1e-3)
