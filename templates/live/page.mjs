@@ -14,15 +14,14 @@ const SPEEDS = [0.05, 0.1, 0.25, 0.5, 1, 2];
 const BUDGET = 12; // ms of a frame that steps may take; then time goes slower
 const KEPT = 1200; // rows of plots
 const SPAN = 10; // s that plots show of what goes on
+const PLOT_PAUSE = 60; // ms between plots
 const SAMPLED = 600; // rows of a recording's plots
 const by = (id) => document.getElementById(id);
 
 async function main() {
   const data = JSON.parse(by("data").textContent);
   const kernel = await load(bytesOf(data.kernel));
-  let rigid = null;
-  if (data.rigid === "same") rigid = kernel;
-  else if (data.rigid) rigid = await (await import("#live/rigid")).load(bytesOf(data.rigid));
+  const rigid = data.rigid ? await (await import("#live/rigid")).load(bytesOf(data.rigid)) : null;
   const simulation = new Simulation(kernel, rigid, data);
   const page = new Page(simulation, data);
   window.live = page; // for tests, and who is curious
@@ -38,7 +37,7 @@ class Page {
     this.playing = true;
     this.replays = Boolean(data.recorded);
     this.rows = [];
-    this.costs = []; // ms of each frame's steps, scene and plots
+    this.costs = []; // ms of each frame: steps, scene, plots
     this.goal = simulation.t;
     this.sees = true;
     if (data.recorded) {
@@ -112,8 +111,8 @@ class Page {
         settings.define(`shake.${name}.frequency`, wave[1] / (2 * Math.PI), (value) => { wave[1] = 2 * Math.PI * value; }, above(0));
       });
     }
-    settings.define("plot1", "tool", () => this.drawPlots(true), (key) => this.plots.has(key));
-    settings.define("plot2", this.plots.has(data.plot) ? data.plot : "energy", () => this.drawPlots(true), (key) => this.plots.has(key));
+    settings.define("plot1", "tool", () => this.drawPlots(), (key) => this.plots.has(key));
+    settings.define("plot2", this.plots.has(data.plot) ? data.plot : "energy", () => this.drawPlots(), (key) => this.plots.has(key));
     let waiting = 0;
     settings.listeners.push(() => {
       window.clearTimeout(waiting);
@@ -443,6 +442,7 @@ class Page {
     this.last = now;
     if (!this.sees) return;
     const begin = performance.now();
+    this.cost = { steps: 0, scene: 0, plots: 0 };
     if (this.playing) {
       const ahead = passed * this.settings.get("speed");
       if (this.replays) {
@@ -455,10 +455,12 @@ class Page {
         if (!this.advance(this.goal, BUDGET)) this.goal = this.simulation.t;
         this.measure(ahead, this.simulation.t - from);
       }
+      this.cost.steps = performance.now() - begin;
       this.changed();
     }
     this.draw();
-    this.costs.push(performance.now() - begin);
+    this.cost.scene = performance.now() - begin - this.cost.steps - this.cost.plots;
+    this.costs.push(this.cost);
     if (this.costs.length > KEPT) this.costs.shift();
   }
 
@@ -512,8 +514,13 @@ class Page {
   draw() {
     if (this.scene.stale) {
       this.drawRobot();
-      this.drawReadout();
-      this.drawPlots();
+      const begin = performance.now();
+      if (!this.playing || begin - (this.plotted ?? -Infinity) > PLOT_PAUSE) {
+        this.plotted = begin;
+        this.drawReadout();
+        this.drawPlots();
+        if (this.cost) this.cost.plots = performance.now() - begin;
+      }
     }
     this.scene.draw();
   }

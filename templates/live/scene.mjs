@@ -42,7 +42,7 @@ export class Scene {
       real: new THREE.MeshStandardMaterial({ roughness: 0.55, metalness: 0.15 }),
       drum: new THREE.MeshStandardMaterial({ color: DRUM, roughness: 0.5, metalness: 0.3 }),
       ground: new THREE.MeshStandardMaterial({ roughness: 0.8 }),
-      ghost: new THREE.MeshStandardMaterial({ transparent: true, opacity: 0.3, depthWrite: false, roughness: 1 }),
+      ghost: new THREE.MeshStandardMaterial({ transparent: true, opacity: 0.42, depthWrite: false, roughness: 1 }),
     };
     const geometries = this.bodies();
     this.reality = this.robot(geometries, false);
@@ -220,7 +220,7 @@ export class Scene {
       [this.width, this.height] = [width, height];
       this.renderer.setSize(width, height, false);
       this.camera.aspect = width / Math.max(height, 1);
-      this.camera.zoom = Math.min(1, this.camera.aspect); // all of it is seen in a narrow window, too
+      this.camera.zoom = 1.15 * Math.min(1, this.camera.aspect); // all of it is seen in a narrow window, too
       this.camera.updateProjectionMatrix();
       this.stale = true;
     }

@@ -63,7 +63,7 @@ export class Simulation {
     if (this.data.payload && this.payload > 0) Object.assign(values, this.loaded(values));
     this.kernel.set(values);
     this.current = values;
-    if (this.rigid && this.rigid !== this.kernel) {
+    if (this.rigid) {
       const shared = Object.keys(this.rigid.parameters).filter((name) => name in this.known);
       this.rigid.set(Object.fromEntries(shared.map((name) => [name, this.known[name]])));
     }
@@ -184,7 +184,7 @@ export class Simulation {
     const wrenches = (this.data.wrenches ?? []).filter((w) => w.t0 <= t && (w.t1 === null || t < w.t1));
     if (this.drive === "target" || this.drive === "cycle") wrenches.length = 0;
     if (!wrenches.length && !this.push) return;
-    const links = this.kernel.links ?? this.data.moving, wrench = new Float64Array(6 * links.length);
+    const links = this.data.moving, wrench = new Float64Array(6 * links.length);
     for (const { link, signal, arm, turns } of wrenches) {
       const row = signalAt(signal, t)[0], pose = this.kernel.framePose(this.q, links[link]);
       this.put(wrench, link, turns ? turned(pose, row.slice(0, 3)) : row.slice(0, 3), turned(pose, arm),
@@ -221,7 +221,7 @@ export class Simulation {
     if (this.events.filter(({ t }) => t <= this.t + 1e-12).length !== this.carried) this.apply();
     if (this.drive === "target" || this.drive === "none") this.lead(h);
     const { u, kp, kd, target } = this.drives(this.t + 0.5 * h);
-    const how = { duration: h, samples: 1, rtol: this.rtol, atol: this.data.atol, method: this.method, kp, kd, target };
+    const how = { duration: h, samples: 1, rtol: this.rtol, method: this.method, kp, kd, target };
     const found = this.kernel.adaptiveRollout(this.q, this.v, u, how);
     const { n } = this;
     fill(this.q, found.q.subarray(n, 2 * n));

@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 PERIOD, FINE_PERIOD = 4e-3, 2e-3  # s, in which drives and loads are held; of drives and loads that change fast
 RTOL = 1e-4  # relative tolerance of steps
 STIFF = 300.0  # 1/s: rates above which steps are implicit
-MOVING = 0.5  # of what deviations are drawn as at first: they are larger in motion than at rest
+MOVING = 0.8  # of what deviations are drawn as at first: they are larger in motion than at rest
 MORE = 100.0  # times further they can be exaggerated
 MOST_SAMPLES = 4000  # of a recording
 GRAVITY = 9.81  # m/s^2, by which forces of pushes are weighed
@@ -107,7 +107,6 @@ def contents_of(
         "period": FINE_PERIOD if fine else PERIOD,
         "method": "rosenbrock" if stiff else "tsit5",
         "rtol": RTOL,
-        "atol": None,
         "recorded": None if result is None else _recorded(result, acting, assembly),
         "notes": [*robot.notes, *missing, *notes],
         "about": f"{robot.name}: {len(kernel.coordinates)} coordinates, {len(model.links)} moving links.",

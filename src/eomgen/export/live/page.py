@@ -11,12 +11,14 @@ from typing import Any
 
 from ..._version import __version__
 from ...description import RobotLike, as_robot
+from ...errors import InputError
 from ...files import write_atomically
 from ...progress import Progress, no_progress
 from ...robot.value import Robot
 from ...scenario.load import load_scenario
 from ...scenario.value import Scenario
 from ...simulation.result import SimulationResult, simulated_robot
+from ..wasm.pack import make_wasm
 from .contents import KERNELS, contents_of
 
 TEMPLATE = "live/page.html.jinja"
@@ -72,29 +74,27 @@ def live_page(
     report = progress or no_progress
     result = robot if isinstance(robot, SimulationResult) else None
     if result is not None and scenario is not None:
-        from ...errors import InputError
-
         raise InputError("scenario: given together with a result, which has its own; allowed: one of both")
     subject = simulated_robot(result, described) if result is not None else as_robot(robot)  # type: ignore[arg-type]
     acts = load_scenario(scenario) if isinstance(scenario, (str, Path)) else scenario
     contents = contents_of(subject, acts, result, report)
     report(0.0, "kernel as WebAssembly")
-    modules = {"#live/kernel": None, "#live/rigid": None}
-    values = contents.values
+    values, modules = {**contents.values, "rigid": None}, dict[str, str]()
     values["kernel"], modules["#live/kernel"] = kernel_of(contents.robot, KERNELS)
-    values["rigid"] = None
     if contents.rigid is not None:
         values["rigid"], modules["#live/rigid"] = kernel_of(contents.rigid, MODEL_KERNELS)
-    return _html(values, {name: text for name, text in modules.items() if text is not None})
+    return _html(values, modules)
 
 
 def kernel_of(robot: Robot, kernels: tuple[str, ...]) -> tuple[str, str]:
     """A kernel as bytes of WebAssembly, in base64, and the text of the module that loads them."""
-    raise NotImplementedError
+    found = make_wasm(robot, kernels=kernels)
+    return base64.b64encode(found.binary).decode("ascii"), found.script
 
 
 def _html(values: dict[str, Any], modules: dict[str, str]) -> str:
     import jinja2
+    from markupsafe import Markup
 
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("eomgen.templates", ""),
@@ -103,8 +103,6 @@ def _html(values: dict[str, Any], modules: dict[str, str]) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    from markupsafe import Markup
-
     texts = {f"#live/{name}": _file(f"{name}.mjs") for name in SCRIPTS}
     texts |= {name: _file(place) for name, place in THREE.items()} | modules
     imports = _json({"imports": {name: _module(text) for name, text in texts.items()}})
