@@ -72,7 +72,7 @@ class Page {
     const one = (...values) => (value) => values.includes(value);
     settings.define("speed", 1, () => {}, (value) => value > 0 && value <= 10);
     settings.define("exaggeration", data.exaggeration, () => { this.scene.stale = true; }, above(1));
-    settings.define("beside", data.closed ? "none" : "program", () => { this.scene.stale = true; }, one("program", "rigid", "none"));
+    settings.define("beside", data.closed || !data.drives.length ? "none" : "program", () => { this.scene.stale = true; }, one("program", "rigid", "none"));
     settings.define("paths", true, (on) => Object.values(this.scene.paths).forEach((path) => { path.visible = on; }));
     settings.define("theme", "", (value) => this.dress(value), one("", "light", "dark"));
     settings.define("compact", false, (on) => {
@@ -111,7 +111,7 @@ class Page {
         settings.define(`shake.${name}.frequency`, wave[1] / (2 * Math.PI), (value) => { wave[1] = 2 * Math.PI * value; }, above(0));
       });
     }
-    settings.define("plot1", "tool", () => this.drawPlots(), (key) => this.plots.has(key));
+    settings.define("plot1", this.plots.has("tool") ? "tool" : "energy", () => this.drawPlots(), (key) => this.plots.has(key));
     settings.define("plot2", this.plots.has(data.plot) ? data.plot : "energy", () => this.drawPlots(), (key) => this.plots.has(key));
     let waiting = 0;
     settings.listeners.push(() => {
@@ -203,7 +203,9 @@ class Page {
     const view = [];
     if (data.deviations.length) view.push(slider(settings, "exaggeration", "deviations times", { low: 1, high: data.most, log: true }));
     const beside = [["program", "its program"], ["rigid", "itself, rigid"], ["none", "nothing"]];
-    view.push(choice(settings, "beside", "beside it", data.closed ? beside.slice(1) : beside), toggle(settings, "paths", "paths of the tool"));
+    const others = beside.filter(([kind]) => kind === "none" || (kind === "rigid" ? data.deviations.length : data.drives.length && !data.closed));
+    if (others.length > 1) view.push(choice(settings, "beside", "beside it", others));
+    view.push(toggle(settings, "paths", "paths of the tool"));
     view.push(element("div", { class: "row" }, element("button", { type: "button", onclick: () => this.scene.look() }, "First view")));
     panel.append(group("View", true, ...view));
     const drives = [choice(settings, "drive", "drives", this.driveModes())];
@@ -462,6 +464,25 @@ class Page {
     this.cost.scene = performance.now() - begin - this.cost.steps - this.cost.plots;
     this.costs.push(this.cost);
     if (this.costs.length > KEPT) this.costs.shift();
+  }
+
+  /** Median ms of steps and of the scene over so many frames of a display of 60 Hz. */
+  profile(frames) {
+    this.play(false);
+    const costs = { steps: [], scene: [], plots: [] }, middle = (list) => list.sort((a, b) => a - b)[list.length >> 1];
+    for (let i = 0; i < frames; i++) {
+      const begin = performance.now();
+      this.goal = this.simulation.t + 1 / 60;
+      this.advance(this.goal);
+      const stepped = performance.now();
+      this.changed();
+      this.cost = { plots: 0 };
+      this.draw();
+      costs.steps.push(stepped - begin);
+      costs.plots.push(this.cost.plots);
+      costs.scene.push(performance.now() - stepped - this.cost.plots);
+    }
+    return { steps: middle(costs.steps), scene: middle(costs.scene), plots: middle(costs.plots) };
   }
 
   /** How fast time goes, over about a second. */

@@ -2,18 +2,29 @@
 
 const MILLI = { m: ["mm", 1e3], rad: ["mrad", 1e3] };
 
+/** Unit of drives' values: of those that slide, that turn, or of both. */
+function unitOf(drives, slides, turns) {
+  const some = (unit) => drives.some((drive) => drive.unit === unit);
+  return some("m") && some("rad") ? `${turns} or ${slides}` : some("m") ? slides : turns;
+}
+
 /**
  * Plots by key: label, unit, names and value(row) -> numbers.  A row has q, stiff, reference (joints' values of the
  * drives), tool (what it is off by: [from the program, from the rigid robot], m), energy ({kinetic, potential}), u.
  */
 export function plotsOf(data) {
   const found = new Map();
-  found.set("tool", {
-    label: "tool: off its program, off the rigid robot",
-    unit: "mm",
-    names: ["off its program", "off the rigid robot"],
-    value: ({ tool }) => tool.map((x) => 1e3 * x),
-  });
+  const programmed = data.drives.length > 0 && !data.closed, bends = data.deviations.length > 0;
+  if (programmed || bends) {
+    const parts = [["off its program", programmed], ["off the rigid robot", bends]];
+    const shownParts = parts.map(([name, there], i) => [name, there, i]).filter(([, there]) => there);
+    found.set("tool", {
+      label: `tool: ${shownParts.map(([name]) => name).join(", ")}`,
+      unit: "mm",
+      names: shownParts.map(([name]) => name),
+      value: ({ tool }) => shownParts.map(([, , i]) => 1e3 * tool[i]),
+    });
+  }
   found.set("energy", {
     label: "energy",
     unit: "J",
@@ -23,13 +34,13 @@ export function plotsOf(data) {
   if (data.drives.length) {
     found.set("drives", {
       label: "drives: errors",
-      unit: data.drives.every(({ unit }) => unit === "m") ? "mm" : "mrad (mm)",
+      unit: unitOf(data.drives, "mm", "mrad"),
       names: data.drives.map(({ label }) => label).slice(0, 7),
       value: ({ q, reference }) => data.drives.slice(0, 7).map(({ joint }, i) => 1e3 * (q[joint] - reference[i])),
     });
     found.set("positions", {
       label: "drives: positions",
-      unit: data.drives.every(({ unit }) => unit === "m") ? "m" : "rad (m)",
+      unit: unitOf(data.drives, "m", "rad"),
       names: data.drives.map(({ label }) => label).slice(0, 7),
       value: ({ q }) => data.drives.slice(0, 7).map(({ joint }) => q[joint]),
     });

@@ -131,7 +131,7 @@ export class Simulation {
   /** Forces of drives and loads in the state of now, for a time; with the gains and the target of the kernel's own. */
   drives(t) {
     const { n, data } = this, u = new Float64Array(n);
-    const kp = new Float64Array(n), kd = new Float64Array(n), target = new Float64Array(n);
+    let kp, kd, target;
     const [qd, vd, ad] = this.program(t);
     if (this.drive === "program" && data.torque) {
       const [forces] = signalAt(data.torque.signal, t);
@@ -139,6 +139,7 @@ export class Simulation {
     }
     if (this.drive !== "none" && data.control !== "none") {
       if (data.control === "pd") {
+        [kp, kd, target] = [new Float64Array(n), new Float64Array(n), new Float64Array(n)];
         data.drives.forEach(({ place, ratio }, i) => {
           kp[place] = this.gains[i].kp / (ratio * ratio);
           kd[place] = this.gains[i].kd / (ratio * ratio);
@@ -221,7 +222,8 @@ export class Simulation {
     if (this.events.filter(({ t }) => t <= this.t + 1e-12).length !== this.carried) this.apply();
     if (this.drive === "target" || this.drive === "none") this.lead(h);
     const { u, kp, kd, target } = this.drives(this.t + 0.5 * h);
-    const how = { duration: h, samples: 1, rtol: this.rtol, method: this.method, kp, kd, target };
+    const controlled = target ? { kp, kd, target } : {}; // joints that turn freely do so without gains alone
+    const how = { duration: h, samples: 1, rtol: this.rtol, method: this.method, ...controlled };
     const found = this.kernel.adaptiveRollout(this.q, this.v, u, how);
     const { n } = this;
     fill(this.q, found.q.subarray(n, 2 * n));

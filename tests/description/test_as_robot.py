@@ -45,6 +45,7 @@ CALLS: dict[str, Call] = {
     "simulated_robot": lambda robot: simulated_robot(RESULT, robot),
     "export_mjcf": lambda robot: eomgen.export_mjcf(robot, "unused.xml"),
     "mjcf": lambda robot: mjcf(robot, 1e-3),
+    "export_live": lambda robot: eomgen.export_live(robot, "unused.html"),
     "export_fmu": lambda robot: eomgen.export_fmu(robot, "unused.fmu"),
     "modes": modes,
     "modes_along": lambda robot: modes_along(robot, [None]),

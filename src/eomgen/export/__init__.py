@@ -1,6 +1,7 @@
-"""Robots for other tools: functional mock-up units, models of MuJoCo, WebAssembly.
+"""Robots for other tools: functional mock-up units, models of MuJoCo, WebAssembly, live pages.
 
-Uses runtime, robot, description, state, codegen (c, kernels, package), templates and pipeline.
+Uses runtime, robot, description, state, loops, motion, integration, scenario, codegen (c, kernels, package), templates,
+pipeline, simulation and pictures.
 """
 
 from __future__ import annotations
@@ -11,12 +12,13 @@ from ..lazily import attributes
 
 if TYPE_CHECKING:
     from .fmu import export_fmu
+    from .live import export_live
     from .mujoco import export_mjcf
     from .wasm import export_wasm
 
-__all__ = ["export_fmu", "export_mjcf", "export_wasm"]
+__all__ = ["export_fmu", "export_live", "export_mjcf", "export_wasm"]
 
-_MODULES = {"export_fmu": "fmu.pack", "export_mjcf": "mujoco", "export_wasm": "wasm.pack"}
+_MODULES = {"export_fmu": "fmu.pack", "export_live": "live.page", "export_mjcf": "mujoco", "export_wasm": "wasm.pack"}
 
 
 if not TYPE_CHECKING:  # or type checkers would take every name to be there

@@ -1,4 +1,4 @@
-"""What acts on a robot, as plain values: drives and their programs, wrenches, payloads, motions that are given.
+"""Drives, programs and loads of a robot, as plain values: drives and their programs, wrenches, payloads, motions that are given.
 
 A scenario says it, or a default one that holds the robot where it stands.
 """
@@ -15,7 +15,7 @@ from ...motion.ends import default_ends, principal_limits
 from ...names import joint_of
 from ...pipeline.stages import build
 from ...progress import Progress
-from ...robot.coordinates import coordinate_names, index_of, unit_of
+from ...robot.coordinates import index_of, unit_of
 from ...robot.model import build_model, program_coordinates
 from ...robot.value import Robot
 from ...runtime.stepping.loads import LinkWrench, ModelDrive, Signal, Waves
@@ -222,7 +222,9 @@ def _add_model(found: dict[str, Any], model: ModelDrive, assembly: Assembly, q0:
             u = np.zeros(kernel.n)
         for drive in found["drives"]:
             u[drive["place"]] -= drive["kp"] / drive["ratio"] * (drive["start"] - q0[drive["place"]] / drive["ratio"])
-        found["holding"] = np.where([i in [d["place"] for d in found["drives"]] for i in range(kernel.n)], u, 0.0).tolist()
+        found["holding"] = np.where(
+            [i in [d["place"] for d in found["drives"]] for i in range(kernel.n)], u, 0.0
+        ).tolist()
         what = "computed torque" if model.bandwidth else "what gravity takes all along"
         notes.append(f"the mechanism has loops: in place of {what}, drives have gains and what holds it at the start")
         return

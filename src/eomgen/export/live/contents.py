@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import EomgenError, InputError
+from ...names import kind_of
 from ...pictures.framing import ROUND_OFF, SHOWN_ANGLE, SHOWN_PART, STEP, drawn_points, first_factor
 from ...pictures.scene import extent, program_positions
-from ...names import kind_of
 from ...progress import Progress
 from ...robot.coordinates import unit_of
 from ...robot.model import build_model, tool_of
@@ -35,6 +35,7 @@ STIFF = 300.0  # 1/s: rates above which steps are implicit
 MOVING = 0.8  # of what deviations are drawn as at first: they are larger in motion than at rest
 MORE = 100.0  # times further they can be exaggerated
 MOST_SAMPLES = 4000  # of a recording
+VIEWED = 50  # of them, that the first view is to show
 GRAVITY = 9.81  # m/s^2, by which forces of pushes are weighed
 KERNELS = ("adaptive_rollout", "inverse_dynamics", "energy", "kinematics", "external_force")
 
@@ -54,9 +55,7 @@ class Contents:
     values: dict[str, Any]
 
 
-def contents_of(
-    robot: Robot, scenario: Scenario | None, result: SimulationResult | None, report: Progress
-) -> Contents:
+def contents_of(robot: Robot, scenario: Scenario | None, result: SimulationResult | None, report: Progress) -> Contents:
     """Collect what a page about a robot, in a scenario or from a result on, shows and does.
 
     Raises:
@@ -122,7 +121,7 @@ def _acting(
     report: Progress,
     notes: list[str],
 ) -> tuple[dict[str, Any], Assembly, Scenario]:
-    """What acts, its assembly and scenario; of a result whose scenario cannot go on, default drives, and a note."""
+    """Values of what acts, its assembly and scenario; of a result whose scenario cannot go on, default drives, and a note."""
     if result is not None and result.scenario:
         try:
             kept = scenario_from_record(result.scenario, "the result's scenario")
@@ -164,7 +163,8 @@ def _at_goal(q: Array, acting: dict[str, Any]) -> Array:
 
 
 def _few(q: Array) -> Array:
-    return q[np.unique(np.linspace(0, len(q) - 1, min(len(q), 50)).astype(np.intp))]
+    rows = np.unique(np.linspace(0, len(q) - 1, min(len(q), VIEWED)).astype(np.intp))
+    return np.asarray(q[rows], dtype=np.float64)
 
 
 def _factor(robot: Robot, kernel: Kernel, q: Array, deviations: list[int]) -> float:

@@ -1,9 +1,9 @@
-"""What of a robot is drawn, as plain values: the shapes that other views show, too."""
+"""Shapes of a robot, as plain values: the shapes that other views show, too."""
 
 from __future__ import annotations
 
 import base64
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -45,7 +45,7 @@ def geometry_of(robot: Robot, coordinates: Sequence[str], poses: ArrayLike) -> t
             {"link": c.link, "begin": c.begin.tolist(), "end": c.end.tolist(), "radius": c.radius} for c in bare
         ],
         "meshes": [_mesh(shape) for shape in shapes],
-        "drums": [] if meshed else list(_drums(robot, DRUM * SLENDER * size)),
+        "drums": [] if meshed else _drums(robot, DRUM * SLENDER * size),
         "springs": [{"links": list(s.links), "points": [list(point) for point in s.points]} for s in robot.springs],
         "size": size,
         "up": up.tolist(),
@@ -85,7 +85,7 @@ def packed(array: ArrayLike) -> str:
     return _packed(np.asarray(array, dtype="<f8"))
 
 
-def _drums(robot: Robot, radius: float) -> list[Mapping[str, Any]]:
+def _drums(robot: Robot, radius: float) -> list[dict[str, Any]]:
     """Joints that move, in their child links: where their axes are, and whether links slide along them."""
     found = []
     for joint in robot.joints:

@@ -113,7 +113,8 @@ def _html(values: dict[str, Any], modules: dict[str, str]) -> str:
         " img-src data:; base-uri 'none'; form-action 'none'"
     )
     drives, count = len(values["drives"]), len(values["coordinates"])
-    line = f"{count} coordinates, {drives} drives; simulated in this page by its own equations of motion"
+    words = [f"{count} coordinate{'s' * (count != 1)}", f"{drives} drive{'s' * (drives != 1)}"]
+    line = f"{', '.join(words)}; simulated in this page by its own equations of motion"
     return environment.get_template(TEMPLATE).render(
         policy=Markup(policy),  # nothing of a description is in it
         version=__version__,

@@ -39,7 +39,11 @@ def scales_of(sliders: list[dict[str, Any]]) -> list[dict[str, str]]:
 
 
 def _slider(robot: Robot, name: str, value: float) -> dict[str, Any]:
-    path, unit, least = parameter_path(name), parameter_unit(robot, name).replace(".", " "), least_of(name)
+    path, unit, least = (
+        parameter_path(name),
+        parameter_unit(robot, name).replace(".", " ").replace("s2", "s^2"),
+        least_of(name),
+    )
     owner, group = _owner(path), _group(path)
     label = f"gravity {path[-1]}" if group == "gravity" else ".".join(path[2:]) or name
     about = {"name": name, "label": label, "owner": owner, "group": group, "unit": unit, "value": value}
