@@ -1,4 +1,4 @@
-"""Drives, programs and loads of a robot, as plain values: drives and their programs, wrenches, payloads, motions that are given.
+"""Drives, programs and loads of a robot as plain values: wrenches, payloads, motions that are given, too.
 
 A scenario says it, or a default one that holds the robot where it stands.
 """

@@ -42,7 +42,7 @@ KERNELS = ("adaptive_rollout", "inverse_dynamics", "energy", "kinematics", "exte
 
 @dataclass(frozen=True)
 class Contents:
-    """What a page is made of.
+    """Parts of a page.
 
     Attributes:
         robot: whose kernel the page has, with the parameters that are moved.
@@ -121,7 +121,7 @@ def _acting(
     report: Progress,
     notes: list[str],
 ) -> tuple[dict[str, Any], Assembly, Scenario]:
-    """Values of what acts, its assembly and scenario; of a result whose scenario cannot go on, default drives, and a note."""
+    """Values of what acts, its assembly and scenario; where that of a result cannot go on, default drives and a note."""
     if result is not None and result.scenario:
         try:
             kept = scenario_from_record(result.scenario, "the result's scenario")
@@ -155,7 +155,7 @@ def _deviations(robot: Robot, assembly: Assembly) -> list[int]:
 
 def _at_goal(q: Array, acting: dict[str, Any]) -> Array:
     """The pose of the robot at the other end of its default motion."""
-    found = q.copy()
+    found = np.array(q)
     if acting["cycle"] is not None:
         for drive, value in zip(acting["drives"], acting["cycle"]["goal"], strict=True):
             found[drive["joint"]] = value

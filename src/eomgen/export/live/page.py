@@ -31,7 +31,7 @@ MODEL_KERNELS = ("inverse_dynamics",)
 
 
 def export_live(
-    robot: RobotLike | SimulationResult,
+    subject: RobotLike | SimulationResult,
     path: Path | str,
     *,
     scenario: Scenario | Path | str | None = None,
@@ -44,7 +44,7 @@ def export_live(
     fragment of its address keeps what was set.
 
     Args:
-        robot: a Robot, the name of a built-in one, the path of a description, or a result of ``simulate`` or
+        subject: a Robot, the name of a built-in one, the path of a description, or a result of ``simulate`` or
             ``run_scenario``, whose motion the page then shows, and goes on from.
         path: of the page, .html.
         scenario: what drives and loads do at first, see ``load_scenario``; not with a result, which has one.
@@ -59,12 +59,12 @@ def export_live(
         BuildError: there is no compiler for WebAssembly.
         LoopError: loops do not close at the start.
     """
-    text = live_page(robot, scenario=scenario, described=described, progress=progress).encode("utf-8", "replace")
+    text = live_page(subject, scenario=scenario, described=described, progress=progress).encode("utf-8", "replace")
     return write_atomically(Path(path), lambda stream: stream.write(text))
 
 
 def live_page(
-    robot: RobotLike | SimulationResult,
+    subject: RobotLike | SimulationResult,
     *,
     scenario: Scenario | Path | str | None = None,
     described: RobotLike | None = None,
@@ -72,12 +72,15 @@ def live_page(
 ) -> str:
     """The text of the page; arguments and errors as of ``export_live``."""
     report = progress or no_progress
-    result = robot if isinstance(robot, SimulationResult) else None
+    result = subject if isinstance(subject, SimulationResult) else None
     if result is not None and scenario is not None:
         raise InputError("scenario: given together with a result, which has its own; allowed: one of both")
-    subject = simulated_robot(result, described) if result is not None else as_robot(robot)  # type: ignore[arg-type]
+    if isinstance(subject, SimulationResult):
+        robot = simulated_robot(subject, described)
+    else:
+        robot = as_robot(subject)
     acts = load_scenario(scenario) if isinstance(scenario, (str, Path)) else scenario
-    contents = contents_of(subject, acts, result, report)
+    contents = contents_of(robot, acts, result, report)
     report(0.0, "kernel as WebAssembly")
     values, modules = {**contents.values, "rigid": None}, dict[str, str]()
     values["kernel"], modules["#live/kernel"] = kernel_of(contents.robot, KERNELS)
