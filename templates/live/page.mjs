@@ -68,6 +68,7 @@ class Page {
 
   defineSettings() {
     const { settings, simulation, data } = this, { kernel } = simulation;
+    // the way in which drives go comes behind their targets: to set one of these changes it
     const above = (least) => (value) => value >= least;
     const one = (...values) => (value) => values.includes(value);
     settings.define("speed", 1, () => {}, (value) => value > 0 && value <= 10);
@@ -79,7 +80,6 @@ class Page {
       document.documentElement.classList.toggle("compact", on);
       by("whole").hidden = !on;
     });
-    settings.define("drive", data.drive, (value) => this.driveBy(value), one(...this.driveModes().map(([mode]) => mode)));
     if (data.model) settings.define("compensates", data.compensates, (on) => { simulation.compensates = on; });
     data.drives.forEach((drive, i) => {
       settings.define(`target.${drive.label}`, drive.start, (value) => {
@@ -103,6 +103,7 @@ class Page {
     for (const { key } of data.scales) settings.define(`times.${key}`, 1, () => this.setScaled(key), (value) => value > 0);
     if (data.payload) settings.define("payload", 0, (value) => { simulation.payload = value; simulation.apply(); }, above(0));
     if (data.push) for (const axis of ["x", "y", "z"]) settings.define(`push.${axis}`, 0, () => this.pushTool());
+    settings.define("drive", data.drive, (value) => this.driveBy(value), one(...this.driveModes().map(([mode]) => mode)));
     if (simulation.waves) {
       data.prescribed.names.forEach((name, i) => {
         if (data.prescribed.tracked.includes(i)) return;

@@ -41,6 +41,7 @@ export class Simulation {
     this.v = Float64Array.from(state.v);
     this.work = 0;
     this.cycleFrom = this.t;
+    this.approach = null;
     const { drives } = this.data;
     this.reference = [drives.map((d) => this.q[d.place] / d.ratio), drives.map(() => 0), drives.map(() => 0)];
     if (this.waves) this.carry();
@@ -89,7 +90,11 @@ export class Simulation {
   /** Coordinates, rates and accelerations that the drives are to follow at a time; of joints, in the drives' order. */
   program(t) {
     if (this.drive === "program" && this.data.program) return signalAt(this.data.program, t);
-    if (this.drive === "cycle") return cycleAt(this.data.cycle, t - this.cycleFrom);
+    if (this.drive === "cycle") {
+      const { cycle } = this.data, since = t - this.cycleFrom;
+      if (since >= 0 || !this.approach) return cycleAt(cycle, since);
+      return cycleAt({ ...cycle, start: this.approach, goal: cycle.start, pause: 0 }, Math.max(since + cycle.duration, 0));
+    }
     return this.reference;
   }
 
@@ -116,10 +121,13 @@ export class Simulation {
     this.drive = "target";
   }
 
-  /** From now on they go to and fro. */
+  /** From now on they go to and fro, once they are where that begins. */
   tour() {
+    const { cycle } = this.data;
+    this.approach = this.program(this.t)[0].slice();
+    const far = this.approach.some((x, i) => Math.abs(x - cycle.start[i]) > 1e-9);
     this.drive = "cycle";
-    this.cycleFrom = this.t;
+    this.cycleFrom = this.t + (far ? cycle.duration : 0);
   }
 
   /** Prescribed coordinates to where their motions are. */
@@ -164,10 +172,11 @@ export class Simulation {
     const q = new Float64Array(size), v = new Float64Array(size), a = new Float64Array(size);
     const carried = this.waves ? wavesAt(this.waves, t) : null;
     for (let i = 0; i < size; i++) {
-      q[i] = this.q[place[i]] / ratio[i];
+      const c = column[i] >= 0 ? column[i] : driven.indexOf(i), ahead = t - this.t;
       v[i] = this.v[place[i]] / ratio[i];
-      const c = column[i];
-      if (c >= 0 && bandwidth > 0) a[i] = ad[c] + bandwidth * (bandwidth * (qd[c] - q[i]) + 2 * (vd[c] - v[i]));
+      q[i] = this.q[place[i]] / ratio[i] + ahead * v[i]; // in the middle of the period, as the program is
+      if (c >= 0) v[i] += ahead * ad[c];
+      if (column[i] >= 0 && bandwidth > 0) a[i] = ad[c] + bandwidth * (bandwidth * (qd[c] - q[i]) + 2 * (vd[c] - v[i]));
       else if (given[i] >= 0 && carried) a[i] = carried[2][given[i]] / ratio[i];
     }
     if (!(bandwidth > 0)) {

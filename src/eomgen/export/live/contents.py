@@ -121,7 +121,7 @@ def _acting(
     report: Progress,
     notes: list[str],
 ) -> tuple[dict[str, Any], Assembly, Scenario]:
-    """Values of what acts, its assembly and scenario; where that of a result cannot go on, default drives and a note."""
+    """Values of what acts, its assembly and scenario; default ones where a result has none that goes on."""
     if result is not None and result.scenario:
         try:
             kept = scenario_from_record(result.scenario, "the result's scenario")
