@@ -50,6 +50,7 @@ bench: $(VENV)/.bench-$(STAMP)
 	$(BIN)/python -m benchmarks.levels
 	$(BIN)/python -m benchmarks.peers
 	$(BIN)/python -m benchmarks.precision
+	$(BIN)/python -m benchmarks.wasm
 	$(BIN)/python docs/tables.py
 
 soak: $(VENV)/.test-$(STAMP)

@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING
 from ...lazily import attributes
 
 if TYPE_CHECKING:
+    from .loads import plain_loads
     from .pack import export_wasm
 
-__all__ = ["export_wasm"]
+__all__ = ["export_wasm", "plain_loads"]
 
-_MODULES = {"export_wasm": "pack"}
+_MODULES = {"export_wasm": "pack", "plain_loads": "loads"}
 
 
 if not TYPE_CHECKING:  # or type checkers would take every name to be there

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+import importlib.metadata
 import importlib.util
 import shutil
+import subprocess
 import sys
+import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from eomgen.codegen.package.compile import FLAGS, WARNINGS, run_all
+from eomgen.codegen.package.compile import FLAGS, NO_VECTORS, WARNINGS, key_of, run_all
 from eomgen.errors import BuildError
+from eomgen.pipeline import cache as store
 
 TARGET = "wasm32-wasi"  # its C library has the sines and powers that generated C calls; what asks the host falls away
 STACK = 1 << 20  # bytes
 # Vectors as on a processor with SSE2, so that sines have the same polynomials, and so the same bits.
 VECTORS = ("-msimd128", "-DEOMGEN_VECTOR=16", "-DEOMGEN_SINGLES_ONLY")
 LINKING = ("-mexec-model=reactor", "-Wl,--gc-sections", "-Wl,--strip-all", f"-Wl,-z,stack-size={STACK}")
+MODULE = "module.wasm"
 EXPORTED = "__heap_base"  # where memory is free
 
 
@@ -28,28 +33,41 @@ def wasm_command() -> tuple[str, ...]:
     if importlib.util.find_spec("ziglang") is not None:
         return (sys.executable, "-m", "ziglang", "cc", "-target", TARGET)
     if shutil.which("clang") and (shutil.which("wasm-ld") or shutil.which("wasm-ld-14")):
-        return ("clang", f"--target={TARGET}")
+        return ("clang", f"--target={TARGET}", "-Wl,--stack-first")  # zig does so unasked: an overflow is a trap
     raise BuildError(
         "no compiler for WebAssembly found; pip install ziglang, as eomgen[compiler] does, or install clang with"
         " wasm-ld and a C library for wasm32-wasi"
     )
 
 
-def compile_wasm(sources: Mapping[str, str], exported: Sequence[str], folder: Path) -> bytes:
-    """The module of C sources, by their names; headers are among them.
+def compile_wasm(sources: Mapping[str, str], exported: Sequence[str], *, long: bool = False) -> bytes:
+    """The module of C sources, by their names, compiled or from the cache; headers are among them.
 
     Args:
         exported: functions that the host calls, beside those that the sources export themselves.
-        folder: an empty one, for what arises on the way.
+        long: whether there is a program so long that compilers find vectors in it that wait for their parts.
 
     Raises:
         BuildError: no compiler, or one that fails.
     """
     command = wasm_command()
-    for name, text in sources.items():
-        (folder / name).write_text(text, encoding="ascii")
-    codes = [str(folder / name) for name in sources if name.endswith(".c")]
     exports = [f"-Wl,--export={name}" for name in (*exported, EXPORTED)]
-    target = folder / "module.wasm"
-    run_all([[*command, *WARNINGS, *FLAGS, *VECTORS, *LINKING, *exports, *codes, "-o", str(target), "-lm"]])
-    return target.read_bytes()
+    flags = [*WARNINGS, *FLAGS, *((NO_VECTORS,) if long else ()), *VECTORS, *LINKING, *exports]
+    key = key_of({"sources": dict(sources), "command": command, "version": _version(command), "flags": flags})
+
+    def make(folder: Path) -> None:
+        with tempfile.TemporaryDirectory() as work:
+            for name, text in sources.items():
+                Path(work, name).write_text(text, encoding="ascii")
+            codes = [str(Path(work, name)) for name in sources if name.endswith(".c")]
+            run_all([[*command, *flags, *codes, "-o", str(folder / MODULE), "-lm"]])
+        (folder / MODULE).chmod(0o600)
+
+    return store.entry("externals", key, make).files[MODULE]
+
+
+def _version(command: Sequence[str]) -> str:
+    """Say which compiler a command is."""
+    if "ziglang" in command:
+        return importlib.metadata.version("ziglang")
+    return subprocess.run([*command, "--version"], capture_output=True, text=True, check=False).stdout

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import json
 import re
-import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -17,14 +16,19 @@ from eomgen.codegen.c.source import Source, environment
 from eomgen.codegen.kernels.interface import turning_joints
 from eomgen.codegen.kernels.signatures import available, functions, with_beside
 from eomgen.description import RobotLike, as_robot
+from eomgen.codegen.package.compile import LONG
+from eomgen.errors import InputError
 from eomgen.files import write_atomically
+from eomgen.pipeline.closing import closed_home
 from eomgen.pipeline.stages import Options, make_source
 from eomgen.progress import StageReport, no_report
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
 from eomgen.runtime.stepping.adaptive import LEAST
+from eomgen.runtime.stepping.adaptive import METHODS as ADAPTIVE
+from eomgen.runtime.stepping.many_steps import METHODS as FIXED
 
-from .compile import compile_wasm
+from .compile import compile_wasm, wasm_command
 
 KERNELS = (
     *("forward_dynamics", "inverse_dynamics", "mass_matrix", "bias_force", "generalized_force", "external_force"),
@@ -71,6 +75,7 @@ def export_wasm(
     *,
     kernels: Sequence[str] = (),
     dtype: str = "float64",
+    model: bool = False,
     progress: StageReport = no_report,
 ) -> list[Path]:
     """Write NAME.wasm, NAME.mjs and NAME.d.mts into a folder, and return their paths.
@@ -82,13 +87,15 @@ def export_wasm(
         folder: is made if it is not there.
         kernels: names of KERNEL_NAMES; by default dynamics, kinematics, energy, reactions and rollouts.
         dtype: "float64" or "float32", of all arrays.
+        model: with the inverse dynamics of the rigid robot, for loads whose drives know it; of robots without loops.
         progress: called with a line of text when a stage begins.
 
     Raises:
-        InputError: a kernel or a dtype is unknown, or the folder cannot be written.
+        InputError: a kernel or a dtype is unknown, a model has loops, or the folder cannot be written.
+        LoopError: the loops do not close near the description's home.
         BuildError: no compiler for WebAssembly, or one that fails.
     """
-    return make_wasm(robot, kernels=kernels, dtype=dtype, progress=progress).write(folder)
+    return make_wasm(robot, kernels=kernels, dtype=dtype, model=model, progress=progress).write(folder)
 
 
 def _put(content: bytes, stream: BinaryIO) -> None:
@@ -96,19 +103,27 @@ def _put(content: bytes, stream: BinaryIO) -> None:
 
 
 def make_wasm(
-    robot: RobotLike, *, kernels: Sequence[str] = (), dtype: str = "float64", progress: StageReport = no_report
+    robot: RobotLike,
+    *,
+    kernels: Sequence[str] = (),
+    dtype: str = "float64",
+    model: bool = False,
+    progress: StageReport = no_report,
 ) -> WasmModule:
     """The module and its texts; arguments and errors as of ``export_wasm``."""
     robot = as_robot(robot)
-    model = build_model(robot)
-    chosen = Options(tuple(kernels), dtype).kernels or tuple(name for name in KERNELS if name in available(model))
-    source = make_source(robot, Options(with_beside(chosen, model), dtype, batches=False), progress)
+    wasm_command()  # before longer work
+    described_model = build_model(robot)
+    there = available(described_model)
+    chosen = Options(tuple(kernels), dtype).kernels or tuple(name for name in KERNELS if name in there)
+    source = make_source(robot, Options(with_beside(chosen, described_model), dtype, batches=False), progress)
+    rigid = _rigid(robot, progress) if model else None
     meta = json.loads(source.meta)
-    context = _context(robot, meta)
-    described = _description(meta, context["pushed"])
+    context = _context(robot, meta, rigid)
+    home = closed_home(robot, progress)
+    described = _description(meta, context["pushed"], home, None if rigid is None else json.loads(rigid.meta))
     progress(f"compiling {source.statements} statements of C")
-    with tempfile.TemporaryDirectory() as work:
-        binary = compile_wasm(_sources(source, context), _exported(meta), Path(work))
+    binary = compile_wasm(_sources(source, rigid, context), _exported(meta), long=source.longest > LONG)
     script = {"description": json.dumps(described, allow_nan=False), **context}
     return WasmModule(
         robot.name,
@@ -119,13 +134,20 @@ def make_wasm(
     )
 
 
-def _sources(source: Source, context: Mapping[str, Any]) -> dict[str, str]:
-    calls = _filled("wasm/calls.c.jinja", context)
-    return {
-        f"{source.name}.h": source.header,
-        f"{source.name}.c": source.code,
-        f"{source.name}_wasm.c": calls,
-    }
+def _rigid(robot: Robot, progress: StageReport) -> Source:
+    """Inverse dynamics of the rigid robot, in double precision; its functions have a name of their own."""
+    rigid = replace(robot.rigid(), name=f"{robot.name}_rigid")
+    if build_model(rigid).constraints:
+        raise InputError(
+            f"model: {robot.name} has loops or couplings; allowed: robots without, whose inverse dynamics drives can ask"
+        )
+    return make_source(rigid, Options(("inverse_dynamics",), batches=False), progress)
+
+
+def _sources(source: Source, rigid: Source | None, context: Mapping[str, Any]) -> dict[str, str]:
+    """Files of C by name: of the robot, of the rigid one that drives know, and what JavaScript calls around them."""
+    found = {f"{x.name}{end}": text for x in (source, rigid) if x for end, text in ((".h", x.header), (".c", x.code))}
+    return {**found, f"{source.name}_wasm.c": _filled("wasm/calls.c.jinja", context)}
 
 
 def _exported(meta: Mapping[str, Any]) -> list[str]:
@@ -134,7 +156,7 @@ def _exported(meta: Mapping[str, Any]) -> list[str]:
     return [f"{meta['name']}_{name}" for name in ("setup", *plain)]
 
 
-def _context(robot: Robot, meta: Mapping[str, Any]) -> dict[str, Any]:
+def _context(robot: Robot, meta: Mapping[str, Any], rigid: Source | None) -> dict[str, Any]:
     """Names that the templates use."""
     kinds = {function["kind"] for function in meta["functions"].values()}
     return {
@@ -144,14 +166,17 @@ def _context(robot: Robot, meta: Mapping[str, Any]) -> dict[str, Any]:
         "n": len(meta["coordinates"]),
         "rolls": "rollout" in kinds,
         "adapts": "adaptive" in kinds,
+        "model": rigid.name if rigid else "",
         "pushed": {"external_force", "frame_pose"} <= meta["functions"].keys(),
         "turning": bool(meta.get("turning")),
         "turned_size": turning_joints(build_model(robot))["room"],
     }
 
 
-def _description(meta: Mapping[str, Any], pushed: bool) -> dict[str, Any]:
-    """What the script says of the kernel, and reads itself."""
+def _description(
+    meta: Mapping[str, Any], pushed: bool, home: Sequence[float], rigid: Mapping[str, Any] | None
+) -> dict[str, Any]:
+    """Plain values that the script says of the kernel, and reads itself."""
     return {
         **{name: meta[name] for name in _SAID},
         "constraints": meta.get("constraints", []),
@@ -160,12 +185,16 @@ def _description(meta: Mapping[str, Any], pushed: bool) -> dict[str, Any]:
         "rubbing": meta.get("rubbing", []),
         "least_rtol": LEAST[meta["dtype"]],
         "pushed": pushed,
+        "home": list(home),
+        "model": None if rigid is None else {key: rigid[key] for key in ("coordinates", "parameters", "hoisted")},
     }
 
 
 def _declared(meta: Mapping[str, Any]) -> dict[str, Any]:
     """Names that the declarations use beside the others."""
     public = [function for function in functions(meta["kernels"]) if not function.is_rollout]
+    kinds = {function.kind for function in functions(meta["kernels"])}
+    methods = [*(FIXED if "rollout" in kinds else ()), *(ADAPTIVE if "adaptive" in kinds else ())]
     rows = [
         {
             "name": re.sub(r"_(\w)", lambda match: match[1].upper(), function.name),
@@ -179,6 +208,7 @@ def _declared(meta: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "plain": [row for row in rows if not row["framed"]],
         "framed": [row for row in rows if row["framed"]],
+        "methods": _literals(methods),
         "array": {"float64": "Float64Array", "float32": "Float32Array"}[meta["dtype"]],
         **{key: _literals(meta[key]) for key in ("coordinates", "links", "frames", "parameters")},
     }
