@@ -79,6 +79,8 @@ class Page {
     settings.define("compact", false, (on) => {
       document.documentElement.classList.toggle("compact", on);
       by("whole").hidden = !on;
+      this.scene.orbit.enableZoom = !on; // what is around it scrolls
+      by("view").style.touchAction = on ? "pan-y" : "none";
     });
     if (data.model) settings.define("compensates", data.compensates, (on) => { simulation.compensates = on; });
     data.drives.forEach((drive, i) => {
@@ -311,7 +313,10 @@ class Page {
         this.say(window.location.href);
       }
     });
-    by("whole").addEventListener("click", () => this.settings.put("compact", false));
+    by("whole").addEventListener("click", () => {
+      if (window.self === window.top) this.settings.put("compact", false);
+      else window.open(window.location.href.replace(/([#&])compact=true&?/, "$1"), "_blank", "noopener");
+    });
     by("alive").addEventListener("click", () => this.live(this.replays));
     by("scrub").addEventListener("input", () => {
       this.play(false);
