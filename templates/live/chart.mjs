@@ -84,16 +84,22 @@ export function drawChart(canvas, { times, rows, names, unit, span, cursor = nul
     pen.stroke();
   }
   pen.restore();
-  pen.textAlign = "left";
   pen.textBaseline = "middle";
+  pen.textAlign = "right";
+  pen.fillStyle = ink;
+  pen.fillText(unit, box.right, 10);
+  pen.textAlign = "left";
   let at = box.left;
-  names.forEach((name, line) => {
+  const end = box.right - pen.measureText(unit).width - 12;
+  for (const [line, name] of names.entries()) {
+    if (at + 16 + pen.measureText(name).width > end) {
+      pen.fillText("...", at, 10);
+      break;
+    }
     pen.fillStyle = LINES[line % LINES.length];
     pen.fillRect(at, 8, 12, 3);
     pen.fillStyle = ink;
     pen.fillText(name, at + 16, 10);
     at += 26 + pen.measureText(name).width;
-  });
-  pen.textAlign = "right";
-  pen.fillText(unit, box.right, 10);
+  }
 }

@@ -57,6 +57,7 @@ class Page {
     const refused = this.settings.read(window.location.hash);
     if (refused.length) this.say(`The address has settings that this page does not know: ${refused.join(", ")}`);
     this.reset();
+    this.scene.theme(this.isDark());
     this.last = performance.now();
     this.frame = this.frame.bind(this);
     this.draw();

@@ -42,7 +42,8 @@ export class Scene {
       real: new THREE.MeshStandardMaterial({ roughness: 0.55, metalness: 0.15 }),
       drum: new THREE.MeshStandardMaterial({ color: DRUM, roughness: 0.5, metalness: 0.3 }),
       ground: new THREE.MeshStandardMaterial({ roughness: 0.8 }),
-      ghost: new THREE.MeshStandardMaterial({ transparent: true, opacity: 0.42, depthWrite: false, roughness: 1 }),
+      // behind what is where it is, so that the two do not flicker
+      ghost: new THREE.MeshStandardMaterial({ transparent: true, opacity: 0.42, depthWrite: false, roughness: 1, polygonOffset: true, polygonOffsetFactor: 2, polygonOffsetUnits: 2 }),
     };
     const geometries = this.bodies();
     this.reality = this.robot(geometries, false);

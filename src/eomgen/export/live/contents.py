@@ -22,7 +22,7 @@ from ...scenario.value import Scenario
 from ...simulation.assembly import Assembly, is_rigid
 from ...simulation.loads import body_parameters, with_payload_parameters
 from ...simulation.result import SimulationResult
-from ...state.springs import fastest_rates
+from ...state.springs import fastest_rates, stiffnesses
 from .acting import acting_on, default_scenario
 from .geometry import geometry_of, packed, tool_place
 from .sliders import parameter_sliders, scales_of
@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 PERIOD, FINE_PERIOD = 4e-3, 2e-3  # s, in which drives and loads are held; of drives and loads that change fast
 RTOL = 1e-4  # relative tolerance of steps
 STIFF = 300.0  # 1/s: rates above which steps are implicit
-MOVING = 0.8  # of what deviations are drawn as at first: they are larger in motion than at rest
+QUINTIC = 5.7735  # largest acceleration of a motion's quintic profile, of its length over its duration squared
 MORE = 100.0  # times further they can be exaggerated
 MOST_SAMPLES = 4000  # of a recording
 VIEWED = 50  # of them, that the first view is to show
@@ -77,7 +77,7 @@ def contents_of(robot: Robot, scenario: Scenario | None, result: SimulationResul
     hidden = set(body_parameters(robot.link(payload))) - set(kernel.parameters) if payload else set()
     changed = {name for event in acting["events"] for name in event["parameters"]}
     sliders = parameter_sliders(tunable, values, frozenset(hidden | changed))
-    factor = _factor(robot, kernel, start, deviations) if result is None else first_factor(result, robot)
+    factor = _factor(robot, kernel, start, deviations, acting) if result is None else first_factor(result, robot)
     stiff = _is_stiff(kernel, start)
     moving = sum(robot.link(name).mass for name in model.links)
     fine = acting["control"] == "model" or acting["prescribed"] or acting["wrenches"] or acting["torque"]
@@ -167,20 +167,36 @@ def _few(q: Array) -> Array:
     return np.asarray(q[rows], dtype=np.float64)
 
 
-def _factor(robot: Robot, kernel: Kernel, q: Array, deviations: list[int]) -> float:
-    """Exaggeration that makes the deviations at rest visible, with room for those in motion; at least 1."""
+def _factor(robot: Robot, kernel: Kernel, q: Array, deviations: list[int], acting: dict[str, Any]) -> float:
+    """Exaggeration that makes the deviations at rest and in the default motion visible; at least 1."""
     if not deviations:
         return 1.0
-    stiff = q.copy()
-    stiff[deviations] = 0.0
-    names = kernel.coordinates
-    moved = drawn_points(robot, names, q) - drawn_points(robot, names, stiff)
-    place = float(np.linalg.norm(moved, axis=-1).max()) / extent(robot)
-    angle = max((abs(float(q[i])) for i in deviations if kind_of(names[i]) in ANGULAR), default=0.0)
-    if max(place, angle) < ROUND_OFF:
+    names, share = kernel.coordinates, 0.0
+    for bent in (q, q + _in_motion(robot, kernel, q, deviations, acting)):
+        stiff = bent.copy()
+        stiff[deviations] = 0.0
+        moved = drawn_points(robot, names, bent) - drawn_points(robot, names, stiff)
+        place = float(np.linalg.norm(moved, axis=-1).max()) / extent(robot)
+        angle = max((abs(float(bent[i])) for i in deviations if kind_of(names[i]) in ANGULAR), default=0.0)
+        share = max(share, place / SHOWN_PART, angle / SHOWN_ANGLE)
+    if share < ROUND_OFF:
         return 1.0
-    share = max(place / SHOWN_PART, angle / SHOWN_ANGLE) / MOVING
     return _rounded(float(10.0 ** max(STEP * np.floor(-np.log10(share) / STEP), 0.0)))
+
+
+def _in_motion(robot: Robot, kernel: Kernel, q: Array, deviations: list[int], acting: dict[str, Any]) -> Array:
+    """What springs of deviations give way by, (n,), under the largest accelerations of the default motion."""
+    found, cycle = np.zeros_like(q), acting["cycle"]
+    if robot.is_closed or cycle is None:
+        return found
+    a, still = np.zeros_like(q), np.zeros_like(q)
+    for drive, first, last in zip(acting["drives"], cycle["start"], cycle["goal"], strict=True):
+        a[drive["joint"]] = QUINTIC * (last - first) / cycle["duration"] ** 2
+    force = kernel.inverse_dynamics(q, still, a) - kernel.inverse_dynamics(q, still, still)
+    stiffness = stiffnesses(kernel)
+    for i in deviations:
+        found[i] = force[i] / stiffness[i] if stiffness[i] > 0.0 else 0.0
+    return found
 
 
 def _is_stiff(kernel: Kernel, q: Array) -> bool:
