@@ -1,4 +1,5 @@
-"""C, CMake, Python and HTML as Jinja templates: they hold text, Python decides what goes in.
+"""C, CMake, Python, HTML and JavaScript as Jinja templates, which hold text while Python decides what goes in; and scripts
+of live pages, which are plain files.
 
 Uses nothing; codegen, export and pictures fill them.
 """

@@ -140,6 +140,14 @@ def test_a_page_has_everything_and_no_text_ends_its_elements() -> None:
     assert {c["link"] for c in values["capsules"]} <= {"base", "link1"}
 
 
+def test_without_a_compiler_the_extra_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda name, package=None: None)
+    monkeypatch.setattr("shutil.which", lambda *given, **more: None)
+    with pytest.raises(eomgen.BuildError, match=r"eomgen\[compiler\]"):
+        eomgen.export_live("one_link", tmp_path / "page.html")
+    assert not list(tmp_path.iterdir())
+
+
 def test_what_a_page_cannot_do_is_refused() -> None:
     class Python:
         start = np.zeros(1)

@@ -185,7 +185,7 @@ def _factor(robot: Robot, kernel: Kernel, q: Array, deviations: list[int], actin
 
 
 def _in_motion(robot: Robot, kernel: Kernel, q: Array, deviations: list[int], acting: dict[str, Any]) -> Array:
-    """What springs of deviations give way by, (n,), under the largest accelerations of the default motion."""
+    """Deflections of the deviations' springs, (n,), under the largest accelerations of the default motion."""
     found, cycle = np.zeros_like(q), acting["cycle"]
     if robot.is_closed or cycle is None:
         return found

@@ -18,6 +18,7 @@ from ...robot.value import Robot
 from ...scenario.load import load_scenario
 from ...scenario.value import Scenario
 from ...simulation.result import SimulationResult, simulated_robot
+from ..wasm.compile import wasm_command
 from ..wasm.pack import make_wasm
 from .contents import KERNELS, contents_of
 
@@ -75,6 +76,7 @@ def live_page(
     result = subject if isinstance(subject, SimulationResult) else None
     if result is not None and scenario is not None:
         raise InputError("scenario: given together with a result, which has its own; allowed: one of both")
+    wasm_command()  # where there is none, that is said before anything is built
     if isinstance(subject, SimulationResult):
         robot = simulated_robot(subject, described)
     else:
