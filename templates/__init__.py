@@ -1,5 +1,4 @@
-"""C, CMake, Python, HTML and JavaScript as Jinja templates, which hold text while Python decides what goes in; and scripts
-of live pages, which are plain files.
+"""C, CMake, Python and web pages as Jinja templates: they hold text, Python decides what goes in.
 
-Uses nothing; codegen, export and pictures fill them.
+Beside them lie the scripts of live pages, as they are.  Uses nothing; codegen, export and pictures fill them.
 """
