@@ -9,7 +9,7 @@ from pathlib import Path
 
 from eomgen.export.live.page import live_page
 
-ROBOTS = ("puma560_elastic", "ur5", "worn_arm", "shaken_arm", "four_bar", "delta")  # of the gallery that are live
+ROBOTS = ("puma560_elastic", "ur5", "worn_arm", "shaken_arm", "four_bar", "gough")  # of the gallery that are live
 HOME = "puma560_elastic"
 START = "start.md"
 _ARM = re.compile(r'```toml title="arm\.toml"\n(.*?)```', re.DOTALL)

@@ -47,6 +47,7 @@ class Page {
     }
     this.scene = new Scene(by("view"), data);
     this.plots = plotsOf(data);
+    this.bends = data.deviations.length > 0 && !data.closed; // with loops there is no pose without deviations at hand
     this.defineSettings();
     this.buildPanel();
     this.buildPlots();
@@ -205,9 +206,9 @@ class Page {
   buildPanel() {
     const { data, settings } = this, panel = by("panel");
     const view = [];
-    if (data.deviations.length) view.push(slider(settings, "exaggeration", "deviations times", { low: 1, high: data.most, log: true }));
+    if (this.bends) view.push(slider(settings, "exaggeration", "deviations times", { low: 1, high: data.most, log: true }));
     const beside = [["program", "its program"], ["rigid", "itself, rigid"], ["none", "nothing"]];
-    const others = beside.filter(([kind]) => kind === "none" || (kind === "rigid" ? data.deviations.length : data.drives.length && !data.closed));
+    const others = beside.filter(([kind]) => kind === "none" || (kind === "rigid" ? this.bends : data.drives.length && !data.closed));
     if (others.length > 1) view.push(choice(settings, "beside", "beside it", others));
     view.push(toggle(settings, "paths", "paths of the tool"));
     view.push(element("div", { class: "row" }, element("button", { type: "button", onclick: () => this.scene.look() }, "First view")));
@@ -596,9 +597,9 @@ class Page {
     }
     const { kinetic, potential } = row.energy, total = kinetic + potential;
     const lines = [["energy", `${shown(total, 4)} J`]];
-    if (this.data.deviations.length) lines.unshift(["off the rigid robot", `${shown(1e3 * row.tool[1], 3)} mm`]);
+    if (this.bends) lines.unshift(["off the rigid robot", `${shown(1e3 * row.tool[1], 3)} mm`]);
     if (this.data.drives.length && !this.data.closed) lines.unshift(["off its program", `${shown(1e3 * row.tool[0], 3)} mm`]);
-    if (this.data.deviations.length) lines.push(["deviations drawn", `x ${shown(this.settings.get("exaggeration"), 3)}`]);
+    if (this.bends) lines.push(["deviations drawn", `x ${shown(this.settings.get("exaggeration"), 3)}`]);
     const box = by("readout");
     if (box.childElementCount !== 2 * lines.length) box.replaceChildren(...lines.flatMap(() => [element("dt"), element("dd")]));
     lines.forEach(([name, value], i) => {

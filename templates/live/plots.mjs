@@ -14,7 +14,7 @@ function unitOf(drives, slides, turns) {
  */
 export function plotsOf(data) {
   const found = new Map();
-  const programmed = data.drives.length > 0 && !data.closed, bends = data.deviations.length > 0;
+  const programmed = data.drives.length > 0 && !data.closed, bends = data.deviations.length > 0 && !data.closed;
   if (programmed || bends) {
     const parts = [["off its program", programmed], ["off the rigid robot", bends]];
     const shownParts = parts.map(([name, there], i) => [name, there, i]).filter(([, there]) => there);

@@ -41,7 +41,7 @@ export class Scene {
     this.materials = {
       real: new THREE.MeshStandardMaterial({ roughness: 0.55, metalness: 0.15 }),
       drum: new THREE.MeshStandardMaterial({ color: DRUM, roughness: 0.5, metalness: 0.3 }),
-      ground: new THREE.MeshStandardMaterial({ roughness: 0.8 }),
+      ground: new THREE.MeshStandardMaterial({ roughness: 0.8, polygonOffset: true, polygonOffsetFactor: 1, polygonOffsetUnits: 1 }),
       // behind what is where it is, so that the two do not flicker
       ghost: new THREE.MeshStandardMaterial({ transparent: true, opacity: 0.42, depthWrite: false, roughness: 1, polygonOffset: true, polygonOffsetFactor: 2, polygonOffsetUnits: 2 }),
     };
@@ -50,6 +50,11 @@ export class Scene {
     this.ghost = this.robot(geometries, true);
     this.world.add(this.reality.root, this.ghost.root);
     this.paths = { real: this.trail(PATH), program: this.trail(0x888888) };
+    this.rods = data.rods.map(({ radius }) => {
+      const rod = new THREE.Mesh(new THREE.CylinderGeometry(radius, radius, 1, 20), this.materials.drum);
+      this.world.add(rod);
+      return rod;
+    });
     this.springs = this.segments(data.springs.length, SPRING);
     this.arrow = new THREE.ArrowHelper(new THREE.Vector3(0, 0, 1), new THREE.Vector3(), 1, PUSH);
     this.arrow.visible = false;
@@ -156,6 +161,15 @@ export class Scene {
   }
 
   moveSprings(poseOf) {
+    this.data.rods.forEach(({ links, points }, i) => {
+      const [a, b] = links.map((link, side) => new THREE.Vector3(...moved(poseOf(link), points[side])));
+      const rod = this.rods[i], length = a.distanceTo(b);
+      rod.visible = length > 1e-9;
+      if (!rod.visible) return;
+      rod.scale.set(1, length, 1);
+      rod.position.copy(a).add(b).multiplyScalar(0.5);
+      rod.quaternion.setFromUnitVectors(new THREE.Vector3(0, 1, 0), b.sub(a).divideScalar(length));
+    });
     if (!this.data.springs.length) return;
     const places = this.springs.geometry.attributes.position;
     this.data.springs.forEach(({ links, points }, i) => {

@@ -77,7 +77,9 @@ def contents_of(robot: Robot, scenario: Scenario | None, result: SimulationResul
     hidden = set(body_parameters(robot.link(payload))) - set(kernel.parameters) if payload else set()
     changed = {name for event in acting["events"] for name in event["parameters"]}
     sliders = parameter_sliders(tunable, values, frozenset(hidden | changed))
-    factor = _factor(robot, kernel, start, deviations, acting) if result is None else first_factor(result, robot)
+    factor = 1.0  # what is exaggerated in a mechanism would tear its loops
+    if not robot.is_closed:
+        factor = first_factor(result, robot) if result else _factor(robot, kernel, start, deviations, acting)
     stiff = _is_stiff(kernel, start)
     moving = sum(robot.link(name).mass for name in model.links)
     fine = acting["control"] == "model" or acting["prescribed"] or acting["wrenches"] or acting["torque"]
@@ -187,7 +189,7 @@ def _factor(robot: Robot, kernel: Kernel, q: Array, deviations: list[int], actin
 def _in_motion(robot: Robot, kernel: Kernel, q: Array, deviations: list[int], acting: dict[str, Any]) -> Array:
     """Deflections of the deviations' springs, (n,), under the largest accelerations of the default motion."""
     found, cycle = np.zeros_like(q), acting["cycle"]
-    if robot.is_closed or cycle is None:
+    if cycle is None:
         return found
     a, still = np.zeros_like(q), np.zeros_like(q)
     for drive, first, last in zip(acting["drives"], cycle["start"], cycle["goal"], strict=True):

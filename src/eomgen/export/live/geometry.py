@@ -46,6 +46,7 @@ def geometry_of(robot: Robot, coordinates: Sequence[str], poses: ArrayLike) -> t
         ],
         "meshes": [_mesh(shape) for shape in shapes],
         "drums": [] if meshed else _drums(robot, DRUM * SLENDER * size),
+        "rods": [] if meshed else _rods(robot, SLENDER * size),
         "springs": [{"links": list(s.links), "points": [list(point) for point in s.points]} for s in robot.springs],
         "size": size,
         "up": up.tolist(),
@@ -95,3 +96,16 @@ def _drums(robot: Robot, radius: float) -> list[dict[str, Any]]:
         slides = joint.type == "prismatic"
         found.append({"link": joint.child, "axis": axis.tolist(), "slides": slides, "radius": radius})
     return found
+
+
+def _rods(robot: Robot, radius: float) -> list[dict[str, Any]]:
+    """Rods of sliding joints: between the points of both links that are one where nothing is pushed out."""
+    return [
+        {
+            "links": [joint.parent, joint.child],
+            "points": [list(joint.placement.xyz), [0.0, 0.0, 0.0]],
+            "radius": 0.6 * radius,
+        }
+        for joint in robot.joints
+        if joint.type == "prismatic"
+    ]
