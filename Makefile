@@ -6,12 +6,14 @@
 #   make bench    counts, times, precision beside Newton-Euler, Pinocchio, MuJoCo, CasADi, SciPy; of batches, builds, processors
 #   make soak     the long tests
 #   make docs     build the documentation into out/site: open index.html there; warnings are errors
+#   make notebooks run the notebooks of examples/notebooks; copies with all that they show in out/notebooks
 #   make mutation mutation testing of the derivation, ten minutes of one core; writes docs/mutation.md
 #   make sample   regenerate the committed sample in generated/one_link
 #   make tables   regenerate the tables in README.md and docs/architecture.md, and codegen/joint/kept.py
 #   make schemas  regenerate the JSON Schemas in src/eomgen/schemas
 #   make misra    what MISRA C finds in generated code; writes its table into docs/coding_standards.md
 #   make wheel    build the source distribution and the wheel into dist/, and check what an index would show of them
+#   make release  build both, check versions, and try them in fresh environments of Python 3.10 to 3.13 (PYTHONS="3.11 3.12")
 #   make clean    remove what the commands above made
 
 PYTHON ?= python3
@@ -26,7 +28,7 @@ INSTALL := $(PIP) --config-settings editable_mode=strict
 # What the extra "wheel" lists, without eomgen and what it needs to run.
 WHEEL_TOOLS := $(shell sed -n 's/^wheel = \[\(.*\)\]$$/\1/p' pyproject.toml | tr ',' ' ')
 
-.PHONY: demo test lint bench soak mutation docs sample tables schemas misra wheel clean
+.PHONY: demo test lint bench soak mutation docs notebooks sample tables schemas misra wheel release clean
 
 demo: $(VENV)/.sim-$(STAMP)
 	$(BIN)/eomgen info puma560_elastic
@@ -59,6 +61,9 @@ soak: $(VENV)/.test-$(STAMP)
 docs: $(VENV)/.docs-$(STAMP)
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
+notebooks: $(VENV)/.docs-$(STAMP)
+	$(BIN)/python docs/generators/notebooks.py out/notebooks
+
 mutation: $(VENV)/.mutation-$(STAMP)
 	nice -n 10 $(BIN)/python -m benchmarks.mutation --sample 100
 
@@ -78,6 +83,9 @@ wheel: $(VENV)/.wheel
 	rm -rf build/lib dist
 	$(BIN)/python -m build
 	$(BIN)/twine check --strict dist/*
+
+release: $(VENV)/.wheel
+	$(BIN)/python -m release $(if $(PYTHONS),--pythons $(PYTHONS))
 
 clean:
 	rm -rf $(VENV) build dist out src/*.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

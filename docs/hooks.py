@@ -14,7 +14,7 @@ from mkdocs.structure.files import File
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from generators import api, commands, figures, formats, gallery, live, mathematics
+from generators import api, commands, figures, formats, gallery, live, mathematics, notebooks
 
 import eomgen
 
@@ -26,8 +26,11 @@ _LIVE = re.compile(r"^<!-- live: (\w+) -->$", re.MULTILINE)
 _CODE = re.compile(r"<(code|pre)\b.*?</\1>", re.DOTALL)
 
 
-def generated(robots: Sequence[str], docs: Path) -> dict[str, str | bytes]:
-    """Pages and figures that are in no file, by their paths in the site; the gallery is one of these robots."""
+def generated(robots: Sequence[str], docs: Path, run: Sequence[str] | None = None) -> dict[str, str | bytes]:
+    """Pages and figures that are in no file, by their paths in the site.
+
+    The gallery is one of these robots; notebooks of these names are run, all by default.
+    """
     found: dict[str, str | bytes] = {
         "reference/description.md": formats.description_page(),
         "reference/scenario.md": formats.scenario_page(),
@@ -39,7 +42,11 @@ def generated(robots: Sequence[str], docs: Path) -> dict[str, str | bytes]:
     found |= {f"reference/{name}.md": text for name, text in api.pages().items()}
     found |= live.pages(robots, docs)
     drawn = {**gallery.figures(robots), **figures.figures()}
-    return found | {f"figures/{name}": content for name, content in drawn.items()}
+    found |= {f"figures/{name}": content for name, content in drawn.items()}
+    try:
+        return found | notebooks.pages(run)
+    except notebooks.NotebookError as error:
+        raise PluginError(str(error)) from None
 
 
 def on_config(config: Any) -> Any:
@@ -64,9 +71,10 @@ def _pages_of(nav: Any) -> Iterator[str]:
 
 
 def on_files(files: Any, config: Any) -> Any:
-    """Add what is generated; a draft may ask for a few robots of the gallery, which takes most of the time."""
+    """Add what is generated; a draft may ask for a few robots and notebooks, which take most of the time."""
     robots = (config.extra.get("gallery") or "").split() or eomgen.builtin_robots()
-    for path, content in generated(robots, Path(config.docs_dir)).items():
+    run = (config.extra.get("notebooks") or "").split() or None
+    for path, content in generated(robots, Path(config.docs_dir), run).items():
         files.append(File.generated(config, path, content=content))
     return files
 

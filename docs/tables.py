@@ -5,12 +5,15 @@ With --check: status 1 if they differ instead.
 
 from __future__ import annotations
 
+import importlib
 import re
 import sys
 from functools import partial
 from pathlib import Path
 
 import eomgen
+from eomgen import limits
+from eomgen.cli.entry import COMMANDS
 from eomgen.codegen.joint.freezing import derived_facts, text_of
 from eomgen.codegen.kernels.equations import derive
 from eomgen.pipeline.costs import robot_info
@@ -78,9 +81,41 @@ def precision() -> str:
     return readme(read(ROOT / "docs" / "precision.json"))
 
 
+def sizes() -> str:
+    """Limits of what files may hold."""
+    from eomgen.npz import most_bytes
+    from eomgen.runtime.levels import LEVELS
+
+    rows = [
+        ("links, joints, frames, springs ... of a description, each", f"{limits.MOST_ENTRIES}"),
+        ("numbers in descriptions, scenarios and plans", f"below {limits.LARGEST:g} in size"),
+        ("arrays of a .npz file", f"{most_bytes() // 1_000_000} MB, or what EOMGEN_NPZ_MB says"),
+        ("levels of processors that packages have code for, on x86-64", ", ".join(LEVELS)),
+    ]
+    return "\n".join(["| | at most |", "|---|---|", *(f"| {what} | {most} |" for what, most in rows)])
+
+
+PUBLIC = (
+    *("analysis", "authoring", "description", "export", "identification", "integration", "loops", "motion", "pictures"),
+    *("robot", "scenario", "simulation", "state", "sweep", "adapters.casadi", "adapters.jax"),
+)
+
+
+def names() -> str:
+    """Public names by package, and the commands."""
+    found = {"eomgen": eomgen.__all__} | {
+        f"eomgen.{name}": importlib.import_module(f"eomgen.{name}").__all__ for name in PUBLIC
+    }
+    rows = [f"| `{package}` | {', '.join(f'`{name}`' for name in sorted(names))} |" for package, names in found.items()]
+    commands = ", ".join(f"`{command.name}`" for command in COMMANDS)
+    return "\n".join(["| package | names |", "|---|---|", *rows, f"| command line | {commands} |"])
+
+
 PARTS = {
     "README.md": {"operations": operations, "peers": peers, "precision": precision, "sample": sample},
     "docs/derivatives.md": {"derivatives": derivatives},
+    "docs/limits.md": {"sizes": sizes},
+    "docs/stability.md": {"names": names},
     "docs/architecture.md": {
         "rooms": partial(rooms.floors, "rooms"),
         "generator": partial(rooms.floors, "generator"),

@@ -18,7 +18,7 @@ from eomgen.cli import entry as cli
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import EomgenWarning, InputError
 from eomgen.robot.model import build_model
-from eomgen.robot.value import Coordinate, Frame, Joint, Link, Placement, Robot
+from eomgen.robot.value import Coordinate, Frame, Joint, Link, Motor, Placement, Robot
 from tests.oracles.pinocchio_models import PinocchioOracle, numerical_tangents
 from tests.support.builds import Build
 from tests.support.elastic_robots import random_elastic
@@ -182,6 +182,25 @@ def test_map_of_a_planar_arm(built: Build) -> None:
         expected = J @ np.diag([1 / 800.0, 1 / 1600.0]) @ J.T
         assert found.compliance[i, j, :2, :2] == pytest.approx(expected, abs=1e-12)
         assert found.softest[i, j] == pytest.approx(np.linalg.eigvalsh(expected)[-1], rel=1e-6)
+
+
+def test_map_of_a_robot_whose_motors_are_behind_gears() -> None:
+    """Motors are held where the joints, which are looked for, have them; C is J diag(1/k) J^T of the transmissions."""
+    arm, stiffness = eomgen.load_robot("geared_arm"), (1.5e4, 2.5e4, 8e3)
+    joints = (
+        replace(joint, motor=Motor(1e-4, 100.0, Coordinate(stiffness=k)))
+        for joint, k in zip(arm.joints, stiffness, strict=True)
+    )
+    robot = replace(arm, joints=tuple(joints), gravity=(0.0, 0.0, 0.0))
+    found = compliance_map(robot, [0.3, 0.05, 0.1], [0.15, 0.0, 0.0], [0.0, 0.1, 0.2], (2, 2))
+    kernel = eomgen.build(robot, kernels=("kinematics",))
+    driven = [kernel.coordinates.index(name) for name in kernel.motors.values()]
+    for i, j in np.ndindex(2, 2):
+        q = found.q[i, j]
+        assert kernel.frame_pose(q, found.frame)[:3, 3] == pytest.approx(found.points[i, j], abs=1e-8)
+        J = kernel.frame_jacobian(q, found.frame)[:, driven]
+        expected = J @ np.diag(1.0 / np.array(stiffness)) @ J.T
+        assert found.compliance[i, j] == pytest.approx(expected, rel=1e-6, abs=1e-12)
 
 
 def test_input_that_is_refused() -> None:

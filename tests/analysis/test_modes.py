@@ -319,10 +319,12 @@ def test_command(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert np.array(plain["q"])[:, 1] == pytest.approx(result.program_q[[0, 500, 1000], 0])
     # with the angle locked the rod's spring carries all of its mass, 1 kg, wherever it is
     assert plain["frequencies"] == pytest.approx(np.full((3, 1), np.sqrt(1e4) / (2 * np.pi)))
+    assert cli.main(["modes", "one_link", "-o", str(figure)]) == 0
+    assert "shapes of the lowest modes" in figure.read_text()
+    capsys.readouterr()
     assert cli.main(["modes", "ur5", "--along", path, "--drives", "free"]) == 1
     assert "has not the coordinates of ur5" in capsys.readouterr().err
     for arguments, words in (
-        (["modes", "one_link", "-o", str(figure)], "modes along a path"),
         (["modes", "one_link", "--pose", "x"], "is not a number"),
         (["modes", "one_link", "--goal", "1", "-o", "a.txt"], "ends in .svg"),
         (["modes", "one_link", "--set", "gravity.x"], "NAME=VALUE"),

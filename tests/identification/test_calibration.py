@@ -314,6 +314,10 @@ def test_stiffness_shows_under_loads() -> None:
     for name, value in (("joints.joint2.alpha.stiffness", 1.0 / 3e-5), ("joints.joint1.gamma.stiffness", 1.0 / 4e-5)):
         deviation = float(found.deviations[found.names.index(name)])
         assert abs(found[name] - value) < 4.0 * deviation < 0.1 * value
+    alpha = found.calibrated.joint("joint2").coordinates["alpha"]
+    assert alpha.stiffness == found["joints.joint2.alpha.stiffness"]
+    drive = found.calibrated.joint("joint1").coordinates["gamma"]
+    assert drive.stiffness is None, "what yields behind a drive is no spring that pulls the joint to zero"
     still = replace(robot, gravity=(0.0, 0.0, 0.0))
     without = {name: values for name, values in made.columns.items() if name[:5] != "tcp.f"}
     poses = poses_from_columns(without, build_model(robot).coordinates, ["tcp"])

@@ -14,9 +14,11 @@ import pytest
 from matplotlib.figure import Figure
 
 import eomgen
+from eomgen.analysis.modal_result import Modes
 from eomgen.errors import InputError
 from eomgen.files import FIGURE_ENDINGS
 from eomgen.pictures import energy as motion_plots
+from eomgen.pictures.analysis import plot_mode_shapes
 from eomgen.pictures.robot import plot_robot
 from eomgen.pictures.simulation import plot_deviations, plot_result
 from eomgen.pictures.style import scale_of
@@ -256,6 +258,40 @@ def test_a_robot_is_drawn_where_its_frames_are(name: str, tmp_path: Path, figure
     assert path.read_bytes() == again.read_bytes()
     with pytest.raises(eomgen.UnknownNameError, match=r"pose: 'joint9.x' is unknown"):
         plot_robot(robot, path, {"joint9.x": 1.0})
+
+
+def test_shapes_of_modes_are_those_of_small_motions(tmp_path: Path, figures: list[Any]) -> None:
+    """A rod of 1 m that slides along x, and one that turns: its tip moves along y, however far it is enlarged."""
+    robot = eomgen.load_robot("one_link")
+    shapes = np.array([[1e-3, 0.0], [0.0, 2e-3j + 5.0]])
+    found = Modes(
+        robot="one_link",
+        coordinates=("joint1.x", "joint1.gamma"),
+        q=np.zeros(2),
+        eigenvalues=np.array([10.0j, 20.0j]),
+        shapes=shapes,
+        frame="link1",
+        frame_shapes=np.zeros((2, 6), complex),
+        undamped=np.zeros(2),
+        resolution=0.0,
+        notes=(),
+    )
+    plot_mode_shapes(found, robot, tmp_path / "shapes.svg")
+    (figure,) = figures
+    for axes, direction in zip(figure.axes, np.eye(3), strict=False):
+        lines = [np.array(line.get_data_3d()).T for line in axes.lines]
+        tips = sorted(
+            (line[1] for line in lines if np.abs(line[1]).max() > 0.5), key=lambda tip: float(tip @ direction)
+        )
+        assert len(tips) == 3, "to one side, at rest, to the other"
+        np.testing.assert_allclose(tips[1], [1.0, 0.0, 0.0], atol=1e-12)
+        for tip, sign in ((tips[0], -1.0), (tips[2], 1.0)):
+            np.testing.assert_allclose(tip - tips[1], sign * 0.12 * direction, atol=1e-9)
+    with pytest.raises(InputError, match="modes: are of robot 'one_link'; allowed: those of 'puma560'"):
+        plot_mode_shapes(found, "puma560", tmp_path / "x.svg")
+    none = replace(found, eigenvalues=np.zeros(0, complex))
+    with pytest.raises(InputError, match="modes: there are none to draw of 'one_link'"):
+        plot_mode_shapes(none, robot, tmp_path / "x.svg")
 
 
 def test_a_mechanism_is_drawn_closed(tmp_path: Path, figures: list[Any]) -> None:

@@ -104,6 +104,8 @@ def test_capsules_reach_what_is_on_their_links(robot: Robot) -> None:
     bare = replace(robot, frames=(), springs=())
     assert ("link2", (0.15, 0.0, 0.0)) in {(c.link, tuple(c.end)) for c in capsules(bare)}
     assert extent(bare) == pytest.approx(0.4 + 0.15)
+    legs = {(c.link, tuple(c.end)) for c in capsules(eomgen.load_robot("gough"))}
+    assert {("cylinder3", (0.0, 0.0, 0.5)), ("rod3", (0.0, 0.0, -0.5))} <= legs, "all on them is at their origins"
     larger = replace(
         bare,
         joints=tuple(
@@ -315,6 +317,7 @@ def test_the_server_answers(view: View) -> None:
     with urllib.request.urlopen(view.address, timeout=20) as answer:
         assert answer.status == 200
         assert b"<html" in answer.read().lower()
+    assert f'<iframe src="{view.address}"' in view._repr_html_(), "a notebook shows it"
     import viser
     from websockets.sync.client import connect
 

@@ -46,6 +46,7 @@ VOID = {
     "col",
 }  # elements without an end
 GALLERY = "one_link puma560_elastic four_bar"  # pictures that pages show, and a closed mechanism
+NOTEBOOKS = "none"  # shown without outputs; test_notebooks.py runs them
 PAGES = sorted(path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*.md"))
 
 
@@ -120,7 +121,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     anchors that lead nowhere are warnings."""
     folder = tmp_path_factory.mktemp("docs") / "site"
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "-d", str(folder)]
-    environment = {**os.environ, "NO_MKDOCS_2_WARNING": "1", "EOMGEN_GALLERY": GALLERY}
+    environment = {**os.environ, "NO_MKDOCS_2_WARNING": "1", "EOMGEN_GALLERY": GALLERY, "EOMGEN_NOTEBOOKS": NOTEBOOKS}
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, env=environment)
     assert done.returncode == 0, done.stderr
     return folder
@@ -129,7 +130,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.soak
 def test_the_site_builds(site: Path) -> None:
     pages = {path.relative_to(site).as_posix(): path.read_text(encoding="utf-8") for path in site.rglob("*.html")}
-    for name in PAGES:
+    for name in (*PAGES, "notebooks/elastic_urdf.md"):
         assert name.replace(".md", ".html") in pages
     lives = {name: pages.pop(name) for name in list(pages) if name.startswith("live/")}
     assert {"live/arm.html", "live/puma560_elastic.html", "live/four_bar.html"} == set(lives)

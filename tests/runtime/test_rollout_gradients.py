@@ -182,6 +182,23 @@ def test_single_precision(built: Build) -> None:
         np.testing.assert_allclose(x, wanted[name], rtol=2e-3, atol=2e-4 * np.abs(wanted[name]).max())
 
 
+def test_drives_that_are_left_out_are_zero(built: Build) -> None:
+    """As those of a rollout are; sensitivities too."""
+    kernel = built(eomgen.load_robot("one_link"), *KERNELS, "explicit_sensitivity")
+    case = Case(kernel, "rk4")
+    x = case.given
+    given = {"loss": case.loss, "parameters": ("gravity.y",), **FIXED}
+    value, by = kernel.rollout_gradient(x["q"], x["v"], **given)
+    wanted, of_zeros = kernel.rollout_gradient(x["q"], x["v"], np.zeros(kernel.n), **given)
+    assert value == wanted
+    assert by["gravity.y"] == of_zeros["gravity.y"] != 0.0
+    _, (dq, _) = kernel.rollout_sensitivity(x["q"], x["v"], parameters=("gravity.y",), **FIXED)
+    zeros = np.zeros(kernel.n)
+    np.testing.assert_array_equal(
+        dq, kernel.rollout_sensitivity(x["q"], x["v"], zeros, parameters=("gravity.y",), **FIXED)[1][0]
+    )
+
+
 def test_what_is_wrong_is_named(built: Build) -> None:
     case = Case(built(eomgen.load_robot("one_link"), *KERNELS), "rk4")
     kernel, x = case.kernel, case.given

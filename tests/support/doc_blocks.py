@@ -3,6 +3,7 @@
 What a language's block is for:
     python       run, all blocks of a page in one namespace
     console      lines that begin with "$ " are commands, run in the page's folder; other lines are what they print
+    js           a module, run by node in the page's folder where node is installed
     toml         a robot, a scenario or a plan, loaded; a part of a robot is completed first
     text, c      what the block in front of it printed
 A block with a title is also written to the file of that name in the page's folder.
@@ -14,6 +15,8 @@ import contextlib
 import io
 import re
 import shlex
+import shutil
+import subprocess
 import sys
 from dataclasses import dataclass
 from doctest import ELLIPSIS, NORMALIZE_WHITESPACE, OutputChecker
@@ -30,6 +33,7 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
+WITHOUT_NODE = "node is not installed"
 DATA = ("csv", "xml")  # files that other blocks read
 _FENCE = re.compile(r'^```(\w*)(?: title="([^"]+)")?$\n(.*?)^```$', re.DOTALL | re.MULTILINE)
 
@@ -66,8 +70,12 @@ def run_page(page: Path, folder: Path) -> int:
             printed = run_python(block.text, namespace, where)
         elif block.language == "console":
             printed = run_commands(block.text, where)
+        elif block.language == "js":
+            printed = run_module(block.text, where)
         elif block.language == "toml":
             load(block.text, folder, where)
+        elif block.language == "text" and printed == WITHOUT_NODE:
+            continue
         elif block.language in ("text", "c"):
             assert printed is not None, f"{where}: nothing was printed in front of it"
             compare(block.text, printed, where)
@@ -83,6 +91,17 @@ def run_python(code: str, namespace: dict[str, Any], where: str) -> str:
     with contextlib.redirect_stdout(out):
         exec(compile(code, where, "exec"), namespace)
     return out.getvalue()
+
+
+def run_module(code: str, where: str) -> str:
+    """What a module of JavaScript prints under node, in the current folder."""
+    node = shutil.which("node")
+    if node is None:
+        return WITHOUT_NODE
+    command = [node, "--input-type=module", "-e", code]
+    result = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert result.returncode == 0, f"{where}: {result.stderr}"
+    return result.stdout
 
 
 def run_commands(text: str, where: str) -> str:

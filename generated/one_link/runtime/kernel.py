@@ -939,7 +939,7 @@ class Kernel:
         self,
         q0: ArrayLike,
         v0: ArrayLike,
-        u: ArrayLike,
+        u: ArrayLike | None = None,
         dt: float | None = None,
         steps: int | None = None,
         *,
@@ -985,6 +985,7 @@ class Kernel:
             InputError: as of ``rollout``; a loss that returns something else; joints that turn freely.
             SingularError, IntegrationStopped: as of ``rollout``; a mechanism begins in a singular pose.
         """
+        u = np.zeros(self.n, self.dtype) if u is None else u
         return rollout_gradient(
             self.calls,
             self._driven,
@@ -1012,7 +1013,7 @@ class Kernel:
         self,
         q0: ArrayLike,
         v0: ArrayLike,
-        u: ArrayLike,
+        u: ArrayLike | None = None,
         dt: float | None = None,
         steps: int | None = None,
         *,
@@ -1054,6 +1055,7 @@ class Kernel:
             InputError: as of ``rollout``; no direction; joints that turn freely.
             SingularError, IntegrationStopped: as of ``rollout``.
         """
+        u = np.zeros(self.n, self.dtype) if u is None else u
         given = {"q0": q0, "v0": v0, "u": u, "kp": kp, "kd": kd, "target": target}
         how: dict[str, Any] = {"method": method, "dt": dt, "steps": steps, "every": every, "duration": duration}
         how |= {"samples": samples, "rtol": rtol, "atol": atol}

@@ -22,6 +22,7 @@ from ..progress import Progress, StageReport, no_progress
 from ..robot.model import build_model, tool_of
 from ..runtime.kernel import Kernel
 from ..shown import Shown
+from ..state.motors import turn_motors
 from .holding import PoseLike
 from .options import HeldRobot, StateKeywords, prepared
 from .statics import deflection_of, fixed_at_rest
@@ -130,7 +131,8 @@ def compliance_map(
     rigid = _rigid(arm, lambda text: report(0.0, text))
     index = [kernel.coordinates.index(name) for name in rigid.coordinates]
     names = build_model(robot).coordinates
-    driven = {names[i] for i in build_model(robot).driven}
+    model = build_model(robot)
+    driven = {names[model.motors.get(i, i)] for i in model.driven}  # joints, where motors are behind gears
     limits = limits_beside(robot, rigid.coordinates, driven, q0[index])
     shape = places.shape[:2]
     q, deflected, matrix = (np.full((*shape, *size), np.nan) for size in ((kernel.n,), (6,), (6, 6)))
@@ -142,6 +144,7 @@ def compliance_map(
             continue
         reached = q0.copy()
         reached[index] = found_q
+        turn_motors(kernel, reached, ())
         guess = reached
         try:
             found = deflection_of(arm, reached, frame)

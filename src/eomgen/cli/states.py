@@ -71,7 +71,7 @@ def _add_modes(parser: argparse.ArgumentParser) -> None:
     path.add_argument("--goal", nargs="+", metavar="Q", help="end of a path of the principal coordinates, as --pose")
     path.add_argument("--along", type=Path, metavar="RESULT", help="of a simulation: modes along its program")
     parser.add_argument("--points", type=int, default=21, metavar="N", help="poses along the path (21)")
-    parser.add_argument("-o", "--output", type=Path, help="figure of the path's modes: .svg, .pdf or .png")
+    parser.add_argument("-o", "--output", type=Path, help="figure of shapes, or of a path's modes: .svg, .pdf or .png")
 
 
 def _modes(options: argparse.Namespace) -> None:
@@ -81,9 +81,12 @@ def _modes(options: argparse.Namespace) -> None:
     with stage_bar("linearising") as report:
         about = state_options(options, report)
         if options.along is None and options.goal is None:
+            at_pose = modes(robot, coordinate_values("pose", options.pose), **about)
+            show_result(options, at_pose)
             if options.output is not None:
-                raise InputError("output: a figure is of modes along a path; allowed: with --goal or --along")
-            show_result(options, modes(robot, coordinate_values("pose", options.pose), **about))
+                from ..pictures.analysis import plot_mode_shapes
+
+                plot_mode_shapes(at_pose, robot, options.output)
             return
         found = modes_along(robot, _poses_along(robot, options), **about)
     show_result(options, found)

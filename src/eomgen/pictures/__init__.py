@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from ..lazily import attributes
 
 if TYPE_CHECKING:
-    from .analysis import plot_budget, plot_compliance, plot_response, plot_tracks
+    from .analysis import plot_budget, plot_compliance, plot_mode_shapes, plot_response, plot_tracks
     from .browser import View
     from .energy import plot_energy, plot_tracking
     from .journals import plot_journals
@@ -32,6 +32,7 @@ _MODULES = {  # one of them is imported when a name of it is first used: a figur
     "plot_accuracy": "measured.accuracy",
     "plot_budget": "analysis",
     "plot_compliance": "analysis",
+    "plot_mode_shapes": "analysis",
     "plot_response": "analysis",
     "plot_tracks": "analysis",
     "View": "browser",
@@ -66,6 +67,7 @@ __all__ = [
     "plot_excitation",
     "plot_identification",
     "plot_journals",
+    "plot_mode_shapes",
     "plot_response",
     "plot_result",
     "plot_robot",

@@ -10,11 +10,17 @@ from numpy.typing import NDArray
 
 from ..analysis.compliance import ComplianceMap
 from ..analysis.frequency import Response
-from ..analysis.modal_result import TrackedModes
+from ..analysis.modal_result import Modes, TrackedModes
 from ..analysis.tool_budget import Budget
+from ..description import RobotLike, as_robot
+from ..errors import InputError
+from ..names import show
+from .scene import Array, capsules, extent, link_poses, placed
 from .style import COLORS, PROGRAM_COLOR, TOOL_COLOR, canvas, literal, title_of
 
 CYCLE = tuple(color for colors in COLORS.values() for color in colors.values())
+COLUMNS = 3  # of shapes beside each other
+SWING = 0.12  # largest displacement that is drawn, of the robot's size
 
 
 def plot_tracks(
@@ -39,6 +45,69 @@ def plot_tracks(
         lower.set_xlabel("pose along the path" if times is None else "time, s")
         title_of(figure, f"{tracked.modes[0].robot}: the lowest modes along the path")
     return Path(path)
+
+
+def plot_mode_shapes(found: Modes, robot: RobotLike, path: Path | str, *, most: int = 6) -> Path:
+    """Links as lines in the lowest modes, at rest and displaced to both sides, base axes; returns the path.
+
+    Displacements are those of small motions, enlarged until the largest of a mode is an eighth of the robot's size, so
+    that closed loops stay closed; of a complex shape the real part is drawn.
+
+    Args:
+        found: of this robot, from ``modes``.
+        robot: a Robot, the name of a built-in one, or the path of a description.
+        path: .png, .svg or .pdf.
+        most: modes to draw, the lowest ones.
+
+    Raises:
+        InputError: the modes are of another robot, or there are none; else as of ``plot_tracks``.
+    """
+    robot = as_robot(robot)
+    if found.robot != robot.name:
+        raise InputError(f"modes: are of robot {show(found.robot)}; allowed: those of {show(robot.name)}")
+    shown = min(most, len(found.eigenvalues))
+    if shown < 1:
+        raise InputError(f"modes: there are none to draw of {show(robot.name)}; allowed: one or more")
+    lines = [(capsule.link, np.stack([capsule.begin, capsule.end])) for capsule in capsules(robot)]
+    slides = [joint for joint in robot.joints if joint.type == "prismatic"]  # between their links there is no capsule
+
+    def drawn(q: Array) -> Array:
+        """Ends of all lines, (lines, 2, 3), m."""
+        poses = link_poses(robot, found.coordinates, q)
+        ends = [part @ poses[link][:3, :3].T + poses[link][:3, 3] for link, part in lines]
+        for joint in slides:
+            begin = poses[joint.parent] @ placed(joint.placement)
+            ends.append(np.stack([begin[:3, 3], poses[joint.child][:3, 3]]))
+        return np.array(ends)
+
+    rest, size = drawn(found.q), extent(robot)
+    rows = -(-shown // COLUMNS)
+    with canvas(7.4, 0.3 + 2.2 * rows, path) as figure:
+        for k in range(shown):
+            shape = found.shapes[k].real
+            step = 1e-6 / max(float(np.abs(shape).max()), 1e-300)
+            moved = (drawn(found.q + step * shape) - drawn(found.q - step * shape)) / (2.0 * step)
+            moved *= SWING * size / max(float(np.linalg.norm(moved, axis=-1).max()), 1e-300)
+            axes = figure.add_subplot(rows, COLUMNS, k + 1, projection="3d")
+            moves = np.abs(moved).max(axis=(1, 2)) > 0.0
+            _draw_lines(axes, rest, PROGRAM_COLOR, 0.8)
+            _draw_lines(axes, (rest - moved)[moves], CYCLE[3], 0.8)
+            _draw_lines(axes, (rest + moved)[moves], CYCLE[0], 1.4)
+            middle, half = 0.5 * (rest.min((0, 1)) + rest.max((0, 1))), 0.55 * float(np.ptp(rest, axis=(0, 1)).max())
+            for name, center in zip("xyz", middle, strict=True):
+                getattr(axes, f"set_{name}lim")(center - half, center + half)
+            axes.set_box_aspect((1.0, 1.0, 1.0), zoom=1.4)
+            axes.set_axis_off()
+            axes.view_init(elev=22.0, azim=-58.0)
+            axes.set_title(f"{k + 1}: {found.frequencies[k]:.4g} Hz", y=0.98)
+        figure.subplots_adjust(left=0.0, right=1.0, bottom=0.0, top=1.0 - 0.35 / figure.get_figheight(), wspace=0.0)
+        title_of(figure, f"{found.robot}: shapes of the lowest modes")
+    return Path(path)
+
+
+def _draw_lines(axes: Any, ends: Array, color: str, width: float) -> None:
+    for line in ends:
+        axes.plot(*line.T, color=color, linewidth=width)
 
 
 def plot_response(found: Response, path: Path | str, *, most: int = len(CYCLE)) -> Path:

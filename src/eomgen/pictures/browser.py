@@ -43,6 +43,7 @@ PROGRAM_OPACITY = 0.35
 REGION_COLOR, REGION_OPACITY = (230, 159, 0), 0.45
 PATH_POINTS = 300
 RATE = 30.0  # pictures per s
+HEIGHT = 520  # in a notebook, pixels
 FIELD_OF_VIEW = math.radians(45.0)  # vertical
 ARROW = 0.35  # length of the largest reaction, of the robot's size
 SPEEDS = ("0.1", "0.25", "0.5", "1", "2")
@@ -152,6 +153,11 @@ class View:
         """
         handle = self._frames[kind][link]
         return np.concatenate([handle.position, handle.wxyz])
+
+    def _repr_html_(self) -> str:
+        """The view in a notebook whose browser is on this machine; its address, where it is on another."""
+        words = f'<a href="{self.address}">{self.address}</a>'
+        return f'<iframe src="{self.address}" width="100%" height="{HEIGHT}" style="border: 0"></iframe><p>{words}</p>'
 
     def wait(self) -> None:
         """Until the view is closed."""

@@ -144,7 +144,8 @@ def extent(robot: Robot) -> float:
 def capsules(robot: Robot) -> tuple[Capsule, ...]:
     """Capsules in the place of links without meshes, the base among them: from a link's origin to each thing on it.
 
-    Things are joints, cut ones too, frames, ends of springs; a link without any gets one to its centre of mass.  Where
+    Things are joints, cut ones too, frames, ends of springs; a link without any gets one to its centre of mass, one on
+    which all is at the origin, as on both parts of a telescope, one to twice that: there an even rod would end.  Where
     begin and end are the same a capsule is a ball.
     """
     radius = SLENDER * extent(robot)
@@ -164,7 +165,8 @@ def _lines(robot: Robot) -> list[Capsule]:
         for link, point in zip(spring.links, spring.points, strict=True):
             ends[link].append(point)
     for body in robot.links:
-        ends[body.name] = ends[body.name] or [body.com]
+        if not any(any(end) for end in ends[body.name]):
+            ends[body.name] = [tuple(2.0 * x for x in body.com)] if ends[body.name] else [body.com]
     return [
         Capsule(name, np.zeros(3), np.array(end), 0.0) for name, given in ends.items() for end in dict.fromkeys(given)
     ]

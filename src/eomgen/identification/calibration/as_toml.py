@@ -122,8 +122,7 @@ def _comments(found: Found) -> list[str]:
         parts = name.split(".")
         is_joint = parts[0] in (JOINTS, LOOPS) and (parts[2] in ("offset", TILT) or parts[-1] == "stiffness")
         if is_joint and parts[-1] == "stiffness":
-            joint = found.robot.joint(parts[1])
-            is_joint = parts[2] in joint.all_coordinates and (value > 0.0)
+            is_joint = parts[2] in stiffness_of(found.robot.joint(parts[1]), found.values)
         if BASE in parts[:-1] or not (is_joint or parts[0] == FRAMES):
             lines.append(f"# {name} = {value!r} +- {found.deviations[name]:.2g} {found.units[name]}")
     return lines
@@ -131,7 +130,6 @@ def _comments(found: Found) -> list[str]:
 
 def _put_joint(found: Found, joint: Joint, body: list[str], robot: Robot) -> None:
     offset, stiffness = offset_of(joint, found.values), stiffness_of(joint, found.values)
-    stiffness = {kind: value for kind, value in stiffness.items() if kind in joint.all_coordinates}
     tilt = tilt_of(joint, found.values)
     if not offset and not stiffness and tilt is None:
         return

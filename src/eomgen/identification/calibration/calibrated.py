@@ -58,10 +58,13 @@ def tilt_of(joint: Joint, values: Mapping[str, float]) -> tuple[float, float] | 
 
 
 def stiffness_of(joint: Joint, values: Mapping[str, float]) -> dict[str, float]:
-    """Stiffness by coordinate, or "motor" for the transmission's, N/m and N m/rad: what was found and can be."""
-    keys = {
-        kind: component_name(parameter_name(JOINTS, joint.name, kind), "stiffness") for kind in (*COORDINATES, MOTOR)
-    }
+    """Stiffness by coordinate, or "motor" for the transmission's, N/m and N m/rad: what was found and can be.
+
+    That of coordinates whose stiffness is described: elsewhere, at a driven coordinate say, it would be another spring.
+    """
+    described = [kind for kind, coordinate in joint.coordinates.items() if coordinate.stiffness is not None]
+    described += [MOTOR] if joint.motor is not None else []
+    keys = {kind: component_name(parameter_name(JOINTS, joint.name, kind), "stiffness") for kind in described}
     return {kind: values[key] for kind, key in keys.items() if values.get(key, -1.0) > 0.0 and np.isfinite(values[key])}
 
 
@@ -85,7 +88,7 @@ def _joint(joint: Joint, values: Mapping[str, float]) -> Joint:
     for kind, value in stiffness_of(joint, values).items():
         if kind == MOTOR and motor is not None:
             motor = replace(motor, transmission=replace(motor.transmission, stiffness=value))
-        elif kind in coordinates:
+        else:
             coordinates[kind] = replace(coordinates[kind], stiffness=value)
     return replace(joint, offset=offset, coordinates=coordinates, motor=motor, placement=placement)
 

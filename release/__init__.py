@@ -1,0 +1,1 @@
+"""What makes a release: the check of ``make release``, and the recipe for conda."""

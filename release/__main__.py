@@ -1,0 +1,180 @@
+"""Build what an index would give out, and check it in fresh environments: python -m release [--pythons 3.10 3.11 ...]
+
+Nothing is signed and nothing is uploaded.  What is checked:
+
+1. the tree is clean, and version, CHANGELOG.md, CITATION.cff and the recipe for conda say the same;
+2. the source distribution and the wheel are built, and an index could show them (twine check --strict);
+3. for each Python: the wheel with the extra "sim" in a fresh environment, whose commands and kernels work in an empty
+   folder; and the README's first command in the unpacked source distribution.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tarfile
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+PYTHONS = ("3.10", "3.11", "3.12", "3.13")
+SAYS = "import sys; print('.'.join(map(str, sys.version_info[:2])))"
+COMMANDS = (
+    ("eomgen", "robots"),
+    ("eomgen", "info", "puma560_elastic"),
+    ("eomgen", "simulate", "one_link", "-o", "out"),
+    ("eomgen", "generate", "one_link", "-o", "."),
+)
+KERNEL = """
+import numpy, one_link
+a = one_link.kernel.forward_dynamics([0.0, 0.0], [0.0, 0.0], [0.0, 0.0])
+numpy.testing.assert_allclose(a, [0.0, -14.715], atol=1e-12)
+"""
+
+
+class Refused(Exception):
+    """The tree, the archives or an environment is not what a release needs."""
+
+
+def main() -> int:
+    """Check all, and say what was made; 1 if something is not as it should be."""
+    parser = argparse.ArgumentParser(prog="python -m release", description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--pythons", nargs="+", default=[], metavar="3.X", help=f"({' '.join(PYTHONS)}, of those here)")
+    options = parser.parse_args()
+    try:
+        version = consistent_version()
+        clean_tree()
+        archives = build(ROOT / "dist", version)
+        chosen = interpreters(options.pythons or PYTHONS, required=bool(options.pythons))
+        for name, python in chosen.items():
+            check_python(name, python, *archives)
+    except Refused as error:
+        print(f"release: {error}", file=sys.stderr)
+        return 1
+    print(f"\neomgen {version} is ready; checked with Python {', '.join(chosen)}.  Neither signed nor uploaded:")
+    for path in archives:
+        print(f"  {hashlib.sha256(path.read_bytes()).hexdigest()}  {path.relative_to(ROOT)}")
+    return 0
+
+
+def consistent_version() -> str:
+    """The version, which all files that name one agree about.
+
+    Raises:
+        Refused: one of them does not, or the changelog has no date of it.
+    """
+    text = {name: (ROOT / name).read_text(encoding="utf-8") for name in (*_VERSIONS, "src/eomgen/_version.py")}
+    (version,) = re.findall(r'^__version__ = "(.+)"$', text["src/eomgen/_version.py"], re.MULTILINE)
+    for name, pattern in _VERSIONS.items():
+        found = re.search(pattern, text[name], re.MULTILINE)
+        if found is None or found[1] != version:
+            raise Refused(f"{name}: names {found[1] if found else 'no version'}; expected {version}, with a date")
+    dates = {re.search(_DATES[name], text[name], re.MULTILINE)[1] for name in _DATES}  # type: ignore[index]
+    if len(dates) != 1:
+        raise Refused(f"{' and '.join(_DATES)}: date the release {' and '.join(sorted(dates))}; expected one date")
+    return version
+
+
+_VERSIONS: Mapping[str, str] = {
+    "CHANGELOG.md": r"\A# Changelog\n\n## (\S+) \(\d{4}-\d\d-\d\d\)$",
+    "CITATION.cff": r"^version: (\S+)\ndate-released: \d{4}-\d\d-\d\d$",
+    "release/conda/recipe.yaml": r'^  version: "(\S+)"$',
+}
+_DATES: Mapping[str, str] = {"CHANGELOG.md": r"^## \S+ \((\S+)\)$", "CITATION.cff": r"^date-released: (\S+)$"}
+
+
+def clean_tree() -> None:
+    """Refused where something is changed or untracked: what is built is what was committed."""
+    done = subprocess.run(["git", "status", "--porcelain"], cwd=ROOT, capture_output=True, text=True, check=False)
+    if done.returncode or done.stdout:
+        raise Refused(f"the tree is not clean:\n{done.stdout or done.stderr}commit or remove that first")
+
+
+def build(out: Path, version: str) -> tuple[Path, Path]:
+    """The source distribution and the wheel in a folder that holds nothing else."""
+    shutil.rmtree(out, ignore_errors=True)
+    shutil.rmtree(ROOT / "build" / "lib", ignore_errors=True)
+    run([sys.executable, "-m", "build", "--outdir", str(out)], ROOT)
+    source, wheel = out / f"eomgen-{version}.tar.gz", out / f"eomgen-{version}-py3-none-any.whl"
+    found = sorted(path.name for path in out.iterdir())
+    if found != sorted((source.name, wheel.name)):
+        raise Refused(f"built are {', '.join(found)}; expected {source.name} and {wheel.name}")
+    run([sys.executable, "-m", "twine", "check", "--strict", str(source), str(wheel)], ROOT)
+    return source, wheel
+
+
+def interpreters(wanted: Sequence[str], *, required: bool) -> dict[str, str]:
+    """Commands of these Pythons by their versions, those on the path and those of pyenv.
+
+    Raises:
+        Refused: one that is required is not here, or none is.
+    """
+    found = {version: python for version in wanted if (python := interpreter(version)) is not None}
+    missing = [version for version in wanted if version not in found]
+    if not found or (required and missing):
+        raise Refused(f"Python {', '.join(missing)} is not here; allowed: --pythons with those that are")
+    if missing:
+        print(f"note: Python {', '.join(missing)} is not here and was not tried")
+    return found
+
+
+def interpreter(version: str) -> str | None:
+    """The command of a Python of that version, None where there is none."""
+    root = Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv"), "versions")
+    for python in (f"python{version}", *map(str, sorted(root.glob(f"{version}.*/bin/python")))):
+        try:
+            said = subprocess.run([python, "-c", SAYS], capture_output=True, text=True, check=False)
+        except OSError:
+            continue
+        if said.returncode == 0 and said.stdout.strip() == version:
+            return python
+    return None
+
+
+def check_python(version: str, python: str, source: Path, wheel: Path) -> None:
+    """Install the wheel and use it, and run the README's first command in the source distribution.
+
+    Raises:
+        Refused: a command fails.
+    """
+    print(f"\nPython {version}: the wheel in a fresh environment", flush=True)
+    with tempfile.TemporaryDirectory(prefix="eomgen-release-") as work:
+        folder, venv = Path(work, "folder"), Path(work, "venv")
+        folder.mkdir()
+        run([python, "-m", "venv", str(venv)], folder)
+        own = str(venv / "bin" / "python")
+        run([own, "-m", "pip", "install", "-q", "--disable-pip-version-check", f"{wheel}[sim]"], folder)
+        run([own, "-m", "pip", "check"], folder)
+        for command in COMMANDS:
+            run([str(venv / "bin" / command[0]), *command[1:]], folder)
+        run([own, "-c", KERNEL], folder)
+        print(f"Python {version}: make demo in the source distribution", flush=True)
+        with tarfile.open(source) as archive:
+            archive.extractall(work, **({"filter": "data"} if hasattr(tarfile, "data_filter") else {}))  # type: ignore[arg-type]
+        run(["make", "demo", f"PYTHON={python}"], Path(work, source.name.removesuffix(".tar.gz")))
+
+
+def run(command: Sequence[str], folder: Path) -> None:
+    """Run a command with a cache of its own, and without what would lead to this tree.
+
+    Raises:
+        Refused: it fails; the end of what it said is in the message.
+    """
+    own = {
+        key: value for key, value in os.environ.items() if not key.startswith(("PYTHON", "EOMGEN", "MAKE", "VIRTUAL"))
+    }
+    own["XDG_CACHE_HOME"] = str(folder / ".cache")
+    print(f"  {' '.join(command)}", flush=True)
+    done = subprocess.run(command, cwd=folder, env=own, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise Refused(f"{' '.join(command)}: status {done.returncode}\n{(done.stdout + done.stderr)[-3000:]}")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
