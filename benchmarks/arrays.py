@@ -71,7 +71,8 @@ def report() -> str:
     heads = ("robot", "JAX compiles, s", "C, ns", "JAX, ns", "NumPy, ns", "greatest difference")
     lines = [
         f"Measured by `python -m benchmarks.arrays` on {processor_name()}, JAX {jax.__version__}: forward dynamics",
-        f"of {STATES} states together, nanoseconds a state, medians of {ROUNDS} rounds in turns on {os.cpu_count()} processors.",
+        f"of {STATES} states together, nanoseconds a state, medians of {ROUNDS} rounds in turns"
+        f" on {os.cpu_count()} processors.",
         "",
         f"| {' | '.join(heads)} |",
         "|---" + "|---:" * (len(heads) - 1) + "|",

@@ -14,7 +14,7 @@ from mkdocs.structure.files import File
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from generators import api, commands, figures, formats, gallery, mathematics, notebooks
+from generators import api, commands, figures, formats, gallery, live, mathematics, notebooks
 
 import eomgen
 
@@ -22,10 +22,11 @@ HOWTO, GUIDES = "How to", "Guides"  # sections of the menu
 HOWTO_PAGES = ("fmu.md", "mjcf.md", "embed.md")  # export and embed
 _REFERENCE = re.compile(r'\s(href|src)="([^"]*)"')
 _OUTSIDE = re.compile(r"\[([^\]]+)\]\(((?:\.\./)+[^)#]*)(?:#[^)]*)?\)")
+_LIVE = re.compile(r"^<!-- live: (\w+) -->$", re.MULTILINE)
 _CODE = re.compile(r"<(code|pre)\b.*?</\1>", re.DOTALL)
 
 
-def generated(robots: Sequence[str], run: Sequence[str] | None = None) -> dict[str, str | bytes]:
+def generated(robots: Sequence[str], docs: Path, run: Sequence[str] | None = None) -> dict[str, str | bytes]:
     """Pages and figures that are in no file, by their paths in the site.
 
     The gallery is one of these robots; notebooks of these names are run, all by default.
@@ -39,6 +40,7 @@ def generated(robots: Sequence[str], run: Sequence[str] | None = None) -> dict[s
         "gallery.md": gallery.page(robots),
     }
     found |= {f"reference/{name}.md": text for name, text in api.pages().items()}
+    found |= live.pages(robots, docs)
     drawn = {**gallery.figures(robots), **figures.figures()}
     found |= {f"figures/{name}": content for name, content in drawn.items()}
     try:
@@ -72,14 +74,17 @@ def on_files(files: Any, config: Any) -> Any:
     """Add what is generated; a draft may ask for a few robots and notebooks, which take most of the time."""
     robots = (config.extra.get("gallery") or "").split() or eomgen.builtin_robots()
     run = (config.extra.get("notebooks") or "").split() or None
-    for path, content in generated(robots, run).items():
+    for path, content in generated(robots, Path(config.docs_dir), run).items():
         files.append(File.generated(config, path, content=content))
     return files
 
 
 def on_page_markdown(markdown: str, page: Any, config: Any, **_: Any) -> str:
-    """Links to files of the repository outside of docs, good where the page is read there, become the files' names."""
+    """Robots that are to be live become so; links to files of the repository outside of docs, good where the page is
+    read there, become the files' names.
+    """
     docs = Path(config.docs_dir).resolve()
+    markdown = _LIVE.sub(lambda match: live.frame(match[1]), markdown)
 
     def named(match: re.Match[str]) -> str:
         target = (docs / page.file.src_uri).parent.joinpath(match[2]).resolve()

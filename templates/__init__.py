@@ -1,4 +1,4 @@
-"""C, CMake, Python and HTML as Jinja templates: they hold text, Python decides what goes in.
+"""C, CMake, Python and web pages as Jinja templates: they hold text, Python decides what goes in.
 
-Uses nothing; codegen, export and pictures fill them.
+Beside them lie the scripts of live pages, as they are.  Uses nothing; codegen, export and pictures fill them.
 """

@@ -63,7 +63,7 @@ def render_arrays(model: Model, kernels: Sequence[str] = ()) -> str:
 
 
 def _function(equations: Equations, name: str) -> dict[str, Any]:
-    """What the template says of a kernel.
+    """Names that the template uses of a kernel.
 
     Raises:
         InputError: it is no program.

@@ -13,6 +13,8 @@ from eomgen.codegen.kernels.operation_counts import operations
 from eomgen.pictures import plot_robot, plot_zeros
 from eomgen.robot import Model, build_model
 
+from . import live
+
 KERNELS = ("inverse_dynamics", "mass_matrix", "forward_dynamics")
 POSES: dict[str, Mapping[str, float]] = {  # that show more than zero does
     "puma560": {"joint2.gamma": -0.8, "joint3.gamma": 0.4},
@@ -88,6 +90,8 @@ def page(robots: Sequence[str]) -> str:
         parts = [_counted(number, words) for words, number in counted.items() if number]
         lines += [f"## {name}", "", about(name), "", ", ".join(parts) + ".", ""]
         lines += [f"![{name}](figures/{name}.png){{ width=340 }}", ""]
+        if name in live.ROBOTS:
+            lines += ['??? example "Live, in this page"', "", f"    {live.frame(name)}", ""]
         counts = count(model)
         lines += ["| " + " | ".join(kernel.replace("_", " ") for kernel in counts) + " |", "|---" * len(counts) + "|"]
         lines += ["| " + " | ".join(counts.values()) + " |", ""]

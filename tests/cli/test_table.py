@@ -21,7 +21,7 @@ ORDER = (
     *("robots", "info", "new", "check", "schema", "derive", "generate", "simulate", "forces", "fit", "identify"),
     *("excite", "calibrate", "poses", "accuracy", "tolerance", "compensate"),
     *("compare", "deflection", "modes", "response", "linearize", "budget", "sweep", "export", "plot"),
-    *("report", "view", "bench", "cache"),
+    *("report", "view", "live", "bench", "cache"),
 )
 GROUPS = sorted(
     {module.name for module in pkgutil.iter_modules(eomgen.cli.__path__)} - {"completion", "entry", "shared"}

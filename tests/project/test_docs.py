@@ -132,6 +132,10 @@ def test_the_site_builds(site: Path) -> None:
     pages = {path.relative_to(site).as_posix(): path.read_text(encoding="utf-8") for path in site.rglob("*.html")}
     for name in (*PAGES, "notebooks/elastic_urdf.md"):
         assert name.replace(".md", ".html") in pages
+    lives = {name: pages.pop(name) for name in list(pages) if name.startswith("live/")}
+    assert {"live/arm.html", "live/puma560_elastic.html", "live/four_bar.html"} == set(lives)
+    shown = {name for page in pages.values() for name in re.findall(r'<iframe src="(live/\w+\.html)#', page)}
+    assert shown == set(lives)
     for name, page in pages.items():
         fetched = re.findall(r'<(?:script|link|img|iframe)[^>]*(?:src|href)="((?:https?:)?//[^"]*)"', page)
         assert not fetched, name

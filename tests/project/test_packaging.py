@@ -25,7 +25,7 @@ PLACES = {
     "codegen": "eomgen/codegen",
     "templates": "eomgen/templates",
 }  # in the tree, in the wheel
-SHIPPED = (".py", ".c", ".h", ".csv", ".toml", ".json", ".jinja", ".typed")
+SHIPPED = (".py", ".c", ".h", ".csv", ".toml", ".json", ".jinja", ".typed", ".mjs", ".js", ".css", ".txt")
 
 
 @pytest.fixture(scope="module")

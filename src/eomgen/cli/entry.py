@@ -20,6 +20,7 @@ from . import (
     equations,
     export,
     files,
+    live,
     measured,
     pictures,
     robots,
@@ -47,6 +48,7 @@ COMMANDS: tuple[Command, ...] = (  # in the order of eomgen --help
     *sweep.COMMANDS,
     *export.COMMANDS,
     *pictures.COMMANDS,
+    *live.COMMANDS,
     *bench.COMMANDS,
     *cache.COMMANDS,
 )

@@ -1,6 +1,7 @@
-"""Robots for other tools: functional mock-up units, models of MuJoCo, WebAssembly, Python on arrays.
+"""Robots for other tools: functional mock-up units, models of MuJoCo, WebAssembly, live pages, Python on arrays.
 
-Uses runtime, robot, description, state, codegen (arrays, c, kernels, package), templates and pipeline.
+Uses runtime, robot, description, state, loops, motion, integration, scenario, codegen (arrays, c, kernels, package),
+templates, pipeline, simulation and pictures.
 """
 
 from __future__ import annotations
@@ -12,14 +13,16 @@ from ..lazily import attributes
 if TYPE_CHECKING:
     from .arrays import export_arrays
     from .fmu import export_fmu
+    from .live import export_live
     from .mujoco import export_mjcf
     from .wasm import export_wasm
 
-__all__ = ["export_arrays", "export_fmu", "export_mjcf", "export_wasm"]
+__all__ = ["export_arrays", "export_fmu", "export_live", "export_mjcf", "export_wasm"]
 
 _MODULES = {
     "export_arrays": "arrays",
     "export_fmu": "fmu.pack",
+    "export_live": "live.page",
     "export_mjcf": "mujoco",
     "export_wasm": "wasm.pack",
 }

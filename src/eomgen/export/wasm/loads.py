@@ -40,7 +40,7 @@ def plain_loads(kernel: Kernel, loads: LoadData) -> dict[str, Any]:
 
 
 def _times(**times: float) -> dict[str, float]:
-    """Those that are finite."""
+    """Finite times, by name."""
     return {name: float(time) for name, time in times.items() if np.isfinite(time)}
 
 

@@ -139,7 +139,7 @@ def _rigid(robot: Robot, progress: StageReport) -> Source:
     rigid = replace(robot.rigid(), name=f"{robot.name}_rigid")
     if build_model(rigid).constraints:
         raise InputError(
-            f"model: {robot.name} has loops or couplings; allowed: robots without, whose inverse dynamics drives can ask"
+            f"model: {robot.name} has loops or couplings; allowed: robots without, whose drives can ask it"
         )
     return make_source(rigid, Options(("inverse_dynamics",), batches=False), progress)
 

@@ -1,0 +1,285 @@
+"""Drives, programs and loads of a robot as plain values: wrenches, payloads, motions that are given, too.
+
+A scenario says it, or a default one that holds the robot where it stands.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import EomgenError, InputError, LoopError
+from ...motion.ends import default_ends, principal_limits
+from ...names import joint_of
+from ...pipeline.stages import build
+from ...progress import Progress
+from ...robot.coordinates import index_of, unit_of
+from ...robot.model import build_model, program_coordinates
+from ...robot.value import Robot
+from ...runtime.stepping.loads import LinkWrench, ModelDrive, Signal, Waves
+from ...scenario.value import Initial, Scenario, Section
+from ...simulation.assembly import Assembly, assemble, rigid_kernels
+from ...simulation.initial import initial_state
+from ...simulation.loads import loaded_parameters
+
+Array = NDArray[np.float64]
+
+STIFF = 15.0  # rad/s: what gains of default drives make of the rigid robot
+CLOSED_PART = 0.35  # of a default motion, for mechanisms: far from where they are singular
+WAY, PAUSE = 1.6, 0.7  # s, of the default motion to and fro
+SHAKE = {"m": 0.01, "rad": 0.01}  # amplitude of motions that are given and that nothing says
+SHAKE_RATE = 1.5  # Hz, likewise
+HELD = 1.0  # s, of a scenario whose robot is only held
+
+
+def default_scenario(robot: Robot) -> Scenario:
+    """A scenario without a motion: drives with gains hold the robot near where default motions begin."""
+    driven = program_coordinates(robot)
+    model = build_model(robot)
+    given = tuple(
+        Section(
+            "harmonic",
+            {"coordinate": name, "amplitude": SHAKE[unit_of(name)], "frequency": SHAKE_RATE, "offset": 0.0},
+        )
+        for name in (model.coordinates[i] for i in model.prescribed)
+    )
+    if not driven:
+        return Scenario(HELD, prescribed=given)
+    start, _ = default_ends(robot, driven)
+    initial = None if robot.is_closed else Initial(q=dict(zip(driven, start.tolist(), strict=True)))
+    gains = default_gains(robot, driven, start)
+    control = Section("pd", {"kp": gains[0], "kd": gains[1], "gravity": True})
+    return Scenario(HELD, initial=initial, control=control, prescribed=given)
+
+
+def default_gains(robot: Robot, driven: tuple[str, ...], start: Array) -> tuple[dict[str, float], dict[str, float]]:
+    """kp and kd by names of driven coordinates: critical damping at STIFF with the inertia that a drive feels."""
+    inertia: Array
+    if robot.is_closed:
+        kernel = build(robot.rigid())
+        q = kernel.close([robot.home.get(name, 0.0) for name in kernel.coordinates])
+        nothing, index = np.zeros(kernel.n), index_of(kernel.coordinates, driven)
+        rest = kernel.forward_dynamics(q, nothing, nothing)
+        moved = [kernel.forward_dynamics(q, nothing, np.eye(kernel.n)[i])[i] - rest[i] for i in index]
+        inertia = 1.0 / np.maximum(np.array(moved), 1e-9)
+    else:
+        kernel = build(robot.rigid(), kernels=("mass_matrix", *rigid_kernels(robot)))
+        at = dict(zip(driven, start, strict=True))
+        M = kernel.mass_matrix([at.get(name, 0.0) for name in kernel.coordinates])
+        inertia = np.diag(M)[index_of(kernel.coordinates, driven)]
+    found = [_rounded(x) for x in inertia]
+    kp = {name: _rounded(STIFF**2 * m) for name, m in zip(driven, found, strict=True)}
+    return kp, {name: _rounded(2.0 * STIFF * m) for name, m in zip(driven, found, strict=True)}
+
+
+def _rounded(value: float) -> float:
+    """Two digits: a number that is shown, and typed."""
+    return float(f"{max(float(value), 1e-6):.2g}")
+
+
+def acting_on(
+    robot: Robot, scenario: Scenario, tool: str, report: Progress, notes: list[str]
+) -> tuple[dict[str, Any], Assembly]:
+    """Start, drives, program and loads of a scenario as JSON holds them, and its assembly.
+
+    Args:
+        robot: of the kernel.
+        scenario: of files, of a result, or ``default_scenario``.
+        tool: frame of tool paths.
+        report: told how far it is.
+        notes: lines about what the page does otherwise are added.
+
+    Raises:
+        InputError: the scenario does not fit the robot, or has a program that only Python can ask.
+        LoopError: loops do not close at the start.
+    """
+    assembly = assemble(robot, scenario, tool, report)
+    report(0.0, "static equilibrium at the start")
+    q0, v0, loose = initial_state(robot, scenario, assembly)
+    if loose:
+        notes.append(f"nothing holds {', '.join(loose)}, so not in balance at the start")
+    kernel = assembly.kernel
+    data = assembly.drive.load_data()
+    if data is None:
+        raise InputError(
+            f"{scenario.label('motion')}: is a program that only Python can ask; allowed on a page: programs that are"
+            " data, as scenario files have them"
+        )
+    driven = index_of(kernel.coordinates, assembly.driven)
+    found: dict[str, Any] = {
+        "start": {"t": 0.0, "q": q0.tolist(), "v": v0.tolist()},
+        "control": _control(scenario, assembly),
+        "drive": "none",
+        "program": None,
+        "torque": None,
+        "model": None,
+        "compensates": False,
+        "drives": [],
+        "cycle": None,
+        "holding": None,
+        "prescribed": None,
+    }
+    if data.torque is not None:
+        found["torque"] = {"signal": signal(data.torque.signal), "place": data.torque.place.tolist()}
+        found["drive"] = "program"
+    if data.program is not None:
+        ratio = np.ones(len(driven)) if data.ratio is None else data.ratio
+        kp, kd = _gains_of(robot, data, assembly, scenario)
+        found["drives"] = _drives(robot, assembly, data.program.place, ratio, kp, kd, q0)
+        found["program"] = signal(data.program.signal)
+        found["drive"] = "target" if scenario.motion is None else "program"
+        found["cycle"] = _cycle(robot, assembly, q0, driven)
+        if data.model is not None:
+            _add_model(found, data.model, assembly, q0, notes)
+    found["wrenches"] = [_wrench(x) for x in assembly.wrenches.load_data()] if assembly.wrenches else []
+    found["events"] = _events(robot, scenario)
+    if assembly.prescribed is not None:
+        found["prescribed"] = _given(assembly.prescribed.load_data(), kernel.coordinates, kernel.prescribed)
+    if scenario.until is not None:
+        notes.append("the scenario ends early where it says so under 'until'; the page goes on")
+    return found, assembly
+
+
+def _control(scenario: Scenario, assembly: Assembly) -> str:
+    """Which law of drives the page runs: "pd", "model" (computed torque) or "none"."""
+    if assembly.program is None:
+        return "none"
+    kind = "computed_torque" if scenario.control is None else scenario.control.type
+    return "pd" if kind == "pd" or assembly.path is not None else "model"
+
+
+def _gains_of(robot: Robot, data: Any, assembly: Assembly, scenario: Scenario) -> tuple[Array, Array]:
+    """Gains at the joints of what is driven; of a closed mechanism under computed torque default ones."""
+    if data.gains is not None:
+        return np.asarray(data.gains.kp), np.asarray(data.gains.kd)
+    if not robot.is_closed:
+        nothing = np.zeros(len(assembly.driven))
+        return nothing, nothing
+    start = assembly.program.at(0.0)[0] if assembly.program is not None else np.zeros(len(assembly.driven))
+    kp, kd = default_gains(robot, assembly.driven, start)
+    return np.array([kp[name] for name in assembly.driven]), np.array([kd[name] for name in assembly.driven])
+
+
+def _drives(
+    robot: Robot, assembly: Assembly, place: NDArray[np.intp], ratio: Array, kp: Array, kd: Array, q0: Array
+) -> list[dict[str, Any]]:
+    kernel, found = assembly.kernel, []
+    start, goal = default_ends(robot, assembly.driven)
+    program = assembly.program
+    assert program is not None
+    first = program.at(0.0)[0]
+    names = [joint_of(name) for name in assembly.driven]
+    for i, name in enumerate(assembly.driven):
+        unit = unit_of(name)
+        label = name if names.count(joint_of(name)) > 1 else joint_of(name)
+        low, high = _limits(robot, name, float(first[i]), abs(float(goal[i] - start[i])) or 0.5)
+        found.append(
+            {
+                "name": name,
+                "label": label,
+                "joint": kernel.coordinates.index(name),
+                "place": int(place[i]),
+                "ratio": float(ratio[i]),
+                "unit": unit,
+                "kp": float(kp[i]),
+                "kd": float(kd[i]),
+                "start": float(first[i]),
+                "low": low,
+                "high": high,
+            }
+        )
+    return found
+
+
+def _limits(robot: Robot, name: str, at: float, span: float) -> tuple[float, float]:
+    """Where a slider of a target ends: at limits, where there are any that are not too far apart."""
+    low, high = principal_limits(robot, name)
+    part = 2.0 * CLOSED_PART if robot.is_closed else 4.0
+    if robot.is_closed or not high - low <= 4.0 * np.pi:
+        low, high = max(low, at - part * span), min(high, at + part * span)
+    return float(min(low, at)), float(max(high, at))
+
+
+def _cycle(robot: Robot, assembly: Assembly, q0: Array, driven: NDArray[np.intp]) -> dict[str, Any]:
+    """The default motion to and fro, from where the robot begins."""
+    first, goal = default_ends(robot, assembly.driven)
+    program = assembly.program
+    assert program is not None
+    start = program.at(0.0)[0]
+    part = CLOSED_PART if robot.is_closed else 1.0
+    return {"start": start.tolist(), "goal": (start + part * (goal - first)).tolist(), "duration": WAY, "pause": PAUSE}
+
+
+def _add_model(found: dict[str, Any], model: ModelDrive, assembly: Assembly, q0: Array, notes: list[str]) -> None:
+    """Drives by a model: that of the rigid robot, or, of a mechanism with loops, what holds it at the start."""
+    if model.mechanism is not None:
+        kernel = assembly.kernel
+        try:
+            u = np.asarray(assembly.drive.resting()(0.0, q0, np.zeros(kernel.n)))
+        except (LoopError, EomgenError):
+            u = np.zeros(kernel.n)
+        for drive in found["drives"]:
+            u[drive["place"]] -= drive["kp"] / drive["ratio"] * (drive["start"] - q0[drive["place"]] / drive["ratio"])
+        found["holding"] = np.where(
+            [i in [d["place"] for d in found["drives"]] for i in range(kernel.n)], u, 0.0
+        ).tolist()
+        what = "computed torque" if model.bandwidth else "what gravity takes all along"
+        notes.append(f"the mechanism has loops: in place of {what}, drives have gains and what holds it at the start")
+        return
+    rigid = model.calls
+    places = {name: i for i, name in enumerate(rigid.coordinates)}
+    found["model"] = {
+        "place": np.asarray(model.place).tolist(),
+        "ratio": np.asarray(model.ratio, dtype=np.float64).tolist(),
+        "column": np.asarray(model.column).tolist(),
+        "given": np.asarray(model.given).tolist(),
+        "bandwidth": float(model.bandwidth or 0.0),
+        "driven": [places[name] for name in assembly.driven],
+    }
+    found["compensates"] = True
+
+
+def signal(given: Signal) -> dict[str, Any]:
+    """A signal as JSON holds it."""
+    profile = None if given.profile is None else signal(given.profile)
+    return {
+        "knots": np.asarray(given.knots).tolist(),
+        "coefficients": np.asarray(given.coefficients).tolist(),
+        "profile": profile,
+    }
+
+
+def _wrench(given: LinkWrench) -> dict[str, Any]:
+    return {
+        "link": given.link,
+        "signal": signal(given.signal),
+        "arm": np.asarray(given.arm).tolist(),
+        "t0": float(given.t0) if np.isfinite(given.t0) else -1e300,
+        "t1": float(given.t1) if np.isfinite(given.t1) else None,
+        "turns": bool(given.turns),
+    }
+
+
+def _given(waves: Waves, coordinates: tuple[str, ...], names: tuple[str, ...]) -> dict[str, Any]:
+    tracked = sorted({int(i) for track in waves.tracks for i in track.place})
+    units = [unit_of(name) for name in names]
+    most = [max(5.0 * abs(float(row[0])), 3.0 * SHAKE[unit]) for row, unit in zip(waves.wave, units, strict=True)]
+    return {
+        "names": list(names),
+        "place": index_of(coordinates, names).tolist(),
+        "wave": np.asarray(waves.wave).tolist(),
+        "tracks": [{"signal": signal(t.signal), "place": np.asarray(t.place).tolist()} for t in waves.tracks],
+        "tracked": tracked,
+        "units": units,
+        "most": most,
+    }
+
+
+def _events(robot: Robot, scenario: Scenario) -> list[dict[str, Any]]:
+    """When links pick up and put down, and parameters from then on."""
+    if not scenario.payloads:
+        return []
+    times = {0.0, *(load.t0 for load in scenario.payloads), *(x.t1 for x in scenario.payloads if x.t1 is not None)}
+    return [{"t": t, "parameters": loaded_parameters(robot, scenario, t)} for t in sorted(times) if t >= 0.0]

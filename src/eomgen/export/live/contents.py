@@ -1,0 +1,237 @@
+"""Everything that a page knows: the robot's geometry, its parameters, what acts on it, a motion that was recorded."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import EomgenError, InputError
+from ...names import kind_of
+from ...pictures.framing import ROUND_OFF, SHOWN_ANGLE, SHOWN_PART, STEP, drawn_points, first_factor
+from ...pictures.scene import extent, program_positions
+from ...progress import Progress
+from ...robot.coordinates import unit_of
+from ...robot.model import build_model, tool_of
+from ...robot.value import ANGULAR, MOTOR, Robot
+from ...runtime.kernel import Kernel
+from ...scenario.recorded import scenario_from_record
+from ...scenario.value import Scenario
+from ...simulation.assembly import Assembly, is_rigid
+from ...simulation.loads import body_parameters, with_payload_parameters
+from ...simulation.result import SimulationResult
+from ...state.springs import fastest_rates, stiffnesses
+from .acting import acting_on, default_scenario
+from .geometry import geometry_of, packed, tool_place
+from .sliders import parameter_sliders, scales_of
+
+Array = NDArray[np.float64]
+
+PERIOD, FINE_PERIOD = 4e-3, 2e-3  # s, in which drives and loads are held; of drives and loads that change fast
+RTOL = 1e-4  # relative tolerance of steps
+STIFF = 300.0  # 1/s: rates above which steps are implicit
+QUINTIC = 5.7735  # largest acceleration of a motion's quintic profile, of its length over its duration squared
+MORE = 100.0  # times further they can be exaggerated
+MOST_SAMPLES = 4000  # of a recording
+VIEWED = 50  # of them, that the first view is to show
+GRAVITY = 9.81  # m/s^2, by which forces of pushes are weighed
+KERNELS = ("adaptive_rollout", "inverse_dynamics", "energy", "kinematics", "external_force")
+
+
+@dataclass(frozen=True)
+class Contents:
+    """Parts of a page.
+
+    Attributes:
+        robot: whose kernel the page has, with the parameters that are moved.
+        rigid: the robot that drives know; None where they know none, the same as ``robot`` where it is rigid.
+        values: all that is data, as JSON holds it.
+    """
+
+    robot: Robot
+    rigid: Robot | None
+    values: dict[str, Any]
+
+
+def contents_of(robot: Robot, scenario: Scenario | None, result: SimulationResult | None, report: Progress) -> Contents:
+    """Collect what a page about a robot, in a scenario or from a result on, shows and does.
+
+    Raises:
+        InputError: the scenario does not fit, or has a program that only Python can ask.
+        LoopError: loops do not close at the start.
+    """
+    notes: list[str] = []
+    tool = result.tool if result is not None else tool_of(robot, scenario.frame if scenario else None)
+    acting, assembly, acts = _acting(robot, scenario, result, tool, report, notes)
+    kernel, model = assembly.kernel, build_model(robot)
+    link, point = tool_place(robot, tool)
+    tunable = _tunable(robot, acts, link if link in model.links else None)
+    values, deviations = dict(build_model(tunable).parameters), _deviations(robot, assembly)
+    start = np.array(acting["start"]["q"])
+    ends = [start, _at_goal(start, acting)] if result is None else list(_few(result.trajectory.q))
+    report(0.0, "shapes of the robot")
+    drawn, missing = geometry_of(robot, kernel.coordinates, np.array(ends))
+    payload = link if link in model.links else None
+    hidden = set(body_parameters(robot.link(payload))) - set(kernel.parameters) if payload else set()
+    changed = {name for event in acting["events"] for name in event["parameters"]}
+    sliders = parameter_sliders(tunable, values, frozenset(hidden | changed))
+    factor = 1.0  # what is exaggerated in a mechanism would tear its loops
+    if not robot.is_closed:
+        factor = first_factor(result, robot) if result else _factor(robot, kernel, start, deviations, acting)
+    stiff = _is_stiff(kernel, start)
+    moving = sum(robot.link(name).mass for name in model.links)
+    fine = acting["control"] == "model" or acting["prescribed"] or acting["wrenches"] or acting["torque"]
+    rigid: Robot | None = None
+    if acting["model"] is not None:
+        rigid = robot.rigid()
+    found = {
+        **acting,
+        **drawn,
+        "name": robot.name,
+        "coordinates": list(kernel.coordinates),
+        "units": [unit_of(name) for name in kernel.coordinates],
+        "deviations": deviations,
+        "closed": bool(robot.is_closed),
+        "moving": list(kernel.links),
+        "com": {name: list(robot.link(name).com) for name in kernel.links},
+        "tool": tool,
+        "push": {"link": payload, "point": point} if payload else None,
+        "payload": {"link": payload, "point": point, "most": _rounded(0.5 * moving)} if payload else None,
+        "force": _rounded(max(0.5 * GRAVITY * moving, 1e-3)),
+        "parameters": sliders,
+        "scales": scales_of(sliders),
+        "exaggeration": factor,
+        "most": max(MORE * factor, 1e3),
+        "plot": _plot(kernel, deviations),
+        "period": FINE_PERIOD if fine else PERIOD,
+        "method": "rosenbrock" if stiff else "tsit5",
+        "rtol": RTOL,
+        "recorded": None if result is None else _recorded(result, acting, assembly),
+        "notes": [*robot.notes, *missing, *notes],
+        "about": f"{robot.name}: {len(kernel.coordinates)} coordinates, {len(model.links)} moving links.",
+    }
+    return Contents(tunable, rigid, found)
+
+
+def _acting(
+    robot: Robot,
+    scenario: Scenario | None,
+    result: SimulationResult | None,
+    tool: str,
+    report: Progress,
+    notes: list[str],
+) -> tuple[dict[str, Any], Assembly, Scenario]:
+    """Values of what acts, its assembly and scenario; default ones where a result has none that goes on."""
+    if result is not None and result.scenario:
+        try:
+            kept = scenario_from_record(result.scenario, "the result's scenario")
+            return *acting_on(robot, kept, tool, report, notes), kept
+        except EomgenError as error:
+            notes.append(f"what goes on from the recording is held by default drives: {error}")
+    acts = scenario or default_scenario(robot)
+    found, assembly = acting_on(robot, acts, tool, report, notes)
+    if scenario is None and result is None and found["cycle"] is not None:
+        found["drive"] = "cycle"
+    if scenario is None:
+        found["program"] = None
+    return found, assembly, acts
+
+
+def _tunable(robot: Robot, scenario: Scenario, payload: str | None) -> Robot:
+    """The robot with the parameters of links that pick something up, the tool's among them."""
+    changing = with_payload_parameters(robot, scenario)
+    if payload is None:
+        return changing
+    names = dict.fromkeys((*changing.tunable, *body_parameters(robot.link(payload))))
+    return Robot(**{**vars(changing), "tunable": tuple(names)})
+
+
+def _deviations(robot: Robot, assembly: Assembly) -> list[int]:
+    """Places of the coordinates that no drive, no motion that is given and no loop moves; motors are none."""
+    rigid = set(build_model(robot.rigid()).coordinates) if not is_rigid(robot) else set(assembly.kernel.coordinates)
+    names = assembly.kernel.coordinates
+    return [i for i, name in enumerate(names) if name not in rigid and kind_of(name) != MOTOR]
+
+
+def _at_goal(q: Array, acting: dict[str, Any]) -> Array:
+    """The pose of the robot at the other end of its default motion."""
+    found = np.array(q)
+    if acting["cycle"] is not None:
+        for drive, value in zip(acting["drives"], acting["cycle"]["goal"], strict=True):
+            found[drive["joint"]] = value
+    return found
+
+
+def _few(q: Array) -> Array:
+    rows = np.unique(np.linspace(0, len(q) - 1, min(len(q), VIEWED)).astype(np.intp))
+    return np.asarray(q[rows], dtype=np.float64)
+
+
+def _factor(robot: Robot, kernel: Kernel, q: Array, deviations: list[int], acting: dict[str, Any]) -> float:
+    """Exaggeration that makes the deviations at rest and in the default motion visible; at least 1."""
+    if not deviations:
+        return 1.0
+    names, share = kernel.coordinates, 0.0
+    for bent in (q, q + _in_motion(robot, kernel, q, deviations, acting)):
+        stiff = bent.copy()
+        stiff[deviations] = 0.0
+        moved = drawn_points(robot, names, bent) - drawn_points(robot, names, stiff)
+        place = float(np.linalg.norm(moved, axis=-1).max()) / extent(robot)
+        angle = max((abs(float(bent[i])) for i in deviations if kind_of(names[i]) in ANGULAR), default=0.0)
+        share = max(share, place / SHOWN_PART, angle / SHOWN_ANGLE)
+    if share < ROUND_OFF:
+        return 1.0
+    return _rounded(float(10.0 ** max(STEP * np.floor(-np.log10(share) / STEP), 0.0)))
+
+
+def _in_motion(robot: Robot, kernel: Kernel, q: Array, deviations: list[int], acting: dict[str, Any]) -> Array:
+    """Deflections of the deviations' springs, (n,), under the largest accelerations of the default motion."""
+    found, cycle = np.zeros_like(q), acting["cycle"]
+    if cycle is None:
+        return found
+    a, still = np.zeros_like(q), np.zeros_like(q)
+    for drive, first, last in zip(acting["drives"], cycle["start"], cycle["goal"], strict=True):
+        a[drive["joint"]] = QUINTIC * (last - first) / cycle["duration"] ** 2
+    force = kernel.inverse_dynamics(q, still, a) - kernel.inverse_dynamics(q, still, still)
+    stiffness = stiffnesses(kernel)
+    for i in deviations:
+        found[i] = force[i] / stiffness[i] if stiffness[i] > 0.0 else 0.0
+    return found
+
+
+def _is_stiff(kernel: Kernel, q: Array) -> bool:
+    try:
+        return max(fastest_rates(kernel, q)) > STIFF
+    except (np.linalg.LinAlgError, EomgenError):
+        return True
+
+
+def _plot(kernel: Kernel, deviations: list[int]) -> str:
+    """The plot that a page begins with beside the tool's: of the first deviations that turn, or the first ones."""
+    names = [kernel.coordinates[i] for i in deviations]
+    turning = [name for name in names if unit_of(name) == "rad"]
+    if not names:
+        return "positions"
+    first = (turning or names)[min(1, len(turning or names) - 1)]
+    return f"{first.partition('.')[0]}.{'rotations' if turning else 'translations'}"
+
+
+def _recorded(result: SimulationResult, acting: dict[str, Any], assembly: Assembly) -> dict[str, str]:
+    """The motion of a result, in so many samples that a page holds them easily."""
+    motion = result.trajectory
+    rows = np.unique(np.linspace(0, motion.t.size - 1, min(motion.t.size, MOST_SAMPLES)).astype(np.intp))
+    if motion.coordinates != assembly.kernel.coordinates:
+        raise InputError(f"the result has coordinates of another robot than {assembly.kernel.name}")
+    program = program_positions(result)[rows][:, [drive["joint"] for drive in acting["drives"]]]
+    return {
+        "t": packed(motion.t[rows]),
+        "q": packed(motion.q[rows]),
+        "v": packed(motion.v[rows]),
+        "program": packed(program),
+    }
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.3g}")

@@ -1,0 +1,111 @@
+"""Shapes of a robot, as plain values: the shapes that other views show, too."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...pictures.framing import drawn_points, framed, up_of
+from ...pictures.scene import SLENDER, capsules, extent
+from ...pictures.shapes import Shape, urdf_shapes
+from ...robot.value import Robot
+
+Array = NDArray[np.float64]
+
+FIELD_OF_VIEW = np.radians(38.0)
+MOST_MESH = 24 << 20  # bytes of all meshes of a page; more would take long to open
+DRUM = 1.7  # radius of what stands for a joint, of a capsule's
+
+
+def geometry_of(robot: Robot, coordinates: Sequence[str], poses: ArrayLike) -> tuple[dict[str, Any], list[str]]:
+    """Shapes, sizes and the first view, as JSON holds them; and lines about what is not drawn.
+
+    Args:
+        robot: as it is described.
+        coordinates: n names.
+        poses: coordinates of poses that the first view is to show, (K, n), m or rad.
+    """
+    shapes, notes = urdf_shapes(robot)
+    if sum(shape.vertices.size * 4 + shape.faces.size * 4 for shape in shapes) > MOST_MESH:
+        notes.append(f"meshes take more than {MOST_MESH >> 20} MB: links are drawn as capsules")
+        shapes = []
+    meshed = {shape.link for shape in shapes}
+    heavy = {link.name for link in robot.links if link.mass > 0.0}
+    bare = [c for c in capsules(robot) if c.link not in meshed and (not meshed or c.link in heavy)]
+    size, up = extent(robot), up_of(robot)
+    places = np.concatenate([drawn_points(robot, coordinates, q, shapes) for q in np.atleast_2d(np.asarray(poses))])
+    camera = framed(places, up, float(FIELD_OF_VIEW), 2.0 * SLENDER * size)
+    found = {
+        "base": robot.base,
+        "capsules": [
+            {"link": c.link, "begin": c.begin.tolist(), "end": c.end.tolist(), "radius": c.radius} for c in bare
+        ],
+        "meshes": [_mesh(shape) for shape in shapes],
+        "drums": [] if meshed else _drums(robot, DRUM * SLENDER * size),
+        "rods": [] if meshed else _rods(robot, SLENDER * size),
+        "springs": [{"links": list(s.links), "points": [list(point) for point in s.points]} for s in robot.springs],
+        "size": size,
+        "up": up.tolist(),
+        "floor": float((places @ up).min()) - 0.06 * size,
+        "camera": {
+            "position": camera.position.tolist(),
+            "look_at": camera.look_at.tolist(),
+            "fov": camera.fov,
+            "away": float(np.linalg.norm(camera.position - camera.look_at)),
+        },
+    }
+    return found, notes
+
+
+def tool_place(robot: Robot, tool: str) -> tuple[str, list[float]]:
+    """The link that a frame or link named ``tool`` is on, and its origin there, m."""
+    for frame in robot.frames:
+        if frame.name == tool:
+            return frame.link, list(frame.placement.xyz)
+    return tool, [0.0, 0.0, 0.0]
+
+
+def _mesh(shape: Shape) -> dict[str, Any]:
+    return {
+        "link": shape.link,
+        "vertices": _packed(shape.vertices.astype("<f4")),
+        "faces": _packed(shape.faces.astype("<u4")),
+    }
+
+
+def _packed(array: NDArray[Any]) -> str:
+    return base64.b64encode(np.ascontiguousarray(array).tobytes()).decode("ascii")
+
+
+def packed(array: ArrayLike) -> str:
+    """Numbers as little-endian double precision in base64."""
+    return _packed(np.asarray(array, dtype="<f8"))
+
+
+def _drums(robot: Robot, radius: float) -> list[dict[str, Any]]:
+    """Joints that move, in their child links: where their axes are, and whether links slide along them."""
+    found = []
+    for joint in robot.joints:
+        if joint.type not in ("revolute", "prismatic"):
+            continue
+        axis = np.array(joint.axis_turn)[:, 2]
+        slides = joint.type == "prismatic"
+        found.append({"link": joint.child, "axis": axis.tolist(), "slides": slides, "radius": radius})
+    return found
+
+
+def _rods(robot: Robot, radius: float) -> list[dict[str, Any]]:
+    """Rods of sliding joints: between the points of both links that are one where nothing is pushed out."""
+    return [
+        {
+            "links": [joint.parent, joint.child],
+            "points": [list(joint.placement.xyz), [0.0, 0.0, 0.0]],
+            "radius": 0.6 * radius,
+        }
+        for joint in robot.joints
+        if joint.type == "prismatic"
+    ]

@@ -1,0 +1,308 @@
+"""Live pages: their modules under node, and whole pages in a headless Chromium beside what Python computes."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import eomgen
+from eomgen.export.live.acting import signal
+from eomgen.export.live.contents import contents_of
+from eomgen.export.live.page import live_page
+from eomgen.motion.point_to_point import PointToPoint
+from eomgen.motion.splines import Spline
+from eomgen.progress import no_progress
+from eomgen.robot.value import INERTIA_KEYS, Robot
+from eomgen.scenario.value import Section
+from eomgen.simulation.loads import joined
+from tests.support.browser import Page, open_page
+
+ROOT = Path(__file__).parents[2]
+MODULES = ROOT / "templates" / "live"
+NODE = shutil.which("node")
+NEAR = 1e-12  # m, rad, and their rates: round-off of what differs in order
+
+PURE = """
+import { signalAt, cycleAt, between } from "#live/signals";
+import { Settings } from "#live/settings";
+import { sliderScale, shown } from "#live/numbers";
+import { ticks } from "#live/chart";
+import { Simulation } from "#live/simulation";
+import { readFileSync } from "node:fs";
+
+const given = JSON.parse(readFileSync(0, "utf8"));
+const kernel = { parameters: given.values, set() {}, energy: () => [0, 0] };
+const data = { coordinates: ["a"], drives: [], start: { q: [0], v: [0] }, payload: given.payload, period: 1e-3 };
+const simulation = new Simulation(kernel, null, data);
+simulation.payload = given.mass;
+const taken = [];
+const first = new Settings(), second = new Settings();
+for (const settings of [first, second]) {
+  settings.define("p.joints.a b.stiffness", 2e5, (value) => taken.push(value), (value) => value >= 0);
+  settings.define("drive", "cycle", () => {}, (value) => ["cycle", "none"].includes(value));
+  settings.define("on", true);
+}
+first.put("p.joints.a b.stiffness", 1.25e-7);
+first.put("drive", "none");
+first.put("on", false);
+const fragment = first.fragment();
+const refused = [second.read(`${fragment}&strange=1&%=2&=`), second.read("#drive=%3Cscript%3E&on=maybe")];
+const even = { low: -2, high: 3 }, decades = { low: 1e-3, high: 1e5, log: true };
+const scales = [decades, { low: 0.01, high: 5, log: true, zero: true }, even];
+console.log(JSON.stringify({
+  signals: given.signals.map((one) => given.times.map((t) => signalAt(one, t))),
+  cycle: [0, 0.5, 1, 1.7, 2.5].map((t) => cycleAt({ start: [0], goal: [1], duration: 1, pause: 0.5 }, t)),
+  between: [-1, 0, 0.25, 3, 9].map((t) => between([0, 1, 3], t)),
+  loaded: simulation.loaded(given.values),
+  fragment,
+  refused,
+  values: ["p.joints.a b.stiffness", "drive", "on"].map((key) => second.get(key)),
+  denied: [["p.joints.a b.stiffness", -1], ["p.joints.a b.stiffness", "x"], ["drive", "x"], ["unknown", 1]].map(
+    (one) => second.put(...one)),
+  scales: scales.map((scale) => [0, 0.3, 1].map((at) => sliderScale(scale).toPosition(sliderScale(scale).toValue(at)))),
+  shown: [0, 1234.5678, 1e-7, 2.5e6, -0.25].map((x) => shown(x)),
+  ticks: ticks(-0.31, 1.02, 5),
+}));
+"""
+
+
+@pytest.mark.skipif(NODE is None, reason="node is not installed")
+def test_the_modules_of_the_page(tmp_path: Path) -> None:
+    """Programs, payloads and settings as Python has them."""
+    rng = np.random.default_rng(5)
+    programs = [
+        PointToPoint(np.array([0.1, -1.0]), np.array([0.7, 2.0]), 0.8, 0.2),
+        Spline([0.0, 0.3, 0.7, 1.1], rng.uniform(-1.0, 1.0, (4, 3)), at_rest=True),
+    ]
+    link = eomgen.Link("arm", 2.0, (0.1, -0.2, 0.3), (0.3, 0.4, 0.5, 0.01, -0.02, 0.03))
+    names = ["mass", *(f"com.{axis}" for axis in "xyz"), *(f"inertia.{key}" for key in INERTIA_KEYS)]
+
+    def parameters(body: eomgen.Link) -> dict[str, float]:
+        return {f"links.arm.{k}": x for k, x in zip(names, (body.mass, *body.com, *body.inertia), strict=True)}
+
+    point, times = (0.4, 0.1, -0.1), [-0.5, 0.0, 0.2, 0.33, 0.7, 0.99, 1.0, 1.1, 2.0]
+    given = {
+        "signals": [signal(program.as_signal()) for program in programs],
+        "times": times,
+        "values": parameters(link),
+        "payload": {"link": "arm", "point": point, "most": 1.0},
+        "mass": 0.7,
+    }
+    shutil.copytree(MODULES, tmp_path / "live")
+    (tmp_path / "live" / "runner.mjs").write_text(PURE, encoding="ascii")
+    command = [str(NODE), str(tmp_path / "live" / "runner.mjs")]
+    done = subprocess.run(command, input=json.dumps(given), capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    found: dict[str, Any] = json.loads(done.stdout)
+    for program, rows in zip(programs, found["signals"], strict=True):
+        expected = [np.array(program.at(t)) for t in times]
+        np.testing.assert_allclose(np.array(rows), expected, rtol=0.0, atol=1e-10)
+    q, v, a = (np.array(x)[:, 0] for x in zip(*found["cycle"], strict=True))
+    np.testing.assert_allclose(q, [0.0, 0.5, 1.0, 1.0 - PointToPoint(np.zeros(1), np.ones(1), 1.0).at(0.2)[0][0], 0.0])
+    np.testing.assert_allclose(v[[0, 1, 2, 4]], [0.0, 1.875, 0.0, 0.0])
+    assert abs(a[1]) < 1e-12
+    assert found["between"] == [[0, 0], [0, 0], [0, 0.25], [2, 0], [2, 0]]
+    both = parameters(joined(link, [eomgen.Link("payload", 0.7, point, (0.0,) * 6)]))
+    assert found["loaded"] == pytest.approx(both, rel=1e-13)
+    assert found["fragment"].startswith("#") and "<" not in found["fragment"]  # noqa: PT018
+    assert found["values"] == [1.25e-7, "none", False]
+    assert found["refused"] == [["strange"], ["drive", "on"]]
+    assert found["denied"] == [False] * 4
+    np.testing.assert_allclose(found["scales"], [[0.0, 0.3, 1.0]] * 3, atol=1e-12)
+    assert found["shown"] == ["0", "1235", "1e-7", "2.5e6", "-0.25"]
+    np.testing.assert_allclose(found["ticks"], [0.0, 0.5, 1.0], atol=1e-12)
+
+
+def test_a_page_has_everything_and_no_text_ends_its_elements() -> None:
+    pytest.importorskip("ziglang", reason="the compiler for WebAssembly is not installed")
+    robot = eomgen.load_robot("one_link")
+    spoiled = Robot(**{**vars(robot), "notes": ("</script><script>document.title = 'taken'</script>", "a & b")})
+    text = live_page(spoiled)
+    assert text.count("<script") == text.count("</script>") == 4
+    assert "taken'</script>" not in text
+    assert not re.search(r'(src|href)="(?!data:)', text)
+    policy = re.search(r'Content-Security-Policy" content="([^"]*)"', text)
+    assert policy is not None
+    assert "default-src 'none'" in policy[1]
+    assert "http" not in policy[1]
+    values = json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', text, re.DOTALL)[1])  # type: ignore[index]
+    assert values["notes"] == list(spoiled.notes)
+    assert [x["name"] for x in values["parameters"]][:3] == ["gravity.x", "gravity.y", "gravity.z"]
+    assert values["meshes"] == []
+    assert {c["link"] for c in values["capsules"]} <= {"base", "link1"}
+
+
+def test_without_a_compiler_the_extra_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda name, package=None: None)
+    monkeypatch.setattr("shutil.which", lambda *given, **more: None)
+    with pytest.raises(eomgen.BuildError, match=r"eomgen\[compiler\]"):
+        eomgen.export_live("one_link", tmp_path / "page.html")
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_a_page_cannot_do_is_refused() -> None:
+    class Python:
+        start = np.zeros(1)
+
+        def at(self, t: Any) -> Any:
+            return (np.zeros((*np.shape(t), 1)),) * 3
+
+    section = Section("program", {"program": Python()})
+    scenario = eomgen.Scenario(1.0, motion=section)
+    with pytest.raises(eomgen.InputError, match=r"motion: is a program that only Python can ask; allowed on a page"):
+        contents_of(eomgen.load_robot("one_link"), scenario, None, no_progress)
+    with pytest.raises(eomgen.UnknownNameError, match="nothing_like_it"):
+        eomgen.export_live("one_link", "unused.html", scenario=eomgen.Scenario(1.0, frame="nothing_like_it"))
+
+
+# In a browser
+
+
+@pytest.fixture(scope="module")
+def pages(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("pages")
+
+
+@pytest.fixture
+def browser() -> Iterator[Page]:
+    pytest.importorskip("ziglang", reason="the compiler for WebAssembly is not installed")
+    with open_page(1280, 800) as found:
+        yield found
+
+
+def opened(browser: Page, path: Path, fragment: str = "") -> Any:
+    """The page in the browser, ready, its time standing still."""
+    browser.page.goto(path.as_uri() + fragment)
+    browser.page.wait_for_selector("html[data-ready=yes]", state="attached", timeout=60000)
+    return browser.page
+
+
+STATE = "() => ({ t: live.simulation.t, q: [...live.simulation.q], v: [...live.simulation.v] })"
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("name", ["puma560_elastic", "ur5", "four_bar"])
+def test_it_moves_as_rollouts_of_python_do(name: str, browser: Page, pages: Path) -> None:
+    """Step by step, drives off; a slider's stiffness and gravity, too."""
+    robot = eomgen.load_robot(name)
+    page = opened(browser, eomgen.export_live(robot, pages / f"{name}.html"))
+    page.wait_for_function("() => live.simulation.t > 0.2")
+    page.evaluate("() => live.play(false)")
+    contents = contents_of(robot, None, None, no_progress)
+    start, kernel = contents.values["start"], eomgen.build(contents.robot)
+    changed = {"gravity.x": 1.5} | ({"joints.joint2.alpha.stiffness": 4e4} if name == "puma560_elastic" else {})
+    page.evaluate("() => { live.settings.put('drive', 'none'); live.reset(); }")
+    for key, value in changed.items():
+        assert page.evaluate("([key, value]) => live.settings.put(key, value)", [f"p.{key}", value])
+    kernel.parameters.update(changed)
+    q, v = np.array(start["q"]), np.array(start["v"])
+    how = {"duration": contents.values["period"], "rtol": contents.values["rtol"], "method": contents.values["method"]}
+    for _ in range(40):
+        q, v = (x[-1] for x in kernel.rollout(q, v, **how))
+    page.evaluate("() => { for (let i = 0; i < 40; i++) live.step(); }")
+    found = page.evaluate(STATE)
+    assert np.abs(q - start["q"]).max() > 1e-3
+    np.testing.assert_allclose(found["q"], q, rtol=0.0, atol=NEAR)
+    np.testing.assert_allclose(found["v"], v, rtol=0.0, atol=NEAR)
+    assert found["t"] == pytest.approx(40 * how["duration"])
+    assert browser.errors == []
+    assert [url for url in browser.requests if not url.startswith(("file:", "data:"))] == []
+
+
+@pytest.mark.soak
+def test_a_scenario_goes_on_as_python_simulates_it(browser: Page, pages: Path) -> None:
+    """Circle, push and payload of the built-in scenario; drives of the page are held over a period each."""
+    result = eomgen.run_scenario("puma560", eomgen.load_scenario("puma560_circle"))
+    page = opened(browser, eomgen.export_live("puma560", pages / "circle.html", scenario="puma560_circle"))
+    page.evaluate("() => { live.play(false); live.reset(); }")
+    off = []
+    for t in (0.3, 0.5, 0.8, 1.2, 1.5):
+        page.evaluate("(t) => live.advance(t)", t)
+        k = int(np.abs(result.trajectory.t - t).argmin())
+        off.append(np.abs(np.array(page.evaluate(STATE)["q"]) - result.trajectory.q[k]).max())
+    moved = np.ptp(result.trajectory.q, axis=0).max()
+    assert max(off) < 2e-3 * moved  # a period is 2 ms, and drives are by 40 rad/s
+    errors = np.abs(result.tracking_error).max()
+    assert max(off) < 0.2 * errors  # what pushes and payload do is there
+    assert browser.errors == []
+
+
+@pytest.mark.soak
+def test_sliders_settings_and_the_address(browser: Page, pages: Path) -> None:
+    path = eomgen.export_live("puma560_elastic", pages / "elastic.html")
+    page = opened(browser, path, "#p.gravity.z=-3.7&exaggeration=50&drive=target&target.joint3=0.5&compact=true")
+    assert page.evaluate("() => live.simulation.kernel.parameters['gravity.z']") == -3.7
+    assert not page.locator("#panel").is_visible()
+    page.locator("#whole").click()
+    assert page.locator("#panel").is_visible()
+    page.wait_for_function("() => Math.abs(live.simulation.q[live.data.drives[2].joint] - 0.5) < 0.01", timeout=60000)
+    bar = page.get_by_label("all stiffness", exact=True)
+    bar.focus()
+    before = page.evaluate("() => live.simulation.kernel.parameters['joints.joint2.alpha.stiffness']")
+    for _ in range(3):
+        page.keyboard.press("ArrowLeft")
+    after = page.evaluate("() => live.simulation.kernel.parameters['joints.joint2.alpha.stiffness']")
+    factor = page.evaluate("() => live.settings.get('times.stiffness')")
+    assert after == pytest.approx(before * factor)
+    assert factor < 1.0
+    page.locator("#view").focus()
+    playing = page.evaluate("() => live.playing")
+    page.keyboard.press("Space")
+    assert page.evaluate("() => live.playing") is not playing
+    page.wait_for_timeout(500)
+    fragment = page.evaluate("() => location.hash")
+    for part in ("p.gravity.z=-3.7", "exaggeration=50", "times.stiffness="):
+        assert part in fragment
+    again = opened(browser, path, fragment)
+    assert again.evaluate("() => live.settings.get('times.stiffness')") == factor
+    again.get_by_role("button", name="All settings as they were").click()
+    assert again.evaluate("() => live.settings.fragment()") == ""
+    assert browser.errors == []
+
+
+@pytest.mark.soak
+def test_a_recording_is_shown_and_goes_on(browser: Page, pages: Path) -> None:
+    result = eomgen.simulate("one_link", duration=0.6)
+    page = opened(browser, eomgen.export_live(result, pages / "recorded.html"))
+    t, q = result.trajectory.t, result.trajectory.q
+    page.evaluate("(t) => { live.play(false); live.at = t; live.changed(); }", float(t[100]))
+    np.testing.assert_array_equal(page.evaluate(STATE)["q"], q[100])
+    page.get_by_role("button", name="Go on from here").click()
+    page.evaluate("() => live.play(false)")
+    page.evaluate("(t) => live.advance(t)", float(t[-1]))
+    np.testing.assert_allclose(page.evaluate(STATE)["q"], q[-1], atol=2e-3 * np.ptp(q, axis=0).max())
+    page.wait_for_timeout(100)
+    assert page.get_by_role("button", name="Back to the recording").is_visible()
+    assert browser.errors == []
+
+
+@pytest.mark.soak
+def test_a_pushed_link_gives_way(browser: Page, pages: Path) -> None:
+    """A force of the tool does what Python's wrench does at rest: the drives' gains are springs."""
+    page = opened(browser, eomgen.export_live("one_link", pages / "pushed.html"), "#drive=target")
+    data = json.loads(page.locator("#data").text_content())
+    place = data["drives"][0]["joint"]
+    for y, sign in ((4.0, 1.0), (-4.0, -1.0)):
+        page.evaluate("(y) => { live.play(false); live.reset(); live.settings.put('push.y', y); live.advance(6); }", y)
+        moved = page.evaluate(STATE)["q"][place] - data["start"]["q"][place]
+        moment = y * data["push"]["point"][0]
+        assert moved == pytest.approx(moment / data["drives"][0]["kp"], rel=0.05)
+        assert sign * moved > 0.0
+
+
+@pytest.mark.soak
+def test_what_a_frame_costs(browser: Page, pages: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    page = opened(browser, eomgen.export_live("puma560_elastic", pages / "costs.html"))
+    page.evaluate("() => live.profile(60)")
+    costs = page.evaluate("() => live.profile(300)")
+    with capsys.disabled():
+        print(f"\npuma560_elastic, ms of a frame of 60 Hz: {costs}")
+    assert min(costs.values()) >= 0.0
