@@ -28,7 +28,7 @@ FORMS: Mapping[str, str] = MappingProxyType(  # every operation that has argumen
 
 @dataclass(frozen=True)
 class Statements:
-    """What a program is written as.
+    """A program as text.
 
     Attributes:
         inputs: arrays and the places that are read of each.
