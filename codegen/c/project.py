@@ -1,4 +1,4 @@
-"""A kernel for projects in C and C++: names, header for C++17, CMake package, pkg-config file.
+"""A kernel for other projects: names, header for C++17, CMake package, pkg-config file, gateway for MATLAB.
 
 From a package's metadata, without SymPy.
 """
@@ -61,6 +61,7 @@ def project_files(meta: Mapping[str, Any], flags: Sequence[str]) -> dict[str, st
     for file, template in (
         (f"{name}_names.h", "package/kernel_names.h.jinja"),
         (f"{name}.hpp", "package/kernel.hpp.jinja"),
+        (f"{name}_mex.c", "package/kernel_mex.c.jinja"),
     ):
         files[file] = environment().get_template(template).render(_header_context(meta))
     return files
@@ -93,6 +94,7 @@ def _header_context(meta: Mapping[str, Any]) -> dict[str, Any]:
         "tables": _tables(meta),
         "parameters": [(key, scalar.literal(value)) for key, value in meta["parameters"].items()],
         "functions": [_function(function, meta["shapes"]) for function in public if not function.is_rollout],
+        "gateway": [_gateway(function, meta["shapes"]) for function in public if not function.is_rollout],
         "rolls": any(function.is_rollout for function in public),
         "solving": any(function.signature.solves for function in public),
         "m": len(meta.get("constraints", ())),
@@ -120,6 +122,17 @@ def _function(function: Function, shapes: Mapping[str, Sequence[int]]) -> dict[s
         "by_value": math.prod(shape) <= BY_VALUE,
         "solves": own.solves,
         "is_framed": function.is_framed,
+    }
+
+
+def _gateway(function: Function, shapes: Mapping[str, Sequence[int]]) -> dict[str, Any]:
+    """A function of the gateway for MATLAB: names and shapes of what it reads and writes."""
+    own = function.signature
+    return {
+        "name": function.name,
+        "reads": [{"name": array, "shape": shapes[array]} for array in own.reads],
+        "shape": shapes[own.writes],
+        "framed": function.is_framed,
     }
 
 
