@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from . import simulation as simulation
     from . import sweep as sweep
     from .description import builtin_robots, load_robot
-    from .export import export_arrays, export_fmu, export_live, export_mjcf, export_wasm
+    from .export import export_arrays, export_fmu, export_live, export_mjcf, export_wasm, export_wheel
     from .pipeline import build, generate
     from .robot import Coordinate, Frame, Joint, Link, Loop, Motor, Placement, Robot, Spring
     from .runtime import Kernel
@@ -65,7 +65,9 @@ _ROOMS = (  # for what a user does with kernels and results; functions of theirs
 )
 _ROOM_OF = {
     **dict.fromkeys(("builtin_robots", "load_robot"), "description"),
-    **dict.fromkeys(("export_arrays", "export_fmu", "export_live", "export_mjcf", "export_wasm"), "export"),
+    **dict.fromkeys(
+        ("export_arrays", "export_fmu", "export_live", "export_mjcf", "export_wasm", "export_wheel"), "export"
+    ),
     **dict.fromkeys(("build", "generate"), "pipeline"),
     **dict.fromkeys(("Coordinate", "Frame", "Joint", "Link", "Loop", "Motor", "Placement", "Robot", "Spring"), "robot"),
     "Kernel": "runtime",
@@ -107,6 +109,7 @@ __all__ = [
     "export_live",
     "export_mjcf",
     "export_wasm",
+    "export_wheel",
     "generate",
     "load_result",
     "load_robot",

@@ -110,6 +110,7 @@ def test_every_operation_has_a_form() -> None:
     assert set(FORMS) == {name for name, operation in OPERATIONS.items() if operation.arity}
 
 
+@pytest.mark.soak
 def test_jax_compiles_maps_and_differentiates() -> None:
     jax = pytest.importorskip("jax")
     jnp = jax.numpy

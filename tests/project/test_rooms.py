@@ -181,6 +181,7 @@ def test_tab_completes_the_facade() -> None:
     assert not {"Any", "annotations", "import_module"} & found
 
 
+@pytest.mark.soak
 def test_type_checkers_see_all_of_the_facade(tmp_path: Path) -> None:
     """Every name has a type, and a name that is not there is an error."""
     names = [name for name in eomgen.__all__ if name != "__version__"] + list(eomgen._ROOMS)

@@ -41,6 +41,7 @@ def _add_generate(parser: argparse.ArgumentParser) -> None:
     processors.add_argument("--level", choices=LEVELS, default="", help="processors to compile for (all levels)")
     processors.add_argument("--native", action="store_true", help="compile for this processor alone")
     parser.add_argument("--cmake", action="store_true", help="with a C++17 header, a CMake package, a pkg-config file")
+    parser.add_argument("--wheel", action="store_true", help="write a wheel, which pip installs without eomgen")
     parser.add_argument(
         "--kernels",
         action="extend",
@@ -58,11 +59,18 @@ def _names(text: str) -> list[str]:
 
 
 def _generate(options: argparse.Namespace) -> None:
+    from ..errors import InputError
+    from ..export.wheel import export_wheel
     from ..pipeline.stages import Options, generate
 
     robot = read_robot(options)
     chosen = Options(tuple(options.kernels), options.dtype, options.native, level=options.level)
+    if options.wheel and (options.cmake or options.native):
+        raise InputError("--wheel stands without --cmake and --native; allowed: with --dtype, --level, --kernels")
     with stage_bar("generating") as report:
+        if options.wheel:
+            show_written([export_wheel(robot, options.output, chosen, progress=report)])
+            return
         target = generate(robot, options.output, chosen, cmake=options.cmake, progress=report)
     say(str(target))
 
@@ -83,6 +91,7 @@ COMMANDS = (
         (
             ("generate arm.toml -o generated", "write and compile generated/arm, then: import arm"),
             ("generate arm.toml --cmake", "the same, with a CMake package and a header for C++17"),
+            ("generate arm.toml --wheel", "a wheel of it, which pip installs where eomgen is not"),
         ),
     ),
 )

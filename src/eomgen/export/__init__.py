@@ -1,4 +1,4 @@
-"""Robots for other tools: functional mock-up units, models of MuJoCo, WebAssembly, live pages, Python on arrays.
+"""Robots for other tools: mock-up units, models of MuJoCo, WebAssembly, live pages, Python on arrays, wheels.
 
 Uses runtime, robot, description, state, loops, motion, integration, scenario, codegen (arrays, c, kernels, package),
 templates, pipeline, simulation and pictures.
@@ -16,8 +16,9 @@ if TYPE_CHECKING:
     from .live import export_live
     from .mujoco import export_mjcf
     from .wasm import export_wasm
+    from .wheel import export_wheel
 
-__all__ = ["export_arrays", "export_fmu", "export_live", "export_mjcf", "export_wasm"]
+__all__ = ["export_arrays", "export_fmu", "export_live", "export_mjcf", "export_wasm", "export_wheel"]
 
 _MODULES = {
     "export_arrays": "arrays",
@@ -25,6 +26,7 @@ _MODULES = {
     "export_live": "live.page",
     "export_mjcf": "mujoco",
     "export_wasm": "wasm.pack",
+    "export_wheel": "wheel",
 }
 
 
