@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import hashlib
 import subprocess
+import sys
 import sysconfig
 import venv
 import zipfile
@@ -18,7 +19,7 @@ import pytest
 import eomgen
 from eomgen.cli.entry import main
 from eomgen.errors import InputError
-from eomgen.export.wheel import platform_of
+from eomgen.export.wheel import platform_of, python_of
 from eomgen.pipeline.stages import Options
 
 KERNELS = ("forward_dynamics",)
@@ -54,6 +55,14 @@ def test_another_content_has_another_version(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="native"):
         eomgen.export_wheel("one_link", tmp_path, Options(KERNELS, native=True))
     assert main(["generate", "one_link", "--wheel", "--cmake", "-o", str(tmp_path)]) == 1
+
+
+def test_pythons_are_those_that_can_import_the_modules() -> None:
+    direct = "arm/runtime/_direct.cpython-311-x86_64-linux-gnu.so"  # done without where it does not fit
+    mine = "cp{0}{1}-cp{0}{1}".format(*sys.version_info)
+    assert python_of(["arm/__init__.py", "arm/_arm.abi3.so", "arm/v3/_arm.abi3.so", direct]) == "cp310-abi3"
+    assert python_of(["arm/__init__.py", "arm/_arm.cpython-311-x86_64-linux-gnu.so", direct]) == mine
+    assert python_of(["arm/__init__.py", "arm/libarm.so", direct]) == "py3-none"
 
 
 @pytest.mark.skipif(not sysconfig.get_platform().startswith("linux-"), reason="the tags of Linux")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
+import sys
 import sysconfig
 import tempfile
 import zipfile
@@ -19,7 +20,6 @@ from eomgen.pipeline.stages import Options, generate
 from eomgen.progress import StageReport, no_report
 
 OLDEST = (1980, 1, 1, 0, 0, 0)  # the first time that an archive can hold: the same files make the same bytes
-PYTHON = "cp310-abi3"  # cffi's modules keep to the stable interface; runtime needs Python 3.10
 C_LIBRARIES = {b"libc.so.6", b"libm.so.6", b"libpthread.so.0", b"ld-linux-x86-64.so.2", b"ld-linux-aarch64.so.1"}
 NEEDS = ("cffi>=1.16", "numpy>=1.26")
 
@@ -56,10 +56,20 @@ def export_wheel(
         }
     name = re.sub(r"[-_.]+", "_", robot.name).lower()
     version = f"{__version__}+{_digest(files)}"
-    tag = f"{PYTHON}-{platform_of(data for path, data in files.items() if path.endswith('.so'))}"
+    tag = f"{python_of(files)}-{platform_of(data for path, data in files.items() if path.endswith('.so'))}"
     files |= _described(robot.name, f"{name}-{version}.dist-info", name, version, tag)
     target = Path(folder) / f"{name}-{version}-{tag}.whl"
     return write_atomically(target, lambda stream: _zip(stream, files))
+
+
+def python_of(paths: Iterable[str]) -> str:
+    """The tag of the Pythons that import a package of these files: of cffi's modules, or of libraries for any Python."""
+    modules = [path for path in paths if re.search(r"/_[^/]*\.(so|pyd)$", path) and "/runtime/" not in path]
+    if not modules:
+        return "py3-none"
+    if all(".abi3." in name for name in modules):
+        return "cp310-abi3"
+    return "cp{0}-cp{0}".format("".join(map(str, sys.version_info[:2])))
 
 
 def platform_of(binaries: Iterable[bytes]) -> str:
