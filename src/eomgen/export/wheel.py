@@ -63,7 +63,7 @@ def export_wheel(
 
 
 def python_of(paths: Iterable[str]) -> str:
-    """The tag of the Pythons that import a package of these files: of cffi's modules, or of libraries for any Python."""
+    """The tag of the Pythons that import a package of these files: of modules of cffi, or of plain libraries."""
     modules = [path for path in paths if re.search(r"/_[^/]*\.(so|pyd)$", path) and "/runtime/" not in path]
     if not modules:
         return "py3-none"
