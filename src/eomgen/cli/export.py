@@ -51,7 +51,14 @@ def _export_mjcf(robot: Robot, options: argparse.Namespace, report: StageReport)
 def _export_wasm(robot: Robot, options: argparse.Namespace, report: StageReport) -> list[Path]:
     from ..export.wasm.pack import export_wasm
 
-    return export_wasm(robot, options.output, kernels=options.kernels, dtype=options.dtype, progress=report)
+    return export_wasm(
+        robot,
+        options.output,
+        kernels=options.kernels,
+        dtype=options.dtype,
+        model=options.model,
+        progress=report,
+    )
 
 
 def _export_arrays(robot: Robot, options: argparse.Namespace, report: StageReport) -> list[Path]:
@@ -100,6 +107,7 @@ def _add_export(parser: argparse.ArgumentParser) -> None:
     modules.add_argument(
         "--kernels", nargs="+", default=[], metavar="NAME", help="which (dynamics, kinematics, energy ...)"
     )
+    modules.add_argument("--model", action="store_true", help="with the rigid robot's inverse dynamics, for its drives")
     modules.add_argument("--dtype", choices=DTYPES, default="float64", help="of WebAssembly (float64)")
 
 
