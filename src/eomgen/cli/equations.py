@@ -41,6 +41,7 @@ def _add_generate(parser: argparse.ArgumentParser) -> None:
     processors.add_argument("--level", choices=LEVELS, default="", help="processors to compile for (all levels)")
     processors.add_argument("--native", action="store_true", help="compile for this processor alone")
     parser.add_argument("--cmake", action="store_true", help="with a C++17 header, a CMake package, a pkg-config file")
+    parser.add_argument("--ros2", action="store_true", help="that, and a package of ROS 2 that simulates the robot")
     parser.add_argument("--wheel", action="store_true", help="write a wheel, which pip installs without eomgen")
     parser.add_argument(
         "--kernels",
@@ -65,13 +66,15 @@ def _generate(options: argparse.Namespace) -> None:
 
     robot = read_robot(options)
     chosen = Options(tuple(options.kernels), options.dtype, options.native, level=options.level)
-    if options.wheel and (options.cmake or options.native):
-        raise InputError("--wheel stands without --cmake and --native; allowed: with --dtype, --level, --kernels")
+    if options.wheel and (options.cmake or options.ros2 or options.native):
+        raise InputError(
+            "--wheel stands without --cmake, --ros2 and --native; allowed: with --dtype, --level, --kernels"
+        )
     with stage_bar("generating") as report:
         if options.wheel:
             show_written([export_wheel(robot, options.output, chosen, progress=report)])
             return
-        target = generate(robot, options.output, chosen, cmake=options.cmake, progress=report)
+        target = generate(robot, options.output, chosen, cmake=options.cmake, ros2=options.ros2, progress=report)
     say(str(target))
 
 

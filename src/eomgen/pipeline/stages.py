@@ -208,6 +208,7 @@ def generate(
     options: Options | None = None,
     *,
     cmake: bool = False,
+    ros2: bool = False,
     progress: StageReport = no_report,
 ) -> Path:
     """Write the importable package ``folder/<robot.name>`` and return its path.
@@ -221,11 +222,13 @@ def generate(
         robot: a Robot, the name of a built-in one, or the path of a description.
         folder: where the package's folder is made.
         options: see Options.
-        cmake: write a header for C++17, a CMake project and a pkg-config file, too.
+        cmake: write a header for C++17, a CMake project, a pkg-config file and a gateway for MATLAB, too.
+        ros2: write them, and a package of ROS 2 in the folder ``ros2``, which simulates the robot.
         progress: called with a line of text when a stage begins.
 
     Raises:
-        InputError: the target exists and is not a generated package, or the folder cannot be written.
+        InputError: the target exists and is not a generated package, the folder cannot be written, or ROS 2 is asked
+            for without the kernel ``rollout``.
         BuildError: see ``build``.
     """
     robot, folder = as_robot(robot), Path(folder)
@@ -237,8 +240,8 @@ def generate(
         folder.mkdir(parents=True, exist_ok=True)
         with new_folder(target) as private:
             store.write_files(private, {**files, **_extension_files()})
-            if cmake:
-                _write_project(private, robot.name, options)
+            if cmake or ros2:
+                _write_project(private, robot.name, options, ros2)
             private.chmod(0o755)
             put_folder(private, target, lambda place: _check_target(place, target))
     except OSError as error:
@@ -267,14 +270,19 @@ def _extension_files() -> store.Files:
     return {f"runtime/{name}": data for name, data in direct_calls.binary_of(find_compiler()).items()}
 
 
-def _write_project(package: Path, name: str, options: Options) -> None:
-    """Add what makes the package a project of C and C++."""
+def _write_project(package: Path, name: str, options: Options, ros2: bool) -> None:
+    """Add what makes the package a project of C and C++, and one of ROS 2."""
     from ..codegen.c.project import project_files
+    from ..codegen.c.ros2 import ros2_files
     from ..codegen.package.compile import own_flags
 
     meta = json.loads((package / f"{name}.json").read_text(encoding="ascii"))
     for file, text in project_files(meta, (*own_flags(options.native), *options.flags)).items():
         (package / file).write_text(text, encoding="ascii")
+    for file, text in ros2_files(meta).items() if ros2 else ():
+        place = package / "ros2" / file
+        place.parent.mkdir(parents=True, exist_ok=True)
+        place.write_text(text, encoding="ascii")
 
 
 def _check_target(place: Path, target: Path) -> None:
