@@ -19,6 +19,7 @@ from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
 from tests.oracles.force_laws import with_laws
 from tests.support.random_robots import random_robot
+from tests.support.turning_loops import OFFSET, STAND, held_pendulum
 
 NAMES = ("inverse_dynamics", "forward_dynamics", "mass_matrix", "bias_force", "generalized_force", "energy", "residual")
 WITHOUT_EOMGEN = """
@@ -151,3 +152,11 @@ def test_closed_mechanisms_move_as_the_kernels_say(name: str) -> None:
     zero = np.zeros(kernel.n)
     close(functions.forward_dynamics(q, zero, zero), kernel.forward_dynamics(q, zero, zero), 1e-9)
     close(functions.constraint_jacobian(q), kernel.constraint_jacobian(q))
+
+
+def test_joints_of_three_rotations_in_loops_stand_as_described() -> None:
+    robot = held_pendulum()
+    functions, kernel = made(robot), eomgen.build(robot, kernels=("forward_dynamics", "inverse_dynamics"))
+    q = np.array([*np.subtract(STAND, OFFSET), 0.0, 0.0, 0.0])
+    zero = np.zeros(6)
+    close(functions.forward_dynamics(q, zero, zero), kernel.forward_dynamics(q, zero, zero), 1e-9)
