@@ -12,12 +12,13 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from time import perf_counter
 
 from eomgen.bench.beside import processor_name
 
+from .bars import Bar, conclusion
 from .peers.cases import URDFS, case
 
 PAGE = Path(__file__).parents[1] / "docs" / "builds.md"
@@ -123,8 +124,48 @@ def _timed(words: Sequence[str]) -> tuple[Cost, str]:
         return Cost(perf_counter() - begin), done.stdout
 
 
-def page(robots: Sequence[str], rounds: int, deep: int) -> str:
-    """The page with its tables in Markdown; ``deep``: rounds of builds of derivatives."""
+@dataclass(frozen=True)
+class Built:
+    """A build of a robot: what was built, and the cheapest round of it."""
+
+    robot: str
+    what: str
+    cost: Cost
+
+    def bars(self) -> tuple[Bar, ...]:
+        """Return what is required of the time on the clock and of the largest process, if anything is."""
+        most = BARS.get((self.robot, self.what), ())
+        measured = zip(("s", "MB"), (self.cost.wall, self.cost.memory), most, strict=False)
+        return tuple(Bar(f"{self.robot}, {self.what}, {unit}", x, y, at_most=True) for unit, x, y in measured)
+
+
+@dataclass(frozen=True)
+class Report:
+    """A run: where, how often, starts of Python, s, and builds; docs/builds.json."""
+
+    processor: str
+    cores: int
+    rounds: int
+    deep: int
+    starts: Mapping[str, float]
+    builds: tuple[Built, ...]
+
+    def write(self, path: Path) -> None:
+        """Write it as JSON, hundredths of seconds and whole MB."""
+        text = json.dumps(asdict(self), indent=1, default=float)
+        values = json.loads(text, parse_float=lambda x: round(float(x), 2))
+        path.write_text(json.dumps(values, indent=1) + "\n", encoding="ascii")
+
+
+def read(path: Path) -> Report:
+    """Return the report of a JSON file."""
+    values = json.loads(path.read_text(encoding="ascii"))
+    built = tuple(Built(**{**each, "cost": Cost(**each["cost"])}) for each in values.pop("builds"))
+    return Report(**values, builds=built)
+
+
+def measure(robots: Sequence[str], rounds: int, deep: int) -> Report:
+    """Start and build in turns; ``deep``: rounds of builds of derivatives."""
     starts: dict[str, list[Cost]] = {name: [] for name in STARTS}
     builds: dict[tuple[str, str], list[Cost]] = {
         (robot, what): []
@@ -139,33 +180,51 @@ def page(robots: Sequence[str], rounds: int, deep: int) -> str:
         for (robot, what), costs in builds.items():
             if turn < (deep if what in (DYNAMICS, EVERY) else rounds):
                 costs.append(build(str(case(robot).urdf) if robot in URDFS else robot, BUILDS[what]))
+    return Report(
+        processor_name(),
+        len(os.sched_getaffinity(0)),
+        rounds,
+        deep,
+        {name: min(cost.wall for cost in costs) for name, costs in starts.items()},
+        tuple(Built(*key, min(costs, key=lambda cost: cost.wall)) for key, costs in builds.items()),
+    )
+
+
+def page(report: Report) -> str:
+    """Return the page with its tables in Markdown."""
     head = HEAD.format(
-        processor=processor_name(),
-        cores=len(os.sched_getaffinity(0)),
-        rounds=rounds,
-        deep="once" if deep == 1 else f"{deep} times",
+        processor=report.processor,
+        cores=report.cores,
+        rounds=report.rounds,
+        deep="once" if report.deep == 1 else f"{report.deep} times",
     )
     lines = ["| start | s |", "|---|---:|"]
-    lines += [f"| {name} | {min(cost.wall for cost in costs):.2f} |" for name, costs in starts.items()]
+    lines += [f"| {name} | {wall:.2f} |" for name, wall in report.starts.items()]
     lines += ["", "| robot | what is built | clock | Python | compilers | largest process, MB |"]
     lines += ["|---|---|---:|---:|---:|---:|"]
-    for (robot, what), costs in builds.items():
-        best = min(costs, key=lambda cost: cost.wall)
-        clock, memory = (f" ({bar:g})" for bar in BARS[robot, what]) if (robot, what) in BARS else ("", "")
-        numbers = f"{best.wall:.2f}{clock} | {best.python:.2f} | {best.compilers:.2f} | {best.memory:.0f}{memory}"
-        lines.append(f"| {os.path.basename(robot)} | {what} | {numbers} |")
-    return head + "\n" + "\n".join(lines) + "\n"
+    for built in report.builds:
+        cost = built.cost
+        clock, memory = [f" {bar.brackets}" for bar in built.bars()] or ("", "")
+        numbers = f"{cost.wall:.2f}{clock} | {cost.python:.2f} | {cost.compilers:.2f} | {cost.memory:.0f}{memory}"
+        lines.append(f"| {os.path.basename(built.robot)} | {built.what} | {numbers} |")
+    bars = [bar for built in report.builds for bar in built.bars()]
+    said = ["", conclusion(bars)] if bars else []
+    return head + "\n" + "\n".join([*lines, *said]) + "\n"
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    """Measure, and write the page."""
+    """Measure, and write the page and what was measured beside it."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.builds", description="Measure starts and first builds.")
     parser.add_argument("robots", nargs="*", metavar="ROBOT", help=f"names or paths (default: {' '.join(ROBOTS)})")
     parser.add_argument("--rounds", type=int, default=3, help="turns of each (3)")
     parser.add_argument("--deep", type=int, default=1, help="builds of derivatives, minutes each (1)")
+    parser.add_argument("--page", action="store_true", help="write the page from the .json beside it, without timing")
     parser.add_argument("-o", "--output", type=Path, default=PAGE, metavar="FILE", help="the page (docs/builds.md)")
     options = parser.parse_args(words)
-    options.output.write_text(page(options.robots or ROBOTS, options.rounds, options.deep), encoding="ascii")
+    kept = options.output.with_suffix(".json")
+    if not options.page:
+        measure(options.robots or ROBOTS, options.rounds, options.deep).write(kept)
+    options.output.write_text(page(read(kept)), encoding="ascii")
     return 0
 
 

@@ -28,6 +28,7 @@ from eomgen.codegen.package.compile import find_compiler
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
 
+from .bars import Bar
 from .closed_peer import CODE, DYNAMICS, LCABA, ClosedPeer, Settings
 from .ladder import ladder, ladder_state
 from .peers import pinocchio_peer
@@ -202,11 +203,10 @@ class Row:
     required: float | None = None
     missing: str = ""
 
-    def held(self) -> bool | None:
-        """Whether the required ratio to constraintDynamics is reached; None where there is none."""
-        if self.required is None or DYNAMICS not in self.ratios:
-            return None
-        return self.ratios[DYNAMICS][1] >= self.required
+    def bar(self) -> Bar | None:
+        """Return what is required of the ratio to constraintDynamics, or None."""
+        measured = self.ratios[DYNAMICS][1] if DYNAMICS in self.ratios else None
+        return None if self.required is None else Bar(self.title, measured, self.required)
 
 
 @dataclass(frozen=True)
@@ -370,12 +370,11 @@ def ratio_lines(rows: Sequence[Row]) -> list[str]:
 
 def required_lines(rows: Sequence[Row]) -> list[str]:
     """What has to be reached, and whether it is."""
-    said = {True: "held", False: "missed", None: "not timed"}
     return [
-        f"- Required of {row.title}, {'batch' if row.batch else 'one state'}: {row.required:g} times"
-        f" `{DYNAMICS}`: {said[row.held()]}."
+        f"- Required of {row.title}, {'batch' if row.batch else 'one state'}: {bar.required:g} times"
+        f" `{DYNAMICS}`: {bar.verdict}."
         for row in rows
-        if row.required is not None
+        if (bar := row.bar()) is not None
     ]
 
 
@@ -385,7 +384,9 @@ def operation_lines(counts: Sequence[Count]) -> list[str]:
     lines = [f"| mechanism | {' | '.join(names)} | mul and add at most |", "|---" + "|---:" * (len(names) + 1) + "|"]
     for count in counts:
         cells = [str(count.operations[name]) for name in names]
-        most = "" if count.most is None else f"{count.most[0]}, {count.most[1]}"
+        bars = [Bar(x, count.operations[x], y, at_most=True) for x, y in zip(names, count.most or (), strict=False)]
+        missed = ", missed" * any(bar.is_missed for bar in bars)
+        most = "" if count.most is None else f"{count.most[0]}, {count.most[1]}{missed}"
         lines.append(f"| {count.title} | {' | '.join(cells)} | {most} |")
     return lines
 
@@ -394,11 +395,11 @@ def step_line(step: float | None) -> str:
     """What a linearly implicit step with elastic loops costs."""
     if step is None:
         return ""
-    held = "held" if step <= STEP_AT_MOST else "missed"
+    bar = Bar(ELASTIC, step, STEP_AT_MOST, at_most=True)
     return (
         f"A linearly implicit step of `{ELASTIC}`, all of whose joints have six coordinates, the cut ones too, takes"
         f" {step:.1f} times the operations\nof the same robot with its loops open, a division as {DIVISION}; at most"
-        f" {STEP_AT_MOST:g}: {held}."
+        f" {STEP_AT_MOST:g}: {bar.verdict}."
     )
 
 

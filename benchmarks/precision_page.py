@@ -8,6 +8,7 @@ from typing import Any
 
 from eomgen.pictures.style import FULL_WIDTH, canvas
 
+from .bars import Bar, conclusion
 from .precision_cases import ERRORS, ONE, OTHERS, OURS, PROBLEMS
 from .precision_report import Found, Point, Report
 
@@ -47,32 +48,34 @@ def table(found: Found) -> list[str]:
     for name in names:
         cells = [milliseconds(found.cheapest([name], error)) for error in ERRORS]
         lines.append(f"| {label(name)} | {' | '.join(cells)} |")
-    bars = PROBLEMS[found.problem].bars
-    cells = []
-    for error in ERRORS:
-        ratio = found.ratio(error)
-        cells.append((NONE if ratio is None else f"{ratio:.1f}") + f" ({bars[error]:g})")
+    cells = [(NONE if bar.measured is None else f"{bar.measured:.1f}") + f" {bar.brackets}" for bar in at_errors(found)]
     return [*lines, f"| best of the others by best of ours | {' | '.join(cells)} |"]
+
+
+def at_errors(found: Found) -> list[Bar]:
+    """Return what is required of a problem at every error: the best of the others' time by the best of ours."""
+    problem = PROBLEMS[found.problem]
+    return [Bar(f"{problem.title} at {e:.0e}", found.ratio(e), required) for e, required in problem.bars.items()]
 
 
 def winners(found: Found) -> Iterator[str]:
     """At every error the best of both sides, with their settings, and whether the required ratio is held."""
-    for error, bar in PROBLEMS[found.problem].bars.items():
-        ours, others, ratio = found.cheapest(OURS, error), found.cheapest(OTHERS, error), found.ratio(error)
-        if ours is None or others is None or ratio is None:
-            yield f"{found.problem:16} {error:.0e}  nobody's, or one side's, is as exact   bar {bar:g}"
+    for error, bar in zip(PROBLEMS[found.problem].bars, at_errors(found), strict=True):
+        ours, others = found.cheapest(OURS, error), found.cheapest(OTHERS, error)
+        if ours is None or others is None:
+            yield f"{found.problem:16} {error:.0e}  nobody's, or one side's, is as exact   bar {bar.required:g}"
             continue
-        held = "held" if ratio >= bar else "MISSED"
         yield (
             f"{found.problem:16} {error:.0e}  {ours.contender:18} {1e3 * ours.seconds:8.3g} ms"
-            f"  {others.contender:20} {1e3 * others.seconds:8.3g} ms  {ratio:6.1f}  bar {bar:g}  {held}"
+            f"  {others.contender:20} {1e3 * others.seconds:8.3g} ms  {bar.measured:6.1f}"
+            f"  bar {bar.required:g}  {bar.verdict}"
         )
 
 
-def at_one_tolerance(found: Found) -> list[tuple[str, float, float, str]]:
-    """(what, ratio, required, ours) of 2 s of the elastic arm, at the same tolerance or at the same error."""
+def at_one_tolerance(found: Found) -> list[tuple[Bar, str]]:
+    """Return ratios of 2 s of the elastic arm, at the same tolerance or at the same error, and our method in each."""
     rows = []
-    for peer, bar, same_error in AT_ONE:
+    for peer, required, same_error in AT_ONE:
         theirs = found.at(peer, NAMED[1])
         if theirs is None:
             continue
@@ -83,7 +86,7 @@ def at_one_tolerance(found: Found) -> list[tuple[str, float, float, str]]:
             fit = [p for p in (found.at(name, NAMED[1]) for name in OURS) if p is not None]
             ours = min(fit, key=lambda p: p.seconds, default=None)
         if ours is not None:
-            rows.append((what, theirs.seconds / ours.seconds, bar, ours.contender))
+            rows.append((Bar(what, theirs.seconds / ours.seconds, required), ours.contender))
     return rows
 
 
@@ -91,8 +94,8 @@ def lines(report: Report) -> list[str]:
     """For the terminal: every required ratio, and whether this run holds it."""
     said = [line for found in report.found for line in winners(found)]
     named = report.of(NAMED[0])
-    for what, ratio, bar, ours in at_one_tolerance(named) if named else []:
-        said.append(f"{what}, {ours}: {ratio:.1f}  bar {bar:g}  {'held' if ratio >= bar else 'MISSED'}")
+    for bar, ours in at_one_tolerance(named) if named else []:
+        said.append(f"{bar.what}, {ours}: {bar.measured:.1f}  bar {bar.required:g}  {bar.verdict}")
     return said
 
 
@@ -175,21 +178,19 @@ def page(report: Report) -> str:
 
 
 def _required(report: Report) -> Iterator[str]:
-    """What was missed, or that nothing was; and ratios at one tolerance."""
-    missed = []
-    for found in report.found:
-        for error, bar in PROBLEMS[found.problem].bars.items():
-            ratio = found.ratio(error)
-            if ratio is not None and ratio < bar:
-                missed.append(f"{PROBLEMS[found.problem].title} at {error:.0e} ({ratio:.1f} of {bar:g})")
-    yield f"Required ratios that are missed: {'; '.join(missed)}." if missed else "All required ratios are held."
+    """What was missed of all that is required, or that nothing was; and ratios at one tolerance."""
     named = report.of(NAMED[0])
+    single = at_one_tolerance(named) if named else []
+    yield conclusion([*(bar for found in report.found for bar in at_errors(found)), *(bar for bar, _ in single)])
     if named is not None:
         yield ""
         yield f"{PROBLEMS[NAMED[0]].duration:g} s of the {PROBLEMS[NAMED[0]].title} at one tolerance:"
         yield ""
-        for what, ratio, bar, ours in at_one_tolerance(named):
-            yield f"- {what}: {ratio:.1f} times as long as {label(ours)}; required {bar:g}."
+        for bar, ours in single:
+            yield (
+                f"- {bar.what}: {bar.measured:.1f} times as long as {label(ours)};"
+                f" required {bar.required:g}: {bar.verdict}."
+            )
 
 
 def draw(report: Report, path: Path) -> None:

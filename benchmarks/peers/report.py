@@ -8,7 +8,8 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from .required import bar
+from ..bars import Bar
+from .required import required
 
 Quartiles = tuple[float, float, float]  # first, median, third
 
@@ -36,9 +37,11 @@ class Entry:
         found = [(label, ratio) for label, ratio in self.ratios.items() if label.split(" (")[0] == peer]
         return min(found, key=lambda item: item[1][1], default=None)
 
-    def bar(self, peer: str) -> float | None:
-        """The ratio that is required."""
-        return bar(peer, self.case, self.kernel, self.batch)
+    def bar(self, peer: str) -> Bar | None:
+        """Return what is required of the ratio to this peer, or None."""
+        needed = required(peer, self.case, self.kernel, self.batch)
+        ratio = self.against(peer)
+        return None if needed is None else Bar(f"{self.title}, {peer}", ratio[1][1] if ratio else None, needed)
 
 
 @dataclass(frozen=True)

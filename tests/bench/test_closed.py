@@ -77,15 +77,19 @@ def test_rows_of_one_state_and_of_a_batch(monkeypatch: pytest.MonkeyPatch) -> No
     case = Case("link", lambda: robot, CASES["gough"].guess, {}, {False: 6.5, True: 6.0})
     found = [row(stopwatch, case, [mine, peer, other], arrays, 20) for mine in (single, batch)]
     assert seen == [([False] * 3, 3, 20), ([True, False, False], 3, 6)]
-    assert [(x.batch, x.held(), x.ratios[DYNAMICS][1], x.ratios[LCABA][1]) for x in found] == [
-        (False, False, 6.0, 2.5),
-        (True, True, 6.0, 2.5),
+    assert [
+        (x.batch, bar.verdict if (bar := x.bar()) else None, x.ratios[DYNAMICS][1], x.ratios[LCABA][1]) for x in found
+    ] == [
+        (False, "missed", 6.0, 2.5),
+        (True, "held", 6.0, 2.5),
     ]
     wrong = Kernels(replace(robot, gravity=(0.0, 0.0, 1.0)), ("forward_dynamics",), lambda line: None)
     differing = row(stopwatch, case, [single, wrong.contender("forward_dynamics")], arrays, 20)
     assert "differs" in differing.missing
     assert not differing.ratios
-    assert differing.held() is None
+    bar = differing.bar()
+    assert bar is not None
+    assert bar.verdict == "not measured"
 
 
 def test_the_page() -> None:

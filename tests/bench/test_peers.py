@@ -16,7 +16,7 @@ from benchmarks.peers.gradients import DIFFERENCES, OURS, Task
 from benchmarks.peers.measure import READS, Disagreement, compare, states
 from benchmarks.peers.ours import Ours
 from benchmarks.peers.report import Call, Entry, Gradient, Report, read
-from benchmarks.peers.required import AGAINST_MUJOCO, AGAINST_PINOCCHIO, bar
+from benchmarks.peers.required import AGAINST_MUJOCO, AGAINST_PINOCCHIO, required
 from tests.support.builds import Build
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -86,8 +86,8 @@ def test_calls_from_python_are_a_fraction_of_pinocchios() -> None:
 
 def test_tables_of_a_report(report: Report) -> None:
     table = page.readme(report)
-    assert "| mass matrix | 4.5 (4) | - | - | - |" in table  # the faster convention counts
-    assert "| derivatives of inverse dynamics | not built (6) | - | - | - |" in table
+    assert "| Pinocchio, C++ | mass matrix | 4.5 (4) | - | - | - |" in table  # the faster convention counts
+    assert "| Pinocchio, C++ | derivatives of inverse dynamics | not built (6) | - | - | - |" in table
     assert "| UR5 URDF (6 DOF) | C | Python | per state of 4096 | Pinocchio | ratio |" in table
     assert "| mass matrix | 0.05 | 2.35 | 0.07 | - | - |" in table
     assert "| inverse dynamics | 0.066 | 3.46 | - | 6.91 | 0.50 |" in table
@@ -96,12 +96,27 @@ def test_tables_of_a_report(report: Report) -> None:
     assert "| other | 2.5 | 3e-07 | - | - |" in table
     assert page.rolled(replace(report, gradients=())) == []
     said = page.lines(report)
-    assert [line.split()[-1] for line in said[:2]] == ["held", "MISSED"]
+    assert [line.split()[-1] for line in said[:2]] == ["held", "missed"]
     assert "not built" in said[2]
     text = page.page(report)
     assert text.isascii()
+    assert "| inverse dynamics | 4.5 (6, missed) |" in text
+    assert "figures that are missed: inverse dynamics of UR5 URDF (6 DOF), Pinocchio (4.5 of 6)" in text
+    assert "Required and not measured: derivatives of inverse dynamics of UR5 URDF (6 DOF), Pinocchio." in text
     assert "CasADi: missing in this run" in text
     assert "6.00 (5.90 - 6.10)" in text
+
+
+def test_rows_that_are_lost_are_said(report: Report) -> None:
+    """A rival that is faster, and a batch that takes longer than its states alone."""
+    slower = replace(report.entries[0], ratios={"CasADi": (0.7, 0.8, 0.9), "Pinocchio (local)": (4.4, 4.5, 4.6)})
+    batch = replace(report.entries[0], batch=True, ratios={"eomgen": (0.8, 0.91, 1.0)})
+    text = page.readme(replace(report, entries=(slower, batch)))
+    assert "| C that CasADi generates from Pinocchio's algorithms | mass matrix | 0.80 | - | - | - |" in text
+    assert "| eomgen itself, one state after the other | mass matrix, per state of 4096 | 0.91 | - | - | - |" in text
+    assert "Lost, with ratios of 1 and less: mass matrix of UR5 URDF (6 DOF) beside C that CasADi" in text
+    assert "per state of 4096 of UR5 URDF (6 DOF) beside eomgen itself, one state after the other (0.91)." in text
+    assert "Lost" not in page.readme(report)
 
 
 def test_a_report_survives_its_file(report: Report, tmp_path: Path) -> None:
@@ -116,10 +131,10 @@ def test_plots_are_the_same_bytes(report: Report, tmp_path: Path) -> None:
 
 
 def test_required_ratios() -> None:
-    assert bar("Pinocchio", "UR5", "inverse_dynamics", batch=False) == 6
-    assert bar("Pinocchio", CHAIN, "forward_dynamics", batch=False) == 15
-    assert bar("MuJoCo", ELASTIC, "step", batch=False) == 10
-    assert bar("MuJoCo", "UR5", "inverse_dynamics", batch=False) is None
+    assert required("Pinocchio", "UR5", "inverse_dynamics", batch=False) == 6
+    assert required("Pinocchio", CHAIN, "forward_dynamics", batch=False) == 15
+    assert required("MuJoCo", ELASTIC, "step", batch=False) == 10
+    assert required("MuJoCo", "UR5", "inverse_dynamics", batch=False) is None
     assert {key for key, _, _ in (*AGAINST_PINOCCHIO, *AGAINST_MUJOCO)} <= set(TITLES)
 
 
