@@ -78,6 +78,22 @@ def test_other_pages_have_tests_of_their_own() -> None:
         assert blocks_of((DOCS / name).read_text(encoding="utf-8"))
 
 
+def test_pages_say_which_paper() -> None:
+    """Where a page first speaks of the paper, its title and its source stand beside that."""
+    checked = []
+    for page in (ROOT / "README.md", *(ROOT / "docs").rglob("*.md")):
+        text = " ".join(page.read_text(encoding="utf-8").split())
+        first = re.search(r"\b[Tt]he paper\b", text)
+        if first is None:
+            continue
+        around = text[: first.start() + 400]
+        assert "Mathematics Model for 6-DOF Joints Manipulation Robots" in around, page
+        assert "Mathematics 2021, 9(21), 2828" in around, page
+        checked.append(page.name)
+    assert {"README.md", "theory.md", "errata.md", "multibody.md"} <= set(checked)
+    assert "2021, 9(21), 2828" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+
+
 def test_long_commands_are_understood() -> None:
     """Those of pages whose blocks are run elsewhere: their options exist, and so do the files that they name."""
     from eomgen.cli.entry import make_parser
