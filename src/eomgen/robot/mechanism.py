@@ -26,6 +26,8 @@ from .value import (
 
 Refused = tuple[str, str]  # place, message
 
+AT_HOME = 1e-6  # m or rad, or of what is larger than 1: what is left between a follower's home and its leaders'
+
 
 def mechanism_conflict(robot: Robot) -> Refused | None:
     """The place and the message of what is wrong with drives, home, couplings or loads; None if nothing is."""
@@ -51,7 +53,12 @@ def _drive_refusals(robot: Robot, known: tuple[str, ...]) -> Iterator[Refused]:
         if name not in known:
             yield "driven", f"{unknown(name, known)} (allowed: {listed(known)})"
             continue
-        drive = drive_of(robot, name)
+        leaders = [x for x, ratio in _leaders(robot, name).items() if ratio != 0.0]
+        if len(leaders) != 1:
+            message = f"{show(name)} follows {listed(leaders) if leaders else 'nothing that moves'}"
+            yield "driven", f"{message}; allowed: coordinates that follow no others, or one alone"
+            continue
+        drive = drive_of(robot, leaders[0])
         if coordinate_of(robot, drive).prescribed:
             yield "driven", f"the motion of {show(drive)} is prescribed; allowed: coordinates that are not"
         if drive in seen:
@@ -71,6 +78,11 @@ def _home_refusals(robot: Robot, known: tuple[str, ...]) -> Iterator[Refused]:
         low, high = joint.limits
         if not low <= value <= high:
             yield f"home.{name}", f"got {show(value)}; allowed: within the limits, {low:g} to {high:g} {unit_of(name)}"
+    for name, there in _following(robot, leading_home(robot)).items():
+        said = robot.home.get(name, there)
+        if abs(said - there) > AT_HOME * max(1.0, abs(there)):
+            message = f"got {show(said)}, but it follows {listed(_leaders(robot, name)) or 'nothing that moves'}"
+            yield f"home.{name}", f"{message}; allowed: {there:.9g} {unit_of(name)}, or nothing"
 
 
 def _load_refusals(robot: Robot) -> Iterator[Refused]:
@@ -114,6 +126,48 @@ def _coupling_refusals(robot: Robot, coupling: Coupling, known: tuple[str, ...])
     found = cut_conflict(coupling.law)
     if found is not None:
         yield ".".join(filter(None, (where, found[0]))), found[1]
+
+
+def leading_coordinate(robot: Robot, name: str) -> str:
+    """The coordinate that a drive at a coordinate moves: of a follower the one that it follows; itself otherwise."""
+    return next((x for x, ratio in _leaders(robot, name).items() if ratio != 0.0), name)
+
+
+def leading_home(robot: Robot) -> dict[str, float]:
+    """The described home of what follows no other coordinate, m or rad, by name.
+
+    A follower that is named says where its leader is, where it follows one alone that is not named.
+    """
+    home = dict(robot.home)
+    for name in robot.followers:
+        if name not in home:
+            continue
+        leaders, offset = _leaders(robot, name), _following(robot, {})[name]
+        if len(leaders) == 1:
+            ((leader, ratio),) = leaders.items()
+            if leader not in home and ratio != 0.0:
+                home[leader] = (home[name] - offset) / ratio
+    return {name: value for name, value in home.items() if name not in robot.followers}
+
+
+def _leaders(robot: Robot, name: str) -> dict[str, float]:
+    """Ratios of a coordinate by what it follows in the end, through other followers too; of no follower 1 by itself."""
+    coupling, found = robot.followers.get(name), dict[str, float]()
+    if coupling is None:
+        return {name: 1.0}
+    for other, ratio in coupling.to.items():
+        for leader, behind in _leaders(robot, other).items():
+            found[leader] = found.get(leader, 0.0) + ratio * behind
+    return found
+
+
+def _following(robot: Robot, values: Mapping[str, float]) -> dict[str, float]:
+    """Where followers are, m or rad, by name; leaders are where ``values`` say, or at 0."""
+    found: dict[str, float] = {}
+    for name, coupling in robot.followers.items():
+        moved = (ratio * found.get(x, values.get(x, 0.0)) for x, ratio in coupling.to.items())
+        found[name] = sum(moved, coupling.offset or 0.0)
+    return found
 
 
 def unknown(name: str, known: tuple[str, ...]) -> str:

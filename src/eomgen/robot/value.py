@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
 
-from ..names import NAME_LENGTH, html_table
+from ..names import NAME_LENGTH, html_table, joint_of, kind_of
 from .cuts import CUTS
 from .geometry import IDENTITY, ZERO, Matrix, Vector, rotation_from_rpy, snap
 from .joint_damping import JointDamping
@@ -365,7 +365,8 @@ class Coupling:
 
     of: the name of a coordinate; to: ratios by the names of others, in the unit of ``of`` per theirs; none where
     ``of`` keeps to the offset.  law: forces in what value(of) deviates from the right side, in units of ``of``, without
-    armature and role; None where the coupling is rigid.
+    armature and role; None where the coupling is rigid.  is_constraint: keeps a coordinate that a rigid coupling would
+    make a follower (``Robot.followers``), and a row of the constraint.
     """
 
     name: str
@@ -373,6 +374,7 @@ class Coupling:
     to: Mapping[str, float] = field(hash=False)
     offset: float | None = None
     law: Coordinate | None = None
+    is_constraint: bool = field(default=False, metadata=LATER)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "to", MappingProxyType(dict(self.to)))
@@ -390,18 +392,22 @@ class Coupling:
         return found
 
     def rigid(self, moving: Container[str]) -> Coupling | None:
-        """The coupling without its spring where only some coordinates move and others are 0; None if none is left."""
+        """The coupling without its spring where only some coordinates move and others are 0; None if none is left.
+
+        What it makes dependent then is a coordinate still, as it is one of the robot that is not rigid.
+        """
         law = None if self.law is not None and self.law.has_stiffness else self.law
         to = {name: ratio for name, ratio in self.to.items() if name in moving}
         if self.of in moving:
-            return replace(self, to=to, law=law)
+            return replace(self, to=to, law=law, is_constraint=self.is_constraint or law is not self.law)
         lead = next((name for name, ratio in to.items() if ratio != 0.0), None)
         if lead is None or law is not None:
             return None
         ratio = to.pop(lead)
         offset = None if self.offset is None else -self.offset / ratio
         solved = {name: -x / ratio for name, x in to.items()}
-        return Coupling(self.name[: NAME_LENGTH - 6] + "_rigid", lead, solved, offset)  # its numbers are others
+        name = self.name[: NAME_LENGTH - 6] + "_rigid"  # its numbers are others
+        return Coupling(name, lead, solved, offset, is_constraint=True)
 
 
 @dataclass(frozen=True)
@@ -467,6 +473,20 @@ def first_contradiction(couplings: Sequence[Coupling]) -> tuple[Coupling, str] |
     return None
 
 
+def _in_loops(robot: Robot) -> set[str]:
+    """Names of the joints whose motion moves the two sides of a cut joint against each other."""
+    above = {joint.child: joint for joint in robot.joints}
+
+    def path(link: str) -> set[str]:
+        names = set()
+        while link in above:
+            names.add(above[link].name)
+            link = above[link].parent
+        return names
+
+    return {name for loop in robot.loops for name in path(loop.links[0]) ^ path(loop.links[1])}
+
+
 def _lost_numbers(kind: str, old: Sequence[Joint | Loop], new: Sequence[Joint | Loop]) -> set[str]:
     """Names of the numbers of laws that coordinates of joints or loops have no more."""
     return {
@@ -518,7 +538,7 @@ class Robot:
             "links": len(self.links),
             "mass, kg": f"{sum(link.mass for link in self.links):.6g}",
             "joints": len(self.joints),
-            "coordinates": sum(len(joint.all_coordinates) for joint in self.joints),
+            "coordinates": sum(len(joint.all_coordinates) for joint in self.joints) - len(self.followers),
             "loops": len(self.loops),
             "springs between points": len(self.springs),
             "couplings": len(self.couplings),
@@ -536,8 +556,25 @@ class Robot:
 
     @property
     def is_closed(self) -> bool:
-        """True if coordinates follow from others: there are loops or couplings."""
-        return bool(self.loops or self.couplings)
+        """True if something beside the tree holds coordinates: loops, or couplings but those of ``followers``."""
+        return bool(self.loops or len(self.couplings) > len(self.followers))
+
+    @property
+    def followers(self) -> dict[str, Coupling]:
+        """Couplings by the coordinates that they make followers, each behind those that it follows itself.
+
+        A follower is no coordinate of kernels: its position, velocity and acceleration are those that its leaders give
+        it.  Of rigid couplings those stay constraints whose dependent coordinate moves a loop, belongs to a joint with
+        a motor, a journal or damping as a whole, or follows a motor, and those that ``is_constraint`` keeps.
+        """
+        own = {x.name for x in self.joints if (x.motor, x.radial, x.damping) != (None, None, None)}
+        kept = _in_loops(self) | own
+        rigid = [x for x in self.couplings if x.law is None and not x.is_constraint]
+        left = {x.of: x for x in rigid if joint_of(x.of) not in kept and all(kind_of(name) != MOTOR for name in x.to)}
+        found: dict[str, Coupling] = {}
+        while ready := [name for name, x in left.items() if left.keys().isdisjoint(x.to)]:
+            found |= {name: left.pop(name) for name in ready}
+        return found
 
     def rigid(self) -> Robot:
         """The same robot with every deviation locked: principal and prescribed coordinates and free joints move.
