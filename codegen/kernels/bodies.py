@@ -57,8 +57,9 @@ def jacobian_columns(model: Model, k: Any, frame: int) -> dict[int, list[Any]]:
             column = [*axis, 0.0, 0.0, 0.0]
             if own.is_rotation:
                 column = [axis[i] * arm[j] - axis[j] * arm[i] for i, j in ((1, 2), (2, 0), (0, 1))] + axis
-            before = found.get(own.column)
-            found[own.column] = column if before is None else [x + y for x, y in zip(before, column, strict=True)]
+            if model.followers:  # whose columns add up, from zeros on
+                column = [x + y for x, y in zip(found.get(own.column, [0.0] * 6), column, strict=True)]
+            found[own.column] = column
         body = model.bodies[body].parent
     return found
 

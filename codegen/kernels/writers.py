@@ -30,6 +30,7 @@ DESCRIPTION_FRAMES = (
     "kinematics",
     "external_force",
     "external_reactions",
+    "external_coupling_forces",
     "regressor",
     *CLOSURE_KERNELS,
 )  # report, or are asked, in the description's frames

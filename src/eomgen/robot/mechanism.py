@@ -53,7 +53,7 @@ def _drive_refusals(robot: Robot, known: tuple[str, ...]) -> Iterator[Refused]:
         if name not in known:
             yield "driven", f"{unknown(name, known)} (allowed: {listed(known)})"
             continue
-        leaders = [x for x, ratio in _leaders(robot, name).items() if ratio != 0.0]
+        leaders = [x for x, ratio in _leaders(robot).get(name, {name: 1.0}).items() if ratio != 0.0]
         if len(leaders) != 1:
             message = f"{show(name)} follows {listed(leaders) if leaders else 'nothing that moves'}"
             yield "driven", f"{message}; allowed: coordinates that follow no others, or one alone"
@@ -78,10 +78,11 @@ def _home_refusals(robot: Robot, known: tuple[str, ...]) -> Iterator[Refused]:
         low, high = joint.limits
         if not low <= value <= high:
             yield f"home.{name}", f"got {show(value)}; allowed: within the limits, {low:g} to {high:g} {unit_of(name)}"
+    leaders = _leaders(robot)
     for name, there in _following(robot, leading_home(robot)).items():
         said = robot.home.get(name, there)
         if abs(said - there) > AT_HOME * max(1.0, abs(there)):
-            message = f"got {show(said)}, but it follows {listed(_leaders(robot, name)) or 'nothing that moves'}"
+            message = f"got {show(said)}, but it follows {listed(leaders[name]) or 'nothing that moves'}"
             yield f"home.{name}", f"{message}; allowed: {there:.9g} {unit_of(name)}, or nothing"
 
 
@@ -130,7 +131,7 @@ def _coupling_refusals(robot: Robot, coupling: Coupling, known: tuple[str, ...])
 
 def leading_coordinate(robot: Robot, name: str) -> str:
     """The coordinate that a drive at a coordinate moves: of a follower the one that it follows; itself otherwise."""
-    return next((x for x, ratio in _leaders(robot, name).items() if ratio != 0.0), name)
+    return next((x for x, ratio in _leaders(robot).get(name, {}).items() if ratio != 0.0), name)
 
 
 def leading_home(robot: Robot) -> dict[str, float]:
@@ -138,26 +139,26 @@ def leading_home(robot: Robot) -> dict[str, float]:
 
     A follower that is named says where its leader is, where it follows one alone that is not named.
     """
-    home = dict(robot.home)
-    for name in robot.followers:
-        if name not in home:
-            continue
-        leaders, offset = _leaders(robot, name), _following(robot, {})[name]
-        if len(leaders) == 1:
-            ((leader, ratio),) = leaders.items()
-            if leader not in home and ratio != 0.0:
-                home[leader] = (home[name] - offset) / ratio
-    return {name: value for name, value in home.items() if name not in robot.followers}
+    home, shares = dict(robot.home), _leaders(robot)
+    if home.keys().isdisjoint(shares):
+        return home
+    offsets = _following(robot, {})
+    for name in shares.keys() & home.keys():
+        leader, ratio = next(iter(shares[name].items()), ("", 0.0))
+        if len(shares[name]) == 1 and leader not in robot.home and ratio != 0.0:
+            home[leader] = (home[name] - offsets[name]) / ratio
+    return {name: value for name, value in home.items() if name not in shares}
 
 
-def _leaders(robot: Robot, name: str) -> dict[str, float]:
-    """Ratios of a coordinate by what it follows in the end, through other followers too; of no follower 1 by itself."""
-    coupling, found = robot.followers.get(name), dict[str, float]()
-    if coupling is None:
-        return {name: 1.0}
-    for other, ratio in coupling.to.items():
-        for leader, behind in _leaders(robot, other).items():
-            found[leader] = found.get(leader, 0.0) + ratio * behind
+def _leaders(robot: Robot) -> dict[str, dict[str, float]]:
+    """Ratios of every follower by what it follows in the end, through other followers too."""
+    found: dict[str, dict[str, float]] = {}
+    for name, coupling in robot.followers.items():
+        share: dict[str, float] = {}
+        for other, ratio in coupling.to.items():
+            for leader, behind in found.get(other, {other: 1.0}).items():
+                share[leader] = share.get(leader, 0.0) + ratio * behind
+        found[name] = share
     return found
 
 

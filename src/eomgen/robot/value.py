@@ -571,10 +571,17 @@ class Robot:
         kept = _in_loops(self) | own
         rigid = [x for x in self.couplings if x.law is None and not x.is_constraint]
         left = {x.of: x for x in rigid if joint_of(x.of) not in kept and all(kind_of(name) != MOTOR for name in x.to)}
-        found: dict[str, Coupling] = {}
-        while ready := [name for name, x in left.items() if left.keys().isdisjoint(x.to)]:
-            found |= {name: left.pop(name) for name in ready}
-        return found
+        behind: dict[str, list[str]] = {}
+        for name, coupling in left.items():
+            for other in coupling.to.keys() & left.keys():
+                behind.setdefault(other, []).append(name)
+        ahead = {name: len(coupling.to.keys() & left.keys()) for name, coupling in left.items()}
+        ready = [name for name, count in ahead.items() if not count]
+        for name in ready:  # which grows
+            for other in behind.get(name, ()):
+                ahead[other] -= 1
+                ready += [other] if not ahead[other] else []
+        return {name: left[name] for name in ready}
 
     def rigid(self) -> Robot:
         """The same robot with every deviation locked: principal and prescribed coordinates and free joints move.
