@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from eomgen.robot.model import Model, build_model
+from eomgen.robot.model import Model
 from eomgen.robot.value import ANGULAR, COORDINATES
 
 from . import facts
@@ -96,7 +96,7 @@ def zero_map(model: Model) -> ZeroMap:
 
 def _led(model: Model) -> ZeroMap:
     """Zeros of S^T M S and of C likewise: a zero counts under the reason that the leaders' own entry has."""
-    whole = build_model(model.robot, with_followers=True)
+    whole = model.tree
     zeros, names = zero_map(whole), {name: i for i, name in enumerate(whole.coordinates)}
     own = [names[name] for name in model.coordinates]
     moves = np.eye(whole.size, dtype=bool)[:, own]

@@ -85,7 +85,7 @@ class CoordinateEnds:
     def __init__(self, kernel: Kernel) -> None:
         self._ends = _ends(clearances(kernel), stops(kernel))
         deflected, names = deflections(kernel), acting(kernel)
-        followed, offsets = kernel.following()
+        followed, offsets = kernel.follower_matrix()
         own, shifts = np.vstack([np.eye(kernel.n), followed]), np.concatenate([np.zeros(kernel.n), offsets])
         index = [names.index(end.name) for end in self._ends]
         rows = [

@@ -6,6 +6,7 @@ Each rule returns the place and the message of the first thing that is wrong, so
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 
 from ..names import joint_of, kind_of, listed, nearest, show
@@ -148,6 +149,29 @@ def leading_home(robot: Robot) -> dict[str, float]:
         if len(shares[name]) == 1 and leader not in robot.home and ratio != 0.0:
             home[leader] = (home[name] - offsets[name]) / ratio
     return {name: value for name, value in home.items() if name not in shares}
+
+
+def follower_limits(robot: Robot, name: str) -> tuple[float, float]:
+    """Ends, m or rad, between which a coordinate leaves all that follow it alone within their limits; or infinite."""
+    low, high, offsets = -math.inf, math.inf, _following(robot, {})
+    for follower, share in _leaders(robot).items():
+        joint = robot.joint(joint_of(follower))
+        ratio = share.get(name, 0.0)
+        if len(share) > 1 or ratio == 0.0 or joint.limits is None or PRINCIPAL.get(joint.type) != kind_of(follower):
+            continue
+        ends = sorted((x - offsets[follower]) / ratio for x in joint.limits)
+        low, high = max(low, ends[0]), min(high, ends[1])
+    return low, high
+
+
+def following_text(robot: Robot, name: str) -> str:
+    """Say which coordinates one follows, by its name or, where it is principal, its joint's; "" where it is none."""
+    for follower, coupling in robot.followers.items():
+        joint = robot.joint(joint_of(follower))
+        if name == follower or (name == joint.name and PRINCIPAL.get(joint.type) == kind_of(follower)):
+            leaders = listed(list(coupling.to)) or "nothing that moves"
+            return f"{follower} follows {leaders} by the coupling {coupling.name} and is no coordinate of its own"
+    return ""
 
 
 def _leaders(robot: Robot) -> dict[str, dict[str, float]]:

@@ -127,6 +127,11 @@ class Model:
         """Couplings that are rows of the constraint."""
         return tuple(x for x in self.robot.couplings if x.law is None and x.of not in self.followers)
 
+    @cached_property
+    def tree(self) -> Model:
+        """The model in which followers are coordinates, and their couplings rows of the constraint."""
+        return build_model(self.robot, with_followers=True) if self.followers else self
+
     @property
     def leading_couplings(self) -> tuple[Coupling, ...]:
         """Couplings that make followers, in the order of the description."""

@@ -392,22 +392,18 @@ class Coupling:
         return found
 
     def rigid(self, moving: Container[str]) -> Coupling | None:
-        """The coupling without its spring where only some coordinates move and others are 0; None if none is left.
-
-        What it makes dependent then is a coordinate still, as it is one of the robot that is not rigid.
-        """
+        """The coupling without its spring where only some coordinates move and others are 0; None if none is left."""
         law = None if self.law is not None and self.law.has_stiffness else self.law
         to = {name: ratio for name, ratio in self.to.items() if name in moving}
         if self.of in moving:
-            return replace(self, to=to, law=law, is_constraint=self.is_constraint or law is not self.law)
+            return replace(self, to=to, law=law)
         lead = next((name for name, ratio in to.items() if ratio != 0.0), None)
         if lead is None or law is not None:
             return None
         ratio = to.pop(lead)
         offset = None if self.offset is None else -self.offset / ratio
         solved = {name: -x / ratio for name, x in to.items()}
-        name = self.name[: NAME_LENGTH - 6] + "_rigid"  # its numbers are others
-        return Coupling(name, lead, solved, offset, is_constraint=True)
+        return Coupling(self.name[: NAME_LENGTH - 6] + "_rigid", lead, solved, offset)  # its numbers are others
 
 
 @dataclass(frozen=True)
@@ -628,6 +624,8 @@ class Robot:
         tunable = tuple(name for name in tunable if name in known or not name.startswith("couplings."))
         tunable = tuple(name for name in tunable if not (name.startswith("joints.") and ".stops." in name))
         made = replace(self, name=self.name[:42] + "_rigid", joints=tuple(joints), loops=tuple(loops))
+        more = replace(made, couplings=couplings).followers.keys() - self.followers.keys()  # are coordinates here, too
+        couplings = tuple(replace(x, is_constraint=True) if x.of in more else x for x in couplings)
         return replace(
             made,
             tunable=tunable,

@@ -199,11 +199,11 @@ class Kernel:
         here, lead = self.calls.array("q", q, self.raw.shapes["q"])
         rates = np.zeros_like(here) if v is None else self.calls.array("v", v, self.raw.shapes["v"])[0]
         joint_lead("v", rates.shape[:-1], lead)
-        matrix, offsets = self.following()
+        matrix, offsets = self.follower_matrix()
         pairs = zip(self._followers, matrix.astype(self.dtype), offsets.astype(self.dtype), strict=True)
         return {name: (here @ row + offset, rates @ row + 0 * here[..., 0]) for name, row, offset in pairs}
 
-    def following(self) -> tuple[Array, Array]:
+    def follower_matrix(self) -> tuple[Array, Array]:
         """Matrix (followers, n) and offsets (followers,) that make positions of followers of q, with today's ratios.
 
         The rows are in the order of ``follower_names``, in the follower's unit per the coordinate's.

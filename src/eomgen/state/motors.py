@@ -27,7 +27,7 @@ def deflections(kernel: Kernel) -> Array:
 
     Behind them stand followers, which are off by their offsets.
     """
-    rows = np.vstack([np.eye(kernel.n), kernel.following()[0]])
+    rows = np.vstack([np.eye(kernel.n), kernel.follower_matrix()[0]])
     for motor, principal in kernel.motors.items():
         m, p = kernel.coordinates.index(motor), kernel.coordinates.index(principal)
         rows[m, m], rows[m, p] = 1.0 / kernel.ratio(motor), -1.0

@@ -58,7 +58,7 @@ def _contact_stiffnesses(kernel: Kernel) -> Array:
 def _on_diagonal(kernel: Kernel, slopes: Sequence[float]) -> Array:
     """Slopes by each of ``acting`` itself, as the coordinates feel them by themselves, (n,)."""
     own = np.array(slopes)
-    return np.asarray(own[: kernel.n] + own[kernel.n :] @ kernel.following()[0] ** 2)
+    return np.asarray(own[: kernel.n] + own[kernel.n :] @ kernel.follower_matrix()[0] ** 2)
 
 
 def damping_matrix(kernel: Kernel, least: float = 0.0) -> Array:
@@ -140,7 +140,7 @@ def rubbing_rates(kernel: Kernel, q: Array) -> Array:
     found, known = np.full(kernel.n, np.inf), smoothings(kernel)
     for i, name in enumerate(kernel.coordinates):
         found[i] = known.get(name, np.inf)
-    matrix, names = kernel.following()[0], acting(kernel)[kernel.n :]
+    matrix, names = kernel.follower_matrix()[0], acting(kernel)[kernel.n :]
     for name, row in zip(names, matrix, strict=True):
         found[row != 0.0] = np.minimum(found[row != 0.0], known.get(name, np.inf))
     for name, row in zip(kernel.cut_laws, kernel.cut_jacobian(q) if kernel.cut_laws else (), strict=True):
@@ -207,8 +207,8 @@ def line_rates(kernel: Kernel, q: Array, least: float = 0.0, *, touching: bool =
 
 
 def coordinate_numbers(kernel: Kernel, key: str) -> Array:
-    """A parameter of every coordinate, such as "damping", (n,); 0 where there is none."""
-    names = (parameter_name("joints", coordinate, key) for coordinate in kernel.coordinates)
+    """A parameter of each of ``acting``, such as "damping"; 0 where there is none."""
+    names = (parameter_name("joints", coordinate, key) for coordinate in acting(kernel))
     return np.array([kernel.parameters.get(name, 0.0) for name in names])
 
 
