@@ -625,7 +625,7 @@ class Robot:
         tunable = tuple(name for name in tunable if not (name.startswith("joints.") and ".stops." in name))
         made = replace(self, name=self.name[:42] + "_rigid", joints=tuple(joints), loops=tuple(loops))
         more = replace(made, couplings=couplings).followers.keys() - self.followers.keys()  # are coordinates here, too
-        couplings = tuple(replace(x, is_constraint=True) if x.of in more else x for x in couplings)
+        couplings = tuple(replace(x, is_constraint=True) if x.law is None and x.of in more else x for x in couplings)
         return replace(
             made,
             tunable=tunable,
