@@ -120,9 +120,8 @@ def _starts(kernel: Kernel, robot: Robot | None, guess: ArrayLike | None, lead: 
         if robot is not None:
             names = program_coordinates(robot)
             start, goal = default_ends(robot, names)
-            begun = dict(zip(names, start if robot.is_closed else (start + goal) / 2, strict=True)) | leading_home(
-                robot
-            )
+            begun = dict(zip(names, start if robot.is_closed else (start + goal) / 2, strict=True))
+            begun |= leading_home(robot)
             middle = np.array([begun.get(name, 0.0) for name in kernel.coordinates])
         given = middle
     else:

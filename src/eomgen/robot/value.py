@@ -561,9 +561,12 @@ class Robot:
 
         A follower is no coordinate of kernels: its position, velocity and acceleration are those that its leaders give
         it.  Of rigid couplings those stay constraints whose dependent coordinate moves a loop, belongs to a joint with
-        a motor, a journal or damping as a whole, or follows a motor, and those that ``is_constraint`` keeps.
+        a motor, a journal or damping as a whole, follows a motor, or has a drive and
+        follows several, and those that ``is_constraint`` keeps.
         """
         own = {x.name for x in self.joints if (x.motor, x.radial, x.damping) != (None, None, None)}
+        shared = {x.of for x in self.couplings if len(x.to) - [*x.to.values()].count(0.0) != 1}
+        own |= {joint_of(name) for name in self.driven or () if name in shared}
         kept = _in_loops(self) | own
         rigid = [x for x in self.couplings if x.law is None and not x.is_constraint]
         left = {x.of: x for x in rigid if joint_of(x.of) not in kept and all(kind_of(name) != MOTOR for name in x.to)}
@@ -578,6 +581,11 @@ class Robot:
                 ahead[other] -= 1
                 ready += [other] if not ahead[other] else []
         return {name: left[name] for name in ready}
+
+    def with_constraints(self) -> Robot:
+        """The same robot with every coordinate its own: all rigid couplings are rows of the constraint."""
+        couplings = tuple(replace(x, is_constraint=True) if x.law is None else x for x in self.couplings)
+        return replace(self, couplings=couplings) if self.followers else self
 
     def rigid(self) -> Robot:
         """The same robot with every deviation locked: principal and prescribed coordinates and free joints move.

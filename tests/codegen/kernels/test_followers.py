@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 import eomgen
 from eomgen.robot.value import Robot
@@ -125,3 +126,92 @@ def accelerations(
         expected[:, free] = -np.linalg.solve(r_a[inside], slope[:, free])
         near(found, expected, 1e-9)
     near(by_u[:, given][:, :, given], np.broadcast_to(np.eye(len(given)), (len(q), len(given), len(given))), 0.0)
+
+
+def springy(seed: int) -> tuple[Robot, Robot]:
+    """A random tree with springs and dampers, whose couplings' numbers are run-time parameters; and without these."""
+    robot = random_robot(seed, joints=(3, 4), max_coordinates=2, max_size=6, tree=True, rods=False)
+    return with_followers(robot, seed, tuned=True), robot
+
+
+def slope_by(kernel: eomgen.Kernel, name: str, f: Callable[[eomgen.Kernel], Array], step: float = 1e-5) -> Array:
+    """Central difference of order four of f by a parameter."""
+    value = kernel.parameters[name]
+    at = [f(kernel.with_parameters({name: value + k * step})) for k in (-2, -1, 1, 2)]
+    return np.asarray((at[0] - 8 * at[1] + 8 * at[2] - at[3]) / (12 * step))
+
+
+@pytest.mark.parametrize("seed", seeds(0, 1, 20))
+def test_derivatives_by_ratios_and_offsets(seed: int, built: Build) -> None:
+    coupled, _ = springy(seed)
+    kernel = built(coupled)
+    rng = np.random.default_rng(seed)
+    q, v, a, u = rng.uniform(-0.5, 0.5, (4, kernel.n))
+    names = [name for name in kernel.parameters if name.startswith("couplings.")]
+    assert names
+    for function, args in (("inverse_dynamics", (q, v, a)), ("forward_dynamics", (q, v, u)), ("energy", (q, v))):
+        exact = kernel.parameter_jacobian(function, args, names)
+        for place, name in enumerate(names):
+
+            def result(other: eomgen.Kernel, function: str = function, args: tuple[Array, ...] = args) -> Array:
+                return np.asarray(getattr(other, function)(*args))
+
+            near(exact[..., place], slope_by(kernel, name, result), 1e-7)
+    weights = rng.normal(size=kernel.n)
+    found = kernel.vjp("forward_dynamics", (q, v, u), weights)
+    for slope, matrix in zip(found, kernel.forward_dynamics_jacobian(q, v, u), strict=True):
+        near(slope, weights @ matrix, 1e-9)
+    frame = kernel.frames[0]
+    near(kernel.jvp("frame_pose", (q, frame), (v,))[:3, 3], kernel.frame_jacobian(q, frame)[:3] @ v)
+    held = kernel.jvp("coupling_forces", (q, v, a), (v, a, u))
+    h = 1e-6
+    moved = [kernel.coupling_forces(q + s * h * v, v + s * h * a, a + s * h * u) for s in (1.0, -1.0)]
+    near(held, (moved[0] - moved[1]) / (2 * h), 1e-7)
+
+
+@pytest.mark.parametrize("seed", seeds(0, 1, 20))
+def test_motions_are_those_of_the_tree_reduced(seed: int, built: Build) -> None:
+    """Against SciPy's integration of accelerations that NumPy reduces; gradients against differences."""
+    coupled, robot = springy(seed)
+    map_ = Reduction.of(robot, coupled.couplings)
+    kernel, tree = built(coupled), built(robot, "mass_matrix", "inverse_dynamics")
+    rng = np.random.default_rng(seed)
+    q0, v0 = rng.uniform(-0.3, 0.3, (2, kernel.n))
+    u = rng.uniform(-1.0, 1.0, kernel.n)
+
+    def rates(_: float, y: Array) -> Array:
+        q, v = np.split(y, 2)
+        Q, V = map_.positions(q), map_.motions(v)
+        bias = map_.forces(tree.inverse_dynamics(Q, V, 0 * V))
+        return np.concatenate([v, np.linalg.solve(map_.matrix(tree.mass_matrix(Q)), u - bias)])
+
+    duration = 0.02
+    end = solve_ivp(rates, (0.0, duration), np.concatenate([q0, v0]), method="Radau", rtol=1e-10, atol=1e-12).y[:, -1]
+    for method, tolerance in (("rk4", 1e-6), ("implicit", 2e-2), ("rosenbrock", 1e-6), ("tsit5", 1e-6)):
+        options = {"dt": 1e-5, "steps": 2000} if method in ("rk4", "implicit") else {"duration": duration, "rtol": 1e-9}
+        found = kernel.rollout(q0, v0, u, method=method, **options)
+        near(np.concatenate([found.q[-1], found.v[-1]]), end, tolerance)
+    names = [name for name in kernel.parameters if name.startswith("couplings.")]
+    weights = rng.normal(size=kernel.n)
+
+    def loss(_: Array, q: Array, v: Array) -> tuple[float, Array, Array]:
+        dq, dv = np.zeros_like(q), np.zeros_like(v)
+        dq[-1] = weights
+        return float(q[-1] @ weights), dq, dv
+
+    for method in ("implicit", "rk4"):
+        options = {"dt": 1e-4, "steps": 20, "method": method}
+        _, slopes = kernel.rollout_gradient(q0, v0, u, loss=loss, parameters=names, **options)
+
+        def result(other: eomgen.Kernel, options: dict[str, object] = options) -> Array:
+            return np.asarray(other.rollout(q0, v0, u, **options).q[-1] @ weights)
+
+        for name in names:
+            near(np.asarray(slopes[name]), slope_by(kernel, name, result, 1e-4), 1e-7)
+    single = built(coupled, "forward_dynamics", "mass_matrix", dtype="float32")
+    state = [x.astype(np.float32) for x in (q0, v0, u)]
+    exact = kernel.forward_dynamics(*(x.astype(np.float64) for x in state))
+    near(single.forward_dynamics(*state).astype(np.float64), exact, 1e-3)
+    many = [np.tile(x, (9, 1)) + 0.01 * rng.normal(size=(9, kernel.n)) for x in (q0, v0, u)]
+    each = [kernel.forward_dynamics(*state) for state in zip(*many, strict=True)]
+    assert np.array_equal(kernel.forward_dynamics(*many), each)

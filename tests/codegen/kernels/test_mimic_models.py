@@ -11,6 +11,8 @@ import pytest
 
 import eomgen
 from eomgen.errors import ArrayError, EomgenWarning
+from eomgen.motion import inverse_kinematics
+from eomgen.motion.ends import principal_limits
 from tests.support.description_samples import example_urdfs
 from tests.support.random_robots import Array
 
@@ -82,3 +84,17 @@ def test_arrays_of_the_old_length_are_refused_by_name(built: Build) -> None:
     free = built(eomgen.load_robot(path, inertia="warn", urdf_mimic=False), "mass_matrix")
     assert free.mass_matrix(np.zeros(9)).shape == (9, 9)
     assert free.follower_names == ()
+
+
+@pytest.mark.filterwarnings(f"ignore::{EomgenWarning.__module__}.EomgenWarning")
+def test_the_hand_of_a_panda_reaches_where_it_was(built: Build) -> None:
+    """Fingers that follow each other do not hinder inverse kinematics, nor the drives of any state."""
+    robot = eomgen.load_robot(EXAMPLES["panda"], inertia="warn")
+    kernel = built(robot, "kinematics", "inverse_dynamics")
+    ends = np.array([principal_limits(robot, name) for name in kernel.coordinates])
+    rng = np.random.default_rng(0)
+    for q in rng.uniform(ends[:, 0], ends[:, 1], (25, kernel.n)):
+        pose = kernel.frame_pose(q, "panda_hand")
+        found = inverse_kinematics(kernel, pose, robot=robot, frame="panda_hand")
+        assert np.abs(kernel.frame_pose(found, "panda_hand") - pose).max() <= 1e-6
+        assert np.isfinite(kernel.inverse_dynamics(q, q, q)).all()
