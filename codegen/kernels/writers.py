@@ -12,7 +12,7 @@ from ..tree.composite import Rows, coriolis_matrix
 from ..tree.kinematics import body_poses, external_rows, frame_poses, potential_energy
 from ..tree.recursion import Wrench, inertial_rows, kinetic_energy
 from ..tree.regressor import INERTIAL, armatures, inertial_columns
-from ..tree.spatial import Scalar
+from ..tree.spatial import Scalar, is_zero
 from .acceleration_slopes import SLOPES, residual_slopes
 from .accelerations import CONSTRAINED, SETTLING, SOLVERS, Way, implicit_step
 from .bodies import axes_of
@@ -121,7 +121,7 @@ def _kinematics(d: Derivation) -> Outputs:
     for axis in axes_of(d.described):
         index = d.model.coordinates.index(axis.name)
         share = d.followers.shares.get(index, {}).get(d.own[axis.column], 1.0)
-        values.extend(axes[index] if index in d.own else [share * x for x in axes[index]])
+        values.extend(axes[index] if index in d.own else [0.0 if is_zero(x) else share * x for x in axes[index]])
     return vector(values)
 
 
