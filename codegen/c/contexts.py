@@ -14,7 +14,7 @@ from eomgen.robot.model import Model
 
 from ..joint.zeros import zero_map
 from ..kernels.blocks import row_blocks
-from ..kernels.bodies import first_frame, frame_bodies
+from ..kernels.bodies import axes_of, first_frame, frame_bodies
 from ..kernels.closed_motion import CLOSING, row_kinds
 from ..kernels.derived import GRADIENTS
 from ..kernels.equations import Equations
@@ -320,13 +320,14 @@ def _templates(kernels: Iterable[str]) -> list[dict[str, str]]:
 
 def _tables(model: Model) -> dict[str, Any]:
     """Numbers of the tree that templates of composed kernels have tables of."""
-    bodies = model.bodies
+    bodies, axes = model.bodies, axes_of(model)
     return {
         "frame_bodies": frame_bodies(model),
         "body_parents": [body.parent for body in bodies],
-        "body_first": [body.first for body in bodies],
-        "body_count": [len(body.active) for body in bodies],
-        "is_rotation": [int(name.endswith((".alpha", ".beta", ".gamma"))) for name in model.coordinates],
+        "body_first": [next((s for s, x in enumerate(axes) if x.body == k), 0) for k in range(len(bodies))],
+        "body_count": [sum(x.body == k for x in axes) for k in range(len(bodies))],
+        "is_rotation": [int(axis.is_rotation) for axis in axes],
+        "columns_of_axes": [axis.column for axis in axes] if model.followers else [],
         "coordinate_parents": coordinate_parents(model),
         "prescribed": model.prescribed,
         "is_prescribed": [int(i in model.prescribed) for i in range(model.size)],

@@ -175,6 +175,7 @@ def readable_closed_form(model: Model, *, numbers: bool = False) -> ReadableClos
     Raises:
         InputError: too many coordinates, too many operations to be simplified and read, or springs between points.
     """
+    model = model.tree
     if model.size > MOST_COORDINATES:
         raise InputError(
             f"{model.name} has {model.size} coordinates; a closed form is derived for at most {MOST_COORDINATES},"

@@ -125,6 +125,7 @@ def closed_form(
     Raises:
         InputError: the robot has springs between points, or an offset of an angle that is not active.
     """
+    model = model.tree
     refuse_springs(model)
     binder = _Values(symbolic_parameters)
     bound = bind(model, binder, _sincos)

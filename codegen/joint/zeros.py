@@ -81,7 +81,9 @@ class ZeroMap:
 
 
 def zero_map(model: Model) -> ZeroMap:
-    """Find the structural zeros of a model's M and C."""
+    """Find the structural zeros of a model's M and C; where coordinates lead others, what all of them leave zero."""
+    if model.followers:
+        return _led(model)
     structure = _Structure(model)
     n = model.size
     upper = np.triu(np.ones((n, n), dtype=bool))
@@ -90,6 +92,30 @@ def zero_map(model: Model) -> ZeroMap:
     by_antisymmetry = christoffel.survivors - _antisymmetric_pairs(christoffel.mask)
     independent = by_antisymmetry - structure.coaxial_swaps()
     return ZeroMap(_mirrored(mass), _mirrored(christoffel), by_antisymmetry, independent)
+
+
+def _led(model: Model) -> ZeroMap:
+    """Zeros of S^T M S and of C likewise: a zero counts under the reason that the leaders' own entry has."""
+    whole = model.tree
+    zeros, names = zero_map(whole), {name: i for i, name in enumerate(whole.coordinates)}
+    own = [names[name] for name in model.coordinates]
+    moves = np.eye(whole.size, dtype=bool)[:, own]
+    for follower, leaders in model.leaders.items():
+        moves[names[follower]] = np.isin(model.coordinates, leaders)
+    upper = np.triu(np.ones((model.size,) * 2, dtype=bool))
+
+    def tally(of: Tally) -> Tally:
+        mask = of.mask
+        for axis in range(mask.ndim):
+            mask = np.moveaxis(np.tensordot(moves.T.astype(int), mask.astype(int), (1, axis)) > 0, 0, axis)
+        reason = np.where(mask, -1, of.reason[np.ix_(*(own,) * mask.ndim)]).astype(np.int8)
+        entries = np.broadcast_to(upper, mask.shape)
+        counts = [(name, int(((reason == place) & entries).sum())) for place, (name, _) in enumerate(of.zeros)]
+        return Tally(int(entries.sum()), tuple(counts), mask, reason)
+
+    mass, christoffel = tally(zeros.mass_matrix), tally(zeros.christoffel)
+    independent = christoffel.survivors - _antisymmetric_pairs(christoffel.mask & upper)
+    return ZeroMap(mass, christoffel, independent, independent)
 
 
 class _Structure:

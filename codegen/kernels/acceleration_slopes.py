@@ -59,8 +59,11 @@ def _add_forces(d: Derivation, by_q: Rows, by_v: Rows) -> None:
 
 
 def _add_gradients(d: Derivation, rows: Mapping[int, Scalar], moved_by: Sequence[int], by_q: Rows, by_v: Rows) -> None:
-    """Derivatives of the resisting forces of a cut joint, which depend on these coordinates, in all rows."""
-    moving = [i for i in moved_by if i in d.own]
+    """Derivatives of the resisting forces of a cut joint, which depend on these coordinates, in all rows.
+
+    Those by a coordinate that others follow are by their motions, too.
+    """
+    moving = [i for i in d.followers.leaders(moved_by) if i in d.own]
     for x, into in ((d.q, by_q), (d.v, by_v)):
         found = gradients(d.graph, list(rows.values()), [x[j] for j in moving])
         for i, row in zip(rows, found, strict=True):
@@ -160,6 +163,8 @@ def _key(x: Scalar) -> Hashable:
 
 def _is_short(d: Derivation) -> bool:
     """Whether the solution with M's factors takes few products: those of 2 n columns in both directions."""
+    if d.followers:  # whose leaders' matrix is no tree's
+        return False
     front = coordinates_in_front(d.model)
     behind = [0] * d.model.size
     for before in front:
@@ -173,7 +178,9 @@ def _is_short(d: Derivation) -> bool:
 
 
 def _is_of_free_bodies(d: Derivation) -> bool:
-    """Whether half of the coordinates and more are those of free bodies."""
+    """Whether half of the coordinates and more are those of free bodies; never where some follow others."""
+    if d.followers:
+        return False
     free = bodies_apart(d.model, d.bound)
     moving = sum(len(body.active) for body, is_free in zip(d.model.bodies, free, strict=True) if is_free)
     return d.model.size <= min(2 * moving, MOST_COORDINATES)

@@ -10,6 +10,7 @@ from ..forces.cuts import Deviating
 from ..forces.rows import effects, stretches
 from ..forces.springs import Along
 from ..solve.factorised import Factors, solve
+from ..solve.reduced import ReducedTree
 from ..solve.responses import EliminatedTree, FactorisedTree
 from ..solve.rows import Row, elastic_row
 from ..tree.composite import Rows
@@ -20,12 +21,13 @@ from .derivation import Derivation, Outputs
 
 FACTORISED = "M = L^T D L factorised"
 ELIMINATED = "joints eliminated in O(n)"
+REDUCED = "the leading coordinates' M = L^T D L factorised"
 STRAIGHT_SOLVE = 12  # up to so many coordinates the factorisation is tried beside the elimination
 
 
 def _solved(d: Derivation, acceleration: Sequence[Scalar], pivots: Pivots) -> Outputs:
     """Accelerations, and for every coordinate a pivot with the size that it is compared to."""
-    return {**d.vector(acceleration), **pivot_outputs(d, pivots)}
+    return {**d.motion(acceleration), **pivot_outputs(d, pivots)}
 
 
 def _factorised(d: Derivation) -> Outputs:
@@ -48,8 +50,10 @@ def _eliminated(d: Derivation) -> Outputs:
     return _solved(d, tree.free, pivots)
 
 
-def eliminated_tree(d: Derivation, drives: list[Scalar], *, coupled: bool = False) -> tuple[EliminatedTree, Pivots]:
-    """The tree with its joints eliminated, in forward dynamics."""
+def eliminated_tree(
+    d: Derivation, drives: list[Scalar], *, coupled: bool = False
+) -> tuple[EliminatedTree | ReducedTree, Pivots]:
+    """The tree with its joints eliminated, in forward dynamics; with followers that of its leaders."""
     return eliminated(d, d.bound.armature, drives, d.v, coupled=coupled)
 
 
@@ -140,7 +144,7 @@ def implicit_step(d: Derivation) -> Outputs:
 
 def _closing_rows(d: Derivation, dt: Scalar) -> list[Row]:
     """Rows that close the loops by the end of a step; they take energy out where the loops' directions turn."""
-    found = gaps(d, d.still) if d.model.constraints else []
+    found = gaps(d, d.still) if d.described.constraints else []
     rate = 1.0 / dt if found else 0.0
     return [gap.row(-1.0 * (rate * (gap.rate(d.v) + rate * gap.value))) for gap in found]
 
@@ -165,26 +169,34 @@ class Way:
 
     most: coordinates up to which it is tried beside the others, because its program would be long; None for any number.
     prescribes: whether it can do with coordinates whose motion is given.
-    suits: whether it is tried for this robot at all.
+    suits: whether it is tried for this robot at all; most are for robots without followers.
     on_demand: whether values are put where outputs need them, because there are many of them.
     """
 
     write: Callable[[Derivation], Outputs]
     most: int | None = None
     prescribes: bool = True
-    suits: Callable[[Derivation], bool] = lambda d: True
+    suits: Callable[[Derivation], bool] = lambda d: not d.followers
     on_demand: bool = False
+
+
+def _follows(d: Derivation) -> bool:
+    """Whether coordinates follow others."""
+    return bool(d.followers)
 
 
 CONSTRAINED: Mapping[str, Way] = {
     FACTORISED: Way(_constrained_by_factors, STRAIGHT_SOLVE, prescribes=False),
     ELIMINATED: Way(_constrained_by_elimination),
+    REDUCED: Way(_constrained_by_elimination, suits=_follows),
 }
 SETTLING: Mapping[str, Way] = {
     FACTORISED: Way(_settling_by_factors, STRAIGHT_SOLVE, prescribes=False),
     ELIMINATED: Way(_settling_by_elimination),
+    REDUCED: Way(_settling_by_elimination, suits=_follows),
 }
 SOLVERS: Mapping[str, Way] = {
     FACTORISED: Way(_factorised, STRAIGHT_SOLVE, prescribes=False),  # M would have to be divided by what is known
     ELIMINATED: Way(_eliminated),
+    REDUCED: Way(_eliminated, suits=_follows),
 }

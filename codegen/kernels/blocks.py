@@ -48,7 +48,7 @@ def row_blocks(model: Model) -> list[Block]:
         one, other = (set(model.ancestors(model.body_of[link])) for link in loop.links)
         columns = {i for k in one ^ other for i in model.bodies[k].indices}  # what moves both sides moves neither
         put(tuple((loop.name, part.axis is None) for part in rigid_parts(loop)), columns)
-    for coupling in model.robot.couplings:
-        if coupling.law is None:
-            put(((coupling.name, False),), {model.coordinates.index(x) for x in (coupling.of, *coupling.to)})
+    for coupling in model.rigid_couplings:
+        names = {leader for x in (coupling.of, *coupling.to) for leader in model.leaders.get(x, (x,))}
+        put(((coupling.name, False),), {model.coordinates.index(name) for name in names})
     return found

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any
 
-from eomgen.robot.model import Model
+from eomgen.names import component_name, kind_of
+from eomgen.robot.model import FIXED_BODY, Model
+from eomgen.robot.value import ANGULAR, MOTOR
 
 from ..program.ir import Program
 from ..program.shares import Goal, Shares, share
@@ -43,29 +46,66 @@ def jacobian_columns(model: Model, k: Any, frame: int) -> dict[int, list[Any]]:
     """
     origins = POSE_SIZE * len(model.frames)
     axes, found = origins + 3 * len(model.bodies), dict[int, list[Any]]()
+    on_bodies = list(enumerate(axes_of(model)))
     body = frame_bodies(model)[frame]
     while body >= 0:
-        here = model.bodies[body]
         arm = [k[POSE_SIZE * frame + 3 + 4 * i] - k[origins + 3 * body + i] for i in range(3)]
-        for s in range(here.first, here.first + len(here.active)):
+        for s, own in on_bodies:
+            if own.body != body:
+                continue
             axis = [k[axes + 3 * s + i] for i in range(3)]
-            if model.coordinates[s].endswith((".alpha", ".beta", ".gamma")):
-                found[s] = [axis[i] * arm[j] - axis[j] * arm[i] for i, j in ((1, 2), (2, 0), (0, 1))] + axis
-            else:
-                found[s] = [*axis, 0.0, 0.0, 0.0]
-        body = here.parent
+            column = [*axis, 0.0, 0.0, 0.0]
+            if own.is_rotation:
+                column = [axis[i] * arm[j] - axis[j] * arm[i] for i, j in ((1, 2), (2, 0), (0, 1))] + axis
+            if model.followers:  # whose columns add up, from zeros on
+                column = [x + y for x, y in zip(found.get(own.column, [0.0] * 6), column, strict=True)]
+            found[own.column] = column
+        body = model.bodies[body].parent
+    return found
+
+
+@dataclass(frozen=True)
+class Axis:
+    """An axis along which a coordinate moves a body: the coordinate's name, the body, the column of Jacobians.
+
+    A follower has one for each coordinate that it follows, as long as its share in that one's velocity.  A motor moves
+    no body: its body is FIXED_BODY.
+    """
+
+    name: str
+    body: int
+    column: int
+
+    @property
+    def is_rotation(self) -> bool:
+        """Whether it is the axis of a rotation."""
+        return kind_of(self.name) in ANGULAR
+
+
+def axes_of(model: Model) -> list[Axis]:
+    """Axes of all coordinates in the order of the tree, followers behind the others of their bodies."""
+    found: list[Axis] = []
+    places = {name: i for i, name in enumerate(model.coordinates)}
+    for k, body in enumerate(model.bodies):
+        kinds = model.robot.joint(body.joint).coordinates
+        found += [Axis(model.coordinates[i], k, i) for i in body.indices]
+        for name in (component_name(body.joint, kind) for kind in kinds):
+            found += [Axis(name, k, places[leader]) for leader in model.leaders.get(name, ())]
+        found += [Axis(x, FIXED_BODY, places[x]) for x in [component_name(body.joint, MOTOR)] if x in places]
     return found
 
 
 def _goals(model: Model) -> Iterator[tuple[int, Goal]]:
     """Places of the program's outputs, and where they belong; motors turn nothing, and nobody asks for their axes."""
     origins = POSE_SIZE * len(model.frames)
-    axes = origins + 3 * len(model.bodies)
+    axes, on_bodies = origins + 3 * len(model.bodies), axes_of(model)
     for frame in range(len(model.frames)):
         for i in range(POSE_SIZE):
             yield POSE_SIZE * frame + i, Goal(first_frame(model) + frame, POSE, i)
-    for number, body in enumerate(model.bodies):
+    for number in range(len(model.bodies)):
         for i in range(3 * number, 3 * number + 3):
             yield origins + i, Goal(1 + number, ORIGINS, i)
-        for i in range(3 * body.first, 3 * body.first + 3 * len(body.active)):
-            yield axes + i, Goal(1 + number, AXES, i)
+        for s, axis in enumerate(on_bodies):
+            if axis.body == number:
+                for i in range(3 * s, 3 * s + 3):
+                    yield axes + i, Goal(1 + number, AXES, i)

@@ -11,10 +11,14 @@ from types import MappingProxyType
 from typing import Any
 
 from ..solve.elimination import Elimination
+from ..solve.factorised import Factors, coordinate_parents
+from ..solve.reduced import ReducedTree
 from ..solve.responses import EliminatedTree, Tree, total
 from ..solve.rotors import Rotors
 from ..solve.rows import PRECISIONS, Row, RowSystem
 from ..tree.bound import Bound
+from ..tree.composite import mass_matrix
+from ..tree.recursion import inertial_rows
 from ..tree.spatial import Scalar
 from .constraint_rows import are_independent, gaps
 from .derivation import Derivation, Outputs, vector
@@ -34,7 +38,7 @@ def eliminated(
     bound: Bound | None = None,
     coupled: bool = False,
     beside: Mapping[tuple[int, int], Scalar] = NO_BESIDE,
-) -> tuple[EliminatedTree, Pivots]:
+) -> tuple[EliminatedTree | ReducedTree, Pivots]:
     """The tree with its accelerations, and pivots with what they are compared to: motors first, then joints.
 
     Args:
@@ -45,6 +49,8 @@ def eliminated(
         beside: slopes that couple coordinates of one joint beside the diagonal, see ``Elimination``.
     """
     bound = bound or d.bound
+    if d.followers:
+        return _reduced(d, replace(bound, armature=tuple(armature)), drives, v, slopes, beside)
     rotors = Rotors(d.model, bound, armature, drives, slopes)
     left = replace(bound, armature=tuple(rotors.armature))
     solved = Elimination(d.model, left, d.joints, v, rotors.drives, d.graph.note, coupled=coupled, slopes=beside)
@@ -52,9 +58,45 @@ def eliminated(
     return EliminatedTree(rotors, solved, solved.accelerations), solved.pivots
 
 
+def _reduced(
+    d: Derivation,
+    bound: Bound,
+    drives: list[Scalar],
+    v: list[Any],
+    slopes: Mapping[int, Scalar],
+    beside: Mapping[tuple[int, int], Scalar],
+) -> tuple[ReducedTree, Pivots]:
+    """The same where coordinates follow others: by S^T M S, since a tree with shared coordinates is none."""
+    rotors, own, given = Rotors(d.model, bound, bound.armature, drives, slopes), frozenset(d.own), d.model.prescribed
+    left, still = replace(bound, armature=tuple(rotors.armature)), [0.0] * d.model.size
+    bias, _ = inertial_rows(d.model, left, d.joints, v, still, left.gravity, d.graph.note)
+    whole = mass_matrix(d.model, left, d.joints, d.graph.note)
+    for place, slope in beside.items():
+        whole[place] = whole.get(place, 0.0) + slope
+    whole = d.followers.symmetric(whole)
+    alone = {i for i in range(d.model.size) if i in given or i in rotors.rows or i not in own}
+    matrix = {place: entry for place, entry in whole.items() if alone.isdisjoint(place)}
+    free: list[Scalar] = [0.0 if i in given else x for i, x in enumerate(rotors.drives)]
+    right = d.followers.gather([drive - force for drive, force in zip(free, bias, strict=True)])
+    for i in range(d.model.size):
+        if i in alone:
+            matrix[i, i], right[i] = 1.0, rotors.drives[i] if i in given else 0.0
+        else:
+            for j in given:
+                right[i] = right[i] - whole.get((min(i, j), max(i, j)), 0.0) * rotors.drives[j]
+    parents, places = [-1] * d.model.size, coordinate_parents(d.described)
+    for place, i in enumerate(d.own):
+        parents[i] = d.own[places[place]] if places[place] >= 0 else -1
+    factors = Factors(d.model, matrix, parents)
+    tree = ReducedTree(rotors, d.followers, factors, right)
+    pivots = [(pivot, matrix[i, i]) for i, pivot in enumerate(factors.pivots)]
+    return tree, [tree.pivot_pairs[i] if i in rotors.rows else pivot for i, pivot in enumerate(pivots)]
+
+
 def with_rows(d: Derivation, tree: Tree, rows: Sequence[Row]) -> tuple[list[Scalar], list[Scalar], RowSystem]:
     """Accelerations, (n,), with the forces of the rows, the multipliers of all rows, and their system."""
     given = set(d.model.prescribed)
+    rows = [replace(row, arms=d.followers.row(row.arms)) for row in rows] if d.followers else rows
     pushing = [
         replace(row, arms={i: arm for i, arm in row.arms.items() if i not in given}) if given else row for row in rows
     ]

@@ -30,7 +30,7 @@ def drives(d: Derivation) -> Outputs:
     own, names = set(d.own), d.model.coordinates
     found = gaps(d, d.v)
     rows = [gap.row(0.0) for gap in found]
-    needed = [row - given for row, given in zip(d.dynamics(d.v, d.a), d.u, strict=True)]
+    needed = [row - given for row, given in zip(d.followers.gather(d.dynamics(d.v, d.a)), d.u, strict=True)]
     active = [replace(row, arms={i: arm for i, arm in row.arms.items() if i in own}) for row in rows]
     driven = {i for i in (*d.model.driven, *d.model.prescribed) if i in own}
     parts = least_drives(active, needed, driven, lambda i: kind_of(names[i]) in ANGULAR, WEIGHINGS[d.dtype])
@@ -96,9 +96,9 @@ def closing_derivatives(d: Derivation) -> Outputs:
     values: list[Scalar] = []
     place = set(d.own)
     found = gaps(d, d.v)
-    for block in row_blocks(d.model):
+    for block in row_blocks(d.described):
         here = found[block.first : block.first + block.rows]
-        columns = [i for i in block.columns if i in place]
+        columns = [d.own[column] for column in block.columns]
         arms = [{i: arm for i, arm in gap.arms.items() if i in place} for gap in here]
         values += [row.get(i, 0.0) for row in arms for i in columns]
         rates = [along(gap.arms, d.a) + gap.bias for gap in here]

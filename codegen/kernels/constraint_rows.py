@@ -55,11 +55,11 @@ def gaps(d: Derivation, v: Sequence[Scalar]) -> list[Gap]:
     for closure in d.closures:
         parts = zip(closure.parts, closure.values(), closure.jacobian(), closure.bias(v), strict=True)
         for part, value, row, bias in parts:
-            arms = {index: arm for index, arm in row.items() if not is_zero(arm)}
+            arms = {index: arm for index, arm in d.followers.row(row).items() if not is_zero(arm)}
             found.append(Gap(value, arms, bias, (closure.number, part.axis is None)))
     for number, coupling in enumerate(d.bound.couplings):
-        if coupling.law is None:
-            found.append(Gap(coupling.gap(d.q), dict(coupling.arms), 0.0, ("coupling", number)))
+        if coupling.law is None and next(iter(coupling.arms)) not in d.followers.shares:
+            found.append(Gap(coupling.gap(d.q), d.followers.row(coupling.arms), 0.0, ("coupling", number)))
     return _without_round_off(d, found)
 
 
@@ -104,7 +104,7 @@ def is_redundant(model: Model) -> bool:
     found = [gap for gap in gaps(d, d.still) if gap.arms]
     if not found:
         return False
-    moving = [i for i in range(d.model.size) if i not in d.model.prescribed]
+    moving = [i for i in d.own if i not in d.model.prescribed]
     J = _Arms(d, found).at(*_regular(model, np.array(model.home)))[:, moving]
     return rank_of(J, REDUNDANT) < len(found)
 
@@ -169,13 +169,14 @@ def _closed_jacobian(
     """
     arms, q = _Arms(d, found), np.array(begin)
     values = finish(d.graph, "gaps", vector([gap.value for gap in found]))
-    moving = [i for i in range(d.model.size) if i not in d.model.prescribed]
+    places = [place for place, i in enumerate(d.own) if i not in d.model.prescribed]
+    moving = [d.own[place] for place in places]
     for _ in range(_ROUNDS):
         g = np.array(list(evaluate(values, {"q": q.tolist(), "p": numbers}).values()))
         J = arms.at(q.tolist(), numbers)[:, moving]
         if np.abs(g).max(initial=0.0) <= CLOSED:
             return J
-        q[moving] -= np.linalg.lstsq(J, g, rcond=REDUNDANT)[0]
+        q[places] -= np.linalg.lstsq(J, g, rcond=REDUNDANT)[0]
     return None
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -20,6 +20,7 @@ from ..program.passes import PARAMETERS
 from ..tree.bound import Bound, bind
 from ..tree.composite import Rows, mass_matrix
 from ..tree.constraints import Closure, closures
+from ..tree.followers import Followers
 from ..tree.frames import choose_frames
 from ..tree.frozen_joints import JointGeometry, geometry
 from ..tree.recursion import inertial_rows
@@ -42,6 +43,9 @@ class Derivation:
     An angle that is not active but has an offset is a coordinate here whose q, v and a are zero; ``own`` are the places
     of the coordinates that kernels know, and what is written leaves the others out.  ``described`` is the model without
     such angles.
+
+    Coordinates that follow others are coordinates here, too, and no inputs: ``followers`` moves them after their
+    leaders, and maps what is written.
     """
 
     def __init__(self, model: Model, *, regrouped: bool = True, dtype: str = "float64", turned: bool = False) -> None:
@@ -57,6 +61,10 @@ class Derivation:
 
         self.q, self.v, self.a, self.u = (self._inputs(name) for name in "qvau")
         bound = bind(self.model, value, self.graph.sincos)
+        self.followers = Followers(self.model, self.described, bound)
+        self.followers.follow(self.q, positions=True)
+        for x in (self.v, self.a):
+            self.followers.follow(x)
         self.bound: Bound = regroup(self.model, choose_frames(self.model, bound)) if regrouped else bound
         self.joints: list[JointGeometry] = geometry(self.model, self.bound, self.q, self.graph.sincos)
         self.still: list[Scalar] = [0.0] * self.model.size
@@ -69,11 +77,21 @@ class Derivation:
         return found
 
     def vector(self, values: Sequence[Scalar]) -> Outputs:
-        """A value per coordinate."""
+        """A force per coordinate; those on followers act on their leaders."""
+        return self.motion(self.followers.gather(values))
+
+    def motion(self, values: Sequence[Scalar]) -> Outputs:
+        """A velocity, acceleration or other change per coordinate."""
         return vector([values[i] for i in self.own])
+
+    def rows(self, rows: Sequence[Mapping[int, Scalar]]) -> Outputs:
+        """Derivatives of values by the coordinates, value by value; an absent one is zero."""
+        found = [self.followers.row(row) for row in rows]
+        return vector([row.get(i, 0.0) for row in found for i in self.own])
 
     def matrices(self, *blocks: Rows) -> Outputs:
         """Matrices over the coordinates, one after the other; an absent entry is zero."""
+        blocks = tuple(map(self.followers.matrix, blocks)) if self.followers else blocks
         return vector([rows.get((i, j), 0.0) for rows in blocks for i in self.own for j in self.own])
 
     def dynamics(self, v: list[Any], a: list[Any]) -> list[Scalar]:

@@ -25,6 +25,7 @@ NEEDS = {
     "springs": "[[springs]]",
     "constraints": "rigid [[loops]] or [[couplings]]",
     "laws": "forces in cut joints or couplings",
+    "followers": "rigid [[couplings]] whose followers are no coordinates",
 }
 STRAIGHT_COLUMNS = 12000  # up to so many operations all columns are written out, above it is a loop over them
 

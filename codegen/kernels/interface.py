@@ -113,6 +113,11 @@ def _loop_metadata(model: Model) -> dict[str, Any]:
     rigid = {coupling.name: coupling.of for coupling in model.robot.couplings if coupling.law is None}
     if rigid:
         found["couplings"] = rigid
+    if model.followers:
+        found["followers"] = {
+            name: {"coupling": x.name, "to": dict(x.to), "offset": x.offset or 0.0}
+            for name, x in model.followers.items()
+        }
     if model.cut_laws:
         found["cut_laws"] = [component_name(owner, name) if name else owner for owner, name, _ in model.cut_laws]
     return found

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
 
 from ..tree.regressor import regressor_names
 from .blocks import row_blocks
+from .bodies import axes_of
 from .derived import BACKWARDS, GRADIENTS, derivative_shapes, differentiated
 from .entries import KINDS, Kind, Signature
 
@@ -205,6 +206,15 @@ OWN_KERNELS: Mapping[str, Signature] = {
         ("q",), "constraint_rows", "Jacobian J = dg/dq of the constraint.", needs="constraints"
     ),
     "constraint_bias": Signature(("q", "v"), "constraints", "J_dot v: g_ddot = J a + J_dot v.", needs="constraints"),
+    "coupling_forces": Signature(
+        ("q", "v", "a"),
+        "couplings",
+        "Force on each follower of a rigid coupling that a motion takes.",
+        needs="followers",
+    ),
+    "external_coupling_forces": Signature(
+        ("q", "wrench"), "couplings", "What external wrenches add to the couplings' forces.", needs="followers"
+    ),
     "cut_poses": Signature(
         ("q",), "cut_poses", "Per loop the cut frame on its second link seen from that on its first.", needs="loops"
     ),
@@ -324,6 +334,7 @@ def available(model: Model) -> tuple[str, ...]:
         "constraints": bool(model.constraints),
         "cuts": bool(model.robot.loops and model.constraints),
         "laws": bool(model.cut_laws),
+        "followers": bool(model.followers),
     }
     return tuple(
         name
@@ -407,6 +418,7 @@ def shapes(model: Model, kernels: Collection[str] | None = None) -> dict[str, tu
         **(closing if m else {}),
         **({"cut_poses": (loops, 4, 4), "loop_reactions": (loops, 6)} if loops else {}),
         **({"law_pairs": (laws, 2), "law_rows": (laws, n)} if laws else {}),
+        **({"couplings": (len(model.followers),)} if model.followers else {}),
         **({"spring_pairs": (springs, 2), "spring_rows": (springs, n)} if springs else {}),
         "wrench": (len(model.links), 6),
         "matrix": (n, n),
@@ -422,7 +434,7 @@ def shapes(model: Model, kernels: Collection[str] | None = None) -> dict[str, tu
         "jacobian": (6, n),
         "poses": (len(model.frames), 3, 4),
         "jacobians": (len(model.frames), 6, n),
-        "kinematics": (12 * len(model.frames) + 3 * len(model.bodies) + 3 * n,),
+        "kinematics": (12 * len(model.frames) + 3 * len(model.bodies) + 3 * len(axes_of(model)),),
     }
     wanted = {name: x for name, x in DERIVATIVES.items() if kernels is None or name in kernels}
     return {**found, **derivative_shapes(wanted, found, len(model.parameters))}

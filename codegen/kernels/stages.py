@@ -82,6 +82,8 @@ def stage(d: Derivation) -> Outputs:
     shifts: list[Scalar] = [0.0] * d.model.size
     for place, i in enumerate(d.own):
         rates[i], shifts[i] = here.rates[place], here.shifts[place]
+    for x in (rates, shifts):
+        d.followers.follow(x)
     own = _of_coordinates(here)
     forces: list[Scalar] = [slope.force(rates[i], shifts[i]) for i, slope in enumerate(own)]
     armature = [x + slope.whole for x, slope in zip(d.bound.armature, own, strict=True)]
@@ -95,7 +97,7 @@ def stage(d: Derivation) -> Outputs:
         forces[motor] = forces[motor] + force * between.inverse_ratio
         forces[between.principal] = forces[between.principal] - force
         slopes[motor] = slope.whole
-    rows: list[Row] = [gap.row(0.0) for gap in (gaps(d, d.still) if d.model.constraints else [])]
+    rows: list[Row] = [gap.row(0.0) for gap in (gaps(d, d.still) if d.described.constraints else [])]
     for arms, slope in _lines(here):
         force = slope.force(along(arms, rates), along(arms, shifts))
         for i, arm in arms.items():
@@ -104,7 +106,7 @@ def stage(d: Derivation) -> Outputs:
     drives: list[Scalar] = [0.0 if i in given else -1.0 * force for i, force in enumerate(forces)]
     rest = replace(d.bound, gravity=(0.0, 0.0, 0.0))
     tree, pivots = eliminated(d, armature, drives, d.still, slopes, bound=rest, coupled=bool(rows), beside=beside)
-    return {**d.vector(with_rows(d, tree, rows)[0] if rows else tree.free), **pivot_outputs(d, pivots)}
+    return {**d.motion(with_rows(d, tree, rows)[0] if rows else tree.free), **pivot_outputs(d, pivots)}
 
 
 def _blocks(

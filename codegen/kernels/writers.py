@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -12,9 +12,10 @@ from ..tree.composite import Rows, coriolis_matrix
 from ..tree.kinematics import body_poses, external_rows, frame_poses, potential_energy
 from ..tree.recursion import Wrench, inertial_rows, kinetic_energy
 from ..tree.regressor import INERTIAL, armatures, inertial_columns
-from ..tree.spatial import Scalar
+from ..tree.spatial import Scalar, is_zero
 from .acceleration_slopes import SLOPES, residual_slopes
 from .accelerations import CONSTRAINED, SETTLING, SOLVERS, Way, implicit_step
+from .bodies import axes_of
 from .closed_motion import closing_derivatives, closing_reactions, drives, loop_reactions, loop_wrenches
 from .constraint_rows import gaps
 from .derivation import Derivation, Outputs, vector
@@ -29,14 +30,16 @@ DESCRIPTION_FRAMES = (
     "kinematics",
     "external_force",
     "external_reactions",
+    "external_coupling_forces",
     "regressor",
     *CLOSURE_KERNELS,
 )  # report, or are asked, in the description's frames
 
 
 def _mass_matrix(d: Derivation) -> Outputs:
-    upper = d.matrix()
-    return d.matrices({**upper, **{(j, i): value for (i, j), value in upper.items()}})
+    upper = d.followers.symmetric(d.matrix()) if d.followers else d.matrix()
+    whole = {**upper, **{(j, i): value for (i, j), value in upper.items()}}
+    return vector([whole.get((i, j), 0.0) for i in d.own for j in d.own])
 
 
 def _bias_force(d: Derivation) -> Outputs:
@@ -95,10 +98,11 @@ def _christoffel(d: Derivation) -> Outputs:
     What vanishes only by an identity (C_i,ji = 0, say) would be left as round-off; the zero map knows it.
     """
     n = len(d.own)
-    survives = zero_map(d.model).christoffel.mask[np.ix_(d.own, d.own, d.own)].reshape(n * n, n)
+    survives = zero_map(d.described if d.followers else d.model).christoffel.mask
+    survives = (survives if d.followers else survives[np.ix_(d.own, d.own, d.own)]).reshape(n * n, n)
     outputs: Outputs = {}
     for k, index in enumerate(d.own):
-        velocity = [float(i == index) for i in range(d.model.size)]
+        velocity = d.followers.follow([float(i == index) for i in range(d.model.size)])
         column = d.matrices(coriolis_matrix(d.model, d.bound, d.joints, velocity, d.graph.note))
         for (_, ij), value in column.items():
             outputs["out", ij * n + k] = value if survives[ij, k] else 0.0
@@ -114,8 +118,10 @@ def _kinematics(d: Derivation) -> Outputs:
             values.extend((*row, x))
     for pose in bodies:
         values.extend(pose.origin)
-    for index in d.own:
-        values.extend(axes[index])
+    for axis in axes_of(d.described):
+        index = d.model.coordinates.index(axis.name)
+        share = d.followers.shares.get(index, {}).get(d.own[axis.column], 1.0)
+        values.extend(axes[index] if index in d.own else [0.0 if is_zero(x) else share * x for x in axes[index]])
     return vector(values)
 
 
@@ -154,12 +160,16 @@ def _reactions(d: Derivation) -> Outputs:
 def _regressor(d: Derivation) -> Outputs:
     """Columns of the bodies' inertial parameters, then of armatures; rows are coordinates."""
     columns = inertial_columns(d.model, d.bound, d.joints, d.v, d.a, d.graph.note)
-    none, driven = [0.0] * len(INERTIAL), [d.own[i] for i in armatures(d.described)]
+    none, driven = [0.0] * len(INERTIAL), [d.model.coordinates.index(name) for name in armatures(d.described)]
     values: list[Scalar] = []
     for row in d.own:
+        led = {i: share[row] for i, share in d.followers.shares.items() if row in share}
         for body in columns:
-            values.extend(body.get(row, none))
-        values.extend(d.a[i] if i == row else 0.0 for i in driven)
+            here = body.get(row, none)
+            for i, ratio in led.items():
+                here = [x + ratio * y for x, y in zip(here, body.get(i, none), strict=True)]
+            values.extend(here)
+        values.extend(d.a[i] if i == row else led.get(i, 0.0) * d.a[i] for i in driven)
     return vector(values)
 
 
@@ -168,11 +178,25 @@ def _constraint(d: Derivation) -> Outputs:
 
 
 def _constraint_jacobian(d: Derivation) -> Outputs:
-    return vector([gap.arms.get(i, 0.0) for gap in gaps(d, d.still) for i in d.own])
+    return d.rows([gap.arms for gap in gaps(d, d.still)])
 
 
 def _constraint_bias(d: Derivation) -> Outputs:
     return vector([gap.bias for gap in gaps(d, d.v)])
+
+
+def _coupling_forces(d: Derivation) -> Outputs:
+    return _coupled(d, d.dynamics(d.v, d.a))
+
+
+def _external_coupling_forces(d: Derivation) -> Outputs:
+    return _coupled(d, [-1.0 * x for x in _external(d)[0]])
+
+
+def _coupled(d: Derivation, needed: Sequence[Scalar]) -> Outputs:
+    """Forces of the couplings on followers: what these need, and what their own followers take from them."""
+    found = d.followers.holding(needed)
+    return vector([found[d.model.coordinates.index(coupling.of)] for coupling in d.described.leading_couplings])
 
 
 def _cut_poses(d: Derivation) -> Outputs:
@@ -190,7 +214,7 @@ def _spring_forces(d: Derivation) -> Outputs:
 
 def _spring_jacobian(d: Derivation) -> Outputs:
     found = [(1.0 / line.length(), line.g) for line in d.lines(d.still)]
-    return vector([g.get(i, 0.0) * inverse for inverse, g in found for i in d.own])
+    return d.rows([{i: x * inverse for i, x in g.items()} for inverse, g in found])
 
 
 def _cut_forces(d: Derivation) -> Outputs:
@@ -198,7 +222,7 @@ def _cut_forces(d: Derivation) -> Outputs:
 
 
 def _cut_jacobian(d: Derivation) -> Outputs:
-    return vector([own.arms.get(i, 0.0) for own in d.deviating for i in d.own])
+    return d.rows([own.arms for own in d.deviating])
 
 
 def _spring_stiffness(d: Derivation) -> Outputs:
@@ -235,6 +259,8 @@ WRITERS: Mapping[str, Callable[[Derivation], Outputs]] = {
     "constraint": _constraint,
     "constraint_jacobian": _constraint_jacobian,
     "constraint_bias": _constraint_bias,
+    "coupling_forces": _coupling_forces,
+    "external_coupling_forces": _external_coupling_forces,
     "cut_poses": _cut_poses,
     "spring_forces": _spring_forces,
     "spring_jacobian": _spring_jacobian,

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from eomgen.robot.model import Model
+from eomgen.robot.model import Model, with_offset_angles
 
 from ..tree.composite import Rows
 from ..tree.spatial import Scalar
@@ -15,7 +15,37 @@ from .articulated import inverse_or_zero
 
 
 def coordinate_parents(model: Model) -> list[int]:
-    """Index of the coordinate in front of each one on the way to the base, or -1; motors stand alone."""
+    """Index of the coordinate in front of each one on the way to the base, or -1; motors stand alone.
+
+    Where coordinates lead others, the way goes through all with which these couple them.
+    """
+    return _elimination_parents(model) if model.followers else _tree_parents(model)
+
+
+def _elimination_parents(model: Model) -> list[int]:
+    """The elimination tree of M: rows of L have entries at ancestors alone (J. W. H. Liu, "The Role of Elimination
+    Trees in Sparse Factorization", SIAM J. Matrix Analysis and Applications 11, 1990).
+    """
+    whole, own = with_offset_angles(model)
+    parents, places = _tree_parents(whole), {name: i for i, name in enumerate(model.coordinates)}
+    moved_by: list[set[int]] = [set() for _ in parents]  # by which coordinates, of all in front and of each one itself
+    names = enumerate(whole.coordinates)
+    leaders = {i: {places[x] for x in model.leaders.get(name, (name,)) if x in places} for i, name in names}
+    for i, parent in enumerate(parents):
+        moved_by[i] = leaders[i] | (moved_by[parent] if parent >= 0 else set())
+    front: list[set[int]] = [set() for _ in own]
+    for i in range(len(parents)):
+        for k in moved_by[i]:
+            front[k] |= {j for j in moved_by[i] if j < k}
+    found = [-1] * model.size
+    for k in range(model.size - 1, -1, -1):
+        if front[k]:
+            found[k] = max(front[k])
+            front[found[k]] |= front[k] - {found[k]}
+    return found
+
+
+def _tree_parents(model: Model) -> list[int]:
     parents = [-1] * model.size
     last: dict[int, int] = {-1: -1}
     for k, body in enumerate(model.bodies):
@@ -46,8 +76,9 @@ def solve_operations(model: Model) -> dict[str, int]:
 class Factors:
     """M = L^T D L: ``pivots`` D (all positive for a body that can be) and their inverses."""
 
-    def __init__(self, model: Model, matrix: Rows) -> None:
-        self.parents, M, n = coordinate_parents(model), dict(matrix), model.size
+    def __init__(self, model: Model, matrix: Rows, parents: Sequence[int] | None = None) -> None:
+        """Factor a matrix over a model's coordinates; ``parents``: the way to the base, if it is not the model's."""
+        self.parents, M, n = parents or coordinate_parents(model), dict(matrix), model.size
         self.pivots: list[Scalar] = [0.0] * n
         self.inverse: list[Scalar] = [0.0] * n
         self.factors: dict[tuple[int, int], Scalar] = {}

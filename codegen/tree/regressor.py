@@ -12,6 +12,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 from eomgen.names import component_name, kind_of
+from eomgen.robot.coordinates import coordinate_names
 from eomgen.robot.model import FIXED_BODY, Model, with_offset_angles
 from eomgen.robot.value import MOTOR
 
@@ -32,21 +33,22 @@ def regressor_names(model: Model) -> tuple[str, ...]:
     ("joint1.motor.inertia"), and those that are given one.
     """
     links = [component_name(body.name, key) for body in model.bodies for key in INERTIAL]
-    return (*links, *(_armature_name(model.coordinates[i]) for i in armatures(model)))
+    return (*links, *map(_armature_name, armatures(model)))
 
 
 def _armature_name(coordinate: str) -> str:
     return component_name(coordinate, "inertia" if kind_of(coordinate) == MOTOR else "armature")
 
 
-def armatures(model: Model) -> tuple[int, ...]:
-    """Indices of the coordinates that have a column for their armature."""
-    found = {*model.driven, *model.motors}
-    given = [coordinate for joint in model.robot.joints for coordinate in joint.all_coordinates.values()]
-    for index, (name, coordinate) in enumerate(zip(model.coordinates, given, strict=True)):
-        if coordinate.armature or f"joints.{name}.armature" in model.parameters:
-            found.add(index)
-    return tuple(sorted(found))
+def armatures(model: Model) -> tuple[str, ...]:
+    """Names of the coordinates, followers too, that have a column for their armature; in the order of the tree."""
+    found = {model.coordinates[i] for i in (*model.driven, *model.motors)}
+    for joint in model.robot.joints:
+        for kind, coordinate in joint.all_coordinates.items():
+            name = component_name(joint.name, kind)
+            if coordinate.armature or f"joints.{name}.armature" in model.parameters:
+                found.add(name)
+    return tuple(name for name in coordinate_names(model.robot) if name in found)
 
 
 def described_values(model: Model) -> list[float]:
@@ -54,7 +56,7 @@ def described_values(model: Model) -> list[float]:
 
     A body's inertia is that about the origin of its frame and along its axes, with all links that are fixed to it.
     """
-    whole, own = with_offset_angles(model)
+    whole, _ = with_offset_angles(model)
     bound = bind(whole, lambda _, number: number, lambda x: (math.sin(x), math.cos(x)))
     values: list[float] = []
     for body, numbers in zip(model.bodies, bound.bodies, strict=True):
@@ -62,7 +64,7 @@ def described_values(model: Model) -> list[float]:
         J = H.second
         moments = (J[1][1] + J[2][2], -J[0][1], -J[0][2], J[0][0] + J[2][2], -J[1][2], J[0][0] + J[1][1])
         values += [x + 0.0 for x in (H.mass, *H.first, *moments)]  # no -0.0
-    return [*values, *(bound.armature[own[i]] for i in armatures(model))]
+    return [*values, *(bound.armature[whole.coordinates.index(name)] for name in armatures(model))]
 
 
 def inertial_columns(

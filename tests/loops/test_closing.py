@@ -14,7 +14,7 @@ from eomgen.errors import InputError, IntegrationError, LoopError, UnknownNameEr
 from eomgen.loops import closed_equilibrium, redundancy
 from eomgen.loops.chart import Chart
 from eomgen.robot.geometry import IDENTITY
-from eomgen.robot.value import Coordinate, Placement
+from eomgen.robot.value import Coordinate, Placement, Robot
 from tests.oracles.by_singular_values import ClosedLoops
 from tests.support.builds import Build
 from tests.support.linkages import KERNELS
@@ -105,8 +105,14 @@ def test_what_does_not_close_is_named_with_its_state(four_bar: eomgen.Kernel, bu
         apart.close([0.1, 0.2, 3.0], roots=2)
 
 
+def constrained(text: str) -> Robot:
+    """The robot of a text, whose couplings are rows of the constraint."""
+    robot = robot_from_toml(text)
+    return replace(robot, couplings=tuple(replace(x, is_constraint=True) for x in robot.couplings))
+
+
 def test_couplings_close_and_are_counted(built: Build) -> None:
-    kernel = built(robot_from_toml(GEARED), "constraint", "constraint_jacobian", "mass_matrix")
+    kernel = built(constrained(GEARED), "constraint", "constraint_jacobian", "mass_matrix")
     q = kernel.close([0.3, 0.1], ["a.gamma"])
     assert q == pytest.approx([0.3, -0.6], abs=1e-12)
     assert kernel.close_rates(q, [1.0, 0.0], ["a.gamma"]) == pytest.approx([1.0, -2.0], abs=1e-12)
@@ -119,7 +125,7 @@ def test_the_gap_of_a_rack_is_a_length(built: Build) -> None:
     rack = GEARED.replace('"b.gamma"', '"b.z"').replace(
         'child = "two", type = "revolute"', 'child = "two", type = "prismatic"'
     )
-    kernel = built(robot_from_toml(rack), "constraint", "constraint_jacobian", "mass_matrix")
+    kernel = built(constrained(rack), "constraint", "constraint_jacobian", "mass_matrix")
     with pytest.raises(LoopError, match=r"coupling gear does not close near the guess: gear is left with 0\.7 m;"):
         kernel.close([0.3, 0.1], kernel.coordinates)
 

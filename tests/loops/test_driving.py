@@ -224,7 +224,7 @@ def test_elastic_coordinates_of_a_cut_bear_what_their_laws_say(elastic: tuple[st
 
 def test_coupled_coordinates_share_their_drives(built: Build) -> None:
     """Gears between the joints of bars without a loop: drives, and derivatives in all directions."""
-    gears = (Coupling("gear", "joint3.gamma", {"joint1.gamma": -0.5, "joint2.gamma": 0.3}),)
+    gears = (Coupling("gear", "joint3.gamma", {"joint1.gamma": -0.5, "joint2.gamma": 0.3}, is_constraint=True),)
     robot = replace(driven_at("four_bar", choose=False), loops=(), couplings=gears, name="geared_bars")
     kernel = built(robot, *CLOSURE[:3], "constrained_dynamics", "inverse_dynamics", *DERIVED[4:])
     q, v = np.array([0.5, 0.2, -0.25 + 0.06]), np.array([1.0, 2.0, -0.5 + 0.6])

@@ -223,7 +223,8 @@ def coupled(extra: str) -> Robot:
 
 def test_a_rigid_gear_without_loops(built: Build) -> None:
     """Two arms by a gear of ratio -2 move like one: an inertia of I1 + 4 I2 about the first axis."""
-    kernel = built(coupled(""))
+    robot = coupled("")
+    kernel = built(replace(robot, couplings=(replace(robot.couplings[0], is_constraint=True),)))
     assert kernel.constraints == ("gear",)
     q, u = np.array([0.3, 0.1 - 2 * 0.3]), np.array([0.5, 0.0])
     a = kernel.forward_dynamics(q, np.zeros(2), u)
@@ -234,6 +235,11 @@ def test_a_rigid_gear_without_loops(built: Build) -> None:
     assert np.allclose(M @ a, force + kernel.constraint_jacobian(q).T @ lam, rtol=1e-12, atol=1e-12)
     with pytest.raises(eomgen.errors.LoopError, match=r"gear is open: gear is left with 0\.1 rad"):
         kernel.forward_dynamics(q + [0.0, 0.1], np.zeros(2), u)
+    led = built(robot)
+    assert (led.constraints, led.coordinates, led.couplings) == ((), ("a.gamma",), ("gear",))
+    assert led.followers([0.3])["b.gamma"][0] == pytest.approx(q[1])
+    assert np.allclose(led.forward_dynamics([0.3], [0.0], [0.5]), a[0], rtol=1e-12)
+    assert np.allclose(led.constraint_forces([0.3], [0.0], [0.5]), lam, rtol=1e-12)
 
 
 def test_an_elastic_gear_with_backlash_and_a_ratio_that_is_tuned(built: Build) -> None:

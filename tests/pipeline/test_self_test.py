@@ -352,7 +352,7 @@ type = "prismatic"
 placement = {{ xyz = [0.0, 0.0, 0.0], rpy = [{turn}, 0.0, 0.0] }}
 """
     coupling = 'name = "fingers"\nof = "right_joint.z"\nto = { "left_joint.z" = 1.0 }'
-    return robot_from_toml(f"{text}[[couplings]]\n{coupling}\n")
+    return robot_from_toml(f"{text}[[couplings]]\n{coupling}\n").with_constraints()
 
 
 def test_what_templates_compute_with_answers_is_rounded_too() -> None:

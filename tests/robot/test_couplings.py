@@ -112,9 +112,9 @@ def test_the_rigid_robot_has_rigid_gears() -> None:
         top='tunable = ["couplings.gear1.ratio", "couplings.gear2.ratio"]',
     )
     rigid = robot.rigid()
-    assert rigid.couplings == (
-        Coupling("gear1", "b.gamma", {"a.gamma": 2.0}),
-        Coupling("gear2_rigid", "a.gamma", {"c.gamma": -0.5}, -0.25),
+    assert rigid.couplings == (  # what moved freely in the elastic robot is a coordinate of the rigid one
+        Coupling("gear1", "b.gamma", {"a.gamma": 2.0}, is_constraint=True),
+        Coupling("gear2_rigid", "a.gamma", {"c.gamma": -0.5}, -0.25, is_constraint=True),
         robot.couplings[2],
         robot.couplings[3],  # b follows from gear1
     )
@@ -168,7 +168,10 @@ def test_what_may_stand_beside_each_other() -> None:
         f'of = "d.gamma"\nto = {{ "b.gamma" = 1.0 }}\n{spring}',
         'of = "rack.z"\nto = { "d.gamma" = 0.1, "b.gamma" = 0.2 }',
     )
-    assert build_model(robot).constraints == ("gear1", "gear4")
+    assert build_model(robot).constraints == ()
+    assert list(robot.followers) == ["b.gamma", "rack.z"]
+    assert build_model(robot).leaders["rack.z"] == ("a.gamma", "d.gamma")
+    assert build_model(robot).tree.constraints == ("gear1", "gear4")
 
 
 def test_a_record_with_bad_couplings_is_refused() -> None:

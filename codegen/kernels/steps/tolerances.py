@@ -30,8 +30,10 @@ def rubbing_parameters(model: Model) -> list[tuple[int, str]]:
     """
     names = list(model.parameters)
     places = {name: float(place) for place, name in enumerate(names)}
-    own, cut = law_numbers(places, model.coordinates), cut_numbers(places, cut_names(model))
+    own = law_numbers(places, (*model.coordinates, *model.followers))
+    cut = cut_numbers(places, cut_names(model))
     acting = [(i, x) for i, name in enumerate(model.coordinates) for x in (own[name], *cut.values())]
+    acting += [(model.coordinates.index(x), own[name]) for name, leaders in model.leaders.items() for x in leaders]
     return [(i, names[int(x["friction.smoothing"])]) for i, x in acting if "friction.smoothing" in x]
 
 
@@ -42,7 +44,7 @@ def cut_names(model: Model) -> list[str]:
 
 def _own_stiffness(model: Model) -> Array:
     """Stiffness of each coordinate's table; a transmission holds its motor and its joint."""
-    given = table_stiffnesses(model.parameters, model.coordinates, knots(model))
+    given = table_stiffnesses(model.parameters, model.coordinates, knots(model))  # those of followers stand beside
     found = given.copy()
     for index, principal in model.motors.items():
         motor = model.robot.joint(joint_of(model.coordinates[index])).motor
@@ -56,9 +58,12 @@ def _at_home(model: Model) -> tuple[Array, Array]:
     """The diagonal of M at home, and that of what springs between points and in cut joints stiffen there."""
     d = Derivation(model)
     n, curves = model.size, knots(model)
-    M = d.matrix()
+    M = d.followers.symmetric(d.matrix()) if d.followers else d.matrix()
     numbers = cut_numbers(model.parameters, cut_names(model))
     stiff = [0.0] * d.model.size
+    tables = table_stiffnesses(model.parameters, tuple(model.followers), curves)
+    for name, k in zip(model.followers, tables.tolist(), strict=True):
+        stiff[d.model.coordinates.index(name)] = k
     for line in d.lines(d.still):
         for (i, j), value in line.stiffness().items():
             if i == j:
@@ -74,6 +79,9 @@ def _at_home(model: Model) -> tuple[Array, Array]:
     for touch in d.touches(d.still):
         for i, (x, y) in touch.place.first.items():
             stiff[i] = stiff[i] + touch.journal.numbers["stiffness"] * (x * x + y * y)
+    for follower, share in d.followers.shares.items():  # what couples coordinates beside is left out
+        for i, ratio in share.items():
+            stiff[i] = stiff[i] + stiff[follower] * (ratio * ratio)
     values = [M[i, i] for i in d.own] + [stiff[i] for i in d.own]
     program = finish(d.graph, "sizes", vector(values))
     found = evaluate(program, {"q": model.home, "p": list(model.parameters.values())})

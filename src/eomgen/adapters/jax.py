@@ -201,9 +201,20 @@ def _frame_functions(jax: Any, jnp: Any, there: DifferentiableFunction) -> Calla
         A = pose(*primals)
         return A, pose_derivative(A, jacobian(*primals), jnp) @ tangents[0]
 
+    def turned(q: Array, rates: Array) -> Array:
+        return kernel.jvp("frame_jacobian", (q, frame), (rates,))
+
+    if kernel.follower_names and there.name == "frame_jacobian":  # built here: JAX's threads flush denormal numbers
+        for lead in ((), (2,)):
+            turned(*(np.zeros((*lead, kernel.n), kernel.dtype),) * 2)
+    moved = jax.ShapeDtypeStruct(kernel.raw.shapes["jacobian"], kernel.dtype)
+    compiled = _callback(jax, turned, (*there.inputs, *there.inputs), moved)
+
     @jacobian.defjvp  # type: ignore[untyped-decorator,unused-ignore]
     def jacobian_tangent(primals: Any, tangents: Any) -> Any:
         J = jacobian(*primals)
+        if kernel.follower_names:  # whose columns are sums, of which J does not know the parts
+            return J, compiled(*primals, *tangents)
         return J, jacobian_derivative(J, jnp) @ tangents[0]
 
     return both[there.name]  # type: ignore[no-any-return,unused-ignore]

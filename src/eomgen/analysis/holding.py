@@ -16,7 +16,7 @@ from ..robot.model import build_model
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
 from ..state.journals import cut_contacts, cut_deviations, journal_contacts
-from ..state.motors import deflections, turn_motors
+from ..state.motors import acting, deflections, turn_motors
 from ..state.springs import clearances, cut_numbers, journals_in_play, law_numbers
 
 Array = NDArray[np.float64]
@@ -149,14 +149,16 @@ def pose_of(robot: Robot, kernel: Kernel, pose: PoseLike | None) -> Array:
 
 def floating(kernel: Kernel, q: Array) -> tuple[str, ...]:
     """Names of the coordinates that touch no end of their clearance at q, (n,), and of journals that do not."""
-    gaps = clearances(kernel)
-    inside = np.abs(deflections(kernel) @ q) <= [gaps.get(name, -1.0) for name in kernel.coordinates]
+    gaps, names = clearances(kernel), acting(kernel)
+    there = deflections(kernel) @ q
+    there[kernel.n :] += kernel.follower_matrix()[1]
+    inside = np.abs(there) <= [gaps.get(name, -1.0) for name in names]
     contacts = journal_contacts(kernel)
     touching = {i for contact in contacts if contact.gap(q) > 0.0 for i in contact.index}
     for name in journals_in_play(kernel):
         place = kernel.coordinates.index(name)
         inside[place] |= place not in touching
-    return tuple(name for name, floats in zip(kernel.coordinates, inside, strict=True) if floats)
+    return tuple(name for name, floats in zip(names, inside, strict=True) if floats)
 
 
 def floating_cuts(kernel: Kernel, q: Array) -> list[str]:
@@ -187,7 +189,8 @@ def _loose(kernel: Kernel) -> Mask:
     own = [
         name in kernel.knots or any(given.get(key) for key in SPRINGS) for name, given in law_numbers(kernel).items()
     ]
-    held = np.array(own) | _mask(kernel.coordinates, map(kernel.coordinates.index, kernel.motors.values()))
+    held = np.array(own[: kernel.n]) | kernel.follower_matrix()[0][np.array(own[kernel.n :], bool)].any(axis=0)
+    held |= _mask(kernel.coordinates, map(kernel.coordinates.index, kernel.motors.values()))
     if kernel.springs:
         anywhere = 0.3 + 0.1 * np.arange(kernel.n)
         held |= np.asarray(kernel.spring_jacobian(anywhere)).any(axis=0)
@@ -207,7 +210,8 @@ def _led(robot: Robot, names: tuple[str, ...]) -> Mask:
                 sides[-1].add(before[link].name)
                 link = before[link].parent
         joints |= sides[0] ^ sides[1]
-    coupled = {name for coupling in robot.couplings for name in (coupling.of, *coupling.to)}
+    followers = robot.followers
+    coupled = {name for x in robot.couplings if x.of not in followers for name in (x.of, *x.to)}
     return np.array([joint_of(name) in joints or name in coupled for name in names])
 
 

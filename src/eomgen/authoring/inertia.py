@@ -50,12 +50,18 @@ def mass_matrix(model: Model, q: Array) -> Array:
     """M of the tree in one state, (n, n), by the generator's recursion on floats; q (n,), m or rad."""
     from ..codegen.tree.bound import bind  # SymPy, which only a robot's check needs
     from ..codegen.tree.composite import mass_matrix as entries
+    from ..codegen.tree.followers import Followers
     from ..codegen.tree.frozen_joints import geometry
 
-    bound = bind(model, lambda _, number: number, _sincos)
-    M = np.zeros((model.size, model.size))
-    for (i, j), value in entries(model, bound, geometry(model, bound, q.tolist(), _sincos)).items():
-        M[i, j] = M[j, i] = value
+    tree, whole = model.tree, dict(zip(model.coordinates, q.tolist(), strict=True))
+    bound = bind(tree, lambda _, number: number, _sincos)
+    followers = Followers(tree, model, bound)
+    placed = followers.follow([whole.get(name, 0.0) for name in tree.coordinates], positions=True)
+    M, names = np.zeros((model.size, model.size)), [*map(tree.coordinates.index, model.coordinates)]
+    upper = entries(tree, bound, geometry(tree, bound, placed, _sincos))
+    for (i, j), value in followers.symmetric(upper).items() if followers else upper.items():
+        row, column = names.index(i), names.index(j)
+        M[row, column] = M[column, row] = value
     return M
 
 

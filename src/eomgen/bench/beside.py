@@ -161,7 +161,7 @@ def bench(
     kernel = build(robot, kernels=options.kernels or "all", native=native, flags=options.flags, progress=progress)
     used = build_flags(options, find_compiler())
     progress("compiling the Newton-Euler algorithm")
-    yardstick = compile_yardstick(build_model(robot), used)
+    yardstick = compile_yardstick(build_model(robot).tree, used)
     inputs = _inputs(robot, kernel)
     progress("comparing results")
     error = compare(kernel, yardstick, inputs)
@@ -191,6 +191,8 @@ def bench(
 def _closed_note(robot: Robot, kernel: Kernel) -> str:
     """Say which kernels are of the closed mechanism, and which of its tree; "" where there is no difference."""
     closing = [name for name in kernel.raw.functions if _is_closed(kernel, name)]
+    if kernel.couplings:
+        return f"{listed(kernel.follower_names)} follow others, which the textbook's algorithms do not know"
     if not closing:
         return open_tree(robot)
     cut = listed([loop.name for loop in robot.loops] + [coupling.name for coupling in robot.couplings])
@@ -279,10 +281,10 @@ def _closed_inputs(robot: Robot, given: dict[str, Array], rng: np.random.Generat
 def counterparts(kernel: Kernel) -> dict[str, str]:
     """Names of the textbook's algorithms by the kernels beside which they stand.
 
-    Articulated bodies know no prescribed coordinate, and none of them knows loops.
+    Articulated bodies know no prescribed coordinate, and none of them knows loops or what follows other coordinates.
     """
     found = {}
-    for name in kernel.raw.functions:
+    for name in () if kernel.couplings else kernel.raw.functions:
         textbook = name.removeprefix(TREE)
         if textbook not in COUNTERPARTS or _is_closed(kernel, name):
             continue

@@ -112,7 +112,7 @@ def mjcf(
         ElementTree.SubElement(bodies[frame.link], "site", {"name": frame.name, **_place(frame.placement)})
     _add_tendons(root, robot, bodies)
     if robot.loops or robot.couplings:
-        add_equalities(root, robot, bodies, positions(robot, closed_home(robot)), step)
+        add_equalities(root, robot, bodies, positions(robot, closed_home(robot.with_constraints())), step)
     if actuators:
         part = ElementTree.SubElement(root, "actuator")
         for name in coordinate_names(robot):

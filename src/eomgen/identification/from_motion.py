@@ -259,7 +259,9 @@ def forces(
     drive = np.asarray(kernel.inverse_dynamics(q, v, a))
     rows = deflections(kernel)
     numbers = (coordinate_numbers(kernel, key) for key in KEYS)
-    spring, damper = (-(x @ rows.T * k) @ rows for x, k in zip((q, v), numbers, strict=True))
+    off = np.concatenate([np.zeros(kernel.n), kernel.follower_matrix()[1]])  # of followers, where coordinates are 0
+    pairs_of = zip((q, v), (off, 0.0 * off), numbers, strict=True)
+    spring, damper = (-((x @ rows.T + shift) * k) @ rows for x, shift, k in pairs_of)
     damper = damper - damping_forces(kernel, q, v)
     line, pairs = np.zeros_like(q), np.zeros((len(q), 0, 2))
     if kernel.springs:

@@ -19,7 +19,7 @@ from ..names import component_name, show
 from ..pipeline.stages import build
 from ..runtime.kernel import Kernel
 from ..shown import Shown
-from .relations import Relations, relations_of, tree_relations
+from .relations import Relations, refuse_followers, relations_of, tree_relations
 
 Array = NDArray[np.float64]
 
@@ -133,8 +133,9 @@ def base_parameters(
     Raises:
         InputError: terms that there are not, or that nothing can be found of.
     """
-    robot = as_robot(robot)
+    robot = as_robot(robot).with_constraints()
     kernel = kernel or build(robot, kernels=("regressor",))
+    refuse_followers(kernel)
     is_tree = bool(robot.loops) or any(coupling.law is not None for coupling in robot.couplings)
     relations = (tree_relations if is_tree else relations_of)(robot, known)
     everything = np.ones(len(relations.free), dtype=np.bool_)

@@ -35,7 +35,7 @@ from .dynamics.solving import Data, Solution, best_of, iterated
 from .dynamics.traps import other_readings, refuse_impossible
 from .estimating import HALF_WIDTHS, even_step
 from .identifiable import LINEAR, TERMS, TRANSMISSIONS, BaseParameters, combinations, parameter_names
-from .relations import Relations, completed, relations_of
+from .relations import Relations, completed, refuse_followers, relations_of
 
 Array = NDArray[np.float64]
 
@@ -78,7 +78,8 @@ def identify(
         InputError: the file or an argument cannot be used, samples are too few or not evenly spaced, they are in other
             units, no force is known, or the robot has loops or elastic couplings.
     """
-    robot = as_robot(robot)
+    described = as_robot(robot)
+    robot = described.with_constraints()
     linear = _linear(terms)
     if not 0.0 < spread < np.inf:
         raise InputError(f"spread: {show(spread)}; allowed: a number above 0")
@@ -88,6 +89,7 @@ def identify(
     if kernel is None:
         bare = without_sought(robot, terms)
         kernel = build(bare, kernels=("regressor", "inverse_dynamics"), progress=progress or (lambda _: None))
+    refuse_followers(kernel)
     parameter_names(kernel, linear, relations)
     motion = measured_motion(robot.name, motion, kernel.coordinates)
     step = even_step(motion)
@@ -125,7 +127,7 @@ def identify(
     notes = [*_notes(kernel, motion, data), f"links that are bodies: base values off by {moved:.2g} deviations at most"]
     t, drives, fitted, kept = data.over_time(best)
     return IdentifyResult(
-        robot=with_parameters(robot, parameters),
+        robot=with_parameters(described, parameters),
         base=shown,
         base_values=values,
         deviations=deviations,
@@ -185,8 +187,9 @@ def _unsettled(sought: Sought, solution: Solution) -> list[str]:
 def without_sought(robot: Robot, terms: Sequence[str]) -> Robot:
     """The robot without what is sought of damping, dry friction, preload and transmissions.
 
-    These are of coordinates with a drive or in a rigid coupling.
+    These are of coordinates with a drive or in a rigid coupling; all of the latter are coordinates of it.
     """
+    robot = robot.with_constraints()
     model = build_model(robot)
     driven = {model.coordinates[i] for i in model.driven}
     driven |= {name for coupling in robot.couplings if coupling.law is None for name in (coupling.of, *coupling.to)}

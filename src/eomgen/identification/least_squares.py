@@ -38,6 +38,7 @@ from ..runtime.kernel import Kernel
 from ..state.springs import coordinate_numbers
 from .estimates import KEYS, Estimate, FitResult, FittedCoordinate
 from .estimating import FIRST, HALF_WIDTHS, SIGNAL, block_count, doubts, even_step, interval_of, least_samples
+from .relations import refuse_followers
 from .together import fit_together
 
 Array = NDArray[np.float64]
@@ -76,11 +77,12 @@ def fit(
             mechanism's coordinates open.
         LoopError: loops do not close near a sample.
     """
-    robot = as_robot(robot)
+    robot = as_robot(robot).with_constraints()
     if not 0.0 < confidence < 1.0:
         raise InputError(f"confidence: {confidence!r}; allowed: a number between 0 and 1")
     if kernel is None:
         kernel = build(robot, kernels=fitting_kernels(robot), progress=progress or (lambda _: None))
+    refuse_followers(kernel)
     motion = measured_motion(robot.name, motion, kernel.coordinates)
     step = even_step(motion)
     if robot.is_closed:

@@ -18,6 +18,7 @@ from ..motion.files import MeasuredMotion
 from ..names import joint_of, listed, nearest, show
 from ..robot.model import Model, build_model
 from ..robot.value import Robot
+from ..runtime.kernel import Kernel
 
 Array = NDArray[np.float64]
 
@@ -66,6 +67,15 @@ class Relations:
     def rows_of(self, marked: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Rows that a marked coordinate acts in, (..., f), from (..., n)."""
         return np.asarray((marked.astype(np.float64) @ (self.matrix != 0.0)) > 0.0)
+
+
+def refuse_followers(kernel: Kernel) -> None:
+    """InputError where a given kernel lacks coordinates that follow others, whose forces are looked for."""
+    if kernel.follower_names:
+        raise InputError(
+            f"kernel: {listed(kernel.follower_names)} of {kernel.name} is no coordinate of it; allowed: a kernel of"
+            " robot.with_constraints()"
+        )
 
 
 def relations_of(robot: Robot, known: Collection[str] = ()) -> Relations:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..runtime.kernel import Kernel
 from ..state.journals import JournalContact, cut_contacts, cut_deviations, journal_contacts
-from ..state.motors import deflections
+from ..state.motors import acting, deflections
 from ..state.springs import clearances, cut_clearances, cut_stops, stops
 from .cubics import Cubics
 from .until import Until
@@ -84,13 +84,16 @@ class CoordinateEnds:
 
     def __init__(self, kernel: Kernel) -> None:
         self._ends = _ends(clearances(kernel), stops(kernel))
-        deflected, own = deflections(kernel), np.eye(kernel.n)
+        deflected, names = deflections(kernel), acting(kernel)
+        followed, offsets = kernel.follower_matrix()
+        own, shifts = np.vstack([np.eye(kernel.n), followed]), np.concatenate([np.zeros(kernel.n), offsets])
+        index = [names.index(end.name) for end in self._ends]
         rows = [
-            end.side * (own if end.kind == STOP else deflected)[kernel.coordinates.index(end.name)]
-            for end in self._ends
+            end.side * (own if end.kind == STOP else deflected)[i] for end, i in zip(self._ends, index, strict=True)
         ]
         self._rows = np.array(rows).reshape(-1, kernel.n)
-        self._places = np.array([end.place for end in self._ends])
+        pairs = zip(self._ends, shifts[index], strict=True)
+        self._places = np.array([end.place - end.side * shift for end, shift in pairs])
 
     def __len__(self) -> int:
         """Number of ends."""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ..errors import InputError, UnknownNameError
 from ..names import joint_of, split_component
 from ..robot.coordinates import unit_of
+from ..robot.mechanism import follower_limits, leading_home
 from ..robot.model import build_model
 from ..robot.value import PRINCIPAL, Robot
 from .point_to_point import PointToPoint
@@ -24,7 +25,7 @@ SPAN_ANGULAR, SPAN_LINEAR = np.pi / 4, 0.2  # rad, m: default motion of a joint,
 def principal_limits(robot: Robot, coordinate: str) -> tuple[float, float]:
     """Limits of a driven coordinate, m or rad; infinite if there are none, home where it is held: of a free joint."""
     limits, held = _limits(robot, coordinate)
-    home = robot.home.get(coordinate, 0.0)
+    home = leading_home(robot).get(coordinate, 0.0)
     return (home, home) if held else limits
 
 
@@ -54,12 +55,17 @@ def _rigid_coordinates(robot: Robot) -> set[str]:
 
 
 def _limits(robot: Robot, coordinate: str) -> tuple[tuple[float, float], bool]:
-    """Limits of a driven coordinate (infinite if there are none), and whether it is held: one of a free joint."""
+    """Limits of a driven coordinate (infinite if there are none), and whether it is held: one of a free joint.
+
+    Those of what follows it count, as far as they leave room.
+    """
     joint_name, name = split_component(coordinate)
     joint = robot.joint(joint_name)
     if PRINCIPAL.get(joint.type) != name:
         return (-np.inf, np.inf), True
-    return joint.limits or (-np.inf, np.inf), False
+    low, high = joint.limits or (-np.inf, np.inf)
+    least, most = follower_limits(robot, coordinate)
+    return (max(low, least), min(high, most)) if max(low, least) < min(high, most) else (low, high), False
 
 
 def default_ends(robot: Robot, coordinates: Sequence[str]) -> tuple[Array, Array]:
@@ -67,7 +73,7 @@ def default_ends(robot: Robot, coordinates: Sequence[str]) -> tuple[Array, Array
     ends = []
     for name in coordinates:
         limits, held = _limits(robot, name)
-        home = robot.home.get(name, 0.0 if held else None)
+        home = leading_home(robot).get(name, 0.0 if held else None)
         ends.append((home or 0.0,) * 2 if held else _default_span(limits, unit_of(name), home))
     start, goal = np.array(ends).reshape(-1, 2).T
     return start, goal

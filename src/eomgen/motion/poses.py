@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ArrayError, InputError, UnknownNameError
 from ..names import nearest, show
+from ..robot.mechanism import leading_home
 from ..robot.model import program_coordinates, tool_of
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
@@ -119,7 +120,8 @@ def _starts(kernel: Kernel, robot: Robot | None, guess: ArrayLike | None, lead: 
         if robot is not None:
             names = program_coordinates(robot)
             start, goal = default_ends(robot, names)
-            begun = dict(zip(names, start if robot.is_closed else (start + goal) / 2, strict=True)) | dict(robot.home)
+            begun = dict(zip(names, start if robot.is_closed else (start + goal) / 2, strict=True))
+            begun |= leading_home(robot)
             middle = np.array([begun.get(name, 0.0) for name in kernel.coordinates])
         given = middle
     else:

@@ -6,6 +6,7 @@ Each rule returns the place and the message of the first thing that is wrong, so
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 
 from ..names import joint_of, kind_of, listed, nearest, show
@@ -25,6 +26,8 @@ from .value import (
 )
 
 Refused = tuple[str, str]  # place, message
+
+AT_HOME = 1e-6  # m or rad, or of what is larger than 1: what is left between a follower's home and its leaders'
 
 
 def mechanism_conflict(robot: Robot) -> Refused | None:
@@ -51,7 +54,12 @@ def _drive_refusals(robot: Robot, known: tuple[str, ...]) -> Iterator[Refused]:
         if name not in known:
             yield "driven", f"{unknown(name, known)} (allowed: {listed(known)})"
             continue
-        drive = drive_of(robot, name)
+        leaders = [x for x, ratio in _leaders(robot).get(name, {name: 1.0}).items() if ratio != 0.0]
+        if len(leaders) != 1:
+            message = f"{show(name)} follows {listed(leaders) if leaders else 'nothing that moves'}"
+            yield "driven", f"{message}; allowed: coordinates that follow no others, or one alone"
+            continue
+        drive = drive_of(robot, leaders[0])
         if coordinate_of(robot, drive).prescribed:
             yield "driven", f"the motion of {show(drive)} is prescribed; allowed: coordinates that are not"
         if drive in seen:
@@ -71,6 +79,12 @@ def _home_refusals(robot: Robot, known: tuple[str, ...]) -> Iterator[Refused]:
         low, high = joint.limits
         if not low <= value <= high:
             yield f"home.{name}", f"got {show(value)}; allowed: within the limits, {low:g} to {high:g} {unit_of(name)}"
+    leaders = _leaders(robot)
+    for name, there in _following(robot, leading_home(robot)).items():
+        said = robot.home.get(name, there)
+        if abs(said - there) > AT_HOME * max(1.0, abs(there)):
+            message = f"got {show(said)}, but it follows {listed(leaders[name]) or 'nothing that moves'}"
+            yield f"home.{name}", f"{message}; allowed: {there:.9g} {unit_of(name)}, or nothing"
 
 
 def _load_refusals(robot: Robot) -> Iterator[Refused]:
@@ -114,6 +128,71 @@ def _coupling_refusals(robot: Robot, coupling: Coupling, known: tuple[str, ...])
     found = cut_conflict(coupling.law)
     if found is not None:
         yield ".".join(filter(None, (where, found[0]))), found[1]
+
+
+def leading_coordinate(robot: Robot, name: str) -> str:
+    """The coordinate that a drive at a coordinate moves: of a follower the one that it follows; itself otherwise."""
+    return next((x for x, ratio in _leaders(robot).get(name, {}).items() if ratio != 0.0), name)
+
+
+def leading_home(robot: Robot) -> dict[str, float]:
+    """The described home of what follows no other coordinate, m or rad, by name.
+
+    A follower that is named says where its leader is, where it follows one alone that is not named.
+    """
+    home, shares = dict(robot.home), _leaders(robot)
+    if home.keys().isdisjoint(shares):
+        return home
+    offsets = _following(robot, {})
+    for name in shares.keys() & home.keys():
+        leader, ratio = next(iter(shares[name].items()), ("", 0.0))
+        if len(shares[name]) == 1 and leader not in robot.home and ratio != 0.0:
+            home[leader] = (home[name] - offsets[name]) / ratio
+    return {name: value for name, value in home.items() if name not in shares}
+
+
+def follower_limits(robot: Robot, name: str) -> tuple[float, float]:
+    """Ends, m or rad, between which a coordinate leaves all that follow it alone within their limits; or infinite."""
+    low, high, offsets = -math.inf, math.inf, _following(robot, {})
+    for follower, share in _leaders(robot).items():
+        joint = robot.joint(joint_of(follower))
+        ratio = share.get(name, 0.0)
+        if len(share) > 1 or ratio == 0.0 or joint.limits is None or PRINCIPAL.get(joint.type) != kind_of(follower):
+            continue
+        ends = sorted((x - offsets[follower]) / ratio for x in joint.limits)
+        low, high = max(low, ends[0]), min(high, ends[1])
+    return low, high
+
+
+def following_text(robot: Robot, name: str) -> str:
+    """Say which coordinates one follows, by its name or, where it is principal, its joint's; "" where it is none."""
+    for follower, coupling in robot.followers.items():
+        joint = robot.joint(joint_of(follower))
+        if name == follower or (name == joint.name and PRINCIPAL.get(joint.type) == kind_of(follower)):
+            leaders = listed(list(coupling.to)) or "nothing that moves"
+            return f"{follower} follows {leaders} by the coupling {coupling.name} and is no coordinate of its own"
+    return ""
+
+
+def _leaders(robot: Robot) -> dict[str, dict[str, float]]:
+    """Ratios of every follower by what it follows in the end, through other followers too."""
+    found: dict[str, dict[str, float]] = {}
+    for name, coupling in robot.followers.items():
+        share: dict[str, float] = {}
+        for other, ratio in coupling.to.items():
+            for leader, behind in found.get(other, {other: 1.0}).items():
+                share[leader] = share.get(leader, 0.0) + ratio * behind
+        found[name] = share
+    return found
+
+
+def _following(robot: Robot, values: Mapping[str, float]) -> dict[str, float]:
+    """Where followers are, m or rad, by name; leaders are where ``values`` say, or at 0."""
+    found: dict[str, float] = {}
+    for name, coupling in robot.followers.items():
+        moved = (ratio * found.get(x, values.get(x, 0.0)) for x, ratio in coupling.to.items())
+        found[name] = sum(moved, coupling.offset or 0.0)
+    return found
 
 
 def unknown(name: str, known: tuple[str, ...]) -> str:

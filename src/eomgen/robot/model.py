@@ -8,7 +8,7 @@ constants or, for the names in ``Model.parameters``, as run-time parameters.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 from ..errors import DescriptionError, UnknownNameError
@@ -29,7 +29,7 @@ from .cuts import CUTS, rigid_parts
 from .joint_damping import damping_conflict
 from .journals import radial_conflict
 from .laws import JOINT_DAMPING, RADIAL
-from .mechanism import drive_of, mechanism_conflict
+from .mechanism import coordinate_of, drive_of, leading_coordinate, leading_home, mechanism_conflict
 from .rules import conflict, cut_conflict, motor_conflict, spring_conflict
 from .value import (
     ANGULAR,
@@ -55,8 +55,9 @@ FIXED_BODY = -1  # what hangs on the base without a moving joint
 class Body:
     """A moving body: ``parent`` is a body's index or FIXED_BODY, ``first`` the index of its first coordinate.
 
-    ``active`` names the active coordinates of its joint in canonical order; ``links`` the links it is made of, the
-    joint's child first.  A joint's motor moves no body: its coordinate follows behind these (``Model.motors``).
+    ``active`` names the active coordinates of its joint in canonical order, but for followers; ``links`` the links it
+    is made of, the joint's child first.  A joint's motor moves no body: its coordinate is behind these
+    (``Model.motors``).
     """
 
     joint: str
@@ -83,6 +84,8 @@ class Model:
     ``bodies`` are in depth-first order; ``coordinates`` are the names ("joint1.x", ...) in the order of q;
     ``links`` are the links that move; ``body_of`` has the index of each link's body; ``parameters`` maps the run-time
     parameters to their values in the description.
+    ``followers`` has the couplings of what moves but is no coordinate, as ``Robot.followers``; none where followers are
+    coordinates (``with_followers``).
     """
 
     robot: Robot
@@ -91,6 +94,7 @@ class Model:
     links: tuple[str, ...]
     body_of: Mapping[str, int]
     parameters: Mapping[str, float]
+    followers: Mapping[str, Coupling] = field(default_factory=dict)
 
     @property
     def name(self) -> str:
@@ -111,9 +115,36 @@ class Model:
 
     @property
     def constraints(self) -> tuple[str, ...]:
-        """Names of the components of g(q) = 0, in their order: of loops ("loop1.x", ...), then rigid couplings."""
+        """Names of the components of g(q) = 0, in their order: of loops ("loop1.x", ...), then rigid couplings.
+
+        Couplings that make followers are not among them.
+        """
         cut = (component_name(loop.name, part.name) for loop in self.robot.loops for part in rigid_parts(loop))
-        return (*cut, *(coupling.name for coupling in self.robot.couplings if coupling.law is None))
+        return (*cut, *(coupling.name for coupling in self.rigid_couplings))
+
+    @property
+    def rigid_couplings(self) -> tuple[Coupling, ...]:
+        """Couplings that are rows of the constraint."""
+        return tuple(x for x in self.robot.couplings if x.law is None and x.of not in self.followers)
+
+    @cached_property
+    def tree(self) -> Model:
+        """The model in which followers are coordinates, and their couplings rows of the constraint."""
+        return build_model(self.robot, with_followers=True) if self.followers else self
+
+    @property
+    def leading_couplings(self) -> tuple[Coupling, ...]:
+        """Couplings that make followers, in the order of the description."""
+        return tuple(x for x in self.robot.couplings if x.law is None and x.of in self.followers)
+
+    @cached_property
+    def leaders(self) -> dict[str, tuple[str, ...]]:
+        """Coordinates that each follower follows, directly or through other followers; in the order of q."""
+        found: dict[str, tuple[str, ...]] = {}
+        for name, coupling in self.followers.items():
+            names = {leader for x in coupling.to for leader in found.get(x, (x,))}
+            found[name] = tuple(x for x in self.coordinates if x in names)
+        return found
 
     @property
     def cut_laws(self) -> tuple[tuple[str, str, Coordinate], ...]:
@@ -158,10 +189,11 @@ class Model:
         """Indices of the coordinates that have a drive: motors, and principal ones without.
 
         None that is prescribed or follows others in a rigid coupling.  Where the description names them, those: a motor
-        in the place of the coordinate that it drives.
+        in the place of the coordinate that it drives, a leader in that of its follower.
         """
         if self.robot.driven is not None:
-            return tuple(sorted(self.coordinates.index(drive_of(self.robot, name)) for name in self.robot.driven))
+            drives = (drive_of(self.robot, leading_coordinate(self.robot, name)) for name in self.robot.driven)
+            return tuple(sorted(map(self.coordinates.index, drives)))
         behind = self.motors.values()
         driving = sorted({*self.principal, *self.motors}.difference(behind))
         following = {coupling.of for coupling in self.robot.couplings if coupling.law is None}
@@ -170,7 +202,7 @@ class Model:
     @property
     def home(self) -> tuple[float, ...]:
         """The description's home, (n,), m or rad; a motor that it does not name is turned as its joint is."""
-        given = self.robot.home
+        given = leading_home(self.robot)
         values = [given.get(name, 0.0) for name in self.coordinates]
         for index, principal in self.motors.items():
             motor = self.robot.joint(joint_of(self.coordinates[index])).motor
@@ -182,8 +214,7 @@ class Model:
     @property
     def prescribed(self) -> tuple[int, ...]:
         """Indices of the coordinates whose motion is given."""
-        given = (coordinate for joint in self.robot.joints for coordinate in joint.all_coordinates.values())
-        return tuple(index for index, coordinate in enumerate(given) if coordinate.prescribed)
+        return tuple(i for i, name in enumerate(self.coordinates) if coordinate_of(self.robot, name).prescribed)
 
     @cached_property
     def turning(self) -> tuple[int, ...]:
@@ -228,8 +259,12 @@ class Model:
         return [k for k, other in enumerate(self.bodies) if other.parent == body]
 
 
-def build_model(robot: Robot) -> Model:
+def build_model(robot: Robot, *, with_followers: bool = False) -> Model:
     """Order the tree, merge what fixed joints hold together, and list the parameters.
+
+    Args:
+        robot: what the model is of.
+        with_followers: whether what follows others is a coordinate, and its coupling a row of the constraint.
 
     Raises:
         DescriptionError: no coordinate is active, so there is nothing to move; or a name is no identifier (the reader
@@ -241,13 +276,16 @@ def build_model(robot: Robot) -> Model:
     coordinates: list[str] = []
     body_of = {robot.base: FIXED_BODY}
     links: list[list[str]] = []
+    followers = {} if with_followers else robot.followers
     for joint in robot.joints:  # depth first: a parent comes before its children
         parent = body_of[joint.parent]
         if joint.coordinates:
+            own = [kind for kind in joint.all_coordinates if component_name(joint.name, kind) not in followers]
+            active = tuple(kind for kind in own if kind != MOTOR)
             body_of[joint.child] = len(bodies)
-            bodies.append(Body(joint.name, parent, len(coordinates), tuple(joint.coordinates), (joint.child,)))
+            bodies.append(Body(joint.name, parent, len(coordinates), active, (joint.child,)))
             links.append([joint.child])
-            coordinates.extend(component_name(joint.name, kind) for kind in joint.all_coordinates)
+            coordinates.extend(component_name(joint.name, kind) for kind in own)
         else:
             body_of[joint.child] = parent
             if parent != FIXED_BODY:
@@ -261,12 +299,19 @@ def build_model(robot: Robot) -> Model:
     _check_loops(robot, body_of)
     _check_springs(robot, body_of)
     _check_mechanism(robot)
+    if not coordinates:
+        raise DescriptionError(
+            f"nothing is left to move: rigid couplings hold all coordinates ({listed(followers)}); allowed: couplings"
+            " that leave one",
+            where="couplings",
+            source=robot.source or robot.name,
+        )
     merged = tuple(
         Body(body.joint, body.parent, body.first, body.active, tuple(names))
         for body, names in zip(bodies, links, strict=True)
     )
     moving = tuple(link.name for link in robot.links if body_of[link.name] != FIXED_BODY)
-    return Model(robot, merged, tuple(coordinates), moving, body_of, _parameters(robot))
+    return Model(robot, merged, tuple(coordinates), moving, body_of, _parameters(robot), followers)
 
 
 def turned_name(joint: str) -> str:
@@ -278,13 +323,16 @@ def turned_name(joint: str) -> str:
 
 
 def with_offset_angles(model: Model) -> tuple[Model, tuple[int, ...]]:
-    """The model with every angle that an offset turns as a coordinate, prescribed; where the model's own are in it."""
+    """Give the model with every follower, and every angle that an offset turns, prescribed, as coordinates.
+
+    Behind it stand the places in it of the model's own coordinates.
+    """
     joints = []
     for joint in model.robot.joints:
         extra = model.offset_angles(joint.name) if joint.coordinates else ()
         more = {name: Coordinate(prescribed=True) for name in extra}
         joints.append(replace(joint, coordinates={**joint.coordinates, **more}))
-    whole = build_model(replace(model.robot, joints=tuple(joints)))
+    whole = build_model(replace(model.robot, joints=tuple(joints)), with_followers=True)
     return whole, tuple(whole.coordinates.index(name) for name in model.coordinates)
 
 
@@ -518,7 +566,9 @@ def tool_of(robot: Robot, tool: str | None, label: str = "tool") -> str:
 
 def open_tree(robot: Robot) -> str:
     """Say, beside figures of a robot's tree, that its loops and couplings are open there; "" where it has none."""
-    loops, couplings = [loop.name for loop in robot.loops], [coupling.name for coupling in robot.couplings]
+    followed = [coupling.name for coupling in robot.followers.values()]
+    loops = [loop.name for loop in robot.loops]
+    couplings = [coupling.name for coupling in robot.couplings if coupling.name not in followed]
     said = [f"the loops are cut ({listed(loops)})"] if loops else []
     said += [f"the couplings are left out ({listed(couplings)})"] if couplings else []
     return f"{' and '.join(said)}: all figures are those of the open tree" if said else ""

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
 
-from ..names import NAME_LENGTH, html_table
+from ..names import NAME_LENGTH, html_table, joint_of, kind_of
 from .cuts import CUTS
 from .geometry import IDENTITY, ZERO, Matrix, Vector, rotation_from_rpy, snap
 from .joint_damping import JointDamping
@@ -365,7 +365,8 @@ class Coupling:
 
     of: the name of a coordinate; to: ratios by the names of others, in the unit of ``of`` per theirs; none where
     ``of`` keeps to the offset.  law: forces in what value(of) deviates from the right side, in units of ``of``, without
-    armature and role; None where the coupling is rigid.
+    armature and role; None where the coupling is rigid.  is_constraint: keeps a coordinate that a rigid coupling would
+    make a follower (``Robot.followers``), and a row of the constraint.
     """
 
     name: str
@@ -373,6 +374,7 @@ class Coupling:
     to: Mapping[str, float] = field(hash=False)
     offset: float | None = None
     law: Coordinate | None = None
+    is_constraint: bool = field(default=False, metadata=LATER)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "to", MappingProxyType(dict(self.to)))
@@ -467,6 +469,20 @@ def first_contradiction(couplings: Sequence[Coupling]) -> tuple[Coupling, str] |
     return None
 
 
+def _in_loops(robot: Robot) -> set[str]:
+    """Names of the joints whose motion moves the two sides of a cut joint against each other."""
+    above = {joint.child: joint for joint in robot.joints}
+
+    def path(link: str) -> set[str]:
+        names = set()
+        while link in above:
+            names.add(above[link].name)
+            link = above[link].parent
+        return names
+
+    return {name for loop in robot.loops for name in path(loop.links[0]) ^ path(loop.links[1])}
+
+
 def _lost_numbers(kind: str, old: Sequence[Joint | Loop], new: Sequence[Joint | Loop]) -> set[str]:
     """Names of the numbers of laws that coordinates of joints or loops have no more."""
     return {
@@ -518,7 +534,7 @@ class Robot:
             "links": len(self.links),
             "mass, kg": f"{sum(link.mass for link in self.links):.6g}",
             "joints": len(self.joints),
-            "coordinates": sum(len(joint.all_coordinates) for joint in self.joints),
+            "coordinates": sum(len(joint.all_coordinates) for joint in self.joints) - len(self.followers),
             "loops": len(self.loops),
             "springs between points": len(self.springs),
             "couplings": len(self.couplings),
@@ -536,8 +552,40 @@ class Robot:
 
     @property
     def is_closed(self) -> bool:
-        """True if coordinates follow from others: there are loops or couplings."""
-        return bool(self.loops or self.couplings)
+        """True if something beside the tree holds coordinates: loops, or couplings but those of ``followers``."""
+        return bool(self.loops or len(self.couplings) > len(self.followers))
+
+    @property
+    def followers(self) -> dict[str, Coupling]:
+        """Couplings by the coordinates that they make followers, each behind those that it follows itself.
+
+        A follower is no coordinate of kernels: its position, velocity and acceleration are those that its leaders give
+        it.  Of rigid couplings those stay constraints whose dependent coordinate moves a loop, belongs to a joint with
+        a motor, a journal or damping as a whole, follows a motor, or has a drive and
+        follows several, and those that ``is_constraint`` keeps.
+        """
+        own = {x.name for x in self.joints if (x.motor, x.radial, x.damping) != (None, None, None)}
+        shared = {x.of for x in self.couplings if len(x.to) - [*x.to.values()].count(0.0) != 1}
+        own |= {joint_of(name) for name in self.driven or () if name in shared}
+        kept = _in_loops(self) | own
+        rigid = [x for x in self.couplings if x.law is None and not x.is_constraint]
+        left = {x.of: x for x in rigid if joint_of(x.of) not in kept and all(kind_of(name) != MOTOR for name in x.to)}
+        behind: dict[str, list[str]] = {}
+        for name, coupling in left.items():
+            for other in coupling.to.keys() & left.keys():
+                behind.setdefault(other, []).append(name)
+        ahead = {name: len(coupling.to.keys() & left.keys()) for name, coupling in left.items()}
+        ready = [name for name, count in ahead.items() if not count]
+        for name in ready:  # which grows
+            for other in behind.get(name, ()):
+                ahead[other] -= 1
+                ready += [other] if not ahead[other] else []
+        return {name: left[name] for name in ready}
+
+    def with_constraints(self) -> Robot:
+        """The same robot with every coordinate its own: all rigid couplings are rows of the constraint."""
+        couplings = tuple(replace(x, is_constraint=True) if x.law is None else x for x in self.couplings)
+        return replace(self, couplings=couplings) if self.followers else self
 
     def rigid(self) -> Robot:
         """The same robot with every deviation locked: principal and prescribed coordinates and free joints move.
@@ -584,6 +632,8 @@ class Robot:
         tunable = tuple(name for name in tunable if name in known or not name.startswith("couplings."))
         tunable = tuple(name for name in tunable if not (name.startswith("joints.") and ".stops." in name))
         made = replace(self, name=self.name[:42] + "_rigid", joints=tuple(joints), loops=tuple(loops))
+        more = replace(made, couplings=couplings).followers.keys() - self.followers.keys()  # are coordinates here, too
+        couplings = tuple(replace(x, is_constraint=True) if x.law is None and x.of in more else x for x in couplings)
         return replace(
             made,
             tunable=tunable,

@@ -22,7 +22,7 @@ from ..pipeline.closing import mechanism_kernels
 from ..pipeline.stages import build, build_groups
 from ..progress import Progress
 from ..robot.coordinates import coordinate_names, index_of
-from ..robot.mechanism import drive_of
+from ..robot.mechanism import drive_of, following_text, leading_home
 from ..robot.model import build_model, program_coordinates
 from ..robot.record import record_of, robot_hash
 from ..robot.value import PRINCIPAL, Robot
@@ -133,7 +133,7 @@ def assemble(
             robot.rigid(), kernels=rigid_kernels(robot), progress=lambda text: report(0.0, f"rigid model: {text}")
         )
 
-    start = {**robot.home, **given}
+    start = {**leading_home(robot), **given}
     if prescribed is not None:
         start |= dict(zip(names, prescribed(0.0)[0].tolist(), strict=True))
     program: Program | None = None
@@ -283,7 +283,8 @@ def by_coordinate(robot: Robot, scenario: Scenario, key: str, given: Mapping[str
     for name, value in given.items():
         where = f"initial.{key}.{name}"
         if name not in places:
-            scenario.fail(where, f"no coordinate of that name{nearest(name, places)}; allowed: {', '.join(places)}")
+            said = following_text(robot, name) or f"no coordinate of that name{nearest(name, places)}"
+            scenario.fail(where, f"{said}; allowed: {', '.join(places)}")
         full = places[name]
         if full in found:
             scenario.fail(where, f"{full} is given twice; allowed: once")
@@ -295,9 +296,12 @@ def by_coordinate(robot: Robot, scenario: Scenario, key: str, given: Mapping[str
 
 
 def names_in_scenarios(robot: Robot) -> dict[str, str]:
-    """Full names of coordinates by what a scenario may call them: by their joint alone if they are principal."""
-    names = {}
-    for full in coordinate_names(robot):
+    """Full names of coordinates by what a scenario may call them: by their joint alone if they are principal.
+
+    What follows others in rigid couplings is not among them.
+    """
+    names, followers = {}, robot.followers
+    for full in (name for name in coordinate_names(robot) if name not in followers):
         names[full] = full
         joint, kind = split_component(full)
         if PRINCIPAL.get(robot.joint(joint).type) == kind:

@@ -13,6 +13,7 @@ from ..loops.equilibrium import closed_equilibrium
 from ..names import nearest, parameter_name, parameter_path, show
 from ..robot.coordinates import index_of
 from ..robot.laws import RADIAL
+from ..robot.mechanism import leading_home
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
 from ..scenario.value import Scenario
@@ -28,7 +29,8 @@ Array = NDArray[np.float64]
 def initial_state(robot: Robot, scenario: Scenario, assembly: Assembly) -> tuple[Array, Array, tuple[str, ...]]:
     """q and v at t = 0, and the names of the coordinates that nothing holds."""
     initial, kernel = scenario.initial, assembly.kernel
-    q, v = np.array([robot.home.get(name, 0.0) for name in kernel.coordinates]), np.zeros(kernel.n)
+    home = leading_home(robot)
+    q, v = np.array([home.get(name, 0.0) for name in kernel.coordinates]), np.zeros(kernel.n)
     driven = index_of(kernel.coordinates, assembly.driven)
     if assembly.program is not None:
         q[driven], v[driven] = (x for x in assembly.program.at(0.0)[:2])
@@ -98,6 +100,8 @@ def _loose(robot: Robot, assembly: Assembly) -> tuple[str, ...]:
     if robot.is_closed:  # which hold what has no stiffness
         moved |= {name for name, k in zip(kernel.coordinates, stiffnesses(kernel), strict=True) if k == 0.0}
     played = {kernel.motors.get(name, name) for name in clearances(kernel)} | journals_in_play(kernel)
+    for name, row in zip(kernel.follower_names, kernel.follower_matrix()[0], strict=True):
+        played |= {kernel.coordinates[i] for i in np.flatnonzero(row)} if name in played else set()
     return tuple(
         name
         for name, k in zip(kernel.coordinates, stiffnesses(kernel), strict=True)

@@ -265,8 +265,10 @@ def _assumptions(robot: Robot, loose: tuple[str, ...], scenario: Scenario, assem
 
 def _beyond_stops(kernel: Kernel, q: Array) -> Iterator[str]:
     """Lines about coordinates that start beyond a stop."""
+    places = dict(zip(kernel.coordinates, q.tolist(), strict=True))
+    places |= {name: float(place) for name, (place, _) in kernel.followers(q).items()}
     for name, (lower, upper) in stops(kernel).items():
-        place, unit = float(q[kernel.coordinates.index(name)]), unit_of(name)
+        place, unit = places[name], unit_of(name)
         if not lower <= place <= upper:
             side, stop = ("upper", upper) if place > upper else ("lower", lower)
             yield f"{name} starts at {place:.6g} {unit}, beyond its {side} stop at {stop:.6g} {unit}"

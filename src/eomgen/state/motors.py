@@ -17,9 +17,17 @@ def shafts(kernel: Kernel) -> dict[str, str]:
     return {principal: motor for motor, principal in kernel.motors.items()}
 
 
+def acting(kernel: Kernel) -> tuple[str, ...]:
+    """Names of what laws of joints act on: coordinates, and behind them what follows them."""
+    return (*kernel.coordinates, *kernel.follower_names)
+
+
 def deflections(kernel: Kernel) -> Array:
-    """Matrix (n, n) from q to the deflections that laws act on: a coordinate itself, or its transmission's."""
-    rows = np.eye(kernel.n)
+    """Matrix (acting, n) from q to the deflections that laws act on: a coordinate itself, or its transmission's.
+
+    Behind them stand followers, which are off by their offsets.
+    """
+    rows = np.vstack([np.eye(kernel.n), kernel.follower_matrix()[0]])
     for motor, principal in kernel.motors.items():
         m, p = kernel.coordinates.index(motor), kernel.coordinates.index(principal)
         rows[m, m], rows[m, p] = 1.0 / kernel.ratio(motor), -1.0

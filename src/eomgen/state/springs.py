@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -14,7 +15,7 @@ from ..runtime.kernel import Kernel
 from ..runtime.raw import Setup
 from .joint_damping import damping_diagonal
 from .journals import cut_contacts, cut_stiffness, journal_contacts, journal_stiffness
-from .motors import deflections
+from .motors import acting, deflections
 from .vectors import V_STEP, prescribed_mask
 
 Array = NDArray[np.float64]
@@ -40,7 +41,7 @@ def stiffness_matrix(kernel: Kernel) -> Array:
     setup = kernel.parameters.setup
     found = _matrices.get(setup)
     if found is None:
-        own = sizes.table_stiffnesses(kernel.parameters, kernel.coordinates, kernel.knots)
+        own = sizes.table_stiffnesses(kernel.parameters, acting(kernel), kernel.knots)
         rows = deflections(kernel)
         found = np.asarray(rows.T @ (own[:, None] * rows)) + journal_stiffness(kernel)
         found.flags.writeable = False
@@ -50,8 +51,14 @@ def stiffness_matrix(kernel: Kernel) -> Array:
 
 
 def _contact_stiffnesses(kernel: Kernel) -> Array:
-    """Stiffness of every coordinate's stops, (n,); of a motor's at its shaft."""
-    return np.array([contact_stiffness_of(given) for given in law_numbers(kernel).values()])
+    """Stiffness of every coordinate's stops, (n,); of a motor's at its shaft, and of those of what follows it."""
+    return _on_diagonal(kernel, [contact_stiffness_of(given) for given in law_numbers(kernel).values()])
+
+
+def _on_diagonal(kernel: Kernel, slopes: Sequence[float]) -> Array:
+    """Slopes by each of ``acting`` itself, as the coordinates feel them by themselves, (n,)."""
+    own = np.array(slopes)
+    return np.asarray(own[: kernel.n] + own[kernel.n :] @ kernel.follower_matrix()[0] ** 2)
 
 
 def damping_matrix(kernel: Kernel, least: float = 0.0) -> Array:
@@ -62,7 +69,7 @@ def damping_matrix(kernel: Kernel, least: float = 0.0) -> Array:
     """
     rows, numbers = deflections(kernel), law_numbers(kernel).values()
     damping = np.array([given.get("damping", 0.0) for given in numbers])
-    diagonal = [rate_slope_of(x, least) for x in numbers] + damping_diagonal(kernel)
+    diagonal = _on_diagonal(kernel, [rate_slope_of(x, least) for x in numbers]) + damping_diagonal(kernel)
     return np.asarray(rows.T @ (damping[:, None] * rows) + np.diag(diagonal))
 
 
@@ -105,8 +112,8 @@ def fastest_rates(kernel: Kernel, q: Array, least: float = 0.0) -> tuple[float, 
 
 
 def law_numbers(kernel: Kernel) -> dict[str, dict[str, float]]:
-    """Numbers of the forces of every coordinate as the kernel has them now, by their names in the table of laws."""
-    return sizes.law_numbers(kernel.parameters, kernel.coordinates)
+    """Numbers of the forces of each of ``acting`` as the kernel has them now, by their names in the table of laws."""
+    return sizes.law_numbers(kernel.parameters, acting(kernel))
 
 
 def cut_numbers(kernel: Kernel) -> dict[str, dict[str, float]]:
@@ -133,6 +140,9 @@ def rubbing_rates(kernel: Kernel, q: Array) -> Array:
     found, known = np.full(kernel.n, np.inf), smoothings(kernel)
     for i, name in enumerate(kernel.coordinates):
         found[i] = known.get(name, np.inf)
+    matrix, names = kernel.follower_matrix()[0], acting(kernel)[kernel.n :]
+    for name, row in zip(names, matrix, strict=True):
+        found[row != 0.0] = np.minimum(found[row != 0.0], known.get(name, np.inf))
     for name, row in zip(kernel.cut_laws, kernel.cut_jacobian(q) if kernel.cut_laws else (), strict=True):
         found[row != 0.0] = np.minimum(found[row != 0.0], known.get(name, np.inf))
     return np.asarray(np.maximum(found, SHARPEST))
@@ -197,8 +207,8 @@ def line_rates(kernel: Kernel, q: Array, least: float = 0.0, *, touching: bool =
 
 
 def coordinate_numbers(kernel: Kernel, key: str) -> Array:
-    """A parameter of every coordinate, such as "damping", (n,); 0 where there is none."""
-    names = (parameter_name("joints", coordinate, key) for coordinate in kernel.coordinates)
+    """A parameter of each of ``acting``, such as "damping"; 0 where there is none."""
+    names = (parameter_name("joints", coordinate, key) for coordinate in acting(kernel))
     return np.array([kernel.parameters.get(name, 0.0) for name in names])
 
 

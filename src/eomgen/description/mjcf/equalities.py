@@ -5,6 +5,7 @@ MuJoCo holds them softly, by a spring and a damper of its solver; here they are 
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 _READ = ("joint", "connect", "weld")
 _SHARED = ("name", "class", "active", "solref", "solimp")
 _IDENTITY = (0.0, 1.0, 0.0, 0.0, 0.0)  # of a polynomial, what is not given
+_AGREES = 1e-9  # m or rad: what is left between a reference position and what a coupling makes of it
 _KEYS = {
     "joint": (*_SHARED, "joint1", "joint2", "polycoef"),
     "connect": (*_SHARED, "body1", "body2", "anchor", "site1", "site2"),
@@ -64,7 +66,19 @@ def read_equalities(
     made = [*reading.draft.couplings, *reading.draft.loops]
     if made:
         reading.draft.notes.append(f"equality constraints, which are soft in MuJoCo, are read as rigid: {listed(made)}")
-        reading.draft.home = bodies.start()
+        reading.draft.home = _kept(bodies.start(), reading.draft.couplings.values())
+
+
+def _kept(start: dict[str, float], couplings: Iterable[Coupling]) -> dict[str, float]:
+    """The reference position without what couplings put elsewhere."""
+    gone: set[str] = set()
+    rules = list(couplings)
+    for _ in rules:
+        for x in rules:
+            there = sum((ratio * start.get(name, 0.0) for name, ratio in x.to.items()), x.offset or 0.0)
+            if abs(start.get(x.of, 0.0) - there) > _AGREES or not gone.isdisjoint(x.to):
+                gone.add(x.of)
+    return {name: value for name, value in start.items() if name not in gone}
 
 
 def _coupling(item: Item, name: str, bodies: Bodies) -> Coupling:

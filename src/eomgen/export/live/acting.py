@@ -16,6 +16,7 @@ from ...names import joint_of
 from ...pipeline.stages import build
 from ...progress import Progress
 from ...robot.coordinates import index_of, unit_of
+from ...robot.mechanism import leading_home
 from ...robot.model import build_model, program_coordinates
 from ...robot.value import Robot
 from ...runtime.stepping.loads import LinkWrench, ModelDrive, Signal, Waves
@@ -59,7 +60,7 @@ def default_gains(robot: Robot, driven: tuple[str, ...], start: Array) -> tuple[
     inertia: Array
     if robot.is_closed:
         kernel = build(robot.rigid())
-        q = kernel.close([robot.home.get(name, 0.0) for name in kernel.coordinates])
+        q = kernel.close([leading_home(robot).get(name, 0.0) for name in kernel.coordinates])
         nothing, index = np.zeros(kernel.n), index_of(kernel.coordinates, driven)
         rest = kernel.forward_dynamics(q, nothing, nothing)
         moved = [kernel.forward_dynamics(q, nothing, np.eye(kernel.n)[i])[i] - rest[i] for i in index]

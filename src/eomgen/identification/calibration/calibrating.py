@@ -108,7 +108,7 @@ def calibrate(
         InputError: a file or an option cannot be used, or the file shows one of the known mistakes.
         UnknownNameError: there is no frame, link, quantity or coordinate of a name.
     """
-    robot, report = as_robot(robot), progress or no_report
+    robot, report = as_robot(robot).with_constraints(), progress or no_report
     count = folds_from(folds)
     task = Task(
         robot=robot,

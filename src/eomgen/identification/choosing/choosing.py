@@ -111,7 +111,7 @@ def poses(
         UnknownNameError: there is no frame, link, quantity or coordinate of a name.
     """
     robot, report = as_robot(robot), progress or no_report
-    if robot.is_closed:
+    if robot.loops or robot.couplings:
         raise InputError(f"poses: {robot.name} has loops or couplings; allowed: robots that are trees")
     for label, value, allowed in (("criterion", criterion, CRITERIA), ("measure", measure, MEASURES)):
         if value not in allowed:

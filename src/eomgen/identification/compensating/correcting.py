@@ -87,7 +87,7 @@ def compensate(
     """
     arm, report = as_robot(robot), progress or no_progress
     _check(mode, iterations, robustness, draws)
-    if arm.is_closed:
+    if arm.loops or arm.couplings:
         raise InputError(
             f"{arm.name}: has loops or couplings, by which its other joints follow the driven ones; allowed: robots"
             " without them"

@@ -13,6 +13,7 @@ from ...errors import ArrayError, InputError, UnknownNameError
 from ...motion.ends import principal_limits
 from ...names import joint_of, listed, nearest_or_all, show
 from ...robot.coordinates import unit_of
+from ...robot.mechanism import leading_home
 from ...robot.value import Robot
 
 Array = NDArray[np.float64]
@@ -157,7 +158,7 @@ def _ranges(
         if is_open.any():
             unit, other = unit_of(name), ends[i][::-1]
             half = TRAVEL[unit] * np.array([-1.0, 1.0])
-            free = robot.home.get(name, 0.0) + half if is_open.all() else other + 2.0 * half
+            free = leading_home(robot).get(name, 0.0) + half if is_open.all() else other + 2.0 * half
             ends[i] = np.where(is_open, free, ends[i])
             notes.append(f"{name} has no limits: {ends[i][0]:.4g} to {ends[i][1]:.4g} {unit} is assumed")
         if not ends[i][0] < ends[i][1]:

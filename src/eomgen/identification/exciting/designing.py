@@ -178,7 +178,7 @@ def moving_coordinates(robot: Robot) -> tuple[str, ...]:
     Raises:
         InputError: the robot has loops, couplings, a free joint, none of these coordinates, or one without a drive.
     """
-    if robot.is_closed:
+    if robot.loops or robot.couplings:
         raise InputError(f"excite: {robot.name} has loops or couplings; allowed: robots without, as of identify")
     free = [joint.name for joint in robot.joints if joint.type == "free"]
     if free:

@@ -77,7 +77,7 @@ def tolerance(
         InputError: another argument cannot be used, or a mechanism does not close.
         UnknownNameError: there is no frame or coordinate of a name.
     """
-    robot, report = as_robot(robot), progress or no_report
+    robot, report = as_robot(robot).with_constraints(), progress or no_report
     frame = tool_of(robot, frame, "frame")
     if isinstance(confidence, bool) or not 0.0 < confidence < 1.0:
         raise InputError(f"confidence: {confidence!r}; allowed: a number between 0 and 1")

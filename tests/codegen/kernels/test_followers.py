@@ -1,0 +1,221 @@
+"""Followers of rigid couplings are no coordinates: all kernels against the uncoupled tree, reduced in NumPy."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import eomgen
+from eomgen.robot.value import Robot
+from tests.support.random_followers import Reduction, with_followers
+from tests.support.random_robots import Array, random_robot, random_state, seeds, some_prescribed, with_offsets
+from tests.support.random_springs import with_springs
+
+Build = Callable[..., eomgen.Kernel]
+
+KERNELS = (
+    *("mass_matrix", "bias_force", "generalized_force", "external_force", "residual", "inverse_dynamics"),
+    *("residual_jacobian", "coriolis_matrix", "christoffel", "kinematics", "energy", "reactions", "external_reactions"),
+    *("regressor", "forward_dynamics", "forward_dynamics_jacobian", "coupling_forces", "external_coupling_forces"),
+)
+TIGHT = 1e-11
+
+
+def sample(seed: int) -> tuple[Robot, Robot]:
+    """A random robot with couplings, and without."""
+    kinds = seed % 4
+    robot = random_robot(seed, joints=(2, 4), max_coordinates=3, max_size=8, tree=bool(seed % 2), rods=False)
+    if kinds == 1:
+        robot = with_springs(robot, seed)
+    if kinds == 2:
+        robot = with_offsets(robot, seed)
+    if kinds == 3:
+        robot = some_prescribed(robot, seed)
+    coupled = with_followers(robot, seed, tuned=bool(seed % 3))
+    return coupled, robot
+
+
+def near(found: Array, expected: Array, tolerance: float = TIGHT) -> None:
+    size = max(1.0, float(np.abs(expected).max(initial=0.0)))
+    assert found.shape == expected.shape
+    assert np.abs(found - expected).max(initial=0.0) <= tolerance * size
+
+
+@pytest.mark.parametrize("seed", seeds(0, 4, 60))
+def test_kernels_are_those_of_the_tree_reduced(seed: int, built: Build) -> None:
+    coupled, robot = sample(seed)
+    map_ = Reduction.of(robot, coupled.couplings)
+    kernel, tree = built(coupled, *KERNELS, *build_extras(coupled)), built(robot, *KERNELS[:-2], *build_extras(coupled))
+    assert kernel.coordinates == map_.names
+    assert kernel.constraints == ()
+    rng = np.random.default_rng(seed)
+    states = [random_state(robot, rng) for _ in range(7)]
+    keep = [tree.coordinates.index(name) for name in kernel.coordinates]
+    q, v, a, u = (np.array([getattr(state, name)[keep] for state in states]) for name in "qvau")
+    Q, V, A = map_.positions(q), map_.motions(v), map_.motions(a)
+    for name, (here, rate) in kernel.followers(q, v).items():
+        near(here, Q[:, tree.coordinates.index(name)])
+        near(rate, V[:, tree.coordinates.index(name)])
+    near(kernel.mass_matrix(q), map_.matrix(tree.mass_matrix(Q)))
+    near(kernel.bias_force(q, v), map_.forces(tree.bias_force(Q, V)))
+    near(kernel.generalized_force(q, v), map_.forces(tree.generalized_force(Q, V)))
+    near(kernel.inverse_dynamics(q, v, a), map_.forces(tree.inverse_dynamics(Q, V, A)))
+    near(kernel.residual(q, v, a, u), map_.forces(tree.inverse_dynamics(Q, V, A)) - u)
+    near(kernel.coriolis_matrix(q, v), map_.matrix(tree.coriolis_matrix(Q, V)))
+    near(kernel.christoffel(q), np.einsum("Nabc,ai,bj,ck->Nijk", tree.christoffel(Q), map_.S, map_.S, map_.S))
+    for found, expected in zip(kernel.residual_jacobian(q, v, a), tree.residual_jacobian(Q, V, A), strict=True):
+        near(found, map_.matrix(expected))
+    for found, expected in zip(kernel.energy(q, v).T, tree.energy(Q, V).T, strict=True):
+        near(found, expected)
+    near(kernel.reactions(q, v, a), tree.reactions(Q, V, A))
+    for frame in (kernel.frames[0], kernel.frames[-1]):
+        near(kernel.frame_pose(q, frame), tree.frame_pose(Q, frame))
+        near(kernel.frame_jacobian(q, frame), tree.frame_jacobian(Q, frame) @ map_.S)
+    wrench = rng.normal(size=(7, len(kernel.links), 6))
+    near(kernel.external_force(q, wrench), map_.forces(tree.external_force(Q, wrench)))
+    near(kernel.inverse_dynamics(q, v, a, wrench=wrench), map_.forces(tree.inverse_dynamics(Q, V, A, wrench=wrench)))
+    if coupled.springs:
+        near(kernel.spring_jacobian(q), tree.spring_jacobian(Q) @ map_.S)
+        near(kernel.spring_stiffness(q), map_.matrix(tree.spring_stiffness(Q)))
+    plain = kernel.inverse_dynamics(q, v, a) - kernel.inverse_dynamics(q, 0 * v, 0 * a)
+    columns = kernel.regressor(q, v, a) - kernel.regressor(q, 0 * v, 0 * a)
+    if not any(c.law() or c.damping for joint in robot.joints for c in joint.all_coordinates.values()):
+        near(columns @ kernel.regressor_values, plain)
+    accelerations(kernel, tree, map_, coupled, (q, v, u, wrench))
+
+
+def build_extras(robot: Robot) -> tuple[str, ...]:
+    return ("spring_jacobian", "spring_stiffness") if robot.springs else ()
+
+
+def accelerations(
+    kernel: eomgen.Kernel, tree: eomgen.Kernel, map_: Reduction, robot: Robot, states: tuple[Array, ...]
+) -> None:
+    """Accelerations and the couplings' forces by a dense solve of M A = f + J^T lambda, J A = 0 of all coordinates."""
+    q, v, u, wrench = states
+    given = [kernel.coordinates.index(name) for name in kernel.prescribed]
+    free = [i for i in range(kernel.n) if i not in given]
+    Q, V = map_.positions(q), map_.motions(v)
+    for outside in (None, wrench):
+        a = kernel.forward_dynamics(q, v, u, wrench=outside)
+        near(a[:, given], u[:, given], 0.0)
+        bias = map_.forces(tree.inverse_dynamics(Q, V, 0 * V, wrench=outside))
+        M = map_.matrix(tree.mass_matrix(Q))
+        right = u - bias - np.einsum("Nij,Nj->Ni", M[:, :, given], u[:, given])
+        if free:
+            expected = np.linalg.solve(M[np.ix_(range(len(q)), free, free)], right[:, free, np.newaxis])[..., 0]
+            near(a[:, free], expected, 1e-9)
+        rows = np.zeros((len(robot.couplings), tree.n))
+        for row, x in zip(rows, robot.couplings, strict=True):
+            row[tree.coordinates.index(x.of)] = 1.0
+            for name, ratio in x.to.items():
+                row[tree.coordinates.index(name)] = -ratio
+        needed = tree.inverse_dynamics(Q, V, map_.motions(a), wrench=outside)
+        followers = [tree.coordinates.index(x.of) for x in robot.couplings]
+        held = np.linalg.solve(rows[:, followers].T, needed[:, followers].T).T
+        near(kernel.constraint_forces(q, v, u, wrench=outside), held, 1e-9)
+    assert kernel.couplings == tuple(x.name for x in robot.couplings)
+    by_q, by_v, by_u = kernel.forward_dynamics_jacobian(q, v, u)
+    r_q, r_v, r_a = kernel.residual_jacobian(q, v, kernel.forward_dynamics(q, v, u))
+    for found, slope in ((by_q, r_q), (by_v, r_v)):
+        expected = np.zeros_like(found)
+        inside = np.ix_(range(len(q)), free, free)
+        expected[:, free] = -np.linalg.solve(r_a[inside], slope[:, free])
+        near(found, expected, 1e-9)
+    near(by_u[:, given][:, :, given], np.broadcast_to(np.eye(len(given)), (len(q), len(given), len(given))), 0.0)
+
+
+def springy(seed: int) -> tuple[Robot, Robot]:
+    """A random tree with springs and dampers, whose couplings' numbers are run-time parameters; and without these."""
+    robot = random_robot(seed, joints=(3, 4), max_coordinates=2, max_size=6, tree=True, rods=False)
+    return with_followers(robot, seed, tuned=True), robot
+
+
+def slope_by(kernel: eomgen.Kernel, name: str, f: Callable[[eomgen.Kernel], Array], step: float = 1e-5) -> Array:
+    """Central difference of order four of f by a parameter."""
+    value = kernel.parameters[name]
+    at = [f(kernel.with_parameters({name: value + k * step})) for k in (-2, -1, 1, 2)]
+    return np.asarray((at[0] - 8 * at[1] + 8 * at[2] - at[3]) / (12 * step))
+
+
+@pytest.mark.parametrize("seed", seeds(0, 1, 20))
+def test_derivatives_by_ratios_and_offsets(seed: int, built: Build) -> None:
+    coupled, _ = springy(seed)
+    kernel = built(coupled)
+    rng = np.random.default_rng(seed)
+    q, v, a, u = rng.uniform(-0.5, 0.5, (4, kernel.n))
+    names = [name for name in kernel.parameters if name.startswith("couplings.")]
+    assert names
+    for function, args in (("inverse_dynamics", (q, v, a)), ("forward_dynamics", (q, v, u)), ("energy", (q, v))):
+        exact = kernel.parameter_jacobian(function, args, names)
+        for place, name in enumerate(names):
+
+            def result(other: eomgen.Kernel, function: str = function, args: tuple[Array, ...] = args) -> Array:
+                return np.asarray(getattr(other, function)(*args))
+
+            near(exact[..., place], slope_by(kernel, name, result), 1e-7)
+    weights = rng.normal(size=kernel.n)
+    found = kernel.vjp("forward_dynamics", (q, v, u), weights)
+    for slope, matrix in zip(found, kernel.forward_dynamics_jacobian(q, v, u), strict=True):
+        near(slope, weights @ matrix, 1e-9)
+    frame = kernel.frames[0]
+    near(kernel.jvp("frame_pose", (q, frame), (v,))[:3, 3], kernel.frame_jacobian(q, frame)[:3] @ v)
+    held = kernel.jvp("coupling_forces", (q, v, a), (v, a, u))
+    h = 1e-6
+    moved = [kernel.coupling_forces(q + s * h * v, v + s * h * a, a + s * h * u) for s in (1.0, -1.0)]
+    near(held, (moved[0] - moved[1]) / (2 * h), 1e-7)
+
+
+@pytest.mark.parametrize("seed", seeds(0, 1, 20))
+def test_motions_are_those_of_the_tree_reduced(seed: int, built: Build) -> None:
+    """Against SciPy's integration of accelerations that NumPy reduces; gradients against differences."""
+    coupled, robot = springy(seed)
+    map_ = Reduction.of(robot, coupled.couplings)
+    kernel, tree = built(coupled), built(robot, "mass_matrix", "inverse_dynamics")
+    rng = np.random.default_rng(seed)
+    q0, v0 = rng.uniform(-0.3, 0.3, (2, kernel.n))
+    u = rng.uniform(-1.0, 1.0, kernel.n)
+
+    def rates(_: float, y: Array) -> Array:
+        q, v = np.split(y, 2)
+        Q, V = map_.positions(q), map_.motions(v)
+        bias = map_.forces(tree.inverse_dynamics(Q, V, 0 * V))
+        return np.concatenate([v, np.linalg.solve(map_.matrix(tree.mass_matrix(Q)), u - bias)])
+
+    duration = 0.02
+    end = solve_ivp(rates, (0.0, duration), np.concatenate([q0, v0]), method="Radau", rtol=1e-10, atol=1e-12).y[:, -1]
+    for method, tolerance in (("rk4", 1e-6), ("implicit", 2e-2), ("rosenbrock", 1e-6), ("tsit5", 1e-6)):
+        options = (
+            {"dt": 1e-5, "steps": 2000}
+            if method in ("rk4", "implicit")
+            else {"duration": duration, "samples": 2, "rtol": 1e-9}
+        )
+        q, v = kernel.rollout(q0, v0, u, method=method, **options)
+        near(np.concatenate([q[-1], v[-1]]), end, tolerance)
+    names = [name for name in kernel.parameters if name.startswith("couplings.")]
+    weights = rng.normal(size=kernel.n)
+
+    def loss(_: Array, q: Array, v: Array) -> tuple[float, Array, Array]:
+        dq, dv = np.zeros_like(q), np.zeros_like(v)
+        dq[-1] = weights
+        return float(q[-1] @ weights), dq, dv
+
+    for method in ("implicit", "rk4"):
+        options = {"dt": 1e-4, "steps": 20, "method": method}
+        _, slopes = kernel.rollout_gradient(q0, v0, u, loss=loss, parameters=names, **options)
+
+        def result(other: eomgen.Kernel, options: dict[str, object] = options) -> Array:
+            return np.asarray(other.rollout(q0, v0, u, **options)[0][-1] @ weights)
+
+        for name in names:
+            near(np.asarray(slopes[name]), slope_by(kernel, name, result, 1e-4), 1e-7)
+    single = built(coupled, "forward_dynamics", "mass_matrix", dtype="float32")
+    state = [x.astype(np.float32) for x in (q0, v0, u)]
+    exact = kernel.forward_dynamics(*(x.astype(np.float64) for x in state))
+    near(single.forward_dynamics(*state).astype(np.float64), exact, 1e-3)
+    many = [np.tile(x, (9, 1)) + 0.01 * rng.normal(size=(9, kernel.n)) for x in (q0, v0, u)]
+    each = [kernel.forward_dynamics(*state) for state in zip(*many, strict=True)]
+    assert np.array_equal(kernel.forward_dynamics(*many), each)
