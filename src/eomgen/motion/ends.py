@@ -59,7 +59,7 @@ def _limits(robot: Robot, coordinate: str) -> tuple[tuple[float, float], bool]:
     joint = robot.joint(joint_name)
     if PRINCIPAL.get(joint.type) != name:
         return (-np.inf, np.inf), True
-    return joint.limits or (-np.inf, np.inf), False
+    return joint.range, False
 
 
 def default_ends(robot: Robot, coordinates: Sequence[str]) -> tuple[Array, Array]:
