@@ -27,6 +27,7 @@ from ..integration.steps import output_times
 from ..integration.trajectory import Trajectory
 from ..integration.until import Until
 from ..motion.ends import Point
+from ..motion.exceeding import excess_notes, excesses
 from ..motion.point_to_point import Program
 from ..motion.splines import Spline
 from ..names import component_name
@@ -174,6 +175,7 @@ def run_assembly(
         *_method_note(found.trajectory, reason, asked),
         *_assumptions(robot, loose, scenario, assembly),
         *_beyond_stops(kernel, q0),
+        *_beyond_limits(robot, found.trajectory),
         None if found.balance is None else found.balance.note(),
         *_end_note(assembly.until, found.trajectory),
     ]
@@ -270,6 +272,12 @@ def _beyond_stops(kernel: Kernel, q: Array) -> Iterator[str]:
         if not lower <= place <= upper:
             side, stop = ("upper", upper) if place > upper else ("lower", lower)
             yield f"{name} starts at {place:.6g} {unit}, beyond its {side} stop at {stop:.6g} {unit}"
+
+
+def _beyond_limits(robot: Robot, motion: Trajectory) -> tuple[str, ...]:
+    """A line about limits that the motion or its drives exceed."""
+    found = excesses(robot, motion.coordinates, t=motion.t, q=motion.q, v=motion.v, u=motion.u)
+    return excess_notes("the motion", found)
 
 
 def _computed(scenario: Scenario) -> bool:
