@@ -97,7 +97,7 @@ output_step = 0.01
 frame = "tcp"
 initial = { q = { joint1.x = 0.1, joint2 = 1 }, v = {}, equilibrium = false }
 motion = { type = "via", points = [[0, 0], { joint1 = 1 }, [1, 1]], times = [0, 1, 2] }
-control = { type = "pd", kp = { joint1 = 10 }, kd = 1, gravity = true }
+control = { type = "pd", kp = { joint1 = 10 }, kd = 1, gravity = true, saturate = true }
 integrator = { method = "auto", rtol = 1e-6, atol = 1e-8 }
 [[prescribed]]
 type = "harmonic"
