@@ -35,13 +35,13 @@ def test_the_worst_of_each_is_told() -> None:
     found = excesses(robot(), names, t=t, q=q, v=v, u=u)
     assert found == (
         Excess("hinge.gamma", "position", -0.7, -0.5, "rad", t[3]),
-        Excess("hinge.gamma", "speed", -3.5, -3.0, "rad/s", t[4]),
-        Excess("hinge.motor", "effort", -0.5, -0.4, "N m", t[8]),
+        Excess("hinge.gamma", "speed", -3.5, 3.0, "rad/s", t[4]),
+        Excess("hinge.motor", "effort", -0.5, 0.4, "N m", t[8]),
     )
     (note,) = excess_notes("the motion", found)
     assert note == (
         "the motion exceeds limits of the robot: hinge.gamma position -0.7 rad at 0.3 s (limit -0.5), hinge.gamma speed"
-        " -3.5 rad/s at 0.4 s (limit -3), hinge.motor effort -0.5 N m at 0.8 s (limit -0.4)"
+        " -3.5 rad/s at 0.4 s (limit 3), hinge.motor effort -0.5 N m at 0.8 s (limit 0.4)"
     )
     assert excess_notes("the motion", ()) == ()
     assert "and 1 more" in excess_notes("it", found * 3)[0]

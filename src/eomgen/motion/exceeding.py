@@ -75,8 +75,8 @@ def _worst(name: str, kind: str, unit: str, t: Array | None, x: Array, low: floa
         return None
     beyond = np.maximum(low - x, x - high)
     worst = int(np.argmax(beyond))
-    limit = high if x[worst] > high else low
-    scale = max(abs(limit), 1.0) if kind == "position" else abs(limit)
+    limit = high if x[worst] > high or kind != "position" else low  # the same in both directions but for positions
+    scale = max(abs(limit), 1.0) if kind == "position" else limit
     if not beyond[worst] > ROUND_OFF * scale:
         return None
     return Excess(name, kind, float(x[worst]), float(limit), unit, None if t is None else float(t[worst]))
