@@ -9,6 +9,7 @@ from eomgen._version import __version__
 from eomgen.names import component_name, joint_of, parameter_path
 from eomgen.robot.cuts import UPRIGHT
 from eomgen.robot.laws import least_of
+from eomgen.robot.mechanism import effort_of
 from eomgen.robot.model import Model
 from eomgen.robot.value import MOTOR, Loop
 
@@ -37,6 +38,7 @@ def describe_kernels(model: Model, kernels: Sequence[str], dtype: str) -> dict[s
         "driven": model.driven,
         "prescribed": [model.coordinates[i] for i in model.prescribed],
         **_motor_metadata(model),
+        **_efforts(model),
         "parameters": dict(model.parameters),
         "least": {name: least for name in model.parameters if (least := least_of(name)) is not None},
         "shapes": {key: list(shape) for key, shape in shapes(model, kernels).items()},
@@ -89,6 +91,13 @@ def turning_joints(model: Model) -> dict[str, Any]:
     places = {body.joint: (body.indices[-3], body.first if len(body.active) > 3 else -1) for body in bodies}
     joints = {name: {"angles": angles, "origin": origin} for name, (angles, origin) in places.items()}
     return {"joints": joints, "room": 1 + 4 * len(joints) + 2 * model.size}
+
+
+def _efforts(model: Model) -> dict[str, Any]:
+    """Limits of drives' forces, N or N m, of the coordinates that have one."""
+    known = [name for i, name in enumerate(model.coordinates) if i not in model.prescribed]
+    found = {name: effort for name in known if (effort := effort_of(model.robot, name)) is not None}
+    return {"efforts": found} if found else {}
 
 
 def _motor_metadata(model: Model) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from ..program.ir import Program
 from .arithmetic import Arithmetic, Array, spread, with_copies
 from .composed import COMPOSED, FRAMED, PLACES, status_of
 from .states import sample_inputs, sample_parameters
-from .steps import one_adapted_step, one_step
+from .steps import clipped, one_adapted_step, one_step
 from .stored import STATES, pack_samples
 
 _SAFETY = 16.0  # how much more than copies of a state differ is allowed
@@ -106,13 +106,24 @@ class _Samples:
 
     def _store_steps(self, name: str, step: Callable[..., tuple[Array, Array]], programs: list[Program]) -> None:
         dt = self.arithmetic.dtype.type(_STEP[str(self.arithmetic.dtype)])
-        ways = [step(method, self.run, self.inputs["q"], self.inputs["u"], dt) for method in range(_METHODS)]
+        u = clipped(self.inputs["u"], with_copies(self._efforts()))
+        ways = [step(method, self.run, self.inputs["q"], u, dt) for method in range(_METHODS)]
         n, lanes = self.inputs["q"].shape
         self._store(name, np.stack([way[0].reshape(2 * n, lanes) for way in ways]), None, *programs)
         for part in ("", " near"):
             self.found[name + part] = np.moveaxis(self.found[name + part][:_RESTING], 0, 1)
         self.found[f"{name} status"] = np.stack([way[1][:_RESTING] for way in ways])
         self.found["dt"] = dt
+
+    def _efforts(self) -> Array:
+        """Efforts of drives (n, states): half of what the last of the resting states has, infinite in others."""
+        states = self.found["u"].T
+        found = np.full_like(states, np.inf)
+        found[:, _RESTING - 1] = 0.5 * np.abs(states[:, _RESTING - 1])
+        free = [*self.model.prescribed, *(i for k in self.model.turning for i in self.model.bodies[k].indices)]
+        found[free] = np.inf
+        self.found["effort"] = found.T[:_RESTING]
+        return found
 
     @staticmethod
     def _has_no_turns(program: Program) -> bool:

@@ -11,6 +11,12 @@ from .arithmetic import Array
 from .composed import Run
 
 
+def clipped(u: Array, effort: Array) -> Array:
+    """Return drives within +- their efforts, (n, lanes) both; what is no number stays so."""
+    found: Array = np.where(u > effort, effort, np.where(u < -effort, -effort, u))
+    return found
+
+
 def one_step(method: int, run: Run, q: Array, u: Array, dt: Any) -> tuple[Array, Array]:
     """Coordinates and rates (2, n, lanes) after a step from rest without a controller, and the status of every lane.
 

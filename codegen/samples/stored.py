@@ -33,7 +33,8 @@ def read_samples(data: bytes) -> dict[str, NDArray[Any]]:
         rounding may change the answer, infinity where it decides what is finite; "NAME bits" (): whether there is no
         choice but in the order of operations.
         "NAME places" (...,): where the numbers lie in an answer, of which only some are known.
-        "rollout" and "adaptive_rollout" (methods, states, 2 n) are a step of "dt" from rest by each method, q and v.
+        "rollout" and "adaptive_rollout" (methods, states, 2 n) are a step of "dt" from rest by each method, q and v, of
+        drives within "effort" (states, n).
     """
     with np.load(io.BytesIO(zlib.decompress(data)), allow_pickle=False) as found:
         return {name: found[name] for name in found.files}

@@ -705,16 +705,29 @@ static void one_link_store(const double *restrict x, size_t here, size_t stride,
     (void)memcpy(y, x, 2U * sizeof *x);
 }
 
-/* Drives at a step: u + kp (target - q - ahead v) - kd v. */
-static void one_link_drives(const one_link_drive *restrict drive, size_t state, size_t here, size_t step, const double *restrict q, const double *restrict v, double ahead, double *restrict u)
+/* Clip drives at +-effort; slope, if it is not NULL, becomes 0 where they are clipped, else 1. */
+static void one_link_saturated(const one_link_drive *restrict drive, double *restrict u, double *restrict slope)
+{
+    for (int i = 0; i < 2; ++i) {
+        const double most = drive->effort[i];
+        const int over = ((u[i] > most) || (u[i] < -most)) ? 1 : 0;
+        if (slope != NULL) { slope[i] = (over != 0) ? 0.0 : 1.0; }
+        if (over != 0) { u[i] = (u[i] > most) ? most : -most; }
+    }
+}
+
+/* Drives at a step: u + kp (target - q - ahead v) - kd v, within their efforts; slope as of one_link_saturated. */
+static void one_link_drives(const one_link_drive *restrict drive, size_t state, size_t here, size_t step, const double *restrict q, const double *restrict v, double ahead, double *restrict u, double *restrict slope)
 {
     double target[2];
     one_link_load(&drive->u[state * drive->u_state + step * drive->u_step], drive->u_state, here, u);
-    if (drive->kp == NULL) { return; }
-    one_link_load(&drive->target[state * drive->target_state + step * drive->target_step], drive->target_state, here, target);
-    for (int i = 0; i < 2; ++i) {
-        u[i] += drive->kp[i] * (target[i] - q[i] - ahead * v[i]) - drive->kd[i] * v[i];
+    if (drive->kp != NULL) {
+        one_link_load(&drive->target[state * drive->target_state + step * drive->target_step], drive->target_state, here, target);
+        for (int i = 0; i < 2; ++i) {
+            u[i] += drive->kp[i] * (target[i] - q[i] - ahead * v[i]) - drive->kd[i] * v[i];
+        }
     }
+    if (drive->effort != NULL) { one_link_saturated(drive, u, slope); }
 }
 
 /* One step of the classical Runge-Kutta method, drives held. */
@@ -735,7 +748,7 @@ static int one_link_rk4(const double *restrict h, const one_link_drive *restrict
         v_sum[i] = 0.0;
     }
     for (int stage = 0; stage < 4; ++stage) {
-        one_link_drives(drive, state, here, step, q_here, v_here, 0.0, u);
+        one_link_drives(drive, state, here, step, q_here, v_here, 0.0, u, NULL);
         const int status = one_link_forward_dynamics(h, q_here, v_here, u, a);
         if (status != 0) { return status; }
         for (int i = 0; i < 2; ++i) {
@@ -758,13 +771,15 @@ static int one_link_implicit(const double *restrict h, const one_link_drive *res
     double u[2];
     double a[2];
     double added[2];
+    double slope[2];
     double times[2];
     times[0] = dt;
     times[1] = dt * dt;
     for (int i = 0; i < 2; ++i) {
         added[i] = (drive->kp == NULL) ? 0.0 : dt * (drive->kd[i] + dt * drive->kp[i]);
     }
-    one_link_drives(drive, state, here, step, q, v, dt, u);
+    one_link_drives(drive, state, here, step, q, v, dt, u, slope);
+    for (int i = 0; (drive->effort != NULL) && (i < 2); ++i) { added[i] *= slope[i]; }
     const int status = one_link_implicit_step(h, q, v, u, added, times, a);
     if (status != 0) { return status; }
     for (int i = 0; i < 2; ++i) {
@@ -947,14 +962,20 @@ static void one_link_asked(const one_link_loads *restrict loads, double t, doubl
     if (loads->control != NULL) { one_link_controlled(loads, between, q, v, given, u, asked); }
 }
 
-/* Drives with what a model answers, and accelerations that are given. */
-static void one_link_answered(const one_link_loads *restrict loads, const double *restrict given, const double *restrict answer, double *restrict u)
+/* Drives with what a model answers, within +-effort where there is one, and accelerations that are given; slope, if it is not
+ * NULL, becomes 0 where they are clipped, else 1. */
+static void one_link_answered(const one_link_loads *restrict loads, const double *restrict given, const double *restrict answer, double *restrict u, double *restrict slope)
 {
     const one_link_model *const model = (loads->control == NULL) ? NULL : loads->model;
     if (model != NULL) {
         for (int i = 0; i < model->size; ++i) {
             if (model->given[i] < 0) { u[model->place[i]] += answer[i] / model->ratio[i]; }
         }
+    }
+    for (int i = 0; (loads->effort != NULL) && (i < 2); ++i) {
+        const double most = loads->effort[i];
+        if (slope != NULL) { slope[i] = ((u[i] > most) || (u[i] < -most)) ? 0.0 : 1.0; }
+        u[i] = (u[i] > most) ? most : ((u[i] < -most) ? -most : u[i]);
     }
     if (loads->given != NULL) {
         for (int i = 0; i < loads->given->size; ++i) { u[loads->given->place[i]] = given[i]; }
@@ -1059,7 +1080,7 @@ static void one_link_modelled(const one_link_clock *restrict clock, const double
 }
 
 /* Add what loads do at a part of lanes' steps to the forces, and put given motions into q and v; powers are a stage's. */
-static void one_link_timed(const double *here, const one_link_clock *restrict clock, double share, int stage, double *restrict q, double *restrict v, double *restrict force)
+static void one_link_timed(const double *here, const one_link_clock *restrict clock, double share, int stage, double *restrict q, double *restrict v, double *restrict force, double *restrict slope)
 {
     double own[1][2];
     double rate[1][2];
@@ -1082,7 +1103,9 @@ static void one_link_timed(const double *here, const one_link_clock *restrict cl
     one_link_modelled(clock, asked[0], answer[0]);
     int moved = 0;
     for (int l = 0; l < clock->here; ++l) {
-        one_link_answered(clock->loads[l], given[l], answer[l], u[l]);
+        double inside[2];
+        one_link_answered(clock->loads[l], given[l], answer[l], u[l], inside);
+        for (int i = 0; (slope != NULL) && (i < 2); ++i) { slope[i] = (clock->loads[l]->effort == NULL) ? 1.0 : inside[i]; }
         double pushed[2];
         (void)memset(pushed, 0, sizeof pushed);
         if (clock->loads[l]->wrenches > 0U) { one_link_wrenched(clock->loads[l], here, t[l], own[l], pushed); }
@@ -1125,15 +1148,30 @@ static void one_link_placed(const one_link_clock *restrict clock, double *restri
     }
 }
 
-/* Accelerations under u + kp (target - q) - kd v and loads; what cannot be solved is seen in the error that it makes. */
-static void one_link_accelerated(const double *restrict h, const one_link_drive *restrict drive, const one_link_clock *restrict clock, double share, int stage, const double *restrict u, const double *restrict target, double *restrict q, double *restrict v, double *restrict a)
+/* Whether drives are clipped. */
+static int one_link_clips(const one_link_drive *restrict drive, const one_link_clock *restrict clock)
 {
-    double force[2];
+    return (clock->loads[0] != NULL) ? (clock->loads[0]->effort != NULL) : (drive->effort != NULL);
+}
+
+/* Forces u + kp (target - q) - kd v and those of loads, drives within their efforts; slope, if it is not NULL, becomes 0 where
+ * these are clipped, else 1. */
+static void one_link_forces(const double *restrict h, const one_link_drive *restrict drive, const one_link_clock *restrict clock, double share, int stage, const double *restrict u, const double *restrict target, double *restrict q, double *restrict v, double *restrict force, double *restrict slope)
+{
     for (int i = 0; i < 2; ++i) {
         force[i] = u[i];
         if (drive->kp != NULL) { force[i] += drive->kp[i] * (target[i] - q[i]) - drive->kd[i] * v[i]; }
     }
-    if (clock->loads[0] != NULL) { one_link_timed(h, clock, share, stage, q, v, force); }
+    if ((clock->loads[0] == NULL) && (drive->effort != NULL)) { one_link_saturated(drive, force, slope); }
+    (void)h;
+    if (clock->loads[0] != NULL) { one_link_timed(h, clock, share, stage, q, v, force, slope); }
+}
+
+/* Accelerations under these forces; what cannot be solved is seen in the error that it makes. */
+static void one_link_accelerated(const double *restrict h, const one_link_drive *restrict drive, const one_link_clock *restrict clock, double share, int stage, const double *restrict u, const double *restrict target, double *restrict q, double *restrict v, double *restrict a)
+{
+    double force[2];
+    one_link_forces(h, drive, clock, share, stage, u, target, q, v, force, NULL);
     (void)one_link_forward_dynamics(h, q, v, force, a);
 }
 
@@ -1164,6 +1202,18 @@ static void one_link_rosenbrock(const double *restrict h, const one_link_drive *
             const int i = control->program.place[k];
             kp[i] += (control->kp[k] / ratio);
             kd[i] += (control->kd[k] / ratio);
+        }
+    }
+    if (one_link_clips(drive, clock) != 0) { /* what is clipped does not answer to the state */
+        double q_here[2];
+        double v_here[2];
+        double slope[2];
+        (void)memcpy(q_here, q, sizeof q_here);
+        (void)memcpy(v_here, v, sizeof v_here);
+        one_link_forces(h, drive, clock, 0.0, 7, u, target, q_here, v_here, right, slope);
+        for (int i = 0; i < 2; ++i) {
+            kp[i] *= slope[i];
+            kd[i] *= slope[i];
         }
     }
     (void)one_link_stage_factors(h, q, v, kp, kd, times, kept);
@@ -1728,7 +1778,7 @@ void one_link_loaded(size_t count, const one_link_loads *restrict loads, const d
         clock.here = 1;
         one_link_asked(loads, times[k], own, rate, force, given, asked);
         one_link_modelled(&clock, asked, answer);
-        one_link_answered(loads, given, answer, force);
+        one_link_answered(loads, given, answer, force, NULL);
         for (int i = 0; i < 2; ++i) {
             const size_t place = k * 2U + (size_t)i;
             q[place] = own[i];
@@ -2937,16 +2987,32 @@ static void one_link_store_lanes(const lanes *restrict x, size_t here, size_t st
     scatter(x, NULL, here, 0, 2, stride, y);
 }
 
-/* Drives at a step: u + kp (target - q - ahead v) - kd v. */
-static void one_link_drives_lanes(const one_link_drive *restrict drive, size_t state, size_t here, size_t step, const lanes *restrict q, const lanes *restrict v, double ahead, lanes *restrict u)
+/* Clip drives at +-effort; slope, if it is not NULL, becomes 0 where they are clipped, else 1. */
+static void one_link_saturated_lanes(const one_link_drive *restrict drive, lanes *restrict u, lanes *restrict slope)
+{
+    for (size_t l = 0; l < LANES; ++l) {
+        for (int i = 0; i < 2; ++i) {
+            const double most = drive->effort[i];
+            const double x = LANE(u[i], l);
+            const int over = ((x > most) || (x < -most)) ? 1 : 0;
+            if (slope != NULL) { LANE(slope[i], l) = (over != 0) ? 0.0 : 1.0; }
+            if (over != 0) { LANE(u[i], l) = (x > most) ? most : -most; }
+        }
+    }
+}
+
+/* Drives at a step: u + kp (target - q - ahead v) - kd v, within their efforts; slope as of one_link_saturated. */
+static void one_link_drives_lanes(const one_link_drive *restrict drive, size_t state, size_t here, size_t step, const lanes *restrict q, const lanes *restrict v, double ahead, lanes *restrict u, lanes *restrict slope)
 {
     lanes target[2];
     one_link_load_lanes(&drive->u[state * drive->u_state + step * drive->u_step], drive->u_state, here, u);
-    if (drive->kp == NULL) { return; }
-    one_link_load_lanes(&drive->target[state * drive->target_state + step * drive->target_step], drive->target_state, here, target);
-    for (int i = 0; i < 2; ++i) {
-        u[i] += drive->kp[i] * (target[i] - q[i] - ahead * v[i]) - drive->kd[i] * v[i];
+    if (drive->kp != NULL) {
+        one_link_load_lanes(&drive->target[state * drive->target_state + step * drive->target_step], drive->target_state, here, target);
+        for (int i = 0; i < 2; ++i) {
+            u[i] += drive->kp[i] * (target[i] - q[i] - ahead * v[i]) - drive->kd[i] * v[i];
+        }
     }
+    if (drive->effort != NULL) { one_link_saturated_lanes(drive, u, slope); }
 }
 
 /* One step of the classical Runge-Kutta method, drives held. */
@@ -2967,7 +3033,7 @@ static int one_link_rk4_lanes(const lanes *restrict h, const one_link_drive *res
         v_sum[i] = ALL(0.0);
     }
     for (int stage = 0; stage < 4; ++stage) {
-        one_link_drives_lanes(drive, state, here, step, q_here, v_here, 0.0, u);
+        one_link_drives_lanes(drive, state, here, step, q_here, v_here, 0.0, u, NULL);
         const int status = one_link_forward_dynamics_lanes(h, q_here, v_here, u, a);
         if (status != 0) { return status; }
         for (int i = 0; i < 2; ++i) {
@@ -2990,13 +3056,15 @@ static int one_link_implicit_lanes(const lanes *restrict h, const one_link_drive
     lanes u[2];
     lanes a[2];
     lanes added[2];
+    lanes slope[2];
     lanes times[2];
     times[0] = ALL(dt);
     times[1] = ALL(dt * dt);
     for (int i = 0; i < 2; ++i) {
         added[i] = (drive->kp == NULL) ? ALL(0.0) : ALL(dt * (drive->kd[i] + dt * drive->kp[i]));
     }
-    one_link_drives_lanes(drive, state, here, step, q, v, dt, u);
+    one_link_drives_lanes(drive, state, here, step, q, v, dt, u, slope);
+    for (int i = 0; (drive->effort != NULL) && (i < 2); ++i) { added[i] *= slope[i]; }
     const int status = one_link_implicit_step_lanes(h, q, v, u, added, times, a);
     if (status != 0) { return status; }
     for (int i = 0; i < 2; ++i) {
@@ -3189,14 +3257,20 @@ static void one_link_asked(const one_link_loads *restrict loads, double t, doubl
     if (loads->control != NULL) { one_link_controlled(loads, between, q, v, given, u, asked); }
 }
 
-/* Drives with what a model answers, and accelerations that are given. */
-static void one_link_answered(const one_link_loads *restrict loads, const double *restrict given, const double *restrict answer, double *restrict u)
+/* Drives with what a model answers, within +-effort where there is one, and accelerations that are given; slope, if it is not
+ * NULL, becomes 0 where they are clipped, else 1. */
+static void one_link_answered(const one_link_loads *restrict loads, const double *restrict given, const double *restrict answer, double *restrict u, double *restrict slope)
 {
     const one_link_model *const model = (loads->control == NULL) ? NULL : loads->model;
     if (model != NULL) {
         for (int i = 0; i < model->size; ++i) {
             if (model->given[i] < 0) { u[model->place[i]] += answer[i] / model->ratio[i]; }
         }
+    }
+    for (int i = 0; (loads->effort != NULL) && (i < 2); ++i) {
+        const double most = loads->effort[i];
+        if (slope != NULL) { slope[i] = ((u[i] > most) || (u[i] < -most)) ? 0.0 : 1.0; }
+        u[i] = (u[i] > most) ? most : ((u[i] < -most) ? -most : u[i]);
     }
     if (loads->given != NULL) {
         for (int i = 0; i < loads->given->size; ++i) { u[loads->given->place[i]] = given[i]; }
@@ -3314,7 +3388,7 @@ static void one_link_modelled_lanes(const one_link_clock_lanes *restrict clock, 
 }
 
 /* Add what loads do at a part of lanes' steps to the forces, and put given motions into q and v; powers are a stage's. */
-static void one_link_timed_lanes(const double *here, const one_link_clock_lanes *restrict clock, double share, int stage, lanes *restrict q, lanes *restrict v, lanes *restrict force)
+static void one_link_timed_lanes(const double *here, const one_link_clock_lanes *restrict clock, double share, int stage, lanes *restrict q, lanes *restrict v, lanes *restrict force, lanes *restrict slope)
 {
     double own[LANES][2];
     double rate[LANES][2];
@@ -3333,7 +3407,9 @@ static void one_link_timed_lanes(const double *here, const one_link_clock_lanes 
     one_link_modelled_lanes(clock, asked[0], answer[0]);
     int moved = 0;
     for (int l = 0; l < clock->here; ++l) {
-        one_link_answered(clock->loads[l], given[l], answer[l], u[l]);
+        double inside[2];
+        one_link_answered(clock->loads[l], given[l], answer[l], u[l], inside);
+        for (int i = 0; (slope != NULL) && (i < 2); ++i) { LANE(slope[i], l) = (clock->loads[l]->effort == NULL) ? 1.0 : inside[i]; }
         double pushed[2];
         (void)memset(pushed, 0, sizeof pushed);
         if (clock->loads[l]->wrenches > 0U) { one_link_wrenched(clock->loads[l], here, t[l], own[l], pushed); }
@@ -3372,15 +3448,30 @@ static void one_link_placed_lanes(const one_link_clock_lanes *restrict clock, la
     }
 }
 
-/* Accelerations under u + kp (target - q) - kd v and loads; what cannot be solved is seen in the error that it makes. */
-static void one_link_accelerated_lanes(const lanes *restrict h, const one_link_drive *restrict drive, const one_link_clock_lanes *restrict clock, double share, int stage, const lanes *restrict u, const lanes *restrict target, lanes *restrict q, lanes *restrict v, lanes *restrict a)
+/* Whether drives are clipped. */
+static int one_link_clips_lanes(const one_link_drive *restrict drive, const one_link_clock_lanes *restrict clock)
 {
-    lanes force[2];
+    return (clock->loads[0] != NULL) ? (clock->loads[0]->effort != NULL) : (drive->effort != NULL);
+}
+
+/* Forces u + kp (target - q) - kd v and those of loads, drives within their efforts; slope, if it is not NULL, becomes 0 where
+ * these are clipped, else 1. */
+static void one_link_forces_lanes(const lanes *restrict h, const one_link_drive *restrict drive, const one_link_clock_lanes *restrict clock, double share, int stage, const lanes *restrict u, const lanes *restrict target, lanes *restrict q, lanes *restrict v, lanes *restrict force, lanes *restrict slope)
+{
     for (int i = 0; i < 2; ++i) {
         force[i] = u[i];
         if (drive->kp != NULL) { force[i] += drive->kp[i] * (target[i] - q[i]) - drive->kd[i] * v[i]; }
     }
-    if (clock->loads[0] != NULL) { one_link_timed_lanes(NULL, clock, share, stage, q, v, force); }
+    if ((clock->loads[0] == NULL) && (drive->effort != NULL)) { one_link_saturated_lanes(drive, force, slope); }
+    (void)h;
+    if (clock->loads[0] != NULL) { one_link_timed_lanes(NULL, clock, share, stage, q, v, force, slope); }
+}
+
+/* Accelerations under these forces; what cannot be solved is seen in the error that it makes. */
+static void one_link_accelerated_lanes(const lanes *restrict h, const one_link_drive *restrict drive, const one_link_clock_lanes *restrict clock, double share, int stage, const lanes *restrict u, const lanes *restrict target, lanes *restrict q, lanes *restrict v, lanes *restrict a)
+{
+    lanes force[2];
+    one_link_forces_lanes(h, drive, clock, share, stage, u, target, q, v, force, NULL);
     (void)one_link_forward_dynamics_lanes(h, q, v, force, a);
 }
 
@@ -3411,6 +3502,18 @@ static void one_link_rosenbrock_lanes(const lanes *restrict h, const one_link_dr
             const int i = control->program.place[k];
             LANE(kp[i], l) += (control->kp[k] / ratio);
             LANE(kd[i], l) += (control->kd[k] / ratio);
+        }
+    }
+    if (one_link_clips_lanes(drive, clock) != 0) { /* what is clipped does not answer to the state */
+        lanes q_here[2];
+        lanes v_here[2];
+        lanes slope[2];
+        (void)memcpy(q_here, q, sizeof q_here);
+        (void)memcpy(v_here, v, sizeof v_here);
+        one_link_forces_lanes(h, drive, clock, 0.0, 7, u, target, q_here, v_here, right, slope);
+        for (int i = 0; i < 2; ++i) {
+            kp[i] *= slope[i];
+            kd[i] *= slope[i];
         }
     }
     (void)one_link_stage_factors_lanes(h, q, v, kp, kd, times, kept);

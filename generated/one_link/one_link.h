@@ -66,12 +66,14 @@ extern "C" {
 /* A rollout takes steps of length dt by the classical Runge-Kutta method (method 0) or linearly implicit ones (1), and
  * stores q and v of the beginning and of every so many steps.  Drives, held over a step, are u + kp (target - q) - kd v;
  * those of state i at step k lie at i * u_state + k * u_step.  kp, kd (not 0 at principal coordinates alone) and target
- * may be NULL together.  It returns -1, or (state * steps + step) * ONE_LINK_DOF + i of the first failure. */
+ * may be NULL together.  effort: NULL, or 2 greatest sizes, at which drives are clipped, infinite where there is none.
+ * It returns -1, or (state * steps + step) * ONE_LINK_DOF + i of the first failure. */
 
 /* An adaptive rollout goes from sample to sample, at samples + 1 times, by steps whose error is at most atol + rtol times
  * the size of each number (atol: 4 of them, of q, then of v): a Rosenbrock method (method 0) or an explicit one (1).
  * Drives, held from a sample to the next, are u + kp (target - q) - kd v; those of state i from sample k on lie at
- * i * u_state + k * u_step; kp, kd (not 0 at principal coordinates alone) and target may be NULL together.  q, v and progress, all
+ * i * u_state + k * u_step; kp, kd (not 0 at principal coordinates alone) and target may be NULL together, and effort, at which drives
+ * are clipped, infinite where they are not, alone (with loads theirs counts, and wrenches are not clipped).  q, v and progress, all
  * zeros at the beginning, are where it goes on: a call takes most steps of a state at most, and one that records its steps
  * no more than there is room for.  progress->reason is 0 until it has ended: 1 at the last sample, 2 + i where no step is
  * short enough for number i of the state.
@@ -143,6 +145,7 @@ typedef struct {
     const double *target;
     size_t target_state;
     size_t target_step;
+    const double *effort;
 } one_link_drive;
 typedef struct one_link_signal {
     const double *knot;
@@ -227,6 +230,7 @@ typedef struct {
     const double *pose_along_h;
     int (*pose_by)(const double *h, const double *q, const double *dp, double *out);
     const double *pose_by_h;
+    const double *effort;
 } one_link_loads;
 long long one_link_rollout(const double *h, const double *q, const double *v, const one_link_drive *drive, double dt, size_t steps, size_t every, int method, double *q_out, double *v_out);
 long long one_link_rollout_batch(size_t count, const double *h, const double *q, size_t q_step, const double *v, size_t v_step, const one_link_drive *drive, double dt, size_t steps, size_t every, int method, double *q_out, double *v_out);

@@ -56,10 +56,16 @@ SEMANTIC = {
         *("cable of no length", "smoothing of no cable", "curve and stiffness of a spring", "curve of a cable"),
         *("smoothing of nothing", "restitution of nothing", "one side only", "static without stribeck"),
         *("stribeck without static", "curve and stiffness", "curve and friction that is none", "sharp clearance"),
-        *("clearance of stiffness zero", "friction without coulomb"),
+        *("clearance of stiffness zero", "friction without coulomb", "limits twice", "no limits"),
     },
     "numbers out of order": {
-        *("limits reversed", "curve of a spring that falls back", "static below coulomb", "curve that turns back"),
+        *(
+            "limits reversed",
+            "limits in their order",
+            "curve of a spring that falls back",
+            "static below coulomb",
+            "curve that turns back",
+        ),
     },
     "files beside it": {"curve from nowhere", "urdf without folder"},
     "$ of Python's regular expressions stands before a newline, too": {"trailing newline", "robot name with newline"},

@@ -15,6 +15,7 @@ import pytest
 from eomgen.description.builtin import builtin_robots
 from eomgen.description.load import load_robot, robot_from_toml
 from eomgen.errors import DescriptionError, EomgenWarning
+from eomgen.robot.bounds import Limits
 from eomgen.robot.inertia_policy import second_moments
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Coordinate, Friction, Link, Robot
@@ -218,7 +219,10 @@ def test_toml_refines_urdf(tmp_path: Path) -> None:
     plain = load_robot(tmp_path / "arm.urdf")
     assert (robot.name, robot.base) == ("mine", "ground")
     assert [joint.name for joint in robot.joints] == ["shoulder", "elbow", "flange"]
-    assert dict(robot.joints[0].coordinates) == {"x": Coordinate(1e6), "gamma": Coordinate()}
+    assert dict(robot.joints[0].coordinates) == {
+        "x": Coordinate(1e6),
+        "gamma": Coordinate(limits=Limits(velocity=1.0, effort=10.0)),
+    }
     assert robot.joints[0].axis_turn == plain.joints[0].axis_turn
     assert robot.links[0] == dataclasses.replace(plain.links[0], mass=5.0)
     assert robot.frames[0].link == "ground"

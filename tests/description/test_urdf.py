@@ -11,6 +11,7 @@ import pytest
 
 from eomgen.description.load import load_robot, robot_from_urdf
 from eomgen.errors import DescriptionError, EomgenWarning
+from eomgen.robot.bounds import Limits
 from eomgen.robot.geometry import IDENTITY, axis_turn
 from eomgen.robot.value import Coordinate, Friction, Robot
 from tests.support.description_samples import URDF, example_urdfs, link_poses
@@ -214,8 +215,9 @@ def test_damping_is_read_on_request_only() -> None:
 def test_friction_is_read_on_request_only() -> None:
     text = URDF.replace('<dynamics damping="0.7"/>', '<dynamics damping="0.7" friction="0.3"/>')
     plain, rough = robot_from_urdf(text, urdf_damping=True), robot_from_urdf(text, urdf_friction=True)
-    assert plain.joints[0].coordinates == {"gamma": Coordinate(damping=0.7)}
-    assert rough.joints[0].coordinates == {"gamma": Coordinate(friction=Friction(0.3))}
+    limits = Limits(velocity=1.0, effort=10.0)
+    assert plain.joints[0].coordinates == {"gamma": Coordinate(damping=0.7, limits=limits)}
+    assert rough.joints[0].coordinates == {"gamma": Coordinate(friction=Friction(0.3), limits=limits)}
     assert [note for note in plain.notes if "friction" in note and "urdf_friction=True" in note]
     (note,) = [note for note in rough.notes if "friction" in note]
     assert "'shoulder'" in note

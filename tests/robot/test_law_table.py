@@ -125,7 +125,7 @@ def test_records_and_hashes_are_those_of_before() -> None:
     assert robot_hash(robot) == HASH
     known = {"stiffness", "damping", "armature", "preload", "cubic", "stiffness_negative", "clearance"}
     known |= {"restitution_damping", "smoothing", "friction", "curve", "prescribed"}
-    assert {item.name for item in fields(Coordinate)} == known | {"further"}
+    assert {item.name for item in fields(Coordinate)} == known | {"further", "limits"}
     for joint in record_of(robot)["joints"]:
         assert all(set(table) == known for table in joint["coordinates"].values())
 

@@ -23,6 +23,11 @@ def spring(*extra: str, links: str = 'links = ["link2", "base"]') -> tuple[str, 
     return "[[frames]]", "\n".join(["[[springs]]", 'name = "rope"', links, *extra, "[[frames]]"])
 
 
+def limits(given: str) -> tuple[str, str]:
+    """What is replaced, and a joint whose principal coordinate has these limits in its place."""
+    return '"prismatic"', f'"prismatic"\nz = {{ limits = {{ {given} }} }}'
+
+
 # what is replaced, by what, and what the message must say: the place, the value, what is allowed
 TOML_CASES = {
     "syntax": ("mass = 3.0", "mass = = 3.0", ["my.toml:8:8: "]),
@@ -105,6 +110,19 @@ TOML_CASES = {
     "dh and placement": ("dh =", "placement = {}\ndh =", ["joints.joint1", "both dh and placement", "one of them"]),
     "limits reversed": ("limits = [-1, 2]", "limits = [2, -1]", ["joints.joint1.limits", "[2, -1]", "lower <= upper"]),
     "limits of a fixed joint": ('type = "revolute"', 'type = "fixed"', ["joints.joint1.limits", "fixed", "revolute"]),
+    "limits twice": (
+        "gamma = { damping = 0.1",
+        "gamma = { limits = { velocity = 1 }, damping = 0.1",
+        ["joints.joint1.limits", "gamma has limits", "one of them"],
+    ),
+    "speed of a limit": (*limits("velocity = 0"), ["joints.joint2.z.limits.velocity", "greater than 0"]),
+    "effort of a limit": (*limits("effort = -1"), ["joints.joint2.z.limits.effort", "greater than 0"]),
+    "limits in their order": (
+        *limits("lower = 1, upper = -1"),
+        ["joints.joint2.z.limits", "lower is 1.0", "lower <= upper"],
+    ),
+    "no limits": (*limits(""), ["joints.joint2.z.limits", "lower, upper, velocity"]),
+    "limits of a cut joint": (*loop("x = { limits = { velocity = 1 } }"), ["loops.loop.x", "unknown key 'limits'"]),
     "clearance without stiffness": (
         "stiffness = 1e6",
         "clearance = 1e-4",

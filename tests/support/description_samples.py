@@ -94,7 +94,7 @@ MJCF = """<?xml version="1.0"?>
       <site name="head" pos="0 0 0.3"/>
       <frame pos="0 0.1 0" zaxis="0 1 1">
         <body name="thigh" childclass="leg" pos="0 0 -0.2" euler="0 0 20">
-          <joint name="hip" pos="0 0 0.1" axis="0 1 1" ref="5"/>
+          <joint name="hip" pos="0 0 0.1" axis="0 1 1" ref="5" actuatorfrcrange="-6 6"/>
           <joint name="twist" pos="0 0 0.1" axis="1 2 3"/>
           <geom type="box" size="0.1 0.05 0.2" density="500" pos="0 0 -0.1"/>
           <body name="shin" pos="0 0 -0.4" quat="1 0 0.2 0">

@@ -72,14 +72,14 @@ child = "a"
 type = "revolute"
 gamma = { friction = { coulomb = 1, static = 2, stribeck = 0.1, viscous = 0.1 }, cubic = 2 }
 beta = { stiffness = 1e3, clearance = 1e-3, smoothing = 1e-5, restitution_damping = 1 }
-motor = { inertia = 1e-4, ratio = 100, stiffness = 1e4, damping = 1 }
+motor = { inertia = 1e-4, ratio = 100, stiffness = 1e4, damping = 1, limits = { upper = 300, effort = 0.5 } }
 offset = { x = 1e-3, alpha = 1e-3 }
 [[joints]]
 name = "j2"
 parent = "a"
 child = "b"
 type = "prismatic"
-x = { curve = [[-1, -2], [0, 0], [1, 3]] }
+x = { curve = [[-1, -2], [0, 0], [1, 3]], limits = { lower = -2, velocity = 3 } }
 y = { role = "prescribed" }
 prescribed = ["y"]
 limits = [-1, 1]
@@ -97,7 +97,7 @@ output_step = 0.01
 frame = "tcp"
 initial = { q = { joint1.x = 0.1, joint2 = 1 }, v = {}, equilibrium = false }
 motion = { type = "via", points = [[0, 0], { joint1 = 1 }, [1, 1]], times = [0, 1, 2] }
-control = { type = "pd", kp = { joint1 = 10 }, kd = 1, gravity = true }
+control = { type = "pd", kp = { joint1 = 10 }, kd = 1, gravity = true, saturate = true }
 integrator = { method = "auto", rtol = 1e-6, atol = 1e-8 }
 [[prescribed]]
 type = "harmonic"

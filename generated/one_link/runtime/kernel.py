@@ -29,6 +29,7 @@ from .stepping.given_loads import Loads
 from .stepping.gradients import Loss, rollout_gradient
 from .stepping.many_steps import rollout
 from .stepping.rollouts import Rollout
+from .stepping.saturation import Saturate, efforts_of
 from .stepping.sensitivities import rollout_sensitivity
 
 Array = NDArray[Any]
@@ -61,6 +62,7 @@ class Kernel:
         cut_laws: names of the coordinates of cut joints that have a force ("pin4.x"), then of elastic couplings, in the
             order of ``cut_forces``.
         prescribed: names of the coordinates whose motion is given, in their order.
+        efforts: mapping from coordinates to limits of their drives' forces, N or N m, as the description has them.
         motors: mapping from the names of motors' coordinates to those of the principal coordinates that they drive.
         parameters: mapping from name to value; an assignment takes effect without recompiling.
         knots: deviations (m, rad) of measured curves by coordinate, elongations (m) by spring; the forces there are
@@ -106,6 +108,7 @@ class Kernel:
         self.operations: Mapping[str, Mapping[str, int]] = Operations(libraries)
         self._again = again
         self._driven = tuple(meta["driven"])
+        self.efforts: dict[str, float] = dict(meta.get("efforts", {}))
         self._given = [self.coordinates.index(name) for name in self.prescribed]
         self._ratios: dict[str, float] = {name: ratio for name, (_, ratio) in meta.get("motors", {}).items()}
         self.knots: dict[str, tuple[float, ...]] = {k: tuple(x) for k, x in meta["knots"].items()}
@@ -867,6 +870,7 @@ class Kernel:
         atol: ArrayLike | None = None,
         loads: Loads | Sequence[Loads] | None = None,
         works: bool = False,
+        saturate: Saturate = None,
     ) -> Rollout:
         """Integrate in C, one state or many at a time; external wrenches are some of the ``loads``.
 
@@ -911,6 +915,9 @@ class Kernel:
                 coordinates begin where their motions do.  No joint may turn freely.
             works: whether works are integrated, too: attribute ``works``.  Needs generalized_force, and, of prescribed
                 coordinates, inverse_dynamics (with loops residual); not where joints turn freely.
+            saturate: True: all that drives do at a coordinate (u, controller, drives of loads) is clipped at +- the
+                effort of its description (``efforts``); or efforts by coordinate, or (n,), infinite where there is
+                none.  What is clipped does not answer to the state in the matrix of an implicit step.
 
         Returns:
             q and v, (steps // every + 1, n) or (N, steps // every + 1, n), the states at the beginning first; with
@@ -926,7 +933,7 @@ class Kernel:
                 was stored.
             InputError: another argument is wrong, or does not belong to the method.
         """
-        controlled: dict[str, Any] = {"kp": kp, "kd": kd, "target": target}
+        controlled: dict[str, Any] = {"kp": kp, "kd": kd, "target": target, "effort": efforts_of(self.calls, saturate)}
         own: dict[str, Any] = {"loads": loads, "works": works}
         sampled: dict[str, Any] = {"duration": duration, "samples": samples, "atol": atol}
         if takes_samples(method, dt=dt, steps=steps, every=every, **sampled, **own):
@@ -955,6 +962,7 @@ class Kernel:
         rtol: float = 1e-6,
         atol: ArrayLike | None = None,
         loads: Loads | Sequence[Loads] | None = None,
+        saturate: Saturate = None,
         out: Mapping[str, Array] | None = None,
     ) -> tuple[Any, dict[str, Any]]:
         """The gradient of a function of a rollout's states, exact for its steps: they are taken once more, backwards.
@@ -971,6 +979,7 @@ class Kernel:
             loads: as of ``rollout``, but with all methods; an implicit step takes them at its end.  Wrenches need the
                 kernel external_force_parameter_adjoint, in points and axes of links frame_pose_parameter_adjoint; a
                 model that drives know needs inverse_dynamics_adjoint, and has no loops.
+            saturate: as of ``rollout``; drives that are clipped have the slope 0, those at their effort 1.
             out: arrays to write derivatives to, by the names that they are returned by; others are new.
 
         Returns:
@@ -1007,6 +1016,7 @@ class Kernel:
             target=target,
             loads=loads,
             out=out,
+            effort=efforts_of(self.calls, saturate),
         )
 
     def rollout_sensitivity(
@@ -1029,6 +1039,7 @@ class Kernel:
         rtol: float = 1e-6,
         atol: ArrayLike | None = None,
         loads: Loads | Sequence[Loads] | None = None,
+        saturate: Saturate = None,
         out: Sequence[Array] | None = None,
     ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
         """Derivatives of a rollout's states along few directions, exact for its steps: they carry them forwards.
@@ -1044,6 +1055,7 @@ class Kernel:
             loads: as of ``rollout_gradient``; wrenches need external_force_tangent and
                 external_force_parameter_tangent, in points and axes of links those of frame_pose, and a model that
                 drives know inverse_dynamics_tangent.
+            saturate: as of ``rollout_gradient``.
             out: q, v, dq and dv to write to.
 
         Returns:
@@ -1057,6 +1069,7 @@ class Kernel:
         """
         u = np.zeros(self.n, self.dtype) if u is None else u
         given = {"q0": q0, "v0": v0, "u": u, "kp": kp, "kd": kd, "target": target}
+        given["effort"] = efforts_of(self.calls, saturate)
         how: dict[str, Any] = {"method": method, "dt": dt, "steps": steps, "every": every, "duration": duration}
         how |= {"samples": samples, "rtol": rtol, "atol": atol}
         return rollout_sensitivity(

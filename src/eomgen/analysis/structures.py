@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..description import RobotLike, as_robot
 from ..errors import InputError
 from ..motion.ends import default_motion, principal_limits
+from ..motion.exceeding import excess_notes, excesses
 from ..motion.tool_path import ToolLine
 from ..names import joint_of, kind_of, listed
 from ..pipeline.stages import build
@@ -78,14 +79,15 @@ class Entry:
 
 @dataclass(frozen=True)
 class Comparison(Shown):
-    """Robots side by side; ``task`` says in words what they all do."""
+    """Robots side by side; ``task`` says in words what they all do, ``notes`` which limits they exceed doing it."""
 
     task: str
     entries: tuple[Entry, ...]
+    notes: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values, for JSON."""
-        return {"task": self.task, "robots": [dict(vars(entry)) for entry in self.entries]}
+        return {"task": self.task, "robots": [dict(vars(entry)) for entry in self.entries], "notes": list(self.notes)}
 
     def lines(self) -> list[str]:
         """A table: a column per robot."""
@@ -94,9 +96,8 @@ class Comparison(Shown):
         labels = sorted(dict.fromkeys(label for column in columns for label in column), key=_order)
         size = max(WIDTH, *(len(label) for label in labels))
         lines = [self.task, "", " " * size + "".join(f"{entry.robot:>{width}}" for entry in self.entries)]
-        return lines + [
-            f"{label:<{size}}" + "".join(f"{c.get(label, '-'):>{width}}" for c in columns) for label in labels
-        ]
+        lines += [f"{label:<{size}}" + "".join(f"{c.get(label, '-'):>{width}}" for c in columns) for label in labels]
+        return [*lines, *(["", *self.notes] if self.notes else [])]
 
 
 def compare(
@@ -141,19 +142,21 @@ def compare(
     if line is not None and goal is not None:
         raise InputError("goal and line are both given; allowed: one of them")
     motion = None if line is not None else _common_motion(arms, duration, goal)
-    entries = []
+    entries, notes = [], []
     for robot in arms:
         options: dict[str, Any] = {"start": motion[0], "goal": motion[1]} if motion is not None else {}
         if line is not None:
             options["motion"] = _line_motion(robot, line, MOVING_PART * duration, tool)
         result = simulate(robot, duration=duration, tool=tool, method=method, progress=progress, **options)
         entries.append(_entry(robot, result))
+        found, x = result.trajectory, result.trajectory.coordinates
+        notes += excess_notes(robot.name, excesses(robot, x, t=found.t, q=found.q, v=found.v, u=found.u))
     if line is not None:
         task = f"tool along the line {_numbers(line[0])} to {_numbers(line[1])} m"
     else:
         assert motion is not None
         task = f"principal coordinates from {_numbers(motion[0])} to {_numbers(motion[1])}"
-    return Comparison(f"{task} in {MOVING_PART * duration:g} of {duration:g} s", tuple(entries))
+    return Comparison(f"{task} in {MOVING_PART * duration:g} of {duration:g} s", tuple(entries), tuple(notes))
 
 
 def _movable(robot: Robot) -> list[str]:

@@ -8,13 +8,14 @@ from dataclasses import replace
 from ..forms.keys import Number
 from ..forms.tables import Sub, Table
 from ..names import show
+from ..robot.bounds import LIMIT_KEYS, Limits
 from ..robot.journals import Radial, SlidingFriction, radial_conflict
 from ..robot.laws import RADIAL
 from ..robot.rules import ROTORS, conflict
 from ..robot.value import Coordinate, Curve, Motor
 from .keys import COORDINATE
 
-_ROTOR = ("role", *ROTORS)  # of the motor's own coordinate; the rest of its table is the transmission's
+_ROTOR = ("role", "limits", *ROTORS)  # of the motor's own coordinate; the rest of its table is the transmission's
 ReadText = Callable[[str], str]  # the text of a file beside the description
 
 
@@ -32,7 +33,7 @@ def read_coordinate(table: Table, old: Coordinate, read_text: ReadText) -> Coord
     numbers: dict[str, float] = {}
     for key, kind in table.keys.items():
         if isinstance(kind, Sub):
-            numbers |= _inner_numbers(table, key)
+            numbers |= {} if key == "limits" else _inner_numbers(table, key)
         elif isinstance(kind, Number) and (number := table.number(key)) is not None:
             numbers[key] = number
     curve, role = read_curve(table, read_text), table.choice("role") if "role" in table.keys else None
@@ -43,6 +44,7 @@ def read_coordinate(table: Table, old: Coordinate, read_text: ReadText) -> Coord
         old.with_numbers(numbers),
         curve=old.curve if curve is None else curve,
         prescribed=old.prescribed if role is None else role == "prescribed",
+        limits=_limits(table, old.limits),
     )
     found = conflict(made)
     if found is not None:
@@ -63,7 +65,19 @@ def read_motor(table: Table, read_text: ReadText) -> Motor:
     transmission = read_coordinate(inner, Coordinate(), read_text)
     own = {key: number for name in ROTORS for key, number in _inner_numbers(table, name).items()}
     rotor = Coordinate().with_numbers(own)
-    return Motor(inertia, ratio, transmission, rotor.friction, table.text("role") == "prescribed", rotor.further)
+    prescribed, limits = table.text("role") == "prescribed", _limits(table, None)
+    return Motor(inertia, ratio, transmission, rotor.friction, prescribed, rotor.further, limits)
+
+
+def _limits(table: Table, old: Limits | None) -> Limits | None:
+    """The limits of a coordinate or motor, with what the key ``limits`` of its table overrides, if it has one."""
+    inner = table.table("limits") if "limits" in table.keys else None
+    if inner is None:
+        return old
+    given = {key: number for key in LIMIT_KEYS if (number := inner.number(key)) is not None}
+    if not given:
+        table.fail(f"there is none; allowed: one or more of {', '.join(LIMIT_KEYS)}", "limits")
+    return replace(old or Limits(), **given)
 
 
 def journal(entry: Table, coordinates: Mapping[str, Coordinate]) -> Radial | None:

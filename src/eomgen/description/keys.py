@@ -88,8 +88,21 @@ for _entry in laws.LAWS.values():
 STOPS = Form(  # of a joint, whose limits say where they are
     {key: kind for key, kind in _numbers(laws.LAWS["stops"]).items() if key not in ("lower", "upper")}
 )
+LIMITS = Form(
+    {
+        "lower": Number("least value of the coordinate", "m or rad"),
+        "upper": Number("greatest value of the coordinate", "m or rad"),
+        "velocity": Number("greatest speed in both directions", "m/s or rad/s", above=0.0),
+        "effort": Number("greatest force of its drive in both directions", "N or N m", above=0.0),
+    }
+)
+_LIMITS = Sub("limits of its motion and of its drive: lower, upper, velocity, effort", inner=LIMITS)
 COORDINATE = Form(
-    {**_LAW, "role": Choice("free (moves), locked (does not), prescribed (its motion is given)", words=ROLES)}
+    {
+        **_LAW,
+        "limits": _LIMITS,
+        "role": Choice("free (moves), locked (does not), prescribed (its motion is given)", words=ROLES),
+    }
 )
 MOTOR_FORM = Form(
     {
@@ -105,6 +118,7 @@ MOTOR_FORM = Form(
             "the gear's ratio, rad of the motor per rad or m of the joint, not 0",
         ),
         **{key: kind for key, kind in _LAW.items() if key != "armature"},
+        "limits": _LIMITS,
         "role": Choice("free, or prescribed: a motor that keeps to its angle", words=ROLES),
     }
 )
@@ -186,7 +200,7 @@ JOINT = Form(
             "damping of the joint's own motion, alike in all directions, beside that of its coordinates",
             inner=Form({key: _number(given) for key, given in laws.IN_MOTION.items()}),
         ),
-        "limits": Numbers("lower and upper limit of the principal coordinate", "m or rad", count=2),
+        "limits": Numbers("lower and upper limit of the principal coordinate, in short", "m or rad", count=2),
         "stops": Sub("contacts at the limits: stiffness, damping, restitution_damping, smoothing", inner=STOPS),
         "prescribed": Strings("coordinates whose motion is given", words=(*COORDINATES, MOTOR)),
         "offset": _OFFSET,

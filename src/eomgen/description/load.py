@@ -17,6 +17,7 @@ from ..forms.tables import Table
 from ..forms.toml_place import located
 from ..forms.toml_text import parse_toml, read_text
 from ..names import listed, nearest, show, show_path
+from ..robot.bounds import Limits, limits_conflict
 from ..robot.geometry import ZERO
 from ..robot.inertia_policy import POLICIES, Judged, apply_inertia_policy, link_sizes
 from ..robot.joint_damping import JointDamping, damping_conflict
@@ -351,13 +352,14 @@ def _joint(name: str, entry: Table, draft: Draft, folder: Path | None) -> Joint:
             motor = replace(motor, prescribed=True)
         else:
             coordinates[key] = replace(coordinates.get(key, Coordinate()), prescribed=True)
-    placement = _placement(entry, old.placement)
-    limits, offset = _limits(entry, kind, old), _offset(entry, old)
-    if "stops" in entry:
-        coordinates[PRINCIPAL.get(kind, "")] = joint_stops(entry, kind, coordinates, limits)
-    radial, damping = journal(entry, coordinates), _damping(entry, coordinates)
+    placement, offset = _placement(entry, old.placement), _offset(entry, old)
     turn = old.axis_turn
-    return Joint(name, parent, child, kind, placement, turn, coordinates, limits, offset, motor, radial, damping)
+    made = _range(entry, Joint(name, parent, child, kind, placement, turn, coordinates, None, offset, motor), old)
+    coordinates = dict(made.coordinates)
+    if "stops" in entry:
+        coordinates[PRINCIPAL.get(kind, "")] = joint_stops(entry, kind, coordinates, made.range)
+    radial, damping = journal(entry, coordinates), _damping(entry, coordinates)
+    return replace(made, coordinates=coordinates, radial=radial, damping=damping)
 
 
 def _motor(entry: Table, kind: str, coordinates: dict[str, Coordinate], folder: Path | None) -> Motor | None:
@@ -403,15 +405,27 @@ def _beside(table: Table, folder: Path | None) -> Callable[[str], str]:
     return read
 
 
-def _limits(entry: Table, kind: str, old: Joint) -> tuple[float, float] | None:
-    limits = entry.numbers("limits")
-    if limits is None:
-        return old.limits if kind == old.type else None
-    if kind not in PRINCIPAL:
-        entry.fail(f"a {kind} joint has no principal coordinate; allowed for: {', '.join(PRINCIPAL)}", "limits")
-    if limits[0] > limits[1]:
+def _range(entry: Table, made: Joint, old: Joint) -> Joint:
+    """The joint with the range of its principal coordinate: that of ``limits``, of its own table, or of the URDF."""
+    short, principal = entry.numbers("limits"), PRINCIPAL.get(made.type)
+    if short is not None and principal is None:
+        entry.fail(f"a {made.type} joint has no principal coordinate; allowed for: {', '.join(PRINCIPAL)}", "limits")
+    if short is not None and short[0] > short[1]:
         entry.fail(f"got {show(entry.values['limits'])}; allowed: [lower, upper] with lower <= upper", "limits")
-    return limits[0], limits[1]
+    if short is not None and principal in entry and "limits" in entry.values[principal]:
+        entry.fail(f"{principal} has limits in its own table, too; allowed: one of them", "limits")
+    if short is not None:
+        return replace(made, limits=(short[0], short[1]))
+    made = replace(made, limits=old.limits if made.type == old.type else None)
+    if principal not in made.coordinates:
+        return made
+    own, before = made.coordinates[principal].limits or Limits(), made.limits or (None, None)
+    lower, upper = (x if y is None else y for x, y in zip(before, (own.lower, own.upper), strict=True))
+    whole = replace(own, lower=lower, upper=upper)
+    found = limits_conflict(whole)
+    if found is not None:
+        entry.fail(found[1], f"{principal}.{found[0]}")
+    return made.with_limits(principal, whole)
 
 
 def _placement(entry: Table, old: Placement) -> Placement:

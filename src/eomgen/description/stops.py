@@ -36,7 +36,7 @@ def asked_stops(given: Mapping[str, object]) -> dict[str, float]:
     return stop_numbers(table)
 
 
-def joint_stops(entry: Table, kind: str, coordinates: Mapping[str, Coordinate], limits: Limits | None) -> Coordinate:
+def joint_stops(entry: Table, kind: str, coordinates: Mapping[str, Coordinate], limits: Limits) -> Coordinate:
     """The principal coordinate of a joint, whose table ``stops`` is there, with stops at the joint's limits.
 
     Args:
@@ -54,7 +54,7 @@ def joint_stops(entry: Table, kind: str, coordinates: Mapping[str, Coordinate], 
         entry.fail(f"a {kind} joint has no principal coordinate to stop; allowed for: {', '.join(PRINCIPAL)}", "stops")
     if principal not in coordinates:
         entry.fail(f"{principal} is locked, so that stops would do nothing; leave one of the two out", "stops")
-    numbers = stop_numbers(table) | (_places(limits) if limits else {})
+    numbers = stop_numbers(table) | _places(limits)
     if not any(place in numbers for place in _PLACES):
         entry.fail("there are no limits to stop at; allowed: with limits = [lower, upper]", "stops")
     old = coordinates[principal]
@@ -92,11 +92,12 @@ def _ranges(draft: Draft) -> dict[str, Limits]:
     """Limits by the name of the coordinate."""
     if draft.ranges is not None:
         return draft.ranges
-    return {
-        component_name(joint.name, principal): joint.limits
+    found = {
+        component_name(joint.name, name): joint.limits_of(name).range
         for joint in draft.joints.values()
-        if joint.limits is not None and (principal := PRINCIPAL.get(joint.type)) is not None
+        for name in joint.coordinates
     }
+    return {name: limits for name, limits in found.items() if _places(limits)}
 
 
 def _places(limits: Limits) -> dict[str, float]:

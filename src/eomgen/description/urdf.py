@@ -7,11 +7,13 @@ Ignored: visual, collision, transmission and everything else that is neither lin
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, NoReturn
 
 from ..errors import DescriptionError
 from ..limits import LARGEST, MOST_ENTRIES
 from ..names import component_name, is_robot_name, listed, nearest, show, to_robot_name, unique_identifiers
+from ..robot.bounds import Limits
 from ..robot.geometry import IDENTITY, ZERO, Matrix, Vector, axis_turn, turn_inertia
 from ..robot.geometry import rotation_from_rpy as rpy_matrix
 from ..robot.laws import SMOOTHING
@@ -35,6 +37,7 @@ SDF = (
 )
 _XACRO = "a file that ends in .xacro, which eomgen[xacro] expands"
 _MOMENTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+_ENDLESS = ("inf", "+inf", "infinity")
 _FIRST_COUNTS = ("axis", "limit", "dynamics")  # where several differ: so they do in urdfdom, and so in Pinocchio
 
 
@@ -75,6 +78,7 @@ class _Reader:
         self.damping, self.friction, self.mimic = damping, friction, mimic
         self.damped: list[str] = []
         self.rubbing: list[str] = []
+        self.unlimited: list[str] = []  # limits of speed and force that are not above 0
         self.mimics: dict[str, Element] = {}  # by the joints that follow
         self.unmoved: list[str] = []  # those of them that have no coordinate to follow with
 
@@ -176,8 +180,9 @@ class _Reader:
         turn, coordinates, limits = IDENTITY, {}, None
         if TYPES[kind] in PRINCIPAL:
             turn = self._axis(element, where)
-            coordinates = {PRINCIPAL[TYPES[kind]]: self._dynamics(element, where, name)}
-            limits = self._limits(element, where) if kind != "continuous" else None
+            given = self._dynamics(element, where, name)
+            limits, drive = self._limits(element, where, name, ranged=kind != "continuous")
+            coordinates = {PRINCIPAL[TYPES[kind]]: replace(given, limits=drive or None)}
         elif kind == "floating":
             coordinates = {key: Coordinate() for key in COORDINATES}
         mimic = self._only(element, "mimic", where)
@@ -221,15 +226,26 @@ class _Reader:
             self.fail(f"{where}, <axis>", f"xyz is {show(list(axis))}; allowed: a vector with a direction")
         return axis_turn(axis)
 
-    def _limits(self, element: Element, where: str) -> tuple[float, float] | None:
+    def _limits(
+        self, element: Element, where: str, name: str, *, ranged: bool
+    ) -> tuple[tuple[float, float] | None, Limits]:
+        """The range of a joint, if it has one, and the limits of its speed and its drive; 0 and inf stand for none."""
         limit = self._only(element, "limit", where)
-        if limit is None or not {"lower", "upper"} & set(limit.attrib):
-            return None
-        lower, upper = (self._number(limit, key, f"{where}, <limit>", 0.0) for key in ("lower", "upper"))
+        if limit is None:
+            return None, Limits()
+        where += ", <limit>"
+        given = {key: limit.get(key, "").strip() for key in ("velocity", "effort") if key in limit.attrib}
+        endless = [key for key, text in given.items() if text.lower() in _ENDLESS]
+        found = {key: self._number(limit, key, where) for key in given if key not in endless}
+        self.unlimited += [f"{name} {key}" for key in given if key in endless or not found[key] > 0.0]
+        drive = Limits(**{key: value for key, value in found.items() if value > 0.0})
+        if not ranged or not {"lower", "upper"} & set(limit.attrib):
+            return None, drive
+        lower, upper = (self._number(limit, key, where, 0.0) for key in ("lower", "upper"))
         if lower > upper:
-            said = f"{where}, <limit>: lower is {lower:g} and upper is {upper:g}; they are read the other way round"
+            said = f"{where}: lower is {lower:g} and upper is {upper:g}; they are read the other way round"
             self.mended.append((limit, said))
-        return min(lower, upper), max(lower, upper)
+        return (min(lower, upper), max(lower, upper)), drive
 
     def _dynamics(self, element: Element, where: str, name: str) -> Coordinate:
         """The principal coordinate with what of damping and friction is wanted."""
@@ -320,6 +336,8 @@ class _Reader:
             notes.append(f"mimic joints are coupled rigidly to those they follow: {listed(self.draft.couplings)}")
         if self.unmoved:
             notes.append(f"<mimic> is left out of joints without a coordinate: {listed(self.unmoved)}")
+        if self.unlimited:
+            notes.append(f"<limit> is read as none where it is not a finite number above 0: {listed(self.unlimited)}")
         if self.damped and not self.damping:
             notes.append(f"<dynamics damping> is left out (urdf_damping=True reads it): {listed(self.damped)}")
         if self.rubbing and not self.friction:

@@ -8,6 +8,7 @@ Angles that are damped alike in all directions are a ball (``mujoco_balls``).
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -18,11 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..description import RobotLike, as_robot
+from ..description.mjcf.read import VELOCITY
 from ..description.mjcf.values import about, matrix, triple
 from ..errors import EomgenWarning, InputError
 from ..files import write_atomically
 from ..names import component_name, joint_of, kind_of, show
 from ..pipeline.closing import closed_home
+from ..robot.bounds import Limits
 from ..robot.coordinates import coordinate_names
 from ..robot.geometry import IDENTITY
 from ..robot.inertia_policy import link_sizes, lowest_moments, second_moments
@@ -58,7 +61,8 @@ def export_mjcf(
 
     Drives are motors of the coordinates' names, frames are sites, and loops and couplings equality constraints, which
     are soft; the keyframe "home" is the closed pose near the description's home.  Contacts are off; limits are written,
-    but switched off where nothing stops at them here.  Links without mass and thin rods get ``LEAST`` in its place.
+    but switched off where nothing stops at them here, and so are efforts; limits of speed are custom numbers.  Links
+    without mass and thin rods get ``LEAST`` in its place.
     Angles with a damping of their joint become a ball or free joint of its name, without motors.
 
     Args:
@@ -113,6 +117,12 @@ def mjcf(
     _add_tendons(root, robot, bodies)
     if robot.loops or robot.couplings:
         add_equalities(root, robot, bodies, positions(robot, closed_home(robot.with_constraints())), step)
+    speeds = {name: robot.limits_of(name).velocity for name in coordinate_names(robot)}
+    if any(speeds.values()):
+        part = ElementTree.SubElement(root, "custom")
+        for name, speed in speeds.items():
+            if speed is not None:
+                ElementTree.SubElement(part, "numeric", name=f"{name}{VELOCITY}", data=repr(speed))
     if actuators:
         part = ElementTree.SubElement(root, "actuator")
         for name in coordinate_names(robot):
@@ -209,7 +219,11 @@ def _add_body(
         name = component_name(joint.name, MOTOR)
         armature = max(joint.motor.inertia - LEAST, 0.0)  # the rest is the body's
         given = {"name": name, "type": "hinge", "axis": _text(turn[:, 2]), "armature": repr(armature)}
-        own = _stopped(joint.motor.rotor) if "stops.stiffness" in joint.motor.further else {}
+        own, limits = _effort(joint.limits_of(MOTOR)), joint.limits_of(MOTOR)
+        if "stops.stiffness" in joint.motor.further:
+            own |= _stopped(joint.motor.rotor)
+        elif any(map(math.isfinite, limits.range)):
+            own |= {"range": _ends(limits), "limited": "false"}
         ElementTree.SubElement(rotor, "joint", given | own | _friction(joint.motor.friction))
     return body
 
@@ -232,12 +246,26 @@ def _add_joint(body: ElementTree.Element, joint: Joint, name: str, axis: Array, 
         values["ref"] = repr(-offset)
     if "stops.stiffness" in given.further:
         values |= _stopped(given)
-    elif joint.limits is not None and name == PRINCIPAL.get(joint.type):
-        values |= {"range": _text(joint.limits), "limited": "false"}
+    elif any(map(math.isfinite, joint.limits_of(name).range)):
+        values |= {"range": _ends(joint.limits_of(name)), "limited": "false"}
+    values |= _effort(joint.limits_of(name))
     friction = _friction(given.friction)
     if "damping" in friction:
         friction["damping"] = repr(float(friction["damping"]) + (given.damping or 0.0))
     ElementTree.SubElement(body, "joint", values | friction)
+
+
+def _ends(given: Limits) -> str:
+    """The range of a coordinate, far away on a side without a limit."""
+    lower, upper = given.range
+    return _text([max(lower, -_FAR), min(upper, _FAR)])
+
+
+def _effort(given: Limits) -> dict[str, str]:
+    """The limit of a drive's force, which nothing keeps to unless somebody switches it on."""
+    if given.effort is None:
+        return {}
+    return {"actuatorfrcrange": _text([-given.effort, given.effort]), "actuatorfrclimited": "false"}
 
 
 def _stopped(given: Coordinate) -> dict[str, str]:

@@ -63,7 +63,7 @@ def _limits(robot: Robot, coordinate: str) -> tuple[tuple[float, float], bool]:
     joint = robot.joint(joint_name)
     if PRINCIPAL.get(joint.type) != name:
         return (-np.inf, np.inf), True
-    low, high = joint.limits or (-np.inf, np.inf)
+    low, high = joint.range
     least, most = follower_limits(robot, coordinate)
     return (max(low, least), min(high, most)) if max(low, least) < min(high, most) else (low, high), False
 

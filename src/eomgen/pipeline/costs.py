@@ -9,6 +9,7 @@ from typing import Any
 from ..description import RobotLike, as_robot
 from ..names import component_name
 from ..progress import StageReport, no_report
+from ..robot.bounds import limit_texts
 from ..robot.coordinates import UNITS, unit_of
 from ..robot.laws import JOINT_DAMPING, RADIAL, number_texts
 from ..robot.model import Model, build_model
@@ -55,6 +56,7 @@ class RobotInfo:
                 for x in model.robot.couplings
             },
             "home": dict(model.robot.home),
+            "limits": {x: given.numbers() for x in model.coordinates if (given := model.robot.limits_of(x))},
             "mobility": None if self.mobility is None else self.mobility.as_dict(),
             "mass": self._mass(),
             "journals": {
@@ -115,6 +117,7 @@ class RobotInfo:
                 further = number_texts({**(spring.law() if motor else {}), **given.law()})
                 if motor is not None:
                     further.insert(0, f"drives {body.joint}.{PRINCIPAL[joint.type]}, ratio {motor.ratio:.6g}")
+                further += limit_texts(joint.limits_of(name), UNITS[name])
                 lines += [f"  {', '.join(further)}"] if further else []
             if joint.radial is not None:
                 lines.append(f"{component_name(joint.name, RADIAL)}: {', '.join(number_texts(joint.radial.law()))}")

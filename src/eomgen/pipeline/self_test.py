@@ -167,8 +167,8 @@ class _Examination:
         n, dt = self.samples["q"].shape[1], float(self.samples["dt"])
         for method, state in np.ndindex(self.samples[f"{rollout.name} status"].shape):
             failing = self.samples[f"{rollout.name} status"][method, state] != 0
-            q, u = (_filled(self.samples[name][state]) for name in ("q", "u"))
-            drive = self.libraries.library(rollout.kernel).drive(u=self.raw.view(u))
+            q, u, effort = (_filled(self.samples[name][state]) for name in ("q", "u", "effort"))
+            drive = self.libraries.library(rollout.kernel).drive(**self._drives(u, effort))
             v = self._pointer(np.zeros(n))
             for call, suffix in ((self._one, ""), (self._batch_of_one, BATCH)):
                 if f"{rollout.name}{suffix}" not in self.known:
@@ -187,8 +187,8 @@ class _Examination:
         atol = np.full(2 * n, np.finfo(self.raw.dtype).max, self.raw.dtype)
         times, NULL = FFI.from_buffer("double[]", np.array([0.0, dt])), FFI.NULL
         for method, state in np.ndindex(self.samples[f"{rollout.name} status"].shape):
-            u = _filled(self.samples["u"][state])
-            drive = library.drive(u=view(u))
+            u, effort = (_filled(self.samples[name][state]) for name in ("u", "effort"))
+            drive = library.drive(**self._drives(u, effort))
             allowed = library.new("tolerance", rtol=0.0, atol=view(atol), most=1)
             for suffix in ("", BATCH):
                 if f"{rollout.name}{suffix}" not in self.known:
@@ -203,6 +203,11 @@ class _Examination:
                 if progress.steps != 1:
                     yield Difference(f"the steps of {rollout.name}{suffix}", STATES[state], 0, progress.steps, 1)
                 yield from self._compared(rollout.name, (int(method), int(state)), moved[:, n:].ravel(), suffix)
+
+    def _drives(self, u: Array, effort: Array) -> dict[str, Any]:
+        """Drives, clipped where one of them has an effort."""
+        clips = {"effort": self.raw.view(effort)} if np.isfinite(effort).any() else {}
+        return {"u": self.raw.view(u), **clips}
 
     def _one(self, rollout: RawFunction, start: Any, n: int, drive: Any, dt: float, method: int, moved: Array) -> int:
         out = (self.raw.view(moved[0]), self.raw.view(moved[1]))

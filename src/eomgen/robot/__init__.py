@@ -3,6 +3,7 @@
 Uses forms; it knows neither files nor kernels.
 """
 
+from .bounds import Limits
 from .geometry import IDENTITY, ZERO, Matrix, Vector, rotation_from_rpy, snap
 from .joint_damping import JointDamping
 from .journals import Radial, SlidingFriction
@@ -47,6 +48,7 @@ __all__ = [
     "Friction",
     "Joint",
     "JointDamping",
+    "Limits",
     "Link",
     "Loop",
     "Matrix",

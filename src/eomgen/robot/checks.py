@@ -10,6 +10,7 @@ from typing import NoReturn
 
 from ..errors import DescriptionError
 from ..names import show
+from .bounds import limits_conflict
 from .geometry import Matrix
 from .laws import least_of
 from .model import parameter_values
@@ -52,6 +53,10 @@ def _check_joint(robot: Robot, joint: Joint) -> None:
         _fail(robot, f"{where}.offset", f"got {len(joint.offset)} numbers; allowed: {len(COORDINATES)}")
     if joint.limits is not None and joint.type not in PRINCIPAL:
         _fail(robot, f"{where}.limits", f"a {joint.type} joint has no principal coordinate; allowed: none")
+    for name in joint.all_coordinates:
+        found = limits_conflict(joint.limits_of(name))
+        if found is not None:
+            _fail(robot, f"{where}.{name}.{found[0]}", found[1])
 
 
 def _rotations(robot: Robot) -> Iterator[tuple[str, Matrix]]:

@@ -10,6 +10,7 @@ import math
 from collections.abc import Iterator, Mapping
 
 from ..names import joint_of, kind_of, listed, nearest, show
+from .bounds import Limits
 from .coordinates import coordinate_names, unit_of
 from .rules import cut_conflict
 from .value import (
@@ -73,10 +74,7 @@ def _home_refusals(robot: Robot, known: tuple[str, ...]) -> Iterator[Refused]:
         if name not in known:
             yield "home", f"{unknown(name, known)} (allowed: {listed(known)})"
             continue
-        joint = robot.joint(joint_of(name))
-        if joint.limits is None or PRINCIPAL.get(joint.type) != kind_of(name):
-            continue
-        low, high = joint.limits
+        low, high = robot.limits_of(name).range
         if not low <= value <= high:
             yield f"home.{name}", f"got {show(value)}; allowed: within the limits, {low:g} to {high:g} {unit_of(name)}"
     leaders = _leaders(robot)
@@ -157,9 +155,9 @@ def follower_limits(robot: Robot, name: str) -> tuple[float, float]:
     for follower, share in _leaders(robot).items():
         joint = robot.joint(joint_of(follower))
         ratio = share.get(name, 0.0)
-        if len(share) > 1 or ratio == 0.0 or joint.limits is None or PRINCIPAL.get(joint.type) != kind_of(follower):
+        if len(share) > 1 or ratio == 0.0 or PRINCIPAL.get(joint.type) != kind_of(follower):
             continue
-        ends = sorted((x - offsets[follower]) / ratio for x in joint.limits)
+        ends = sorted((x - offsets[follower]) / ratio for x in joint.range)
         low, high = max(low, ends[0]), min(high, ends[1])
     return low, high
 
@@ -203,6 +201,19 @@ def unknown(name: str, known: tuple[str, ...]) -> str:
 def coordinate_of(robot: Robot, name: str) -> Coordinate:
     """Properties of a coordinate by its name; of a motor those of its rotor."""
     return robot.joint(joint_of(name)).all_coordinates[kind_of(name)]
+
+
+def effort_of(robot: Robot, name: str) -> float | None:
+    """Return the greatest force of the drive at a coordinate, N or N m; None where there is no limit.
+
+    A joint's own limit holds behind the gear of its motor, too.
+    """
+    joint, kind = robot.joint(joint_of(name)), kind_of(name)
+    found = joint.limits_of(kind)
+    if kind == MOTOR and joint.motor is not None:
+        at_joint = Limits(effort=joint.limits_of(PRINCIPAL[joint.type]).effort)
+        found = found.within(at_joint.behind(1.0 / joint.motor.ratio))
+    return found.effort
 
 
 def drive_of(robot: Robot, name: str) -> str:

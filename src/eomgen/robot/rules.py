@@ -11,6 +11,7 @@ from dataclasses import fields
 
 from ..limits import LARGEST
 from ..names import show
+from .bounds import limits_conflict
 from .laws import LAWS, NUMBERS, SMALLEST, given_laws, law_conflict
 from .value import CUT_NUMBERS, MOTOR, PRINCIPAL, Coordinate, Curve, Motor, Spring
 
@@ -41,8 +42,9 @@ def motor_conflict(given: Motor, kind: str, active: Mapping[str, Coordinate]) ->
     if spring.stiffness is None and not any(law.name in STIFF for law in given_laws(spring.law())):
         return "stiffness", f"there is no spring between motor and joint; allowed: with one of {', '.join(STIFF)}"
     own = [law.name for law in given_laws(spring.law()) if law.of_rotor]
-    if own or spring.armature is not None or spring.prescribed:
-        return "", f"{', '.join(ROTORS)} and role belong to the {MOTOR} itself, and a transmission has no armature"
+    if own or spring.armature is not None or spring.prescribed or spring.limits is not None:
+        which = ", ".join((*ROTORS, "limits"))
+        return "", f"{which} and role belong to the {MOTOR} itself, and a transmission has no armature"
     for law in given_laws(given.rotor.law()):
         if not law.of_rotor:
             return "further", f"{law.name} is no law of a rotor; allowed: {', '.join(ROTORS)}"
@@ -54,6 +56,9 @@ def conflict(given: Coordinate) -> tuple[str, str] | None:
     for key in given.further:
         if key not in FURTHER:
             return "further", f"{show(key)} is no number of a law; allowed: {', '.join(FURTHER) or 'none'}"
+    found = limits_conflict(given.limits) if given.limits is not None else None
+    if found is not None:
+        return found
     numbers = given.law()
     if given.stiffness is not None:
         numbers["stiffness"] = given.stiffness
@@ -67,6 +72,8 @@ def cut_conflict(given: Coordinate) -> tuple[str, str] | None:
         return "armature", f"it moves no inertia of its own; allowed: {', '.join((*CUT_NUMBERS, *LAWS))}"
     if given.prescribed:
         return "", "it has no motion of its own to prescribe; allowed: prescribed coordinates of joints"
+    if given.limits is not None:
+        return "limits", "it has no drive and no motion of its own; allowed: limits of joints' coordinates"
     return conflict(given)
 
 

@@ -15,7 +15,8 @@ from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
 
-from ..names import NAME_LENGTH, html_table, joint_of, kind_of
+from ..names import NAME_LENGTH, html_table, joint_of, kind_of, split_component
+from .bounds import Limits
 from .cuts import CUTS
 from .geometry import IDENTITY, ZERO, Matrix, Vector, rotation_from_rpy, snap
 from .joint_damping import JointDamping
@@ -104,6 +105,8 @@ class Coordinate:
     the penetration d of its ends alone, times 1 + ``restitution_damping`` (s/m or s/rad) d_dot, never pulling, and set
     in over ``smoothing`` (m or rad), which becomes a twentieth of the clearance where it is None.
     ``further``: the numbers of laws that have no field here, by their names in ``laws.NUMBERS``.
+    ``limits``: of its motion and of its drive; of a principal coordinate ``Joint.limits`` has the range, where both its
+    ends are given.
     """
 
     stiffness: float | None = None
@@ -119,6 +122,7 @@ class Coordinate:
     curve: Curve | None = None
     prescribed: bool = False
     further: Mapping[str, float] = field(default_factory=dict, hash=False, metadata=LATER)
+    limits: Limits | None = field(default=None, metadata=LATER)
 
     def __post_init__(self) -> None:
         further = dict(self.further)
@@ -215,7 +219,7 @@ class Motor:
     motor / ratio - principal coordinate, which pulls the joint after the motor; in units of the joint's side, without
     friction, armature and role.  friction: of the rotor's own bearings, N m and rad/s at the shaft.  prescribed: the
     rotor's motion is given, as that of a position-controlled motor.  further: numbers of the rotor's other laws, as in
-    Coordinate: stops of its angle, rad and N m at the shaft.
+    Coordinate: stops of its angle, rad and N m at the shaft.  limits: of its motion and its drive, at the shaft.
 
     Source: M. W. Spong, "Modeling and Control of Elastic Joint Robots", Journal of Dynamic Systems, Measurement, and
     Control 109 (1987): of a rotor, the energy of its own spin alone counts.
@@ -227,6 +231,7 @@ class Motor:
     friction: Friction | None = None
     prescribed: bool = False
     further: Mapping[str, float] = field(default_factory=dict, hash=False, metadata=LATER)
+    limits: Limits | None = field(default=None, metadata=LATER)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "further", self.rotor.further)
@@ -239,7 +244,11 @@ class Motor:
     def rotor(self) -> Coordinate:
         """Coordinate properties of the rotor alone; its inertia as an armature."""
         return Coordinate(
-            armature=self.inertia, friction=self.friction, prescribed=self.prescribed, further=self.further
+            armature=self.inertia,
+            friction=self.friction,
+            prescribed=self.prescribed,
+            further=self.further,
+            limits=self.limits,
         )
 
     def numbers(self) -> dict[str, float | None]:
@@ -266,6 +275,7 @@ class Joint:
     offset: constants in the order of COORDINATES (m, rad) that are added to the six coordinates, active or not, before
     they move anything: what manufacturing, wear or warmth leave; None where the description gives none.
     motor: what drives the principal coordinate through an elastic transmission; None where the drive acts on it itself.
+    limits: range of the principal coordinate, m or rad; ``limits_of`` has all that bounds a coordinate.
     radial: contact of the child's journal in the parent's round bearing; None where there is none.
     damping: of its own motion, whatever its coordinates, beside theirs; None where there is none.
     """
@@ -295,6 +305,32 @@ class Joint:
         """Active coordinates and, behind them, the motor's: those of q, in its order."""
         return {**self.coordinates, **({MOTOR: self.motor.rotor} if self.motor else {})}
 
+    def limits_of(self, name: str) -> Limits:
+        """Return the limits of a coordinate of the joint, or of its motor's; an empty one where it has none."""
+        owner = self.motor if name == MOTOR else self.coordinates.get(name)
+        own = (owner.limits if owner is not None else None) or Limits()
+        if self.limits is None or PRINCIPAL.get(self.type) != name:
+            return own
+        lower, upper = (x if math.isfinite(x) else None for x in self.limits)
+        return replace(own, lower=lower, upper=upper)
+
+    def with_limits(self, name: str, given: Limits) -> Joint:
+        """Return the joint with these limits of an active coordinate, or of its motor's, in the place of its own."""
+        if name == MOTOR:
+            assert self.motor is not None
+            return replace(self, motor=replace(self.motor, limits=given or None))
+        limits, rest = self.limits, given
+        if PRINCIPAL.get(self.type) == name:
+            limits = (given.lower, given.upper) if given.lower is not None and given.upper is not None else None
+            rest = given if limits is None else replace(given, lower=None, upper=None)
+        own = replace(self.coordinates[name], limits=rest or None)
+        return replace(self, limits=limits, coordinates={**self.coordinates, name: own})
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """Lower and upper limit of the principal coordinate, m or rad; infinite where there is none."""
+        return self.limits_of(PRINCIPAL.get(self.type, "")).range
+
     def rigid(self, *, loose: bool = False) -> Joint:
         """The joint with every deviation locked, and with its motor's inertia as an armature of inertia ratio^2.
 
@@ -313,7 +349,10 @@ class Joint:
             kept[name] = replace(given, armature=armature, prescribed=given.prescribed or self.motor.prescribed)
         radial = self.radial if all(name in kept for name in touching) else None
         damping = self.damping.left_with(kept) if self.damping else None
-        return replace(self, coordinates=_unloaded(kept), motor=None, radial=radial, damping=damping)
+        made = replace(self, coordinates=_unloaded(kept), motor=None, radial=radial, damping=damping)
+        if self.motor is None or self.motor.limits is None:
+            return made
+        return made.with_limits(name, self.limits_of(name).within(self.motor.limits.behind(self.motor.ratio)))
 
 
 @dataclass(frozen=True)
@@ -549,6 +588,11 @@ class Robot:
     def joint(self, name: str) -> Joint:
         """The joint of that name; KeyError if there is none."""
         return {joint.name: joint for joint in self.joints}[name]
+
+    def limits_of(self, coordinate: str) -> Limits:
+        """Return the limits of a coordinate by its name, "joint1.gamma"; an empty one where it has none."""
+        joint, name = split_component(coordinate)
+        return self.joint(joint).limits_of(name)
 
     @property
     def is_closed(self) -> bool:

@@ -132,6 +132,7 @@ MOTIONS: dict[str, Keys] = {
         "begin": _BEGIN,
     },
 }
+_SATURATE = Flag("true clips drives at +- the effort of the robot's limits; default false")
 CONTROLS: dict[str, Keys] = {
     "none": {},
     "torque": {
@@ -139,13 +140,18 @@ CONTROLS: dict[str, Keys] = {
         "coordinates": Strings("names of the columns behind the time", some=True, rule="one or more different names"),
         "rows": _rows("drives in N or N m"),
         "interpolation": _INTERPOLATION,
+        "saturate": _SATURATE,
     },
     "pd": {
         "kp": _gain("drive per distance from the program", "N/m or N m/rad"),
         "kd": _gain("drive per difference of rates", "N s/m or N m s/rad"),
         "gravity": Flag("true adds what holds the rigid robot where it is"),
+        "saturate": _SATURATE,
     },
-    "computed_torque": {"bandwidth": Number("w of the error's dynamics; default 30", "rad/s", above=0.0)},
+    "computed_torque": {
+        "bandwidth": Number("w of the error's dynamics; default 30", "rad/s", above=0.0),
+        "saturate": _SATURATE,
+    },
 }
 PRESCRIBED: dict[str, Keys] = {
     "harmonic": {

@@ -146,15 +146,20 @@ def _torque(table: Table, folder: Path | None) -> dict[str, Any]:
     if ("coordinates" in table) == ("file" in table):
         table.fail("needs coordinates with rows, or a file whose columns are called so; allowed: one of them")
     names = table.strings("coordinates") if "coordinates" in table else None
-    return {"table": time_table(table, folder, names)}
+    return {"table": time_table(table, folder, names), "saturate": table.boolean("saturate")}
 
 
 def _pd(table: Table, _: Path | None) -> dict[str, Any]:
-    return {"kp": table.value("kp"), "kd": table.value("kd"), "gravity": table.boolean("gravity")}
+    return {
+        "kp": table.value("kp"),
+        "kd": table.value("kd"),
+        "gravity": table.boolean("gravity"),
+        "saturate": table.boolean("saturate"),
+    }
 
 
 def _computed(table: Table, _: Path | None) -> dict[str, Any]:
-    return {"bandwidth": table.number("bandwidth")}
+    return {"bandwidth": table.number("bandwidth"), "saturate": table.boolean("saturate")}
 
 
 MOTION_READERS = {

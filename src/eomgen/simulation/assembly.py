@@ -27,6 +27,7 @@ from ..robot.model import build_model, program_coordinates
 from ..robot.record import record_of, robot_hash
 from ..robot.value import PRINCIPAL, Robot
 from ..runtime.kernel import Kernel
+from ..runtime.stepping.saturation import efforts_of
 from ..scenario.value import Scenario, Section
 from ..state.motors import shafts
 from .controls import AtJoints, ComputedTorque, Control, JointPD, NoControl, TableTorque, actuators
@@ -154,6 +155,8 @@ def assemble(
         path = mechanism_of(rigid(), driven, begin).path(program, moved, scenario.duration)
     mechanism = None if path is None else path.mechanism
     drive = _drive(robot, scenario, control, kernel, driven, program, rigid, prescribed, mechanism)
+    if control.get("saturate"):
+        drive = _saturated(scenario, kernel, driven, drive, mechanism)
     wrenches = Wrenches(scenario, robot, kernel) if scenario.wrenches else None
     facts = Facts(record_of(robot), robot_hash(robot), scenario.as_dict(), is_rigid(robot))
     until = _until(scenario, robot, kernel)
@@ -333,6 +336,29 @@ def _drive(
     given = None if prescribed is None else _at_joints(kernel, rigid(), prescribed)
     whole = actuators(kernel, rigid().coordinates)
     return ComputedTorque(rigid(), program, whole, control.get("bandwidth", BANDWIDTH), given, mechanism)
+
+
+def _saturated(
+    scenario: Scenario, kernel: Kernel, driven: tuple[str, ...], drive: Control, mechanism: Mechanism | None
+) -> Control:
+    """The drives, clipped at their efforts; DescriptionError where there are none, or where others could stand in."""
+    try:
+        effort = efforts_of(kernel.calls, True)
+    except InputError as error:
+        scenario.fail("control.saturate", str(error).removeprefix("saturate: "))
+    if mechanism is not None and mechanism.driven.size > mechanism.chart.free.size and _shares(drive):
+        scenario.fail(
+            "control.saturate",
+            f"{listed(driven)} are more drives than the {mechanism.chart.free.size} freedoms of the loops, and nothing"
+            " says what others do where one is clipped; allowed: pd without gravity, or fewer coordinates in 'driven'",
+        )
+    changed: Any = drive
+    return drive if isinstance(drive, NoControl) else replace(changed, effort=effort)
+
+
+def _shares(drive: Control) -> bool:
+    """Whether a model of the robot shares forces out among drives."""
+    return isinstance(drive, ComputedTorque) or (isinstance(drive, JointPD) and drive.rigid is not None)
 
 
 def _torque(robot: Robot, scenario: Scenario, table: TimeTable, kernel: Kernel) -> TableTorque:

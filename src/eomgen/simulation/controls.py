@@ -63,16 +63,17 @@ class NoControl:
 
 @dataclass(frozen=True, eq=False)
 class TableTorque:
-    """Forces or torques of a table over time, of the coordinates at ``index``, (k,)."""
+    """Forces or torques of a table over time, of the coordinates at ``index``, (k,); ``effort`` as of ``clipped``."""
 
     table: TimeTable
     index: Index
+    effort: Array | None = None
     batched = True
 
     def __call__(self, t: float, q: Array, v: Array) -> Array:
         u = np.zeros_like(q)
         u[..., self.index] = self.table.at(t)
-        return u
+        return clipped(u, self.effort)
 
     def slopes(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
         """Derivatives by q and v, (n, n) each: zero."""
@@ -82,7 +83,12 @@ class TableTorque:
         return self
 
     def load_data(self) -> DriveData:
-        return DriveData(torque=Track(self.table.as_signal(), self.index))
+        return DriveData(torque=Track(self.table.as_signal(), self.index), effort=self.effort)
+
+
+def clipped(u: Array, effort: Array | None) -> Array:
+    """Return drives, (n,) or (N, n), within +- their efforts, (n,), infinite where there is none; None clips none."""
+    return u if effort is None else np.minimum(np.maximum(u, -effort), effort)
 
 
 def _flat(q: Array) -> tuple[Array, Array]:
@@ -142,6 +148,7 @@ class ComputedTorque:
         prescribed: t -> (q, v, a) of the rigid robot's prescribed coordinates, whose accelerations the drives know;
             None without any.
         mechanism: of a rigid robot with loops: what its drives do, and which coordinates have one.
+        effort: greatest forces of drives, (n,), as of ``clipped``.
     """
 
     rigid: Kernel
@@ -150,6 +157,7 @@ class ComputedTorque:
     bandwidth: float
     prescribed: MotionOverTime | None = None
     mechanism: Mechanism | None = None
+    effort: Array | None = None
     batched = True
 
     @cached_property
@@ -161,7 +169,7 @@ class ComputedTorque:
         q_m, v_m = self.actuators.measured(q), self.actuators.measured(v)
         if self.prescribed is None and self.mechanism is None:
             a = a_d + self.bandwidth * (self.bandwidth * (q_d - q_m) + 2.0 * (v_d - v_m))
-            return self.actuators.torques(self.rigid.inverse_dynamics(q_m, v_m, a), q)
+            return clipped(self.actuators.torques(self.rigid.inverse_dynamics(q_m, v_m, a), q), self.effort)
         driven = self._driven
         a = np.zeros_like(q_m)
         error, rate = q_d - q_m[..., driven], v_d - v_m[..., driven]
@@ -169,7 +177,7 @@ class ComputedTorque:
         if self.prescribed is not None:
             a[..., prescribed_mask(self.rigid)] = self.prescribed(t)[2]
         forces = self.rigid.inverse_dynamics if self.mechanism is None else self.mechanism.forces
-        return self.actuators.torques(np.where(driven, forces(q_m, v_m, a), 0.0), q)
+        return clipped(self.actuators.torques(np.where(driven, forces(q_m, v_m, a), 0.0), q), self.effort)
 
     def load_data(self) -> DriveData | None:
         """The same for integrations in C; None of a program that only Python can ask."""
@@ -183,7 +191,7 @@ class ComputedTorque:
             given[prescribed_mask(self.rigid)] = self.prescribed.index
         moved = None if self.mechanism is None else self.mechanism.load_data()
         model = ModelDrive(self.rigid.calls, place, ratio, column, given, self.bandwidth, moved)
-        return DriveData(program=Track(signal, place[driven]), ratio=ratio[driven], model=model)
+        return DriveData(program=Track(signal, place[driven]), ratio=ratio[driven], model=model, effort=self.effort)
 
     def resting(self) -> Control:
         still = None if self.prescribed is None else _stopped(self.prescribed)
@@ -230,6 +238,7 @@ class JointPD:
         rigid: kernel of the rigid robot; None without the feed-forward.
         rigid_actuators: where its coordinates are measured and driven.
         mechanism: of a rigid robot with loops: what its drives do.
+        effort: greatest forces of drives, (n,), as of ``clipped``.
     """
 
     motion: Program
@@ -239,6 +248,7 @@ class JointPD:
     rigid: Kernel | None = None
     rigid_actuators: Actuators | None = None
     mechanism: Mechanism | None = None
+    effort: Array | None = None
     batched = True
 
     def __call__(self, t: float, q: Array, v: Array) -> Array:
@@ -251,7 +261,7 @@ class JointPD:
             forces = self.rigid.inverse_dynamics if self.mechanism is None else self.mechanism.forces
             held = np.where(prescribed_mask(self.rigid), 0.0, forces(q_m, zero, zero))
             u += self.rigid_actuators.torques(held, q)
-        return u
+        return clipped(u, self.effort)
 
     @property
     def slopes(self) -> SlopesFunction | None:
@@ -262,6 +272,8 @@ class JointPD:
         place, square = self.actuators.index, self.actuators.ratios**2
         found = np.zeros((2, q.size, q.size))
         found[:, place, place] = -self.kp / square, -self.kd / square
+        if self.effort is not None:  # what is clipped does not answer to the state
+            found[:, np.abs(replace(self, effort=None)(t, q, v)) > self.effort] = 0.0
         return found[0], found[1]
 
     def load_data(self) -> DriveData | None:
@@ -275,7 +287,7 @@ class JointPD:
             given = np.where(prescribed_mask(self.rigid), 0, -1)
             ratios, moved = self.rigid_actuators.ratios, None if self.mechanism is None else self.mechanism.load_data()
             model = ModelDrive(self.rigid.calls, place, ratios, nothing, given, None, moved)
-        return DriveData(None, program, self.actuators.ratios, Gains(self.kp, self.kd), model)
+        return DriveData(None, program, self.actuators.ratios, Gains(self.kp, self.kd), model, self.effort)
 
     def resting(self) -> Control:
         return replace(self, motion=Standstill(self.motion.start))

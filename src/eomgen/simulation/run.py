@@ -27,12 +27,13 @@ from ..integration.steps import output_times
 from ..integration.trajectory import Trajectory
 from ..integration.until import Until
 from ..motion.ends import Point
+from ..motion.exceeding import excess_notes, excesses
 from ..motion.point_to_point import Program
 from ..motion.splines import Spline
 from ..names import component_name
 from ..pipeline.ahead import Ahead
 from ..progress import Progress, no_progress
-from ..robot.coordinates import index_of, unit_of
+from ..robot.coordinates import force_unit_of, index_of, unit_of
 from ..robot.model import build_model, tool_of
 from ..robot.value import MOTOR, Robot
 from ..runtime.kernel import Kernel
@@ -174,6 +175,8 @@ def run_assembly(
         *_method_note(found.trajectory, reason, asked),
         *_assumptions(robot, loose, scenario, assembly),
         *_beyond_stops(kernel, q0),
+        *_beyond_limits(robot, found.trajectory),
+        *_clipped_note(assembly, found.trajectory),
         None if found.balance is None else found.balance.note(),
         *_end_note(assembly.until, found.trajectory),
     ]
@@ -272,6 +275,27 @@ def _beyond_stops(kernel: Kernel, q: Array) -> Iterator[str]:
         if not lower <= place <= upper:
             side, stop = ("upper", upper) if place > upper else ("lower", lower)
             yield f"{name} starts at {place:.6g} {unit}, beyond its {side} stop at {stop:.6g} {unit}"
+
+
+def _beyond_limits(robot: Robot, motion: Trajectory) -> tuple[str, ...]:
+    """A line about limits that the motion or its drives exceed."""
+    found = excesses(robot, motion.coordinates, t=motion.t, q=motion.q, v=motion.v, u=motion.u)
+    return excess_notes("the motion", found)
+
+
+def _clipped_note(assembly: Assembly, motion: Trajectory) -> tuple[str, ...]:
+    """A line about drives that were clipped, and for how many of the samples."""
+    effort: Array | None = getattr(assembly.drive, "effort", None)
+    if effort is None:
+        return ()
+    parts, names = [], motion.coordinates
+    for i in np.flatnonzero(np.isfinite(effort)):
+        held = np.abs(motion.u[:, i]) >= effort[i]
+        if held.any():
+            first, share = float(motion.t[int(held.argmax())]), 100.0 * float(held.mean())
+            limit = f"{names[i]} at {effort[i]:.4g} {force_unit_of(names[i])}"
+            parts.append(f"{limit}, {share:.0f} % of samples, first at {first:.4g} s")
+    return (f"drives were clipped: {'; '.join(parts)}",) if parts else ("no drive was clipped at a sample",)
 
 
 def _computed(scenario: Scenario) -> bool:

@@ -70,6 +70,8 @@ def why_not(robot: Robot, scenario: Scenario) -> str | None:
     """Reason why rollouts cannot do a robot's scenario; None if they can."""
     if scenario.until is not None:
         return "until: motions that end before the duration does are not part of rollouts"
+    if scenario.control is not None and scenario.control.get("saturate"):
+        return "control.saturate: drives that are clipped are not part of rollouts"
     model = build_model(robot)
     names = [model.coordinates[i] for i in model.prescribed]
     return f"{', '.join(names)}: motions that are prescribed are not part of rollouts" if names else None

@@ -224,6 +224,7 @@ def rollout_gradient(
     target: ArrayLike | None,
     loads: Loads | Sequence[Loads] | None,
     out: Mapping[str, Array] | None,
+    effort: Array | None = None,
 ) -> tuple[Any, dict[str, Any]]:
     """The gradient of a rollout, as ``Kernel.rollout_gradient`` describes it.
 
@@ -232,13 +233,14 @@ def rollout_gradient(
         driven: indices of the coordinates that a controller may act on.
         q0, v0, u, dt, steps, loss, parameters, method, every, duration, samples, rtol, atol, kp, kd, target,
             loads, out: as there.
+        effort: greatest forces of drives, (n,), or none.
     """
     slots = parameter_slots(calls.parameters, parameters)
     steps_of: dict[str, Any] = {"method": method, "dt": dt, "steps": steps, "every": every}
     steps_of |= {"duration": duration, "samples": samples, "rtol": rtol, "atol": atol}
     controlled: dict[str, Any] = {"kp": kp, "kd": kd, "target": target}
-    given: dict[str, Any] = {"q0": q0, "v0": v0, "u": u, **controlled}
-    acting = None if loads is None else Acting(calls, "gradient", loads)
+    given: dict[str, Any] = {"q0": q0, "v0": v0, "u": u, **controlled, "effort": effort}
+    acting = None if loads is None else Acting(calls, "gradient", loads, effort)
     motion, times, taken = taken_steps(calls, driven, "gradient", given, acting, **steps_of)
     motion.write_to({} if out is None else out)
     ways = [motion.way(method, state, steps) for state, steps in enumerate(taken) if steps is not None]
@@ -284,7 +286,7 @@ def taken_steps(
     Args:
         calls, driven, method, dt, steps, every, duration, samples, rtol, atol: as of ``rollout_gradient``.
         kind: of the function that takes the steps, "gradient", which goes back, or "sensitivity".
-        given: q0, v0, u, kp, kd and target by their names.
+        given: q0, v0, u, kp, kd, target and effort by their names.
         acting: loads, if there are some.
     """
     chooses = takes_samples(method, dt=dt, steps=steps, every=every, duration=duration, samples=samples, atol=atol)
@@ -323,7 +325,7 @@ def stopped(
 ) -> InputError:
     """The error of steps that do not get to their end, where the rollout does not say why itself."""
     q0, v0, u = given["q0"], given["v0"], given["u"]
-    controlled: dict[str, Any] = {name: given[name] for name in ("kp", "kd", "target")}
+    controlled: dict[str, Any] = {name: given[name] for name in ("kp", "kd", "target", "effort")}
     if method in ADAPTIVE:
         how: dict[str, Any] = {"method": method, "rtol": rtol, "atol": atol, "loads": loads}
         adaptive_rollout(calls, driven, q0, v0, u, duration, samples, **how, **controlled)
@@ -402,7 +404,10 @@ class Motion:
     def drive(self, library: Library, state: int) -> Any:
         """The drives of a state, for a library."""
         steps = {f"{x}_step": row for x, (_, _, row) in zip(("u", "target"), self._given.drives, strict=False)}
-        return library.drive(**self._fields(state, [x for x, _, _ in self._given.drives], self._given.gains), **steps)
+        fields = self._fields(state, [x for x, _, _ in self._given.drives], self._given.gains)
+        if self._given.effort is not None:
+            fields["effort"] = self.calls.raw.view(self._given.effort)
+        return library.drive(**fields, **steps)
 
     def way(self, method: str, state: int, steps: Steps) -> Way:
         """The way of a state by a method of WAYS."""

@@ -172,6 +172,7 @@ class DriveData:
         program: of driven coordinates, m or rad at the joint, or None.
         ratio: of the gears between these and the coordinates at ``program.place``, (m,).
         gains, model: what follows the program.
+        effort: greatest force of all that drives do at a coordinate, (n,), infinite where there is none; None for none.
     """
 
     torque: Track | None = None
@@ -179,6 +180,7 @@ class DriveData:
     ratio: Array | None = None
     gains: Gains | None = None
     model: ModelDrive | None = None
+    effort: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -262,6 +264,8 @@ class Packed:
         drive, fields = loads.drive, dict[str, Any](first=loads.first, last=loads.last)
         if works:
             fields["work"] = self._work()
+        if drive.effort is not None:
+            fields["effort"] = self._numbers(drive.effort)
         if drive.torque is not None:
             fields["torque"] = self._new("track", **self._track(drive.torque))
         if drive.program is not None:

@@ -89,12 +89,12 @@ def rollout_sensitivity(
     Args:
         calls: of the calls.
         driven: indices of the coordinates that a controller may act on.
-        given: q0, v0, u, kp, kd and target by their names.
+        given: q0, v0, u, kp, kd, target and effort by their names.
         parameters, along, loads, out, method: as there.
         how: what else there is about steps, as there.
     """
     slots = parameter_slots(calls.parameters, parameters)
-    acting = None if loads is None else Acting(calls, "sensitivity", loads)
+    acting = None if loads is None else Acting(calls, "sensitivity", loads, given["effort"])
     motion, times, taken = taken_steps(calls, driven, "sensitivity", given, acting, method=method, **how)
     rows = max(int(steps.rows[-1]) + 1 for steps in taken if steps is not None) if any(taken) else 1
     directions = Directions(calls, motion, rows, along or {}, slots)

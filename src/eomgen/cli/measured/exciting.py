@@ -49,9 +49,11 @@ def _add_excite(parser: argparse.ArgumentParser) -> None:
         metavar=("NAME", "LOW", "HIGH"),
         help="of a coordinate, m or rad (its limits); more than once",
     )
-    parser.add_argument("--rates", nargs="+", metavar="V", help=f"greatest, rad/s or m/s: {_AMOUNT} (1 or 0.2)")
+    parser.add_argument(
+        "--rates", nargs="+", metavar="V", help=f"greatest, rad/s or m/s: {_AMOUNT} (its limits, or 1 or 0.2)"
+    )
     parser.add_argument("--accelerations", nargs="+", metavar="A", help=f"greatest, per s^2: {_AMOUNT} (any)")
-    parser.add_argument("--drives", nargs="+", metavar="U", help=f"greatest, N m or N: {_AMOUNT} (any)")
+    parser.add_argument("--drives", nargs="+", metavar="U", help=f"greatest, N m or N: {_AMOUNT} (its limits)")
     parser.add_argument(
         "--box",
         nargs=7,

@@ -9,9 +9,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eomgen.limits import LARGEST
-from eomgen.names import NAME_LENGTH, component_name, joint_of, listed, nearest, show, to_identifier, unique_identifiers
+from eomgen.names import (
+    NAME_LENGTH,
+    component_name,
+    joint_of,
+    kind_of,
+    listed,
+    nearest,
+    show,
+    to_identifier,
+    unique_identifiers,
+)
+from eomgen.robot.bounds import Limits
 from eomgen.robot.geometry import ZERO
-from eomgen.robot.value import COORDINATES, PRINCIPAL, Frame, Joint, Link
+from eomgen.robot.value import COORDINATES, Frame, Joint, Link
 
 from .defaults import Defaults
 from .elements import BODY_KEYS, FRAME_KEYS, GEOM_KEYS, INERTIAL_KEYS, SITE_KEYS, JointReader
@@ -258,8 +269,8 @@ class Bodies:
         """Coordinates of the reference position that are not 0, but where limits leave them out."""
         found = {}
         for name, value in self.coordinates.values():
-            low, high = self.reading.draft.joints[joint_of(name)].limits or (value, value)
-            if value != 0.0 and low <= value <= high:
+            limits = self.reading.draft.joints[joint_of(name)].limits_of(kind_of(name)).range
+            if value != 0.0 and limits[0] <= value <= limits[1]:
                 found[name] = value
         return found
 
@@ -318,11 +329,13 @@ def _joint(name: str, parent: str, child: str, group: Group, place: Pose) -> Joi
     moving = group.by_coordinate
     given = {coordinate: joint.coordinate for coordinate, joint in moving.items()}
     offset = tuple(moving[key].offset if key in moving else None for key in COORDINATES)
-    principal = PRINCIPAL.get(group.type)
-    limits = moving[principal].limits if principal is not None else None
     turn = triple(a), triple(b), triple(c)
     damping = group.joints[0].damping
-    return Joint(name, parent, child, group.type, place.placement(), turn, given, limits, offset, damping=damping)
+    made = Joint(name, parent, child, group.type, place.placement(), turn, given, None, offset, damping=damping)
+    for key, joint in moving.items():
+        lower, upper = joint.limits or (None, None)
+        made = made.with_limits(key, Limits(lower, upper, effort=joint.effort))
+    return made
 
 
 def read_bodies(

@@ -59,8 +59,8 @@ def compiled_model(path: Path, refusal: DescriptionError, root: Element) -> tupl
     degrees = {joint.id for joint in turning if not model.jnt_limited[joint.id]}
     flat = flat_model(model, mujoco, given, degrees)
     actuators = SubElement(flat, "actuator")
-    for name in drives:
-        SubElement(actuators, "general", name=name)
+    for tag, values in drives:
+        SubElement(actuators, tag, values)
     return flat, mujoco.__version__
 
 
@@ -78,9 +78,25 @@ def _refuse_many_copies(root: Element, source: str) -> None:
         stack += [(child, copies) for child in element]
 
 
-def _without_what_does_not_count(spec: Any, mujoco: Any) -> list[str]:
-    """Take what has no effect on masses and joints out of the specification; returns the names of actuators."""
-    drives = [item.name or "<actuator>" for item in spec.actuators]
+def _actuator(item: Any, mujoco: Any) -> tuple[str, dict[str, str]]:
+    """Tag and attributes of an actuator: its name, its joint and the limits of its force."""
+    values = {"name": item.name or "<actuator>"}
+    if item.trntype in (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT):
+        values |= {"joint": item.target, "gear": repr(float(item.gear[0]))}
+    ranges = {"force": item.forcerange}
+    gain, bias, activation = mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_NONE, mujoco.mjtDyn.mjDYN_NONE
+    is_motor = (item.gaintype, item.biastype, item.dyntype) == (gain, bias, activation)
+    if is_motor:
+        ranges["ctrl"] = sorted(float(item.gainprm[0]) * item.ctrlrange)
+    for kind, ends in ranges.items():
+        if any(ends) and getattr(item, f"{kind}limited") != mujoco.mjtLimited.mjLIMITED_FALSE:
+            values[f"{kind}range"] = " ".join(repr(float(x)) for x in ends)
+    return ("motor" if is_motor else "general"), values
+
+
+def _without_what_does_not_count(spec: Any, mujoco: Any) -> list[tuple[str, dict[str, str]]]:
+    """Take what has no effect on masses and joints out of the specification; returns its actuators."""
+    drives = [_actuator(item, mujoco) for item in spec.actuators]
     for kind in ("actuators", *_UNUSED):
         for item in list(getattr(spec, kind)):
             spec.delete(item)

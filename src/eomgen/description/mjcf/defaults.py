@@ -11,7 +11,11 @@ from .values import TURNS, Item, Reading
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
 
-_TAGS = ("joint", "geom", "site", "tendon", "equality")
+_ACTUATORS = dict.fromkeys(  # MuJoCo keeps one class of all of them
+    ("general", "motor", "position", "velocity", "intvelocity", "damper", "cylinder", "muscle", "adhesion", "dcmotor"),
+    "actuator",
+)
+_TAGS = ("joint", "geom", "site", "tendon", "equality", "actuator")
 _MOST_ATTRIBUTES = 128  # of a class, far more than MuJoCo knows: each element and each class inside copies them
 Values = dict[str, str]
 
@@ -51,13 +55,14 @@ class Defaults:
 
     def _fill(self, target: dict[str, Values], element: Element) -> None:
         for child in element:
-            if child.tag in target:
-                found = merged(target[child.tag], child.attrib)
+            tag = _ACTUATORS.get(child.tag, child.tag)
+            if tag in target:
+                found = merged(target[tag], child.attrib)
                 if len(found) > _MOST_ATTRIBUTES:
                     message = f"its class has {len(found)} attributes of <{child.tag}>"
                     where = f"default, <{child.tag}>"
                     Item(self._reading, child, where).fail(f"{message}; allowed: up to {_MOST_ATTRIBUTES}")
-                target[child.tag] = found
+                target[tag] = found
 
     def values(self, element: Element, tag: str, where: str, childclass: str | None) -> Values:
         """The attributes of an element with those of its class; ``tag``: under which defaults have them."""

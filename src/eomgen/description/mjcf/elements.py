@@ -77,6 +77,7 @@ class JointReader:
             limits=limits,
             rest=springref - ref,
             limited=limits is not None and item.choice("limited", LIMITED, "auto") != "false",
+            effort=self._effort(item, name or body),
         )
 
     def _quaternion(self, item: Item, name: str, kind: str, anchor: Array) -> Moving:
@@ -119,6 +120,16 @@ class JointReader:
             cubic=cubic or None,
             friction=Friction(friction) if friction and self.flags["frictionloss"] else None,
         )
+
+    def _effort(self, item: Item, name: str) -> float | None:
+        """The greatest force of the joint's actuators together, N or N m."""
+        item.choice("actuatorfrclimited", LIMITED, "auto")
+        found = item.numbers("actuatorfrcrange", 2)
+        if found and found[0] > found[1]:
+            item.fail(f"actuatorfrcrange is {show(item.values['actuatorfrcrange'])}; allowed: lower <= upper")
+        if found and found[0] != -found[1]:
+            self.note("effort is the greater end of actuatorfrcrange, which is not symmetric", name)
+        return max(map(abs, found), default=0.0) or None
 
     def _limits(self, item: Item, unit: float, name: str) -> tuple[float, float] | None:
         """The range, rad or m; nothing stops at it unless somebody asks for that."""

@@ -127,6 +127,8 @@ def _joint(body: Element, model: Any, index: int, unit: float) -> None:
         if model.jnt_limited[index] or model.jnt_range[index].any():
             joint.set("range", _text(model.jnt_range[index] * unit))
             joint.set("limited", "true" if model.jnt_limited[index] else "false")
+        if model.jnt_actfrcrange[index].any():
+            joint.set("actuatorfrcrange", _text(model.jnt_actfrcrange[index]))
 
 
 def _entry(model: Any, key: str, index: int) -> float:

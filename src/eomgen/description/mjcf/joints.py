@@ -28,7 +28,8 @@ class Moving:
 
     axis: unit vector in its body's axes; anchor: a point that does not move, m, in its body; both in the reference
     position.  offset: what is added to the coordinate, m or rad.  rest: how far the joint is from the reference
-    position where its spring has no force, m or rad.  limited: whether MuJoCo keeps it within its limits.
+    position where its spring has no force, m or rad.  limited: whether MuJoCo keeps it within its limits.  effort:
+    greatest force of its actuators, N or N m.
     damping: of a ball or free joint.
     """
 
@@ -41,6 +42,7 @@ class Moving:
     limits: tuple[float, float] | None = None
     rest: float = 0.0
     limited: bool = False
+    effort: float | None = None
     damping: JointDamping | None = None
 
     @property

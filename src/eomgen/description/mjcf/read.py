@@ -17,11 +17,13 @@ from xml.etree.ElementTree import Element
 
 from eomgen.errors import DescriptionError
 from eomgen.limits import MOST_ENTRIES
-from eomgen.names import is_robot_name, listed, nearest, show, to_robot_name
+from eomgen.names import is_robot_name, joint_of, kind_of, listed, nearest, show, to_robot_name
+from eomgen.robot.bounds import Limits
 from eomgen.robot.geometry import ZERO
 
 from ..draft import Draft
 from ..xml_text import Xml, parse_xml
+from .actuators import read_efforts
 from .bodies import read_bodies
 from .defaults import Defaults
 from .equalities import read_equalities
@@ -29,9 +31,11 @@ from .geoms import Rules
 from .tendons import read_tendons
 from .values import Item, LeftToMujoco, Reading, triple
 
-_IGNORED = ("asset", "contact", "custom", "keyframe", "sensor", "size", "statistic", "visual")
-_READ = ("compiler", "option", "default", "worldbody", "tendon", "equality", "actuator", "deformable", "extension")
+_IGNORED = ("asset", "contact", "keyframe", "sensor", "size", "statistic", "visual")
+_READ = ("compiler", "option", "default", "worldbody", "tendon", "equality", "actuator", "custom")
+_READ += ("deformable", "extension")
 _NO_EFFECT = ("skin",)  # of <deformable>
+VELOCITY = ".limits.velocity"  # behind a coordinate's name: a <numeric> with the limit of its speed
 _FLAGS = ("gravity", "spring", "damper", "frictionloss")  # of <flag>: those that count here
 _EXPANDED = (
     "one file without it, as MuJoCo writes it: python -c \"import mujoco; mujoco.mj_saveLastXML('whole.xml',"
@@ -131,6 +135,8 @@ def _read(root: Element, reading: Reading, written: dict[str, Element]) -> None:
     bodies = read_bodies(root, reading, defaults, rules, flags, written)
     read_tendons(root, reading, defaults, bodies, flags)
     read_equalities(root, reading, defaults, bodies, written)
+    read_efforts(root, reading, defaults, bodies)
+    _read_velocities(root, reading)
     _remarks(root, reading)
 
 
@@ -202,6 +208,18 @@ def _option(root: Element, reading: Reading) -> dict[str, bool]:
     return on
 
 
+def _read_velocities(root: Element, reading: Reading) -> None:
+    """Put limits of speed into the draft, which MuJoCo knows as numbers without a meaning."""
+    for part in root.iterfind("custom"):
+        for element in part.iterfind("numeric"):
+            name, ending, rest = element.get("name", "").partition(VELOCITY)
+            joint = reading.draft.joints.get(joint_of(name)) if ending and not rest and "." in name else None
+            if joint is not None and kind_of(name) in joint.coordinates:
+                value = Item(reading, element, f"numeric {show(element.get('name'))}").numbers("data", 1)
+                limits = joint.limits_of(kind_of(name)).within(Limits(velocity=value[0] if value else None))
+                reading.draft.joints[joint.name] = joint.with_limits(kind_of(name), limits)
+
+
 def _refuse(root: Element, reading: Reading) -> None:
     """Refuse what acts on the motion outside of bodies and is not supported."""
     for part in root.iterfind("deformable"):
@@ -218,7 +236,7 @@ def _remarks(root: Element, reading: Reading) -> None:
         element.get("name") or f"<{show(element.tag)[1:-1]}>" for part in root.iterfind("actuator") for element in part
     ]
     if names:
-        what = "actuators are left out with their gains, damping and armature (drives are u)"
+        what = "of actuators limits of force are read, not gains, damping and armature (drives are u)"
         reading.draft.notes.append(f"{what}: {listed(names)}")
     bodies = [geom for body in root.iter("body") for geom in body.iterfind("geom")]
     if bodies or root.find("contact") is not None:

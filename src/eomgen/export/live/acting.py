@@ -103,6 +103,10 @@ def acting_on(
         notes.append(f"nothing holds {', '.join(loose)}, so not in balance at the start")
     kernel = assembly.kernel
     data = assembly.drive.load_data()
+    if data is not None and data.effort is not None:
+        raise InputError(
+            f"{scenario.label('control.saturate')}: drives that are clipped are not part of a page; allowed: without"
+        )
     if data is None:
         raise InputError(
             f"{scenario.label('motion')}: is a program that only Python can ask; allowed on a page: programs that are"

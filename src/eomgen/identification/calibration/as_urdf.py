@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,6 +15,7 @@ from ...files import check_ending, write_atomically
 from ...forms.toml_text import read_text
 from ...motion.turns import rpy_of
 from ...names import unique_identifiers
+from ...robot.bounds import Limits
 from ...robot.value import PRINCIPAL, Joint, Robot
 from ..geometry.rotations import pose_from
 from ..geometry.stations import matrix_of
@@ -25,6 +27,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+_FAR = 1e3  # m or rad, of the end of a range that the description leaves open
+_NONE = 1e6  # effort and velocity, which other readers need, where the description has none
 _TYPES = {"revolute": "revolute", "prismatic": "prismatic", "fixed": "fixed", "free": "floating"}
 
 
@@ -124,14 +128,18 @@ def _plain(robot: Robot) -> Element:
             )
         element = _child(root, "joint")
         element.set("name", joint.name)
-        element.set("type", _TYPES[joint.type] if joint.limits or joint.type != "revolute" else "continuous")
+        limits = joint.limits_of(kind) if kind is not None else Limits()
+        bounded = any(map(math.isfinite, limits.range))
+        element.set("type", _TYPES[joint.type] if bounded or joint.type != "revolute" else "continuous")
         _child(element, "parent").set("link", joint.parent)
         _child(element, "child").set("link", joint.child)
         if kind is not None:
-            low, high = joint.limits or (-1e3, 1e3)
-            if joint.limits or joint.type == "prismatic":
-                limit = {"lower": repr(low), "upper": repr(high), "effort": "1e6", "velocity": "1e6"}
-                _child(element, "limit").attrib.update(limit)
+            low, high = limits.range
+            drive = {"effort": repr(limits.effort or _NONE), "velocity": repr(limits.velocity or _NONE)}
+            if bounded or joint.type == "prismatic":
+                drive |= {"lower": repr(max(low, -_FAR)), "upper": repr(min(high, _FAR))}
+            if limits or joint.type == "prismatic":
+                _child(element, "limit").attrib.update(drive)
     return root
 
 

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...description import RobotLike, as_robot
 from ...errors import InputError, UnknownNameError
+from ...motion.exceeding import excess_notes, excesses
 from ...names import nearest_or_all, show
 from ...progress import StageReport, no_report
 from ...robot.model import build_model, tool_of
@@ -159,6 +160,7 @@ def poses(
     quantities = [offer.problem.model.quantities[i] for i in offer.problem.active]
     notes = [f"{len(q)} candidates were found where they have to be"] if len(q) < candidates else []
     notes += [f"the bound is known to {gap:.1g} alone"] if gap > CLOSE else []
+    notes += excess_notes("the choice of poses", excesses(robot, span.names, q=q[chosen]))
     return PosesResult(
         robot=robot.name,
         coordinates=span.names,

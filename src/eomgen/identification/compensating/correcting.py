@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ...description import RobotLike, as_robot
 from ...errors import InputError
 from ...integration.steps import output_times
+from ...motion.exceeding import excess_notes, excesses
 from ...names import listed, nearest, show
 from ...progress import Progress, no_progress
 from ...robot.model import tool_of
@@ -113,6 +114,8 @@ def compensate(
     if robustness is not None:
         found = tuple(variants(setting, setting.original + taken, robustness, draws, seed, report))
     reach = reach_along(setting, motion)
+    x = motion.trajectory
+    beyond = excesses(arm, x.coordinates, t=x.t, q=x.q, v=x.v, u=x.u)
     return CompensationResult(
         robot=arm.name,
         frame=setting.frame,
@@ -132,7 +135,10 @@ def compensate(
         limits=tuple(_held_back(setting, wanted, after)),
         robustness=found,
         scenario=_followed(given, setting.frame, assembly, t),
-        notes=(*notes, *note, *_notes(setting, before, after, given)),
+        notes=(
+            *(*notes, *note, *_notes(setting, before, after, given)),
+            *excess_notes("the motion of the corrected program", beyond),
+        ),
     )
 
 

@@ -96,13 +96,15 @@ def limits_of(
             raise InputError(f"{label}: {show(given)}; allowed: a table by names")
     notes: list[str] = []
     low, high = _ranges(robot, names, ranges or {}, notes)
-    fastest = amounts("rates", rates, names)
+    own = [robot.rigid().limits_of(name) for name in names]
+    fastest = _within(amounts("rates", rates, names), [limits.velocity for limits in own])
+    strongest = _within(amounts("drives", drives, names), [limits.effort for limits in own])
     for unit, usual in RATES.items():
         unknown = [i for i, name in enumerate(names) if np.isinf(fastest[i]) and unit_of(name) == unit]
         fastest[unknown] = usual
         if unknown:
             notes.append(f"rates of {these(names, unknown)} without a limit: {usual:g} {unit}/s is assumed")
-    if accelerations is None and drives is None:
+    if accelerations is None and np.isinf(strongest).all():
         notes.append("no limits of accelerations and drives are given: harmonics and rates alone hold them")
     regions = [_box(frame, box) for frame, box in (boxes or {}).items()]
     regions += [_half_space(*given) for given in _triples("half_spaces", half_spaces)]
@@ -118,7 +120,7 @@ def limits_of(
         high,
         fastest,
         amounts("accelerations", accelerations, names),
-        amounts("drives", drives, names),
+        strongest,
         tuple(regions),
         tuple(notes),
     )
@@ -139,6 +141,12 @@ def amounts(label: str, given: Amounts | None, names: tuple[str, ...]) -> Array:
     for name, value in given.items():
         found[_place(label, name, names)] = _positive(f"{label}: {name}", value)
     return found
+
+
+def _within(given: Array, own: Sequence[float | None]) -> Array:
+    """Amounts that are given, and where none is those of the description, (m,)."""
+    described = np.array([np.inf if value is None else value for value in own], dtype=np.float64)
+    return np.where(np.isinf(given), described, given)
 
 
 def these(names: Sequence[str], places: Sequence[int]) -> str:

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...description import RobotLike, as_robot
 from ...errors import InputError
+from ...motion.exceeding import excess_notes, excesses
 from ...names import component_name, joint_of, kind_of, listed, show
 from ...pipeline.stages import build
 from ...progress import StageReport, no_report
@@ -80,7 +81,8 @@ def excite(
         criterion: "D", the determinant of the information, or "condition", the condition number of the base regressor.
         terms: what is sought, as of ``identify``.
         ranges: ends of coordinates, by the coordinate's or the joint's name, in place of the joints' limits, m or rad.
-        rates, accelerations, drives: greatest ones, per s, per s^2, N or N m: one number, or by name.
+        rates, accelerations, drives: greatest ones, per s, per s^2, N or N m: one number, or by name.  Rates and drives
+            that are not given keep the robot's own limits, where it has some.
         boxes: lower and upper corner, (2, 3), by the frame or link whose origin is to stay between them, m, base axes.
         half_spaces: frame, normal and distance d: the frame stays where normal . p >= d, the normal as a unit vector.
         clear_of: frame, point and distance, m: the frame keeps that far from the point.
@@ -144,14 +146,17 @@ def excite(
             best, start, least = x, k, value
     course, own = search.course(rows, best), singular(best)
     G = information(telling.columns(course))
+    q, v, a = (x[:, index] for x in course)
+    u = _drives(robot, kernel, course)[:, index]
+    beyond = excesses(robot.rigid(), names, t=t, q=q, v=v, u=u)
     return ExciteResult(
         robot=robot.name,
         series=search.series(best),
         t=t,
-        q=course[0][:, index],
-        v=course[1][:, index],
-        a=course[2][:, index],
-        u=_drives(robot, kernel, course)[:, index],
+        q=q,
+        v=v,
+        a=a,
+        u=u,
         base=base,
         noise=telling.noise,
         sizes=telling.sizes,
@@ -163,7 +168,7 @@ def excite(
         randoms=len(drawn),
         starts=min(starts, len(drawn)),
         seed=seed,
-        notes=(*_about(robot, names), *limits.notes, *notes),
+        notes=(*_about(robot, names), *limits.notes, *notes, *excess_notes("the motion", beyond)),
     )
 
 

@@ -19,7 +19,7 @@ from ..calls import Calls
 from ..opened import stays_open
 from ..pieces import OPERATIONS, ROUND, shared
 from ..raw import FFI, Library, RawFunction
-from .given_loads import place_given, read_loads
+from .given_loads import clipped_loads, place_given, read_loads
 from .loads import WORKS, LoadData, Packed, Side
 from .many_steps import METHODS as FIXED
 from .rollouts import NUMBERS, SHARE, Given, Rollout, count_states, is_number, read_given, room_for, whole_number
@@ -102,6 +102,8 @@ class _Motion:
                 here = view(array.reshape(-1)[begin * of_state :])
                 fields |= {name: here, f"{name}_state": of_state, f"{name}_step": of_step}
             fields |= zip(("kp", "kd"), map(view, self.given.gains), strict=False)
+            if self.given.effort is not None:
+                fields["effort"] = view(self.given.effort)
             if self.turned.size:
                 fields["turned"] = view(self.turned[begin:end].reshape(-1))
             drive = library.drive(**fields)
@@ -142,6 +144,7 @@ def adaptive_rollout(
     target: ArrayLike | None,
     loads: Any = None,
     works: bool = False,
+    effort: Array | None = None,
 ) -> Rollout:
     """Integrate with error control, as ``Kernel.rollout`` describes it.
 
@@ -149,11 +152,14 @@ def adaptive_rollout(
         calls: of the calls.
         driven: indices of the coordinates that a controller may act on.
         q0, v0, u, duration, samples, loads, works, method, rtol, atol, kp, kd, target: as of ``Kernel.rollout``.
+        effort: greatest forces of drives, (n,), or none.
     """
     function = calls.raw.adaptive
     if function is None:
         raise calls.raw.missing("adaptive_rollout")
     data = read_loads(calls, {} if loads is None else loads) if works or loads is not None else None
+    if data is not None:
+        data = clipped_loads(calls, data, effort)
     if works and calls.raw.turning:
         raise InputError(f"rollout: works: {', '.join(calls.raw.turning)} turns freely; allowed: other joints")
     u = np.zeros(calls.n, calls.dtype) if u is None else u
@@ -161,7 +167,7 @@ def adaptive_rollout(
     samples = whole_number("samples", 1 if samples is None else samples, NUMBERS // (calls.n * max(count or 1, 1)))
     times = np.linspace(0.0, length_of_time(duration), samples + 1)
     allowed = tolerances(calls, rtol, atol, function.where(batch=count is not None).meta)
-    given = read_given(calls, driven, samples, count, q0=q0, v0=v0, u=u, kp=kp, kd=kd, target=target)
+    given = read_given(calls, driven, samples, count, q0=q0, v0=v0, u=u, kp=kp, kd=kd, target=target, effort=effort)
     trouble = given.trouble(calls)
     if trouble is not None:
         raise trouble

@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...errors import ArrayError, InputError
-from ...names import show
+from ...names import listed, show
 from ..calls import Calls
 from .loads import DriveData, LinkWrench, LoadData, ModelDrive, Signal, Track, Waves
+from .saturation import check_efforts, shared_drives, with_efforts
 
 Array = NDArray[np.float64]
 
@@ -106,6 +107,14 @@ def _read(calls: Calls, given: Any) -> LoadData:
     return given
 
 
+def clipped_loads(calls: Calls, loads: LoadData | list[LoadData], effort: Array | None) -> LoadData | list[LoadData]:
+    """Return loads that were read, their drives clipped at these efforts, if there are any; checked once more."""
+    found = with_efforts(loads, effort)
+    for own in ([found] if isinstance(found, LoadData) else found) if effort is not None else ():
+        check_loads(calls, own)
+    return found
+
+
 def check_loads(calls: Calls, loads: LoadData) -> None:
     """Refuse loads that do not fit a robot: C follows them without looking.
 
@@ -128,6 +137,8 @@ def check_loads(calls: Calls, loads: LoadData) -> None:
             _check_numbers(f"drive.gains.{label}", getattr(drive.gains, label), (columns,))
     elif drive.gains is not None or drive.model is not None:
         _refuse("drive.program", None, "a Track that gains and model follow")
+    if drive.effort is not None:
+        _check_efforts(calls, drive)
     if drive.model is not None:
         _check_model(calls, drive.model, drive.program, 0 if waves is None else len(waves.wave))
     if waves is not None:
@@ -201,6 +212,17 @@ def _check_model(calls: Calls, model: ModelDrive, program: Track | None, given: 
     _check_places("drive.model.given", model.given, range(-1, max(given, 1)), size)
     if model.bandwidth is not None and not 0.0 < model.bandwidth < np.inf:
         _refuse("drive.model.bandwidth", model.bandwidth, "a finite number greater than 0, rad/s")
+
+
+def _check_efforts(calls: Calls, drive: DriveData) -> None:
+    """Refuse efforts that are none, or of drives of which nothing says what others do where they are clipped."""
+    found = np.asarray(drive.effort, dtype=np.float64)
+    if found.shape != (calls.n,):
+        _refuse("drive.effort", drive.effort, f"numbers of shape ({calls.n},)")
+    check_efforts(calls, found, "loads: drive.effort")
+    shared = shared_drives(drive.model)
+    if shared:
+        _refuse("drive.effort", drive.effort, f"none: {listed(shared)} are more drives than freedoms")
 
 
 def _check_wrench(label: str, wrench: LinkWrench, links: int) -> None:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ...errors import ArrayError, InputError
 from ..calls import Calls
 from ..raw import FFI, Library
-from .given_loads import place_back, place_given, read_loads
+from .given_loads import clipped_loads, place_back, place_given, read_loads
 from .loads import LoadData, Packed, Signal, Slopes
 
 Array = NDArray[np.float64]
@@ -26,13 +26,14 @@ class Acting:
         calls: of the kernel.
         kind: of the motion's function, "gradient" or "sensitivity".
         given: as of ``Kernel.rollout``.
+        effort: greatest forces of drives, (n,), or none.
 
     Raises:
         InputError: loads that are not allowed, or a mechanism's drives, through which C has no derivatives.
     """
 
-    def __init__(self, calls: Calls, kind: str, given: Any) -> None:
-        read = read_loads(calls, given)
+    def __init__(self, calls: Calls, kind: str, given: Any, effort: Array | None = None) -> None:
+        read = clipped_loads(calls, read_loads(calls, given), effort)
         self._calls, self.is_shared = calls, isinstance(read, LoadData)
         self._each = [read] if isinstance(read, LoadData) else read
         self._sums = [_sums(loads) for loads in self._each]

@@ -21,6 +21,7 @@ from ..raw import RawFunction
 from .rollouts import NUMBERS, SHARE, Rollout, count_states, is_number, read_given, room_for, whole_number
 
 Array = NDArray[Any]
+Laws = tuple[Sequence[Array], Array | None]  # gains of a controller, and efforts
 
 METHODS = {"rk4": 0, "implicit": 1}
 BUFFER = 2**15  # numbers of many states that are stored at once where a piece of work does not reach the end
@@ -42,6 +43,7 @@ def rollout(
     kp: ArrayLike | None,
     kd: ArrayLike | None,
     target: ArrayLike | None,
+    effort: Array | None = None,
 ) -> Rollout:
     """Integrate with fixed steps, as ``Kernel.rollout`` describes it.
 
@@ -49,6 +51,7 @@ def rollout(
         calls: of the calls.
         driven: indices of the coordinates that a controller may act on.
         q0, v0, u, dt, steps, method, every, kp, kd, target: as of ``Kernel.rollout``.
+        effort: greatest forces of drives, (n,), or none.
     """
     if calls.raw.rollout is None:
         raise calls.raw.missing("rollout")
@@ -56,8 +59,8 @@ def rollout(
     most = NUMBERS // (calls.n * max(count or 1, 1))
     steps, every = whole_number("steps", steps, most), whole_number("every", every, most)
     dt = step_length(calls, dt)
-    given = read_given(calls, driven, steps, count, q0=q0, v0=v0, u=u, kp=kp, kd=kd, target=target)
-    starts, drives, gains = given.starts, given.drives, given.gains
+    given = read_given(calls, driven, steps, count, q0=q0, v0=v0, u=u, kp=kp, kd=kd, target=target, effort=effort)
+    starts, drives, gains = given.starts, given.drives, (given.gains, given.effort)
     shape = (() if count is None else (count,)) + (steps // every + 1, calls.n)
     result = room_for(calls, shape, "a larger `every`"), room_for(calls, shape, "a larger `every`")
     code = _call(calls, starts, drives, gains, (dt, steps, every, METHODS[method]), count, result)
@@ -150,7 +153,7 @@ def _call(
     calls: Calls,
     starts: Sequence[tuple[Array, int]],
     drives: Sequence[tuple[Array, int, int]],
-    gains: Sequence[Array],
+    gains: Laws,
     how: tuple[float, int, int, int],
     count: int | None,
     result: tuple[Array, Array],
@@ -160,7 +163,7 @@ def _call(
     Args:
         starts: q and v, and how far apart two states lie.
         drives: u and targets, and how far apart their numbers of two states and of two steps are.
-        gains: kp and kd, or none.
+        gains: kp and kd, or none, and efforts, or none.
         how: dt, steps, every, number of the method.
         count: the number of states; None for a single one.
         result: q and v, (rows, n) or (count, rows, n); written.
@@ -184,7 +187,7 @@ class _Run:
     function: RawFunction
     starts: Sequence[tuple[Array, int]]
     drives: Sequence[tuple[Array, int, int]]
-    gains: Sequence[Array]
+    gains: Laws
     how: tuple[float, int, int, int]
     single: bool
     stored: tuple[Array, Array]
@@ -259,7 +262,10 @@ class _Run:
         for name, (array, of_state, of_step) in zip(("u", "target"), self.drives, strict=False):
             here = view(array.reshape(-1)[first * of_state + begin * of_step :])
             fields |= {name: here, f"{name}_state": of_state, f"{name}_step": of_step}
-        fields |= zip(("kp", "kd"), map(view, self.gains), strict=False)
+        gains, effort = self.gains
+        fields |= zip(("kp", "kd"), map(view, gains), strict=False)
+        if effort is not None:
+            fields["effort"] = view(effort)
         if turned is not None and turned.size:
             fields["turned"] = view(turned.reshape(-1))
         library = self.function.where(batch=not self.single)
@@ -298,7 +304,7 @@ def _begins_well(
     calls: Calls,
     starts: Sequence[tuple[Array, int]],
     drives: Sequence[tuple[Array, int, int]],
-    gains: Sequence[Array],
+    gains: Laws,
     dt: float,
     step: int,
     method: int,
@@ -319,4 +325,4 @@ def _begins_well(
         return True
     still = np.zeros(n, calls.dtype)
     once = 1e-9 * dt, 1, 1, method  # so short that all of its stages are at q
-    return _call(calls, [(q, 0), (still, 0)], [(still, 0, 0)], (), once, one, ends) < 0
+    return _call(calls, [(q, 0), (still, 0)], [(still, 0, 0)], ((), None), once, one, ends) < 0

@@ -56,12 +56,14 @@ class Given:
         starts: q and v, and how far apart two states lie.
         drives: u and targets, and how far apart their numbers of two states and of two rows are.
         gains: kp and kd, or none.
+        effort: greatest forces of drives, (n,), or none.
     """
 
     count: int | None
     starts: list[tuple[Array, int]]
     drives: list[tuple[Array, int, int]]
     gains: list[Array]
+    effort: Array | None = None
 
     def trouble(self, calls: Calls) -> ArrayError | None:
         """The error that names an input that is not finite (``checks`` may have let it through), or None."""
@@ -86,6 +88,7 @@ def read_given(
     kp: ArrayLike | None,
     kd: ArrayLike | None,
     target: ArrayLike | None,
+    effort: Array | None = None,
 ) -> Given:
     """States, drives and a controller of a rollout; arrays as of ``Kernel.rollout``.
 
@@ -94,6 +97,7 @@ def read_given(
         driven: indices of the coordinates that a controller may act on.
         rows: how many drives there may be one after the other.
         count: of states, ``count_states``.
+        effort: of ``saturation.efforts_of``.
 
     Raises:
         ArrayError: arrays that do not fit together.
@@ -106,7 +110,7 @@ def read_given(
         raise InputError("rollout: a controller needs a target, the coordinates that it aims at, and kp or kd")
     if target is not None:
         drives.append(_over_time(calls, "target", target, rows, count))
-    return Given(count, starts, drives, gains)
+    return Given(count, starts, drives, gains, None if effort is None else effort.astype(calls.dtype))
 
 
 def count_states(**values: ArrayLike | None) -> int | None:

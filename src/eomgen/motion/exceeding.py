@@ -1,0 +1,95 @@
+"""Where motions and their drives exceed the limits of a robot."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..robot.coordinates import force_unit_of, unit_of
+from ..robot.mechanism import effort_of
+from ..robot.value import Robot
+
+Array = NDArray[np.float64]
+
+ROUND_OFF = 1e-6  # of a limit, and of 1 m or rad of a range: what is no more than that beyond it counts as within
+SHOWN = 8  # in one line
+
+
+@dataclass(frozen=True)
+class Excess:
+    """How far a motion is beyond one limit of a coordinate, at the worst.
+
+    kind: "position", "speed" or "effort".  value, limit: in their unit.  at: s, where the motion has times.
+    """
+
+    coordinate: str
+    kind: str
+    value: float
+    limit: float
+    unit: str
+    at: float | None = None
+
+    def text(self) -> str:
+        """Return name and figures in a line's part."""
+        when = "" if self.at is None else f" at {self.at:.4g} s"
+        return f"{self.coordinate} {self.kind} {self.value:.4g} {self.unit}{when} (limit {self.limit:.4g})"
+
+
+def excesses(
+    robot: Robot,
+    names: Sequence[str],
+    *,
+    t: Array | None = None,
+    q: Array | None = None,
+    v: Array | None = None,
+    u: Array | None = None,
+) -> tuple[Excess, ...]:
+    """Return where a motion exceeds the robot's limits, the worst place of each; none within round-off.
+
+    Args:
+        robot: whose limits hold.
+        names: of the coordinates, n.
+        t: times, s, (T,), if there are any.
+        q, v, u: coordinates, rates and drives, (T, n), m or rad, N or N m; what is left out is not looked at.
+    """
+    found = []
+    for i, name in enumerate(names):
+        limits, unit = robot.limits_of(name), unit_of(name)
+        if q is not None and (limits.lower is not None or limits.upper is not None):
+            found.append(_worst(name, "position", unit, t, q[:, i], *limits.range))
+        for kind, rows, limit, own in (
+            ("speed", v, limits.velocity, f"{unit}/s"),
+            ("effort", u, effort_of(robot, name), force_unit_of(name)),
+        ):
+            if rows is not None and limit is not None:
+                found.append(_worst(name, kind, own, t, rows[:, i], -limit, limit))
+    return tuple(excess for excess in found if excess is not None)
+
+
+def _worst(name: str, kind: str, unit: str, t: Array | None, x: Array, low: float, high: float) -> Excess | None:
+    """The number of a column, (T,), that is farthest beyond its limits; None where all are within."""
+    if not x.size:
+        return None
+    beyond = np.maximum(low - x, x - high)
+    worst = int(np.argmax(beyond))
+    limit = high if x[worst] > high or kind != "position" else low  # the same in both directions but for positions
+    scale = max(abs(limit), 1.0) if kind == "position" else limit
+    if not beyond[worst] > ROUND_OFF * scale:
+        return None
+    return Excess(name, kind, float(x[worst]), float(limit), unit, None if t is None else float(t[worst]))
+
+
+def excess_notes(what: str, found: Sequence[Excess]) -> tuple[str, ...]:
+    """Return one line about all that exceeds limits, or none.
+
+    Args:
+        what: subject of the line, "the motion" say.
+        found: from ``excesses``.
+    """
+    if not found:
+        return ()
+    more = f" and {len(found) - SHOWN} more" if len(found) > SHOWN else ""
+    return (f"{what} exceeds limits of the robot: {', '.join(x.text() for x in found[:SHOWN])}{more}",)
