@@ -110,7 +110,7 @@ def parse_xml(text: str, source: str, root_tag: str = "robot") -> Xml:
     return Xml(source, text, root, (*notes, *_undeclared_prefixes(made)))
 
 
-def one_line(error: Exception) -> str:
+def one_line(error: object) -> str:
     """Text that another program says of a file, as printable ASCII in a line."""
     return ascii(" ".join(str(error).split()))[1:-1][:_LONGEST]
 

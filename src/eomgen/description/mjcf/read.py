@@ -26,6 +26,7 @@ from .bodies import read_bodies
 from .defaults import Defaults
 from .equalities import read_equalities
 from .geoms import Rules
+from .other_files import nan_in, nan_message
 from .tendons import read_tendons
 from .values import Item, LeftToMujoco, Reading, triple
 
@@ -94,15 +95,16 @@ def _compiled(path: Path, refusal: LeftToMujoco, xml: Xml) -> Draft:
 
     source = refusal.source
     try:
-        root, version = compiled_model(path, refusal, xml.root)
+        found = compiled_model(path, refusal, xml)
     except DescriptionError as error:
-        error.line, error.column = refusal.line, refusal.column
+        if error.line is None:
+            error.line, error.column = refusal.line, refusal.column
         raise
-    reading = _reading(root, source, xml.notes)
-    _read(root, reading, {})
+    reading = _reading(found.root, source, (*xml.notes, *found.warnings))
+    _read(found.root, reading, {})
     draft = reading.draft
     reason = refusal.message.partition("; allowed")[0]
-    draft.notes.insert(0, f"read as MuJoCo {version} compiles it ({refusal.where}: {reason})")
+    draft.notes.insert(0, f"read as MuJoCo {found.version} compiles it ({refusal.where}: {reason})")
     draft.foreign = set(draft.links)
     return draft
 
@@ -131,6 +133,8 @@ def _read(root: Element, reading: Reading, written: dict[str, Element]) -> None:
     bodies = read_bodies(root, reading, defaults, rules, flags, written)
     read_tendons(root, reading, defaults, bodies, flags)
     read_equalities(root, reading, defaults, bodies, written)
+    if (nan := nan_in(root)) is not None:  # where nothing reads it here
+        Item(reading, nan[0], show(nan[0].tag)[1:-1]).fail(nan_message(*nan))
     _remarks(root, reading)
 
 
