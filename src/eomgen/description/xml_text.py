@@ -18,7 +18,7 @@ from ..forms.toml_text import line_and_column
 from ..names import listed, show
 from .draft import Place, spot
 
-NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")  # float() also takes nan, inf and 1_000
+NUMBER = re.compile(r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?")  # float() also takes nan, inf and 1_000
 
 _LONGEST = 400  # of what other programs say
 
