@@ -1,6 +1,18 @@
 """Limits of what descriptions, scenarios, plans and results may hold, whatever format they come in."""
 
+from __future__ import annotations
+
+from numbers import Real
+
 LARGEST = 1e30  # numbers beyond it would overflow in products
 LARGEST_FOUND = 1e150  # of what was computed: sums of squares stay finite
 LARGEST_FINITE = 1.7e308  # of what is only shown
 MOST_ENTRIES = 5_000  # links, joints, ...: far beyond what can be derived, and read in a second
+SMALLEST = 1e-30  # of numbers that are not 0 and are divided by: their inverse squares stay finite
+MOST_COUNTED = 1_000_000  # points, poses, draws, searches: what an option of a command may ask for
+
+
+def is_usable(value: object) -> bool:
+    """Whether a value is a number to compute with: 0, or of a magnitude from SMALLEST to LARGEST; no truth value."""
+    real = isinstance(value, Real) and not isinstance(value, bool)
+    return real and (value == 0 or SMALLEST <= abs(value) <= LARGEST)

@@ -207,6 +207,138 @@ def test_copies_without_end_are_refused_before_they_are_made(tmp_path: Path) -> 
         load_robot(path)
 
 
+BODY = '<body name="b"><joint/><geom size="1"/></body>'
+
+
+def attaching(file: str, count: int = 1, name: str = "m") -> str:
+    """A model that attaches the one of a file so many times."""
+    assets = "".join(f'<model name="{name}{i}" file="{file}"/>' for i in range(count))
+    places = "".join(f'<frame><attach model="{name}{i}" body="b" prefix="{i}"/></frame>' for i in range(count))
+    body = f"<body name='b'><joint/><geom size='1'/>{places}</body>"
+    return f"<mujoco><asset>{assets}</asset><worldbody>{body}</worldbody></mujoco>"
+
+
+def copied(count: int, inside: str) -> str:
+    return f'<replicate count="{count}" offset="0 0 1">{inside}</replicate>'
+
+
+def part(inside: str) -> str:
+    return f"<mujocoinclude>{inside}</mujocoinclude>"
+
+
+LEG_FILE = '<include file="leg.xml"/>'
+AROUND = f"<mujoco><worldbody>{copied(300, LEG_FILE)}</worldbody></mujoco>"
+GRID = '<flexcomp name="f" type="grid" count="200 200 +200" spacing="1 1 1"/>'
+HOSTILE = {  # files, and words of the refusal; model.xml is the one that is read
+    "attaches itself": ({"model.xml": attaching("model.xml")}, "names itself: 'model.xml' -> 'model.xml'"),
+    "attaches itself through another": (
+        {"model.xml": attaching("other.xml"), "other.xml": attaching("model.xml")},
+        "'model.xml' -> 'other.xml' -> 'model.xml'",
+    ),
+    "attaches itself by what it includes": (
+        {"model.xml": WALKER, "leg.xml": part('<asset><model name="x" file="model.xml"/></asset>')},
+        "names itself",
+    ),
+    "includes itself": ({"model.xml": WALKER, "leg.xml": part('<include file="leg.xml"/>')}, "'leg.xml' -> 'leg.xml'"),
+    "copies of copies behind an include": (
+        {"model.xml": WALKER, "leg.xml": part(f"<worldbody>{copied(100, copied(100, BODY))}</worldbody>")},
+        "copied 10000 times",
+    ),
+    "copies around an include": (
+        {
+            "model.xml": AROUND,
+            "leg.xml": part(copied(300, BODY)),
+        },
+        "copied 90000 times",
+    ),
+    "a grid of points behind an include": (
+        {"model.xml": WALKER, "leg.xml": part(f"<worldbody>{GRID}</worldbody>")},
+        "copied 8000000 times",
+    ),
+    "models that attach two of the next": (
+        {f"{'model' if i == 0 else f'm{i}'}.xml": attaching(f"m{i + 1}.xml", 2, f"m{i}_") for i in range(30)}
+        | {"m30.xml": f"<mujoco><worldbody>{BODY}</worldbody></mujoco>"},
+        "more than 100000 elements",
+    ),
+    "models in models": (
+        {f"{'model' if i == 0 else f'm{i}'}.xml": attaching(f"m{i + 1}.xml") for i in range(80)},
+        "more than 50 deep",
+    ),
+    "no number behind an include": (
+        {"model.xml": WALKER, "leg.xml": part('<default><geom mass="NaN"/></default>')},
+        "leg.xml:1:25: <geom>: mass is 'NaN'",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", HOSTILE)
+def test_what_would_end_mujoco_is_refused_before(case: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def compiled(path: Path) -> dict[str, object]:
+        raise AssertionError("MuJoCo has been asked")
+
+    monkeypatch.setattr("eomgen.description.mjcf.compiled._answer_of_child", compiled)
+    files, words = HOSTILE[case]
+    for name, text in files.items():
+        (tmp_path / name).write_text(text)
+    with pytest.raises(DescriptionError) as caught:
+        load_robot(tmp_path / "model.xml")
+    check_message(caught.value)
+    assert words in str(caught.value)
+    assert caught.value.line is not None
+
+
+def test_files_that_are_named_twice_are_no_circle(tmp_path: Path) -> None:
+    (tmp_path / "twice.xml").write_text(f'<mujoco model="t"><worldbody>{BODY}</worldbody></mujoco>')
+    (tmp_path / "model.xml").write_text(attaching("twice.xml", 2))
+    assert len(load_robot(tmp_path / "model.xml").joints) == 3
+
+
+def test_a_process_that_compiles_ends_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the look at the files overlooks ends in that process: a crash, and work without end."""
+    monkeypatch.setattr("eomgen.description.mjcf.compiled.check_other_files", lambda path, xml: None)
+    path = tmp_path / "model.xml"
+    path.write_text(attaching("model.xml"))
+    with pytest.raises(DescriptionError, match=r"MuJoCo was ended by SIG[A-Z]+ while it compiled the file") as caught:
+        load_robot(path)
+    check_message(caught.value)
+    monkeypatch.setattr("eomgen.description.mjcf.compiled.SECONDS", 2)
+    monkeypatch.setattr("eomgen.description.mjcf.compiled.GIBIBYTES", 1)
+    many = copied(100, copied(100, copied(100, copied(100, BODY))))
+    path.write_text(f"<mujoco><worldbody>{many}</worldbody></mujoco>")
+    with pytest.raises(DescriptionError, match=r"MuJoCo.* (memory|bad_alloc|took more than|was ended)") as caught:
+        load_robot(path)
+    check_message(caught.value)
+
+
+def test_warnings_become_notes_and_no_log_is_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    text = f'<mujoco><compiler settotalmass="3"/><worldbody>{BODY}</worldbody></mujoco>'
+    robot = load_robot(written(tmp_path, text))
+    (note,) = (note for note in robot.notes if "MuJoCo warns" in note)
+    assert "'settotalmass' is deprecated" in note
+    assert robot.links[0].mass == pytest.approx(3.0)
+    assert not list(tmp_path.glob("MUJOCO_LOG*"))
+
+
+@pytest.mark.parametrize("text", ["nan", "NaN", "-nan", "nan(12)"])
+@pytest.mark.parametrize("place", ['geom size="1" mass="{}"', 'geom size="1" pos="{} 0 0"', 'joint damping="{}"'])
+@pytest.mark.parametrize("include", [EMPTY, ""])
+def test_numbers_that_are_none_are_refused(text: str, place: str, include: str, tmp_path: Path) -> None:
+    body = f'<body name="b"><joint/><geom size="1"/><{place.format(text)}/></body>'
+    path = written(tmp_path, f"<mujoco>{include}<worldbody>{body}</worldbody></mujoco>")
+    with pytest.raises(
+        DescriptionError, match=r"model\.xml:1:[0-9]+: .* is '.*(nan|NaN).*'; allowed: .*finite"
+    ) as caught:
+        load_robot(path)
+    check_message(caught.value)
+
+
+def test_names_may_say_nan(tmp_path: Path) -> None:
+    body = BODY.replace('name="b"', 'name="nan"')
+    path = written(tmp_path, f"<mujoco>{EMPTY}<worldbody>{body}</worldbody></mujoco>")
+    assert [link.name for link in load_robot(path).links] == ["nan"]
+
+
 def test_check_says_that_mujoco_has_compiled(walker: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["check", str(walker)]) == 0
     assert "read as MuJoCo" in capsys.readouterr().out

@@ -100,6 +100,7 @@ OUTS: dict[str, Callable[[Array, list[Any]], Any]] = {  # of results and the arg
     "single precision": lambda x, given: x.astype(np.float32),
     "a stride": lambda x, given: np.repeat(x, 2, axis=-1)[..., ::2],
     "read only": lambda x, given: _read_only(x),
+    "misaligned": lambda x, given: _misaligned(x),
     "a subclass": lambda x, given: x.view(Mine),
     "one more": lambda x, given: np.concatenate([x, x], axis=0),
     "part of another": lambda x, given: np.stack([x, x])[1],

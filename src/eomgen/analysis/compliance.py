@@ -13,9 +13,11 @@ from numpy.typing import ArrayLike, NDArray
 from ..description import RobotLike, as_robot
 from ..errors import InputError, IntegrationError
 from ..files import write_atomically
+from ..limits import MOST_COUNTED
 from ..motion.ends import limits_beside
 from ..motion.reaching import Target, reach, starting_points, within_limits
 from ..motion.tool_path import space_point
+from ..names import show
 from ..pipeline.closing import mechanism_kernels
 from ..pipeline.stages import build
 from ..progress import Progress, StageReport, no_progress
@@ -183,8 +185,10 @@ def _grid(corner: ArrayLike, first: ArrayLike, second: ArrayLike, points: tuple[
     begin, along, across = (space_point(*pair) for pair in (("corner", corner), ("first", first), ("second", second)))
     if np.linalg.norm(np.cross(along, across)) <= 1e-12 * np.linalg.norm(along) * np.linalg.norm(across):
         raise InputError("first and second: the edges span no plane; allowed: two that are not parallel, nor zero")
-    if len(points) != 2 or not all(isinstance(n, (int, np.integer)) and n >= 2 for n in points):
-        raise InputError(f"points: {points!r}; allowed: two whole numbers from 2 on")
+    whole = len(points) == 2 and all(isinstance(n, (int, np.integer)) and n >= 2 for n in points)
+    if not whole or points[0] * points[1] > MOST_COUNTED:
+        allowed = f"two whole numbers from 2 on, of {MOST_COUNTED} points together"
+        raise InputError(f"points: {show(list(points))}; allowed: {allowed}")
     a, b = np.meshgrid(*(np.linspace(0.0, 1.0, n) for n in points), indexing="ij")
     return np.asarray(begin + a[..., np.newaxis] * along + b[..., np.newaxis] * across)
 

@@ -10,7 +10,15 @@ from typing import TYPE_CHECKING
 
 from ..errors import InputError
 from ..progress import StageReport
-from .shared import Command, add_robot, read_robot, say, show_written, stage_bar
+from .shared import (
+    Command,
+    add_robot,
+    read_robot,
+    real,
+    say,
+    show_written,
+    stage_bar,
+)
 
 if TYPE_CHECKING:
     from ..robot.value import Robot
@@ -93,14 +101,14 @@ def _add_export(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--step",
-        type=float,
+        type=real,
         metavar="S",
         help="(greatest) step of integration, s (what rk4 needs); of units with the methods rk4 and implicit",
     )
     units = parser.add_argument_group("functional mock-up units")
     units.add_argument("--fmi", type=int, choices=VERSIONS, help="version of the interface (both)")
     units.add_argument("--method", choices=METHODS, default=AUTO, help=f"of co-simulation ({AUTO})")
-    units.add_argument("--rtol", type=float, metavar="R", help="relative tolerance of co-simulation at first (1e-6)")
+    units.add_argument("--rtol", type=real, metavar="R", help="relative tolerance of co-simulation at first (1e-6)")
     models = parser.add_argument_group("models of MuJoCo")
     models.add_argument("--approximate", action="store_true", help="leave out what MuJoCo has no equal for, with notes")
     modules = parser.add_argument_group("WebAssembly and arrays")

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 from ..errors import InputError
 from ..files import FIGURE_ENDINGS, check_ending
-from ..names import printable
+from ..limits import LARGEST, MOST_COUNTED, SMALLEST, is_usable
+from ..names import printable, show
 from ..optional import NotInstalledError
 from ..progress import Progress, StageReport, no_progress
 
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
     from ..robot.value import Robot
 
 TRAJECTORY = "trajectory.npz"
+_NUMBERS = f"0, or a number of magnitude {SMALLEST:g} to {LARGEST:g}"
+_DIGITS = 18  # of whole numbers, so that 64 bits hold them
 _INERTIA = (
     "an inertia that no body can have: refuse it, take it as it is, or take the nearest one (error for those of TOML,"
     " warn for those of an URDF or MJCF)"
@@ -314,6 +317,34 @@ def state_options(options: argparse.Namespace, report: StageReport) -> dict[str,
     }
 
 
+def real(text: str) -> float:
+    """Read a number of an option, as ``type`` of an argument: one that can be computed with (``is_usable``)."""
+    value = _finite(text)
+    if value is None:
+        raise argparse.ArgumentTypeError(f"{show(text)}; allowed: {_NUMBERS}")
+    return value
+
+
+def whole(text: str) -> int:
+    """Read a whole number of an option, as ``type`` of an argument: how many, or which, up to MOST_COUNTED."""
+    digits = text.removeprefix("-")
+    if not (digits.isascii() and digits.isdecimal() and len(digits) <= _DIGITS and int(digits) <= MOST_COUNTED):
+        raise argparse.ArgumentTypeError(f"{show(text)}; allowed: a whole number, up to {MOST_COUNTED}")
+    return int(text)
+
+
+def as_seed(text: str) -> int:
+    """Read the seed of random numbers, as ``type`` of an argument."""
+    if not (text.isascii() and text.isdecimal() and len(text) <= _DIGITS):
+        raise argparse.ArgumentTypeError(f"{show(text)}; allowed: a whole number of up to {_DIGITS} digits")
+    return int(text)
+
+
+def reals(label: str, texts: Sequence[str]) -> list[float]:
+    """Read numbers of an option that are behind a name; InputError, which begins with the label, of what is none."""
+    return [_number(label, text) for text in texts]
+
+
 def coordinate_values(label: str, texts: Sequence[str] | None) -> list[float] | dict[str, float] | None:
     """Numbers in order, numbers by name if a text is NAME=VALUE, or None where no texts are given.
 
@@ -347,7 +378,16 @@ def _by_name(label: str, texts: Sequence[str]) -> dict[str, float]:
 
 
 def _number(label: str, text: str) -> float:
+    value = _finite(text)
+    if value is None:
+        raise InputError(f"{label}: {show(text)} is not a number; allowed: {_NUMBERS}")
+    return value
+
+
+def _finite(text: str) -> float | None:
+    """The number that a text says, if it can be computed with."""
     try:
-        return float(text)
+        value = float(text)
     except ValueError:
-        raise InputError(f"{label}: {text!r} is not a number") from None
+        return None
+    return value if is_usable(value) else None

@@ -7,7 +7,18 @@ import sys
 from pathlib import Path
 
 from ..errors import InputError, IntegrationStopped
-from .shared import TRAJECTORY, Command, add_json, add_robot, can_be_left_out, progress_bar, read_robot, say, show_files
+from .shared import (
+    TRAJECTORY,
+    Command,
+    add_json,
+    add_robot,
+    can_be_left_out,
+    progress_bar,
+    read_robot,
+    real,
+    say,
+    show_files,
+)
 
 
 def _add_simulate(parser: argparse.ArgumentParser) -> None:
@@ -15,12 +26,16 @@ def _add_simulate(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", type=Path, default=Path("out"), help="folder for results and plots (out)")
     parser.add_argument("--scenario", metavar="FILE", help="a scenario: path of a .toml file, or a built-in name")
     parser.add_argument("--stream", metavar="FOLDER", help="write states there while they are integrated (Zarr)")
-    parser.add_argument("--duration", type=float, metavar="S", help="duration in seconds (2)")
+    parser.add_argument("--duration", type=real, metavar="S", help="duration in seconds (2)")
     parser.add_argument(
         "--method", help="auto, tsit5, rosenbrock, Radau, BDF, LSODA, CVODE, IDA, DOP853, RK45, rk4 (auto)"
     )
     parser.add_argument(
-        "--goal", type=float, nargs="+", metavar="Q", help="goal of the principal coordinates, rad or m, joint by joint"
+        "--goal",
+        type=real,
+        nargs="+",
+        metavar="Q",
+        help="goal of the principal coordinates, rad or m, joint by joint",
     )
     parser.add_argument("--no-plots", action="store_true", help="write the trajectory only")
     add_json(parser)

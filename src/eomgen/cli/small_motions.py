@@ -16,10 +16,12 @@ from .shared import (
     add_state,
     coordinate_values,
     read_robot,
+    real,
     result_path,
     show_result,
     stage_bar,
     state_options,
+    whole,
 )
 
 
@@ -43,9 +45,9 @@ def _add_response(parser: argparse.ArgumentParser) -> None:
     add_state(parser)
     _add_ports(parser)
     parser.add_argument(
-        "--frequencies", nargs=2, type=float, default=(1.0, 500.0), metavar="HZ", help="from, to (1 500)"
+        "--frequencies", nargs=2, type=real, default=(1.0, 500.0), metavar="HZ", help="from, to (1 500)"
     )
-    parser.add_argument("--points", type=int, default=400, metavar="N", help="frequencies (400)")
+    parser.add_argument("--points", type=whole, default=400, metavar="N", help="frequencies (400)")
     parser.add_argument("--linear", action="store_true", help="equal distances instead of equal ratios")
     parser.add_argument("-o", "--output", type=Path, help=".csv or .npz, or a figure .svg, .pdf or .png")
 
@@ -82,7 +84,7 @@ def _add_linearize(parser: argparse.ArgumentParser) -> None:
     add_state(parser, drives="free")
     _add_ports(parser)
     parser.add_argument("--along", type=Path, metavar="RESULT", help="of a simulation: about its motion at --time")
-    parser.add_argument("--time", type=float, default=0.0, metavar="S", help="of the motion, the nearest sample (0)")
+    parser.add_argument("--time", type=real, default=0.0, metavar="S", help="of the motion, the nearest sample (0)")
     parser.add_argument("-o", "--output", type=Path, help="write all matrices and names, .npz")
 
 

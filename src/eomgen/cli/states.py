@@ -14,10 +14,12 @@ from .shared import (
     coordinate_values,
     progress_bar,
     read_robot,
+    real,
     result_path,
     show_result,
     stage_bar,
     state_options,
+    whole,
 )
 
 if TYPE_CHECKING:
@@ -30,11 +32,11 @@ def _add_deflection(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--map",
         nargs=9,
-        type=float,
+        type=real,
         metavar="X",
         help="compliance over a plane: a corner and the two edges from it, three numbers each, m",
     )
-    parser.add_argument("--points", nargs=2, type=int, default=(21, 21), metavar="N", help="of the map (21 21)")
+    parser.add_argument("--points", nargs=2, type=whole, default=(21, 21), metavar="N", help="of the map (21 21)")
     parser.add_argument("-o", "--output", type=Path, help="the map: .npz, or a figure .svg, .pdf or .png")
 
 
@@ -70,7 +72,7 @@ def _add_modes(parser: argparse.ArgumentParser) -> None:
     path = parser.add_mutually_exclusive_group()
     path.add_argument("--goal", nargs="+", metavar="Q", help="end of a path of the principal coordinates, as --pose")
     path.add_argument("--along", type=Path, metavar="RESULT", help="of a simulation: modes along its program")
-    parser.add_argument("--points", type=int, default=21, metavar="N", help="poses along the path (21)")
+    parser.add_argument("--points", type=whole, default=21, metavar="N", help="poses along the path (21)")
     parser.add_argument("-o", "--output", type=Path, help="figure of shapes, or of a path's modes: .svg, .pdf or .png")
 
 

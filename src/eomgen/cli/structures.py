@@ -4,16 +4,25 @@ from __future__ import annotations
 
 import argparse
 
-from .shared import Command, OldName, add_json, add_robot, progress_bar, read_robot, show_result
+from .shared import (
+    Command,
+    OldName,
+    add_json,
+    add_robot,
+    progress_bar,
+    read_robot,
+    real,
+    show_result,
+)
 
 
 def _add_compare(parser: argparse.ArgumentParser) -> None:
     add_robot(parser)
     parser.add_argument("others", metavar="ROBOT", nargs="+", help="the robots to compare it with")
-    parser.add_argument("--duration", type=float, default=2.0, metavar="S", help="duration in seconds (2)")
+    parser.add_argument("--duration", type=real, default=2.0, metavar="S", help="duration in seconds (2)")
     task = parser.add_mutually_exclusive_group()
-    task.add_argument("--goal", type=float, nargs="+", metavar="Q", help="goal of the principal coordinates, rad or m")
-    task.add_argument("--line", type=float, nargs=6, metavar="X", help="tool's line: three numbers from, three to, m")
+    task.add_argument("--goal", type=real, nargs="+", metavar="Q", help="goal of the principal coordinates, rad or m")
+    task.add_argument("--line", type=real, nargs=6, metavar="X", help="tool's line: three numbers from, three to, m")
     parser.add_argument("--frame", help="frame or link to look at, known to all robots (each robot's own)")
     parser.add_argument("--tool", action=OldName, new="--frame", dest="frame", help=argparse.SUPPRESS)
     add_json(parser)

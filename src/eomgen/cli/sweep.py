@@ -11,7 +11,17 @@ from typing import Any
 
 from ..errors import InputError
 from ..optional import optional_import
-from .shared import Command, add_json, add_robot, can_be_left_out, progress_bar, read_robot, say, show_files
+from .shared import (
+    Command,
+    add_json,
+    add_robot,
+    can_be_left_out,
+    progress_bar,
+    read_robot,
+    say,
+    show_files,
+    whole,
+)
 
 
 def _add_sweep(parser: argparse.ArgumentParser) -> None:
@@ -19,9 +29,9 @@ def _add_sweep(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--scenario", metavar="FILE", required=True, help="path of a .toml file, or a built-in name")
     parser.add_argument("--plan", metavar="FILE", required=True, help="what changes and what is recorded (.toml)")
     parser.add_argument("-o", "--output", type=Path, required=True, help="folder for results; goes on with what it has")
-    parser.add_argument("--threads", type=int, metavar="N", help="threads of this process (one per core)")
+    parser.add_argument("--threads", type=whole, metavar="N", help="threads of this process (one per core)")
     parser.add_argument(
-        "--processes", type=int, metavar="N", help="processes instead of threads: faster for long sweeps"
+        "--processes", type=whole, metavar="N", help="processes instead of threads: faster for long sweeps"
     )
     parser.add_argument("--dask", metavar="ADDRESS", help="scheduler such as tcp://host:8786, instead of threads")
     parser.add_argument("--no-plots", action="store_true", help="write the table only")

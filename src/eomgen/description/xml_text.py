@@ -18,7 +18,7 @@ from ..forms.toml_text import line_and_column
 from ..names import listed, show
 from .draft import Place, spot
 
-NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")  # float() also takes nan, inf and 1_000
+NUMBER = re.compile(r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?")  # float() also takes nan, inf and 1_000
 
 _LONGEST = 400  # of what other programs say
 
@@ -110,7 +110,7 @@ def parse_xml(text: str, source: str, root_tag: str = "robot") -> Xml:
     return Xml(source, text, root, (*notes, *_undeclared_prefixes(made)))
 
 
-def one_line(error: Exception) -> str:
+def one_line(error: object) -> str:
     """Text that another program says of a file, as printable ASCII in a line."""
     return ascii(" ".join(str(error).split()))[1:-1][:_LONGEST]
 

@@ -79,7 +79,9 @@ def platform_of(binaries: Iterable[bytes]) -> str:
         return platform
     data = b"\0".join(binaries)
     libraries = set(re.findall(rb"\0((?:lib|ld-)[\w.+-]*\.so[\w.]*)(?=\0)", data))
-    versions = [tuple(map(int, x.split(b"."))) for x in re.findall(rb"\0GLIBC_(\d+\.\d+)(?=[.\d]*\0)", data)]
+    versions = [
+        tuple(map(int, x.split(b"."))) for x in re.findall(rb"\0GLIBC_(\d{1,9}\.\d{1,9})(?=[.\d]{0,99}\0)", data)
+    ]
     if not versions or not libraries <= C_LIBRARIES:
         return platform
     major, minor = max(*versions, (2, 5))[:2]

@@ -26,8 +26,8 @@ _MOST_DIGITS = 4300  # of a number: where Python's integers stop
 _MANY_DIGITS = re.compile(rf"(?<![0-9_])[0-9](?:_?[0-9]){{{_MOST_DIGITS}}}")
 _DEEP = 50  # brackets in brackets, far more than a description has
 _BRACKET = re.compile(  # with strings and comments as a whole, so that a bracket in them is none
-    r'"""(?:[^"\\]|\\.|"{1,2}(?!"))*"{3,5}|"(?:[^"\\\n]|\\.)*"'
-    r"|'''(?:[^']|'{1,2}(?!'))*'{3,5}|'[^'\n]*'|#[^\n]*|[\[\]{}]",
+    r'"""(?:[^"\\]|\\.|"{1,2}(?!"))*(?:"{3,5})?|"(?:[^"\\\n]|\\.)*"?'  # as far as it goes, or each quote would be a try
+    r"|'''(?:[^']|'{1,2}(?!'))*(?:'{3,5})?|'[^'\n]*'?|#[^\n]*|[\[\]{}]",
     re.DOTALL,
 )
 _SAID_PLACE = re.compile(r" \(at (?:line ([0-9]+), column ([0-9]+)|end of document)\)$")

@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ArrayError, EomgenError, InputError, IntegrationStopped
+from ..limits import LARGEST, is_usable
+from ..names import show
 from ..optional import optional_import
 from ..progress import Progress
 from ..robot.laws import COARSE
@@ -29,12 +31,12 @@ MOST_SAMPLES = 100_000_000  # of a motion: with one coordinate some 5 GB
 
 def output_times(duration: float, output_step: float | None) -> Array:
     """Times of the samples, s, the duration at the end; InputError if one of both is no time."""
-    if not (np.isfinite(duration) and duration > 0.0):
-        raise InputError(f"duration: {duration!r} s; an integration takes a finite time greater than 0")
+    if not (is_usable(duration) and duration > 0.0):
+        raise InputError(f"duration: {show(duration)} s; an integration takes a time above 0, up to {LARGEST:g}")
     if output_step is None:
         output_step = duration / 1000.0
-    if not (np.isfinite(output_step) and output_step > 0.0):
-        raise InputError(f"output_step: {output_step!r} s; samples are a finite time greater than 0 apart")
+    if not (is_usable(output_step) and output_step > 0.0):
+        raise InputError(f"output_step: {show(output_step)} s; samples are a time above 0, up to {LARGEST:g}, apart")
     if duration / output_step > MOST_SAMPLES:
         raise InputError(
             f"output_step: {output_step!r} s; allowed: at most {MOST_SAMPLES:.0e} samples in the duration of"
@@ -76,8 +78,8 @@ def fixed_step(kernel: Kernel, q0: Array, step: float | None, times: Array, *, e
     Steps that are not ``explicit`` need not follow what slows down.
     """
     if step is not None:
-        if not (np.isfinite(step) and step > 0.0):
-            raise InputError(f"step: {step!r} s; a step is a finite time greater than 0")
+        if not (is_usable(step) and step > 0.0):
+            raise InputError(f"step: {show(step)} s; a step is a time above 0, up to {LARGEST:g}")
         return step
     try:
         swing, slowing = fastest_rates(kernel, q0, COARSE)

@@ -25,7 +25,7 @@ _MOST_BYTES = 1 << 27  # what takes a second to read, if its numbers have all th
 _MOST_NUMBERS = 6_000_000  # so does this, if they are short
 _MOST_COLUMNS = 4 * MOST_ENTRIES
 _BLOCK = 1 << 20  # bytes; a line may have as many, so that no line is too long to be looked at
-_NUMBER = re.compile(r"\s*[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?\s*", re.ASCII)
+_NUMBER = re.compile(r"\s*[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?\s*", re.ASCII)
 _BLANK = re.compile(r"(?:(?<=,)|(?<=^))[ \t]*(?=,|\r?\n?$)")  # an empty cell
 _BREAKS = "\r\n"
 

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError, UnknownNameError
-from ..names import joint_of, split_component
+from ..limits import LARGEST, is_usable
+from ..names import joint_of, show, split_component
 from ..robot.coordinates import unit_of
 from ..robot.mechanism import follower_limits, leading_home
 from ..robot.model import build_model
@@ -107,8 +108,8 @@ def default_motion(
         InputError: a value outside the joint's limits, a wrong number of them.
         UnknownNameError: a name that is no principal coordinate.
     """
-    if not (np.isfinite(duration) and duration > 0.0):
-        raise InputError(f"duration: {duration!r} s; a motion takes a finite time greater than 0")
+    if not (is_usable(duration) and duration > 0.0):
+        raise InputError(f"duration: {show(duration)} s; a motion takes a time above 0, up to {LARGEST:g}")
     default_start, default_goal = default_ends(robot, coordinates)
     first = point_of(robot, coordinates, "start", start, default_start)
     last = point_of(robot, coordinates, "goal", goal, default_goal)

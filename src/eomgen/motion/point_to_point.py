@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ArrayError, InputError
+from ..limits import LARGEST, is_usable
+from ..names import show
 from ..runtime.stepping.loads import Signal, Waves
 from ..shown import Shown
 
@@ -97,10 +99,10 @@ class PointToPoint(Shown):
             object.__setattr__(self, name, _vector(name, getattr(self, name), self.names))
         if self.start.shape != self.goal.shape:
             raise ArrayError(f"goal: expected {self.start.size} values as in start, got {self.goal.size}")
-        if not (np.isfinite(self.duration) and self.duration > 0.0):
-            raise InputError(f"duration: {self.duration!r} s; a motion takes a finite time greater than 0")
-        if not np.isfinite(self.begin):
-            raise InputError(f"begin: {self.begin!r} s is not finite")
+        if not (is_usable(self.duration) and self.duration > 0.0):
+            raise InputError(f"duration: {show(self.duration)} s; a motion takes a time above 0, up to {LARGEST:g}")
+        if not is_usable(self.begin):
+            raise InputError(f"begin: {show(self.begin)} s; allowed: a finite time, up to {LARGEST:g}")
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, PointToPoint):

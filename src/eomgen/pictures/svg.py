@@ -8,7 +8,7 @@ from .style import FULL_WIDTH
 
 POINTS = 72.0  # of an inch
 _HEAD = re.compile(r"^.*?(?=<svg\b)", re.S)  # XML declaration, document type
-_DROPPED = re.compile(r"<metadata>.*?</metadata>|<style\b.*?</style>|<!--.*?-->", re.S)
+_DROPPED = re.compile(r"<metadata>.*?(?:</metadata>|\Z)|<style\b.*?(?:</style>|\Z)|<!--.*?(?:-->|\Z)", re.S)
 _NAMESPACE = re.compile(r'\sxmlns(:\w+)?="[^"]*"')  # an HTML parser knows them
 _SIZE = re.compile(r'\s(?:width|height)="[^"]*"')
 _WIDTH = re.compile(r'\swidth="([0-9.]+)pt"')

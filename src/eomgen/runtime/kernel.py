@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError, UnknownNameError
 from ..names import html_table, nearest_or_all, show
-from .arrays import Arrays, joint_lead
+from .arrays import Arrays, flag, joint_lead, names_in
 from .by_name import Blocks, make_blocks
 from .calls import Calls
 from .closing import closed_positions, closed_rates
@@ -185,8 +185,8 @@ class Kernel:
         Raises:
             UnknownNameError: no motor of that name.
         """
-        if motor not in self._ratios:
-            raise UnknownNameError(f"motor: {motor!r} is unknown; known: {', '.join(self._ratios)}")
+        if not isinstance(motor, str) or motor not in self._ratios:
+            raise UnknownNameError(f"motor: {show(motor)} is unknown; known: {', '.join(self._ratios)}")
         return float(self.parameters.get(f"joints.{motor}.ratio", self._ratios[motor]))
 
     def followers(self, q: ArrayLike, v: ArrayLike | None = None) -> dict[str, tuple[Array, Array]]:
@@ -236,7 +236,7 @@ class Kernel:
         other.parameters = self.parameters.copy()
         other.calls = self.calls.with_parameters(other.parameters)
         self._face.take(other)
-        if values:
+        if values is not None:
             other.parameters.update(values)
         return other
 
@@ -256,6 +256,7 @@ class Kernel:
         Raises:
             UnknownNameError: a joint that does not turn freely.
         """
+        joints = names_in("joints", joints)
         for name in joints:
             if name not in self.raw.turning:
                 raise UnknownNameError(f"joints: {name!r} does not turn freely; known: {', '.join(self.raw.turning)}")
@@ -466,7 +467,7 @@ class Kernel:
         if wrench is not None:
             u = self._with_wrench(q, u, wrench)
         name = "forward_dynamics"
-        return self.calls.run(self.calls.of_tree(name) if cut else name, out, (q, v, u))
+        return self.calls.run(self.calls.of_tree(name) if flag("cut", cut) else name, out, (q, v, u))
 
     def constraint_forces(
         self, q: ArrayLike, v: ArrayLike, u: ArrayLike, *, wrench: ArrayLike | None = None, out: Array | None = None
@@ -559,7 +560,7 @@ class Kernel:
             SingularError, LoopError: as of ``forward_dynamics``.
         """
         name = "forward_dynamics_jacobian"
-        return _three(self.calls.run(self.calls.of_tree(name) if cut else name, out, (q, v, u)))
+        return _three(self.calls.run(self.calls.of_tree(name) if flag("cut", cut) else name, out, (q, v, u)))
 
     def euler_cosines(self, q: ArrayLike, *, out: Array | None = None) -> Array:
         """Cosine of beta of each joint with three angles, (joints,); 1 for other joints.
@@ -721,7 +722,7 @@ class Kernel:
         cut: bool,
     ) -> Array:
         """Compute what a motion takes, with its loops closed or cut; see ``Calls.run_with_wrench``."""
-        if cut or not self.constraints:
+        if flag("cut", cut) or not self.constraints:
             return self.calls.run_with_wrench(self.calls.of_tree(name), out, values, wrench)
         if wrench is None:
             return self.calls.run(name, out, values)
@@ -1003,7 +1004,7 @@ class Kernel:
             InputError: another argument is wrong, or does not belong to the method.
         """
         controlled: dict[str, Any] = {"kp": kp, "kd": kd, "target": target, "effort": efforts_of(self.calls, saturate)}
-        own: dict[str, Any] = {"loads": loads, "works": works}
+        own: dict[str, Any] = {"loads": loads, "works": flag("rollout: works", works)}
         sampled: dict[str, Any] = {"duration": duration, "samples": samples, "atol": atol}
         if takes_samples(method, dt=dt, steps=steps, every=every, **sampled, **own):
             how: dict[str, Any] = {"method": method, "rtol": rtol, "atol": atol, **own}
@@ -1151,8 +1152,8 @@ class Kernel:
         Raises:
             UnknownNameError: no frame or link of that name.
         """
-        if name not in self.frames:
-            raise UnknownNameError(f"frame: {name!r} is unknown{nearest_or_all(str(name), self.frames)}")
+        if not isinstance(name, str) or name not in self.frames:
+            raise UnknownNameError(f"frame: {show(name)} is unknown{nearest_or_all(str(name), self.frames)}")
         return self.frames.index(name)
 
     def refuse_not_finite(self, label: str, array: Array, shape: tuple[int, ...], place: str = "") -> None:

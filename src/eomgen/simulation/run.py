@@ -26,11 +26,12 @@ from ..integration.solve import EXPLICIT, explained_method, method_of
 from ..integration.steps import output_times
 from ..integration.trajectory import Trajectory
 from ..integration.until import Until
+from ..limits import LARGEST, is_usable
 from ..motion.ends import Point
 from ..motion.exceeding import excess_notes, excesses
 from ..motion.point_to_point import Program
 from ..motion.splines import Spline
-from ..names import component_name
+from ..names import component_name, show
 from ..pipeline.ahead import Ahead
 from ..progress import Progress, no_progress
 from ..robot.coordinates import force_unit_of, index_of, unit_of
@@ -88,10 +89,10 @@ def simulate(
             the error's ``result``.
     """
     robot = as_robot(robot)
-    if not (np.isfinite(bandwidth) and bandwidth > 0.0):
-        raise InputError(f"bandwidth: {bandwidth!r} rad/s; a finite number greater than 0 is allowed")
-    if not (np.isfinite(duration) and duration > 0.0):
-        raise InputError(f"duration: {duration!r} s; a finite time greater than 0 is allowed")
+    if not (is_usable(bandwidth) and bandwidth > 0.0):
+        raise InputError(f"bandwidth: {show(bandwidth)} rad/s; a number above 0, up to {LARGEST:g}, is allowed")
+    if not (is_usable(duration) and duration > 0.0):
+        raise InputError(f"duration: {show(duration)} s; a time above 0, up to {LARGEST:g}, is allowed")
     method_of(method, stiff=False, in_c=True)  # an unknown one is refused before anything is built
     if motion is not None and (start is not None or goal is not None):
         raise InputError("motion is given together with start or goal; allowed: one of them")

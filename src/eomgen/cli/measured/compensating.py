@@ -12,13 +12,16 @@ from ..shared import (
     add_json,
     add_page,
     add_robot,
+    as_seed,
     check_output,
     coordinate_values,
     pages_written,
     progress_bar,
     read_robot,
+    real,
     saved_or_drawn,
     show_files,
+    whole,
 )
 
 
@@ -31,7 +34,7 @@ def _add_compensate(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--mode", default="dynamic", metavar="MODE", help="dynamic: by repeated simulation; static: states of rest"
     )
-    parser.add_argument("--step", type=float, metavar="S", help="between samples (the scenario's output step)")
+    parser.add_argument("--step", type=real, metavar="S", help="between samples (the scenario's output step)")
     parser.add_argument(
         "--weights",
         nargs="+",
@@ -41,14 +44,14 @@ def _add_compensate(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--accelerations", action="store_true", help="static: what accelerates the masses bends the robot, too"
     )
-    parser.add_argument("--iterations", type=int, default=30, metavar="N", help="dynamic: simulations at most (30)")
+    parser.add_argument("--iterations", type=whole, default=30, metavar="N", help="dynamic: simulations at most (30)")
     parser.add_argument("--rates", nargs="+", metavar="NAME=V", help="greatest rates of joints, rad/s or m/s")
     parser.add_argument("--drive-limits", nargs="+", metavar="NAME=U", help="greatest forces of drives, N m or N")
     parser.add_argument(
-        "--robustness", type=float, metavar="SHARE", help="try robots whose stiffness is wrong by it, such as 0.2"
+        "--robustness", type=real, metavar="SHARE", help="try robots whose stiffness is wrong by it, such as 0.2"
     )
-    parser.add_argument("--draws", type=int, default=3, metavar="N", help="of them with signs by chance (3)")
-    parser.add_argument("--seed", type=int, default=0, help="of these signs (0)")
+    parser.add_argument("--draws", type=whole, default=3, metavar="N", help="of them with signs by chance (3)")
+    parser.add_argument("--seed", type=as_seed, default=0, help="of these signs (0)")
     parser.add_argument("--toml", type=Path, metavar="FILE", help="write a scenario that follows the corrected program")
     parser.add_argument("-o", "--output", type=Path, help="the result, .npz, or a figure .svg, .pdf or .png")
     add_page(parser)

@@ -14,11 +14,15 @@ from ..shared import (
     add_json,
     add_page,
     add_robot,
+    as_seed,
     coordinate_values,
     pages_written,
     read_robot,
+    real,
+    reals,
     show_files,
     stage_bar,
+    whole,
 )
 
 _MOTION, _RESULT, _SCENARIO = ".csv", ".npz", ".toml"
@@ -28,9 +32,9 @@ _AMOUNT = "one number, or NAME=VALUE"
 
 def _add_excite(parser: argparse.ArgumentParser) -> None:
     add_robot(parser)
-    parser.add_argument("--duration", type=float, default=10.0, metavar="S", help="of the period, s (10)")
-    parser.add_argument("--harmonics", type=int, default=5, metavar="N", help="of the Fourier series (5)")
-    parser.add_argument("--step", type=float, default=5e-3, metavar="S", help="between samples, s (0.005)")
+    parser.add_argument("--duration", type=real, default=10.0, metavar="S", help="of the period, s (10)")
+    parser.add_argument("--harmonics", type=whole, default=5, metavar="N", help="of the Fourier series (5)")
+    parser.add_argument("--step", type=real, default=5e-3, metavar="S", help="between samples, s (0.005)")
     parser.add_argument(
         "--criterion", default="D", metavar="NAME", help="D, or condition: the condition number of the regressor (D)"
     )
@@ -81,8 +85,8 @@ def _add_excite(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--noise", nargs="+", metavar="U", help=f"standard deviations of drives: {_AMOUNT} (1 %% of rms)"
     )
-    parser.add_argument("--starts", type=int, default=3, metavar="N", help="searches, of which the best counts (3)")
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of random numbers (0)")
+    parser.add_argument("--starts", type=whole, default=3, metavar="N", help="searches, of which the best counts (3)")
+    parser.add_argument("--seed", type=as_seed, default=0, metavar="N", help="of random numbers (0)")
     parser.add_argument(
         "-o",
         "--output",
@@ -172,10 +176,7 @@ def _rows(label: str, given: Sequence[Sequence[str]]) -> list[tuple[str, list[fl
 
 
 def _numbers(label: str, name: str, texts: Sequence[str]) -> list[float]:
-    try:
-        return [float(text) for text in texts]
-    except ValueError:
-        raise InputError(f"{label}: {name}: {' '.join(texts)!r}; allowed: {len(texts)} numbers") from None
+    return reals(f"{label}: {name}", texts)
 
 
 COMMANDS = (

@@ -13,11 +13,13 @@ from ..shared import (
     check_output,
     pages_written,
     read_robot,
+    real,
     saved_or_drawn,
     show_files,
     show_result,
     show_with_page,
     stage_bar,
+    whole,
 )
 
 
@@ -29,7 +31,7 @@ def _add_motion(parser: argparse.ArgumentParser) -> None:
 
 def _add_forces(parser: argparse.ArgumentParser) -> None:
     _add_motion(parser)
-    parser.add_argument("--window", type=int, default=11, metavar="N", help="samples that derivatives use (11)")
+    parser.add_argument("--window", type=whole, default=11, metavar="N", help="samples that derivatives use (11)")
     parser.add_argument("-o", "--output", type=Path, help="write all forces over time, .csv or .npz")
 
 
@@ -47,7 +49,7 @@ def _forces(options: argparse.Namespace) -> None:
 def _add_fit(parser: argparse.ArgumentParser) -> None:
     _add_motion(parser)
     parser.add_argument("--coordinates", nargs="+", default=(), metavar="NAME", help="those to fit (all that can be)")
-    parser.add_argument("--confidence", type=float, default=0.95, metavar="P", help="of the intervals (0.95)")
+    parser.add_argument("--confidence", type=real, default=0.95, metavar="P", help="of the intervals (0.95)")
     parser.add_argument("-o", "--output", type=Path, help="the result, .json")
     add_page(parser)
 
@@ -80,10 +82,17 @@ def _add_identify(parser: argparse.ArgumentParser) -> None:
         "--known", nargs="+", default=(), metavar="LINK", help="links whose numbers are known: gains need a measure"
     )
     parser.add_argument(
-        "--half", type=int, metavar="N", help="half width of the second filter, samples, 0 for none (the best of some)"
+        "--half",
+        type=whole,
+        metavar="N",
+        help="half width of the second filter, samples, 0 for none (the best of some)",
     )
     parser.add_argument(
-        "--spread", type=float, default=0.5, metavar="S", help="how far the description's links are off, relative (0.5)"
+        "--spread",
+        type=real,
+        default=0.5,
+        metavar="S",
+        help="how far the description's links are off, relative (0.5)",
     )
     parser.add_argument("--toml", type=Path, metavar="FILE", help="write the description with what was found")
     parser.add_argument("-o", "--output", type=Path, help="the result, .npz, or a figure .svg, .pdf or .png")

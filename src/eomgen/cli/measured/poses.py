@@ -13,12 +13,15 @@ from ..shared import (
     add_json,
     add_page,
     add_robot,
+    as_seed,
     check_output,
     pages_written,
     read_robot,
+    real,
     saved_or_drawn,
     show_files,
     stage_bar,
+    whole,
 )
 
 
@@ -43,7 +46,7 @@ def _add_calibrate(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--noise",
         nargs=2,
-        type=float,
+        type=real,
         metavar=("M", "RAD"),
         help="standard deviations of lengths and turns (estimated)",
     )
@@ -63,7 +66,7 @@ def _add_calibrate(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--drives", action="store_true", help="look for gain, eccentricity, backlash, coupling, drift")
     parser.add_argument("--variant", default="full", metavar="NAME", help="whose values: placement, zeros, full, prior")
-    parser.add_argument("--confidence", type=float, default=0.95, metavar="P", help="of the intervals (0.95)")
+    parser.add_argument("--confidence", type=real, default=0.95, metavar="P", help="of the intervals (0.95)")
     parser.add_argument("--toml", type=Path, metavar="FILE", help="write the description with what was found")
     parser.add_argument("--urdf", type=Path, metavar="FILE", help="write an URDF with what was found in its origins")
     parser.add_argument("-o", "--output", type=Path, help="the result, .npz, or a figure .svg, .pdf or .png")
@@ -108,7 +111,7 @@ def _calibrate(options: argparse.Namespace) -> None:
 
 def _add_poses(parser: argparse.ArgumentParser) -> None:
     add_robot(parser)
-    parser.add_argument("--count", type=int, default=30, metavar="N", help="poses to choose (30)")
+    parser.add_argument("--count", type=whole, default=30, metavar="N", help="poses to choose (30)")
     parser.add_argument("--frame", nargs="+", metavar="F", help="frames to measure (tcp, or the end of the robot)")
     parser.add_argument("--measure", default="pose", metavar="WHAT", help="of them: pose, position, distance (pose)")
     parser.add_argument(
@@ -125,20 +128,20 @@ def _add_poses(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--box",
         nargs=6,
-        type=float,
+        type=real,
         action="append",
         metavar=("X0", "Y0", "Z0", "X1", "Y1", "Z1"),
         help="where frames may be, corners, m, base axes; more than once: in one of them",
     )
-    parser.add_argument("--reach", nargs=2, type=float, metavar=("LOW", "HIGH"), help="distance from the base, m")
-    parser.add_argument("--device", nargs=3, type=float, metavar=("X", "Y", "Z"), help="place of the device, m")
-    parser.add_argument("--angle", type=float, metavar="RAD", help="between the frame's axis and the device, at most")
+    parser.add_argument("--reach", nargs=2, type=real, metavar=("LOW", "HIGH"), help="distance from the base, m")
+    parser.add_argument("--device", nargs=3, type=real, metavar=("X", "Y", "Z"), help="place of the device, m")
+    parser.add_argument("--angle", type=real, metavar="RAD", help="between the frame's axis and the device, at most")
     parser.add_argument("--axis", default="z", metavar="AXIS", help="that axis: x, y, z, or --axis=-z (z)")
     parser.add_argument("--criterion", default="D", metavar="NAME", help="D, or V: error of the tool (D)")
     parser.add_argument(
         "--workspace",
         nargs=6,
-        type=float,
+        type=real,
         action="append",
         metavar=("X0", "Y0", "Z0", "X1", "Y1", "Z1"),
         help="boxes where the tool's error counts (everywhere)",
@@ -147,12 +150,16 @@ def _add_poses(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--rotation", default="rotvector", metavar="KIND", help="of their orientations (rotvector)")
     parser.add_argument("--fit", type=Path, metavar="FILE", help="a calibration, .npz: its noise is taken")
     parser.add_argument(
-        "--noise", nargs=2, type=float, metavar=("M", "RAD"), help="of lengths and turns (that of --fit, or 5e-5 1e-4)"
+        "--noise",
+        nargs=2,
+        type=real,
+        metavar=("M", "RAD"),
+        help="of lengths and turns (that of --fit, or 5e-5 1e-4)",
     )
     parser.add_argument("--fixed", nargs="+", default=[], metavar="NAME", help="quantities that stay, or their owners")
     parser.add_argument("--stiffness", nargs="+", default=[], metavar="NAME", help="coordinates that give way")
-    parser.add_argument("--candidates", type=int, default=1000, metavar="N", help="poses to choose from (1000)")
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of their random numbers (0)")
+    parser.add_argument("--candidates", type=whole, default=1000, metavar="N", help="poses to choose from (1000)")
+    parser.add_argument("--seed", type=as_seed, default=0, metavar="N", help="of their random numbers (0)")
     parser.add_argument(
         "-o", "--output", type=Path, help="the poses, .csv, with empty columns to fill in; or the result, .json"
     )

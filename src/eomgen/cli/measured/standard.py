@@ -5,7 +5,16 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ..shared import Command, add_json, add_page, add_robot_of_result, progress_bar, read_robot, show_with_page
+from ..shared import (
+    Command,
+    add_json,
+    add_page,
+    add_robot_of_result,
+    progress_bar,
+    read_robot,
+    real,
+    show_with_page,
+)
 
 
 def _add_accuracy(parser: argparse.ArgumentParser) -> None:
@@ -33,7 +42,7 @@ def _add_accuracy(parser: argparse.ArgumentParser) -> None:
         default="plane",
         help="compare paths in planes normal to the commanded one, or sample by sample (plane)",
     )
-    parser.add_argument("--band", type=float, metavar="M", help="limit band of stabilization, m (the repeatability)")
+    parser.add_argument("--band", type=real, metavar="M", help="limit band of stabilization, m (the repeatability)")
     parser.add_argument(
         "--distance",
         nargs=2,

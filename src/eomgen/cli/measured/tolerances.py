@@ -10,15 +10,18 @@ from ..shared import (
     add_json,
     add_page,
     add_robot,
+    as_seed,
     check_output,
     coordinate_values,
     pages_written,
     read_robot,
+    real,
     saved_or_drawn,
     say,
     show_json,
     show_written,
     stage_bar,
+    whole,
 )
 
 
@@ -30,12 +33,12 @@ def _add_tolerance(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--frame", metavar="NAME", help="frame or link to look at (the tool)")
     where = parser.add_mutually_exclusive_group()
     where.add_argument("--pose", nargs="+", metavar="VALUE", help="coordinates, m and rad, or NAME=VALUE (home)")
-    where.add_argument("--random", type=int, default=0, metavar="N", help="poses within the joints' limits")
+    where.add_argument("--random", type=whole, default=0, metavar="N", help="poses within the joints' limits")
     where.add_argument("--along", type=Path, metavar="MOTION", help=".csv or .npz, such as a simulation's result")
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the random poses (0)")
-    parser.add_argument("--wrench", nargs=6, type=float, metavar="F", help="force and moment on the frame, N and N m")
-    parser.add_argument("--confidence", type=float, default=0.95, metavar="P", help="of the regions (0.95)")
-    parser.add_argument("--accuracy", type=float, metavar="M", help="radius to reach: which tolerances to tighten")
+    parser.add_argument("--seed", type=as_seed, default=0, metavar="N", help="of the random poses (0)")
+    parser.add_argument("--wrench", nargs=6, type=real, metavar="F", help="force and moment on the frame, N and N m")
+    parser.add_argument("--confidence", type=real, default=0.95, metavar="P", help="of the regions (0.95)")
+    parser.add_argument("--accuracy", type=real, metavar="M", help="radius to reach: which tolerances to tighten")
     parser.add_argument("-o", "--output", type=Path, help="the result, .json, or a map of the poses .svg, .pdf or .png")
     add_page(parser)
     add_json(parser)

@@ -1,148 +1,132 @@
 """MJCF through MuJoCo's own compiler, for what the reader here leaves to it: includes, copies, inertias of meshes.
 
-What does not count for the motion is taken out before: no texture, and no mesh that is only shown, needs to be there.
+A process of its own compiles (``mjcf.compiling``), within limits: what a foreign file makes of MuJoCo's C++ ends
+that process alone.
 """
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Mapping
+import importlib.util
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element, SubElement
 
 from eomgen.errors import DescriptionError
-from eomgen.limits import MOST_ENTRIES
 from eomgen.optional import NotInstalledError, optional_import
 
-from ..xml_text import one_line
-from .flat import flat_model
+from ..xml_text import Xml
+from .other_files import check_other_files
+
+SECONDS, GIBIBYTES = 60, 4  # of processor time, and of address space, of which threads reserve some
 
 _ALLOWED = "a model that MuJoCo compiles, with all files that it names"
-_UNUSED = ("sensors", "keys", "pairs", "excludes", "numerics", "texts", "tuples", "skins", "cameras", "lights")
-_SHOWN = ("materials", "textures")
-_COPIES = ("replicate", "composite")
+_MOST_WARNINGS = 5
+_BEGIN = (
+    "import sys; sys.path[:] = sys.argv[4:]; from eomgen.description.mjcf.compiling import main; main(*sys.argv[1:4])"
+)
 
 
-def compiled_model(path: Path, refusal: DescriptionError, root: Element) -> tuple[Element, str]:
+@dataclass(frozen=True)
+class Compiled:
+    """A file as MuJoCo compiles it: the root of plain MJCF, the version of MuJoCo, and its warnings."""
+
+    root: Element
+    version: str
+    warnings: tuple[str, ...]
+
+
+def compiled_model(path: Path, refusal: DescriptionError, xml: Xml) -> Compiled:
     """The model as MuJoCo compiles it, written out as plain MJCF: bodies with their inertias, joints, sites.
 
     Args:
         path: the file.
         refusal: what the reader here has said of it.
-        root: the file's own elements.
-
-    Returns:
-        The root element, and the version of MuJoCo.
+        xml: the file's own elements.
 
     Raises:
-        DescriptionError: MuJoCo is not installed, or does not take the file either; says what MuJoCo says.
+        DescriptionError: MuJoCo is not installed, or does not take the file either, or not within the limits of time
+            and memory; says what MuJoCo says.
     """
     try:
-        with optional_import("MuJoCo", "it is read through"):
-            import mujoco
+        _check_installed()
     except NotInstalledError as missing:
         raise DescriptionError(f"{refusal.message}; or {missing}", where=refusal.where, source=refusal.source) from None
-    _refuse_many_copies(root, refusal.source)
-    with warnings.catch_warnings():  # MuJoCo's advice to those who write models
-        warnings.simplefilter("ignore")
+    check_other_files(path, xml)
+    answer = _answer_of_child(path)
+    if "said" in answer:
+        text = f"{_compiler(answer)} says: {answer['said']}"
+    elif "rows" not in answer:
+        text = f"{_compiler(answer)} {answer['ended']}"
+    else:
+        return Compiled(_root(answer["rows"]), answer["version"], _as_notes(answer["warnings"]))
+    raise DescriptionError(f"{text}; allowed: {_ALLOWED}", where=refusal.where, source=refusal.source)
+
+
+def _check_installed() -> None:
+    with optional_import("MuJoCo", "it is read through"):
+        if importlib.util.find_spec("mujoco") is None:
+            raise ModuleNotFoundError("mujoco")
+
+
+def _compiler(answer: dict[str, Any]) -> str:
+    return f"MuJoCo {answer['version']}, which is to compile the file," if "version" in answer else "MuJoCo"
+
+
+def _answer_of_child(path: Path) -> dict[str, Any]:
+    """What the process that compiles has said, or how it ended."""
+    paths = [os.path.abspath(each) for each in sys.path]  # it works in a folder of its own: MuJoCo writes logs
+    command = [sys.executable, "-c", _BEGIN, str(path.resolve()), str(SECONDS), str(GIBIBYTES), *paths]
+    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}  # each reserves memory
+    with tempfile.TemporaryDirectory(prefix="eomgen-mjcf-") as folder:
         try:
-            spec = mujoco.MjSpec.from_file(str(path))
-            drives = _without_what_does_not_count(spec, mujoco)
-            model = spec.compile()
-        except (ValueError, TypeError, RuntimeError, mujoco.FatalError) as error:
-            text = f"MuJoCo {mujoco.__version__}, which is to compile the file, says: {one_line(error)}"
-            raise DescriptionError(f"{text}; allowed: {_ALLOWED}", where=refusal.where, source=refusal.source) from None
-    given = {body.id for body in spec.bodies if body.explicitinertial}
-    hinge = mujoco.mjtJoint.mjJNT_HINGE
-    turning = [joint for joint in spec.joints if joint.type == hinge and joint.compiler.degree]
-    degrees = {joint.id for joint in turning if not model.jnt_limited[joint.id]}
-    flat = flat_model(model, mujoco, given, degrees)
-    actuators = SubElement(flat, "actuator")
-    for tag, values in drives:
-        SubElement(actuators, tag, values)
-    return flat, mujoco.__version__
+            found = subprocess.run(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                cwd=folder,
+                env=environment,
+                timeout=3 * SECONDS,
+            )
+        except subprocess.TimeoutExpired:
+            return {"ended": f"took more than {3 * SECONDS} s to compile the file"}
+        except OSError as error:
+            return {"ended": f"cannot be started in a process of its own ({error.strerror or error})"}
+    try:
+        answer: dict[str, Any] = json.loads(found.stdout)
+    except ValueError:  # it ended before it could say anything
+        return {"ended": _ending(found.returncode)}
+    return answer
 
 
-def _refuse_many_copies(root: Element, source: str) -> None:
-    """Refuse copies of copies that nobody could derive, before anybody makes them."""
-    stack = [(root, 1)]
-    while stack:
-        element, copies = stack.pop()
-        if element.tag in _COPIES:
-            for part in element.get("count", "1").split():
-                copies *= int(part) if part.isdecimal() and len(part) < 10 else 1
-            if copies > MOST_ENTRIES:
-                message = f"its bodies are copied {copies} times; allowed: up to {MOST_ENTRIES}"
-                raise DescriptionError(message, where=f"<{element.tag}>", source=source)
-        stack += [(child, copies) for child in element]
+def _ending(status: int) -> str:
+    """How a process ended that has said nothing."""
+    limits = f"allowed to it: {SECONDS} s and {GIBIBYTES} GiB"
+    if status < 0:
+        names = {each.value: each.name for each in signal.Signals}
+        return f"was ended by {names.get(-status, f'signal {-status}')} while it compiled the file ({limits})"
+    return f"ended with status {status} while it compiled the file ({limits})"
 
 
-def _actuator(item: Any, mujoco: Any) -> tuple[str, dict[str, str]]:
-    """Tag and attributes of an actuator: its name, its joint and the limits of its force."""
-    values = {"name": item.name or "<actuator>"}
-    if item.trntype in (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT):
-        values |= {"joint": item.target, "gear": repr(float(item.gear[0]))}
-    ranges = {"force": item.forcerange}
-    gain, bias, activation = mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_NONE, mujoco.mjtDyn.mjDYN_NONE
-    is_motor = (item.gaintype, item.biastype, item.dyntype) == (gain, bias, activation)
-    if is_motor:
-        ranges["ctrl"] = sorted(float(item.gainprm[0]) * item.ctrlrange)
-    for kind, ends in ranges.items():
-        if any(ends) and getattr(item, f"{kind}limited") != mujoco.mjtLimited.mjLIMITED_FALSE:
-            values[f"{kind}range"] = " ".join(repr(float(x)) for x in ends)
-    return ("motor" if is_motor else "general"), values
+def _as_notes(warnings: list[str]) -> tuple[str, ...]:
+    """MuJoCo's warnings, each once, and how many more there are."""
+    different = list(dict.fromkeys(warnings))
+    notes = [f"MuJoCo warns: {text}" for text in different[:_MOST_WARNINGS]]
+    if len(different) > _MOST_WARNINGS:
+        notes.append(f"MuJoCo gives {len(different) - _MOST_WARNINGS} more warnings")
+    return tuple(notes)
 
 
-def _without_what_does_not_count(spec: Any, mujoco: Any) -> list[tuple[str, dict[str, str]]]:
-    """Take what has no effect on masses and joints out of the specification; returns its actuators."""
-    drives = [_actuator(item, mujoco) for item in spec.actuators]
-    for kind in ("actuators", *_UNUSED):
-        for item in list(getattr(spec, kind)):
-            spec.delete(item)
-    for item in _only_shown(spec, mujoco):
-        spec.delete(item)
-    _drop_unused(spec)
-    return drives
-
-
-def _only_shown(spec: Any, mujoco: Any) -> list[Any]:
-    """Geoms of meshes and height fields whose mass does not count: their body's is given, or it does not move."""
-    shapes = (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_HFIELD)
-    always = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
-    found = []
-    for body, moves in _with_motion(spec.worldbody):
-        counts = moves and (body.compiler.inertiafromgeom == always or not body.explicitinertial)
-        if not counts:
-            found += [geom for geom in body.geoms if geom.type in shapes]
-    return found
-
-
-def _with_motion(world: Any) -> list[tuple[Any, bool]]:
-    """All bodies, each with whether it moves."""
-    found, stack = [], [(world, False)]
-    while stack:
-        body, carried = stack.pop()
-        moves = carried or bool(body.joints)
-        found.append((body, moves))
-        stack += [(child, moves) for child in body.bodies]
-    return found
-
-
-def _drop_unused(spec: Any) -> None:
-    """Take out files that nothing names any more: looks, meshes, height fields."""
-    for geom in spec.geoms:
-        geom.material = ""
-    for site in spec.sites:
-        site.material = ""
-    for tendon in spec.tendons:
-        tendon.material = ""
-    for kind in _SHOWN:
-        for item in list(getattr(spec, kind)):
-            spec.delete(item)
-    meshes, fields = ({getattr(geom, key) for geom in spec.geoms} for key in ("meshname", "hfieldname"))
-    unused: Mapping[str, set[str]] = {"meshes": meshes, "hfields": fields}
-    for kind, used in unused.items():
-        for item in list(getattr(spec, kind)):
-            if item.name not in used:
-                spec.delete(item)
+def _root(rows: list[tuple[int, str, dict[str, str]]]) -> Element:
+    """The element that the first row is, with all others in it: index of the parent's row, tag, attributes."""
+    made: list[Element] = []
+    for parent, tag, attributes in rows:
+        made.append(SubElement(made[parent], tag, attributes) if made else Element(tag, attributes))
+    return made[0]

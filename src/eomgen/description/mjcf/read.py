@@ -28,6 +28,7 @@ from .bodies import read_bodies
 from .defaults import Defaults
 from .equalities import read_equalities
 from .geoms import Rules
+from .other_files import nan_in, nan_message
 from .tendons import read_tendons
 from .values import Item, LeftToMujoco, Reading, triple
 
@@ -98,15 +99,16 @@ def _compiled(path: Path, refusal: LeftToMujoco, xml: Xml) -> Draft:
 
     source = refusal.source
     try:
-        root, version = compiled_model(path, refusal, xml.root)
+        found = compiled_model(path, refusal, xml)
     except DescriptionError as error:
-        error.line, error.column = refusal.line, refusal.column
+        if error.line is None:
+            error.line, error.column = refusal.line, refusal.column
         raise
-    reading = _reading(root, source, xml.notes)
-    _read(root, reading, {})
+    reading = _reading(found.root, source, (*xml.notes, *found.warnings))
+    _read(found.root, reading, {})
     draft = reading.draft
     reason = refusal.message.partition("; allowed")[0]
-    draft.notes.insert(0, f"read as MuJoCo {version} compiles it ({refusal.where}: {reason})")
+    draft.notes.insert(0, f"read as MuJoCo {found.version} compiles it ({refusal.where}: {reason})")
     draft.foreign = set(draft.links)
     return draft
 
@@ -137,6 +139,8 @@ def _read(root: Element, reading: Reading, written: dict[str, Element]) -> None:
     read_equalities(root, reading, defaults, bodies, written)
     read_efforts(root, reading, defaults, bodies)
     _read_velocities(root, reading)
+    if (nan := nan_in(root)) is not None:  # where nothing reads it here
+        Item(reading, nan[0], show(nan[0].tag)[1:-1]).fail(nan_message(*nan))
     _remarks(root, reading)
 
 

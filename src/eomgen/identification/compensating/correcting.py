@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ...description import RobotLike, as_robot
 from ...errors import InputError
 from ...integration.steps import output_times
+from ...limits import LARGEST, SMALLEST, is_usable
 from ...motion.exceeding import excess_notes, excesses
 from ...names import listed, nearest, show
 from ...progress import Progress, no_progress
@@ -188,8 +189,10 @@ def _weights(given: Mapping[str, float] | None) -> Array:
     for name, value in (given or {}).items():
         if name not in found:
             raise InputError(f"weights: {show(str(name))}{nearest(str(name), AXES)}; allowed: {', '.join(AXES)}")
-        if not (np.isfinite(value) and value >= 0.0):
-            raise InputError(f"weights: {name} = {value!r}; allowed: a finite number, 0 or more")
+        if not (is_usable(value) and value >= 0.0):
+            raise InputError(
+                f"weights: {name} = {show(value)}; allowed: 0, or a number from {SMALLEST:g} to {LARGEST:g}"
+            )
         found[name] = float(value)
     if not any(found.values()):
         raise InputError("weights: all are 0, so that nothing is to be corrected; allowed: one greater than 0, or more")
@@ -204,8 +207,8 @@ def _by_coordinate(label: str, given: Mapping[str, float] | None, robot: Robot, 
         if full not in assembly.driven:
             hint = nearest(str(name), assembly.driven)
             raise InputError(f"{label}: {show(str(name))} is not driven{hint}; allowed: {listed(assembly.driven)}")
-        if not (np.isfinite(value) and value > 0.0):
-            raise InputError(f"{label}: {name} = {value!r}; allowed: a finite number greater than 0")
+        if not (is_usable(value) and value > 0.0):
+            raise InputError(f"{label}: {name} = {show(value)}; allowed: a number from {SMALLEST:g} to {LARGEST:g}")
         found[full] = float(value)
     return found
 

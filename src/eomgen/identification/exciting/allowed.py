@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...errors import ArrayError, InputError, UnknownNameError
+from ...limits import LARGEST, SMALLEST, is_usable
 from ...motion.ends import principal_limits
 from ...names import joint_of, listed, nearest_or_all, show
 from ...robot.coordinates import unit_of
@@ -222,8 +223,8 @@ def _place(label: str, name: str, names: tuple[str, ...]) -> int:
 
 def _positive(label: str, given: Any) -> float:
     value = float(_array(label, given, ()))
-    if not value > 0.0:
-        raise InputError(f"{label}: {value:g}; allowed: a number above 0")
+    if not (is_usable(value) and value > 0.0):
+        raise InputError(f"{label}: {value:g}; allowed: a number above 0, from {SMALLEST:g} to {LARGEST:g}")
     return value
 
 
@@ -234,9 +235,11 @@ def _vector(label: str, given: Any, size: int) -> Array:
 def _array(label: str, given: Any, shape: tuple[int, ...]) -> Array:
     try:
         values = np.array(given, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         values = np.full(1, np.nan)
-    if values.shape != shape or not np.isfinite(values).all():
+    if isinstance(given, (str, bytes, bool)):  # NumPy makes numbers of these
+        values = np.full(1, np.nan)
+    if values.shape != shape or not (np.abs(values) <= LARGEST).all():
         what = f"finite numbers of shape {shape}" if shape else "a finite number"
         raise ArrayError(f"{label}: {show(str(given))}; allowed: {what}")
     return values

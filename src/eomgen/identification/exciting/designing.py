@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...description import RobotLike, as_robot
 from ...errors import InputError
+from ...limits import LARGEST, SMALLEST, is_usable
 from ...motion.exceeding import excess_notes, excesses
 from ...names import component_name, joint_of, kind_of, listed, show
 from ...pipeline.stages import build
@@ -206,8 +207,8 @@ def moving_coordinates(robot: Robot) -> tuple[str, ...]:
 def _samples(duration: float, harmonics: int, step: float) -> int:
     """Samples of a period, without its end."""
     for label, value in (("duration", duration), ("step", step)):
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 < value < np.inf:
-            raise InputError(f"{label}: {show(value)}; allowed: a number of seconds above 0")
+        if not (is_usable(value) and value > 0.0):
+            raise InputError(f"{label}: {show(value)}; allowed: seconds, from {SMALLEST:g} to {LARGEST:g}")
     _whole("harmonics", harmonics, 2, MOST_HARMONICS)
     samples = round(min(duration / step, 1e12))
     least = max(PER_WAVE * harmonics, least_samples(FIRST))

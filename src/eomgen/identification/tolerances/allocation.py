@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError
+from ...limits import LARGEST, is_usable
 from ...names import listed, show
 from ...shown import Shown
 from .regions import radii
@@ -104,9 +105,8 @@ def allocated(
     Raises:
         InputError: the accuracy is no positive number, or what is fixed alone makes it impossible.
     """
-    is_number = isinstance(accuracy, (int, float, np.floating)) and not isinstance(accuracy, bool)
-    if not is_number or not (np.isfinite(accuracy) and accuracy > 0.0):
-        raise InputError(f"accuracy: {show(accuracy)}; allowed: a positive number, m")
+    if not (is_usable(accuracy) and accuracy > 0.0):
+        raise InputError(f"accuracy: {show(accuracy)}; allowed: a positive number, m, up to {LARGEST:g}")
     first = _radii(scaled, np.ones(len(names)), confidence)
     held = _radii(scaled, fixed.astype(np.float64), confidence)
     if held.max() >= accuracy:

@@ -20,7 +20,7 @@ from ...names import listed, show
 from ..calls import Calls
 from ..derivatives import parameter_slots
 from ..raw import FFI, Library, RawFunction
-from .adaptive import DONE, adaptive_rollout, length_of_time, takes_samples, tolerances
+from .adaptive import DONE, adaptive_rollout, takes_samples, times_of_samples, tolerances
 from .adaptive import METHODS as ADAPTIVE
 from .given_loads import Loads
 from .load_slopes import Acting
@@ -298,13 +298,16 @@ def taken_steps(
     motion = Motion(calls, function, read_given(calls, driven, rows, count, **given), acting)
     _refuse_singular(calls, given["q0"], given["v0"])
     if chooses:
-        times: Array = np.linspace(0.0, length_of_time(duration), rows + 1)
+        times: Array = times_of_samples(duration, rows)
         allowed = tolerances(calls, rtol, atol, _adaptive(calls).library.meta)
         return motion, times, [_chosen_steps(motion, i, times, method, allowed) for i in range(motion.states)]
     length, every = step_length(calls, dt), whole_number("every", every, most)
-    times = float(length) * every * np.arange(rows // every + 1)
-    each = float(length) * np.arange(rows + 1)
-    same = Steps(np.full(rows, length, calls.dtype), each, np.arange(rows), np.arange(0, rows + 1, every))
+    try:
+        times = float(length) * every * np.arange(rows // every + 1)
+        each = float(length) * np.arange(rows + 1)
+        same = Steps(np.full(rows, length, calls.dtype), each, np.arange(rows), np.arange(0, rows + 1, every))
+    except MemoryError:
+        raise InputError(f"rollout: {rows} steps are more than there is memory for; allowed: fewer steps") from None
     return motion, times, [same] * motion.states
 
 

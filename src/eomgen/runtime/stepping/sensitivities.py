@@ -20,7 +20,7 @@ from .given_loads import Loads
 from .gradients import WAYS, Motion, Steps, stopped, taken_steps
 from .load_slopes import Acting
 from .loads import ALONG
-from .rollouts import room_for
+from .rollouts import room_for, shape_of
 
 Array = NDArray[Any]
 
@@ -97,7 +97,7 @@ def rollout_sensitivity(
     acting = None if loads is None else Acting(calls, "sensitivity", loads, given["effort"])
     motion, times, taken = taken_steps(calls, driven, "sensitivity", given, acting, method=method, **how)
     rows = max(int(steps.rows[-1]) + 1 for steps in taken if steps is not None) if any(taken) else 1
-    directions = Directions(calls, motion, rows, along or {}, slots)
+    directions = Directions(calls, motion, rows, {} if along is None else along, slots)
     lead = (motion.states, times.size)
     shapes: list[tuple[int, ...]] = [(*lead, calls.n)] * 2 + [(*lead, directions.count, calls.n)] * 2
     found = [room_for(calls, shape, "fewer samples") for shape in shapes]
@@ -112,11 +112,13 @@ def rollout_sensitivity(
 
 def _arrays(calls: Calls, along: Mapping[str, ArrayLike], rows: int) -> dict[str, Array]:
     """Rates by name, (directions, n), those of u perhaps (directions, rows, n)."""
+    if not isinstance(along, Mapping):
+        raise InputError(f"along: {show(along)}; allowed: arrays by {listed(MOVING)}")
     found: dict[str, Array] = {}
     for name, value in along.items():
         if name not in MOVING:
             raise InputError(f"along: {show(name)} is unknown; allowed: {listed(MOVING)}")
-        inner = (rows, calls.n) if name == "u" and np.ndim(value) == 3 else (calls.n,)
+        inner = (rows, calls.n) if name == "u" and len(shape_of(value)) == 3 else (calls.n,)
         array, lead = calls.array(name, value, inner)
         if len(lead) != 1:
             wanted = f"(directions, {calls.n})" + (f" or (directions, {rows}, {calls.n})" if name == "u" else "")

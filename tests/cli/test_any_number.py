@@ -1,0 +1,84 @@
+"""Numbers of options: what cannot be computed with is refused where it comes in, by all commands."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+
+import pytest
+
+from eomgen.cli.entry import NAMES, main, make_parser
+from eomgen.description.load import load_robot
+from eomgen.errors import InputError
+from eomgen.identification.exciting.designing import excite
+from eomgen.motion.ends import default_motion
+from eomgen.motion.point_to_point import PointToPoint
+from eomgen.simulation.run import simulate
+
+HOSTILE = ("1e300", "-1e300", "1e-300", "nan", "inf", "-inf", "1" + "0" * 400, "9" * 5000, "\x1b[2J", "", "1_0e300")
+OTHER = {"port", "fmi", "kernels"}  # a port is the system's to refuse, a version one of a few, kernels are names
+
+
+def options() -> Iterator[tuple[str, argparse.Action]]:
+    """All options of all commands."""
+    (commands,) = (x for x in make_parser(NAMES)._actions if isinstance(x, argparse._SubParsersAction))
+    for name, parser in commands.choices.items():
+        yield from ((name, action) for action in parser._actions)
+
+
+def test_all_numbers_of_options_are_bounded() -> None:
+    seen = 0
+    for command, action in options():
+        if action.type is None or action.dest in OTHER or not action.type.__module__.startswith("eomgen"):  # type: ignore[union-attr]
+            assert action.type not in (int, float) or action.dest in OTHER, (command, action.dest)
+            continue
+        seen += 1
+        for text in HOSTILE:
+            with pytest.raises(argparse.ArgumentTypeError, match="allowed") as caught:
+                action.type(text)  # type: ignore[operator]
+            assert str(caught.value).isprintable()
+    assert seen > 40
+
+
+@pytest.mark.parametrize("words", [
+    ("simulate", "ur5", "--duration", "1e300"),
+    ("modes", "puma560_elastic", "--along", "gone", "--points", "2147483648"),
+    ("response", "puma560_elastic", "--points", "2147483648"),
+    ("excite", "ur5", "--starts", "100000000000000000000"),
+])  # fmt: skip
+def test_they_are_usage(words: tuple[str, ...], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        main(words)
+    assert caught.value.code == 2
+    assert f"argument {words[-2]}: '{words[-1]}'; allowed: " in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("words", [
+    ("excite", "ur5", "--noise", "1e-300"),
+    ("excite", "ur5", "--noise", "joint1.gamma=1e300"),
+    ("excite", "ur5", "--half-space", "tcp", "0", "0", "1", "1e300"),
+    ("modes", "puma560_elastic", "--pose", "joint1.gamma=1e300"),
+    ("modes", "puma560_elastic", "--load", "tcp", "1e300", "0", "0", "0", "0", "0"),
+])  # fmt: skip
+def test_numbers_behind_names_are_refused(words: tuple[str, ...], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(words) == 1
+    assert "is not a number; allowed: 0, or a number of magnitude 1e-30 to 1e+30" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("value", [1e300, 1e-300, 10**400, float("nan"), "1", True, [1.0], None], ids=range(8))
+def test_functions_refuse_them_as_well(value: object) -> None:
+    robot = load_robot("ur5")
+    given: dict[str, object]
+    for given in ({"duration": value}, {"bandwidth": value}):
+        with pytest.raises(InputError, match="allowed"):
+            simulate(robot, **given)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="a motion takes a time above 0"):
+        default_motion(robot, value, ["joint1.gamma"])  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="a motion takes a time above 0"):
+        PointToPoint([0.0], [1.0], value)  # type: ignore[arg-type]
+    for given in ({"duration": value}, {"step": value}):
+        with pytest.raises(InputError, match="allowed"):
+            excite(robot, **given)  # type: ignore[arg-type]
+    if value is not None:
+        with pytest.raises(InputError, match="allowed"):
+            excite(robot, noise=value)  # type: ignore[arg-type]

@@ -1,0 +1,248 @@
+"""Regular expressions take time in proportion to the text, whatever stands in it: all of the project, hostile texts.
+
+Each pattern is taken from the source, and tried, in the ways in which it is used, on texts that its own structure
+suggests: what it begins with, then what one of its repeats takes, 50,000 times, then what does not fit. A pattern of
+quadratic time takes 1e9 steps for one of them, a linear one 1e5; between them lies a second of processor time.
+"""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import re
+import signal
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+parser: Any = importlib.import_module("re._parser" if sys.version_info >= (3, 11) else "sre_parse")
+sre: Any = importlib.import_module("re._constants" if sys.version_info >= (3, 11) else "sre_constants")
+ROOT = Path(__file__).parents[2]
+SOURCES = {"eomgen": "src/eomgen", "eomgen.codegen": "codegen"}  # all that is installed
+LENGTH = 50_000
+SECONDS = 1.0  # of processor time
+METHODS = ("match", "search", "fullmatch", "sub", "subn", "split", "findall", "finditer")
+ENDS = ("", "!", "\n", "\0", '"', "0")
+UNITS = (
+    "0",
+    "a",
+    " ",
+    "_",
+    ".",
+    ",",
+    '"',
+    "'",
+    "\\",
+    "\n",
+    "\r\n",
+    "-",
+    "(",
+    "[",
+    "<",
+    "#",
+    ":",
+    "/",
+    '\\"',
+    "0.",
+    '""',
+)
+REPEATS = (sre.MAX_REPEAT, sre.MIN_REPEAT, getattr(sre, "POSSESSIVE_REPEAT", None))
+ATOMIC = getattr(sre, "ATOMIC_GROUP", None)
+
+
+def trees() -> Iterator[tuple[str, str, ast.Module]]:
+    """Module, text and syntax tree of each file."""
+    for package, folder in ((name, ROOT / path) for name, path in SOURCES.items()):
+        for path in sorted(folder.rglob("*.py")):
+            parts = path.relative_to(folder).with_suffix("").parts
+            name = ".".join((package, *(part for part in parts if part != "__init__")))
+            text = path.read_text(encoding="utf-8")
+            yield name, text, ast.parse(text)
+
+
+def literal(node: ast.expr) -> str | bytes | None:
+    """The text of a pattern, a word where it holds a value."""
+    if isinstance(node, ast.Constant) and isinstance(node.value, (str, bytes)):
+        return node.value
+    if isinstance(node, ast.JoinedStr):
+        parts = [part.value if isinstance(part, ast.Constant) else "word" for part in node.values]
+        return "".join(map(str, parts))
+    return None
+
+
+def is_re(node: ast.AST) -> bool:
+    return (
+        isinstance(node, ast.Call)
+        and isinstance(node.func, ast.Attribute)
+        and isinstance(node.func.value, ast.Name)
+        and node.func.value.id == "re"
+        and node.func.attr in (*METHODS, "compile")
+    )
+
+
+def used(name: str, texts: list[str]) -> set[str]:
+    """Methods that are called of a compiled pattern; ``match`` where it is handed on."""
+    found = {way for text in texts for way in re.findall(rf"\b{name}\.({'|'.join(METHODS)})\b", text)}
+    return found or {"match"}
+
+
+def patterns() -> dict[tuple[str, str], tuple[re.Pattern[Any], set[str]]]:
+    """Patterns of the project by module and text, each with the methods that it is used with."""
+    found: dict[tuple[str, str], tuple[re.Pattern[Any], set[str]]] = {}
+    files = list(trees())
+    for module, text, tree in files:
+        top = {id(node) for statement in tree.body for node in ast.walk(statement) if not is_function(statement)}
+        if "re.compile" in text:
+            for name, value in vars(importlib.import_module(module)).items():
+                several = value if isinstance(value, tuple) else (value,)
+                for one in (each for each in several if isinstance(each, re.Pattern)):
+                    texts = [text] if name.startswith("_") else [each for _, each, _ in files]
+                    found[module, str(one.pattern)] = one, used(name, texts)
+        for node in ast.walk(tree):
+            if not is_re(node) or (node.func.attr == "compile" and id(node) in top):  # type: ignore[attr-defined]
+                continue
+            pattern = literal(node.args[0])  # type: ignore[attr-defined]
+            ways = {"fullmatch"} if node.func.attr == "compile" else {node.func.attr}  # type: ignore[attr-defined]
+            if pattern is not None:
+                flags = re.DOTALL if re.search(r"\bre\.(S|DOTALL)\b", ast.unparse(node)) else 0
+                one = re.compile(pattern, flags)
+                found[module, str(pattern)] = one, found.get((module, str(pattern)), (one, set()))[1] | ways
+    return found
+
+
+def is_function(node: ast.stmt) -> bool:
+    return isinstance(node, (ast.FunctionDef, ast.ClassDef))
+
+
+def sample(items: Any) -> str:
+    """A short text that a parsed pattern takes, as far as that can be said from its parts."""
+    text = ""
+    for kind, value in items:
+        if kind is sre.LITERAL:
+            text += chr(value)
+        elif kind is sre.NOT_LITERAL:
+            text += "a" if value != ord("a") else "b"
+        elif kind is sre.ANY:
+            text += "a"
+        elif kind is sre.IN:
+            text += one_of(value)
+        elif kind is sre.BRANCH:
+            text += sample(value[1][0])
+        elif kind is sre.SUBPATTERN:
+            text += sample(value[-1])
+        elif kind in REPEATS:
+            text += sample(value[2]) * min(value[0], 20)
+        elif kind is ATOMIC:
+            text += sample(value)
+        elif kind is sre.ASSERT and value[0] < 0:
+            text += sample(value[1])
+    return text
+
+
+CLASSES = {sre.CATEGORY_DIGIT: "0", sre.CATEGORY_SPACE: " ", sre.CATEGORY_WORD: "a", sre.CATEGORY_NOT_DIGIT: "a"}
+CLASSES |= {sre.CATEGORY_NOT_SPACE: "a", sre.CATEGORY_NOT_WORD: "-"}
+
+
+def one_of(value: Any) -> str:
+    """A character of a class."""
+    if value[0][0] is sre.NEGATE:
+        taken = re.compile("[" + "".join(re.escape(one_of([each])) for each in value[1:]) + "]")
+        return next((char for char in "a0 -\n" if not taken.match(char)), "~")
+    kind, item = value[0]
+    if kind is sre.LITERAL:
+        return chr(item)
+    return chr(item[0]) if kind is sre.RANGE else CLASSES[item]
+
+
+def repeats(items: Any, before: str = "") -> Iterator[tuple[str, set[str]]]:
+    """What stands before each repeat, and texts that its body takes once."""
+    for index, (kind, value) in enumerate(items):
+        here = before + sample(items[:index])
+        if kind in REPEATS:
+            bodies = [value[2], *(each for inner in branches(value[2]) for each in inner)]
+            units = {sample(body) for body in bodies} - {""}
+            if value[1] > LENGTH:
+                yield here, units
+            yield from repeats(value[2], here)
+        for part in branches([(kind, value)]):
+            for each in part:
+                yield from repeats(each, here)
+
+
+def branches(items: Any) -> Iterator[list[Any]]:
+    for kind, value in items:
+        if kind is sre.BRANCH:
+            yield value[1]
+        elif kind is sre.SUBPATTERN:
+            yield [value[-1]]
+        elif kind in (sre.ASSERT, sre.ASSERT_NOT):
+            yield [value[1]]
+        elif kind is ATOMIC:
+            yield [value]
+
+
+def hostile(pattern: re.Pattern[Any]) -> Iterator[str]:
+    """Texts that may take a pattern long."""
+    text = pattern.pattern.decode("latin-1") if isinstance(pattern.pattern, bytes) else pattern.pattern
+    items = parser.parse(text, pattern.flags)
+    found = list(repeats(items))
+    units = {unit for _, some in found for unit in some}
+    begins = {"", *(before for before, _ in found)}
+    whole = sample(items)
+    for unit in sorted({*units, *UNITS, *begins, whole} - {""}):
+        count = max(LENGTH // len(unit), 1)
+        for begin in sorted(begins):
+            for end in ENDS:
+                yield f"{begin}{unit * count}{end}"
+
+
+class TooSlowError(Exception):
+    """A pattern has taken more than SECONDS."""
+
+
+@pytest.fixture
+def limited() -> Iterator[None]:
+    def stop(*_: object) -> None:
+        raise TooSlowError
+
+    before = signal.signal(signal.SIGVTALRM, stop)
+    yield
+    signal.setitimer(signal.ITIMER_VIRTUAL, 0.0)
+    signal.signal(signal.SIGVTALRM, before)
+
+
+def slow(pattern: re.Pattern[Any], ways: set[str]) -> str:
+    """The way, and the begin of the text, that takes a pattern too long; "" where there is none."""
+    for text in hostile(pattern):
+        given = text.encode() if isinstance(pattern.pattern, bytes) else text
+        for way in sorted({"search" if way in METHODS[3:] else way for way in ways}):
+            signal.setitimer(signal.ITIMER_VIRTUAL, SECONDS)
+            try:
+                getattr(pattern, way)(given)
+            except TooSlowError:
+                return f"{way} in {text[:20]!r} ... {text[-10:]!r}"
+            finally:
+                signal.setitimer(signal.ITIMER_VIRTUAL, 0.0)
+    return ""
+
+
+PATTERNS = patterns()
+
+
+def test_all_patterns_are_found() -> None:
+    assert len(PATTERNS) > 60
+    assert {"eomgen.motion.csv_columns", "eomgen.description.xml_text", "eomgen.names"} <= {key[0] for key in PATTERNS}
+
+
+@pytest.mark.parametrize("text", [r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)", r"^(a|a)*$", r"(\s*x)*y", r"x.*?y.*?z"])
+def test_patterns_of_quadratic_time_are_seen(text: str, limited: None) -> None:
+    assert slow(re.compile(text), {"fullmatch", "search"} if "x" in text else {"fullmatch"})
+
+
+@pytest.mark.parametrize("module", sorted({module for module, _ in PATTERNS}))
+def test_patterns_take_time_in_proportion_to_the_text(module: str, limited: None) -> None:
+    found = {text: slow(*PATTERNS[name, text]) for name, text in PATTERNS if name == module}
+    assert {text: where for text, where in found.items() if where} == {}

@@ -1,0 +1,95 @@
+"""Whatever is given for an argument of a kernel's methods: a result, or an error of eomgen in a line of ASCII."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from eomgen.description.load import load_robot
+from eomgen.errors import ArrayError, InputError, IntegrationStopped
+from eomgen.runtime import Kernel
+from tests.support.builds import Build
+
+WRONG: tuple[Any, ...] = (
+    *(np.ones(3), np.array([True, False]), "x", 10**400, np.nan, 1e300, 1e-300, object(), [], {}, -1, {"a": 1}, 2**70),
+    *(np.array(["a"]), [[1], [1, 2]], 1j, b"x", True, (), {1: 2}, 2**40 + 0.5, [None], "\x1b[2J"),
+)
+FIXED, CHOSEN = {"dt": 1e-3, "steps": 3}, {"method": "tsit5", "duration": 1e-2, "samples": 2}
+NOT_CALLED = ("bind", "refuse_not_finite")  # of modules, and of arrays alone
+
+
+@pytest.fixture(scope="module", params=["one_link", "four_bar"])
+def kernel(request: pytest.FixtureRequest, built: Build) -> Kernel:
+    return built(load_robot(request.param), "all")
+
+
+def calls(kernel: Kernel, steps: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Each method with arguments that it takes."""
+    still = np.zeros(len(kernel.coordinates))
+    derived = {"name": "mass_matrix", "args": (still,), "tangents": (still,), "cotangent": np.ones((still.size,) * 2)}
+    for name in dir(type(kernel)):
+        method = getattr(type(kernel), name)
+        if name.startswith("_") or not inspect.isfunction(method) or name in NOT_CALLED:
+            continue
+        parameters = list(inspect.signature(method).parameters.items())[1:]
+        given: dict[str, Any] = {"frame": kernel.frames[0], "name": kernel.frames[0], "motor": "none"}
+        given |= derived if "args" in dict(parameters) else {}
+        needed = {key: given.get(key, still) for key, x in parameters if x.default is x.empty and x.kind not in (2, 4)}
+        if name.startswith("rollout"):
+            needed |= steps
+        if name == "rollout_gradient":
+            needed["loss"] = lambda q, v: (0.0, np.zeros_like(q), np.zeros_like(v))
+        yield name, needed
+
+
+@pytest.mark.parametrize("steps", [FIXED, CHOSEN], ids=["fixed", "chosen"])
+def test_any_argument_is_taken_or_refused(kernel: Kernel, steps: dict[str, Any]) -> None:
+    tried, wrong = 0, []
+    for name, needed in calls(kernel, steps):
+        for key, parameter in list(inspect.signature(getattr(type(kernel), name)).parameters.items())[1:]:
+            for value in () if parameter.kind in (2, 4) else WRONG:
+                tried += 1
+                given = {k: x.copy() if isinstance(x, np.ndarray) else x for k, x in {**needed, key: value}.items()}
+                try:
+                    getattr(kernel, name)(**given)
+                except InputError as error:
+                    if not (str(error).isascii() and str(error).isprintable()):
+                        wrong.append(f"{name}: {key}={value!r}: {error!r}")
+                except Exception as error:
+                    wrong.append(f"{name}: {key}={value!r}: {type(error).__name__}: {error}")
+    assert tried > 1000
+    assert wrong == []
+
+
+def test_lengths_of_time_that_are_none_are_refused_as_such(kernel: Kernel) -> None:
+    q = np.zeros(len(kernel.coordinates))
+    for dt in (1e300, 10**400, 1.1e30, np.inf):
+        with pytest.raises(InputError, match=r"dt = .* is not a length of time; .* to 1e\+30 is allowed"):
+            kernel.rollout(q, q, q, dt, 10)
+    for duration in (1e300, 10**400, 1.1e30):
+        with pytest.raises(InputError, match=r"duration = .* is not a length of time; .* 1e\+30, is allowed"):
+            kernel.rollout(q, q, q, duration=duration, samples=2, method="tsit5")
+    with pytest.raises(InputError, match=r"1099511627777 samples take .* GB for their times alone"):
+        kernel.rollout(q, q, q, duration=1.0, samples=2**40, method="tsit5")
+
+
+def test_a_step_that_is_too_long_is_not_blamed_on_the_mass_matrix(built: Build) -> None:
+    kernel = built(load_robot("puma560"), "rollout", "mass_matrix")
+    q = np.full(6, 0.3)
+    for dt in (1e25, 1e15, 1e5):
+        with pytest.raises(IntegrationStopped, match="shorter dt"):
+            kernel.rollout(q, q, q, dt, 10)
+
+
+def test_results_are_not_written_where_no_number_begins(kernel: Kernel) -> None:
+    q = np.zeros(len(kernel.coordinates))
+    held = np.zeros(8 * q.size**2 + 1, np.uint8)
+    out = held[1:].view(np.float64).reshape(q.size, q.size)
+    assert not out.flags.aligned
+    with pytest.raises(ArrayError, match="out: expected an array that is aligned for float64"):
+        kernel.mass_matrix(q, out=out)
+    assert not held.any()
