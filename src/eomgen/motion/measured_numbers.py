@@ -56,7 +56,7 @@ def measured_numbers(name: str, values: Any, place: Callable[[int], str], *, bla
     """
     given = np.asarray(values)
     if given.dtype.kind not in "fiu":
-        raise InputError(f"{place(0)}: {show(name)} has dtype {show(str(given.dtype))}; allowed: numbers")
+        raise InputError(f"{place(0)}: array {show(name)} has dtype {given.dtype}; allowed: numbers")
     with np.errstate(over="ignore"):  # of longer floats; what becomes infinite is refused
         found = given.astype(np.float64, copy=False)
     good = within_limits(found, blanks=blanks)

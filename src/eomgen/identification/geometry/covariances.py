@@ -66,7 +66,7 @@ def matrices_of(frame: str, value: ArrayLike, rows: int, sizes: Iterable[int]) -
     Raises:
         ArrayError: they have another shape.
     """
-    matrices = measured_numbers(frame, value, lambda row: f"covariance: row {row}").copy()
+    matrices = np.array(value, dtype=np.float64)
     allowed = [shape for size in sizes for shape in ((size, size), (rows, size, size))]
     if matrices.shape not in allowed:
         shapes = ", ".join(map(str, allowed))
@@ -83,7 +83,10 @@ def whitening_factor(of: str, matrix: Array) -> Array:
     variances = np.diag(matrix)
     if not is_divisor(variances).all():
         worst = float(variances[~is_divisor(variances)][0])
-        raise ArrayError(f"covariance: that of {of} has {worst:g} on its diagonal; allowed: {ALLOWED_DIVISOR}")
+        raise ArrayError(
+            f"covariance: that of {of} is not symmetric and positive definite: {worst:g} on its diagonal; allowed:"
+            f" {ALLOWED_DIVISOR}"
+        )
     scale = np.sqrt(np.outer(variances, variances))
     try:
         if not (np.isfinite(matrix).all() and (np.abs(matrix - matrix.T) <= _SYMMETRIC * scale).all()):

@@ -206,7 +206,7 @@ def _wrench(given: ArrayLike) -> Array:
     except (TypeError, ValueError):
         found = np.zeros(0)
     if found.shape != (6,) or not within_limits(found).all():
-        raise ArrayError(f"wrench: {show(str(given))}; allowed: 6 numbers, N and N m, each {ALLOWED}")
+        raise ArrayError(f"wrench: {show(str(given))}; allowed: 6 finite numbers up to {LARGEST:g}, N and N m")
     return found
 
 

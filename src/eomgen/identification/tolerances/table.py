@@ -134,7 +134,9 @@ def _read(entry: Mapping[str, Any], keys: Sequence[str], source: str, text: str)
         is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
         if not is_number or not 0.0 <= value <= LARGEST or (key == "cost" and not 0.0 < value <= _LARGEST_COST):
             allowed = (
-                "a number above 0, up to 1e12" if key == "cost" else f"a number that is not negative, up to {LARGEST:g}"
+                "a number above 0, up to 1e12"
+                if key == "cost"
+                else f"a finite number that is not negative, up to {LARGEST:g}"
             )
             raise refuse(key, f"{show(value)}; allowed: {allowed}")
         found[key] = float(value)
