@@ -83,12 +83,18 @@ def precision() -> str:
 
 def sizes() -> str:
     """Limits of what files may hold."""
+    from eomgen.motion.measured_numbers import SHORTEST
     from eomgen.npz import most_bytes
     from eomgen.runtime.levels import LEVELS
 
     rows = [
         ("links, joints, frames, springs ... of a description, each", f"{limits.MOST_ENTRIES}"),
         ("numbers in descriptions, scenarios and plans", f"below {limits.LARGEST:g} in size"),
+        (
+            "numbers in measured files and tables of tolerances",
+            f"below {limits.LARGEST:g} in size; deviations and weights from {1.0 / limits.LARGEST:g} on; samples at"
+            f" least {SHORTEST:g} s apart",
+        ),
         ("arrays of a .npz file", f"{most_bytes() // 1_000_000} MB, or what EOMGEN_NPZ_MB says"),
         ("levels of processors that packages have code for, on x86-64", ", ".join(LEVELS)),
     ]

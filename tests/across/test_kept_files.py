@@ -20,6 +20,7 @@ from eomgen.cli import entry as cli
 from eomgen.description.recorded import robot_from_record
 from eomgen.errors import InputError, IntegrationStopped
 from eomgen.forms.plain import parse_json, printable
+from eomgen.pictures.measured.kinds import SAVED, page_of
 from eomgen.robot.record import record_of
 from eomgen.simulation.contents import ARRAYS
 from eomgen.sweep.contents import manifest_of, row_check
@@ -41,7 +42,8 @@ from tests.support.kept_files import (
     write_raw,
     write_sweep,
 )
-from tests.support.kept_fuzzing import loaded
+from tests.support.kept_fuzzing import KINDS, MEASURED, loaded
+from tests.support.measured_results import loaded_measured, raw_measured, write_measured
 
 ROOT = Path(__file__).parents[2]
 
@@ -501,8 +503,42 @@ def test_random_changes_are_refused_or_read(kind: str) -> None:
     _fuzzed(kind, 10_000_000, 150)
 
 
+@pytest.mark.parametrize("kind", MEASURED)
+def test_random_changes_of_measurements_are_refused_by_file_and_key(kind: str, tmp_path: Path) -> None:
+    begun = KINDS[kind](tmp_path)
+    for seed in range(40):
+        begun(seed)
+    text, arrays = raw_measured(kind, tmp_path)
+    assert loaded_measured(kind, write_measured(tmp_path, text, arrays)) is not None
+    for key in text:  # a list or a huge integer where there is none
+        for value in ([[1]], 10**400, {"a": []}):
+            if (kind, key, value) == ("tolerance", "q", [[1]]):  # a pose
+                continue
+            changed_text = {**text, key: value}
+            with pytest.raises(InputError) as caught:
+                SAVED[kind](write_measured(tmp_path, changed_text, arrays))
+            assert "r.npz: " in str(caught.value) or "r.json: " in str(caught.value)
+            if key not in ("kind", "format", "description", "standard"):
+                assert key in str(caught.value)
+
+
 @pytest.mark.soak
-@pytest.mark.parametrize(("kind", "count"), [("result", 20_000), ("sweep", 50_000)])
+@pytest.mark.parametrize("kind", MEASURED)
+def test_pages_of_changed_measurements(kind: str, tmp_path: Path) -> None:
+    """What is read can be drawn as a page."""
+    begun, accepted = KINDS[kind](tmp_path), 0
+    for seed in range(1_000_000, 1_000_400):
+        found = begun(seed)
+        accepted += found is not None
+        if found is not None:
+            assert page_of(found).html()
+    assert accepted > 20
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize(
+    ("kind", "count"), [("result", 20_000), ("sweep", 50_000), *((kind, 5_000) for kind in MEASURED)]
+)
 def test_many_random_changes(kind: str, count: int) -> None:
     report = _fuzzed(kind, 0, count)
     print(f"\n{count} of {kind}: {report['accepted']} accepted, slowest {report['slowest']:.3f} s, {report['peak']} MB")

@@ -30,6 +30,7 @@ from tests.support.kept_files import (
     write_raw,
     write_sweep,
 )
+from tests.support.measured_results import RESULTS, loaded_measured, random_measured, raw_measured, write_measured
 from tests.support.mutations import raw
 
 Loaded = SimulationResult | SweepResult
@@ -82,7 +83,24 @@ def sweeps(folder: Path) -> Callable[[int], Loaded | None]:
     return tried
 
 
-KINDS = {"result": results, "sweep": sweeps}
+def _measured(kind: str) -> Callable[[Path], Callable[[int], Any]]:
+    """A result of measurements of that kind."""
+
+    def begin(folder: Path) -> Callable[[int], Any]:
+        sample = raw_measured(kind, folder)
+
+        def tried(seed: int) -> Any:
+            path = write_measured(folder, *random_measured(sample, seed))
+            _with_raw_bytes(path, seed)
+            return loaded_measured(kind, path)
+
+        return tried
+
+    return begin
+
+
+MEASURED = tuple(RESULTS)
+KINDS = {"result": results, "sweep": sweeps, **{kind: _measured(kind) for kind in MEASURED}}
 
 
 def run(kind: str, first: int, count: int) -> dict[str, Any]:

@@ -182,8 +182,8 @@ def _table(item: Read) -> Read:
     return read
 
 
-def _hints(kind: type) -> dict[str, Any]:
-    """Types of the fields of a dataclass, without what separates them: Python 3.10 takes KW_ONLY for no type."""
+def field_types(kind: type) -> dict[str, Any]:
+    """Give types of a dataclass's fields by name, without what separates them: Python 3.10 takes KW_ONLY for none."""
     fields = {item.name for item in dataclasses.fields(typing.cast(Any, kind))}
     hints: dict[str, Any] = {}
     for base in reversed(kind.__mro__):
@@ -193,7 +193,7 @@ def _hints(kind: type) -> dict[str, Any]:
 
 
 def _fields(kind: type, largest: float) -> Read:
-    hints = _hints(kind)
+    hints = field_types(kind)
     fields = {item.name: item for item in dataclasses.fields(typing.cast(Any, kind))}
     readers = {name: _reader(hints[name], largest) for name in fields}
     empty = dataclasses.MISSING

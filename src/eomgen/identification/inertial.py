@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from ..description import RobotLike, as_robot
 from ..errors import InputError
 from ..motion.files import MeasuredMotion, measured_motion
+from ..motion.measured_numbers import answers_in_numbers
 from ..motion.smoothing import STENCIL
 from ..names import component_name, joint_of, kind_of, listed, show
 from ..pipeline.stages import build
@@ -44,6 +45,7 @@ UNSETTLED = 0.1  # of a standard deviation, by which the last step moves at most
 SPREAD = 0.5  # relative, of the description's numbers of single links
 
 
+@answers_in_numbers("motion")
 def identify(
     robot: RobotLike,
     motion: MeasuredMotion | Path | str,

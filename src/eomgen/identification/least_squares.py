@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from ..description import RobotLike, as_robot
 from ..errors import InputError, UnknownNameError
 from ..motion.files import MeasuredMotion, measured_motion
+from ..motion.measured_numbers import answers_in_numbers
 from ..motion.smoothing import Differentiator, bell, filtered, noise_deviation
 from ..names import nearest, split_component
 from ..pipeline.closing import mechanism_kernels
@@ -44,6 +45,7 @@ from .together import fit_together
 Array = NDArray[np.float64]
 
 
+@answers_in_numbers("motion")
 def fit(
     robot: RobotLike,
     motion: MeasuredMotion | Path | str,
@@ -168,7 +170,7 @@ class _Solution:
 
 
 def _solve(data: _Filtered, i: int, sigma: float, columns: tuple[int, ...]) -> _Solution | None:
-    """Compensated least squares; None where the coordinate does not move."""
+    """Compensated least squares; None where the coordinate does not move, or in one block of time alone."""
     noise, count = sigma**2 * data.noise, len(data.q)
     X = np.stack([data.q[:, i], data.v[:, i]], axis=1)
     y = data.y[:, i]
@@ -190,11 +192,12 @@ def _solve(data: _Filtered, i: int, sigma: float, columns: tuple[int, ...]) -> _
     A = np.stack([product - samples * np.diag(of_X) for samples, product, _ in parts])
     c = np.stack([product - samples * of_y for samples, _, product in parts])
     whole = A.sum(axis=0)
-    if np.linalg.cond(whole / np.outer(size, size)) > 1e10:
+    left = whole - A  # without one block each
+    if np.linalg.cond(np.concatenate([whole[np.newaxis], left]) / np.outer(size, size)).max() > 1e10:
         return None
     values = np.linalg.solve(whole, c.sum(axis=0))
     residual = y - X @ values
-    without = np.linalg.solve(whole - A, (c.sum(axis=0) - c)[..., np.newaxis])[..., 0] - values
+    without = np.linalg.solve(left, (c.sum(axis=0) - c)[..., np.newaxis])[..., 0] - values
     covariance = without.T @ without * (blocks - 1) / blocks
     explained = float(np.sqrt(np.mean(residual**2) / max(float(np.mean(y**2)), 1e-300)))
     return _Solution(columns, values, covariance, blocks, data.half, explained)

@@ -7,7 +7,9 @@ arrays, and everything else as one text of JSON, ``meta``.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+import re
+import warnings
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import fields, replace
 from pathlib import Path
@@ -18,7 +20,8 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..files import check_ending, read_regular, write_atomically
-from ..forms.plain import parse_json, value_of
+from ..forms.plain import field_types, parse_json, value_of
+from ..limits import LARGEST_FOUND
 from ..names import show, show_path
 from ..npz import read_npz
 
@@ -28,29 +31,99 @@ Arrays = Mapping[str, NDArray[Any]]
 FORMAT = 1  # raised when a reader of the old one would misread it
 _MOST_BYTES = 1 << 26
 _MOST_MEMORY = 1 << 29
-_DAMAGED = (KeyError, TypeError, ValueError, AttributeError, IndexError)  # what values of wrong types raise
+_NO_NUMBER = re.compile(r"(?<![\w.])(?:nan|inf)(?![\w.])")
+_DAMAGED = (  # what values that do not go together raise
+    LookupError,
+    TypeError,
+    ValueError,
+    AttributeError,
+    ArithmeticError,
+    AssertionError,
+    RecursionError,
+)
+_ALLOWED = "allowed: what its save wrote"
 
 
 @contextmanager
 def damage_named(path: Path | str, what: str) -> Iterator[None]:
-    """Around code that makes a result of a file's values: wrong ones become an InputError, "PATH: is no WHAT"."""
+    """Around code that makes a result of a file's values: wrong ones become an InputError, "PATH: is no WHAT".
+
+    Refusals that do not name the file get its name.
+    """
     try:
-        yield
-    except InputError:
-        raise
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter("ignore", RuntimeWarning)
+            yield
+    except InputError as error:
+        if str(path) in str(error):
+            raise
+        raise InputError(f"{path}: {error}") from None
     except _DAMAGED as error:
-        raise InputError(f"{path}: is no {what} ({show(str(error))}); allowed: what its save wrote") from None
+        why = f"{type(error).__name__}: {error}" if not isinstance(error, (ValueError, AssertionError)) else str(error)
+        raise InputError(f"{path}: is no {what} ({show(why)}); {_ALLOWED}") from None
+
+
+def declared_values(declared: type, values: Any, names: Iterable[str], where: str) -> dict[str, Any]:
+    """Read fields of a dataclass from plain values, each as the type that the dataclass declares.
+
+    Raises:
+        InputError: one is missing or of another type, with ``where`` and its key.
+    """
+    if not isinstance(values, Mapping):
+        raise InputError(f"{where}: got {show(values)}; allowed: a table")
+    types, found = field_types(declared), {}
+    for name in names:
+        if name not in values:
+            raise InputError(f"{where}: the key {name!r} is missing; {_ALLOWED}")
+        found[name] = value_of(types[name], values[name], f"{where}: {name}")
+    return found
+
+
+def declared_value(kind: Any, values: Mapping[str, Any], name: str, where: str, largest: float = LARGEST_FOUND) -> Any:
+    """Read the value of a key as a type; errors as ``declared_values``."""
+    if name not in values:
+        raise InputError(f"{where}: the key {name!r} is missing; {_ALLOWED}")
+    return value_of(kind, values[name], f"{where}: {name}", largest)
+
+
+def number_arrays(arrays: Arrays, names: Iterable[str], path: str, kinds: str = "fiu") -> dict[str, Any]:
+    """Read arrays of a file by name: of numbers as float64, of truth values (``kinds`` "b") as they are.
+
+    Raises:
+        InputError: one is missing, or of another kind.
+    """
+    found = {}
+    for name in names:
+        if name not in arrays:
+            raise InputError(f"{path}: array {name} is missing; {_ALLOWED}")
+        if arrays[name].dtype.kind not in kinds:
+            what = "truth values" if kinds == "b" else "numbers"
+            raise InputError(f"{path}: array {name} has dtype {show(str(arrays[name].dtype))}; allowed: {what}")
+        found[name] = arrays[name] if kinds == "b" else np.asarray(arrays[name], dtype=np.float64)
+    return found
+
+
+def check_whole(found: Any, path: str) -> None:
+    """Check that a result can say itself in numbers.
+
+    Raises:
+        InputError: it prints what is no number, or a value of it is not finite.
+    """
+    text = "\n".join(found.lines())
+    if _NO_NUMBER.search(text):
+        raise InputError(f"{path}: it has numbers that are not finite, or too large; {_ALLOWED}")
 
 
 def check_shapes(found: Arrays, shapes: Mapping[str, tuple[int, ...]], path: str) -> None:
-    """Check arrays of a file.
+    """Check shapes and numbers of a file's arrays.
 
     Raises:
         InputError: an array has another shape, or a number in it is not finite.
     """
     for name, shape in shapes.items():
-        if found[name].shape != shape or not np.isfinite(found[name]).all():
-            raise InputError(f"{path}: array {name} has shape {found[name].shape}; allowed: {shape}, finite numbers")
+        array = found[name]
+        if array.shape != shape or not (np.abs(array) <= LARGEST_FOUND).all():
+            raise InputError(f"{path}: array {name} has shape {array.shape}; allowed: {shape}, finite numbers")
 
 
 # All fields as they are declared
@@ -72,8 +145,13 @@ def read_json(declared: type[Result], kind: str, path: Path | str) -> Result:
         InputError: the file cannot be read, is of another kind, or has not what is declared.
     """
     found: Any = value_of(declared, read_plain(kind, path), str(path))
-    arrays = {field.name: np.array(getattr(found, field.name)) for field in fields(found) if field.type == "Array"}
-    result: Result = replace(found, **arrays)
+    with damage_named(path, kind):
+        arrays = {
+            field.name: np.array(getattr(found, field.name), dtype=np.float64)
+            for field in fields(found)
+            if field.type == "Array"
+        }
+        result: Result = replace(found, **arrays)
     return result
 
 

@@ -17,6 +17,7 @@ from ..errors import InputError
 from ..files import open_regular
 from ..limits import MOST_ENTRIES
 from ..names import show
+from .measured_numbers import ALLOWED, within_limits
 
 Array = NDArray[np.float64]
 
@@ -35,7 +36,8 @@ def read_csv(
 ) -> tuple[dict[str, Array], NDArray[np.int32]]:
     """Columns (T,) by the names in the header, and the line that each row stands on, (T,).
 
-    Empty lines, and lines that begin with #, are left out.  A file may have 128 MiB and 6 million numbers.
+    Empty lines, and lines that begin with #, are left out.  A file may have 128 MiB and 6 million numbers, which have
+    the limits of ``measured_numbers``.
 
     Args:
         path: of the file.
@@ -110,7 +112,7 @@ class _Reader:
             table = np.loadtxt(rows, delimiter=",", comments=None, quotechar='"', ndmin=2)
         except ValueError:
             self._refuse(rows, numbers)
-        if table.shape != (len(rows), len(self._header)) or not self._good(table).all():
+        if table.shape != (len(rows), len(self._header)) or not within_limits(table, blanks=self._blanks).all():
             self._refuse(rows, numbers)
         self._tables.append(table)
         self._lines.append(numbers)
@@ -122,9 +124,6 @@ class _Reader:
         table = np.empty((len(self._header), sum(map(len, self._tables))))
         np.concatenate([block.T for block in self._tables], axis=1, out=table)
         return dict(zip(self._header, table, strict=True)), np.concatenate(self._lines)
-
-    def _good(self, table: Array) -> NDArray[np.bool_]:
-        return ~np.isinf(table) if self._blanks else np.isfinite(table)
 
     def _names(self, place: str, line: str) -> list[str]:
         names = [name.strip() for name in _cells(place, line)]
@@ -147,9 +146,11 @@ class _Reader:
             for name, cell in zip(self._header, cells, strict=True):
                 if self._blanks and cell == "nan":
                     continue
-                if not (_NUMBER.fullmatch(cell) and np.isfinite(float(cell))):
-                    raise InputError(f"{place}: column {show(name)}: {show(cell.strip())}; allowed: a finite number")
-        raise InputError(f"{self._path}: lines {numbers[0]} to {numbers[-1]} are no numbers; allowed: finite numbers")
+                if not (_NUMBER.fullmatch(cell) and within_limits(float(cell))):
+                    raise InputError(f"{place}: column {show(name)}: {show(cell.strip())}; allowed: {ALLOWED}")
+        raise InputError(
+            f"{self._path}: lines {numbers[0]} to {numbers[-1]} are no numbers; allowed: numbers, each {ALLOWED}"
+        )
 
 
 def _cells(place: str, line: str) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,6 +15,7 @@ from ..names import listed, nearest, show
 from ..npz import read_npz
 from ..shown import Shown
 from .csv_columns import COLUMNS_RULE, read_csv
+from .measured_numbers import SHORTEST, measured_numbers
 
 Array = NDArray[np.float64]
 
@@ -91,7 +92,9 @@ def motion_from_columns(
     columns: Mapping[str, Array], coordinates: Sequence[str], source: str = "motion"
 ) -> MeasuredMotion:
     """A motion from arrays (T,) by the names that a file's columns have; errors as ``read_motion``."""
-    arrays = {name: np.asarray(values, dtype=np.float64) for name, values in columns.items()}
+    arrays = {
+        name: measured_numbers(name, values, lambda row: f"{source}: sample {row}") for name, values in columns.items()
+    }
     for name, values in arrays.items():
         if values.ndim != 1 or values.shape != arrays[next(iter(arrays))].shape:
             raise InputError(f"{source}: {name} has shape {values.shape}; allowed: one length for all columns")
@@ -127,18 +130,7 @@ def _read_npz(path: Path) -> dict[str, Array]:
     total = sum(array.size for array in arrays.values())
     if total > 2 * _MOST_NUMBERS:
         raise InputError(f"{path}: its arrays have {total} numbers; allowed: up to {2 * _MOST_NUMBERS}")
-    with np.errstate(over="ignore"):  # of longer floats; what became infinite is refused
-        found = {name: array.astype(np.float64, copy=False) for name, array in arrays.items()}
-    for name, array in found.items():
-        _check_finite(name, array, lambda row: f"{path}: sample {row}")
-    return found
-
-
-def _check_finite(name: str, values: Array, place: Callable[[int], str]) -> None:
-    bad = np.flatnonzero(~np.isfinite(values))
-    if bad.size:
-        row = int(bad[0])
-        raise InputError(f"{place(row)}: column {show(name)}: {values[row]}; allowed: a finite number")
+    return {name: measured_numbers(name, array, lambda row: f"{path}: sample {row}") for name, array in arrays.items()}
 
 
 def _motion(
@@ -151,7 +143,6 @@ def _motion(
         raise InputError(f"{source}: there is no column t; allowed: {COLUMNS_RULE}")
     parts: dict[str, dict[int, Array]] = {key: {} for key in SUFFIXES.values()}
     for name, values in columns.items():
-        _check_finite(name, values, place)
         if name != "t":
             key, index = _which(name, coordinates, source)
             parts[key][index] = values
@@ -159,10 +150,13 @@ def _motion(
     if t.size * len(coordinates) > _MOST_NUMBERS:
         message = f"{t.size} times of {len(coordinates)} coordinates; allowed: up to {_MOST_NUMBERS} numbers"
         raise InputError(f"{source}: {message}")
-    back = np.flatnonzero(np.diff(t) <= 0.0)
+    back = np.flatnonzero(np.diff(t) < SHORTEST)
     if back.size:
         late = int(back[0]) + 1
-        raise InputError(f"{place(late)}: column 't': {t[late]:g} after {t[late - 1]:g}; allowed: increasing times")
+        raise InputError(
+            f"{place(late)}: column 't': {t[late]:.17g} after {t[late - 1]:.17g}; allowed: increasing times, at least"
+            f" {SHORTEST:g} s apart"
+        )
     measured = sorted(parts["q"])
     if not measured:
         raise InputError(f"{source}: no column is a coordinate; allowed: {listed(coordinates)}")

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...description import RobotLike, as_robot
 from ...errors import ArrayError, InputError, UnknownNameError
+from ...motion.measured_numbers import ALLOWED_DIVISOR, answers_in_numbers, is_divisor
 from ...names import component_name, is_identifier, listed, nearest_or_all, parameter_name, show, split_component
 from ...optional import optional_import
 from ...progress import StageReport, no_report
@@ -47,6 +48,7 @@ Array = NDArray[np.float64]
 FOLDS = 10
 LACK = 1e-3  # probability of a reduced chi-square by chance, below which the fit lacks something
 _SOFT = 1e-3  # rad or m: what a stiffness that nothing is said of is expected to give way in all
+_ROUND_OFF = 1e-9  # of the terms of a variance
 
 
 @dataclass(frozen=True)
@@ -64,6 +66,7 @@ class Task:
     sizes: tuple[float, float]
 
 
+@answers_in_numbers("poses")
 def calibrate(
     robot: RobotLike,
     poses: MeasuredPoses | Path | str,
@@ -408,7 +411,12 @@ def _described(task: Task, model: ErrorModel, x: Array, covariance: Array) -> tu
 
         values[places], described[places] = whole(x[places]), said
         slope = _slope(whole, x[places])
-        variance[places] = np.einsum("ij,jk,ik->i", slope, covariance[np.ix_(places, places)], slope)
+        own = covariance[np.ix_(places, places)]
+        size = np.einsum("ij,jk,ik->i", np.abs(slope), np.abs(own), np.abs(slope))
+        found = np.einsum("ij,jk,ik->i", slope, own, slope)
+        variance[places] = np.where((found < 0.0) & (found > -_ROUND_OFF * size), 0.0, found)
+    if (variance < 0.0).any():
+        raise np.linalg.LinAlgError("a variance comes out negative")
     with np.errstate(invalid="ignore"):
         return values, described, np.sqrt(variance)
 
@@ -469,6 +477,6 @@ def two_sizes(sizes: Sequence[float]) -> tuple[float, float]:
         values = np.array(sizes, dtype=np.float64)
     except (TypeError, ValueError):
         values = np.zeros(0)
-    if values.shape != (2,) or not (np.isfinite(values).all() and (values > 0.0).all()):
-        raise ArrayError(f"sizes: {show(str(sizes))}; allowed: two positive numbers, of the reach and rad")
+    if values.shape != (2,) or not is_divisor(values).all():
+        raise ArrayError(f"sizes: {show(str(sizes))}; allowed: of the reach and rad, each {ALLOWED_DIVISOR}")
     return float(values[0]), float(values[1])

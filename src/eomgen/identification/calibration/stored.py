@@ -2,25 +2,33 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...description.recorded import robot_from_record
 from ...errors import InputError
-from ...names import show
+from ...limits import LARGEST_FOUND
+from ...motion.measured_numbers import ALLOWED_DIVISOR, is_divisor
+from ...names import listed, show
 from ...robot.model import build_model
 from ...robot.value import COORDINATES, Robot
 from ..geometry.closing import closing_of
 from ..geometry.error_model import COMPLIANCE, DRIVE, OFFSET, PLACEMENT, ZERO, ErrorModel, Quantity
 from ..geometry.stations import chain_of
-from ..saved import damage_named, read_arrays
+from ..saved import damage_named, declared_value, declared_values, number_arrays, read_arrays
 from .recorded import ARRAYS, KIND, PLAIN
 from .result import CalibrationResult
-from .variants import Gain
+from .variants import VARIANTS
+
+Array = NDArray[np.float64]
 
 _KINDS = (PLACEMENT, ZERO, OFFSET, COMPLIANCE, DRIVE)
+_NUMBER = re.compile(r"-?[0-9]{1,18}")
 
 
 def load_calibration(path: Path | str) -> CalibrationResult:
@@ -31,33 +39,51 @@ def load_calibration(path: Path | str) -> CalibrationResult:
     """
     arrays, meta = read_arrays(KIND, path)
     with damage_named(path, KIND):
-        robot: Robot = robot_from_record(meta["description"], str(path))
-        quantities = tuple(_quantity(entry) for entry in meta["quantities"])
-        frames = {name: (link, np.array(meta["tools"][name], dtype=float)) for name, link in meta["frames"].items()}
-        bases = {int(number): np.array(pose, dtype=float) for number, pose in meta["bases"].items()}
+        robot: Robot = robot_from_record(meta.get("description", {}), str(path))
+        plain = declared_values(CalibrationResult, meta, (*PLAIN, "gain"), str(path))
+        quantities = declared_value(tuple[Quantity, ...], meta, "quantities", str(path))
+        for quantity in quantities:
+            _check_quantity(quantity, str(path))
+        tools = _poses(meta, "tools", str(path))
+        if set(tools) != set(plain["frames"]):
+            raise InputError(f"{path}: tools: got {listed(tools)}; allowed: those of frames, {listed(plain['frames'])}")
+        frames = {name: (link, tools[name]) for name, link in plain["frames"].items()}
+        bases = {_series(number, str(path)): pose for number, pose in _poses(meta, "bases", str(path)).items()}
         chain, tree = chain_of(robot, frames), build_model(robot)
         closing = None
         if robot.is_closed:
             every = [(k, c) for k in range(len(chain.stations)) for c in range(6)]
             closing = closing_of(tree, chain, every, str(path))
         model = ErrorModel(robot, chain, quantities, bases, closing)
-        arrays_found: dict[str, Any] = {name: np.asarray(arrays[name], dtype=np.float64) for name in ARRAYS}
-        plain = {name: meta[name] for name in PLAIN}
-        for name in ("names", "units", "notes"):
-            plain[name] = tuple(map(str, plain[name]))
-        for name in ("weak", "mistrusted"):
-            plain[name] = tuple((entry[0], entry[1]) for entry in plain[name])
-        gain = None if meta["gain"] is None else Gain(**meta["gain"])
-        result = CalibrationResult(**plain, **arrays_found, gain=gain, model=model)
+        result = CalibrationResult(**plain, **number_arrays(arrays, ARRAYS, str(path)), model=model)
         _check(result, str(path))
+        result.lines()
     return result
 
 
-def _quantity(entry: dict[str, Any]) -> Quantity:
-    quantity = Quantity(**entry)
-    if quantity.kind not in _KINDS or not 0 <= quantity.coordinate < len(COORDINATES):
-        raise ValueError(f"quantity {quantity.name}")
-    return quantity
+def _poses(meta: Mapping[str, Any], name: str, path: str) -> dict[str, Array]:
+    rows = declared_value(Mapping[str, tuple[tuple[float, ...], ...]], meta, name, path)
+    for key, pose in rows.items():
+        if [len(row) for row in pose] != [4] * 4:
+            raise InputError(f"{path}: {name}.{show(key)}: got other numbers; allowed: a pose, 4 rows of 4")
+    return {key: np.array(pose, dtype=np.float64) for key, pose in rows.items()}
+
+
+def _series(number: str, path: str) -> int:
+    if not _NUMBER.fullmatch(number):
+        raise InputError(f"{path}: bases: got {show(number)}; allowed: numbers of series")
+    return int(number)
+
+
+def _check_quantity(quantity: Quantity, path: str) -> None:
+    for key, value, allowed in (
+        ("kind", quantity.kind, _KINDS),
+        ("coordinate", str(quantity.coordinate), tuple(map(str, range(len(COORDINATES))))),
+    ):
+        if value not in allowed:
+            raise InputError(
+                f"{path}: quantities: {show(quantity.name)}: {key}: got {show(value)}; allowed: {listed(allowed)}"
+            )
 
 
 def _check(result: CalibrationResult, path: str) -> None:
@@ -66,11 +92,32 @@ def _check(result: CalibrationResult, path: str) -> None:
     shapes["covariance"] = (whole, whole)
     for name, shape in shapes.items():
         array = getattr(result, name)
-        if array.shape != shape or (name in ("x", "covariance") and not np.isfinite(array).all()):
+        good = np.abs(array) <= LARGEST_FOUND
+        if name not in ("x", "covariance"):  # of merged ones, and of stiffness that is infinite
+            good |= ~np.isfinite(array)
+        if array.shape != shape or not good.all():
             raise InputError(f"{path}: array {name} has shape {array.shape}; allowed: {shape}, finite numbers")
+    for key, good, allowed in (
+        ("names", many > 0, "one or more"),
+        ("units", len(result.units) == many, f"{many}, one for each of names"),
+        ("confidence", 0.0 < result.confidence < 1.0, "a number between 0 and 1"),
+        ("variant", result.variant in VARIANTS, listed(VARIANTS)),
+        ("residuals", _is_whole(result.residuals), "fitted and held_out of the variants, full among them"),
+        ("noise", all(map(is_divisor, result.noise.values())), f"of each, {ALLOWED_DIVISOR}"),
+    ):
+        if not good:
+            raise InputError(f"{path}: {key}: got {show(str(getattr(result, key)))}; allowed: {allowed}")
     stations = len(result.model.chain.stations)
     for quantity in result.model.quantities:
         if not 0 <= quantity.station < stations:
             raise InputError(
                 f"{path}: {show(quantity.name)} is of station {quantity.station}; allowed: 0 to {stations - 1}"
             )
+
+
+def _is_whole(residuals: Mapping[str, Mapping[str, Mapping[str, float]]]) -> bool:
+    parts = [residuals[name] for name in VARIANTS if name in residuals]
+    kinds = set(residuals.get("full", {}).get("fitted", {}))
+    return "full" in residuals and all(
+        set(part) == {"fitted", "held_out"} and kinds.issubset(part["fitted"]) for part in parts
+    )

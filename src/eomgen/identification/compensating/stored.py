@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ...errors import InputError
 from ...scenario.recorded import scenario_from_record
-from ..saved import check_shapes, damage_named, read_arrays
-from .result import AXES, CompensationResult, HeldBack, Variant
+from ..saved import check_shapes, check_whole, damage_named, declared_values, number_arrays, read_arrays
+from .result import AXES, CompensationResult
 from .written import ARRAYS, KIND, PLAIN
 
 
@@ -22,18 +21,13 @@ def load_compensation(path: Path | str) -> CompensationResult:
     """
     arrays, meta = read_arrays(KIND, path)
     with damage_named(path, KIND):
-        plain: dict[str, Any] = {name: meta[name] for name in PLAIN}
-        for name in ("coordinates", "history", "rank", "shares", "notes"):
-            plain[name] = tuple(plain[name])
-        plain |= {name: np.asarray(arrays[name], dtype=np.float64) for name in ARRAYS}
         found = CompensationResult(
-            **plain,
-            limits=tuple(HeldBack(**entry) for entry in meta["limits"]),
-            robustness=tuple(Variant(**entry) for entry in meta["robustness"]),
-            scenario=scenario_from_record(meta["scenario"], f"{path}: scenario"),
+            **declared_values(CompensationResult, meta, (*PLAIN, "limits", "robustness"), str(path)),
+            **number_arrays(arrays, ARRAYS, str(path)),
+            scenario=scenario_from_record(meta.get("scenario", {}), f"{path}: scenario"),
         )
         _check(found, str(path))
-        found.lines()  # every number has its type
+        check_whole(found, str(path))
     return found
 
 

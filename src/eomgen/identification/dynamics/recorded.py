@@ -10,6 +10,8 @@ from ..saved import write_arrays
 
 KIND = "identification"
 ARRAYS = ("base_values", "deviations", "described", "t", "drives", "fitted")
+TEXTS = ("robot", "terms", "parameters", "names", "without_effect")
+PLAIN = ("parameters", "residuals", "further", "width", "warnings", "notes")
 
 
 def write_record(result: Any, target: Path) -> Path:
@@ -21,7 +23,7 @@ def write_record(result: Any, target: Path) -> Path:
     base = result.base
     meta = {
         "description": record_of(result.robot),
-        "base": {name: getattr(base, name) for name in ("robot", "terms", "parameters", "names", "without_effect")},
+        "base": {name: getattr(base, name) for name in TEXTS},
         "parameters": result.parameters,
         "residuals": {name: vars(found) for name, found in result.residuals.items()},
         "further": {name: vars(found) for name, found in result.further.items()},

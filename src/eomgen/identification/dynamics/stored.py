@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ...description.recorded import robot_from_record
 from ...errors import InputError
 from ..identifiable import BaseParameters
-from ..saved import check_shapes, damage_named, read_arrays
-from .recorded import ARRAYS, KIND
-from .result import Further, IdentifyResult, Residuals
+from ..saved import check_shapes, check_whole, damage_named, declared_values, number_arrays, read_arrays
+from .recorded import ARRAYS, KIND, PLAIN, TEXTS
+from .result import IdentifyResult
 
 
 def load_identification(path: Path | str) -> IdentifyResult:
@@ -23,40 +22,28 @@ def load_identification(path: Path | str) -> IdentifyResult:
     """
     arrays, meta = read_arrays(KIND, path)
     with damage_named(path, KIND):
-        base = BaseParameters(
-            robot=str(meta["base"]["robot"]),
-            terms=_texts(meta["base"]["terms"]),
-            parameters=_texts(meta["base"]["parameters"]),
-            chosen=np.asarray(arrays["chosen"], dtype=np.intp),
-            matrix=np.asarray(arrays["matrix"], dtype=np.float64),
-            names=_texts(meta["base"]["names"]),
-            without_effect=_texts(meta["base"]["without_effect"]),
-        )
-        found: dict[str, Any] = {name: np.asarray(arrays[name], dtype=np.float64) for name in ARRAYS}
+        texts = declared_values(BaseParameters, meta.get("base"), TEXTS, f"{path}: base")
+        numbers = number_arrays(arrays, (*ARRAYS, "matrix"), str(path))
+        chosen = number_arrays(arrays, ("chosen",), str(path), "iu")["chosen"]
+        base = BaseParameters(**texts, chosen=chosen.astype(np.intp), matrix=numbers.pop("matrix"))
         result = IdentifyResult(
-            robot=robot_from_record(meta["description"], str(path)),
+            robot=robot_from_record(meta.get("description", {}), str(path)),
             base=base,
-            **found,
-            kept=np.asarray(arrays["kept"], dtype=np.bool_),
-            parameters={str(name): float(value) for name, value in meta["parameters"].items()},
-            residuals={str(name): Residuals(**entry) for name, entry in meta["residuals"].items()},
-            further={str(name): Further(**entry) for name, entry in meta["further"].items()},
-            width=float(meta["width"]),
-            warnings=_texts(meta["warnings"]),
-            notes=_texts(meta["notes"]),
+            **numbers,
+            **number_arrays(arrays, ("kept",), str(path), "b"),
+            **declared_values(IdentifyResult, meta, PLAIN, str(path)),
         )
         _check(result, str(path))
+        check_whole(result, str(path))
     return result
-
-
-def _texts(values: list[Any]) -> tuple[str, ...]:
-    return tuple(map(str, values))
 
 
 def _check(result: IdentifyResult, path: str) -> None:
     many, whole, samples = len(result.base), len(result.base.parameters), len(result.t)
     shapes: dict[str, tuple[int, ...]] = dict.fromkeys(("base_values", "deviations", "described"), (many,))
     shapes |= dict.fromkeys(("drives", "fitted", "kept"), (samples, len(result.residuals))) | {"t": (samples,)}
+    if len(result.base.names) != len(result.base.chosen):
+        raise InputError(f"{path}: base: names: got {many}; allowed: {len(result.base.chosen)}, one for each of chosen")
     found = {name: getattr(result, name) for name in shapes} | {
         "matrix": result.base.matrix,
         "chosen": result.base.chosen,

@@ -8,12 +8,15 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
+from ...limits import LARGEST_FOUND
+from ..dynamics.recorded import TEXTS
 from ..identifiable import BaseParameters
-from ..saved import damage_named, read_arrays
+from ..saved import damage_named, declared_value, declared_values, number_arrays, read_arrays
 from .excited import ARRAYS, KIND, PLAIN, Compared, ExciteResult
 from .fourier import FourierSeries
 
 _SERIES = ("offset", "sines", "cosines")
+COMPARED = ("condition", "deviation")
 
 
 def load_excitation(path: Path | str) -> ExciteResult:
@@ -24,29 +27,33 @@ def load_excitation(path: Path | str) -> ExciteResult:
     """
     arrays, meta = read_arrays(KIND, path)
     with damage_named(path, "motion of excite"):
-        numbers: dict[str, Any] = {name: np.asarray(arrays[name], dtype=np.float64) for name in (*ARRAYS, *_SERIES)}
-        plain: dict[str, Any] = {name: meta[name] for name in PLAIN}
-        for name in ("limited", "units", "notes"):
-            plain[name] = tuple(map(str, plain[name]))
-        for name in ("condition", "deviation"):
-            plain[name] = Compared(**{key: float(value) for key, value in plain[name].items()})
-        names = tuple(map(str, meta["coordinates"]))
-        series = FourierSeries(names, float(meta["duration"]), *(numbers.pop(name) for name in _SERIES))
-        found = ExciteResult(**plain, **numbers, series=series, base=_base(meta["base"]))
+        numbers = number_arrays(arrays, (*ARRAYS, *_SERIES), str(path))
+        compared = {name: declared_value(Compared, meta, name, str(path), np.inf) for name in COMPARED}
+        plain = declared_values(ExciteResult, meta, set(PLAIN).difference(COMPARED), str(path))
+        names = declared_value(tuple[str, ...], meta, "coordinates", str(path))
+        duration = declared_value(float, meta, "duration", str(path))
+        if not duration > 0.0:
+            raise InputError(f"{path}: duration: got {duration:g}; allowed: a time in s greater than 0")
+        series = FourierSeries(names, duration, *(numbers.pop(name) for name in _SERIES))
+        found = ExciteResult(**plain, **compared, **numbers, series=series, base=_base(meta.get("base"), str(path)))
         _check(found, str(path))
+        found.lines()
     return found
 
 
-def _base(given: dict[str, Any]) -> BaseParameters:
-    texts: dict[str, Any] = {
-        name: tuple(map(str, given[name])) for name in ("terms", "parameters", "names", "without_effect")
-    }
-    return BaseParameters(
-        robot=str(given["robot"]),
-        **texts,
-        chosen=np.array(given["chosen"], dtype=np.intp),
-        matrix=np.array(given["matrix"], dtype=np.float64),
-    )
+def _base(given: Any, path: str) -> BaseParameters:
+    texts = declared_values(BaseParameters, given, TEXTS, f"{path}: base")
+    chosen = declared_value(tuple[int, ...], given, "chosen", f"{path}: base")
+    rows = declared_value(tuple[tuple[float, ...], ...], given, "matrix", f"{path}: base")
+    many, whole = len(texts["names"]), len(texts["parameters"])
+    if len(chosen) != many or [len(row) for row in rows] != [whole] * many:
+        raise InputError(
+            f"{path}: base: matrix and chosen are of other sizes; allowed: {many} names of {whole} parameters"
+        )
+    if not all(0 <= place < whole for place in chosen):
+        raise InputError(f"{path}: base: chosen: got {max(chosen)}; allowed: 0 to {whole - 1}")
+    matrix = np.array(rows, dtype=np.float64).reshape(many, whole)
+    return BaseParameters(**texts, chosen=np.array(chosen, dtype=np.intp), matrix=matrix)
 
 
 def _check(found: ExciteResult, path: str) -> None:
@@ -59,7 +66,8 @@ def _check(found: ExciteResult, path: str) -> None:
     own |= {name: getattr(found.series, name) for name in _SERIES}
     shapes |= {"offset": (many,), "sines": (many, *harmonics), "cosines": (many, *harmonics)}
     for name, array in own.items():
-        if array.shape != shapes[name] or (name != "limits" and not np.isfinite(array).all()):
+        good = ~np.isnan(array) if name == "limits" else np.abs(array) <= LARGEST_FOUND
+        if array.shape != shapes[name] or not good.all():
             raise InputError(f"{path}: array {name} has shape {array.shape}; allowed: {shapes[name]}, finite numbers")
     if len(harmonics) != 1 or not harmonics[0] or len(found.units) != limits:
         raise InputError(f"{path}: is no motion of excite; allowed: what its save wrote")

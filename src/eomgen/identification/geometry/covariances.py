@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...errors import ArrayError, InputError
 from ...motion.csv_columns import read_csv
+from ...motion.measured_numbers import ALLOWED_DIVISOR, is_divisor, measured_numbers
 from ...names import listed, show, split_component
 from ...npz import read_npz
 from ...robot.coordinates import MOTIONS
@@ -37,9 +38,7 @@ def read_covariances(paths: Iterable[Path | str]) -> dict[str, Array]:
         for frame, matrix in given.items():
             if frame in found:
                 raise InputError(f"{path}: {show(frame)} has a covariance already; allowed: one of each frame")
-            if matrix.dtype.kind not in "fiu":
-                raise InputError(f"{path}: array {show(frame)} has dtype {matrix.dtype}; allowed: numbers")
-            found[frame] = matrix.astype(np.float64)
+            found[frame] = measured_numbers(frame, matrix, lambda row, path=path: f"{path}: row {row}")
     return found
 
 
@@ -81,7 +80,14 @@ def whitening_factor(of: str, matrix: Array) -> Array:
     Raises:
         ArrayError: the matrix is not finite, symmetric and positive definite; ``of`` says whose it is.
     """
-    scale = np.sqrt(np.abs(np.outer(np.diag(matrix), np.diag(matrix))))
+    variances = np.diag(matrix)
+    if not is_divisor(variances).all():
+        worst = float(variances[~is_divisor(variances)][0])
+        raise ArrayError(
+            f"covariance: that of {of} is not symmetric and positive definite: {worst:g} on its diagonal; allowed:"
+            f" {ALLOWED_DIVISOR}"
+        )
+    scale = np.sqrt(np.outer(variances, variances))
     try:
         if not (np.isfinite(matrix).all() and (np.abs(matrix - matrix.T) <= _SYMMETRIC * scale).all()):
             raise np.linalg.LinAlgError

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...errors import ArrayError, InputError
+from ...motion.measured_numbers import ALLOWED_DIVISOR, is_divisor
 from ...names import listed, show
 from ...robot.coordinates import MOTIONS
 from .covariances import matrices_of, whitening_factor
@@ -196,8 +197,8 @@ def usual_noise(noise: ArrayLike) -> tuple[float, float]:
         values = np.array(noise, dtype=np.float64)
     except (TypeError, ValueError):
         values = np.zeros(0)
-    if values.shape != (2,) or not (np.isfinite(values).all() and (values > 0.0).all()):
-        raise ArrayError(f"noise: {show(str(noise))}; allowed: two positive numbers, m and rad")
+    if values.shape != (2,) or not is_divisor(values).all():
+        raise ArrayError(f"noise: {show(str(noise))}; allowed: m and rad, each {ALLOWED_DIVISOR}")
     return float(values[0]), float(values[1])
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...motion.csv_columns import read_csv
+from ...motion.measured_numbers import ALLOWED_DIVISOR, is_divisor, measured_numbers
 from ...names import listed, nearest, show, split_component
 from ...npz import read_npz
 from ...robot.coordinates import FORCES, MOTIONS
@@ -175,10 +176,7 @@ def _arrays(columns: Mapping[str, Array], source: str) -> dict[str, Array]:
             raise InputError(
                 f"{source}: {show(name)} has dtype {array.dtype} and shape {array.shape}; allowed: numbers in one row"
             )
-        found[name] = array.astype(np.float64)
-        bad = np.flatnonzero(np.isinf(found[name]))
-        if bad.size:
-            raise InputError(f"{source}: row {bad[0]}: column {show(name)}: {array[bad[0]]}; allowed: a finite number")
+        found[name] = measured_numbers(name, array, lambda row: f"{source}: row {row}", blanks=True)
     sizes = {len(array) for array in found.values()}
     if len(sizes) != 1:
         raise InputError(f"{source}: columns of {len(sizes)} lengths; allowed: one length for all columns")
@@ -220,7 +218,7 @@ class _Table:
     def positive(self, name: str) -> Array:
         """A column of positive numbers; blanks are not looked at in columns of standard deviations."""
         values = self.finite(name)
-        self._refuse(name, values <= 0.0, "a positive number (to leave a row out, remove it)")
+        self._refuse(name, ~is_divisor(values), f"{ALLOWED_DIVISOR} (to leave a row out, remove it)")
         return values
 
     def whole(self, name: str, default: int) -> NDArray[np.int64]:
@@ -254,7 +252,7 @@ class _Table:
         for key in given:
             if key.startswith("sigma."):
                 name = f"{frame}.{key}"
-                self._refuse(name, ~(self.columns[name] > 0.0) & np.isfinite(self.columns[name]), "a positive number")
+                self._refuse(name, ~is_divisor(self.columns[name]) & np.isfinite(self.columns[name]), ALLOWED_DIVISOR)
                 sigma[key.removeprefix("sigma.")] = self.columns[name]
         blank = np.full(self.rows, np.nan)
         single = {key: self.columns[f"{frame}.{key}"] if key in given else blank for key in SINGLE}

@@ -10,6 +10,7 @@ import numpy as np
 
 from ...description import RobotLike
 from ...errors import InputError
+from ...motion.measured_numbers import answers_in_numbers
 from ...names import listed, show
 from ...npz import read_npz
 from ...progress import Progress, no_progress
@@ -29,6 +30,7 @@ TRAJECTORY, SWEEP = "trajectory.npz", "sweep.json"
 _FAR = 0.1  # m, rad: of a pose from its command, from which on a mistake is more likely than a robot
 
 
+@answers_in_numbers("results")
 def accuracy(
     *results: SimulationResult | Path | str,
     robot: RobotLike | None = None,

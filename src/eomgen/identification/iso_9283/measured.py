@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ...errors import InputError, UnknownNameError
 from ...motion.csv_columns import read_csv
+from ...motion.measured_numbers import measured_numbers
 from ...motion.turns import rotation_of
 from ...names import component_name, listed, nearest, show, split_component
 from ...npz import read_npz
@@ -132,12 +133,9 @@ def _read(path: File) -> _Rows:
                 f"{path}: array {show(name)} has dtype {array.dtype} and shape {array.shape};"
                 " allowed: numbers, one for each row, equally many of each"
             )
-        bad = np.flatnonzero(~np.isfinite(array))
-        if bad.size:
-            raise InputError(f"{path}: row {bad[0]}: column {show(name)}: {array[bad[0]]}; allowed: a finite number")
     if not arrays:
         raise InputError(f"{path}: has no arrays; allowed: {COLUMNS}")
-    found = {name: array.astype(np.float64) for name, array in arrays.items()}
+    found = {name: measured_numbers(name, array, lambda row: f"{path}: row {row}") for name, array in arrays.items()}
     return _Rows(str(path), found, lambda row: f"{path}: row {row}")
 
 

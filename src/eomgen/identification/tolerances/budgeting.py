@@ -16,7 +16,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...description import RobotLike, as_robot
 from ...errors import ArrayError, InputError, UnknownNameError
+from ...limits import LARGEST
 from ...motion.files import MeasuredMotion, measured_motion
+from ...motion.measured_numbers import ALLOWED, answers_in_numbers, within_limits
 from ...names import component_name, joint_of, kind_of, listed, nearest_or_all, show
 from ...progress import StageReport, no_report
 from ...robot.model import Model, build_model, tool_of
@@ -43,6 +45,7 @@ _SOFTEST = 0.2  # of a stiffness: its greatest standard deviation
 _COLUMNS = {"position": slice(0, 3), "orientation": slice(3, 6)}
 
 
+@answers_in_numbers("table")
 def tolerance(
     robot: RobotLike,
     table: Mapping[str, Any] | Path | str,
@@ -131,8 +134,8 @@ def _given_poses(model: Model, names: Sequence[str], poses: ArrayLike | Mapping[
         for name, value in poses.items():
             if name not in names:
                 raise UnknownNameError(f"poses: there is no coordinate {name!r}{nearest_or_all(name, names)}")
-            if not isinstance(value, (int, float)) or not np.isfinite(value):
-                raise InputError(f"poses: {name}: {show(value)}; allowed: a finite number")
+            if not isinstance(value, (int, float)) or not abs(value) <= LARGEST:
+                raise InputError(f"poses: {name}: {show(value)}; allowed: {ALLOWED}")
             start[names.index(name)] = float(value)
         return start[np.newaxis]
     try:
@@ -141,8 +144,9 @@ def _given_poses(model: Model, names: Sequence[str], poses: ArrayLike | Mapping[
         raise ArrayError(f"poses: {show(str(poses))}; allowed: numbers") from None
     shape = f"({len(names)},) or (N, {len(names)})"
     is_shaped = given.ndim in (1, 2) and given.shape[-1] == len(names) and given.size > 0
-    if not is_shaped or not np.isfinite(given).all():
-        raise ArrayError(f"poses: got shape {given.shape}; allowed: finite numbers of shape {shape}: {listed(names)}")
+    if not is_shaped or not within_limits(given).all():
+        what = f"finite numbers of shape {shape}, up to {LARGEST:g}: {listed(names)}"
+        raise ArrayError(f"poses: got shape {given.shape}; allowed: {what}")
     given = given.reshape(-1, len(names))
     if len(given) > MOST_POSES:
         raise ArrayError(f"poses: {len(given)} rows; allowed: up to {MOST_POSES}")
@@ -201,8 +205,8 @@ def _wrench(given: ArrayLike) -> Array:
         found = np.asarray(given, dtype=np.float64)
     except (TypeError, ValueError):
         found = np.zeros(0)
-    if found.shape != (6,) or not np.isfinite(found).all():
-        raise ArrayError(f"wrench: {show(str(given))}; allowed: 6 finite numbers, N and N m")
+    if found.shape != (6,) or not within_limits(found).all():
+        raise ArrayError(f"wrench: {show(str(given))}; allowed: 6 finite numbers up to {LARGEST:g}, N and N m")
     return found
 
 

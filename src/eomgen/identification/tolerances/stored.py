@@ -2,16 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ...description.recorded import robot_from_record
-from ..saved import damage_named, read_plain
+from ..saved import damage_named, declared_value, read_plain
 from .budgeting import tolerance
 from .recorded import KIND
 from .result import ToleranceResult
+
+_KEYS: Mapping[str, Any] = {
+    "table": Mapping[str, Mapping[str, Any]],
+    "frame": str,
+    "q": tuple[tuple[float, ...], ...],
+    "wrench": tuple[float, ...] | None,
+    "confidence": float,
+    "t": tuple[float, ...] | None,
+}
 
 
 def load_tolerance(path: Path | str) -> ToleranceResult:
@@ -23,17 +34,18 @@ def load_tolerance(path: Path | str) -> ToleranceResult:
     """
     data = read_plain(KIND, path)
     with damage_named(path, "accuracy by tolerances"):
+        given = {name: declared_value(kind, data, name, str(path)) for name, kind in _KEYS.items()}
         found = tolerance(
-            robot_from_record(data["description"], str(path)),
-            dict(data["table"]),
-            str(data["frame"]),
-            poses=np.array(data["q"], dtype=np.float64),
-            wrench=data["wrench"],
-            confidence=data["confidence"],
+            robot_from_record(data.get("description", {}), str(path)),
+            dict(given["table"]),
+            given["frame"],
+            poses=np.array(given["q"], dtype=np.float64),
+            wrench=given["wrench"],
+            confidence=given["confidence"],
         )
-        if data["t"] is None:
+        if given["t"] is None:
             return found
-        t = np.array(data["t"], dtype=np.float64)
+        t = np.array(given["t"], dtype=np.float64)
         if t.shape != (len(found.q),) or not np.isfinite(t).all():
             raise ValueError(f"t of shape {t.shape}")
     return replace(found, t=t)

@@ -5,13 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from math import isfinite
 from pathlib import Path
 from typing import Any
 
 from ...errors import DescriptionError
 from ...forms.toml_place import locate
 from ...forms.toml_text import parse_toml, read_text
+from ...limits import LARGEST
 from ...names import listed, nearest, show
 
 KEYS = ("deviation", "bound", "relative", "cost", "fixed")
@@ -132,8 +132,12 @@ def _read(entry: Mapping[str, Any], keys: Sequence[str], source: str, text: str)
     for key in (*given, *(("cost",) if "cost" in entry else ())):
         value = entry[key]
         is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
-        if not is_number or not isfinite(value) or value < 0.0 or (key == "cost" and not 0.0 < value <= _LARGEST_COST):
-            allowed = "a number above 0, up to 1e12" if key == "cost" else "a finite number that is not negative"
+        if not is_number or not 0.0 <= value <= LARGEST or (key == "cost" and not 0.0 < value <= _LARGEST_COST):
+            allowed = (
+                "a number above 0, up to 1e12"
+                if key == "cost"
+                else f"a finite number that is not negative, up to {LARGEST:g}"
+            )
             raise refuse(key, f"{show(value)}; allowed: {allowed}")
         found[key] = float(value)
     for key, field in (("relative", "relative"), ("fixed", "is_fixed")):
