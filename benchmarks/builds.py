@@ -18,6 +18,7 @@ from time import perf_counter
 
 from eomgen.bench.beside import processor_name
 
+from .bars import bracket
 from .peers.cases import URDFS, case
 
 PAGE = Path(__file__).parents[1] / "docs" / "builds.md"
@@ -81,7 +82,7 @@ kept ([Theory](theory.md)). Measured on {processor} with {cores} cores by `pytho
 {rounds} rounds in turns, in seconds. The time of all kernels is that of one library with all but derivatives.
 Derivatives of the dynamics are, in one library with functions for batches, first and second ones of inverse and forward
 dynamics and gradients of rollouts by all methods; those of all kernels are all that `kernels=` can name. In brackets
-stands what is to hold of them, in seconds and MB on two quiet cores; they are built {deep}.
+stands what is to hold of them, in seconds and MB on two quiet cores, and where that is missed; they are built {deep}.
 """
 
 
@@ -151,7 +152,8 @@ def page(robots: Sequence[str], rounds: int, deep: int) -> str:
     lines += ["|---|---|---:|---:|---:|---:|"]
     for (robot, what), costs in builds.items():
         best = min(costs, key=lambda cost: cost.wall)
-        clock, memory = (f" ({bar:g})" for bar in BARS[robot, what]) if (robot, what) in BARS else ("", "")
+        bars = BARS.get((robot, what), (None, None))
+        clock, memory = (bracket(x, bar, at_most=True) for x, bar in zip((best.wall, best.memory), bars, strict=True))
         numbers = f"{best.wall:.2f}{clock} | {best.python:.2f} | {best.compilers:.2f} | {best.memory:.0f}{memory}"
         lines.append(f"| {os.path.basename(robot)} | {what} | {numbers} |")
     return head + "\n" + "\n".join(lines) + "\n"

@@ -28,6 +28,7 @@ from eomgen.codegen.package.compile import find_compiler
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
 
+from .bars import MISSED, is_held, verdict
 from .closed_peer import CODE, DYNAMICS, LCABA, ClosedPeer, Settings
 from .ladder import ladder, ladder_state
 from .peers import pinocchio_peer
@@ -203,10 +204,12 @@ class Row:
     missing: str = ""
 
     def held(self) -> bool | None:
-        """Whether the required ratio to constraintDynamics is reached; None where there is none."""
-        if self.required is None or DYNAMICS not in self.ratios:
-            return None
-        return self.ratios[DYNAMICS][1] >= self.required
+        """Whether the required ratio to constraintDynamics is reached; None where there is none, or no ratio."""
+        return None if self.required is None else is_held(self.ratio(), self.required)
+
+    def ratio(self) -> float | None:
+        """That to constraintDynamics, if it was measured."""
+        return self.ratios[DYNAMICS][1] if DYNAMICS in self.ratios else None
 
 
 @dataclass(frozen=True)
@@ -370,10 +373,9 @@ def ratio_lines(rows: Sequence[Row]) -> list[str]:
 
 def required_lines(rows: Sequence[Row]) -> list[str]:
     """What has to be reached, and whether it is."""
-    said = {True: "held", False: "missed", None: "not timed"}
     return [
         f"- Required of {row.title}, {'batch' if row.batch else 'one state'}: {row.required:g} times"
-        f" `{DYNAMICS}`: {said[row.held()]}."
+        f" `{DYNAMICS}`: {verdict(row.ratio(), row.required)}."
         for row in rows
         if row.required is not None
     ]
@@ -385,7 +387,11 @@ def operation_lines(counts: Sequence[Count]) -> list[str]:
     lines = [f"| mechanism | {' | '.join(names)} | mul and add at most |", "|---" + "|---:" * (len(names) + 1) + "|"]
     for count in counts:
         cells = [str(count.operations[name]) for name in names]
-        most = "" if count.most is None else f"{count.most[0]}, {count.most[1]}"
+        most = ""
+        if count.most is not None:
+            pairs = zip((count.operations["mul"], count.operations["add"]), count.most, strict=True)
+            missed = any(not is_held(number, bar, at_most=True) for number, bar in pairs)
+            most = f"{count.most[0]}, {count.most[1]}" + f": {MISSED}" * missed
         lines.append(f"| {count.title} | {' | '.join(cells)} | {most} |")
     return lines
 
@@ -394,7 +400,7 @@ def step_line(step: float | None) -> str:
     """What a linearly implicit step with elastic loops costs."""
     if step is None:
         return ""
-    held = "held" if step <= STEP_AT_MOST else "missed"
+    held = verdict(step, STEP_AT_MOST, at_most=True)
     return (
         f"A linearly implicit step of `{ELASTIC}`, all of whose joints have six coordinates, the cut ones too, takes"
         f" {step:.1f} times the operations\nof the same robot with its loops open, a division as {DIVISION}; at most"

@@ -8,6 +8,7 @@ from typing import Any
 
 from eomgen.pictures.style import FULL_WIDTH, canvas
 
+from .bars import MISSED, UNKNOWN, bracket, verdict
 from .precision_cases import ERRORS, ONE, OTHERS, OURS, PROBLEMS
 from .precision_report import Found, Point, Report
 
@@ -51,7 +52,7 @@ def table(found: Found) -> list[str]:
     cells = []
     for error in ERRORS:
         ratio = found.ratio(error)
-        cells.append((NONE if ratio is None else f"{ratio:.1f}") + f" ({bars[error]:g})")
+        cells.append((NONE if ratio is None else f"{ratio:.1f}") + bracket(ratio, bars[error]))
     return [*lines, f"| best of the others by best of ours | {' | '.join(cells)} |"]
 
 
@@ -60,12 +61,11 @@ def winners(found: Found) -> Iterator[str]:
     for error, bar in PROBLEMS[found.problem].bars.items():
         ours, others, ratio = found.cheapest(OURS, error), found.cheapest(OTHERS, error), found.ratio(error)
         if ours is None or others is None or ratio is None:
-            yield f"{found.problem:16} {error:.0e}  nobody's, or one side's, is as exact   bar {bar:g}"
+            yield f"{found.problem:16} {error:.0e}  nobody's, or one side's, is as exact   bar {bar:g}  {UNKNOWN}"
             continue
-        held = "held" if ratio >= bar else "MISSED"
         yield (
             f"{found.problem:16} {error:.0e}  {ours.contender:18} {1e3 * ours.seconds:8.3g} ms"
-            f"  {others.contender:20} {1e3 * others.seconds:8.3g} ms  {ratio:6.1f}  bar {bar:g}  {held}"
+            f"  {others.contender:20} {1e3 * others.seconds:8.3g} ms  {ratio:6.1f}  bar {bar:g}  {verdict(ratio, bar)}"
         )
 
 
@@ -92,7 +92,7 @@ def lines(report: Report) -> list[str]:
     said = [line for found in report.found for line in winners(found)]
     named = report.of(NAMED[0])
     for what, ratio, bar, ours in at_one_tolerance(named) if named else []:
-        said.append(f"{what}, {ours}: {ratio:.1f}  bar {bar:g}  {'held' if ratio >= bar else 'MISSED'}")
+        said.append(f"{what}, {ours}: {ratio:.1f}  bar {bar:g}  {verdict(ratio, bar)}")
     return said
 
 
@@ -104,7 +104,9 @@ def readme(report: Report) -> str:
         cells = []
         for error in ERRORS:
             ratio, others = found.ratio(error), found.cheapest(OTHERS, error)
-            cells.append(NONE if ratio is None or others is None else f"{ratio:.1f} ({others.contender})")
+            missed = bracket(ratio, PROBLEMS[found.problem].bars[error])
+            missed = missed if MISSED in missed else ""
+            cells.append(NONE if ratio is None or others is None else f"{ratio:.1f}{missed} ({others.contender})")
         rows.append(f"| {PROBLEMS[found.problem].title} | {' | '.join(cells)} |")
     named = report.of(NAMED[0])
     if named is None:
@@ -175,21 +177,30 @@ def page(report: Report) -> str:
 
 
 def _required(report: Report) -> Iterator[str]:
-    """What was missed, or that nothing was; and ratios at one tolerance."""
-    missed = []
+    """What was missed or not measured, or that all is held; and ratios at one tolerance, which count as well."""
+    named = report.of(NAMED[0])
+    at_one = at_one_tolerance(named) if named is not None else []
+    by_verdict: dict[str, list[str]] = {}
     for found in report.found:
         for error, bar in PROBLEMS[found.problem].bars.items():
             ratio = found.ratio(error)
-            if ratio is not None and ratio < bar:
-                missed.append(f"{PROBLEMS[found.problem].title} at {error:.0e} ({ratio:.1f} of {bar:g})")
-    yield f"Required ratios that are missed: {'; '.join(missed)}." if missed else "All required ratios are held."
-    named = report.of(NAMED[0])
+            number = NONE if ratio is None else f"{ratio:.1f}"
+            what = f"{PROBLEMS[found.problem].title} at {error:.0e} ({number} of {bar:g})"
+            by_verdict.setdefault(verdict(ratio, bar), []).append(what)
+    for what, ratio, bar, _ in at_one:
+        by_verdict.setdefault(verdict(ratio, bar), []).append(f"{what} ({ratio:.1f} of {bar:g})")
+    if set(by_verdict) & {MISSED, UNKNOWN}:
+        for word in (MISSED, UNKNOWN):
+            if word in by_verdict:
+                yield f"Required ratios that are {word}: {'; '.join(by_verdict[word])}."
+    else:
+        yield "All required ratios are held."
     if named is not None:
         yield ""
         yield f"{PROBLEMS[NAMED[0]].duration:g} s of the {PROBLEMS[NAMED[0]].title} at one tolerance:"
         yield ""
-        for what, ratio, bar, ours in at_one_tolerance(named):
-            yield f"- {what}: {ratio:.1f} times as long as {label(ours)}; required {bar:g}."
+        for what, ratio, bar, ours in at_one:
+            yield f"- {what}: {ratio:.1f} times as long as {label(ours)}; required {bar:g}: {verdict(ratio, bar)}."
 
 
 def draw(report: Report, path: Path) -> None:

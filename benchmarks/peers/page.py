@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
+from ..bars import bracket, verdict
 from .cases import CHAIN, ELASTIC, TITLES
 from .mujoco_peer import STEP
 from .report import Entry, Quartiles, Report
@@ -63,9 +64,8 @@ def summary(report: Report) -> list[str]:
 def _cell(entry: Entry | None, peer: str) -> str:
     if entry is None:
         return NONE
-    bar = entry.bar(peer)
-    required = "" if bar is None else f" ({bar:g})"
     found = entry.against(peer)
+    required = bracket(None if found is None else found[1][1], entry.bar(peer))
     if found is None:
         return ("not built" if "eomgen" in entry.missing else NONE) + required
     return f"{found[1][1]:.1f}{required}"
@@ -224,6 +224,5 @@ def lines(report: Report) -> list[str]:
             if ratio is None:
                 found.append(f"{name} {'-':>7}   bar {bar:4g}   {_why(entry, peer)}")
             else:
-                held = "held" if ratio[1][1] >= bar else "MISSED"
-                found.append(f"{name} {ratio[1][1]:7.2f}   bar {bar:4g}   {held}")
+                found.append(f"{name} {ratio[1][1]:7.2f}   bar {bar:4g}   {verdict(ratio[1][1], bar)}")
     return found
