@@ -1,8 +1,9 @@
 """Formulas of the laws in ``robot.laws``: what a deviation s at the rate v is resisted with.
 
 Every law is a function of s and v with its slopes and the energy that it stores (zero at s = 0), over any kind of
-scalar.  There are no branches: u = max(s - a, 0) is what of s lies beyond a, and a difference of two such is the part
-of s inside an interval, so that polynomials in these parts add up to the pieces of a curve.
+scalar.  There are no branches: u = max(s - a, 0) is what of s lies beyond a, and min(u, w) the part of s inside an
+interval of the width w, so that polynomials in these parts add up to the pieces of a curve.  (u - max(u - w, 0) is
+the same but for round-off: far beyond a narrow interval it keeps no digit of w.)
 
 Contact: K. H. Hunt, F. R. E. Crossley, "Coefficient of Restitution Interpreted as Damping in Vibroimpact", Journal of
 Applied Mechanics 42 (1975).  Friction: the Stribeck curve in the form of C. Canudas de Wit et al., "A New Model for
@@ -145,8 +146,7 @@ def _one_sided(k: Scalar, c: Scalar, w: Scalar, x: Scalar, v: Scalar, f: Functio
 
     The penetration d(x) is that of ``_contact``, with the smoothing w: it and the share of v in d_dot set in from 0 on.
     """
-    beyond = f.max(x - w, 0.0)
-    part = f.max(x, 0.0) - beyond
+    beyond, part = f.max(x - w, 0.0), f.min(w, f.max(x, 0.0))
     inverse = 1.0 / w
     slope = part * inverse
     d, bend = 0.5 * (part * slope) + beyond, (f.step(x) - f.step(x - w)) * inverse
@@ -174,10 +174,11 @@ def _preload(x: Deflection) -> Effect:
 
 
 def _two_sides(x: Deflection) -> Effect:
-    k, s = x.numbers["stiffness_negative"], x.s
-    more, beyond = x.numbers["stiffness"] - k, x.f.max(s, 0.0)
-    energy = (k * s * s + more * beyond * beyond) * 0.5
-    return Effect(k * s + more * beyond, k + more * x.f.step(s), energy=energy)
+    """Each side by itself: where one is much softer, nothing of the other's stiffness is left in its digits."""
+    k, behind = x.numbers["stiffness"], x.numbers["stiffness_negative"]
+    ahead, back, is_ahead = x.f.max(x.s, 0.0), x.f.min(0.0, x.s), x.f.step(x.s)
+    force, by_s = k * ahead + behind * back, k * is_ahead + behind * (1.0 - is_ahead)
+    return Effect(force, by_s, energy=(k * ahead * ahead + behind * back * back) * 0.5)
 
 
 def _cubic(x: Deflection) -> Effect:
@@ -211,8 +212,7 @@ def contact(numbers: Numbers, k: Scalar, s: Scalar, v: Scalar, f: Functions) -> 
     """
     w = numbers["smoothing"]
     x = s - numbers["clearance"]
-    beyond = f.max(x - w, 0.0)
-    part = f.max(x, 0.0) - beyond  # of x within the smoothing
+    beyond, part = f.max(x - w, 0.0), f.min(w, f.max(x, 0.0))  # of x beyond the smoothing, and within
     inverse = 1.0 / w
     slope = part * inverse
     d = 0.5 * (part * slope) + beyond
@@ -293,7 +293,7 @@ def _along(knots: Sequence[float], forces: Sequence[Scalar], s: Scalar, f: Funct
     by_s = slopes[0]
     energy = before * (forces[0] + 0.5 * slopes[0] * before) + beyond[-1] * (forces[-1] + 0.5 * slopes[-1] * beyond[-1])
     for i, (square, cube) in enumerate(pieces):
-        t = beyond[i] - beyond[i + 1]
+        t = f.min(knots[i + 1] - knots[i], beyond[i])
         force = force + t * (slopes[i] + t * (square + t * cube))
         by_s = by_s + t * (2.0 * square + t * (3.0 * cube))
         inner = slopes[i] * 0.5 + t * (square * (1.0 / 3.0) + t * (cube * 0.25))

@@ -22,3 +22,7 @@ class Functions:
         if name not in CALLS:
             raise AttributeError(f"{name!r} is no operation; known: {', '.join(CALLS)}")
         return partial(self._call, name)
+
+    def min(self, x: Scalar, y: Scalar) -> Scalar:
+        """The smaller of x and y; where both are equal, y, whose rate is its own, too."""
+        return -self.max(-x, -y)

@@ -53,6 +53,9 @@ def show(value: object) -> str:
         while len(ascii(shown)) > _ESCAPED:
             shown = shown[:-1]
         value = value if len(shown) == len(value) else shown + "..."
+    elif not isinstance(value, (int, float)):  # arrays take lines
+        text = " ".join(ascii(value).split())
+        return text if len(text) <= _ESCAPED else text[:_SHOWN] + "..."
     return ascii(value)
 
 

@@ -820,27 +820,70 @@ long long one_link_rollout(const double *restrict h, const double *restrict q, c
 #ifndef EOMGEN_LOADS
 #define EOMGEN_LOADS
 
-/* The piece of a signal at t, and how far t is from its beginning; not inside before the first and behind the last. */
-static int one_link_piece(const one_link_signal *restrict signal, double t, double *restrict ahead, int *restrict inside)
+/* A time, and one beside it by which pieces of signals are chosen: where signals jump, both sides have their own. */
+typedef struct {
+    double t;
+    double beside;
+} one_link_instant;
+
+/* A time that is its own side: behind what jumps there. */
+static one_link_instant one_link_instant_of(double t)
+{
+    one_link_instant at;
+    at.t = t;
+    at.beside = t;
+    return at;
+}
+
+/* When drives and wrenches are asked. */
+static one_link_instant one_link_between_ends(const one_link_loads *restrict loads, one_link_instant at)
+{
+    one_link_instant found;
+    found.t = (at.t < loads->first) ? loads->first : ((at.t > loads->last) ? loads->last : at.t);
+    found.beside = (at.beside < loads->first) ? loads->first : ((at.beside > loads->last) ? loads->last : at.beside);
+    return found;
+}
+
+/* How many of the times at which loads jump are not behind t. */
+static size_t one_link_stops_until(const one_link_loads *restrict loads, double t)
+{
+    size_t low = 0U;
+    size_t high = loads->stops;
+    while (low < high) {
+        const size_t middle = low + (high - low) / 2U;
+        if (loads->stop[middle] <= t) { low = middle + 1U; } else { high = middle; }
+    }
+    return low;
+}
+
+/* Whether loads jump at t. */
+static int one_link_jumps_at(const one_link_loads *restrict loads, double t)
+{
+    const size_t count = one_link_stops_until(loads, t);
+    return ((count > 0U) && !(loads->stop[count - 1U] < t)) ? 1 : 0;
+}
+
+/* The piece of a signal at a time, and how far that is from its beginning; not inside before the first and behind the last. */
+static int one_link_piece(const one_link_signal *restrict signal, one_link_instant at, double *restrict ahead, int *restrict inside)
 {
     const double *const knot = signal->knot;
     int low = 0;
     int high = signal->pieces;
     while (high - low > 1) {
         const int middle = low + (high - low) / 2;
-        if (t < knot[middle]) { high = middle; } else { low = middle; }
+        if (at.beside < knot[middle]) { high = middle; } else { low = middle; }
     }
-    *inside = ((t >= knot[0]) && (t <= knot[signal->pieces])) ? 1 : 0;
-    *ahead = ((t < knot[low]) ? 0.0 : ((t > knot[low + 1]) ? (knot[low + 1] - knot[low]) : (t - knot[low])));
+    *inside = ((at.beside >= knot[0]) && (at.beside <= knot[signal->pieces])) ? 1 : 0;
+    *ahead = (at.beside < knot[low]) ? 0.0 : ((at.beside > knot[low + 1]) ? (knot[low + 1] - knot[low]) : (at.t - knot[low]));
     return low;
 }
 
-/* Columns of a signal at t, its rates and accelerations, without its profile. */
-static void one_link_column(const one_link_signal *restrict signal, double t, double *restrict x, double *restrict dx, double *restrict ddx)
+/* Columns of a signal at a time, its rates and accelerations, without its profile. */
+static void one_link_column(const one_link_signal *restrict signal, one_link_instant at, double *restrict x, double *restrict dx, double *restrict ddx)
 {
     double ahead = 0.0;
     int inside = 0;
-    const int piece = one_link_piece(signal, t, &ahead, &inside);
+    const int piece = one_link_piece(signal, at, &ahead, &inside);
     const size_t columns = (size_t)signal->columns;
     const double *const own = &signal->coefficient[(size_t)piece * ((size_t)signal->degree + 1U) * columns];
     for (size_t i = 0; i < columns; ++i) {
@@ -858,17 +901,26 @@ static void one_link_column(const one_link_signal *restrict signal, double t, do
     }
 }
 
-/* Columns of a signal at t, its rates and accelerations. */
-static void one_link_signal_at(const one_link_signal *restrict signal, double t, double *restrict x, double *restrict dx, double *restrict ddx)
+/* What a signal's profile puts in the place of a time, with its rate and acceleration there. */
+static one_link_instant one_link_profiled(const one_link_signal *restrict profile, one_link_instant at, double *restrict ds, double *restrict dds)
+{
+    one_link_instant found;
+    double rate = 0.0;
+    double second = 0.0;
+    one_link_column(profile, one_link_instant_of(at.beside), &found.beside, &rate, &second);
+    one_link_column(profile, at, &found.t, ds, dds);
+    return found;
+}
+
+/* Columns of a signal at a time, its rates and accelerations. */
+static void one_link_signal_at(const one_link_signal *restrict signal, one_link_instant at, double *restrict x, double *restrict dx, double *restrict ddx)
 {
     if (signal->profile == NULL) {
-        one_link_column(signal, t, x, dx, ddx);
+        one_link_column(signal, at, x, dx, ddx);
     } else {
-        double s = 0.0;
         double ds = 0.0;
         double dds = 0.0;
-        one_link_column(signal->profile, t, &s, &ds, &dds);
-        one_link_column(signal, s, x, dx, ddx);
+        one_link_column(signal, one_link_profiled(signal->profile, at, &ds, &dds), x, dx, ddx);
         for (int i = 0; i < signal->columns; ++i) {
             ddx[i] = ddx[i] * ds * ds + dx[i] * dds;
             dx[i] = dx[i] * ds;
@@ -876,12 +928,12 @@ static void one_link_signal_at(const one_link_signal *restrict signal, double t,
     }
 }
 
-/* Coordinates, rates and accelerations of prescribed coordinates at t. */
-static void one_link_given_at(const one_link_given *restrict given, double t, double *restrict x, double *restrict dx, double *restrict ddx)
+/* Coordinates, rates and accelerations of prescribed coordinates at a time. */
+static void one_link_given_at(const one_link_given *restrict given, one_link_instant at, double *restrict x, double *restrict dx, double *restrict ddx)
 {
     for (int i = 0; i < given->size; ++i) {
         const double *const wave = &given->wave[4 * i];
-        const double angle = wave[1] * t + wave[2];
+        const double angle = wave[1] * at.t + wave[2];
         const double part = wave[0] * sin(angle);
         x[i] = wave[3] + part;
         dx[i] = wave[0] * wave[1] * cos(angle);
@@ -891,7 +943,7 @@ static void one_link_given_at(const one_link_given *restrict given, double t, do
         double own[2];
         double rate[2];
         double acceleration[2];
-        one_link_signal_at(given->tracks[k].signal, t, own, rate, acceleration);
+        one_link_signal_at(given->tracks[k].signal, at, own, rate, acceleration);
         for (int i = 0; i < given->tracks[k].signal->columns; ++i) {
             x[given->tracks[k].place[i]] = own[i];
             dx[given->tracks[k].place[i]] = rate[i];
@@ -901,14 +953,14 @@ static void one_link_given_at(const one_link_given *restrict given, double t, do
 }
 
 /* What drives do by a program, added to u, and what they ask a model of the robot: q, v and a, 2 numbers each. */
-static void one_link_controlled(const one_link_loads *restrict loads, double t, const double *restrict q, const double *restrict v, const double *restrict given, double *restrict u, double *restrict asked)
+static void one_link_controlled(const one_link_loads *restrict loads, one_link_instant at, const double *restrict q, const double *restrict v, const double *restrict given, double *restrict u, double *restrict asked)
 {
     const one_link_control *const control = loads->control;
     const one_link_model *const model = loads->model;
     double x[2];
     double dx[2];
     double ddx[2];
-    one_link_signal_at(control->program.signal, t, x, dx, ddx);
+    one_link_signal_at(control->program.signal, at, x, dx, ddx);
     if (control->kp != NULL) {
         for (int i = 0; i < control->program.signal->columns; ++i) {
             const int place = control->program.place[i];
@@ -938,15 +990,15 @@ static void one_link_controlled(const one_link_loads *restrict loads, double t, 
     }
 }
 
-/* Drives at t but for a model's, and what that is asked; motions that are given are put into q and v. */
-static void one_link_asked(const one_link_loads *restrict loads, double t, double *restrict q, double *restrict v, double *restrict u, double *restrict given, double *restrict asked)
+/* Drives at a time but for a model's, and what that is asked; motions that are given are put into q and v. */
+static void one_link_asked(const one_link_loads *restrict loads, one_link_instant at, double *restrict q, double *restrict v, double *restrict u, double *restrict given, double *restrict asked)
 {
-    const double between = (t < loads->first) ? loads->first : ((t > loads->last) ? loads->last : t);
+    const one_link_instant between = one_link_between_ends(loads, at);
     (void)memset(given, 0, 2U * sizeof *given);
     if (loads->given != NULL) {
         double x[2];
         double dx[2];
-        one_link_given_at(loads->given, t, x, dx, given);
+        one_link_given_at(loads->given, at, x, dx, given);
         for (int i = 0; i < loads->given->size; ++i) {
             q[loads->given->place[i]] = x[i];
             v[loads->given->place[i]] = dx[i];
@@ -982,10 +1034,10 @@ static void one_link_answered(const one_link_loads *restrict loads, const double
     }
 }
 
-/* Wrenches at t on all links, in the base's axes. */
-static void one_link_pulling(const one_link_loads *restrict loads, double t, const double *restrict q, double *restrict total)
+/* Wrenches at a time on all links, in the base's axes. */
+static void one_link_pulling(const one_link_loads *restrict loads, one_link_instant at, const double *restrict q, double *restrict total)
 {
-    const double between = (t < loads->first) ? loads->first : ((t > loads->last) ? loads->last : t);
+    const one_link_instant between = one_link_between_ends(loads, at);
     (void)memset(total, 0, 6U * sizeof *total);
     for (size_t k = 0; k < loads->wrenches; ++k) {
         const one_link_wrench *const wrench = &loads->wrench[k];
@@ -993,7 +1045,7 @@ static void one_link_pulling(const one_link_loads *restrict loads, double t, con
         double rate[6];
         double second[6];
         (void)memset(row, 0, sizeof row);
-        if ((wrench->t0 <= between) && (between < wrench->t1)) { one_link_signal_at(wrench->signal, between, row, rate, second); }
+        if ((wrench->t0 <= between.beside) && (between.beside < wrench->t1)) { one_link_signal_at(wrench->signal, between, row, rate, second); }
         if (wrench->frame >= 0) {
             double pose[16];
             double arm[3];
@@ -1045,28 +1097,41 @@ static void one_link_powers(const one_link_work *restrict work, const double *re
     }
 }
 
-/* What wrenches do at t, on all coordinates; ``here`` is h in which joints are as they are in q. */
-static void one_link_wrenched(const one_link_loads *restrict loads, const double *here, double t, const double *restrict q, double *restrict force)
+/* What wrenches do at a time, on all coordinates; ``here`` is h in which joints are as they are in q. */
+static void one_link_wrenched(const one_link_loads *restrict loads, const double *here, one_link_instant at, const double *restrict q, double *restrict force)
 {
     double own[2];
     double total[6];
     double found[2];
     for (int i = 0; i < 2; ++i) { own[i] = q[i]; }
-    one_link_pulling(loads, t, own, total);
+    one_link_pulling(loads, at, own, total);
     (void)loads->external_force((loads->force_h == NULL) ? here : loads->force_h, own, total, found);
     for (int i = 0; i < 2; ++i) { force[i] = found[i]; }
 }
 #endif /* EOMGEN_LOADS */
 
-/* Where lanes are in their steps: from when on, how long and to when, and by which loads, NULL for all or for none; powers of all stages, where works are asked for. */
+/* Where lanes are in their steps: from when on, how long and to when, with times inside beside both ends where loads jump
+ * there, the next such time, and by which loads, NULL for all or for none; powers of all stages, where works are asked for. */
 typedef struct {
     const one_link_loads *loads[1];
     double *power;
     double begin[1];
     double step[1];
     double end[1];
+    double after[1];
+    double before[1];
+    double stop[1];
     int here;
 } one_link_clock;
+
+/* Time at a share of a lane's step; at its ends, and of stages outside, with one that is inside. */
+static one_link_instant one_link_instant_at(const one_link_clock *restrict clock, int l, double share)
+{
+    one_link_instant at;
+    at.t = (share < 1.0 || share > 1.0) ? (clock->begin[l] + share * clock->step[l]) : clock->end[l];
+    at.beside = (share > 0.0) ? ((share < 1.0) ? at.t : clock->before[l]) : clock->after[l];
+    return at;
+}
 
 /* What a model of the robot, if drives know one, is asked by lanes, each its own: 6 numbers, and what it answers. */
 static void one_link_modelled(const one_link_clock *restrict clock, const double *restrict asked, double *restrict force)
@@ -1088,7 +1153,7 @@ static void one_link_timed(const double *here, const one_link_clock *restrict cl
     double given[1][2];
     double asked[1][6];
     double answer[1][2];
-    double t[1] = { 0.0 };
+    one_link_instant t[1];
     for (int l = 0; l < clock->here; ++l) {
         for (int i = 0; i < 2; ++i) {
             own[l][i] = q[i];
@@ -1097,7 +1162,7 @@ static void one_link_timed(const double *here, const one_link_clock *restrict cl
         }
     }
     for (int l = 0; l < clock->here; ++l) {
-        t[l] = (share < 1.0 || share > 1.0) ? (clock->begin[l] + share * clock->step[l]) : clock->end[l];
+        t[l] = one_link_instant_at(clock, l, share);
         one_link_asked(clock->loads[l], t[l], own[l], rate[l], u[l], given[l], asked[l]);
     }
     one_link_modelled(clock, asked[0], answer[0]);
@@ -1128,20 +1193,30 @@ static void one_link_timed(const double *here, const one_link_clock *restrict cl
     }
 }
 
-/* Put given motions at the ends of lanes' steps into q and v, which then have no error. */
+/* Put given motions of a lane at a time into q and v. */
+static void one_link_moves_to(const one_link_clock *restrict clock, int l, one_link_instant at, double *restrict q, double *restrict v)
+{
+    const one_link_given *const given = (clock->loads[l] == NULL) ? NULL : clock->loads[l]->given;
+    double x[2];
+    double dx[2];
+    double ddx[2];
+    if (given == NULL) { return; }
+    one_link_given_at(given, at, x, dx, ddx);
+    for (int k = 0; k < given->size; ++k) {
+        const int i = given->place[k];
+        q[i] = x[k];
+        v[i] = dx[k];
+    }
+}
+
+/* Put given motions at the ends of lanes' steps into q and v, as steps come to them; they have no error. */
 static void one_link_placed(const one_link_clock *restrict clock, double *restrict q, double *restrict v, double *restrict error)
 {
     for (int l = 0; l < clock->here; ++l) {
         const one_link_given *const given = (clock->loads[l] == NULL) ? NULL : clock->loads[l]->given;
-        double x[2];
-        double dx[2];
-        double ddx[2];
-        if (given == NULL) { continue; }
-        one_link_given_at(given, clock->end[l], x, dx, ddx);
-        for (int k = 0; k < given->size; ++k) {
+        one_link_moves_to(clock, l, one_link_instant_at(clock, l, 1.0), q, v);
+        for (int k = 0; (given != NULL) && (k < given->size); ++k) {
             const int i = given->place[k];
-            q[i] = x[k];
-            v[i] = dx[k];
             error[i] = 0.0;
             error[2 + i] = 0.0;
         }
@@ -1300,8 +1375,11 @@ static void one_link_rosenbrock(const double *restrict h, const one_link_drive *
     }
 }
 
-/* One step of the explicit method; ``a`` holds the accelerations at its beginning, ``a_end`` becomes those at its end. */
-static void one_link_tsit5(const double *restrict h, const one_link_drive *restrict drive, const one_link_clock *restrict clock, const double *restrict u, const double *restrict target, double dt, const double *restrict q, const double *restrict v, const double *restrict a, double *restrict q_end, double *restrict v_end, double *restrict a_end, double *restrict error)
+/* One step of the explicit method; ``a`` holds the accelerations at its beginning, ``a_end`` becomes those at its end.  The
+ * last two stages are at the same time: where ``stiffness`` is no NULL, it becomes the step times what the difference of their
+ * accelerations is of that of their rates, by the tolerances (E. Hairer, G. Wanner, "Solving Ordinary Differential Equations
+ * II", section IV.2). */
+static void one_link_tsit5(const double *restrict h, const one_link_drive *restrict drive, const one_link_clock *restrict clock, const double *restrict u, const double *restrict target, double dt, const double *restrict q, const double *restrict v, const double *restrict a, double *restrict q_end, double *restrict v_end, double *restrict a_end, double *restrict error, const one_link_tolerance *restrict allowed, double *restrict stiffness)
 {
     double q_rate[7][2];
     double v_rate[7][2];
@@ -1349,6 +1427,18 @@ static void one_link_tsit5(const double *restrict h, const one_link_drive *restr
         a_end[i] = v_rate[6][i];
         error[i] = dt * (-0.001780011052225771 * q_rate[0][i] + -0.0008164344596567469 * q_rate[1][i] + 0.007880878010261995 * q_rate[2][i] + -0.1447110071732629 * q_rate[3][i] + 0.5823571654525552 * q_rate[4][i] + -0.45808210592918697 * q_rate[5][i] + 0.015151515151515152 * q_rate[6][i]);
         error[2 + i] = dt * (-0.001780011052225771 * v_rate[0][i] + -0.0008164344596567469 * v_rate[1][i] + 0.007880878010261995 * v_rate[2][i] + -0.1447110071732629 * v_rate[3][i] + 0.5823571654525552 * v_rate[4][i] + -0.45808210592918697 * v_rate[5][i] + 0.015151515151515152 * v_rate[6][i]);
+    }
+    if (stiffness != NULL) {
+        double change = 0.0;
+        double moved = 0.0;
+        for (int i = 0; i < 2; ++i) {
+            const double size = (double)allowed->atol[2 + i] + allowed->rtol * fabs(v_end[i]);
+            const double by_a = (v_rate[6][i] - v_rate[5][i]) / size;
+            const double by_v = (q_rate[6][i] - q_rate[5][i]) / size;
+            change += by_a * by_a;
+            moved += by_v * by_v;
+        }
+        *stiffness = (moved > 0.0) ? (clock->step[0] * sqrt(change / moved)) : HUGE_VAL; /* nothing is known of it at rest */
     }
 }
 
@@ -1573,11 +1663,13 @@ static void one_link_adapt(const double *restrict h, const one_link_drive *restr
     double kept[8];
     double bend[2];
     double dt = 1.0;
+    double stiffness = 0.0;
     one_link_clock clock;
     double step[1];
     long long most = 0;
     int going[1];
     int lands[1] = { 0 };
+    int halts[1] = { 0 }; /* whether loads jump where it lands */
     int taken[1];
     int known[1] = { 0 }; /* whether a has the accelerations */
     int left = 0;
@@ -1619,6 +1711,14 @@ static void one_link_adapt(const double *restrict h, const one_link_drive *restr
             clock.begin[l] = p->t;
             clock.step[l] = 0.0;
             clock.end[l] = p->t;
+            clock.after[l] = p->t;
+            clock.before[l] = p->t;
+            clock.stop[l] = HUGE_VAL;
+            if ((clock.loads[l] != NULL) && (clock.loads[l]->stops > 0U)) {
+                const size_t count = one_link_stops_until(clock.loads[l], p->t);
+                if (count < clock.loads[l]->stops) { clock.stop[l] = clock.loads[l]->stop[count]; }
+                if (one_link_jumps_at(clock.loads[l], p->t) != 0) { clock.after[l] = p->t + 1e-7 * (((clock.stop[l] < end) ? clock.stop[l] : end) - p->t); }
+            }
             if ((going[l] != 0) && (known[l] == 0)) { fresh = 1; }
         }
         if (fresh != 0) { one_link_accelerated(h, drive, &clock, 0.0, 0, u, target, q, v, a); }
@@ -1627,18 +1727,22 @@ static void one_link_adapt(const double *restrict h, const one_link_drive *restr
             known[l] = 1;
             if (going[l] == 0) { continue; }
             if (!(p->next > 0.0)) { p->next = one_link_first(&allowed[place[l] * allowed_step], l, q, v, a); }
-            const double goal = (dense != 0) ? end : times[p->sample];
+            double goal = (dense != 0) ? end : times[p->sample];
+            const int stops = (clock.stop[l] <= goal) ? 1 : 0;
+            if (stops != 0) { goal = clock.stop[l]; }
             const double rest = goal - p->t;
             lands[l] = (p->next * 1.000001 >= rest) ? 1 : 0;
             step[l] = (lands[l] != 0) ? rest : (2.0 * p->next > rest ? 0.5 * rest : p->next);
             clock.step[l] = step[l];
             clock.end[l] = (lands[l] != 0) ? goal : (p->t + step[l]);
+            halts[l] = ((lands[l] != 0) && (stops != 0)) ? 1 : 0;
+            clock.before[l] = (halts[l] != 0) ? (clock.end[l] - 1e-3 * step[l]) : clock.end[l];
             dt = step[l];
         }
         if (method == 0) {
             one_link_rosenbrock(h, drive, &clock, u, target, dt, q, v, a, q_end, v_end, kept, error);
         } else {
-            one_link_tsit5(h, drive, &clock, u, target, dt, q, v, a, q_end, v_end, a_end, error);
+            one_link_tsit5(h, drive, &clock, u, target, dt, q, v, a, q_end, v_end, a_end, error, &allowed[place[0] * allowed_step], ((record == NULL) || (record->stiffness == NULL)) ? NULL : &stiffness);
         }
         if (loads != NULL) { one_link_placed(&clock, q_end, v_end, error); }
         for (int l = 0; l < 1; ++l) {
@@ -1687,7 +1791,7 @@ static void one_link_adapt(const double *restrict h, const one_link_drive *restr
             if (taken[l] == 0) { continue; }
             one_link_progress *const p = &progress[place[l]];
             const double before = p->t;
-            known[l] = ((method == 1) || (inside != 0)) ? 1 : 0;
+            known[l] = ((halts[l] == 0) && ((method == 1) || (inside != 0))) ? 1 : 0;
             double worked[4];
             (void)memcpy(worked, p->work, sizeof worked);
             const int reckons = (works != 0) ? one_link_doubtful(power, p->work, l, method, step[l], allowed[place[l] * allowed_step].rtol) : 0;
@@ -1713,6 +1817,7 @@ static void one_link_adapt(const double *restrict h, const one_link_drive *restr
                     if ((work_row != NULL) && (reckons == 0)) { one_link_works_between((time - before) / step[l], step[l], l, method, power, worked, p->work, work_row); }
                 } else
                 {
+                    if (halts[l] != 0) { one_link_moves_to(&clock, l, one_link_instant_of(p->t), q_end, v_end); }
                     for (int i = 0; i < 2; ++i) {
                         q_row[i] = q_end[i];
                         v_row[i] = v_end[i];
@@ -1726,6 +1831,7 @@ static void one_link_adapt(const double *restrict h, const one_link_drive *restr
                 }
             }
             if ((reckons != 0) && (share < 1.0)) { one_link_reckon(h, drive, &clock, u, target, l, method, share, 1.0, allowed[place[l] * allowed_step].rtol, q, v, a, q_end, v_end, a_end, bend, p->work); }
+            if (halts[l] != 0) { one_link_moves_to(&clock, l, one_link_instant_of(p->t), q_end, v_end); }
             for (int i = 0; i < 2; ++i) {
                 q[i] = q_end[i];
                 v[i] = v_end[i];
@@ -1734,6 +1840,7 @@ static void one_link_adapt(const double *restrict h, const one_link_drive *restr
             for (int w = 0; (works != 0) && (w < 4); ++w) { power[w] = power[24 + w]; }
             if (record != NULL) {
                 record->t[record->count] = p->t;
+                if (record->stiffness != NULL) { record->stiffness[record->count] = stiffness; }
                 for (int i = 0; i < 2; ++i) {
                     record->q[record->count * 2U + (size_t)i] = q[i];
                     record->v[record->count * 2U + (size_t)i] = v[i];
@@ -1776,7 +1883,7 @@ void one_link_loaded(size_t count, const one_link_loads *restrict loads, const d
         }
         clock.loads[0] = loads;
         clock.here = 1;
-        one_link_asked(loads, times[k], own, rate, force, given, asked);
+        one_link_asked(loads, one_link_instant_of(times[k]), own, rate, force, given, asked);
         one_link_modelled(&clock, asked, answer);
         one_link_answered(loads, given, answer, force, NULL);
         for (int i = 0; i < 2; ++i) {
@@ -3115,27 +3222,70 @@ long long one_link_rollout_batch(size_t count, const double *restrict h, const d
 #ifndef EOMGEN_LOADS
 #define EOMGEN_LOADS
 
-/* The piece of a signal at t, and how far t is from its beginning; not inside before the first and behind the last. */
-static int one_link_piece(const one_link_signal *restrict signal, double t, double *restrict ahead, int *restrict inside)
+/* A time, and one beside it by which pieces of signals are chosen: where signals jump, both sides have their own. */
+typedef struct {
+    double t;
+    double beside;
+} one_link_instant;
+
+/* A time that is its own side: behind what jumps there. */
+static one_link_instant one_link_instant_of(double t)
+{
+    one_link_instant at;
+    at.t = t;
+    at.beside = t;
+    return at;
+}
+
+/* When drives and wrenches are asked. */
+static one_link_instant one_link_between_ends(const one_link_loads *restrict loads, one_link_instant at)
+{
+    one_link_instant found;
+    found.t = (at.t < loads->first) ? loads->first : ((at.t > loads->last) ? loads->last : at.t);
+    found.beside = (at.beside < loads->first) ? loads->first : ((at.beside > loads->last) ? loads->last : at.beside);
+    return found;
+}
+
+/* How many of the times at which loads jump are not behind t. */
+static size_t one_link_stops_until(const one_link_loads *restrict loads, double t)
+{
+    size_t low = 0U;
+    size_t high = loads->stops;
+    while (low < high) {
+        const size_t middle = low + (high - low) / 2U;
+        if (loads->stop[middle] <= t) { low = middle + 1U; } else { high = middle; }
+    }
+    return low;
+}
+
+/* Whether loads jump at t. */
+static int one_link_jumps_at(const one_link_loads *restrict loads, double t)
+{
+    const size_t count = one_link_stops_until(loads, t);
+    return ((count > 0U) && !(loads->stop[count - 1U] < t)) ? 1 : 0;
+}
+
+/* The piece of a signal at a time, and how far that is from its beginning; not inside before the first and behind the last. */
+static int one_link_piece(const one_link_signal *restrict signal, one_link_instant at, double *restrict ahead, int *restrict inside)
 {
     const double *const knot = signal->knot;
     int low = 0;
     int high = signal->pieces;
     while (high - low > 1) {
         const int middle = low + (high - low) / 2;
-        if (t < knot[middle]) { high = middle; } else { low = middle; }
+        if (at.beside < knot[middle]) { high = middle; } else { low = middle; }
     }
-    *inside = ((t >= knot[0]) && (t <= knot[signal->pieces])) ? 1 : 0;
-    *ahead = ((t < knot[low]) ? 0.0 : ((t > knot[low + 1]) ? (knot[low + 1] - knot[low]) : (t - knot[low])));
+    *inside = ((at.beside >= knot[0]) && (at.beside <= knot[signal->pieces])) ? 1 : 0;
+    *ahead = (at.beside < knot[low]) ? 0.0 : ((at.beside > knot[low + 1]) ? (knot[low + 1] - knot[low]) : (at.t - knot[low]));
     return low;
 }
 
-/* Columns of a signal at t, its rates and accelerations, without its profile. */
-static void one_link_column(const one_link_signal *restrict signal, double t, double *restrict x, double *restrict dx, double *restrict ddx)
+/* Columns of a signal at a time, its rates and accelerations, without its profile. */
+static void one_link_column(const one_link_signal *restrict signal, one_link_instant at, double *restrict x, double *restrict dx, double *restrict ddx)
 {
     double ahead = 0.0;
     int inside = 0;
-    const int piece = one_link_piece(signal, t, &ahead, &inside);
+    const int piece = one_link_piece(signal, at, &ahead, &inside);
     const size_t columns = (size_t)signal->columns;
     const double *const own = &signal->coefficient[(size_t)piece * ((size_t)signal->degree + 1U) * columns];
     for (size_t i = 0; i < columns; ++i) {
@@ -3153,17 +3303,26 @@ static void one_link_column(const one_link_signal *restrict signal, double t, do
     }
 }
 
-/* Columns of a signal at t, its rates and accelerations. */
-static void one_link_signal_at(const one_link_signal *restrict signal, double t, double *restrict x, double *restrict dx, double *restrict ddx)
+/* What a signal's profile puts in the place of a time, with its rate and acceleration there. */
+static one_link_instant one_link_profiled(const one_link_signal *restrict profile, one_link_instant at, double *restrict ds, double *restrict dds)
+{
+    one_link_instant found;
+    double rate = 0.0;
+    double second = 0.0;
+    one_link_column(profile, one_link_instant_of(at.beside), &found.beside, &rate, &second);
+    one_link_column(profile, at, &found.t, ds, dds);
+    return found;
+}
+
+/* Columns of a signal at a time, its rates and accelerations. */
+static void one_link_signal_at(const one_link_signal *restrict signal, one_link_instant at, double *restrict x, double *restrict dx, double *restrict ddx)
 {
     if (signal->profile == NULL) {
-        one_link_column(signal, t, x, dx, ddx);
+        one_link_column(signal, at, x, dx, ddx);
     } else {
-        double s = 0.0;
         double ds = 0.0;
         double dds = 0.0;
-        one_link_column(signal->profile, t, &s, &ds, &dds);
-        one_link_column(signal, s, x, dx, ddx);
+        one_link_column(signal, one_link_profiled(signal->profile, at, &ds, &dds), x, dx, ddx);
         for (int i = 0; i < signal->columns; ++i) {
             ddx[i] = ddx[i] * ds * ds + dx[i] * dds;
             dx[i] = dx[i] * ds;
@@ -3171,12 +3330,12 @@ static void one_link_signal_at(const one_link_signal *restrict signal, double t,
     }
 }
 
-/* Coordinates, rates and accelerations of prescribed coordinates at t. */
-static void one_link_given_at(const one_link_given *restrict given, double t, double *restrict x, double *restrict dx, double *restrict ddx)
+/* Coordinates, rates and accelerations of prescribed coordinates at a time. */
+static void one_link_given_at(const one_link_given *restrict given, one_link_instant at, double *restrict x, double *restrict dx, double *restrict ddx)
 {
     for (int i = 0; i < given->size; ++i) {
         const double *const wave = &given->wave[4 * i];
-        const double angle = wave[1] * t + wave[2];
+        const double angle = wave[1] * at.t + wave[2];
         const double part = wave[0] * sin(angle);
         x[i] = wave[3] + part;
         dx[i] = wave[0] * wave[1] * cos(angle);
@@ -3186,7 +3345,7 @@ static void one_link_given_at(const one_link_given *restrict given, double t, do
         double own[2];
         double rate[2];
         double acceleration[2];
-        one_link_signal_at(given->tracks[k].signal, t, own, rate, acceleration);
+        one_link_signal_at(given->tracks[k].signal, at, own, rate, acceleration);
         for (int i = 0; i < given->tracks[k].signal->columns; ++i) {
             x[given->tracks[k].place[i]] = own[i];
             dx[given->tracks[k].place[i]] = rate[i];
@@ -3196,14 +3355,14 @@ static void one_link_given_at(const one_link_given *restrict given, double t, do
 }
 
 /* What drives do by a program, added to u, and what they ask a model of the robot: q, v and a, 2 numbers each. */
-static void one_link_controlled(const one_link_loads *restrict loads, double t, const double *restrict q, const double *restrict v, const double *restrict given, double *restrict u, double *restrict asked)
+static void one_link_controlled(const one_link_loads *restrict loads, one_link_instant at, const double *restrict q, const double *restrict v, const double *restrict given, double *restrict u, double *restrict asked)
 {
     const one_link_control *const control = loads->control;
     const one_link_model *const model = loads->model;
     double x[2];
     double dx[2];
     double ddx[2];
-    one_link_signal_at(control->program.signal, t, x, dx, ddx);
+    one_link_signal_at(control->program.signal, at, x, dx, ddx);
     if (control->kp != NULL) {
         for (int i = 0; i < control->program.signal->columns; ++i) {
             const int place = control->program.place[i];
@@ -3233,15 +3392,15 @@ static void one_link_controlled(const one_link_loads *restrict loads, double t, 
     }
 }
 
-/* Drives at t but for a model's, and what that is asked; motions that are given are put into q and v. */
-static void one_link_asked(const one_link_loads *restrict loads, double t, double *restrict q, double *restrict v, double *restrict u, double *restrict given, double *restrict asked)
+/* Drives at a time but for a model's, and what that is asked; motions that are given are put into q and v. */
+static void one_link_asked(const one_link_loads *restrict loads, one_link_instant at, double *restrict q, double *restrict v, double *restrict u, double *restrict given, double *restrict asked)
 {
-    const double between = (t < loads->first) ? loads->first : ((t > loads->last) ? loads->last : t);
+    const one_link_instant between = one_link_between_ends(loads, at);
     (void)memset(given, 0, 2U * sizeof *given);
     if (loads->given != NULL) {
         double x[2];
         double dx[2];
-        one_link_given_at(loads->given, t, x, dx, given);
+        one_link_given_at(loads->given, at, x, dx, given);
         for (int i = 0; i < loads->given->size; ++i) {
             q[loads->given->place[i]] = x[i];
             v[loads->given->place[i]] = dx[i];
@@ -3277,10 +3436,10 @@ static void one_link_answered(const one_link_loads *restrict loads, const double
     }
 }
 
-/* Wrenches at t on all links, in the base's axes. */
-static void one_link_pulling(const one_link_loads *restrict loads, double t, const double *restrict q, double *restrict total)
+/* Wrenches at a time on all links, in the base's axes. */
+static void one_link_pulling(const one_link_loads *restrict loads, one_link_instant at, const double *restrict q, double *restrict total)
 {
-    const double between = (t < loads->first) ? loads->first : ((t > loads->last) ? loads->last : t);
+    const one_link_instant between = one_link_between_ends(loads, at);
     (void)memset(total, 0, 6U * sizeof *total);
     for (size_t k = 0; k < loads->wrenches; ++k) {
         const one_link_wrench *const wrench = &loads->wrench[k];
@@ -3288,7 +3447,7 @@ static void one_link_pulling(const one_link_loads *restrict loads, double t, con
         double rate[6];
         double second[6];
         (void)memset(row, 0, sizeof row);
-        if ((wrench->t0 <= between) && (between < wrench->t1)) { one_link_signal_at(wrench->signal, between, row, rate, second); }
+        if ((wrench->t0 <= between.beside) && (between.beside < wrench->t1)) { one_link_signal_at(wrench->signal, between, row, rate, second); }
         if (wrench->frame >= 0) {
             double pose[16];
             double arm[3];
@@ -3340,28 +3499,41 @@ static void one_link_powers(const one_link_work *restrict work, const double *re
     }
 }
 
-/* What wrenches do at t, on all coordinates; ``here`` is h in which joints are as they are in q. */
-static void one_link_wrenched(const one_link_loads *restrict loads, const double *here, double t, const double *restrict q, double *restrict force)
+/* What wrenches do at a time, on all coordinates; ``here`` is h in which joints are as they are in q. */
+static void one_link_wrenched(const one_link_loads *restrict loads, const double *here, one_link_instant at, const double *restrict q, double *restrict force)
 {
     double own[2];
     double total[6];
     double found[2];
     for (int i = 0; i < 2; ++i) { own[i] = q[i]; }
-    one_link_pulling(loads, t, own, total);
+    one_link_pulling(loads, at, own, total);
     (void)loads->external_force((loads->force_h == NULL) ? here : loads->force_h, own, total, found);
     for (int i = 0; i < 2; ++i) { force[i] = found[i]; }
 }
 #endif /* EOMGEN_LOADS */
 
-/* Where lanes are in their steps: from when on, how long and to when, and by which loads, NULL for all or for none; powers of all stages, where works are asked for. */
+/* Where lanes are in their steps: from when on, how long and to when, with times inside beside both ends where loads jump
+ * there, the next such time, and by which loads, NULL for all or for none; powers of all stages, where works are asked for. */
 typedef struct {
     const one_link_loads *loads[LANES];
     double *power;
     double begin[LANES];
     double step[LANES];
     double end[LANES];
+    double after[LANES];
+    double before[LANES];
+    double stop[LANES];
     int here;
 } one_link_clock_lanes;
+
+/* Time at a share of a lane's step; at its ends, and of stages outside, with one that is inside. */
+static one_link_instant one_link_instant_at_lanes(const one_link_clock_lanes *restrict clock, int l, double share)
+{
+    one_link_instant at;
+    at.t = (share < 1.0 || share > 1.0) ? (clock->begin[l] + share * clock->step[l]) : clock->end[l];
+    at.beside = (share > 0.0) ? ((share < 1.0) ? at.t : clock->before[l]) : clock->after[l];
+    return at;
+}
 
 /* What a model of the robot, if drives know one, is asked by lanes, each its own: 6 numbers, and what it answers. */
 static void one_link_modelled_lanes(const one_link_clock_lanes *restrict clock, const double *restrict asked, double *restrict force)
@@ -3396,12 +3568,12 @@ static void one_link_timed_lanes(const double *here, const one_link_clock_lanes 
     double given[LANES][2];
     double asked[LANES][6];
     double answer[LANES][2];
-    double t[LANES] = { 0.0 };
+    one_link_instant t[LANES];
     scatter(q, NULL, (size_t)clock->here, 0, 2, 2, own[0]);
     scatter(v, NULL, (size_t)clock->here, 0, 2, 2, rate[0]);
     scatter(force, NULL, (size_t)clock->here, 0, 2, 2, u[0]);
     for (int l = 0; l < clock->here; ++l) {
-        t[l] = (share < 1.0 || share > 1.0) ? (clock->begin[l] + share * clock->step[l]) : clock->end[l];
+        t[l] = one_link_instant_at_lanes(clock, l, share);
         one_link_asked(clock->loads[l], t[l], own[l], rate[l], u[l], given[l], asked[l]);
     }
     one_link_modelled_lanes(clock, asked[0], answer[0]);
@@ -3428,20 +3600,30 @@ static void one_link_timed_lanes(const double *here, const one_link_clock_lanes 
     }
 }
 
-/* Put given motions at the ends of lanes' steps into q and v, which then have no error. */
+/* Put given motions of a lane at a time into q and v. */
+static void one_link_moves_to_lanes(const one_link_clock_lanes *restrict clock, int l, one_link_instant at, lanes *restrict q, lanes *restrict v)
+{
+    const one_link_given *const given = (clock->loads[l] == NULL) ? NULL : clock->loads[l]->given;
+    double x[2];
+    double dx[2];
+    double ddx[2];
+    if (given == NULL) { return; }
+    one_link_given_at(given, at, x, dx, ddx);
+    for (int k = 0; k < given->size; ++k) {
+        const int i = given->place[k];
+        LANE(q[i], l) = x[k];
+        LANE(v[i], l) = dx[k];
+    }
+}
+
+/* Put given motions at the ends of lanes' steps into q and v, as steps come to them; they have no error. */
 static void one_link_placed_lanes(const one_link_clock_lanes *restrict clock, lanes *restrict q, lanes *restrict v, lanes *restrict error)
 {
     for (int l = 0; l < clock->here; ++l) {
         const one_link_given *const given = (clock->loads[l] == NULL) ? NULL : clock->loads[l]->given;
-        double x[2];
-        double dx[2];
-        double ddx[2];
-        if (given == NULL) { continue; }
-        one_link_given_at(given, clock->end[l], x, dx, ddx);
-        for (int k = 0; k < given->size; ++k) {
+        one_link_moves_to_lanes(clock, l, one_link_instant_at_lanes(clock, l, 1.0), q, v);
+        for (int k = 0; (given != NULL) && (k < given->size); ++k) {
             const int i = given->place[k];
-            LANE(q[i], l) = x[k];
-            LANE(v[i], l) = dx[k];
             LANE(error[i], l) = 0.0;
             LANE(error[2 + i], l) = 0.0;
         }
@@ -3878,6 +4060,7 @@ static void one_link_adapt_lanes(const lanes *restrict h, const one_link_drive *
     long long most = 0;
     int going[LANES];
     int lands[LANES] = { 0 };
+    int halts[LANES] = { 0 }; /* whether loads jump where it lands */
     int taken[LANES];
     int known[LANES] = { 0 }; /* whether a has the accelerations */
     int left = 0;
@@ -3919,6 +4102,14 @@ static void one_link_adapt_lanes(const lanes *restrict h, const one_link_drive *
             clock.begin[l] = p->t;
             clock.step[l] = 0.0;
             clock.end[l] = p->t;
+            clock.after[l] = p->t;
+            clock.before[l] = p->t;
+            clock.stop[l] = HUGE_VAL;
+            if ((clock.loads[l] != NULL) && (clock.loads[l]->stops > 0U)) {
+                const size_t count = one_link_stops_until(clock.loads[l], p->t);
+                if (count < clock.loads[l]->stops) { clock.stop[l] = clock.loads[l]->stop[count]; }
+                if (one_link_jumps_at(clock.loads[l], p->t) != 0) { clock.after[l] = p->t + 1e-7 * (((clock.stop[l] < end) ? clock.stop[l] : end) - p->t); }
+            }
             if ((going[l] != 0) && (known[l] == 0)) { fresh = 1; }
         }
         if (fresh != 0) { one_link_accelerated_lanes(h, drive, &clock, 0.0, 0, u, target, q, v, a); }
@@ -3927,12 +4118,16 @@ static void one_link_adapt_lanes(const lanes *restrict h, const one_link_drive *
             known[l] = 1;
             if (going[l] == 0) { continue; }
             if (!(p->next > 0.0)) { p->next = one_link_first_lanes(&allowed[place[l] * allowed_step], l, q, v, a); }
-            const double goal = (dense != 0) ? end : times[p->sample];
+            double goal = (dense != 0) ? end : times[p->sample];
+            const int stops = (clock.stop[l] <= goal) ? 1 : 0;
+            if (stops != 0) { goal = clock.stop[l]; }
             const double rest = goal - p->t;
             lands[l] = (p->next * 1.000001 >= rest) ? 1 : 0;
             step[l] = (lands[l] != 0) ? rest : (2.0 * p->next > rest ? 0.5 * rest : p->next);
             clock.step[l] = step[l];
             clock.end[l] = (lands[l] != 0) ? goal : (p->t + step[l]);
+            halts[l] = ((lands[l] != 0) && (stops != 0)) ? 1 : 0;
+            clock.before[l] = (halts[l] != 0) ? (clock.end[l] - 1e-3 * step[l]) : clock.end[l];
             LANE(dt, l) = step[l];
         }
         if (method == 0) {
@@ -3987,7 +4182,7 @@ static void one_link_adapt_lanes(const lanes *restrict h, const one_link_drive *
             if (taken[l] == 0) { continue; }
             one_link_progress *const p = &progress[place[l]];
             const double before = p->t;
-            known[l] = ((method == 1) || (inside != 0)) ? 1 : 0;
+            known[l] = ((halts[l] == 0) && ((method == 1) || (inside != 0))) ? 1 : 0;
             double worked[4];
             (void)memcpy(worked, p->work, sizeof worked);
             const int reckons = (works != 0) ? one_link_doubtful_lanes(power, p->work, l, method, step[l], allowed[place[l] * allowed_step].rtol) : 0;
@@ -4013,6 +4208,7 @@ static void one_link_adapt_lanes(const lanes *restrict h, const one_link_drive *
                     if ((work_row != NULL) && (reckons == 0)) { one_link_works_between_lanes((time - before) / step[l], step[l], l, method, power, worked, p->work, work_row); }
                 } else
                 {
+                    if (halts[l] != 0) { one_link_moves_to_lanes(&clock, l, one_link_instant_of(p->t), q_end, v_end); }
                     for (int i = 0; i < 2; ++i) {
                         q_row[i] = LANE(q_end[i], l);
                         v_row[i] = LANE(v_end[i], l);
@@ -4026,6 +4222,7 @@ static void one_link_adapt_lanes(const lanes *restrict h, const one_link_drive *
                 }
             }
             if ((reckons != 0) && (share < 1.0)) { one_link_reckon_lanes(h, drive, &clock, u, target, l, method, share, 1.0, allowed[place[l] * allowed_step].rtol, q, v, a, q_end, v_end, a_end, bend, p->work); }
+            if (halts[l] != 0) { one_link_moves_to_lanes(&clock, l, one_link_instant_of(p->t), q_end, v_end); }
             for (int i = 0; i < 2; ++i) {
                 LANE(q[i], l) = LANE(q_end[i], l);
                 LANE(v[i], l) = LANE(v_end[i], l);

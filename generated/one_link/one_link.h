@@ -214,6 +214,8 @@ typedef struct {
     const one_link_given *given;
     const one_link_wrench *wrench;
     size_t wrenches;
+    const double *stop;
+    size_t stops;
     int (*frame_pose)(const double *h, const double *q, int frame, double *out);
     const double *frame_h;
     int (*external_force)(const double *h, const double *q, const double *wrench, double *out);
@@ -259,6 +261,7 @@ typedef struct {
     double *t;
     double *q;
     double *v;
+    double *stiffness;
     size_t room;
     size_t count;
 } one_link_record;

@@ -16,13 +16,14 @@ import pytest
 from numpy.typing import NDArray
 
 import eomgen
-from eomgen.bench.beside import COUNTERPARTS, STATES, bench, compare
+from eomgen.bench.beside import CALLS, COUNTERPARTS, STATES, bench, compare
 from eomgen.bench.textbook import Yardstick, compile_yardstick, instrument, newton_euler
 from eomgen.codegen.kernels.signatures import KERNELS
 from eomgen.codegen.package.compile import WARNINGS
 from eomgen.pipeline.stages import KERNEL_NAMES
 from eomgen.robot.model import build_model
 from eomgen.robot.value import COORDINATES, Coordinate, Robot
+from eomgen.runtime.calls import Calls
 from tests.support.builds import Build
 from tests.support.random_robots import random_robot, random_state, seeds
 
@@ -180,6 +181,29 @@ def test_bench_prints_a_table_and_json(tiny: Robot) -> None:
     assert min(values["call"]) > 0.0
     assert [row["kernel"]["name"] for row in values["rows"]] == ["mass_matrix", "energy"]
     assert values["rows"][0]["kernel"]["operations"]["mul"] >= 0
+
+
+@pytest.mark.parametrize("name", ["inverse_dynamics", "frame_pose", "external_force"])
+def test_what_is_called_from_python_is_what_users_call(name: str, tiny: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The kernel's own method, plain calls of which do not come to Python but for the first one."""
+    came: list[str] = []
+    run = Calls.run
+
+    def noted(self: Calls, kernel: str, *rest: object, **how: object) -> object:
+        came.append(kernel)
+        return run(self, kernel, *rest, **how)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(Calls, "run", noted)
+    result = bench(tiny, repeat=1, kernels=(name,))
+    assert result.called == name
+    assert min(result.call) > 0.0
+    assert result.is_direct == eomgen.build(tiny, kernels=(name,)).is_direct
+    if result.is_direct:
+        assert came.count(name) <= 2
+        assert "cffi" not in result.lines()[-1]
+    else:
+        assert came.count(name) >= 2 * CALLS
+        assert "through cffi" in result.lines()[-1]
 
 
 def test_figures_of_loops_are_the_open_trees() -> None:

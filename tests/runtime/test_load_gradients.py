@@ -239,11 +239,13 @@ class Loaded(Evaluated):
     """Steps under forces, gains, a model and a wrench, all of them complex."""
 
     names = (*Evaluated.names, "inverse_dynamics", "external_force")
-    begin, dt, places, links = 0.0, 0.0, np.zeros(0, int), 0
+    begin, dt, places, links, chosen = 0.0, 0.0, np.zeros(0, int), 0, False
 
-    def column(self, name: str, t: float) -> np.ndarray:
-        """Columns of a signal, rates and accelerations."""
-        k = min(int(np.searchsorted(TIMES, t, side="right")) - 1, len(TIMES) - 2)
+    def column(self, name: str, share: float) -> np.ndarray:
+        """Columns of a signal, rates and accelerations; where steps end at knots, of the piece that is inside."""
+        t, inside = self.begin + share * self.dt, self.begin + min(max(share, 1e-3), 1.0 - 1e-3) * self.dt
+        beside = inside if self.chosen else t
+        k = min(int(np.searchsorted(TIMES, beside, side="right")) - 1, len(TIMES) - 2)
         found = [np.polynomial.Polynomial(x) for x in self.values[name][k].T]
         return np.array([[x.deriv(i)(t - TIMES[k]) if i else x(t - TIMES[k]) for x in found] for i in range(3)])
 
@@ -254,10 +256,10 @@ class Loaded(Evaluated):
         return found
 
     def held(self, row: int, q: np.ndarray, v: np.ndarray, share: float) -> np.ndarray:
-        x, t, p = self.values, self.begin + share * self.dt, self.places
+        x, p = self.values, self.places
         u, ratio, b = x["u"].astype(complex), x["ratio"], x["drive.model.bandwidth"]
-        u[p[:1]] += self.column("drive.torque", t)[0]
-        goal, rate, second = self.column("drive.program", t)
+        u[p[:1]] += self.column("drive.torque", share)[0]
+        goal, rate, second = self.column("drive.program", share)
         gain, damper = x["drive.gains.kp"], x["drive.gains.kd"]
         u[p] += (gain * (goal - q[p] / ratio) + damper * (rate - v[p] / ratio)) / ratio
         seen, speed = q / 1.1, v / 1.1
@@ -265,7 +267,7 @@ class Loaded(Evaluated):
         a[p] = second + b * (b * (goal - seen[p]) + 2.0 * (rate - speed[p]))
         u += self.run("inverse_dynamics", q=seen, v=speed, a=a) / 1.1
         wrench = np.zeros((self.links, 6), complex)
-        wrench[-1] = self.column("wrench[0]", t)[0]
+        wrench[-1] = self.column("wrench[0]", share)[0]
         return u + self.run("external_force", q=q, wrench=wrench.ravel())
 
 
@@ -293,6 +295,7 @@ def test_equal_to_complex_steps_of_the_programs(method: str, built: Build, monke
     assert case.loads.drive.program is not None
     evaluated = Loaded(eomgen.load_robot("one_link"), values)
     evaluated.places, evaluated.links = case.loads.drive.program.place, len(case.kernel.links)
+    evaluated.chosen = steps is not None
     states = [(values["q"], values["v"])]
     for begin, dt in zip(times, lengths, strict=False):
         evaluated.begin, evaluated.dt = float(begin), float(dt)

@@ -6,13 +6,13 @@ A generated package carries a copy of this file, which imports NumPy and its nei
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import ArrayError
+from ..errors import ArrayError, InputError
 from ..names import show
 from .raw import RawFunction, RawKernel
 
@@ -44,6 +44,7 @@ class Arrays:
 
     def __init__(self, raw: RawKernel, coordinates: tuple[str, ...], links: tuple[str, ...]) -> None:
         self.dtype, self.coordinates, self.links, self._shapes = raw.dtype, coordinates, links, raw.shapes
+        self._followers = tuple(raw.libraries.meta.get("followers", ()))
         self._bits = np.finfo(raw.dtype).nmant + 1  # of the whole numbers that are all held exactly
 
     def taken(self, label: str, value: ArrayLike, shape: tuple[int, ...], checks: bool) -> tuple[Array, Lead]:
@@ -68,10 +69,18 @@ class Arrays:
         elif given[-len(shape) :] == shape:
             lead = given[: -len(shape)]
         else:
-            raise ArrayError(f"{label}: expected {self._expected(shape)}, got shape {given}")
+            raise ArrayError(f"{label}: expected {self._expected(shape)}, got shape {given}{self._said(given, shape)}")
         if checks and not is_finite(array):
             self.refuse_not_finite(label, array, shape)
         return array, lead
+
+    def _said(self, given: Lead, shape: tuple[int, ...]) -> str:
+        """Name what follows other coordinates where it may be what an array has too many numbers for."""
+        more = (*shape[:-1], shape[-1] + len(self._followers))
+        if not self._followers or given[-len(shape) :] != more:
+            return ""
+        said = "follow others and are no coordinates" if len(self._followers) > 1 else "follows others and is none"
+        return f" ({', '.join(self._followers)} {said}; see kernel.coordinates and kernel.followers)"
 
     def refuse_not_finite(self, label: str, array: Array, shape: tuple[int, ...], place: str = "") -> None:
         """Refuse NaN and infinity in an argument of a kernel, or in many of them.
@@ -140,6 +149,8 @@ class Arrays:
             raise ArrayError(f"out: expected {self.dtype} of shape {shape}, got {out.dtype} of shape {out.shape}")
         if not out.flags.c_contiguous or not out.flags.writeable:
             raise ArrayError("out: expected a C-contiguous array that can be written, got one that is not")
+        if not out.flags.aligned:  # C may only write numbers where numbers of their size begin
+            raise ArrayError(f"out: expected an array that is aligned for {self.dtype}, got one that is not")
         if any(np.may_share_memory(out, array) for array in arrays):
             raise ArrayError("out: overlaps an argument; give it memory of its own")
         return out
@@ -184,6 +195,24 @@ class Arrays:
         else:
             text = self.coordinates[inner[-1]] + (f" in step {inner[0]}" if len(inner) > 1 else "")
         return text + place_of(where[: -len(shape)])
+
+
+def flag(label: str, value: Any) -> bool:
+    """Give a truth value back; InputError, which begins with the label, of anything else."""
+    if isinstance(value, (bool, np.bool_)):
+        return bool(value)
+    raise InputError(f"{label}: {show(value)} is neither True nor False")
+
+
+def names_in(label: str, value: Any) -> list[str]:
+    """Names as a list; InputError, which begins with the label, of anything but texts in a row."""
+    if isinstance(value, (str, bytes)) or not isinstance(value, Iterable):
+        raise InputError(f"{label}: {show(value)}; allowed: a sequence of names")
+    found = list(value)
+    for name in found:
+        if not isinstance(name, str):
+            raise InputError(f"{label}: {show(name)} is no name; allowed: a sequence of names")
+    return found
 
 
 def is_finite(array: Array) -> bool:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError, LoopError, UnknownNameError
 from ..names import show
-from .arrays import joint_lead, place_of
+from .arrays import joint_lead, names_in, place_of
 from .calls import Calls
 from .opened import left_open
 from .turning import BACK, ON, Places, seen, singular_joints
@@ -29,6 +29,7 @@ ROUNDS = 300
 RANK = {8: 1e-7, 4: 1e-3}  # singular values below this part of the greatest one belong to redundant constraints
 GUESSES = 40  # random ones for every root that is asked for
 REACH = 0.5  # m, at least: how far from the guess lengths are tried
+MOST_ROOTS = 1000  # of each some guesses are tried
 SAME = 1e-6  # m or rad: roots that differ by less are one
 
 
@@ -142,9 +143,11 @@ def _parts(calls: Calls, q: Array, free: Mask) -> Iterator[_Part]:
 def roots(calls: Calls, q: ArrayLike, held: Iterable[str], number: int) -> Array:
     """Several ways to close the loops about one guess, the nearest first; see ``Kernel.close``."""
     guess, lead = calls.array("q", q, (calls.n,))
-    if lead or isinstance(number, bool) or not isinstance(number, (int, np.integer)) or number < 1:
+    if lead or isinstance(number, bool) or not isinstance(number, (int, np.integer)) or not 1 <= number <= MOST_ROOTS:
         wrong = f"states of shape {guess.shape}" if lead else show(number)
-        raise InputError(f"close: roots of {wrong}; allowed: a whole number from 1 on, for one state of shape (n,)")
+        raise InputError(
+            f"close: roots of {wrong}; allowed: a whole number from 1 to {MOST_ROOTS}, for one state of shape (n,)"
+        )
     free = _free(calls, held)
     rng = np.random.default_rng(0)
     tried = np.tile(guess, (GUESSES * int(number) + 1, 1))
@@ -227,7 +230,7 @@ def _free(calls: Calls, held: Iterable[str]) -> Mask:
     if not calls.raw.libraries.meta.get("constraints"):
         allowed = "a kernel of a robot with rigid [[loops]] or [[couplings]]"
         raise InputError(f"close: {calls.raw.name} has nothing to close; allowed: {allowed}")
-    kept = {*([held] if isinstance(held, str) else held)}
+    kept = {*([held] if isinstance(held, str) else names_in("held", held))}
     for name in kept:
         if name not in calls.coordinates:
             raise UnknownNameError(f"held: {show(name)} is unknown; known: {', '.join(calls.coordinates)}")

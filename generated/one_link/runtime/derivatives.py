@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError, UnknownNameError
 from ..names import nearest_or_all, show
+from .arrays import names_in
 from .calls import Calls
 from .parameters import Parameters
 
@@ -68,7 +69,7 @@ class Differentiated:
             ends = [(x, kind) for x in known for kind in reversed(KINDS) if x.endswith(f"_{kind}")]
             given = sorted({x.removesuffix(f"_{kind}").removesuffix("_parameter") for x, kind in ends})
             raise UnknownNameError(
-                f"{calls.raw.name} was built without derivatives of {name!r}{nearest_or_all(str(name), given)}"
+                f"{calls.raw.name} was built without derivatives of {show(name)}{nearest_or_all(str(name), given)}"
             )
         found = known[f"{name}_{kinds[0]}"]
         if not kinds[0].endswith(TANGENT):
@@ -208,8 +209,7 @@ def parameter_slots(parameters: Parameters, names: Sequence[str]) -> list[int]:
         InputError: a text instead of a sequence of names, or a name given twice.
         UnknownNameError: not a run-time parameter.
     """
-    if isinstance(names, str):
-        raise InputError(f"parameters: {show(names)} is a text; allowed: a sequence of names")
+    names = names_in("parameters", names)
     known = {name: slot for slot, name in enumerate(parameters)}
     for name in names:
         if name not in known:

@@ -246,7 +246,7 @@ static int look(Function *f, const State *state, PyObject *const *given, Plain *
             if (number == NULL) return -1;
             call->frame = (int)PyLong_AsLong(number);
         } else if (place->role == CUT) {
-            if (f->cut_must_be_false && value != NULL && value != Py_False) return -1;
+            if (value != NULL && value != Py_False && (f->cut_must_be_false || value != Py_True)) return -1;
         } else if (value != NULL && value != Py_None) {
             if (place->role != OUT || !PyArray_CheckExact(value)) return -1;
             call->out = (PyArrayObject *)value;

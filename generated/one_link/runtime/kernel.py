@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError, UnknownNameError
 from ..names import html_table, nearest_or_all, show
-from .arrays import Arrays, joint_lead
+from .arrays import Arrays, flag, joint_lead, names_in
 from .by_name import Blocks, make_blocks
 from .calls import Calls
 from .closing import closed_positions, closed_rates
@@ -58,6 +58,9 @@ class Kernel:
             ``loop_reactions``, ``forward_dynamics_jacobian`` and ``rollout``, of which some know the tree that is left
             when the loops are cut by ``cut=True``; all other methods are those of that tree.
         constraints: names of the constraint's components, such as "loop1.x".
+        couplings: names of the rigid couplings whose followers are no coordinates, in the order of ``coupling_forces``;
+            see ``followers``.
+        follower_names: names of what these couplings move, each behind those that it follows itself.
         springs: names of the springs between two points, in the order of ``spring_forces``.
         cut_laws: names of the coordinates of cut joints that have a force ("pin4.x"), then of elastic couplings, in the
             order of ``cut_forces``.
@@ -101,6 +104,11 @@ class Kernel:
         self.joints: tuple[str, ...] = tuple(meta["joints"])
         self.loops: dict[str, str] = dict(meta.get("loops", {}))
         self.constraints: tuple[str, ...] = tuple(meta.get("constraints", ()))
+        self._followers: dict[str, Mapping[str, Any]] = dict(meta.get("followers", {}))
+        self.couplings: tuple[str, ...] = tuple(
+            name for name in meta.get("couplings", ()) if name in {x["coupling"] for x in self._followers.values()}
+        )
+        self.follower_names: tuple[str, ...] = tuple(self._followers)
         self.springs: tuple[str, ...] = tuple(meta.get("springs", ()))
         self.cut_laws: tuple[str, ...] = tuple(meta.get("cut_laws", ()))
         self.prescribed: tuple[str, ...] = tuple(meta["prescribed"])
@@ -177,9 +185,44 @@ class Kernel:
         Raises:
             UnknownNameError: no motor of that name.
         """
-        if motor not in self._ratios:
-            raise UnknownNameError(f"motor: {motor!r} is unknown; known: {', '.join(self._ratios)}")
+        if not isinstance(motor, str) or motor not in self._ratios:
+            raise UnknownNameError(f"motor: {show(motor)} is unknown; known: {', '.join(self._ratios)}")
         return float(self.parameters.get(f"joints.{motor}.ratio", self._ratios[motor]))
+
+    def followers(self, q: ArrayLike, v: ArrayLike | None = None) -> dict[str, tuple[Array, Array]]:
+        """Positions and velocities of what follows coordinates in rigid couplings, by name; m or rad, and per second.
+
+        Args:
+            q: (n,).
+            v: (n,); zero if it is not given.
+
+        Returns:
+            Per follower a pair of numbers, or of arrays with the leading axes of q and v.
+        """
+        here, lead = self.calls.array("q", q, self.raw.shapes["q"])
+        rates = np.zeros_like(here) if v is None else self.calls.array("v", v, self.raw.shapes["v"])[0]
+        joint_lead("v", rates.shape[:-1], lead)
+        matrix, offsets = self.follower_matrix()
+        pairs = zip(self._followers, matrix.astype(self.dtype), offsets.astype(self.dtype), strict=True)
+        return {name: (here @ row + offset, rates @ row + 0 * here[..., 0]) for name, row, offset in pairs}
+
+    def follower_matrix(self) -> tuple[Array, Array]:
+        """Matrix (followers, n) and offsets (followers,) that make positions of followers of q, with today's ratios.
+
+        The rows are in the order of ``follower_names``, in the follower's unit per the coordinate's.
+        """
+        rows, offsets = dict[str, Array](), dict[str, float]()
+        for name, coupling in self._followers.items():
+            prefix, row = f"couplings.{coupling['coupling']}", np.zeros(self.n)
+            offset = self.parameters.get(f"{prefix}.offset", coupling["offset"])
+            for other, described in coupling["to"].items():
+                ratio = self.parameters.get(f"{prefix}.ratio.{other}", described)
+                if other in rows:
+                    row, offset = row + ratio * rows[other], offset + ratio * offsets[other]
+                else:
+                    row[self.coordinates.index(other)] += ratio
+            rows[name], offsets[name] = row, offset
+        return np.array([*rows.values()]).reshape(-1, self.n), np.array([*offsets.values()])
 
     def with_parameters(self, values: Mapping[str, float] | None = None) -> Kernel:
         """The same compiled code with parameters of its own: those of this kernel now, and ``values`` by name.
@@ -193,7 +236,7 @@ class Kernel:
         other.parameters = self.parameters.copy()
         other.calls = self.calls.with_parameters(other.parameters)
         self._face.take(other)
-        if values:
+        if values is not None:
             other.parameters.update(values)
         return other
 
@@ -213,6 +256,7 @@ class Kernel:
         Raises:
             UnknownNameError: a joint that does not turn freely.
         """
+        joints = names_in("joints", joints)
         for name in joints:
             if name not in self.raw.turning:
                 raise UnknownNameError(f"joints: {name!r} does not turn freely; known: {', '.join(self.raw.turning)}")
@@ -423,13 +467,14 @@ class Kernel:
         if wrench is not None:
             u = self._with_wrench(q, u, wrench)
         name = "forward_dynamics"
-        return self.calls.run(self.calls.of_tree(name) if cut else name, out, (q, v, u))
+        return self.calls.run(self.calls.of_tree(name) if flag("cut", cut) else name, out, (q, v, u))
 
     def constraint_forces(
         self, q: ArrayLike, v: ArrayLike, u: ArrayLike, *, wrench: ArrayLike | None = None, out: Array | None = None
     ) -> Array:
         """Multipliers lambda of the constraint, (constraints,), N or N m: M a + h = u + J^T lambda.
 
+        Behind them stand the forces of ``couplings``, which hold what is no coordinate (see ``coupling_forces``).
         They are the forces that the loops' cut joints exert on their second links.  Where constraints are redundant,
         those of them that rigid bodies do not determine have the least norm, weighted by the diagonal of J M^-1 J^T.
 
@@ -440,11 +485,36 @@ class Kernel:
 
         Raises:
             SingularError, LoopError: as of ``forward_dynamics``.
-            UnknownNameError: the robot has no loops.
+            UnknownNameError: the robot has no loops or rigid couplings.
         """
-        if wrench is not None:
-            u = self._with_wrench(q, u, wrench)
-        return self.calls.run("constraint_forces", out, (q, v, u))
+        under = u if wrench is None else self._with_wrench(q, u, wrench)
+        if not self.couplings:
+            return self.calls.run("constraint_forces", out, (q, v, under))
+        a = self.forward_dynamics(q, v, under)
+        found = self.coupling_forces(q, v, a, wrench=wrench)
+        if self.constraints:
+            found = np.concatenate([self.calls.run("constraint_forces", None, (q, v, under)), found], axis=-1)
+        if out is not None:
+            out = self.calls.arrays.checked_out(out, found.shape, ())
+            out[...] = found
+        return found if out is None else out
+
+    def coupling_forces(
+        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, *, wrench: ArrayLike | None = None, out: Array | None = None
+    ) -> Array:
+        """Forces on the followers of ``couplings`` that a motion takes, (couplings,), N or N m.
+
+        A coupling exerts it on its follower, and -ratio times as much on what that follows.
+
+        Args:
+            q, v, a: (n,).
+            wrench: (links, 6) as in ``generalized_force``.
+            out: array to write to.
+
+        Raises:
+            UnknownNameError: no rigid coupling makes followers of coordinates.
+        """
+        return self.calls.run_with_wrench("coupling_forces", out, (q, v, a), wrench)
 
     def _with_wrench(self, q: ArrayLike, u: ArrayLike, wrench: ArrayLike) -> Array:
         """Drives with the generalized forces of wrenches; of a prescribed coordinate its acceleration."""
@@ -490,7 +560,7 @@ class Kernel:
             SingularError, LoopError: as of ``forward_dynamics``.
         """
         name = "forward_dynamics_jacobian"
-        return _three(self.calls.run(self.calls.of_tree(name) if cut else name, out, (q, v, u)))
+        return _three(self.calls.run(self.calls.of_tree(name) if flag("cut", cut) else name, out, (q, v, u)))
 
     def euler_cosines(self, q: ArrayLike, *, out: Array | None = None) -> Array:
         """Cosine of beta of each joint with three angles, (joints,); 1 for other joints.
@@ -652,7 +722,7 @@ class Kernel:
         cut: bool,
     ) -> Array:
         """Compute what a motion takes, with its loops closed or cut; see ``Calls.run_with_wrench``."""
-        if cut or not self.constraints:
+        if flag("cut", cut) or not self.constraints:
             return self.calls.run_with_wrench(self.calls.of_tree(name), out, values, wrench)
         if wrench is None:
             return self.calls.run(name, out, values)
@@ -934,7 +1004,7 @@ class Kernel:
             InputError: another argument is wrong, or does not belong to the method.
         """
         controlled: dict[str, Any] = {"kp": kp, "kd": kd, "target": target, "effort": efforts_of(self.calls, saturate)}
-        own: dict[str, Any] = {"loads": loads, "works": works}
+        own: dict[str, Any] = {"loads": loads, "works": flag("rollout: works", works)}
         sampled: dict[str, Any] = {"duration": duration, "samples": samples, "atol": atol}
         if takes_samples(method, dt=dt, steps=steps, every=every, **sampled, **own):
             how: dict[str, Any] = {"method": method, "rtol": rtol, "atol": atol, **own}
@@ -991,7 +1061,8 @@ class Kernel:
 
         Raises:
             UnknownNameError: no such parameter, or the kernel was built without the method's gradient.
-            InputError: as of ``rollout``; a loss that returns something else; joints that turn freely.
+            InputError: as of ``rollout``; a loss that returns something else; joints that turn freely; a robot so stiff
+                that derivatives of tsit5's steps are not those of the motion.
             SingularError, IntegrationStopped: as of ``rollout``; a mechanism begins in a singular pose.
         """
         u = np.zeros(self.n, self.dtype) if u is None else u
@@ -1064,7 +1135,7 @@ class Kernel:
 
         Raises:
             UnknownNameError: no such parameter, or the kernel was built without the method's sensitivity.
-            InputError: as of ``rollout``; no direction; joints that turn freely.
+            InputError: as of ``rollout``; no direction; joints that turn freely; a robot that is too stiff, as there.
             SingularError, IntegrationStopped: as of ``rollout``.
         """
         u = np.zeros(self.n, self.dtype) if u is None else u
@@ -1082,8 +1153,8 @@ class Kernel:
         Raises:
             UnknownNameError: no frame or link of that name.
         """
-        if name not in self.frames:
-            raise UnknownNameError(f"frame: {name!r} is unknown{nearest_or_all(str(name), self.frames)}")
+        if not isinstance(name, str) or name not in self.frames:
+            raise UnknownNameError(f"frame: {show(name)} is unknown{nearest_or_all(str(name), self.frames)}")
         return self.frames.index(name)
 
     def refuse_not_finite(self, label: str, array: Array, shape: tuple[int, ...], place: str = "") -> None:

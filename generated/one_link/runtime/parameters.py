@@ -98,7 +98,11 @@ class Parameters(MutableMapping[str, float]):
                 cannot be.
         """
         wanted: list[float] = []
-        for name, value in dict(*args, **kwargs).items():
+        try:
+            given = dict(*args, **kwargs)
+        except (TypeError, ValueError):
+            raise InputError(f"parameters: {show(args[0])}; allowed: a mapping from names to numbers") from None
+        for name, value in given.items():
             slot = self._slot(name)
             held = self._held(name, value)
             least = self._least.get(name)

@@ -14,7 +14,8 @@ import _cffi_backend
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import BuildError, UnknownNameError
+from ..errors import BuildError, InputError, UnknownNameError
+from ..names import show
 
 Array = NDArray[Any]
 
@@ -32,6 +33,7 @@ FRAMES, ROLLOUT, ADAPTIVE, GRADIENT = (
 )  # kinds of functions that are called otherwise than all others
 WEIGHTS = {"mul": 1, "add": 1, "div": 5, "sincos": 25}  # times of operations beside each other
 BATCH = "_batch"  # behind the name of what works on several states
+ENDINGS = ("h", "c", "json")  # of the files that a kernel's package has beside its libraries
 STAGES = 5  # of a step of a rollout: four of rk4, in numbers of linearly implicit ones, and what is around them
 
 
@@ -334,11 +336,14 @@ class RawKernel:
         return self.function(name).address(batch=batch)
 
     def source(self, ending: str) -> str:
-        """The C with all functions: "h", the header, or "c".
+        """The C with all functions: "h", the header, or "c"; "json" is what Python reads of it.
 
         Raises:
+            InputError: another ending.
             BuildError: its package is not there any more.
         """
+        if not isinstance(ending, str) or ending not in ENDINGS:
+            raise InputError(f"ending: {show(ending)}; allowed: {', '.join(ENDINGS)}")
         file = f"{self.name}.{ending}"
         try:
             return self.libraries.source(file)

@@ -75,7 +75,8 @@ class BenchResult:
     """Measurements of ``bench``: one row per kernel, and what has to be said beside a time.
 
     ``error`` is the greatest relative difference (max-norm) between a kernel and its counterpart.  ``call`` is the
-    median time of one call of the kernel ``called`` from Python (ns), with ``Kernel.checks`` and without.  ``note``
+    median time of one call of the kernel's method ``called`` from Python (ns), with ``Kernel.checks`` and without, and
+    ``is_direct`` says whether such calls go through the extension module, ``Kernel.is_direct``.  ``note``
     says of a robot with loops which kernels close them, and that the textbook's algorithms know its tree alone.
     """
 
@@ -90,6 +91,7 @@ class BenchResult:
     rows: tuple[Row, ...] = field(default_factory=tuple)
     called: str = ""
     call: tuple[float, float] = (0.0, 0.0)
+    is_direct: bool = False
     note: str = ""
 
     def as_dict(self) -> dict[str, Any]:
@@ -114,10 +116,11 @@ class BenchResult:
                 lines.append(_line("  " + row.counterpart.name, row.counterpart, ratio))
         if self.called:
             with_checks, without = (ns / 1e3 for ns in self.call)
+            face = "" if self.is_direct else " (through cffi: there is no extension module here, see kernel.is_direct)"
             lines += [
                 "",
-                f"{self.called} called from Python with one state: {with_checks:.2f} us, of which looking for NaN and"
-                f" infinity takes {with_checks - without:.2f} us (kernel.checks = False leaves it out)",
+                f"kernel.{self.called} called from Python with one state: {with_checks:.3f} us{face}, with"
+                f" kernel.checks = False, which does not look for NaN and infinity, {without:.3f} us",
             ]
         return [line.rstrip() for line in lines]
 
@@ -169,7 +172,7 @@ def bench(
     for function in kernel.raw.functions.values():
         progress(f"timing {function.name}")
         rows.append(_measure(kernel, yardstick, function, inputs, repeat))
-    timed = [row.kernel.name for row in rows if not row.note]
+    timed = [row.kernel.name for row in rows if not row.note and hasattr(Kernel, row.kernel.name)]
     called = next((name for name in (*COUNTERPARTS, *timed) if name in timed), "")
     call = _call_from_python(kernel, called, inputs, repeat) if called else (0.0, 0.0)
     return BenchResult(
@@ -184,6 +187,7 @@ def bench(
         rows=tuple(rows),
         called=called,
         call=call,
+        is_direct=kernel.is_direct,
         note=_closed_note(robot, kernel),
     )
 
@@ -203,16 +207,22 @@ def _closed_note(robot: Robot, kernel: Kernel) -> str:
 
 
 def _call_from_python(kernel: Kernel, name: str, inputs: Mapping[str, Array], rounds: int) -> tuple[float, float]:
-    """Median times of a call with one state through ``Kernel``, ns, with its checks and without, in turns."""
+    """Median times of a kernel's method with one state, ns, with its checks and without, in turns.
+
+    It is called as whoever builds the robot calls it: arrays of the kernel's own, a new one comes back.
+    """
     function, shapes = kernel.raw.functions[name], kernel.raw.shapes
     arrays = [np.ascontiguousarray(inputs[label][0]).reshape(shapes[label]) for label in function.reads]
-    out, times = np.zeros(shapes[function.writes]), np.zeros((rounds, 2))
-    extra, kinds = _extra(function), [kernel.with_checks(True), kernel.with_checks(False)]
+    given = (*arrays, kernel.frames[0]) if function.is_framed else tuple(arrays)
+    times = np.zeros((rounds, 2))
+    methods = [getattr(kernel.with_checks(wanted), name) for wanted in (True, False)]
+    for method in methods:
+        method(*given)  # the first call may take another way
     for turn in times:
-        for i, kind in enumerate(kinds):
+        for i, method in enumerate(methods):
             begin = time.perf_counter_ns()
             for _ in range(CALLS):
-                kind.calls.run(name, out, arrays, extra)
+                method(*given)
             turn[i] = (time.perf_counter_ns() - begin) / CALLS
     with_checks, without = (float(x) for x in np.median(times, axis=0))
     return with_checks, without

@@ -1061,7 +1061,8 @@ class Kernel:
 
         Raises:
             UnknownNameError: no such parameter, or the kernel was built without the method's gradient.
-            InputError: as of ``rollout``; a loss that returns something else; joints that turn freely.
+            InputError: as of ``rollout``; a loss that returns something else; joints that turn freely; a robot so stiff
+                that derivatives of tsit5's steps are not those of the motion.
             SingularError, IntegrationStopped: as of ``rollout``; a mechanism begins in a singular pose.
         """
         u = np.zeros(self.n, self.dtype) if u is None else u
@@ -1134,7 +1135,7 @@ class Kernel:
 
         Raises:
             UnknownNameError: no such parameter, or the kernel was built without the method's sensitivity.
-            InputError: as of ``rollout``; no direction; joints that turn freely.
+            InputError: as of ``rollout``; no direction; joints that turn freely; a robot that is too stiff, as there.
             SingularError, IntegrationStopped: as of ``rollout``.
         """
         u = np.zeros(self.n, self.dtype) if u is None else u

@@ -22,7 +22,18 @@ from ..raw import FFI, Library, RawFunction
 from .given_loads import clipped_loads, place_given, read_loads
 from .loads import WORKS, LoadData, Packed, Side
 from .many_steps import METHODS as FIXED
-from .rollouts import NUMBERS, SHARE, Given, Rollout, count_states, is_number, read_given, room_for, whole_number
+from .rollouts import (
+    LONGEST,
+    NUMBERS,
+    SHARE,
+    Given,
+    Rollout,
+    as_number,
+    count_states,
+    read_given,
+    room_for,
+    whole_number,
+)
 
 Array = NDArray[Any]
 
@@ -43,7 +54,7 @@ def takes_samples(method: str, **given: Any) -> bool:
     Raises:
         InputError: there is no such method, or an argument of the others is given.
     """
-    if method not in METHODS and method not in FIXED:
+    if not isinstance(method, str) or (method not in METHODS and method not in FIXED):
         raise InputError(f"rollout: method {show(method)} is unknown; allowed: {', '.join((*FIXED, *METHODS))}")
     chooses = method in METHODS
     sampled = (
@@ -52,7 +63,8 @@ def takes_samples(method: str, **given: Any) -> bool:
     own, others = (sampled, "dt, steps and every")[:: 1 if chooses else -1]
     absent: dict[str, Any] = {"every": 1, "works": False}
     for name in ("dt", "steps", "every") if chooses else ("duration", "samples", "atol", "loads", "works"):
-        if given.get(name) is not None and not (name in absent and given[name] == absent[name]):
+        value = given.get(name)
+        if value is not None and not (name in absent and isinstance(value, int) and value == absent[name]):
             raise InputError(f"rollout: {name} is given; allowed: {own} with method={method!r}, not {others}")
     return chooses
 
@@ -165,7 +177,7 @@ def adaptive_rollout(
     u = np.zeros(calls.n, calls.dtype) if u is None else u
     count = _count(count_states(q0=q0, v0=v0, u=u, target=target), data)
     samples = whole_number("samples", 1 if samples is None else samples, NUMBERS // (calls.n * max(count or 1, 1)))
-    times = np.linspace(0.0, length_of_time(duration), samples + 1)
+    times = times_of_samples(duration, samples)
     allowed = tolerances(calls, rtol, atol, function.where(batch=count is not None).meta)
     given = read_given(calls, driven, samples, count, q0=q0, v0=v0, u=u, kp=kp, kd=kd, target=target, effort=effort)
     trouble = given.trouble(calls)
@@ -235,18 +247,28 @@ def _result(motion: _Motion, works: Array | None) -> Rollout:
 
 
 def length_of_time(duration: float | None) -> float:
-    found = float(duration) if is_number(duration) else 0.0  # type: ignore[arg-type]
-    if not 0.0 < found < np.inf:
-        raise InputError(
-            f"rollout: duration = {show(duration)} is not a length of time; a finite number above 0 is allowed"
-        )
+    """Give a duration back, s; InputError of what is none."""
+    found = as_number(duration)
+    if not 0.0 < found <= LONGEST:
+        allowed = f"a number above 0, of up to {LONGEST:g}, is allowed"
+        raise InputError(f"rollout: duration = {show(duration)} is not a length of time; {allowed}")
     return found
+
+
+def times_of_samples(duration: float | None, samples: int) -> Array:
+    """Times of samples at equal distances, s, (samples + 1,); InputError where there is no room for them."""
+    length = length_of_time(duration)
+    try:
+        return np.linspace(0.0, length, samples + 1)
+    except MemoryError:
+        size = f"{samples + 1} samples take {8e-9 * samples:.3g} GB for their times alone"
+        raise InputError(f"rollout: {size}, more than there is; allowed: fewer samples") from None
 
 
 def tolerances(calls: Calls, rtol: float, atol: ArrayLike | None, meta: Mapping[str, Any]) -> tuple[float, Array]:
     """rtol, and atol of every coordinate and rate, (2n,)."""
     least = LEAST[str(calls.dtype)]
-    if not (is_number(rtol) and least <= float(rtol) < 1.0):
+    if not least <= as_number(rtol) < 1.0:
         raise InputError(f"rollout: rtol = {show(rtol)} is not allowed; a number from {least:g} to below 1 is")
     if atol is None:
         found = float(rtol) * np.array(meta["sizes"])
@@ -255,7 +277,7 @@ def tolerances(calls: Calls, rtol: float, atol: ArrayLike | None, meta: Mapping[
         return float(rtol), found.astype(calls.dtype)
     try:
         found = np.broadcast_to(np.asarray(atol, dtype=np.float64), (2 * calls.n,)).astype(calls.dtype)
-    except (ValueError, TypeError):
+    except (ValueError, TypeError, OverflowError):
         raise ArrayError(f"rollout: atol: expected a number or ({2 * calls.n},), got {show(atol)}") from None
     if not ((found > 0.0) & (found < np.inf)).all():
         raise InputError(f"rollout: atol = {show(atol)} is not allowed; finite numbers above 0 are")

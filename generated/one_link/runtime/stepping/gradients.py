@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -20,13 +20,14 @@ from ...names import listed, show
 from ..calls import Calls
 from ..derivatives import parameter_slots
 from ..raw import FFI, Library, RawFunction
-from .adaptive import DONE, adaptive_rollout, length_of_time, takes_samples, tolerances
+from .adaptive import DONE, adaptive_rollout, takes_samples, times_of_samples, tolerances
 from .adaptive import METHODS as ADAPTIVE
 from .given_loads import Loads
 from .load_slopes import Acting
 from .loads import BACK, Slopes
 from .many_steps import rollout, step_length
 from .rollouts import NUMBERS, Given, count_states, read_given, room_for, whole_number
+from .stiff_steps import Pair, parts_of, refuse_different
 
 Array = NDArray[Any]
 Loss = Callable[[Array, Array, Array], tuple[Any, ArrayLike, ArrayLike]]
@@ -38,6 +39,7 @@ ROOM = 2**22  # numbers that are kept of all steps; of longer motions parts are 
 SHORTEST = 256  # steps of such a part: shorter ones would take longer in Python than in C
 PART = 2**14  # coordinates of the steps of a part where all are kept: derivatives by them stay near to the processor
 STAYS = 2**20  # numbers of room that stays for the next gradient
+EXPLICIT = "tsit5"  # of the methods whose steps the error chooses, that which is not stable whatever its steps
 RECORDED = 512  # ends of steps that a call tells
 
 
@@ -50,12 +52,23 @@ class Steps:
         times: where they begin, and where the last one ends, s, (steps + 1,).
         rows: of the drives that act in them, (steps,).
         told: of each sample the number of steps in front of it, (samples,).
+        stiffness: of each step, (steps,), as C saw it; None of methods that are stable, or whose steps are given.
     """
 
     dt: Array
     times: Array
     rows: Array
     told: Array
+    stiffness: Array | None = None
+
+    def split(self, parts: Array) -> Steps:
+        """Several steps in the place of each, ``parts`` of them, (steps,)."""
+        firsts = np.cumsum([0, *parts])
+        within = np.arange(firsts[-1]) - np.repeat(firsts[:-1], parts)
+        share = within / np.repeat(parts, parts)
+        times = np.repeat(self.times[:-1], parts) + share * np.repeat(np.diff(self.times), parts)
+        dt = np.repeat((self.dt / parts).astype(self.dt.dtype), parts)
+        return Steps(dt, np.append(times, self.times[-1]), np.repeat(self.rows, parts), firsts[self.told])
 
 
 class Way:
@@ -68,6 +81,11 @@ class Way:
         acts: the drives and loads, for the function's library, and slopes, what derivatives by them are added to.
         steps: that it takes.
         room: how many numbers may be kept.
+
+    Attributes:
+        steps: as given.
+        slopes: as given.
+        is_kept: whether all states are kept on the way there.
     """
 
     def __init__(
@@ -81,7 +99,7 @@ class Way:
         room: int,
     ) -> None:
         kind, self._number = WAYS[method]
-        self._calls, self._function, self._acts, self._slopes, self.steps = calls, function, acts, slopes, steps
+        self._calls, self._function, self._acts, self.slopes, self.steps = calls, function, acts, slopes, steps
         self._forwards = function.library.function(f"{kind}_states")
         self._kept: int = function.library.meta["kept"][function.name]  # numbers of a step, which spare work
         size, steady = len(steps.dt), max(PART // calls.n, SHORTEST)
@@ -138,19 +156,24 @@ class Way:
         status = self._forwards(*self._before(part), view(q), view(v), view(kept) if keep else FFI.NULL)
         return (q, v, kept) if status < 0 else None
 
-    def _before(self, part: slice) -> tuple[Any, ...]:
+    def _before(self, part: slice, steps: Steps | None = None) -> tuple[Any, ...]:
         """The first arguments of both functions."""
-        setup, dt, rows = self._calls.parameters.setup, self.steps.dt[part], self.steps.rows[part]
-        times = FFI.from_buffer("double[]", self.steps.times[part.start : part.stop + 1])
+        steps = self.steps if steps is None else steps
+        setup, dt, rows = self._calls.parameters.setup, steps.dt[part], steps.rows[part]
+        times = FFI.from_buffer("double[]", steps.times[part.start : part.stop + 1])
         pointers = self._calls.raw.view(dt), times, FFI.from_buffer("long long[]", rows)
         return setup.pointer(self._function.library), *self._acts, len(dt), *pointers, self._number
 
-    def back(self, by_q: Array, by_v: Array, room: Array) -> tuple[Array, Array]:
+    def back(
+        self, by_q: Array, by_v: Array, room: Array, slopes: Any = None, parts: Array | None = None
+    ) -> tuple[Array, Array]:
         """Derivatives by the first state, (n,) each; those by drives, gains and parameters are added to the slopes.
 
         Args:
             by_q, by_v: derivatives by the samples, (samples, n).
             room: as it was on the way there.
+            slopes: others than its own.
+            parts: how many steps stand in the place of each, beginning where that does, (steps,).
         """
         view, to = self._calls.raw.view, np.zeros((2, self._calls.n), self._calls.dtype)
         own = np.empty((2, self._length + 1, self._calls.n), self._calls.dtype)
@@ -164,9 +187,30 @@ class Way:
             for one, samples in zip(by, (by_q, by_v), strict=True):
                 np.add.at(one, self.steps.told[here] - begin, samples[here])
             states = self._of_room(part, room)
-            self._function.code(*self._before(part), *map(view, (*states, *by)), self._slopes)
-            to = by[:, 0].copy()
+            slopes = self.slopes if slopes is None else slopes
+            if parts is None:
+                self._function.code(*self._before(part), *map(view, (*states, *by)), slopes)
+                to = by[:, 0].copy()
+            else:
+                to = self._back_by_parts(part, parts, states[:2], by, slopes)
         return to[0], to[1]
+
+    def _back_by_parts(self, part: slice, parts: Array, states: Sequence[Array], by: Array, slopes: Any) -> Array:
+        """Derivatives by the state before a part, (2, n), with several steps in the place of each, see ``back``."""
+        steps, view = self.steps.split(parts), self._calls.raw.view
+        firsts = np.cumsum([0, *parts])[part.start : part.stop + 1]
+        q, v = (np.append(np.repeat(x[:-1], parts[part], axis=0), x[-1:], axis=0) for x in states)
+        for k in np.flatnonzero(parts[part] > 1):
+            begin, end = firsts[k], firsts[k + 1]
+            own = [x[begin - firsts[0] : end - firsts[0] + 1].copy() for x in (q, v)]
+            self._forwards(*self._before(slice(begin, end), steps), *map(view, own), FFI.NULL)
+            for x, found in zip((q, v), own, strict=True):  # but for the end, where the next one begins
+                x[begin - firsts[0] : end - firsts[0]] = found[:-1]
+        to = np.zeros((2, *q.shape), self._calls.dtype)
+        to[:, firsts - firsts[0]] = by
+        whole = self._before(slice(firsts[0], firsts[-1]), steps)
+        self._function.code(*whole, view(q), view(v), FFI.NULL, *map(view, to), slopes)
+        return to[:, 0].copy()
 
 
 class Room:
@@ -243,15 +287,26 @@ def rollout_gradient(
     acting = None if loads is None else Acting(calls, "gradient", loads, effort)
     motion, times, taken = taken_steps(calls, driven, "gradient", given, acting, **steps_of)
     motion.write_to({} if out is None else out)
+
     ways = [motion.way(method, state, steps) for state, steps in enumerate(taken) if steps is not None]
     room = Room(calls, ways)
     found = _there(motion, ways, times.size, room)
     if found is None:  # the rollout says why
         raise stopped(calls, driven, given, loads, **steps_of)
     value, by_q, by_v = _asked(calls, loss, times, *found, single=motion.is_single)
+    parts = [parts_of(way.steps.stiffness) for way in ways]
+    fine = motion if all(x is None for x in parts) else motion.again()
     for state, way in enumerate(ways):
         motion.add_start(state, way.back(by_q[state], by_v[state], room.of(state)))
+        if fine is not motion:
+            slopes = fine.way(method, state, way.steps).slopes
+            fine.add_start(state, way.back(by_q[state], by_v[state], room.of(state), slopes, parts[state]))
     room.leave()
+    if fine is not motion:
+        largest = max(float(np.abs(x).max(initial=0.0)) for x in (by_q, by_v))
+        refuse_different(
+            "rollout_gradient", motion.beside(fine, parameters, slots), largest, [x for x in parts if x is not None]
+        )
     return value, motion.gradients(parameters, slots)
 
 
@@ -292,19 +347,24 @@ def taken_steps(
     chooses = takes_samples(method, dt=dt, steps=steps, every=every, duration=duration, samples=samples, atol=atol)
     function, count = _step_function(calls, method, kind), count_states(**{x: given[x] for x in STATES})
     count = count if acting is None else acting.count(count)
+    if chooses and acting is not None:
+        acting.end_steps()
     most = NUMBERS // (calls.n * max(count or 1, 1))
     label, number = ("samples", 1 if samples is None else samples) if chooses else ("steps", steps)
     rows = whole_number(label, number, most)
     motion = Motion(calls, function, read_given(calls, driven, rows, count, **given), acting)
     _refuse_singular(calls, given["q0"], given["v0"])
     if chooses:
-        times: Array = np.linspace(0.0, length_of_time(duration), rows + 1)
+        times: Array = times_of_samples(duration, rows)
         allowed = tolerances(calls, rtol, atol, _adaptive(calls).library.meta)
         return motion, times, [_chosen_steps(motion, i, times, method, allowed) for i in range(motion.states)]
     length, every = step_length(calls, dt), whole_number("every", every, most)
-    times = float(length) * every * np.arange(rows // every + 1)
-    each = float(length) * np.arange(rows + 1)
-    same = Steps(np.full(rows, length, calls.dtype), each, np.arange(rows), np.arange(0, rows + 1, every))
+    try:
+        times = float(length) * every * np.arange(rows // every + 1)
+        each = float(length) * np.arange(rows + 1)
+        same = Steps(np.full(rows, length, calls.dtype), each, np.arange(rows), np.arange(0, rows + 1, every))
+    except MemoryError:
+        raise InputError(f"rollout: {rows} steps are more than there is memory for; allowed: fewer steps") from None
     return motion, times, [same] * motion.states
 
 
@@ -378,6 +438,10 @@ class Motion:
         if (trouble := given.trouble(calls)) is not None:
             raise trouble
 
+    def again(self) -> Motion:
+        """A motion of the same states and drives whose derivatives add up by themselves."""
+        return Motion(self.calls, self.function, self._given, None if self._acting is None else self._acting.again())
+
     def start(self, state: int) -> tuple[Array, Array]:
         """Where a state begins."""
         q, v = (array.reshape(-1, self.calls.n)[state if apart else 0] for array, apart in self._given.starts)
@@ -439,6 +503,22 @@ class Motion:
         loads = {} if self._acting is None else {"loads": self._acting.by_name()}
         return self._by_name() | loads | numbers
 
+    def beside(self, other: Motion, parameters: Sequence[str], slots: Sequence[int]) -> Iterator[Pair]:
+        """Derivatives of both, by where each state begins, by drives, gains, numbers of loads and parameters."""
+        for name, whole in self._by_name().items():
+            fine = other._by_name()[name]
+            if name in NAMES[:2]:
+                rows = zip(*(x.reshape(-1, self.calls.n) for x in (whole, fine)), strict=True)
+                yield from (Pair(name, *row) for row in rows)
+            else:
+                yield Pair(name, whole, fine)
+        if self._acting is not None and other._acting is not None:
+            for (name, whole), (_, fine) in zip(self._acting.every(), other._acting.every(), strict=True):
+                yield Pair(name, whole, fine)
+        for name, slot in zip(parameters, slots, strict=True):
+            size = abs(float(self.calls.parameters[name]))
+            yield Pair(name, self._by_parameters[[slot]], other._by_parameters[[slot]], size)
+
     def write_to(self, out: Mapping[str, Array]) -> None:
         """Let derivatives by these names be written to arrays.
 
@@ -476,8 +556,10 @@ def _chosen_steps(motion: Motion, state: int, times: Array, method: str, allowed
     library, view = function.library, calls.raw.view
     at = [x.copy() for x in motion.start(state)]
     stored = [np.empty((times.size, calls.n), calls.dtype) for _ in at]
-    ends, kept = np.empty(RECORDED), [np.empty((RECORDED, calls.n), calls.dtype) for _ in at]
-    fields = {"t": FFI.from_buffer("double[]", ends), "q": view(kept[0]), "v": view(kept[1])}
+    ends, kept = np.empty((2, RECORDED)), [np.empty((RECORDED, calls.n), calls.dtype) for _ in at]
+    fields = {"t": FFI.from_buffer("double[]", ends[0]), "q": view(kept[0]), "v": view(kept[1])}
+    if method == EXPLICIT:
+        fields["stiffness"] = FFI.from_buffer("double[]", ends[1])
     record, progress = library.new("record", **fields, room=RECORDED), library.new("progress")
     tolerance = library.new("tolerance", rtol=allowed[0], atol=view(allowed[1]), most=RECORDED)
     drive, loads = motion.drive(library, state), motion.loads(library, state)
@@ -500,13 +582,15 @@ def _chosen_steps(motion: Motion, state: int, times: Array, method: str, allowed
             progress,
             record,
         )
-        found.append(ends[: record.count].copy())
+        found.append(ends[:, : record.count].copy())
     if progress.reason != DONE:
         return None
-    t = np.concatenate([times[:1], *found])
+    every, stiffness = np.concatenate(found, axis=1)
+    t = np.concatenate([times[:1], every])
     rows = np.searchsorted(times, (t[1:] + t[:-1]) / 2.0, side="right") - 1
     told = np.searchsorted(t, times - 1e-9 * np.diff(t).min(initial=1.0), side="left")
-    return Steps(np.diff(t).astype(calls.dtype), t, rows, told)
+    dt = np.diff(t).astype(calls.dtype)
+    return Steps(dt, t, rows, told, stiffness if method == EXPLICIT else None)
 
 
 def _asked(calls: Calls, loss: Loss, times: Array, q: Array, v: Array, *, single: bool) -> tuple[Any, Array, Array]:

@@ -5,6 +5,7 @@ A generated package carries a copy of this file.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from ...errors import ArrayError, InputError
 from ..calls import Calls
 from ..raw import FFI, Library
 from .given_loads import clipped_loads, place_back, place_given, read_loads
-from .loads import LoadData, Packed, Signal, Slopes
+from .loads import LoadData, Packed, Signal, Slopes, jump_times
 
 Array = NDArray[np.float64]
 
@@ -34,15 +35,26 @@ class Acting:
 
     def __init__(self, calls: Calls, kind: str, given: Any, effort: Array | None = None) -> None:
         read = clipped_loads(calls, read_loads(calls, given), effort)
-        self._calls, self.is_shared = calls, isinstance(read, LoadData)
+        self._calls, self._kind, self.is_shared = calls, kind, isinstance(read, LoadData)
         self._each = [read] if isinstance(read, LoadData) else read
         self._sums = [_sums(loads) for loads in self._each]
         self._kept: list[Any] = []
+        self._stops: list[Array] | None = None
         for loads in self._each:
             if loads.drive.model is not None and loads.drive.model.mechanism is not None:
                 raise InputError(
                     f"rollout_{kind}: loads: drive.model.mechanism has no derivatives; allowed: models without loops"
                 )
+
+    def end_steps(self) -> None:
+        """Let steps end at all knots of signals, as they do where the error chooses them."""
+        self._stops = [jump_times(loads, every=True) for loads in self._each]
+
+    def again(self) -> Acting:
+        """These loads, with derivatives that add up by themselves."""
+        found = Acting(self._calls, self._kind, self._each[0] if self.is_shared else self._each)
+        found._stops = self._stops
+        return found
 
     def count(self, states: int | None) -> int | None:
         """Number of states with that of their loads; None for a single one.
@@ -74,7 +86,8 @@ class Acting:
 
     def packed(self, library: Library, state: int, slopes: Slopes | None = None) -> Any:
         """``NAME_loads`` of a state, which lives as long as this object."""
-        self._kept.append(Packed(library, self._calls, self.of(state), slopes=slopes))
+        stops = np.zeros(0) if self._stops is None else self._stops[state if len(self._stops) > 1 else 0]
+        self._kept.append(Packed(library, self._calls, self.of(state), slopes=slopes, stops=stops))
         return self._kept[-1].pointer
 
     def slopes(self, library: Library, state: int) -> Any:
@@ -90,6 +103,11 @@ class Acting:
             self._kept.append(rows)
         self._kept.append(fields)
         return library.new("load_slopes", **fields)
+
+    def every(self) -> Iterator[tuple[str, Array]]:
+        """Derivatives by what loads of each state consist of, with its name and the state's number."""
+        for state, sums in enumerate(self._sums):
+            yield from ((name if self.is_shared else f"{name} of state {state}", x) for name, x in sums.items())
 
     def by_name(self) -> dict[str, Array | float] | list[dict[str, Array | float]]:
         """Derivatives by what loads consist of, of all states' or in a list of each."""

@@ -18,13 +18,14 @@ from ..calls import Calls
 from ..opened import stays_open
 from ..pieces import OPERATIONS, ROUND, shared
 from ..raw import RawFunction
-from .rollouts import NUMBERS, SHARE, Rollout, count_states, is_number, read_given, room_for, whole_number
+from .rollouts import LONGEST, NUMBERS, SHARE, Rollout, as_number, count_states, read_given, room_for, whole_number
 
 Array = NDArray[Any]
 Laws = tuple[Sequence[Array], Array | None]  # gains of a controller, and efforts
 
 METHODS = {"rk4": 0, "implicit": 1}
 BUFFER = 2**15  # numbers of many states that are stored at once where a piece of work does not reach the end
+SHORT = 1e-12  # s, in which nothing moves
 FAR = 1e6  # m or rad, beyond which no robot is: the integration has failed
 ADVICE = " take a shorter dt, or method='implicit' where springs are stiff"
 
@@ -136,16 +137,10 @@ def _stopped(
 
 def step_length(calls: Calls, dt: float | None) -> float:
     """The length of a step as the kernel's dtype has it."""
-    try:
-        found = float(dt) if dt is not None and is_number(dt) else 0.0
-    except OverflowError:
-        found = np.inf
-    limits = np.finfo(calls.dtype)
-    if not float(limits.tiny) <= found <= float(limits.max):
-        raise InputError(
-            f"rollout: dt = {show(dt)} is not a length of time; a finite number above 0 that {calls.dtype} holds is"
-            " allowed"
-        )
+    found, least = as_number(dt), float(np.finfo(calls.dtype).tiny)
+    if not least <= found <= LONGEST:
+        allowed = f"a number from {least:.3g}, the least above 0 that {calls.dtype} holds, to {LONGEST:g} is allowed"
+        raise InputError(f"rollout: dt = {show(dt)} is not a length of time; {allowed}")
     return found
 
 
@@ -324,5 +319,5 @@ def _begins_well(
     if not (np.abs(q) < FAR).all():
         return True
     still = np.zeros(n, calls.dtype)
-    once = 1e-9 * dt, 1, 1, method  # so short that all of its stages are at q
+    once = min(1e-9 * dt, SHORT), 1, 1, method  # so short that all of its stages are at q
     return _call(calls, [(q, 0), (still, 0)], [(still, 0, 0)], ((), None), once, one, ends) < 0

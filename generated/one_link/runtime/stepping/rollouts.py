@@ -19,6 +19,7 @@ from ..calls import Calls
 Array = NDArray[Any]
 
 NUMBERS = 2**62  # of all coordinates at all steps of all states, at most: C counts them
+LONGEST = 1e30  # time, s: as of all numbers that descriptions and scenarios may have
 SHARE = 16  # states that are worth a thread of their own
 
 
@@ -117,15 +118,20 @@ def count_states(**values: ArrayLike | None) -> int | None:
     """Number of states, or None for a single one: the leading axes of those that have one."""
     sizes = {}
     for label, value in values.items():
-        try:
-            shape = np.shape(value) if value is not None else ()
-        except ValueError:  # rows of different lengths, which are refused where they are converted
-            continue
+        shape = shape_of(value) if value is not None else ()
         if len(shape) == (2 if label in ("q0", "v0") else 3):
             sizes[label] = shape[0]
     if len({size for size in sizes.values() if size != 1}) > 1:
         raise ArrayError(f"rollout: {', '.join(f'{size} states in {label}' for label, size in sizes.items())}")
     return max(sizes.values()) if sizes else None
+
+
+def shape_of(value: ArrayLike) -> tuple[int, ...]:
+    """Shape of an array-like; () for rows of different lengths, which are refused where they are converted."""
+    try:
+        return np.shape(value)
+    except ValueError:
+        return ()
 
 
 def _start(calls: Calls, label: str, value: ArrayLike, count: int | None) -> tuple[Array, int]:
@@ -137,12 +143,12 @@ def _start(calls: Calls, label: str, value: ArrayLike, count: int | None) -> tup
 def _over_time(calls: Calls, label: str, value: ArrayLike, steps: int, count: int | None) -> tuple[Array, int, int]:
     """The value, and how far apart its numbers of two states and of two steps are."""
     n = calls.n
-    if np.ndim(value) == 3:
+    if len(shape_of(value)) == 3:
         array, states = _rows(calls, label, value, (steps, n))
         if states not in (1, count):
             raise ArrayError(f"{label}: {states} states, but {count} in other arrays")
         return array, steps * n if states == count else 0, n
-    if count is None and np.shape(value) == (steps, n):
+    if count is None and shape_of(value) == (steps, n):
         return calls.array(label, value, (steps, n))[0], 0, n
     array, rows = _rows(calls, label, value, (n,))
     if rows is None:
@@ -193,6 +199,14 @@ def whole_number(label: str, number: int | None, most: int) -> int:
     if isinstance(number, bool) or not isinstance(number, (int, np.integer)) or not 1 <= number <= most:
         raise InputError(f"rollout: {label} = {show(number)} is not a whole number from 1 to {most}")
     return int(number)
+
+
+def as_number(value: Any) -> float:
+    """Give a number as a float: infinite where that is too large for one, NaN where it is no number."""
+    try:
+        return float(value) if is_number(value) else np.nan
+    except OverflowError:
+        return np.inf
 
 
 def is_number(value: Any) -> bool:

@@ -20,7 +20,8 @@ from .given_loads import Loads
 from .gradients import WAYS, Motion, Steps, stopped, taken_steps
 from .load_slopes import Acting
 from .loads import ALONG
-from .rollouts import room_for
+from .rollouts import room_for, shape_of
+from .stiff_steps import Pair, parts_of, refuse_different
 
 Array = NDArray[Any]
 
@@ -35,6 +36,7 @@ class Directions:
     Attributes:
         count: of directions.
         starts: rates of q and v, (directions, n) each.
+        named: of each direction the parameter that it is of and how large that is, or None and 1.
     """
 
     def __init__(self, calls: Calls, motion: Motion, rows: int, along: Mapping[str, ArrayLike], slots: Sequence[int]):
@@ -66,6 +68,9 @@ class Directions:
             self._u[:given] = arrays["u"].reshape(given, -1, n)
         self._parameters = np.zeros((self.count, max(len(calls.parameters), 1)), calls.dtype)
         self._parameters[range(given, self.count), list(slots)] = 1.0
+        names, values = tuple(calls.parameters), calls.parameters
+        self.named: list[tuple[str | None, float]] = [(None, 1.0)] * given
+        self.named += [(names[slot], abs(float(values[names[slot]]))) for slot in slots]
         view = calls.raw.view
         self._pointers = {"u": view(self._u), "parameters": view(self._parameters)}  # which C reads by
         steps = {"u_direction": self._u[0].size, "u_step": n if by_rows else 0}
@@ -97,26 +102,97 @@ def rollout_sensitivity(
     acting = None if loads is None else Acting(calls, "sensitivity", loads, given["effort"])
     motion, times, taken = taken_steps(calls, driven, "sensitivity", given, acting, method=method, **how)
     rows = max(int(steps.rows[-1]) + 1 for steps in taken if steps is not None) if any(taken) else 1
-    directions = Directions(calls, motion, rows, along or {}, slots)
+    directions = Directions(calls, motion, rows, {} if along is None else along, slots)
     lead = (motion.states, times.size)
     shapes: list[tuple[int, ...]] = [(*lead, calls.n)] * 2 + [(*lead, directions.count, calls.n)] * 2
     found = [room_for(calls, shape, "fewer samples") for shape in shapes]
+    number = WAYS[method][1]
     for state, steps in enumerate(taken):
-        if steps is None or not _carry(motion, state, steps, WAYS[method][1], directions, [x[state] for x in found]):
+        if steps is None or not _carry(motion, state, steps, number, directions, [x[state] for x in found]):
             raise stopped(calls, driven, given, loads, method=method, **how)
+        parts = parts_of(steps.stiffness)
+        if parts is not None:
+            _refuse_stiff(motion, state, steps, parts, number, directions, [x[state] for x in found])
     results = [x[0] if motion.is_single else x for x in found]
     if out is not None:
         results = _written(calls, out, results)
     return (results[0], results[1]), (results[2], results[3])
 
 
+def _refuse_stiff(
+    motion: Motion,
+    state: int,
+    steps: Steps,
+    parts: Array,
+    number: int,
+    directions: Directions,
+    found: Sequence[Array],
+) -> None:
+    """InputError where derivatives are not those of several steps, ``parts``, in the place of each.
+
+    These begin where it does, so that motions that are sensitive go the same way; other arguments as of ``_carry``.
+    """
+    calls, library = motion.calls, motion.function.library
+    acts = motion.drive(library, state), motion.loads(library, state, ALONG)
+    shapes = [(parts.max() + 1, *x.shape[1:]) for x in found]
+    room, aside = ([np.empty(shape, calls.dtype) for shape in shapes] for _ in range(2))
+    fine, finer, firsts = [np.zeros_like(x) for x in found[2:]], steps.split(parts), np.cumsum([0, *parts])
+    for own, first in zip(room, (*motion.start(state), *directions.starts), strict=True):
+        own[0] = first
+    motion.rest(room[2][0], room[3][0], state)
+    for k, count in enumerate([*parts, 0]):
+        for samples, own in zip(fine, room[2:], strict=True):
+            samples[steps.told == k] = own[0]
+        if count == 0:
+            break
+        for own, first in zip(aside, room, strict=True):
+            own[0] = first[0]
+        _step(motion, acts, finer, firsts[k], count, number, directions, room)
+        _step(motion, acts, steps, k, 1, number, directions, aside)
+        for own, end in zip(room, (*(x[1] for x in aside[:2]), *(x[count].copy() for x in room[2:])), strict=True):
+            own[0] = end
+    pairs = []
+    for d, (name, size) in enumerate(directions.named):
+        whole, other = (np.concatenate([x[0][:, d], x[1][:, d]]) for x in (found[2:], fine))
+        pairs.append(Pair(f"direction {d}" if name is None else name, whole, other, size))
+    largest = max(float(np.abs(x).max()) for x in found[:2])
+    refuse_different("rollout_sensitivity", pairs, largest, [parts])
+
+
+def _step(
+    motion: Motion,
+    acts: tuple[Any, Any],
+    steps: Steps,
+    begin: int,
+    count: int,
+    number: int,
+    directions: Directions,
+    room: Sequence[Array],
+) -> int:
+    """Take so many steps from ``begin`` on: status of C.
+
+    Args:
+        acts: drives and loads of the state.
+        room: q, v and their derivatives before the first and behind each, which are written.
+        motion, steps, number, directions: as of ``_carry``.
+    """
+    view, function, end = motion.calls.raw.view, motion.function, begin + count
+    times = FFI.from_buffer("double[]", steps.times[begin : end + 1])
+    rows = FFI.from_buffer("long long[]", steps.rows[begin:end])
+    given = count, view(steps.dt[begin:end]), times, rows, number, directions.count, directions.rates
+    setup = motion.calls.parameters.setup.pointer(function.library)
+    return int(function.code(setup, *acts, *given, *(view(x.reshape(-1)) for x in room)))
+
+
 def _arrays(calls: Calls, along: Mapping[str, ArrayLike], rows: int) -> dict[str, Array]:
     """Rates by name, (directions, n), those of u perhaps (directions, rows, n)."""
+    if not isinstance(along, Mapping):
+        raise InputError(f"along: {show(along)}; allowed: arrays by {listed(MOVING)}")
     found: dict[str, Array] = {}
     for name, value in along.items():
         if name not in MOVING:
             raise InputError(f"along: {show(name)} is unknown; allowed: {listed(MOVING)}")
-        inner = (rows, calls.n) if name == "u" and np.ndim(value) == 3 else (calls.n,)
+        inner = (rows, calls.n) if name == "u" and len(shape_of(value)) == 3 else (calls.n,)
         array, lead = calls.array(name, value, inner)
         if len(lead) != 1:
             wanted = f"(directions, {calls.n})" + (f" or (directions, {rows}, {calls.n})" if name == "u" else "")
@@ -141,14 +217,9 @@ def _carry(
         directions: that derivatives are taken along.
         found: samples of q, v and their derivatives, which are written.
     """
-    calls, function = motion.calls, motion.function
-    view, n, count = calls.raw.view, calls.n, directions.count
-    library = function.library
-    setup, drive, loads = (
-        calls.parameters.setup.pointer(library),
-        motion.drive(library, state),
-        motion.loads(library, state, ALONG),
-    )
+    calls, library = motion.calls, motion.function.library
+    n, count = calls.n, directions.count
+    acts = motion.drive(library, state), motion.loads(library, state, ALONG)
     length = min(max(PART // (n * (count + 1)), SHORTEST), steps.dt.size)
     room = [np.empty((length + 1, *x.shape[1:]), calls.dtype) for x in found]
     for own, first in zip(room, (*motion.start(state), *directions.starts), strict=True):
@@ -156,10 +227,7 @@ def _carry(
     motion.rest(room[2][0], room[3][0], state)
     for begin in range(0, steps.dt.size, length):
         end = min(begin + length, steps.dt.size)
-        times, rows = steps.times[begin : end + 1], FFI.from_buffer("long long[]", steps.rows[begin:end])
-        given = end - begin, view(steps.dt[begin:end]), FFI.from_buffer("double[]", times), rows, number
-        pointers = [view(x.reshape(-1)) for x in room]
-        status = function.code(setup, drive, loads, *given, count, directions.rates, *pointers)
+        status = _step(motion, acts, steps, begin, end - begin, number, directions, room)
         if status >= 0 or not all(np.isfinite(x[: end - begin + 1]).all() for x in room):
             return False
         here = (steps.told >= begin) & (steps.told <= end)

@@ -10,7 +10,16 @@ from numpy.typing import ArrayLike
 
 from eomgen.errors import InputError
 from eomgen.runtime.kernel import Kernel
-from eomgen.runtime.stepping.loads import DriveData, LinkWrench, LoadData, ModelDrive, Signal, Track, Waves
+from eomgen.runtime.stepping.loads import (
+    DriveData,
+    LinkWrench,
+    LoadData,
+    ModelDrive,
+    Signal,
+    Track,
+    Waves,
+    jump_times,
+)
 
 
 def plain_loads(kernel: Kernel, loads: LoadData) -> dict[str, Any]:
@@ -26,6 +35,9 @@ def plain_loads(kernel: Kernel, loads: LoadData) -> dict[str, Any]:
         InputError: the drives' model has loops.
     """
     found: dict[str, Any] = _times(first=loads.first, last=loads.last)
+    stops = jump_times(loads)
+    if stops.size:
+        found["stops"] = _numbers(stops)
     if loads.drive.torque is not None:
         found["torque"] = _track(loads.drive.torque)
     if loads.drive.program is not None:

@@ -18,6 +18,7 @@ from ..raw import FFI, Library
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
+JUMP = 1e-9  # of the largest value, beside which pieces of a signal meet
 WORKS = ("drives", "prescribed", "wrenches", "dissipated")  # that C integrates, in its order
 
 
@@ -234,6 +235,83 @@ ALONG = Slopes(
 )
 
 
+def jump_times(loads: LoadData, *, every: bool = False) -> Array:
+    """Times at which loads or their rates jump, s, increasing: steps with error control end there.
+
+    Args:
+        loads: the data.
+        every: whether all knots of signals count, as they do for derivatives by their coefficients: one changes its
+            piece alone.
+    """
+    drive = loads.drive
+    tracks = [x for x in (drive.torque, drive.program) if x is not None]
+    tracks += [] if loads.given is None else loads.given.tracks
+    signals = [track.signal for track in tracks] + [wrench.signal for wrench in loads.wrenches]
+    each = {id(signal): signal for signal in signals}.values()
+    found = [_jumps(signal, every=every) for signal in each]
+    ends = [loads.first, loads.last, *(t for wrench in loads.wrenches for t in (wrench.t0, wrench.t1))]
+    times: Array = np.unique(np.concatenate([*found, np.array(ends, dtype=np.float64)]))
+    return times[np.isfinite(times)]
+
+
+def _jumps(signal: Signal, *, every: bool) -> Array:
+    """Times at which a signal, its rate or its acceleration jumps, or of all its knots, s."""
+    knots, c = (np.asarray(x, dtype=np.float64) for x in (signal.knots, signal.coefficients))
+    places = knots
+    if c.shape[:2] == (1, 1):
+        places = knots[:0]  # it rests
+    elif not every:
+        places = knots[_jump(knots, c)]
+    if signal.profile is None:
+        return places
+    return np.concatenate([_jumps(signal.profile, every=every), _crossings(signal.profile, places)])
+
+
+def _jump(knots: Array, c: Array) -> Array:
+    """At which knots pieces of these coefficients do not meet, (knots,); what rests outside has no rates."""
+    found, widths = np.zeros(knots.size, dtype=bool), np.diff(knots)[:, None]
+    for order in range(3):
+        begins = c[:, 0] if c.shape[1] else np.zeros((len(c), c.shape[2]))
+        ends, sizes = np.zeros_like(begins), np.zeros_like(begins)
+        for power in range(c.shape[1] - 1, -1, -1):
+            ends, sizes = ends * widths + c[:, power], sizes * widths + np.abs(c[:, power])
+        rest = np.zeros((1, c.shape[2]))
+        before = np.concatenate([begins[:1] if order == 0 else rest, ends])
+        behind = np.concatenate([begins, ends[-1:] if order == 0 else rest])
+        least = JUMP * sizes.max(axis=0, initial=0.0)
+        found |= (np.abs(behind - before) > least).any(axis=1)
+        c = c[:, 1:] * np.arange(1, c.shape[1])[:, None]  # of the next derivative
+    return found
+
+
+def _crossings(profile: Signal, places: Array) -> Array:
+    """Times at which a profile comes to these places, s."""
+    found = [np.zeros(0)]
+    knots, c = (np.asarray(x, dtype=np.float64) for x in (profile.knots, profile.coefficients))
+    for begin, width, own in zip(knots[:-1], np.diff(knots), c[:, :, 0], strict=True):
+        slope = np.polynomial.polynomial.polyder(own) if own.size > 1 else np.zeros(1)
+        turns = np.polynomial.polynomial.polyroots(slope) if np.any(slope[1:]) else np.zeros(0)
+        inside = np.sort(turns[(np.abs(turns.imag) < 1e-9 * width) & (turns.real > 0.0) & (turns.real < width)].real)
+        ends = np.array([0.0, *inside, width])
+        at = np.polynomial.polynomial.polyval(ends, own)
+        found.append(begin + ends[np.isin(at, places)])
+        for a, b, low, high in zip(ends[:-1], ends[1:], at[:-1], at[1:], strict=True):
+            wanted = places[(places > min(low, high)) & (places < max(low, high))]
+            if wanted.size:
+                found.append(begin + _bisected(own, (a, b), wanted, rises=bool(high > low)))
+    return np.concatenate(found)
+
+
+def _bisected(coefficients: Array, ends: tuple[float, float], wanted: Array, *, rises: bool) -> Array:
+    """Where a polynomial that is monotone between the ends has these values."""
+    low, high = (np.full(wanted.size, x) for x in ends)
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        above = (np.polynomial.polynomial.polyval(middle, coefficients) > wanted) == rises
+        low, high = np.where(above, low, middle), np.where(above, middle, high)
+    return np.asarray(0.5 * (low + high))
+
+
 class Packed:
     """Loads as C takes them; whatever it points to lives as long as this object.
 
@@ -244,6 +322,7 @@ class Packed:
         many: whether many states are moved at a time, so that a model of the robot is asked for many, too.
         works: whether works are integrated, see ``WORKS``; the kernel must have what ``work_kernels`` names.
         slopes: which derivatives of the kernel's functions and the model's go with them, of ``BACK`` or ``ALONG``.
+        stops: times at which steps end, s, increasing; those of ``jump_times`` if not given.
 
     Attributes:
         pointer: to ``NAME_loads``.
@@ -258,6 +337,7 @@ class Packed:
         many: bool = False,
         works: bool = False,
         slopes: Slopes | None = None,
+        stops: Array | None = None,
     ) -> None:
         self._library, self._calls, self._kept, self._many = library, calls, list[Any](), many
         self._slopes = slopes
@@ -276,6 +356,9 @@ class Packed:
             fields["given"] = self._given(loads.given)
         if loads.wrenches:
             fields |= self._wrenches(loads.wrenches)
+        stops = jump_times(loads) if stops is None else stops
+        if stops.size:
+            fields |= {"stop": self._numbers(stops), "stops": stops.size}
         self.pointer = self._new("loads", **fields)
 
     def _work(self) -> Any:
