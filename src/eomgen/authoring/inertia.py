@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..names import listed
-from ..robot.model import Model, build_model
+from ..robot.model import Model, build_model, with_offset_angles
 from ..robot.value import Robot
 from ..runtime.singular import VANISHED, null_coordinates, scaled_eigenvalues
 
@@ -52,11 +52,14 @@ def mass_matrix(model: Model, q: Array) -> Array:
     from ..codegen.tree.composite import mass_matrix as entries
     from ..codegen.tree.frozen_joints import geometry
 
-    bound = bind(model, lambda _, number: number, _sincos)
-    M = np.zeros((model.size, model.size))
-    for (i, j), value in entries(model, bound, geometry(model, bound, q.tolist(), _sincos)).items():
+    whole, own = with_offset_angles(model)
+    at = np.zeros(whole.size)
+    at[list(own)] = q
+    bound = bind(whole, lambda _, number: number, _sincos)
+    M = np.zeros((whole.size, whole.size))
+    for (i, j), value in entries(whole, bound, geometry(whole, bound, at.tolist(), _sincos)).items():
         M[i, j] = M[j, i] = value
-    return M
+    return M[np.ix_(own, own)]
 
 
 def _sincos(angle: float) -> tuple[float, float]:
