@@ -58,6 +58,10 @@ HELD = {  # what holds a cart, where it becomes slack, and whether a second one 
     "parted": (CUT.format("parted") + f"x = {{}}\ny = {{}}\nz = {{ {STOPS.strip()} }}\n" + FREE, False),
     "level": (CUT.format("level") + f"x = {{}}\ny = {{}}\nz = {{ {CURVE.strip()} }}\n" + FREE, False),
 }
+PLACES = (  # numbers that say where something closes
+    *("couplings.play_gear.clearance", "couplings.apart_gear.stops.upper", "loops.cut_cut.z.clearance"),
+    *("loops.pin_cut.radial.clearance", "springs.cable_rope.free_length", "couplings.play_gear.smoothing"),
+)
 BEARING = f"radial = {{ {PLAY}, friction = {{ coefficient = 0.2, smoothing = 0.01 }} }}\n"
 JOURNAL = CART.replace("z = {{", "x = {{ damping = 0.5 }}\nz = {{").format("pin", 1.0)
 JOURNAL += CUT.format("pin") + "x = {}\ny = {}\nz = {}\n" + FREE + BEARING
@@ -65,7 +69,7 @@ JOURNAL += CUT.format("pin") + "x = {}\ny = {}\nz = {}\n" + FREE + BEARING
 
 def carts() -> Robot:
     """A cart for each of what can be slack, some with a second one, and a journal, whose cart moves along x and z."""
-    text = 'name = "carts"\ngravity = [0.0, 0.0, 0.0]\n'
+    text = f'name = "carts"\ngravity = [0.0, 0.0, 0.0]\ntunable = {list(PLACES)}\n'
     for name, (held, is_pair) in HELD.items():
         text += CART.format(name, 1.0) + (CART.format(f"{name}_other", 2.0) if is_pair else "") + held
     return robot_from_toml(text + JOURNAL)
@@ -251,3 +255,32 @@ def test_mechanisms(
             values = [kernel.rollout_gradient(x["q"], x["v"], x["u"], loss=loss, **how)[0] for x in ends]
             wanted.append((8.0 * (values[0] - values[1]) - (values[2] - values[3])) / (12.0 * h))
         assert np.abs(found[label] - wanted).max() <= 1e-6 * np.abs(wanted).max(), label
+
+
+def net() -> Robot:
+    """A body that many cables to carts hold, each second one slack: its accelerations stay unknowns of the rows."""
+    text = 'name = "net"\ngravity = [0.0, 0.0, 0.0]\n' + CART.replace("z = {{", "x = {{}}\ny = {{}}\nz = {{").format(
+        "body", 3.0
+    )
+    for k in range(8):
+        at, angle = f"cart{k}", 0.25 * np.pi * k
+        place = f"placement = {{ xyz = [{np.cos(angle):.12g}, {np.sin(angle):.12g}, {0.3 * (-1) ** k}] }}\n"
+        text += CART.format(at, 1.0).replace("z = {", f"{place}z = {{")
+        ends = f'links = ["body_cart", "{at}_cart"]\npoints = [[0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]\n'
+        text += f'[[springs]]\nname = "rope{k}"\n{ends}' + TENSION.replace("0.5", "1.04" if k % 2 else "1.05")
+    return robot_from_toml(text)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_body_that_many_hold(method: str, built: Build, monkeypatch: pytest.MonkeyPatch) -> None:
+    frozen(monkeypatch)
+    kernel, rng, h = built(net(), *KERNELS, "spring_forces"), np.random.default_rng(6), 1e-6
+    q, v, u = 3e-3 * rng.normal(size=kernel.n), 0.1 * rng.normal(size=kernel.n), rng.normal(size=kernel.n)
+    tensions = kernel.spring_forces(q, v)[:, 1]
+    assert 0 < np.count_nonzero(tensions) < tensions.size
+    how, loss = {"method": method, **METHODS[method]}, Loss(kernel.n)
+    found = kernel.rollout_gradient(q, v, u, loss=loss, **how)[1]
+    for e in rng.normal(size=(3, 2, kernel.n)):
+        ends = [kernel.rollout_gradient(q + s * h * e[0], v + s * h * e[1], u, loss=loss, **how)[0] for s in (1, -1)]
+        wanted = (ends[0] - ends[1]) / (2.0 * h)
+        assert found["q"] @ e[0] + found["v"] @ e[1] == pytest.approx(wanted, rel=1e-6)
