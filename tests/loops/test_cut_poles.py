@@ -94,3 +94,15 @@ def test_a_home_at_the_pole_of_angles_that_nothing_moves() -> None:
     assert turned != robot
     for wanted, found in zip(coordinate_sizes(build_model(robot)), coordinate_sizes(build_model(turned)), strict=True):
         assert np.allclose(found, wanted, rtol=1e-12)
+
+
+def test_states_at_the_pole(built: Build) -> None:
+    """Where frames come to it, the loop and the state are named."""
+    robot = cut("revolute", [0.0, HALF, 0.0], ("alpha", "beta", "gamma"), along=-HALF, home='"joint.gamma" = 0.3')
+    kernel = built(robot, "forward_dynamics", "cut_forces", "cut_poses", "energy")
+    said = r"pole: loop weld is at beta = \+-90 degrees, where its alpha and gamma turn about one axis"
+    with pytest.raises(eomgen.errors.SingularError, match=rf"forward_dynamics: {said}; allowed: poses beside it"):
+        kernel.forward_dynamics([0.0], [0.1], [0.0])
+    with pytest.raises(eomgen.errors.SingularError, match=rf"cut_forces: {said} in state \(1, 0\);"):
+        kernel.cut_forces(np.array([[[0.3], [0.2]], [[0.0], [0.1]]]), np.zeros(1))
+    assert np.isfinite(kernel.forward_dynamics([1e-6], [0.1], [0.0])).all()
