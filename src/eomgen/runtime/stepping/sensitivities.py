@@ -74,7 +74,7 @@ class Directions:
         self.rates = motion.function.library.new("rates", **self._pointers, **steps)
 
     def name(self, direction: int) -> str:
-        """What a direction is in messages: its number in ``along``, or the parameter."""
+        """Give a direction as messages say it: its number in ``along``, or the parameter."""
         return self._names[direction]
 
 
