@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
+from eomgen.errors import DescriptionError
 from eomgen.robot.value import ANGULAR, COORDINATES, LINEAR
 
 from ..tree.bound import Bound, BoundLaw
@@ -22,6 +23,8 @@ from ..tree.recursion import Wrench
 from ..tree.spatial import Scalar, Vec, add, along, dot, is_zero, scale
 from .laws import Effect, effect, load_of, pressing
 from .scalar_functions import Functions
+
+POLE = 1e-7  # cosine of beta, below which alpha and gamma turn about one axis
 
 
 @dataclass(frozen=True)
@@ -116,14 +119,31 @@ def _of_loop(bound: Bound, closure: Closure, names: Sequence[str], f: Functions)
         yield replace(own, carriers=tuple(found[other] for other in others))
 
 
+def cosine_of(closure: Closure, f: Functions) -> Scalar:
+    """The cosine of beta, from 0 on, of the second frame as seen from the first."""
+    R = closure.pose().rotation
+    return f.sqrt(R[1][2] * R[1][2] + R[2][2] * R[2][2])
+
+
 def _angles(closure: Closure, f: Functions) -> dict[str, tuple[Scalar, Vec, tuple[Scalar, Scalar] | None]]:
     """alpha, beta and gamma of b as seen from a, and the dual vectors of their axes, in the common body's axes.
 
     Of alpha and beta with sine and cosine.
+
+    Raises:
+        DescriptionError: nothing turns the frames against each other, and beta is at +-pi/2.
     """
     x, y, z = closure.axes_a
     R = closure.pose().rotation
-    cosine = f.sqrt(R[1][2] * R[1][2] + R[2][2] * R[2][2])
+    cosine = cosine_of(closure, f)
+    if isinstance(cosine, float) and cosine < POLE:
+        raise DescriptionError(
+            f"its frames stay at beta = {'-' if R[0][2] < 0.0 else ''}90 degrees to each other, where alpha and gamma"
+            " turn about one axis; allowed: placements whose frames are turned otherwise, or no tables of alpha, beta"
+            " and gamma",
+            where=f"loops.{closure.name}",
+            source=closure.source,
+        )
     inverse = 1.0 / cosine
     sin_alpha, cos_alpha, sin_beta = -1.0 * (R[1][2] * inverse), R[2][2] * inverse, R[0][2]
     behind_y = add(scale(cos_alpha, y), scale(sin_alpha, z))

@@ -137,7 +137,7 @@ def implicit_step(d: Derivation) -> Outputs:
         there = cut.ahead(dt)
         for i, force in there.rows().items():
             springs[i] = springs[i] + force
-        rows += [elastic_row(arms, d.functions.sqrt(slope)) for arms, slope in there.directions(dt, square)]
+        rows += [elastic_row(arms, slope) for arms, slope in there.directions(dt, square)]
     tree, pivots = eliminated(d, armature, drives_left(d, springs), d.v, slopes, coupled=bool(rows), beside=beside)
     return _solved(d, with_rows(d, tree, rows)[0] if rows else tree.free, pivots)
 
@@ -154,13 +154,13 @@ def _cut_row(d: Derivation, own: Deviating, dt: Scalar, square: Scalar, springs:
     found = own.resists(d.v, d.functions, dt)
     for i, arm in own.arms.items():
         springs[i] = springs[i] + found.force * arm
-    return elastic_row(own.arms, d.functions.sqrt(found.ahead(dt, square, d.functions)))
+    return elastic_row(own.arms, found.ahead(dt, square, d.functions))
 
 
 def _elastic_row(d: Derivation, pull: Along, dt: Scalar, square: Scalar) -> Row:
     """The row of a spring between two points, whose slope is left out where it falls."""
     slope = d.functions.max(dt * pull.by_rate + square * pull.by_e, 0.0)
-    return elastic_row(pull.arms, d.functions.sqrt(slope))
+    return elastic_row(pull.arms, slope)
 
 
 @dataclass(frozen=True)

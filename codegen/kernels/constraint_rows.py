@@ -69,7 +69,7 @@ def vanishing_rows(model: Model) -> tuple[tuple[str, str], ...]:
         return ()
     d = Derivation(model)
     found = zip(model.constraints, gaps(d, d.still), strict=True)
-    return tuple((name, PLANE) for name, gap in found if not gap.arms)
+    return tuple((name, PLANE) for name, gap in found if gap.arms.keys().isdisjoint(d.own))
 
 
 def _without_round_off(d: Derivation, found: Sequence[Gap]) -> list[Gap]:

@@ -102,7 +102,7 @@ def stage(d: Derivation) -> Outputs:
         force = slope.force(along(arms, rates), along(arms, shifts))
         for i, arm in arms.items():
             forces[i] = forces[i] + force * arm
-        rows.append(elastic_row(dict(arms), d.functions.sqrt(slope.whole)))
+        rows.append(elastic_row(arms, slope.whole))
     drives: list[Scalar] = [0.0 if i in given else -1.0 * force for i, force in enumerate(forces)]
     rest = replace(d.bound, gravity=(0.0, 0.0, 0.0))
     tree, pivots = eliminated(d, armature, drives, d.still, slopes, bound=rest, coupled=bool(rows), beside=beside)

@@ -77,7 +77,7 @@ def gradients(graph: Graph, values: Sequence[Value], inputs: Sequence[Node]) -> 
             if isinstance(found, Node) or found != 0.0:
                 rates[index] = found
         columns.append([rates.get(value.index, 0.0) if isinstance(value, Node) else 0.0 for value in values])
-    return [list(row) for row in zip(*columns, strict=True)]
+    return [[column[place] for column in columns] for place in range(len(values))]  # rows without inputs, too
 
 
 def _rate(

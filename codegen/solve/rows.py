@@ -9,8 +9,9 @@ fixed number of times, x += y with y = (A + D)^-1 D y (the proximal iteration of
 N. Mansard, "Proximal and Sparse Resolution of Constrained Dynamic Equations", RSS 2021).  Consistent ones converge to
 accelerations that are unique; their multipliers have the least norm weighted by D.
 
-An elastic row has a slope s = h^2 k + h c in a linearly implicit step.  Scaled by its root, it has 1 + s (J M^-1 J^T)
-on the diagonal, and an open gap, s = 0, is nothing special.
+An elastic row has a slope s = h^2 k + h c in a linearly implicit step, and A has J M^-1 J^T + 1 / s on its diagonal.
+Its pivot is a + 1 / s with what the rows before it leave of J M^-1 J^T, a, and is divided by as s / (1 + s a): an open
+gap, s = 0, is nothing special, and neither is the derivative there, which a row scaled by the root of s would not have.
 
 Where many elastic rows end at one body, its accelerations stay in the system as unknowns of their own (the system is
 quasi-definite: R. J. Vanderbei, "Symmetric Quasidefinite Matrices", SIAM J. Optimization 5 (1995)), so that what is
@@ -54,27 +55,33 @@ DERIVING: Mapping[str, Precision] = {"float64": Precision(1e-7, 1e-14, 2), "floa
 class Row:
     """A row of the system.
 
-    arms: its derivatives by the coordinates, without those that vanish; of an elastic row times the root of its slope.
+    arms: its derivatives by the coordinates, without those that vanish.
     right: wanted J a of a rigid row; 0 of an elastic one.
-    is_elastic: whether it has a slope.
+    slope: of an elastic row, from 0 on; None of a rigid one.
     group: rows of one kind that are compared to each other where they may be redundant.
     is_weak: whether its group may vanish but for round-off, and is compared to all rigid rows, too.
     """
 
     arms: Sparse
     right: Scalar = 0.0
-    is_elastic: bool = False
+    slope: Scalar | None = None
     group: object = None
     is_weak: bool = False
+
+    @property
+    def is_elastic(self) -> bool:
+        """Whether it has a slope."""
+        return self.slope is not None
 
     def along(self, x: Sequence[Scalar] | Mapping[int, Scalar]) -> Scalar:
         """J x."""
         return along(self.arms, x)
 
 
-def elastic_row(arms: Sparse, root: Scalar) -> Row:
-    """The row of what has a slope, whose root is given."""
-    return Row({index: root * arm for index, arm in arms.items() if not is_zero(arm)}, is_elastic=True)
+def elastic_row(arms: Mapping[int, Scalar], slope: Scalar) -> Row:
+    """The row of what has this slope; one without arms where that vanishes whatever the state is."""
+    kept = {} if is_zero(slope) else {index: arm for index, arm in arms.items() if not is_zero(arm)}
+    return Row(kept, slope=slope)
 
 
 @dataclass(frozen=True)
@@ -134,8 +141,6 @@ class RowSystem:
         for place, r in enumerate(self.kept):
             for s in self.kept[place:]:
                 entry = responses[r].product(responses[s], within)
-                if r == s and rows[r].is_elastic:
-                    entry = 1.0 + entry
                 if r == s or not is_zero(entry):
                     matrix[r, s] = entry
             for key in sorted(within & keys[r]):
@@ -149,7 +154,7 @@ class RowSystem:
         self._factor()
 
     def _raised(self) -> Sparse:
-        """The diagonal, that of rigid rows with its share added; elastic ones have 1 in it."""
+        """The diagonal, that of rigid rows with its share added; 1 / s of elastic ones comes in at their pivots."""
         sums: dict[object, Scalar] = {}
         for r in self.rigid:
             sums[self.rows[r].group] = sums.get(self.rows[r].group, 0.0) + self.matrix[r, r]
@@ -177,7 +182,7 @@ class RowSystem:
             if j > i:
                 behind[i].add(j)
         for i in range(len(self.order)):
-            inverse = 0.0 if is_zero(A[i, i]) else 1.0 / A[i, i]
+            inverse = self._divided(self.order[i], A[i, i])
             column = {j: A[j, i] * inverse for j in sorted(behind[i])}
             for j in column:
                 for k in column:
@@ -187,6 +192,13 @@ class RowSystem:
                             behind[k].add(j)
             self.columns.append(column)
             self.inverses.append(inverse)
+
+    def _divided(self, unknown: int, entry: Scalar) -> Scalar:
+        """One divided by the pivot of an unknown, of which this is left on the diagonal."""
+        slope = self.rows[unknown].slope if unknown < len(self.rows) else None
+        if slope is not None:
+            return slope / (1.0 + slope * entry)
+        return 0.0 if is_zero(entry) else 1.0 / entry
 
     def hidden(self) -> Scalar:
         """Sum of what is added to the diagonal over what is left at the pivots, of all rigid rows.

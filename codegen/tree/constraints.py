@@ -118,7 +118,8 @@ class Closure:
         Args:
             sincos: sine and cosine of a scalar.
         """
-        self.number = number
+        self.number, self.name = number, model.robot.loops[number].name
+        self.source = model.robot.source or model.name
         self.parts: tuple[Component, ...] = rigid_parts(model.robot.loops[number])
         cut_a, cut_b = bound.cuts[number]
         top = common_body(model, cut_a[0], cut_b[0])

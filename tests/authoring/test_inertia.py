@@ -14,7 +14,7 @@ from eomgen.description.load import robot_from_toml
 from eomgen.robot.model import build_model
 from tests.support.builds import Build
 from tests.support.closeness import close
-from tests.support.random_robots import random_robot, random_state
+from tests.support.random_robots import random_robot, random_state, with_offsets
 
 ROD = """
 name = "rod"
@@ -37,7 +37,7 @@ BARE = """<robot name="bare"><link name="base"/><link name="a"/><link name="b"/>
 
 @pytest.mark.parametrize("seed", [70, 71])
 def test_mass_matrices_are_those_of_kernels(seed: int, built: Build) -> None:
-    robot = random_robot(seed, joints=(2, 3), tree=True)
+    robot = with_offsets(random_robot(seed, joints=(2, 3), tree=True), seed)
     kernel = built(robot, "mass_matrix")
     q = random_state(robot, seed).q
     assert close(mass_matrix(build_model(robot), q), kernel.mass_matrix(q), 1e-12)

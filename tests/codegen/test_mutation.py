@@ -50,7 +50,7 @@ NASTY = [
     ("solve.free_bodies", "(x + beta.sin * carried[2]) * t", "(x - beta.sin * carried[2]) * t", "free"),
     ("solve.free_bodies", "factor = psi.armature / (1.0 +", "factor = psi.armature / (2.0 +", "rotors of free bodies"),
     ("forces.rows", "rows[between.principal] - force", "rows[between.principal] + force", "motors"),
-    ("solve.rows", "index: root * arm for", "index: arm for", "springs"),
+    ("solve.rows", "slope / (1.0 + slope * entry)", "1.0 / (1.0 + slope * entry)", "springs"),
     ("solve.responses", "left = push[index] - (", "left = push[index] + (", "springs"),
     ("tree.bound", "(xx + zz - yy) * 0.5", "(xx + zz + yy) * 0.5", "rigid"),
     ("tree.frames", "offsets[body.indices[-1]] += angle\n                if not", "if not", "rigid"),

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import eomgen
+from eomgen.codegen.kernels.equations import derive
+from eomgen.codegen.program.ir import evaluate
 from eomgen.description.load import robot_from_toml
-from eomgen.robot.value import Robot
+from eomgen.robot.model import build_model
+from eomgen.robot.value import COORDINATES, Coordinate, Loop, Robot
 from eomgen.state.springs import any_spring, fastest_rates, line_rates
+from tests.oracles.complex_step import complex_steps
 from tests.support.builds import Build
-from tests.support.random_robots import Array
+from tests.support.random_robots import Array, random_placement, random_robot, random_state, seeds, with_offsets
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -278,3 +283,73 @@ def test_forces_and_rows_of_cut_joints(built: Build) -> None:
     assert np.linalg.eigvalsh(damping).min() > -1e-6
     assert any_spring(kernel)
     assert fastest_rates(kernel, q)[0] > 100.0
+
+
+GUIDE = """
+name = "guide"
+gravity = [0.0, 0.0, 0.0]
+[[links]]
+name = "cart"
+mass = 1.0
+com = [0.05, 0.0, 0.0]
+inertia = { xx = 0.01, yy = 0.01, zz = 0.01 }
+[[joints]]
+name = "slide"
+parent = "base"
+child = "cart"
+type = "prismatic"
+z = { damping = 2.0 }
+offset = { alpha = 0.01, x = 1e-3 }
+[[loops]]
+name = "weld"
+links = ["base", "cart"]
+type = "fixed"
+"""
+
+
+def test_coordinates_of_a_cut_that_only_offsets_move(built: Build) -> None:
+    """Their forces change with nothing, and all derivatives are those of the others; Radau takes such steps."""
+    names = ("x", "y", "z", "alpha", "beta", "gamma")
+    elastic = "".join(f"{name} = {{ stiffness = 300.0, damping = 1.0 }}\n" for name in names)
+    kernel = built(robot_from_toml(GUIDE + elastic))
+    q, v, u = np.array([0.1]), np.array([0.2]), np.array([0.3])
+    K, B, M = kernel.residual_jacobian(q, v, u)
+    assert np.allclose([K, B, M], np.reshape([300.0, 3.0, 1.0], (3, 1, 1)), rtol=1e-14)
+    by = kernel.forward_dynamics_jacobian(q, v, u)
+    assert np.allclose(by, np.reshape([-300.0, -3.0, 1.0], (3, 1, 1)), rtol=1e-14)
+    motion = eomgen.integration.integrate(kernel, q, v, 0.1, method="Radau", rtol=1e-9, atol=1e-12)
+    w, d = np.sqrt(300.0 - 1.5**2), 1.5
+    t = motion.t[-1]
+    wanted = np.exp(-d * t) * (q[0] * np.cos(w * t) + (v[0] + d * q[0]) / w * np.sin(w * t))
+    assert abs(motion.q[-1, 0] - wanted) < 1e-8
+
+
+def test_a_rigid_cut_that_an_offset_keeps_open_names_it(built: Build) -> None:
+    """Those alone that change what is left: alpha turns no row of x, and no coordinate takes either up."""
+    kernel = built(robot_from_toml(GUIDE), "constraint", "constraint_jacobian", "mass_matrix", "cut_poses")
+    wanted = r"weld\.alpha is left with 0\.01 rad.*other offsets: 'joints\.slide\.offset\.alpha = 0\.01'$"
+    with pytest.raises(eomgen.errors.LoopError, match=wanted):
+        kernel.close([0.1])
+    kernel.parameters["joints.slide.offset.alpha"] = 0.0
+    with pytest.raises(eomgen.errors.LoopError, match=r"weld\.x is left with 0\.001 m.*offset\.x = 0\.001'$"):
+        kernel.close([0.1])
+    kernel.parameters["joints.slide.offset.x"] = 0.0
+    assert abs(kernel.close([0.1])[0]) < 1e-12
+
+
+@pytest.mark.parametrize("seed", seeds(4700, 4, 40))
+def test_derivatives_of_random_trees_with_offsets_and_elastic_cuts(seed: int) -> None:
+    """Angles that offsets turn and no coordinate has are in loops' forces; by complex steps of the residual."""
+    rng = np.random.default_rng(seed)
+    robot = with_offsets(random_robot(seed, joints=(1, 3), max_size=5, tree=True), seed)
+    draws = zip(COORDINATES, rng.uniform(1.0, 9.0, (6, 2)).tolist(), strict=True)
+    law = {name: Coordinate(stiffness=k, damping=c) for name, (k, c) in draws}
+    places = random_placement(rng), random_placement(rng)
+    robot = replace(robot, loops=(Loop("weld", (robot.base, robot.links[-1].name), "fixed", places, coordinates=law),))
+    model, s = build_model(robot), random_state(robot, seed)
+    given = {x: list(getattr(s, x)) for x in "qvau"} | {"p": [*model.parameters.values(), *[0.0] * len(model.turning)]}
+    calls = {"sqrt": math.sqrt, "exp": math.exp, "atan2": math.atan2}
+    found = evaluate(derive(model, "residual_jacobian"), given, calls=calls)
+    for label, block in zip("qv", np.reshape([*found.values()], (3, model.size, model.size)), strict=False):
+        wanted = complex_steps(robot, s, label)
+        assert np.abs(block - wanted).max() <= 1e-10 * max(1.0, np.abs(wanted).max())

@@ -40,7 +40,7 @@ def complex_jacobian(robot: Robot, kernel: str, arrays: Mapping[str, Array], lab
     program, columns = derive(model, kernel), []
     for j in range(arrays[label].size):
         values = {name: [complex(x) for x in np.ravel(array)] for name, array in arrays.items()}
-        values["p"] = [complex(x) for x in model.parameters.values()]
+        values["p"] = [*map(complex, model.parameters.values()), *[0j] * len(model.turning)]
         values[label][j] += 1e-30j
         found = evaluate(program, values, lambda x: (cmath.sin(x), cmath.cos(x)), COMPLEX)
         columns.append([complex(found[key]).imag * 1e30 for key in sorted(found) if key[0] == "out"])

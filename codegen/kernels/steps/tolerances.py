@@ -5,12 +5,16 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from eomgen.errors import InputError
 from eomgen.names import component_name, joint_of
 from eomgen.robot.laws import stiffness_of
 from eomgen.robot.model import Model
 from eomgen.robot.sizes import cut_numbers, deviation_sizes, law_numbers, table_stiffnesses
+from eomgen.robot.value import ANGULAR
 
+from ...forces.cuts import POLE, cosine_of
 from ...program.ir import evaluate, finish
+from ...program.passes import PARAMETERS
 from ..derivation import Derivation, vector
 from ..interface import knots
 
@@ -57,6 +61,7 @@ def _own_stiffness(model: Model) -> Array:
 def _at_home(model: Model) -> tuple[Array, Array]:
     """The diagonal of M at home, and that of what springs between points and in cut joints stiffen there."""
     d = Derivation(model)
+    _refuse_poles(d)
     n, curves = model.size, knots(model)
     M = d.followers.symmetric(d.matrix()) if d.followers else d.matrix()
     numbers = cut_numbers(model.parameters, cut_names(model))
@@ -84,6 +89,31 @@ def _at_home(model: Model) -> tuple[Array, Array]:
             stiff[i] = stiff[i] + stiff[follower] * (ratio * ratio)
     values = [M[i, i] for i in d.own] + [stiff[i] for i in d.own]
     program = finish(d.graph, "sizes", vector(values))
-    found = evaluate(program, {"q": model.home, "p": list(model.parameters.values())})
+    found = evaluate(program, _numbers_at_home(model))
     numbers_found = np.array([float(found["out", i]) for i in range(2 * n)])
     return numbers_found[:n], numbers_found[n:]
+
+
+def _refuse_poles(d: Derivation) -> None:
+    """Refuse a home at which a cut joint's angles with forces are singular: nothing there has a size.
+
+    Raises:
+        InputError: beta is at +-pi/2 there, and coordinates move angles that have tables.
+    """
+    moved = [own for own in d.deviating if own.name in ANGULAR and not own.arms.keys().isdisjoint(d.own)]
+    turned = {own.closure.number for own in moved if own.closure is not None}
+    closures = [closure for closure in d.closures if closure.number in turned]
+    program = finish(d.graph, "poles", vector([cosine_of(closure, d.functions) for closure in closures]))
+    cosines = evaluate(program, _numbers_at_home(d.described))
+    for closure, cosine in zip(closures, cosines.values(), strict=True):
+        if cosine < POLE:
+            raise InputError(
+                f"{d.described.name}: home puts loops.{closure.name} at beta = +-90 degrees, where alpha and gamma turn"
+                " about one axis, and steps by tolerances refer to what is at home; allowed: another home, or"
+                f" loops.{closure.name}.placements whose frames are turned otherwise"
+            )
+
+
+def _numbers_at_home(model: Model) -> dict[str, list[float]]:
+    """Inputs of programs: the coordinates at home, and the description's parameters."""
+    return {"q": list(model.home), PARAMETERS: list(model.parameters.values())}

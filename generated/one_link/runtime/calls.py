@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ArrayError, SingularError
+from ..names import split_component
 from .arrays import Arrays, Lead, is_finite, joint_lead, place_of, rows_of
 from .direct import WRENCHED
 from .opened import loop_error, singular_loop
@@ -26,6 +27,7 @@ from .singular import NEARLY, VANISHED, null_coordinates, scaled_eigenvalues, si
 Array = NDArray[Any]
 
 SHARE = 256  # states that are worth a thread of their own
+POLE = 1e-7  # cosine of beta, below which alpha and gamma turn about one axis
 TREE = "tree_"  # begins the names of functions of the open tree
 ELIMINATED = (
     "either the links that it moves have no inertia along it, or an angle beta is at +-pi/2, where Euler angles are"
@@ -181,13 +183,34 @@ class Calls:
             steps.append(math.prod(shape) if found.ndim > len(shape) else 0)
         return rows, steps
 
-    def _overflow(self, name: str, result: Array, labels: Sequence[str], arrays: Sequence[Array]) -> ArrayError:
+    def _overflow(
+        self, name: str, result: Array, labels: Sequence[str], arrays: Sequence[Array]
+    ) -> ArrayError | SingularError:
         """The error that says that a function's result is not finite, though its arguments are."""
         function = self.raw.functions[name]
         shape = self.raw.shapes[function.writes]
         lead = result.shape[: result.ndim - len(shape)]
         rows = self._rows(labels, arrays, lead)[0] if lead else arrays
+        if "q" in labels:
+            where = np.argwhere(~np.isfinite(result))[0][: len(lead)]
+            state = int(np.ravel_multi_index(tuple(where), lead)) if lead else 0
+            q = np.reshape(rows[list(labels).index("q")], (-1, self.n))
+            if (loop := self._pole(q[min(state, len(q) - 1)])) is not None:
+                return SingularError(
+                    f"{name}: {self.raw.name}: {loop}{place_of(where.tolist())}; allowed: poses beside it"
+                )
         return self.arrays.overflow(function, result, shape, list(zip(labels, rows, strict=True)))
+
+    def _pole(self, q: Array) -> str | None:
+        """Say which cut joint with forces along its angles has them at their pole at q, (n,); None if none has."""
+        meta = self.raw.libraries.meta
+        laws = [split_component(name) for name in meta.get("cut_laws", ())]
+        turned = {owner for owner, kind in laws if kind in ("alpha", "beta", "gamma")}
+        if turned and "cut_poses" in self.raw.functions:
+            for loop, pose in zip(meta["loops"], self.run("cut_poses", None, (q,)), strict=True):
+                if loop in turned and np.hypot(pose[1, 2], pose[2, 2]) < POLE:
+                    return f"loop {loop} is at beta = +-90 degrees, where its alpha and gamma turn about one axis"
+        return None
 
     def call(
         self,

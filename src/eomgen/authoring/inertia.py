@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..names import listed
-from ..robot.model import Model, build_model
+from ..robot.model import Model, build_model, with_offset_angles
 from ..robot.value import Robot
 from ..runtime.singular import VANISHED, null_coordinates, scaled_eigenvalues
 
@@ -53,15 +53,17 @@ def mass_matrix(model: Model, q: Array) -> Array:
     from ..codegen.tree.followers import Followers
     from ..codegen.tree.frozen_joints import geometry
 
-    tree, whole = model.tree, dict(zip(model.coordinates, q.tolist(), strict=True))
-    bound = bind(tree, lambda _, number: number, _sincos)
-    followers = Followers(tree, model, bound)
-    placed = followers.follow([whole.get(name, 0.0) for name in tree.coordinates], positions=True)
-    M, names = np.zeros((model.size, model.size)), [*map(tree.coordinates.index, model.coordinates)]
-    upper = entries(tree, bound, geometry(tree, bound, placed, _sincos))
+    whole, own = with_offset_angles(model)
+    at = dict(zip(model.coordinates, q.tolist(), strict=True))
+    bound = bind(whole, lambda _, number: number, _sincos)
+    followers = Followers(whole, model, bound)
+    placed = followers.follow([at.get(name, 0.0) for name in whole.coordinates], positions=True)
+    M, places = np.zeros((model.size, model.size)), {place: i for i, place in enumerate(own)}
+    upper = entries(whole, bound, geometry(whole, bound, placed, _sincos))
     for (i, j), value in followers.symmetric(upper).items() if followers else upper.items():
-        row, column = names.index(i), names.index(j)
-        M[row, column] = M[column, row] = value
+        if i in places and j in places:
+            row, column = places[i], places[j]
+            M[row, column] = M[column, row] = value
     return M
 
 

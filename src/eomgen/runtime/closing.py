@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError, LoopError, UnknownNameError
-from ..names import show
+from ..names import joint_of, kind_of, listed, parameter_name, parameter_path, show
 from .arrays import joint_lead, names_in, place_of
 from .calls import Calls
 from .opened import left_open
@@ -30,6 +30,7 @@ RANK = {8: 1e-7, 4: 1e-3}  # singular values below this part of the greatest one
 GUESSES = 40  # random ones for every root that is asked for
 REACH = 0.5  # m, at least: how far from the guess lengths are tried
 MOST_ROOTS = 1000  # of each some guesses are tried
+CHANGED = 0.01  # of a gap: what changes it by less does not keep it open
 SAME = 1e-6  # m or rad: roots that differ by less are one
 
 
@@ -37,7 +38,7 @@ def closed_positions(calls: Calls, q: ArrayLike, held: Iterable[str]) -> Array:
     """Coordinates near guesses that close all loops; see ``Kernel.close``."""
     guesses, lead = calls.array("q", q, (calls.n,))
     found, gaps = _closed(calls, guesses.reshape(-1, calls.n), _free(calls, held))
-    _refuse_gaps(calls, gaps, lead)
+    _refuse_gaps(calls, found, gaps, lead)
     _refuse_turned_over(calls, found, lead)
     return found.reshape(guesses.shape)
 
@@ -159,7 +160,7 @@ def roots(calls: Calls, q: ArrayLike, held: Iterable[str], number: int) -> Array
     states, gaps = _closed(calls, tried, with_effect)
     closed = np.abs(gaps).max(axis=1) <= CLOSED[calls.dtype.itemsize]
     if not closed.any():
-        _refuse_gaps(calls, gaps[:1], ())
+        _refuse_gaps(calls, states[:1], gaps[:1], ())
     upright = _turned_over(calls, states) < 0
     if not (closed & upright).any():
         _refuse_turned_over(calls, states[closed][:1], ())
@@ -271,10 +272,34 @@ def _refuse_turned_over(calls: Calls, q: Array, lead: tuple[int, ...]) -> None:
     )
 
 
-def _refuse_gaps(calls: Calls, gaps: Array, lead: tuple[int, ...]) -> None:
+def _refuse_gaps(calls: Calls, q: Array, gaps: Array, lead: tuple[int, ...]) -> None:
+    """Refuse states, (N, n), that did not close; offsets that nothing takes up are named."""
     enough = CLOSED[calls.dtype.itemsize]
-    allowed = "a guess nearer to closure, or fewer held coordinates"
-    _refuse(calls, gaps, enough, "does not close near the guess", allowed, lambda i: _place(i, lead))
+    bad = ~(np.abs(gaps).max(axis=1) <= enough)
+    if bad.any():
+        state = int(bad.argmax())
+        allowed = "a guess nearer to closure, or fewer held coordinates"
+        if offsets := _offsets(calls, q[state], gaps[state]):
+            allowed = f"a guess nearer to closure, fewer held coordinates, or other offsets: {listed(offsets)}"
+        _refuse(calls, gaps, enough, "does not close near the guess", allowed, lambda i: _place(i, lead))
+
+
+def _offsets(calls: Calls, q: Array, gaps: Array) -> list[str]:
+    """Name and value of offsets without which the greatest of the gaps would be another one, where q (n,) stays.
+
+    Those of coordinates are not among them: their coordinates take them up.
+    """
+    worst, found = int(np.abs(gaps).argmax()), []
+    taken_up = {parameter_name("joints", joint_of(name), "offset", kind_of(name)) for name in calls.coordinates}
+    for name, value in calls.parameters.items():
+        kind, *path = parameter_path(name)
+        if kind in ("joints", "loops") and path[1:2] == ["offset"] and value != 0.0 and name not in taken_up:
+            other = calls.parameters.copy()
+            other[name] = 0.0
+            without = calls.with_parameters(other).run("constraint", None, (q[np.newaxis],))[0, worst]
+            if abs(without - gaps[worst]) > CHANGED * abs(gaps[worst]):
+                found.append(f"{name} = {value:g}")
+    return found
 
 
 def _refuse(

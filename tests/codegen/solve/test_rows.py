@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import mpmath
 import numpy as np
 import pytest
 
@@ -81,6 +82,43 @@ def test_elastic_rows_with_accelerations_that_stay_unknown(seed: int) -> None:
         system = RowSystem(rows, found_responses, EXACT, pivots)
         assert len(system.unknowns) == size
         assert np.allclose(system.multipliers(lambda r: float(right[r])), wanted, rtol=1e-11, atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_elastic_rows_of_any_slope(seed: int) -> None:
+    """Slack ones, soft and stiff ones, some that follow from others; against the dense system with 50 digits."""
+    rng, n = np.random.default_rng(seed), 6
+    J = random_rows(rng, 7, n, 0.7)
+    J[4], J[5] = J[0], 2.0 * J[1] - J[2]
+    slopes = np.where(rng.random(7) < 0.7, 10.0 ** rng.uniform(-6.0, 8.0, 7), 0.0)
+    pivots, a = rng.uniform(0.5, 2.0, n), rng.normal(size=n)
+    rows = [
+        elastic_row({i: x for i, x in enumerate(r) if x}, s) for r, s in zip(J.tolist(), slopes.tolist(), strict=True)
+    ]
+    found = np.array(RowSystem(rows, responses(J, pivots), EXACT).multipliers(lambda r: -float(J[r] @ a)))
+    with mpmath.workdps(50):
+        exact = mpmath.matrix(J)
+        M = mpmath.diag(pivots.tolist())
+        wanted = mpmath.lu_solve(M + exact.T * mpmath.diag(slopes.tolist()) * exact, M * mpmath.matrix(a))
+    assert np.allclose(a + J.T @ found / pivots, np.array(wanted, dtype=float).ravel(), rtol=0.0, atol=1e-11)
+    assert (found[slopes == 0.0] == 0.0).all()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_elastic_rows_beside_rigid_ones(seed: int) -> None:
+    rng, n = np.random.default_rng(seed), 9
+    J, pivots, a = random_rows(rng, 6, n, 0.7), rng.uniform(0.5, 2.0, n), rng.normal(size=n)
+    slopes = np.array([0.0, 1e-3, 10.0, 1e4])
+    rigid, right = rows_of(J[:2]), rng.normal(size=2)
+    elastic = [
+        elastic_row({i: x for i, x in enumerate(r) if x}, s) for r, s in zip(J[2:].tolist(), slopes, strict=True)
+    ]
+    goal = np.concatenate([right, np.zeros(4)]) - J @ a
+    found = np.array(RowSystem([*rigid, *elastic], responses(J, pivots), EXACT).multipliers(lambda r: float(goal[r])))
+    stiff = np.diag(pivots) + J[2:].T @ np.diag(slopes) @ J[2:]
+    whole = np.block([[stiff, -J[:2].T], [J[:2], np.zeros((2, 2))]])
+    wanted = np.linalg.solve(whole, np.concatenate([pivots * a, right]))[:n]
+    assert np.allclose(a + J.T @ found / pivots, wanted, rtol=1e-10, atol=1e-10)
 
 
 def test_the_order_leaves_a_chain_without_fill() -> None:

@@ -307,7 +307,29 @@ def rollout_gradient(
         refuse_different(
             "rollout_gradient", motion.beside(fine, parameters, slots), largest, [x for x in parts if x is not None]
         )
-    return value, motion.gradients(parameters, slots)
+    gradients = motion.gradients(parameters, slots)
+    if calls.checks:
+        _refuse_not_finite(calls, gradients)
+    return value, gradients
+
+
+def _refuse_not_finite(calls: Calls, gradients: Mapping[str, Any]) -> None:
+    """Name the first derivative that is not finite, where all states of the motion are."""
+    loads = gradients.get("loads", {})
+    each = [loads] if isinstance(loads, dict) else loads
+    whole = [(name, by) for name, by in gradients.items() if name != "loads"]
+    for name, by in (*whole, *(pair for own in each for pair in own.items())):
+        bad = np.argwhere(~np.isfinite(by))
+        if bad.size:
+            place = tuple(int(i) for i in bad[0])
+            is_coordinate = name in NAMES and bool(place)
+            at, lead = (calls.coordinates[place[-1]], place[:-1]) if is_coordinate else ("", place)
+            where = (f" at {at}" if at else "") + (f", {list(lead)}" if lead else "")
+            raise ArrayError(
+                f"rollout_gradient: the derivative by {name}{where} is {np.asarray(by)[place]}, though the motion is"
+                " finite; allowed: motions with derivatives that the numbers can hold",
+                at,
+            )
 
 
 def _refuse_singular(calls: Calls, q: ArrayLike, v: ArrayLike) -> None:

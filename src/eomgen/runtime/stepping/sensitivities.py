@@ -56,6 +56,8 @@ class Directions:
         arrays = _arrays(calls, along, rows)
         given = next(iter(arrays.values())).shape[0] if arrays else 0
         self.count = given + len(slots)
+        names = list(calls.parameters)
+        self._names = [f"direction {i}" for i in range(given)] + [names[slot] for slot in slots]
         if not self.count:
             raise InputError("rollout_sensitivity: no direction is given; allowed: parameters or along")
         n = calls.n
@@ -75,6 +77,10 @@ class Directions:
         self._pointers = {"u": view(self._u), "parameters": view(self._parameters)}  # which C reads by
         steps = {"u_direction": self._u[0].size, "u_step": n if by_rows else 0}
         self.rates = motion.function.library.new("rates", **self._pointers, **steps)
+
+    def name(self, direction: int) -> str:
+        """Give a direction as messages say it: its number in ``along``, or the parameter."""
+        return self._names[direction]
 
 
 def rollout_sensitivity(
@@ -209,6 +215,9 @@ def _carry(
 ) -> bool:
     """Take the steps of a state part by part; False where one is not finite, or has no accelerations.
 
+    Raises:
+        ArrayError: a derivative is not finite, where the states are.
+
     Args:
         motion: of all states.
         state: which of them.
@@ -228,13 +237,35 @@ def _carry(
     for begin in range(0, steps.dt.size, length):
         end = min(begin + length, steps.dt.size)
         status = _step(motion, acts, steps, begin, end - begin, number, directions, room)
-        if status >= 0 or not all(np.isfinite(x[: end - begin + 1]).all() for x in room):
+        if status >= 0 or not all(np.isfinite(x[: end - begin + 1]).all() for x in room[:2]):
             return False
+        if calls.checks:
+            _refuse_not_finite(calls, directions, steps.times[begin:], [x[: end - begin + 1] for x in room[2:]])
         here = (steps.told >= begin) & (steps.told <= end)
         for samples, own in zip(found, room, strict=True):
             samples[here] = own[steps.told[here] - begin]
             own[0] = own[end - begin]
     return True
+
+
+def _refuse_not_finite(calls: Calls, directions: Directions, times: Array, rates: Sequence[Array]) -> None:
+    """Name the first derivative that is not finite, where all states of the motion are.
+
+    Args:
+        times: of the states, s.
+        rates: derivatives of q and v, (states, directions, n) each.
+    """
+    for label, by in zip("qv", rates, strict=True):
+        bad = np.argwhere(~np.isfinite(by))
+        if bad.size:
+            state, direction, i = (int(x) for x in bad[0])
+            name = calls.coordinates[i]
+            raise ArrayError(
+                f"rollout_sensitivity: the derivative of {name} in {label} along {directions.name(direction)} is"
+                f" {by[state, direction, i]} at t = {times[state]:.6g} s, though the motion is finite; allowed: motions"
+                " with derivatives that the numbers can hold",
+                name,
+            )
 
 
 def _written(calls: Calls, out: Sequence[Array], results: Sequence[Array]) -> list[Array]:
