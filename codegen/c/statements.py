@@ -135,9 +135,7 @@ def handed_on(program: Program, chunk_of: Mapping[int, int]) -> dict[int, int]:
 class _Writer:
     """Writes the statements of one program."""
 
-    def __init__(
-        self, program: Program, scalar: Scalar, turning: bool, stops: Mapping[int, int], ending: str
-    ) -> None:
+    def __init__(self, program: Program, scalar: Scalar, turning: bool, stops: Mapping[int, int], ending: str) -> None:
         self.program, self.scalar, self.stops, self.ending = program, scalar, stops, ending
         self.count = users(program)
         self.stores: dict[int, list[str]] = {}

@@ -11,9 +11,9 @@ from types import MappingProxyType
 from typing import Any
 
 from ..solve.elimination import Elimination
+from ..solve.refined import refined
 from ..solve.responses import EliminatedTree, Tree, total
 from ..solve.rotors import Rotors
-from ..solve.refined import refined
 from ..solve.rows import PRECISIONS, Row, RowSystem
 from ..tree.bound import Bound
 from ..tree.spatial import Scalar

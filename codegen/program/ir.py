@@ -20,7 +20,6 @@ from typing import Any, NamedTuple
 
 from .operations import ARITY, CALLS, OPERATIONS, VALUES
 
-
 GATE = "gate"  # output: what says whether a program goes on
 FIRST = {"first": "out", "first_pivot": "pivot"}  # outputs: what is written if it does not, and where
 ASIDE = ("pivot", GATE, *FIRST)  # outputs that are no results
