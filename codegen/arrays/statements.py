@@ -22,6 +22,7 @@ FORMS: Mapping[str, str] = MappingProxyType(  # every operation that has argumen
         "atan2": "atan2({0}, {1})",
         "max": "larger({0}, {1})",
         "step": "positive({0})",
+        "choose": "chosen({0}, {1}, {2})",
     }
 )
 

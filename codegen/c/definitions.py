@@ -40,6 +40,8 @@ class Definition:
     parts: per part its statements, and the arrays that these do not read; one part is written in place.
     workspace: numbers that parts hand on.
     has_pivots: whether it has a pivot for every coordinate, which says whether the mass matrix can be inverted.
+    gated: the first part that is left out where the gate is shut; None if there is no gate, or one part alone.
+    has_gate: whether it has a gate.
     """
 
     name: str
@@ -51,6 +53,8 @@ class Definition:
     parts: tuple[tuple[tuple[str, ...], tuple[str, ...]], ...]
     workspace: int
     has_pivots: bool
+    gated: int | None = None
+    has_gate: bool = False
 
 
 def define(program: Program, robot: str, scalar: Scalar, *, public: bool = False, packed: bool = False) -> Definition:
@@ -63,8 +67,10 @@ def define(program: Program, robot: str, scalar: Scalar, *, public: bool = False
         public: whether users call the function.
         packed: whether the program writes its different results alone, ``lanes.pack``.
     """
-    function = write_function(program, scalar)
     lanes = scalar.spread
+    pivots = any(array == "pivot" for array, _ in program.outputs)
+    status = f"{robot}_failed{'_lanes' if lanes else ''}(pivot)" if pivots else "0"
+    function = write_function(program, scalar, ending=f"return {status};")
     name = f"{robot}_{program.name}{'_packed' if packed else '_lanes' if lanes else ''}"
     return _definition(function, name, scalar, _turns(function, scalar), "" if public and not lanes else "static ")
 
@@ -94,6 +100,8 @@ def _definition(function: Function, name: str, scalar: Scalar, turns: Turns | No
         tuple(zip(function.chunks, function.unused, strict=True)),
         function.workspace,
         "pivot" in function.outputs,
+        function.gated,
+        "gate" in function.outputs,
     )
 
 

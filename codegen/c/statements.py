@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 from ..kernels.signatures import SIGNATURES
-from ..program.ir import Program, users
+from ..program.ir import FIRST, GATE, Program, first_values, users
 from ..program.operations import CALLS
 from ..program.shares import GIVEN, TURNS
 from .scalar_types import Scalar
@@ -29,7 +29,8 @@ FILL = 16  # from so many zeros on an output is cleared in a loop
 class Function:
     """A program as C: per chunk its statements, the size of the array that chunks share, arrays that are not read.
 
-    ``angles`` are the expressions whose sines and cosines are taken before all else.
+    ``angles`` are the expressions whose sines and cosines are taken before all else; ``gated`` is the first chunk that
+    is left out where the gate is shut, or None.
     """
 
     name: str
@@ -39,6 +40,7 @@ class Function:
     workspace: int
     unused: tuple[tuple[str, ...], ...]
     outputs: tuple[str, ...]
+    gated: int | None = None
 
     @property
     def contiguous_angles(self) -> str:
@@ -52,13 +54,14 @@ class Function:
 
 
 def write_function(
-    program: Program, scalar: Scalar, *, turning: bool = True, stops: Mapping[int, int] = NO_STOPS
+    program: Program, scalar: Scalar, *, turning: bool = True, stops: Mapping[int, int] = NO_STOPS, ending: str = ""
 ) -> Function:
     """Program -> statements of C.
 
     Args:
         turning: take all sines and cosines at once in front (``turn`` of ``kernel/vectors.jinja``), not one by one.
         stops: of a run (``program.shares``), which ends there if nothing is wanted of what comes behind.
+        ending: statement that ends the function where a gate is shut.
     """
     signature = SIGNATURES.get(program.name)
     arrays: tuple[str, ...] = tuple(
@@ -66,13 +69,13 @@ def write_function(
     )
     if signature is not None:
         arrays = ("h", *signature.reads)
-    writer = _Writer(program, scalar, turning, stops)
+    writer = _Writer(program, scalar, turning, stops, ending)
     chunks = writer.chunks()
     texts = ["\n".join(chunk) for chunk in chunks]
     unused = [[a for a in arrays if not _reads(text, a)] for text in texts]
     if len(chunks) == 1:
         unused[0] = [a for a in unused[0] if not _reads("\n".join(writer.angles), a)]
-    outputs = tuple(dict.fromkeys(key[0] for key in program.outputs))
+    outputs = tuple(dict.fromkeys(key[0] for key in program.outputs if key[0] not in FIRST))
     return Function(
         program.name,
         arrays,
@@ -81,6 +84,7 @@ def write_function(
         len(writer.slots),
         tuple(tuple(names) for names in unused),
         outputs,
+        writer.gated if len(chunks) > 1 else None,
     )
 
 
@@ -106,9 +110,13 @@ def trig_values(program: Program) -> set[int]:
 
 
 def split(program: Program, apart: Container[int]) -> dict[int, int]:
-    """Index of the function that computes each value, but for those that are ``apart``."""
+    """Index of the function that computes each value, but for those that are ``apart``; one begins behind a gate."""
     computed = [i for i, found in enumerate(program.instructions) if found.args and i not in apart]
-    return {index: order // CHUNK for order, index in enumerate(computed)}
+    early = first_values(program)
+    here = [index for index in computed if early[index]]
+    behind = 0 if len(computed) <= CHUNK else -(-len(here) // CHUNK)
+    found = {index: order // CHUNK for order, index in enumerate(here)}
+    return found | {index: behind + order // CHUNK for order, index in enumerate(i for i in computed if not early[i])}
 
 
 def handed_on(program: Program, chunk_of: Mapping[int, int]) -> dict[int, int]:
@@ -127,12 +135,12 @@ def handed_on(program: Program, chunk_of: Mapping[int, int]) -> dict[int, int]:
 class _Writer:
     """Writes the statements of one program."""
 
-    def __init__(self, program: Program, scalar: Scalar, turning: bool, stops: Mapping[int, int]) -> None:
-        self.program, self.scalar, self.stops = program, scalar, stops
+    def __init__(self, program: Program, scalar: Scalar, turning: bool, stops: Mapping[int, int], ending: str) -> None:
+        self.program, self.scalar, self.stops, self.ending = program, scalar, stops, ending
         self.count = users(program)
         self.stores: dict[int, list[str]] = {}
         for (array, position), index in program.outputs.items():
-            self.stores.setdefault(index, []).append(f"{array}[{position}]")
+            self.stores.setdefault(index, []).append(f"{FIRST.get(array, array)}[{position}]")
         apart = trig_values(program) if turning else set()
         self.angles: list[str] = []
         self.turns: dict[int, str] = {}  # sines and cosines that are taken in front
@@ -141,6 +149,9 @@ class _Writer:
         if stops:  # a run is short, and what ends it ends a function
             self.chunk_of = dict.fromkeys(self.chunk_of, 0)
         self.last = max(self.chunk_of.values(), default=0)
+        early = first_values(program)
+        self.behind = next((index for index in self.chunk_of if not early[index]), None)  # first value behind the gate
+        self.gated = None if self.behind is None else self.chunk_of[self.behind]
         self.slots = handed_on(program, self.chunk_of)
 
     def _take_turns(self, apart: Container[int]) -> None:
@@ -173,6 +184,8 @@ class _Writer:
                 lines[0].append(f"if (last <= {self.stops[index]}) {{ return; }}")
             chunk = chunk_of.get(index)
             note = notes.get(index, note)
+            if index == self.behind and self.last == 0:
+                lines[0].append(f"if (!beyond{'_lanes' if self.scalar.spread else ''}({GATE}[0])) {{ {self.ending} }}")
             if chunk is None:
                 if index in self.turns or not instruction.args:
                     text[index] = self._leaf(index)

@@ -13,6 +13,7 @@ from typing import Any
 from ..solve.elimination import Elimination
 from ..solve.factorised import Factors, coordinate_parents
 from ..solve.reduced import ReducedTree
+from ..solve.refined import refined
 from ..solve.responses import EliminatedTree, Tree, total
 from ..solve.rotors import Rotors
 from ..solve.rows import PRECISIONS, Row, RowSystem
@@ -20,7 +21,7 @@ from ..tree.bound import Bound
 from ..tree.composite import mass_matrix
 from ..tree.recursion import inertial_rows
 from ..tree.spatial import Scalar
-from .constraint_rows import are_independent, gaps
+from .constraint_rows import gaps, general_rank
 from .derivation import Derivation, Outputs, vector
 
 Pivots = list[tuple[Scalar, Scalar]]
@@ -95,32 +96,43 @@ def _reduced(
 
 def with_rows(d: Derivation, tree: Tree, rows: Sequence[Row]) -> tuple[list[Scalar], list[Scalar], RowSystem]:
     """Accelerations, (n,), with the forces of the rows, the multipliers of all rows, and their system."""
-    given = set(d.model.prescribed)
     rows = [replace(row, arms=d.followers.row(row.arms)) for row in rows] if d.followers else rows
-    pushing = [
-        replace(row, arms={i: arm for i, arm in row.arms.items() if i not in given}) if given else row for row in rows
-    ]
+    pushing = _pushing(d, rows)
     responses = [tree.respond(row) for row in pushing]
     system = RowSystem(pushing, responses, PRECISIONS[d.dtype], tree.pivots())
     multipliers = system.multipliers(lambda r: rows[r].right - tree.along(rows[r], responses[r]))
     return tree.accelerations(total(responses, multipliers)), multipliers, system
 
 
+def _pushing(d: Derivation, rows: Sequence[Row]) -> list[Row]:
+    """The rows without arms of coordinates whose motion is given: they move the loops, but nothing moves them."""
+    given = set(d.model.prescribed)
+    if not given:
+        return list(rows)
+    return [replace(row, arms={i: arm for i, arm in row.arms.items() if i not in given}) for row in rows]
+
+
 def constrained(d: Derivation, tree: Tree, pivots: Pivots) -> Outputs:
     """Accelerations, multipliers, gaps and their rates, one after the other.
 
-    Where rows that are independent elsewhere are not, the pivot of a coordinate that they move counts as vanished.
+    Where rows that are independent elsewhere are not, or the accelerations stay inaccurate, the pivot of a coordinate
+    that rows move counts as vanished.
     """
     found = gaps(d, d.v)
-    accelerations, multipliers, system = with_rows(d, tree, [gap.row(-gap.bias) for gap in found])
-    moved = min((i for r in system.rigid for i in system.rows[r].arms), default=None)
-    if moved is not None and are_independent(d.model):
-        pivot, scale = pivots[moved]
-        regular = 1.0 - (1.0 / PRECISIONS[d.dtype].hidden) * system.hidden()
-        pivots = [*pivots[:moved], (pivot * regular, scale), *pivots[moved + 1 :]]
-    values = [accelerations[i] for i in d.own] + multipliers
+    rows, rank = [gap.row(-gap.bias) for gap in found], general_rank(d.model)
+    solved = refined(tree, rows, _pushing(d, rows), [gap.value for gap in found], rank, d.dtype, d.graph.call)
+    first, last = ([x.accelerations[i] for i in d.own] + x.multipliers for x in (solved.first, solved.last))
+    values = [d.graph.choose(solved.gate, *pair) for pair in zip(last, first, strict=True)]
     values += [gap.value for gap in found] + [gap.rate(d.v) for gap in found]
-    return {**vector(values), **pivot_outputs(d, pivots)}
+    outputs = {**vector(values), **pivot_outputs(d, pivots)}
+    if not solved.rigid:
+        return outputs
+    moved = min(i for r in solved.rigid for i in rows[r].arms if i in d.own and i not in d.model.prescribed)
+    place = 2 * d.own.index(moved)
+    pivot = outputs["pivot", place]
+    outputs["pivot", place] = d.graph.choose(solved.gate, pivot * solved.regular, pivot)
+    outputs |= {("first", i): value for i, value in enumerate(first)}
+    return {**outputs, ("first_pivot", place): pivot, ("gate", 0): solved.gate}
 
 
 def settling(d: Derivation, tree: Tree, pivots: Pivots) -> Outputs:

@@ -22,7 +22,8 @@ REDUNDANT = 1e-6  # of the largest singular value: below it rows follow from oth
 ROUND_OFF = 1e-12  # m, or a number: arms below it at random poses are zero
 _SAMPLES = 3
 CLOSED = 1e-9  # m, or a sine: of a state that is closed
-_ROUNDS, _AWAY = 20, 0.1  # to close one, and how far from home it is looked for, m or rad
+_ROUNDS, _AWAY = 60, 0.1  # to close one, and how far from home it is looked for, m or rad
+_FALLS = 0.9  # times the gap of the step before, which one that gets closer is below
 PLANE = "the loop moves in a plane: nothing moves it along this direction"
 
 
@@ -109,19 +110,16 @@ def is_redundant(model: Model) -> bool:
     return rank_of(J, REDUNDANT) < len(found)
 
 
-def are_independent(model: Model) -> bool:
-    """Whether no row of the constraint follows from others in closed states near home, but for singular poses.
-
-    False where none is found: then nothing is known of what is redundant.
-    """
+def general_rank(model: Model) -> int | None:
+    """Rank of the constraint in closed states near home, but for singular poses; None where no state is found."""
     d = Derivation(model, turned=True)
     found = [gap for gap in gaps(d, d.still) if gap.arms]
     if not found:
-        return True
+        return 0
     rng, home = np.random.default_rng(0), np.array(model.home)
     away = [np.zeros(home.size), *rng.normal(size=(_SAMPLES, home.size))]
     closed = (_closed_jacobian(d, found, *_regular(model, home + _AWAY * step)) for step in away)
-    return any(J is not None and rank_of(J, REDUNDANT) == len(found) for J in closed)
+    return max((rank_of(J, REDUNDANT) for J in closed if J is not None), default=None)
 
 
 @dataclass(frozen=True)
@@ -161,7 +159,8 @@ def _closed_jacobian(
 ) -> NDArray[np.float64] | None:
     """The arms by what is not prescribed, (rows, moving), where Gauss's and Newton's method closes a state.
 
-    None where it closes none.
+    None where it closes none.  Steps go on as long as the gap falls: where rows follow from others in closed states
+    alone, these come apart by the root of the gap, and would pass as independent.
 
     Args:
         begin: coordinates where it begins, n.
@@ -171,13 +170,15 @@ def _closed_jacobian(
     values = finish(d.graph, "gaps", vector([gap.value for gap in found]))
     places = [place for place, i in enumerate(d.own) if i not in d.model.prescribed]
     moving = [d.own[place] for place in places]
+    closest, last = None, np.inf
     for _ in range(_ROUNDS):
         g = np.array(list(evaluate(values, {"q": q.tolist(), "p": numbers}).values()))
-        J = arms.at(q.tolist(), numbers)[:, moving]
-        if np.abs(g).max(initial=0.0) <= CLOSED:
-            return J
+        J, gap = arms.at(q.tolist(), numbers)[:, moving], np.abs(g).max(initial=0.0)
+        if gap >= _FALLS * last and closest is not None:
+            break
+        closest, last = J if gap <= CLOSED else None, gap
         q[places] -= np.linalg.lstsq(J, g, rcond=REDUNDANT)[0]
-    return None
+    return closest
 
 
 class _Arms:

@@ -13,7 +13,7 @@ import math
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
-from .ir import Graph, Instruction, Node, Program, Value, finish
+from .ir import GATE, Graph, Instruction, Node, Program, Value, finish
 from .operations import OPERATIONS
 
 
@@ -38,7 +38,12 @@ def tangent(
         values.append(graph.insert(instruction.op, args, instruction.leaf))
         still = instruction.op == "input" and instruction.leaf[1] >= lengths.get(instruction.leaf[0], math.inf)
         moving.append(0.0 if still else _rate(graph, instruction, values, moving, rates))
-    outputs = {key: (values if key[0] == "pivot" else moving)[index] for key, index in program.outputs.items()}
+    outputs: dict[tuple[str, int], Value] = {}
+    for key, index in program.outputs.items():
+        if key[0] in ("pivot", "first_pivot", GATE):
+            outputs[key] = values[index]
+        else:
+            outputs[key] = moving[index]
     return finish(graph, name, outputs)
 
 

@@ -20,6 +20,10 @@ from typing import Any, NamedTuple
 
 from .operations import ARITY, CALLS, OPERATIONS, VALUES
 
+GATE = "gate"  # output: what says whether a program goes on
+FIRST = {"first": "out", "first_pivot": "pivot"}  # outputs: what is written if it does not, and where
+ASIDE = ("pivot", GATE, *FIRST)  # outputs that are no results
+
 
 class Instruction(NamedTuple):
     """One value: an operation, its arguments by index; ``leaf`` is a constant's number or an input's (array, index)."""
@@ -114,6 +118,11 @@ class Graph:
             return found
         nodes = [x if isinstance(x, Node) else self.constant(x) for x in args]
         return self._node(op, tuple(x.index for x in nodes))
+
+    def choose(self, gate: Value, x: Value, y: Value) -> Value:
+        """x where the gate is greater than 0, else y."""
+        same = x.index == y.index if isinstance(x, Node) and isinstance(y, Node) else x is y or x == y
+        return x if same else self.call("choose", gate, x, y)
 
     def add(self, x: Value, y: Value) -> Value:
         """x + y."""
@@ -284,9 +293,10 @@ class Program:
     notes: Mapping[int, str] = field(default_factory=dict)
 
     def count(self) -> dict[str, int]:
-        """Operations of one run, by their ``cost``; sine and cosine of an angle are one."""
-        found = Counter(OPERATIONS[instruction.op].cost for instruction in self.instructions)
-        angles = {i.args[0] for i in self.instructions if i.op in ("sin", "cos")}
+        """Operations of one run up to the gate, if there is one, by their ``cost``; sine and cosine are one."""
+        here = [x for x, is_first in zip(self.instructions, first_values(self), strict=True) if is_first]
+        found = Counter(OPERATIONS[instruction.op].cost for instruction in here)
+        angles = {i.args[0] for i in here if i.op in ("sin", "cos")}
         return {
             "mul": found["mul"],
             "add": found["add"],
@@ -307,6 +317,38 @@ def copied(graph: Graph, program: Program) -> list[Node]:
             graph.note(program.notes[index])
         nodes.append(graph.insert(op, tuple([nodes[arg].index for arg in args]), leaf))
     return nodes
+
+
+def first_values(program: Program) -> list[bool]:
+    """Say of every value whether it is computed before the gate; all are where there is none."""
+    if (GATE, 0) not in program.outputs:
+        return [True] * len(program.instructions)
+    wanted = {index for (array, _), index in program.outputs.items() if array in (GATE, *FIRST)}
+    needs_gate = [False] * len(program.instructions)
+    for index, instruction in enumerate(program.instructions):
+        gated = instruction.op == "choose" and instruction.args[0] == program.outputs[GATE, 0]
+        needs_gate[index] = gated or any(needs_gate[arg] for arg in instruction.args)
+    wanted |= {index for key, index in program.outputs.items() if not needs_gate[index]}
+    found = [index in wanted for index in range(len(program.instructions))]
+    for index in range(len(found) - 1, -1, -1):
+        if found[index]:
+            for arg in program.instructions[index].args:
+                found[arg] = True
+    return found
+
+
+def gate_between(program: Program) -> Program:
+    """Put what is computed before the gate in front of what is computed behind it."""
+    early = first_values(program)
+    if all(early):
+        return program
+    order = sorted(range(len(early)), key=lambda index: not early[index])
+    number = {index: place for place, index in enumerate(order)}
+    moved = (program.instructions[index] for index in order)
+    instructions = tuple(Instruction(x.op, tuple([number[arg] for arg in x.args]), x.leaf) for x in moved)
+    outputs = {key: number[index] for key, index in program.outputs.items()}
+    notes = {number[index]: text for index, text in program.notes.items()}
+    return Program(program.name, instructions, outputs, notes)
 
 
 def finish(graph: Graph, name: str, outputs: Mapping[tuple[str, int], Value]) -> Program:

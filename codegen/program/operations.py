@@ -76,6 +76,14 @@ OPERATIONS: Mapping[str, Operation] = MappingProxyType(
         "step": Operation(  # 1 where greater than 0, else 0
             1, "add", lambda x: 1.0 if x > 0.0 else 0.0, None, "positive", lambda sympy, x: sympy.Heaviside(x, 0)
         ),
+        "choose": Operation(  # the second where the first is greater than 0, else the third
+            3,
+            "add",
+            lambda gate, x, y: x if gate > 0.0 else y,
+            lambda g, x, y, dx: g.choose(x[0], dx[1], dx[2]),
+            "chosen",
+            lambda sympy, gate, x, y: sympy.Piecewise((x, gate > 0), (y, True)),
+        ),
         "exp": Operation(
             1, "sincos", math.exp, lambda g, x, y, dx: y * dx[0], "exponential", lambda sympy, x: sympy.exp(x)
         ),

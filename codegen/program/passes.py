@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from .ir import Graph, Instruction, Node, Program, Value, finish, select, users, verify
+from .ir import Graph, Instruction, Node, Program, Value, finish, gate_between, select, users, verify
 from .operations import CALLS
 
 PARAMETERS = "p"  # the input array of run-time parameters
@@ -197,7 +197,7 @@ def run_passes(program: Program) -> Program:
     verify(program)
     for step in PASSES:
         program = verify(step(program))
-    return program
+    return verify(gate_between(program))
 
 
 def on_demand(program: Program) -> Program:

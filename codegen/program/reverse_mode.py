@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from .forward_mode import local_slopes
-from .ir import Graph, Node, Program, Value, copied, finish
+from .ir import ASIDE, Graph, Node, Program, Value, copied, finish
 
 
 def adjoint(program: Program, seed: str, wanted: Mapping[str, int], name: str) -> Program:
@@ -28,7 +28,7 @@ def adjoint(program: Program, seed: str, wanted: Mapping[str, int], name: str) -
     values = copied(graph, program)
     by_value: dict[int, Value] = {}
     for key, index in program.outputs.items():
-        if key[0] != "pivot":
+        if key[0] not in ASIDE:
             here = values[index].index
             by_value[here] = by_value.get(here, 0.0) + graph.input(seed, key[1])
     graph.note("reverse sweep")

@@ -32,7 +32,7 @@ _OPERATORS: Mapping[str, Callable[..., Any]] = {
     "div": np.divide,
     "sqrt": np.sqrt,
 }
-_EXACT = ("neg", "max", "step")  # operations that do not round
+_EXACT = ("neg", "max", "step", "choose")  # operations that do not round
 _ROUNDING = (np.add, np.subtract, np.multiply, np.divide)
 
 

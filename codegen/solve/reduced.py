@@ -56,7 +56,11 @@ class ReducedTree:
 
     def accelerations(self, more: Mapping[int, Scalar]) -> list[Scalar]:
         """Accelerations, (n,), with a sum of responses added."""
+        return [own + added for own, added in zip(self.free, self.changes(more), strict=True)]
+
+    def changes(self, more: Mapping[int, Scalar]) -> list[Scalar]:
+        """Accelerations, (n,), of a sum of responses alone."""
         motors = self.rotors.rows
         found = self.factors.forward([0.0 if i in motors else more.get(i, 0.0) for i in range(len(self.free))])
         self.rotors.released(more, found)
-        return [own + added for own, added in zip(self.free, self.followers.follow(found), strict=True)]
+        return self.followers.follow(found)

@@ -37,6 +37,9 @@ class Tree(Protocol):
     def accelerations(self, more: Mapping[int, Scalar]) -> list[Scalar]:
         """Accelerations, (n,), with a sum of responses added: ``more`` is what these leave, divided."""
 
+    def changes(self, more: Mapping[int, Scalar]) -> list[Scalar]:
+        """Accelerations, (n,), of a sum of responses alone."""
+
 
 class FactorisedTree:
     """A tree by its mass matrix, M = L^T D L."""
@@ -65,6 +68,10 @@ class FactorisedTree:
         """Accelerations, (n,), with a sum of responses added."""
         inverse = self.factors.inverse
         return self.factors.forward([x * inverse[i] + more.get(i, 0.0) for i, x in enumerate(self.left)])
+
+    def changes(self, more: Mapping[int, Scalar]) -> list[Scalar]:
+        """Accelerations, (n,), of a sum of responses alone."""
+        return self.factors.forward([more.get(i, 0.0) for i in range(len(self.left))])
 
 
 class EliminatedTree:
@@ -171,13 +178,17 @@ class EliminatedTree:
 
     def accelerations(self, more: Mapping[int, Scalar]) -> list[Scalar]:
         """Accelerations, (n,), with a sum of responses added."""
+        return [own + added for own, added in zip(self.free, self.changes(more), strict=True)]
+
+    def changes(self, more: Mapping[int, Scalar]) -> list[Scalar]:
+        """Accelerations, (n,), of a sum of responses alone."""
         found: list[Scalar] = [0.0] * self.model.size
         bodies: list[tuple[Vec, Vec]] = []
         for k, body in enumerate(self.model.bodies):
             parent = (ZERO, ZERO) if body.parent == FIXED_BODY else bodies[body.parent]
             bodies.append(self._released(k, parent, more, found))
         self.rotors.released(more, found)
-        return [own + added for own, added in zip(self.free, found, strict=True)]
+        return found
 
     def _released(
         self, k: int, parent: tuple[Vec, Vec], more: Mapping[int, Scalar], found: list[Scalar]

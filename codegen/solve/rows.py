@@ -33,19 +33,27 @@ class Precision:
     """Shares of the diagonal that are added, and how often the solution is refined.
 
     added: of the rows of a group.  floor: of all rows, for groups that vanish but for round-off.
-    hidden: share of a pivot that may be what was added, where rows are to be independent: with more the refined
-    solution is not the one of the constraint.
     """
 
     added: float
     floor: float
     refinements: int
-    hidden: float = 1.0
+
+
+@dataclass(frozen=True)
+class Solved:
+    """Multipliers of all rows, and what they leave of the right sides of rigid rows, by their indices.
+
+    With the last change ``more``, rest = D more: (A + D) more = D before, where D before was left.
+    """
+
+    multipliers: list[Scalar]
+    rest: Sparse
 
 
 PRECISIONS: Mapping[str, Precision] = {
-    "float64": Precision(1e-11, 1e-14, 1, 0.5),
-    "float32": Precision(2e-6, 1e-6, 3, 0.8),
+    "float64": Precision(1e-11, 1e-14, 1),
+    "float32": Precision(2e-6, 1e-6, 3),
 }
 # Of derivatives, whose right sides contradict each other in redundant rows where a direction leaves the closed states.
 DERIVING: Mapping[str, Precision] = {"float64": Precision(1e-7, 1e-14, 2), "float32": Precision(1e-3, 1e-6, 4)}
@@ -177,6 +185,7 @@ class RowSystem:
             A[place[r], place[r]] = entry
         self.columns: list[Sparse] = []
         self.inverses: list[Scalar] = []
+        self.pivots: list[Scalar] = []
         behind: list[set[int]] = [set() for _ in self.order]
         for j, i in A:
             if j > i:
@@ -192,6 +201,7 @@ class RowSystem:
                             behind[k].add(j)
             self.columns.append(column)
             self.inverses.append(inverse)
+            self.pivots.append(A[i, i])
 
     def _divided(self, unknown: int, entry: Scalar) -> Scalar:
         """One divided by the pivot of an unknown, of which this is left on the diagonal."""
@@ -203,12 +213,36 @@ class RowSystem:
     def hidden(self) -> Scalar:
         """Sum of what is added to the diagonal over what is left at the pivots, of all rigid rows.
 
-        Far below 1 where they are independent, about as many as follow from others where they do not.
+        Far below 1 where they are independent, unless one of them hides behind another.
         """
         total: Scalar = 0.0
         for r, inverse in zip(self.order, self.inverses, strict=True):
             if r in self.added:
                 total = total + self.added[r] * inverse
+        return total
+
+    def small_pivots(self, share: float, call: Callable[..., Scalar]) -> Scalar:
+        """Number of pivots of rigid rows below a share of the sum of their group's entries on the diagonal."""
+        total: Scalar = 0.0
+        for r, pivot in zip(self.order, self.pivots, strict=True):
+            if r in self.added:
+                total = total + call("step", (share / self.precision.added) * self.added[r] - pivot)
+        return total
+
+    def dependent(self) -> Scalar:
+        """The trace of D (A + D)^-1: how many rows follow from others, those that nearly do by their shares."""
+        total: Scalar = 0.0
+        for first, row in enumerate(self.order):
+            if row not in self.added:
+                continue
+            y: Sparse = {first: 1.0}
+            entry: Scalar = 0.0
+            for i in range(first, len(self.order)):
+                if i in y:
+                    entry = entry + y[i] * y[i] * self.inverses[i]
+                    for j, factor in self.columns[i].items():
+                        y[j] = y.get(j, 0.0) - factor * y[i]
+            total = total + self.added[row] * entry
         return total
 
     def once(self, right: Sparse) -> Sparse:
@@ -229,11 +263,16 @@ class RowSystem:
         Args:
             missing: right - J a_free of row r.
         """
-        x = more = self.once({r: missing(r) for r in self.kept})
-        for _ in range(self.precision.refinements if self.rigid else 0):  # elastic rows are factored as they are
+        return self.solved({r: missing(r) for r in self.kept}, self.precision.refinements).multipliers
+
+    def solved(self, right: Sparse, refinements: int) -> Solved:
+        """Multipliers of all rows, refined so often with the factors, and what they leave."""
+        x = more = self.once(right)
+        for _ in range(refinements if self.rigid else 0):  # elastic rows are factored as they are
             more = self.once({r: self.added[r] * more[r] for r in self.rigid})
             x = {r: x[r] + more[r] for r in self.unknowns}
-        return [x.get(r, 0.0) for r in range(len(self.rows))]
+        rest = {r: self.added[r] * more[r] for r in self.rigid}
+        return Solved([x.get(r, 0.0) for r in range(len(self.rows))], rest)
 
 
 def _hubs(keys: Mapping[int, frozenset[int]], pivots: Sequence[Entries], first: int) -> list[Entries]:

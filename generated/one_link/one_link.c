@@ -1698,8 +1698,8 @@ static void one_link_adapt(const double *restrict h, const one_link_drive *restr
     clock.power = (works == 0) ? NULL : power;
     clock.here = 1;
     (void)memset(a_end, 0, sizeof a_end);
-    (void)memset(bend, 0, sizeof bend);
     (void)memset(kept, 0, sizeof kept);
+    (void)memset(bend, 0, sizeof bend);
     for (long long pass = 0; (left > 0) && (pass < most) && ((record == NULL) || (record->count < record->room)); ++pass) {
         int fresh = 0;
         for (int l = 0; l < 1; ++l) {
@@ -4089,8 +4089,8 @@ static void one_link_adapt_lanes(const lanes *restrict h, const one_link_drive *
     clock.power = (works == 0) ? NULL : power;
     clock.here = here;
     (void)memset(a_end, 0, sizeof a_end);
-    (void)memset(bend, 0, sizeof bend);
     (void)memset(kept, 0, sizeof kept);
+    (void)memset(bend, 0, sizeof bend);
     for (long long pass = 0; (left > 0) && (pass < most) && ((record == NULL) || (record->count < record->room)); ++pass) {
         int fresh = 0;
         for (int l = 0; l < LANES; ++l) {

@@ -18,6 +18,7 @@ COMPLEX = {
     "sqrt": cmath.sqrt,
     "max": lambda x, y: y if complex(x).real <= complex(y).real else x,
     "step": lambda x: float(complex(x).real > 0.0),
+    "choose": lambda gate, x, y: x if complex(gate).real > 0.0 else y,
     "exp": cmath.exp,
     "atan2": lambda y, x: bearing(complex(y), complex(x)),
 }

@@ -28,9 +28,9 @@ def test_functions_are_in_c_and_in_sympy(name: str) -> None:
     text = importlib.resources.files("eomgen.templates").joinpath("kernel/vectors.jinja").read_text(encoding="utf-8")
     assert f'if "{name}" in called' in text
     assert f"{operation.function}{{{{ suffix }}}}(" in text
-    x = sp.symbols("x y", real=True)[: operation.arity]
+    x = sp.symbols("x y z", real=True)[: operation.arity]
     expression = getattr(SYMBOLS, name)(*x)
-    for numbers in ((0.7, 0.2), (0.2, 0.7), (1.5, 1.5)):
+    for numbers in ((0.7, 0.2, 0.4), (0.2, 0.7, 0.4), (1.5, 1.5, 0.4)):
         at = dict(zip(x, numbers, strict=False))
         assert float(expression.subs(at)) == pytest.approx(operation.compute(*numbers[: operation.arity]), rel=1e-15)
 
@@ -38,7 +38,7 @@ def test_functions_are_in_c_and_in_sympy(name: str) -> None:
 @pytest.mark.parametrize("name", CALLS)
 def test_functions_of_numbers_are_numbers(name: str) -> None:
     graph = Graph()
-    x = (0.5, 2.0)[: CALLS[name].arity]
+    x = (0.5, 2.0, 3.0)[: CALLS[name].arity]
     found = graph.call(name, *x)
     assert found == CALLS[name].compute(*x)
     assert graph.call(name, *(graph.constant(number) for number in x)) == found
@@ -57,5 +57,5 @@ def test_what_is_not_defined_is_left_to_c() -> None:
 
 
 def test_an_unknown_function_is_refused() -> None:
-    with pytest.raises(AttributeError, match="'cbrt' is no operation; known: sqrt, max, step, exp"):
+    with pytest.raises(AttributeError, match="'cbrt' is no operation; known: sqrt, max, step, choose, exp"):
         SYMBOLS.cbrt(1.0)

@@ -131,7 +131,7 @@ def test_every_operation_has_its_transpose() -> None:
     x, y = graph.input("q", 0), graph.input("q", 1)
     sine, cosine = graph.sincos(x)
     values = [x + y, x - y, x * y, x / y, -x, sine, cosine, 2.0, y * 3.0, x * x]
-    values += [graph.call(name, *(y, x)[: operation.arity]) for name, operation in CALLS.items()]
+    values += [graph.call(name, *(y, x, x * y)[: operation.arity]) for name, operation in CALLS.items()]
     program = finish(graph, "all", {("out", i): value for i, value in enumerate(values)})
     assert {instruction.op for instruction in program.instructions} == set(OPERATIONS)
     weights = np.random.default_rng(1).uniform(-1.0, 1.0, len(values)).tolist()

@@ -1,0 +1,161 @@
+"""Solutions of rows whose accuracy is measured: refined by what they leave of the constraint, or refused.
+
+The system of the rows, A = J M^-1 J^T, has the square of J's condition number, and beside a singular pose the solution
+by its factors loses twice the digits that J alone would cost.  So what is left of the constraint is formed anew from
+the accelerations, right - J a, and solved for once more (iterative refinement: J. H. Wilkinson, "Rounding Errors in
+Algebraic Processes", 1963): what stays wrong is round-off times J's own condition number.  Passes follow behind a gate,
+which is shut where the first solution is as good.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from ..tree.spatial import Scalar
+from .responses import Tree, total
+from .rows import PRECISIONS, Precision, Row, RowSystem
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """When a solution is refined, how often, and when it is refused.
+
+    passes, refinements: by what is left of the constraint, and within each pass by the factors.
+    tolerance: greatest last change of the accelerations, in parts of these.
+    """
+
+    passes: int
+    refinements: int
+    tolerance: float
+
+
+@dataclass(frozen=True)
+class Apart(Accuracy):
+    """For rows that are independent but at singular poses.
+
+    precision: of their factors.  doubtful, hidden: ``RowSystem.hidden`` from which on they are refined, and refused.
+    """
+
+    precision: Precision
+    doubtful: float
+    hidden: float
+
+
+@dataclass(frozen=True)
+class Together(Accuracy):
+    """For rows some of which always follow from others.
+
+    left: what is left of the right sides, in parts of these, from which on they are refined.
+    small: pivots in parts of their group's diagonal; with more such ones than rows that follow they are refined, too.
+    by_gap: change of the accelerations by the square of the gap, in parts of these, that is no sign of inaccuracy.
+    """
+
+    left: float
+    small: float
+    by_gap: float
+
+
+APART: Mapping[str, Apart] = {
+    "float64": Apart(2, 1, 3e-10, Precision(1e-14, 1e-14, 1), 1e-11, 0.02),
+    "float32": Apart(2, 2, 1e-3, Precision(5e-7, 5e-7, 2), 1e-4, 0.3),
+}
+TOGETHER: Mapping[str, Together] = {
+    "float64": Together(3, 3, 3e-10, 1e-13, 1e-4, 1e12),
+    "float32": Together(3, 3, 1e-3, 3e-6, 2e-2, 1e7),
+}
+FURTHER = 0.5  # of a row that follows from others beside those that always do
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Accelerations, (n,), and multipliers of all rows."""
+
+    accelerations: list[Scalar]
+    multipliers: list[Scalar]
+
+
+@dataclass(frozen=True)
+class Refined:
+    """A first solution, and the one behind the gate.
+
+    gate: greater than 0 where the first one is not good enough.  regular: greater than 0 where the other one is.
+    rigid: indices of the rows that are solved for.
+    """
+
+    first: Solution
+    last: Solution
+    gate: Scalar
+    regular: Scalar
+    rigid: Sequence[int]
+
+
+def refined(
+    tree: Tree,
+    rows: Sequence[Row],
+    pushing: Sequence[Row],
+    gaps: Sequence[Scalar],
+    rank: int | None,
+    dtype: str,
+    call: Callable[..., Scalar],
+) -> Refined:
+    """Solve for the accelerations of a tree with rigid rows.
+
+    Args:
+        rows: what is wanted of the accelerations.
+        pushing: the rows with arms of coordinates alone whose motion is not given.
+        gaps: by which the rows' constraints are open, m or numbers.
+        rank: of the rows, but at singular poses; None where that is not known.
+        dtype: of the numbers that C computes with.
+        call: (name, *arguments) -> value of an operation that is no arithmetic.
+    """
+    responses = [tree.respond(row) for row in pushing]
+    kept = [r for r, row in enumerate(pushing) if row.arms]
+    follow = 0 if rank is None else len(kept) - rank  # rows that always follow from others
+    is_apart = rank is not None and follow == 0
+    how: Accuracy = APART[dtype] if is_apart else TOGETHER[dtype]
+    precision = APART[dtype].precision if is_apart else PRECISIONS[dtype]
+    system = RowSystem(pushing, responses, precision, tree.pivots())
+    missing = {r: rows[r].right - tree.along(rows[r], responses[r]) for r in kept}
+    found = system.solved(missing, precision.refinements)
+    first = last = Solution(tree.accelerations(total(responses, found.multipliers)), found.multipliers)
+    if not kept:
+        return Refined(first, first, 0.0, 1.0, ())
+    if is_apart:
+        hidden = call("max", system.hidden(), -1.0 * system.hidden())
+        gate = hidden - APART[dtype].doubtful
+        singular = hidden - APART[dtype].hidden
+    else:
+        own = TOGETHER[dtype]
+        gate = _squares(found.rest.values()) - own.left**2 * _squares(missing.values())
+        singular = 0.0
+        if rank is not None:
+            gate = call("max", gate, system.small_pivots(own.small, call) - (follow + FURTHER))
+            singular = system.dependent() - (follow + FURTHER)
+    changes: list[Scalar] = []
+    for _ in range(how.passes):
+        rest = {r: rows[r].right - rows[r].along(last.accelerations) for r in kept}
+        more = system.solved(rest, how.refinements)
+        changes = tree.changes(total(responses, more.multipliers))
+        last = Solution(_sums(last.accelerations, changes), _sums(last.multipliers, more.multipliers))
+    free = (x - y for x, y in zip(first.accelerations, tree.changes(total(responses, first.multipliers)), strict=True))
+    allowed: Scalar = how.tolerance**2
+    if not is_apart:
+        gap = TOGETHER[dtype].by_gap * _squares(gaps)
+        allowed = allowed + gap * gap
+    inaccurate = _squares(changes) - allowed * (_squares(last.accelerations) + _squares(free))
+    wrong = call("step", inaccurate) + call("step", singular)
+    return Refined(first, last, gate, 1.0 - 2.0 * wrong, kept)
+
+
+def _squares(values: Iterable[Scalar]) -> Scalar:
+    """Sum of squares."""
+    found: Scalar = 0.0
+    for x in values:
+        found = found + x * x
+    return found
+
+
+def _sums(one: Sequence[Scalar], other: Sequence[Scalar]) -> list[Scalar]:
+    """Sums of two vectors' numbers."""
+    return [x + y for x, y in zip(one, other, strict=True)]

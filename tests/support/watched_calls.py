@@ -1,0 +1,106 @@
+"""Calls that move a generated package's robot in every way: run by themselves, so that a sanitizer can watch them.
+
+``python watched_calls.py FOLDER NAME RESULTS`` imports NAME from FOLDER, moves states that STATES holds, and writes
+what comes back to RESULTS.  States of a batch have the bits that they have alone: that is checked.
+"""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[Any]
+STATES = "states.npz"  # beside the package: q, v and u, (N, n) each; the first CALM are slow
+CALM = 3
+METHODS = ("rk4", "implicit", "rosenbrock", "tsit5")
+FIXED = ("rk4", "implicit")
+WAYS = {"rk4": "explicit", "implicit": "implicit", "rosenbrock": "rosenbrock", "tsit5": "explicit"}
+CALLS = ("forward_dynamics", "inverse_dynamics", "forward_dynamics_jacobian")
+
+
+def ways_to_move(kernel: Any, n: int) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Names and arguments of rollouts: every method, without gains and with them."""
+    driven = np.zeros(n)
+    driven[list(kernel.raw.libraries.meta["driven"])] = 1.0
+    gains = {"kp": 3.0 * driven, "kd": 0.2 * driven, "target": 0.1 * driven}
+    for method, controlled in product(METHODS, (False, True)):
+        how: dict[str, Any] = {"dt": 1e-4, "steps": 6, "every": 2}
+        if method not in FIXED:
+            how = {"duration": 0.3, "samples": 2, "rtol": 1e-4}
+        yield f"{method}{'_held' if controlled else ''}", {"method": method, **how, **(gains if controlled else {})}
+
+
+def loss(t: Array, q: Array, v: Array) -> tuple[Any, Array, Array]:
+    """A sum of squares with its derivatives."""
+    return float((q * q + v * v).sum()), 2.0 * q, 2.0 * v
+
+
+def rolled(kernel: Any, *state: Array, **how: Any) -> Array:
+    """States of a rollout, (2, ..., n), or as far as it went."""
+    try:
+        return np.stack(kernel.rollout(*state, **how))
+    except Exception as error:  # IntegrationStopped, which a package brings itself
+        if not hasattr(error, "stored"):
+            raise
+        return np.stack([x.reshape(*state[0].shape[:-1], -1, x.shape[-1]) for x in error.stored])
+
+
+def moved(kernel: Any, q: Array, v: Array, u: Array) -> dict[str, Array]:
+    """Return all that the calls return, by names of calls."""
+    found: dict[str, Array] = {}
+    for name, how in ways_to_move(kernel, q.shape[1]):
+        count = CALM if how["method"] in FIXED else len(q)  # where a state of such a batch fails, all of it ends
+        many = found[name] = rolled(kernel, q[:count], v[:count], u[:count], **how)
+        for i in range(count):
+            alone = rolled(kernel, q[i], v[i], u[i], **how)
+            assert np.array_equal(many[:, i], alone), f"{name}: state {i} has other bits in a batch"
+        found |= {f"{name}_{key}": x for key, x in differentiated(kernel, (q[:CALM], v[:CALM], u[:CALM]), how).items()}
+    q, v, u = q[:CALM], v[:CALM], u[:CALM]
+    if kernel.constraints:  # states are nearly closed: the end of a step is closed
+        q, v = (x[:, -1] for x in kernel.rollout(q, v, u, 1e-9, 1))
+    for name in CALLS:
+        if name in kernel.raw.functions:
+            results = called(getattr(kernel, name), q, v, u)
+            for i in range(len(q)):
+                alone = called(getattr(kernel, name), q[i], v[i], u[i])
+                assert all(np.array_equal(x[i], y) for x, y in zip(results, alone, strict=True)), f"{name}: state {i}"
+            found |= {f"{name}_{k}": x for k, x in enumerate(results)}
+    return found
+
+
+def called(call: Callable[..., Any], *state: Array) -> tuple[Array, ...]:
+    """Call a function and return its arrays."""
+    found = call(*state)
+    return found if isinstance(found, tuple) else (found,)
+
+
+def differentiated(kernel: Any, state: tuple[Array, Array, Array], how: Mapping[str, Any]) -> dict[str, Array]:
+    """Return derivatives of a rollout by names, where the package has them."""
+    found: dict[str, Array] = {}
+    way, n = WAYS[how["method"]], state[0].shape[-1]
+    if f"{way}_gradient" in kernel.raw.gradients:
+        value, by = kernel.rollout_gradient(*state, loss=loss, **how)
+        found |= {"value": np.array(value), **{f"by_{key}": np.asarray(x) for key, x in by.items()}}
+    if f"{way}_sensitivity" in kernel.raw.gradients:
+        along = {"q": np.zeros((2, n)), "v": np.eye(2, n)}
+        found["rates"] = np.stack(kernel.rollout_sensitivity(*state, along=along, **how)[1])
+    return found
+
+
+def main(folder: str, name: str, results: str) -> None:
+    """Move the package's robot and write what comes back."""
+    sys.path.insert(0, folder)
+    kernel = importlib.import_module(name).kernel
+    with np.load(Path(folder) / STATES) as states:
+        np.savez(results, **moved(kernel, *(states[key] for key in "qvu")))
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
