@@ -3,15 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
 import eomgen
-from eomgen.robot.value import Robot
+from eomgen.robot.model import build_model
+from eomgen.robot.parameter_names import expand_tunable
+from eomgen.robot.value import Coordinate, Coupling, Joint, Robot
 from tests.support.random_followers import Reduction, with_followers
-from tests.support.random_robots import Array, random_robot, random_state, seeds, some_prescribed, with_offsets
+from tests.support.random_robots import (
+    Array,
+    random_link,
+    random_placement,
+    random_robot,
+    random_state,
+    seeds,
+    some_prescribed,
+    with_offsets,
+)
 from tests.support.random_springs import with_springs
 
 Build = Callable[..., eomgen.Kernel]
@@ -219,3 +231,74 @@ def test_motions_are_those_of_the_tree_reduced(seed: int, built: Build) -> None:
     many = [np.tile(x, (9, 1)) + 0.01 * rng.normal(size=(9, kernel.n)) for x in (q0, v0, u)]
     each = [kernel.forward_dynamics(*state) for state in zip(*many, strict=True)]
     assert np.array_equal(kernel.forward_dynamics(*many), each)
+
+
+def gripping_bars() -> Robot:
+    """A four-bar whose coupler carries two fingers that open alike, and a flap that follows its crank and a finger."""
+    robot = eomgen.load_robot("four_bar")
+    rng = np.random.default_rng(3)
+    links = [random_link(rng, name, rods=False) for name in ("left", "right", "flap")]
+    given = {"left": Coordinate(50.0, 1.0), "flap": Coordinate(damping=0.1), "right": Coordinate()}
+    left, flap, right = (
+        Joint(name, parent, name, kind, random_placement(rng), coordinates={key: given[name]})
+        for name, parent, kind, key in (
+            ("left", "coupler", "prismatic", "z"),
+            ("flap", "left", "revolute", "gamma"),
+            ("right", "coupler", "prismatic", "z"),
+        )
+    )
+    crank, coupler, rocker = robot.joints
+    couplings = (
+        Coupling("open", "right.z", {"left.z": -1.0}, 0.02),
+        Coupling("turn", "flap.gamma", {"joint1.gamma": 0.5, "right.z": 2.0}),
+    )
+    driven = ("joint1.gamma", "left.z")
+    return replace(
+        robot, name="gripping", links=(*robot.links, *links), couplings=couplings,
+        joints=(crank, coupler, left, flap, right, rocker),
+        driven=driven, tunable=("couplings.turn.ratio",),
+    )  # fmt: skip
+
+
+def test_loops_and_followers_go_together(built: Build) -> None:
+    """Against the same mechanism whose couplings are rows of the constraint as the loop is."""
+    robot = gripping_bars()
+    robot = replace(robot, tunable=expand_tunable(robot, robot.tunable))
+    kernel, whole = built(robot), built(robot.with_constraints())
+    assert kernel.couplings == ("open", "turn")
+    assert whole.constraints == (*kernel.constraints, "open", "turn")
+    map_ = Reduction.of(robot, robot.couplings)
+    rng = np.random.default_rng(1)
+    for _ in range(3):
+        q = kernel.close(
+            np.array(build_model(robot).home) + 0.1 * rng.normal(size=kernel.n), ["joint1.gamma", "left.z"]
+        )
+        v = kernel.close_rates(q, rng.normal(size=kernel.n), ["joint1.gamma", "left.z"])
+        Q, V = map_.positions(q), map_.motions(v)
+        assert np.abs(whole.constraint(Q)).max() <= 1e-9
+        near(kernel.constraint_jacobian(q), (whole.constraint_jacobian(Q) @ map_.S)[:-2])
+        U = rng.normal(size=whole.n)
+        u = map_.forces(U)
+        a, A = kernel.forward_dynamics(q, v, u), whole.forward_dynamics(Q, V, U)
+        near(map_.motions(a), A, 1e-8)
+        drives = kernel.inverse_dynamics(q, v, a)
+        near(kernel.forward_dynamics(q, v, drives), a, 1e-8)
+        for name in ("left", "right", "flap"):
+            place = kernel.joints.index(name)
+            near(kernel.reactions(q, v, a)[place], whole.reactions(Q, V, A)[place], 1e-8)
+        near(kernel.coupling_forces(q, v, a), kernel.constraint_forces(q, v, u)[-2:], 1e-9)
+        assert kernel.constraint_forces(q, v, u).shape == whole.constraint_forces(Q, V, U).shape
+        J, forces = kernel.constraint_jacobian(q), kernel.constraint_forces(q, v, u)[:-2]
+        near(kernel.residual(q, v, a, u), J.T @ forces, 1e-8)
+        held = np.zeros(whole.n)  # without drives of followers, which the leaders' coupling bears
+        near(whole.constraint_forces(Q, V, held)[-2:], kernel.constraint_forces(q, v, map_.forces(held))[-2:], 1e-7)
+        for found, expected in zip(
+            kernel.forward_dynamics_jacobian(q, v, u)[:2], whole.forward_dynamics_jacobian(Q, V, U)[:2], strict=True
+        ):
+            ways = np.linalg.svd(J)[2][np.linalg.matrix_rank(J, 1e-9) :].T  # motions that keep the loop closed
+            near(map_.S @ found @ ways, expected @ map_.S @ ways, 1e-5)
+    for method in ("implicit", "rk4"):
+        end = [x[-1] for x in kernel.rollout(q, v, u, 1e-4, 50, method=method)]
+        other = [x[-1] for x in whole.rollout(Q, V, U, 1e-4, 50, method=method)]
+        near(map_.positions(end[0]), other[0], 1e-6)
+        near(map_.motions(end[1]), other[1], 1e-5)
