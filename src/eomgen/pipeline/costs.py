@@ -138,7 +138,8 @@ class RobotInfo:
         lines += [_coupling_line(coupling) for coupling in self.model.robot.couplings]
         if not lines:
             return []
-        led = f"; {listed(list(self.model.followers))} follow and are no coordinates" if self.model.followers else ""
+        followers = listed(list(self.model.followers))
+        led = f"; no coordinates, since they follow: {followers}" if followers else ""
         return [*lines, f"{count} constraints; all else is that of the open tree{led}", ""]
 
     def _start_lines(self) -> list[str]:
