@@ -307,3 +307,32 @@ def test_loops_and_followers_go_together(built: Build) -> None:
         other = [x[-1] for x in whole.rollout(Q, V, U, 1e-4, 50, method=method)]
         near(map_.positions(end[0]), other[0], 1e-6)
         near(map_.motions(end[1]), other[1], 1e-5)
+
+
+@pytest.mark.parametrize("seed", seeds(1, 1, 20))
+def test_elastic_couplings_of_followers_are_those_of_the_tree(seed: int, built: Build) -> None:
+    """A spring with backlash and a damper between what follows and what leads."""
+    coupled, robot = springy(seed)
+    rng = np.random.default_rng(seed)
+    followers = [x.of for x in coupled.couplings]
+    other = next(name for name in build_model(coupled).coordinates)
+    law = Coordinate(stiffness=300.0, damping=2.0, clearance=0.02)
+    belt = Coupling("belt", followers[-1], {other: 0.7, **dict.fromkeys(followers[:-1][:1], 0.4)}, 0.05, law)
+    kernels = ("generalized_force", "energy", "residual_jacobian", "cut_forces", "cut_jacobian", "mass_matrix")
+    whole = replace(coupled, couplings=(*coupled.couplings, belt))
+    kernel = built(whole, *kernels, "forward_dynamics", "inverse_dynamics", "rollout")
+    tree = built(replace(robot, couplings=(belt,)), *kernels, "inverse_dynamics")
+    map_ = Reduction.of(robot, coupled.couplings)
+    q, v, a, u = rng.uniform(-0.5, 0.5, (4, 6, kernel.n))
+    Q, V, A = map_.positions(q), map_.motions(v), map_.motions(a)
+    near(kernel.generalized_force(q, v), map_.forces(tree.generalized_force(Q, V)))
+    near(kernel.energy(q, v), tree.energy(Q, V))
+    near(kernel.cut_forces(q, v), tree.cut_forces(Q, V))
+    near(kernel.cut_jacobian(q), tree.cut_jacobian(Q) @ map_.S)
+    for found, expected in zip(kernel.residual_jacobian(q, v, a), tree.residual_jacobian(Q, V, A), strict=True):
+        near(found, map_.matrix(expected))
+    bias = map_.forces(tree.inverse_dynamics(Q, V, 0 * V))
+    expected = np.linalg.solve(map_.matrix(tree.mass_matrix(Q)), (u - bias)[..., np.newaxis])[..., 0]
+    near(kernel.forward_dynamics(q, v, u), expected, 1e-9)
+    ends = [kernel.rollout(q[0], v[0], u[0], 1e-5, 200, method=method)[0][-1] for method in ("implicit", "rk4")]
+    near(ends[0], ends[1], 1e-3)
