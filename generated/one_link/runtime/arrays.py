@@ -44,6 +44,7 @@ class Arrays:
 
     def __init__(self, raw: RawKernel, coordinates: tuple[str, ...], links: tuple[str, ...]) -> None:
         self.dtype, self.coordinates, self.links, self._shapes = raw.dtype, coordinates, links, raw.shapes
+        self._followers = tuple(raw.libraries.meta.get("followers", ()))
         self._bits = np.finfo(raw.dtype).nmant + 1  # of the whole numbers that are all held exactly
 
     def taken(self, label: str, value: ArrayLike, shape: tuple[int, ...], checks: bool) -> tuple[Array, Lead]:
@@ -68,10 +69,18 @@ class Arrays:
         elif given[-len(shape) :] == shape:
             lead = given[: -len(shape)]
         else:
-            raise ArrayError(f"{label}: expected {self._expected(shape)}, got shape {given}")
+            raise ArrayError(f"{label}: expected {self._expected(shape)}, got shape {given}{self._said(given, shape)}")
         if checks and not is_finite(array):
             self.refuse_not_finite(label, array, shape)
         return array, lead
+
+    def _said(self, given: Lead, shape: tuple[int, ...]) -> str:
+        """Name what follows other coordinates where it may be what an array has too many numbers for."""
+        more = (*shape[:-1], shape[-1] + len(self._followers))
+        if not self._followers or given[-len(shape) :] != more:
+            return ""
+        said = "follow others and are no coordinates" if len(self._followers) > 1 else "follows others and is none"
+        return f" ({', '.join(self._followers)} {said}; see kernel.coordinates and kernel.followers)"
 
     def refuse_not_finite(self, label: str, array: Array, shape: tuple[int, ...], place: str = "") -> None:
         """Refuse NaN and infinity in an argument of a kernel, or in many of them.

@@ -50,6 +50,7 @@ WRENCHED: Mapping[str, Added] = {
     "tree_inverse_dynamics": Added("external_force", -1.0),
     "tree_reactions": Added("external_reactions", 1.0),
     "reactions_under_load": Added("external_reactions", 1.0),
+    "coupling_forces": Added("external_coupling_forces", 1.0),
 }
 DRIVING = ("inverse_dynamics", "reactions")  # where loops are closed, they call other functions for wrenches
 
@@ -189,6 +190,8 @@ def functions(
     found = []
     for name, entry in raw.libraries.meta["functions"].items():
         if name not in methods or name not in raw.functions:
+            continue
+        if name == "constraint_forces" and "followers" in raw.libraries.meta:  # its method calls several
             continue
         code = methods[name].__code__
         parameters = code.co_varnames[1 : code.co_argcount + code.co_kwonlyargcount]

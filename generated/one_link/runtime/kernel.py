@@ -57,6 +57,9 @@ class Kernel:
             ``loop_reactions``, ``forward_dynamics_jacobian`` and ``rollout``, of which some know the tree that is left
             when the loops are cut by ``cut=True``; all other methods are those of that tree.
         constraints: names of the constraint's components, such as "loop1.x".
+        couplings: names of the rigid couplings whose followers are no coordinates, in the order of ``coupling_forces``;
+            see ``followers``.
+        follower_names: names of what these couplings move, each behind those that it follows itself.
         springs: names of the springs between two points, in the order of ``spring_forces``.
         cut_laws: names of the coordinates of cut joints that have a force ("pin4.x"), then of elastic couplings, in the
             order of ``cut_forces``.
@@ -99,6 +102,11 @@ class Kernel:
         self.joints: tuple[str, ...] = tuple(meta["joints"])
         self.loops: dict[str, str] = dict(meta.get("loops", {}))
         self.constraints: tuple[str, ...] = tuple(meta.get("constraints", ()))
+        self._followers: dict[str, Mapping[str, Any]] = dict(meta.get("followers", {}))
+        self.couplings: tuple[str, ...] = tuple(
+            name for name in meta.get("couplings", ()) if name in {x["coupling"] for x in self._followers.values()}
+        )
+        self.follower_names: tuple[str, ...] = tuple(self._followers)
         self.springs: tuple[str, ...] = tuple(meta.get("springs", ()))
         self.cut_laws: tuple[str, ...] = tuple(meta.get("cut_laws", ()))
         self.prescribed: tuple[str, ...] = tuple(meta["prescribed"])
@@ -177,6 +185,41 @@ class Kernel:
         if motor not in self._ratios:
             raise UnknownNameError(f"motor: {motor!r} is unknown; known: {', '.join(self._ratios)}")
         return float(self.parameters.get(f"joints.{motor}.ratio", self._ratios[motor]))
+
+    def followers(self, q: ArrayLike, v: ArrayLike | None = None) -> dict[str, tuple[Array, Array]]:
+        """Positions and velocities of what follows coordinates in rigid couplings, by name; m or rad, and per second.
+
+        Args:
+            q: (n,).
+            v: (n,); zero if it is not given.
+
+        Returns:
+            Per follower a pair of numbers, or of arrays with the leading axes of q and v.
+        """
+        here, lead = self.calls.array("q", q, self.raw.shapes["q"])
+        rates = np.zeros_like(here) if v is None else self.calls.array("v", v, self.raw.shapes["v"])[0]
+        joint_lead("v", rates.shape[:-1], lead)
+        matrix, offsets = self.follower_matrix()
+        pairs = zip(self._followers, matrix.astype(self.dtype), offsets.astype(self.dtype), strict=True)
+        return {name: (here @ row + offset, rates @ row + 0 * here[..., 0]) for name, row, offset in pairs}
+
+    def follower_matrix(self) -> tuple[Array, Array]:
+        """Matrix (followers, n) and offsets (followers,) that make positions of followers of q, with today's ratios.
+
+        The rows are in the order of ``follower_names``, in the follower's unit per the coordinate's.
+        """
+        rows, offsets = dict[str, Array](), dict[str, float]()
+        for name, coupling in self._followers.items():
+            prefix, row = f"couplings.{coupling['coupling']}", np.zeros(self.n)
+            offset = self.parameters.get(f"{prefix}.offset", coupling["offset"])
+            for other, described in coupling["to"].items():
+                ratio = self.parameters.get(f"{prefix}.ratio.{other}", described)
+                if other in rows:
+                    row, offset = row + ratio * rows[other], offset + ratio * offsets[other]
+                else:
+                    row[self.coordinates.index(other)] += ratio
+            rows[name], offsets[name] = row, offset
+        return np.array([*rows.values()]).reshape(-1, self.n), np.array([*offsets.values()])
 
     def with_parameters(self, values: Mapping[str, float] | None = None) -> Kernel:
         """The same compiled code with parameters of its own: those of this kernel now, and ``values`` by name.
@@ -427,6 +470,7 @@ class Kernel:
     ) -> Array:
         """Multipliers lambda of the constraint, (constraints,), N or N m: M a + h = u + J^T lambda.
 
+        Behind them stand the forces of ``couplings``, which hold what is no coordinate (see ``coupling_forces``).
         They are the forces that the loops' cut joints exert on their second links.  Where constraints are redundant,
         those of them that rigid bodies do not determine have the least norm, weighted by the diagonal of J M^-1 J^T.
 
@@ -437,11 +481,36 @@ class Kernel:
 
         Raises:
             SingularError, LoopError: as of ``forward_dynamics``.
-            UnknownNameError: the robot has no loops.
+            UnknownNameError: the robot has no loops or rigid couplings.
         """
-        if wrench is not None:
-            u = self._with_wrench(q, u, wrench)
-        return self.calls.run("constraint_forces", out, (q, v, u))
+        under = u if wrench is None else self._with_wrench(q, u, wrench)
+        if not self.couplings:
+            return self.calls.run("constraint_forces", out, (q, v, under))
+        a = self.forward_dynamics(q, v, under)
+        found = self.coupling_forces(q, v, a, wrench=wrench)
+        if self.constraints:
+            found = np.concatenate([self.calls.run("constraint_forces", None, (q, v, under)), found], axis=-1)
+        if out is not None:
+            out = self.calls.arrays.checked_out(out, found.shape, ())
+            out[...] = found
+        return found if out is None else out
+
+    def coupling_forces(
+        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, *, wrench: ArrayLike | None = None, out: Array | None = None
+    ) -> Array:
+        """Forces on the followers of ``couplings`` that a motion takes, (couplings,), N or N m.
+
+        A coupling exerts it on its follower, and -ratio times as much on what that follows.
+
+        Args:
+            q, v, a: (n,).
+            wrench: (links, 6) as in ``generalized_force``.
+            out: array to write to.
+
+        Raises:
+            UnknownNameError: no rigid coupling makes followers of coordinates.
+        """
+        return self.calls.run_with_wrench("coupling_forces", out, (q, v, a), wrench)
 
     def _with_wrench(self, q: ArrayLike, u: ArrayLike, wrench: ArrayLike) -> Array:
         """Drives with the generalized forces of wrenches; of a prescribed coordinate its acceleration."""
