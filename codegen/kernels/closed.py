@@ -72,11 +72,11 @@ def _reduced(
     left, still = replace(bound, armature=tuple(rotors.armature)), [0.0] * d.model.size
     bias, _ = inertial_rows(d.model, left, d.joints, v, still, left.gravity, d.graph.note)
     whole = mass_matrix(d.model, left, d.joints, d.graph.note)
-    for place, slope in beside.items():
-        whole[place] = whole.get(place, 0.0) + slope
+    for pair, slope in beside.items():
+        whole[pair] = whole.get(pair, 0.0) + slope
     whole = d.followers.symmetric(whole)
     alone = {i for i in range(d.model.size) if i in given or i in rotors.rows or i not in own}
-    matrix = {place: entry for place, entry in whole.items() if alone.isdisjoint(place)}
+    matrix = {pair: entry for pair, entry in whole.items() if alone.isdisjoint(pair)}
     free: list[Scalar] = [0.0 if i in given else x for i, x in enumerate(rotors.drives)]
     right = d.followers.gather([drive - force for drive, force in zip(free, bias, strict=True)])
     for i in range(d.model.size):

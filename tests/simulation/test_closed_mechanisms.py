@@ -167,9 +167,15 @@ def test_elastic_cut_joints(rigid: tuple[str, ...]) -> None:
 
 
 def test_geared_coordinates_follow_their_drive() -> None:
-    result = run(eomgen.description.load.robot_from_toml(GEARED), "duration = 0.2\n[motion]\ntype = 'point_to_point'\n")
+    geared = eomgen.description.load.robot_from_toml(GEARED)
+    motion = "duration = 0.2\n[motion]\ntype = 'point_to_point'\n"
+    result = run(geared.with_constraints(), motion)
     follows(result)
     assert np.abs(result.trajectory.of("b.gamma") + 2.0 * result.trajectory.of("a.gamma")).max() <= 1e-12
+    led = run(geared, motion)
+    assert led.trajectory.coordinates == ("a.gamma",)
+    assert np.abs(led.trajectory.of("a.gamma") - result.trajectory.of("a.gamma")).max() <= 1e-6  # of other steps
+    assert led.trajectory.u[0, 0] == pytest.approx(result.trajectory.u[0].sum(), rel=1e-12)  # b has no drive
 
 
 def test_drives_that_do_not_hold_or_contradict_are_refused() -> None:

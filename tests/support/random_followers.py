@@ -32,6 +32,8 @@ def with_followers(robot: Robot, seed: int, share: float = 0.5, *, tuned: bool =
         offset = None if rng.random() < 0.4 else float(rng.uniform(-0.3, 0.3))
         couplings.append(Coupling(f"gear{len(couplings)}", name, ratios, offset))
     couplings = [couplings[i] for i in rng.permutation(len(couplings))]
+    mapped = replace(robot, couplings=tuple(couplings)).followers
+    couplings = [x for x in couplings if x.of in mapped]  # motors, and joints that have one, do not follow
     names = [f"couplings.{x.name}.{key}" for x in couplings for key, value in x.numbers().items() if value is not None]
     return replace(robot, couplings=tuple(couplings), tunable=(*robot.tunable, *(names if tuned else ())))
 

@@ -195,7 +195,7 @@ def _loose(kernel: Kernel) -> Mask:
         anywhere = 0.3 + 0.1 * np.arange(kernel.n)
         held |= np.asarray(kernel.spring_jacobian(anywhere)).any(axis=0)
     held[[i for contact in journal_contacts(kernel) for i in contact.index]] = True
-    return ~held
+    return np.asarray(~held)
 
 
 def _led(robot: Robot, names: tuple[str, ...]) -> Mask:

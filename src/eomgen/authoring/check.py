@@ -109,7 +109,7 @@ def _read(path: Path, name: str, kind: str, inertia: str | None) -> Checked:
         plan = load_plan(path)
         return Checked(name, kind, {"samples": plan.samples, "numbers varied": len(plan.vary)})
     robot = load_robot(path, inertia=inertia)
-    coordinates = sum(len(joint.all_coordinates) for joint in robot.joints)
+    coordinates = sum(len(joint.all_coordinates) for joint in robot.joints) - len(robot.followers)
     return Checked(
         name,
         kind,

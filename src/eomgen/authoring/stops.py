@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 
 from ..names import component_name, joint_of
 from ..robot.coordinates import unit_of
+from ..robot.mechanism import follower_positions
 from ..robot.model import Model, build_model
 from ..robot.value import Robot
 from ..scenario.value import Scenario
@@ -15,6 +16,7 @@ def home_notes(robot: Robot) -> tuple[str, ...]:
     """Lines about coordinates whose stops home lies beyond; what home does not name is 0 there."""
     model = build_model(robot)
     at = dict(zip(model.coordinates, model.home, strict=True))
+    at |= follower_positions(robot, at)
     return tuple(f"home: {said}" for said in _beyond(model, at))
 
 

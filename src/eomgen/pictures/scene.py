@@ -15,6 +15,7 @@ from ..errors import InputError
 from ..identification.tolerances.result import ToleranceResult
 from ..names import component_name, show
 from ..robot.coordinates import index_of
+from ..robot.mechanism import follower_positions
 from ..robot.value import ANGULAR, COORDINATES, LINEAR, Joint, Placement, Robot
 from ..runtime.kernel import Kernel
 from ..simulation.result import SimulationResult
@@ -63,11 +64,12 @@ def link_poses(robot: Robot, coordinates: Sequence[str], q: ArrayLike) -> dict[s
 
     Args:
         robot: whose offsets count.
-        coordinates: n names; those of the robot that are not among them are zero.
+        coordinates: n names; those of the robot that are not among them are zero, or where these lead them.
         q: their values, (..., n), m or rad.
     """
     values = np.asarray(q, dtype=np.float64)
     column = {name: values[..., i] for i, name in enumerate(coordinates)}
+    column = {**follower_positions(robot, column), **column}
     poses: dict[str, Array] = {robot.base: np.broadcast_to(np.eye(4), (*values.shape[:-1], 4, 4))}
     for joint in robot.joints:
         turn = _pose(np.array(joint.axis_turn))

@@ -73,7 +73,7 @@ def _shortened(reason: str) -> str:
 def _mark_joints(axes: Any, model: Model) -> None:
     """White lines between joints, whose names stand at the axes where there is room."""
     middles, names = [], []
-    for body in model.bodies:
+    for body in (body for body in model.bodies if body.active):
         first, last = min(body.indices), max(body.indices)
         middles.append(0.5 * (first + last))
         names.append(literal(body.joint))

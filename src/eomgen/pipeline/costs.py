@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..description import RobotLike, as_robot
-from ..names import component_name
+from ..names import component_name, listed
 from ..progress import StageReport, no_report
 from ..robot.bounds import limit_texts
 from ..robot.coordinates import UNITS, unit_of
@@ -55,6 +55,7 @@ class RobotInfo:
                 x.name: {"of": x.of, "to": dict(x.to), "offset": x.offset or 0.0, "rigid": x.law is None}
                 for x in model.robot.couplings
             },
+            "followers": {name: list(leaders) for name, leaders in model.leaders.items()},
             "home": dict(model.robot.home),
             "limits": {x: given.numbers() for x in model.coordinates if (given := model.robot.limits_of(x))},
             "mobility": None if self.mobility is None else self.mobility.as_dict(),
@@ -113,6 +114,8 @@ class RobotInfo:
                 texts = ["-" if number is None else f"{number:.4g}" for number in numbers]
                 label = f"{body.joint}.{name} [{UNITS[name]}]"
                 role = "  prescribed" if given.prescribed else ""
+                if component_name(body.joint, name) in self.model.followers:
+                    role = f"  follows {', '.join(self.model.leaders[component_name(body.joint, name)]) or 'nothing'}"
                 lines.append(f"{label:<30} {texts[0]:>12}{texts[1]:>12}{texts[2]:>12}{role}")
                 further = number_texts({**(spring.law() if motor else {}), **given.law()})
                 if motor is not None:
@@ -136,7 +139,11 @@ class RobotInfo:
             lines += [f"  {name} [{UNITS[name]}]: {_law_text(given)}" for name, given in loop.coordinates.items()]
             lines += [f"  {RADIAL}: {', '.join(number_texts(loop.radial.law()))}"] if loop.radial else []
         lines += [_coupling_line(coupling) for coupling in self.model.robot.couplings]
-        return [*lines, f"{count} constraints; all else is that of the open tree", ""] if lines else []
+        if not lines:
+            return []
+        followers = listed(list(self.model.followers))
+        led = f"; no coordinates, since they follow: {followers}" if followers else ""
+        return [*lines, f"{count} constraints; all else is that of the open tree{led}", ""]
 
     def _start_lines(self) -> list[str]:
         """Drives and home, where the description names them, with an empty line after them."""

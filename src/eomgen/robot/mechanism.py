@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
+from typing import Any
 
 from ..names import joint_of, kind_of, listed, nearest, show
 from .bounds import Limits
@@ -78,7 +79,7 @@ def _home_refusals(robot: Robot, known: tuple[str, ...]) -> Iterator[Refused]:
         if not low <= value <= high:
             yield f"home.{name}", f"got {show(value)}; allowed: within the limits, {low:g} to {high:g} {unit_of(name)}"
     leaders = _leaders(robot)
-    for name, there in _following(robot, leading_home(robot)).items():
+    for name, there in follower_positions(robot, leading_home(robot)).items():
         said = robot.home.get(name, there)
         if abs(said - there) > AT_HOME * max(1.0, abs(there)):
             message = f"got {show(said)}, but it follows {listed(leaders[name]) or 'nothing that moves'}"
@@ -141,7 +142,7 @@ def leading_home(robot: Robot) -> dict[str, float]:
     home, shares = dict(robot.home), _leaders(robot)
     if home.keys().isdisjoint(shares):
         return home
-    offsets = _following(robot, {})
+    offsets = follower_positions(robot, {})
     for name in shares.keys() & home.keys():
         leader, ratio = next(iter(shares[name].items()), ("", 0.0))
         if len(shares[name]) == 1 and leader not in robot.home and ratio != 0.0:
@@ -151,7 +152,7 @@ def leading_home(robot: Robot) -> dict[str, float]:
 
 def follower_limits(robot: Robot, name: str) -> tuple[float, float]:
     """Ends, m or rad, between which a coordinate leaves all that follow it alone within their limits; or infinite."""
-    low, high, offsets = -math.inf, math.inf, _following(robot, {})
+    low, high, offsets = -math.inf, math.inf, follower_positions(robot, {})
     for follower, share in _leaders(robot).items():
         joint = robot.joint(joint_of(follower))
         ratio = share.get(name, 0.0)
@@ -184,9 +185,14 @@ def _leaders(robot: Robot) -> dict[str, dict[str, float]]:
     return found
 
 
-def _following(robot: Robot, values: Mapping[str, float]) -> dict[str, float]:
-    """Where followers are, m or rad, by name; leaders are where ``values`` say, or at 0."""
-    found: dict[str, float] = {}
+def follower_positions(robot: Robot, values: Mapping[str, Any]) -> dict[str, Any]:
+    """Give where followers are by the description's numbers, m or rad, by name.
+
+    Args:
+        robot: whose couplings count.
+        values: numbers or arrays of what they follow, by name; what is missing is at 0.
+    """
+    found: dict[str, Any] = {}
     for name, coupling in robot.followers.items():
         moved = (ratio * found.get(x, values.get(x, 0.0)) for x, ratio in coupling.to.items())
         found[name] = sum(moved, coupling.offset or 0.0)

@@ -22,7 +22,7 @@ from ..pipeline.closing import mechanism_kernels
 from ..pipeline.stages import build, build_groups
 from ..progress import Progress
 from ..robot.coordinates import coordinate_names, index_of
-from ..robot.mechanism import drive_of, following_text, leading_home
+from ..robot.mechanism import drive_of, following_text, leading_coordinate, leading_home
 from ..robot.model import build_model, program_coordinates
 from ..robot.record import record_of, robot_hash
 from ..robot.value import PRINCIPAL, Robot
@@ -215,7 +215,7 @@ def _refuse_undriven(robot: Robot, moved: tuple[str, ...]) -> None:
     """InputError if a program moves coordinates of a tree that its description gives no drive."""
     if robot.driven is None or robot.is_closed:
         return
-    drives = {drive_of(robot, name) for name in robot.driven}
+    drives = {drive_of(robot, leading_coordinate(robot, name)) for name in robot.driven}
     without = [name for name in moved if drive_of(robot, name) not in drives]
     if without:
         raise InputError(

@@ -18,7 +18,7 @@ from ..integration.contacts import STOP, Contact
 from ..integration.resting import Rest
 from ..integration.trajectory import Trajectory
 from ..names import kind_of, listed, nearest, show
-from ..robot.coordinates import coordinate_names, force_unit_of, index_of, unit_of
+from ..robot.coordinates import force_unit_of, index_of, unit_of
 from ..robot.model import build_model
 from ..robot.record import robot_hash
 from ..robot.value import MOTOR, Robot
@@ -336,12 +336,14 @@ def _check_robot(robot: Robot, result: SimulationResult, where: str) -> None:
     links = {link.name for link in robot.links}
     for what, ours, theirs in (
         ("name", result.robot, robot.name),
-        ("list of coordinates", result.trajectory.coordinates, coordinate_names(robot)),
+        ("list of coordinates", result.trajectory.coordinates, build_model(robot).coordinates),
         ("list of links", tuple(name for name in result.links if name in links), result.links),
         ("tool", result.tool, result.tool if result.tool in build_model(robot).frames else None),
     ):
         if ours != theirs:
-            raise InputError(f"{where}: its {what} is not that of the result; allowed: the robot simulated")
+            led = [name for name in robot.followers if name in result.trajectory.coordinates]
+            more = f" ({listed(led)} follows others by couplings, and is no coordinate any more)" if led else ""
+            raise InputError(f"{where}: its {what} is not that of the result{more}; allowed: the robot simulated")
 
 
 def _kept_robot(result: SimulationResult, source: str) -> Robot:

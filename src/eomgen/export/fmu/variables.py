@@ -11,7 +11,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from eomgen.names import parameter_name, parameter_path
+from eomgen.names import joint_of, parameter_name, parameter_path
 from eomgen.robot.coordinates import FORCES, force_unit_of, unit_of
 from eomgen.robot.laws import BASIC, JOINT_DAMPING, NUMBERS, RADIAL, least_of, number_of
 from eomgen.robot.model import FIXED_BODY, Model
@@ -222,9 +222,11 @@ def _moving(model: Model, body: int) -> list[int]:
     """Indices of the coordinates that move a body."""
     found: list[int] = []
     while body != FIXED_BODY:
-        found = [*model.bodies[body].indices, *found]
-        body = model.bodies[body].parent
-    return found
+        here = model.bodies[body]
+        followed = {x for name, leaders in model.leaders.items() if joint_of(name) == here.joint for x in leaders}
+        found = [*here.indices, *map(model.coordinates.index, sorted(followed)), *found]
+        body = here.parent
+    return list(dict.fromkeys(found))
 
 
 def _energies(states: tuple[int, ...]) -> Iterator[Variable]:
