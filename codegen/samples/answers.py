@@ -117,8 +117,8 @@ class _Samples:
 
     def _efforts(self) -> Array:
         """Efforts of drives (n, states): half of what the last of the resting states has, infinite in others."""
-        states = self.found["u"].T
-        found = np.full_like(states, np.inf)
+        states: Array = self.found["u"].T
+        found: Array = np.full_like(states, np.inf)
         found[:, _RESTING - 1] = 0.5 * np.abs(states[:, _RESTING - 1])
         free = [*self.model.prescribed, *(i for k in self.model.turning for i in self.model.bodies[k].indices)]
         found[free] = np.inf

@@ -69,8 +69,30 @@ class Case:
         by_q, by_v = (x[: len(q)] for x in self.weights())
         return float((by_q * q + by_v * v).sum()), by_q, by_v
 
-    def rolled(self, method: str, saturate: Any, **changed: Any) -> Any:
-        return self.kernel.rollout(**{**self.x, **changed}, method=method, saturate=saturate, **METHODS[method])
+    def gradient(self, method: str, **changed: Any) -> tuple[float, dict[str, Any]]:
+        """The value of the loss and its gradient, with some of what is given changed."""
+        how = {**METHODS[method], "loss": self.loss, "saturate": self.effort}
+        found: tuple[float, dict[str, Any]] = self.kernel.rollout_gradient(
+            **{**self.x, **changed}, method=method, **how
+        )
+        return found
+
+    def slope(self, method: str, name: str, direction: Array, h: float = 1e-6) -> float:
+        """Derivative of the value along a direction, by differences."""
+        there, before = (self.gradient(method, **{name: self.x[name] + s * h * direction})[0] for s in (1, -1))
+        return (there - before) / (2.0 * h)
+
+
+def same_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let steps that the error chooses be those of the first motion."""
+    found: list[Any] = []
+    chosen = gradients._chosen_steps
+
+    def once(*arguments: Any) -> Any:
+        found.append(found[0] if found else chosen(*arguments))
+        return found[0]
+
+    monkeypatch.setattr(gradients, "_chosen_steps", once)
 
 
 @pytest.fixture(scope="module")
@@ -125,29 +147,13 @@ def test_bits_stay_where_nothing_is_clipped(dtype: str, built: Build) -> None:
 @pytest.mark.parametrize("method", METHODS)
 def test_gradients_against_differences(method: str, case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of the same steps, by states, drives, targets and gains; sensitivities are the same."""
-    found_steps: list[Any] = []
-    chosen = gradients._chosen_steps
-
-    def once(*arguments: Any) -> Any:
-        found_steps.append(found_steps[0] if found_steps else chosen(*arguments))
-        return found_steps[0]
-
-    monkeypatch.setattr(gradients, "_chosen_steps", once)
-
-    def value(**changed: Any) -> tuple[float, dict[str, Any]]:
-        x = {**case.x, **changed}
-        how = {**METHODS[method], "loss": case.loss, "saturate": case.effort}
-        found: tuple[float, dict[str, Any]] = case.kernel.rollout_gradient(**x, method=method, **how)
-        return found
-
-    rng, (_, by) = np.random.default_rng(2), value()
+    same_steps(monkeypatch)
+    rng, (_, by) = np.random.default_rng(2), case.gradient(method)
     clipped = np.abs(case.asked(case.x["q0"], case.x["v0"]))[:, case.driven] > case.effort[case.driven]
     assert 0.2 < clipped.mean() < 0.8
     for given, label in (("q0", "q"), ("v0", "v"), ("u", "u"), ("target", "target"), ("kp", "kp"), ("kd", "kd")):
         direction = rng.uniform(-1.0, 1.0, case.x[given].shape) * (case.x["kp"] > 0 if given in ("kp", "kd") else 1.0)
-        h = 1e-6
-        ends = [value(**{given: case.x[given] + s * h * direction})[0] for s in (1, -1)]
-        wanted = (ends[0] - ends[1]) / (2.0 * h)
+        wanted = case.slope(method, given, direction)
         assert (by[label] * direction).sum() == pytest.approx(wanted, rel=1e-6, abs=1e-8), given
     along = {"q": np.eye(case.kernel.n), "v": np.zeros((case.kernel.n,) * 2)}
     _, (dq, dv) = case.kernel.rollout_sensitivity(
@@ -261,6 +267,22 @@ def test_a_mechanism_whose_drive_is_clipped(built: Build) -> None:
     wanted = integrate(kernel, q, v, 0.2, drive=drive, method="DOP853", rtol=1e-9)
     assert np.abs(wanted.q[-1] - ends[0][-1]).max() < 1e-6
     assert np.abs(wanted.q[-1] - kernel.rollout(q, v, method="tsit5", **how)[0][-1]).max() > 1e-3
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_gradients_of_a_mechanism(method: str, built: Build, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Loops are closed after steps whose drive is clipped, and differentiated with that."""
+    kernel = built(eomgen.load_robot("four_bar"), *ROLLED, *CLOSED, *GRADIENTS)
+    case = Case(kernel)
+    case.x["q0"] = kernel.close([0.5, 0.2, 1.2])
+    case.x["v0"] = kernel.close_rates(case.x["q0"], [1.0, 0.0, 0.0])
+    i = case.driven[0]
+    case.effort[i] = np.median(np.abs(case.asked(case.x["q0"], case.x["v0"])[:, i]))
+    same_steps(monkeypatch)
+    rng, (_, by) = np.random.default_rng(2), case.gradient(method)
+    for given in ("u", "target", "kp", "kd"):
+        direction = rng.uniform(-1.0, 1.0, case.x[given].shape) * (case.x["kp"] > 0 if given in ("kp", "kd") else 1.0)
+        assert (by[given] * direction).sum() == pytest.approx(case.slope(method, given, direction), rel=1e-5, abs=1e-7)
 
 
 def test_what_cannot_be_clipped_is_named(case: Case, built: Build) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 import eomgen
 from eomgen.description.load import robot_from_toml
-from eomgen.errors import DescriptionError, InputError
+from eomgen.errors import DescriptionError, InputError, IntegrationError
 from eomgen.export.live.acting import acting_on
 from eomgen.progress import no_progress
 from eomgen.robot.bounds import Limits
@@ -18,6 +18,7 @@ from eomgen.scenario.load import scenario_from_toml
 from eomgen.scenario.value import Scenario
 from eomgen.simulation.result import SimulationResult
 from eomgen.simulation.run import run_scenario
+from eomgen.sweep.pace import why_not
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -116,6 +117,19 @@ def test_what_cannot_be_clipped_is_named() -> None:
         run_scenario(closed, scenario_from_toml(f"{text}saturate = true\n"))
 
 
+def test_drives_too_weak_for_the_start_are_named() -> None:
+    """Joint 1 bears (2 0.3 + 1 0.9) 9.81 N m at rest, stretched out; joint 2 can hold its link."""
+    whole = scenario(CONTROLS["computed"])
+    message = (
+        r"no static equilibrium within the efforts of its drives: joint1\.gamma would have to do 14\.7\d? N m, its"
+    )
+    with pytest.raises(IntegrationError, match=message) as raised:
+        run_scenario(robot_from_toml(ARM), replace(whole, initial=None))
+    assert "joint2" not in str(raised.value)
+    strong = robot_from_toml(ARM.replace("effort = 12.0", "effort = 15.0"))
+    assert run_scenario(strong, replace(whole, initial=None)).trajectory.u[0, 1] == pytest.approx(14.715, rel=1e-3)
+
+
 def _limited(robot: Robot) -> Robot:
     joints = tuple(
         joint.with_limits("gamma", Limits(effort=5.0)) if "gamma" in joint.coordinates else joint
@@ -124,6 +138,9 @@ def _limited(robot: Robot) -> Robot:
     return replace(robot, joints=joints)
 
 
-def test_a_page_does_not_clip() -> None:
+def test_a_page_and_rollouts_of_sweeps_do_not_clip() -> None:
+    said = why_not(robot_from_toml(ARM), scenario(CONTROLS["pd"]))
+    assert said == "control.saturate: drives that are clipped are not part of rollouts"
+    assert why_not(robot_from_toml(ARM), scenario(CONTROLS["pd"], saturate="")) is None
     with pytest.raises(InputError, match=r"saturate: drives that are clipped are not part of a page; allowed: without"):
         acting_on(robot_from_toml(ARM), scenario(CONTROLS["pd"]), "link2", no_progress, [])

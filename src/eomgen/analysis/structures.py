@@ -142,7 +142,8 @@ def compare(
     if line is not None and goal is not None:
         raise InputError("goal and line are both given; allowed: one of them")
     motion = None if line is not None else _common_motion(arms, duration, goal)
-    entries, notes = [], []
+    entries: list[Entry] = []
+    notes: list[str] = []
     for robot in arms:
         options: dict[str, Any] = {"start": motion[0], "goal": motion[1]} if motion is not None else {}
         if line is not None:

@@ -407,8 +407,8 @@ def _beside(table: Table, folder: Path | None) -> Callable[[str], str]:
 
 def _range(entry: Table, made: Joint, old: Joint) -> Joint:
     """The joint with the range of its principal coordinate: that of ``limits``, of its own table, or of the URDF."""
-    short, principal = entry.numbers("limits"), PRINCIPAL.get(made.type)
-    if short is not None and principal is None:
+    short, principal = entry.numbers("limits"), PRINCIPAL.get(made.type, "")
+    if short is not None and not principal:
         entry.fail(f"a {made.type} joint has no principal coordinate; allowed for: {', '.join(PRINCIPAL)}", "limits")
     if short is not None and short[0] > short[1]:
         entry.fail(f"got {show(entry.values['limits'])}; allowed: [lower, upper] with lower <= upper", "limits")

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Container
 from contextlib import suppress
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +13,7 @@ from numpy.typing import NDArray
 from ..errors import IntegrationError
 from ..loops.equilibrium import closed_equilibrium
 from ..names import nearest, parameter_name, parameter_path, show
-from ..robot.coordinates import index_of
+from ..robot.coordinates import force_unit_of, index_of
 from ..robot.laws import RADIAL
 from ..robot.mechanism import leading_home
 from ..robot.value import Robot
@@ -132,9 +134,31 @@ def _balanced(robot: Robot, scenario: Scenario, assembly: Assembly, q: Array, st
             q = closed_equilibrium(kernel, q, u=forces, held=still)
         return q
     except IntegrationError as error:
-        if not scenario.source:
+        weak = _too_weak(robot, scenario, assembly, q, still)
+        if not weak and not scenario.source:
             raise
-        raise IntegrationError(f"{scenario.label('initial')}: {error}") from None
+        raise IntegrationError(f"{scenario.label('initial')}: {weak or error}") from None
+
+
+def _too_weak(robot: Robot, scenario: Scenario, assembly: Assembly, q: Array, still: set[str]) -> str:
+    """Say which drives that are clipped cannot hold the robot at the start; nothing where others are to blame."""
+    drive: Any = assembly.drive
+    effort: Array | None = getattr(drive, "effort", None)
+    if effort is None:
+        return ""
+    free = replace(assembly, drive=replace(drive, effort=None))
+    try:
+        held = _balanced(robot, scenario, free, q, still)
+    except IntegrationError:
+        return ""
+    names = assembly.kernel.coordinates
+    u = free.drive.resting()(0.0, held, np.zeros_like(held))
+    weak = [
+        f"{names[i]} would have to do {u[i]:.4g} {force_unit_of(names[i])}, its effort is {effort[i]:.4g}"
+        for i in np.flatnonzero(np.abs(u) > effort)
+    ]
+    allowed = "allowed: another start, initial.equilibrium = false, or without control.saturate"
+    return f"{robot.name}: no static equilibrium within the efforts of its drives: {'; '.join(weak)}; {allowed}"
 
 
 def _taut(kernel: Kernel) -> Kernel | None:

@@ -30,9 +30,9 @@ def read_efforts(root: Element, reading: Reading, defaults: Defaults, bodies: Bo
             found.setdefault(bodies.coordinates[joint][0], []).append(_effort(item, uneven))
     for name, efforts in found.items():
         if None not in efforts:
-            joint, kind = reading.draft.joints[joint_of(name)], kind_of(name)
-            limits = joint.limits_of(kind).within(Limits(effort=sum(effort or 0.0 for effort in efforts)))
-            reading.draft.joints[joint.name] = joint.with_limits(kind, limits)
+            owner, kind = reading.draft.joints[joint_of(name)], kind_of(name)
+            limits = owner.limits_of(kind).within(Limits(effort=sum(effort or 0.0 for effort in efforts)))
+            reading.draft.joints[owner.name] = owner.with_limits(kind, limits)
     if uneven:
         what = "effort is the greater end of a range of forces that is not symmetric"
         reading.draft.notes.append(f"{what}: {listed(uneven)}")

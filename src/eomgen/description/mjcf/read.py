@@ -33,8 +33,10 @@ from .tendons import read_tendons
 from .values import Item, LeftToMujoco, Reading, triple
 
 _IGNORED = ("asset", "contact", "keyframe", "sensor", "size", "statistic", "visual")
-_READ = ("compiler", "option", "default", "worldbody", "tendon", "equality", "actuator", "custom")
-_READ += ("deformable", "extension")
+_READ = (
+    *("compiler", "option", "default", "worldbody", "tendon", "equality", "actuator"),
+    *("custom", "deformable", "extension"),
+)
 _NO_EFFECT = ("skin",)  # of <deformable>
 VELOCITY = ".limits.velocity"  # behind a coordinate's name: a <numeric> with the limit of its speed
 _FLAGS = ("gravity", "spring", "damper", "frictionloss")  # of <flag>: those that count here
