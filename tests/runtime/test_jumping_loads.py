@@ -80,8 +80,20 @@ def robot_of(kind: str) -> Any:
 @pytest.mark.parametrize("kind", ["one_link", "prescribed"])
 def test_gradients_are_those_of_the_motion(kind: str, method: str, built: Build) -> None:
     """By all numbers of loads, against differences of rollouts whose steps are their own."""
-    kernel = built(robot_of(kind), *ALL)
-    rng, loads = np.random.default_rng(11), loads_of(kernel, 5)
+    compare(built(robot_of(kind), *ALL), method, 5)
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("seed", range(8))
+def test_so_they_are_of_random_robots(seed: int, method: str, built: Build) -> None:
+    robot = random_robot(7100 + seed, joints=(1, 3), types=("revolute", "prismatic"))
+    compare(built(some_prescribed(robot, seed) if seed % 2 else robot, *ALL), method, seed)
+
+
+def compare(kernel: eomgen.Kernel, method: str, seed: int) -> None:
+    """Gradients of a rollout under loads that jump against differences, and sensitivities against gradients."""
+    rng, loads = np.random.default_rng(11), loads_of(kernel, seed)
     q, v = rng.uniform(-0.3, 0.3, (2, kernel.n))
     weights = rng.uniform(-1.0, 1.0, (2, 3, kernel.n))
     how: dict[str, Any] = {"method": method, "duration": T, "samples": 2, "rtol": TIGHT[method]}

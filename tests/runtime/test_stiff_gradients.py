@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +15,7 @@ from eomgen.description.load import robot_from_toml
 from eomgen.errors import InputError
 from eomgen.robot.value import Coordinate, Friction, Joint, Link, Robot
 from tests.support.builds import Build
-from tests.support.random_robots import Array
+from tests.support.random_robots import Array, random_robot, random_state
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -123,3 +125,33 @@ def test_long_motions_are_looked_at_part_by_part(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr("eomgen.runtime.stepping.gradients.ROOM", 100)
     with pytest.raises(InputError, match=REFUSED):
         block.rollout_gradient([0.0], [0.0], [3.0], loss=last, method="tsit5", duration=1e-4, samples=1)
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("seed", range(920, 936))
+def test_random_robots_of_any_stiffness(seed: int, built: Build) -> None:
+    """Moving and at rest: refused, or as rosenbrock has them."""
+    rng = np.random.default_rng(seed)
+    robot = random_robot(seed, joints=(1, 2), types=("revolute", "prismatic", "fixed"), max_coordinates=3)
+    robot = robot.with_coordinates({joint.name: stiffened(rng, joint.coordinates) for joint in robot.joints})
+    kernel, state = built(robot, *NAMES, *BACK), random_state(robot, seed)
+    for q, v in ((1e-2 * state.q, 1e-2 * state.v), np.zeros((2, kernel.n))):
+        how: dict[str, Any] = {"loss": last, "duration": 1e-3, "samples": 1}
+        _, wanted = kernel.rollout_gradient(q, v, method="rosenbrock", rtol=1e-8, **how)
+        try:
+            _, found = kernel.rollout_gradient(q, v, method="tsit5", **how)
+        except InputError as error:
+            assert "take rosenbrock" in str(error)  # noqa: PT017
+            continue
+        np.testing.assert_allclose(found["q"], wanted["q"], atol=0.05 * np.abs(wanted["q"]).max())
+        np.testing.assert_allclose(found["v"], wanted["v"], atol=0.05 * np.abs(wanted["v"]).max() + 1e-6)
+
+
+def stiffened(rng: np.random.Generator, table: Mapping[str, Coordinate]) -> dict[str, Coordinate]:
+    """Coordinates with springs and dampers up to a million times as stiff."""
+    found = {}
+    for name, given in table.items():
+        k, c = (10.0 ** rng.uniform(0.0, top) for top in (6.0, 5.0))
+        stiffness = None if given.stiffness is None else given.stiffness * k
+        found[name] = replace(given, stiffness=stiffness, damping=None if given.damping is None else given.damping * c)
+    return found

@@ -210,7 +210,7 @@ class Way:
         to[:, firsts - firsts[0]] = by
         whole = self._before(slice(firsts[0], firsts[-1]), steps)
         self._function.code(*whole, view(q), view(v), FFI.NULL, *map(view, to), slopes)
-        return to[:, 0].copy()
+        return np.asarray(to[:, 0].copy())
 
 
 class Room:
