@@ -290,7 +290,7 @@ def _check_target(place: Path, target: Path) -> None:
     try:
         text = read_regular(place / f"{target.name}.json", _LARGEST)
         foreign = "eomgen" not in json.loads(text)["generator"]
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         foreign = any(place.iterdir()) if place.is_dir() else os.path.lexists(place)
     if foreign:
         raise InputError(f"{target} exists and is not a generated package; give another folder with -o, or move it")
