@@ -115,6 +115,13 @@ def _add_more(
 ) -> None:
     parser.add_argument("--stops", metavar="KEY=NUMBER,...", help=stops)
     parser.add_argument("--floating-base", action="store_true", help=floating)
+    add_xacro(parser)
+
+
+def add_xacro(parser: argparse.ArgumentParser) -> None:
+    """The option --xacro of all commands that read robots."""
+    about = "expand a .xacro file, which runs the Python that stands in it: for files that you trust"
+    parser.add_argument("--xacro", action="store_true", help=about)
 
 
 def read_robot(options: argparse.Namespace) -> Robot:
@@ -133,6 +140,7 @@ def read_robot(options: argparse.Namespace) -> Robot:
         urdf_mimic=not options.urdf_no_mimic,
         stops=None if options.stops is None else _by_name("stops", options.stops.split(",")),
         floating_base=options.floating_base,
+        xacro=options.xacro,
     )
     for note in robot.notes:
         say(f"note: {note}", sys.stderr)
