@@ -7,7 +7,7 @@ import warnings
 from pathlib import Path
 
 from ..errors import EomgenWarning, InputError
-from .shared import Command, add_inertia, add_json, add_xacro, say, show_json
+from .shared import Command, add_inertia, add_json, add_xacro, say, say_lines, show_json
 
 
 def _add_new(parser: argparse.ArgumentParser) -> None:
@@ -45,7 +45,7 @@ def _check(options: argparse.Namespace) -> None:
     if options.json:
         show_json([file.as_dict() for file in checked])
     else:
-        say("\n".join(line for file in checked for line in file.lines))
+        say_lines(line for file in checked for line in file.lines)
     bad = sum(bool(file.errors) for file in checked)
     if bad:
         raise InputError(f"check: {bad} of {len(checked)} files cannot be used; allowed: what is said of each")

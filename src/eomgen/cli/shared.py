@@ -164,8 +164,14 @@ def result_path(path: Path) -> Path:
 
 
 def say(text: str, file: TextIO | None = None) -> None:
-    """Print a line that may have names of others' files in it; nothing in it steers the terminal."""
-    print(printable(text), file=file)
+    """Print a line that may have names of others' files in it; nothing in it steers the terminal or ends the line."""
+    print(printable(text).replace("\n", "\\n"), file=file)
+
+
+def say_lines(lines: Iterable[str], file: TextIO | None = None) -> None:
+    """Print lines, each as ``say`` does."""
+    for line in lines:
+        say(line, file)
 
 
 @contextmanager
@@ -210,7 +216,7 @@ def show_result(options: argparse.Namespace, result: Any) -> None:
     if options.json:
         show_json(result.as_dict())
     else:
-        say("\n".join(result.lines()))
+        say_lines(result.lines())
 
 
 def show_files(
@@ -220,7 +226,7 @@ def show_files(
     if options.json:
         show_json({"files": [str(path) for path in written], **values})
         return
-    say("\n".join(lines))
+    say_lines(lines)
     show_written(written)
 
 
