@@ -33,6 +33,8 @@ ROWS = (
     ("forward_derivatives", False),
     ("second_derivatives", False),
 )
+ALIKE = ("inverse_dynamics", "mass_matrix", "forward_dynamics")  # what CasADi generates C of
+ONE_BY_ONE = "eomgen"  # of batches: the label of the same states one by one
 PEERS = ("textbook", "Pinocchio", "CasADi", "MuJoCo")
 NONE = "-"
 
@@ -60,6 +62,44 @@ def summary(report: Report) -> list[str]:
     return lines
 
 
+def alike(report: Report) -> list[str]:
+    """The table beside what is like for like: C generated for the same robot, with the same compiler and flags."""
+    heads = [TITLES[key] for key in ROBOTS]
+    lines = [f"| time of CasADi's C by eomgen's | {' | '.join(heads)} |", "|---" + "|---:" * len(ROBOTS) + "|"]
+    for kernel in ALIKE:
+        cells = [_cell(report.entry(key, kernel), "CasADi") for key in ROBOTS]
+        lines.append(f"| {KERNELS[kernel]} | {' | '.join(cells)} |")
+    return lines
+
+
+def batched(report: Report) -> list[str]:
+    """The table of batches beside the same states one by one, in C, and those that lose from Python."""
+    cases = (*ROBOTS, ELASTIC)
+    heads = [TITLES[key] for key in cases]
+    lines = [
+        "",
+        f"Batches of {report.batch_states} states in one call, beside the same states one by one in C; below 1 the"
+        " batch loses:",
+        "",
+        f"| one by one, by the batch | {' | '.join(heads)} |",
+        "|---" + "|---:" * len(cases) + "|",
+    ]
+    for kernel in ALIKE:
+        found = [entry and entry.ratios.get(ONE_BY_ONE) for entry in (report.entry(x, kernel, True) for x in cases)]
+        cells = [NONE if ratio is None else f"{ratio[1]:.2f}" for ratio in found]
+        lines.append(f"| {KERNELS[kernel]} | {' | '.join(cells)} |")
+    worse = [
+        f"{CALLED.get(call.kernel, call.kernel)} of {call.title} ({1e-3 * call.ns[many]:.3g} us a state, alone"
+        f" {1e-3 * call.ns['Python']:.3g})"
+        for call in report.calls
+        for many in call.ns
+        if many.startswith("per state of") and call.ns[many] > call.ns["Python"]
+    ]
+    if worse:
+        lines += ["", f"Called from Python, batches with a new result lose with {', '.join(worse)}."]
+    return lines
+
+
 def _cell(entry: Entry | None, peer: str) -> str:
     if entry is None:
         return NONE
@@ -73,7 +113,10 @@ def _cell(entry: Entry | None, peer: str) -> str:
 
 def readme(report: Report) -> str:
     """The part of README.md."""
-    return "\n".join([*summary(report), *rolled(report), *called(report)])
+    beside = "Beside Pinocchio's C++ headers, a library that is told the robot at run time, `-O3 -march=native`:"
+    return "\n".join(
+        [*alike(report), "", beside, "", *summary(report), *batched(report), *rolled(report), *called(report)]
+    )
 
 
 def rolled(report: Report) -> list[str]:
@@ -137,6 +180,12 @@ def page(report: Report) -> str:
         " brackets the ratio to hold. Where Pinocchio has two conventions (`crba`, `aba`), the faster one counts.",
         "",
         *summary(report),
+        "",
+        "Like for like is the C that CasADi generates from Pinocchio's algorithms for the same robot, with the same"
+        " compiler and flags:",
+        "",
+        *alike(report),
+        *batched(report),
         *rolled(report),
         *called(report),
         "",

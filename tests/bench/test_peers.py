@@ -92,6 +92,14 @@ def test_tables_of_a_report(report: Report) -> None:
     assert "| mass matrix | 0.05 | 2.35 | 0.07 | - | - |" in table
     assert "| inverse dynamics | 0.066 | 3.46 | - | 6.91 | 0.50 |" in table
     assert page.called(replace(report, calls=())) == []
+    generated = replace(report.entries[0], ratios={"CasADi": (2.0, 2.1, 2.2), **report.entries[0].ratios})
+    batch = replace(generated, batch=True, ratios={"eomgen": (0.7, 0.8, 0.9)})
+    slow = (Call("UR5 URDF (6 DOF)", "some", "mass_matrix", {"Python": 50.0, python_calls.MANY: 70.0}),)
+    lost = page.readme(replace(report, entries=(generated, batch), calls=slow))
+    assert lost.index("| mass matrix | 2.1 | - | - | - |") < lost.index("| mass matrix | 4.5 (4) | - | - | - |")
+    assert "| mass matrix | 0.80 | - | - | - | - |" in lost  # a batch that loses stands in the table
+    assert "lose with mass matrix of UR5 URDF (6 DOF) (0.07 us a state, alone 0.05)" in lost
+    assert "lose with" not in table
     assert "| eomgen `rk4` | 0.15 | 2e-11 | 4 | 2e-09 |" in table
     assert "| other | 2.5 | 3e-07 | - | - |" in table
     assert page.rolled(replace(report, gradients=())) == []

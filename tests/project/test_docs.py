@@ -313,3 +313,20 @@ def arguments_of(text: str) -> list[str]:
     section = re.search(r"^Args:\n(.*?)(?=^\S|\Z)", text, re.DOTALL | re.MULTILINE)
     lines = re.findall(r"^    (\w[\w, ]*):", section[1], re.MULTILINE) if section else []
     return [name.strip() for line in lines for name in line.split(",")]
+
+
+def test_the_paper_is_named_with_its_source_where_a_page_first_speaks_of_it() -> None:
+    """A page that says "the paper" gives the title and the source no later than 400 characters on."""
+    title, source = "Mathematics Model for 6-DOF Joints Manipulation Robots", "Mathematics 2021, 9(21), 2828"
+    pages = [DOCS.parent / "README.md", DOCS.parent / "CITATION.cff", *sorted(DOCS.rglob("*.md"))]
+    named = 0
+    for page in pages:
+        words = " ".join(page.read_text(encoding="utf-8").split())
+        first = re.search(r"\b[Tt]he paper\b|\bits paper\b", words)
+        if first is None or "figures" in page.parts:
+            continue
+        named += 1
+        until = words[: first.end() + 400]
+        assert title in until, page
+        assert source in until, page
+    assert named >= 8
