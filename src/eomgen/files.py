@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from .errors import InputError
-from .names import show_path
+from .names import plain_path, show_path
 
 FIGURE_ENDINGS = (".svg", ".pdf", ".png")  # of files that figures are written to
 
@@ -101,7 +101,7 @@ def write_atomically(target: Path, write: Callable[[Any], None]) -> Path:
         finally:
             temporary.unlink(missing_ok=True)
     except OSError as error:
-        raise InputError(f"{target} cannot be written: {error.strerror or error}") from None
+        raise InputError(f"{plain_path(target)} cannot be written: {error.strerror or error}") from None
     return target
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from numbers import Real
+from typing import Any
 
 LARGEST = 1e30  # numbers beyond it would overflow in products
 LARGEST_FOUND = 1e150  # of what was computed: sums of squares stay finite
@@ -12,7 +13,7 @@ SMALLEST = 1e-30  # of numbers that are not 0 and are divided by: their inverse 
 MOST_COUNTED = 1_000_000  # points, poses, draws, searches: what an option of a command may ask for
 
 
-def is_usable(value: object) -> bool:
+def is_usable(value: Any) -> bool:
     """Whether a value is a number to compute with: 0, or of a magnitude from SMALLEST to LARGEST; no truth value."""
     real = isinstance(value, Real) and not isinstance(value, bool)
     return real and (value == 0 or SMALLEST <= abs(value) <= LARGEST)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from .errors import InputError
 from .files import open_regular
-from .names import show
+from .names import plain_path, show
 
 VARIABLE = "EOMGEN_NPZ_MB"  # of the environment: megabytes that the arrays of a file may have
 _MOST_MB = 256
@@ -61,14 +61,16 @@ def read_npz(path: Path | str, names: Collection[str] | None = None) -> dict[str
     most = most_bytes()
     try:
         with open_regular(Path(path), most) as stream:
-            _check_end(stream, path)
+            _check_end(stream, plain_path(path))
             with zipfile.ZipFile(stream) as archive:
-                return _arrays(archive, path, most, names)
+                return _arrays(archive, plain_path(path), most, names)
     except OSError as error:
         reason = error.strerror or str(error)
-        raise InputError(f"{path}: cannot be read: {reason}{'' if 'allowed: ' in reason else _ALLOWED}") from None
+        raise InputError(
+            f"{plain_path(path)}: cannot be read: {reason}{'' if 'allowed: ' in reason else _ALLOWED}"
+        ) from None
     except _DAMAGED as error:
-        raise InputError(f"{path}: is no .npz as NumPy writes it ({show(str(error))}){_ALLOWED}") from None
+        raise InputError(f"{plain_path(path)}: is no .npz as NumPy writes it ({show(str(error))}){_ALLOWED}") from None
 
 
 def most_bytes(variable: str = VARIABLE, megabytes: int = _MOST_MB) -> int:

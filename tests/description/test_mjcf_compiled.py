@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from eomgen.cli.entry import main
-from eomgen.description.load import load_robot, robot_from_mjcf
+from eomgen.description.load import as_robot, load_robot, robot_from_mjcf
 from eomgen.errors import DescriptionError, InputError
 from eomgen.robot.value import Robot
 from tests.oracles.mjcf import MjcfOracle
@@ -347,7 +347,7 @@ def test_check_says_that_mujoco_has_compiled(walker: Path, capsys: pytest.Captur
 def expanded(tmp_path: Path, text: str) -> Robot:
     path = tmp_path / "arm.urdf.xacro"
     path.write_text(text)
-    return load_robot(path)
+    return load_robot(path, xacro=True)
 
 
 MACROS = URDF.replace("<robot ", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" ', 1)
@@ -367,6 +367,34 @@ def test_macros_of_xacro_are_expanded(tmp_path: Path) -> None:
     with pytest.raises(DescriptionError, match=r"arm\.urdf\.xacro: xacro says: .*gone\.xacro") as caught:
         expanded(tmp_path, MACROS.replace("</robot>", '<xacro:include filename="gone.xacro"/></robot>'))
     check_message(caught.value)
+
+
+def test_macros_are_expanded_only_for_who_asks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A file's expressions are evaluated where somebody has asked for it, and nowhere else."""
+    xacro = pytest.importorskip("xacro")
+    expanded_files: list[str] = []
+    real = xacro.process_file
+    monkeypatch.setattr(xacro, "process_file", lambda path: (expanded_files.append(path), real(path))[1])
+    path = tmp_path / "arm.xacro"
+    path.write_text(MACROS)
+    for command in ("check", "info", "simulate"):
+        assert main([command, str(path)]) == 1
+        said = "".join(capsys.readouterr())
+        assert "as Python" in said
+        assert "--xacro" in said
+    for given in (False, 1, "yes", None):
+        with pytest.raises(
+            DescriptionError, match=r"xacro runs what stands in .* allowed: --xacro, or xacro=True"
+        ) as e:
+            load_robot(path, xacro=given)  # type: ignore[arg-type]
+        check_message(e.value)
+    with pytest.raises(DescriptionError, match="--xacro"):
+        as_robot(path)
+    assert expanded_files == []
+    assert main(["check", "--xacro", str(path)]) == 0
+    assert expanded_files == [str(path)]
 
 
 def test_without_xacro_it_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

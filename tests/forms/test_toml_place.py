@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import json
+import pathlib
 import random
 import sys
 
 import pytest
 
+from eomgen.authoring.check import check_file
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import DescriptionError
-from eomgen.forms.toml_place import line_of
+from eomgen.forms import toml_place
+from eomgen.forms.toml_place import line_of, lines_of
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -179,3 +182,29 @@ def test_columns(text: str, column: int) -> None:
 def test_without_a_source() -> None:
     with pytest.raises(DescriptionError, match=r"^line 2, column 11: gravity: got 3"):
         robot_from_toml('name = "r"\ngravity = 3')
+
+
+def test_many_paths_are_found_in_one_pass(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The places of all of them are those of each alone, and the text is read once for all."""
+    rows = ", ".join(f"{{ k = {i}, inner = {{ a = {{ b = {i} }} }} }}" for i in range(200))
+    text = f"first = 1\nrows = [{rows}]\n[last.one]\nx = 2\n"
+    paths = [("rows", str(i), *rest) for i in (0, 7, 199, 300) for rest in ((), ("inner", "a", "b"), ("inner", "c"))]
+    wanted = [(path, value) for path in [*paths, ("first",), ("last", "one", "x"), ()] for value in (False, True)]
+    alone = [line_of(text, path, value) for path, value in wanted]
+    scans, run = [], toml_place._Scan.statements
+    monkeypatch.setattr(toml_place._Scan, "statements", lambda scan: (scans.append(scan), run(scan)))
+    assert lines_of(text, wanted) == alone
+    assert len(scans) == 1
+    assert None in alone
+    assert (4, 5) in alone
+
+
+def test_a_check_reads_its_text_once_for_all_errors(tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    scans, run = [], toml_place._Scan.statements
+    monkeypatch.setattr(toml_place._Scan, "statements", lambda scan: (scans.append(scan), run(scan)))
+    path = tmp_path / "s.toml"
+    path.write_text(
+        "duration = 1.0\nmotion = {" + ", ".join(f"k{i} = {{ a = {{ b = 1 }} }}" for i in range(300)) + "}\n"
+    )
+    assert len(check_file(path).errors) == 50
+    assert len(scans) == 1

@@ -295,6 +295,75 @@ def test_meshes_of_a_package_are_found() -> None:
     assert 0.4 < np.ptp(upper.vertices, axis=0).max() < 0.7  # m: the arm is 0.425 m from axis to axis
 
 
+def collada(nodes: str) -> bytes:
+    return (
+        '<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1"><library_nodes>'
+        f'{nodes}</library_nodes><library_visual_scenes><visual_scene id="s"><node id="top">'
+        '<instance_node url="#n0"/></node></visual_scene></library_visual_scenes></COLLADA>'
+    ).encode()
+
+
+def doubling(depth: int) -> str:
+    """Nodes of which each shows the next one twice."""
+    shown = "".join(f"<node id='n{i}'>{2 * f'<instance_node url=chr#n{i + 1}chr/>'}</node>" for i in range(depth))
+    return shown.replace("chr", '"') + f"<node id='n{depth}'/>"
+
+
+HOSTILE_MESHES = {  # name, content and words of the note
+    "archive": ("x.zip", b"PK", "allowed: meshes that end in .stl, .dae, .obj, .ply"),
+    "archive of collada": ("x.zae", b"PK", "allowed: meshes that end in .stl"),
+    "compressed": ("x.stl.gz", b"\x1f\x8b", "allowed: meshes that end in .stl"),
+    "triangles that are not there": ("x.stl", bytes(80) + b"\xff\xff\xff\x7f" + bytes(50), "2147483647 triangles"),
+    "points that are not there": (
+        "x.ply",
+        b"ply\nformat binary_little_endian 1.0\nelement vertex 4000000000\nproperty float x\nend_header\n",
+        "4000000000 elements",
+    ),
+    "no header": ("x.ply", b"ply\n", "with a header"),
+    "entities": ("x.dae", b'<!DOCTYPE x [<!ENTITY a "b">]><COLLADA/>', "document type or an entity"),
+    "nodes that double": ("x.dae", collada(doubling(30)), "allowed: up to 10000"),
+    "nodes that show themselves": (
+        "x.dae",
+        collada("<node id='n0'><instance_node url='#n0'/></node>"),
+        "show themselves",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", HOSTILE_MESHES)
+def test_meshes_that_grow_are_left_out(case: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    trimesh = pytest.importorskip("trimesh")
+    monkeypatch.setattr(trimesh, "load", lambda *_, **__: pytest.fail("it has been unpacked"))
+    name, content, words = HOSTILE_MESHES[case]
+    (tmp_path / name).write_bytes(content)
+    shapes, notes = visuals.urdf_shapes(shown_by(tmp_path, name, 1))
+    assert shapes == []
+    assert words in notes[0]
+
+
+def test_meshes_are_counted_as_often_as_they_are_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    trimesh = pytest.importorskip("trimesh")
+    trimesh.creation.box((1.0, 2.0, 3.0)).export(tmp_path / "box.stl")
+    size = (tmp_path / "box.stl").stat().st_size
+    monkeypatch.setattr(visuals._Room, "__init__", lambda room: setattr(room, "left", 3 * size))
+    shapes, notes = visuals.urdf_shapes(shown_by(tmp_path, "box.stl", 5))
+    assert len(shapes) == 3
+    assert len(notes) == 2
+    assert "together" in notes[0]
+
+
+def shown_by(folder: Path, mesh: str, times: int) -> Robot:
+    """A robot whose link is shown by a mesh, so many times."""
+    inertial = "<inertial><mass value='1'/><inertia ixx='1' iyy='1' izz='1' ixy='0' ixz='0' iyz='0'/></inertial>"
+    shown = times * f"<visual><geometry><mesh filename='{mesh}'/></geometry></visual>"
+    urdf = folder / "arm.urdf"
+    urdf.write_text(
+        f"<robot name='arm'><link name='ground'/><link name='a'>{inertial}{shown}</link>"
+        "<joint name='j' type='continuous'><parent link='ground'/><child link='a'/></joint></robot>"
+    )
+    return load_robot(urdf)
+
+
 # The server
 
 

@@ -106,6 +106,15 @@ def test_a_build_that_was_killed_does_not_block_the_next(empty_cache: Path, tmp_
     assert answer(python(BUILD)) == one_link().mass_matrix(Q).tolist()
 
 
+def nest(path: Path) -> None:
+    """JSON 10,000 levels deep."""
+    path.write_text('{"a":' * 10_000 + "1" + "}" * 10_000)
+
+
+def swell(path: Path) -> None:
+    path.write_text(f"[{'0,' * (1 << 20)}0]")
+
+
 DAMAGES = [
     ("packages", "*.so", flip),
     ("packages", "*.so", truncate),
@@ -113,6 +122,8 @@ DAMAGES = [
     ("packages", "one_link.json", flip),
     ("packages", "__init__.py", Path.unlink),
     ("packages", "manifest.json", truncate),
+    ("packages", "manifest.json", nest),
+    ("sources", "manifest.json", swell),
     ("sources", "source.json", flip),
     ("sources", "manifest.json", Path.unlink),
 ]

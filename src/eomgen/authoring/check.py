@@ -11,7 +11,7 @@ from typing import Any
 from ..description.load import SUFFIXES, load_robot
 from ..errors import DescriptionError, InputError
 from ..forms.structure import faults
-from ..forms.toml_place import locate
+from ..forms.toml_place import locate_all
 from ..forms.toml_text import parse_toml, read_text
 from ..scenario.load import load_scenario
 from ..sweep.plan import load_plan
@@ -52,13 +52,14 @@ class Checked:
         return {**about, "errors": [_facts(error) for error in self.errors], "notes": list(self.notes)}
 
 
-def check_file(path: str | Path, *, inertia: str | None = None) -> Checked:
+def check_file(path: str | Path, *, inertia: str | None = None, xacro: bool = False) -> Checked:
     """Read a description (.toml, .urdf, .xml), a scenario or a plan; which of them a .toml file is, its keys say.
 
     Args:
         path: of the file.
         inertia: what to do with an inertia that no body can have, as in ``load_robot``: a link that this lets through
             is a note, one that it refuses an error.
+        xacro: expand a .xacro file, as in ``load_robot``.
     """
     name = str(path)
     kind = "robot"
@@ -71,22 +72,22 @@ def check_file(path: str | Path, *, inertia: str | None = None) -> Checked:
             values = parse_toml(text, name)
             kind = kind_of(values)
             found = faults(FORMATS[kind][0], values, name)
-            for error in found:
-                locate(error, text, values)
+            locate_all(found, text, values)
             if found:
                 found.sort(key=lambda error: (error.line or 0, error.column or 0))
                 return Checked(name, kind, {}, tuple(found))
-        return _read(Path(path), name, kind, inertia)
+        return _read(Path(path), name, kind, inertia, xacro)
     except InputError as error:
         return Checked(name, kind, {}, (error,))
 
 
-def check_files(paths: Sequence[str | Path], *, inertia: str | None = None) -> list[Checked]:
+def check_files(paths: Sequence[str | Path], *, inertia: str | None = None, xacro: bool = False) -> list[Checked]:
     """``check_file`` of each, and what is remarkable of scenarios beside the robots among them."""
-    checked = [check_file(path, inertia=inertia) for path in paths]
+    checked = [check_file(path, inertia=inertia, xacro=xacro) for path in paths]
     usable = [(path, file) for path, file in zip(paths, checked, strict=True) if not file.errors]
     scenarios = {file.file: load_scenario(Path(path)) for path, file in usable if file.kind == "scenario"}
-    robots = [load_robot(path, inertia=inertia) for path, file in usable if file.kind == "robot" and scenarios]
+    of_robots = [path for path, file in usable if file.kind == "robot" and scenarios]
+    robots = [load_robot(path, inertia=inertia, xacro=xacro) for path in of_robots]
     return [
         replace(file, notes=(*file.notes, *(note for robot in robots for note in start_notes(scenario, robot))))
         if (scenario := scenarios.get(file.file)) is not None
@@ -100,7 +101,7 @@ def kind_of(values: Mapping[str, object]) -> str:
     return max(FORMATS, key=lambda kind: len(FORMATS[kind][0].keys.keys() & values.keys()))
 
 
-def _read(path: Path, name: str, kind: str, inertia: str | None) -> Checked:
+def _read(path: Path, name: str, kind: str, inertia: str | None, xacro: bool) -> Checked:
     if kind == "scenario":
         scenario = load_scenario(path)
         counts = {"s": scenario.duration, "wrenches": len(scenario.wrenches), "payloads": len(scenario.payloads)}
@@ -108,7 +109,7 @@ def _read(path: Path, name: str, kind: str, inertia: str | None) -> Checked:
     if kind == "plan":
         plan = load_plan(path)
         return Checked(name, kind, {"samples": plan.samples, "numbers varied": len(plan.vary)})
-    robot = load_robot(path, inertia=inertia)
+    robot = load_robot(path, inertia=inertia, xacro=xacro)
     coordinates = sum(len(joint.all_coordinates) for joint in robot.joints) - len(robot.followers)
     return Checked(
         name,

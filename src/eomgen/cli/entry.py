@@ -13,7 +13,7 @@ import warnings
 from collections.abc import Callable, Collection, Sequence
 
 from .._version import __version__
-from ..errors import EomgenError, EomgenWarning, InputError
+from ..errors import BuildError, EomgenError, EomgenWarning, InputError
 from . import (
     bench,
     cache,
@@ -31,7 +31,7 @@ from . import (
     sweep,
 )
 from .completion import SHELLS, Completion
-from .shared import Command, say
+from .shared import Command, say_lines
 
 OK, INPUT_ERROR, BUG = 0, 1, 70
 INTERRUPTED = 130
@@ -68,7 +68,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stdout.flush()
         return OK
     except EomgenError as error:
-        say(f"eomgen: {error}", sys.stderr)
+        text = f"eomgen: {error}"
+        say_lines(text.split("\n") if isinstance(error, BuildError) else [text], sys.stderr)
         return INPUT_ERROR if isinstance(error, InputError) else BUG
     except BrokenPipeError:  # the reader has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 
 from .shared import Command, add_robot, read_robot, say, show_written, stage_bar
@@ -62,6 +63,7 @@ def _names(text: str) -> list[str]:
 def _generate(options: argparse.Namespace) -> None:
     from ..errors import InputError
     from ..export.wheel import export_wheel
+    from ..pipeline.importable import check_module_name
     from ..pipeline.stages import Options, generate
 
     robot = read_robot(options)
@@ -70,6 +72,8 @@ def _generate(options: argparse.Namespace) -> None:
         raise InputError(
             "--wheel stands without --cmake, --ros2 and --native; allowed: with --dtype, --level, --kernels"
         )
+    if note := check_module_name(robot.name):
+        say(f"note: {note}", sys.stderr)
     with stage_bar("generating") as report:
         if options.wheel:
             show_written([export_wheel(robot, options.output, chosen, progress=report)])

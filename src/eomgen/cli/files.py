@@ -7,7 +7,7 @@ import warnings
 from pathlib import Path
 
 from ..errors import EomgenWarning, InputError
-from .shared import Command, add_inertia, add_json, say, show_json
+from .shared import Command, add_inertia, add_json, add_xacro, say, say_lines, show_json
 
 
 def _add_new(parser: argparse.ArgumentParser) -> None:
@@ -32,6 +32,7 @@ def _new(options: argparse.Namespace) -> None:
 def _add_check(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("files", metavar="FILE", nargs="+", help="path of a .toml, .urdf or .xml (MJCF) file")
     add_inertia(parser)
+    add_xacro(parser)
     add_json(parser)
 
 
@@ -40,11 +41,11 @@ def _check(options: argparse.Namespace) -> None:
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", EomgenWarning)  # the notes say the same
-        checked = check_files(options.files, inertia=options.inertia)
+        checked = check_files(options.files, inertia=options.inertia, xacro=options.xacro)
     if options.json:
         show_json([file.as_dict() for file in checked])
     else:
-        say("\n".join(line for file in checked for line in file.lines))
+        say_lines(line for file in checked for line in file.lines)
     bad = sum(bool(file.errors) for file in checked)
     if bad:
         raise InputError(f"check: {bad} of {len(checked)} files cannot be used; allowed: what is said of each")

@@ -115,6 +115,13 @@ def _add_more(
 ) -> None:
     parser.add_argument("--stops", metavar="KEY=NUMBER,...", help=stops)
     parser.add_argument("--floating-base", action="store_true", help=floating)
+    add_xacro(parser)
+
+
+def add_xacro(parser: argparse.ArgumentParser) -> None:
+    """The option --xacro of all commands that read robots."""
+    about = "expand a .xacro file, which runs the Python that stands in it: for files that you trust"
+    parser.add_argument("--xacro", action="store_true", help=about)
 
 
 def read_robot(options: argparse.Namespace) -> Robot:
@@ -133,6 +140,7 @@ def read_robot(options: argparse.Namespace) -> Robot:
         urdf_mimic=not options.urdf_no_mimic,
         stops=None if options.stops is None else _by_name("stops", options.stops.split(",")),
         floating_base=options.floating_base,
+        xacro=options.xacro,
     )
     for note in robot.notes:
         say(f"note: {note}", sys.stderr)
@@ -156,8 +164,14 @@ def result_path(path: Path) -> Path:
 
 
 def say(text: str, file: TextIO | None = None) -> None:
-    """Print a line that may have names of others' files in it; nothing in it steers the terminal."""
-    print(printable(text), file=file)
+    """Print a line that may have names of others' files in it; nothing in it steers the terminal or ends the line."""
+    print(printable(text).replace("\n", "\\n"), file=file)
+
+
+def say_lines(lines: Iterable[str], file: TextIO | None = None) -> None:
+    """Print lines, each as ``say`` does."""
+    for line in lines:
+        say(line, file)
 
 
 @contextmanager
@@ -202,7 +216,7 @@ def show_result(options: argparse.Namespace, result: Any) -> None:
     if options.json:
         show_json(result.as_dict())
     else:
-        say("\n".join(result.lines()))
+        say_lines(result.lines())
 
 
 def show_files(
@@ -212,7 +226,7 @@ def show_files(
     if options.json:
         show_json({"files": [str(path) for path in written], **values})
         return
-    say("\n".join(lines))
+    say_lines(lines)
     show_written(written)
 
 

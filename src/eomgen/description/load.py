@@ -64,13 +64,14 @@ def load_robot(
     urdf_mimic: bool = True,
     stops: Mapping[str, float] | None = None,
     floating_base: bool = False,
+    xacro: bool = False,
 ) -> Robot:
     """Read a robot.
 
     Args:
         source: name of a built-in robot, or path of a ``.toml``, ``.urdf``, ``.xacro`` or ``.xml`` file.  ``.xml``:
             MJCF or URDF, whatever its root element says.  What the reader here does not know of MJCF goes
-            through MuJoCo, and ``.xacro`` through xacro, where they are installed.
+            through MuJoCo, where it is installed, and ``.xacro`` through xacro, where ``xacro`` asks for it.
         inertia: what to do with a link whose inertia no body can have: "error", "warn" (take it as it is) or "project"
             (take the nearest possible body).  None: what the description says, or "error" for an inertia that is given
             in TOML and "warn" for one of an URDF or MJCF.
@@ -81,6 +82,7 @@ def load_robot(
             coordinates have none yet; N/m and so on at translations, N m/rad and so on at rotations.  In the place of
             ``stops`` at the top of a TOML file.
         floating_base: put a free joint, ``floating_base``, between the ground and the root link of an URDF.
+        xacro: expand a ``.xacro`` file, which may run any Python that stands in it; otherwise it is refused.
 
     Returns:
         The robot in SI units; ``notes`` says what was changed or left out.
@@ -113,7 +115,7 @@ def load_robot(
     if path.suffix == ".xacro":
         from .macros import expanded_urdf
 
-        text = expanded_urdf(path)
+        text = expanded_urdf(path, trusted=xacro)
     if path.suffix != ".toml":
         return robot_from_urdf(
             text,

@@ -35,7 +35,7 @@ SDF = (
     "SDF is not read; allowed: the URDF that it was made from, or MJCF, as sdformat_mjcf of"
     " https://github.com/gazebosim/gz-mujoco writes it"
 )
-_XACRO = "a file that ends in .xacro, which eomgen[xacro] expands"
+_XACRO = "a file that ends in .xacro, which eomgen[xacro] expands with --xacro, or xacro=True"
 _MOMENTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 _ENDLESS = ("inf", "+inf", "infinity")
 _FIRST_COUNTS = ("axis", "limit", "dynamics")  # where several differ: so they do in urdfdom, and so in Pinocchio

@@ -5,7 +5,8 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 
 from ..errors import DescriptionError
 from .toml_text import line_and_column
@@ -28,6 +29,7 @@ _STRINGS = (  # longest delimiter first
     re.compile(r"'[^'\n]*'"),
 )
 _PART = re.compile(r"([^.\[\]]+)|\[([0-9]+)\]")  # of a place in a message: joints.joint1.x, links[0].name
+_DEEPEST = 100  # parts of a path; no form of ours goes as deep
 _OWN = 2  # components that make a place an entry's own: a file that refines an URDF does not have all of its joints
 
 
@@ -42,15 +44,19 @@ def line_of(text: str, path: Sequence[str], value: bool = False) -> tuple[int, i
     Returns:
         None where not even the first key is there.
     """
-    scan = _Scan(text, tuple(path))
-    try:
-        scan.statements()
-    except (RecursionError, IndexError):  # too deep, or no TOML after all
-        return None
-    if scan.depth == 0:
-        return None
-    offset = scan.offset if scan.value is None or not value else scan.value
-    return line_and_column(text, offset)
+    return lines_of(text, [(path, value)])[0]
+
+
+def lines_of(text: str, wanted: Sequence[tuple[Sequence[str], bool]]) -> list[tuple[int, int] | None]:
+    """``line_of`` of several paths, each with its ``value``, in one pass over the text."""
+    marks = [_Mark(tuple(path)) for path, _ in wanted]
+    with suppress(RecursionError, IndexError, _Enough):  # too deep, or no TOML after all; or all is found
+        _Scan(text, marks).statements()
+    found: list[tuple[int, int] | None] = []
+    for mark, (_, value) in zip(marks, wanted, strict=True):
+        offset = mark.value if value and mark.value is not None else mark.offset
+        found.append(line_and_column(text, offset) if mark.depth else None)
+    return found
 
 
 @contextmanager
@@ -66,10 +72,17 @@ def located(text: str, values: Mapping[str, object], source: str) -> Iterator[No
 
 def locate(error: DescriptionError, text: str, values: Mapping[str, object]) -> None:
     """Give the error, which has no line yet, line and column of what it speaks about in the text of these values."""
-    if error.line is None:
-        path = error.path or _path_of(values, error.where)
-        place = line_of(text, path, not error.at_key) if path else None if error.where else (1, 1)
-        error.line, error.column = place or (None, None)
+    locate_all([error], text, values)
+
+
+def locate_all(errors: Sequence[DescriptionError], text: str, values: Mapping[str, object]) -> None:
+    """Give each error that has no line yet line and column of what it speaks about; the text is read once for all."""
+    without = [error for error in errors if error.line is None]
+    paths = [error.path or _path_of(values, error.where) for error in without]
+    places = lines_of(text, [(path, not error.at_key) for path, error in zip(paths, without, strict=True)])
+    for error, path, place in zip(without, paths, places, strict=True):
+        found = place if path else None if error.where else (1, 1)
+        error.line, error.column = found or (None, None)
 
 
 def refusal(message: str, where: str, source: str, text: str) -> DescriptionError:
@@ -98,19 +111,37 @@ def _path_of(values: object, where: str) -> Path:
     return tuple(path) if len(path) >= min(_OWN, len(parts)) else ()
 
 
-class _Scan:
-    """One pass over a text; ``depth`` parts of the path were found, the last at ``offset``, its value at ``value``."""
+@dataclass(eq=False)
+class _Mark:
+    """A path that is looked for: how many of its parts were found, the last at ``offset``, its value at ``value``."""
 
-    def __init__(self, text: str, wanted: Path) -> None:
-        self.text, self.wanted = text, wanted
-        self.depth = self.offset = self.at = 0
-        self.value: int | None = None
+    path: Path
+    depth: int = 0
+    offset: int = 0
+    value: int | None = None
+
+
+class _Enough(Exception):
+    """All paths have been found."""
+
+
+class _Scan:
+    """One pass over a text, in which the marks are found."""
+
+    def __init__(self, text: str, marks: Sequence[_Mark]) -> None:
+        self.text, self.at = text, 0
         self.last: dict[Path, int] = {}  # index of the last entry of every array of tables
+        self.of: dict[Path, list[_Mark]] = {}  # marks by each part of their paths, from the top
+        sought = [mark for mark in marks if 0 < len(mark.path) <= _DEEPEST]
+        for mark in sought:
+            for length in range(1, len(mark.path) + 1):
+                self.of.setdefault(mark.path[:length], []).append(mark)
+        self.rest = len(sought)
 
     def statements(self) -> None:
-        """Scan until the end, or until all of the path is found."""
+        """Scan until the end, or until all is found."""
         prefix: Path = ()
-        while self.depth < len(self.wanted):
+        while self.rest:
             self._skip(_BETWEEN)
             if self.at >= len(self.text):
                 return
@@ -129,8 +160,10 @@ class _Scan:
         raise IndexError
 
     def _note(self, path: Path, offset: int) -> None:
-        if len(path) > self.depth and self.wanted[: len(path)] == path:
-            self.depth, self.offset = len(path), offset
+        for mark in self.of.get(path, ()):
+            if len(path) > mark.depth:
+                mark.depth, mark.offset = len(path), offset
+                self.rest -= len(path) == len(mark.path)
 
     def _keys(self) -> list[tuple[str, int]]:
         """A dotted key's parts with their offsets."""
@@ -176,8 +209,11 @@ class _Scan:
             self._note(path, offset)
         self.at += 1  # the equals sign
         self._skip(_BLANK)
-        if path == self.wanted and self.value is None:
-            self.value = self.at
+        for mark in self.of.get(path, ()):
+            if mark.path == path and mark.value is None:
+                mark.value = self.at
+        if not self.rest:
+            raise _Enough
         self._value(path)
 
     def _value(self, path: Path) -> None:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..files import open_regular
 from ..limits import MOST_ENTRIES
-from ..names import show
+from ..names import plain_path, show
 from .measured_numbers import ALLOWED, within_limits
 
 Array = NDArray[np.float64]
@@ -49,7 +49,7 @@ def read_csv(
         InputError: with the file, line and column, what came and what is allowed.
     """
     with open_regular(path, _MOST_BYTES) as stream:
-        _look_over(stream, path)
+        _look_over(stream, plain_path(path))
         stream.seek(0)
         text = io.TextIOWrapper(stream, encoding="utf-8-sig", newline="")
         reader = _Reader(path, rule, blanks)
@@ -58,7 +58,7 @@ def read_csv(
         return reader.columns()
 
 
-def _look_over(stream: BinaryIO, path: Path) -> None:
+def _look_over(stream: BinaryIO, path: str) -> None:
     """Refuse in one pass what is no UTF-8, has a line that is too long, or more numbers than can be read in a second.
 
     A line's length is measured in blocks: up to one is allowed, two are refused.
@@ -85,7 +85,7 @@ class _Reader:
     """Lines of a file, taken block by block."""
 
     def __init__(self, path: Path, rule: str, blanks: bool) -> None:
-        self._path, self._rule, self._blanks = path, rule, blanks
+        self._path, self._rule, self._blanks = plain_path(path), rule, blanks
         self._header: list[str] = []
         self._tables: list[Array] = []
         self._lines: list[NDArray[np.int32]] = []

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import os
+import re
+import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,7 +26,13 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+ENDINGS = (".stl", ".dae", ".obj", ".ply")  # of meshes; archives, which grow when they are unpacked, are none
 _MOST_MESH = 1 << 25  # bytes: 600,000 triangles of a binary STL
+_MOST_TOGETHER = 1 << 27  # bytes of all meshes of a robot, each as often as it is shown
+_MOST_NODES = 10_000  # of a scene in a .dae, each as often as it is shown
+_DEEPEST = 50  # nodes in nodes of it
+_MOST_HEADER = 1 << 14  # bytes
+_ELEMENT = re.compile(rb"^element[ \t]+\w{1,99}[ \t]+([0-9]{1,18})[ \t\r]{0,9}$", re.MULTILINE)
 
 
 @dataclass(frozen=True)
@@ -47,14 +55,14 @@ def urdf_shapes(robot: Robot) -> tuple[list[Shape], list[str]]:
         root = parse_xml(read_text(path, str(path)), str(path)).root
     except DescriptionError:
         return [], [f"{path} cannot be read any more: links are drawn as capsules"]
-    shapes = []
+    shapes, room = [], _Room()
     elements = [element for element in root.iterfind("link") if element.get("name")]
     names = unique_identifiers([element.get("name", "") for element in elements])
     for element in elements:
         link = names[element.get("name", "")]
         for visual in element.iterfind("visual"):
             try:
-                vertices, faces = _geometry(visual, path)
+                vertices, faces = _geometry(visual, path, room)
             except Exception as error:  # whatever a reader of meshes raises: the link is a capsule then
                 notes.append(f"shape of {link}: {ascii(str(error))[1:-1][:300]}")
                 continue
@@ -78,7 +86,20 @@ def _numbers(text: str, count: int) -> list[float]:
     return values
 
 
-def _geometry(visual: Element, urdf: Path) -> tuple[Array, NDArray[np.int32]]:
+@dataclass
+class _Room:
+    """Bytes of meshes that may still be read for a robot."""
+
+    left: int = _MOST_TOGETHER
+
+    def take(self, size: int) -> None:
+        """Count a mesh; ValueError where it is too much."""
+        if size > self.left:
+            raise ValueError(f"the meshes of the robot have more than {_MOST_TOGETHER} bytes together; allowed: less")
+        self.left -= size
+
+
+def _geometry(visual: Element, urdf: Path, room: _Room) -> tuple[Array, NDArray[np.int32]]:
     import trimesh
 
     mesh: Any
@@ -89,8 +110,14 @@ def _geometry(visual: Element, urdf: Path) -> tuple[Array, NDArray[np.int32]]:
     if found.tag == "mesh":
         scale = np.array(_numbers(found.get("scale", "1 1 1"), 3))
         place = mesh_path(found.get("filename", ""), urdf)
-        content = io.BytesIO(read_regular(place, _MOST_MESH))  # alone: no file that it names is opened behind it
-        mesh = trimesh.load(content, file_type=place.suffix.lower().lstrip("."), force="mesh")
+        ending = place.suffix.lower()
+        if ending not in ENDINGS:
+            raise ValueError(f"got {show(place.name)}; allowed: meshes that end in {', '.join(ENDINGS)}")
+        data = read_regular(place, _MOST_MESH)
+        room.take(len(data))
+        check_mesh(data, ending)
+        content = io.BytesIO(data)  # alone: no file that it names is opened behind it
+        mesh = trimesh.load(content, file_type=ending.lstrip("."), force="mesh")
     elif found.tag == "box":
         mesh = trimesh.creation.box(_numbers(found.get("size", ""), 3))
     elif found.tag == "sphere":
@@ -101,6 +128,65 @@ def _geometry(visual: Element, urdf: Path) -> tuple[Array, NDArray[np.int32]]:
     else:
         raise ValueError(f"{show(found.tag)} is unknown")
     return np.asarray(mesh.vertices, dtype=np.float64) * scale, np.asarray(mesh.faces, dtype=np.int32)
+
+
+def check_mesh(data: bytes, ending: str) -> None:
+    """Refuse a mesh that would be larger in memory than its file, before it is unpacked.
+
+    Args:
+        data: all bytes of the file.
+        ending: of ENDINGS.
+
+    Raises:
+        ValueError: it says of itself that it holds more than it has bytes for, or shows parts of it without end.
+        DescriptionError: a .dae is no XML, or has entities.
+    """
+    if ending == ".stl" and not (data[:512].lstrip().startswith(b"solid") or b"facet" in data[:1024]):
+        count = struct.unpack_from("<I", data, 80)[0] if len(data) >= 84 else 0
+        if len(data) < 84 or count * 50 > len(data) - 84:
+            raise ValueError(
+                f"a .stl of {len(data)} bytes says that it has {count} triangles; allowed: one that is whole"
+            )
+    elif ending == ".ply":
+        end = data.find(b"end_header", 0, _MOST_HEADER)
+        counts = [int(found) for found in _ELEMENT.findall(data[: max(end, 0)])]
+        if end < 0 or sum(counts) > len(data) - end:
+            text = f"a .ply of {len(data)} bytes says that it has {sum(counts)} elements"
+            raise ValueError(f"{text}; allowed: one that is whole, with a header")
+    elif ending == ".dae":
+        _check_scene(data)
+
+
+def _check_scene(data: bytes) -> None:
+    """Refuse a .dae whose nodes show each other without end, or too often."""
+    from ..description.xml_text import parse_xml
+
+    root = parse_xml(data.decode("utf-8-sig", "replace"), ".dae", "COLLADA").root
+    nodes: dict[str, Element] = {}
+    for element in root.iter():
+        element.tag = element.tag.rpartition(":")[2]
+        if element.tag == "node" and "id" in element.attrib:
+            nodes.setdefault(element.attrib["id"], element)
+    counted: dict[Element, int] = {}
+    open_nodes: set[Element] = set()
+
+    def count(node: Element) -> int:
+        if node in open_nodes or len(open_nodes) > _DEEPEST:
+            raise ValueError("the nodes of a .dae show themselves, or each other too deeply; allowed: a tree")
+        if node not in counted:
+            open_nodes.add(node)
+            total = 1
+            for inner in node:
+                shown = nodes.get(inner.get("url", "").lstrip("#")) if inner.tag == "instance_node" else None
+                shown = inner if inner.tag == "node" else shown
+                total += 0 if shown is None else count(shown)
+            open_nodes.discard(node)
+            counted[node] = total
+        return counted[node]
+
+    total = sum(count(node) for scene in root.iter("visual_scene") for node in scene.iterfind("node"))
+    if total > _MOST_NODES:
+        raise ValueError(f"a .dae shows {total} nodes; allowed: up to {_MOST_NODES}")
 
 
 def mesh_path(name: str, urdf: Path) -> Path:

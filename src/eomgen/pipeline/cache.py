@@ -23,6 +23,7 @@ from pathlib import Path, PurePosixPath
 from ..errors import BuildError
 
 MANIFEST = "manifest.json"
+_MOST_MANIFEST = 1 << 20  # bytes; a name and a hash of each file
 VARIABLE = "EOMGEN_CACHE_DIR"
 KINDS, LOCKS = ("sources", "packages", "objects", "externals", "extensions"), "locks"
 PASSING = ("making-", "damaged-", "loading-")  # folders that live for one call
@@ -270,24 +271,26 @@ def _read(root: Path, kind: str, key: str) -> Files | None:
     _check_folders(root, kind, f"{kind}/{key}")
     folder = root / kind / key
     try:
-        manifest = json.loads(_bytes(folder / MANIFEST))
+        manifest = json.loads(_bytes(folder / MANIFEST, _MOST_MANIFEST))
         recorded = manifest.pop("sha256")
         if recorded != _hash(json.dumps(manifest).encode()) or manifest["of"] != f"{kind}/{key}":
             return None
         files = {name: _bytes(folder / name) for name in manifest["files"]}
         whole = bool(files) and all(_hash(files[name]) == digest for name, digest in manifest["files"].items())
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return None
     return files if whole else None
 
 
-def _bytes(path: Path) -> bytes:
-    """The content of a file that nobody else may write; OSError where it is none, or a link."""
+def _bytes(path: Path, most: int | None = None) -> bytes:
+    """The content of a file that nobody else may write; OSError where it is none, a link, or has more bytes."""
     flags = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
     with open(os.open(path, flags), "rb") as stream:
         found = os.fstat(stream.fileno())
         if not stat.S_ISREG(found.st_mode) or (_modes_matter() and (_is_foreign(found) or _is_open(found))):
             raise OSError(f"{path} is not a file of this user's alone")
+        if most is not None and found.st_size > most:
+            raise OSError(f"{path} has {found.st_size} bytes")
         return stream.read()
 
 

@@ -16,6 +16,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -25,9 +26,9 @@ from typing import TYPE_CHECKING, Any, Literal
 from .._version import __version__
 from ..codegen.kernels.signatures import DTYPES, KERNELS, OWN_KERNELS, available, with_beside
 from ..description import RobotLike, as_robot
-from ..errors import InputError
+from ..errors import EomgenWarning, InputError
 from ..files import read_regular
-from ..names import show
+from ..names import plain_path, show
 from ..progress import StageReport, no_report
 from ..robot.model import build_model
 from ..robot.record import robot_hash
@@ -38,6 +39,7 @@ from . import cache as store
 from . import direct_calls
 from .folders import new_folder, put_folder
 from .generator_key import generator_hash
+from .importable import check_module_name
 from .level_folders import with_levels
 from .on_demand import OnDemand, one_library
 
@@ -227,11 +229,14 @@ def generate(
         progress: called with a line of text when a stage begins.
 
     Raises:
-        InputError: the target exists and is not a generated package, the folder cannot be written, or ROS 2 is asked
-            for without the kernel ``rollout``.
+        InputError: the target exists and is not a generated package, the folder cannot be written, the robot is named
+            as a module that Python or the package needs, or ROS 2 is asked for without the kernel ``rollout``.
         BuildError: see ``build``.
     """
     robot, folder = as_robot(robot), Path(folder)
+    hidden = check_module_name(robot.name)
+    if hidden:
+        warnings.warn(hidden, EomgenWarning, stacklevel=2)
     options = _with_beside(robot, options or Options())
     files = _files_of_levels(robot, options, progress)
     target = folder / robot.name
@@ -290,10 +295,11 @@ def _check_target(place: Path, target: Path) -> None:
     try:
         text = read_regular(place / f"{target.name}.json", _LARGEST)
         foreign = "eomgen" not in json.loads(text)["generator"]
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         foreign = any(place.iterdir()) if place.is_dir() else os.path.lexists(place)
     if foreign:
-        raise InputError(f"{target} exists and is not a generated package; give another folder with -o, or move it")
+        shown = plain_path(target)
+        raise InputError(f"{shown} exists and is not a generated package; give another folder with -o, or move it")
 
 
 def make_package(

@@ -17,7 +17,7 @@ from ..shared import (
     read_robot,
     real,
     saved_or_drawn,
-    say,
+    say_lines,
     show_json,
     show_written,
     stage_bar,
@@ -68,7 +68,7 @@ def _tolerance(options: argparse.Namespace) -> None:
     if options.json:
         show_json({**found.as_dict(), "allocation": None if allocation is None else allocation.as_dict()})
         return
-    say("\n".join([*found.lines(), *([] if allocation is None else ["", *allocation.lines()])]))
+    say_lines([*found.lines(), *([] if allocation is None else ["", *allocation.lines()])])
     show_written(written)
 
 

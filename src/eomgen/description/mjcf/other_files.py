@@ -157,7 +157,7 @@ class _Files:
         return None
 
     def _xml(self, path: Path) -> Xml | None:
-        """What stands in a file; None where it cannot be read, which MuJoCo will say."""
+        """Parse a file; None where it cannot be read, which MuJoCo will say."""
         if path not in self.parsed:
             try:
                 self.parsed[path] = parse_xml(read_text(path, str(path)), str(path), "mujoco")
