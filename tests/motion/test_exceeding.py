@@ -9,7 +9,7 @@ import pytest
 
 from eomgen.motion.exceeding import ROUND_OFF, Excess, excess_notes, excesses
 from eomgen.robot.bounds import Limits
-from eomgen.robot.value import Coordinate, Joint, Link, Motor, Robot
+from eomgen.robot.value import Coordinate, Coupling, Joint, Link, Motor, Robot
 
 LIMITS = Limits(-0.5, 2.0, 3.0, 4.0)
 
@@ -61,3 +61,18 @@ def test_round_off_is_within(part: float, tells: bool) -> None:
     assert bool(excesses(open_end, names, q=np.array([[0.0, beyond, 0.0]]))) == tells
     assert not excesses(open_end, names, q=np.array([[0.0, -1e9, 0.0]]))
     assert not excesses(robot(Limits()), names, q=np.full((1, 3), 1e3), v=np.full((1, 3), 19.0), u=np.full((1, 3), 1e3))
+
+
+def test_followers_have_limits_of_their_own() -> None:
+    """A finger at -2 times its leader plus 0.1: position and speed, by the coupling's numbers."""
+    rod = Link("one", 1.0, (0.5, 0.0, 0.0), (0.1, 0.1, 0.1, 0.0, 0.0, 0.0))
+    joints = [Joint(x, "base", x, "revolute", coordinates={"gamma": Coordinate()}) for x in ("one", "two")]
+    joints[1] = joints[1].with_limits("gamma", LIMITS)
+    gear = Coupling("gear", "two.gamma", {"one.gamma": -2.0}, 0.1)
+    hand = Robot("hand", (0.0, 0.0, 0.0), (rod, replace(rod, name="two")), tuple(joints), couplings=(gear,))
+    q, v = np.array([[0.0], [0.4], [-0.9]]), np.array([[1.6], [0.0], [0.0]])
+    assert excesses(hand, ("one.gamma",), q=q, v=v) == (
+        Excess("two.gamma", "position", pytest.approx(-0.7), -0.5, "rad"),
+        Excess("two.gamma", "speed", pytest.approx(-3.2), 3.0, "rad/s"),
+    )
+    assert excesses(hand, ("one.gamma",), q=0.1 * q, v=0.1 * v) == ()

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..robot.coordinates import force_unit_of, unit_of
-from ..robot.mechanism import effort_of
+from ..robot.mechanism import effort_of, follower_positions
 from ..robot.value import Robot
 
 Array = NDArray[np.float64]
@@ -49,6 +49,8 @@ def excesses(
 ) -> tuple[Excess, ...]:
     """Return where a motion exceeds the robot's limits, the worst place of each; none within round-off.
 
+    Followers of rigid couplings have limits of position and speed of their own.
+
     Args:
         robot: whose limits hold.
         names: of the coordinates, n.
@@ -56,17 +58,29 @@ def excesses(
         q, v, u: coordinates, rates and drives, (T, n), m or rad, N or N m; what is left out is not looked at.
     """
     found = []
-    for i, name in enumerate(names):
+    efforts = dict.fromkeys(names) if u is None else dict(zip(names, u.T, strict=True))
+    places, speeds = _columns(robot, names, q), _columns(robot, names, v, rates=True)
+    for name in (*names, *(follower for follower in robot.followers if follower not in names)):
         limits, unit = robot.limits_of(name), unit_of(name)
-        if q is not None and (limits.lower is not None or limits.upper is not None):
-            found.append(_worst(name, "position", unit, t, q[:, i], *limits.range))
-        for kind, rows, limit, own in (
-            ("speed", v, limits.velocity, f"{unit}/s"),
-            ("effort", u, effort_of(robot, name), force_unit_of(name)),
+        if name in places and (limits.lower is not None or limits.upper is not None):
+            found.append(_worst(name, "position", unit, t, places[name], *limits.range))
+        for kind, column, limit, own in (
+            ("speed", speeds.get(name), limits.velocity, f"{unit}/s"),
+            ("effort", efforts.get(name), effort_of(robot, name), force_unit_of(name)),
         ):
-            if rows is not None and limit is not None:
-                found.append(_worst(name, kind, own, t, rows[:, i], -limit, limit))
+            if column is not None and limit is not None:
+                found.append(_worst(name, kind, own, t, column, -limit, limit))
     return tuple(excess for excess in found if excess is not None)
+
+
+def _columns(robot: Robot, names: Sequence[str], x: Array | None, *, rates: bool = False) -> dict[str, Array]:
+    """Return positions, or rates, of coordinates and of their followers by name, (T,) each; none where x is None."""
+    if x is None:
+        return {}
+    columns = dict(zip(names, x.T, strict=True))
+    offsets = follower_positions(robot, {}) if rates else {}
+    following = follower_positions(robot, columns)
+    return columns | {name: value - offsets.get(name, 0.0) + np.zeros(len(x)) for name, value in following.items()}
 
 
 def _worst(name: str, kind: str, unit: str, t: Array | None, x: Array, low: float, high: float) -> Excess | None:
