@@ -40,7 +40,7 @@ from .drives import with_drives
 from .identifiability import Identifiable, identifiable, refuse_too_few
 from .result import CalibrationResult
 from .traps import at_once, design_effect, judge_alternatives, refuse_impossible
-from .variants import VARIANTS, Rms, Variants, folds_from, only_fitted, rms, rough_rms, variants_of
+from .variants import VARIANTS, Rms, Variants, folds_from, only_fitted, residuals_of, rms, rough_rms, variants_of
 
 Array = NDArray[np.float64]
 
@@ -141,8 +141,8 @@ def calibrate(
         found = variants_of(problem, start, loss, units, count, confidence, report)
     else:
         fit = only_fitted(problem, start, loss)
-        parts = {"full": {"fitted": rms(problem, fit.residuals, fit.trust), "held_out": {}}}
-        found = Variants({"full": fit}, parts, {}, None, None)
+        parts = {"full": residuals_of(problem, fit.residuals, None, fit.trust)}
+        found = Variants({"full": fit}, parts, {}, None, {})
     report("looking for mistakes")
 
     def again(other: MeasuredPoses) -> Rms:
@@ -369,7 +369,7 @@ def _result(
         freedoms=full.freedoms / effect,
         chi2=chi2,
         prior=found.prior,
-        gain=found.gain,
+        gains=found.gains,
         mistrusted=_mistrusted(problem, full),
         notes=tuple(notes),
         model=model,

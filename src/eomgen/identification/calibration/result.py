@@ -21,8 +21,9 @@ from ..geometry.error_model import ErrorModel, Rows
 from ..geometry.observations import ORIENTATION, POSITION
 from .as_toml import Found, write_toml
 from .as_urdf import write_urdf
+from .identifiability import merged_rows
 from .recorded import write_record
-from .variants import NO_GAIN, VARIANTS, Gain
+from .variants import NO_GAIN, VARIANTS, Gain, Gains
 
 Array = NDArray[np.float64]
 Residuals = Mapping[str, Mapping[str, Mapping[str, float]]]
@@ -46,14 +47,15 @@ class CalibrationResult(Shown, Tabular):
         merged: why a quantity is not identifiable, by name.
         weak: directions that show less than their noise, with their standard deviations.
         residuals: by variant ("placement", "zeros", "full", "prior"), then "fitted" and "held_out", then "position" (m)
-            and "orientation" (rad): rms of components.
+            and "orientation" (rad): rms of components; and "fitted_norm" and "held_out_norm": rms of vectors, such as
+            the distance of two points.
         variant: the one that values are of.
         noise: standard deviations by what was measured, such as "tcp.position", known or estimated; m or rad.
         is_noise_known: whether they were given.
         freedoms: degrees of freedom of the residuals.
         chi2: reduced chi-square, where the noise is known; else None.
         prior: the size that was chosen for the prior, in expected sizes; None without folds.
-        gain: of the full fit over placement alone, held out; None without folds.
+        gains: over placement alone, held out, by variant, then "position" and "orientation"; none without folds.
         mistrusted: rows that the loss counts less than half, with their weights.
         notes: what was found on the way.
         model, x, covariance: the error model, its values and their covariance, for ``predict``.
@@ -80,7 +82,7 @@ class CalibrationResult(Shown, Tabular):
     freedoms: float = field(repr=False)
     chi2: float | None
     prior: float | None
-    gain: Gain | None
+    gains: Gains
     mistrusted: tuple[tuple[int, float], ...]
     notes: tuple[str, ...]
     model: ErrorModel = field(repr=False)
@@ -93,6 +95,12 @@ class CalibrationResult(Shown, Tabular):
         if name not in self.names:
             raise UnknownNameError(f"calibrate: {name!r} was not fitted{nearest_or_all(name, self.names)}")
         return float(self.values[self.names.index(name)])
+
+    @property
+    def gain(self) -> Gain | None:
+        """The full fit's gain over placement alone, in positions where there are any; None without folds."""
+        of_full = self.gains.get("full", {})
+        return of_full.get(POSITION, of_full.get(ORIENTATION))
 
     @property
     def quantile(self) -> float:
@@ -228,7 +236,8 @@ class CalibrationResult(Shown, Tabular):
             "freedoms": self.freedoms,
             "chi2": self.chi2,
             "prior": self.prior,
-            "gain": None if self.gain is None else {**vars(self.gain), "is_significant": self.gain.is_significant},
+            "gain": None if self.gain is None else _gain_values(self.gain),
+            "gains": {name: {kind: _gain_values(x) for kind, x in of.items()} for name, of in self.gains.items()},
             "mistrusted": [{"row": row, "weight": weight} for row, weight in self.mistrusted],
             "notes": list(self.notes),
         }
@@ -247,7 +256,7 @@ class CalibrationResult(Shown, Tabular):
                 lines.append(f"{name:<{width}}{row}")
         if self.merged:
             lines += ["", "not identifiable; their values are part of the least change:"]
-            lines += [f"{name:<{width}}{why}" for name, why in self.merged.items()]
+            lines += [f"{name:<{width}}{why}" for name, why in merged_rows(self.merged)]
         if self.weak:
             lines += ["", "weak: standard deviation of the first, along the direction"]
             lines += [f"{value:>10.2g}  {text}" for text, value in self.weak]
@@ -257,8 +266,8 @@ class CalibrationResult(Shown, Tabular):
         return lines + ["", *(f"note: {note}" for note in self.notes)]
 
     def summary_lines(self) -> list[str]:
-        """Lines about the gain over placement alone, reduced chi-square, and the noise."""
-        lines = [self._gain_line()] if any(self.residuals["full"]["held_out"]) else []
+        """Lines about the gains over placement alone, reduced chi-square, and the noise."""
+        lines = self._gain_lines() if any(self.residuals["full"]["held_out"]) else []
         lines += [f"reduced chi-square {self.chi2:.3g}"] if self.chi2 is not None else []
         known = "known" if self.is_noise_known else "estimated"
         return lines + [f"noise of {name}: {_shown(value, name)}, {known}" for name, value in self.noise.items()]
@@ -266,26 +275,40 @@ class CalibrationResult(Shown, Tabular):
     def _residual_lines(self) -> list[str]:
         kinds = [kind for kind in (POSITION, ORIENTATION) if kind in self.residuals["full"]["fitted"]]
         units = {POSITION: "mm", ORIENTATION: "mrad"}
-        head = "".join(f"{f'{kind} [{units[kind]}]':>20}{'held out':>12}" for kind in kinds)
-        lines = [f"{'rms of residuals':<18}{head}"]
+        lines = [f"{'rms of residuals':<18}" + "".join(f"{f'{k} [{units[k]}]':>24}{'held out':>20}" for k in kinds)]
+        lines.append(f"{'':<18}" + f"{'per axis':>14}{'norm':>10}{'per axis':>10}{'norm':>10}" * len(kinds))
         for name in VARIANTS:
             if name not in self.residuals:
                 continue
             row = ""
             for kind in kinds:
-                parts = self.residuals[name]
-                held = parts["held_out"].get(kind)
-                row += f"{1e3 * parts['fitted'][kind]:>20.4g}{'' if held is None else f'{1e3 * held:.4g}':>12}"
-            lines.append(f"{name:<18}{row}")
+                for part, width in (("fitted", 14), ("fitted_norm", 10), ("held_out", 10), ("held_out_norm", 10)):
+                    value = self.residuals[name].get(part, {}).get(kind)
+                    row += f"{'' if value is None else f'{1e3 * value:.4g}':>{width}}"
+            lines.append(f"{name:<18}{row}".rstrip())
         return lines
 
-    def _gain_line(self) -> str:
-        if self.gain is None:
-            return "gain: too few poses to tell"
-        span = f"{self.gain.low:.3g} .. {self.gain.high:.3g}, {100 * self.confidence:g} % interval"
-        if not self.gain.is_significant:
-            return f"{NO_GAIN}: placement alone leaves {self.gain.ratio:.3g} times as much, held out ({span})"
-        return f"gain: placement alone leaves {self.gain.ratio:.3g} times as much, held out ({span})"
+    def _gain_lines(self) -> list[str]:
+        """The verdict, and by how much every variant is better or worse than placement alone."""
+        if not self.gains:
+            return ["gain: too few poses to tell"]
+        better, worse = list[str](), list[str]()
+        lines = []
+        for name, gains in self.gains.items():
+            parts = []
+            for kind, gain in gains.items():
+                better += [f"{name} in {kind}"] if gain.is_significant else []
+                worse += [f"{name} in {kind}"] if gain.is_loss else []
+                parts.append(f"{kind} {gain.ratio:.3g} ({gain.low:.3g} .. {gain.high:.3g})")
+            lines.append(f"  over {name + ':':<8} {', '.join(parts)}")
+        head = f"gain: {', '.join(better)}" if better else f"{NO_GAIN} over placement alone"
+        head += f"; worse than placement alone: {', '.join(worse)}" if worse else ""
+        share = f"{100 * self.confidence:g} % intervals"
+        return [head, f"error that placement alone leaves, held out, as a multiple ({share}):", *lines]
+
+
+def _gain_values(gain: Gain) -> dict[str, Any]:
+    return {**vars(gain), "is_significant": gain.is_significant}
 
 
 def _plain(values: Sequence[float] | Array) -> list[float | None]:

@@ -14,11 +14,12 @@ from ...robot.model import build_model
 from ...robot.value import COORDINATES, Robot
 from ..geometry.closing import closing_of
 from ..geometry.error_model import COMPLIANCE, DRIVE, OFFSET, PLACEMENT, ZERO, ErrorModel, Quantity
+from ..geometry.observations import ORIENTATION, POSITION
 from ..geometry.stations import chain_of
 from ..saved import damage_named, read_arrays
 from .recorded import ARRAYS, KIND, PLAIN
 from .result import CalibrationResult
-from .variants import Gain
+from .variants import Gain, Gains
 
 _KINDS = (PLACEMENT, ZERO, OFFSET, COMPLIANCE, DRIVE)
 
@@ -47,10 +48,17 @@ def load_calibration(path: Path | str) -> CalibrationResult:
             plain[name] = tuple(map(str, plain[name]))
         for name in ("weak", "mistrusted"):
             plain[name] = tuple((entry[0], entry[1]) for entry in plain[name])
-        gain = None if meta["gain"] is None else Gain(**meta["gain"])
-        result = CalibrationResult(**plain, **arrays_found, gain=gain, model=model)
+        result = CalibrationResult(**plain, **arrays_found, gains=_gains(meta), model=model)
         _check(result, str(path))
     return result
+
+
+def _gains(meta: dict[str, Any]) -> Gains:
+    """Gains by variant and kind; files of before have that of the full one alone, of positions where there are any."""
+    if "gains" in meta:
+        return {name: {kind: Gain(**x) for kind, x in gains.items()} for name, gains in meta["gains"].items()}
+    kind = next(kind for kind in (POSITION, ORIENTATION) if kind in meta["residuals"]["full"]["fitted"])
+    return {} if meta["gain"] is None else {"full": {kind: Gain(**meta["gain"])}}
 
 
 def _quantity(entry: dict[str, Any]) -> Quantity:
