@@ -86,7 +86,7 @@ def toml_text(found: Found, folder: Path) -> str:
         rpy = placed.rpy or (0.0, 0.0, 0.0)
         text = f"placement = {{ xyz = {numbers_text(placed.xyz)}, rpy = {numbers_text(rpy)} }}"
         keys = [parameter_name(FRAMES, name, kind) for kind in UNITS if kind != "motor"]
-        comment = "# +- " + ", ".join(f"{found.deviations[key]:.2g}" for key in keys)
+        comment = "# +- " + ", ".join(deviation_text(found.deviations[key]) for key in keys)
         new = name + OF_LINK if name in own else name
         block = block_of(body, "frames", new)
         if block is None:
@@ -124,7 +124,7 @@ def _comments(found: Found) -> list[str]:
         if is_joint and parts[-1] == "stiffness":
             is_joint = parts[2] in stiffness_of(found.robot.joint(parts[1]), found.values)
         if BASE in parts[:-1] or not (is_joint or parts[0] == FRAMES):
-            lines.append(f"# {name} = {value!r} +- {found.deviations[name]:.2g} {found.units[name]}")
+            lines.append(f"# {name} = {value!r} +- {deviation_text(found.deviations[name])} {found.units[name]}")
     return lines
 
 
@@ -149,7 +149,7 @@ def _put_joint(found: Found, joint: Joint, body: list[str], robot: Robot) -> Non
             raise unwritable(robot, f"{joint.name}.{kind}")
         key = parameter_name(JOINTS, joint.name, kind, "stiffness")
         changed = re.sub(r"(?<!_)\bstiffness\s*=\s*[^,}\s]+", f"stiffness = {value!r}", body[at[0]], count=1)
-        body[at[0]] = f"{changed}  # stiffness +- {found.deviations[key]:.2g}"
+        body[at[0]] = f"{changed}  # stiffness +- {deviation_text(found.deviations[key])}"
 
 
 def _put_offset(found: Found, table: str, name: str, offset: Mapping[str, float], body: list[str]) -> None:
@@ -158,7 +158,9 @@ def _put_offset(found: Found, table: str, name: str, offset: Mapping[str, float]
     if block is None:
         raise unwritable(found.robot, name)
     values = ", ".join(f"{kind} = {value!r}" for kind, value in offset.items())
-    said = ", ".join(f"{found.deviations[parameter_name(table, name, 'offset', kind)]:.2g}" for kind in offset)
+    said = ", ".join(
+        f"{deviation_text(found.deviations[parameter_name(table, name, 'offset', kind)])}" for kind in offset
+    )
     replace_line(body, block, "offset", f"offset = {{ {values} }}  # +- {said}", found.robot)
 
 
@@ -172,7 +174,7 @@ def _put_placement(found: Found, joint: Joint, body: list[str]) -> None:
     placed = found.calibrated.joint(joint.name).placement
     table = f"{{ xyz = {numbers_text(placed.xyz)}, rpy = {numbers_text(placed.rpy or (0.0, 0.0, 0.0))} }}"
     names = [parameter_name(JOINTS, joint.name, TILT, kind) for kind in ("alpha", "beta")]
-    said = ", ".join(f"{found.deviations[name]:.2g}" for name in names if name in found.deviations)
+    said = ", ".join(deviation_text(found.deviations[name]) for name in names if name in found.deviations)
     block = block_of(body, JOINTS, joint.name)
     assert block is not None
     replace_line(body, block, "placement", f"placement = {table}  # tilt of its axis +- {said}", found.robot)
@@ -218,6 +220,11 @@ def _compare(found: Found, text: str, target: Path) -> None:
         pairs += [pair for a, b in rows for pair in zip(a, b, strict=True)]
         if joint.name != other.name or any(abs(a - b) > _CLOSE * max(1.0, abs(a)) for a, b in pairs):
             raise unwritable(found.robot, joint.name)
+
+
+def deviation_text(value: float) -> str:
+    """A standard deviation as comments have it."""
+    return "unknown" if np.isnan(value) else f"{value:.2g}"
 
 
 def numbers_text(values: Sequence[float]) -> str:

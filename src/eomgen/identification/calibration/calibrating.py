@@ -30,15 +30,17 @@ from ..geometry.error_model import (
     quantities_of,
     rows_of,
 )
-from ..geometry.observations import observations_of
+from ..geometry.observations import at_rows, observations_of
 from ..geometry.placing import placed
 from ..geometry.poses import MeasuredPoses, read_poses
 from ..geometry.rotations import coordinates_of, pose_from
-from ..geometry.solving import LOSSES, Fit, Problem
+from ..geometry.solving import LOSSES, Fit, Problem, whitened
 from ..geometry.stations import Chain, chain_of, matrix_of
+from .diagnosing import Diagnosis, diagnosed, diagnosis_notes
 from .drives import with_drives
 from .identifiability import Identifiable, identifiable, refuse_too_few
 from .result import CalibrationResult
+from .serial import Serial
 from .traps import at_once, design_effect, judge_alternatives, refuse_impossible
 from .variants import VARIANTS, Rms, Variants, folds_from, only_fitted, residuals_of, rms, rough_rms, variants_of
 
@@ -154,7 +156,24 @@ def calibrate(
     notes += [*more, *_notes(task, problem)]
     report("looking at what is identifiable")
     shown = identifiable(problem, full)
-    return _result(task, poses, problem, found, shown, variant, effect, confidence, notes)
+    report("looking at residuals")
+    diagnosis, serial = diagnosed(problem, full, shown.rank, loss, is_serial=effect == 1.0)
+    fit = found.fits[variant]
+    covariance, freedoms = effect * fit.covariance, full.freedoms / effect
+    if serial is not None:
+        covariance, freedoms = _widened(problem, fit, serial), serial.freedoms
+        with np.errstate(invalid="ignore"):
+            ratios = np.diagonal(covariance) / np.diagonal(fit.covariance)
+        diagnosis = replace(diagnosis, widened=float(np.sqrt(np.nanmax(ratios))))
+    notes += diagnosis_notes(diagnosis, poses, problem, shown.rank)
+    return _result(task, poses, problem, found, shown, variant, covariance, freedoms, diagnosis, confidence, notes)
+
+
+def _widened(problem: Problem, fit: Fit, serial: Serial) -> Array:
+    """Covariance of a fit's values, (P, P), with errors that go on from row to row."""
+    r, A = at_rows(problem.model, problem.rows, problem.seen, fit.x)
+    S = whitened(problem, fit, r, A)[1] / problem.model.sizes
+    return serial.widened(fit.covariance, S, estimated=bool(np.isnan(problem.seen.sigma).any()))
 
 
 def readable_columns(robot: Robot) -> tuple[str, ...]:
@@ -335,16 +354,19 @@ def _result(
     found: Variants,
     shown: Identifiable,
     variant: str,
-    effect: float,
+    covariance: Array,
+    freedoms: float,
+    diagnosis: Diagnosis,
     confidence: float,
     notes: list[str],
 ) -> CalibrationResult:
     model, fit, full = problem.model, found.fits[variant], found.fits["full"]
-    covariance = effect * fit.covariance
     values, described, deviations = _described(task, model, fit.x, covariance)
     chosen = problem.active
     names = tuple(model.quantities[i].name for i in chosen)
     is_known = not np.isnan(problem.seen.sigma).any()
+    if not (is_known or diagnosis.is_checked):
+        deviations = np.full_like(deviations, np.nan)
     chi2 = full.chi2 / full.freedoms if is_known and full.freedoms > 0.0 else None
     if chi2 is not None:
         notes += _lack_of_fit(full)
@@ -366,12 +388,13 @@ def _result(
         variant=variant,
         noise=_noise(problem, full),
         is_noise_known=is_known,
-        freedoms=full.freedoms / effect,
+        freedoms=freedoms,
         chi2=chi2,
         prior=found.prior,
         gains=found.gains,
         mistrusted=_mistrusted(problem, full),
         notes=tuple(notes),
+        diagnosis=diagnosis,
         model=model,
         x=fit.x,
         covariance=covariance,

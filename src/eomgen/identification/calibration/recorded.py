@@ -7,6 +7,7 @@ from typing import Any
 
 from ...robot.record import record_of
 from ..saved import write_arrays
+from .diagnosing import diagnosis_values
 
 KIND = "calibration"
 ARRAYS = ("values", "described", "deviations", "x", "covariance")
@@ -27,6 +28,7 @@ def write_record(result: Any, target: Path) -> Path:
     meta["merged"], meta["noise"], meta["frames"] = dict(result.merged), dict(result.noise), dict(result.frames)
     meta |= {
         "gains": {name: {kind: vars(x) for kind, x in gains.items()} for name, gains in result.gains.items()},
+        "diagnosis": diagnosis_values(result.diagnosis),
         "description": record_of(model.robot),
         "quantities": [vars(quantity) for quantity in model.quantities],
         "bases": {str(number): pose.tolist() for number, pose in model.bases.items()},

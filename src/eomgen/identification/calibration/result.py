@@ -21,6 +21,7 @@ from ..geometry.error_model import ErrorModel, Rows
 from ..geometry.observations import ORIENTATION, POSITION
 from .as_toml import Found, write_toml
 from .as_urdf import write_urdf
+from .diagnosing import Diagnosis, diagnosis_values
 from .identifiability import merged_rows
 from .recorded import write_record
 from .variants import NO_GAIN, VARIANTS, Gain, Gains
@@ -58,6 +59,7 @@ class CalibrationResult(Shown, Tabular):
         gains: over placement alone, held out, by variant, then "position" and "orientation"; none without folds.
         mistrusted: rows that the loss counts less than half, with their weights.
         notes: what was found on the way.
+        diagnosis: what residuals show: outlying rows, correlation from row to row, drift, patterns along joints.
         model, x, covariance: the error model, its values and their covariance, for ``predict``.
         source: the file of poses.
     """
@@ -85,6 +87,7 @@ class CalibrationResult(Shown, Tabular):
     gains: Gains
     mistrusted: tuple[tuple[int, float], ...]
     notes: tuple[str, ...]
+    diagnosis: Diagnosis = field(repr=False)
     model: ErrorModel = field(repr=False)
     x: Array = field(repr=False)
     covariance: Array = field(repr=False)
@@ -124,7 +127,8 @@ class CalibrationResult(Shown, Tabular):
             series: number of the series whose device looks; None: poses in the robot's own base axes.
 
         Returns:
-            poses, (4, 4) or (N, 4, 4), and covariances of displacement and small turn, (6, 6) or (N, 6, 6), m and rad.
+            poses, (4, 4) or (N, 4, 4), and covariances of displacement and small turn, (6, 6) or (N, 6, 6), m and rad;
+            NaN where nothing could be checked and the noise is not known.
 
         Raises:
             UnknownNameError: no measured frame, or no series, of that name.
@@ -163,6 +167,8 @@ class CalibrationResult(Shown, Tabular):
             S[:, :, [i for i, quantity in enumerate(self.model.quantities) if quantity.station == 0]] = 0.0
             S = np.concatenate([turn @ S[:, :3], turn @ S[:, 3:]], axis=1)
         covariance = S @ self.covariance @ S.transpose(0, 2, 1)
+        if not (self.is_noise_known or self.diagnosis.is_checked):
+            covariance = np.full_like(covariance, np.nan)
         lead = given.shape[:-1]
         return poses.reshape(*lead, 4, 4), covariance.reshape(*lead, 6, 6)
 
@@ -240,6 +246,7 @@ class CalibrationResult(Shown, Tabular):
             "gains": {name: {kind: _gain_values(x) for kind, x in of.items()} for name, of in self.gains.items()},
             "mistrusted": [{"row": row, "weight": weight} for row, weight in self.mistrusted],
             "notes": list(self.notes),
+            "diagnosis": diagnosis_values(self.diagnosis),
         }
 
     def lines(self) -> list[str]:
@@ -252,7 +259,8 @@ class CalibrationResult(Shown, Tabular):
         for i, name in enumerate(self.names):
             if name not in self.merged:
                 before = "" if np.isnan(self.described[i]) else f"{self.described[i]:.7g}"
-                row = f"{self.values[i]:>14.7g}{self.deviations[i]:>16.2g}{before:>14}  {self.units[i]}"
+                deviation = "unknown" if np.isnan(self.deviations[i]) else f"{self.deviations[i]:.2g}"
+                row = f"{self.values[i]:>14.7g}{deviation:>16}{before:>14}  {self.units[i]}"
                 lines.append(f"{name:<{width}}{row}")
         if self.merged:
             lines += ["", "not identifiable; their values are part of the least change:"]

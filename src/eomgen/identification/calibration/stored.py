@@ -17,6 +17,7 @@ from ..geometry.error_model import COMPLIANCE, DRIVE, OFFSET, PLACEMENT, ZERO, E
 from ..geometry.observations import ORIENTATION, POSITION
 from ..geometry.stations import chain_of
 from ..saved import damage_named, read_arrays
+from .diagnosing import Diagnosis, diagnosis_from
 from .recorded import ARRAYS, KIND, PLAIN
 from .result import CalibrationResult
 from .variants import Gain, Gains
@@ -48,7 +49,8 @@ def load_calibration(path: Path | str) -> CalibrationResult:
             plain[name] = tuple(map(str, plain[name]))
         for name in ("weak", "mistrusted"):
             plain[name] = tuple((entry[0], entry[1]) for entry in plain[name])
-        result = CalibrationResult(**plain, **arrays_found, gains=_gains(meta), model=model)
+        diagnosis = diagnosis_from(meta["diagnosis"]) if "diagnosis" in meta else Diagnosis()
+        result = CalibrationResult(**plain, **arrays_found, gains=_gains(meta), diagnosis=diagnosis, model=model)
         _check(result, str(path))
     return result
 

@@ -36,8 +36,9 @@ class Quantity:
     """One unknown.
 
     name: such as "joints.joint2.offset.z"; of a compliance that of its stiffness.  kind: one of the five above.
-    station, coordinate: what it moves.  factor: "one", "series", "force", "gain", "cos", "sin", "backlash", "coupling",
-    "temperature"; series: the series' number, or of a coupling the station whose reading counts.
+    station, coordinate: what it moves.  factor: "one", "series", "force", "gain", "cos", "sin" (with the number of the
+    harmonic behind it, such as "cos2", where that is not 1), "backlash", "coupling", "temperature".
+    series: the series' number, or of a coupling the station whose reading counts.
     nominal: its value in the description.  size: by how much it is expected to be off.
     """
 
@@ -210,8 +211,9 @@ def factor_of(quantity: Quantity, rows: Rows) -> Array:
         return np.asarray(rows.series == quantity.series, dtype=np.float64)
     if kind == "gain":
         return np.asarray(reading)
-    if kind in ("cos", "sin"):
-        return np.asarray(np.cos(reading) if kind == "cos" else np.sin(reading))
+    if kind.startswith(("cos", "sin")):
+        angle = float(kind[3:] or 1.0) * reading
+        return np.asarray(np.cos(angle) if kind.startswith("cos") else np.sin(angle))
     if kind == "backlash":
         return np.asarray(rows.direction[:, quantity.station])
     if kind == "coupling":
@@ -282,7 +284,8 @@ def drive_terms(chain: Chain, rows: Rows) -> Iterator[tuple[Quantity, ...]]:
 
         yield (term("gain", "gain", 1e-3),)
         if c >= 3:
-            yield term("eccentricity.cos", "cos", size), term("eccentricity.sin", "sin", size)
+            for key, frequency in _harmonics(station):
+                yield term(f"{key}.cos", f"cos{frequency}", size), term(f"{key}.sin", f"sin{frequency}", size)
         if np.ptp(rows.direction[:, k]) > 0.0:
             yield (term("backlash", "backlash", size),)
         for other in moving:
@@ -293,6 +296,17 @@ def drive_terms(chain: Chain, rows: Rows) -> Iterator[tuple[Quantity, ...]]:
                 drift = 1e-5 * (chain.reach if part < 3 else 1.0)
                 name = parameter_name(JOINTS, station.name, "temperature", COORDINATES[part])
                 yield (Quantity(name, DRIVE, k, part, "temperature", 0.0, drift),)
+
+
+def _harmonics(station: Station) -> Iterator[tuple[str, str]]:
+    """Names of a drive's harmonics, and how often they come in a turn of the joint: two of it, and two of its motor."""
+    yield "eccentricity", ""
+    yield "harmonic2", "2"
+    motor = None if station.joint is None else station.joint.motor
+    ratio = 1.0 if motor is None else abs(motor.ratio)
+    for key, often in (("motor_turn", ratio), ("motor_turn2", 2.0 * ratio)):
+        if motor is not None and often not in (1.0, 2.0):
+            yield key, repr(often)
 
 
 def rows_of(chain: Chain, robot: Robot, poses: MeasuredPoses, known: Mapping[str, tuple[int, int, float]]) -> Rows:
