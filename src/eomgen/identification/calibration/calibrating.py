@@ -23,14 +23,16 @@ from ..geometry.closing import Closing, closed_readings, closing_of, held_by_loo
 from ..geometry.error_model import (
     COMPLIANCE,
     JOINTS,
+    OFFSET,
     PLACEMENT,
     SIZES,
+    ZERO,
     ErrorModel,
     Quantity,
     quantities_of,
     rows_of,
 )
-from ..geometry.observations import at_rows, observations_of
+from ..geometry.observations import ORIENTATION, POSITION, at_rows, observations_of
 from ..geometry.placing import placed
 from ..geometry.poses import MeasuredPoses, read_poses
 from ..geometry.rotations import coordinates_of, pose_from
@@ -39,15 +41,21 @@ from ..geometry.stations import Chain, chain_of, matrix_of
 from .diagnosing import Diagnosis, diagnosed, diagnosis_notes
 from .drives import with_drives
 from .identifiability import Identifiable, identifiable, refuse_too_few
+from .misreadings import Left, judged, left_of
 from .result import CalibrationResult
 from .serial import Serial
-from .traps import at_once, design_effect, judge_alternatives, refuse_impossible
-from .variants import VARIANTS, Rms, Variants, folds_from, only_fitted, residuals_of, rms, rough_rms, variants_of
+from .traps import at_once, design_effect, refuse_impossible, suspicion_of
+from .variants import VARIANTS, Rms, Variants, folds_from, medians_of, only_fitted, residuals_of, variants_of
 
 Array = NDArray[np.float64]
 
 FOLDS = 10
 LACK = 1e-3  # probability of a reduced chi-square by chance, below which the fit lacks something
+TURN = 0.1  # rad: median of what is left of orientations that nothing explains
+OFF = 0.03  # of the reach: median of what is left of positions that nothing explains
+_FAR = 30.0  # expected sizes: offsets that are larger are those of another robot
+_SUSPECT = 0.15  # of both: what is left where other readings are tried
+_ROWS, _ROWS_CLOSED = 32, 12  # rows that readings are tried with
 _SOFT = 1e-3  # rad or m: what a stiffness that nothing is said of is expected to give way in all
 
 
@@ -82,6 +90,7 @@ def calibrate(
     variant: str = "full",
     sizes: Sequence[float] = SIZES,
     confidence: float = 0.95,
+    force: bool = False,
     progress: StageReport | None = None,
 ) -> CalibrationResult:
     """Offsets, placements and stiffness of a robot from poses, positions or distances of its frames.
@@ -104,6 +113,7 @@ def calibrate(
         variant: "placement", "zeros", "full" or "prior": the one that values are of.
         sizes: by how much offsets are expected to be off: as a share of the robot's reach, and rad.
         confidence: of intervals.
+        force: whether to calibrate although another reading of the file explains it much better, which is noted then.
         progress: called with a line of text when a stage begins.
 
     Raises:
@@ -132,9 +142,15 @@ def calibrate(
     if not isinstance(poses, MeasuredPoses):
         poses = read_poses(poses, readable_columns(robot), tuple(task.links), rotation=rotation)
     problem, start = problem_of(task, poses, careful=True)
+    units, notes = at_once(poses), list[str]()
+    suspicion = suspicion_of(poses, problem.model.chain, problem.rows)
+    if suspicion:
+        report("looking for mistakes")
+        notes += _other_readings(task, poses, {}, is_explained=True, force=force)
+        if not force:
+            raise InputError(suspicion)
+        notes += [suspicion]
     report("fitting")
-    units = at_once(poses)
-    notes = list[str]()
     if drives:
         fit = only_fitted(problem, start, loss)
         problem, fit, notes = with_drives(problem, fit, loss, report)
@@ -146,14 +162,13 @@ def calibrate(
         parts = {"full": residuals_of(problem, fit.residuals, None, fit.trust)}
         found = Variants({"full": fit}, parts, {}, None, {})
     report("looking for mistakes")
-
-    def again(other: MeasuredPoses) -> Rms:
-        return rough_rms(*problem_of(task, other, careful=False))
-
-    full = found.fits["full"]
-    notes += judge_alternatives(poses, rms(problem, full.residuals, full.trust), problem.model.chain.reach, again)
+    full, medians = found.fits["full"], medians_of(problem, found, variant)
+    limits = {POSITION: OFF * problem.model.chain.reach, ORIENTATION: TURN}
+    is_explained = all(value <= limits[kind] for kind, value in medians.items())
+    if any(value > _SUSPECT * limits[kind] for kind, value in medians.items()):
+        notes += _other_readings(task, poses, medians, is_explained=is_explained, force=force)
     effect, more = design_effect(poses, problem.seen, full, units)
-    notes += [*more, *_notes(task, problem)]
+    notes += [*more, *_notes(task, problem), *_far_off(problem, found.fits[variant])]
     report("looking at what is identifiable")
     shown = identifiable(problem, full)
     report("looking at residuals")
@@ -166,7 +181,43 @@ def calibrate(
             ratios = np.diagonal(covariance) / np.diagonal(fit.covariance)
         diagnosis = replace(diagnosis, widened=float(np.sqrt(np.nanmax(ratios))))
     notes += diagnosis_notes(diagnosis, poses, problem, shown.rank)
-    return _result(task, poses, problem, found, shown, variant, covariance, freedoms, diagnosis, confidence, notes)
+    result = _result(task, poses, problem, found, shown, variant, covariance, freedoms, diagnosis, confidence, notes)
+    return replace(result, is_explained=is_explained)
+
+
+def _other_readings(task: Task, poses: MeasuredPoses, medians: Rms, *, is_explained: bool, force: bool) -> list[str]:
+    """Notes about other readings of the file; InputError where one explains it, without ``force``."""
+    simple = replace(task, noise=None, covariance={}, stiffness=())
+    most = _ROWS_CLOSED if task.robot.is_closed else _ROWS
+
+    def again(other: MeasuredPoses) -> Left:
+        has_travel = any(np.isfinite(measured.travel).any() for measured in other.frames.values())
+        if len(other.q) > most and not has_travel:
+            other = other.part(np.linspace(0, len(other.q) - 1, most).round().astype(np.intp))
+        frames = {name: replace(measured, sigma={}) for name, measured in other.frames.items()}
+        return left_of(*problem_of(simple, replace(other, frames=frames), careful=False))
+
+    found = judged(poses, again, is_closed=task.robot.is_closed)
+    own = f"as it is read, placements of base and tool leave {found.own}"
+    if found.cause:
+        (text, left), *tied = found.cause
+        more = f"; these poses do not tell it from: {'; '.join(name for name, _ in tied)}" if tied else ""
+        said = f"{poses.source}: {own}; read as {text}: {left}{more}"
+        if not force:
+            raise InputError(
+                f"{said}; allowed: m and rad, axes of one device, orientations as --rotation (rotation=) says, or"
+                " --force (force=True)"
+            )
+        return [said]
+    if is_explained:
+        return []
+    others = [(text, left) for text, left in found.others if left.is_like(found.own)]
+    best = "; ".join(f"{text}: {left}" for text, left in others[:3])
+    large = ", ".join(f"{value:.3g} {'m' if kind == POSITION else 'rad'} of {kind}" for kind, value in medians.items())
+    return [
+        f"what was measured is not explained: the fit leaves {large} (medians of vectors); {own}, and other readings"
+        f" of the file no less: {best}"
+    ]
 
 
 def _widened(problem: Problem, fit: Fit, serial: Serial) -> Array:
@@ -203,9 +254,12 @@ def problem_of(task: Task, poses: MeasuredPoses, *, careful: bool) -> tuple[Prob
     columns = _columns(robot, chain, poses)
     rows = rows_of(chain, robot, poses, columns)
     if careful:
-        refuse_impossible(poses, chain, rows)
+        refuse_impossible(poses, chain)
     closing = None
     if robot.is_closed:
+        suspicion = suspicion_of(poses, chain, rows) if careful else ""
+        if suspicion:
+            raise InputError(suspicion)
         tree = build_model(robot)
         closing = closing_of(tree, chain, [place[:2] for place in columns.values()], poses.source)
         places = [poses.place(row) for row in range(len(poses.q))]
@@ -345,6 +399,19 @@ def _notes(task: Task, problem: Problem) -> list[str]:
     if bent:
         notes.append(f"of {listed(bent)} the linear stiffness alone counts")
     return notes
+
+
+def _far_off(problem: Problem, fit: Fit) -> list[str]:
+    """A note about offsets that are too large for a robot that was built as it is described."""
+    quantities = problem.model.quantities
+    off = (fit.x - problem.model.nominal) / problem.model.sizes
+    far = [i for i in problem.active if quantities[i].kind in (ZERO, OFFSET) and abs(off[i]) > _FAR]
+    if not far:
+        return []
+    named = listed(
+        [f"{quantities[i].name} by {fit.x[i] - quantities[i].nominal:.3g} {quantities[i].unit}" for i in far]
+    )
+    return [f"further off than a robot is built: {named}; is a zero, or a length, another one than in the description?"]
 
 
 def _result(

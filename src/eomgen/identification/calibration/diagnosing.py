@@ -29,6 +29,7 @@ _MAD = 1.4826  # standard deviation over the median of the magnitude, normal dis
 _EFFICIENCY = 0.37  # of a standard deviation from the median of the magnitude
 _LITTLE = 5  # numbers more than unknowns, below which little is checked
 _LOOSE = 0.05  # least share of a number that a fit leaves open
+_LARGE = 0.1  # rad, m or 1: a pattern that no drive has
 _NAMED = 12  # rows in a note
 _MOST = 8  # patterns that are named
 
@@ -235,6 +236,9 @@ def _pattern_note(pattern: Pattern) -> str:
             f" {1e3 * pattern.turn:.3g} mrad from the first row to the last ({chance}); a new series where it happened"
             " fits it"
         )
+    if pattern.size > _LARGE:
+        why = "no drive has that much: is the column of that joint read rightly, its sense, unit and order?"
+        return f"residuals show {pattern.name}, about {pattern.size:.2g} ({chance}): {why}"
     return f"residuals show {pattern.name}, about {pattern.size:.2g} ({chance}); --drives (drives=True) fits it"
 
 

@@ -28,6 +28,7 @@ def write_record(result: Any, target: Path) -> Path:
     meta["merged"], meta["noise"], meta["frames"] = dict(result.merged), dict(result.noise), dict(result.frames)
     meta |= {
         "gains": {name: {kind: vars(x) for kind, x in gains.items()} for name, gains in result.gains.items()},
+        "is_explained": result.is_explained,
         "diagnosis": diagnosis_values(result.diagnosis),
         "description": record_of(model.robot),
         "quantities": [vars(quantity) for quantity in model.quantities],

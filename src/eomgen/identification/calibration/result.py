@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...errors import ArrayError, UnknownNameError
+from ...errors import ArrayError, InputError, UnknownNameError
 from ...names import nearest_or_all
 from ...optional import optional_import
 from ...robot.value import COORDINATES, Robot
@@ -62,6 +62,8 @@ class CalibrationResult(Shown, Tabular):
         diagnosis: what residuals show: outlying rows, correlation from row to row, drift, patterns along joints.
         model, x, covariance: the error model, its values and their covariance, for ``predict``.
         source: the file of poses.
+        is_explained: whether what is left of the poses is small beside the robot, fitted and held out; what is not
+            explained is written as a description only if that is forced.
     """
 
     robot: str
@@ -92,6 +94,7 @@ class CalibrationResult(Shown, Tabular):
     x: Array = field(repr=False)
     covariance: Array = field(repr=False)
     source: str = ""
+    is_explained: bool = True
 
     def __getitem__(self, name: str) -> float:
         """The value of a quantity; UnknownNameError if there is none of that name."""
@@ -185,21 +188,39 @@ class CalibrationResult(Shown, Tabular):
         units = dict(zip(self.names, self.units, strict=True))
         return Found(self.model.robot, self.model.chain, self.frames, values, deviations, units)
 
-    def to_toml(self, path: Path | str) -> Path:
+    def _refuse_unexplained(self, force: bool) -> None:
+        if not (self.is_explained or force):
+            raise InputError(
+                f"{self.source or self.robot}: the calibration does not explain what was measured, and is not written"
+                " as a description; allowed: poses that it explains (notes say what was tried), or --force (force=True)"
+            )
+
+    def to_toml(self, path: Path | str, *, force: bool = False) -> Path:
         """Write the description with what was found, standard deviations as comments, and return the path.
 
+        Args:
+            path: of the file.
+            force: whether to write what does not explain the poses.
+
         Raises:
-            InputError: the robot's file cannot be read any more, is not written so that it can be changed, or the file
-                cannot be written.
+            InputError: the poses are not explained, the robot's file cannot be read any more, is not written so that it
+                can be changed, or the file cannot be written.
         """
+        self._refuse_unexplained(force)
         return write_toml(self._found, Path(path))
 
-    def to_urdf(self, path: Path | str) -> Path:
+    def to_urdf(self, path: Path | str, *, force: bool = False) -> Path:
         """Write an URDF whose origins (and axes of prismatic joints) have what was found, and return the path.
 
+        Args:
+            path: of the file.
+            force: whether to write what does not explain the poses.
+
         Raises:
-            InputError: the robot has what an URDF cannot say, or a file cannot be read or written.
+            InputError: the poses are not explained, the robot has what an URDF cannot say, or a file cannot be read or
+                written.
         """
+        self._refuse_unexplained(force)
         return write_urdf(self._found, Path(path))
 
     def save(self, path: Path | str) -> Path:
@@ -247,6 +268,7 @@ class CalibrationResult(Shown, Tabular):
             "mistrusted": [{"row": row, "weight": weight} for row, weight in self.mistrusted],
             "notes": list(self.notes),
             "diagnosis": diagnosis_values(self.diagnosis),
+            "is_explained": self.is_explained,
         }
 
     def lines(self) -> list[str]:

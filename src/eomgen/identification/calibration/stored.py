@@ -50,6 +50,7 @@ def load_calibration(path: Path | str) -> CalibrationResult:
         for name in ("weak", "mistrusted"):
             plain[name] = tuple((entry[0], entry[1]) for entry in plain[name])
         diagnosis = diagnosis_from(meta["diagnosis"]) if "diagnosis" in meta else Diagnosis()
+        plain["is_explained"] = bool(meta.get("is_explained", True))
         result = CalibrationResult(**plain, **arrays_found, gains=_gains(meta), diagnosis=diagnosis, model=model)
         _check(result, str(path))
     return result

@@ -14,7 +14,7 @@ from ...optional import optional_import
 from ...progress import StageReport
 from ..geometry.error_model import PLACEMENT, ZERO
 from ..geometry.observations import ORIENTATION, POSITION, at_rows
-from ..geometry.solving import Fit, Problem, fitted, refitted, roughly, whitened
+from ..geometry.solving import ROUGH, Fit, Problem, fitted, refitted, roughly, whitened
 
 Array = NDArray[np.float64]
 Places = NDArray[np.intp]
@@ -115,11 +115,9 @@ def only_fitted(problem: Problem, start: Array, loss: str | None) -> Fit:
     return fitted(problem, roughly(_part(problem, PLACEMENT), start), loss=loss)
 
 
-def rough_rms(problem: Problem, start: Array) -> Rms:
-    """``rms`` of what a few steps leave: enough to tell one reading of a file from another."""
-    x = roughly(problem, roughly(_part(problem, PLACEMENT), start))
-    r, _ = at_rows(problem.model, problem.rows, problem.seen, x)
-    return rms(problem, r, np.ones(r.size))
+def roughly_placed(problem: Problem, start: Array) -> Array:
+    """Values, (P,), with placements of base and tool alone after a few steps: enough to tell readings apart."""
+    return roughly(_part(problem, PLACEMENT), start, ROUGH // 2)
 
 
 def rms(problem: Problem, differences: Array, trust: Array, *, whole: bool = False) -> Rms:
@@ -136,6 +134,21 @@ def rms(problem: Problem, differences: Array, trust: Array, *, whole: bool = Fal
         if weight > 0.0:
             found[kind] = float(np.sqrt((trust[inside] * differences[inside] ** 2).sum() / weight))
     return found
+
+
+def medians_of(problem: Problem, found: Variants, variant: str) -> Rms:
+    """Median length of what a variant leaves of vectors, by kind, m and rad: fitted or held out, whichever is more."""
+    medians: Rms = {}
+    kinds = problem.seen.kinds
+    for differences in (found.fits[variant].residuals, found.held_out.get(variant)):
+        for group, block in enumerate(problem.seen.blocks):
+            inside = problem.seen.group == group
+            if differences is None or not np.isfinite(differences[inside]).any():
+                continue
+            lengths = np.linalg.norm(differences[inside].reshape(-1, block.width), axis=1)
+            kind = str(kinds[inside][0])
+            medians[kind] = max(medians.get(kind, 0.0), float(np.nanmedian(lengths)))
+    return medians
 
 
 def fold_rows(units: Places, folds: int) -> list[NDArray[np.bool_]]:

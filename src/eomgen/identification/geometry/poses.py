@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -87,6 +87,32 @@ class MeasuredPoses(Shown):
     temperature: Array | None
     source: str = "poses"
     lines: NDArray[np.int32] | None = None
+
+    def part(self, kept: NDArray[np.intp]) -> MeasuredPoses:
+        """The same of some of the rows."""
+        frames = {
+            name: replace(
+                m,
+                position=m.position[kept],
+                orientation=m.orientation[kept],
+                distance=m.distance[kept],
+                travel=m.travel[kept],
+                wrench=m.wrench[kept],
+                sigma={key: values[kept] for key, values in m.sigma.items()},
+                written=None if m.written is None else m.written[kept],
+            )
+            for name, m in self.frames.items()
+        }
+        return replace(
+            self,
+            q=self.q[kept],
+            frames=frames,
+            series=self.series[kept],
+            body=None if self.body is None else self.body[kept],
+            weight=self.weight[kept],
+            temperature=None if self.temperature is None else self.temperature[kept],
+            lines=None if self.lines is None else self.lines[kept],
+        )
 
     def place(self, row: int) -> str:
         """The file and the line, or the row's number."""

@@ -22,7 +22,7 @@ HIDDEN = 0.03  # of an expected size, in units of its noise: what shows less kee
 _ROUND_OFF = 1e-13  # of the longest column: what is shorter is 0
 _BLOCK = 2  # rows of a block over its columns
 _STEPS = 25  # of Gauss and Newton, at most
-_ROUGH = 4  # steps of a fit that another one goes on from
+ROUGH = 4  # steps of a fit that another one goes on from
 _HALVINGS = 12
 _SMALL = 1e-9  # of a step, in expected sizes
 _ROUNDS = 15  # of noise that is estimated, or weights that follow from residuals
@@ -146,13 +146,13 @@ def fitted(
     )
 
 
-def roughly(problem: Problem, x: Array) -> Array:
+def roughly(problem: Problem, x: Array, steps: int = ROUGH) -> Array:
     """Values, (P,), near enough to begin a fit with: all noise that is not known is that of what is left at x."""
     seen = problem.seen
     r, A = at_rows(problem.model, problem.rows, seen, x)
     places = np.arange(seen.group.size)
     sigma = _first_sigma(seen, r, np.isnan(seen.sigma), seen.sigma, places)
-    return _descend(problem, x, r, A, sigma, np.ones(places.size), places, _ROUGH)[0]
+    return _descend(problem, x, r, A, sigma, np.ones(places.size), places, steps)[0]
 
 
 def refitted(problem: Problem, fit: Fit, kept: Places, steps: int = 4) -> Array:
