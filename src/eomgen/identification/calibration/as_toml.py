@@ -19,10 +19,10 @@ from ...files import check_ending, write_atomically
 from ...forms.toml_text import read_text
 from ...names import parameter_name, show_path
 from ...robot.coordinates import UNITS
-from ...robot.value import Joint, Robot
-from ..geometry.error_model import BASE, FRAMES, JOINTS, LOOPS, TILT
-from ..geometry.stations import Chain
-from .calibrated import OF_LINK, calibrated_robot, offset_of, placement_of, placements, stiffness_of, tilt_of
+from ...robot.value import COORDINATES, Joint, Robot
+from ..geometry.error_model import BASE, FRAMES, JOINTS, LOOPS, SECOND, TILT
+from ..geometry.stations import Chain, matrix_of
+from .calibrated import OF_LINK, calibrated_robot, offset_of, placement_of, placements, second_of, stiffness_of, tilt_of
 
 Array = NDArray[np.float64]
 
@@ -80,6 +80,8 @@ def toml_text(found: Found, folder: Path) -> str:
         offset = offset_of(loop, found.values)
         if offset:
             _put_offset(found, LOOPS, loop.name, offset, body)
+        if second_of(loop, found.values) is not None:
+            _put_second(found, loop.name, body)
     own = {robot.base, *(link.name for link in robot.links)}
     for name, link, pose in placements(found.links, found.values):
         placed = placement_of(pose)
@@ -120,7 +122,7 @@ def _comments(found: Found) -> list[str]:
     lines = []
     for name, value in found.values.items():
         parts = name.split(".")
-        is_joint = parts[0] in (JOINTS, LOOPS) and (parts[2] in ("offset", TILT) or parts[-1] == "stiffness")
+        is_joint = parts[0] in (JOINTS, LOOPS) and (parts[2] in ("offset", TILT, SECOND) or parts[-1] == "stiffness")
         if is_joint and parts[-1] == "stiffness":
             is_joint = parts[2] in stiffness_of(found.robot.joint(parts[1]), found.values)
         if BASE in parts[:-1] or not (is_joint or parts[0] == FRAMES):
@@ -165,7 +167,7 @@ def _put_offset(found: Found, table: str, name: str, offset: Mapping[str, float]
 
 
 def _put_placement(found: Found, joint: Joint, body: list[str]) -> None:
-    """The placement of a prismatic joint with its axis tilted, in the place of what is there."""
+    """The placement of a joint with its first axis tilted, in the place of what is there."""
     block = block_of(body, JOINTS, joint.name)
     assert block is not None
     dh = [i for i in range(*block) if re.match(r"\s*dh\s*=", body[i])]
@@ -173,11 +175,28 @@ def _put_placement(found: Found, joint: Joint, body: list[str]) -> None:
         del body[i]
     placed = found.calibrated.joint(joint.name).placement
     table = f"{{ xyz = {numbers_text(placed.xyz)}, rpy = {numbers_text(placed.rpy or (0.0, 0.0, 0.0))} }}"
-    names = [parameter_name(JOINTS, joint.name, TILT, kind) for kind in ("alpha", "beta")]
+    names = [parameter_name(JOINTS, joint.name, TILT, kind) for kind in COORDINATES[3:]]
     said = ", ".join(deviation_text(found.deviations[name]) for name in names if name in found.deviations)
     block = block_of(body, JOINTS, joint.name)
     assert block is not None
     replace_line(body, block, "placement", f"placement = {table}  # tilt of its axis +- {said}", found.robot)
+
+
+def _put_second(found: Found, name: str, body: list[str]) -> None:
+    """Placements of a cut joint whose frame on the second link has moved."""
+    block = block_of(body, LOOPS, name)
+    if block is None:
+        raise unwritable(found.robot, name)
+    loop = next(loop for loop in found.calibrated.loops if loop.name == name)
+    tables = []
+    for placement in loop.placements:
+        placed = placement_of(matrix_of(placement))
+        rpy = placed.rpy or (0.0, 0.0, 0.0)
+        tables.append(f"{{ xyz = {numbers_text(placed.xyz)}, rpy = {numbers_text(rpy)} }}")
+    keys = [parameter_name(LOOPS, name, SECOND, kind) for kind in COORDINATES]
+    said = ", ".join(deviation_text(found.deviations[key]) for key in keys if key in found.deviations)
+    line = f"placements = [{', '.join(tables)}]  # the second +- {said}"
+    replace_line(body, block, "placements", line, found.robot)
 
 
 def block_of(body: Sequence[str], table: str, name: str) -> tuple[int, int] | None:
@@ -220,6 +239,12 @@ def _compare(found: Found, text: str, target: Path) -> None:
         pairs += [pair for a, b in rows for pair in zip(a, b, strict=True)]
         if joint.name != other.name or any(abs(a - b) > _CLOSE * max(1.0, abs(a)) for a, b in pairs):
             raise unwritable(found.robot, joint.name)
+    for loop, again in zip(wanted.loops, read.loops, strict=False):
+        pairs = [(a or 0.0, b or 0.0) for a, b in zip(loop.offset, again.offset, strict=True)]
+        for one, other in zip(loop.placements, again.placements, strict=True):
+            pairs += zip(matrix_of(one).ravel().tolist(), matrix_of(other).ravel().tolist(), strict=True)
+        if loop.name != again.name or any(abs(a - b) > _CLOSE * max(1.0, abs(a)) for a, b in pairs):
+            raise unwritable(found.robot, loop.name)
 
 
 def deviation_text(value: float) -> str:

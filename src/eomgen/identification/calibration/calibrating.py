@@ -32,7 +32,7 @@ from ..geometry.error_model import (
     quantities_of,
     rows_of,
 )
-from ..geometry.observations import ORIENTATION, POSITION, at_rows, observations_of
+from ..geometry.observations import ENCODER, ORIENTATION, POSITION, Block, at_rows, observations_of
 from ..geometry.placing import placed
 from ..geometry.poses import MeasuredPoses, read_poses
 from ..geometry.rotations import coordinates_of, pose_from
@@ -140,7 +140,8 @@ def calibrate(
         raise InputError(f"confidence: {confidence!r}; allowed: a number between 0 and 1")
     report("reading poses")
     if not isinstance(poses, MeasuredPoses):
-        poses = read_poses(poses, readable_columns(robot), tuple(task.links), rotation=rotation)
+        columns, named = readable_columns(robot), tuple(task.links)
+        poses = read_poses(poses, columns, named, rotation=rotation, encoders=robot.is_closed)
     problem, start = problem_of(task, poses, careful=True)
     units, notes = at_once(poses), list[str]()
     suspicion = suspicion_of(poses, problem.model.chain, problem.rows)
@@ -174,14 +175,14 @@ def calibrate(
     report("looking at residuals")
     diagnosis, serial = diagnosed(problem, full, shown.rank, loss, is_serial=effect == 1.0)
     fit = found.fits[variant]
-    covariance, freedoms = effect * fit.covariance, full.freedoms / effect
+    sure, freedoms = effect * fit.covariance, full.freedoms / effect
     if serial is not None:
-        covariance, freedoms = _widened(problem, fit, serial), serial.freedoms
+        sure, freedoms = _widened(problem, fit, serial), serial.freedoms
         with np.errstate(invalid="ignore"):
-            ratios = np.diagonal(covariance) / np.diagonal(fit.covariance)
+            ratios = np.diagonal(sure) / np.diagonal(fit.covariance)
         diagnosis = replace(diagnosis, widened=float(np.sqrt(np.nanmax(ratios))))
     notes += diagnosis_notes(diagnosis, poses, problem, shown.rank)
-    result = _result(task, poses, problem, found, shown, variant, covariance, freedoms, diagnosis, confidence, notes)
+    result = _result(task, poses, problem, found, shown, variant, sure, freedoms, diagnosis, confidence, notes)
     return replace(result, is_explained=is_explained)
 
 
@@ -270,7 +271,12 @@ def problem_of(task: Task, poses: MeasuredPoses, *, careful: bool) -> tuple[Prob
     quantities = tuple(quantities_of(robot, chain, series, known, task.sizes))
     bases = {number: np.eye(4) for number in series}
     model = ErrorModel(robot, chain, (*quantities, *_compliances(task, chain, poses, closing)), bases, closing)
-    seen = observations_of(poses, task.noise, task.covariance)
+    encoders = _encoders(poses, columns, closing)
+    if not encoders and not any(m.is_measured for m in poses.frames.values()):
+        raise InputError(
+            f"{poses.source}: nothing is measured; allowed: columns of frames, or of passive coordinates beside drives"
+        )
+    seen = observations_of(poses, task.noise, task.covariance, encoders)
     model = placed(model, rows, seen, {name: known[name] for name in known if poses.frames[name].is_measured})
     model = _sized(model, Problem(model, rows, seen, np.zeros(0, dtype=np.intp)))
     chosen = [i for i, quantity in enumerate(model.quantities) if not _is_fixed(quantity.name, task.fixed)]
@@ -282,6 +288,19 @@ def problem_of(task: Task, poses: MeasuredPoses, *, careful: bool) -> tuple[Prob
     if careful and closing is None:
         refuse_too_few(problem, poses.source)
     return problem, model.nominal
+
+
+def _encoders(
+    poses: MeasuredPoses, columns: Mapping[str, tuple[int, int, float]], closing: Closing | None
+) -> list[Block]:
+    """Readings of passive coordinates of a closed mechanism: its loops say what they should be."""
+    passive = () if closing is None else closing.passive
+    rows = np.arange(len(poses.q))
+    return [
+        Block(name, ENCODER, rows, factor * poses.q[:, poses.coordinates.index(name)], (k, c))
+        for name, (k, c, factor) in columns.items()
+        if (k, c) in passive
+    ]
 
 
 def _is_fixed(name: str, fixed: Sequence[str]) -> bool:
@@ -374,8 +393,11 @@ def _sized(model: ErrorModel, problem: Problem) -> ErrorModel:
 
 
 def _notes(task: Task, problem: Problem) -> list[str]:
-    """Notes about what a result leaves out."""
+    """Notes about what a result leaves out, and what counts beside frames."""
     notes = []
+    encoders = [block.frame for block in problem.seen.blocks if block.kind == ENCODER]
+    if encoders:
+        notes.append(f"encoders of passive coordinates count as measured: {listed(encoders)}")
     soft = any(quantity.kind == COMPLIANCE for quantity in problem.model.quantities)
     if soft and task.robot.springs:
         notes.append("springs between points are left out of the loads")

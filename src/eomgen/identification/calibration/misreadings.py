@@ -173,20 +173,16 @@ def _units(poses: MeasuredPoses) -> Iterator[Reading]:
         ("inches for metres", 0.0254),
     ):
         yield Reading(text, LENGTHS, _scaling(factor))
-    turning = [i for i, name in enumerate(poses.coordinates) if _turns(name)]
-    sliding = [i for i in range(len(poses.coordinates)) if i not in turning]
-    for places, texts in (
-        (
-            turning,
-            (
-                ("degrees for radians (coordinates)", np.pi / 180.0),
-                ("radians for degrees (coordinates)", 180.0 / np.pi),
-            ),
-        ),
-        (sliding, (("millimetres for metres (coordinates)", 1e-3), ("metres for millimetres (coordinates)", 1e3))),
-    ):
-        for text, factor in texts if places else ():
-            yield Reading(text, ANGLES, _with_q(lambda q, p=tuple(places), f=factor: _scaled(q, p, f)))
+    turns = np.array([_turns(name) for name in poses.coordinates])
+    scales = [
+        ("degrees for radians (coordinates)", turns, np.pi / 180.0),
+        ("radians for degrees (coordinates)", turns, 180.0 / np.pi),
+        ("millimetres for metres (coordinates)", ~turns, 1e-3),
+        ("metres for millimetres (coordinates)", ~turns, 1e3),
+    ]
+    for text, there, factor in scales:
+        if there.any():
+            yield Reading(text, ANGLES, _mixed(np.diag(np.where(there, factor, 1.0))))
 
 
 def _turns(name: str) -> bool:
@@ -198,12 +194,6 @@ def _scaling(factor: float) -> Change:
         return replace(m, position=factor * m.position, distance=factor * m.distance, travel=factor * m.travel)
 
     return lambda poses: _with_frames(poses, change)
-
-
-def _scaled(q: Array, places: Sequence[int], factor: float) -> Array:
-    found = q.copy()
-    found[:, list(places)] *= factor
-    return found
 
 
 # Axes
@@ -245,15 +235,7 @@ def _mirrored_turns() -> Iterator[Reading]:
     for i, axis in enumerate("xyz"):
         T = np.eye(3)
         T[i, i] = -1.0
-
-        def change(m: Measured, T: Array = T) -> Measured:
-            return replace(m, orientation=T @ m.orientation @ T)
-
-        yield Reading(
-            f"{axis} mirrored, of orientations alone",
-            ORIENTATIONS,
-            lambda poses, change=change: _with_frames(poses, change),
-        )
+        yield Reading(f"{axis} mirrored, of orientations alone", ORIENTATIONS, _moved(np.eye(3), T))
 
 
 # Orientations
@@ -291,29 +273,27 @@ def _inverse(m: Measured) -> Measured:
 
 
 def _joints(poses: MeasuredPoses) -> Iterator[Reading]:
-    names, many = poses.coordinates, len(poses.coordinates)
-    turning = [i for i in range(many) if _turns(names[i])]
-    yield Reading("coordinates of the opposite sense", JOINTS, _with_q(lambda q: -q))
-    for i in range(many):
-        yield Reading(f"{names[i]} of the opposite sense", JOINTS, _with_q(lambda q, i=i: _scaled(q, (i,), -1.0)))
-    for i, k in combinations(range(many), 2):
+    names, eye = poses.coordinates, np.eye(len(poses.coordinates))
+    turning = [i for i, name in enumerate(names) if _turns(name)]
+    yield Reading("coordinates of the opposite sense", JOINTS, _mixed(-eye))
+    for i, name in enumerate(names):
+        yield Reading(f"{name} of the opposite sense", JOINTS, _mixed(eye - 2.0 * np.diag(eye[i])))
+    for i, k in combinations(range(len(names)), 2):
         if _turns(names[i]) == _turns(names[k]):
-            order = _exchanged(many, i, k)
-            yield Reading(f"{names[i]} and {names[k]} swapped", JOINTS, _with_q(lambda q, order=order: q[:, order]))
+            yield Reading(f"{names[i]} and {names[k]} swapped", JOINTS, _mixed(eye[_exchanged(len(names), i, k)]))
     for i in turning:
-        for text, angle in (("90", 0.5 * np.pi), ("-90", -0.5 * np.pi), ("180", np.pi)):
-            shift = angle * np.eye(many)[i]
-            yield Reading(f"{names[i]} with its zero off by {text} degrees", JOINTS, _with_q(lambda q, s=shift: q - s))
+        for degrees in (90, -90, 180):
+            text = f"{names[i]} with its zero off by {degrees} degrees"
+            yield Reading(text, JOINTS, _mixed(eye, -np.deg2rad(degrees) * eye[i]))
     for i, k in zip(turning[1:], turning, strict=False):
         for text, sign in (("without", 1.0), ("with", -1.0)):
-            mix = np.eye(many)
-            mix[k, i] = sign
-            text = f"{names[i]} counted {text} that of {names[k]}"
-            yield Reading(text, JOINTS, _with_q(lambda q, mix=mix: q @ mix))
+            mix = eye + sign * np.outer(eye[k], eye[i])
+            yield Reading(f"{names[i]} counted {text} that of {names[k]}", JOINTS, _mixed(mix))
 
 
-def _with_q(change: Callable[[Array], Array]) -> Change:
-    return lambda poses: replace(poses, q=change(poses.q))
+def _mixed(M: Array, shift: Array | float = 0.0) -> Change:
+    """Coordinates q M + shift, rows of q."""
+    return lambda poses: replace(poses, q=poses.q @ M + shift)
 
 
 def _shifted(by: int) -> Change:

@@ -10,19 +10,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...errors import ArrayError, InputError, UnknownNameError
-from ...names import nearest_or_all
+from ...errors import InputError, UnknownNameError
+from ...names import kind_of, nearest_or_all, split_component
 from ...optional import optional_import
-from ...robot.value import COORDINATES, Robot
+from ...robot.coordinates import UNITS
+from ...robot.value import Robot
 from ...shown import Shown
 from ...tabular import Rows as TableRows
 from ...tabular import TableColumn, Tabular
 from ..geometry.error_model import ErrorModel, Rows
-from ..geometry.observations import ORIENTATION, POSITION
+from ..geometry.observations import ENCODER, ORIENTATION, POSITION
 from .as_toml import Found, write_toml
 from .as_urdf import write_urdf
 from .diagnosing import Diagnosis, diagnosis_values
 from .identifiability import merged_rows
+from .predicting import readings_from, refuse_open
 from .recorded import write_record
 from .variants import NO_GAIN, VARIANTS, Gain, Gains
 
@@ -125,7 +127,9 @@ class CalibrationResult(Shown, Tabular):
         """Poses of a measured frame at other configurations, without loads, and what is not sure of them.
 
         Args:
-            q: coordinates of the calibrated robot, (n,) or (N, n), m or rad: those of its joints' coordinates.
+            q: coordinates of the calibrated robot, (n,) or (N, n), m or rad: those of its joints' coordinates.  Of a
+                closed mechanism those of its drives alone, (d,) or (N, d), will do: loops are closed, from the
+                description's home on, or from the passive coordinates that are given.
             frame: a measured one.
             series: number of the series whose device looks; None: poses in the robot's own base axes.
 
@@ -136,32 +140,22 @@ class CalibrationResult(Shown, Tabular):
         Raises:
             UnknownNameError: no measured frame, or no series, of that name.
             ArrayError: q has a wrong shape or is not finite.
+            InputError: the loops of the calibrated robot do not close there.
         """
         chain = self.model.chain
         if frame not in chain.tools:
             raise UnknownNameError(f"predict: {frame!r} was not measured{nearest_or_all(frame, chain.tools)}")
         if series is not None and series not in self.model.bases:
             raise UnknownNameError(f"predict: there is no series {series!r}; known: {sorted(self.model.bases)}")
-        places = [
-            (k, c)
-            for k, station in enumerate(chain.stations)
-            if station.joint is not None
-            for c, name in enumerate(COORDINATES)
-            if name in station.joint.coordinates
-        ]
         given = np.asarray(q, dtype=np.float64)
-        if given.ndim not in (1, 2) or given.shape[-1] != len(places) or not np.isfinite(given).all():
-            shape = f"({len(places)},) or (N, {len(places)})"
-            raise ArrayError(f"q: got shape {given.shape}; allowed: finite numbers of shape {shape}")
-        flat = given.reshape(-1, len(places))
-        readings = np.zeros((len(flat), len(chain.stations), 6))
-        for i, (k, c) in enumerate(places):
-            readings[:, k, c] = flat[:, i]
+        readings = readings_from(self.model, given)
         number = min(self.model.bases) if series is None else series
-        rows = Rows(readings, np.full(len(flat), number), {}, np.zeros(readings.shape[:2]), np.zeros(len(flat)))
+        many = len(readings)
+        rows = Rows(readings, np.full(many, number), {}, np.zeros(readings.shape[:2]), np.zeros(many))
         state = self.model.at(self.x, rows)
+        refuse_open(self.model, state)
         S = state.sensitivities(chain.tools[frame])
-        poses = np.tile(np.eye(4), (len(flat), 1, 1))
+        poses = np.tile(np.eye(4), (many, 1, 1))
         poses[:, :3, :3], poses[:, :3, 3] = state.found.R[chain.tools[frame]], state.found.p[chain.tools[frame]]
         if series is None:
             turn, origin = state.found.R[0].transpose(0, 2, 1), state.found.p[0]
@@ -346,4 +340,6 @@ def _plain(values: Sequence[float] | Array) -> list[float | None]:
 
 
 def _shown(value: float, name: str) -> str:
-    return f"{1e3 * value:.4g} {'mrad' if name.endswith(ORIENTATION) else 'mm'}"
+    owner, kind = split_component(name)
+    is_turn = kind == ORIENTATION or (kind == ENCODER and UNITS[kind_of(owner)] == "rad")
+    return f"{1e3 * value:.4g} {'mrad' if is_turn else 'mm'}"

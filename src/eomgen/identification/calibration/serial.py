@@ -71,7 +71,7 @@ def serial_of(seen: Observations, series: NDArray[np.int64], white: Array, U: Ar
         RU = correlated(steps, rho, U)
         of_R = U.T @ RU
         shared = pairs * rho - 2.0 * float((LU * RU).sum()) + float((taken * of_R).sum())
-        return shared / (white.size - float(np.trace(of_R)))
+        return float(shared / (white.size - np.trace(of_R)))
 
     without = expected(0.0)
     error = float(np.sqrt(pairs)) / (white.size - U.shape[1])

@@ -120,7 +120,12 @@ class MeasuredPoses(Shown):
 
 
 def read_poses(
-    path: Path | str, coordinates: Sequence[str], frames: Sequence[str], *, rotation: str = "rotvector"
+    path: Path | str,
+    coordinates: Sequence[str],
+    frames: Sequence[str],
+    *,
+    rotation: str = "rotvector",
+    encoders: bool = False,
 ) -> MeasuredPoses:
     """Read measured poses from a .csv or .npz.
 
@@ -132,6 +137,7 @@ def read_poses(
         coordinates: names that columns of coordinates may have.
         frames: names that columns of frames may have.
         rotation: what F.rx F.ry F.rz are: "rotvector" or "rpy" (rad); or "quaternion", of F.qw F.qx F.qy F.qz.
+        encoders: whether columns of coordinates will do, of a closed mechanism with more encoders than drives.
 
     Raises:
         InputError: with the file, line and column, the value and what is allowed.
@@ -149,7 +155,9 @@ def read_poses(
         if isinstance(error, InputError):
             raise
         raise InputError(f"{source}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
-    return poses_from_columns(columns, coordinates, frames, rotation=rotation, source=str(source), lines=lines)
+    return poses_from_columns(
+        columns, coordinates, frames, rotation=rotation, encoders=encoders, source=str(source), lines=lines
+    )
 
 
 def poses_from_columns(
@@ -158,6 +166,7 @@ def poses_from_columns(
     frames: Sequence[str],
     *,
     rotation: str = "rotvector",
+    encoders: bool = False,
     source: str = "poses",
     lines: NDArray[np.int32] | None = None,
 ) -> MeasuredPoses:
@@ -177,7 +186,7 @@ def poses_from_columns(
     if not chosen:
         raise InputError(f"{source}: no column is a coordinate; allowed: {listed(coordinates)}")
     found = {frame: table.frame(frame, given, rotation) for frame, given in parts.items()}
-    if not any(measured.is_measured for measured in found.values()):
+    if not (encoders or any(measured.is_measured for measured in found.values())):
         raise InputError(f"{source}: nothing is measured; allowed: {POSES_RULE}")
     return MeasuredPoses(
         coordinates=tuple(chosen),
