@@ -241,8 +241,8 @@ def _compare(found: Found, text: str, target: Path) -> None:
             raise unwritable(found.robot, joint.name)
     for loop, again in zip(wanted.loops, read.loops, strict=False):
         pairs = [(a or 0.0, b or 0.0) for a, b in zip(loop.offset, again.offset, strict=True)]
-        for one, other in zip(loop.placements, again.placements, strict=True):
-            pairs += zip(matrix_of(one).ravel().tolist(), matrix_of(other).ravel().tolist(), strict=True)
+        for placed, read_back in zip(loop.placements, again.placements, strict=True):
+            pairs += zip(matrix_of(placed).ravel().tolist(), matrix_of(read_back).ravel().tolist(), strict=True)
         if loop.name != again.name or any(abs(a - b) > _CLOSE * max(1.0, abs(a)) for a, b in pairs):
             raise unwritable(found.robot, loop.name)
 
