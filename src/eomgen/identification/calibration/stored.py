@@ -66,7 +66,8 @@ def _gains(meta: dict[str, Any]) -> Gains:
 
 def _quantity(entry: dict[str, Any]) -> Quantity:
     quantity = Quantity(**entry)
-    if quantity.kind not in _KINDS or not 0 <= quantity.coordinate < len(COORDINATES):
+    harmonic = float(quantity.factor[3:] or 1.0) if quantity.factor.startswith(("cos", "sin")) else 1.0
+    if quantity.kind not in _KINDS or not (0 <= quantity.coordinate < len(COORDINATES) and np.isfinite(harmonic)):
         raise ValueError(f"quantity {quantity.name}")
     return quantity
 
