@@ -265,6 +265,20 @@ def test_predictions_close_loops(tmp_path: Path) -> None:
         found.predict([1.0, 0.0], "tcp")
 
 
+def test_misread_files_of_mechanisms_are_told() -> None:
+    """Without closing them anew for each reading."""
+    robot, given = eomgen.load_robot("four_bar"), drawn(BAR, 30, 8)
+    model, rows = model_of(with_longer(1, 5e-4), given)
+    p = stations_at(model, model.chain, rows.readings)[0].p[model.chain.tools["tcp"]]
+    columns = given | {f"tcp.{axis}": x for axis, x in zip("xyz", p.T, strict=True)}
+    for said, changed in (
+        ("read as centimetres for metres", {f"tcp.{axis}": 100.0 * columns[f"tcp.{axis}"] for axis in "xyz"}),
+        ("read as coordinates one row early", {f"tcp.{axis}": np.roll(columns[f"tcp.{axis}"], 1) for axis in "xyz"}),
+    ):
+        with pytest.raises(InputError, match=said):
+            found_of(robot, columns | changed)
+
+
 def test_nothing_measured_is_said() -> None:
     with pytest.raises(InputError, match="nothing is measured; allowed: columns of frames, or of passive coordinates"):
         found_of(eomgen.load_robot("four_bar"), drawn(BAR, 20, 1))

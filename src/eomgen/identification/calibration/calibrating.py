@@ -44,7 +44,7 @@ from .identifiability import Identifiable, identifiable, refuse_too_few
 from .misreadings import Left, judged, left_of
 from .result import CalibrationResult
 from .serial import Serial
-from .traps import at_once, design_effect, refuse_impossible, suspicion_of
+from .traps import at_once, design_effect, odd_angles, refuse_impossible, suspicion_of
 from .variants import VARIANTS, Rms, Variants, folds_from, medians_of, only_fitted, residuals_of, variants_of
 
 Array = NDArray[np.float64]
@@ -147,7 +147,7 @@ def calibrate(
     suspicion = suspicion_of(poses, problem.model.chain, problem.rows)
     if suspicion:
         report("looking for mistakes")
-        notes += _other_readings(task, poses, {}, is_explained=True, force=force)
+        notes += _other_readings(task, poses, problem, {}, is_explained=True, force=force)
         if not force:
             raise InputError(suspicion)
         notes += [suspicion]
@@ -167,7 +167,7 @@ def calibrate(
     limits = {POSITION: OFF * problem.model.chain.reach, ORIENTATION: TURN}
     is_explained = all(value <= limits[kind] for kind, value in medians.items())
     if any(value > _SUSPECT * limits[kind] for kind, value in medians.items()):
-        notes += _other_readings(task, poses, medians, is_explained=is_explained, force=force)
+        notes += _other_readings(task, poses, problem, medians, is_explained=is_explained, force=force)
     effect, more = design_effect(poses, problem.seen, full, units)
     notes += [*more, *_notes(task, problem), *_far_off(problem, found.fits[variant])]
     report("looking at what is identifiable")
@@ -186,9 +186,14 @@ def calibrate(
     return replace(result, is_explained=is_explained)
 
 
-def _other_readings(task: Task, poses: MeasuredPoses, medians: Rms, *, is_explained: bool, force: bool) -> list[str]:
+def _other_readings(
+    task: Task, poses: MeasuredPoses, problem: Problem, medians: Rms, *, is_explained: bool, force: bool
+) -> list[str]:
     """Notes about other readings of the file; InputError where one explains it, without ``force``."""
     simple = replace(task, noise=None, covariance={}, stiffness=())
+    closing, closed = problem.model.closing, None
+    if closing is not None:
+        closed = closing, {q.tobytes(): x for q, x in zip(poses.q, problem.rows.readings, strict=True)}
     most = _ROWS_CLOSED if task.robot.is_closed else _ROWS
 
     def again(other: MeasuredPoses) -> Left:
@@ -196,7 +201,7 @@ def _other_readings(task: Task, poses: MeasuredPoses, medians: Rms, *, is_explai
         if len(other.q) > most and not has_travel:
             other = other.part(np.linspace(0, len(other.q) - 1, most).round().astype(np.intp))
         frames = {name: replace(measured, sigma={}) for name, measured in other.frames.items()}
-        return left_of(*problem_of(simple, replace(other, frames=frames), careful=False))
+        return left_of(*problem_of(simple, replace(other, frames=frames), careful=False, closed=closed))
 
     found = judged(poses, again, is_closed=task.robot.is_closed)
     own = f"as it is read, placements of base and tool leave {found.own}"
@@ -247,8 +252,18 @@ def links_of(robot: Robot, frames: Mapping[str, str]) -> dict[str, tuple[str, Ar
     return found
 
 
-def problem_of(task: Task, poses: MeasuredPoses, *, careful: bool) -> tuple[Problem, Array]:
-    """The problem to fit, and first values; ``careful``: mistakes that show before a fit are refused."""
+def problem_of(
+    task: Task,
+    poses: MeasuredPoses,
+    *,
+    careful: bool,
+    closed: tuple[Closing, Mapping[bytes, Array]] | None = None,
+) -> tuple[Problem, Array]:
+    """The problem to fit, and first values.
+
+    careful: whether mistakes that show before a fit are refused.  closed: loops, and readings that close them by the
+    bytes of a row of coordinates, where they are known already.
+    """
     robot = task.robot
     measured = {name: task.links[name] for name in poses.frames}
     chain = chain_of(robot, measured)
@@ -257,15 +272,17 @@ def problem_of(task: Task, poses: MeasuredPoses, *, careful: bool) -> tuple[Prob
     if careful:
         refuse_impossible(poses, chain)
     closing = None
-    if robot.is_closed:
-        suspicion = suspicion_of(poses, chain, rows) if careful else ""
-        if suspicion:
-            raise InputError(suspicion)
+    if closed is not None:
+        closing = closed[0]
+        rows = replace(rows, readings=np.array([closed[1][q.tobytes()] for q in poses.q]))
+    elif robot.is_closed:
+        odd = odd_angles(poses, chain, rows) if careful else ""
+        if odd:  # they need not close
+            raise InputError(odd)
         tree = build_model(robot)
         closing = closing_of(tree, chain, [place[:2] for place in columns.values()], poses.source)
         places = [poses.place(row) for row in range(len(poses.q))]
-        closed = closed_readings(chain, closing, tree, rows.readings, places)
-        rows = replace(rows, readings=closed)
+        rows = replace(rows, readings=closed_readings(chain, closing, tree, rows.readings, places))
     series = sorted(set(poses.series.tolist()))
     known = {name: task.known[name] for name in measured}
     quantities = tuple(quantities_of(robot, chain, series, known, task.sizes))

@@ -30,7 +30,7 @@ _BETTER = 5.0  # times less: what another reading must leave to be the cause
 _TIED = 1.3  # times: readings that leave no more than that are as good
 _PROMISING = 0.75  # of what the file's own reading leaves: what a second cause is looked for beside
 _SECOND = 3  # readings that a second one is looked for beside
-_SAID = 5  # readings in a message
+_SAID = 8  # readings in a message
 
 
 @dataclass(frozen=True)

@@ -37,7 +37,7 @@ def refuse_impossible(poses: MeasuredPoses, chain: Chain) -> None:
 
 def suspicion_of(poses: MeasuredPoses, chain: Chain, rows: Rows) -> str:
     """A message about ranges that the robot does not have: of angles and of positions; "" where there are none such."""
-    angles = _odd_angles(poses, chain, rows)
+    angles = odd_angles(poses, chain, rows)
     if angles:
         return angles
     stroke = sum(
@@ -89,7 +89,7 @@ def _refuse_alike(poses: MeasuredPoses, chain: Chain) -> None:
         )
 
 
-def _odd_angles(poses: MeasuredPoses, chain: Chain, rows: Rows) -> str:
+def odd_angles(poses: MeasuredPoses, chain: Chain, rows: Rows) -> str:
     """A message where joints turn further than they can: degrees, or angles of motors; else ""."""
     wrong, as_degrees = list[str](), True
     for k, station in enumerate(chain.stations):
