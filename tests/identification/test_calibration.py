@@ -221,9 +221,76 @@ def test_variants_and_what_was_held_out() -> None:
     assert not found.is_noise_known
     text = "\n".join(found.lines())
     assert "parallel axes" in found.merged["joints.joint3.offset.z"]
-    assert "gain: placement alone leaves" in text
+    assert "gain: zeros in position" in text
     assert json.loads(json.dumps(found.as_dict()))["rank"] == 30
     assert "base" in found.merged["joints.joint1.offset.gamma"]
+
+
+def test_a_gain_in_orientation_alone_counts() -> None:
+    """Each variant in each kind has its verdict: here positions are too noisy to show anything."""
+    made = trial(chain(2, "RRRR"), 3, 60, noise=(2e-2, 2e-4))
+    found = calibrate(made.robot, made.poses(), folds=8)
+    assert found.gain is not None
+    assert not found.gain.is_significant
+    assert {name for name, gains in found.gains.items() if gains["orientation"].is_significant} >= {"full", "prior"}
+    assert not any(gains["position"].is_significant for gains in found.gains.values())
+    verdict = next(line for line in found.lines() if "gain" in line)
+    assert verdict.startswith("gain: ")
+    assert "full in orientation" in verdict
+    assert "in position" not in verdict.partition(";")[0]
+    assert found.as_dict()["gains"]["full"]["orientation"]["is_significant"]
+
+
+def test_gains_are_ratios_of_the_table() -> None:
+    """Ratios of every variant and kind are those of the table, intervals symmetric about their logarithms."""
+    made = trial(chain(2, "RRR"), 3, 30)
+    found = calibrate(made.robot, made.poses(), folds="loo")
+    assert {(name, kind) for name, gains in found.gains.items() for kind in gains} == {
+        (name, kind) for name in ("zeros", "full", "prior") for kind in ("position", "orientation")
+    }
+    for name, gains in found.gains.items():
+        for kind, gain in gains.items():
+            ratio = found.residuals["placement"]["held_out"][kind] / found.residuals[name]["held_out"][kind]
+            assert gain.ratio == pytest.approx(ratio, rel=1e-9)
+            assert np.log(gain.high / gain.ratio) == pytest.approx(np.log(gain.ratio / gain.low), rel=1e-6)
+
+
+def test_norms_stand_beside_rms_per_axis() -> None:
+    """Of three components each, so that a norm is sqrt(3) times as much; of distances both are one."""
+    made = trial(chain(3, "RRRR"), 2, 60)
+    found = calibrate(made.robot, made.poses(), folds=4)
+    for parts in found.residuals.values():
+        for kind in ("position", "orientation"):
+            for part in ("fitted", "held_out"):
+                assert parts[f"{part}_norm"][kind] == pytest.approx(np.sqrt(3.0) * parts[part][kind], rel=1e-9)
+    head = found.lines()[2:4]
+    assert head[0].startswith("rms of residuals")
+    assert head[1].split() == ["per", "axis", "norm"] * 4
+    position = np.stack([made.columns[name] for name in TCP[:3]], axis=1)
+    columns = {name: values for name, values in made.columns.items() if name.endswith("gamma")}
+    columns["tcp.distance"] = np.linalg.norm(position, axis=1)
+    poses = poses_from_columns(columns, build_model(made.robot).coordinates, ["tcp"])
+    parts = calibrate(made.robot, poses, folds=0).residuals["full"]
+    assert parts["fitted_norm"]["position"] == pytest.approx(parts["fitted"]["position"], rel=1e-12)
+
+
+def test_what_moves_nothing_is_one_line() -> None:
+    """A branch that carries nothing that was measured; its names are in the values for JSON."""
+    robot = chain(4, "RRR")
+    joints = [
+        replace(x, name=f"{x.name}b", parent=x.parent if x.parent == "base" else f"{x.parent}b", child=f"{x.child}b")
+        for x in robot.joints
+    ]
+    links = [replace(link, name=f"{link.name}b") for link in robot.links]
+    both = replace(robot, joints=(*robot.joints, *joints), links=(*robot.links, *links))
+    found = calibrate(both, trial(robot, 3, 40).poses(), folds=0)
+    unseen = [name for name, why in found.merged.items() if why == "it moves nothing that was measured"]
+    assert len(unseen) == 18
+    lines = [line for line in found.lines() if "nothing that was measured" in line]
+    assert len(lines) == 1
+    assert lines[0].startswith("18 quantities")
+    assert not any(name in line for name in unseen for line in found.lines())
+    assert set(unseen) <= set(found.as_dict()["merged"])
 
 
 def test_no_gain_is_said() -> None:
@@ -645,6 +712,21 @@ def test_damaged_results_are_refused(tmp_path: Path) -> None:
         np.savez(path, **{**arrays, key: value})
         with pytest.raises(InputError):
             load_calibration(path)
+
+
+def test_results_of_before_load(tmp_path: Path) -> None:
+    """Files with the gain of the full fit alone, and without norms."""
+    found = calibrate(arm(), trial(arm(), 3, 40).poses(), folds=4)
+    arrays = dict(np.load(found.save(tmp_path / "found.npz")))
+    meta = json.loads(str(arrays["meta"]))
+    meta["gain"] = meta.pop("gains")["full"]["position"]
+    meta["residuals"] = {
+        name: {part: parts[part] for part in ("fitted", "held_out")} for name, parts in meta["residuals"].items()
+    }
+    np.savez(tmp_path / "before.npz", **{**arrays, "meta": np.array(json.dumps(meta))})
+    read = load_calibration(tmp_path / "before.npz")
+    assert read.gain == found.gain
+    assert read.lines()
 
 
 def test_readings_of_orientations() -> None:

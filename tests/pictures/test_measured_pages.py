@@ -96,7 +96,8 @@ def test_a_calibration_says_its_numbers() -> None:
     rms = found.residuals["full"]
     shown = tables["Rms of residuals"]["full"]
     assert float(shown[0]) == pytest.approx(1e3 * rms["fitted"]["position"], rel=1e-3)
-    assert float(shown[3]) == pytest.approx(1e3 * rms["held_out"]["orientation"], rel=1e-3)
+    assert float(shown[1]) == pytest.approx(1e3 * rms["fitted_norm"]["position"], rel=1e-3)
+    assert float(shown[6]) == pytest.approx(1e3 * rms["held_out"]["orientation"], rel=1e-3)
     name = "joints.joint2.offset.gamma"
     value, deviation, low, high = (float(cell) for cell in tables["Values"][name][:4])
     assert value == pytest.approx(found[name], rel=1e-6)

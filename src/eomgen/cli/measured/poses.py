@@ -67,6 +67,9 @@ def _add_calibrate(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--drives", action="store_true", help="look for gain, eccentricity, backlash, coupling, drift")
     parser.add_argument("--variant", default="full", metavar="NAME", help="whose values: placement, zeros, full, prior")
     parser.add_argument("--confidence", type=real, default=0.95, metavar="P", help="of the intervals (0.95)")
+    parser.add_argument(
+        "--force", action="store_true", help="calibrate and write although the poses are not explained, or read wrongly"
+    )
     parser.add_argument("--toml", type=Path, metavar="FILE", help="write the description with what was found")
     parser.add_argument("--urdf", type=Path, metavar="FILE", help="write an URDF with what was found in its origins")
     parser.add_argument("-o", "--output", type=Path, help="the result, .npz, or a figure .svg, .pdf or .png")
@@ -98,15 +101,21 @@ def _calibrate(options: argparse.Namespace) -> None:
             drives=options.drives,
             variant=options.variant,
             confidence=options.confidence,
+            force=options.force,
             progress=report,
         )
-    written = []
-    if options.toml is not None:
-        written.append(found.to_toml(options.toml))
-    if options.urdf is not None:
-        written.append(found.to_urdf(options.urdf))
+    written, refused = [], None
+    for path, write in ((options.toml, found.to_toml), (options.urdf, found.to_urdf)):
+        try:
+            written += [] if path is None else [write(path, force=options.force)]
+        except InputError as error:
+            refused = refused or error
+            if found.is_explained:
+                raise
     written += saved_or_drawn(options, found, plot_calibration)
     show_files(options, found.lines(), found.as_dict(), written + pages_written(options, found))
+    if refused is not None:
+        raise refused
 
 
 def _add_poses(parser: argparse.ArgumentParser) -> None:

@@ -19,10 +19,10 @@ from ...files import check_ending, write_atomically
 from ...forms.toml_text import read_text
 from ...names import parameter_name, show_path
 from ...robot.coordinates import UNITS
-from ...robot.value import Joint, Robot
-from ..geometry.error_model import BASE, FRAMES, JOINTS, LOOPS, TILT
-from ..geometry.stations import Chain
-from .calibrated import OF_LINK, calibrated_robot, offset_of, placement_of, placements, stiffness_of, tilt_of
+from ...robot.value import COORDINATES, Joint, Robot
+from ..geometry.error_model import BASE, FRAMES, JOINTS, LOOPS, SECOND, TILT
+from ..geometry.stations import Chain, matrix_of
+from .calibrated import OF_LINK, calibrated_robot, offset_of, placement_of, placements, second_of, stiffness_of, tilt_of
 
 Array = NDArray[np.float64]
 
@@ -80,13 +80,15 @@ def toml_text(found: Found, folder: Path) -> str:
         offset = offset_of(loop, found.values)
         if offset:
             _put_offset(found, LOOPS, loop.name, offset, body)
+        if second_of(loop, found.values) is not None:
+            _put_second(found, loop.name, body)
     own = {robot.base, *(link.name for link in robot.links)}
     for name, link, pose in placements(found.links, found.values):
         placed = placement_of(pose)
         rpy = placed.rpy or (0.0, 0.0, 0.0)
         text = f"placement = {{ xyz = {numbers_text(placed.xyz)}, rpy = {numbers_text(rpy)} }}"
         keys = [parameter_name(FRAMES, name, kind) for kind in UNITS if kind != "motor"]
-        comment = "# +- " + ", ".join(f"{found.deviations[key]:.2g}" for key in keys)
+        comment = "# +- " + ", ".join(deviation_text(found.deviations[key]) for key in keys)
         new = name + OF_LINK if name in own else name
         block = block_of(body, "frames", new)
         if block is None:
@@ -120,11 +122,11 @@ def _comments(found: Found) -> list[str]:
     lines = []
     for name, value in found.values.items():
         parts = name.split(".")
-        is_joint = parts[0] in (JOINTS, LOOPS) and (parts[2] in ("offset", TILT) or parts[-1] == "stiffness")
+        is_joint = parts[0] in (JOINTS, LOOPS) and (parts[2] in ("offset", TILT, SECOND) or parts[-1] == "stiffness")
         if is_joint and parts[-1] == "stiffness":
             is_joint = parts[2] in stiffness_of(found.robot.joint(parts[1]), found.values)
         if BASE in parts[:-1] or not (is_joint or parts[0] == FRAMES):
-            lines.append(f"# {name} = {value!r} +- {found.deviations[name]:.2g} {found.units[name]}")
+            lines.append(f"# {name} = {value!r} +- {deviation_text(found.deviations[name])} {found.units[name]}")
     return lines
 
 
@@ -149,7 +151,7 @@ def _put_joint(found: Found, joint: Joint, body: list[str], robot: Robot) -> Non
             raise unwritable(robot, f"{joint.name}.{kind}")
         key = parameter_name(JOINTS, joint.name, kind, "stiffness")
         changed = re.sub(r"(?<!_)\bstiffness\s*=\s*[^,}\s]+", f"stiffness = {value!r}", body[at[0]], count=1)
-        body[at[0]] = f"{changed}  # stiffness +- {found.deviations[key]:.2g}"
+        body[at[0]] = f"{changed}  # stiffness +- {deviation_text(found.deviations[key])}"
 
 
 def _put_offset(found: Found, table: str, name: str, offset: Mapping[str, float], body: list[str]) -> None:
@@ -158,12 +160,14 @@ def _put_offset(found: Found, table: str, name: str, offset: Mapping[str, float]
     if block is None:
         raise unwritable(found.robot, name)
     values = ", ".join(f"{kind} = {value!r}" for kind, value in offset.items())
-    said = ", ".join(f"{found.deviations[parameter_name(table, name, 'offset', kind)]:.2g}" for kind in offset)
+    said = ", ".join(
+        f"{deviation_text(found.deviations[parameter_name(table, name, 'offset', kind)])}" for kind in offset
+    )
     replace_line(body, block, "offset", f"offset = {{ {values} }}  # +- {said}", found.robot)
 
 
 def _put_placement(found: Found, joint: Joint, body: list[str]) -> None:
-    """The placement of a prismatic joint with its axis tilted, in the place of what is there."""
+    """The placement of a joint with its first axis tilted, in the place of what is there."""
     block = block_of(body, JOINTS, joint.name)
     assert block is not None
     dh = [i for i in range(*block) if re.match(r"\s*dh\s*=", body[i])]
@@ -171,11 +175,28 @@ def _put_placement(found: Found, joint: Joint, body: list[str]) -> None:
         del body[i]
     placed = found.calibrated.joint(joint.name).placement
     table = f"{{ xyz = {numbers_text(placed.xyz)}, rpy = {numbers_text(placed.rpy or (0.0, 0.0, 0.0))} }}"
-    names = [parameter_name(JOINTS, joint.name, TILT, kind) for kind in ("alpha", "beta")]
-    said = ", ".join(f"{found.deviations[name]:.2g}" for name in names if name in found.deviations)
+    names = [parameter_name(JOINTS, joint.name, TILT, kind) for kind in COORDINATES[3:]]
+    said = ", ".join(deviation_text(found.deviations[name]) for name in names if name in found.deviations)
     block = block_of(body, JOINTS, joint.name)
     assert block is not None
     replace_line(body, block, "placement", f"placement = {table}  # tilt of its axis +- {said}", found.robot)
+
+
+def _put_second(found: Found, name: str, body: list[str]) -> None:
+    """Placements of a cut joint whose frame on the second link has moved."""
+    block = block_of(body, LOOPS, name)
+    if block is None:
+        raise unwritable(found.robot, name)
+    loop = next(loop for loop in found.calibrated.loops if loop.name == name)
+    tables = []
+    for placement in loop.placements:
+        placed = placement_of(matrix_of(placement))
+        rpy = placed.rpy or (0.0, 0.0, 0.0)
+        tables.append(f"{{ xyz = {numbers_text(placed.xyz)}, rpy = {numbers_text(rpy)} }}")
+    keys = [parameter_name(LOOPS, name, SECOND, kind) for kind in COORDINATES]
+    said = ", ".join(deviation_text(found.deviations[key]) for key in keys if key in found.deviations)
+    line = f"placements = [{', '.join(tables)}]  # the second +- {said}"
+    replace_line(body, block, "placements", line, found.robot)
 
 
 def block_of(body: Sequence[str], table: str, name: str) -> tuple[int, int] | None:
@@ -218,6 +239,17 @@ def _compare(found: Found, text: str, target: Path) -> None:
         pairs += [pair for a, b in rows for pair in zip(a, b, strict=True)]
         if joint.name != other.name or any(abs(a - b) > _CLOSE * max(1.0, abs(a)) for a, b in pairs):
             raise unwritable(found.robot, joint.name)
+    for loop, again in zip(wanted.loops, read.loops, strict=False):
+        pairs = [(a or 0.0, b or 0.0) for a, b in zip(loop.offset, again.offset, strict=True)]
+        for placed, read_back in zip(loop.placements, again.placements, strict=True):
+            pairs += zip(matrix_of(placed).ravel().tolist(), matrix_of(read_back).ravel().tolist(), strict=True)
+        if loop.name != again.name or any(abs(a - b) > _CLOSE * max(1.0, abs(a)) for a, b in pairs):
+            raise unwritable(found.robot, loop.name)
+
+
+def deviation_text(value: float) -> str:
+    """A standard deviation as comments have it."""
+    return "unknown" if np.isnan(value) else f"{value:.2g}"
 
 
 def numbers_text(values: Sequence[float]) -> str:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ...motion.turns import rpy_of
 from ...names import component_name, parameter_name
 from ...robot.value import COORDINATES, MOTOR, Frame, Joint, Loop, Placement, Robot
-from ..geometry.error_model import FRAMES, JOINTS, LOOPS, TILT
+from ..geometry.error_model import FRAMES, JOINTS, LOOPS, SECOND, TILT
 from ..geometry.rotations import pose_from
 from ..geometry.stations import Chain, matrix_of
 
@@ -51,10 +51,19 @@ def offset_of(joint: Joint | Loop, values: Mapping[str, float]) -> dict[str, flo
     return {kind: values[key] for kind, key in keys.items() if key in values}
 
 
-def tilt_of(joint: Joint, values: Mapping[str, float]) -> tuple[float, float] | None:
-    """Angles of a prismatic joint's axis about its own x and y, rad; None where they were not found."""
-    alpha, beta = (values.get(parameter_name(JOINTS, joint.name, TILT, kind)) for kind in ("alpha", "beta"))
-    return None if alpha is None and beta is None else (alpha or 0.0, beta or 0.0)
+def tilt_of(joint: Joint, values: Mapping[str, float]) -> tuple[float, float, float] | None:
+    """Angles of a joint's first axis about its own x, y and z, rad, in front of it; None where they were not found."""
+    found = [values.get(parameter_name(JOINTS, joint.name, TILT, kind)) for kind in COORDINATES[3:]]
+    alpha, beta, gamma = (value or 0.0 for value in found)
+    return None if found == [None] * 3 else (alpha, beta, gamma)
+
+
+def second_of(loop: Loop, values: Mapping[str, float]) -> Array | None:
+    """Pose of a cut joint's frame on its second link, (4, 4), with what was found; None where nothing was."""
+    found = [values.get(parameter_name(LOOPS, loop.name, SECOND, kind)) for kind in COORDINATES]
+    if not any(found):
+        return None
+    return np.asarray(matrix_of(loop.placements[1]) @ pose_from(np.array([value or 0.0 for value in found])))
 
 
 def stiffness_of(joint: Joint, values: Mapping[str, float]) -> dict[str, float]:
@@ -77,7 +86,10 @@ def placement_of(pose: Array) -> Placement:
 
 def _loop(loop: Loop, values: Mapping[str, float]) -> Loop:
     found = offset_of(loop, values)
-    return replace(loop, offset=tuple(found.get(k, old) for k, old in zip(COORDINATES, loop.offset, strict=True)))
+    offset = tuple(found.get(k, old) for k, old in zip(COORDINATES, loop.offset, strict=True))
+    second = second_of(loop, values)
+    placed = loop.placements if second is None else (loop.placements[0], placement_of(second))
+    return replace(loop, offset=offset, placements=placed)
 
 
 def _joint(joint: Joint, values: Mapping[str, float]) -> Joint:
@@ -93,8 +105,8 @@ def _joint(joint: Joint, values: Mapping[str, float]) -> Joint:
     return replace(joint, offset=offset, coordinates=coordinates, motor=motor, placement=placement)
 
 
-def _tilted(joint: Joint, tilt: tuple[float, float]) -> Array:
-    """Placement of a prismatic joint whose axis is tilted about its own x and y, (4, 4)."""
+def _tilted(joint: Joint, tilt: tuple[float, float, float]) -> Array:
+    """Placement of a joint whose first axis is tilted about its own x, y and z, (4, 4)."""
     turn = np.eye(4)
     turn[:3, :3] = joint.axis_turn
-    return np.asarray(matrix_of(joint.placement) @ turn @ pose_from(np.array([0.0, 0.0, 0.0, *tilt, 0.0])) @ turn.T)
+    return np.asarray(matrix_of(joint.placement) @ turn @ pose_from(np.array([0.0, 0.0, 0.0, *tilt])) @ turn.T)

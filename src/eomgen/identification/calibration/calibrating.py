@@ -24,29 +24,39 @@ from ..geometry.closing import Closing, closed_readings, closing_of, held_by_loo
 from ..geometry.error_model import (
     COMPLIANCE,
     JOINTS,
+    OFFSET,
     PLACEMENT,
     SIZES,
+    ZERO,
     ErrorModel,
     Quantity,
     quantities_of,
     rows_of,
 )
-from ..geometry.observations import observations_of
+from ..geometry.observations import ENCODER, ORIENTATION, POSITION, Block, at_rows, observations_of
 from ..geometry.placing import placed
 from ..geometry.poses import MeasuredPoses, read_poses
 from ..geometry.rotations import coordinates_of, pose_from
-from ..geometry.solving import LOSSES, Fit, Problem
+from ..geometry.solving import LOSSES, Fit, Problem, whitened
 from ..geometry.stations import Chain, chain_of, matrix_of
+from .diagnosing import Diagnosis, diagnosed, diagnosis_notes
 from .drives import with_drives
 from .identifiability import Identifiable, identifiable, refuse_too_few
+from .misreadings import Left, judged, left_of
 from .result import CalibrationResult
-from .traps import at_once, design_effect, judge_alternatives, refuse_impossible
-from .variants import VARIANTS, Rms, Variants, folds_from, only_fitted, rms, rough_rms, variants_of
+from .serial import Serial
+from .traps import at_once, design_effect, odd_angles, refuse_impossible, suspicion_of
+from .variants import VARIANTS, Rms, Variants, folds_from, medians_of, only_fitted, residuals_of, variants_of
 
 Array = NDArray[np.float64]
 
 FOLDS = 10
 LACK = 1e-3  # probability of a reduced chi-square by chance, below which the fit lacks something
+TURN = 0.1  # rad: median of what is left of orientations that nothing explains
+OFF = 0.03  # of the reach: median of what is left of positions that nothing explains
+_FAR = 30.0  # expected sizes: offsets that are larger are those of another robot
+_SUSPECT = 0.15  # of both: what is left where other readings are tried
+_ROWS, _ROWS_CLOSED = 32, 12  # rows that readings are tried with
 _SOFT = 1e-3  # rad or m: what a stiffness that nothing is said of is expected to give way in all
 _ROUND_OFF = 1e-9  # of the terms of a variance
 
@@ -83,6 +93,7 @@ def calibrate(
     variant: str = "full",
     sizes: Sequence[float] = SIZES,
     confidence: float = 0.95,
+    force: bool = False,
     progress: StageReport | None = None,
 ) -> CalibrationResult:
     """Offsets, placements and stiffness of a robot from poses, positions or distances of its frames.
@@ -105,6 +116,7 @@ def calibrate(
         variant: "placement", "zeros", "full" or "prior": the one that values are of.
         sizes: by how much offsets are expected to be off: as a share of the robot's reach, and rad.
         confidence: of intervals.
+        force: whether to calibrate although another reading of the file explains it much better, which is noted then.
         progress: called with a line of text when a stage begins.
 
     Raises:
@@ -131,11 +143,18 @@ def calibrate(
         raise InputError(f"confidence: {confidence!r}; allowed: a number between 0 and 1")
     report("reading poses")
     if not isinstance(poses, MeasuredPoses):
-        poses = read_poses(poses, readable_columns(robot), tuple(task.links), rotation=rotation)
+        columns, named = readable_columns(robot), tuple(task.links)
+        poses = read_poses(poses, columns, named, rotation=rotation, encoders=robot.is_closed)
     problem, start = problem_of(task, poses, careful=True)
+    units, notes = at_once(poses), list[str]()
+    suspicion = suspicion_of(poses, problem.model.chain, problem.rows)
+    if suspicion:
+        report("looking for mistakes")
+        notes += _other_readings(task, poses, problem, {}, is_explained=True, force=force)
+        if not force:
+            raise InputError(suspicion)
+        notes += [suspicion]
     report("fitting")
-    units = at_once(poses)
-    notes = list[str]()
     if drives:
         fit = only_fitted(problem, start, loss)
         problem, fit, notes = with_drives(problem, fit, loss, report)
@@ -144,20 +163,77 @@ def calibrate(
         found = variants_of(problem, start, loss, units, count, confidence, report)
     else:
         fit = only_fitted(problem, start, loss)
-        parts = {"full": {"fitted": rms(problem, fit.residuals, fit.trust), "held_out": {}}}
-        found = Variants({"full": fit}, parts, {}, None, None)
+        parts = {"full": residuals_of(problem, fit.residuals, None, fit.trust)}
+        found = Variants({"full": fit}, parts, {}, None, {})
     report("looking for mistakes")
-
-    def again(other: MeasuredPoses) -> Rms:
-        return rough_rms(*problem_of(task, other, careful=False))
-
-    full = found.fits["full"]
-    notes += judge_alternatives(poses, rms(problem, full.residuals, full.trust), problem.model.chain.reach, again)
+    full, medians = found.fits["full"], medians_of(problem, found, variant)
+    limits = {POSITION: OFF * problem.model.chain.reach, ORIENTATION: TURN}
+    is_explained = all(value <= limits[kind] for kind, value in medians.items())
+    if any(value > _SUSPECT * limits[kind] for kind, value in medians.items()):
+        notes += _other_readings(task, poses, problem, medians, is_explained=is_explained, force=force)
     effect, more = design_effect(poses, problem.seen, full, units)
-    notes += [*more, *_notes(task, problem)]
+    notes += [*more, *_notes(task, problem), *_far_off(problem, found.fits[variant])]
     report("looking at what is identifiable")
     shown = identifiable(problem, full)
-    return _result(task, poses, problem, found, shown, variant, effect, confidence, notes)
+    report("looking at residuals")
+    diagnosis, serial = diagnosed(problem, full, shown.rank, loss, is_serial=effect == 1.0)
+    fit = found.fits[variant]
+    sure, freedoms = effect * fit.covariance, full.freedoms / effect
+    if serial is not None:
+        sure, freedoms = _widened(problem, fit, serial), serial.freedoms
+        with np.errstate(invalid="ignore"):
+            ratios = np.diagonal(sure) / np.diagonal(fit.covariance)
+        diagnosis = replace(diagnosis, widened=float(np.sqrt(np.nanmax(ratios))))
+    notes += diagnosis_notes(diagnosis, poses, problem, shown.rank)
+    result = _result(task, poses, problem, found, shown, variant, sure, freedoms, diagnosis, confidence, notes)
+    return replace(result, is_explained=is_explained)
+
+
+def _other_readings(
+    task: Task, poses: MeasuredPoses, problem: Problem, medians: Rms, *, is_explained: bool, force: bool
+) -> list[str]:
+    """Notes about other readings of the file; InputError where one explains it, without ``force``."""
+    simple = replace(task, noise=None, covariance={}, stiffness=())
+    closing, closed = problem.model.closing, None
+    if closing is not None:
+        closed = closing, {q.tobytes(): x for q, x in zip(poses.q, problem.rows.readings, strict=True)}
+    most = _ROWS_CLOSED if task.robot.is_closed else _ROWS
+
+    def again(other: MeasuredPoses) -> Left:
+        has_travel = any(np.isfinite(measured.travel).any() for measured in other.frames.values())
+        if len(other.q) > most and not has_travel:
+            other = other.part(np.linspace(0, len(other.q) - 1, most).round().astype(np.intp))
+        frames = {name: replace(measured, sigma={}) for name, measured in other.frames.items()}
+        return left_of(*problem_of(simple, replace(other, frames=frames), careful=False, closed=closed))
+
+    found = judged(poses, again, is_closed=task.robot.is_closed)
+    own = f"as it is read, placements of base and tool leave {found.own}"
+    if found.cause:
+        (text, left), *tied = found.cause
+        more = f"; these poses do not tell it from: {'; '.join(name for name, _ in tied)}" if tied else ""
+        said = f"{poses.source}: {own}; read as {text}: {left}{more}"
+        if not force:
+            raise InputError(
+                f"{said}; allowed: m and rad, axes of one device, orientations as --rotation (rotation=) says, or"
+                " --force (force=True)"
+            )
+        return [said]
+    if is_explained:
+        return []
+    others = [(text, left) for text, left in found.others if left.is_like(found.own)]
+    best = "; ".join(f"{text}: {left}" for text, left in others[:3])
+    large = ", ".join(f"{value:.3g} {'m' if kind == POSITION else 'rad'} of {kind}" for kind, value in medians.items())
+    return [
+        f"what was measured is not explained: the fit leaves {large} (medians of vectors); {own}, and other readings"
+        f" of the file no less: {best}"
+    ]
+
+
+def _widened(problem: Problem, fit: Fit, serial: Serial) -> Array:
+    """Covariance of a fit's values, (P, P), with errors that go on from row to row."""
+    r, A = at_rows(problem.model, problem.rows, problem.seen, fit.x)
+    S = whitened(problem, fit, r, A)[1] / problem.model.sizes
+    return serial.widened(fit.covariance, S, estimated=bool(np.isnan(problem.seen.sigma).any()))
 
 
 def readable_columns(robot: Robot) -> tuple[str, ...]:
@@ -179,28 +255,48 @@ def links_of(robot: Robot, frames: Mapping[str, str]) -> dict[str, tuple[str, Ar
     return found
 
 
-def problem_of(task: Task, poses: MeasuredPoses, *, careful: bool) -> tuple[Problem, Array]:
-    """The problem to fit, and first values; ``careful``: mistakes that show before a fit are refused."""
+def problem_of(
+    task: Task,
+    poses: MeasuredPoses,
+    *,
+    careful: bool,
+    closed: tuple[Closing, Mapping[bytes, Array]] | None = None,
+) -> tuple[Problem, Array]:
+    """The problem to fit, and first values.
+
+    careful: whether mistakes that show before a fit are refused.  closed: loops, and readings that close them by the
+    bytes of a row of coordinates, where they are known already.
+    """
     robot = task.robot
     measured = {name: task.links[name] for name in poses.frames}
     chain = chain_of(robot, measured)
     columns = _columns(robot, chain, poses)
     rows = rows_of(chain, robot, poses, columns)
     if careful:
-        refuse_impossible(poses, chain, rows)
+        refuse_impossible(poses, chain)
     closing = None
-    if robot.is_closed:
+    if closed is not None:
+        closing = closed[0]
+        rows = replace(rows, readings=np.array([closed[1][q.tobytes()] for q in poses.q]))
+    elif robot.is_closed:
+        odd = odd_angles(poses, chain, rows) if careful else ""
+        if odd:  # they need not close
+            raise InputError(odd)
         tree = build_model(robot)
         closing = closing_of(tree, chain, [place[:2] for place in columns.values()], poses.source)
         places = [poses.place(row) for row in range(len(poses.q))]
-        closed = closed_readings(chain, closing, tree, rows.readings, places)
-        rows = replace(rows, readings=closed)
+        rows = replace(rows, readings=closed_readings(chain, closing, tree, rows.readings, places))
     series = sorted(set(poses.series.tolist()))
     known = {name: task.known[name] for name in measured}
     quantities = tuple(quantities_of(robot, chain, series, known, task.sizes))
     bases = {number: np.eye(4) for number in series}
     model = ErrorModel(robot, chain, (*quantities, *_compliances(task, chain, poses, closing)), bases, closing)
-    seen = observations_of(poses, task.noise, task.covariance)
+    encoders = _encoders(poses, columns, closing)
+    if not encoders and not any(m.is_measured for m in poses.frames.values()):
+        raise InputError(
+            f"{poses.source}: nothing is measured; allowed: columns of frames, or of passive coordinates beside drives"
+        )
+    seen = observations_of(poses, task.noise, task.covariance, encoders)
     model = placed(model, rows, seen, {name: known[name] for name in known if poses.frames[name].is_measured})
     model = _sized(model, Problem(model, rows, seen, np.zeros(0, dtype=np.intp)))
     chosen = [i for i, quantity in enumerate(model.quantities) if not _is_fixed(quantity.name, task.fixed)]
@@ -212,6 +308,19 @@ def problem_of(task: Task, poses: MeasuredPoses, *, careful: bool) -> tuple[Prob
     if careful and closing is None:
         refuse_too_few(problem, poses.source)
     return problem, model.nominal
+
+
+def _encoders(
+    poses: MeasuredPoses, columns: Mapping[str, tuple[int, int, float]], closing: Closing | None
+) -> list[Block]:
+    """Readings of passive coordinates of a closed mechanism: its loops say what they should be."""
+    passive = () if closing is None else closing.passive
+    rows = np.arange(len(poses.q))
+    return [
+        Block(name, ENCODER, rows, factor * poses.q[:, poses.coordinates.index(name)], (k, c))
+        for name, (k, c, factor) in columns.items()
+        if (k, c) in passive
+    ]
 
 
 def _is_fixed(name: str, fixed: Sequence[str]) -> bool:
@@ -304,8 +413,11 @@ def _sized(model: ErrorModel, problem: Problem) -> ErrorModel:
 
 
 def _notes(task: Task, problem: Problem) -> list[str]:
-    """Notes about what a result leaves out."""
+    """Notes about what a result leaves out, and what counts beside frames."""
     notes = []
+    encoders = [block.frame for block in problem.seen.blocks if block.kind == ENCODER]
+    if encoders:
+        notes.append(f"encoders of passive coordinates count as measured: {listed(encoders)}")
     soft = any(quantity.kind == COMPLIANCE for quantity in problem.model.quantities)
     if soft and task.robot.springs:
         notes.append("springs between points are left out of the loads")
@@ -331,6 +443,19 @@ def _notes(task: Task, problem: Problem) -> list[str]:
     return notes
 
 
+def _far_off(problem: Problem, fit: Fit) -> list[str]:
+    """A note about offsets that are too large for a robot that was built as it is described."""
+    quantities = problem.model.quantities
+    off = (fit.x - problem.model.nominal) / problem.model.sizes
+    far = [i for i in problem.active if quantities[i].kind in (ZERO, OFFSET) and abs(off[i]) > _FAR]
+    if not far:
+        return []
+    named = listed(
+        [f"{quantities[i].name} by {fit.x[i] - quantities[i].nominal:.3g} {quantities[i].unit}" for i in far]
+    )
+    return [f"further off than a robot is built: {named}; is a zero, or a length, another one than in the description?"]
+
+
 def _result(
     task: Task,
     poses: MeasuredPoses,
@@ -338,16 +463,19 @@ def _result(
     found: Variants,
     shown: Identifiable,
     variant: str,
-    effect: float,
+    covariance: Array,
+    freedoms: float,
+    diagnosis: Diagnosis,
     confidence: float,
     notes: list[str],
 ) -> CalibrationResult:
     model, fit, full = problem.model, found.fits[variant], found.fits["full"]
-    covariance = effect * fit.covariance
     values, described, deviations = _described(task, model, fit.x, covariance)
     chosen = problem.active
     names = tuple(model.quantities[i].name for i in chosen)
     is_known = not np.isnan(problem.seen.sigma).any()
+    if not (is_known or diagnosis.is_checked):
+        deviations = np.full_like(deviations, np.nan)
     chi2 = full.chi2 / full.freedoms if is_known and full.freedoms > 0.0 else None
     if chi2 is not None:
         notes += _lack_of_fit(full)
@@ -369,12 +497,13 @@ def _result(
         variant=variant,
         noise=_noise(problem, full),
         is_noise_known=is_known,
-        freedoms=full.freedoms / effect,
+        freedoms=freedoms,
         chi2=chi2,
         prior=found.prior,
-        gain=found.gain,
+        gains=found.gains,
         mistrusted=_mistrusted(problem, full),
         notes=tuple(notes),
+        diagnosis=diagnosis,
         model=model,
         x=fit.x,
         covariance=covariance,

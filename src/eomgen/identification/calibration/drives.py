@@ -1,8 +1,10 @@
-"""Error terms of drives, each only if the data show it: gain, eccentricity, backlash, coupling, drift with warmth."""
+"""Error terms of drives, each only if the data show it: gain, harmonics, backlash, coupling, drift with warmth."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +35,7 @@ def with_drives(problem: Problem, fit: Fit, loss: str | None, report: StageRepor
         if found is None:
             break
         group, probability = groups.pop(found[0]), found[1]
-        problem = _extended(problem, group)
+        problem = extended(problem, group)
         report(f"fitting {group[0].name}")
         fit = fitted(problem, np.concatenate([fit.x, np.zeros(len(group))]), loss=loss)
         names = " and ".join(term.name for term in group)
@@ -41,7 +43,8 @@ def with_drives(problem: Problem, fit: Fit, loss: str | None, report: StageRepor
     return problem, fit, notes
 
 
-def _extended(problem: Problem, group: tuple[Quantity, ...]) -> Problem:
+def extended(problem: Problem, group: tuple[Quantity, ...]) -> Problem:
+    """The problem with further quantities, which are active."""
     many = len(problem.model.quantities)
     return replace(
         problem,
@@ -50,32 +53,61 @@ def _extended(problem: Problem, group: tuple[Quantity, ...]) -> Problem:
     )
 
 
-def _best(problem: Problem, fit: Fit, groups: list[tuple[Quantity, ...]]) -> tuple[int, float] | None:
-    """Index of the most significant group and its probability by chance; None if none is significant."""
+@dataclass(frozen=True)
+class Explained:
+    """The group of columns that explains most: its index, probability by chance, values, and a basis of it, (M, k)."""
+
+    index: int
+    probability: float
+    values: Array
+    Q: Array
+
+
+def best_group(
+    left: Array, U: Array, groups: Sequence[Array], freedoms: float, inflations: Sequence[float] = ()
+) -> Explained | None:
+    """The most significant group of columns, by the F test of what it explains; None where none can be told apart.
+
+    Args:
+        left: whitened residuals without what is in U, (M,).
+        U: orthonormal basis of what is fitted already, (M, p).
+        groups: whitened columns, (M, k) each.
+        freedoms: of the residuals.
+        inflations: by how much each group explains more by chance than with independent errors; 1 if not given.
+    """
     with optional_import("SciPy", "calibrate needs"):
         from scipy.special import fdtrc
+    total = float(left @ left)
+    best: Explained | None = None
+    for index, new in enumerate(groups):
+        many = new.shape[1]
+        T, sizes = new - U @ (U.T @ new), np.linalg.norm(new, axis=0)
+        if (np.linalg.norm(T, axis=0) <= _NEW * sizes).any() or freedoms <= many + 1:
+            continue
+        Q, R = np.linalg.qr(T)
+        if (np.abs(np.diagonal(R)) <= _NEW * sizes).any():
+            continue
+        explained = float(((Q.T @ left) ** 2).sum())
+        noise = max(total - explained, 1e-300) / (freedoms - many)
+        by_chance = inflations[index] if inflations else 1.0
+        probability = float(fdtrc(many, freedoms - many, explained / many / noise / by_chance))
+        if best is None or probability < best.probability:
+            best = Explained(index, probability, np.linalg.solve(R, Q.T @ left), Q)
+    return best
+
+
+def _best(problem: Problem, fit: Fit, groups: list[tuple[Quantity, ...]]) -> tuple[int, float] | None:
+    """Index of the most significant group and its probability by chance; None if none is significant."""
     terms = tuple(term for group in groups for term in group)
-    whole = _extended(problem, terms)
+    whole = extended(problem, terms)
     x = np.concatenate([fit.x, np.zeros(len(terms))])
     r, A = at_rows(whole.model, whole.rows, whole.seen, x)
     white, S = whitened(whole, fit, r, A)
-    known, new = S[:, problem.active], S[:, len(fit.x) :]
-    U, values, _ = np.linalg.svd(known, full_matrices=False)
+    U, values, _ = np.linalg.svd(S[:, problem.active], full_matrices=False)
     U = U[:, values > 1e-9 * values[0]]
-    left, white = new - U @ (U.T @ new), white - U @ (U.T @ white)
-    total = float(white @ white)
-    best: tuple[int, float] | None = None
-    first = 0
-    for index, group in enumerate(groups):
-        columns = slice(first, first + len(group))
-        first += len(group)
-        T, sizes = left[:, columns], np.linalg.norm(new[:, columns], axis=0)
-        if (np.linalg.norm(T, axis=0) <= _NEW * sizes).any() or fit.freedoms <= len(group) + 1:
-            continue
-        Q = np.linalg.qr(T)[0]
-        explained = float(((Q.T @ white) ** 2).sum())
-        noise = max(total - explained, 1e-300) / (fit.freedoms - len(group))
-        probability = float(fdtrc(len(group), fit.freedoms - len(group), explained / len(group) / noise))
-        if best is None or probability < best[1]:
-            best = index, probability
-    return best if best is not None and best[1] * len(groups) < CHANCE else None
+    ends = np.cumsum([len(fit.x), *(len(group) for group in groups)])
+    columns = [S[:, first:last] for first, last in itertools.pairwise(ends.tolist())]
+    best = best_group(white - U @ (U.T @ white), U, columns, fit.freedoms)
+    if best is None or best.probability * len(groups) >= CHANCE:
+        return None
+    return best.index, best.probability

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +20,8 @@ GENERIC = 80  # random rows that show what a kind of measurement can show at all
 _DEPENDENT = 1e-8  # of a normed column: what is left of it beside those before it
 _PART = 1e-5  # of the greatest coefficient: what counts as merged
 _NAMED = 3  # quantities of a weak direction, or that one merges with
+_NO_LOAD, _UNSEEN = "no load of these poses acts on it", "it moves nothing that was measured"
+_ALONE = {_NO_LOAD: "no load of these poses acts on them", _UNSEEN: "they move nothing that was measured"}
 _ALONG = 1e-9  # m or rad: how far axes may be off to be parallel, or one
 
 
@@ -113,7 +115,7 @@ def _merged(problem: Problem, quantities: Sequence[Quantity], S: Array) -> dict[
     for i, others in zip(found, partners, strict=True):
         quantity = quantities[i]
         if not others:
-            texts[quantity.name] = _unseen(quantity)
+            texts[quantity.name] = _why_unseen(quantity)
             continue
         with_ = ", ".join(quantities[k].name for k in others[:_NAMED])
         more = f" and {len(others) - _NAMED} more" if len(others) > _NAMED else ""
@@ -121,6 +123,21 @@ def _merged(problem: Problem, quantities: Sequence[Quantity], S: Array) -> dict[
         why = why if i in always else "these poses do not tell them apart"
         texts[quantity.name] = f"with {with_}{more}: {why}"
     return texts
+
+
+def merged_rows(merged: Mapping[str, str]) -> list[tuple[str, str]]:
+    """Quantities that are not identifiable with their reasons, in the order given; those that show nothing in one row.
+
+    merged: reason by name, as in ``Identifiable``.
+    """
+    found = [(name, why) for name, why in merged.items() if why not in _ALONE]
+    for why, together in _ALONE.items():
+        names = [name for name, reason in merged.items() if reason == why]
+        if len(names) > 1:
+            found.append((f"{len(names)} quantities", f"{together} (their names: --json, as_dict)"))
+        else:
+            found += [(name, why) for name in names]
+    return found
 
 
 def _dependent(S: Array) -> tuple[list[int], list[list[int]]]:
@@ -146,10 +163,8 @@ def _dependent(S: Array) -> tuple[list[int], list[list[int]]]:
     return found, partners
 
 
-def _unseen(quantity: Quantity) -> str:
-    if quantity.kind == COMPLIANCE:
-        return "no load of these poses acts on it"
-    return "it moves nothing that was measured"
+def _why_unseen(quantity: Quantity) -> str:
+    return _NO_LOAD if quantity.kind == COMPLIANCE else _UNSEEN
 
 
 def _reason(model: ErrorModel, quantity: Quantity, others: Sequence[Quantity]) -> str:

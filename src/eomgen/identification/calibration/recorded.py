@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +27,9 @@ def write_record(result: Any, target: Path) -> Path:
     meta: dict[str, Any] = {name: getattr(result, name) for name in PLAIN}
     meta["merged"], meta["noise"], meta["frames"] = dict(result.merged), dict(result.noise), dict(result.frames)
     meta |= {
-        "gain": None if result.gain is None else vars(result.gain),
+        "gains": {name: {kind: vars(x) for kind, x in gains.items()} for name, gains in result.gains.items()},
+        "is_explained": result.is_explained,
+        "diagnosis": asdict(result.diagnosis),
         "description": record_of(model.robot),
         "quantities": [vars(quantity) for quantity in model.quantities],
         "bases": {str(number): pose.tolist() for number, pose in model.bases.items()},

@@ -10,19 +10,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...errors import ArrayError, UnknownNameError
-from ...names import nearest_or_all
+from ...errors import InputError, UnknownNameError
+from ...names import kind_of, nearest_or_all, split_component
 from ...optional import optional_import
-from ...robot.value import COORDINATES, Robot
+from ...robot.coordinates import UNITS
+from ...robot.value import Robot
 from ...shown import Shown
 from ...tabular import Rows as TableRows
 from ...tabular import TableColumn, Tabular
 from ..geometry.error_model import ErrorModel, Rows
-from ..geometry.observations import ORIENTATION, POSITION
+from ..geometry.observations import ENCODER, ORIENTATION, POSITION
 from .as_toml import Found, write_toml
 from .as_urdf import write_urdf
+from .diagnosing import Diagnosis, diagnosis_values
+from .identifiability import merged_rows
+from .predicting import readings_from, refuse_open
 from .recorded import write_record
-from .variants import NO_GAIN, VARIANTS, Gain
+from .variants import NO_GAIN, VARIANTS, Gain, Gains
 
 Array = NDArray[np.float64]
 Residuals = Mapping[str, Mapping[str, Mapping[str, float]]]
@@ -46,18 +50,22 @@ class CalibrationResult(Shown, Tabular):
         merged: why a quantity is not identifiable, by name.
         weak: directions that show less than their noise, with their standard deviations.
         residuals: by variant ("placement", "zeros", "full", "prior"), then "fitted" and "held_out", then "position" (m)
-            and "orientation" (rad): rms of components.
+            and "orientation" (rad): rms of components; and "fitted_norm" and "held_out_norm": rms of vectors, such as
+            the distance of two points.
         variant: the one that values are of.
         noise: standard deviations by what was measured, such as "tcp.position", known or estimated; m or rad.
         is_noise_known: whether they were given.
         freedoms: degrees of freedom of the residuals.
         chi2: reduced chi-square, where the noise is known; else None.
         prior: the size that was chosen for the prior, in expected sizes; None without folds.
-        gain: of the full fit over placement alone, held out; None without folds.
+        gains: over placement alone, held out, by variant, then "position" and "orientation"; none without folds.
         mistrusted: rows that the loss counts less than half, with their weights.
         notes: what was found on the way.
+        diagnosis: what residuals show: outlying rows, correlation from row to row, drift, patterns along joints.
         model, x, covariance: the error model, its values and their covariance, for ``predict``.
         source: the file of poses.
+        is_explained: whether what is left of the poses is small beside the robot, fitted and held out; what is not
+            explained is written as a description only if that is forced.
     """
 
     robot: str
@@ -80,19 +88,27 @@ class CalibrationResult(Shown, Tabular):
     freedoms: float = field(repr=False)
     chi2: float | None
     prior: float | None
-    gain: Gain | None
+    gains: Gains
     mistrusted: tuple[tuple[int, float], ...]
     notes: tuple[str, ...]
+    diagnosis: Diagnosis = field(repr=False)
     model: ErrorModel = field(repr=False)
     x: Array = field(repr=False)
     covariance: Array = field(repr=False)
     source: str = ""
+    is_explained: bool = True
 
     def __getitem__(self, name: str) -> float:
         """The value of a quantity; UnknownNameError if there is none of that name."""
         if name not in self.names:
             raise UnknownNameError(f"calibrate: {name!r} was not fitted{nearest_or_all(name, self.names)}")
         return float(self.values[self.names.index(name)])
+
+    @property
+    def gain(self) -> Gain | None:
+        """The full fit's gain over placement alone, in positions where there are any; None without folds."""
+        of_full = self.gains.get("full", {})
+        return of_full.get(POSITION, of_full.get(ORIENTATION))
 
     @property
     def quantile(self) -> float:
@@ -111,42 +127,35 @@ class CalibrationResult(Shown, Tabular):
         """Poses of a measured frame at other configurations, without loads, and what is not sure of them.
 
         Args:
-            q: coordinates of the calibrated robot, (n,) or (N, n), m or rad: those of its joints' coordinates.
+            q: coordinates of the calibrated robot, (n,) or (N, n), m or rad: those of its joints' coordinates.  Of a
+                closed mechanism those of its drives alone, (d,) or (N, d), will do: loops are closed, from the
+                description's home on, or from the passive coordinates that are given.
             frame: a measured one.
             series: number of the series whose device looks; None: poses in the robot's own base axes.
 
         Returns:
-            poses, (4, 4) or (N, 4, 4), and covariances of displacement and small turn, (6, 6) or (N, 6, 6), m and rad.
+            poses, (4, 4) or (N, 4, 4), and covariances of displacement and small turn, (6, 6) or (N, 6, 6), m and rad;
+            NaN where nothing could be checked and the noise is not known.
 
         Raises:
             UnknownNameError: no measured frame, or no series, of that name.
             ArrayError: q has a wrong shape or is not finite.
+            InputError: the loops of the calibrated robot do not close there.
         """
         chain = self.model.chain
         if frame not in chain.tools:
             raise UnknownNameError(f"predict: {frame!r} was not measured{nearest_or_all(frame, chain.tools)}")
         if series is not None and series not in self.model.bases:
             raise UnknownNameError(f"predict: there is no series {series!r}; known: {sorted(self.model.bases)}")
-        places = [
-            (k, c)
-            for k, station in enumerate(chain.stations)
-            if station.joint is not None
-            for c, name in enumerate(COORDINATES)
-            if name in station.joint.coordinates
-        ]
         given = np.asarray(q, dtype=np.float64)
-        if given.ndim not in (1, 2) or given.shape[-1] != len(places) or not np.isfinite(given).all():
-            shape = f"({len(places)},) or (N, {len(places)})"
-            raise ArrayError(f"q: got shape {given.shape}; allowed: finite numbers of shape {shape}")
-        flat = given.reshape(-1, len(places))
-        readings = np.zeros((len(flat), len(chain.stations), 6))
-        for i, (k, c) in enumerate(places):
-            readings[:, k, c] = flat[:, i]
+        readings = readings_from(self.model, given)
         number = min(self.model.bases) if series is None else series
-        rows = Rows(readings, np.full(len(flat), number), {}, np.zeros(readings.shape[:2]), np.zeros(len(flat)))
+        many = len(readings)
+        rows = Rows(readings, np.full(many, number), {}, np.zeros(readings.shape[:2]), np.zeros(many))
         state = self.model.at(self.x, rows)
+        refuse_open(self.model, state)
         S = state.sensitivities(chain.tools[frame])
-        poses = np.tile(np.eye(4), (len(flat), 1, 1))
+        poses = np.tile(np.eye(4), (many, 1, 1))
         poses[:, :3, :3], poses[:, :3, 3] = state.found.R[chain.tools[frame]], state.found.p[chain.tools[frame]]
         if series is None:
             turn, origin = state.found.R[0].transpose(0, 2, 1), state.found.p[0]
@@ -155,6 +164,8 @@ class CalibrationResult(Shown, Tabular):
             S[:, :, [i for i, quantity in enumerate(self.model.quantities) if quantity.station == 0]] = 0.0
             S = np.concatenate([turn @ S[:, :3], turn @ S[:, 3:]], axis=1)
         covariance = S @ self.covariance @ S.transpose(0, 2, 1)
+        if not (self.is_noise_known or self.diagnosis.is_checked):
+            covariance = np.full_like(covariance, np.nan)
         lead = given.shape[:-1]
         return poses.reshape(*lead, 4, 4), covariance.reshape(*lead, 6, 6)
 
@@ -171,21 +182,39 @@ class CalibrationResult(Shown, Tabular):
         units = dict(zip(self.names, self.units, strict=True))
         return Found(self.model.robot, self.model.chain, self.frames, values, deviations, units)
 
-    def to_toml(self, path: Path | str) -> Path:
+    def _refuse_unexplained(self, force: bool) -> None:
+        if not (self.is_explained or force):
+            raise InputError(
+                f"{self.source or self.robot}: the calibration does not explain what was measured, and is not written"
+                " as a description; allowed: poses that it explains (notes say what was tried), or --force (force=True)"
+            )
+
+    def to_toml(self, path: Path | str, *, force: bool = False) -> Path:
         """Write the description with what was found, standard deviations as comments, and return the path.
 
+        Args:
+            path: of the file.
+            force: whether to write what does not explain the poses.
+
         Raises:
-            InputError: the robot's file cannot be read any more, is not written so that it can be changed, or the file
-                cannot be written.
+            InputError: the poses are not explained, the robot's file cannot be read any more, is not written so that it
+                can be changed, or the file cannot be written.
         """
+        self._refuse_unexplained(force)
         return write_toml(self._found, Path(path))
 
-    def to_urdf(self, path: Path | str) -> Path:
+    def to_urdf(self, path: Path | str, *, force: bool = False) -> Path:
         """Write an URDF whose origins (and axes of prismatic joints) have what was found, and return the path.
 
+        Args:
+            path: of the file.
+            force: whether to write what does not explain the poses.
+
         Raises:
-            InputError: the robot has what an URDF cannot say, or a file cannot be read or written.
+            InputError: the poses are not explained, the robot has what an URDF cannot say, or a file cannot be read or
+                written.
         """
+        self._refuse_unexplained(force)
         return write_urdf(self._found, Path(path))
 
     def save(self, path: Path | str) -> Path:
@@ -228,9 +257,12 @@ class CalibrationResult(Shown, Tabular):
             "freedoms": self.freedoms,
             "chi2": self.chi2,
             "prior": self.prior,
-            "gain": None if self.gain is None else {**vars(self.gain), "is_significant": self.gain.is_significant},
+            "gain": None if self.gain is None else _gain_values(self.gain),
+            "gains": {name: {kind: _gain_values(x) for kind, x in of.items()} for name, of in self.gains.items()},
             "mistrusted": [{"row": row, "weight": weight} for row, weight in self.mistrusted],
             "notes": list(self.notes),
+            "diagnosis": diagnosis_values(self.diagnosis),
+            "is_explained": self.is_explained,
         }
 
     def lines(self) -> list[str]:
@@ -243,11 +275,12 @@ class CalibrationResult(Shown, Tabular):
         for i, name in enumerate(self.names):
             if name not in self.merged:
                 before = "" if np.isnan(self.described[i]) else f"{self.described[i]:.7g}"
-                row = f"{self.values[i]:>14.7g}{self.deviations[i]:>16.2g}{before:>14}  {self.units[i]}"
+                deviation = "unknown" if np.isnan(self.deviations[i]) else f"{self.deviations[i]:.2g}"
+                row = f"{self.values[i]:>14.7g}{deviation:>16}{before:>14}  {self.units[i]}"
                 lines.append(f"{name:<{width}}{row}")
         if self.merged:
             lines += ["", "not identifiable; their values are part of the least change:"]
-            lines += [f"{name:<{width}}{why}" for name, why in self.merged.items()]
+            lines += [f"{name:<{width}}{why}" for name, why in merged_rows(self.merged)]
         if self.weak:
             lines += ["", "weak: standard deviation of the first, along the direction"]
             lines += [f"{value:>10.2g}  {text}" for text, value in self.weak]
@@ -257,8 +290,8 @@ class CalibrationResult(Shown, Tabular):
         return lines + ["", *(f"note: {note}" for note in self.notes)]
 
     def summary_lines(self) -> list[str]:
-        """Lines about the gain over placement alone, reduced chi-square, and the noise."""
-        lines = [self._gain_line()] if any(self.residuals["full"]["held_out"]) else []
+        """Lines about the gains over placement alone, reduced chi-square, and the noise."""
+        lines = self._gain_lines() if any(self.residuals["full"]["held_out"]) else []
         lines += [f"reduced chi-square {self.chi2:.3g}"] if self.chi2 is not None else []
         known = "known" if self.is_noise_known else "estimated"
         return lines + [f"noise of {name}: {_shown(value, name)}, {known}" for name, value in self.noise.items()]
@@ -266,26 +299,40 @@ class CalibrationResult(Shown, Tabular):
     def _residual_lines(self) -> list[str]:
         kinds = [kind for kind in (POSITION, ORIENTATION) if kind in self.residuals["full"]["fitted"]]
         units = {POSITION: "mm", ORIENTATION: "mrad"}
-        head = "".join(f"{f'{kind} [{units[kind]}]':>20}{'held out':>12}" for kind in kinds)
-        lines = [f"{'rms of residuals':<18}{head}"]
+        lines = [f"{'rms of residuals':<18}" + "".join(f"{f'{k} [{units[k]}]':>24}{'held out':>20}" for k in kinds)]
+        lines.append(f"{'':<18}" + f"{'per axis':>14}{'norm':>10}{'per axis':>10}{'norm':>10}" * len(kinds))
         for name in VARIANTS:
             if name not in self.residuals:
                 continue
             row = ""
             for kind in kinds:
-                parts = self.residuals[name]
-                held = parts["held_out"].get(kind)
-                row += f"{1e3 * parts['fitted'][kind]:>20.4g}{'' if held is None else f'{1e3 * held:.4g}':>12}"
-            lines.append(f"{name:<18}{row}")
+                for part, width in (("fitted", 14), ("fitted_norm", 10), ("held_out", 10), ("held_out_norm", 10)):
+                    value = self.residuals[name].get(part, {}).get(kind)
+                    row += f"{'' if value is None else f'{1e3 * value:.4g}':>{width}}"
+            lines.append(f"{name:<18}{row}".rstrip())
         return lines
 
-    def _gain_line(self) -> str:
-        if self.gain is None:
-            return "gain: too few poses to tell"
-        span = f"{self.gain.low:.3g} .. {self.gain.high:.3g}, {100 * self.confidence:g} % interval"
-        if not self.gain.is_significant:
-            return f"{NO_GAIN}: placement alone leaves {self.gain.ratio:.3g} times as much, held out ({span})"
-        return f"gain: placement alone leaves {self.gain.ratio:.3g} times as much, held out ({span})"
+    def _gain_lines(self) -> list[str]:
+        """The verdict, and by how much every variant is better or worse than placement alone."""
+        if not self.gains:
+            return ["gain: too few poses to tell"]
+        better, worse = list[str](), list[str]()
+        lines = []
+        for name, gains in self.gains.items():
+            parts = []
+            for kind, gain in gains.items():
+                better += [f"{name} in {kind}"] if gain.is_significant else []
+                worse += [f"{name} in {kind}"] if gain.is_loss else []
+                parts.append(f"{kind} {gain.ratio:.3g} ({gain.low:.3g} .. {gain.high:.3g})")
+            lines.append(f"  over {name + ':':<8} {', '.join(parts)}")
+        head = f"gain: {', '.join(better)}" if better else f"{NO_GAIN} over placement alone"
+        head += f"; worse than placement alone: {', '.join(worse)}" if worse else ""
+        share = f"{100 * self.confidence:g} % intervals"
+        return [head, f"error that placement alone leaves, held out, as a multiple ({share}):", *lines]
+
+
+def _gain_values(gain: Gain) -> dict[str, Any]:
+    return {**vars(gain), "is_significant": gain.is_significant}
 
 
 def _plain(values: Sequence[float] | Array) -> list[float | None]:
@@ -293,4 +340,6 @@ def _plain(values: Sequence[float] | Array) -> list[float | None]:
 
 
 def _shown(value: float, name: str) -> str:
-    return f"{1e3 * value:.4g} {'mrad' if name.endswith(ORIENTATION) else 'mm'}"
+    owner, kind = split_component(name)
+    is_turn = kind == ORIENTATION or (kind == ENCODER and UNITS[kind_of(owner)] == "rad")
+    return f"{1e3 * value:.4g} {'mrad' if is_turn else 'mm'}"

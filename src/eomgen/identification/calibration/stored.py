@@ -19,16 +19,19 @@ from ...robot.model import build_model
 from ...robot.value import COORDINATES, Robot
 from ..geometry.closing import closing_of
 from ..geometry.error_model import COMPLIANCE, DRIVE, OFFSET, PLACEMENT, ZERO, ErrorModel, Quantity
+from ..geometry.observations import ORIENTATION, POSITION
 from ..geometry.stations import chain_of
 from ..saved import damage_named, declared_value, declared_values, number_arrays, read_arrays
+from .diagnosing import Diagnosis
 from .recorded import ARRAYS, KIND, PLAIN
 from .result import CalibrationResult
-from .variants import VARIANTS
+from .variants import VARIANTS, Gain, Gains
 
 Array = NDArray[np.float64]
 
 _KINDS = (PLACEMENT, ZERO, OFFSET, COMPLIANCE, DRIVE)
 _NUMBER = re.compile(r"-?[0-9]{1,18}")
+_HARMONIC = re.compile(r"[0-9]{1,6}(?:\.[0-9]{1,6})?")
 
 
 def load_calibration(path: Path | str) -> CalibrationResult:
@@ -40,7 +43,7 @@ def load_calibration(path: Path | str) -> CalibrationResult:
     arrays, meta = read_arrays(KIND, path)
     with damage_named(path, KIND):
         robot: Robot = robot_from_record(meta.get("description", {}), str(path))
-        plain = declared_values(CalibrationResult, meta, (*PLAIN, "gain"), str(path))
+        plain = declared_values(CalibrationResult, meta, PLAIN, str(path))
         quantities = declared_value(tuple[Quantity, ...], meta, "quantities", str(path))
         for quantity in quantities:
             _check_quantity(quantity, str(path))
@@ -55,10 +58,24 @@ def load_calibration(path: Path | str) -> CalibrationResult:
             every = [(k, c) for k in range(len(chain.stations)) for c in range(6)]
             closing = closing_of(tree, chain, every, str(path))
         model = ErrorModel(robot, chain, quantities, bases, closing)
-        result = CalibrationResult(**plain, **number_arrays(arrays, ARRAYS, str(path)), model=model)
+        diagnosis = declared_value(Diagnosis, meta, "diagnosis", str(path)) if "diagnosis" in meta else Diagnosis()
+        found = {"gains": _gains(meta, plain["residuals"], str(path)), "diagnosis": diagnosis, "model": model}
+        if "is_explained" in meta:
+            found["is_explained"] = declared_value(bool, meta, "is_explained", str(path))
+        result = CalibrationResult(**plain, **number_arrays(arrays, ARRAYS, str(path)), **found)
         _check(result, str(path))
         result.lines()
     return result
+
+
+def _gains(meta: Mapping[str, Any], residuals: Mapping[str, Any], path: str) -> Gains:
+    """Gains by variant and kind; files of before have that of the full one alone, of positions where there are any."""
+    if "gains" in meta:
+        found: Gains = declared_value(Mapping[str, Mapping[str, Gain]], meta, "gains", path)
+        return found
+    gain = declared_value(Gain | None, meta, "gain", path)
+    kind = next(kind for kind in (POSITION, ORIENTATION) if kind in residuals["full"]["fitted"])
+    return {} if gain is None else {"full": {kind: gain}}
 
 
 def _poses(meta: Mapping[str, Any], name: str, path: str) -> dict[str, Array]:
@@ -76,6 +93,9 @@ def _series(number: str, path: str) -> int:
 
 
 def _check_quantity(quantity: Quantity, path: str) -> None:
+    harmonic = quantity.factor[3:] if quantity.factor.startswith(("cos", "sin")) else ""
+    if harmonic and not _HARMONIC.fullmatch(harmonic):
+        raise InputError(f"{path}: quantities: {show(quantity.name)}: factor: got {show(quantity.factor)}")
     for key, value, allowed in (
         ("kind", quantity.kind, _KINDS),
         ("coordinate", str(quantity.coordinate), tuple(map(str, range(len(COORDINATES))))),
@@ -118,6 +138,7 @@ def _check(result: CalibrationResult, path: str) -> None:
 def _is_whole(residuals: Mapping[str, Mapping[str, Mapping[str, float]]]) -> bool:
     parts = [residuals[name] for name in VARIANTS if name in residuals]
     kinds = set(residuals.get("full", {}).get("fitted", {}))
+    known, norms = {"fitted", "held_out"}, {"fitted_norm", "held_out_norm"}
     return "full" in residuals and all(
-        set(part) == {"fitted", "held_out"} and kinds.issubset(part["fitted"]) for part in parts
+        known <= set(part) <= known | norms and kinds.issubset(part["fitted"]) for part in parts
     )

@@ -14,22 +14,24 @@ from ...optional import optional_import
 from ...progress import StageReport
 from ..geometry.error_model import PLACEMENT, ZERO
 from ..geometry.observations import ORIENTATION, POSITION, at_rows
-from ..geometry.solving import Fit, Problem, fitted, refitted, roughly, whitened
+from ..geometry.solving import ROUGH, Fit, Problem, fitted, refitted, roughly, whitened
 
 Array = NDArray[np.float64]
 Places = NDArray[np.intp]
 Rms = dict[str, float]
+Gains = Mapping[str, Mapping[str, "Gain"]]
 
 VARIANTS = ("placement", "zeros", "full", "prior")
 PRIORS = tuple(10.0 ** (k / 2.0) for k in range(-4, 5))  # sizes that are tried, in expected ones
 _WIDE = 1e3  # expected sizes of what has no prior in a ridge
+_ROUND_OFF = 1e-6  # of a gain: variants that are equal differ by no more
 INNER = 10  # folds, at most, in which a prior is chosen for what is held out
 NO_GAIN = "no significant gain"
 
 
 @dataclass(frozen=True)
 class Gain:
-    """Held-out error of placement alone over that of the full fit, with its interval."""
+    """Held-out error of placement alone over that of another variant, with its interval."""
 
     ratio: float
     low: float
@@ -38,22 +40,29 @@ class Gain:
     @property
     def is_significant(self) -> bool:
         """Whether the interval is above 1."""
-        return self.low > 1.0
+        return self.low > 1.0 + _ROUND_OFF
+
+    @property
+    def is_loss(self) -> bool:
+        """Whether the interval is below 1: the variant is worse where it has not looked."""
+        return self.high < 1.0 - _ROUND_OFF
 
 
 @dataclass(frozen=True)
 class Variants:
-    """Fits by variant, their residuals, what was held out, the size of the prior, and the gain.
+    """Fits by variant, their residuals, what was held out, the size of the prior, and the gains.
 
-    residuals: by variant, then "fitted" and "held_out", then "position" (m) and "orientation" (rad): rms of components.
+    residuals: by variant, then "fitted" and "held_out" (rms of components), "fitted_norm" and "held_out_norm" (rms of
+        vectors), then "position" (m) and "orientation" (rad).
     held_out: differences of numbers whose rows were left out, (M,), by variant; none without folds.
+    gains: over placement alone, by variant, then by kind.
     """
 
     fits: Mapping[str, Fit]
     residuals: Mapping[str, Mapping[str, Rms]]
     held_out: Mapping[str, Array]
     prior: float | None
-    gain: Gain | None
+    gains: Gains
 
 
 def variants_of(
@@ -67,7 +76,7 @@ def variants_of(
         loss: see ``fitted``.
         units: of each row of the file, the number of what is left out together, (R,), from 0.
         folds: contiguous parts of the units, each held out once; 0: none.
-        confidence: of the gain's interval.
+        confidence: of the gains' intervals.
         report: called with a line of text when a variant begins.
     """
     problems = {"placement": _part(problem, PLACEMENT), "zeros": _part(problem, PLACEMENT, ZERO), "full": problem}
@@ -88,15 +97,17 @@ def variants_of(
         for name in VARIANTS:
             report(f"holding out poses of {name}")
             held[name] = _held_out(problems[name], fits[name], full, parts, name == "prior")
-    residuals = {
-        name: {
-            "fitted": rms(problem, fits[name].residuals, full.trust),
-            "held_out": rms(problem, held[name], full.trust) if folds else {},
-        }
-        for name in VARIANTS
-    }
-    gain = _gain(problem, held, full.trust, units, confidence) if folds else None
-    return Variants(fits, residuals, held, size, gain)
+    residuals = {name: residuals_of(problem, fits[name].residuals, held.get(name), full.trust) for name in VARIANTS}
+    return Variants(fits, residuals, held, size, _gains(problem, held, full.trust, units, confidence))
+
+
+def residuals_of(problem: Problem, fitted: Array, held: Array | None, trust: Array) -> dict[str, Rms]:
+    """Rms of residuals, fitted and held out, (M,) each, of components and of whole vectors; see ``Variants``."""
+    found = {}
+    for part, differences in (("fitted", fitted), ("held_out", held)):
+        found[part] = {} if differences is None else rms(problem, differences, trust)
+        found[f"{part}_norm"] = {} if differences is None else rms(problem, differences, trust, whole=True)
+    return found
 
 
 def only_fitted(problem: Problem, start: Array, loss: str | None) -> Fit:
@@ -104,23 +115,40 @@ def only_fitted(problem: Problem, start: Array, loss: str | None) -> Fit:
     return fitted(problem, roughly(_part(problem, PLACEMENT), start), loss=loss)
 
 
-def rough_rms(problem: Problem, start: Array) -> Rms:
-    """``rms`` of what a few steps leave: enough to tell one reading of a file from another."""
-    x = roughly(problem, roughly(_part(problem, PLACEMENT), start))
-    r, _ = at_rows(problem.model, problem.rows, problem.seen, x)
-    return rms(problem, r, np.ones(r.size))
+def roughly_placed(problem: Problem, start: Array) -> Array:
+    """Values, (P,), with placements of base and tool alone after a few steps: enough to tell readings apart."""
+    return roughly(_part(problem, PLACEMENT), start, ROUGH // 2)
 
 
-def rms(problem: Problem, differences: Array, trust: Array) -> Rms:
-    """Root of the mean square of what was measured less what is predicted, by kind: m and rad, of components."""
+def rms(problem: Problem, differences: Array, trust: Array, *, whole: bool = False) -> Rms:
+    """Root of the mean square of what was measured less what is predicted, by kind: m and rad.
+
+    whole: of whole vectors, such as the distance between two points; else of their components.
+    """
     found = {}
     kinds = problem.seen.kinds
+    widths = np.array([block.width for block in problem.seen.blocks])[problem.seen.group]
     for kind in (POSITION, ORIENTATION):
         inside = (kinds == kind) & np.isfinite(differences)
-        weight = trust[inside].sum()
+        weight = (trust / widths if whole else trust)[inside].sum()
         if weight > 0.0:
             found[kind] = float(np.sqrt((trust[inside] * differences[inside] ** 2).sum() / weight))
     return found
+
+
+def medians_of(problem: Problem, found: Variants, variant: str) -> Rms:
+    """Median length of what a variant leaves of vectors, by kind, m and rad: fitted or held out, whichever is more."""
+    medians: Rms = {}
+    kinds = problem.seen.kinds
+    for differences in (found.fits[variant].residuals, found.held_out.get(variant)):
+        for group, block in enumerate(problem.seen.blocks):
+            inside = problem.seen.group == group
+            if differences is None or not np.isfinite(differences[inside]).any():
+                continue
+            lengths = np.linalg.norm(differences[inside].reshape(-1, block.width), axis=1)
+            kind = str(kinds[inside][0])
+            medians[kind] = max(medians.get(kind, 0.0), float(np.nanmedian(lengths)))
+    return medians
 
 
 def fold_rows(units: Places, folds: int) -> list[NDArray[np.bool_]]:
@@ -212,17 +240,30 @@ def _together(folds: Sequence[NDArray[np.bool_]], most: int) -> list[NDArray[np.
     return [np.any([folds[k] for k in part], axis=0) for part in parts]
 
 
-def _gain(problem: Problem, held: Mapping[str, Array], trust: Array, units: Places, confidence: float) -> Gain | None:
-    """By how much the full fit is better where it has not looked; its interval by the jackknife over poses."""
+def _gains(problem: Problem, held: Mapping[str, Array], trust: Array, units: Places, confidence: float) -> Gains:
+    """By how much variants are better than placement alone where they have not looked, by variant and kind."""
+    kinds = problem.seen.kinds
+    found: dict[str, dict[str, Gain]] = {}
+    for name in VARIANTS[1:] if held else ():
+        known = np.isfinite(held["placement"]) & np.isfinite(held[name])
+        gains = {
+            kind: _gain(held["placement"], held[name], trust, units[problem.seen.row], inside, confidence)
+            for kind in (POSITION, ORIENTATION)
+            if (inside := (kinds == kind) & known).any()
+        }
+        found[name] = {kind: gain for kind, gain in gains.items() if gain is not None}
+    return {name: gains for name, gains in found.items() if gains}
+
+
+def _gain(
+    before: Array, after: Array, trust: Array, unit: Places, inside: NDArray[np.bool_], confidence: float
+) -> Gain | None:
+    """Ratio of the rms of two sets of held-out differences, (M,); its interval by the jackknife over units."""
     with optional_import("SciPy", "calibrate needs"):
         from scipy.special import stdtrit
-    kinds = problem.seen.kinds
-    kind = POSITION if (kinds == POSITION).any() else ORIENTATION
-    inside = (kinds == kind) & np.isfinite(held["placement"]) & np.isfinite(held["full"])
-    unit, many = units[problem.seen.row[inside]], int(units.max()) + 1
-    sums = [
-        np.bincount(unit, trust[inside] * held[name][inside] ** 2, minlength=many) for name in ("placement", "full")
-    ]
+    there, place = np.unique(unit[inside], return_inverse=True)
+    many = there.size
+    sums = [np.bincount(place, trust[inside] * part[inside] ** 2, minlength=many) for part in (before, after)]
     if many < 3 or not all(part.sum() > 0.0 for part in sums):
         return None
     whole = [np.maximum(part.sum() - part, 1e-300) for part in sums]

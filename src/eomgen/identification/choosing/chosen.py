@@ -19,6 +19,7 @@ from ...robot.coordinates import MOTIONS
 from ...shown import Shown
 from ...tabular import Rows as TableRows
 from ...tabular import TableColumn, Tabular
+from ..calibration.identifiability import merged_rows
 from ..saved import read_json, write_json
 from .information import DETERMINANT
 from .proposals import DISTANCE, POSE
@@ -154,8 +155,9 @@ class PosesResult(Shown, Tabular):
             lines += ["", "weak: standard deviation of the first, along the direction"]
             lines += [f"{value:>10.2g}  {text}" for text, value in self.weak]
         if self.merged:
-            width = max(len(name) for name in self.merged) + 2
-            lines += ["", "not identifiable:", *(f"{name:<{width}}{why}" for name, why in self.merged.items())]
+            rows = merged_rows(self.merged)
+            width = max(len(name) for name, _ in rows) + 2
+            lines += ["", "not identifiable:", *(f"{name:<{width}}{why}" for name, why in rows)]
         return lines + (["", *(f"note: {note}" for note in self.notes)] if self.notes else [])
 
     def summary_lines(self) -> list[str]:

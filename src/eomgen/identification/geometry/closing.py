@@ -45,6 +45,10 @@ class Closing:
 
     def gaps(self, chain: Chain, at: Located, values: Array, constants: Array) -> Array:
         """g of all loops and couplings, (N, m), m and rad; ``constants``: offsets in the values, (N, S, 6)."""
+        return self.residuals(chain, at, values - constants)
+
+    def residuals(self, chain: Chain, at: Located, q: Array) -> Array:
+        """g of all loops and couplings, (N, m), m and rad, by coordinates without offsets, (N, S, 6)."""
         found = []
         for loop, (a, b) in zip(self.robot.loops, chain.cuts, strict=True):
             R_a = at.R[a].transpose(0, 2, 1)
@@ -54,7 +58,6 @@ class Closing:
                     found.append(p[:, part.axis])
                 else:
                     found.append(sum((f * R[:, i, j] for f, i, j in part.products), np.zeros(len(p))))
-        q = values - constants
         for (k, c), others, offset in self.couplings:
             found.append(q[:, k, c] - offset - sum((r * q[:, i, j] for (i, j), r in others), np.zeros(len(q))))
         return np.stack([found[i] for i in self.kept or range(len(found))], axis=1)

@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 
 BASE, FRAMES, JOINTS, LOOPS = "base", "frames", "joints", "loops"
 TILT = "axis"  # of a prismatic joint: joints.NAME.axis.alpha turns its placement about its own x
+SECOND = "second"  # of a cut joint: loops.NAME.second.x moves its frame on the second link
 SIZES = (1e-3, 3e-3)  # of an offset that is expected: of the reach (1), and rad
 PLACEMENT, ZERO, OFFSET, COMPLIANCE, DRIVE = "placement", "zero", "offset", "compliance", "drive"
 PASSES = 3  # of loads on what they deflect; each is as exact as the last times the deflection
@@ -36,8 +37,9 @@ class Quantity:
     """One unknown.
 
     name: such as "joints.joint2.offset.z"; of a compliance that of its stiffness.  kind: one of the five above.
-    station, coordinate: what it moves.  factor: "one", "series", "force", "gain", "cos", "sin", "backlash", "coupling",
-    "temperature"; series: the series' number, or of a coupling the station whose reading counts.
+    station, coordinate: what it moves.  factor: "one", "series", "force", "gain", "cos", "sin" (with the number of the
+    harmonic behind it, such as "cos2", where that is not 1), "backlash", "coupling", "temperature".
+    series: the series' number, or of a coupling the station whose reading counts.
     nominal: its value in the description.  size: by how much it is expected to be off.
     """
 
@@ -130,26 +132,28 @@ class ErrorModel:
         factors = self._factors(rows)
         moved = [i for i, quantity in enumerate(self.quantities) if quantity.kind != COMPLIANCE]
         soft = [i for i, quantity in enumerate(self.quantities) if quantity.kind == COMPLIANCE]
-        bases = np.array([self.bases[k] for k in rows.series.tolist()])
+        bases = np.array([self.bases[k] for k in rows.series.tolist()]).reshape(-1, 4, 4)
         places = [(q.station, q.coordinate) for q in self.quantities]
         rigid = rows.readings.copy()
         for i in moved:
             rigid[:, places[i][0], places[i][1]] += x[i] * factors[:, i]
-        found = self._located(rigid, rows, bases)
+        found, q = self._located(rigid, rows, bases)
         for _ in range(PASSES if soft else 0):
             forces = self.forces(found, rows)
             values = rigid.copy()
             for i in soft:
                 factors[:, i] = forces[:, places[i][0], places[i][1]]
                 values[:, places[i][0], places[i][1]] += x[i] * factors[:, i]
-            found = self._located(values, rows, bases)
-        return State(self, found, factors)
+            found, q = self._located(values, rows, bases)
+        return State(self, found, factors, q)
 
-    def _located(self, values: Array, rows: Rows, bases: Array) -> Located:
-        """Stations by their coordinates, (N, S, 6), whose passive ones are made to close loops."""
-        if self.closing is not None:
-            values = self.closing.closed(self.chain, values, values - rows.readings, bases)
-        return located(self.chain, values, bases)
+    def _located(self, values: Array, rows: Rows, bases: Array) -> tuple[Located, Array]:
+        """Stations by their coordinates, (N, S, 6), whose passive ones are made to close loops; what encoders read."""
+        if self.closing is None:
+            return located(self.chain, values, bases), rows.readings
+        constants = values - rows.readings
+        values = self.closing.closed(self.chain, values, constants, bases)
+        return located(self.chain, values, bases), values - constants
 
     def forces(self, found: Located, rows: Rows) -> Array:
         """Generalized forces of gravity and of loads at all stations' coordinates, (N, S, 6), N and N m.
@@ -170,11 +174,15 @@ class ErrorModel:
 
 @dataclass(frozen=True)
 class State:
-    """Stations of an error model at some values, with what one unit of each quantity does."""
+    """Stations of an error model at some values, with what one unit of each quantity does.
+
+    q: coordinates without offsets and deflections, (N, S, 6): what ideal encoders read of passive ones.
+    """
 
     model: ErrorModel
     found: Located
     factors: Array
+    q: Array
 
     def sensitivities(self, tool: int) -> Array:
         """Motion of a station per unit of every quantity, (N, 6, P): displacement, small turn, the device's axes."""
@@ -193,13 +201,19 @@ class State:
         """Motion of a station by what passive coordinates do per unit of every quantity, (N, 6, P)."""
         model = self.model
         assert model.closing is not None
-        follow = model.closing.followed(model.chain, self.found)
-        places = [(quantity.station, quantity.coordinate) for quantity in model.quantities]
-        ks, cs = np.array(places, dtype=np.intp).T
-        by_quantity = follow[:, :, ks, cs] * self.factors[:, np.newaxis]
+        by_quantity = self.passive_slopes()
         moving = [(i, before.index(k), c) for i, (k, c) in enumerate(model.closing.passive) if k in before]
         which, at, part = np.array(moving, dtype=np.intp).reshape(-1, 3).T
         return np.asarray(by_place[:, :, at, part] @ by_quantity[:, which])
+
+    def passive_slopes(self) -> Array:
+        """Change of the passive coordinates, without their own offsets, per unit of every quantity, (N, k, P)."""
+        model = self.model
+        assert model.closing is not None
+        follow = model.closing.followed(model.chain, self.found)
+        places = [(quantity.station, quantity.coordinate) for quantity in model.quantities]
+        ks, cs = np.array(places, dtype=np.intp).T
+        return np.asarray(follow[:, :, ks, cs] * self.factors[:, np.newaxis])
 
 
 def factor_of(quantity: Quantity, rows: Rows) -> Array:
@@ -210,8 +224,9 @@ def factor_of(quantity: Quantity, rows: Rows) -> Array:
         return np.asarray(rows.series == quantity.series, dtype=np.float64)
     if kind == "gain":
         return np.asarray(reading)
-    if kind in ("cos", "sin"):
-        return np.asarray(np.cos(reading) if kind == "cos" else np.sin(reading))
+    if kind.startswith(("cos", "sin")):
+        angle = float(kind[3:] or 1.0) * reading
+        return np.asarray(np.cos(angle) if kind.startswith("cos") else np.sin(angle))
     if kind == "backlash":
         return np.asarray(rows.direction[:, quantity.station])
     if kind == "coupling":
@@ -231,6 +246,8 @@ def quantities_of(
 ) -> Iterator[Quantity]:
     """Placements of bases and frames, the offsets of all six coordinates of every joint that moves, tilts of axes.
 
+    Of loops those of the cut joint's rigid coordinates, and the placement of its frame on the second link.
+
     Where several quantities do the same, those that come first here stand for all of them.
 
     known: of every measured frame, whether the description places it.
@@ -244,10 +261,10 @@ def quantities_of(
             yield Quantity(component_name(owner, name), PLACEMENT, 0, c, "series", 0.0, large[c // 3], number)
     yield from _placements(chain, [frame for frame in chain.tools if not known[frame]], large)
     for k, station in enumerate(chain.stations):
-        for c in (3, 4) if station.is_tilt else ():
+        for c in station.tilts:
             name = parameter_name(JOINTS, station.name, TILT, COORDINATES[c])
             yield Quantity(name, OFFSET, k, c, "one", 0.0, small[1])
-        if station.principal is None or station.offset is None:
+        if station.offset is None or not _has_offsets(robot, station):
             continue
         for c in sorted(range(6), key=lambda c: (c != station.principal, c)):
             name = parameter_name(JOINTS, station.name, "offset", COORDINATES[c])
@@ -258,7 +275,19 @@ def quantities_of(
             c = COORDINATES.index(part.name)
             name, nominal = parameter_name(LOOPS, loop.name, "offset", part.name), float(loop.offset[c] or 0.0)
             yield Quantity(name, OFFSET, first, c, "one", nominal, small[c // 3])
+    for loop, (_, second) in zip(robot.loops, chain.cuts, strict=True):
+        for c, kind in enumerate(COORDINATES):
+            name = parameter_name(LOOPS, loop.name, SECOND, kind)
+            yield Quantity(name, OFFSET, second, c, "one", 0.0, small[c // 3])
     yield from _placements(chain, [frame for frame in chain.tools if known[frame]], small)
+
+
+def _has_offsets(robot: Robot, station: Station) -> bool:
+    """Whether constants of a joint's coordinates may show: not of one with all six free, as a platform's."""
+    if station.principal is not None:
+        return True
+    joint = station.joint
+    return bool(robot.loops) and joint is not None and len(joint.coordinates) < len(COORDINATES)
 
 
 def _placements(chain: Chain, frames: Sequence[str], size: tuple[float, float]) -> Iterator[Quantity]:
@@ -282,7 +311,8 @@ def drive_terms(chain: Chain, rows: Rows) -> Iterator[tuple[Quantity, ...]]:
 
         yield (term("gain", "gain", 1e-3),)
         if c >= 3:
-            yield term("eccentricity.cos", "cos", size), term("eccentricity.sin", "sin", size)
+            for key, frequency in _harmonics(station):
+                yield term(f"{key}.cos", f"cos{frequency}", size), term(f"{key}.sin", f"sin{frequency}", size)
         if np.ptp(rows.direction[:, k]) > 0.0:
             yield (term("backlash", "backlash", size),)
         for other in moving:
@@ -293,6 +323,17 @@ def drive_terms(chain: Chain, rows: Rows) -> Iterator[tuple[Quantity, ...]]:
                 drift = 1e-5 * (chain.reach if part < 3 else 1.0)
                 name = parameter_name(JOINTS, station.name, "temperature", COORDINATES[part])
                 yield (Quantity(name, DRIVE, k, part, "temperature", 0.0, drift),)
+
+
+def _harmonics(station: Station) -> Iterator[tuple[str, str]]:
+    """Names of a drive's harmonics, and how often they come in a turn of the joint: two of it, and two of its motor."""
+    yield "eccentricity", ""
+    yield "harmonic2", "2"
+    motor = None if station.joint is None else station.joint.motor
+    ratio = 1.0 if motor is None else abs(motor.ratio)
+    for key, often in (("motor_turn", ratio), ("motor_turn2", 2.0 * ratio)):
+        if motor is not None and often not in (1.0, 2.0):
+            yield key, repr(often)
 
 
 def rows_of(chain: Chain, robot: Robot, poses: MeasuredPoses, known: Mapping[str, tuple[int, int, float]]) -> Rows:

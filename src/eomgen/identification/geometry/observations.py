@@ -21,17 +21,27 @@ Array = NDArray[np.float64]
 Places = NDArray[np.intp]
 
 POSITION, ORIENTATION, DISTANCE, TRAVEL = "position", "orientation", "distance", "travel"
+ENCODER = "encoder"  # of a passive coordinate of a closed mechanism
 _LEAST = 1e-12  # m, below which a distance has no direction
 
 
 @dataclass(frozen=True)
 class Block:
-    """Measurements of one kind of one frame: rows (R,), values, and the kind."""
+    """Measurements of one kind of one frame: rows (R,), values, and the kind.
+
+    Of an encoder the frame is the coordinate's name, and the place its station and coordinate.
+    """
 
     frame: str
     kind: str
     rows: Places
     values: Array
+    place: tuple[int, int] = (0, 0)
+
+    @property
+    def is_turn(self) -> bool:
+        """Whether its numbers are angles."""
+        return self.kind == ORIENTATION or (self.kind == ENCODER and self.place[1] >= 3)
 
     @property
     def width(self) -> int:
@@ -59,8 +69,8 @@ class Observations:
 
     @property
     def kinds(self) -> NDArray[np.str_]:
-        """Kind of every number: lengths are "position", whatever was measured of them."""
-        names = np.array([ORIENTATION if block.kind == ORIENTATION else POSITION for block in self.blocks])
+        """Kind of every number: lengths are "position", angles "orientation", whatever was measured of them."""
+        names = np.array([ORIENTATION if block.is_turn else POSITION for block in self.blocks])
         return np.asarray(names[self.group])
 
     def differences(self, state: State, tools: Mapping[str, int]) -> tuple[Array, Array]:
@@ -68,6 +78,11 @@ class Observations:
         found, slopes = list[Array](), list[Array]()
         by_frame: dict[str, Array] = {}
         for block in self.blocks:
+            if block.kind == ENCODER:
+                r, slope = _read(state, block)
+                found.append(r)
+                slopes.append(slope)
+                continue
             tool = tools[block.frame]
             if block.frame not in by_frame:
                 by_frame[block.frame] = state.sensitivities(tool)
@@ -106,7 +121,22 @@ class Observations:
         return np.flatnonzero(kept[self.row])
 
 
-def observations_of(poses: MeasuredPoses, noise: ArrayLike | None, covariance: Mapping[str, ArrayLike]) -> Observations:
+def _read(state: State, block: Block) -> tuple[Array, Array]:
+    """Differences, (R,), and sensitivities, (R, P), of an encoder of a passive coordinate."""
+    closing = state.model.closing
+    assert closing is not None
+    k, c = block.place
+    slope = state.passive_slopes()[block.rows, closing.passive.index(block.place)]
+    r = block.values - state.q[block.rows, k, c]
+    return (np.asarray(np.remainder(r + np.pi, 2.0 * np.pi) - np.pi) if block.is_turn else r), slope
+
+
+def observations_of(
+    poses: MeasuredPoses,
+    noise: ArrayLike | None,
+    covariance: Mapping[str, ArrayLike],
+    encoders: Sequence[Block] = (),
+) -> Observations:
     """All that was measured, with what is known of its noise.
 
     Args:
@@ -114,6 +144,7 @@ def observations_of(poses: MeasuredPoses, noise: ArrayLike | None, covariance: M
         noise: standard deviations of lengths (m) and of turns (rad) where the file has none; None: not known.
         covariance: of the errors of a frame, (3, 3) of its position or (6, 6) of position and turn, in place of that;
             or one for each of the R rows, (R, 3, 3) or (R, 6, 6).
+        encoders: readings of passive coordinates.
 
     Raises:
         InputError: a standard deviation is missing in some rows, a covariance is none.
@@ -129,6 +160,10 @@ def observations_of(poses: MeasuredPoses, noise: ArrayLike | None, covariance: M
             sigma.append(_sigma(poses, measured, block, usual))
             sample.append(np.repeat(block.rows + k * len(poses.q), block.width))
             first += block.rows.size * block.width
+    for k, block in enumerate(encoders, start=len(poses.frames)):
+        blocks.append(block)
+        sigma.append(np.full(block.rows.size, usual[block.is_turn]))
+        sample.append(block.rows + k * len(poses.q))
     widths = [block.width * block.rows.size for block in blocks]
     row = np.concatenate([np.repeat(block.rows, block.width) for block in blocks])
     deviations = np.concatenate(sigma)

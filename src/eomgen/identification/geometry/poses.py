@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -89,13 +89,44 @@ class MeasuredPoses(Shown):
     source: str = "poses"
     lines: NDArray[np.int32] | None = None
 
+    def part(self, kept: NDArray[np.intp]) -> MeasuredPoses:
+        """The same of some of the rows."""
+        frames = {
+            name: replace(
+                m,
+                position=m.position[kept],
+                orientation=m.orientation[kept],
+                distance=m.distance[kept],
+                travel=m.travel[kept],
+                wrench=m.wrench[kept],
+                sigma={key: values[kept] for key, values in m.sigma.items()},
+                written=None if m.written is None else m.written[kept],
+            )
+            for name, m in self.frames.items()
+        }
+        return replace(
+            self,
+            q=self.q[kept],
+            frames=frames,
+            series=self.series[kept],
+            body=None if self.body is None else self.body[kept],
+            weight=self.weight[kept],
+            temperature=None if self.temperature is None else self.temperature[kept],
+            lines=None if self.lines is None else self.lines[kept],
+        )
+
     def place(self, row: int) -> str:
         """The file and the line, or the row's number."""
         return f"{self.source}: line {self.lines[row]}" if self.lines is not None else f"{self.source}: row {row}"
 
 
 def read_poses(
-    path: Path | str, coordinates: Sequence[str], frames: Sequence[str], *, rotation: str = "rotvector"
+    path: Path | str,
+    coordinates: Sequence[str],
+    frames: Sequence[str],
+    *,
+    rotation: str = "rotvector",
+    encoders: bool = False,
 ) -> MeasuredPoses:
     """Read measured poses from a .csv or .npz.
 
@@ -107,6 +138,7 @@ def read_poses(
         coordinates: names that columns of coordinates may have.
         frames: names that columns of frames may have.
         rotation: what F.rx F.ry F.rz are: "rotvector" or "rpy" (rad); or "quaternion", of F.qw F.qx F.qy F.qz.
+        encoders: whether columns of coordinates will do, of a closed mechanism with more encoders than drives.
 
     Raises:
         InputError: with the file, line and column, the value and what is allowed.
@@ -124,7 +156,9 @@ def read_poses(
         if isinstance(error, InputError):
             raise
         raise InputError(f"{source}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
-    return poses_from_columns(columns, coordinates, frames, rotation=rotation, source=str(source), lines=lines)
+    return poses_from_columns(
+        columns, coordinates, frames, rotation=rotation, encoders=encoders, source=str(source), lines=lines
+    )
 
 
 def poses_from_columns(
@@ -133,6 +167,7 @@ def poses_from_columns(
     frames: Sequence[str],
     *,
     rotation: str = "rotvector",
+    encoders: bool = False,
     source: str = "poses",
     lines: NDArray[np.int32] | None = None,
 ) -> MeasuredPoses:
@@ -152,7 +187,7 @@ def poses_from_columns(
     if not chosen:
         raise InputError(f"{source}: no column is a coordinate; allowed: {listed(coordinates)}")
     found = {frame: table.frame(frame, given, rotation) for frame, given in parts.items()}
-    if not any(measured.is_measured for measured in found.values()):
+    if not (encoders or any(measured.is_measured for measured in found.values())):
         raise InputError(f"{source}: nothing is measured; allowed: {POSES_RULE}")
     return MeasuredPoses(
         coordinates=tuple(chosen),

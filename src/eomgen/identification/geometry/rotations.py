@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,12 +90,29 @@ def pose_from(values: Array) -> Array:
     return pose
 
 
+def _sequences() -> Iterator[tuple[str, Callable[[Array], Array]]]:
+    """Readings of three angles about axes, one after the other: turned with the frame (intrinsic), or fixed."""
+    for axes in product(range(3), repeat=3):
+        if axes[1] in (axes[0], axes[2]):
+            continue
+        name = ", ".join("xyz"[i] for i in axes)
+        yield (
+            "rpy, yaw first" if name == "z, y, x" else f"intrinsic {name}",
+            partial(_about_axes, axes=axes, order=(0, 1, 2)),
+        )
+        if name != "x, y, z":  # that is rpy
+            yield f"fixed {name}", partial(_about_axes, axes=axes, order=(2, 1, 0))
+
+
+def _about_axes(angles: Array, axes: Sequence[int], order: Sequence[int]) -> Array:
+    first, second, third = (about_axis(axes[i], angles[:, i]) for i in order)
+    return np.asarray(first @ second @ third)
+
+
 READINGS: Mapping[str, Callable[[Array], Array]] = {  # of three numbers, by what they might be
     "rotvector": rotation_of,
     "rpy": from_rpy,
-    "rpy, yaw first": lambda angles: from_rpy(angles[:, ::-1]),
-    "intrinsic x, y, z": lambda a: np.asarray(about_axis(0, a[:, 0]) @ about_axis(1, a[:, 1]) @ about_axis(2, a[:, 2])),
-    "intrinsic z, y, z": lambda a: np.asarray(about_axis(2, a[:, 0]) @ about_axis(1, a[:, 1]) @ about_axis(2, a[:, 2])),
+    **dict(_sequences()),
 }
 FOUR: Mapping[str, Callable[[Array], Array]] = {  # of four
     "quaternion": from_quaternions,

@@ -22,13 +22,16 @@ HIDDEN = 0.03  # of an expected size, in units of its noise: what shows less kee
 _ROUND_OFF = 1e-13  # of the longest column: what is shorter is 0
 _BLOCK = 2  # rows of a block over its columns
 _STEPS = 25  # of Gauss and Newton, at most
-_ROUGH = 4  # steps of a fit that another one goes on from
+ROUGH = 4  # steps of a fit that another one goes on from
 _HALVINGS = 12
 _SMALL = 1e-9  # of a step, in expected sizes
-_ROUNDS = 6  # of noise that is estimated, or weights that follow from residuals
+_ROUNDS = 15  # of noise that is estimated, or weights that follow from residuals
 _SETTLED = 1e-3  # relative change of estimated noise
 _FLOOR = 1e-13  # m or rad, below which noise is round-off
 _MAD = 1.4826  # standard deviation over the median of the magnitude, normal distribution
+_NEAR = 3.0  # standard deviations: what is not further off says how large the noise is
+_OF_NEAR = 0.97333  # mean square of normal numbers that are not further off
+_LOOSE = 0.05  # least share of a number that a fit leaves open
 
 LOSSES: dict[str, Callable[[Array], Array]] = {  # weight of a sample by its size u; 95 % efficient with normal errors
     "huber": lambda u: np.minimum(1.0, 1.345 / np.maximum(u, 1e-300)),
@@ -123,7 +126,8 @@ def fitted(
         if loss is not None:
             trust = _trust(seen, r, deviations, LOSSES[loss], kept, bool(estimated.any()))
         if estimated.any():
-            deviations = _estimated_sigma(seen, r, leverage, trust, estimated, deviations, kept)
+            scale = _robust_sigma if loss is not None else _estimated_sigma
+            deviations = scale(seen, r, leverage, trust, estimated, deviations, kept)
         moved = np.abs(np.log(deviations / before[0])).max(), np.abs(trust - before[1]).max()
         if max(moved) < _SETTLED or (round_number and not estimated.any() and loss is None):
             break
@@ -142,13 +146,13 @@ def fitted(
     )
 
 
-def roughly(problem: Problem, x: Array) -> Array:
+def roughly(problem: Problem, x: Array, steps: int = ROUGH) -> Array:
     """Values, (P,), near enough to begin a fit with: all noise that is not known is that of what is left at x."""
     seen = problem.seen
     r, A = at_rows(problem.model, problem.rows, seen, x)
     places = np.arange(seen.group.size)
     sigma = _first_sigma(seen, r, np.isnan(seen.sigma), seen.sigma, places)
-    return _descend(problem, x, r, A, sigma, np.ones(places.size), places, _ROUGH)[0]
+    return _descend(problem, x, r, A, sigma, np.ones(places.size), places, steps)[0]
 
 
 def refitted(problem: Problem, fit: Fit, kept: Places, steps: int = 4) -> Array:
@@ -273,6 +277,35 @@ def _estimated_sigma(
         if freedoms > 0.5:
             square = float((trust[places] * seen.weight[places] * r[places] ** 2).sum()) / freedoms
             found[seen.group == group] = max(float(np.sqrt(square)), _FLOOR)
+    return found
+
+
+def _robust_sigma(
+    seen: Observations,
+    r: Array,
+    leverage: Array,
+    trust: Array,
+    estimated: NDArray[np.bool_],
+    sigma: Array,
+    kept: Places,
+) -> Array:
+    """Standard deviations where they are not known, block by block, that outliers do not enlarge.
+
+    The median of the magnitudes (MAD) says what is near; the root of the mean square of that is the estimate, with what
+    the tails of a normal distribution lack.  A weighted mean square would grow with every outlier's size.
+    """
+    found = np.array(sigma)
+    loose = np.sqrt(np.maximum(1.0 - np.minimum(leverage / np.maximum(trust[kept], 1e-6), 1.0), _LOOSE))
+    for group in range(len(seen.blocks)):
+        inside = seen.group[kept] == group
+        places = kept[inside]
+        if not places.size or not estimated[places[0]]:
+            continue
+        size = np.abs(r[places]) * np.sqrt(seen.weight[places]) / loose[inside]
+        usual = max(_MAD * float(np.median(size)), _FLOOR)
+        near = size <= _NEAR * usual
+        square = float((size[near] ** 2).mean()) / _OF_NEAR
+        found[seen.group == group] = max(float(np.sqrt(square)), _FLOOR)
     return found
 
 

@@ -26,7 +26,7 @@ class Station:
 
     name: that of the joint or frame, "" of the base; parent: index of the station before, -1 of the base.
     before: pose of its axes in those of its parent, (4, 4).  joint: None of the base, of frames and of tilts.
-    is_tilt: whether it tilts the axis of the prismatic joint of that name.
+    is_tilt: whether it tilts the first axis of the joint of that name, about the axes ``tilts`` (3, 4 or 5).
     offset: constants that the description adds to the coordinates, (6,).
     mass, com: of the links that hang on it (kg; m, its own axes).
     """
@@ -39,6 +39,7 @@ class Station:
     mass: float = 0.0
     com: Array | None = None
     is_tilt: bool = False
+    tilts: tuple[int, ...] = ()
 
     @property
     def principal(self) -> int | None:
@@ -101,8 +102,9 @@ def chain_of(robot: Robot, frames: Mapping[str, tuple[str, Array]]) -> Chain:
         before = pose @ matrix_of(joint.placement) @ turn
         offset = np.array([value or 0.0 for value in joint.offset])
         if joint.coordinates:
-            if joint.type == "prismatic":
-                stations.append(Station(joint.name, parent, before, is_tilt=True))
+            tilts = _tilts(robot, joint)
+            if tilts:
+                stations.append(Station(joint.name, parent, before, is_tilt=True, tilts=tilts))
                 parent, before = len(stations) - 1, np.eye(4)
             stations.append(Station(joint.name, parent, before, joint, offset))
             where[joint.child] = len(stations) - 1, turn.T
@@ -121,6 +123,20 @@ def chain_of(robot: Robot, frames: Mapping[str, tuple[str, Array]]) -> Chain:
         tools[name] = len(stations)
         stations.append(Station(name, parent, on @ pose))
     return Chain(tuple(stations), tools, where, tuple(cuts))
+
+
+def _tilts(robot: Robot, joint: Joint) -> tuple[int, ...]:
+    """Angles that offsets of a joint cannot stand for: they would have to come before its first coordinate that moves.
+
+    Of joints of a given type that turn about several axes alone where loops show them: in a tree the next joint's
+    offsets do the same.
+    """
+    if joint.type == "prismatic":
+        return (3, 4)
+    moving = [c for c in (3, 4, 5) if COORDINATES[c] in joint.coordinates]
+    if not robot.loops or joint.type != "fixed" or not moving or len(moving) == 3:
+        return ()
+    return tuple(c for c in (3, 4, 5) if c > moving[0])
 
 
 def _with_masses(robot: Robot, stations: Sequence[Station], where: Mapping[str, tuple[int, Array]]) -> list[Station]:

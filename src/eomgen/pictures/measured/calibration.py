@@ -25,7 +25,9 @@ def calibration_page(found: CalibrationResult) -> Report:
     lines += [f"rank {found.rank}, {found.rank_above_noise} combinations above the noise; values of {found.variant!r}"]
     lines += found.summary_lines()
     figures = [
-        Drawing("residuals", "Rms of residuals by variant, fitted and held out.", lambda x: _residuals(found, x))
+        Drawing(
+            "residuals", "Rms of residuals per axis by variant, fitted and held out.", lambda x: _residuals(found, x)
+        )
     ]
     if _changed(found):
         text = f"Changes from the description, with {100 * found.confidence:g} % intervals; what merges is left out."
@@ -49,12 +51,18 @@ def calibration_page(found: CalibrationResult) -> Report:
 
 def _residual_table(found: CalibrationResult) -> Table:
     kinds = [kind for kind, _ in _KINDS if kind in found.residuals["full"]["fitted"]]
-    head = [f"{kind}, {_UNITS[kind]}{part}" for kind in kinds for part in ("", ", held out")]
+    parts_of = {
+        "fitted": "per axis",
+        "fitted_norm": "norm",
+        "held_out": "held out, per axis",
+        "held_out_norm": "held out, norm",
+    }
+    head = [f"{kind}, {_UNITS[kind]}, {text}" for kind in kinds for text in parts_of.values()]
     rows = []
     for name in VARIANTS:
         if name in found.residuals:
             parts = found.residuals[name]
-            cells = [number(parts[part].get(kind), 1e3, 4) for kind in kinds for part in ("fitted", "held_out")]
+            cells = [number(parts.get(part, {}).get(kind), 1e3, 4) for kind in kinds for part in parts_of]
             rows.append((name, *cells))
     return Table("Rms of residuals", ("variant", *head), tuple(rows))
 
@@ -78,7 +86,7 @@ def _residuals(found: CalibrationResult, path: Path) -> Path:
 
 
 def plot_calibration(found: CalibrationResult, path: Path | str) -> Path:
-    """Rms of residuals by variant, a panel for positions and one for orientations; returns the path.
+    """Rms of residuals per axis by variant, a panel for positions and one for orientations; returns the path.
 
     Raises:
         InputError: Matplotlib is not installed, the ending is none of FIGURE_ENDINGS, or the file cannot be written.

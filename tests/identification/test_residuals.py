@@ -1,0 +1,229 @@
+"""Residuals of calibrations are looked at: rows that are off, errors that go on, drift, patterns along joints."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from eomgen.errors import InputError
+from eomgen.identification import CalibrationResult, calibrate, load_calibration, poses_from_columns
+from eomgen.identification.calibration.serial import correlated, serial_of
+from eomgen.identification.geometry.error_model import DRIVE, Quantity
+from eomgen.identification.geometry.observations import observations_of
+from eomgen.identification.geometry.rotations import vectors_of
+from eomgen.motion.turns import rotation_of
+from eomgen.robot.model import build_model
+from tests.identification.test_calibration import write_csv
+from tests.identification.test_calibration_coverage import KINDS, NOISE, elsewhere, with_truth
+from tests.support.measured_poses import Trial, chain, trial
+
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
+Array = NDArray[np.float64]
+
+
+def found_of(made: Trial, columns: dict[str, Array], **options: object) -> CalibrationResult:
+    poses = poses_from_columns(columns, build_model(made.robot).coordinates, ["tcp"])
+    return calibrate(made.robot, poses, **{"folds": 0, **options})  # type: ignore[arg-type]
+
+
+def first_order(rng: np.random.Generator, rho: float, shape: tuple[int, int]) -> Array:
+    """Numbers of variance 1 whose neighbours have a correlation of rho."""
+    fresh = rng.normal(size=shape)
+    found = fresh.copy()
+    for i in range(1, len(fresh)):
+        found[i] = rho * found[i - 1] + np.sqrt(1.0 - rho**2) * fresh[i]
+    return found
+
+
+def going_on(seed: int, rho: float) -> Trial:
+    """Poses of a random arm whose errors go on from row to row."""
+    rng = np.random.default_rng(seed)
+    robot, count = chain(rng, KINDS[seed % len(KINDS)]), int(rng.integers(25, 60))
+    made = trial(robot, seed, count, noise=(0.0, 0.0))
+    tool = made.model.chain.tools["tcp"]
+    at = made.model.at(made.truth, made.rows).found
+    p = at.p[tool] + NOISE[0] * first_order(rng, rho, (count, 3))
+    R = rotation_of(NOISE[1] * first_order(rng, rho, (count, 3))) @ at.R[tool]
+    columns = made.columns | {f"tcp.{axis}": x for axis, x in zip("xyz", p.T, strict=True)}
+    columns |= {f"tcp.r{axis}": x for axis, x in zip("xyz", vectors_of(R).T, strict=True)}
+    return Trial(robot, columns, made.model, made.rows, made.truth)
+
+
+# Rows that are off
+
+
+def test_a_row_that_is_off_is_named_by_row_and_line(tmp_path: Path) -> None:
+    """One row 1,000 standard deviations off, of a blind arm, without a loss; it spoils no other row's name."""
+    for seed in range(3):
+        made = trial(chain(seed, "RRRRR"), seed, 50)
+        columns = {name: values.copy() for name, values in made.columns.items()}
+        columns["tcp.x"][17] += 1e3 * NOISE[0]
+        write_csv(tmp_path / "poses.csv", columns)
+        found = calibrate(made.robot, tmp_path / "poses.csv", folds=0)
+        assert [row for row, _ in found.diagnosis.outlying] == [17]
+        assert found.diagnosis.outlying[0][1] == pytest.approx(1000.0, rel=0.4)
+        assert any("row 17 (line 20) by" in note for note in found.notes)
+    assert not trial_of_nothing().diagnosis.outlying
+
+
+def trial_of_nothing() -> CalibrationResult:
+    made = trial(chain(1, "RRRRR"), 1, 50)
+    return found_of(made, made.columns)
+
+
+@pytest.mark.parametrize("loss", ["huber", "cauchy", "tukey"])
+@pytest.mark.parametrize("off", [1, 5])
+def test_robust_noise_is_that_of_the_others(loss: str, off: int) -> None:
+    """Of 50 rows some are 1,000 standard deviations off: the noise is that of the rest."""
+    made = trial(chain(2, "RRRRR"), 2, 50)
+    columns = {name: values.copy() for name, values in made.columns.items()}
+    columns["tcp.x"][10 : 10 + 3 * off : 3] += 1e3 * NOISE[0]
+    found = found_of(made, columns, loss=loss)
+    assert found.noise["tcp.position"] == pytest.approx(NOISE[0], rel=0.2)
+    assert found.noise["tcp.orientation"] == pytest.approx(NOISE[1], rel=0.2)
+
+
+# Errors that go on
+
+
+def test_matrices_of_going_on_are_the_dense_ones() -> None:
+    """R X, what the fit takes away and what widens deviations, with rows that were not measured and two series."""
+    made = trial(chain(3, "RR"), 1, 14)
+    columns = {name: values.copy() for name, values in made.columns.items()}
+    for part in ("x", "y", "z"):
+        columns[f"tcp.{part}"][[4, 9]] = np.nan
+    columns["series"] = np.repeat([0.0, 1.0], 7)
+    poses = poses_from_columns(columns, build_model(made.robot).coordinates, ["tcp"])
+    seen = observations_of(poses, (1e-4, 1e-4), {})
+    axis = np.concatenate([np.tile(np.arange(block.width), block.rows.size) for block in seen.blocks])
+    key = np.stack([seen.group, axis, poses.series[seen.row]])
+    same = (key[:, :, np.newaxis] == key[:, np.newaxis]).all(axis=0)
+    distance = np.abs(seen.row[:, np.newaxis] - seen.row).astype(float)
+    rng = np.random.default_rng(0)
+    U = np.linalg.qr(rng.normal(size=(len(axis), 5)))[0]
+    R = np.where(same, 0.7**distance, 0.0)
+    factor = np.linalg.cholesky(R)
+    white = factor @ rng.normal(size=len(axis))
+    found = serial_of(seen, poses.series, white - U @ (U.T @ white), U)
+    assert found is not None
+    R = np.where(same, found.rho**distance, 0.0)
+    X = rng.normal(size=(len(axis), 3))
+    np.testing.assert_allclose(correlated(found.steps, found.rho, X), R @ X, atol=1e-12)
+    A = np.eye(len(axis)) - U @ U.T
+    assert found.freedoms == pytest.approx(np.trace(A @ R) ** 2 / np.trace(A @ R @ A @ R), rel=1e-9)
+    assert found.scale == pytest.approx((len(axis) - 5) / np.trace(A @ R), rel=1e-9)
+    L = np.where(same & (distance == 1.0), 0.5, 0.0)
+    left = A @ white
+    assert np.trace(L @ A @ R @ A) / np.trace(A @ R @ A) == pytest.approx((left @ L @ left) / (left @ left), abs=2e-3)
+    C = np.linalg.inv(X.T @ X)
+    np.testing.assert_allclose(found.widened(C, X, estimated=False), C @ X.T @ R @ X @ C, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("arms", "about"), [(15, 0.04), pytest.param(300, 0.015, marks=pytest.mark.soak)], ids=["some", "many"]
+)
+def test_intervals_cover_where_errors_go_on(arms: int, about: float) -> None:
+    """At a correlation of 0.8 intervals cover 95 %, of poses elsewhere and of parameters; they were 80 %."""
+    covered, correlations, parameters = list[float](), list[float](), list[float]()
+    for seed in range(arms):
+        made = going_on(seed, 0.8)
+        found = calibrate(made.robot, made.poses(), folds=0)
+        noise = (found.noise["tcp.position"], found.noise["tcp.orientation"])
+        exact = calibrate(made.robot, with_truth(made, made).poses(), noise=noise, folds=0)
+        half = found.quantile * found.deviations
+        shown = half > 1e-9 * np.abs(half).max()
+        parameters.append(float(np.mean(np.abs(found.values - exact.values)[shown] <= half[shown])))
+        covered.append(float(elsewhere(found, made, seed).mean()))
+        correlations.append(found.diagnosis.correlation)
+        assert any("errors go on from row to row" in note for note in found.notes)
+        assert found.diagnosis.widened > 1.0
+    assert np.mean(covered) == pytest.approx(0.95, abs=about)
+    assert np.mean(parameters) == pytest.approx(0.96, abs=about)
+    assert np.mean(correlations) == pytest.approx(0.8, abs=0.1)
+
+
+def test_independent_errors_do_not_go_on() -> None:
+    for seed in range(6):
+        made = going_on(seed, 0.0)
+        found = calibrate(made.robot, made.poses(), folds=0)
+        assert found.diagnosis.correlation == 0.0
+        assert not found.diagnosis.patterns
+        assert not any("go on" in note or "drift" in note for note in found.notes)
+
+
+# Drift and patterns
+
+
+def test_a_drift_over_time_is_said_with_its_size() -> None:
+    made = trial(chain(5, "RRRRR"), 5, 60)
+    columns = made.columns | {"tcp.y": made.columns["tcp.y"] + np.linspace(0.0, 4e-4, 60)}
+    found = found_of(made, columns)
+    drift = found.diagnosis.patterns[0]
+    assert drift.name == "drift"
+    assert drift.size == pytest.approx(4e-4, rel=0.4)
+    assert any(
+        note.startswith("residuals drift over time: as if the base or the device moved by") for note in found.notes
+    )
+
+
+@pytest.mark.parametrize(
+    ("key", "factor"),
+    [("backlash", "backlash"), ("eccentricity.sin", "sin"), ("harmonic2.cos", "cos2"), ("gain", "gain")],
+)
+def test_a_pattern_along_a_joint_is_named(key: str, factor: str) -> None:
+    """Blind arms with one error of a drive, by default; --drives fits what was named."""
+    more = [Quantity(f"joints.joint2.{key}", DRIVE, 2, 5, factor, 0.0, 5e-4)]
+    made = trial(chain(6, "RRRRR"), 6, 60, more=more)
+    found = found_of(made, made.columns)
+    name = f"joints.joint2.{key.partition('.')[0]}"
+    assert [pattern.name for pattern in found.diagnosis.patterns] == [name]
+    assert found.diagnosis.patterns[0].size == pytest.approx(5e-4, rel=0.1)
+    assert any(note.startswith(f"residuals show {name}, about ") for note in found.notes)
+    fitted = found_of(made, made.columns, drives=True)
+    assert not fitted.diagnosis.patterns
+    assert fitted[f"joints.joint2.{key}"] == pytest.approx(5e-4, abs=4.0 * float(fitted.deviations[-1]) + 2e-5)
+
+
+# Nothing to check
+
+
+def test_as_many_numbers_as_unknowns_check_nothing(tmp_path: Path) -> None:
+    """Five poses of six joints that turn: thirty numbers for thirty unknowns."""
+    made = trial(chain(7, "RRRRRR"), 7, 40)
+    columns = {name: values[:5] for name, values in made.columns.items()}
+    found = found_of(made, columns)
+    assert not found.diagnosis.is_checked
+    assert any(note.startswith("nothing can be checked: 30 numbers of 5 rows for 30 unknowns") for note in found.notes)
+    assert np.isnan(found.deviations).all()
+    assert any("unknown" in line for line in found.lines())
+    q = np.stack([columns[name] for name in build_model(made.robot).coordinates], axis=1)
+    assert np.isnan(found.predict(q, "tcp")[1]).all()
+    assert set(found.as_dict()["deviations"]) == {None}
+    assert np.isnan(load_calibration(found.save(tmp_path / "found.npz")).deviations).all()
+    known = found_of(made, columns, noise=NOISE)
+    assert np.isfinite(known.deviations).all()
+    assert any(note.startswith("nothing can be checked") for note in known.notes)
+
+
+# Files
+
+
+def test_a_diagnosis_is_saved(tmp_path: Path) -> None:
+    made = going_on(1, 0.8)
+    columns = {name: values.copy() for name, values in made.columns.items()}
+    columns["tcp.z"][3] += 0.01
+    found = found_of(made, columns)
+    path = found.save(tmp_path / "found.npz")
+    assert load_calibration(path).diagnosis == found.diagnosis
+    assert json.loads(json.dumps(found.as_dict()))["diagnosis"]["outlying"][0]["row"] == 3
+    arrays = dict(np.load(path))
+    for wrong in ({}, {**found.as_dict()["diagnosis"], "outlying": [3]}, [], {"correlation": "x"}):
+        meta = json.loads(str(arrays["meta"])) | {"diagnosis": wrong}
+        np.savez(path, **{**arrays, "meta": np.array(json.dumps(meta))})
+        with pytest.raises(InputError, match="is no calibration"):
+            load_calibration(path)
