@@ -23,6 +23,7 @@ from eomgen.runtime.raw import RawFunction
 from tests.support.adapter_samples import built_for, functions_of, sample, states
 from tests.support.builds import Build
 from tests.support.figures import Figures
+from tests.support.random_followers import with_followers
 from tests.support.random_robots import Array, random_robot, random_state, seeds
 
 
@@ -310,3 +311,17 @@ def test_what_is_refused(built: Build, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "jax", None)
     with pytest.raises(InputError, match=r'pip install "eomgen\[jax\]"'):
         function(kernel, "forward_dynamics")
+
+
+def test_frames_of_robots_with_followers(built: Build) -> None:
+    """Columns of their Jacobians are sums, whose derivatives are no matter of the Jacobian alone."""
+    robot = with_followers(random_robot(5, joints=(3, 4), max_coordinates=2, max_size=6, tree=True, rods=False), 5)
+    assert robot.followers
+    kernel = built(robot, "kinematics", "frame_pose_tangent", "frame_jacobian_tangent")
+    frame, rng = kernel.frames[0], np.random.default_rng(0)
+    q, rates = rng.uniform(-0.5, 0.5, (2, 3, kernel.n))
+    for name in ("frame_pose", "frame_jacobian"):
+        made, step = function(kernel, name, frame), 1e-6
+        found = jax.vmap(lambda x, dx, made=made: jax.jvp(made, (x,), (dx,))[1])(q, rates)
+        ends = [getattr(kernel, name)(q + sign * step * rates, frame) for sign in (1.0, -1.0)]
+        assert np.abs(np.asarray(found) - (ends[0] - ends[1]) / (2 * step)).max() <= 1e-8
