@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +32,7 @@ Array = NDArray[np.float64]
 
 _KINDS = (PLACEMENT, ZERO, OFFSET, COMPLIANCE, DRIVE)
 _NUMBER = re.compile(r"-?[0-9]{1,18}")
-_HARMONIC = re.compile(r"[0-9]{1,6}(?:\.[0-9]{1,6})?")
+_HARMONIC = re.compile(r"[0-9]{1,20}(?:\.[0-9]{1,20})?(?:e[+-]?[0-9]{1,3})?")
 
 
 def load_calibration(path: Path | str) -> CalibrationResult:
@@ -58,7 +59,10 @@ def load_calibration(path: Path | str) -> CalibrationResult:
             every = [(k, c) for k in range(len(chain.stations)) for c in range(6)]
             closing = closing_of(tree, chain, every, str(path))
         model = ErrorModel(robot, chain, quantities, bases, closing)
-        diagnosis = declared_value(Diagnosis, meta, "diagnosis", str(path)) if "diagnosis" in meta else Diagnosis()
+        diagnosis = Diagnosis()
+        if "diagnosis" in meta:
+            names = [field.name for field in fields(Diagnosis)]
+            diagnosis = Diagnosis(**declared_values(Diagnosis, meta["diagnosis"], names, f"{path}: diagnosis"))
         found = {"gains": _gains(meta, plain["residuals"], str(path)), "diagnosis": diagnosis, "model": model}
         if "is_explained" in meta:
             found["is_explained"] = declared_value(bool, meta, "is_explained", str(path))
