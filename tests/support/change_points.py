@@ -21,7 +21,7 @@ class ChangePoint:
     """A mechanism.
 
     rank: of its constraint, but at singular poses.
-    at: (distance, rad) -> coordinates by name of the closed state in which the first crank is so far from the change point.
+    at: (distance, rad) -> coordinates by name of the closed state whose first crank is so far from the change point.
     """
 
     robot: Robot
