@@ -102,9 +102,9 @@ def singular_loop(raw: RawKernel, jacobian: Array, elsewhere: Array) -> str:
     shares = np.abs(left[:, sizes.size - 1])
     component = meta["constraints"][kept[int(shares.argmax())]]
     return (
-        f"{_kind(component)} {component.partition('.')[0]} is at a singular pose, where its constraints, independent"
-        f" elsewhere, do not determine its forces ({component}); allowed: poses beside it, or cut=True for the open"
-        " tree"
+        f"{_kind(component)} {component.partition('.')[0]} is at a singular pose, or within round-off of one, where its"
+        f" constraints, independent elsewhere, do not determine its forces ({component}); allowed: poses beside it, or"
+        " cut=True for the open tree"
     )
 
 
