@@ -189,7 +189,8 @@ def _round_off(
             found = found + (arm * arm) * (a[i] * a[i] + (v[i] * v[i]) * (v[i] * v[i]))
         terms[rows[r].group] = terms.get(rows[r].group, 0.0) + found
     roots = {group: call("sqrt", x) for group, x in terms.items()}
-    return {r: (share * (0.5 + (0.618 * k) % 1.0) * (-1.0) ** k) * roots[rows[r].group] for k, r in enumerate(kept)}
+    signed = {r: (-1.0) ** k * (0.9 + 0.2 * ((0.618 * k) % 1.0)) for k, r in enumerate(kept)}
+    return {r: (share * weight) * roots[rows[r].group] for r, weight in signed.items()}
 
 
 def _squares(values: Iterable[Scalar]) -> Scalar:
