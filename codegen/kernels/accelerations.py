@@ -16,7 +16,7 @@ from ..solve.rows import Row, elastic_row
 from ..tree.composite import Rows
 from ..tree.spatial import Scalar
 from .closed import Pivots, constrained, eliminated, pivot_outputs, settling, with_rows
-from .constraint_rows import gaps
+from .constraint_rows import gaps, general_rank
 from .derivation import Derivation, Outputs
 
 FACTORISED = "M = L^T D L factorised"
@@ -139,7 +139,8 @@ def implicit_step(d: Derivation) -> Outputs:
             springs[i] = springs[i] + force
         rows += [elastic_row(arms, slope) for arms, slope in there.directions(dt, square)]
     tree, pivots = eliminated(d, armature, drives_left(d, springs), d.v, slopes, coupled=bool(rows), beside=beside)
-    return _solved(d, with_rows(d, tree, rows)[0] if rows else tree.free, pivots)
+    rank = general_rank(d.model) if d.model.constraints else None
+    return _solved(d, with_rows(d, tree, rows, rank)[0] if rows else tree.free, pivots)
 
 
 def _closing_rows(d: Derivation, dt: Scalar) -> list[Row]:

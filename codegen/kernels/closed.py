@@ -13,10 +13,10 @@ from typing import Any
 from ..solve.elimination import Elimination
 from ..solve.factorised import Factors, coordinate_parents
 from ..solve.reduced import ReducedTree
-from ..solve.refined import refined
+from ..solve.refined import precision_of, refined
 from ..solve.responses import EliminatedTree, Tree, total
 from ..solve.rotors import Rotors
-from ..solve.rows import PRECISIONS, Row, RowSystem
+from ..solve.rows import Row, RowSystem
 from ..tree.bound import Bound
 from ..tree.composite import mass_matrix
 from ..tree.recursion import inertial_rows
@@ -94,12 +94,18 @@ def _reduced(
     return tree, [tree.pivot_pairs[i] if i in rotors.rows else pivot for i, pivot in enumerate(pivots)]
 
 
-def with_rows(d: Derivation, tree: Tree, rows: Sequence[Row]) -> tuple[list[Scalar], list[Scalar], RowSystem]:
-    """Accelerations, (n,), with the forces of the rows, the multipliers of all rows, and their system."""
+def with_rows(
+    d: Derivation, tree: Tree, rows: Sequence[Row], rank: int | None = None
+) -> tuple[list[Scalar], list[Scalar], RowSystem]:
+    """Accelerations, (n,), with the forces of the rows, the multipliers of all rows, and their system.
+
+    ``rank`` is that of the rigid rows, but at singular poses, where it is known.
+    """
     rows = [replace(row, arms=d.followers.row(row.arms)) for row in rows] if d.followers else rows
     pushing = _pushing(d, rows)
     responses = [tree.respond(row) for row in pushing]
-    system = RowSystem(pushing, responses, PRECISIONS[d.dtype], tree.pivots())
+    rigid = [r for r, row in enumerate(pushing) if row.arms and not row.is_elastic]
+    system = RowSystem(pushing, responses, precision_of(rigid, rank, d.dtype), tree.pivots())
     multipliers = system.multipliers(lambda r: rows[r].right - tree.along(rows[r], responses[r]))
     return tree.accelerations(total(responses, multipliers)), multipliers, system
 
@@ -120,7 +126,7 @@ def constrained(d: Derivation, tree: Tree, pivots: Pivots) -> Outputs:
     """
     found = gaps(d, d.v)
     rows, rank = [gap.row(-gap.bias) for gap in found], general_rank(d.model)
-    solved = refined(tree, rows, _pushing(d, rows), [gap.value for gap in found], rank, d.dtype, d.graph.call)
+    solved = refined(tree, rows, _pushing(d, rows), [gap.value for gap in found], d.v, rank, d.dtype, d.graph.call)
     first, last = ([x.accelerations[i] for i in d.own] + x.multipliers for x in (solved.first, solved.last))
     values = [d.graph.choose(solved.gate, *pair) for pair in zip(last, first, strict=True)]
     values += [gap.value for gap in found] + [gap.rate(d.v) for gap in found]

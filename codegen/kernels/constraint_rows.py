@@ -111,7 +111,10 @@ def is_redundant(model: Model) -> bool:
 
 
 def general_rank(model: Model) -> int | None:
-    """Rank of the constraint in closed states near home, but for singular poses; None where no state is found."""
+    """Rank of the constraint in closed states near home, but for singular poses; None where no state is found.
+
+    States in which nothing can move count where there are no others: they may lie beside those of a mechanism.
+    """
     d = Derivation(model, turned=True)
     found = [gap for gap in gaps(d, d.still) if gap.arms]
     if not found:
@@ -119,7 +122,9 @@ def general_rank(model: Model) -> int | None:
     rng, home = np.random.default_rng(0), np.array(model.home)
     away = [np.zeros(home.size), *rng.normal(size=(_SAMPLES, home.size))]
     closed = (_closed_jacobian(d, found, *_regular(model, home + _AWAY * step)) for step in away)
-    return max((rank_of(J, REDUNDANT) for J in closed if J is not None), default=None)
+    ranks = [(rank_of(J, REDUNDANT), J.shape[1]) for J in closed if J is not None]
+    moving = [rank for rank, columns in ranks if rank < columns]
+    return max(moving or [rank for rank, _ in ranks], default=None)
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,7 @@ from ..solve.rows import Row, elastic_row
 from ..tree.composite import Rows
 from ..tree.spatial import Scalar, along
 from .closed import eliminated, pivot_outputs, with_rows
-from .constraint_rows import gaps
+from .constraint_rows import gaps, general_rank
 from .derivation import Derivation, Outputs
 
 LATE = ("rates", "shifts")
@@ -106,7 +106,8 @@ def stage(d: Derivation) -> Outputs:
     drives: list[Scalar] = [0.0 if i in given else -1.0 * force for i, force in enumerate(forces)]
     rest = replace(d.bound, gravity=(0.0, 0.0, 0.0))
     tree, pivots = eliminated(d, armature, drives, d.still, slopes, bound=rest, coupled=bool(rows), beside=beside)
-    return {**d.motion(with_rows(d, tree, rows)[0] if rows else tree.free), **pivot_outputs(d, pivots)}
+    rank = general_rank(d.model) if d.model.constraints else None
+    return {**d.motion(with_rows(d, tree, rows, rank)[0] if rows else tree.free), **pivot_outputs(d, pivots)}
 
 
 def _blocks(

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 from ..tree.spatial import Scalar
 from .responses import Tree, total
-from .rows import PRECISIONS, Precision, Row, RowSystem
+from .rows import PRECISIONS, Precision, Row, RowSystem, Sparse
 
 
 @dataclass(frozen=True)
@@ -22,12 +22,14 @@ class Accuracy:
     """When a solution is refined, how often, and when it is refused.
 
     passes, refinements: by what is left of the constraint, and within each pass by the factors.
-    tolerance: greatest last change of the accelerations, in parts of these.
+    tolerance: greatest last change of the accelerations, in parts of these, and greatest effect of round-off.
+    round_off: of the rows' terms, in parts of these.
     """
 
     passes: int
     refinements: int
     tolerance: float
+    round_off: float
 
 
 @dataclass(frozen=True)
@@ -57,12 +59,12 @@ class Together(Accuracy):
 
 
 APART: Mapping[str, Apart] = {
-    "float64": Apart(2, 1, 3e-10, Precision(1e-14, 1e-14, 1), 1e-11, 0.02),
-    "float32": Apart(2, 2, 1e-3, Precision(5e-7, 5e-7, 2), 1e-4, 0.3),
+    "float64": Apart(2, 1, 3e-10, 1.5e-15, Precision(1e-14, 1e-14, 1), 1e-11, 0.02),
+    "float32": Apart(2, 2, 1e-3, 4e-7, Precision(5e-7, 5e-7, 2), 1e-4, 0.3),
 }
 TOGETHER: Mapping[str, Together] = {
-    "float64": Together(3, 3, 3e-10, 1e-13, 1e-4, 1e12),
-    "float32": Together(3, 3, 1e-3, 3e-6, 2e-2, 1e7),
+    "float64": Together(3, 3, 3e-10, 1.5e-15, 1e-13, 1e-4, 1e12),
+    "float32": Together(3, 3, 1e-3, 4e-7, 3e-6, 2e-2, 1e7),
 }
 FURTHER = 0.5  # of a row that follows from others beside those that always do
 
@@ -95,6 +97,7 @@ def refined(
     rows: Sequence[Row],
     pushing: Sequence[Row],
     gaps: Sequence[Scalar],
+    rates: Sequence[Scalar],
     rank: int | None,
     dtype: str,
     call: Callable[..., Scalar],
@@ -105,33 +108,28 @@ def refined(
         rows: what is wanted of the accelerations.
         pushing: the rows with arms of coordinates alone whose motion is not given.
         gaps: by which the rows' constraints are open, m or numbers.
+        rates: of the coordinates, (n,).
         rank: of the rows, but at singular poses; None where that is not known.
         dtype: of the numbers that C computes with.
         call: (name, *arguments) -> value of an operation that is no arithmetic.
     """
     responses = [tree.respond(row) for row in pushing]
     kept = [r for r, row in enumerate(pushing) if row.arms]
-    follow = 0 if rank is None else len(kept) - rank  # rows that always follow from others
+    follow = len(kept) - (rank or 0)
     is_apart = rank is not None and follow == 0
-    how: Accuracy = APART[dtype] if is_apart else TOGETHER[dtype]
-    precision = APART[dtype].precision if is_apart else PRECISIONS[dtype]
-    system = RowSystem(pushing, responses, precision, tree.pivots())
+    how = APART[dtype] if is_apart else TOGETHER[dtype]
+    system = RowSystem(pushing, responses, precision_of(kept, rank, dtype), tree.pivots())
     missing = {r: rows[r].right - tree.along(rows[r], responses[r]) for r in kept}
-    found = system.solved(missing, precision.refinements)
+    found = system.solved(missing, system.precision.refinements)
     first = last = Solution(tree.accelerations(total(responses, found.multipliers)), found.multipliers)
     if not kept:
         return Refined(first, first, 0.0, 1.0, ())
     if is_apart:
-        hidden = call("max", system.hidden(), -1.0 * system.hidden())
-        gate = hidden - APART[dtype].doubtful
-        singular = hidden - APART[dtype].hidden
+        gate, singular = _gate_of_independent(system, APART[dtype], call)
     else:
-        own = TOGETHER[dtype]
-        gate = _squares(found.rest.values()) - own.left**2 * _squares(missing.values())
-        singular = 0.0
-        if rank is not None:
-            gate = call("max", gate, system.small_pivots(own.small, call) - (follow + FURTHER))
-            singular = system.dependent() - (follow + FURTHER)
+        gate, singular = _gate_of_dependent(system, TOGETHER[dtype], (found.rest, missing), follow, call)
+        if rank is None:
+            singular = 0.0
     changes: list[Scalar] = []
     for _ in range(how.passes):
         rest = {r: rows[r].right - rows[r].along(last.accelerations) for r in kept}
@@ -139,13 +137,60 @@ def refined(
         changes = tree.changes(total(responses, more.multipliers))
         last = Solution(_sums(last.accelerations, changes), _sums(last.multipliers, more.multipliers))
     free = (x - y for x, y in zip(first.accelerations, tree.changes(total(responses, first.multipliers)), strict=True))
+    size = _squares(last.accelerations)
     allowed: Scalar = how.tolerance**2
     if not is_apart:
         gap = TOGETHER[dtype].by_gap * _squares(gaps)
         allowed = allowed + gap * gap
-    inaccurate = _squares(changes) - allowed * (_squares(last.accelerations) + _squares(free))
-    wrong = call("step", inaccurate) + call("step", singular)
+    unknown = system.solved(_round_off(rows, kept, last.accelerations, rates, how.round_off, call), 0)
+    uncertain = tree.changes(total(responses, unknown.multipliers))
+    wrong = call("step", singular) + call("step", _squares(changes) - allowed * (size + _squares(free)))
+    wrong = wrong + call("step", _squares(uncertain) - how.tolerance**2 * size)
     return Refined(first, last, gate, 1.0 - 2.0 * wrong, kept)
+
+
+def precision_of(kept: Sequence[int], rank: int | None, dtype: str) -> Precision:
+    """Say how precisely rows are factored, of a rank that is known or not."""
+    return APART[dtype].precision if rank == len(kept) else PRECISIONS[dtype]
+
+
+def _gate_of_independent(system: RowSystem, how: Apart, call: Callable[..., Scalar]) -> tuple[Scalar, Scalar]:
+    """What is greater than 0 where independent rows are to be refined, and where they are singular."""
+    hidden = call("max", system.hidden(), -1.0 * system.hidden())
+    return hidden - how.doubtful, hidden - how.hidden
+
+
+def _gate_of_dependent(
+    system: RowSystem, how: Together, rests: tuple[Sparse, Sparse], follow: int, call: Callable[..., Scalar]
+) -> tuple[Scalar, Scalar]:
+    """The same of rows of which ``follow`` always follow from others, by what is left and what was asked for."""
+    left, missing = rests
+    gate = _squares(left.values()) - how.left**2 * _squares(missing.values())
+    gate = call("max", gate, system.small_pivots(how.small, call) - (follow + FURTHER))
+    return gate, system.dependent() - (follow + FURTHER)
+
+
+def _round_off(
+    rows: Sequence[Row],
+    kept: Sequence[int],
+    a: Sequence[Scalar],
+    v: Sequence[Scalar],
+    share: float,
+    call: Callable[..., Scalar],
+) -> dict[int, Scalar]:
+    """What round-off may make of the right sides: a share of the terms of each group, which sums of them have lost.
+
+    Signs and sizes differ from row to row, so that they do not cancel along any one direction.
+    """
+    terms: dict[object, Scalar] = {}
+    for r in kept:
+        found = rows[r].right * rows[r].right
+        for i, arm in rows[r].arms.items():
+            found = found + (arm * arm) * (a[i] * a[i] + (v[i] * v[i]) * (v[i] * v[i]))
+        terms[rows[r].group] = terms.get(rows[r].group, 0.0) + found
+    roots = {group: call("sqrt", x) for group, x in terms.items()}
+    signed = {r: (-1.0) ** k * (0.9 + 0.2 * ((0.618 * k) % 1.0)) for k, r in enumerate(kept)}
+    return {r: (share * weight) * roots[rows[r].group] for r, weight in signed.items()}
 
 
 def _squares(values: Iterable[Scalar]) -> Scalar:

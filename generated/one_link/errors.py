@@ -48,7 +48,8 @@ class DescriptionError(InputError):
         """``file:line:column``, as editors and terminals follow it; as much of it as is known."""
         known = [(name, at) for name, at in (("line", self.line), ("column", self.column)) if at is not None]
         if self.source:
-            return ":".join([self.source, *(str(at) for _, at in known)])
+            source = self.source if self.source.isprintable() else ascii(self.source)
+            return ":".join([source, *(str(at) for _, at in known)])
         return ", ".join(f"{name} {at}" for name, at in known)
 
 

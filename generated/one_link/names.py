@@ -69,6 +69,12 @@ def show_path(text: str) -> str:
     return ascii("..." + shown)
 
 
+def plain_path(path: object) -> str:
+    """A path for a message: as it is, or quoted where it has a line end or a character that steers a terminal."""
+    text = str(path)
+    return text if text.isprintable() else show_path(text)
+
+
 def printable(text: str) -> str:
     """Text for a terminal: characters that steer it (escapes, turns of direction and the like) become codes.
 

@@ -34,6 +34,7 @@ CALLED = """
 static double root(double x) { return sqrt(x); }
 static double larger(double x, double y) { return x < y ? y : x; }
 static double positive(double x) { return x > 0.0 ? 1.0 : 0.0; }
+static double chosen(double gate, double x, double y) { return gate > 0.0 ? x : y; }
 static double exponential(double x) { return exp(x); }
 static double bearing(double y, double x) { return atan2(y, x); }
 """
@@ -150,7 +151,7 @@ def float_program(rng: np.random.Generator, length: int) -> Program:
         elif op == "exp":
             nodes.append(graph.call(op, graph.neg(graph.mul(x, x))))
         elif op in CALLS:
-            nodes.append(graph.call(op, *(x, y)[: CALLS[op].arity]))
+            nodes.append(graph.call(op, *(x, y, nodes[0])[: CALLS[op].arity]))
         elif op == "div":
             nodes.append(graph.div(x, graph.add(graph.mul(y, y), 1.0)))
         elif op != "sin":

@@ -70,7 +70,7 @@ class Directions:
             self._u[:given] = arrays["u"].reshape(given, -1, n)
         self._parameters = np.zeros((self.count, max(len(calls.parameters), 1)), calls.dtype)
         self._parameters[range(given, self.count), list(slots)] = 1.0
-        names, values = tuple(calls.parameters), calls.parameters
+        values = calls.parameters
         self.named: list[tuple[str | None, float]] = [(None, 1.0)] * given
         self.named += [(names[slot], abs(float(values[names[slot]]))) for slot in slots]
         view = calls.raw.view
