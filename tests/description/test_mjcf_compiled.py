@@ -17,7 +17,8 @@ from eomgen.robot.value import Robot
 from tests.oracles.mjcf import MjcfOracle
 from tests.support.builds import Build
 from tests.support.description_samples import MJCF, URDF
-from tests.support.fuzzing import check_message
+from tests.support.file_mutants import any_mutant
+from tests.support.fuzzing import check_message, check_robot
 from tests.support.mjcf_models import random_model
 
 LEG = """<mujocoinclude>
@@ -308,6 +309,23 @@ def test_a_process_that_compiles_ends_alone(tmp_path: Path, monkeypatch: pytest.
     with pytest.raises(DescriptionError, match=r"MuJoCo.* (memory|bad_alloc|took more than|was ended)") as caught:
         load_robot(path)
     check_message(caught.value)
+
+
+@pytest.mark.parametrize("count", [2, pytest.param(60, marks=pytest.mark.soak)])
+def test_mutants_behind_an_include_are_read_or_refused(count: int, tmp_path: Path) -> None:
+    """Whatever stands in a file that a model names: a robot, or a refusal in a line; this process goes on."""
+    for seed in range(count):
+        content = any_mutant("mjcf", 60_000_000 + seed)
+        (tmp_path / "leg.xml").write_bytes(content)
+        (tmp_path / "model.xml").write_text(
+            f'<mujoco><asset><model name="m" file="leg.xml"/></asset><worldbody>{BODY}</worldbody></mujoco>'
+            if seed % 2
+            else f'<mujoco><include file="leg.xml"/><worldbody>{BODY}</worldbody></mujoco>'
+        )
+        try:
+            check_robot(load_robot(tmp_path / "model.xml", inertia="project"))
+        except DescriptionError as error:
+            check_message(error)
 
 
 def test_warnings_become_notes_and_no_log_is_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -16,7 +16,7 @@ from eomgen.cli import entry as cli
 from eomgen.errors import ArrayError, DescriptionError, InputError, UnknownNameError
 from eomgen.identification import ToleranceResult, load_tolerance, tolerance
 from eomgen.identification.tolerances.allocation import least
-from eomgen.identification.tolerances.regions import ellipsoids, radii
+from eomgen.identification.tolerances.regions import ellipsoids, mixed_quantiles, quantile_of_normal, radii
 from eomgen.identification.tolerances.vertices import farthest
 from eomgen.pictures import plot_tolerance
 from eomgen.robot.value import Coordinate, Robot
@@ -100,6 +100,60 @@ def imhof(variances: Array, x: float) -> float:
 
     value = quad(integrand, 0.0, 4e3, limit=20_000, epsabs=1e-6)[0]
     return 0.5 - value / np.pi
+
+
+def in_plane(bound: float, deviation: float, r: float) -> float:
+    """Probability that an even number within a bound and a normal one stay below r together, by quadrature."""
+    from scipy.integrate import quad
+    from scipy.special import ndtr
+
+    def inside(x: float) -> float:
+        return float(ndtr((r - x) / deviation) - ndtr((-r - x) / deviation)) / (2.0 * bound)
+
+    return quad(inside, -bound, bound, limit=500, epsabs=1e-10)[0]
+
+
+@pytest.mark.parametrize("probability", [0.3, 0.683, 0.95, 0.999])
+def test_mixed_quantiles(probability: float) -> None:
+    """Against closed forms, quadrature, and sums of many even numbers, which are normal."""
+    found = mixed_quantiles(np.array([0.0, 2.0, 0.0]), np.array([[3.0, 0.0], [0.0, 0.0], [1.0, 1.0]]), probability)
+    assert found[0] == pytest.approx(3.0 * probability, rel=1e-9)
+    assert found[1] == pytest.approx(2.0 * quantile_of_normal(probability), rel=1e-9)
+    assert found[2] == pytest.approx(2.0 * (1.0 - np.sqrt(1.0 - probability)), rel=1e-4)  # a triangle
+    for bound, deviation in ((1.0, 0.01), (1.0, 0.3), (0.2, 1.0)):
+        r = float(mixed_quantiles(np.array([deviation]), np.array([[bound]]), probability)[0])
+        assert in_plane(bound, deviation, r) == pytest.approx(probability, abs=8e-4)
+    many = float(mixed_quantiles(np.zeros(1), np.full((1, 300), 0.1), probability)[0])
+    assert many == pytest.approx(np.sqrt(300.0 / 3.0) * 0.1 * quantile_of_normal(probability), rel=2e-3)
+
+
+def test_regions_stay_within_what_bounds_allow() -> None:
+    """They pass neither the physical maximum nor fall below what one direction needs, at any probability."""
+    for confidence in (0.3, 0.683, 0.95, 0.999):
+        line = tolerance("one_link", {"frames.*.x": {"bound": 3e-4}}, confidence=confidence)
+        assert line.radius["position"] == pytest.approx([3e-4 * confidence], rel=1e-9)
+        assert line.direction["position"] == pytest.approx([3e-4 * confidence], rel=1e-9)
+    plane = tolerance("one_link", {"frames.*.x": {"bound": 3e-4}, "frames.*.y": {"bound": 1e-6}})
+    assert plane.radius["position"][0] <= plane.farthest["position"][0] == pytest.approx(3e-4, rel=1e-4)
+    assert any("passes what bounds allow" in note for note in plane.notes)
+    rng = np.random.default_rng(5)
+    for seed in range(4):
+        sizes = {
+            name: {"bound" if rng.random() < 0.6 else "deviation": 1e-4 * rng.random()} for name in ("x", "y", "z")
+        }
+        table = {f"frames.tcp.{name}": size for name, size in sizes.items()} | {"joints.joint2.length": {"bound": 2e-4}}
+        for confidence in (0.3, 0.95, 0.999):
+            found = tolerance(arm(), table, random=3, seed=seed, confidence=confidence)
+            for pose in range(3):
+                drawn = found.sample(20_000, pose=pose, seed=pose)[:, :3]
+                along = np.linalg.eigh(found.covariance[pose, :3, :3])[1][:, -1]
+                share = (np.abs(drawn @ along) <= found.direction["position"][pose]).mean()
+                assert share == pytest.approx(
+                    confidence, abs=5.0 * np.sqrt(confidence * (1 - confidence) / 20_000) + 1e-3
+                )
+                if all("bound" in size for size in sizes.values()):
+                    assert found.radius["position"][pose] <= found.farthest["position"][pose] * (1 + 1e-12)
+                assert found.radius["position"][pose] >= found.direction["position"][pose] * (1 - 1e-12)
 
 
 def off_of_samples(found: ToleranceResult, count: int) -> float:

@@ -27,7 +27,7 @@ from ..geometry.closing import closed_readings, closing_of
 from ..geometry.error_model import Rows
 from ..geometry.stations import Chain, chain_of, matrix_of
 from .contributions import Contribution, Exact, contributions_of, model_of
-from .regions import quantile_of_normal, radii, worst_deviations
+from .regions import mixed_quantiles, quantile_of_normal, radii, worst_deviations, worst_directions
 from .result import PARTS, ToleranceResult, shares_of
 from .table import Table, Tolerance, read_table
 from .vertices import farthest
@@ -40,6 +40,7 @@ COVERAGE = 3.0  # standard deviations that a worst case goes up to where no boun
 LINEAR = 0.01  # of the worst case: what a linear prediction may be off without a warning
 VERTICES = 8  # contributors whose 2^8 vertices are looked at
 EVEN = 0.3  # of a variance: one even distribution that a sum is no longer normal with
+_LINE = 1e-12  # of the greatest variance: no motion across
 _EVERY = 20  # poses at which the linear prediction is compared
 _SOFTEST = 0.2  # of a stiffness: its greatest standard deviation
 _COLUMNS = {"position": slice(0, 3), "orientation": slice(3, 6)}
@@ -255,6 +256,15 @@ def _result(
     exact_worst = _at_vertices(exact, reach[worst_pose, :3], bounds, signs, worst_pose)
     off, bent = _nonlinear(exact, S, bounds, ends, lengths)
     shares = {part: shares_of(scaled[:, _COLUMNS[part]]) for part in PARTS}
+    is_even = np.array([entry.bound is not None for entry, _, _ in entries])
+    directions = {
+        part: _directions(blocks[part], scaled[:, at], reach[:, at], is_even, confidence)
+        for part, at in _COLUMNS.items()
+    }
+    spheres = {
+        part: _held(directions[part], blocks[part], scaled[:, at], reach[:, at], is_even, lengths[part], confidence)
+        for part, at in _COLUMNS.items()
+    }
     notes = []
     if off > LINEAR:
         which = f", most of all {listed(bent)}" if bent else ""
@@ -263,6 +273,12 @@ def _result(
             " draw samples of the exact model instead (ToleranceResult.sample)"
         )
     notes += _of_bounds(entries, shares)
+    for part, (_, ended) in spheres.items():
+        if ended:
+            notes.append(
+                f"{part}: at {ended} of {len(q)} poses the region of normal numbers passes what bounds allow, and ends"
+                " there"
+            )
     if max(float(x.max()) for x in lengths.values()) == 0.0:
         notes.append(f"nothing in the table moves {frame}")
     chosen = exact.contributions
@@ -279,8 +295,8 @@ def _result(
         sensitivities=S,
         covariance=covariance,
         confidence=float(confidence),
-        radius={part: radii(block, confidence) for part, block in blocks.items()},
-        direction={part: quantile_of_normal(confidence) * worst_deviations(b) for part, b in blocks.items()},
+        radius={part: found for part, (found, _) in spheres.items()},
+        direction=directions,
         worst=np.abs(reach).sum(axis=2),
         farthest=lengths,
         worst_pose=worst_pose,
@@ -293,6 +309,56 @@ def _result(
     )
 
 
+def _directions(covariance: Array, scaled: Array, reach: Array, is_even: NDArray[np.bool_], confidence: float) -> Array:
+    """Half intervals, (N,), along the directions in which a part of the motion is greatest.
+
+    Args:
+        covariance: of the part, (N, 3, 3).
+        scaled, reach: sensitivities times standard deviations, and times bounds, (N, 3, K).
+        is_even: which quantities are even within their bounds, (K,); the others are normal.
+        confidence: probability of the intervals.
+    """
+    if not is_even.any():
+        return np.asarray(quantile_of_normal(confidence) * worst_deviations(covariance))
+    along = worst_directions(covariance)[:, np.newaxis]
+    normal, even = (along @ scaled[..., ~is_even])[:, 0], (along @ reach[..., is_even])[:, 0]
+    return mixed_quantiles(np.linalg.norm(normal, axis=1), even, confidence)
+
+
+def _held(
+    least: Array,
+    covariance: Array,
+    scaled: Array,
+    reach: Array,
+    is_even: NDArray[np.bool_],
+    farthest_of_all: Array,
+    confidence: float,
+) -> tuple[Array, int]:
+    """Radii of regions, (N,), and at how many poses they end at what bounds allow.
+
+    They are those of normal numbers between two bounds that hold for every distribution: no sphere is smaller than the
+    interval along one direction, and none need be larger than the farthest that even numbers reach with the sphere of
+    the normal ones around it.  Where all motion is along one line the interval is the sphere.
+
+    Args:
+        least: half intervals along the greatest direction, (N,).
+        covariance, scaled, reach, is_even, confidence: as of ``_directions``.
+        farthest_of_all: greatest displacements with all at their bounds, (N,).
+    """
+    found = radii(covariance, confidence)
+    if not is_even.any():
+        return found, 0
+    normal = scaled[..., ~is_even]
+    most = farthest_of_all
+    if not is_even.all():
+        within = np.array([farthest(row)[0] for row in reach[..., is_even]])
+        most = within + radii(normal @ normal.transpose(0, 2, 1), confidence)
+    variances = np.linalg.eigvalsh(covariance)
+    on_a_line = variances[:, 1] <= _LINE * variances[:, 2]
+    ended = (found > most * (1.0 + 1e-12)) & ~on_a_line
+    return np.where(on_a_line, least, np.minimum(np.maximum(found, least), most)), int(ended.sum())
+
+
 def _of_bounds(entries: Sequence[tuple[Tolerance, float, float]], shares: Mapping[str, Array]) -> Iterator[str]:
     """A note where one even distribution makes so much that sums are not normal."""
     for part in PARTS:
@@ -300,8 +366,8 @@ def _of_bounds(entries: Sequence[tuple[Tolerance, float, float]], shares: Mappin
         share, entry = float(shares[part][k]), entries[k][0]
         if entry.bound is not None and share > EVEN:
             yield (
-                f"{part}: {entry.name}, even within its bound, makes {100 * share:.3g} % of the variance; regions are"
-                " those of normal numbers: wider than need be"
+                f"{part}: {entry.name}, even within its bound, makes {100 * share:.3g} % of the variance; spheres are"
+                " those of normal numbers, as far as bounds allow; intervals along a direction are exact"
             )
 
 
