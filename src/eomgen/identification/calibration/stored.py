@@ -63,7 +63,11 @@ def load_calibration(path: Path | str) -> CalibrationResult:
         if "diagnosis" in meta:
             names = [field.name for field in fields(Diagnosis)]
             diagnosis = Diagnosis(**declared_values(Diagnosis, meta["diagnosis"], names, f"{path}: diagnosis"))
-        found = {"gains": _gains(meta, plain["residuals"], str(path)), "diagnosis": diagnosis, "model": model}
+        found: dict[str, Any] = {
+            "gains": _gains(meta, plain["residuals"], str(path)),
+            "diagnosis": diagnosis,
+            "model": model,
+        }
         if "is_explained" in meta:
             found["is_explained"] = declared_value(bool, meta, "is_explained", str(path))
         result = CalibrationResult(**plain, **number_arrays(arrays, ARRAYS, str(path)), **found)
