@@ -44,7 +44,7 @@ class Reading:
 
 @dataclass(frozen=True)
 class Left:
-    """Remainder of a reading under the simple model: medians of lengths (m) and angles (rad), and the share unexplained."""
+    """Remainder of a reading: medians of lengths (m) and angles (rad), and the share that is not explained."""
 
     medians: Mapping[str, float]
     shares: Mapping[str, float]
