@@ -1,4 +1,4 @@
-"""What residuals show that a fit does not: rows that are off, errors that go on, drift, patterns along joints.
+"""Findings in residuals that a fit does not have: rows that are off, errors that go on, drift, patterns along joints.
 
 All of it is looked at by default, on the full fit's residuals; where rows are off, on those of a robust fit without
 them.
@@ -51,7 +51,7 @@ class Pattern:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What residuals show.
+    """Findings in the residuals of a calibration.
 
     outlying: rows that are further off than chance has it, with their distance in usual standard deviations.
     correlation: of errors in neighbouring rows; 0 where none shows.

@@ -44,7 +44,7 @@ class Reading:
 
 @dataclass(frozen=True)
 class Left:
-    """What the simple model leaves of a reading: medians of lengths (m) and angles (rad), and the share unexplained."""
+    """Remainder of a reading: medians of lengths (m) and angles (rad), and the share that is not explained."""
 
     medians: Mapping[str, float]
     shares: Mapping[str, float]
@@ -127,7 +127,7 @@ def _tried(
 
 
 def left_of(problem: Problem, start: Array) -> Left:
-    """What placements of base and tool alone leave of a problem: medians over vectors, by kind."""
+    """Remainder of a problem with placements of base and tool alone: medians over vectors, by kind."""
     x = roughly_placed(problem, start)
     r, _ = at_rows(problem.model, problem.rows, problem.seen, x)
     medians, shares = dict[str, float](), dict[str, float]()
