@@ -11,7 +11,7 @@ from types import MappingProxyType
 from typing import Any
 
 from ..solve.elimination import Elimination
-from ..solve.refined import precision_of, refined
+from ..solve.refining import precision_of, refined
 from ..solve.responses import EliminatedTree, Tree, total
 from ..solve.rotors import Rotors
 from ..solve.rows import Row, RowSystem
