@@ -13,7 +13,7 @@ from typing import Any
 from ..solve.elimination import Elimination
 from ..solve.factorised import Factors, coordinate_parents
 from ..solve.reduced import ReducedTree
-from ..solve.refined import precision_of, refined
+from ..solve.refining import precision_of, refined
 from ..solve.responses import EliminatedTree, Tree, total
 from ..solve.rotors import Rotors
 from ..solve.rows import Row, RowSystem

@@ -59,11 +59,11 @@ class Together(Accuracy):
 
 
 APART: Mapping[str, Apart] = {
-    "float64": Apart(2, 1, 3e-10, 1.5e-15, Precision(1e-14, 1e-14, 1), 1e-11, 0.02),
+    "float64": Apart(2, 1, 3e-10, 1.2e-15, Precision(1e-14, 1e-14, 1), 1e-11, 0.02),
     "float32": Apart(2, 2, 1e-3, 4e-7, Precision(5e-7, 5e-7, 2), 1e-4, 0.3),
 }
 TOGETHER: Mapping[str, Together] = {
-    "float64": Together(3, 3, 3e-10, 1.5e-15, 1e-13, 1e-4, 1e12),
+    "float64": Together(3, 3, 3e-10, 1.2e-15, 1e-13, 1e-4, 1e12),
     "float32": Together(3, 3, 1e-3, 4e-7, 3e-6, 2e-2, 1e7),
 }
 FURTHER = 0.5  # of a row that follows from others beside those that always do
@@ -155,7 +155,7 @@ def precision_of(kept: Sequence[int], rank: int | None, dtype: str) -> Precision
 
 
 def _gate_of_independent(system: RowSystem, how: Apart, call: Callable[..., Scalar]) -> tuple[Scalar, Scalar]:
-    """What is greater than 0 where independent rows are to be refined, and where they are singular."""
+    """Write two numbers greater than 0 where independent rows are to be refined, and where they are singular."""
     hidden = call("max", system.hidden(), -1.0 * system.hidden())
     return hidden - how.doubtful, hidden - how.hidden
 
@@ -163,7 +163,7 @@ def _gate_of_independent(system: RowSystem, how: Apart, call: Callable[..., Scal
 def _gate_of_dependent(
     system: RowSystem, how: Together, rests: tuple[Sparse, Sparse], follow: int, call: Callable[..., Scalar]
 ) -> tuple[Scalar, Scalar]:
-    """The same of rows of which ``follow`` always follow from others, by what is left and what was asked for."""
+    """Write them for rows of which ``follow`` always follow from others, by what is left and what was asked for."""
     left, missing = rests
     gate = _squares(left.values()) - how.left**2 * _squares(missing.values())
     gate = call("max", gate, system.small_pivots(how.small, call) - (follow + FURTHER))
@@ -178,7 +178,7 @@ def _round_off(
     share: float,
     call: Callable[..., Scalar],
 ) -> dict[int, Scalar]:
-    """What round-off may make of the right sides: a share of the terms of each group, which sums of them have lost.
+    """Bound what round-off makes of the right sides: a share of the terms of each group, which sums of them have lost.
 
     Signs and sizes differ from row to row, so that they do not cancel along any one direction.
     """
