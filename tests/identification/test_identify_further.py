@@ -23,6 +23,7 @@ from eomgen.pictures import report_of
 from eomgen.pictures.measured.kinds import load_measured
 from eomgen.pictures.measured.motions import plot_identification
 from eomgen.robot.value import Coordinate, Coupling, Friction, Joint, Link, Motor, Robot
+from tests.support.blind_arms import blind_arm, record
 from tests.support.builds import Build
 from tests.support.random_robots import Array
 
@@ -360,3 +361,36 @@ def test_the_command_writes_what_was_found(built: Build, tmp_path: Path, capsys:
     assert eomgen.load_robot(tmp_path / "b.toml").links == found.robot.links
     assert main(["identify", str(source), str(record), "-o", "r.txt"]) == 1
     assert "allowed: a path that ends in .npz" in capsys.readouterr().err
+
+
+BLIND_TERMS = (*TERMS, "transmissions")
+BLIND = [(2, 2e-6), (3, 5e-5), *(pytest.param(seed, 3e-5, marks=pytest.mark.soak) for seed in range(10, 22))]
+
+
+@pytest.mark.parametrize(("seed", "noise"), BLIND)
+def test_transmissions_of_blind_arms_with_noisy_joints(seed: int, noise: float, built: Build) -> None:
+    """Rows without a drive are no reason for parameters that are all 0; noise does not make springs soft."""
+    arms = blind_arm(seed)
+    inverse = built(arms.rigid, "inverse_dynamics").inverse_dynamics
+    kernel = built(without_sought(arms.elastic, BLIND_TERMS), "regressor", "inverse_dynamics")
+    motion = record(arms, inverse, seed, noise=noise, force_noise=2e-3)
+    found = identify(arms.elastic, motion, terms=BLIND_TERMS, kernel=kernel)
+    assert (np.abs(found.base_values - found.described) / found.deviations).max() < 4.5
+    values = dict(zip(found.base_names, found.base_values, strict=True))
+    for i, motor in enumerate(arms.motors):
+        assert values[f"joint{i + 1}.motor.stiffness"] == pytest.approx(motor.transmission.stiffness, rel=0.05)
+    assert all(max(entry.relative) < 0.05 for entry in found.residuals.values())
+    assert any("those of rigid gears" in note for note in found.notes)
+
+
+def test_deflections_that_noise_hides_are_named(built: Build) -> None:
+    """A stiff transmission behind coarse encoders keeps the description's number."""
+    arms = blind_arm(1, stiffness=(3e5, 1e6))
+    inverse = built(arms.rigid, "inverse_dynamics").inverse_dynamics
+    kernel = built(without_sought(arms.elastic, BLIND_TERMS), "regressor", "inverse_dynamics")
+    motion = record(arms, inverse, 1, noise=2e-4, force_noise=2e-3)
+    found = identify(arms.elastic, motion, terms=BLIND_TERMS, kernel=kernel)
+    hidden = [text for text in found.warnings if "noise of the angles hides the deflection" in text]
+    assert hidden
+    name = hidden[0].split(":")[0]
+    assert name not in found.parameters

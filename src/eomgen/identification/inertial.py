@@ -36,11 +36,12 @@ from .dynamics.solving import Data, Solution, best_of, iterated
 from .dynamics.traps import other_readings, refuse_impossible
 from .estimating import HALF_WIDTHS, even_step
 from .identifiable import LINEAR, TERMS, TRANSMISSIONS, BaseParameters, combinations, parameter_names
-from .relations import Relations, completed, relations_of
+from .relations import Relations, anchored, completed, relations_of
 
 Array = NDArray[np.float64]
 
 ALL_TERMS = (*LINEAR, *FURTHER)
+HIDDEN = 0.5  # of the square of a column: noise that a parameter is not told behind
 UNSETTLED = 0.1  # of a standard deviation, by which the last step moves at most
 SPREAD = 0.5  # relative, of the description's numbers of single links
 
@@ -90,6 +91,8 @@ def identify(
     if kernel is None:
         bare = without_sought(robot, terms)
         kernel = build(bare, kernels=("regressor", "inverse_dynamics"), progress=progress or (lambda _: None))
+    if TRANSMISSIONS in linear:
+        relations = anchored(relations)
     parameter_names(kernel, linear, relations)
     motion = measured_motion(robot.name, motion, kernel.coordinates)
     step = even_step(motion)
@@ -110,13 +113,17 @@ def identify(
     data, best, sought, state = iterated(data, asked, width)
     drawn = _described(robot, kernel, shown)
     many = len(shown)
+    hidden = [name for name, share in zip(shown.names, best.noise_share, strict=False) if share > HIDDEN]
     values, variances = best.values[:many], best.variances[:many]
     theta = nearest_bodies(shown, values, best.covariance[:many, :many], drawn, spread)
     parameters = dict(zip(shown.parameters, theta.tolist(), strict=True))
     deviations = np.sqrt(variances)
     found = sought.found(state, np.sqrt(best.variances[many:]).tolist())
+    for name in hidden:  # is no answer
+        parameters.pop(name, None)
     warnings += (
-        _doubts(shown, values, deviations)
+        [f"{name}: noise of the angles hides the deflection; the description's value stays" for name in hidden]
+        + _doubts(shown, values, deviations)
         + further_doubts(asked, sought, found)
         + _unsettled(sought, best)
         + other_readings(data, best)
@@ -167,7 +174,7 @@ def _check_transmissions(relations: Relations, motion: MeasuredMotion) -> None:
 
 def _further(data: Data, terms: Sequence[str]) -> Sought:
     """Give what is sought beside base parameters: gains of drives that act in a row, friction of what moves there."""
-    motion, matrix = data.motion, data.relations.matrix[:, data.known]
+    motion, matrix = data.motion, data.relations.onto[:, data.known]
     drives = [i for i, name in enumerate(motion.coordinates) if name in motion.driven and matrix[i].any()]
     names = tuple(term for term in FURTHER if term in terms)
     if GAINS in names and np.linalg.matrix_rank(matrix[drives]) < len(drives):
@@ -278,6 +285,11 @@ def _notes(kernel: Kernel, motion: MeasuredMotion, data: Data) -> tuple[str, ...
     held = [name for name in kernel.coordinates if name not in motion.measured]
     if held:
         notes.append(f"not in the file, held at zero: {', '.join(held)}")
+    if data.relations.sums is not None:
+        behind = [kernel.coordinates[joint] for _, joint, _ in data.relations.motors]
+        notes.append(
+            f"rows of {listed(behind)} have the forces of the motors in front of them, too: those of rigid gears"
+        )
     if data.resting.any():
         notes.append(f"standstill left out: {100 * data.resting.mean():.3g} % of all samples of drives")
     return tuple(notes)
