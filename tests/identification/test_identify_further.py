@@ -15,6 +15,7 @@ import eomgen
 from eomgen.cli.entry import main
 from eomgen.errors import InputError
 from eomgen.identification import base_parameters, identify, load_identification
+from eomgen.identification.dynamics.further import SHAPES
 from eomgen.identification.identifiable import TERMS
 from eomgen.identification.inertial import without_sought
 from eomgen.identification.relations import relations_of
@@ -23,7 +24,7 @@ from eomgen.pictures import report_of
 from eomgen.pictures.measured.kinds import load_measured
 from eomgen.pictures.measured.motions import plot_identification
 from eomgen.robot.value import Coordinate, Coupling, Friction, Joint, Link, Motor, Robot
-from tests.support.blind_arms import blind_arm, record
+from tests.support.blind_arms import blind_arm, periodic, record
 from tests.support.builds import Build
 from tests.support.random_robots import Array
 
@@ -394,3 +395,61 @@ def test_deflections_that_noise_hides_are_named(built: Build) -> None:
     assert hidden
     name = hidden[0].split(":")[0]
     assert name not in found.parameters
+
+
+STRIBECK_TERMS = (*TERMS, "stribeck")
+
+
+@pytest.mark.parametrize(
+    ("seed", "shape"),
+    [
+        (1, "gaussian"),
+        *(pytest.param(seed, shape, marks=pytest.mark.soak) for seed in (1, 2, 3) for shape in (*SHAPES, "")),
+    ],
+)
+def test_the_shape_of_stribecks_curve_of_blind_arms(seed: int, shape: str, built: Build) -> None:
+    """With 2 urad of joint noise: the true shape fits best, truth is within the intervals; without one none is found."""
+    arms, rng = blind_arm(seed).rigid, np.random.default_rng(seed)
+    kernel = built(arms, "inverse_dynamics")
+    t, q, v, a = periodic(seed, 3000, 2e-3)
+    coulomb, excess, viscous = rng.uniform(1.0, 4.0, 2), rng.uniform(0.8, 2.0, 2), rng.uniform(0.2, 1.0, 2)
+    rate = rng.uniform(0.1, 0.3, 2) * np.sqrt(np.mean(v**2, axis=0))
+    share = {"gaussian": np.exp(-((v / rate) ** 2)), "lorentzian": 1.0 / (1.0 + (v / rate) ** 2)}.get(shape, 0.0)
+    u = kernel.inverse_dynamics(q, v, a) + np.sign(v) * (coulomb + excess * share) + viscous * v
+    columns: dict[str, Array] = {"t": t}
+    for i, name in enumerate(kernel.coordinates):
+        columns[name] = q[:, i] + 2e-6 * rng.standard_normal(len(t))
+        columns[f"{name}.drive"] = u[:, i] + 0.05 * rng.standard_normal(len(t))
+    bare = built(without_sought(arms, STRIBECK_TERMS), "regressor", "inverse_dynamics")
+    found = identify(arms, motion_from_columns(columns, kernel.coordinates), terms=STRIBECK_TERMS, kernel=bare)
+    assert not found.contradicted
+    if not shape:
+        assert not found.further
+        assert sum("Stribeck" in text for text in found.warnings) >= 1
+        return
+    key = "stribeck" if shape == "lorentzian" else shape
+    for i, name in enumerate(kernel.coordinates):
+        for part, truth in (("breakaway", excess[i]), (key, rate[i])):
+            entry = found.further[f"{name}.{part}"]
+            assert abs(entry.value - truth) < 4.0 * entry.deviation < 2.0 * truth
+        friction = found.robot.joint(name.partition(".")[0]).coordinates["gamma"].friction
+        assert friction is not None
+        assert friction.shape == (None if shape == "lorentzian" else shape)
+    (said,) = (text for text in found.notes if text.startswith("friction curves"))
+    assert f"; {shape} fits best (sqrt|v|: joint1.gamma " in said
+
+
+def test_what_blocks_held_out_contradict_is_not_written(built: Build, tmp_path: Path) -> None:
+    found = identify(arm(), measured(kernels(arm(), built)[0]), kernel=kernels(arm(), built)[1])
+    assert not found.contradicted
+    left = found.residuals["joint1.gamma"]
+    for wrong in (
+        replace(left, held_out=99.0 * left.drive),
+        replace(left, fitted=0.1 * left.drive, held_out=0.5 * left.drive),
+    ):
+        worse = replace(found, residuals={**found.residuals, "joint1.gamma": wrong})
+        with pytest.raises(InputError, match=r"arm: nothing is written: of joint1\.gamma's drive .* held out"):
+            worse.to_toml(tmp_path / "better.toml")
+        assert not (tmp_path / "better.toml").exists()
+    with pytest.raises(InputError, match="shape: 'bell'; allowed: lorentzian, gaussian"):
+        identify(arm(), measured(kernels(arm(), built)[0]), shape="bell")

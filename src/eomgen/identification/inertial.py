@@ -30,9 +30,9 @@ from ..robot.model import build_model
 from ..robot.value import MOTOR, Friction, Robot
 from ..runtime.kernel import Kernel
 from .consistent import doubt, nearest_bodies, with_parameters
-from .dynamics.further import FURTHER, GAINS, STRIBECK, Sought, further_doubts
+from .dynamics.further import FURTHER, GAINS, GAUSSIAN, SHAPES, STRIBECK, Sought, further_doubts
 from .dynamics.result import IdentifyResult
-from .dynamics.solving import Data, Solution, best_of, iterated
+from .dynamics.solving import Data, Solution, best_of, shaped
 from .dynamics.traps import other_readings, refuse_impossible
 from .estimating import HALF_WIDTHS, even_step
 from .identifiable import LINEAR, TERMS, TRANSMISSIONS, BaseParameters, combinations, parameter_names
@@ -54,6 +54,7 @@ def identify(
     terms: Sequence[str] = TERMS,
     known: Sequence[str] = (),
     half: int | None = None,
+    shape: str | None = None,
     spread: float = SPREAD,
     kernel: Kernel | None = None,
     progress: StageReport | None = None,
@@ -73,6 +74,8 @@ def identify(
             (s, by how much the drives in the file are late).
         known: names of links whose mass, centre of mass and inertia are the description's: gains need such a measure.
         half: half width of the second filter, samples, 0 for none; the best of HALF_WIDTHS if None.
+        shape: of Stribeck's curve, "lorentzian", 1 / (1 + (v / rate)^2), or "gaussian", exp(-(v / rate)^2); the one
+            that is better on blocks held out if None.
         spread: how far the description's numbers of single links are off, relative to themselves; what base parameters
             leave open stays near to them.
         kernel: of ``without_sought(robot, terms)``, float64, with regressor and inverse_dynamics; built if not given.
@@ -87,6 +90,8 @@ def identify(
         raise InputError(f"spread: {show(spread)}; allowed: a number above 0")
     if half is not None and (isinstance(half, bool) or not isinstance(half, int) or half < 0):
         raise InputError(f"half: {show(half)}; allowed: a whole number from 0")
+    if shape is not None and shape not in SHAPES:
+        raise InputError(f"shape: {show(shape)}; allowed: {', '.join(SHAPES)}")
     relations = relations_of(robot, known)
     if kernel is None:
         bare = without_sought(robot, terms)
@@ -109,8 +114,9 @@ def identify(
     if len(shown) < len(base):
         data.keep(shown)
     width = best_of(data, widths).half
-    asked = _further(data, terms)
-    data, best, sought, state = iterated(data, asked, width)
+    asked = _further(data, terms, shape or "")
+    (data, best, sought, state), more, curves = shaped(data, asked, width)
+    warnings += more
     drawn = _described(robot, kernel, shown)
     many = len(shown)
     hidden = [name for name, share in zip(shown.names, best.noise_share, strict=False) if share > HIDDEN]
@@ -128,7 +134,9 @@ def identify(
         + _unsettled(sought, best)
         + other_readings(data, best)
     )
-    parameters |= {name: x.value for name, x in found.items() if name.endswith((".breakaway", ".stribeck"))}
+    parameters |= {
+        name: x.value for name, x in found.items() if name.endswith((".breakaway", ".stribeck", f".{GAUSSIAN}"))
+    }
     sure = np.hypot(deviations, doubt(values))
     moved = float((np.abs(shown.matrix @ theta - values) / sure).max())
     notes = [*_notes(kernel, motion, data), f"links that are bodies: base values off by {moved:.2g} deviations at most"]
@@ -143,7 +151,7 @@ def identify(
         residuals=data.residuals(best),
         width=2 * (data.half + best.half) * step,
         warnings=tuple(warnings),
-        notes=tuple(notes),
+        notes=(*notes, *curves),
         further=found,
         t=t,
         drives=drives,
@@ -172,7 +180,7 @@ def _check_transmissions(relations: Relations, motion: MeasuredMotion) -> None:
             )
 
 
-def _further(data: Data, terms: Sequence[str]) -> Sought:
+def _further(data: Data, terms: Sequence[str], shape: str) -> Sought:
     """Give what is sought beside base parameters: gains of drives that act in a row, friction of what moves there."""
     motion, matrix = data.motion, data.relations.onto[:, data.known]
     drives = [i for i, name in enumerate(motion.coordinates) if name in motion.driven and matrix[i].any()]
@@ -180,7 +188,9 @@ def _further(data: Data, terms: Sequence[str]) -> Sought:
     if GAINS in names and np.linalg.matrix_rank(matrix[drives]) < len(drives):
         raise InputError(f"{motion.source}: more drives than rows whose forces are known; allowed: terms without gains")
     rubbing = tuple(i for i in data.relations.rubbing if matrix[i].any())
-    return Sought(names, motion.coordinates, tuple(drives), (), rubbing, matrix, data.step)
+    rms = np.sqrt(np.mean(data.v[:, rubbing] ** 2, axis=0))
+    rms = np.where(rms == 0.0, 1.0, rms)
+    return Sought(names, motion.coordinates, tuple(drives), (), rubbing, matrix, data.step, shape, rms)
 
 
 def _unsettled(sought: Sought, solution: Solution) -> list[str]:

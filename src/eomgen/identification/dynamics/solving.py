@@ -16,7 +16,7 @@ from ...names import component_name
 from ...runtime.kernel import Kernel
 from ..estimating import FIRST, block_count, least_samples
 from ..identifiable import TRANSMISSIONS, BaseParameters, columns, inertial_places, regrouped, with_formulas
-from .further import FRACTIONS, GAINS, NEIGHBOURS, STRIBECK, Sought, State, told_apart
+from .further import FRACTIONS, GAINS, NEIGHBOURS, SHAPES, STRIBECK, Sought, State, told_apart
 from .result import Residuals
 
 Array = NDArray[np.float64]
@@ -34,6 +34,9 @@ CLEAR = 0.2  # of a column's square: what noise must leave of it for a parameter
 EXACT = 1e-6  # of the largest residual: smaller ones weigh no more
 UNDETERMINED = 1e-13  # of the greatest singular value: directions that round-off alone decides stay 0
 MOST_NUMBERS = 100_000_000  # of all columns at all times
+GAINED = 1e-7  # of a logarithm of residuals, by which a step must leave less
+PARTS = (1.0, 0.5, 0.25, 0.125)  # of a step, the first that leaves less is taken
+ROOT = "sqrt|v|"  # a curve of friction that is told, and no law
 STEPS, SETTLED = 20, 1e-2  # of Gauss and Newton: most of them, and deviations that the last one moves by at most
 
 
@@ -255,13 +258,19 @@ def iterated(data: Data, sought: Sought, half: int) -> tuple[Data, Solution, Sou
     if not sought.names():
         return here, solution, sought, state
     solution = Solution.of(here, half)
+    damped = STRIBECK in sought.terms
     for _ in range(STEPS):
         here = data.at(sought, state)
         solution = Solution.of(here.beside(sought.columns(state, here.predicted(solution), data.v)), half)
         steps = solution.values[many:]
         if (np.abs(steps) <= SETTLED * np.sqrt(solution.variances[many:])).all():
             break
-        state = sought.stepped(state, steps)
+        if not damped:
+            state = sought.stepped(state, steps)
+        elif (nearer := _nearer(data, sought, state, steps, half)) is not None:
+            state = nearer
+        else:
+            break
     if STRIBECK in sought.terms:
         deviations = np.sqrt(
             solution.variances[solution.values.size - 2 * len(sought.rubbing) :][: len(sought.rubbing)]
@@ -270,6 +279,64 @@ def iterated(data: Data, sought: Sought, half: int) -> tuple[Data, Solution, Sou
         if len(fewer.rubbing) < len(sought.rubbing):
             return iterated(data, fewer, half)
     return here, solution, sought, state
+
+
+def _nearer(data: Data, sought: Sought, state: State, steps: Array, half: int) -> State | None:
+    """Take the longest of some parts of a step that leaves less; None where none does."""
+    before = _left_of(Solution.of(data.at(sought, state), half).fitted)
+    for part in PARTS:
+        trial = sought.stepped(state, part * steps)
+        if _left_of(Solution.of(data.at(sought, trial), half).fitted) < before - GAINED:
+            return trial
+    return None
+
+
+def _left_of(residuals: Array) -> float:
+    """Sum of the logarithms of rows' residuals: what weights that follow them make least."""
+    return float(np.log(np.maximum(residuals, 1e-300)).sum())
+
+
+def shaped(data: Data, asked: Sought, half: int) -> tuple[tuple[Data, Solution, Sought, State], list[str], list[str]]:
+    """Find what forces are not linear in, with the shape of Stribeck's curve that is best on blocks held out.
+
+    Args:
+        data, half: as of ``iterated``.
+        asked: what is sought; ``shape`` empty for the best of SHAPES.
+
+    Returns:
+        What ``iterated`` returns, and warnings and notes about the curve.
+    """
+    if STRIBECK not in asked.terms:
+        return iterated(data, asked, half), [], []
+    found = {shape: iterated(data, replace(asked, shape=shape), half) for shape in SHAPES if asked.shape in ("", shape)}
+    drive = np.maximum(np.sqrt(np.mean(data.total**2, axis=0)), 1e-300)
+    left = {shape: _left_of(one[1].held_out / drive) for shape, one in found.items() if STRIBECK in one[2].terms}
+    less = tuple(term for term in asked.terms if term != STRIBECK)
+    plain = iterated(data, replace(asked, terms=less, rubbing=(), rms=asked.rms[:0], shape=SHAPES[0]), half)
+    without = _left_of(plain[1].held_out / drive)
+    if not left:
+        return plain, [], []
+    best = min(left, key=lambda shape: left[shape])
+    notes = [_compared(data, plain[0], asked, half, left, without)]
+    if left[best] >= without:
+        return plain, [f"Stribeck friction is left out: {best} is no better on blocks that were held out"], notes
+    return found[best], [], notes
+
+
+def _compared(data: Data, here: Data, asked: Sought, half: int, left: dict[str, float], without: float) -> str:
+    """Say what each curve of friction leaves of the drives in blocks held out, and which leaves least."""
+    v, onto = here.v[:, asked.rubbing], asked.matrix[list(asked.rubbing)].T
+    root = Solution.of(here.beside((np.sign(v) * np.sqrt(np.abs(v)))[:, None, :] * onto), half)
+    drive = np.maximum(np.sqrt(np.mean(data.total**2, axis=0)), 1e-300)
+    all_left = {**left, ROOT: _left_of(root.held_out / drive), "dry and viscous alone": without}
+    many, base = len(data.names), here.columns.shape[-1]
+    shares = ", ".join(f"{name} {100.0 * np.exp(x / many):.3g} %" for name, x in all_left.items())
+    best = min(all_left, key=lambda name: all_left[name])
+    sizes = ", ".join(
+        f"{asked.coordinates[i]} {x:.4g} +- {d:.2g}"
+        for i, x, d in zip(asked.rubbing, root.values[base:], np.sqrt(root.variances[base:]), strict=True)
+    )
+    return f"friction curves, held out, of the drives: {shares}; {best} fits best ({ROOT}: {sizes}, SI units)"
 
 
 def _first_gains(data: Data, sought: Sought, state: State) -> State:
@@ -300,8 +367,7 @@ def _first_gains(data: Data, sought: Sought, state: State) -> State:
 
 def _first_friction(data: Data, sought: Sought, state: State, half: int) -> tuple[Sought, State]:
     """Stribeck's friction at the best of some rates, of each coordinate by the rows that it acts in, where it shows."""
-    rms = np.sqrt(np.mean(data.v[:, sought.rubbing] ** 2, axis=0))
-    rms = np.where(rms == 0.0, 1.0, rms)
+    rms = sought.rms
     onto, many = sought.matrix[list(sought.rubbing)] != 0.0, len(sought.rubbing)
     left, values, variances = [], [], []
     for fraction in FRACTIONS:
