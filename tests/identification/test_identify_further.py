@@ -23,7 +23,7 @@ from eomgen.motion.files import MeasuredMotion, motion_from_columns
 from eomgen.pictures import report_of
 from eomgen.pictures.measured.kinds import load_measured
 from eomgen.pictures.measured.motions import plot_identification
-from eomgen.robot.value import Coordinate, Coupling, Friction, Joint, Link, Motor, Robot
+from eomgen.robot.value import Coordinate, Coupling, Friction, Joint, Link, Motor, Placement, Robot
 from tests.support.blind_arms import blind_arm, periodic, record
 from tests.support.builds import Build
 from tests.support.random_robots import Array
@@ -408,7 +408,7 @@ STRIBECK_TERMS = (*TERMS, "stribeck")
     ],
 )
 def test_the_shape_of_stribecks_curve_of_blind_arms(seed: int, shape: str, built: Build) -> None:
-    """With 2 urad of joint noise: the true shape fits best, truth is within the intervals; without one none is found."""
+    """With 2 urad of joint noise: the true shape fits best, truth is within the intervals; without, none is."""
     arms, rng = blind_arm(seed).rigid, np.random.default_rng(seed)
     kernel = built(arms, "inverse_dynamics")
     t, q, v, a = periodic(seed, 3000, 2e-3)
@@ -453,3 +453,38 @@ def test_what_blocks_held_out_contradict_is_not_written(built: Build, tmp_path: 
         assert not (tmp_path / "better.toml").exists()
     with pytest.raises(InputError, match="shape: 'bell'; allowed: lorentzian, gaussian"):
         identify(arm(), measured(kernels(arm(), built)[0]), shape="bell")
+
+
+def test_saturated_drives_and_jumps_are_named_and_left_out(built: Build) -> None:
+    """What a drive could not give, and counts that an encoder lost: by name, and the rest gives the truth."""
+    whole, bare = kernels(arm(), built)
+    motion = measured(whole, (0.0, 0.01))
+    limit = 0.8 * float(motion.u[:, 0].max())
+    clipped = replace(motion, u=np.column_stack([np.minimum(motion.u[:, 0], limit), motion.u[:, 1]]))
+    found = identify(arm(), clipped, kernel=bare)
+    assert any(text.startswith("joint1.gamma.drive stands at") and "saturated" in text for text in found.warnings)
+    assert (np.abs(found.base_values - found.described) / found.deviations).max() < 5.0
+    assert not any("saturated" in text for text in identify(arm(), motion, kernel=bare).warnings)
+    q = np.array(motion.q)
+    q[1200:, 1] += 0.01
+    jumped = identify(arm(), replace(motion, q=q), kernel=bare)
+    assert any(text.startswith("joint2.gamma jumps by 0.0") and "at 2.39" in text for text in jumped.warnings)
+
+
+def test_a_zero_that_is_a_quarter_turn_off_is_named(built: Build) -> None:
+    """Of a joint between two others: zeros of the first and the last one are a matter of their links' parameters."""
+    robot = arm()
+    hand = Link("hand", 2.0, (0.2, 0.05, 0.1), (0.02, 0.03, 0.04, 0.0, 0.001, 0.0))
+    placed = Placement.from_dh(0.4, 0.7, 0.05, 0.3)
+    wrist3 = Joint("joint3", "fore", "hand", "revolute", placed, coordinates={"gamma": Coordinate()})
+    joints = (*(replace(x, coordinates={"gamma": Coordinate()}) for x in robot.joints), wrist3)
+    robot = replace(robot, links=(*robot.links, hand), joints=joints)
+    kernel = built(robot, "inverse_dynamics")
+    t, q, v, a = periodic(5, 2400, 2e-3, 3)
+    u = kernel.inverse_dynamics(q, v, a)
+    columns: dict[str, Array] = {"t": t}
+    for i, name in enumerate(kernel.coordinates):
+        columns |= {name: q[:, i] - (np.pi / 2 if i == 1 else 0.0), f"{name}.drive": u[:, i]}
+    bare = built(without_sought(robot, TERMS), "regressor", "inverse_dynamics")
+    found = identify(robot, motion_from_columns(columns, kernel.coordinates), kernel=bare)
+    assert any(text.startswith("joint2.gamma + 90 degrees leaves") for text in found.warnings), found.warnings

@@ -33,7 +33,7 @@ from .consistent import doubt, nearest_bodies, with_parameters
 from .dynamics.further import FURTHER, GAINS, GAUSSIAN, SHAPES, STRIBECK, Sought, further_doubts
 from .dynamics.result import IdentifyResult
 from .dynamics.solving import Data, Solution, best_of, shaped
-from .dynamics.traps import other_readings, refuse_impossible
+from .dynamics.traps import other_readings, refuse_impossible, spoiled, zeros_apart
 from .estimating import HALF_WIDTHS, even_step
 from .identifiable import LINEAR, TERMS, TRANSMISSIONS, BaseParameters, combinations, parameter_names
 from .relations import Relations, anchored, completed, relations_of
@@ -41,6 +41,7 @@ from .relations import Relations, anchored, completed, relations_of
 Array = NDArray[np.float64]
 
 ALL_TERMS = (*LINEAR, *FURTHER)
+APART = 0.05  # of a drive: residuals from which on zeros of joints are looked at
 HIDDEN = 0.5  # of the square of a column: noise that a parameter is not told behind
 UNSETTLED = 0.1  # of a standard deviation, by which the last step moves at most
 SPREAD = 0.5  # relative, of the description's numbers of single links
@@ -109,8 +110,10 @@ def identify(
     moving = np.isin(relations.rows, motion.measured)
     base = combinations(kernel, linear, moving, forces, relations)
     widths = HALF_WIDTHS if half is None else (half,)
-    data = Data(kernel, motion, base, forces, step)
+    bad, spoilt = spoiled(motion)
+    data = Data(kernel, motion, base, forces, step, bad)
     shown, warnings = data.shown(base)
+    warnings = spoilt + warnings
     if len(shown) < len(base):
         data.keep(shown)
     width = best_of(data, widths).half
@@ -134,6 +137,13 @@ def identify(
         + _unsettled(sought, best)
         + other_readings(data, best)
     )
+    if max(left.relative[0] for left in data.residuals(best).values()) > APART:
+
+        def left_of(other: MeasuredMotion) -> float:
+            again = Data(kernel, other, shown, forces, step, bad)
+            return float(np.log(np.maximum(Solution.of(again, width).fitted, 1e-300)).sum())
+
+        warnings += zeros_apart(motion, robot, left_of)
     parameters |= {
         name: x.value for name, x in found.items() if name.endswith((".breakaway", ".stribeck", f".{GAUSSIAN}"))
     }

@@ -260,7 +260,7 @@ def test_a_gaussian_stribeck_curve(built: Build) -> None:
         zero = np.zeros((len(v), 1))
         for dtype, off in (("float64", 1e-12), ("float32", 2e-6)):
             kernel = built(slider(friction=friction), "inverse_dynamics", dtype=dtype)
-            force = np.asarray(kernel.inverse_dynamics(zero, v[:, None], zero))[:, 0]
+            force = np.asarray(kernel.inverse_dynamics(*(x.astype(dtype) for x in (zero, v[:, None], zero))))[:, 0]
             assert force == pytest.approx(expected, rel=off)
     assert Friction(2.0, 5.0, 0.1, shape="lorentzian") == Friction(2.0, 5.0, 0.1)
     assert "friction.gaussian" in friction.numbers()

@@ -45,11 +45,18 @@ class Data:
 
     half: of that filter; 0 where rates and accelerations come with the motion.  names: of the rows' coordinates.
     resting: whether a drive stands still, (T, r), so that its dry friction is unknown.  total: measured drives, and
-    laws what of them is the description's, (T, r).  v: rates, (T, n).
+    laws what of them is the description's, (T, r).  v: rates, (T, n).  spoiled_samples: (T, n) of the motion, whose
+    rows are left out as those at rest are.
     """
 
     def __init__(
-        self, kernel: Kernel, motion: MeasuredMotion, base: BaseParameters, known: NDArray[np.bool_], step: float
+        self,
+        kernel: Kernel,
+        motion: MeasuredMotion,
+        base: BaseParameters,
+        known: NDArray[np.bool_],
+        step: float,
+        spoiled_samples: NDArray[np.bool_] | None = None,
     ) -> None:
         assert base.relations is not None
         self.kernel, self.motion, self.base, self.known, self.step = kernel, motion, base, known, step
@@ -75,6 +82,11 @@ class Data:
         rubs = np.zeros(kernel.n, dtype=np.bool_)
         rubs[list(self.relations.rubbing)] = "dry" in base.terms
         self.resting: NDArray[np.bool_] = self.relations.rows_of(still & rubs)[:, known]
+        bad = spoiled_samples
+        if bad is not None and bad.any():
+            window = np.ones(2 * self.half + 1)
+            near = np.stack([np.convolve(x, window, "valid") > 0.5 for x in bad.T.astype(np.float64)], axis=1)
+            self.resting |= self.relations.rows_of(near)[:, known]
         self.total = self.measured(motion.u)
         self.forces: Array = self.total - self.laws
 
