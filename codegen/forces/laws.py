@@ -7,7 +7,8 @@ the same but for round-off: far beyond a narrow interval it keeps no digit of w.
 
 Contact: K. H. Hunt, F. R. E. Crossley, "Coefficient of Restitution Interpreted as Damping in Vibroimpact", Journal of
 Applied Mechanics 42 (1975).  Friction: the Stribeck curve in the form of C. Canudas de Wit et al., "A New Model for
-Control of Systems with Friction", IEEE Transactions on Automatic Control 40 (1995), with a Lorentzian.
+Control of Systems with Friction", IEEE Transactions on Automatic Control 40 (1995), with a Lorentzian;
+the Gaussian is that of L. C. Bo, D. Pavelescu, "The Friction-Speed Relation", Wear 82 (1982), with the exponent 2.
 """
 
 from __future__ import annotations
@@ -244,7 +245,12 @@ def _friction(x: Deflection) -> Effect:
     sign_slope = part * part * inverse  # in this order nothing overflows, whatever the smoothing
     level: Scalar = numbers["friction.coulomb"]
     level_slope: Scalar = 0.0
-    if "friction.static" in numbers:
+    if "friction.static" in numbers and "friction.gaussian" in numbers:
+        rate = 1.0 / numbers["friction.gaussian"]
+        z = v * rate
+        more = (numbers["friction.static"] - level) * x.f.exp(-1.0 * (z * z))
+        level, level_slope = level + more, -2.0 * rate * (z * more)
+    elif "friction.static" in numbers:
         rate = 1.0 / numbers["friction.stribeck"]
         z = v * rate
         share = 1.0 / (1.0 + z * z)

@@ -15,6 +15,7 @@ import eomgen
 from eomgen.cli.entry import main
 from eomgen.errors import InputError
 from eomgen.identification import base_parameters, identify, load_identification
+from eomgen.identification.dynamics.further import SHAPES
 from eomgen.identification.identifiable import TERMS
 from eomgen.identification.inertial import without_sought
 from eomgen.identification.relations import relations_of
@@ -22,7 +23,8 @@ from eomgen.motion.files import MeasuredMotion, motion_from_columns
 from eomgen.pictures import report_of
 from eomgen.pictures.measured.kinds import load_measured
 from eomgen.pictures.measured.motions import plot_identification
-from eomgen.robot.value import Coordinate, Coupling, Friction, Joint, Link, Motor, Robot
+from eomgen.robot.value import Coordinate, Coupling, Friction, Joint, Link, Motor, Placement, Robot
+from tests.support.blind_arms import blind_arm, periodic, record
 from tests.support.builds import Build
 from tests.support.random_robots import Array
 
@@ -360,3 +362,129 @@ def test_the_command_writes_what_was_found(built: Build, tmp_path: Path, capsys:
     assert eomgen.load_robot(tmp_path / "b.toml").links == found.robot.links
     assert main(["identify", str(source), str(record), "-o", "r.txt"]) == 1
     assert "allowed: a path that ends in .npz" in capsys.readouterr().err
+
+
+BLIND_TERMS = (*TERMS, "transmissions")
+BLIND = [(2, 2e-6), (3, 5e-5), *(pytest.param(seed, 3e-5, marks=pytest.mark.soak) for seed in range(10, 22))]
+
+
+@pytest.mark.parametrize(("seed", "noise"), BLIND)
+def test_transmissions_of_blind_arms_with_noisy_joints(seed: int, noise: float, built: Build) -> None:
+    """Rows without a drive are no reason for parameters that are all 0; noise does not make springs soft."""
+    arms = blind_arm(seed)
+    inverse = built(arms.rigid, "inverse_dynamics").inverse_dynamics
+    kernel = built(without_sought(arms.elastic, BLIND_TERMS), "regressor", "inverse_dynamics")
+    motion = record(arms, inverse, seed, noise=noise, force_noise=2e-3)
+    found = identify(arms.elastic, motion, terms=BLIND_TERMS, kernel=kernel)
+    assert (np.abs(found.base_values - found.described) / found.deviations).max() < 4.5
+    values = dict(zip(found.base_names, found.base_values, strict=True))
+    for i, motor in enumerate(arms.motors):
+        assert values[f"joint{i + 1}.motor.stiffness"] == pytest.approx(motor.transmission.stiffness, rel=0.05)
+    assert all(max(entry.relative) < 0.05 for entry in found.residuals.values())
+    assert any("those of rigid gears" in note for note in found.notes)
+
+
+def test_deflections_that_noise_hides_are_named(built: Build) -> None:
+    """A stiff transmission behind coarse encoders keeps the description's number."""
+    arms = blind_arm(1, stiffness=(3e5, 1e6))
+    inverse = built(arms.rigid, "inverse_dynamics").inverse_dynamics
+    kernel = built(without_sought(arms.elastic, BLIND_TERMS), "regressor", "inverse_dynamics")
+    motion = record(arms, inverse, 1, noise=2e-4, force_noise=2e-3)
+    found = identify(arms.elastic, motion, terms=BLIND_TERMS, kernel=kernel)
+    hidden = [text for text in found.warnings if "noise of the angles hides the deflection" in text]
+    assert hidden
+    name = hidden[0].split(":")[0]
+    assert name not in found.parameters
+
+
+STRIBECK_TERMS = (*TERMS, "stribeck")
+
+
+@pytest.mark.parametrize(
+    ("seed", "shape"),
+    [
+        (1, "gaussian"),
+        *(pytest.param(seed, shape, marks=pytest.mark.soak) for seed in (1, 2, 3) for shape in (*SHAPES, "")),
+    ],
+)
+def test_the_shape_of_stribecks_curve_of_blind_arms(seed: int, shape: str, built: Build) -> None:
+    """With 2 urad of joint noise: the true shape fits best, truth is within the intervals; without, none is."""
+    arms, rng = blind_arm(seed).rigid, np.random.default_rng(seed)
+    kernel = built(arms, "inverse_dynamics")
+    t, q, v, a = periodic(seed, 3000, 2e-3)
+    coulomb, excess, viscous = rng.uniform(1.0, 4.0, 2), rng.uniform(0.8, 2.0, 2), rng.uniform(0.2, 1.0, 2)
+    rate = rng.uniform(0.1, 0.3, 2) * np.sqrt(np.mean(v**2, axis=0))
+    share = {"gaussian": np.exp(-((v / rate) ** 2)), "lorentzian": 1.0 / (1.0 + (v / rate) ** 2)}.get(shape, 0.0)
+    u = kernel.inverse_dynamics(q, v, a) + np.sign(v) * (coulomb + excess * share) + viscous * v
+    columns: dict[str, Array] = {"t": t}
+    for i, name in enumerate(kernel.coordinates):
+        columns[name] = q[:, i] + 2e-6 * rng.standard_normal(len(t))
+        columns[f"{name}.drive"] = u[:, i] + 0.05 * rng.standard_normal(len(t))
+    bare = built(without_sought(arms, STRIBECK_TERMS), "regressor", "inverse_dynamics")
+    found = identify(arms, motion_from_columns(columns, kernel.coordinates), terms=STRIBECK_TERMS, kernel=bare)
+    assert not found.contradicted
+    if not shape:
+        assert not found.further
+        assert sum("Stribeck" in text for text in found.warnings) >= 1
+        return
+    key = "stribeck" if shape == "lorentzian" else shape
+    for i, name in enumerate(kernel.coordinates):
+        for part, truth in (("breakaway", excess[i]), (key, rate[i])):
+            entry = found.further[f"{name}.{part}"]
+            assert abs(entry.value - truth) < 4.0 * entry.deviation < 2.0 * truth
+        friction = found.robot.joint(name.partition(".")[0]).coordinates["gamma"].friction
+        assert friction is not None
+        assert friction.shape == (None if shape == "lorentzian" else shape)
+    (said,) = (text for text in found.notes if text.startswith("friction curves"))
+    assert f"; {shape} fits best (sqrt|v|: joint1.gamma " in said
+
+
+def test_what_blocks_held_out_contradict_is_not_written(built: Build, tmp_path: Path) -> None:
+    found = identify(arm(), measured(kernels(arm(), built)[0]), kernel=kernels(arm(), built)[1])
+    assert not found.contradicted
+    left = found.residuals["joint1.gamma"]
+    for wrong in (
+        replace(left, held_out=99.0 * left.drive),
+        replace(left, fitted=0.1 * left.drive, held_out=0.5 * left.drive),
+    ):
+        worse = replace(found, residuals={**found.residuals, "joint1.gamma": wrong})
+        with pytest.raises(InputError, match=r"arm: nothing is written: of joint1\.gamma's drive .* held out"):
+            worse.to_toml(tmp_path / "better.toml")
+        assert not (tmp_path / "better.toml").exists()
+    with pytest.raises(InputError, match="shape: 'bell'; allowed: lorentzian, gaussian"):
+        identify(arm(), measured(kernels(arm(), built)[0]), shape="bell")
+
+
+def test_saturated_drives_and_jumps_are_named_and_left_out(built: Build) -> None:
+    """What a drive could not give, and counts that an encoder lost: by name, and the rest gives the truth."""
+    whole, bare = kernels(arm(), built)
+    motion = measured(whole, (0.0, 0.01))
+    limit = 0.8 * float(motion.u[:, 0].max())
+    clipped = replace(motion, u=np.column_stack([np.minimum(motion.u[:, 0], limit), motion.u[:, 1]]))
+    found = identify(arm(), clipped, kernel=bare)
+    assert any(text.startswith("joint1.gamma.drive stands at") and "saturated" in text for text in found.warnings)
+    assert (np.abs(found.base_values - found.described) / found.deviations).max() < 5.0
+    assert not any("saturated" in text for text in identify(arm(), motion, kernel=bare).warnings)
+    q = np.array(motion.q)
+    q[1200:, 1] += 0.01
+    jumped = identify(arm(), replace(motion, q=q), kernel=bare)
+    assert any(text.startswith("joint2.gamma jumps by 0.0") and "at 2.39" in text for text in jumped.warnings)
+
+
+def test_a_zero_that_is_a_quarter_turn_off_is_named(built: Build) -> None:
+    """Of a joint between two others: zeros of the first and the last one are a matter of their links' parameters."""
+    robot = arm()
+    hand = Link("hand", 2.0, (0.2, 0.05, 0.1), (0.02, 0.03, 0.04, 0.0, 0.001, 0.0))
+    placed = Placement.from_dh(0.4, 0.7, 0.05, 0.3)
+    wrist3 = Joint("joint3", "fore", "hand", "revolute", placed, coordinates={"gamma": Coordinate()})
+    joints = (*(replace(x, coordinates={"gamma": Coordinate()}) for x in robot.joints), wrist3)
+    robot = replace(robot, links=(*robot.links, hand), joints=joints)
+    kernel = built(robot, "inverse_dynamics")
+    t, q, v, a = periodic(5, 2400, 2e-3, 3)
+    u = kernel.inverse_dynamics(q, v, a)
+    columns: dict[str, Array] = {"t": t}
+    for i, name in enumerate(kernel.coordinates):
+        columns |= {name: q[:, i] - (np.pi / 2 if i == 1 else 0.0), f"{name}.drive": u[:, i]}
+    bare = built(without_sought(robot, TERMS), "regressor", "inverse_dynamics")
+    found = identify(robot, motion_from_columns(columns, kernel.coordinates), kernel=bare)
+    assert any(text.startswith("joint2.gamma + 90 degrees leaves") for text in found.warnings), found.warnings

@@ -68,7 +68,10 @@ def random_coordinate(rng: np.random.Generator, kind: str, old: Coordinate) -> C
         stribeck = maybe(0.1, 1.0)
         coulomb = draw(0.5, 5.0)
         static = None if stribeck is None else coulomb + draw(0.0, 3.0)
-        return replace(old, friction=Friction(coulomb, static, stribeck, maybe(0.1, 2.0), maybe(0.05, 0.5)))
+        shape = "gaussian" if stribeck is not None and stribeck > 0.55 else None
+        return replace(
+            old, friction=Friction(coulomb, static, stribeck, maybe(0.1, 2.0), maybe(0.05, 0.5), shape=shape)
+        )
     return old if kind == "plain" else replace(old, **{kind: draw(1.0, 10.0)})
 
 
@@ -133,7 +136,8 @@ def resistance(c: Coordinate, s: float, v: float, load: float = 0.0) -> float:
         f = c.friction
         level = f.coulomb
         if f.static is not None and f.stribeck is not None:
-            level += (f.static - f.coulomb) / (1.0 + (v / f.stribeck) ** 2)
+            z = v / f.stribeck
+            level += (f.static - f.coulomb) * (np.exp(-z * z) if f.shape == "gaussian" else 1.0 / (1.0 + z**2))
         if f.coefficient is not None:
             level += f.coefficient * (1.0 if f.radius is None else f.radius) * load
         assert f.smoothing is not None

@@ -16,7 +16,7 @@ from eomgen.description.keys import COORDINATE, MOTOR_FORM
 from eomgen.errors import DescriptionError
 from eomgen.export.fmu.variables import UNITS, exponents, unit_name
 from eomgen.forms.tables import Sub
-from eomgen.robot.laws import BASIC, BETWEEN_POINTS, LAWS, NUMBERS, least_of, number_of
+from eomgen.robot.laws import BASIC, BETWEEN_POINTS, LAWS, NUMBERS, SHAPED, least_of, number_of
 from eomgen.robot.model import build_model
 from eomgen.robot.record import record_of, robot_hash, robot_of
 from eomgen.robot.value import Coordinate, Friction, Joint, Link, Robot
@@ -47,6 +47,10 @@ def test_every_law_has_texts_units_and_keys(name: str) -> None:
         for number in law.numbers:
             key = number.key.removeprefix(f"{name}.")
             assert number.about
+            if number.key in SHAPED:  # a word of the key shape stands for it
+                assert key in json.dumps(inner["shape"].schema())
+                assert f'shape = "{key}"' in page
+                continue
             assert number.about in json.dumps(inner[key].schema(), ensure_ascii=False)
             assert key in page, f"docs/description.md does not name {key}"
     for number in law.numbers:

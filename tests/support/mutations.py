@@ -70,7 +70,7 @@ name = "j1"
 parent = "base"
 child = "a"
 type = "revolute"
-gamma = { friction = { coulomb = 1, static = 2, stribeck = 0.1, viscous = 0.1 }, cubic = 2 }
+gamma = { friction = { coulomb = 1, static = 2, stribeck = 0.1, shape = "gaussian", viscous = 0.1 }, cubic = 2 }
 beta = { stiffness = 1e3, clearance = 1e-3, smoothing = 1e-5, restitution_damping = 1 }
 motor = { inertia = 1e-4, ratio = 100, stiffness = 1e4, damping = 1, limits = { upper = 300, effort = 0.5 } }
 offset = { x = 1e-3, alpha = 1e-3 }

@@ -10,7 +10,7 @@ from ..forms.tables import Sub, Table
 from ..names import show
 from ..robot.bounds import LIMIT_KEYS, Limits
 from ..robot.journals import Radial, SlidingFriction, radial_conflict
-from ..robot.laws import RADIAL
+from ..robot.laws import GAUSSIAN, RADIAL
 from ..robot.rules import ROTORS, conflict
 from ..robot.value import Coordinate, Curve, Motor
 from .keys import COORDINATE
@@ -110,8 +110,16 @@ def _inner_numbers(table: Table, name: str) -> dict[str, float]:
     inner = table.table(name)
     if inner is not None and name == "friction" and "coefficient" not in inner:
         inner.require_one("coulomb", "a force in N or N m, or a coefficient")
-    read = {} if inner is None else {f"{name}.{key}": inner.number(key) for key in inner.keys}
-    return {key: number for key, number in read.items() if number is not None}
+    if inner is None:
+        return {}
+    read = {f"{name}.{key}": inner.number(key) for key in inner.keys if key != "shape"}
+    found = {key: number for key, number in read.items() if number is not None}
+    shape = inner.text("shape") if "shape" in inner else None
+    if shape is not None and f"{name}.stribeck" not in found:
+        inner.fail(f"got {show(shape)}, and there is no stribeck; allowed: with static and stribeck", "shape")
+    if shape == GAUSSIAN:
+        found[f"{name}.{GAUSSIAN}"] = found.pop(f"{name}.stribeck")
+    return found
 
 
 def read_curve(table: Table, read_text: ReadText, what: str = "deviation") -> Curve | None:

@@ -71,7 +71,14 @@ def _curve(given: laws.Number, what: str, unit: str) -> Either:
 
 def _numbers(law: laws.Law) -> dict[str, Key]:
     """The keys of a law's numbers, without the name of its table."""
-    return {number.key.removeprefix(f"{law.name}."): _number(number) for number in law.numbers}
+    found: dict[str, Key] = {
+        number.key.removeprefix(f"{law.name}."): _number(number)
+        for number in law.numbers
+        if number.key not in laws.SHAPED
+    }
+    if law.name == "friction":
+        found["shape"] = Choice("of Stribeck's curve: lorentzian (as it is without) or gaussian", words=laws.SHAPES)
+    return found
 
 
 def _law(law: laws.Law) -> dict[str, Key]:

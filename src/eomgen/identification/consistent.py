@@ -218,8 +218,9 @@ def _friction(old: Friction, own: Mapping[str, float], viscous: float | None) ->
     coulomb = own.get("dry", old.coulomb)
     if "breakaway" not in own:
         return Friction(coulomb=coulomb, viscous=viscous, smoothing=old.smoothing)
-    static, stribeck = coulomb + own["breakaway"], own["stribeck"]
-    return Friction(coulomb=coulomb, static=static, stribeck=stribeck, viscous=viscous)
+    static, shape = coulomb + own["breakaway"], "gaussian" if "gaussian" in own else None
+    rate = own["gaussian"] if shape else own["stribeck"]
+    return Friction(coulomb=coulomb, static=static, stribeck=rate, viscous=viscous, shape=shape)
 
 
 def _coordinate(given: Coordinate, own: Mapping[str, float]) -> Coordinate:

@@ -30,17 +30,19 @@ from ..robot.model import build_model
 from ..robot.value import MOTOR, Friction, Robot
 from ..runtime.kernel import Kernel
 from .consistent import doubt, nearest_bodies, with_parameters
-from .dynamics.further import FURTHER, GAINS, STRIBECK, Sought, further_doubts
+from .dynamics.further import FURTHER, GAINS, GAUSSIAN, SHAPES, STRIBECK, Sought, further_doubts
 from .dynamics.result import IdentifyResult
-from .dynamics.solving import Data, Solution, best_of, iterated
-from .dynamics.traps import other_readings, refuse_impossible
+from .dynamics.solving import Data, Solution, best_of, shaped
+from .dynamics.traps import other_readings, refuse_impossible, spoiled, zeros_apart
 from .estimating import HALF_WIDTHS, even_step
 from .identifiable import LINEAR, TERMS, TRANSMISSIONS, BaseParameters, combinations, parameter_names
-from .relations import Relations, completed, refuse_followers, relations_of
+from .relations import Relations, anchored, completed, refuse_followers, relations_of
 
 Array = NDArray[np.float64]
 
 ALL_TERMS = (*LINEAR, *FURTHER)
+APART = 0.05  # of a drive: residuals from which on zeros of joints are looked at
+HIDDEN = 0.5  # of the square of a column: noise that a parameter is not told behind
 UNSETTLED = 0.1  # of a standard deviation, by which the last step moves at most
 SPREAD = 0.5  # relative, of the description's numbers of single links
 
@@ -53,6 +55,7 @@ def identify(
     terms: Sequence[str] = TERMS,
     known: Sequence[str] = (),
     half: int | None = None,
+    shape: str | None = None,
     spread: float = SPREAD,
     kernel: Kernel | None = None,
     progress: StageReport | None = None,
@@ -72,6 +75,8 @@ def identify(
             (s, by how much the drives in the file are late).
         known: names of links whose mass, centre of mass and inertia are the description's: gains need such a measure.
         half: half width of the second filter, samples, 0 for none; the best of HALF_WIDTHS if None.
+        shape: of Stribeck's curve, "lorentzian", 1 / (1 + (v / rate)^2), or "gaussian", exp(-(v / rate)^2); the one
+            that is better on blocks held out if None.
         spread: how far the description's numbers of single links are off, relative to themselves; what base parameters
             leave open stays near to them.
         kernel: of ``without_sought(robot, terms)``, float64, with regressor and inverse_dynamics; built if not given.
@@ -87,11 +92,15 @@ def identify(
         raise InputError(f"spread: {show(spread)}; allowed: a number above 0")
     if half is not None and (isinstance(half, bool) or not isinstance(half, int) or half < 0):
         raise InputError(f"half: {show(half)}; allowed: a whole number from 0")
+    if shape is not None and shape not in SHAPES:
+        raise InputError(f"shape: {show(shape)}; allowed: {', '.join(SHAPES)}")
     relations = relations_of(robot, known)
     if kernel is None:
         bare = without_sought(robot, terms)
         kernel = build(bare, kernels=("regressor", "inverse_dynamics"), progress=progress or (lambda _: None))
     refuse_followers(kernel)
+    if TRANSMISSIONS in linear:
+        relations = anchored(relations)
     parameter_names(kernel, linear, relations)
     motion = measured_motion(robot.name, motion, kernel.coordinates)
     step = even_step(motion)
@@ -103,27 +112,43 @@ def identify(
     moving = np.isin(relations.rows, motion.measured)
     base = combinations(kernel, linear, moving, forces, relations)
     widths = HALF_WIDTHS if half is None else (half,)
-    data = Data(kernel, motion, base, forces, step)
+    bad, spoilt = spoiled(motion)
+    data = Data(kernel, motion, base, forces, step, bad)
     shown, warnings = data.shown(base)
+    warnings = spoilt + warnings
     if len(shown) < len(base):
         data.keep(shown)
     width = best_of(data, widths).half
-    asked = _further(data, terms)
-    data, best, sought, state = iterated(data, asked, width)
+    asked = _further(data, terms, shape or "")
+    (data, best, sought, state), more, curves = shaped(data, asked, width)
+    warnings += more
     drawn = _described(robot, kernel, shown)
     many = len(shown)
+    hidden = [name for name, share in zip(shown.names, best.noise_share, strict=False) if share > HIDDEN]
     values, variances = best.values[:many], best.variances[:many]
     theta = nearest_bodies(shown, values, best.covariance[:many, :many], drawn, spread)
     parameters = dict(zip(shown.parameters, theta.tolist(), strict=True))
     deviations = np.sqrt(variances)
     found = sought.found(state, np.sqrt(best.variances[many:]).tolist())
+    for name in hidden:  # is no answer
+        parameters.pop(name, None)
     warnings += (
-        _doubts(shown, values, deviations)
+        [f"{name}: noise of the angles hides the deflection; the description's value stays" for name in hidden]
+        + _doubts(shown, values, deviations)
         + further_doubts(asked, sought, found)
         + _unsettled(sought, best)
         + other_readings(data, best)
     )
-    parameters |= {name: x.value for name, x in found.items() if name.endswith((".breakaway", ".stribeck"))}
+    if max(left.relative[0] for left in data.residuals(best).values()) > APART:
+
+        def left_of(other: MeasuredMotion) -> float:
+            again = Data(kernel, other, shown, forces, step, bad)
+            return float(np.log(np.maximum(Solution.of(again, width).fitted, 1e-300)).sum())
+
+        warnings += zeros_apart(motion, robot, left_of)
+    parameters |= {
+        name: x.value for name, x in found.items() if name.endswith((".breakaway", ".stribeck", f".{GAUSSIAN}"))
+    }
     sure = np.hypot(deviations, doubt(values))
     moved = float((np.abs(shown.matrix @ theta - values) / sure).max())
     notes = [*_notes(kernel, motion, data), f"links that are bodies: base values off by {moved:.2g} deviations at most"]
@@ -138,7 +163,7 @@ def identify(
         residuals=data.residuals(best),
         width=2 * (data.half + best.half) * step,
         warnings=tuple(warnings),
-        notes=tuple(notes),
+        notes=(*notes, *curves),
         further=found,
         t=t,
         drives=drives,
@@ -167,15 +192,17 @@ def _check_transmissions(relations: Relations, motion: MeasuredMotion) -> None:
             )
 
 
-def _further(data: Data, terms: Sequence[str]) -> Sought:
+def _further(data: Data, terms: Sequence[str], shape: str) -> Sought:
     """Give what is sought beside base parameters: gains of drives that act in a row, friction of what moves there."""
-    motion, matrix = data.motion, data.relations.matrix[:, data.known]
+    motion, matrix = data.motion, data.relations.onto[:, data.known]
     drives = [i for i, name in enumerate(motion.coordinates) if name in motion.driven and matrix[i].any()]
     names = tuple(term for term in FURTHER if term in terms)
     if GAINS in names and np.linalg.matrix_rank(matrix[drives]) < len(drives):
         raise InputError(f"{motion.source}: more drives than rows whose forces are known; allowed: terms without gains")
     rubbing = tuple(i for i in data.relations.rubbing if matrix[i].any())
-    return Sought(names, motion.coordinates, tuple(drives), (), rubbing, matrix, data.step)
+    rms = np.sqrt(np.mean(data.v[:, rubbing] ** 2, axis=0))
+    rms = np.where(rms == 0.0, 1.0, rms)
+    return Sought(names, motion.coordinates, tuple(drives), (), rubbing, matrix, data.step, shape, rms)
 
 
 def _unsettled(sought: Sought, solution: Solution) -> list[str]:
@@ -281,6 +308,11 @@ def _notes(kernel: Kernel, motion: MeasuredMotion, data: Data) -> tuple[str, ...
     held = [name for name in kernel.coordinates if name not in motion.measured]
     if held:
         notes.append(f"not in the file, held at zero: {', '.join(held)}")
+    if data.relations.sums is not None:
+        behind = [kernel.coordinates[joint] for _, joint, _ in data.relations.motors]
+        notes.append(
+            f"rows of {listed(behind)} have the forces of the motors in front of them, too: those of rigid gears"
+        )
     if data.resting.any():
         notes.append(f"standstill left out: {100 * data.resting.mean():.3g} % of all samples of drives")
     return tuple(notes)

@@ -36,6 +36,7 @@ class Relations:
         rubbing: indices of the coordinates whose friction and offset can be sought: with a drive, or coupled rigidly.
         motors: indices of a motor's coordinate and of the one that it drives, and the gear's ratio.
         known: names of links whose inertial parameters are not sought.
+        sums: (f, f), what the rows of forces are sums of; None where they are those of the coordinates (``anchored``).
     """
 
     coordinates: tuple[str, ...]
@@ -45,6 +46,12 @@ class Relations:
     rubbing: tuple[int, ...]
     motors: tuple[tuple[int, int, float], ...]
     known: frozenset[str] = frozenset()
+    sums: Array | None = None
+
+    @property
+    def onto(self) -> Array:
+        """Forces at all coordinates to rows, (n, f): u @ onto."""
+        return self.matrix if self.sums is None else np.asarray(self.matrix @ self.sums)
 
     @property
     def rows(self) -> tuple[str, ...]:
@@ -58,15 +65,15 @@ class Relations:
 
     def forces(self, u: Array) -> Array:
         """Forces along the free coordinates, (..., f), of those at all, (..., n)."""
-        return np.asarray(u @ self.matrix) if self.is_coupled else u
+        return np.asarray(u @ self.onto) if self.is_coupled or self.sums is not None else u
 
     def columns(self, Y: Array) -> Array:
         """Columns of the free coordinates' rows, (..., f, p), from (..., n, p)."""
-        return np.asarray(self.matrix.T @ Y) if self.is_coupled else Y
+        return np.asarray(self.onto.T @ Y) if self.is_coupled or self.sums is not None else Y
 
     def rows_of(self, marked: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Rows that a marked coordinate acts in, (..., f), from (..., n)."""
-        return np.asarray((marked.astype(np.float64) @ (self.matrix != 0.0)) > 0.0)
+        return np.asarray((marked.astype(np.float64) @ (self.onto != 0.0)) > 0.0)
 
 
 def refuse_followers(kernel: Kernel) -> None:
@@ -109,6 +116,19 @@ def relations_of(robot: Robot, known: Collection[str] = ()) -> Relations:
     coupled = {names.index(name) for x in robot.couplings for name in (x.of, *x.to)}
     rubbing = tuple(sorted(coupled.union(tree.rubbing)))
     return replace(tree, free=free, matrix=matrix, offset=offset, rubbing=rubbing)
+
+
+def anchored(relations: Relations) -> Relations:
+    """Add the row of a motor, times its ratio, to that of the joint behind it.
+
+    The transmission's force is in both and cancels.  The joint's own row, in which no drive is, would be 0 = 0 for
+    parameters that are all 0, and the less noise it has the more that counts.
+    """
+    sums, free = np.eye(len(relations.free)), {place: row for row, place in enumerate(relations.free)}
+    for rotor, joint, ratio in relations.motors:
+        if rotor in free and joint in free:
+            sums[free[rotor], free[joint]] = ratio
+    return replace(relations, sums=sums)
 
 
 def tree_relations(robot: Robot, known: Collection[str] = ()) -> Relations:

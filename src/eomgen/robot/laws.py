@@ -21,6 +21,8 @@ SMALLEST = 1e-12  # least value of what is divided by, m, rad or per s
 SHARE = 0.05  # of a clearance over which contact sets in
 SMOOTHING = 4e-8  # m/s or rad/s in which friction turns round: 90 % of the limit creep by 0.8 um in 10 s
 SHARP = 1e-6  # of the Stribeck rate, at most: so little of the peak is lost where friction turns round
+SHAPES = LORENTZIAN, GAUSSIAN = "lorentzian", "gaussian"  # of Stribeck's curve
+SHAPED = {f"friction.{GAUSSIAN}": "friction.stribeck"}  # numbers that descriptions give by another key and a shape
 COARSE = 1e-3  # m/s or rad/s by which explicit steps chatter where friction is too sharp for them
 ONSET = 1e-4  # m or rad over which a stop sets in
 
@@ -140,7 +142,7 @@ def _between_stops(given: Values) -> Conflict | None:
 
 def _stribeck(given: Values) -> Conflict | None:
     coulomb, static = given["friction.coulomb"], given.get("friction.static")
-    if (static is None) != ("friction.stribeck" not in given):
+    if (static is None) != (not any(f"friction.{key}" in given for key in ("stribeck", GAUSSIAN))):
         return "friction", "static and stribeck belong together; allowed: both or none"
     if static is not None and static < coulomb:
         return "friction.static", f"got {static!r}; allowed: at least coulomb, {coulomb!r}"
@@ -150,7 +152,8 @@ def _stribeck(given: Values) -> Conflict | None:
 
 
 def _friction_smoothing(given: Values) -> float:
-    return max(min(SMOOTHING, SHARP * given.get("friction.stribeck", 1.0)), SMALLEST)
+    rate = given.get("friction.stribeck", given.get(f"friction.{GAUSSIAN}", 1.0))
+    return max(min(SMOOTHING, SHARP * rate), SMALLEST)
 
 
 def _friction_slope(given: Values, least: float) -> float:
@@ -247,13 +250,20 @@ _LAWS = (
     ),
     Law(
         name="friction",
-        about="dry friction: coulomb, static, stribeck, viscous, smoothing, coefficient, radius",
+        about="dry friction: coulomb, static, stribeck, shape, viscous, smoothing, coefficient, radius",
         numbers=(
             Number("friction.coulomb", "force that resists any motion; 0 where there is a coefficient", FORCE),
             Number("friction.static", "force from rest, at least coulomb; with stribeck", FORCE),
             Number(
                 "friction.stribeck",
                 "rate over which static friction falls to coulomb; with static",
+                RATE,
+                least=SMALLEST,
+                idle=None,
+            ),
+            Number(
+                f"friction.{GAUSSIAN}",
+                'the same of a curve with shape = "gaussian"',
                 RATE,
                 least=SMALLEST,
                 idle=None,

@@ -21,7 +21,18 @@ from .cuts import CUTS
 from .geometry import IDENTITY, ZERO, Matrix, Vector, rotation_from_rpy, snap
 from .joint_damping import JointDamping
 from .journals import Radial
-from .laws import BASIC, BETWEEN_POINTS, JOINT_DAMPING, NUMBERS, RADIAL, SMALLEST, defaults, given_laws
+from .laws import (
+    BASIC,
+    BETWEEN_POINTS,
+    GAUSSIAN,
+    JOINT_DAMPING,
+    NUMBERS,
+    RADIAL,
+    SHAPES,
+    SMALLEST,
+    defaults,
+    given_laws,
+)
 
 LINEAR = ("x", "y", "z")
 ANGULAR = ("alpha", "beta", "gamma")
@@ -69,8 +80,9 @@ class Placement:
 class Friction:
     """Dry friction at the rate v: sgn(v) (C + (static - coulomb) / (1 + (v / stribeck)^2)) + viscous v.
 
-    C is coulomb, and with a ``coefficient`` coulomb + coefficient radius N, where the force N presses the joint
-    (``carriers``); ``radius`` (m) is that of a turn, and 1 of a translation.
+    With the shape "gaussian" the excess of static friction falls as exp(-(v / stribeck)^2).  C is coulomb, and with a
+    ``coefficient`` coulomb + coefficient radius N, where the force N presses the joint (``carriers``); ``radius`` (m)
+    is that of a turn, and 1 of a translation.
     coulomb, static: N or N m; stribeck: m/s or rad/s; viscous: N s/m or N m s/rad.  sgn(v) is v / sqrt(v^2 +
     smoothing^2); smoothing (m/s or rad/s) becomes 4e-8, or 1e-6 stribeck if that is less, where it is None.
     """
@@ -82,14 +94,29 @@ class Friction:
     smoothing: float | None = None
     coefficient: float | None = field(default=None, metadata=LATER)
     radius: float | None = field(default=None, metadata=LATER)
+    shape: str | None = field(default=None, metadata=LATER)
 
     def __post_init__(self) -> None:
+        if self.shape not in (None, *SHAPES):
+            raise ValueError(f"shape {self.shape!r}")
+        if self.shape == SHAPES[0] or self.stribeck is None:  # one value for one curve
+            object.__setattr__(self, "shape", None)
         for key, value in defaults(self.numbers()).items():
             object.__setattr__(self, key.removeprefix("friction."), value)
 
+    @classmethod
+    def of(cls, numbers: Mapping[str, float]) -> Friction:
+        """Make friction of its numbers, by the names of ``numbers`` without "friction."."""
+        if GAUSSIAN in numbers:
+            rest = {key: value for key, value in numbers.items() if key != GAUSSIAN}
+            return cls(**rest, stribeck=numbers[GAUSSIAN], shape=GAUSSIAN)
+        return cls(**numbers)
+
     def numbers(self) -> dict[str, float]:
-        """The numbers that are given, by their names: "friction.coulomb"."""
-        return {f"friction.{key}": value for key, value in vars(self).items() if value is not None}
+        """The numbers that are given, by their names: "friction.coulomb"; a rate has the name of its curve."""
+        names = {"stribeck": self.shape or "stribeck"}
+        given = {key: value for key, value in vars(self).items() if value is not None and key != "shape"}
+        return {f"friction.{names.get(key, key)}": value for key, value in given.items()}
 
 
 @dataclass(frozen=True)
@@ -173,7 +200,7 @@ class Coordinate:
         fields: dict[str, Any] = {key: kept.pop(key, None) for key in NUMBERS if key in vars(self) and key != "curve"}
         fields |= {key: kept.pop(key, getattr(self, key)) for key in COORDINATE_NUMBERS}
         rubbing = {key[9:]: kept.pop(key) for key in NUMBERS if key.startswith("friction.") and key in kept}
-        return replace(self, **fields, friction=Friction(**rubbing) if rubbing else None, further=kept)
+        return replace(self, **fields, friction=Friction.of(rubbing) if rubbing else None, further=kept)
 
 
 def _in_order(coordinates: Mapping[str, Coordinate]) -> Mapping[str, Coordinate]:

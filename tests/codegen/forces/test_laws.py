@@ -250,6 +250,25 @@ def test_dry_friction_stops_a_mass(built: Build) -> None:
     assert kernel.generalized_force([0.0], [5.0]) == pytest.approx([-6.0])
 
 
+def test_a_gaussian_stribeck_curve(built: Build) -> None:
+    """As exp(-(v / rate)^2) by itself, from slow rates to those where nothing of it is left; else a Lorentzian."""
+    friction = Friction(coulomb=2.0, static=5.0, stribeck=0.1, shape="gaussian", smoothing=1e-9)
+    rates = np.array([1e-6, 0.01, 0.05, 0.1, 0.2, 1.0, 10.0, 1e6])
+    for sign in (1.0, -1.0):
+        v = sign * rates
+        expected = v / np.hypot(v, 1e-9) * (2.0 + 3.0 * np.exp(-((rates / 0.1) ** 2)))
+        zero = np.zeros((len(v), 1))
+        for dtype, off in (("float64", 1e-12), ("float32", 2e-6)):
+            kernel = built(slider(friction=friction), "inverse_dynamics", dtype=dtype)
+            force = np.asarray(kernel.inverse_dynamics(*(x.astype(dtype) for x in (zero, v[:, None], zero))))[:, 0]
+            assert force == pytest.approx(expected, rel=off)
+    assert Friction(2.0, 5.0, 0.1, shape="lorentzian") == Friction(2.0, 5.0, 0.1)
+    assert "friction.gaussian" in friction.numbers()
+    assert Friction.of({key[9:]: x for key, x in friction.numbers().items()}) == friction
+    with pytest.raises(ValueError, match="shape 'bell'"):
+        Friction(2.0, 5.0, 0.1, shape="bell")
+
+
 def test_stribecks_curve(built: Build) -> None:
     """Static at slow rates, half way at the Stribeck rate, Coulomb's far beyond, odd in the rate."""
     friction = Friction(coulomb=2.0, static=5.0, stribeck=0.1, viscous=0.0, smoothing=1e-9)

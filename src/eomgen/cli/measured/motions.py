@@ -94,6 +94,9 @@ def _add_identify(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help="how far the description's links are off, relative (0.5)",
     )
+    parser.add_argument(
+        "--shape", metavar="NAME", help="of Stribeck's curve: lorentzian or gaussian (the better one, held out)"
+    )
     parser.add_argument("--toml", type=Path, metavar="FILE", help="write the description with what was found")
     parser.add_argument("-o", "--output", type=Path, help="the result, .npz, or a figure .svg, .pdf or .png")
     add_page(parser)
@@ -113,6 +116,7 @@ def _identify(options: argparse.Namespace) -> None:
             terms=options.terms or TERMS,
             known=options.known,
             half=options.half,
+            shape=options.shape,
             spread=options.spread,
             progress=report,
         )

@@ -25,6 +25,9 @@ FRACTIONS = (0.03, 0.06, 0.12, 0.25, 0.5, 1.0)  # of the rms of a rate, where St
 LONGEST = 0.7  # step of a logarithm: a factor of 2
 DEVIATIONS = 2.0  # of what static friction is more, below which there is none
 HARDLY = 0.2  # of a gain: a deviation that leaves it open
+SHAPES = LORENTZIAN, GAUSSIAN = "lorentzian", "gaussian"
+SLOWEST, FASTEST = 0.5 * FRACTIONS[0], 1.5 * FRACTIONS[-1]  # of the rms of a rate: Stribeck's rate lies between
+EDGE = 1e-3  # relative, next to an end of these: the curve is not told from dry and viscous friction there
 NEIGHBOURS = 3  # on each side of the place that a sample is interpolated at
 
 
@@ -50,6 +53,8 @@ class Sought:
         rubbing: indices of the coordinates whose friction is sought, k of them.
         matrix: (n, r), forces at all coordinates to the rows that are known.
         step: of the samples, s.
+        shape: of Stribeck's curve, among SHAPES.
+        rms: of the rates of ``rubbing``, (k,).
     """
 
     terms: tuple[str, ...]
@@ -59,6 +64,8 @@ class Sought:
     rubbing: tuple[int, ...]
     matrix: Array
     step: float
+    shape: str
+    rms: Array
 
     def start(self) -> State:
         """Where it begins."""
@@ -69,9 +76,23 @@ class Sought:
         found = ["delay"] if DELAY in self.terms else []
         found += [component_name(self.coordinates[self.drives[k]], "gain") for k in self.free_gains]
         if STRIBECK in self.terms:
-            for key in ("breakaway", "stribeck"):
+            for key in ("breakaway", self.rate_name):
                 found += [component_name(self.coordinates[i], key) for i in self.rubbing]
         return found
+
+    @property
+    def rate_name(self) -> str:
+        """Name of the rate of Stribeck's curve, by its shape."""
+        return "stribeck" if self.shape == LORENTZIAN else GAUSSIAN
+
+    def _share(self, x: Array) -> tuple[Array, Array]:
+        """Give how much of static friction's excess is left at a rate over Stribeck's, and its slope by the latter's
+        logarithm."""
+        if self.shape == LORENTZIAN:
+            share = 1.0 / (1.0 + x**2)
+            return share, 2.0 * (x * share) ** 2
+        share = np.exp(-np.minimum(x**2, 700.0))
+        return share, 2.0 * x**2 * share
 
     def columns(self, state: State, predicted: Array, v: Array) -> Array:
         """Columns of steps of all, (T, r, e).
@@ -87,9 +108,9 @@ class Sought:
         if STRIBECK in self.terms:
             x = v[:, self.rubbing] / state.rates
             sign, onto = np.sign(v[:, self.rubbing]), self.matrix[list(self.rubbing)].T
-            share = 1.0 / (1.0 + x**2)
+            share, slope = self._share(x)
             parts.append((sign * share)[:, None, :] * onto)
-            parts.append((sign * state.breakaway * 2.0 * (x * share) ** 2)[:, None, :] * onto)
+            parts.append((sign * state.breakaway * slope)[:, None, :] * onto)
         return np.concatenate(parts, axis=-1)
 
     def gain_columns(self, predicted: Array) -> Array:
@@ -103,7 +124,7 @@ class Sought:
         found = np.zeros_like(v)
         if STRIBECK in self.terms:
             rates = v[:, self.rubbing]
-            found[:, self.rubbing] = np.sign(rates) * state.breakaway / (1.0 + (rates / state.rates) ** 2)
+            found[:, self.rubbing] = np.sign(rates) * state.breakaway * self._share(rates / state.rates)[0]
         return found
 
     def drives_of(self, state: State, u: Array) -> Array:
@@ -124,7 +145,8 @@ class Sought:
             return replace(state, delay=delay, gains=gains)
         many = len(self.rubbing)
         logarithms = np.clip(left[many:], -LONGEST, LONGEST)
-        return State(delay, gains, state.breakaway + left[:many], state.rates * np.exp(logarithms))
+        rates = np.clip(state.rates * np.exp(logarithms), SLOWEST * self.rms, FASTEST * self.rms)
+        return State(delay, gains, state.breakaway + left[:many], rates)
 
     def narrowed(self, state: State, deviations: Array) -> tuple[Sought, State]:
         """Go on with coordinates alone whose static friction is more than dry friction.
@@ -132,12 +154,16 @@ class Sought:
         Args:
             state: with all of ``rubbing``.
             deviations: of its ``breakaway``, (k,).
+
+        Neither is there one whose rate is at an end of what the motion can tell.
         """
         shown = state.breakaway > DEVIATIONS * deviations
+        slow, fast = state.rates <= SLOWEST * self.rms * (1.0 + EDGE), state.rates >= FASTEST * self.rms * (1.0 - EDGE)
+        shown &= ~(slow | fast)
         rubbing = tuple(i for i, there in zip(self.rubbing, shown, strict=True) if there)
         terms = self.terms if rubbing else tuple(term for term in self.terms if term != STRIBECK)
         left = replace(state, breakaway=state.breakaway[shown], rates=state.rates[shown])
-        return replace(self, terms=terms, rubbing=rubbing), left
+        return replace(self, terms=terms, rubbing=rubbing, rms=self.rms[shown]), left
 
     def found(self, state: State, deviations: Sequence[float]) -> dict[str, Further]:
         """Values with standard deviations of the steps that ``columns`` is of."""

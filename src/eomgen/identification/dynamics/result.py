@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...errors import InputError
 from ...robot.coordinates import force_unit_of
 from ...robot.value import Robot
 from ...shown import Shown
@@ -17,6 +18,8 @@ from .as_toml import write_toml
 from .recorded import write_record
 
 Array = NDArray[np.float64]
+
+OVERFITTED, NOTICED = 3.0, 0.1  # times a residual that was fitted; of the drive
 
 
 @dataclass(frozen=True)
@@ -87,6 +90,15 @@ class IdentifyResult(Shown):
         """Formulas of the combinations, such as "link2.mx + 0.4318 link3.m"."""
         return self.base.names
 
+    @property
+    def contradicted(self) -> dict[str, Residuals]:
+        """Residuals that blocks held out contradict: more than the drive itself, or many times what was fitted."""
+        return {
+            name: left
+            for name, left in self.residuals.items()
+            if left.held_out > left.drive or (left.held_out > OVERFITTED * left.fitted and left.relative[1] > NOTICED)
+        }
+
     def save(self, path: Path | str) -> Path:
         """Write the result as .npz, and return the path; ``load_identification`` reads it.
 
@@ -101,8 +113,16 @@ class IdentifyResult(Shown):
         Base parameters with their standard deviations stand above it as comments.
 
         Raises:
-            InputError: the robot was read from no TOML or URDF, another ending, or the file cannot be written.
+            InputError: the robot was read from no TOML or URDF, another ending, the file cannot be written, or blocks
+                of time that were held out contradict what was found.
         """
+        for name, left in self.contradicted.items():
+            fitted, held_out = left.relative
+            raise InputError(
+                f"{self.robot.name}: nothing is written: of {name}'s drive {100 * held_out:.3g} % stay unexplained in"
+                f" blocks of time that were held out, {100 * fitted:.3g} % in those fitted to; allowed: longer motions,"
+                " or fewer terms"
+            )
         lines = [
             f"# {name} = {value:.9g} +- {deviation:.2g} {unit_of_parameter(name)}"
             for name, value, deviation in zip(self.base_names, self.base_values, self.deviations, strict=True)

@@ -12,24 +12,31 @@ from numpy.typing import NDArray
 from ...errors import InputError
 from ...motion.files import MeasuredMotion
 from ...motion.smoothing import Differentiator, bell, filtered, noise_deviation
+from ...names import component_name
 from ...runtime.kernel import Kernel
 from ..estimating import FIRST, block_count, least_samples
-from ..identifiable import BaseParameters, columns, inertial_places, regrouped, with_formulas
-from .further import FRACTIONS, GAINS, NEIGHBOURS, STRIBECK, Sought, State, told_apart
+from ..identifiable import TRANSMISSIONS, BaseParameters, columns, inertial_places, regrouped, with_formulas
+from .further import FRACTIONS, GAINS, NEIGHBOURS, SHAPES, STRIBECK, Sought, State, told_apart
 from .result import Residuals
 
 Array = NDArray[np.float64]
 
 FIRSTS = (FIRST, 16, 32, 64, 128)  # half widths of the filter that differentiates
 NOISY = 0.1  # of the rms of an acceleration: noise that the next wider one is taken for
+STRICT = 0.3  # of that, where small deflections are sought beside accelerations
 REWEIGHTED = 4  # times that weights follow the residuals
 RESTING = 0.02  # of the rms of a rate: below it a drive stands still
 NOISES = 3.0  # deviations of a rate's noise below which it stands still, too
 LEFT = 0.25  # of all rows that a filter must leave
 PIECE = 2000  # samples at a time whose whole regressor is in memory
+SIZES = {"stiffness": 1e5, "damping": 1e2}  # N m/rad, N m s/rad: deflections are small, and no round-off
+CLEAR = 0.2  # of a column's square: what noise must leave of it for a parameter to be told
 EXACT = 1e-6  # of the largest residual: smaller ones weigh no more
 UNDETERMINED = 1e-13  # of the greatest singular value: directions that round-off alone decides stay 0
 MOST_NUMBERS = 100_000_000  # of all columns at all times
+GAINED = 1e-7  # of a logarithm of residuals, by which a step must leave less
+PARTS = (1.0, 0.5, 0.25, 0.125)  # of a step, the first that leaves less is taken
+ROOT = "sqrt|v|"  # a curve of friction that is told, and no law
 STEPS, SETTLED = 20, 1e-2  # of Gauss and Newton: most of them, and deviations that the last one moves by at most
 
 
@@ -38,11 +45,18 @@ class Data:
 
     half: of that filter; 0 where rates and accelerations come with the motion.  names: of the rows' coordinates.
     resting: whether a drive stands still, (T, r), so that its dry friction is unknown.  total: measured drives, and
-    laws what of them is the description's, (T, r).  v: rates, (T, n).
+    laws what of them is the description's, (T, r).  v: rates, (T, n).  spoiled_samples: (T, n) of the motion, whose
+    rows are left out as those at rest are.
     """
 
     def __init__(
-        self, kernel: Kernel, motion: MeasuredMotion, base: BaseParameters, known: NDArray[np.bool_], step: float
+        self,
+        kernel: Kernel,
+        motion: MeasuredMotion,
+        base: BaseParameters,
+        known: NDArray[np.bool_],
+        step: float,
+        spoiled_samples: NDArray[np.bool_] | None = None,
     ) -> None:
         assert base.relations is not None
         self.kernel, self.motion, self.base, self.known, self.step = kernel, motion, base, known, step
@@ -68,6 +82,11 @@ class Data:
         rubs = np.zeros(kernel.n, dtype=np.bool_)
         rubs[list(self.relations.rubbing)] = "dry" in base.terms
         self.resting: NDArray[np.bool_] = self.relations.rows_of(still & rubs)[:, known]
+        bad = spoiled_samples
+        if bad is not None and bad.any():
+            window = np.ones(2 * self.half + 1)
+            near = np.stack([np.convolve(x, window, "valid") > 0.5 for x in bad.T.astype(np.float64)], axis=1)
+            self.resting |= self.relations.rows_of(near)[:, known]
         self.total = self.measured(motion.u)
         self.forces: Array = self.total - self.laws
 
@@ -94,6 +113,11 @@ class Data:
         """The narrowest filter behind which noise is a small part of all accelerations, and else the widest."""
         motion, places = self.motion, [self.motion.coordinates.index(name) for name in self.motion.measured]
         given, order = (motion.q, 2) if motion.v is None else (motion.v, 1)
+        strict = STRICT if TRANSMISSIONS in self.base.terms else 1.0
+        unit = np.ones(len(motion.coordinates))
+        for rotor, _, ratio in self.relations.motors:  # shafts beside joints, as these turn
+            unit[rotor] = 1.0 / abs(ratio)
+        given = given * unit
         noise, found = noise_deviation(given)[places], Differentiator(FIRST, self.step)
         for half in FIRSTS:
             if len(motion.t) < least_samples(half):
@@ -101,7 +125,7 @@ class Data:
             found = Differentiator(half, self.step)
             size = np.sqrt(np.mean(found(given[:, places], order) ** 2, axis=0))
             off = noise * np.linalg.norm(found.weights[order])
-            if (off <= np.maximum(NOISY * size, RESTING * size.max())).all():
+            if (off <= strict * np.maximum(NOISY * size, RESTING * size.max())).all():
                 break
         return found
 
@@ -147,7 +171,9 @@ class Data:
         rows = self.columns[~self.resting]
         if not len(rows):
             return base, []
-        chosen, matrix = regrouped(np.asarray(np.linalg.qr(rows, mode="r"), dtype=np.float64))
+        size = np.array([SIZES.get(base.parameters[place].rpartition(".")[2], 1.0) for place in base.chosen])
+        chosen, matrix = regrouped(np.asarray(np.linalg.qr(rows * size, mode="r"), dtype=np.float64))
+        matrix = matrix * size[chosen][:, None] / size
         if len(chosen) == len(base):
             return base, []
         places, whole = base.chosen[chosen], matrix @ base.matrix
@@ -164,6 +190,28 @@ class Data:
     def share(self, half: int) -> float:
         """How much of all rows a filter leaves; of the drive with the fewest."""
         return float(self.kept(half).mean(axis=0).min(initial=1.0))
+
+    def column_noise(self, half: int, count: int) -> Array:
+        """Give variances of what white noise of the motion adds to columns of transmissions, (r, count), 0 elsewhere.
+
+        Behind the first filter and a bell of that half width.  Deflections are small beside what they are the
+        difference of, so that noise of both ends counts there long before it does elsewhere.
+        """
+        found, motion = np.zeros((len(self.names), count)), self.motion
+        names = [self.base.parameters[place] for place in self.base.chosen]
+        first = np.ones((2, 1)) if self._narrow is None else self._narrow.weights[: 2 if motion.v is None else 1]
+        gains = [float((np.convolve(row, bell(half) if half else [1.0]) ** 2).sum()) for row in first]
+        angles = noise_deviation(motion.q)
+        rates = angles if motion.v is None else noise_deviation(motion.v)
+        for rotor, joint, ratio in self.relations.motors:
+            force = np.zeros(len(motion.coordinates))
+            force[[rotor, joint]] = 1.0 / ratio, -1.0
+            onto = self.relations.forces(force)[self.known]
+            for key, noise, gain in (("stiffness", angles, gains[0]), ("damping", rates, gains[-1])):
+                name = component_name(motion.coordinates[rotor], key)
+                if name in names:
+                    found[:, names.index(name)] = onto**2 * gain * ((noise[rotor] / ratio) ** 2 + noise[joint] ** 2)
+        return found
 
     def residuals(self, solution: Solution) -> dict[str, Residuals]:
         """Give the residuals of a solution by the names of the rows' coordinates."""
@@ -222,13 +270,19 @@ def iterated(data: Data, sought: Sought, half: int) -> tuple[Data, Solution, Sou
     if not sought.names():
         return here, solution, sought, state
     solution = Solution.of(here, half)
+    damped = STRIBECK in sought.terms
     for _ in range(STEPS):
         here = data.at(sought, state)
         solution = Solution.of(here.beside(sought.columns(state, here.predicted(solution), data.v)), half)
         steps = solution.values[many:]
         if (np.abs(steps) <= SETTLED * np.sqrt(solution.variances[many:])).all():
             break
-        state = sought.stepped(state, steps)
+        if not damped:
+            state = sought.stepped(state, steps)
+        elif (nearer := _nearer(data, sought, state, steps, half)) is not None:
+            state = nearer
+        else:
+            break
     if STRIBECK in sought.terms:
         deviations = np.sqrt(
             solution.variances[solution.values.size - 2 * len(sought.rubbing) :][: len(sought.rubbing)]
@@ -237,6 +291,64 @@ def iterated(data: Data, sought: Sought, half: int) -> tuple[Data, Solution, Sou
         if len(fewer.rubbing) < len(sought.rubbing):
             return iterated(data, fewer, half)
     return here, solution, sought, state
+
+
+def _nearer(data: Data, sought: Sought, state: State, steps: Array, half: int) -> State | None:
+    """Take the longest of some parts of a step that leaves less; None where none does."""
+    before = _left_of(Solution.of(data.at(sought, state), half).fitted)
+    for part in PARTS:
+        trial = sought.stepped(state, part * steps)
+        if _left_of(Solution.of(data.at(sought, trial), half).fitted) < before - GAINED:
+            return trial
+    return None
+
+
+def _left_of(residuals: Array) -> float:
+    """Sum of the logarithms of rows' residuals: what weights that follow them make least."""
+    return float(np.log(np.maximum(residuals, 1e-300)).sum())
+
+
+def shaped(data: Data, asked: Sought, half: int) -> tuple[tuple[Data, Solution, Sought, State], list[str], list[str]]:
+    """Find what forces are not linear in, with the shape of Stribeck's curve that is best on blocks held out.
+
+    Args:
+        data, half: as of ``iterated``.
+        asked: what is sought; ``shape`` empty for the best of SHAPES.
+
+    Returns:
+        What ``iterated`` returns, and warnings and notes about the curve.
+    """
+    if STRIBECK not in asked.terms:
+        return iterated(data, asked, half), [], []
+    found = {shape: iterated(data, replace(asked, shape=shape), half) for shape in SHAPES if asked.shape in ("", shape)}
+    drive = np.maximum(np.sqrt(np.mean(data.total**2, axis=0)), 1e-300)
+    left = {shape: _left_of(one[1].held_out / drive) for shape, one in found.items() if STRIBECK in one[2].terms}
+    less = tuple(term for term in asked.terms if term != STRIBECK)
+    plain = iterated(data, replace(asked, terms=less, rubbing=(), rms=asked.rms[:0], shape=SHAPES[0]), half)
+    without = _left_of(plain[1].held_out / drive)
+    if not left:
+        return plain, [], []
+    best = min(left, key=lambda shape: left[shape])
+    notes = [_compared(data, plain[0], asked, half, left, without)]
+    if left[best] >= without:
+        return plain, [f"Stribeck friction is left out: {best} is no better on blocks that were held out"], notes
+    return found[best], [], notes
+
+
+def _compared(data: Data, here: Data, asked: Sought, half: int, left: dict[str, float], without: float) -> str:
+    """Say what each curve of friction leaves of the drives in blocks held out, and which leaves least."""
+    v, onto = here.v[:, asked.rubbing], asked.matrix[list(asked.rubbing)].T
+    root = Solution.of(here.beside((np.sign(v) * np.sqrt(np.abs(v)))[:, None, :] * onto), half)
+    drive = np.maximum(np.sqrt(np.mean(data.total**2, axis=0)), 1e-300)
+    all_left = {**left, ROOT: _left_of(root.held_out / drive), "dry and viscous alone": without}
+    many, base = len(data.names), here.columns.shape[-1]
+    shares = ", ".join(f"{name} {100.0 * np.exp(x / many):.3g} %" for name, x in all_left.items())
+    best = min(all_left, key=lambda name: all_left[name])
+    sizes = ", ".join(
+        f"{asked.coordinates[i]} {x:.4g} +- {d:.2g}"
+        for i, x, d in zip(asked.rubbing, root.values[base:], np.sqrt(root.variances[base:]), strict=True)
+    )
+    return f"friction curves, held out, of the drives: {shares}; {best} fits best ({ROOT}: {sizes}, SI units)"
 
 
 def _first_gains(data: Data, sought: Sought, state: State) -> State:
@@ -267,8 +379,7 @@ def _first_gains(data: Data, sought: Sought, state: State) -> State:
 
 def _first_friction(data: Data, sought: Sought, state: State, half: int) -> tuple[Sought, State]:
     """Stribeck's friction at the best of some rates, of each coordinate by the rows that it acts in, where it shows."""
-    rms = np.sqrt(np.mean(data.v[:, sought.rubbing] ** 2, axis=0))
-    rms = np.where(rms == 0.0, 1.0, rms)
+    rms = sought.rms
     onto, many = sought.matrix[list(sought.rubbing)] != 0.0, len(sought.rubbing)
     left, values, variances = [], [], []
     for fraction in FRACTIONS:
@@ -291,7 +402,8 @@ class Solution:
     """Weighted least squares behind a bell of that half width; variances are the jackknife's over blocks of time.
 
     covariance: that of white residuals, made as wide as the jackknife's on average.
-    fitted, held_out: rms of residuals, (r,); counts: of samples, (r,).
+    fitted, held_out: rms of residuals, (r,); counts: of samples, (r,).  noise_share: of a column's square beside all
+    others, what is noise, (b,).
     """
 
     half: int
@@ -301,6 +413,7 @@ class Solution:
     fitted: Array
     held_out: Array
     counts: NDArray[np.intp]
+    noise_share: Array
 
     @classmethod
     def of(cls, data: Data, half: int) -> Solution:
@@ -314,20 +427,26 @@ class Solution:
         blocks = np.array_split(both, block_count(len(X), max(data.half + half, 1)))
         R = np.stack([[np.linalg.qr(_padded(block[:, row]), mode="r") for row in range(rows)] for block in blocks])
         counts, weights = kept.sum(axis=0), np.ones(rows)
+        blurred = data.column_noise(half, count) / size**2
+        seen = np.stack([part.sum(axis=0) for part in np.array_split(kept, len(blocks))])  # samples, (blocks, r)
         for _ in range(REWEIGHTED):
-            values = _solved(R * weights[:, None, None])
+            values = _solved(R * weights[:, None, None], counts * weights**2 @ blurred)
             fitted = np.sqrt(_left(R, values).sum(axis=0) / np.maximum(counts, 1))
             weights = 1.0 / np.maximum(fitted, EXACT * max(float(fitted.max()), 1e-300))
         weighted = R * weights[:, None, None]
         merged = np.stack([np.linalg.qr(block.reshape(-1, count + 1), mode="r") for block in weighted])
-        without = [_solved(np.delete(merged, place, axis=0)) for place in range(len(blocks))]
+        noise = seen * weights**2 @ blurred
+        without = [
+            _solved(np.delete(merged, place, axis=0), noise.sum(axis=0) - noise[place]) for place in range(len(blocks))
+        ]
         left = sum(_left(block, x) for block, x in zip(R, without, strict=True))
         off = np.stack(without) - values
         variances = (off**2).sum(axis=0) * (len(blocks) - 1) / len(blocks)
         held_out = np.sqrt(left / np.maximum(counts, 1))
         variances = np.maximum(variances, 1e-300)
         covariance = _covariance(merged, variances) / np.outer(size, size)
-        return cls(half, values / size, variances / size**2, covariance, fitted, held_out, counts)
+        share = _noise_share(merged, noise.sum(axis=0))
+        return cls(half, values / size, variances / size**2, covariance, fitted, held_out, counts, share)
 
 
 def _covariance(R: Array, variances: Array) -> Array:
@@ -338,15 +457,44 @@ def _covariance(R: Array, variances: Array) -> Array:
     return np.asarray(white * np.exp(np.mean(np.log(variances / own))))
 
 
+def _noise_share(R: Array, noise: Array) -> Array:
+    """Share of noise in what a column has beside all others, (b,), of stacked triangles."""
+    found, places = np.zeros(len(noise)), np.flatnonzero(noise)
+    if places.size:
+        rows = R.reshape(-1, R.shape[-1])[:, :-1]
+        own = np.diagonal(np.linalg.pinv(rows.T @ rows, rcond=UNDETERMINED, hermitian=True))[places]
+        found[places] = noise[places] * own
+    return found
+
+
 def _padded(rows: Array) -> Array:
     """The rows, and rows of zeros until there are as many as columns."""
     return np.pad(rows, ((0, max(rows.shape[1] - len(rows), 0)), (0, 0)))
 
 
-def _solved(R: Array) -> Array:
-    """Least squares of stacked rows whose last column is the right side."""
+def _solved(R: Array, noise: Array) -> Array:
+    """Solve least squares of stacked rows whose last column is the right side, (b,).
+
+    noise: what noise adds to the diagonal of the normal matrix, (b,), which is taken off it (errors in variables) where
+    more is left than ``CLEAR`` of a column's own length.
+    """
     rows = np.asarray(np.linalg.qr(R.reshape(-1, R.shape[-1]), mode="r"))
-    return np.asarray(np.linalg.lstsq(rows[:, :-1], rows[:, -1], rcond=UNDETERMINED)[0])
+    plain = np.asarray(np.linalg.lstsq(rows[:, :-1], rows[:, -1], rcond=UNDETERMINED)[0])
+    places = np.flatnonzero(noise)
+    if not places.size or len(rows) < len(plain):
+        return plain
+    triangle = rows[: len(plain), :-1]
+    if np.abs(np.diagonal(triangle)).min() <= UNDETERMINED * np.abs(triangle).max():
+        return plain
+    # (R'R - E D E') x = R'y by Woodbury's formula, in the few columns that noise is in
+    inner = np.linalg.solve(triangle.T, np.eye(len(plain))[:, places])
+    own = 1.0 / (inner**2).sum(axis=0)  # of a column, beside all others
+    kept = noise[places] <= (1.0 - CLEAR) * own
+    inner, places = inner[:, kept], places[kept]
+    middle = np.diag(1.0 / noise[places]) - inner.T @ inner
+    if not places.size or np.linalg.eigvalsh(middle)[0] <= 0.0:
+        return plain
+    return np.asarray(plain + np.linalg.solve(triangle, inner @ np.linalg.solve(middle, plain[places])))
 
 
 def _left(R: Array, values: Array) -> Array:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,6 +30,9 @@ _FACTORS = (  # of a rate over the derivative of its coordinate
     (np.pi / 180.0, "rates in degrees per second and coordinates in rad, or the other way round"),
     (-1.0, "another sign"),
 )
+_SATURATED = 1e-6  # of a drive's span, next to an end of it
+_RUN, _SHARE = 12, 2e-3  # samples and share of all that stand there beside each other
+_USUAL, _JUMP, _JUMPS_BY = 0.99, 12.0, 1e-4  # quantile of bends; times that, and of a coordinate's span: a jump
 BAD = 0.3  # of a drive's rms: residuals that something is wrong with
 BETTER = 3.0  # times less: what another reading must leave to be the cause
 
@@ -57,6 +63,66 @@ def refuse_impossible(robot: Robot, motion: MeasuredMotion, step: float) -> None
                 f"{motion.source}: {component_name(name, 'drive')} is 0 in every sample; allowed: measured drives, and"
                 " no column where there is none"
             )
+
+
+def spoiled(motion: MeasuredMotion) -> tuple[NDArray[np.bool_], list[str]]:
+    """Find samples in which a drive stands at its greatest or least value, or beside which a coordinate jumps.
+
+    Returns:
+        Whether a sample is no good, (T, n), by the coordinate whose force is not known there; and warnings.
+    """
+    found, warnings = np.zeros(motion.q.shape, dtype=np.bool_), []
+    for name in motion.driven:
+        i = motion.coordinates.index(name)
+        u = motion.u[:, i]
+        for end in (u.max(), u.min()):
+            at = np.abs(u - end) <= _SATURATED * np.ptp(u)
+            runs = at[:-1] & at[1:]
+            if np.ptp(u) > 0.0 and runs.sum() >= max(_RUN, _SHARE * len(u)):
+                found[:, i] |= at
+                warnings.append(
+                    f"{component_name(name, 'drive')} stands at {end:.4g} in {int(at.sum())} samples: saturated? they"
+                    " are left out"
+                )
+    for name in motion.measured:
+        i = motion.coordinates.index(name)
+        steps = np.diff(motion.q[:, i])
+        bend = np.abs(steps[1:-1] - 0.5 * (steps[:-2] + steps[2:]))
+        if not len(bend):
+            continue
+        usual = max(float(np.quantile(bend, _USUAL)), _ROUND_OFF * float(np.abs(motion.q[:, i]).max()))
+        jumps = np.flatnonzero(bend > max(_JUMP * usual, _JUMPS_BY * float(np.ptp(motion.q[:, i]))))
+        if jumps.size:
+            at = int(jumps[bend[jumps].argmax()]) + 1
+            found[np.unique(np.clip(jumps[:, None] + np.arange(4), 0, len(found) - 1))] = True
+            warnings.append(
+                f"{name} jumps by {steps[at]:.3g} rad or m at {motion.t[at]:.6g} s: an encoder that lost counts?"
+                " samples beside it are left out"
+            )
+    return found, warnings
+
+
+def zeros_apart(motion: MeasuredMotion, robot: Robot, left: Callable[[MeasuredMotion], float]) -> list[str]:
+    """Warn of joints whose angles fit much better with a zero that is a quarter turn or half a turn elsewhere.
+
+    Args:
+        motion: whose residuals are large.
+        robot: of which.
+        left: what a motion leaves, as a sum of logarithms of residuals.
+    """
+    before, best = left(motion), (0.0, "")
+    for joint in robot.joints:
+        name = component_name(joint.name, PRINCIPAL.get(joint.type) or "")
+        if PRINCIPAL.get(joint.type) not in ANGULAR or name not in motion.measured:
+            continue
+        for degrees in (90, -90, 180):
+            q = motion.q.copy()
+            q[:, motion.coordinates.index(name)] += np.deg2rad(degrees)
+            gain = before - left(replace(motion, q=q))
+            if gain > max(best[0], np.log(BETTER)):
+                text = f"{name} + {degrees} degrees leaves {np.exp(gain):.3g} times less: is its zero there?"
+                best = gain, text
+    return [best[1]] if best[1] else []
 
 
 def _refuse_angles(robot: Robot, motion: MeasuredMotion) -> None:

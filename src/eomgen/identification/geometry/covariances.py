@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -38,8 +39,13 @@ def read_covariances(paths: Iterable[Path | str]) -> dict[str, Array]:
         for frame, matrix in given.items():
             if frame in found:
                 raise InputError(f"{path}: {show(frame)} has a covariance already; allowed: one of each frame")
-            found[frame] = measured_numbers(frame, matrix, lambda row, path=path: f"{path}: row {row}")
+            found[frame] = measured_numbers(frame, matrix, partial(_place, path))
     return found
+
+
+def _place(path: Path, row: int) -> str:
+    """What messages call a row of a file."""
+    return f"{path}: row {row}"
 
 
 def _from_csv(path: Path) -> Mapping[str, Array]:
