@@ -12,7 +12,7 @@ from eomgen.identification import calibrate, poses_from_columns, read_covariance
 from eomgen.identification.identifiable import TERMS
 from eomgen.identification.inertial import without_sought
 from eomgen.motion.files import motion_from_columns, read_motion
-from eomgen.motion.measured_numbers import answers_in_numbers, measured_numbers
+from eomgen.motion.measured_values import answers_in_numbers, measured_numbers
 from tests.identification.test_identify import arm
 from tests.support import extreme_numbers
 from tests.support.builds import Build

@@ -15,7 +15,7 @@ from ..names import listed, nearest, show
 from ..npz import read_npz
 from ..shown import Shown
 from .csv_columns import COLUMNS_RULE, read_csv
-from .measured_numbers import SHORTEST, measured_numbers
+from .measured_values import SHORTEST, measured_numbers
 
 Array = NDArray[np.float64]
 

@@ -107,10 +107,10 @@ class Friction:
     @classmethod
     def of(cls, numbers: Mapping[str, float]) -> Friction:
         """Make friction of its numbers, by the names of ``numbers`` without "friction."."""
-        if GAUSSIAN in numbers:
-            rest = {key: value for key, value in numbers.items() if key != GAUSSIAN}
-            return cls(**rest, stribeck=numbers[GAUSSIAN], shape=GAUSSIAN)
-        return cls(**numbers)
+        given: dict[str, Any] = dict(numbers)
+        if GAUSSIAN in given:
+            given |= {"stribeck": given.pop(GAUSSIAN), "shape": GAUSSIAN}
+        return cls(**given)
 
     def numbers(self) -> dict[str, float]:
         """The numbers that are given, by their names: "friction.coulomb"; a rate has the name of its curve."""

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...errors import ArrayError, InputError
 from ...motion.csv_columns import read_csv
-from ...motion.measured_numbers import ALLOWED_DIVISOR, is_divisor, measured_numbers
+from ...motion.measured_values import ALLOWED_DIVISOR, is_divisor, measured_numbers
 from ...names import listed, show, split_component
 from ...npz import read_npz
 from ...robot.coordinates import MOTIONS

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ...errors import InputError, UnknownNameError
 from ...motion.csv_columns import read_csv
-from ...motion.measured_numbers import measured_numbers
+from ...motion.measured_values import measured_numbers
 from ...motion.turns import rotation_of
 from ...names import component_name, listed, nearest, show, split_component
 from ...npz import read_npz
