@@ -16,6 +16,7 @@ from ..joint.zeros import zero_map
 from ..kernels.blocks import row_blocks
 from ..kernels.bodies import axes_of, first_frame, frame_bodies
 from ..kernels.closed_motion import CLOSING, row_kinds
+from ..kernels.constraint_rows import deriving_precision
 from ..kernels.derived import GRADIENTS
 from ..kernels.equations import Equations
 from ..kernels.interface import turning_joints
@@ -23,7 +24,6 @@ from ..kernels.signatures import KERNELS, SIGNATURES, SINGLES, Function, by_kind
 from ..kernels.steps.methods import GAUSS, LEAST_PART, LOOK, RK4, TSIT5, W643, Array
 from ..program.operations import CALLS
 from ..solve.factorised import coordinate_parents
-from ..solve.rows import DERIVING
 from .definitions import define, define_setup, define_share
 from .lanes import SQUARES, batched, calls_of, kept_size, pack
 from .scalar_types import SCALARS, TURNS, Scalar
@@ -253,7 +253,8 @@ def _closing_tables(equations: Equations, dtype: str) -> dict[str, Any]:
     """Tables of the template of the closed accelerations' derivatives."""
     if CLOSING not in equations.programs:
         return {}
-    precision, kinds = DERIVING[dtype], row_kinds(equations.model, equations.programs[CLOSING])
+    kinds = row_kinds(equations.model, equations.programs[CLOSING])
+    precision = deriving_precision(equations.model, sum(kind >= 0 for kind in kinds), dtype)
     blocks = row_blocks(equations.model)
     starts = [sum(len(block.columns) for block in blocks[:b]) for b in range(len(blocks))]
     owners = [b for b, block in enumerate(blocks) for _ in range(block.rows)]

@@ -13,7 +13,7 @@ from eomgen.robot.model import Model
 from eomgen.runtime.turning import ON, seen, singular_joints
 
 from ..program.ir import Node, evaluate, finish
-from ..solve.rows import Row
+from ..solve.rows import DERIVING, DERIVING_APART, Precision, Row
 from ..tree.spatial import Scalar, along, is_zero
 from .derivation import Derivation, vector
 from .interface import turning_joints
@@ -125,6 +125,11 @@ def general_rank(model: Model) -> int | None:
     ranks = [(rank_of(J, REDUNDANT), J.shape[1]) for J in closed if J is not None]
     moving = [rank for rank, columns in ranks if rank < columns]
     return max(moving or [rank for rank, _ in ranks], default=None)
+
+
+def deriving_precision(model: Model, rows: int, dtype: str) -> Precision:
+    """Say how precisely so many rows that do not vanish are factored where accelerations are differentiated."""
+    return (DERIVING_APART if general_rank(model) == rows else DERIVING)[dtype]
 
 
 @dataclass(frozen=True)

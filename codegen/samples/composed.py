@@ -15,8 +15,9 @@ from ..c.contexts import OPEN_GAPS, PIVOT_LIMITS
 from ..joint.zeros import zero_map
 from ..kernels.blocks import row_blocks
 from ..kernels.bodies import jacobian_columns
+from ..kernels.constraint_rows import deriving_precision
 from ..solve.factorised import coordinate_parents
-from ..solve.rows import DERIVING
+from ..solve.rows import Precision
 from .arithmetic import Array
 
 Run = Callable[..., tuple[Array, Array]]  # run(program, **inputs): its answer, and the status of every lane
@@ -109,7 +110,8 @@ def _closed_derivatives(model: Model, run: Run, inputs: Mapping[str, Array]) -> 
             A[r] = A[r] + J[r, i] * Y[i]
     upper = np.triu_indices(len(kept), 1)
     A[upper] = A[upper[::-1]]
-    change = _multipliers(A, right, [kinds[r] for r in kept])
+    precision = deriving_precision(model, len(kept), str(A.dtype))
+    change = _multipliers(A, right, [kinds[r] for r in kept], precision)
     for r in range(len(kept)):
         x = x + Y[:, r, np.newaxis] * change[r]
     out = x.reshape(n, 3, n, lanes).transpose(1, 0, 2, 3)
@@ -123,9 +125,9 @@ def _kinds(model: Model, J: Array) -> list[tuple[str, bool] | None]:
     return [kind if (row != 0.0).any() else None for kind, row in zip(kinds, J, strict=True)]
 
 
-def _multipliers(A: Array, right: Array, kinds: Sequence[object]) -> Array:
+def _multipliers(A: Array, right: Array, kinds: Sequence[object], precision: Precision) -> Array:
     """Solution (m, columns, lanes) of a symmetric system (m, m, lanes) that may be singular, refined."""
-    precision, m = DERIVING[str(A.dtype)], len(A)
+    m = len(A)
     added: dict[object, Array] = {}
     whole = zero = np.zeros_like(A[0, 0])
     for r in range(m):

@@ -57,6 +57,10 @@ PRECISIONS: Mapping[str, Precision] = {
 }
 # Of derivatives, whose right sides contradict each other in redundant rows where a direction leaves the closed states.
 DERIVING: Mapping[str, Precision] = {"float64": Precision(1e-7, 1e-14, 2), "float32": Precision(1e-3, 1e-6, 4)}
+DERIVING_APART: Mapping[str, Precision] = {  # of derivatives where no row follows from others
+    "float64": Precision(1e-14, 1e-14, 2),
+    "float32": Precision(5e-7, 5e-7, 4),
+}
 
 
 @dataclass(frozen=True)

@@ -150,3 +150,14 @@ def test_a_state_has_the_same_bits_in_any_company(kind: str, dtype: str) -> None
         SingularError, match=rf"is at a singular pose, or within round-off of one.* in state {len(q) - 1}"
     ):
         kernel.forward_dynamics(q, v, u)
+
+
+def test_derivatives_beside_a_change_point() -> None:
+    """Derivatives by the drives, in which accelerations are linear, are those of dense solutions."""
+    found, rng = Found(KINDS["parallelogram"](0)), np.random.default_rng(0)
+    kernel = eomgen.build(found.case.robot, kernels=("forward_dynamics_jacobian",), flags=("-O1",))
+    for distance in (0.3, 1e-2, 1e-3, 1e-4):
+        q, v, u = found.state(distance, rng)
+        rest = found.dense.exact(q, v, u)
+        exact = np.stack([found.dense.exact(q, v, u + row) - rest for row in np.eye(q.size)], axis=-1)
+        assert error(kernel.forward_dynamics_jacobian(q, v, u)[2], exact) <= RIGHT, distance
