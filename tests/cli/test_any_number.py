@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
+import numpy as np
 import pytest
 
 from eomgen.cli.entry import NAMES, main, make_parser
 from eomgen.description.load import load_robot
 from eomgen.errors import InputError
 from eomgen.identification.exciting.designing import excite
+from eomgen.identification.tolerances.budgeting import tolerance
 from eomgen.motion.ends import default_motion
 from eomgen.motion.point_to_point import PointToPoint
 from eomgen.simulation.run import simulate
@@ -82,3 +84,32 @@ def test_functions_refuse_them_as_well(value: object) -> None:
     if value is not None:
         with pytest.raises(InputError, match="allowed"):
             excite(robot, noise=value)  # type: ignore[arg-type]
+
+
+WRONG = (
+    *(np.ones(3), np.array([True, False]), "x", 10**400, np.nan, 1e300, object(), [], {}, -1, {"a": 1}, 2**70),
+    *(np.array(["a"]), [[1], [1, 2]], 1j, b"x", {1: 2}),
+)
+TABLE = {"frames.*.x": {"bound": 1e-4}}
+
+
+@pytest.mark.parametrize(
+    ("function", "key"),
+    [
+        *((tolerance, key) for key in ("along", "poses", "random", "seed", "wrench", "confidence")),
+        *((simulate, key) for key in ("duration", "bandwidth", "rtol", "step", "output_step", "start", "goal", "tool")),
+        (simulate, "method"),
+    ],
+)
+def test_anything_given_is_taken_or_refused(function: Callable[..., object], key: str) -> None:
+    """Arrays, texts and huge numbers in the place of what belongs there: an error of eomgen, and no other."""
+    given: dict[str, object] = {"table": TABLE} if function is tolerance else {"duration": 0.01}
+    given |= {"seed": {"random": 1}, "step": {"method": "rk4"}}.get(key, {})
+    said = []
+    for value in WRONG:
+        try:
+            function("one_link", **{**given, key: value})
+        except InputError as error:
+            said.append(str(error))
+    assert said
+    assert [text for text in said if not text.isprintable()] == []

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
+from ..names import show
 from ..progress import Progress
 from ..runtime.kernel import Kernel
 from ..runtime.stepping.given_loads import loads_of
@@ -261,8 +262,8 @@ def method_of(asked: str, stiff: bool, *, in_c: bool) -> str:
     Raises:
         InputError: the method is unknown.
     """
-    if asked not in METHODS:
-        raise InputError(f"method: {asked!r} is unknown; allowed: {', '.join(METHODS)}")
+    if not isinstance(asked, str) or asked not in METHODS:
+        raise InputError(f"method: {show(asked)} is unknown; allowed: {', '.join(METHODS)}")
     if asked != "auto" or in_c:
         return asked
     return "Radau" if stiff else "DOP853"

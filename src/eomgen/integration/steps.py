@@ -253,8 +253,8 @@ def _between(solver: Any, system: System, times: Array, begin: tuple[float, Arra
 def tolerances(system: System, q0: Array, rtol: float, atol: ArrayLike | None) -> Array:
     """Absolute ones of (q, v), (2n,)."""
     n = system.n
-    if not (np.isfinite(rtol) and 1e-13 <= rtol < 1.0):
-        raise InputError(f"rtol: {rtol!r}; allowed: from 1e-13 to less than 1")
+    if not (is_usable(rtol) and 1e-13 <= rtol < 1.0):
+        raise InputError(f"rtol: {show(rtol)}; allowed: from 1e-13 to less than 1")
     if atol is None:
         q_sizes, v_sizes = coordinate_sizes(system.kernel, q0)
         return np.concatenate([rtol * q_sizes, np.minimum(rtol * v_sizes, rubbing_rates(system.kernel, q0))])

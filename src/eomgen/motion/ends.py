@@ -130,10 +130,13 @@ def point_of(robot: Robot, coordinates: Sequence[str], label: str, given: Point 
                 raise UnknownNameError(f"{label}: {name!r} is no principal coordinate; known: {known}")
             point[places[name]] = _number(f"{label}: {name}", value)
     else:
-        values = list(given) if np.ndim(given) == 1 else []
+        try:
+            values, size = list(given) if np.ndim(given) == 1 else [], str(np.size(given))
+        except (TypeError, ValueError):  # rows of different lengths
+            values, size = [], show(given)
         if len(values) != len(movable):
             names = ", ".join(coordinates[i] for i in movable)
-            raise InputError(f"{label}: expected {len(movable)} numbers ({names}), got {np.size(given)}")
+            raise InputError(f"{label}: expected {len(movable)} numbers ({names}), got {size}")
         point[movable] = [_number(f"{label}: {coordinates[i]}", v) for i, v in zip(movable, values, strict=True)]
     for i in movable:
         low, high = _limits(robot, coordinates[i])[0]
@@ -148,8 +151,8 @@ def point_of(robot: Robot, coordinates: Sequence[str], label: str, given: Point 
 def _number(label: str, value: Any) -> float:
     try:
         number = float(value)
-    except (TypeError, ValueError):
-        raise InputError(f"{label} = {value!r} is not a number") from None
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(f"{label} = {show(value)} is not a number") from None
     if not np.isfinite(number):
         raise InputError(f"{label} = {number} is not finite")
     return number

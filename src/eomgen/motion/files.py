@@ -82,6 +82,8 @@ def measured_motion(robot: str, motion: MeasuredMotion | Path | str, coordinates
     Raises:
         InputError: it cannot be read, or is of other coordinates than that robot's.
     """
+    if not isinstance(motion, (MeasuredMotion, Path, str)):
+        raise InputError(f"motion: got {show(motion)}; allowed: a MeasuredMotion, or the path of a .csv or .npz file")
     found = motion if isinstance(motion, MeasuredMotion) else read_motion(motion, coordinates)
     if found.coordinates != coordinates:
         raise InputError(f"motion: is of other coordinates than {robot}'s: {', '.join(found.coordinates[:6])}, ...")

@@ -554,8 +554,8 @@ def program_coordinates(robot: Robot) -> tuple[str, ...]:
 def tool_of(robot: Robot, tool: str | None, label: str = "tool") -> str:
     """The frame to look at; by default "tcp", the first frame, a link called so, or the end of the longest chain."""
     known = build_model(robot).frames
-    if tool is not None and tool not in known:
-        raise UnknownNameError(f"{label}: {tool!r} is unknown; known: {', '.join(known)}")
+    if tool is not None and (not isinstance(tool, str) or tool not in known):
+        raise UnknownNameError(f"{label}: {show(tool)} is unknown; known: {', '.join(known)}")
     depth = {robot.base: 0}
     for joint in robot.joints:
         depth[joint.child] = depth[joint.parent] + bool(joint.coordinates)

@@ -93,12 +93,14 @@ def simulate(
         raise InputError(f"bandwidth: {show(bandwidth)} rad/s; a number above 0, up to {LARGEST:g}, is allowed")
     if not (is_usable(duration) and duration > 0.0):
         raise InputError(f"duration: {show(duration)} s; a time above 0, up to {LARGEST:g}, is allowed")
+    if output_step is not None and not (is_usable(output_step) and output_step > 0.0):
+        raise InputError(f"output_step: {show(output_step)} s; a time above 0, up to {LARGEST:g}, is allowed")
     method_of(method, stiff=False, in_c=True)  # an unknown one is refused before anything is built
     if motion is not None and (start is not None or goal is not None):
         raise InputError("motion is given together with start or goal; allowed: one of them")
     ends = {key: value for key, value in (("start", start), ("goal", goal)) if value is not None}
     scenario = Scenario(
-        duration,
+        float(duration),
         output_step=output_step,
         frame=tool,
         motion=Section("point_to_point", ends) if motion is None else Section("program", {"program": motion}),

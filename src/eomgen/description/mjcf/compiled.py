@@ -82,7 +82,7 @@ def _compiler(answer: dict[str, Any]) -> str:
 def _answer_of_child(path: Path) -> dict[str, Any]:
     """Compile a file in a process of its own; what that has said, or how it ended."""
     paths = [os.path.abspath(each) for each in sys.path]  # it works in a folder of its own: MuJoCo writes logs
-    command = [sys.executable, "-c", _BEGIN, str(path.resolve()), str(SECONDS), str(GIBIBYTES), *paths]
+    command = [sys.executable or "", "-c", _BEGIN, str(path.resolve()), str(SECONDS), str(GIBIBYTES), *paths]
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}  # each reserves memory
     with tempfile.TemporaryDirectory(prefix="eomgen-mjcf-") as folder:
         try:

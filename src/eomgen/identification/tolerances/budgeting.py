@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...description import RobotLike, as_robot
 from ...errors import ArrayError, InputError, UnknownNameError
-from ...limits import LARGEST
+from ...limits import LARGEST, is_usable
 from ...motion.files import MeasuredMotion, measured_motion
 from ...motion.measured_values import ALLOWED, answers_in_numbers, within_limits
 from ...names import component_name, joint_of, kind_of, listed, nearest_or_all, show
@@ -83,8 +83,10 @@ def tolerance(
     """
     robot, report = as_robot(robot).with_constraints(), progress or no_report
     frame = tool_of(robot, frame, "frame")
-    if isinstance(confidence, bool) or not 0.0 < confidence < 1.0:
-        raise InputError(f"confidence: {confidence!r}; allowed: a number between 0 and 1")
+    if not (is_usable(confidence) and 0.0 < confidence < 1.0):
+        raise InputError(f"confidence: {show(confidence)}; allowed: a number between 0 and 1")
+    if isinstance(random, bool) or not isinstance(random, (int, np.integer)):
+        raise InputError(f"random: {show(random)}; allowed: a whole number of poses")
     if sum((poses is not None, bool(random), along is not None)) > 1:
         raise InputError("poses, random and along: more than one is given; allowed: one of them")
     report("reading tolerances")
@@ -134,15 +136,15 @@ def _given_poses(model: Model, names: Sequence[str], poses: ArrayLike | Mapping[
     if isinstance(poses, Mapping):
         for name, value in poses.items():
             if name not in names:
-                raise UnknownNameError(f"poses: there is no coordinate {name!r}{nearest_or_all(name, names)}")
+                raise UnknownNameError(f"poses: there is no coordinate {show(name)}{nearest_or_all(str(name), names)}")
             if not isinstance(value, (int, float)) or not abs(value) <= LARGEST:
                 raise InputError(f"poses: {name}: {show(value)}; allowed: {ALLOWED}")
             start[names.index(name)] = float(value)
         return start[np.newaxis]
     try:
         given = np.asarray(poses, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise ArrayError(f"poses: {show(str(poses))}; allowed: numbers") from None
+    except (TypeError, ValueError, OverflowError):
+        raise ArrayError(f"poses: {show(poses)}; allowed: numbers") from None
     shape = f"({len(names)},) or (N, {len(names)})"
     is_shaped = given.ndim in (1, 2) and given.shape[-1] == len(names) and given.size > 0
     if not is_shaped or not within_limits(given).all():
@@ -204,7 +206,7 @@ def _places(chain: Chain, names: Sequence[str]) -> list[tuple[int, int]]:
 def _wrench(given: ArrayLike) -> Array:
     try:
         found = np.asarray(given, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         found = np.zeros(0)
     if found.shape != (6,) or not within_limits(found).all():
         raise ArrayError(f"wrench: {show(str(given))}; allowed: 6 finite numbers up to {LARGEST:g}, N and N m")
