@@ -44,7 +44,7 @@ def read_covariances(paths: Iterable[Path | str]) -> dict[str, Array]:
 
 
 def _place(path: Path, row: int) -> str:
-    """What messages call a row of a file."""
+    """Return what messages call a row of a file."""
     return f"{path}: row {row}"
 
 
