@@ -107,9 +107,9 @@ class Friction:
     def of(cls, numbers: Mapping[str, float]) -> Friction:
         """Make friction of its numbers, by the names of ``numbers`` without "friction."."""
         if GAUSSIAN in numbers:
-            rest = {key: value for key, value in numbers.items() if key != GAUSSIAN}
+            rest: dict[str, Any] = {key: value for key, value in numbers.items() if key != GAUSSIAN}
             return cls(**rest, stribeck=numbers[GAUSSIAN], shape=GAUSSIAN)
-        return cls(**numbers)
+        return cls(**dict[str, Any](numbers))
 
     def numbers(self) -> dict[str, float]:
         """The numbers that are given, by their names: "friction.coulomb"; a rate has the name of its curve."""
