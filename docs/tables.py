@@ -83,7 +83,7 @@ def precision() -> str:
 
 def sizes() -> str:
     """Limits of what files may hold."""
-    from eomgen.motion.measured_values import SHORTEST
+    from eomgen.motion.measured_numbers import SHORTEST
     from eomgen.npz import most_bytes
     from eomgen.runtime.levels import LEVELS
 

@@ -12,7 +12,7 @@ from eomgen.identification import calibrate, poses_from_columns, read_covariance
 from eomgen.identification.identifiable import TERMS
 from eomgen.identification.inertial import without_sought
 from eomgen.motion.files import motion_from_columns, read_motion
-from eomgen.motion.measured_values import answers_in_numbers, measured_numbers
+from eomgen.motion.measured_numbers import answers_in_numbers, checked_numbers
 from tests.identification.test_identify import arm
 from tests.support import extreme_numbers
 from tests.support.builds import Build
@@ -94,8 +94,8 @@ def test_what_is_divided_by_is_not_too_small(value: float) -> None:
 
 def test_what_is_no_number_is_said_with_its_place() -> None:
     with pytest.raises(InputError, match="row 0: array 'a' has dtype <U1; allowed: numbers"):
-        measured_numbers("a", np.array(["x"]), lambda row: f"row {row}")
-    assert np.isnan(measured_numbers("a", [np.nan, 1.0], lambda row: f"row {row}", blanks=True)[0])
+        checked_numbers("a", np.array(["x"]), lambda row: f"row {row}")
+    assert np.isnan(checked_numbers("a", [np.nan, 1.0], lambda row: f"row {row}", blanks=True)[0])
 
 
 def test_answers_that_are_no_numbers_are_refused() -> None:

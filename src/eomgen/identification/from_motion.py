@@ -20,7 +20,7 @@ from ..description import RobotLike, as_robot
 from ..errors import InputError
 from ..files import check_ending, write_atomically
 from ..motion.files import MeasuredMotion, measured_motion
-from ..motion.measured_values import answers_in_numbers
+from ..motion.measured_numbers import answers_in_numbers
 from ..motion.smoothing import local_polynomials
 from ..names import component_name, parameter_path, split_component
 from ..pipeline.closing import mechanism_kernels

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from ..description import RobotLike, as_robot
 from ..errors import InputError
 from ..motion.files import MeasuredMotion, measured_motion
-from ..motion.measured_values import answers_in_numbers
+from ..motion.measured_numbers import answers_in_numbers
 from ..motion.smoothing import STENCIL
 from ..names import component_name, joint_of, kind_of, listed, show
 from ..pipeline.stages import build

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from ..description import RobotLike, as_robot
 from ..errors import InputError, UnknownNameError
 from ..motion.files import MeasuredMotion, measured_motion
-from ..motion.measured_values import answers_in_numbers
+from ..motion.measured_numbers import answers_in_numbers
 from ..motion.smoothing import Differentiator, bell, filtered, noise_deviation
 from ..names import nearest, split_component
 from ..pipeline.closing import mechanism_kernels

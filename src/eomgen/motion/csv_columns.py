@@ -17,7 +17,7 @@ from ..errors import InputError
 from ..files import open_regular
 from ..limits import MOST_ENTRIES
 from ..names import plain_path, show
-from .measured_values import ALLOWED, within_limits
+from .measured_numbers import ALLOWED, within_limits
 
 Array = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from ..names import listed, nearest, show
 from ..npz import read_npz
 from ..shown import Shown
 from .csv_columns import COLUMNS_RULE, read_csv
-from .measured_values import SHORTEST, measured_numbers
+from .measured_numbers import SHORTEST, checked_numbers
 
 Array = NDArray[np.float64]
 
@@ -95,7 +95,7 @@ def motion_from_columns(
 ) -> MeasuredMotion:
     """A motion from arrays (T,) by the names that a file's columns have; errors as ``read_motion``."""
     arrays = {
-        name: measured_numbers(name, values, lambda row: f"{source}: sample {row}") for name, values in columns.items()
+        name: checked_numbers(name, values, lambda row: f"{source}: sample {row}") for name, values in columns.items()
     }
     for name, values in arrays.items():
         if values.ndim != 1 or values.shape != arrays[next(iter(arrays))].shape:
@@ -132,7 +132,7 @@ def _read_npz(path: Path) -> dict[str, Array]:
     total = sum(array.size for array in arrays.values())
     if total > 2 * _MOST_NUMBERS:
         raise InputError(f"{path}: its arrays have {total} numbers; allowed: up to {2 * _MOST_NUMBERS}")
-    return {name: measured_numbers(name, array, lambda row: f"{path}: sample {row}") for name, array in arrays.items()}
+    return {name: checked_numbers(name, array, lambda row: f"{path}: sample {row}") for name, array in arrays.items()}
 
 
 def _motion(

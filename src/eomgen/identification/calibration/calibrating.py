@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...description import RobotLike, as_robot
 from ...errors import ArrayError, InputError, UnknownNameError
-from ...motion.measured_values import ALLOWED_DIVISOR, answers_in_numbers, is_divisor
+from ...motion.measured_numbers import ALLOWED_DIVISOR, answers_in_numbers, is_divisor
 from ...names import component_name, is_identifier, listed, nearest_or_all, parameter_name, show, split_component
 from ...optional import optional_import
 from ...progress import StageReport, no_report

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ...description.recorded import robot_from_record
 from ...errors import InputError
 from ...limits import LARGEST_FOUND
-from ...motion.measured_values import ALLOWED_DIVISOR, is_divisor
+from ...motion.measured_numbers import ALLOWED_DIVISOR, is_divisor
 from ...names import listed, show
 from ...robot.model import build_model
 from ...robot.value import COORDINATES, Robot

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...errors import ArrayError, InputError
 from ...motion.csv_columns import read_csv
-from ...motion.measured_values import ALLOWED_DIVISOR, is_divisor, measured_numbers
+from ...motion.measured_numbers import ALLOWED_DIVISOR, checked_numbers, is_divisor
 from ...names import listed, show, split_component
 from ...npz import read_npz
 from ...robot.coordinates import MOTIONS
@@ -39,13 +38,12 @@ def read_covariances(paths: Iterable[Path | str]) -> dict[str, Array]:
         for frame, matrix in given.items():
             if frame in found:
                 raise InputError(f"{path}: {show(frame)} has a covariance already; allowed: one of each frame")
-            found[frame] = measured_numbers(frame, matrix, partial(_place, path))
+            found[frame] = _numbers(path, frame, matrix)
     return found
 
 
-def _place(path: Path, row: int) -> str:
-    """Return what messages call a row of a file."""
-    return f"{path}: row {row}"
+def _numbers(path: Path, frame: str, matrix: Array) -> Array:
+    return checked_numbers(frame, matrix, lambda row: f"{path}: row {row}")
 
 
 def _from_csv(path: Path) -> Mapping[str, Array]:

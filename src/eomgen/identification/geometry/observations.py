@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...errors import ArrayError, InputError
-from ...motion.measured_values import ALLOWED_DIVISOR, is_divisor
+from ...motion.measured_numbers import ALLOWED_DIVISOR, is_divisor
 from ...names import listed, show
 from ...robot.coordinates import MOTIONS
 from .covariances import matrices_of, whitening_factor

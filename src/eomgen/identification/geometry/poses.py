@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...motion.csv_columns import read_csv
-from ...motion.measured_values import ALLOWED_DIVISOR, is_divisor, measured_numbers
+from ...motion.measured_numbers import ALLOWED_DIVISOR, checked_numbers, is_divisor
 from ...names import listed, nearest, show, split_component
 from ...npz import read_npz
 from ...robot.coordinates import FORCES, MOTIONS
@@ -211,7 +211,7 @@ def _arrays(columns: Mapping[str, Array], source: str) -> dict[str, Array]:
             raise InputError(
                 f"{source}: {show(name)} has dtype {array.dtype} and shape {array.shape}; allowed: numbers in one row"
             )
-        found[name] = measured_numbers(name, array, lambda row: f"{source}: row {row}", blanks=True)
+        found[name] = checked_numbers(name, array, lambda row: f"{source}: row {row}", blanks=True)
     sizes = {len(array) for array in found.values()}
     if len(sizes) != 1:
         raise InputError(f"{source}: columns of {len(sizes)} lengths; allowed: one length for all columns")

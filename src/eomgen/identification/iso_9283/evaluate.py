@@ -10,7 +10,7 @@ import numpy as np
 
 from ...description import RobotLike
 from ...errors import InputError
-from ...motion.measured_values import answers_in_numbers
+from ...motion.measured_numbers import answers_in_numbers
 from ...names import listed, show
 from ...npz import read_npz
 from ...progress import Progress, no_progress

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ...errors import InputError, UnknownNameError
 from ...motion.csv_columns import read_csv
-from ...motion.measured_values import measured_numbers
+from ...motion.measured_numbers import checked_numbers
 from ...motion.turns import rotation_of
 from ...names import component_name, listed, nearest, show, split_component
 from ...npz import read_npz
@@ -135,7 +135,7 @@ def _read(path: File) -> _Rows:
             )
     if not arrays:
         raise InputError(f"{path}: has no arrays; allowed: {COLUMNS}")
-    found = {name: measured_numbers(name, array, lambda row: f"{path}: row {row}") for name, array in arrays.items()}
+    found = {name: checked_numbers(name, array, lambda row: f"{path}: row {row}") for name, array in arrays.items()}
     return _Rows(str(path), found, lambda row: f"{path}: row {row}")
 
 

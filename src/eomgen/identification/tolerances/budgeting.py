@@ -18,7 +18,7 @@ from ...description import RobotLike, as_robot
 from ...errors import ArrayError, InputError, UnknownNameError
 from ...limits import LARGEST, is_usable
 from ...motion.files import MeasuredMotion, measured_motion
-from ...motion.measured_values import ALLOWED, answers_in_numbers, within_limits
+from ...motion.measured_numbers import ALLOWED, answers_in_numbers, within_limits
 from ...names import component_name, joint_of, kind_of, listed, nearest_or_all, show
 from ...progress import StageReport, no_report
 from ...robot.model import Model, build_model, tool_of

@@ -42,7 +42,7 @@ def is_divisor(values: Any) -> NDArray[np.bool_]:
         return np.asarray((values >= 1.0 / LARGEST) & (values <= LARGEST))
 
 
-def measured_numbers(name: str, values: Any, place: Callable[[int], str], *, blanks: bool = False) -> Array:
+def checked_numbers(name: str, values: Any, place: Callable[[int], str], *, blanks: bool = False) -> Array:
     """Convert numbers of a file or of a caller to float64, of the same shape.
 
     Args:
