@@ -8,6 +8,7 @@ typedef struct { /* as every generated header declares it for its robot */
     size_t u_state, u_step;
     const double *kp, *kd, *target;
     size_t target_state, target_step;
+    const double *effort;
 } Drive;
 
 typedef long long (*Rollout)(const double *h, const double *q, const double *v, const Drive *drive, double dt, size_t steps, size_t every, int method, double *q_out, double *v_out);
@@ -28,7 +29,7 @@ typedef struct {
 int ours_step(const double *handle, const double *q, const double *v, const double *u, double *out)
 {
     const Peer *p = (const Peer *)(const void *)handle;
-    const Drive drive = { u, 0, 0, NULL, NULL, NULL, 0, 0 };
+    const Drive drive = { u, 0, 0, NULL, NULL, NULL, 0, 0, NULL };
     double q_out[2 * LARGEST], v_out[2 * LARGEST]; /* the beginning, the end */
     const long long failed = p->rollout(p->h, q, v, &drive, p->dt, STEPS, STEPS, 1, q_out, v_out);
     if (out) memcpy(out, q_out + p->n, p->n * sizeof(double));
@@ -39,7 +40,7 @@ int ours_step(const double *handle, const double *q, const double *v, const doub
 long long ours_step_batch(size_t count, const double *handle, const double *q, size_t q_step, const double *v, size_t v_step, const double *u, size_t u_step, double *out)
 {
     const Peer *p = (const Peer *)(const void *)handle;
-    const Drive drive = { u, u_step, 0, NULL, NULL, NULL, 0, 0 };
+    const Drive drive = { u, u_step, 0, NULL, NULL, NULL, 0, 0, NULL };
     const long long failed = p->batch(count, p->h, q, q_step, v, v_step, &drive, p->dt, STEPS, STEPS, 1, p->q_out, p->v_out);
     for (size_t i = 0; out && i < count; ++i) {
         memcpy(out + 2 * i * p->n, p->q_out + (2 * i + 1) * p->n, p->n * sizeof(double));
