@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from eomgen.cli import entry as cli
 from eomgen.errors import DescriptionError, InputError
 from eomgen.identification import ToleranceResult, load_tolerance, tolerance
-from eomgen.identification.tolerances.correlations import groups_of, root_of
+from eomgen.identification.tolerances.correlations import groups_of, read_correlations, root_of
+from eomgen.identification.tolerances.table import Table, Tolerance
 from eomgen.pictures.measured.kinds import page_of
 from eomgen.robot.value import Coordinate, Robot
 from tests.support.measured_poses import chain
@@ -200,6 +201,7 @@ QUANTITIES = "base.x.deviation = 1e-4\nbase.y.deviation = 1e-4\nbase.z.deviation
             r"t\.toml:7:\d+: .*coefficient: 1\.1; allowed: a number from",
         ),
         ("names = ['base.*']\ncoefficient = nan", "coefficient: nan; allowed: a number"),
+        ("names = ['base.*']\ncoefficient = inf", "coefficient: inf; allowed: a number"),
         ("names = ['base.*']\ncoefficient = true", "coefficient: true; allowed: a number"),
         ("names = ['base.*']\nmatrix = [[1]]", r"has a name with '\*' beside a matrix"),
         ("names = ['base.x', 'base.y']\nmatrix = [[1, 0]]", "allowed: 2 rows of 2 numbers"),
@@ -226,6 +228,34 @@ def test_refusals(text: str, message: str, tmp_path: Path) -> None:
     path.write_text(QUANTITIES + head + text)
     with pytest.raises(DescriptionError, match=message):
         tolerance(arm(4), path)
+
+
+WRONG = (
+    *(np.ones(3), np.array([True]), "x", 10**400, np.nan, 1e300, object(), [], {}, 2, {"a": 1}, np.array(["a"]), None),
+    *([[1], [1, 2]], 1j, b"x", {1: 2}, np.eye(3), np.full((2, 2), np.nan), ["\x1b", "\n"], [None], [[]], [["base.x"]]),
+)
+
+
+@pytest.mark.parametrize("place", ["all", "entry", "key", "names", "coefficient", "matrix", "element"])
+def test_anything_given_is_refused_by_its_place(place: str) -> None:
+    """Arrays, texts and huge numbers in the place of what belongs there, in a mapping: the table's error, printable."""
+    given: dict[str, Any] = {"names": ["base.x", "base.y"]}
+    for value in WRONG:
+        entries: Any = {
+            "all": value,
+            "entry": [value],
+            "key": [{str(value): 1.0}],
+            "names": [{"names": value, "coefficient": 0.1}],
+            "coefficient": [{**given, "coefficient": value}],
+            "matrix": [{**given, "matrix": value}],
+            "element": [{**given, "matrix": [[1.0, value], [value, 1.0]]}],
+        }[place]
+        if place == "all" and isinstance(value, list) and not value:
+            continue  # none
+        with pytest.raises(DescriptionError, match=r"tolerances: '?correlations.*; allowed: ") as caught:
+            read_correlations(Table((Tolerance("base.x", 1.0), Tolerance("base.y", 1.0)), correlations=entries))
+        assert str(caught.value).isascii()
+        assert str(caught.value).isprintable()
 
 
 def test_only_the_names_behind_a_negative_eigenvalue_are_said() -> None:
