@@ -298,6 +298,12 @@ def test_they_are_saved_shown_and_load_again(tmp_path: Path) -> None:
     assert load_tolerance(tmp_path / "older.json").correlated == ()
 
 
+def test_files_that_are_no_text_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "found.json").write_bytes(b'{"kind": "tolerance\xac"}')
+    with pytest.raises(InputError, match=r"found\.json: cannot be read: .*; allowed: what its save wrote"):
+        load_tolerance(tmp_path / "found.json")
+
+
 def test_a_compensating_share_is_among_the_greatest() -> None:
     table = {"base.z": {"deviation": 3e-4}, "joints.*.placement.z": {"deviation": 4e-4}}
     found = tolerance("one_link", {**table, "correlations": pair(-1.0, "base.z", "joints.*.placement.z")})
