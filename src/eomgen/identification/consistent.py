@@ -152,7 +152,7 @@ def nearest_bodies(base: BaseParameters, values: Array, covariance: Array, drawn
         whole = normal + share * curvature
         size = 1.0 / np.sqrt(np.diagonal(whole))
         # what exact values leave to the drawing alone may be less than round-off: no step that way
-        step = -size * np.linalg.lstsq(whole * np.outer(size, size), size * slope)[0]
+        step = -size * np.linalg.lstsq(whole * np.outer(size, size), size * slope, rcond=None)[0]
         fall, length = float(-slope @ step), 1.0
         while length > 1e-12 and not (new := cost(theta + length * step)) <= now - 0.1 * length * fall:
             length *= 0.5
