@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -234,3 +235,30 @@ def test_what_is_refused(built: Build) -> None:
     still = replace(motion, q=zero + 0.3, v=zero, a=zero)
     with pytest.raises(InputError, match="stand still too often"):
         identify(robot, still, kernel=bare)
+
+
+def peak_of(robot: Robot, motion: MeasuredMotion, kernel: eomgen.Kernel, terms: tuple[str, ...]) -> int:
+    """Bytes that NumPy and Python have at most while a motion is identified."""
+    tracemalloc.start()
+    try:
+        identify(robot, motion, terms=terms, half=8, shape="lorentzian", kernel=kernel)
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize("more", [(), ("delay", "stribeck")])
+def test_columns_of_all_samples_are_never_in_memory(more: tuple[str, ...], built: Build) -> None:
+    """20000 samples more need some arrays of their own size, (T, n), however many columns there are."""
+    robot, (t, q, v, a) = arm(), swing(40000)
+    whole, bare = kernels(robot, built)
+    u = np.asarray(whole.inverse_dynamics(q, v, a)) + 0.01 * np.random.default_rng(5).standard_normal(q.shape)
+    peaks, terms = [], (*TERMS, *more)
+    for samples in (20000, 40000):
+        columns = {"t": t[:samples]}
+        for i, name in enumerate(bare.coordinates):
+            columns |= {name: q[:samples, i], f"{name}.rate": v[:samples, i], f"{name}.acceleration": a[:samples, i]}
+            columns |= {f"{name}.drive": u[:samples, i]}
+        motion = motion_from_columns(columns, bare.coordinates)
+        peaks.append(peak_of(robot, motion, bare, terms))
+    assert peaks[1] - peaks[0] < 28 * q[20000:].nbytes  # one copy of 16 columns is 16 of these

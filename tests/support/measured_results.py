@@ -137,6 +137,12 @@ def _fit(_: Path) -> FitResult:
     return FitResult("arm", 0.95, (FittedCoordinate("gear.gamma", found, None, 1e-6),), ("a warning",), ("a note",))
 
 
+TOLERANCES: Mapping[str, Any] = {
+    "joints.*.offset.x": {"bound": 3e-4},
+    "frames.*.y": {"deviation": 1e-4},
+    "frames.*.z": {"deviation": 2e-4},
+    "correlations": [{"names": ["frames.*.y", "frames.*.z"], "coefficient": 0.5}],
+}
 RESULTS: Mapping[str, Callable[[Path], Any]] = {
     "accuracy": lambda folder: accuracy(written(folder / "measured.csv", accuracy_columns())),
     "calibration": _calibration,
@@ -147,7 +153,7 @@ RESULTS: Mapping[str, Callable[[Path], Any]] = {
     "poses": lambda _: poses(
         chain(4, "RR"), count=8, candidates=20, ranges={"joint1.gamma": (-2.0, 2.0), "joint2.gamma": (-2.0, 2.0)}
     ),
-    "tolerance": lambda _: tolerance("one_link", {"joints.*.offset.x": {"bound": 3e-4}}, poses=np.zeros((2, 1))),
+    "tolerance": lambda _: tolerance("one_link", TOLERANCES, poses=np.zeros((2, 1))),
 }
 IN_TEXT = ("accuracy", "fit", "poses", "tolerance")  # .json
 

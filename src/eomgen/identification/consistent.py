@@ -151,7 +151,8 @@ def nearest_bodies(base: BaseParameters, values: Array, covariance: Array, drawn
         slope = share * slope + base.matrix.T @ (information @ (base.matrix @ theta - values))
         whole = normal + share * curvature
         size = 1.0 / np.sqrt(np.diagonal(whole))
-        step = -size * np.linalg.solve(whole * np.outer(size, size), size * slope)
+        # what exact values leave to the drawing alone may be less than round-off: no step that way
+        step = -size * np.linalg.lstsq(whole * np.outer(size, size), size * slope, rcond=None)[0]
         fall, length = float(-slope @ step), 1.0
         while length > 1e-12 and not (new := cost(theta + length * step)) <= now - 0.1 * length * fall:
             length *= 0.5

@@ -57,7 +57,8 @@ def damage_named(path: Path | str, what: str) -> Iterator[None]:
     except InputError as error:
         if str(path) in str(error):
             raise
-        raise InputError(f"{path}: {error}") from None
+        allowed = "" if "allowed: " in str(error) else f"; {_ALLOWED}"
+        raise InputError(f"{path}: {error}{allowed}") from None
     except _DAMAGED as error:
         why = f"{type(error).__name__}: {error}" if not isinstance(error, (ValueError, AssertionError)) else str(error)
         raise InputError(f"{path}: is no {what} ({show(why)}); {_ALLOWED}") from None
@@ -184,7 +185,9 @@ def read_plain(kind: str, path: Path | str) -> dict[str, Any]:
     try:
         text = read_regular(Path(path), _MOST_BYTES).decode("utf-8")
     except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+        reason = str(getattr(error, "strerror", None) or error)
+        allowed = "" if "allowed: " in reason else f"; {_ALLOWED}"
+        raise InputError(f"{path}: cannot be read: {reason}{allowed}") from None
     data = parse_json(text, str(path), _MOST_MEMORY)
     if not isinstance(data, dict) or data.get("kind") != kind or data.get("format") != FORMAT:
         raise InputError(f"{path}: is no result of the kind {kind}; allowed: what its save wrote")

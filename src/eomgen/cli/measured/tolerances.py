@@ -28,7 +28,10 @@ from ..shared import (
 def _add_tolerance(parser: argparse.ArgumentParser) -> None:
     add_robot(parser)
     parser.add_argument(
-        "table", metavar="TABLE", type=Path, help=".toml: deviations or bounds of quantities, by the names of calibrate"
+        "table",
+        metavar="TABLE",
+        type=Path,
+        help=".toml: deviations or bounds of quantities, by the names of calibrate, and correlations",
     )
     parser.add_argument("--frame", metavar="NAME", help="frame or link to look at (the tool)")
     where = parser.add_mutually_exclusive_group()

@@ -94,15 +94,16 @@ class Sought:
         share = np.exp(-np.minimum(x**2, 700.0))
         return share, 2.0 * x**2 * share
 
-    def columns(self, state: State, predicted: Array, v: Array) -> Array:
+    def columns(self, state: State, predicted: Array, slopes: Array, v: Array) -> Array:
         """Columns of steps of all, (T, r, e).
 
         Args:
             state: about which.
             predicted: forces of the rows by all parameters, (T, r).
+            slopes: rates of these, (T, r), N/s or N m/s.
             v: rates, (T, n).
         """
-        parts = [-np.gradient(predicted, self.step, axis=0)[..., None]] if DELAY in self.terms else []
+        parts = [-slopes[..., None]] if DELAY in self.terms else []
         if self.free_gains:
             parts.append(self.gain_columns(predicted)[..., list(self.free_gains)])
         if STRIBECK in self.terms:
@@ -179,20 +180,17 @@ class Sought:
         return {name: Further(value, abs(size) * float(d), unit) for name, (value, size, unit), d in pairs}
 
 
-def told_apart(sought: Sought, columns: Array, predicted: Array) -> tuple[int, ...]:
+def told_apart(R: Array, base: int) -> tuple[int, ...]:
     """Places of the drives whose gains can be told from base parameters and from gains before them.
 
     Args:
-        sought: with all drives.
-        columns: of base parameters, (T, r, b).
-        predicted: what some values of these make of the rows, exactly, (T, r), with all forces that are known.
+        R: triangle of the columns of base parameters and of the gains of all drives, by what some values of the former
+            make of the rows, exactly, with all forces that are known.
+        base: how many base parameters there are.
     """
-    gains = sought.gain_columns(predicted)
-    both = np.concatenate([columns, gains], axis=-1).reshape(-1, columns.shape[-1] + gains.shape[-1])
-    size = np.linalg.norm(both, axis=0)
-    both = both / np.where(size == 0.0, 1.0, size)
-    chosen, _ = regrouped(np.asarray(np.linalg.qr(both, mode="r"), dtype=np.float64))
-    return tuple(int(k) - columns.shape[-1] for k in chosen if k >= columns.shape[-1])
+    size = np.linalg.norm(R, axis=0)
+    chosen, _ = regrouped(R / np.where(size == 0.0, 1.0, size))
+    return tuple(int(k) - base for k in chosen if k >= base)
 
 
 def shifted(x: Array, samples: float) -> Array:

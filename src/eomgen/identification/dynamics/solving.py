@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,12 +29,11 @@ REWEIGHTED = 4  # times that weights follow the residuals
 RESTING = 0.02  # of the rms of a rate: below it a drive stands still
 NOISES = 3.0  # deviations of a rate's noise below which it stands still, too
 LEFT = 0.25  # of all rows that a filter must leave
-PIECE = 2000  # samples at a time whose whole regressor is in memory
+PIECE = 2000  # samples at a time whose columns are in memory
 SIZES = {"stiffness": 1e5, "damping": 1e2}  # N m/rad, N m s/rad: deflections are small, and no round-off
 CLEAR = 0.2  # of a column's square: what noise must leave of it for a parameter to be told
 EXACT = 1e-6  # of the largest residual: smaller ones weigh no more
 UNDETERMINED = 1e-13  # of the greatest singular value: directions that round-off alone decides stay 0
-MOST_NUMBERS = 100_000_000  # of all columns at all times
 GAINED = 1e-7  # of a logarithm of residuals, by which a step must leave less
 PARTS = (1.0, 0.5, 0.25, 0.125)  # of a step, the first that leaves less is taken
 ROOT = "sqrt|v|"  # a curve of friction that is told, and no law
@@ -42,6 +42,8 @@ STEPS, SETTLED = 20, 1e-2  # of Gauss and Newton: most of them, and deviations t
 
 class Data:
     """Columns and forces of the rows that are known, (T, r, b) and (T, r), behind the filter that differentiates.
+
+    Columns are made anew, PIECE samples at a time, wherever they are needed, and are never all in memory.
 
     half: of that filter; 0 where rates and accelerations come with the motion.  names: of the rows' coordinates.
     resting: whether a drive stands still, (T, r), so that its dry friction is unknown.  total: measured drives, and
@@ -61,22 +63,13 @@ class Data:
         assert base.relations is not None
         self.kernel, self.motion, self.base, self.known, self.step = kernel, motion, base, known, step
         self.relations, self._narrow, self.half = base.relations, None, 0
-        q, self.v, a, noise = self._motion()
+        self._q, self.v, self._a, noise = self._motion()
         self.names = tuple(np.array(self.relations.rows)[known].tolist())
-        if len(q) * len(self.names) * len(base) > MOST_NUMBERS:
-            raise InputError(
-                f"{motion.source}: {len(motion.t)} samples; allowed: at most"
-                f" {MOST_NUMBERS // (len(self.names) * len(base))} for {len(base)} parameters"
-            )
-        laws = np.asarray(kernel.inverse_dynamics(q, self.v, a))
-        places, parts = inertial_places(kernel, base.terms, self.relations), []
-        for first in range(0, len(q), PIECE):
-            at = slice(first, first + PIECE)
-            sought = np.asarray(kernel.regressor(q[at], self.v[at], a[at]))[..., places]
+        laws = np.asarray(kernel.inverse_dynamics(self._q, self.v, self._a))
+        places = inertial_places(kernel, base.terms, self.relations)
+        for at in self.pieces():
+            sought = np.asarray(kernel.regressor(self._q[at], self.v[at], self._a[at]))[..., places]
             laws[at] -= sought @ kernel.regressor_values[places]
-            found = columns(kernel, q[at], self.v[at], a[at], base.terms, self.relations)[1]
-            parts.append(found[:, known][..., base.chosen])
-        self.columns: Array = np.concatenate(parts)
         self.laws: Array = self.relations.forces(laws)[:, known]
         still = np.abs(self.v) <= np.maximum(RESTING * np.sqrt(np.mean(self.v**2, axis=0)), NOISES * noise)
         rubs = np.zeros(kernel.n, dtype=np.bool_)
@@ -91,6 +84,31 @@ class Data:
         self.forces: Array = self.total - self.laws
 
     _narrow: Differentiator | None
+    extra: Callable[[slice], Array] | None = None  # columns beside those of the base parameters
+    extra_count = 0
+
+    @property
+    def count(self) -> int:
+        """Number of columns."""
+        return len(self.base) + self.extra_count
+
+    def pieces(self, lost: int = 0) -> Iterator[slice]:
+        """Give the samples whose columns are in memory at a time; without as many at the end as a filter loses."""
+        samples = len(self.v) - lost
+        return (slice(first, min(first + PIECE, samples)) for first in range(0, samples, PIECE))
+
+    def columns(self, at: slice) -> Array:
+        """Make the columns at some samples, (t, r, count)."""
+        found = columns(self.kernel, self._q[at], self.v[at], self._a[at], self.base.terms, self.relations)[1]
+        own = found[:, self.known][..., self.base.chosen]
+        return own if self.extra is None else np.concatenate([own, self.extra(at)], axis=-1)
+
+    def triangle(self, counting: NDArray[np.bool_], size: Array | float = 1.0) -> Array:
+        """Give what QR leaves of all columns, (count, count): R of the rows that count, (T, r), over their size."""
+        R = np.zeros((self.count, self.count))
+        for at in self.pieces():
+            R = merged(R, (self.columns(at) / size)[counting[at]])
+        return R
 
     def _motion(self) -> tuple[Array, Array, Array, Array]:
         """Coordinates, rates and accelerations behind the filter, (T, n), and the noise of the rates, (n,)."""
@@ -135,7 +153,7 @@ class Data:
 
     def keep(self, base: BaseParameters) -> None:
         """Go on with some of the combinations alone."""
-        self.columns, self.base = self.columns[..., np.isin(self.base.chosen, base.chosen)], base
+        self.base = base
 
     def at(self, sought: Sought, state: State) -> Data:
         """The same data with present values of what forces are not linear in."""
@@ -148,11 +166,17 @@ class Data:
             found.resting[:ends], found.resting[-ends:] = True, True
         return found
 
-    def beside(self, extra: Array) -> Data:
-        """The same data with further columns."""
+    def beside(self, extra: Callable[[slice], Array]) -> Data:
+        """Give the same data with further columns, (t, r, e) of t samples, beside those of the base parameters."""
         found = copy(self)
-        found.columns = np.concatenate([self.columns, extra], axis=-1)
+        found.extra, found.extra_count = extra, extra(slice(0, 1)).shape[-1]
         return found
+
+    def with_steps(self, sought: Sought, state: State, solution: Solution) -> Data:
+        """Give the same data with columns of steps of what forces are not linear in, about a state and its solution."""
+        predicted = self.predicted(solution)
+        slopes = np.gradient(predicted, self.step, axis=0)
+        return self.beside(lambda at: sought.columns(state, predicted[at], slopes[at], self.v[at]))
 
     def turned(self, row: int) -> Data:
         """The same data with one drive in the other sense."""
@@ -163,16 +187,15 @@ class Data:
 
     def predicted(self, solution: Solution) -> Array:
         """Forces of the rows, (T, r), by all that is known and found."""
-        of_base = self.columns @ solution.values[: self.columns.shape[-1]]
-        return np.asarray(of_base + self.total - self.forces)
+        values = solution.values[: self.count]
+        return np.concatenate([self.columns(at) @ values for at in self.pieces()]) + self.total - self.forces
 
     def shown(self, base: BaseParameters) -> tuple[BaseParameters, list[str]]:
         """Give what of the combinations this motion can tell apart, and a warning where that is fewer."""
-        rows = self.columns[~self.resting]
-        if not len(rows):
+        if self.resting.all():
             return base, []
         size = np.array([SIZES.get(base.parameters[place].rpartition(".")[2], 1.0) for place in base.chosen])
-        chosen, matrix = regrouped(np.asarray(np.linalg.qr(rows * size, mode="r"), dtype=np.float64))
+        chosen, matrix = regrouped(self.triangle(~self.resting) * size)
         matrix = matrix * size[chosen][:, None] / size
         if len(chosen) == len(base):
             return base, []
@@ -262,18 +285,20 @@ def iterated(data: Data, sought: Sought, half: int) -> tuple[Data, Solution, Sou
     state = sought.start()
     solution = Solution.of(data, half)
     if GAINS in sought.terms:
-        sought = replace(sought, free_gains=told_apart(sought, data.columns, data.predicted(solution)))
+        predicted = data.predicted(solution)
+        gains = data.beside(lambda at: sought.gain_columns(predicted[at]))
+        sought = replace(sought, free_gains=told_apart(gains.triangle(np.ones_like(data.resting)), len(data.base)))
         state = _first_gains(data, sought, state)
     if STRIBECK in sought.terms:
         sought, state = _first_friction(data, sought, state, half)
-    here, many = data.at(sought, state), data.columns.shape[-1]
+    here, many = data.at(sought, state), data.count
     if not sought.names():
         return here, solution, sought, state
     solution = Solution.of(here, half)
     damped = STRIBECK in sought.terms
     for _ in range(STEPS):
         here = data.at(sought, state)
-        solution = Solution.of(here.beside(sought.columns(state, here.predicted(solution), data.v)), half)
+        solution = Solution.of(here.with_steps(sought, state, solution), half)
         steps = solution.values[many:]
         if (np.abs(steps) <= SETTLED * np.sqrt(solution.variances[many:])).all():
             break
@@ -338,10 +363,10 @@ def shaped(data: Data, asked: Sought, half: int) -> tuple[tuple[Data, Solution, 
 def _compared(data: Data, here: Data, asked: Sought, half: int, left: dict[str, float], without: float) -> str:
     """Say what each curve of friction leaves of the drives in blocks held out, and which leaves least."""
     v, onto = here.v[:, asked.rubbing], asked.matrix[list(asked.rubbing)].T
-    root = Solution.of(here.beside((np.sign(v) * np.sqrt(np.abs(v)))[:, None, :] * onto), half)
+    root = Solution.of(here.beside(lambda at: (np.sign(v[at]) * np.sqrt(np.abs(v[at])))[:, None, :] * onto), half)
     drive = np.maximum(np.sqrt(np.mean(data.total**2, axis=0)), 1e-300)
     all_left = {**left, ROOT: _left_of(root.held_out / drive), "dry and viscous alone": without}
-    many, base = len(data.names), here.columns.shape[-1]
+    many, base = len(data.names), here.count
     shares = ", ".join(f"{name} {100.0 * np.exp(x / many):.3g} %" for name, x in all_left.items())
     best = min(all_left, key=lambda name: all_left[name])
     sizes = ", ".join(
@@ -362,13 +387,12 @@ def _first_gains(data: Data, sought: Sought, state: State) -> State:
         alone[:, i] = data.motion.u[:, i]
         parts.append(data.measured(alone))
     laws = data.laws if len(sought.free_gains) == len(drives) else np.zeros_like(data.laws)
-    both = np.concatenate([data.columns, np.stack([*parts, -laws], axis=-1)], axis=-1)
-    both /= np.maximum(np.sqrt(np.mean(data.total**2, axis=0)), 1e-300)[:, None]
-    rows = both[~data.resting]
-    size = np.linalg.norm(rows, axis=0)
+    parts.append(-laws)
+    both = data.beside(lambda at: np.stack([x[at] for x in parts], axis=-1))
+    R = both.triangle(~data.resting, np.maximum(np.sqrt(np.mean(data.total**2, axis=0)), 1e-300)[:, None])
+    size, many = np.linalg.norm(R, axis=0), data.count
     size[size == 0.0] = 1.0
-    R, many = np.asarray(np.linalg.qr(rows / size, mode="r")), data.columns.shape[-1]
-    left = R[many:, many:][:, : len(drives) + bool(laws.any())]
+    left = (R / size)[many:, many:][:, : len(drives) + bool(laws.any())]
     best = np.linalg.svd(left)[2][-1] / size[many : many + left.shape[1]]
     measure = best[-1] if laws.any() else best[min(set(range(len(drives))).difference(sought.free_gains), default=0)]
     gains = np.array(state.gains)
@@ -386,15 +410,20 @@ def _first_friction(data: Data, sought: Sought, state: State, half: int) -> tupl
         tried = replace(state, rates=fraction * rms)
         here = data.at(sought, tried)
         only = replace(sought, terms=(STRIBECK,), free_gains=())
-        extra = only.columns(tried, here.total, data.v)[..., :many]
-        solution = Solution.of(here.beside(extra), half)
+        solution = Solution.of(here.beside(partial(_static, only, tried, data.v)), half)
         left.append([np.log(np.maximum(solution.fitted[row], 1e-300)).sum() for row in onto])
-        values.append(solution.values[data.columns.shape[-1] :])
-        variances.append(solution.variances[data.columns.shape[-1] :])
+        values.append(solution.values[data.count :])
+        variances.append(solution.variances[data.count :])
     best = np.argmin(np.array(left), axis=0)
     breakaway, variance = (np.array(x)[best, np.arange(many)] for x in (values, variances))
     start = replace(state, breakaway=breakaway, rates=np.array(FRACTIONS)[best] * rms)
     return sought.narrowed(start, np.sqrt(variance))
+
+
+def _static(sought: Sought, state: State, v: Array, at: slice) -> Array:
+    """Give columns of static friction beyond dry friction at some samples, (t, r, k), from rates at all, (T, n)."""
+    none = np.zeros((0, 0))
+    return sought.columns(state, none, none, v[at])[..., : len(sought.rubbing)]
 
 
 @dataclass(frozen=True)
@@ -418,34 +447,29 @@ class Solution:
     @classmethod
     def of(cls, data: Data, half: int) -> Solution:
         """Solve for the parameters, and once more without each block of time."""
-        wide, (samples, rows, count) = bell(half), data.columns.shape
-        X = filtered(data.columns.reshape(samples, -1), wide).reshape(-1, rows, count) if half else data.columns
-        y, kept = (filtered(data.forces, wide) if half else data.forces), data.kept(half)
-        size = np.sqrt(np.mean(X**2, axis=(0, 1)))
-        size[size == 0.0] = 1.0
-        both = np.concatenate([X / size, y[..., None]], axis=2) * kept[..., None]
-        blocks = np.array_split(both, block_count(len(X), max(data.half + half, 1)))
-        R = np.stack([[np.linalg.qr(_padded(block[:, row]), mode="r") for row in range(rows)] for block in blocks])
+        kept, rows, count = data.kept(half), len(data.names), data.count
+        blocks = block_count(len(kept), max(data.half + half, 1))
+        R, size = _triangles(data, half, kept, blocks)
         counts, weights = kept.sum(axis=0), np.ones(rows)
         blurred = data.column_noise(half, count) / size**2
-        seen = np.stack([part.sum(axis=0) for part in np.array_split(kept, len(blocks))])  # samples, (blocks, r)
+        seen = np.stack([part.sum(axis=0) for part in np.array_split(kept, blocks)])  # samples, (blocks, r)
         for _ in range(REWEIGHTED):
             values = _solved(R * weights[:, None, None], counts * weights**2 @ blurred)
             fitted = np.sqrt(_left(R, values).sum(axis=0) / np.maximum(counts, 1))
             weights = 1.0 / np.maximum(fitted, EXACT * max(float(fitted.max()), 1e-300))
         weighted = R * weights[:, None, None]
-        merged = np.stack([np.linalg.qr(block.reshape(-1, count + 1), mode="r") for block in weighted])
+        together = np.stack([np.linalg.qr(block.reshape(-1, count + 1), mode="r") for block in weighted])
         noise = seen * weights**2 @ blurred
         without = [
-            _solved(np.delete(merged, place, axis=0), noise.sum(axis=0) - noise[place]) for place in range(len(blocks))
+            _solved(np.delete(together, place, axis=0), noise.sum(axis=0) - noise[place]) for place in range(blocks)
         ]
         left = sum(_left(block, x) for block, x in zip(R, without, strict=True))
         off = np.stack(without) - values
-        variances = (off**2).sum(axis=0) * (len(blocks) - 1) / len(blocks)
+        variances = (off**2).sum(axis=0) * (blocks - 1) / blocks
         held_out = np.sqrt(left / np.maximum(counts, 1))
         variances = np.maximum(variances, 1e-300)
-        covariance = _covariance(merged, variances) / np.outer(size, size)
-        share = _noise_share(merged, noise.sum(axis=0))
+        covariance = _covariance(together, variances) / np.outer(size, size)
+        share = _noise_share(together, noise.sum(axis=0))
         return cls(half, values / size, variances / size**2, covariance, fitted, held_out, counts, share)
 
 
@@ -467,9 +491,35 @@ def _noise_share(R: Array, noise: Array) -> Array:
     return found
 
 
-def _padded(rows: Array) -> Array:
-    """The rows, and rows of zeros until there are as many as columns."""
-    return np.pad(rows, ((0, max(rows.shape[1] - len(rows), 0)), (0, 0)))
+def _triangles(data: Data, half: int, kept: NDArray[np.bool_], blocks: int) -> tuple[Array, Array]:
+    """Give R of each block of time and row of forces, (blocks, r, b + 1, b + 1), columns and forces, behind a bell.
+
+    Columns are over their rms at all times, (b,), which comes with them.
+
+    Args:
+        kept: rows that count, (T - 2 half, r).
+    """
+    R = np.zeros((blocks, kept.shape[1], data.count + 1, data.count + 1))
+    squares, wide = np.zeros(data.count), bell(half)
+    block_of = np.repeat(np.arange(blocks), [len(part) for part in np.array_split(kept, blocks)])
+    for at in data.pieces(2 * half):
+        seen = slice(at.start, at.stop + 2 * half)
+        both = np.concatenate([data.columns(seen), data.forces[seen, :, None]], axis=2)
+        if half:
+            both = filtered(both.reshape(len(both), -1), wide).reshape(-1, *both.shape[1:])
+        squares += (both[..., :-1] ** 2).sum(axis=(0, 1))
+        both *= kept[at, :, None]
+        for block in np.unique(block_of[at]):
+            R[block] = merged(R[block], both[block_of[at] == block].swapaxes(0, 1))
+    size = np.sqrt(squares / kept.size)
+    size[size == 0.0] = 1.0
+    R[..., :-1] /= size
+    return R, size
+
+
+def merged(R: Array, rows: Array) -> Array:
+    """Give the triangle, (..., b, b), of a triangle's rows and further ones, (..., t, b)."""
+    return np.asarray(np.linalg.qr(np.concatenate([R, rows], axis=-2), mode="r"))
 
 
 def _solved(R: Array, noise: Array) -> Array:

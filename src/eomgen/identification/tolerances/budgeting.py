@@ -27,6 +27,7 @@ from ..geometry.closing import closed_readings, closing_of
 from ..geometry.error_model import Rows
 from ..geometry.stations import Chain, chain_of, matrix_of
 from .contributions import Contribution, Exact, contributions_of, model_of
+from .correlations import groups_of, read_correlations, root_of
 from .regions import mixed_quantiles, quantile_of_normal, radii, worst_deviations, worst_directions
 from .result import PARTS, ToleranceResult, shares_of
 from .table import Table, Tolerance, read_table
@@ -65,7 +66,8 @@ def tolerance(
     Args:
         robot: a Robot, the name of a built-in one, or the path of a description.
         table: path of a .toml file, or a mapping of the same form, {"joints.joint2.offset.z": {"bound": 1e-4}}:
-            "deviation" (normal) or "bound" (even within), optionally "relative", "cost" and "fixed".
+            "deviation" (normal) or "bound" (even within), optionally "relative", "cost" and "fixed"; and optionally
+            "correlations", [{"names": [...], "coefficient": 0.6}, {"names": [...], "matrix": [[...]]}] of normal ones.
         frame: frame or link to look at; by default the tool.
         poses: values of the moving joints' coordinates, (k,) or (N, k), m and rad, or values by name, others at home;
             by default home.  Of a mechanism with loops those of the drives.
@@ -105,7 +107,7 @@ def tolerance(
     chosen = tuple(known[entry.name] for entry in read.entries)
     exact = Exact(exact.model, exact.rows, exact.tool, chosen)
     entries = [_sized(read, entry, one) for entry, one in zip(read.entries, chosen, strict=True)]
-    found = _result(exact, robot.name, frame, names, q, entries, confidence, report)
+    found = _result(exact, robot.name, frame, names, q, entries, read_correlations(read), confidence, report)
     return found if t is None else replace(found, t=t)
 
 
@@ -240,6 +242,7 @@ def _result(
     names: tuple[str, ...],
     q: Array,
     entries: Sequence[tuple[Tolerance, float, float]],
+    correlation: Array,
     confidence: float,
     report: StageReport,
 ) -> ToleranceResult:
@@ -247,7 +250,9 @@ def _result(
     report("looking at sensitivities")
     S = exact.sensitivities(bounds)
     scaled, reach = S * deviations, S * bounds
-    covariance = scaled @ scaled.transpose(0, 2, 1)
+    correlated = groups_of(correlation)
+    apart = scaled @ root_of(correlation) if correlated else scaled  # by independent numbers of variance 1
+    covariance = apart @ apart.transpose(0, 2, 1)
     blocks = {part: covariance[:, at, at] for part, at in _COLUMNS.items()}
     report("looking for worst cases")
     ends = {part: [farthest(row[at]) for row in reach] for part, at in _COLUMNS.items()}
@@ -257,14 +262,14 @@ def _result(
     report("comparing with the exact model")
     exact_worst = _at_vertices(exact, reach[worst_pose, :3], bounds, signs, worst_pose)
     off, bent = _nonlinear(exact, S, bounds, ends, lengths)
-    shares = {part: shares_of(scaled[:, _COLUMNS[part]]) for part in PARTS}
+    shares = {part: shares_of(scaled[:, _COLUMNS[part]], correlation) for part in PARTS}
     is_even = np.array([entry.bound is not None for entry, _, _ in entries])
     directions = {
-        part: _directions(blocks[part], scaled[:, at], reach[:, at], is_even, confidence)
+        part: _directions(blocks[part], apart[:, at], reach[:, at], is_even, confidence)
         for part, at in _COLUMNS.items()
     }
     spheres = {
-        part: _held(directions[part], blocks[part], scaled[:, at], reach[:, at], is_even, lengths[part], confidence)
+        part: _held(directions[part], blocks[part], apart[:, at], reach[:, at], is_even, lengths[part], confidence)
         for part, at in _COLUMNS.items()
     }
     notes = []
@@ -273,6 +278,11 @@ def _result(
         notes.append(
             f"not linear: the exact model is off the linear one by {100 * off:.2g} % of the worst case{which};"
             " draw samples of the exact model instead (ToleranceResult.sample)"
+        )
+    if correlated:
+        notes.append(
+            f"{sum(map(len, correlated))} of {len(entries)} tolerances are correlated: worst cases go up to the bounds"
+            " of each, as if they were not"
         )
     notes += _of_bounds(entries, shares)
     for part, (_, ended) in spheres.items():
@@ -294,6 +304,7 @@ def _result(
         described=np.array([np.nan if one.described is None else one.described for one in chosen]),
         deviations=deviations,
         bounds=bounds,
+        correlation=correlation,
         sensitivities=S,
         covariance=covariance,
         confidence=float(confidence),
@@ -316,7 +327,8 @@ def _directions(covariance: Array, scaled: Array, reach: Array, is_even: NDArray
 
     Args:
         covariance: of the part, (N, 3, 3).
-        scaled, reach: sensitivities times standard deviations, and times bounds, (N, 3, K).
+        scaled, reach: sensitivities times standard deviations, correlated ones by independent numbers, and times
+            bounds, (N, 3, K).
         is_even: which quantities are even within their bounds, (K,); the others are normal.
         confidence: probability of the intervals.
     """
@@ -363,10 +375,11 @@ def _held(
 
 def _of_bounds(entries: Sequence[tuple[Tolerance, float, float]], shares: Mapping[str, Array]) -> Iterator[str]:
     """A note where one even distribution makes so much that sums are not normal."""
+    is_even = np.array([entry.bound is not None for entry, _, _ in entries])
     for part in PARTS:
-        k = int(shares[part].argmax())
+        k = int(np.where(is_even, shares[part], -1.0).argmax())  # no share of an even one is negative
         share, entry = float(shares[part][k]), entries[k][0]
-        if entry.bound is not None and share > EVEN:
+        if is_even[k] and share > EVEN:
             yield (
                 f"{part}: {entry.name}, even within its bound, makes {100 * share:.3g} % of the variance; spheres are"
                 " those of normal numbers, as far as bounds allow; intervals along a direction are exact"

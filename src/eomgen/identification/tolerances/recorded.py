@@ -10,6 +10,7 @@ import numpy as np
 from ...robot.record import record_of
 from ..saved import write_plain
 from .contributions import Exact
+from .correlations import plain_correlations
 from .table import Tolerance
 
 KIND = "tolerance"
@@ -26,6 +27,7 @@ def write_record(result: Any, target: Path) -> Path:
     meta = {
         "description": record_of(exact.model.robot),
         "table": {given.name: _entry(given) for given in result.tolerances},
+        "correlations": plain_correlations(result.names, result.correlation),
         "frame": result.frame,
         "q": result.q.tolist(),
         "t": None if result.t is None else result.t.tolist(),

@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError, UnknownNameError
-from ...names import nearest_or_all, show
+from ...names import listed, nearest_or_all, show
 from ...robot.coordinates import MOTIONS
 from ...shown import Shown
 from ...tabular import Rows as TableRows
 from ...tabular import TableColumn, Tabular
 from .allocation import Allocation, allocated
 from .contributions import Exact
+from .correlations import groups_of, plain_correlations, root_of
 from .recorded import write_record
 from .regions import ellipsoids
 from .table import Tolerance
@@ -26,6 +27,7 @@ Array = NDArray[np.float64]
 PARTS = ("position", "orientation")
 _MOST_DRAWN = 10_000_000
 _SHOWN = 12  # contributions in the text
+_NOTHING = 1e-12  # of the variances without their signs: round-off
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,6 +42,7 @@ class ToleranceResult(Shown, Tabular):
         described: what the description says, (K,); NaN where that is no number.
         deviations: standard deviations, (K,); of a bound that of an even distribution, bound / sqrt(3).
         bounds: what worst cases go up to, (K,); of a deviation three of them.
+        correlation: coefficients of correlation, (K, K); ones on the diagonal, zeros beside it where nothing was given.
         sensitivities: motion of the frame per unit of a quantity, (N, 6, K): x, y, z (m), rx, ry, rz (rad), base axes.
         covariance: of the frame's motion, (N, 6, 6).
         confidence: of regions.
@@ -47,11 +50,13 @@ class ToleranceResult(Shown, Tabular):
             and "orientation" (rad), (N,).
         direction: half the interval that holds, with that probability, the component along the direction in which it is
             greatest, by the same names, (N,).
-        worst: worst case of every component, sum of |S_i| t_i, (N, 6).
+        worst: worst case of every component, sum of |S_i| t_i, (N, 6), whatever is correlated.
         farthest: worst displacement (m) and rotation vector (rad), to first order, by the same names, (N,).
         worst_pose: index of the pose with the greatest worst displacement.
         exact_worst: worst displacement that the exact model has there, at the vertices of the main contributors, m.
-        shares: of the trace of the covariance, mean over the poses, by the same names, (K,); they add up to 1.
+        shares: of the trace of the covariance, mean over the poses, by the same names, (K,); they add up to 1.  Of the
+            common term of two correlated quantities each has half, so that a share may be negative: one that
+            compensates.
         nonlinearity: by how much the exact model is off a linear one with one quantity at its bound, or all at the
             worst vertex, as a share of the worst displacement or turn; the greatest.
         notes: what was found, warnings among them.
@@ -67,6 +72,7 @@ class ToleranceResult(Shown, Tabular):
     described: Array
     deviations: Array
     bounds: Array
+    correlation: Array
     sensitivities: Array
     covariance: Array
     confidence: float
@@ -110,8 +116,16 @@ class ToleranceResult(Shown, Tabular):
         _at(part)
         return float(self.shares[part][self.names.index(name)])
 
+    @property
+    def by_share(self) -> NDArray[np.intp]:
+        """Indices of the quantities, (K,), the greatest share first, of position or orientation, whatever its sign."""
+        largest = np.maximum(*(np.abs(self.shares[part]) for part in PARTS))
+        return np.argsort(-largest, kind="stable")
+
     def sample(self, count: int, *, pose: int = 0, seed: int = 0) -> Array:
         """Motions of the frame by the exact model, (count, 6), m and rad, of random deviations at one pose.
+
+        Deviations are correlated as the table has it.
 
         Raises:
             InputError: the count, the pose or the seed cannot be used.
@@ -125,12 +139,18 @@ class ToleranceResult(Shown, Tabular):
                 raise InputError(f"{label}: {show(value)}; allowed: a whole number from {low} to {high}")
         rng = np.random.default_rng(seed)
         drawn = np.empty((len(self.names), count))
-        for k, given in enumerate(self.tolerances):
-            if given.bound is None:
-                drawn[k] = self.deviations[k] * rng.standard_normal(count)
-            else:
-                drawn[k] = self.bounds[k] * rng.uniform(-1.0, 1.0, count)
+        is_normal = np.array([given.bound is None for given in self.tolerances])
+        for k in range(len(self.names)):
+            drawn[k] = rng.standard_normal(count) if is_normal[k] else rng.uniform(-1.0, 1.0, count)
+        if self.correlated:
+            drawn = root_of(self.correlation) @ drawn
+        drawn *= np.where(is_normal, self.deviations, self.bounds)[:, np.newaxis]
         return self.exact.motions(drawn, np.full(count, pose, dtype=np.intp))
+
+    @property
+    def correlated(self) -> tuple[tuple[str, ...], ...]:
+        """Names of quantities that are correlated with each other, by groups; () where all are independent."""
+        return tuple(tuple(self.names[k] for k in group) for group in groups_of(self.correlation))
 
     @property
     def positions(self) -> Array:
@@ -149,8 +169,12 @@ class ToleranceResult(Shown, Tabular):
         """Tolerances to tighten, at least cost, so that the radius of position is at most this at all poses.
 
         Raises:
-            InputError: the accuracy is no positive number, or what is fixed alone makes it impossible.
+            InputError: the accuracy is no positive number, what is fixed alone makes it impossible, or tolerances are
+                correlated: the radius is then no sum over them.
         """
+        if self.correlated:
+            what = listed(name for group in self.correlated for name in group)
+            raise InputError(f"accuracy: {what} are correlated; allowed: tables of independent tolerances")
         return allocated(
             self.names,
             self.units,
@@ -185,6 +209,7 @@ class ToleranceResult(Shown, Tabular):
             "described": [float(value) if np.isfinite(value) else None for value in self.described],
             "deviations": self.deviations.tolist(),
             "bounds": self.bounds.tolist(),
+            "correlations": plain_correlations(self.names, self.correlation),
             "components": list(MOTIONS),
             "standard_deviations": self.standard_deviations.tolist(),
             "covariance": self.covariance.tolist(),
@@ -203,7 +228,10 @@ class ToleranceResult(Shown, Tabular):
     def lines(self) -> list[str]:
         """Tables for people: accuracy over the poses, and shares of contributions."""
         count = len(self.q)
-        lines = [f"{self.robot}, {self.frame}: {len(self.names)} tolerances at {count} pose{'s' * (count != 1)}", ""]
+        linked = sum(map(len, self.correlated))
+        which = f" ({linked} correlated)" if linked else ""
+        lines = [f"{self.robot}, {self.frame}: {len(self.names)} tolerances{which} at {count} pose{'s' * (count != 1)}"]
+        lines.append("")
         share = f"{100 * self.confidence:g} % within"
         lines.append(f"{'':<14}{share:>14}{'worst direction':>18}{'worst case':>14}")
         several = ("",) if count == 1 else (" mean", " max")
@@ -217,7 +245,7 @@ class ToleranceResult(Shown, Tabular):
         lines += ["", f"worst position by the exact model at the vertices: {1e3 * self.exact_worst:.4g} mm"]
         width = max(len(name) for name in self.names) + 2
         lines += ["", f"{'share of variance':<{width}}{'position':>12}{'orientation':>14}{'deviation':>14}  unit"]
-        order = np.argsort(-np.maximum(self.shares[PARTS[0]], self.shares[PARTS[1]]), kind="stable")
+        order = self.by_share
         for k in order[:_SHOWN]:
             parts = [100.0 * float(self.shares[part][k]) for part in PARTS]
             row = f"{parts[0]:>10.1f} %{parts[1]:>12.1f} %{self.deviations[k]:>14.3g}"
@@ -235,8 +263,14 @@ def _at(part: str) -> slice:
     return slice(0, 3) if part == PARTS[0] else slice(3, 6)
 
 
-def shares_of(scaled: Array) -> Array:
-    """Share of every contribution in the mean of the traces of covariances, (K,), of S times deviations, (N, 3, K)."""
-    variances = (scaled**2).sum(axis=(0, 1))
+def shares_of(scaled: Array, correlation: Array) -> Array:
+    """Share of every contribution in the mean of the traces of covariances, (K,), of S times deviations, (N, 3, K).
+
+    Of s_i r_ij s_j + s_j r_ji s_i both have half.  All are 0 where nothing moves, or all is compensated.
+    """
+    if groups_of(correlation):
+        variances = (scaled * (scaled @ correlation)).sum(axis=(0, 1))
+    else:
+        variances = (scaled**2).sum(axis=(0, 1))
     total = float(variances.sum())
-    return variances / total if total > 0.0 else np.zeros(len(variances))
+    return variances / total if total > _NOTHING * float(np.abs(variances).sum()) else np.zeros(len(variances))

@@ -14,9 +14,11 @@ from ..saved import damage_named, declared_value, read_plain
 from .budgeting import tolerance
 from .recorded import KIND
 from .result import ToleranceResult
+from .table import CORRELATIONS
 
 _KEYS: Mapping[str, Any] = {
     "table": Mapping[str, Mapping[str, Any]],
+    "correlations": tuple[Mapping[str, Any], ...],
     "frame": str,
     "q": tuple[tuple[float, ...], ...],
     "wrench": tuple[float, ...] | None,
@@ -32,12 +34,12 @@ def load_tolerance(path: Path | str) -> ToleranceResult:
         InputError: the file cannot be read, or is no such result.
         DescriptionError: its robot or its table cannot be.
     """
-    data = read_plain(KIND, path)
+    data = {CORRELATIONS: [], **read_plain(KIND, path)}  # files from before there were any
     with damage_named(path, "accuracy by tolerances"):
         given = {name: declared_value(kind, data, name, str(path)) for name, kind in _KEYS.items()}
         found = tolerance(
             robot_from_record(data.get("description", {}), str(path)),
-            dict(given["table"]),
+            {**given["table"], CORRELATIONS: given["correlations"]},
             given["frame"],
             poses=np.array(given["q"], dtype=np.float64),
             wrench=given["wrench"],

@@ -15,6 +15,7 @@ from ...limits import LARGEST
 from ...names import listed, nearest, show
 
 KEYS = ("deviation", "bound", "relative", "cost", "fixed")
+CORRELATIONS = "correlations"  # the key beside the quantities
 MOST = 400  # quantities: a worst case looks at every pair of them
 _LARGEST_COST = 1e12
 _SIZES = ("deviation", "bound")
@@ -38,15 +39,20 @@ class Tolerance:
 
 @dataclass(frozen=True)
 class Table:
-    """A table as it was read: its tolerances in order, and where it came from."""
+    """A table as it was read: its tolerances in order, correlations as they were given, and where it came from."""
 
     entries: tuple[Tolerance, ...]
     source: str = "tolerances"
     text: str = ""
+    correlations: Any = ()
 
     def refusal(self, name: str, message: str) -> DescriptionError:
         """The error of a quantity's entry, with its line in the file."""
-        return _refused(self.source, self.text, name.split("."), name, message)
+        return self.refused(name.split("."), name, message)
+
+    def refused(self, keys: Sequence[str], where: str, message: str) -> DescriptionError:
+        """The error of what has these keys, with its line in the file."""
+        return _refused(self.source, self.text, keys, where, message)
 
 
 def read_table(given: Mapping[str, Any] | Path | str, known: Sequence[str]) -> Table:
@@ -54,7 +60,7 @@ def read_table(given: Mapping[str, Any] | Path | str, known: Sequence[str]) -> T
 
     Args:
         given: names, nested or with dots, with tables of KEYS; a part of a name may be "*".  Names that are written out
-            go before those with "*".
+            go before those with "*".  Beside them CORRELATIONS, which stay as they are.
         known: names of quantities that there are.
 
     Raises:
@@ -69,11 +75,12 @@ def read_table(given: Mapping[str, Any] | Path | str, known: Sequence[str]) -> T
             raise DescriptionError(f"the table {show(source)} is no .toml file; allowed: a path that ends in .toml")
         text = read_text(path, source, ".toml file")
         values = parse_toml(text, source)
+    correlations = values.pop(CORRELATIONS, ())
     found: dict[str, Tolerance] = {}
     exact: set[str] = set()
     for keys, entry in _entries(values, (), source, text):
         name = ".".join(keys)
-        names = _meant(name, known)
+        names = meant(name, known)
         if not names:
             allowed = f"{nearest(name, known)}; allowed: {listed(known)}"
             raise _refused(source, text, keys, name, f"there is no such quantity{allowed}")
@@ -88,7 +95,7 @@ def read_table(given: Mapping[str, Any] | Path | str, known: Sequence[str]) -> T
         raise DescriptionError(f"no quantity is named; allowed: {listed(known)}", source=source)
     if len(found) > MOST:
         raise DescriptionError(f"{len(found)} quantities are named; allowed: up to {MOST}", source=source)
-    return Table(tuple(found[name] for name in known if name in found), source, text)
+    return Table(tuple(found[name] for name in known if name in found), source, text, correlations)
 
 
 def _entries(
@@ -106,8 +113,8 @@ def _entries(
             yield keys, value
 
 
-def _meant(name: str, known: Sequence[str]) -> list[str]:
-    """Known names that a name means: itself, or those that it matches, part by part."""
+def meant(name: str, known: Sequence[str]) -> list[str]:
+    """Return the known names that a name means: itself, or those that it matches, part by part."""
     if "*" not in name:
         return [name] if name in known else []
     pattern = re.compile(r"[^.]*".join(re.escape(part) for part in re.split(r"\*+", name)))

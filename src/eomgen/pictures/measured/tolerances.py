@@ -64,15 +64,9 @@ def _contributions(found: ToleranceResult) -> tuple[tuple[str, ...], list[tuple[
             found.units[k],
             *(number(found.shares[part][k], 100.0, 3) for part in PARTS),
         )
-        for k in _order(found)
+        for k in found.by_share.tolist()
     ]
     return ("quantity", "std. deviation", "bound", "unit", "share of position, %", "share of orientation, %"), rows
-
-
-def _order(found: ToleranceResult) -> list[int]:
-    """Contributions, the largest share first."""
-    largest = np.maximum(found.shares[PARTS[0]], found.shares[PARTS[1]])
-    return [int(k) for k in np.argsort(-largest, kind="stable")]
 
 
 def plot_shares(found: ToleranceResult, path: Path | str) -> Path:
@@ -81,7 +75,7 @@ def plot_shares(found: ToleranceResult, path: Path | str) -> Path:
     Raises:
         InputError: Matplotlib is not installed, the ending is none of FIGURE_ENDINGS, or the file cannot be written.
     """
-    chosen = _order(found)[:_MOST]
+    chosen = found.by_share[:_MOST].tolist()
     height = 1.1 + _ROW * len(chosen)
     with canvas(6.4, height, path) as figure:
         axes = figure.add_axes((0.32, 0.45 / height, 0.65, 1.0 - 0.8 / height))
