@@ -137,7 +137,7 @@ def test_what_is_wrong_is_named(kernel: eomgen.Kernel) -> None:
         kernel.vjp("energy", (q, v), [1.0, 0.0], ("mass",))
     with pytest.raises(InputError, match="every name once"):
         kernel.vjp("energy", (q, v), [1.0, 0.0], 2 * tuple(kernel.parameters)[:1])
-    with pytest.raises(InputError, match=r"'gravity\.x' is a text"):
+    with pytest.raises(InputError, match=r"'gravity\.x'; allowed: a sequence of names"):
         kernel.parameter_jacobian("energy", (q, v), "gravity.x")
     with pytest.raises(UnknownNameError, match="frame: 'hand' is unknown"):
         kernel.jvp("frame_pose", (q, "hand"), (q,))

@@ -150,7 +150,7 @@ def reserved(name: str) -> Robot:
 
 def test_words_of_cpp_as_names(tmp_path: Path) -> None:
     """Robots, links and joints with such names, all in one program, with the compilers' own macros."""
-    names = ("namespace", "std", "linux", "sin", "eomgen", "detail")
+    names = ("namespace", "std", "linux", "sin", "eomgen_h", "detail")
     folders = [package_of(reserved(name), tmp_path, "mass_matrix", "kinematics") for name in names]
     both = "".join(f'#include "{name}.hpp"\n#include "{name}_names.h"\n' for name in names)
     uses = "".join(

@@ -172,20 +172,21 @@ cmake_minimum_required(VERSION 3.15)
 project(two LANGUAGES C)
 if(FETCHED)
     include(FetchContent)
-    foreach(robot one_link math)
+    foreach(robot one_link ctype)
         FetchContent_Declare(${robot}_kernel SOURCE_DIR ${CMAKE_CURRENT_SOURCE_DIR}/${robot})
         FetchContent_MakeAvailable(${robot}_kernel)
     endforeach()
 else()
     find_package(one_link CONFIG REQUIRED)
-    find_package(math CONFIG REQUIRED)
+    find_package(ctype CONFIG REQUIRED)
 endif()
 add_executable(two main.c)
-target_link_libraries(two PRIVATE eomgen::one_link eomgen::math)
+target_link_libraries(two PRIVATE eomgen::one_link eomgen::ctype)
 """
 MAIN = """
-#include <eomgen/math.h>
+#include <eomgen/ctype.h>
 #include <eomgen/one_link.h>
+#include <ctype.h>
 #include <math.h>
 #include <stdio.h>
 int main(void)
@@ -194,9 +195,9 @@ int main(void)
     double h[ONE_LINK_HOISTED], one[4], other[4];
     one_link_setup(p, h);
     one_link_mass_matrix(h, q, one);
-    math_setup(p, h);
-    math_mass_matrix(h, q, other);
-    printf("%.17g %.17g %.17g", one[1], other[1], fabs(one[1]));
+    ctype_setup(p, h);
+    ctype_mass_matrix(h, q, other);
+    printf("%.17g %.17g %.17g", one[1], other[1], isdigit('1') ? fabs(one[1]) : 0.0);
     return 0;
 }
 """
@@ -208,7 +209,7 @@ int main(void)
 def test_two_kernels_in_one_program(kind: str, tmp_path: Path) -> None:
     """One named as a header of C; installed, moved, and found at the new place; or fetched."""
     variables = environment("gcc", tmp_path)
-    names = ("one_link", "math")
+    names = ("one_link", "ctype")
     for name in names:
         robot = eomgen.load_robot("one_link")
         generate(replace(robot, name=name), tmp_path / "two", ALONE, cmake=True)
@@ -231,7 +232,7 @@ def test_two_kernels_in_one_program(kind: str, tmp_path: Path) -> None:
         files = [path for path in moved.rglob("*") if path.is_file()]
         for path in files:
             assert str(tmp_path).encode() not in path.read_bytes(), path
-        assert any(path.name.startswith("libeomgen_math.") for path in files)
+        assert any(path.name.startswith("libeomgen_ctype.") for path in files)
         options = [f"-DCMAKE_PREFIX_PATH={moved}"]
     configured(tmp_path / "two", tmp_path / "program", *options)
     answer = run(tmp_path / "program" / "two")

@@ -22,6 +22,7 @@ from eomgen.codegen.kernels.stages import STAGES
 from eomgen.codegen.kernels.writers import WAYS, WRITERS
 from eomgen.robot.model import build_model
 from tests.support.builds import Build
+from tests.support.random_followers import with_followers
 
 TEMPLATES = Path(eomgen.__path__[0], "templates", "composed")
 OF_A_KIND: dict[str, Callable[[str, Signature], bool]] = {
@@ -61,6 +62,7 @@ def test_an_entry_has_what_its_kind_needs(name: str) -> None:
 
 def test_every_array_has_a_shape() -> None:
     robots = [eomgen.load_robot(name) for name in ("one_link", "four_bar", "balanced_arm", "hexapod_elastic")]
+    robots.append(with_followers(eomgen.load_robot("puma560"), 1))
     known = {key for robot in robots for key in shapes(build_model(robot))} | {"kept"}  # which programs are cut by
     parts = [part for entry in KERNELS.values() for part in entry.functions.values()]
     public = [entry for name, entry in SIGNATURES.items() if name not in BACKWARDS]
