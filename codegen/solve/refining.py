@@ -24,12 +24,14 @@ class Accuracy:
     passes, refinements: by what is left of the constraint, and within each pass by the factors.
     tolerance: greatest last change of the accelerations, in parts of these, and greatest effect of round-off.
     round_off: of the rows' terms, in parts of these.
+    of_arms: that of the rows' arms, by which their forces are uncertain, in parts of these.
     """
 
     passes: int
     refinements: int
     tolerance: float
     round_off: float
+    of_arms: float
 
 
 @dataclass(frozen=True)
@@ -59,12 +61,12 @@ class Together(Accuracy):
 
 
 APART: Mapping[str, Apart] = {
-    "float64": Apart(2, 1, 3e-10, 1.2e-15, Precision(1e-14, 1e-14, 1), 1e-11, 0.02),
-    "float32": Apart(2, 2, 1e-3, 4e-7, Precision(5e-7, 5e-7, 2), 1e-4, 0.3),
+    "float64": Apart(3, 1, 3e-10, 1e-15, 7e-17, Precision(1e-14, 1e-14, 1), 1e-11, 0.02),
+    "float32": Apart(3, 2, 1e-3, 4e-7, 4e-8, Precision(5e-7, 5e-7, 2), 1e-4, 0.3),
 }
 TOGETHER: Mapping[str, Together] = {
-    "float64": Together(3, 3, 3e-10, 1.2e-15, 1e-13, 1e-4, 1e12),
-    "float32": Together(3, 3, 1e-3, 4e-7, 3e-6, 2e-2, 1e7),
+    "float64": Together(3, 3, 3e-10, 1e-15, 7e-17, 1e-13, 1e-4, 1e12),
+    "float32": Together(3, 3, 1e-3, 4e-7, 4e-8, 3e-6, 2e-2, 1e7),
 }
 FURTHER = 0.5  # of a row that follows from others beside those that always do
 
@@ -143,9 +145,13 @@ def refined(
         gap = TOGETHER[dtype].by_gap * _squares(gaps)
         allowed = allowed + gap * gap
     unknown = system.solved(_round_off(rows, kept, last.accelerations, rates, how.round_off, call), 0)
-    uncertain = tree.changes(total(responses, unknown.multipliers))
+    uncertain = _squares(tree.changes(total(responses, unknown.multipliers)))
+    pushed = _round_off_of_forces(pushing, kept, last.multipliers, how.of_arms, call)
+    moved = tree.changes(total([tree.respond(Row(pushed))], [1.0]))
+    held = system.solved({r: -1.0 * rows[r].along(moved) for r in kept}, how.refinements)
+    uncertain = uncertain + _squares(_sums(moved, tree.changes(total(responses, held.multipliers))))
     wrong = call("step", singular) + call("step", _squares(changes) - allowed * (size + _squares(free)))
-    wrong = wrong + call("step", _squares(uncertain) - how.tolerance**2 * size)
+    wrong = wrong + call("step", uncertain - how.tolerance**2 * size)
     return Refined(first, last, gate, 1.0 - 2.0 * wrong, kept)
 
 
@@ -189,8 +195,33 @@ def _round_off(
             found = found + (arm * arm) * (a[i] * a[i] + (v[i] * v[i]) * (v[i] * v[i]))
         terms[rows[r].group] = terms.get(rows[r].group, 0.0) + found
     roots = {group: call("sqrt", x) for group, x in terms.items()}
-    signed = {r: (-1.0) ** k * (0.9 + 0.2 * ((0.618 * k) % 1.0)) for k, r in enumerate(kept)}
-    return {r: (share * weight) * roots[rows[r].group] for r, weight in signed.items()}
+    return {r: (share * _signed(k)) * roots[rows[r].group] for k, r in enumerate(kept)}
+
+
+def _round_off_of_forces(
+    rows: Sequence[Row], kept: Sequence[int], multipliers: Sequence[Scalar], share: float, call: Callable[..., Scalar]
+) -> Sparse:
+    """Bound what round-off of the arms makes of the rows' forces on the coordinates.
+
+    A small arm is a difference of large ones, and as uncertain as all of its group.  Beside a singular pose there are
+    large multipliers that hardly push, and J says but roughly in which directions the mechanism yields to forces.
+    """
+    arms: dict[tuple[object, int], Scalar] = {}
+    loads: dict[object, Scalar] = {}
+    for r in kept:
+        group = rows[r].group
+        loads[group] = loads.get(group, 0.0) + multipliers[r] * multipliers[r]
+        for i, arm in rows[r].arms.items():
+            arms[group, i] = arms.get((group, i), 0.0) + arm * arm
+    forces: Sparse = {}
+    for (group, i), size in arms.items():
+        forces[i] = forces.get(i, 0.0) + size * loads[group]
+    return {i: (share * _signed(k)) * call("sqrt", forces[i]) for k, i in enumerate(sorted(forces))}
+
+
+def _signed(place: int) -> float:
+    """Number near 1 or -1, another one at every place."""
+    return (-1.0) ** place * (0.9 + 0.2 * ((0.618 * place) % 1.0))
 
 
 def _squares(values: Iterable[Scalar]) -> Scalar:
