@@ -139,7 +139,7 @@ def implicit_step(d: Derivation) -> Outputs:
             springs[i] = springs[i] + force
         rows += [elastic_row(arms, slope) for arms, slope in there.directions(dt, square)]
     tree, pivots = eliminated(d, armature, drives_left(d, springs), d.v, slopes, coupled=bool(rows), beside=beside)
-    rank = general_rank(d.model) if d.model.constraints else None
+    rank = general_rank(d.described) if d.described.constraints else None
     return _solved(d, with_rows(d, tree, rows, rank)[0] if rows else tree.free, pivots)
 
 

@@ -125,7 +125,7 @@ def constrained(d: Derivation, tree: Tree, pivots: Pivots) -> Outputs:
     that rows move counts as vanished.
     """
     found = gaps(d, d.v)
-    rows, rank = [gap.row(-gap.bias) for gap in found], general_rank(d.model)
+    rows, rank = [gap.row(-gap.bias) for gap in found], general_rank(d.described)
     solved = refined(tree, rows, _pushing(d, rows), [gap.value for gap in found], d.v, rank, d.dtype, d.graph.call)
     first, last = ([x.accelerations[i] for i in d.own] + x.multipliers for x in (solved.first, solved.last))
     values = [d.graph.choose(solved.gate, *pair) for pair in zip(last, first, strict=True)]

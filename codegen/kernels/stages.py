@@ -106,7 +106,7 @@ def stage(d: Derivation) -> Outputs:
     drives: list[Scalar] = [0.0 if i in given else -1.0 * force for i, force in enumerate(forces)]
     rest = replace(d.bound, gravity=(0.0, 0.0, 0.0))
     tree, pivots = eliminated(d, armature, drives, d.still, slopes, bound=rest, coupled=bool(rows), beside=beside)
-    rank = general_rank(d.model) if d.model.constraints else None
+    rank = general_rank(d.described) if d.described.constraints else None
     return {**d.motion(with_rows(d, tree, rows, rank)[0] if rows else tree.free), **pivot_outputs(d, pivots)}
 
 

@@ -128,9 +128,7 @@ def test_numbers_of_rollouts(changed: dict[str, Any], message: str, kernel: eomg
 
 def test_single_precision_has_no_step_that_it_cannot_hold(single: eomgen.Kernel) -> None:
     for dt in (1e-300, 1e300):
-        with pytest.raises(
-            InputError, match=r"1\.18e-38, the least above 0 that float32 holds, to 1e\+30 is allowed"
-        ):
+        with pytest.raises(InputError, match=r"1\.18e-38, the least above 0 that float32 holds, to 1e\+30 is allowed"):
             single.rollout([0.0, 0.0], [0.0, 0.0], [0.0, 0.0], dt, 3)
 
 

@@ -109,7 +109,7 @@ def _number(label: str, value: Any) -> float:
 def _array(calls: Calls, given: Any) -> Array:
     try:
         found = np.array(given, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         found = np.zeros(0)
     if found.shape != (calls.n,):
         raise ArrayError(
