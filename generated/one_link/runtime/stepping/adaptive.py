@@ -294,7 +294,8 @@ def _stopped(motion: _Motion, state: int) -> IntegrationStopped:
     place = "" if motion.single else f" of state {state}"
     what, name = why_ended(calls, progress)
     q, v = (x[state].copy() for x in motion.at)
-    _refuse_singular(calls, q)
+    if progress.reason - 2 < 2 * calls.n:  # a loop that stays open is the reason itself, also where it is stretched out
+        _refuse_singular(calls, q)
     message = f"rollout: {what}{place}; it ends at t = {progress.t:.6g} s, after {progress.steps} steps"
     stopped = IntegrationStopped(message, progress.t, q, v, name)
     stored = motion.stored
