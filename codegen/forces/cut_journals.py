@@ -11,12 +11,11 @@ from dataclasses import dataclass, replace
 
 from eomgen.robot.value import COORDINATES
 
-from ..tree.bound import Bound
 from ..tree.recursion import Wrench
 from ..tree.spatial import Scalar, is_zero
-from .cuts import Deviating
-from .journals import Touch, Turn, places
-from .scalar_functions import Functions
+from .cuts import Deviating, ElasticCoordinates
+from .element import ForceElement, ImplicitShare, Slopes, Turn
+from .journals import Touch, places
 
 Arms = dict[int, Scalar]
 
@@ -70,25 +69,59 @@ class CutTouch:
         return found
 
 
-def cut_touches(
-    bound: Bound,
-    deviating: Sequence[Deviating],
-    v: Sequence[Scalar],
-    sincos: Turn,
-    f: Functions,
-) -> Iterator[CutTouch]:
-    """The contacts of all journals of cut joints.
+class CutBearingContacts(ForceElement):
+    """The contacts of all journals of cut joints."""
 
-    Args:
-        deviating: coordinates of cut joints with a force, those that journals feel among them.
-    """
-    by_place = {(own.closure.number, own.name): own for own in deviating if own.closure is not None}
-    for number, journal in bound.cut_journals.items():
-        felt = [by_place[number, name] for name in journal.index]
-        rates = [own.rate(v) for own in felt]
-        turns = [_turn(own, bound.cut_offsets[number], sincos) for own in felt]
-        for place in places(journal, [own.s for own in felt], turns.__getitem__):
-            yield CutTouch(Touch(journal, place, rates, f), felt)
+    def touches(self, v: Sequence[Scalar]) -> list[CutTouch]:
+        """Give the contacts at the velocities v."""
+        at, found = self.at, list[CutTouch]()
+        if not at.bound.cut_journals:
+            return found
+        members = ElasticCoordinates(at).members
+        by_place = {(own.closure.number, own.name): own for own in members if own.closure is not None}
+        for number, journal in at.bound.cut_journals.items():
+            felt = [by_place[number, name] for name in journal.index]
+            rates = [own.rate(v) for own in felt]
+            turns = [_turn(own, at.bound.cut_offsets[number], at.sincos) for own in felt]
+            for place in places(journal, [own.s for own in felt], turns.__getitem__):
+                found.append(CutTouch(Touch(journal, place, rates, at.functions), felt))
+        return found
+
+    def resist(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Scalar]]:
+        """Give the contacts' forces."""
+        for cut in self.touches(v):
+            yield from cut.rows().items()
+
+    def energies(self) -> Iterator[Scalar]:
+        """Give energies of the penetrations."""
+        yield from (cut.touch.normal.energy for cut in self.touches(self.at.still))
+
+    def wrenches(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Wrench]]:
+        """Give what joints hold of the contacts' forces."""
+        for cut in self.touches(v):
+            yield from cut.wrenches()
+
+    def wrenches_in_cuts(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Wrench]]:
+        """Give the forces on the loops' second links."""
+        for cut in self.touches(v):
+            yield from cut.on_second()
+
+    def add_slopes(self, slopes: Slopes) -> None:
+        """Add derivatives, differentiating the graph."""
+        for cut in self.touches(slopes.v):
+            slopes.differentiate(cut.rows(), cut.moved_by())
+
+    def add_rows(self, share: ImplicitShare) -> None:
+        """Add forces where the velocities lead to, and their slopes."""
+        for cut in self.touches(share.v):
+            there = cut.ahead(share.ahead)
+            share.along_all(there.rows(), there.directions)
+
+    def stiffnesses(self) -> Iterator[tuple[int, Scalar]]:
+        """Give the stiffness of all contacts as if they touched along x and along y."""
+        for cut in self.touches(self.at.still):
+            for arms in cut.arms():
+                yield from ((i, cut.touch.journal.numbers["stiffness"] * (arm * arm)) for i, arm in arms.items())
 
 
 def _turn(own: Deviating, offsets: Sequence[Scalar], sincos: Turn) -> tuple[Scalar, Scalar]:

@@ -7,12 +7,10 @@ from numpy.typing import NDArray
 
 from eomgen.errors import InputError
 from eomgen.names import component_name, joint_of
-from eomgen.robot.laws import stiffness_of
 from eomgen.robot.model import Model
 from eomgen.robot.sizes import cut_numbers, deviation_sizes, law_numbers, table_stiffnesses
-from eomgen.robot.value import ANGULAR
 
-from ...forces.cuts import POLE, cosine_of
+from ...forces.element import POLE
 from ...program.ir import evaluate, finish
 from ...program.passes import PARAMETERS
 from ..derivation import Derivation, vector
@@ -64,26 +62,13 @@ def _at_home(model: Model) -> tuple[Array, Array]:
     _refuse_poles(d)
     n, curves = model.size, knots(model)
     M = d.followers.symmetric(d.matrix()) if d.followers else d.matrix()
-    numbers = cut_numbers(model.parameters, cut_names(model))
     stiff = [0.0] * d.model.size
     tables = table_stiffnesses(model.parameters, tuple(model.followers), curves)
     for name, k in zip(model.followers, tables.tolist(), strict=True):
         stiff[d.model.coordinates.index(name)] = k
-    for line in d.lines(d.still):
-        for (i, j), value in line.stiffness().items():
-            if i == j:
-                stiff[i] = stiff[i] + value
-    for own, (name, given) in zip(d.deviating, numbers.items(), strict=True):
-        k = stiffness_of(given, curves.get(name, ()))
-        for i, arm in own.arms.items():
-            stiff[i] = stiff[i] + k * (arm * arm)
-    for cut in d.cut_touches(d.still):
-        for arms in cut.arms():
-            for i, arm in arms.items():
-                stiff[i] = stiff[i] + cut.touch.journal.numbers["stiffness"] * (arm * arm)
-    for touch in d.touches(d.still):
-        for i, (x, y) in touch.place.first.items():
-            stiff[i] = stiff[i] + touch.journal.numbers["stiffness"] * (x * x + y * y)
+    for element in d.elements:
+        for i, k in element.stiffnesses():
+            stiff[i] = stiff[i] + k
     for follower, share in d.followers.shares.items():  # what couples coordinates beside is left out
         for i, ratio in share.items():
             stiff[i] = stiff[i] + stiff[follower] * (ratio * ratio)
@@ -100,17 +85,15 @@ def _refuse_poles(d: Derivation) -> None:
     Raises:
         InputError: beta is at +-pi/2 there, and coordinates move angles that have tables.
     """
-    moved = [own for own in d.deviating if own.name in ANGULAR and not own.arms.keys().isdisjoint(d.own)]
-    turned = {own.closure.number for own in moved if own.closure is not None}
-    closures = [closure for closure in d.closures if closure.number in turned]
-    program = finish(d.graph, "poles", vector([cosine_of(closure, d.functions) for closure in closures]))
+    found = [pole for element in d.elements for pole in element.poles(d.own)]
+    program = finish(d.graph, "poles", vector([cosine for _, cosine in found]))
     cosines = evaluate(program, _numbers_at_home(d.described))
-    for closure, cosine in zip(closures, cosines.values(), strict=True):
+    for (name, _), cosine in zip(found, cosines.values(), strict=True):
         if cosine < POLE:
             raise InputError(
-                f"{d.described.name}: home puts loops.{closure.name} at beta = +-90 degrees, where alpha and gamma turn"
+                f"{d.described.name}: home puts loops.{name} at beta = +-90 degrees, where alpha and gamma turn"
                 " about one axis, and steps by tolerances refer to what is at home; allowed: another home, or"
-                f" loops.{closure.name}.placements whose frames are turned otherwise"
+                f" loops.{name}.placements whose frames are turned otherwise"
             )
 
 
