@@ -31,7 +31,7 @@ from .scalar_functions import Functions
 
 
 @dataclass(frozen=True)
-class Deviating:
+class ElasticLoopCoordinate:
     """A coordinate with a force outside of the tree's own: s, ds/dq by the index of the coordinate, and the law.
 
     closure: of a cut joint's coordinate, with its direction there and its name; None of a coupling's.
@@ -44,7 +44,7 @@ class Deviating:
     law: BoundLaw
     closure: Closure | None = None
     direction: Direction | None = None
-    carriers: tuple[Deviating, ...] = ()
+    carriers: tuple[ElasticLoopCoordinate, ...] = ()
     name: str = ""
     turn: tuple[Scalar, Scalar] | None = None
 
@@ -85,13 +85,13 @@ class Deviating:
         return self.s if is_zero(dt) else self.s + dt * rate, rate
 
 
-class ElasticCoordinates(ForceElement):
+class ElasticLoopCoordinates(ForceElement):
     """All coordinates of cut joints with a force, then elastic couplings, in the order of ``Model.cut_laws``."""
 
     @cached_property
-    def members(self) -> list[Deviating]:
+    def members(self) -> list[ElasticLoopCoordinate]:
         """The coordinates where q is."""
-        at, found = self.at, list[Deviating]()
+        at, found = self.at, list[ElasticLoopCoordinate]()
         if not (at.bound.cut_laws or at.bound.couplings):
             return found
         for closure in at.closures():
@@ -100,7 +100,7 @@ class ElasticCoordinates(ForceElement):
                 found += _of_loop(at.bound, closure, names, at.functions)
         for coupling in at.bound.couplings:
             if coupling.law is not None:
-                found.append(Deviating(coupling.gap(at.q), dict(coupling.arms), coupling.law))
+                found.append(ElasticLoopCoordinate(coupling.gap(at.q), dict(coupling.arms), coupling.law))
         return found
 
     def resist(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Scalar]]:
@@ -163,7 +163,7 @@ class ElasticCoordinates(ForceElement):
     }
 
 
-def _of_loop(bound: Bound, closure: Closure, names: Sequence[str], f: Functions) -> Iterator[Deviating]:
+def _of_loop(bound: Bound, closure: Closure, names: Sequence[str], f: Functions) -> Iterator[ElasticLoopCoordinate]:
     offset = bound.cut_offsets[closure.number]
     values, directions, turns = [], [], dict[str, tuple[Scalar, Scalar] | None]()
     angles = _angles(closure, f) if any(name in ANGULAR for name in names) else {}
@@ -176,12 +176,12 @@ def _of_loop(bound: Bound, closure: Closure, names: Sequence[str], f: Functions)
             value, vector, turns[name] = angles[name]
             values.append(value)
             directions.append(Direction(vector, is_rotation=True))
-    found: dict[str, Deviating] = {}
+    found: dict[str, ElasticLoopCoordinate] = {}
     for name, value, direction, arms in zip(names, values, directions, closure.arms(directions), strict=True):
         law = bound.cut_laws[closure.number, name]
         moved = {index: arm for index, arm in arms.items() if not is_zero(arm)}
         s = value - offset[COORDINATES.index(name)]
-        found[name] = Deviating(s, moved, law, closure, direction, name=name, turn=turns.get(name))
+        found[name] = ElasticLoopCoordinate(s, moved, law, closure, direction, name=name, turn=turns.get(name))
     for own in found.values():
         yield replace(own, carriers=tuple(found[COORDINATES[other]] for other in own.law.carriers))
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from .coordinates import CoordinateLaws
-from .cut_journals import CutBearingContacts
-from .cuts import ElasticCoordinates
+from .cut_journals import LoopBearingContacts
+from .cuts import ElasticLoopCoordinates
 from .element import ForceElement
 from .joint_damping import JointDampers
 from .journals import BearingContacts
@@ -19,6 +19,6 @@ ELEMENTS: Sequence[type[ForceElement]] = (
     PointSprings,
     BearingContacts,
     JointDampers,
-    ElasticCoordinates,
-    CutBearingContacts,
+    ElasticLoopCoordinates,
+    LoopBearingContacts,
 )

@@ -59,7 +59,7 @@ class Place:
         return x, y
 
 
-class Touch:
+class BearingContact:
     """A contact at the rates v."""
 
     def __init__(self, journal: BoundJournal, place: Place, v: Sequence[Scalar], f: Functions) -> None:
@@ -76,10 +76,10 @@ class Touch:
         self.spin: Arms = {} if radius is None else {journal.index[TURNING]: radius}
         self._slide()
 
-    def ahead(self, dt: Scalar) -> Touch:
+    def ahead(self, dt: Scalar) -> BearingContact:
         """The contact where the rates lead to after dt, with the derivatives that c has here."""
         at = (self.place.at[0] + dt * self.rate[0], self.place.at[1] + dt * self.rate[1])
-        return Touch(self.journal, replace(self.place, at=at), self.v, self.f)
+        return BearingContact(self.journal, replace(self.place, at=at), self.v, self.f)
 
     def _slide(self) -> None:
         """T, its slopes by N and v_t, and its secant T / v_t."""
@@ -163,52 +163,52 @@ class Touch:
 class BearingContacts(ForceElement):
     """The contacts of all journals of joints in their bearings."""
 
-    def touches(self, v: Sequence[Scalar]) -> list[Touch]:
+    def contacts(self, v: Sequence[Scalar]) -> list[BearingContact]:
         """Give the contacts at the velocities v, each journal with a comment in front of its values."""
-        at, found = self.at, list[Touch]()
+        at, found = self.at, list[BearingContact]()
         for journal in at.bound.journals:
             at.note(f"{journal.joint}: its journal in the bearing")
-            found += (Touch(journal, place, v, at.functions) for place in places(journal, at.q, self._turn))
+            found += (BearingContact(journal, place, v, at.functions) for place in places(journal, at.q, self._turn))
         return found
 
     def resist(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Scalar]]:
         """Give the contacts' forces."""
-        for touch in self.touches(v):
-            yield from touch.rows().items()
+        for one in self.contacts(v):
+            yield from one.rows().items()
 
     def energies(self) -> Iterator[Scalar]:
         """Give energies of the penetrations."""
-        yield from (touch.normal.energy for touch in self.touches(self.at.still))
+        yield from (one.normal.energy for one in self.contacts(self.at.still))
 
     def add_slopes(self, slopes: Slopes) -> None:
         """Add dr/dq and dr/dv."""
-        for touch in self.touches(slopes.v):
-            touch.add_slopes(slopes)
+        for one in self.contacts(slopes.v):
+            one.add_slopes(slopes)
 
     def advance(self, share: ImplicitShare) -> None:
         """Push the forces where the velocities lead to."""
-        for touch in [touch.ahead(share.ahead) for touch in self._made(share)]:
-            for i, force in touch.rows().items():
+        for one in [one.ahead(share.ahead) for one in self._made(share)]:
+            for i, force in one.rows().items():
                 share.push(i, force)
 
     def add_blocks(self, share: ImplicitShare) -> None:
         """Add the contacts' slopes."""
-        for touch in self._made(share):
-            share.in_joint(touch.ahead(share.ahead).slopes)
+        for one in self._made(share):
+            share.in_joint(one.ahead(share.ahead).slopes)
 
     def stiffnesses(self) -> Iterator[tuple[int, Scalar]]:
         """Give the stiffness of all contacts as if they touched along x and along y."""
-        for touch in self.touches(self.at.still):
-            for i, (x, y) in touch.place.first.items():
-                yield i, touch.journal.numbers["stiffness"] * (x * x + y * y)
+        for one in self.contacts(self.at.still):
+            for i, (x, y) in one.place.first.items():
+                yield i, one.journal.numbers["stiffness"] * (x * x + y * y)
 
     def _turn(self, i: int) -> tuple[Scalar, Scalar]:
         return self.at.sincos(self.at.q[i])
 
-    def _made(self, share: ImplicitShare) -> list[Touch]:
+    def _made(self, share: ImplicitShare) -> list[BearingContact]:
         if self not in share.members:
-            share.members[self] = self.touches(share.v)
-        found: list[Touch] = share.members[self]
+            share.members[self] = self.contacts(share.v)
+        found: list[BearingContact] = share.members[self]
         return found
 
 

@@ -68,7 +68,7 @@ class Along:
     by_rate: Scalar
 
 
-class Line:
+class PointSpring:
     """One spring: its vector d, and g and H as above."""
 
     def __init__(
@@ -137,6 +137,18 @@ class Line:
                 H[one.index, other.index] = H[other.index, one.index] = value
         return H
 
+    def add_slopes(self, slopes: Slopes) -> None:
+        """Add the spring's share of dr/dq and dr/dv."""
+        pull, H, g, v = self.pull(), self.hessian(), self.g, slopes.v
+        turned: dict[int, Scalar] = dict.fromkeys(g, 0.0)  # H v
+        for (i, j), value in H.items():
+            turned[i] = turned[i] + value * v[j]
+        for j in g:
+            slope = pull.by_s * g[j] + pull.by_w * turned[j]
+            for i in g:
+                add_to(slopes.by_q, (i, j), pull.ratio * H[i, j] + g[i] * slope)
+                add_to(slopes.by_v, (i, j), pull.by_w * (g[i] * g[j]))
+
     def stiffness(self) -> Rows:
         """Stiffness times (dd/dq)^T dd/dq: of a curve the steepest piece counts, of a cable that it is taut."""
         numbers, knots = self.spring.numbers, self.spring.knots
@@ -176,18 +188,18 @@ class PointSprings(ForceElement):
 
     def lengths_and_tensions(self, v: Sequence[Scalar]) -> list[Scalar]:
         """Give the length (m) and the tension (N) of every spring."""
-        return [x for line in self.lines(v) for x in line.forces()]
+        return [x for spring in self.springs(v) for x in spring.forces()]
 
     def length_rows(self) -> list[dict[int, Scalar]]:
         """Give derivatives of the lengths by the coordinates."""
-        found = [(1.0 / line.length(), line.g) for line in self.lines(self.at.still)]
+        found = [(1.0 / spring.length(), spring.g) for spring in self.springs(self.at.still)]
         return [{i: x * inverse for i, x in g.items()} for inverse, g in found]
 
     def stiffness(self) -> Rows:
         """Give what the springs stiffen at most, the sum of k (dd/dq)^T dd/dq."""
         total: Rows = {}
-        for line in self.lines(self.at.still):
-            for place, value in line.stiffness().items():
+        for spring in self.springs(self.at.still):
+            for place, value in spring.stiffness().items():
                 add_to(total, place, value)
         return total
 
@@ -197,66 +209,53 @@ class PointSprings(ForceElement):
         "spring_stiffness": ("matrices", lambda self, v: self.stiffness()),
     }
 
-    def lines(self, v: Sequence[Scalar]) -> list[Line]:
+    def springs(self, v: Sequence[Scalar]) -> list[PointSpring]:
         """Give the springs at the velocities v, each with a comment in front of its values."""
-        at, found = self.at, list[Line]()
+        at, found = self.at, list[PointSpring]()
         for given, spring in zip(at.model.robot.springs, at.bound.springs, strict=True):
             at.note(f"{given.name}: between {given.links[0]} and {given.links[1]}")
-            found.append(Line(at.model, spring, at.joints, v, at.functions))
+            found.append(PointSpring(at.model, spring, at.joints, v, at.functions))
         return found
 
     def resist(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Scalar]]:
         """Give p g."""
-        for line in self.lines(v):
-            ratio = line.pull().ratio
-            yield from ((i, ratio * value) for i, value in line.g.items())
+        for spring in self.springs(v):
+            ratio = spring.pull().ratio
+            yield from ((i, ratio * value) for i, value in spring.g.items())
 
     def energies(self) -> Iterator[Scalar]:
         """Give the springs' energies."""
-        yield from (line.pull().energy for line in self.lines(self.at.still))
+        yield from (spring.pull().energy for spring in self.springs(self.at.still))
 
     def wrenches(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Wrench]]:
         """Give what joints between both points hold: the forces pass them by."""
-        for line in self.lines(v):
-            yield from line.wrenches()
+        for spring in self.springs(v):
+            yield from spring.wrenches()
 
     def add_slopes(self, slopes: Slopes) -> None:
         """Add dr/dq and dr/dv."""
-        for line in self.lines(slopes.v):
-            _add_derivatives(line, slopes)
+        for spring in self.springs(slopes.v):
+            spring.add_slopes(slopes)
 
     def advance(self, share: ImplicitShare) -> None:
         """Push the tensions where their rates lead to, in the directions that the springs have."""
-        for pull in [line.along(share.ahead) for line in self._made(share)]:
+        for pull in [spring.along(share.ahead) for spring in self._made(share)]:
             for i, arm in pull.arms.items():
                 share.push(i, pull.tension * arm)
 
     def add_rows(self, share: ImplicitShare) -> None:
         """Add the tensions' slopes."""
-        for line in self._made(share):
-            pull = line.along(share.ahead)
+        for spring in self._made(share):
+            pull = spring.along(share.ahead)
             share.along(pull.arms, Effect(by_s=pull.by_e, by_v=pull.by_rate))
 
     def stiffnesses(self) -> Iterator[tuple[int, Scalar]]:
         """Give the diagonal of what the springs stiffen at most."""
-        for line in self.lines(self.at.still):
-            yield from ((i, value) for (i, j), value in line.stiffness().items() if i == j)
+        for spring in self.springs(self.at.still):
+            yield from ((i, value) for (i, j), value in spring.stiffness().items() if i == j)
 
-    def _made(self, share: ImplicitShare) -> list[Line]:
+    def _made(self, share: ImplicitShare) -> list[PointSpring]:
         if self not in share.members:
-            share.members[self] = self.lines(share.v)
-        found: list[Line] = share.members[self]
+            share.members[self] = self.springs(share.v)
+        found: list[PointSpring] = share.members[self]
         return found
-
-
-def _add_derivatives(line: Line, slopes: Slopes) -> None:
-    """Add a spring's share of dr/dq and dr/dv."""
-    pull, H, g, v = line.pull(), line.hessian(), line.g, slopes.v
-    turned: dict[int, Scalar] = dict.fromkeys(g, 0.0)  # H v
-    for (i, j), value in H.items():
-        turned[i] = turned[i] + value * v[j]
-    for j in g:
-        slope = pull.by_s * g[j] + pull.by_w * turned[j]
-        for i in g:
-            add_to(slopes.by_q, (i, j), pull.ratio * H[i, j] + g[i] * slope)
-            add_to(slopes.by_v, (i, j), pull.by_w * (g[i] * g[j]))

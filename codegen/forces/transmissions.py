@@ -16,7 +16,7 @@ from .laws import Effect, effect
 
 
 @dataclass(frozen=True)
-class _Stretch:
+class TransmissionDeflection:
     """Effects of a transmission: ``linear`` by its stiffness and damping, ``nonlinear`` by its laws."""
 
     linear: Effect
@@ -28,6 +28,9 @@ class _Stretch:
         return self.linear + self.nonlinear
 
 
+Deflected = tuple[int, BoundTransmission, TransmissionDeflection]  # the motor, what is behind it, and its effects
+
+
 class Transmissions(ForceElement):
     """Springs and dampers between all motors and the coordinates that they drive."""
 
@@ -37,12 +40,12 @@ class Transmissions(ForceElement):
 
     def energies(self) -> Iterator[Scalar]:
         """Give the energies of the deflections."""
-        yield from (stretch.whole.energy for _, _, stretch in self._stretches(self.at.q, self.at.still))
+        yield from (deflection.whole.energy for _, _, deflection in self._deflections(self.at.q, self.at.still))
 
     def add_slopes(self, slopes: Slopes) -> None:
         """Add what the slopes of a deflection's force are on both ends."""
-        for motor, between, stretch in self._stretches(slopes.q, slopes.v):
-            p, inverse, whole = between.principal, between.inverse_ratio, stretch.whole
+        for motor, between, deflection in self._deflections(slopes.q, slopes.v):
+            p, inverse, whole = between.principal, between.inverse_ratio, deflection.whole
             across = [slope * inverse for slope in (whole.by_s, whole.by_rate)]
             slopes.add((motor, motor), *(x * inverse for x in across))
             slopes.add((motor, p), *(-x for x in across))
@@ -56,22 +59,22 @@ class Transmissions(ForceElement):
 
     def add_rows(self, share: ImplicitShare) -> None:
         """Add the slopes in the deflections."""
-        for motor, _, stretch in self._stretches(share.q, share.v):
-            share.in_transmission(motor, stretch.linear, stretch.nonlinear)
+        for motor, _, deflection in self._deflections(share.q, share.v):
+            share.in_transmission(motor, deflection.linear, deflection.nonlinear)
 
     def _rows(self, q: Sequence[Scalar], v: Sequence[Scalar]) -> Iterator[tuple[int, Scalar]]:
-        for motor, between, stretch in self._stretches(q, v):
-            force = stretch.whole.force
+        for motor, between, deflection in self._deflections(q, v):
+            force = deflection.whole.force
             yield motor, force * between.inverse_ratio
             yield between.principal, -force
 
-    def _stretches(self, q: Sequence[Scalar], v: Sequence[Scalar]) -> list[tuple[int, BoundTransmission, _Stretch]]:
+    def _deflections(self, q: Sequence[Scalar], v: Sequence[Scalar]) -> list[Deflected]:
         """Motors with their transmissions and effects; forces in units of the joint's side."""
-        found, f = list[tuple[int, BoundTransmission, _Stretch]](), self.at.functions
+        found, f = list[Deflected](), self.at.functions
         for motor, between in self.at.bound.transmissions.items():
             phi, rate = (x[motor] * between.inverse_ratio - x[between.principal] for x in (q, v))
             k, b = between.law.stiffness, between.law.damping
             linear = Effect(k * phi + b * rate, k, b, 0.5 * k * phi * phi)
             nonlinear = effect(between.law.numbers, between.law.knots, phi, rate, f)
-            found.append((motor, between, _Stretch(linear, nonlinear)))
+            found.append((motor, between, TransmissionDeflection(linear, nonlinear)))
         return found

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
 from eomgen.errors import InputError
-from eomgen.names import component_name, joint_of
+from eomgen.names import joint_of
 from eomgen.robot.model import Model
-from eomgen.robot.sizes import cut_numbers, deviation_sizes, law_numbers, table_stiffnesses
+from eomgen.robot.parameter_names import CUTS, JOINTS, element_places
+from eomgen.robot.sizes import deviation_sizes, table_stiffnesses
 
 from ...forces.element import POLE
 from ...program.ir import evaluate, finish
@@ -30,23 +33,24 @@ def rubbing_parameters(model: Model) -> list[tuple[int, str]]:
 
     What rubs in cut joints and couplings counts for all coordinates of the robot.
     """
-    names = list(model.parameters)
-    places = {name: float(place) for place, name in enumerate(names)}
-    own = law_numbers(places, (*model.coordinates, *model.followers))
-    cut = cut_numbers(places, cut_names(model))
-    acting = [(i, x) for i, name in enumerate(model.coordinates) for x in (own[name], *cut.values())]
-    acting += [(model.coordinates.index(x), own[name]) for name, leaders in model.leaders.items() for x in leaders]
-    return [(i, names[int(x["friction.smoothing"])]) for i, x in acting if "friction.smoothing" in x]
+    names, places = list(model.parameters), element_places(model.robot, model.parameters)
+    own, cut = places[JOINTS], places[CUTS].values()
+    acting = [(i, x) for i, name in enumerate(model.coordinates) for x in (own.get(name, {}), *cut)]
+    led = [(x, own.get(name, {})) for name, leaders in model.leaders.items() for x in leaders]
+    acting += [(model.coordinates.index(x), given) for x, given in led]
+    return [(i, names[x["friction.smoothing"]]) for i, x in acting if "friction.smoothing" in x]
 
 
-def cut_names(model: Model) -> list[str]:
-    """Names of the coordinates of cut joints with a force, and of elastic couplings, as in ``Kernel.cut_laws``."""
-    return [component_name(owner, name) if name else owner for owner, name, _ in model.cut_laws]
+def _tables(model: Model) -> Mapping[str, Mapping[str, float]]:
+    """Numbers of the forces of all coordinates, those that follow others among them."""
+    values = list(model.parameters.values())
+    places = element_places(model.robot, model.parameters)[JOINTS]
+    return {name: {key: values[place] for key, place in own.items()} for name, own in places.items()}
 
 
 def _own_stiffness(model: Model) -> Array:
     """Stiffness of each coordinate's table; a transmission holds its motor and its joint."""
-    given = table_stiffnesses(model.parameters, model.coordinates, knots(model))  # those of followers stand beside
+    given = table_stiffnesses(_tables(model), model.coordinates, knots(model))  # those of followers stand beside
     found = given.copy()
     for index, principal in model.motors.items():
         motor = model.robot.joint(joint_of(model.coordinates[index])).motor
@@ -63,7 +67,7 @@ def _at_home(model: Model) -> tuple[Array, Array]:
     n, curves = model.size, knots(model)
     M = d.followers.symmetric(d.matrix()) if d.followers else d.matrix()
     stiff = [0.0] * d.model.size
-    tables = table_stiffnesses(model.parameters, tuple(model.followers), curves)
+    tables = table_stiffnesses(_tables(model), tuple(model.followers), curves)
     for name, k in zip(model.followers, tables.tolist(), strict=True):
         stiff[d.model.coordinates.index(name)] = k
     for element in d.elements:

@@ -68,6 +68,8 @@ class Kernel:
         efforts: mapping from coordinates to limits of their drives' forces, N or N m, as the description has them.
         motors: mapping from the names of motors' coordinates to those of the principal coordinates that they drive.
         parameters: mapping from name to value; an assignment takes effect without recompiling.
+        elements: places among the parameters of the numbers of forces, by family ("coordinates", "springs", ...), by
+            what has them ("joint1.x"), and by their names in its table ("stiffness").
         knots: deviations (m, rad) of measured curves by coordinate, elongations (m) by spring; the forces there are
             parameters.
         operations: per kernel the multiplications, additions, divisions and sine-cosine pairs of its C; of one that was
@@ -111,6 +113,7 @@ class Kernel:
         self.follower_names: tuple[str, ...] = tuple(self._followers)
         self.springs: tuple[str, ...] = tuple(meta.get("springs", ()))
         self.cut_laws: tuple[str, ...] = tuple(meta.get("cut_laws", ()))
+        self.elements: Mapping[str, Mapping[str, Mapping[str, int]]] = meta.get("elements", {})
         self.prescribed: tuple[str, ...] = tuple(meta["prescribed"])
         self.motors: dict[str, str] = {name: drives for name, (drives, _) in meta.get("motors", {}).items()}
         self.operations: Mapping[str, Mapping[str, int]] = Operations(libraries)
