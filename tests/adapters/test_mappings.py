@@ -17,7 +17,7 @@ from tests.support.figures import Figures
 from tests.support.random_robots import random_robot, seeds
 
 
-@pytest.mark.parametrize("seed", [4100, *seeds(4101, 0, 59)])
+@pytest.mark.parametrize("seed", [4100, *seeds(4101, 0, 59, soak=4)])
 def test_derivatives_are_those_of_complex_steps(seed: int, built: Build, figures: Figures) -> None:
     """Of all functions by all arguments; of frames, whose programs are parts, those of central differences."""
     robot = sample(seed)
@@ -42,7 +42,7 @@ def test_derivatives_are_those_of_complex_steps(seed: int, built: Build, figures
         figures.count("functions")
 
 
-@pytest.mark.parametrize("seed", seeds(4100, 1, 30))
+@pytest.mark.parametrize("seed", seeds(4100, 1, 30, soak=4))
 def test_second_derivatives_are_those_of_the_first(seed: int, built: Build, figures: Figures) -> None:
     """Of all functions against central differences of the exact Jacobian, and of weighted results; zeros are zeros."""
     robot = sample(seed)
