@@ -15,6 +15,7 @@ from tests.support.adapter_samples import built_for, differences, functions_of, 
 from tests.support.builds import Build
 from tests.support.figures import Figures
 from tests.support.random_robots import random_robot, seeds
+from tests.support.soak import WHOLE
 
 
 @pytest.mark.parametrize("seed", [4100, *seeds(4101, 0, 59, soak=4)])
@@ -156,7 +157,10 @@ def test_accelerations_with_loops(built: Build) -> None:
     assert set(kernels_for("constraint", order=1)) == set(FUNCTIONS["constraint"].kernels)
 
 
-@pytest.mark.parametrize("name", ["four_bar", pytest.param("gough", marks=pytest.mark.soak)])
+@pytest.mark.parametrize(
+    "name",
+    ["four_bar", *(pytest.param(name, marks=pytest.mark.soak) for name in (["gough"] if WHOLE else ["bennett"]))],
+)
 def test_drives_with_loops(name: str, built: Build) -> None:
     """Drives of the kernel on a motion, with derivatives there and beside it."""
     robot = eomgen.load_robot(name)
