@@ -76,14 +76,14 @@ class Slopes:
         """Add the derivatives of forces, which depend on these coordinates alone, by differentiating the graph."""
         moving = self.moving(moved_by)
         for x, into in ((self.q, self.by_q), (self.v, self.by_v)):
-            found = gradients(self.graph, list(rows.values()), [x[j] for j in moving])  # type: ignore[misc]
+            found = gradients(self.graph, list(rows.values()), [x[j] for j in moving])
             for i, row in zip(rows, found, strict=True):
                 for j, slope in zip(moving, row, strict=True):
                     add_to(into, (i, j), slope)
 
 
 class ImplicitShare(ABC):
-    """What elements add to M + c D + c^2 K of an implicit method, and to the forces on its right side.
+    """Shares of elements in M + c D + c^2 K of an implicit method, and in the forces on its right side.
 
     q, v: where forces are taken, (n,) each; ``ahead`` is how long velocities have led there, 0 in stages.
     members: what families have made there, by family, so that it is made once.

@@ -200,7 +200,8 @@ def _of_element(family: type[ForceElement], kernel: str) -> Callable[[Derivation
 
     def write(d: Derivation) -> Outputs:
         found = tell(d.elements[ELEMENTS.index(family)], d.v)
-        return {"values": vector, "rows": d.rows, "matrices": d.matrices}[shape](found)
+        shapes: Mapping[str, Callable[..., Outputs]] = {"values": vector, "rows": d.rows, "matrices": d.matrices}
+        return shapes[shape](found)
 
     return write
 
