@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-import eomgen
+from eomgen.codegen.forces.coordinates import CoordinateLaws
 from eomgen.codegen.forces.element import ForceElement, Slopes
 from eomgen.codegen.forces.elements import ELEMENTS
 from eomgen.codegen.kernels.accelerations import implicit_step
@@ -16,6 +16,8 @@ from eomgen.codegen.kernels.derivation import Derivation, Outputs, vector
 from eomgen.codegen.program.ir import evaluate, finish
 from eomgen.description.load import robot_from_toml
 from eomgen.robot.parameter_names import element_places
+from eomgen.state.joint_damping import damping_diagonal
+from eomgen.state.journals import cut_contacts, journal_contacts
 from tests.support.builds import Build
 from tests.support.every_element import ROBOTS, drawn, robot_with
 from tests.support.random_robots import seeds
@@ -74,23 +76,17 @@ def test_every_element_has_a_robot() -> None:
 def test_slopes_are_those_of_forces(families: Sequence[type[ForceElement]], seed: int) -> None:
     forces = Forces(families, seed)
     d, n = forces.d, forces.n
-    by_q = {(i, i): law.stiffness for i, law in enumerate(d.bound.laws)}  # which the residual's derivatives have
-    by_v = {(i, i): law.damping for i, law in enumerate(d.bound.laws)}
+    laws = d.bound.laws if CoordinateLaws in families else ()  # straight lines are in the residual's derivatives
+    by_q = {(i, i): law.stiffness for i, law in enumerate(laws)}
+    by_v = {(i, i): law.damping for i, law in enumerate(laws)}
     slopes = Slopes(d.graph, by_q, by_v, d.q, d.v, list)
     for element in forces.elements:
         element.add_slopes(slopes)
     for name, x, rows in (("q", forces.q, by_q), ("v", forces.v, by_v)):
         found = forces.run(vector([rows.get((i, j), 0.0) for i in range(n) for j in range(n)])).reshape(n, n)
-        if not any(type(element).__name__ == "CoordinateLaws" for element in forces.elements):
-            found -= forces.run(vector([rows0(d, name, i, j) for i in range(n) for j in range(n)])).reshape(n, n)
         expected = forces.differences(name, x, forces.rows())
         assert np.abs(expected).max() > 0.0 or (name == "q" and not np.any(found))
         assert np.abs(found - expected).max() <= 1e-6 * max(1.0, np.abs(expected).max())
-
-
-def rows0(d: Derivation, name: str, i: int, j: int) -> object:
-    law = d.bound.laws[i]
-    return (law.stiffness if name == "q" else law.damping) if i == j else 0.0
 
 
 @EVERY
@@ -209,7 +205,7 @@ def test_batches_and_float32(seed: int, built: Build) -> None:
     """The robot with all families: batches have the numbers of single states, and float32 nearly so."""
     robot = robot_from_toml(robot_with(*ELEMENTS))
     names = ("generalized_force", "energy")
-    kernel, single = built(robot, kernels=names), built(robot, kernels=names, dtype="float32")
+    kernel, single = built(robot, *names), built(robot, *names, dtype="float32")
     rng = np.random.default_rng(seed)
     q, v = rng.uniform(-0.3, 0.3, (9, kernel.n)), rng.uniform(-1.0, 1.0, (9, kernel.n))
     for name in names:
@@ -217,4 +213,22 @@ def test_batches_and_float32(seed: int, built: Build) -> None:
         assert np.array_equal(whole, [getattr(kernel, name)(x, y) for x, y in zip(q, v, strict=True)])
         rough = getattr(single, name)(q.astype(np.float32), v.astype(np.float32))
         assert np.abs(rough - whole).max() <= 1e-3 * np.abs(whole).max()
-    assert isinstance(kernel, eomgen.Kernel)
+
+
+def test_places_of_numbers(built: Build) -> None:
+    """A kernel tells its forces' numbers by family, owner and name."""
+    kernel = built(robot_from_toml(robot_with(*ELEMENTS)), "generalized_force", "energy")
+    names = list(kernel.parameters)
+    for family, owner, key, name in (
+        ("coordinates", "hip.motor", "cubic", "joints.hip.motor.cubic"),
+        ("cut_laws", "pin.y", "clearance", "loops.pin.y.clearance"),
+        ("cut_laws", "belt", "stiffness", "couplings.belt.stiffness"),
+        ("bearings", "hip", "friction.radius", "joints.hip.radial.friction.radius"),
+        ("cut_bearings", "bush", "stiffness", "loops.bush.radial.stiffness"),
+        ("joint_damping", "hip", "angular", "joints.hip.damping.angular"),
+        ("springs", "coil", "free_length", "springs.coil.free_length"),
+    ):
+        assert names[kernel.elements[family][owner][key]] == name
+    assert [contact.stiffness for contact in (*journal_contacts(kernel), *cut_contacts(kernel))] == [100.0] * 4
+    hip = [name.startswith("hip.") and not name.endswith(".motor") for name in kernel.coordinates]
+    assert np.array_equal(damping_diagonal(kernel) > 0.0, hip)
