@@ -48,7 +48,7 @@ def fuzzed(kind: str, first: int, count: int) -> dict[str, Any]:
 
 @pytest.mark.parametrize("kind", BLOCKS)
 def test_mutants_are_refused_or_read(kind: str) -> None:
-    fuzzed(kind, 10_000_000, 800)
+    fuzzed(kind, 10_000_000, 300)
 
 
 @pytest.mark.soak

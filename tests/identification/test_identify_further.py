@@ -138,7 +138,7 @@ def test_noisy_encoders_have_a_wider_filter(built: Build) -> None:
     assert values["fore.mx"] == pytest.approx(0.225, abs=0.02)
 
 
-@pytest.mark.parametrize("rates", [True, False])
+@pytest.mark.parametrize("rates", [False, pytest.param(True, marks=pytest.mark.soak)])
 def test_a_delay_of_drives(rates: bool, built: Build) -> None:
     """Drives in the file are 3.3 samples late; and so that noise does not make it, none where there is none."""
     robot = arm()
@@ -403,7 +403,7 @@ STRIBECK_TERMS = (*TERMS, "stribeck")
 @pytest.mark.parametrize(
     ("seed", "shape"),
     [
-        (1, "gaussian"),
+        pytest.param(1, "gaussian", marks=pytest.mark.soak),
         *(pytest.param(seed, shape, marks=pytest.mark.soak) for seed in (1, 2, 3) for shape in (*SHAPES, "")),
     ],
 )

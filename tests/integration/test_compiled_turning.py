@@ -126,7 +126,7 @@ class Pull:
 
 
 @pytest.mark.parametrize("method", ["auto", pytest.param("rosenbrock", marks=pytest.mark.soak)])
-@pytest.mark.parametrize("turns", [True, False])
+@pytest.mark.parametrize("turns", [pytest.param(True, marks=pytest.mark.soak), False])
 def test_a_floating_arm_under_pd_control_and_a_force(method: str, turns: bool, built: Build) -> None:
     """Two joints that turn at times of their own; what acts is asked in described states, and acts on all links."""
     robot = floating_arm()

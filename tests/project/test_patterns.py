@@ -237,7 +237,14 @@ def test_all_patterns_are_found() -> None:
     assert {"eomgen.motion.csv_columns", "eomgen.description.xml_text", "eomgen.names"} <= {key[0] for key in PATTERNS}
 
 
-@pytest.mark.parametrize("text", [r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)", r"^(a|a)*$", r"(\s*x)*y", r"x.*?y.*?z"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)",
+        r"^(a|a)*$",
+        *(pytest.param(text, marks=pytest.mark.soak) for text in (r"(\s*x)*y", r"x.*?y.*?z")),
+    ],
+)
 def test_patterns_of_quadratic_time_are_seen(text: str, limited: None) -> None:
     assert slow(re.compile(text), {"fullmatch", "search"} if "x" in text else {"fullmatch"})
 

@@ -106,7 +106,7 @@ def calls(called: RawFunction, writes: Sequence[int], frame: str) -> list[str]:
     ("make", "dtype", "compiler", "eigen"),
     [
         pytest.param(sprung, "float64", "gcc", True, marks=pytest.mark.soak),
-        (looped, "float64", "clang", False),
+        pytest.param(looped, "float64", "clang", False, marks=pytest.mark.soak),
         pytest.param(looped, "float64", "gcc", True, marks=pytest.mark.soak),
         (tree, "float32", "clang", True),
         pytest.param(tree, "float64", "gcc", False, marks=pytest.mark.soak),

@@ -37,6 +37,7 @@ from tests.support.c_project import WARNINGS
 from tests.support.c_sources import check_symbols, elastic_tree, source_of
 from tests.support.random_robots import random_robot
 from tests.support.small_robots import free_body
+from tests.support.soak import soaked
 
 ROOT = Path(__file__).parents[3]
 
@@ -70,6 +71,7 @@ ROBOTS = {
     "elastic_chain": elastic_chain,
     "free_body": free_body,
 }
+QUICK = ("worn_joint", "one_link", "elastic_tree")
 
 
 @cache
@@ -107,7 +109,7 @@ def compiled(compiler: str, *arguments: str | Path) -> None:
 
 
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
-@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("name", soaked(ROBOTS, QUICK))
 def test_no_compiler_warns(name: str, dtype: str, tmp_path: Path) -> None:
     source = source_of_robot(name, dtype)
     (tmp_path / f"{name}.h").write_text(source.header, encoding="ascii")
