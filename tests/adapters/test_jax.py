@@ -186,7 +186,7 @@ def test_frames_have_derivatives_of_any_order(built: Build) -> None:
 
 
 SECOND = [
-    pytest.param(robot, name, marks=() if at in (1, 3, 4) else pytest.mark.soak, id=f"{robot}-{name}")
+    pytest.param(robot, name, marks=() if at in (1, 3) else pytest.mark.soak, id=f"{robot}-{name}")
     for at, (robot, name) in enumerate(
         product(("one_link", "four_bar"), ("forward_dynamics", "inverse_dynamics", "energy", "frame_pose"))
     )

@@ -97,6 +97,7 @@ def test_the_tool_moves_along_its_line(built: Build) -> None:
     assert np.abs(ddx[0]).max() == np.abs(a[0]).max() == 0.0
 
 
+@pytest.mark.soak
 def test_a_line_for_different_structures() -> None:
     """An arm of three joints and one of six; the tool's path has one length."""
     puma = eomgen.load_robot("puma560")

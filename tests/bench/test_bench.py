@@ -26,6 +26,7 @@ from eomgen.robot.value import COORDINATES, Coordinate, Robot
 from eomgen.runtime.calls import Calls
 from tests.support.builds import Build
 from tests.support.random_robots import random_robot, random_state, seeds
+from tests.support.soak import soaked
 
 Array = NDArray[np.float64]
 EPS = float(np.finfo(np.float64).eps)
@@ -78,12 +79,13 @@ def test_textbook_equals_kernels_on_random_robots(seed: int, built: Build) -> No
     check_equal(built(robot, *COUNTERPARTS), robot, seed)
 
 
-@pytest.mark.parametrize("name", ["one_link", "puma560", "puma560_elastic", "ur5"])
+@pytest.mark.parametrize("name", soaked(("one_link", "puma560", "puma560_elastic", "ur5"), ("one_link", "puma560")))
 def test_textbook_equals_kernels_on_built_in_robots(name: str, built: Build) -> None:
     robot = eomgen.load_robot(name)
     check_equal(built(robot, *COUNTERPARTS), robot, 7)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])
 def test_textbook_compiles_without_a_warning(compiler: str, tmp_path: Path) -> None:
     if shutil.which(compiler) is None:
@@ -183,7 +185,7 @@ def test_bench_prints_a_table_and_json(tiny: Robot) -> None:
     assert values["rows"][0]["kernel"]["operations"]["mul"] >= 0
 
 
-@pytest.mark.parametrize("name", ["inverse_dynamics", "frame_pose", "external_force"])
+@pytest.mark.parametrize("name", soaked(("inverse_dynamics", "frame_pose", "external_force"), ("inverse_dynamics",)))
 def test_what_is_called_from_python_is_what_users_call(name: str, tiny: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     """The kernel's own method, plain calls of which do not come to Python but for the first one."""
     came: list[str] = []
@@ -213,6 +215,7 @@ def test_figures_of_loops_are_the_open_trees() -> None:
     assert result.as_dict()["note"] == note
 
 
+@pytest.mark.soak
 def test_closed_mechanisms_have_no_textbook_beside_them() -> None:
     """At closed states; what is of the open tree has its counterpart, and the note says which is which."""
     result = bench("four_bar", repeat=1, kernels=("forward_dynamics", "tree_forward_dynamics", "constraint_forces"))

@@ -236,6 +236,7 @@ def test_a_library_is_compiled_once(empty_cache: Path, monkeypatch: pytest.Monke
     assert path.is_relative_to(empty_cache)
 
 
+@pytest.mark.soak
 def test_it_runs_without_peers(monkeypatch: pytest.MonkeyPatch) -> None:
     """All peers missing: the textbook remains, and the table says so."""
     from benchmarks.peers import run as module

@@ -61,6 +61,7 @@ def test_info_counts_zeros_and_says_why(capsys: pytest.CaptureFixture[str]) -> N
     assert plain["operations"] == eomgen.build("one_link", kernels="all").operations
 
 
+@pytest.mark.usefixtures("unoptimised")
 def test_generate_writes_a_package_that_imports(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     status, out, _ = run(capsys, "generate", "one_link", "-o", str(tmp_path / "made"))
     assert status == 0
@@ -175,6 +176,7 @@ def test_our_bug_is_status_70(
     assert "boom" in err
 
 
+@pytest.mark.soak
 def test_a_reader_that_leaves_is_no_error() -> None:
     command = f"{sys.executable} -m eomgen info puma560_elastic | head -n 1"
     found = subprocess.run(["bash", "-o", "pipefail", "-c", command], capture_output=True, text=True)

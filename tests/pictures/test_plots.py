@@ -226,6 +226,7 @@ def test_what_is_no_record_is_refused(place: tuple[Any, ...], value: object) -> 
         robot_of(record)
 
 
+@pytest.mark.soak
 def test_a_result_of_every_kind_keeps_its_robot(tmp_path: Path) -> None:
     robot = with_springs(random_robot(3, (2, 2), 3), 3)
     found = simulate(robot, duration=0.01, output_step=0.005)

@@ -206,6 +206,7 @@ def test_what_cannot_be_drawn_is_said() -> None:
     assert any(line == "frequencies along the program: no deviation has a stiffness" for line in found.missing)
 
 
+@pytest.mark.soak
 def test_command(result: SimulationResult, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The robot's file is gone: a result has what is needed."""
     result.save(tmp_path / "trajectory.npz")

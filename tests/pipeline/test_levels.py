@@ -107,7 +107,9 @@ def test_a_level_that_does_not_run_here_is_refused(monkeypatch: pytest.MonkeyPat
 
 
 @needs_levels
-@pytest.mark.parametrize("headers", [True, False], ids=["api", "abi"])
+@pytest.mark.parametrize(
+    "headers", [pytest.param(True, id="api"), pytest.param(False, id="abi", marks=pytest.mark.soak)]
+)
 def test_a_package_has_binaries_of_all_levels(
     headers: bool, empty_cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

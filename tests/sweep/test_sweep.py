@@ -145,9 +145,8 @@ CONTROLS = {
 }
 
 
-@pytest.mark.parametrize(
-    "case", [pytest.param(name, marks=pytest.mark.soak) if name != "loads" else name for name in CONTROLS]
-)
+@pytest.mark.soak
+@pytest.mark.parametrize("case", CONTROLS)
 def test_rollouts_come_near_scipy_as_their_steps_shrink(tmp_path: Path, case: str) -> None:
     scenario = {**REACH, "duration": 0.2, **CONTROLS[case], "integrator": {"rtol": 1e-8}}
     change = "[[vary]]\nparameter = 'joints.shoulder.alpha.stiffness'\ngrid = { values = [2e4, 6e4] }\n"
@@ -282,6 +281,7 @@ def test_processes_that_get_their_kernels_sent(tmp_path: Path, swept: SweepResul
     assert any((empty / "packages").iterdir())
 
 
+@pytest.mark.soak
 def test_dask_changes_nothing(tmp_path: Path, swept: SweepResult) -> None:
     distributed = pytest.importorskip("distributed")
     with (
