@@ -43,6 +43,7 @@ def test_robots(capsys: pytest.CaptureFixture[str]) -> None:
     assert {"name": "puma560_elastic", "coordinates": 36, "links": 6} in rows
 
 
+@pytest.mark.soak
 def test_info_counts_zeros_and_says_why(capsys: pytest.CaptureFixture[str]) -> None:
     status, out, _ = run(capsys, "info", "puma560_elastic")
     assert status == 0

@@ -137,7 +137,7 @@ def test_foreign_names_reach_the_kernel_as_identifiers(built: Build) -> None:
     """Names such as "base_link-arm" are mapped, and found again in the kernel."""
     changed = [path for path in MOVING if any("turned into identifiers" in note for note in load(path, "warn").notes)]
     assert changed
-    for path in changed[:3]:
+    for path in changed[:1]:
         kernel = built(load(path, "warn"), "inverse_dynamics", "mass_matrix", "forward_dynamics")
         for name in (*kernel.joints, *kernel.links, *kernel.frames):
             assert re.fullmatch("[A-Za-z_][A-Za-z0-9_]*", name)

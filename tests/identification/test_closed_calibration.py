@@ -101,7 +101,7 @@ def counted(model: ErrorModel, rows: Rows) -> int:
     ("name", "drives", "rank"),
     [
         pytest.param("gough", GOUGH, 42, marks=pytest.mark.soak),
-        ("delta", DELTA, 42),
+        pytest.param("delta", DELTA, 42, marks=pytest.mark.soak),
         ("four_bar", BAR, 18),
         ("bennett", BAR, 18),
     ],

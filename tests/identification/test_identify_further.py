@@ -384,6 +384,7 @@ def test_transmissions_of_blind_arms_with_noisy_joints(seed: int, noise: float, 
     assert any("those of rigid gears" in note for note in found.notes)
 
 
+@pytest.mark.soak
 def test_deflections_that_noise_hides_are_named(built: Build) -> None:
     """A stiff transmission behind coarse encoders keeps the description's number."""
     arms = blind_arm(1, stiffness=(3e5, 1e6))

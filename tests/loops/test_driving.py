@@ -141,6 +141,7 @@ def test_prescribed_coordinates_have_a_drive(built: Build) -> None:
     assert np.abs(prescribed.inverse_dynamics(q, v, a) - free.inverse_dynamics(q, v, a)).max() <= 1e-12
 
 
+@pytest.mark.soak
 def test_single_precision_finds_the_same_drives(built: Build) -> None:
     for choose in (False, True):
         robot = driven_at("four_bar", *("joint1.gamma",) * choose, choose=choose)

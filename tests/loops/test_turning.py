@@ -157,6 +157,7 @@ def test_a_hinged_body_turns_on(hinges: int, built: Build) -> None:
         assert found.info["redundant"] == 5.0 * (hinges - 1)
 
 
+@pytest.mark.soak
 def test_single_precision(built: Build, held: Kernel) -> None:
     kernel = built(held_pendulum(), *INTEGRATED, dtype="float32")
     q0, v0 = (x.astype(np.float32) for x in held_at(ANGLES, RATES))
@@ -267,6 +268,7 @@ def test_a_driven_plate_is_simulated_over_a_pole(angle: float) -> None:
     assert result.trajectory.info["gap"] < 1e-11
 
 
+@pytest.mark.soak
 def test_equilibrium_at_a_pole(built: Build) -> None:
     """Near which the weight puts it: the crank hangs down, and the plate has turned by about a quarter."""
     kernel = built(cranked_plate(), *INTEGRATED)

@@ -181,6 +181,7 @@ def test_names_and_notes_are_escaped(result: SimulationResult) -> None:
     assert reader.text.count(HOSTILE) >= 6
 
 
+@pytest.mark.soak
 def test_without_the_robot_the_page_says_what_is_missing(result: SimulationResult, robot: Robot) -> None:
     old = replace(result, description={}, balance=None)
     found = report_of(old)

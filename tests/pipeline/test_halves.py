@@ -17,7 +17,6 @@ from eomgen.runtime.raw import RawFunction
 from tests.support.builds import Build
 from tests.support.quick_builds import logging_compiler, script
 from tests.support.random_robots import random_robot
-from tests.support.soak import soaked
 
 Q, V = np.array([0.2, 0.5]), np.array([-0.3, 0.1])
 MANY = np.random.default_rng(3).uniform(-0.5, 0.5, (600, 2))
@@ -156,7 +155,8 @@ def test_an_assignment_reaches_both_halves(batch_first: bool, built: Build) -> N
     assert kernel.inverse_dynamics.takes_many  # type: ignore[attr-defined]
 
 
-@pytest.mark.parametrize("batch_first", soaked((False, True), (True,)))
+@pytest.mark.soak
+@pytest.mark.parametrize("batch_first", [False, True])
 def test_groups_are_compiled_together(batch_first: bool, compiled: Compiled) -> None:
     """Some kernels' functions for one state, other kernels' for batches: what each reads of parameters is its own."""
     groups = {"singles": ("residual", "mass_matrix"), "batches": ("energy", "residual")}

@@ -370,6 +370,7 @@ def test_built_in_scenarios_run() -> None:
     assert isinstance(load_scenario("puma560_circle"), Scenario)
 
 
+@pytest.mark.soak
 def test_dense_tables_are_followed(tmp_path: Path) -> None:
     """501 samples of a sine as a torque: the angle of a free link is its second integral, to the table's own error."""
     t = np.linspace(0.0, 0.5, 501)

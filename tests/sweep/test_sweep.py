@@ -203,6 +203,7 @@ def test_rollouts_drive_motors_as_the_integrator_does(tmp_path: Path, control: d
         assert np.abs(found[0].of(name) - found[1].of(name)).max() < 1e-4
 
 
+@pytest.mark.soak
 def test_samples_are_robots_of_their_own(tmp_path: Path, swept: SweepResult) -> None:
     """A sample's numbers are those of a simulation of a robot whose description says so; drives keep their model."""
     plan = plan_from_toml(
@@ -294,6 +295,7 @@ def test_dask_changes_nothing(tmp_path: Path, swept: SweepResult) -> None:
         assert same(swept, run(arm(), REACH, plan_from_toml(ARM_PLAN), tmp_path, executor=executor))
 
 
+@pytest.mark.soak
 def test_other_machines_compile_what_they_are_sent(tmp_path: Path) -> None:
     """Where the C library is another one the binary is left out, and SymPy is not asked."""
     job, design, _ = prepare(

@@ -132,6 +132,7 @@ def test_nothing_is_read_before_it_is_written(name: str, tmp_path: Path) -> None
     check_filled(source, model, tmp_path, SANITIZERS)
 
 
+@pytest.mark.soak
 def test_a_local_that_is_not_written_is_seen(tmp_path: Path) -> None:
     model = build_model(eomgen.load_robot("one_link"))
     source = render(derive_equations(model, MOVING), "float64")

@@ -72,7 +72,7 @@ def test_the_papers_example_reads_as_in_the_paper() -> None:
     ("seed", "numbers"),
     [
         (0, False),
-        (1, True),
+        pytest.param(1, True, marks=pytest.mark.soak),
         *(pytest.param(*case, marks=pytest.mark.soak) for case in ((4, True), (1, False), (5, False), (2, True))),
     ],
 )
@@ -111,6 +111,7 @@ def test_simplification_finds_zeros_and_sums_of_angles() -> None:
     assert simplified(1.5 * sp.cos(x) + 6e-17 * sp.sin(x)) == 1.5 * sp.cos(x)
 
 
+@pytest.mark.soak
 def test_large_robots_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["derive", "puma560_elastic"]) == 1
     assert "36 coordinates; a closed form is derived for at most 6" in capsys.readouterr().err

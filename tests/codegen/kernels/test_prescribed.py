@@ -199,6 +199,7 @@ def test_power_balance_of_a_shaken_arm(built: Build) -> None:
     assert np.abs(total - total[0] - work).max() < 1e-5 * np.abs(total - total[0]).max()
 
 
+@pytest.mark.soak
 def test_bench_and_info_know_what_is_prescribed() -> None:
     """Articulated bodies do not solve for a force: forward dynamics has no counterpart there."""
     robot = eomgen.load_robot("shaken_arm")

@@ -116,6 +116,7 @@ def test_derivatives_of_closed_mechanisms(name: str) -> None:
     check(Inputs(model, name, 3, np.array([0.5, 0.2, 1.2])))
 
 
+@pytest.mark.soak
 def test_every_derivative_has_as_many_results_as_its_signature_says() -> None:
     for name in ("one_link", "four_bar"):
         model = build_model(eomgen.load_robot(name))
