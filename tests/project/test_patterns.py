@@ -53,14 +53,13 @@ REPEATS = (sre.MAX_REPEAT, sre.MIN_REPEAT, getattr(sre, "POSSESSIVE_REPEAT", Non
 ATOMIC = getattr(sre, "ATOMIC_GROUP", None)
 
 
-def trees() -> Iterator[tuple[str, str, ast.Module]]:
-    """Module, text and syntax tree of each file."""
+def texts_of() -> Iterator[tuple[str, str]]:
+    """Module and text of each file."""
     for package, folder in ((name, ROOT / path) for name, path in SOURCES.items()):
         for path in sorted(folder.rglob("*.py")):
             parts = path.relative_to(folder).with_suffix("").parts
             name = ".".join((package, *(part for part in parts if part != "__init__")))
-            text = path.read_text(encoding="utf-8")
-            yield name, text, ast.parse(text)
+            yield name, path.read_text(encoding="utf-8")
 
 
 def literal(node: ast.expr) -> str | bytes | None:
@@ -92,14 +91,17 @@ def used(name: str, texts: list[str]) -> set[str]:
 def patterns() -> dict[tuple[str, str], tuple[re.Pattern[Any], set[str]]]:
     """Patterns of the project by module and text, each with the methods that it is used with."""
     found: dict[tuple[str, str], tuple[re.Pattern[Any], set[str]]] = {}
-    files = list(trees())
-    for module, text, tree in files:
+    files = list(texts_of())
+    for module, text in files:
+        if not re.search(r"\bre\.", text):
+            continue
+        tree = ast.parse(text)
         top = {id(node) for statement in tree.body for node in ast.walk(statement) if not is_function(statement)}
         if "re.compile" in text:
             for name, value in vars(importlib.import_module(module)).items():
                 several = value if isinstance(value, tuple) else (value,)
                 for one in (each for each in several if isinstance(each, re.Pattern)):
-                    texts = [text] if name.startswith("_") else [each for _, each, _ in files]
+                    texts = [text] if name.startswith("_") else [each for _, each in files]
                     found[module, str(one.pattern)] = one, used(name, texts)
         for node in ast.walk(tree):
             if not is_re(node) or (node.func.attr == "compile" and id(node) in top):  # type: ignore[attr-defined]
