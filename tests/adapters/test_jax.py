@@ -220,6 +220,7 @@ def test_second_derivatives_of_closed_and_open_mechanisms(robot: str, name: str,
         assert np.abs(jax.jit(way)(at) - expected).max() < 1e-7 * scale
 
 
+@pytest.mark.soak
 def test_a_batch_of_hessians_is_one_call(built: Build, calls: list[tuple[str, int | None]]) -> None:
     kernel = built(eomgen.load_robot("one_link"), *kernels_for("inverse_dynamics"))
     made = function(kernel, "inverse_dynamics")

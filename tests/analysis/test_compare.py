@@ -139,6 +139,7 @@ def test_wrong_input_is_said(built: Build) -> None:
         simulate(rod, motion=PointToPoint(np.zeros(1), np.ones(1), 1.0), goal=[1.0])
 
 
+@pytest.mark.soak
 def test_command(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert cli.main(["compare", "ur5", "puma560", "--duration", "0.4", "--json"]) == 0
     plain = json.loads(capsys.readouterr().out)

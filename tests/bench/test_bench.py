@@ -208,6 +208,7 @@ def test_what_is_called_from_python_is_what_users_call(name: str, tiny: Robot, m
         assert "through cffi" in result.lines()[-1]
 
 
+@pytest.mark.soak
 def test_figures_of_loops_are_the_open_trees() -> None:
     result = bench("four_bar", repeat=1, kernels=("mass_matrix",))
     (note,) = [line for line in result.lines() if "open tree" in line]
@@ -228,6 +229,7 @@ def test_closed_mechanisms_have_no_textbook_beside_them() -> None:
     assert note.startswith("forward_dynamics, constraint_forces: of the closed mechanism ('joint4')")
 
 
+@pytest.mark.soak
 def test_what_differs_is_refused(tiny: Robot, built: Build) -> None:
     kernel, rng = built(tiny, "inverse_dynamics"), np.random.default_rng(1)
     inputs = {label: rng.uniform(-1.0, 1.0, (STATES, kernel.n)) for label in "qva"}
@@ -237,6 +239,7 @@ def test_what_differs_is_refused(tiny: Robot, built: Build) -> None:
         compare(kernel, compile_yardstick(build_model(heavier), ("-O0",)), inputs)
 
 
+@pytest.mark.soak
 def test_bench_says_when_a_robot_has_no_inertia(tiny: Robot) -> None:
     light = tuple(replace(link, mass=0.0, com=(0.0, 0.0, 0.0), inertia=(0.0,) * 6) for link in tiny.links)
     still = tuple(

@@ -113,6 +113,7 @@ def test_a_result_is_its_folder_or_its_file(tmp_path: Path, capsys: pytest.Captu
         assert "has no trajectory.npz" in run(capsys, *words, str(tmp_path / "empty"))[2]
 
 
+@pytest.mark.soak
 def test_bench_compares_with_newton_euler(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     from eomgen.bench import beside as bench
 

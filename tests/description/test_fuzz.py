@@ -63,6 +63,7 @@ def test_a_million_mutants(kind: str, block: int) -> None:
     )
 
 
+@pytest.mark.soak
 def test_a_limit_that_is_passed_is_reported() -> None:
     """The fuzzer can fail: a reader that is slow, one that takes memory, and one that raises something else."""
     code = "from tests.support import fuzzing; {setup}; fuzzing.run('toml', 0, 1)"

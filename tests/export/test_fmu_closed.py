@@ -143,6 +143,7 @@ def test_co_simulation_stays_closed_and_is_the_rollout(version: int, method: str
     np.testing.assert_allclose(found, np.concatenate([wanted[0][-1], wanted[1][-1]]), rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.soak
 def test_stages_of_redundant_loops_are_closed(tmp_path: Path) -> None:
     """Bennett's linkage keeps its energy, and moves, in equal steps of 1 ms."""
     path = export_fmu("bennett", tmp_path / "a.fmu", 3, method="rk4", step=1e-3, flags=("-O0", "-Werror"))

@@ -201,6 +201,7 @@ def test_a_coupler_or_rocker_that_is_longer_is_fitted(side: int, tmp_path: Path)
     np.testing.assert_allclose(own.p[model.chain.tools["tcp"]], base, atol=1e-10)
 
 
+@pytest.mark.soak
 def test_a_linkage_calibrates_itself_by_its_encoders() -> None:
     """Three encoders of a linkage with one degree of freedom: ratios of lengths and zeros, six in all, and no device.
 

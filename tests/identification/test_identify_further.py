@@ -85,6 +85,7 @@ def wrist_motion(robot: Robot, built: Build) -> MeasuredMotion:
     return motion_from_columns(columns, kernel.coordinates)
 
 
+@pytest.mark.soak
 def test_a_coupled_wrist_is_identified(built: Build) -> None:
     """Drives of coupled motors act in the rows of both joints; the robot that comes out needs the same drives."""
     robot = wrist(arm(), "joint1.gamma", "joint2.gamma")
@@ -472,6 +473,7 @@ def test_saturated_drives_and_jumps_are_named_and_left_out(built: Build) -> None
     assert any(text.startswith("joint2.gamma jumps by 0.0") and "at 2.39" in text for text in jumped.warnings)
 
 
+@pytest.mark.soak
 def test_a_zero_that_is_a_quarter_turn_off_is_named(built: Build) -> None:
     """Of a joint between two others: zeros of the first and the last one are a matter of their links' parameters."""
     robot = arm()

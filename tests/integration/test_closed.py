@@ -63,6 +63,7 @@ def test_a_driven_mechanism_takes_the_work_of_its_drive(example) -> None:  # typ
     assert 11.0 <= ratio <= 24.0
 
 
+@pytest.mark.soak
 def test_every_method_keeps_the_balance_of_energy(example) -> None:  # type: ignore[no-untyped-def]
     """A fast crank under a constant torque, by default tolerances; nothing drifts, whatever the steps."""
     kernel = example("four_bar").kernel

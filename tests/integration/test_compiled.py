@@ -166,9 +166,10 @@ def test_wrenches_of_c_are_those_of_python(robot: str, axes: str) -> None:
         pytest.param(
             "four_bar", "duration = 0.3\n[control]\ntype = 'pd'\nkp = 200.0\nkd = 20.0\n", marks=pytest.mark.soak
         ),
-        (
+        pytest.param(
             "one_link",
             "duration = 0.3\n[[payloads]]\nlink = 'link1'\nmass = 0.4\npoint = [0.1, 0.0, 0.0]\nt0 = 0.1\nt1 = 0.2\n",
+            marks=pytest.mark.soak,
         ),
     ],
 )

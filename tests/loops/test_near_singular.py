@@ -191,6 +191,7 @@ def test_a_state_has_the_same_bits_in_any_company(kind: str, dtype: str) -> None
         kernel.forward_dynamics(q, v, u)
 
 
+@pytest.mark.soak
 def test_derivatives_beside_a_change_point() -> None:
     """Derivatives by the drives, in which accelerations are linear, are those of dense solutions."""
     found, rng = Found(KINDS["parallelogram"](0)), np.random.default_rng(0)

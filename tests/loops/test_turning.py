@@ -140,6 +140,7 @@ def test_states_of_a_batch_turn_apart(method: str, held: Kernel) -> None:
     assert np.abs(energy - energy[:, :1]).max() < {"rk4": 1e-7, "implicit": 1.0}.get(method, 1e-2)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("hinges", [1, pytest.param(2, marks=pytest.mark.soak)])
 def test_a_hinged_body_turns_on(hinges: int, built: Build) -> None:
     """Straight through the poles of its free joint, from one of them, too; of two hinges one is redundant."""

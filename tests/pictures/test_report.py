@@ -154,6 +154,7 @@ def test_the_tables_have_the_numbers_of_others(page: str, robot: Robot, result: 
     assert rows["description, SHA-256"] == [result.robot_hash]
 
 
+@pytest.mark.soak
 def test_frequencies_are_those_at_the_programs_poses(
     result: SimulationResult, robot: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:

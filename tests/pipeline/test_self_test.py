@@ -180,6 +180,7 @@ for word in "$@"; do case "$word" in */one_link.c) sed -i '{CHANGES[change]}' "$
     assert nothing_cached(empty_cache)
 
 
+@pytest.mark.soak
 def test_native_builds_are_compared_within_rounding() -> None:
     """Answers of fused multiply-adds may differ by their rounding and no more."""
     kernel = eomgen.build("one_link", kernels="all", native=True, flags=("-O1",))

@@ -162,6 +162,7 @@ def test_every_lane_has_jumps_of_its_own(dtype: str, method: str, built: Build) 
         assert all(np.array_equal(x[i], y) for x, y in zip(whole, alone, strict=True))
 
 
+@pytest.mark.soak
 def test_mechanisms(built: Build) -> None:
     """Loops are closed where steps end: gains whose program bends, against differences."""
     beside = ("constraint", "constraint_jacobian", "mass_matrix", "cut_poses")

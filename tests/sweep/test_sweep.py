@@ -228,6 +228,7 @@ def test_samples_are_robots_of_their_own(tmp_path: Path, swept: SweepResult) -> 
     assert swept.of("energy_residue").max() < 0.02
 
 
+@pytest.mark.soak
 def test_drives_keep_the_nominal_model(tmp_path: Path) -> None:
     """A heavier forearm sags under drives that do not know of it, until they give what it needs."""
     deviations = ("alpha = { stiffness = 4e4, damping = 40.0 }\n", "x = { stiffness = 5e5, damping = 500.0 }\n")

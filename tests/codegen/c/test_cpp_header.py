@@ -203,6 +203,7 @@ int main()
 """
 
 
+@pytest.mark.soak
 def test_loops_that_are_open_are_reported(tmp_path: Path) -> None:
     """Which component of which loop, and whether it is open or opening, as the Python kernel's error says."""
     robot, kernels = eomgen.load_robot("four_bar"), ("forward_dynamics", "rollout")

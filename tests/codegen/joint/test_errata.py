@@ -51,6 +51,7 @@ def chain(joints: int, active: tuple[str, ...] = COORDINATES) -> Robot:
 # -- eq. (5) --------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.soak
 def test_eq_5_needs_the_derivative_by_the_velocity() -> None:
     """The trace equals d/dt(dE/ds_dot) - dE/ds; with the printed d/dt(dE/ds) it does not."""
     A, functions = joint_in_time(("x", "gamma"))

@@ -127,6 +127,7 @@ def all_coordinates(robot: Robot) -> Robot:
     return robot.with_coordinates(added)
 
 
+@pytest.mark.soak
 def test_ur5_with_six_coordinates_in_every_joint(built: Build) -> None:
     """36 coordinates: every joint hands on no inertia."""
     robot = all_coordinates(load(EXAMPLES["ur5_robot"]))
@@ -214,6 +215,7 @@ def check_wrench(kernel: eomgen.Kernel, oracle: PinocchioOracle, states: tuple[A
     assert np.allclose(found, kernel.forward_dynamics(q, v, u + external), rtol=1e-10, atol=1e-10)
 
 
+@pytest.mark.soak
 def test_two_arms_on_an_elastic_torso(built: Build) -> None:
     """A tree of joints with up to six coordinates: Pinocchio's numbers, and nothing between the arms."""
     robot = eomgen.load_robot("two_arms")

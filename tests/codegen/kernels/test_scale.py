@@ -50,6 +50,7 @@ def operations(robot: Robot, kernels: tuple[str, ...]) -> dict[str, np.ndarray]:
     return {k: np.array([programs[k].count()[x] for x in ("mul", "add", "div")]) for k in kernels}
 
 
+@pytest.mark.soak
 def test_operations_grow_linearly() -> None:
     """Every two further links cost the same, to the operation, at both ends of a long chain."""
     kernels = ("residual", "forward_dynamics", "inverse_dynamics", "generalized_force")
