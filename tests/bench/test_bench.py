@@ -143,6 +143,7 @@ def tiny() -> Robot:
     return random_robot(3, joints=(2, 2), max_coordinates=2, forces=False, name="tiny")
 
 
+@pytest.mark.soak
 def test_bench_has_a_row_for_every_kernel(tiny: Robot) -> None:
     said: list[str] = []
     result = bench(tiny, repeat=2, progress=said.append)

@@ -18,7 +18,8 @@ from tests.support.soak import soaked
 
 SLOW = {  # large ones, of whose kinds others are tried
     *("300,000 prefixes", "many deep tables", "5,000 links, MJCF", "8,000 links, TOML", "200,000 declarations"),
-    "5,000 names of tunable, one wrong",
+    *("5,000 names of tunable, one wrong", "coordinates prescribed again and again", "plan of very many points"),
+    *("default classes of 100,000 attributes", "nested default classes of many attributes", "30,000 links"),
 }
 
 

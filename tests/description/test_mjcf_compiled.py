@@ -295,6 +295,7 @@ def test_files_that_are_named_twice_are_no_circle(tmp_path: Path) -> None:
     assert len(load_robot(tmp_path / "model.xml").joints) == 3
 
 
+@pytest.mark.soak
 def test_a_process_that_compiles_ends_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What the look at the files overlooks ends in that process: a crash, and work without end."""
     monkeypatch.setattr("eomgen.description.mjcf.compiled.check_other_files", lambda path, xml: None)

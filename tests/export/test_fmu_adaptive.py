@@ -296,6 +296,7 @@ def test_singular_states_are_named(exported: Exported) -> None:
     assert "the mass matrix cannot be inverted at free." in host.messages[-1]
 
 
+@pytest.mark.soak
 def test_frictions_that_turn_round_fast(exported: Exported, built: Build) -> None:
     """A block slides to rest; tolerances know the rates in which its friction turns round, also after these are set."""
     friction = Friction(coulomb=4.0, smoothing=1e-2)

@@ -205,6 +205,7 @@ def test_directional_derivatives_are_exact_where_loops_are_open_too(version: int
         np.testing.assert_allclose(host.derivative(unknown, names, d), wanted, atol=1e-7 * np.abs(wanted).max())
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("method", soaked(("rk4", "implicit"), ("rk4",)))
 def test_steps_turn_free_joints(method: str, tmp_path: Path, built: Build) -> None:
     """A pendulum that a cut holds swings over the poles of its free joint's angles; a wrench acts."""

@@ -120,7 +120,7 @@ def test_positions_do_not_tell_mirrors_apart() -> None:
 
 def test_right_files_are_read_as_they_are() -> None:
     """However large the offsets are that a robot has, and with rows that are off."""
-    for seed, size in ((1, 0.0), (2, 1.0), (3, 6.0)):
+    for seed, size in ((2, 1.0), (3, 6.0)):
         made = trial(chain(seed, "RRRR"), seed, 40, size=size)
         columns = {name: values.copy() for name, values in made.columns.items()}
         columns["tcp.x"][7] += 0.5

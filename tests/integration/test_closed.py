@@ -192,6 +192,7 @@ ANDREWS_END = [
 ANDREWS_RATES = [1139.920302151208, -1424.379294994111, 11.03291221937134, 19.29337464421385, 0.5735699284790808]
 
 
+@pytest.mark.soak
 def test_andrews_squeezing_mechanism(built: Build) -> None:
     """Seven bodies, three loops through one pin with nine redundant constraints, a spring, 1100 rad/s at the end."""
     loops = ClosedLoops(built(eomgen.load_robot("andrews"), *KERNELS))

@@ -186,6 +186,7 @@ def test_without_scikit_sundae_the_install_line_is_named(built: Build, monkeypat
         integrate(built(stiff_rod(1e4, 1.0), *KERNELS), [0.0, 0.3], [0.0, 0.0], 0.1, method="IDA")
 
 
+@pytest.mark.soak
 def test_a_simulation_says_when_its_clearances_closed(tmp_path: Path) -> None:
     """In its summary and in its file, where the piece of a payload's arrival does not lose them."""
     scenario = scenario_from_toml(

@@ -34,7 +34,7 @@ def fixed_steps(kernel: eomgen.Kernel, s: Any, method: str, duration: float, ste
 
 
 @pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("kind", ["springs", "motors"])
+@pytest.mark.parametrize("kind", soaked(("springs", "motors"), ("springs",)))
 def test_order(method: str, kind: str, built: Build) -> None:
     """The Rosenbrock method keeps it without the derivatives of gravity and of velocity's terms."""
     robot = random_robot(1460, joints=(2, 2), types=("revolute",)) if kind == "springs" else geared_robot(1461, (2, 2))

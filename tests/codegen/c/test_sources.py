@@ -143,11 +143,11 @@ def test_no_compiler_warns_of_vectors(name: str, flags: tuple[str, ...], tmp_pat
             check_symbols(out, source)
 
 
-def test_no_heap_and_no_static_state() -> None:
-    for name in ROBOTS:
-        code = source_of_robot(name).code
-        assert not re.search(r"\b(malloc|calloc|realloc|free|alloca|printf|exit|abort)\s*\(", code), name
-        assert all(re.match(r"\s*static const ", x) for x in re.findall(r"^[ \t]+static .*$", code, re.MULTILINE)), name
+@pytest.mark.parametrize("name", soaked(ROBOTS, QUICK))
+def test_no_heap_and_no_static_state(name: str) -> None:
+    code = source_of_robot(name).code
+    assert not re.search(r"\b(malloc|calloc|realloc|free|alloca|printf|exit|abort)\s*\(", code), name
+    assert all(re.match(r"\s*static const ", x) for x in re.findall(r"^[ \t]+static .*$", code, re.MULTILINE)), name
 
 
 def test_header_in_cpp(tmp_path: Path) -> None:

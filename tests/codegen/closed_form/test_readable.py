@@ -94,6 +94,7 @@ def test_printed_equations_of_random_robots_are_those_of_pinocchio(seed: int, nu
     assert np.abs(np.array(found) - expected).max() < 1e-9 * max(np.abs(expected).max(), 1.0)
 
 
+@pytest.mark.soak
 def test_latex_is_mathematics() -> None:
     """Every formula is read by another program."""
     latex = readable_closed_form(build_model(random_robot(1, max_size=3)), numbers=True).latex()
