@@ -20,10 +20,10 @@ from eomgen.robot.value import Robot
 from tests.support import fuzzing
 from tests.support.fuzzing import accepted
 from tests.support.mutations import mutant
-from tests.support.soak import share
+from tests.support.soak import WHOLE, share
 
 ROOT = Path(__file__).parents[2]
-BLOCK = 50_000
+BLOCK = 50_000 if WHOLE else 10_000
 BLOCKS = {
     "toml": 10,
     "urdf": 10,

@@ -30,7 +30,7 @@ from tests.oracles.force_laws import with_laws
 from tests.oracles.journals import random_journals
 from tests.support import watched_calls
 from tests.support.random_robots import random_robot
-from tests.support.soak import soaked
+from tests.support.soak import share, soaked
 
 FILLED = "-ftrivial-auto-var-init"
 SANITIZERS = ("-g1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-fno-omit-frame-pointer")
@@ -75,7 +75,7 @@ QUICK: dict[str, Callable[[], Robot]] = {
     "contacts": contacts,
 }
 SOAK: dict[str, tuple[Callable[[], Robot], tuple[str, ...]]] = {
-    f"{name}, as built in": (partial(eomgen.load_robot, name), ()) for name in builtin_robots()
+    f"{name}, as built in": (partial(eomgen.load_robot, name), ()) for name in share(builtin_robots())
 }
 SOAK |= {f"{name}, differentiated": (make, SLOPES) for name, make in QUICK.items() if name != "free_joint"}
 
