@@ -501,13 +501,13 @@ def _fuzzed(kind: str, first: int, count: int) -> dict[str, Any]:
 
 @pytest.mark.parametrize("kind", ["result", "sweep"])
 def test_random_changes_are_refused_or_read(kind: str) -> None:
-    _fuzzed(kind, 10_000_000, 150)
+    _fuzzed(kind, 10_000_000, 80)
 
 
 @pytest.mark.parametrize("kind", MEASURED)
 def test_random_changes_of_measurements_are_refused_by_file_and_key(kind: str, tmp_path: Path) -> None:
     begun = KINDS[kind](tmp_path)
-    for seed in range(40):
+    for seed in range(15):
         begun(seed)
     text, arrays = raw_measured(kind, tmp_path)
     assert loaded_measured(kind, write_measured(tmp_path, text, arrays)) is not None

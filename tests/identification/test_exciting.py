@@ -166,6 +166,7 @@ def records(kernel: eomgen.Kernel, series: FourierSeries, seed: int) -> Any:
     return motion_from_columns(columns, kernel.coordinates)
 
 
+@pytest.mark.soak
 def test_parameters_come_out_more_exactly_than_from_random_motions(
     found: ExciteResult, kernel: eomgen.Kernel, whole: eomgen.Kernel, built: Build
 ) -> None:

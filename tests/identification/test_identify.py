@@ -247,7 +247,7 @@ def peak_of(robot: Robot, motion: MeasuredMotion, kernel: eomgen.Kernel, terms: 
         tracemalloc.stop()
 
 
-@pytest.mark.parametrize("more", [(), ("delay", "stribeck")])
+@pytest.mark.parametrize("more", [(), pytest.param(("delay", "stribeck"), marks=pytest.mark.soak)])
 def test_columns_of_all_samples_are_never_in_memory(more: tuple[str, ...], built: Build) -> None:
     """8000 samples more need some arrays of their own size, (T, n), however many columns there are."""
     robot, (t, q, v, a) = arm(), swing(16000)

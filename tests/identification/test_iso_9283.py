@@ -484,6 +484,7 @@ uniform = { low = 8e3, high = 1.2e4 }
 """
 
 
+@pytest.mark.soak
 def test_samples_of_a_plan_are_cycles() -> None:
     """Each attains what the same robot with these numbers does by itself; the command is the nominal robot's."""
     found = accuracy(robot="one_link", scenario=SCENARIO, plan=plan_from_toml(PLAN))

@@ -30,6 +30,7 @@ from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.assembly import Assembly, assemble, may_run_in_c
 from eomgen.simulation.run import run_scenario
 from tests.support.builds import Build
+from tests.support.soak import soaked
 from tests.support.swinging import MASS, NEEDED, STIFFNESS, oscillator
 from tests.support.turning_loops import cranked_plate
 
@@ -105,7 +106,7 @@ SHAKEN = "".join(
 )
 
 
-@pytest.mark.parametrize("robot", ["one_link", "geared_arm", "shaken_arm"])
+@pytest.mark.parametrize("robot", soaked(("one_link", "geared_arm", "shaken_arm"), ("one_link", "shaken_arm")))
 @pytest.mark.parametrize("drive", DRIVES)
 def test_drives_of_c_are_those_of_python(robot: str, drive: str) -> None:
     """In random states at random times, behind gears and on a platform that shakes."""
@@ -129,7 +130,10 @@ def test_drives_of_c_are_those_of_python(robot: str, drive: str) -> None:
 
 @pytest.mark.parametrize(
     ("robot", "axes"),
-    [("one_link", "link"), ("shaken_arm", "base"), pytest.param("one_link", "base", marks=pytest.mark.soak)],
+    [
+        ("one_link", "link"),
+        *(pytest.param(robot, "base", marks=pytest.mark.soak) for robot in ("one_link", "shaken_arm")),
+    ],
 )
 def test_wrenches_of_c_are_those_of_python(robot: str, axes: str) -> None:
     """Forces besides the centre of mass that come, change and go, on both integrators, also where motions are given."""
@@ -156,15 +160,16 @@ def test_wrenches_of_c_are_those_of_python(robot: str, axes: str) -> None:
 @pytest.mark.parametrize(
     ("robot", "text"),
     [
-        ("geared_arm", "duration = 0.3\n"),
+        pytest.param("geared_arm", "duration = 0.3\n", marks=pytest.mark.soak),
         pytest.param("shaken_arm", "duration = 0.3\n" + SHAKEN, marks=pytest.mark.soak),
         ("shaken_arm", "duration = 0.3\n" + SHAKEN + "[[wrenches]]\nlink = 'link1'\nforce = [300.0, 100.0, -200.0]\n"),
         pytest.param(
             "four_bar", "duration = 0.3\n[control]\ntype = 'pd'\nkp = 200.0\nkd = 20.0\n", marks=pytest.mark.soak
         ),
-        (
+        pytest.param(
             "one_link",
             "duration = 0.3\n[[payloads]]\nlink = 'link1'\nmass = 0.4\npoint = [0.1, 0.0, 0.0]\nt0 = 0.1\nt1 = 0.2\n",
+            marks=pytest.mark.soak,
         ),
     ],
 )
@@ -270,7 +275,7 @@ def test_a_motion_ends_where_a_coordinate_reaches_a_value(method: str, built: Bu
     assert "ended_at" not in whole.info
 
 
-@pytest.mark.parametrize("method", ["auto", "Radau"])
+@pytest.mark.parametrize("method", ["auto", pytest.param("Radau", marks=pytest.mark.soak)])
 def test_a_scenario_ends_where_its_tool_is_at_a_distance(method: str) -> None:
     text = (
         "duration = 0.5\n[until]\nframe = 'tcp'\npoint = [0.0, 0.0, 0.0]\ndistance = {}\n[integrator]\nmethod = '{}'\n"
@@ -393,7 +398,7 @@ def bars(label: str) -> Robot:
         ("more", HELD),
         ("shaken", SHAKEN_BARS),
         ("shaken", SHAKEN_BARS + HELD),
-        ("plate", SWUNG),  # whose free joint's angles pass a pole
+        pytest.param("plate", SWUNG, marks=pytest.mark.soak),  # whose free joint's angles pass a pole
         ("plate", SWUNG + HELD),
     ],
 )
@@ -421,7 +426,7 @@ def test_drives_of_closed_mechanisms_are_those_of_python(label: str, text: str) 
     [
         ("driven", MOVED),
         pytest.param("shaken", SHAKEN_BARS, marks=pytest.mark.soak),
-        ("plate", SWUNG + HELD),
+        pytest.param("plate", SWUNG + HELD, marks=pytest.mark.soak),
         pytest.param("plate", SWUNG, marks=pytest.mark.soak),
     ],
 )

@@ -126,7 +126,7 @@ class Pull:
 
 
 @pytest.mark.parametrize("method", ["auto", pytest.param("rosenbrock", marks=pytest.mark.soak)])
-@pytest.mark.parametrize("turns", [True, False])
+@pytest.mark.parametrize("turns", [pytest.param(True, marks=pytest.mark.soak), False])
 def test_a_floating_arm_under_pd_control_and_a_force(method: str, turns: bool, built: Build) -> None:
     """Two joints that turn at times of their own; what acts is asked in described states, and acts on all links."""
     robot = floating_arm()
@@ -144,6 +144,7 @@ def test_a_floating_arm_under_pd_control_and_a_force(method: str, turns: bool, b
     assert (near[:, 0] != near[:, 1]).any()
 
 
+@pytest.mark.soak
 def test_a_ball_on_a_base_that_shakes(built: Build) -> None:
     """What is prescribed is put in place in described states; the force that it takes is asked there, too."""
     kernel = built(floating_arm(shaken=True), *NEEDED)

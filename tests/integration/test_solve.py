@@ -173,7 +173,10 @@ def test_divergence_names_coordinate_and_time(method: str, built: Build) -> None
 
 @pytest.mark.parametrize(
     ("method", "what"),
-    [(method, what) for method, what in zip(METHODS[1:-1], itertools.cycle(("rate", "force")), strict=False)],
+    [
+        pytest.param(method, what, marks=pytest.mark.soak if method in ("BDF", "Radau") else ())
+        for method, what in zip(METHODS[1:-1], itertools.cycle(("rate", "force")), strict=False)
+    ],
 )
 def test_work_that_leads_nowhere_ends(method: str, what: str, built: Build) -> None:
     """A pendulum that is turned so fast that steps are 1e-12 of the duration, or 1e-31 of it: said after some work."""

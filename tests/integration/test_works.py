@@ -99,6 +99,7 @@ def test_balances_are_as_good_as_tolerances(kind: str, method: str, built: Build
     assert (ends[1][WORKS.index("prescribed")] != 0.0) == bool(kernel.prescribed)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("method", METHODS)
 def test_a_mechanism_with_a_prescribed_crank(method: str, built: Build) -> None:
     """What moves the crank does what the energy changes by and what the rocker's damper takes: loops do no work."""

@@ -155,6 +155,7 @@ def test_an_assignment_reaches_both_halves(batch_first: bool, built: Build) -> N
     assert kernel.inverse_dynamics.takes_many  # type: ignore[attr-defined]
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("batch_first", [False, True])
 def test_groups_are_compiled_together(batch_first: bool, compiled: Compiled) -> None:
     """Some kernels' functions for one state, other kernels' for batches: what each reads of parameters is its own."""

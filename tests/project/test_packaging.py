@@ -108,6 +108,7 @@ def test_metadata_of_the_wheel(wheel: Path) -> None:
     assert not {"scipy", "matplotlib", "pytest", "pin"} & set(required)
 
 
+@pytest.mark.soak
 def test_the_wheel_works_by_itself(wheel: Path, tmp_path: Path) -> None:
     """Unpacked somewhere else, it derives, renders, compiles and runs."""
     with zipfile.ZipFile(wheel) as archive:

@@ -166,6 +166,7 @@ def test_elastic_cut_joints(rigid: tuple[str, ...]) -> None:
     assert 1e-7 < np.abs(result.tool_deviation).max() < 1e-3
 
 
+@pytest.mark.soak
 def test_geared_coordinates_follow_their_drive() -> None:
     geared = eomgen.description.load.robot_from_toml(GEARED)
     motion = "duration = 0.2\n[motion]\ntype = 'point_to_point'\n"

@@ -19,6 +19,7 @@ from eomgen.scenario.value import Scenario
 from eomgen.simulation.result import SimulationResult
 from eomgen.simulation.run import run_scenario
 from eomgen.sweep.pace import why_not
+from tests.support.soak import soaked
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -78,7 +79,7 @@ def drives(result: SimulationResult) -> np.ndarray:
     return np.asarray(np.abs(result.trajectory.u[:, index]).max(axis=0))
 
 
-@pytest.mark.parametrize("control", CONTROLS)
+@pytest.mark.parametrize("control", soaked(CONTROLS, ("pd", "torque")))
 def test_drives_are_clipped_in_c_and_in_python(control: str) -> None:
     """By the same amounts, at the joint and at a motor behind a gear, and the energy balances."""
     robot = robot_from_toml(ARM)

@@ -181,6 +181,7 @@ def swinging(turn: Array) -> Robot:
     return Robot("swinging", (0.0, 0.0, -9.81), (arm, bob), (hinge, ball), frames=(tip,))
 
 
+@pytest.mark.soak
 def test_a_programmed_motion_with_a_ball_over_the_pole() -> None:
     """Nothing holds the ball: the same motion as in axes whose angles stay far from their poles."""
     turn = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])

@@ -145,9 +145,8 @@ CONTROLS = {
 }
 
 
-@pytest.mark.parametrize(
-    "case", [pytest.param(name, marks=pytest.mark.soak) if name != "loads" else name for name in CONTROLS]
-)
+@pytest.mark.soak
+@pytest.mark.parametrize("case", CONTROLS)
 def test_rollouts_come_near_scipy_as_their_steps_shrink(tmp_path: Path, case: str) -> None:
     scenario = {**REACH, "duration": 0.2, **CONTROLS[case], "integrator": {"rtol": 1e-8}}
     change = "[[vary]]\nparameter = 'joints.shoulder.alpha.stiffness'\ngrid = { values = [2e4, 6e4] }\n"
@@ -204,6 +203,7 @@ def test_rollouts_drive_motors_as_the_integrator_does(tmp_path: Path, control: d
         assert np.abs(found[0].of(name) - found[1].of(name)).max() < 1e-4
 
 
+@pytest.mark.soak
 def test_samples_are_robots_of_their_own(tmp_path: Path, swept: SweepResult) -> None:
     """A sample's numbers are those of a simulation of a robot whose description says so; drives keep their model."""
     plan = plan_from_toml(
@@ -228,6 +228,7 @@ def test_samples_are_robots_of_their_own(tmp_path: Path, swept: SweepResult) -> 
     assert swept.of("energy_residue").max() < 0.02
 
 
+@pytest.mark.soak
 def test_drives_keep_the_nominal_model(tmp_path: Path) -> None:
     """A heavier forearm sags under drives that do not know of it, until they give what it needs."""
     deviations = ("alpha = { stiffness = 4e4, damping = 40.0 }\n", "x = { stiffness = 5e5, damping = 500.0 }\n")
@@ -282,6 +283,7 @@ def test_processes_that_get_their_kernels_sent(tmp_path: Path, swept: SweepResul
     assert any((empty / "packages").iterdir())
 
 
+@pytest.mark.soak
 def test_dask_changes_nothing(tmp_path: Path, swept: SweepResult) -> None:
     distributed = pytest.importorskip("distributed")
     with (
@@ -294,6 +296,7 @@ def test_dask_changes_nothing(tmp_path: Path, swept: SweepResult) -> None:
         assert same(swept, run(arm(), REACH, plan_from_toml(ARM_PLAN), tmp_path, executor=executor))
 
 
+@pytest.mark.soak
 def test_other_machines_compile_what_they_are_sent(tmp_path: Path) -> None:
     """Where the C library is another one the binary is left out, and SymPy is not asked."""
     job, design, _ = prepare(

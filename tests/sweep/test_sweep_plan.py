@@ -242,6 +242,7 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert "--dask" in capsys.readouterr().err
 
 
+@pytest.mark.soak
 def test_the_page_is_true(tmp_path: Path) -> None:
     """Blocks of docs/sweep.md run, its tables have all names, and the example plan fits the example scenario."""
     page = (ROOT / "docs" / "sweep.md").read_text(encoding="utf-8")

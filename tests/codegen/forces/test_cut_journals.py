@@ -68,7 +68,9 @@ def inputs_of(robot: Robot, s: State) -> dict[str, object]:
     return {"q": s.q, "v": s.v, "a": s.a, "u": s.u, "p": numbers}
 
 
-@pytest.mark.parametrize("radial", [FULL, PLANE], ids=["length", "plane"])
+@pytest.mark.parametrize(
+    "radial", [pytest.param(FULL, id="length"), pytest.param(PLANE, id="plane", marks=pytest.mark.soak)]
+)
 def test_it_is_the_journal_of_a_joint(radial: Radial, built: Build) -> None:
     """Forces, energy and reactions, one state at a time, several on vectors, and in single precision."""
     tree, cut = pair(radial)

@@ -131,6 +131,7 @@ def test_slopes_are_those_of_the_forces(seed: int) -> None:
         assert close(block, complex_steps(robot, s, name), 1e-10)
 
 
+@pytest.mark.soak
 def test_closed_form_has_it() -> None:
     robot = random_robot(2331, joints=(1, 1), types=("fixed",), counts=(0,))
     joint = replace(
