@@ -1,4 +1,4 @@
-"""Derivatives of a kernel's functions along directions, of weighted results, and by run-time parameters.
+"""A kernel's functions beside those that C has for their derivatives.
 
 A generated package carries a copy of this file.
 """
@@ -6,7 +6,7 @@ A generated package carries a copy of this file.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -97,7 +97,7 @@ class Differentiated:
         """
         wanted = (*self.reads, "frame") if self.is_framed else self.reads
         if not isinstance(args, (tuple, list)) or len(args) != len(wanted):
-            raise InputError(f"{self.name}: got {_number(args)} arguments; allowed: ({', '.join(wanted)})")
+            raise InputError(f"{self.name}: got {number_of(args)} arguments; allowed: ({', '.join(wanted)})")
         arrays, frame = list(args[: len(self.reads)]), None
         if self.is_framed:
             frame = self.frame_index(args[-1])
@@ -150,58 +150,6 @@ class Differentiated:
         return tuple(found)
 
 
-def jvp(
-    f: Differentiated, args: Sequence[Any], tangents: Sequence[ArrayLike], rates: Mapping[str, float] | None
-) -> Array:
-    """Give what a function's result changes by; arguments as of ``Kernel.jvp``."""
-    arrays, frame = f.state(args)
-    if not isinstance(tangents, (tuple, list)) or len(tangents) != len(f.reads):
-        raise InputError(f"tangents: got {_number(tangents)}; allowed: one for each of {', '.join(f.reads)}")
-    found = f.part(f.run(TANGENT, [*arrays, *tangents]), frame)
-    if rates:
-        slots = parameter_slots(f.calls.parameters, tuple(rates))
-        along = np.zeros(len(f.calls.parameters), f.calls.dtype)
-        along[slots] = list(rates.values())
-        found = found + f.part(f.run(f"{BY_PARAMETERS}{TANGENT}", [*arrays, along]), frame)
-    return found
-
-
-def vjp(f: Differentiated, args: Sequence[Any], cotangent: ArrayLike, parameters: Sequence[str]) -> tuple[Array, ...]:
-    """The gradient of a weighted result; arguments as of ``Kernel.vjp``."""
-    arrays, frame = f.state(args)
-    slots = parameter_slots(f.calls.parameters, parameters)
-    given = [*arrays, f.weights(cotangent, frame)]
-    if not slots:
-        return f.rows(f.run(ADJOINT, given))
-    gradient = f.run(f"{BY_PARAMETERS}{ADJOINT}", given)
-    split = gradient.shape[-1] - len(f.calls.parameters)
-    return (*f.rows(gradient[..., :split]), gradient[..., split:][..., slots])
-
-
-def hessian(f: Differentiated, args: Sequence[Any], cotangent: ArrayLike) -> Array:
-    """Second derivatives of a weighted result; arguments as of ``Kernel.hessian``."""
-    arrays, frame = f.state(args)
-    return f.run(HESSIAN, [*arrays, f.weights(cotangent, frame)])
-
-
-def parameter_jacobian(f: Differentiated, args: Sequence[Any], parameters: Sequence[str] | None) -> Array:
-    """Derivatives of a function by parameters; arguments as of ``Kernel.parameter_jacobian``."""
-    calls = f.calls
-    names = tuple(calls.parameters) if parameters is None else parameters
-    slots = parameter_slots(calls.parameters, names)
-    arrays, frame = f.state(args)
-    shaped = [calls.array(label, value, f.shape(label)) for label, value in zip(f.reads, arrays, strict=True)]
-    lead = np.broadcast_shapes(*(own for _, own in shaped))
-    if not slots:
-        result = f.part(np.zeros((*lead, *f.shape(f.writes)), calls.dtype), frame)
-        return np.zeros((*result.shape, 0), calls.dtype)
-    units = np.zeros((len(slots), len(calls.parameters)), calls.dtype)
-    units[range(len(slots)), slots] = 1.0
-    beside = [x.reshape(*own, 1, *f.shape(label)) for label, (x, own) in zip(f.reads, shaped, strict=True)]
-    found = f.part(f.run(f"{BY_PARAMETERS}{TANGENT}", [*beside, units], inner=1), frame)
-    return np.moveaxis(found, len(lead), -1)
-
-
 def parameter_slots(parameters: Parameters, names: Sequence[str]) -> list[int]:
     """Places of parameters by their names.
 
@@ -219,5 +167,6 @@ def parameter_slots(parameters: Parameters, names: Sequence[str]) -> list[int]:
     return [known[name] for name in names]
 
 
-def _number(values: Any) -> str:
+def number_of(values: Any) -> str:
+    """Say how many values there are, or what they are instead of several."""
     return str(len(values)) if isinstance(values, (tuple, list)) else type(values).__name__
