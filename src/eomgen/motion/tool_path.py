@@ -92,7 +92,7 @@ class ToolPath:
         ArrayError: an orientation that is no rotation.
     """
 
-    def __init__(
+    def __init__(  # noqa: PLR0913
         self,
         kernel: Kernel,
         tool: str,
@@ -143,7 +143,7 @@ class ToolLine(ToolPath):
         InputError: the points coincide.
     """
 
-    def __init__(
+    def __init__(  # noqa: PLR0913
         self,
         kernel: Kernel,
         tool: str,
@@ -187,7 +187,7 @@ class ToolCircle(ToolPath):
         InputError: there is no such circle.
     """
 
-    def __init__(
+    def __init__(  # noqa: PLR0913
         self,
         kernel: Kernel,
         tool: str,

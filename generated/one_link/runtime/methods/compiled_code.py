@@ -65,7 +65,6 @@ class CompiledCode:
         self.motors: dict[str, str] = {name: drives for name, (drives, _) in meta.get("motors", {}).items()}
         self.operations: Mapping[str, Mapping[str, int]] = Operations(libraries)
         self._again = again
-        self._driven = tuple(meta["driven"])
         self.efforts: dict[str, float] = dict(meta.get("efforts", {}))
         self._given = [self.coordinates.index(name) for name in self.prescribed]
         self._ratios: dict[str, float] = {name: ratio for name, (_, ratio) in meta.get("motors", {}).items()}

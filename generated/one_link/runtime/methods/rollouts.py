@@ -8,15 +8,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arrays import flag
-from ..stepping.adaptive import adaptive_rollout, takes_samples
+from ..stepping.adaptive import adaptive_rollout
 from ..stepping.given_loads import Loads
 from ..stepping.gradients import Loss, rollout_gradient
 from ..stepping.many_steps import rollout
-from ..stepping.rollouts import Rollout
+from ..stepping.options import Control, LoadedStepOptions, StepOptions
+from ..stepping.rollouts import Inputs, Rollout
 from ..stepping.saturation import Saturate, efforts_of
 from ..stepping.sensitivities import rollout_sensitivity
 from .compiled_code import CompiledCode
@@ -27,7 +26,7 @@ Array = NDArray[Any]
 class Rollouts(CompiledCode):
     """Motions of a kernel over many steps."""
 
-    def rollout(
+    def rollout(  # noqa: PLR0913
         self,
         q0: ArrayLike,
         v0: ArrayLike,
@@ -109,16 +108,11 @@ class Rollouts(CompiledCode):
                 was stored.
             InputError: another argument is wrong, or does not belong to the method.
         """
-        controlled: dict[str, Any] = {"kp": kp, "kd": kd, "target": target, "effort": efforts_of(self.calls, saturate)}
-        own: dict[str, Any] = {"loads": loads, "works": flag("rollout: works", works)}
-        sampled: dict[str, Any] = {"duration": duration, "samples": samples, "atol": atol}
-        if takes_samples(method, dt=dt, steps=steps, every=every, **sampled, **own):
-            how: dict[str, Any] = {"method": method, "rtol": rtol, "atol": atol, **own}
-            return adaptive_rollout(self.calls, self._driven, q0, v0, u, duration, samples, **how, **controlled)
-        u = np.zeros(self.n, self.dtype) if u is None else u
-        return rollout(self.calls, self._driven, q0, v0, u, dt, steps, method=method, every=every, **controlled)
+        inputs = Inputs(q0, v0, u, Control(kp, kd, target, efforts_of(self.calls, saturate)))
+        options = LoadedStepOptions(method, dt, steps, every, duration, samples, rtol, atol, loads, works)
+        return (adaptive_rollout if options.is_adaptive else rollout)(self.calls, inputs, options)
 
-    def rollout_gradient(
+    def rollout_gradient(  # noqa: PLR0913
         self,
         q0: ArrayLike,
         v0: ArrayLike,
@@ -171,32 +165,11 @@ class Rollouts(CompiledCode):
                 that derivatives of tsit5's steps are not those of the motion.
             SingularError, IntegrationStopped: as of ``rollout``; a mechanism begins in a singular pose.
         """
-        u = np.zeros(self.n, self.dtype) if u is None else u
-        return rollout_gradient(
-            self.calls,
-            self._driven,
-            q0,
-            v0,
-            u,
-            dt,
-            steps,
-            loss=loss,
-            parameters=parameters,
-            method=method,
-            every=every,
-            duration=duration,
-            samples=samples,
-            rtol=rtol,
-            atol=atol,
-            kp=kp,
-            kd=kd,
-            target=target,
-            loads=loads,
-            out=out,
-            effort=efforts_of(self.calls, saturate),
-        )
+        inputs = Inputs(q0, v0, u, Control(kp, kd, target, efforts_of(self.calls, saturate)))
+        options = StepOptions(method, dt, steps, every, duration, samples, rtol, atol)
+        return rollout_gradient(self.calls, inputs, options, loss=loss, parameters=parameters, loads=loads, out=out)
 
-    def rollout_sensitivity(
+    def rollout_sensitivity(  # noqa: PLR0913
         self,
         q0: ArrayLike,
         v0: ArrayLike,
@@ -244,11 +217,7 @@ class Rollouts(CompiledCode):
             InputError: as of ``rollout``; no direction; joints that turn freely; a robot that is too stiff, as there.
             SingularError, IntegrationStopped: as of ``rollout``.
         """
-        u = np.zeros(self.n, self.dtype) if u is None else u
-        given = {"q0": q0, "v0": v0, "u": u, "kp": kp, "kd": kd, "target": target}
-        given["effort"] = efforts_of(self.calls, saturate)
-        how: dict[str, Any] = {"method": method, "dt": dt, "steps": steps, "every": every, "duration": duration}
-        how |= {"samples": samples, "rtol": rtol, "atol": atol}
-        return rollout_sensitivity(
-            self.calls, self._driven, given, parameters=parameters, along=along, loads=loads, out=out, **how
-        )
+        inputs = Inputs(q0, v0, u, Control(kp, kd, target, efforts_of(self.calls, saturate)))
+        options = StepOptions(method, dt, steps, every, duration, samples, rtol, atol)
+        directions: dict[str, Any] = {"parameters": parameters, "along": along}
+        return rollout_sensitivity(self.calls, inputs, options, **directions, loads=loads, out=out)
