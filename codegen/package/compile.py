@@ -44,7 +44,6 @@ CARRIED = (
     "errors.py",
     "names.py",
     "runtime/*.py",
-    "runtime/methods/*.py",
     "runtime/stepping/*.py",
     "runtime/*.[ch]",
 )  # of eomgen, copied to its places in a package

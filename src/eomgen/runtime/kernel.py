@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .arrays import flag, joint_lead
-from .methods.differentiation import Differentiation
-from .methods.loop_closure import LoopClosure
-from .methods.named_views import NamedViews
-from .methods.rollouts import Rollouts
+from .by_name import NamedViews
+from .closing import LoopClosure
+from .derivatives import Differentiation
 from .opened import LOADED
+from .stepping.interface import Rollouts
 
 Array = NDArray[Any]
 

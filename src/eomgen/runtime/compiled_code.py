@@ -12,20 +12,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import InputError, UnknownNameError
-from ...names import html_table, nearest_or_all, show
-from ..arrays import Arrays, names_in
-from ..calls import Calls
-from ..direct import Face, functions
-from ..parameters import Parameters
-from ..raw import Libraries, Operations, RawKernel
+from ..errors import InputError, UnknownNameError
+from ..names import html_table, nearest_or_all, show
+from .arrays import Arrays, names_in
+from .calls import Calls
+from .direct import Face, functions
+from .parameters import Parameters
+from .raw import Libraries, Operations, RawKernel
 
 if TYPE_CHECKING:
     from typing_extensions import Self
 
 Array = NDArray[Any]
 
-PACKAGE = f"{__package__.rpartition('.')[0]}."  # begins the names of the modules whose methods can be direct
+PACKAGE = f"{__package__}."  # begins the names of the modules whose methods can be direct
 
 
 class CompiledCode:

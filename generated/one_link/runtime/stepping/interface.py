@@ -1,4 +1,4 @@
-"""Integration over many steps in C, and its derivatives.
+"""Rollouts as methods of kernels: integration over many steps in C, and its derivatives.
 
 A generated package carries a copy of this file.
 """
@@ -10,15 +10,15 @@ from typing import Any
 
 from numpy.typing import ArrayLike, NDArray
 
-from ..stepping.adaptive import adaptive_rollout
-from ..stepping.given_loads import Loads
-from ..stepping.gradients import Loss, rollout_gradient
-from ..stepping.many_steps import rollout
-from ..stepping.options import Control, LoadedStepOptions, StepOptions
-from ..stepping.rollouts import Inputs, Rollout
-from ..stepping.saturation import Saturate, efforts_of
-from ..stepping.sensitivities import rollout_sensitivity
-from .compiled_code import CompiledCode
+from ..compiled_code import CompiledCode
+from .adaptive import adaptive_rollout
+from .given_loads import Loads
+from .gradients import Loss, rollout_gradient
+from .many_steps import rollout
+from .options import Control, LoadedStepOptions, StepOptions
+from .rollouts import Inputs, Rollout
+from .saturation import Saturate, efforts_of
+from .sensitivities import rollout_sensitivity
 
 Array = NDArray[Any]
 
