@@ -22,6 +22,7 @@ from eomgen.runtime.raw import RawFunction
 from tests.support.c_project import COMPILERS, NO_EIGEN, PREAMBLE, need_eigen, package_of, program, run
 from tests.support.random_robots import random_robot
 from tests.support.small_robots import held_body
+from tests.support.soak import share
 
 MAY_VANISH = ("bias_force", "christoffel", "coriolis_matrix", "external_force", "spring_stiffness")
 
@@ -121,7 +122,7 @@ def test_every_function_gives_what_the_kernel_gives(
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("number", range(len(eomgen.builtin_robots())), ids=eomgen.builtin_robots())
+@pytest.mark.parametrize("number", share(range(len(eomgen.builtin_robots())), 4))
 def test_headers_of_the_built_in_robots(number: int, tmp_path: Path) -> None:
     name, compiler = eomgen.builtin_robots()[number], [*COMPILERS][number % 2]
     count = compare(
