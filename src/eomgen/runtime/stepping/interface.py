@@ -219,5 +219,6 @@ class Rollouts(CompiledCode):
         """
         inputs = Inputs(q0, v0, u, Control(kp, kd, target, efforts_of(self.calls, saturate)))
         options = StepOptions(method, dt, steps, every, duration, samples, rtol, atol)
-        directions: dict[str, Any] = {"parameters": parameters, "along": along}
-        return rollout_sensitivity(self.calls, inputs, options, **directions, loads=loads, out=out)
+        return rollout_sensitivity(
+            self.calls, inputs, options, parameters=parameters, along=along, loads=loads, out=out
+        )
