@@ -21,10 +21,11 @@ from eomgen.motion.timetable import TimeTable
 from eomgen.progress import no_progress
 from eomgen.robot.model import tool_of
 from eomgen.robot.value import Coordinate, Robot
-from eomgen.runtime.stepping.adaptive import METHODS as NUMBERS
 from eomgen.runtime.stepping.given_loads import loads_of
 from eomgen.runtime.stepping.loaded import AUTO, Loaded
 from eomgen.runtime.stepping.loads import DriveData, LoadData, Packed, Signal, Track
+from eomgen.runtime.stepping.options import ADAPTIVE as NUMBERS
+from eomgen.runtime.stepping.options import ErrorControl
 from eomgen.runtime.stepping.together import Together
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.assembly import Assembly, assemble, may_run_in_c
@@ -96,7 +97,7 @@ def assembled(name: str, text: str) -> Assembly:
 def loaded(assembly: Assembly, times: np.ndarray, q: np.ndarray, v: np.ndarray) -> Loaded:
     data = loads_of(assembly.kernel.calls, assembly.drive, assembly.wrenches, assembly.prescribed)
     atol = np.full(2 * assembly.kernel.n, 1e-8)
-    return Loaded(assembly.kernel.calls, data, times, q[0], v[0], "tsit5", 1e-8, atol)
+    return Loaded(assembly.kernel.calls, data, times, q[0], v[0], ErrorControl("tsit5", 1e-8, atol))
 
 
 SHAKEN = "".join(
@@ -343,7 +344,7 @@ def test_a_batch_under_loads_has_the_bits_of_its_states() -> None:
             progress,
         )
         for state in range(5):
-            alone = Loaded(kernel.calls, data, times, q[state], v[state], method, 1e-7, atol)
+            alone = Loaded(kernel.calls, data, times, q[state], v[state], ErrorControl(method, 1e-7, atol))
             while not alone.progress.reason:
                 alone.go()
             assert progress[state].reason == alone.progress.reason == 1
@@ -481,11 +482,11 @@ def test_states_with_parameters_and_loads_of_their_own_move_as_alone(method: str
         shared = method != AUTO  # loads that are one object
         data = [loads[0] if shared else loads[i] for i in some]
         calls = [kernels[i].calls for i in some]
-        motion = Together(calls, data, times, q[some], v[some], method, 1e-7, atol[some])
+        motion = Together(calls, data, times, q[some], v[some], ErrorControl(method, 1e-7, atol[some]))
         while motion.go():
             pass
         for place, i in enumerate(some):
-            alone = Loaded(kernels[i].calls, data[place], times, q[i], v[i], method, 1e-7, atol[i])
+            alone = Loaded(kernels[i].calls, data[place], times, q[i], v[i], ErrorControl(method, 1e-7, atol[i]))
             while not alone.progress.reason:
                 alone.go()
             assert motion.progress[place].reason == alone.progress.reason == 1
@@ -503,7 +504,7 @@ def test_calls_that_end_sooner_change_no_bit(method: str, built: Build) -> None:
     loads = LoadData(DriveData(torque=Track(rising, np.array([0]))))
     times, allowed, found = np.linspace(0.0, 0.4, 41), (1e-10, np.full(2, 1e-12)), []
     for kept in (0, 1, 7):
-        motion = Loaded(kernel.calls, loads, times, np.zeros(1), np.zeros(1), method, *allowed, kept)
+        motion = Loaded(kernel.calls, loads, times, np.zeros(1), np.zeros(1), ErrorControl(method, *allowed), kept)
         while not motion.progress.reason:
             motion.go()
         found.append(motion.samples)

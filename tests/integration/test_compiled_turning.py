@@ -18,10 +18,11 @@ from eomgen.motion.splines import Standstill
 from eomgen.robot import build_model
 from eomgen.robot.value import ANGULAR, Coordinate, Joint, Link, Placement, Robot
 from eomgen.runtime.kernel import Kernel
-from eomgen.runtime.stepping.adaptive import METHODS as NUMBERS
 from eomgen.runtime.stepping.given_loads import loads_of
 from eomgen.runtime.stepping.loaded import Loaded
 from eomgen.runtime.stepping.loads import Gains, LinkWrench, Packed, Signal
+from eomgen.runtime.stepping.options import ADAPTIVE as NUMBERS
+from eomgen.runtime.stepping.options import ErrorControl
 from eomgen.simulation.controls import JointPD, actuators
 from tests.support.builds import Build
 from tests.support.small_robots import free_body
@@ -229,7 +230,7 @@ def test_calls_go_on_to_the_bit_and_lanes_turn_apart(built: Build) -> None:
         function.batch(5, null, pointer, 0, drive, packed.pointer, 0, allowed, 0, *how, *arrays, progress)
         for state in range(5):
             for kept in (0, 7):
-                alone = Loaded(kernel.calls, data, times, q[state], v[state], method, 1e-7, atol, kept)
+                alone = Loaded(kernel.calls, data, times, q[state], v[state], ErrorControl(method, 1e-7, atol), kept)
                 steps = []
                 while not alone.progress.reason:
                     steps.append(alone.go())

@@ -12,7 +12,7 @@ import eomgen
 from eomgen.errors import ArrayError, InputError, IntegrationStopped, SingularError
 from eomgen.integration.solve import integrate
 from eomgen.robot.value import Coordinate, Friction
-from eomgen.runtime.stepping.adaptive import METHODS
+from eomgen.runtime.stepping.options import ADAPTIVE as METHODS
 from tests.codegen.forces.test_laws import slider, worn
 from tests.support.builds import Build
 from tests.support.random_motors import geared_robot, motor_state

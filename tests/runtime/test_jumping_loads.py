@@ -13,7 +13,6 @@ from scipy.integrate import solve_ivp
 import eomgen
 from eomgen.errors import InputError
 from eomgen.robot.value import Friction
-from eomgen.runtime.stepping.adaptive import METHODS
 from eomgen.runtime.stepping.loads import (
     DriveData,
     Gains,
@@ -25,6 +24,7 @@ from eomgen.runtime.stepping.loads import (
     Waves,
     jump_times,
 )
+from eomgen.runtime.stepping.options import ADAPTIVE as METHODS
 from tests.runtime.test_load_gradients import ALL, numbers, put
 from tests.runtime.test_stiff_gradients import last, slider
 from tests.support.builds import Build

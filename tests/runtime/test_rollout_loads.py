@@ -13,7 +13,6 @@ from eomgen.errors import ArrayError, InputError
 from eomgen.integration.solve import integrate
 from eomgen.motion.point_to_point import Harmonic, PointToPoint
 from eomgen.motion.splines import signal_of
-from eomgen.runtime.stepping.adaptive import METHODS
 from eomgen.runtime.stepping.given_loads import place_given
 from eomgen.runtime.stepping.loads import (
     WORKS,
@@ -26,6 +25,7 @@ from eomgen.runtime.stepping.loads import (
     Track,
     Waves,
 )
+from eomgen.runtime.stepping.options import ADAPTIVE as METHODS
 from tests.codegen.forces.test_laws import slider
 from tests.support.builds import Build
 from tests.support.random_robots import Array, random_robot, some_prescribed

@@ -100,7 +100,7 @@ class StateSpace(Shown):
         return write_atomically(target, lambda stream: np.savez_compressed(stream, **arrays))
 
 
-def linearize(
+def linearize(  # noqa: PLR0913
     robot: RobotLike,
     pose: PoseLike | None = None,
     *,

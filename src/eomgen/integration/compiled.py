@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,6 +15,7 @@ from ..runtime.stepping.adaptive import DONE, STAGES, why_ended
 from ..runtime.stepping.given_loads import data_of
 from ..runtime.stepping.loaded import AUTO, Loaded
 from ..runtime.stepping.loads import LoadData
+from ..runtime.stepping.options import ErrorControl
 from ..state.vectors import DriveFunction, MotionFunction, WrenchFunction
 from .contacts import ContactWatch
 from .steps import Samples
@@ -68,9 +70,7 @@ def compiled_states(
     system: System,
     loads: LoadData,
     samples: Samples,
-    method: str,
-    rtol: float,
-    atol: Array,
+    control: ErrorControl,
     report: Progress,
     watch: ContactWatch,
     works: bool = False,
@@ -83,11 +83,11 @@ def compiled_states(
         IntegrationStopped: the motion ends early.
         Reached: what it goes on to is there.
     """
-    kernel, n = system.kernel, system.n
+    kernel, n, method = system.kernel, system.n, control.method
     q, v = samples.states[0, :n], samples.states[0, n:]
     kept = KEPT if watch.is_needed else 0
-    allowed = step_tolerances(rtol, atol)
-    motion = Loaded(kernel.calls, loads, samples.times, q, v, method, *allowed, kept, works=works)
+    control = per_step(control)
+    motion = Loaded(kernel.calls, loads, samples.times, q, v, control, kept, works=works)
     system.worked = motion if works else None
     at, before, progress = float(samples.times[0]), samples.states[0], motion.progress
     while progress.reason == 0:
@@ -111,12 +111,12 @@ def compiled_states(
             system.counts["implicit_s"] = motion.spans["rosenbrock"]
         if reached is not None:
             found = reached.exactly(
-                lambda t0, y, t: np.concatenate(list(_moved(kernel, loads, (t0, t), y, method, *allowed).state))
+                lambda t0, y, t: np.concatenate(list(_moved(kernel, loads, (t0, t), y, control).state))
             )
             if motion.works is not None:
                 k = int(np.searchsorted(samples.times[: samples.done], found.t)) - 1
                 span = float(samples.times[k]), found.t
-                last = _moved(kernel, loads, span, samples.states[k], method, *allowed, works=True)
+                last = _moved(kernel, loads, span, samples.states[k], control, works=True)
                 system.works_at_end = motion.works[k] + last.works_until(2)[-1]
             raise found
         report(float(progress.t), f"t = {progress.t:.3f} s, {method}, {progress.steps} steps")
@@ -124,9 +124,9 @@ def compiled_states(
         raise _stopped(system, motion, method)
 
 
-def step_tolerances(rtol: float, atol: Array) -> tuple[float, Array]:
-    """Tolerances of a step of a motion with these ones."""
-    return PART * rtol, PART * np.maximum(atol, 1e-30)
+def per_step(control: ErrorControl) -> ErrorControl:
+    """Return the method with tolerances of each step of a motion that has these ones as a whole."""
+    return replace(control, rtol=PART * control.rtol, atol=PART * np.maximum(control.atol, 1e-30))
 
 
 def _moved(
@@ -134,15 +134,13 @@ def _moved(
     loads: LoadData,
     span: tuple[float, float],
     y: Array,
-    method: str,
-    rtol: float,
-    atol: Array,
+    control: ErrorControl,
     *,
     works: bool = False,
 ) -> Loaded:
     """The motion over a span, s, from a state, (2n,), at its begin."""
     n = kernel.n
-    motion = Loaded(kernel.calls, loads, np.array(span), y[:n], y[n:], method, rtol, atol, works=works)
+    motion = Loaded(kernel.calls, loads, np.array(span), y[:n], y[n:], control, works=works)
     while not motion.progress.reason:
         motion.go()
     return motion

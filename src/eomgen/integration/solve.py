@@ -16,6 +16,7 @@ from ..progress import Progress
 from ..runtime.kernel import Kernel
 from ..runtime.stepping.given_loads import loads_of
 from ..runtime.stepping.loaded import AUTO
+from ..runtime.stepping.options import ErrorControl
 from ..state.springs import any_spring, fastest_rates
 from ..state.vectors import DriveFunction, MotionFunction, WrenchFunction, state_vector
 from . import compiled, sundials
@@ -50,7 +51,7 @@ STIFF = 1000.0  # time constants in a motion: an explicit method takes 2000 eval
 METHODS = (AUTO, *IN_C, *SCIPY_IMPLICIT, *sundials.METHODS, *EXPLICIT_IN_PYTHON)
 
 
-def integrate(
+def integrate(  # noqa: PLR0913
     kernel: Kernel,
     q0: ArrayLike,
     v0: ArrayLike,
@@ -159,7 +160,8 @@ def integrate(
         absolute = tolerances(system, q, rtol, atol)
         if runs_in_c:
             data = loads_of(kernel.calls, *loads)
-            compiled.compiled_states(system, data, samples, method, rtol, absolute, report, watch, works)
+            control = ErrorControl(method, rtol, absolute)
+            compiled.compiled_states(system, data, samples, control, report, watch, works)
             return
         if method in sundials.METHODS:
             sundials.sundials_states(system, y0, samples, method, rtol, absolute, report, watch)

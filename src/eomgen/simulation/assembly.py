@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -154,7 +154,8 @@ def assemble(
             begin |= dict(zip(rigid().prescribed, moved(0.0)[0].tolist(), strict=True))
         path = mechanism_of(rigid(), driven, begin).path(program, moved, scenario.duration)
     mechanism = None if path is None else path.mechanism
-    drive = _drive(robot, scenario, control, kernel, driven, program, rigid, prescribed, mechanism)
+    followed = _Followed(driven, program, prescribed, mechanism)
+    drive = _drive(robot, scenario, control, kernel, rigid, followed)
     if control.get("saturate"):
         drive = _saturated(scenario, kernel, driven, drive, mechanism)
     wrenches = Wrenches(scenario, robot, kernel) if scenario.wrenches else None
@@ -312,17 +313,24 @@ def names_in_scenarios(robot: Robot) -> dict[str, str]:
     return names
 
 
+class _Followed(NamedTuple):
+    """What drives follow: their coordinates and program, what moves besides, and the mechanism that both close."""
+
+    driven: tuple[str, ...]
+    program: Program | None
+    prescribed: PrescribedMotion | None
+    mechanism: Mechanism | None
+
+
 def _drive(
     robot: Robot,
     scenario: Scenario,
     control: Section,
     kernel: Kernel,
-    driven: tuple[str, ...],
-    program: Program | None,
     rigid: Callable[[], Kernel],
-    prescribed: PrescribedMotion | None,
-    mechanism: Mechanism | None,
+    followed: _Followed,
 ) -> Control:
+    driven, program, prescribed, mechanism = followed
     if control.type == "torque":
         return _torque(robot, scenario, control.get("table"), kernel)
     if program is None:

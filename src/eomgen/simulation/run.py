@@ -43,13 +43,13 @@ from ..state.springs import stops
 from .assembly import BANDWIDTH, Assembly, assemble
 from .initial import initial_state
 from .result import SimulationResult
-from .segments import Loads, run_segments
+from .segments import Loads, SegmentOptions, run_segments
 from .stream import MotionStream
 
 Array = NDArray[np.float64]
 
 
-def simulate(
+def simulate(  # noqa: PLR0913
     robot: RobotLike,
     *,
     duration: float = 2.0,
@@ -160,9 +160,8 @@ def run_assembly(
     asked = scenario.integrator.method
     slow = why_not(kernel, loads.drive, loads.wrench, loads.prescribed)
     method, reason = explained_method(kernel, asked, q0, scenario.duration, slow)
-    found = run_segments(
-        kernel, robot, scenario, loads, q0, v0, report, opened, method=method, balance=balance, until=assembly.until
-    )
+    options = SegmentOptions(method, report, opened, balance, assembly.until)
+    found = run_segments(kernel, robot, scenario, loads, q0, v0, options)
     t, q = found.trajectory.t, found.trajectory.q
     driven = index_of(kernel.coordinates, assembly.driven)
     program_q = q[:, driven] if assembly.shown is None else assembly.shown.at(t)[0]

@@ -54,6 +54,21 @@ class Loads:
 
 
 @dataclass(frozen=True)
+class SegmentOptions:
+    """How the pieces of a motion are integrated: all of them by one method.
+
+    progress: called with a fraction from 0 to 1 and a line of text.  stream: gets the samples.  balance: whether the
+    motion is sampled for that, too.  until: what it ends at, if that comes before the duration does.
+    """
+
+    method: str
+    progress: Progress
+    stream: MotionStream | None = None
+    balance: bool = True
+    until: Until | None = None
+
+
+@dataclass(frozen=True)
 class SegmentedMotion:
     """A trajectory, its energy balance, and the wrenches, (T, links, 6), or None without any.
 
@@ -88,27 +103,13 @@ class _Between:
 
 
 def run_segments(
-    kernel: Kernel,
-    robot: Robot,
-    scenario: Scenario,
-    loads: Loads,
-    q: Array,
-    v: Array,
-    progress: Progress,
-    stream: MotionStream | None = None,
-    *,
-    method: str,
-    balance: bool = True,
-    until: Until | None = None,
+    kernel: Kernel, robot: Robot, scenario: Scenario, loads: Loads, q: Array, v: Array, options: SegmentOptions
 ) -> SegmentedMotion:
-    """Integrate from q and v at t = 0 to the scenario's duration, samples into the stream; errors as ``integrate``.
-
-    All pieces are integrated by the one method.  Without ``balance`` nothing is sampled for it; with
-    ``until`` the motion ends where that is reached.
+    """Integrate from q and v at t = 0 to the scenario's duration; errors as ``integrate``.
 
     A motion that cannot go on is returned as far as whole output steps were reached; it is raised where there are none.
     """
-    grid = output_times(scenario.duration, scenario.output_step)
+    grid, stream = output_times(scenario.duration, scenario.output_step), options.stream
     record = None if stream is None else _recorder(kernel, loads, grid, stream)
     if stream is not None:
         stream.append(grid[:1], q[np.newaxis], v[np.newaxis])
@@ -121,8 +122,7 @@ def run_segments(
     for begin, end in pairwise(bounds(scenario, loads, grid)):
         kernel.parameters.update(loaded_parameters(robot, scenario, begin))
         try:
-            span, how = (begin, end), (method, balance, until)
-            piece, part, stop = _piece(kernel, scenario, loads, (q, v), span, grid, progress, record, *how)
+            piece, part, stop = _piece(kernel, scenario, loads, (q, v), (begin, end), grid, record, options)
         except EomgenError as error:
             if stream is not None:
                 stream.flush()  # nothing is lost
@@ -151,10 +151,12 @@ def run_segments(
         whole = _good_rows(whole)
     work, wrench = whole.pop("work"), whole.pop("wrench", None)
     held = rests(kernel, whole["t"], whole["q"], whole["v"])
-    taken = leading(method, info, float(whole["t"][-1]))
+    taken = leading(options.method, info, float(whole["t"][-1]))
     about: dict[str, Any] = {"method": taken, "info": info, "contacts": tuple(contacts), "rests": held}
     trajectory = Trajectory(**whole, coordinates=kernel.coordinates, **about)
-    return SegmentedMotion(trajectory, EnergyBalance(work, trajectory.energy) if balance else None, wrench, stop)
+    return SegmentedMotion(
+        trajectory, EnergyBalance(work, trajectory.energy) if options.balance else None, wrench, stop
+    )
 
 
 def joined_info(before: Mapping[str, float], part: Mapping[str, float]) -> dict[str, float]:
@@ -204,11 +206,8 @@ def _piece(
     state: tuple[Array, Array],
     span: tuple[float, float],
     grid: Array,
-    progress: Progress,
     record: Record | None,
-    method: str,
-    balance: bool,
-    until: Until | None,
+    how: SegmentOptions,
 ) -> tuple[dict[str, Array], Trajectory, IntegrationStopped | None]:
     """Samples at the ends of a piece and on the grid in between, work from each to the next, and what stopped it.
 
@@ -217,16 +216,16 @@ def _piece(
     """
     begin, end = span
     edges = piece_times(span, grid)
-    along = balance and not no_works(kernel, method, "")
-    times, apart = (with_nodes(edges), PARTS) if balance and not along else (edges, 1)
+    along = how.balance and not no_works(kernel, how.method, "")
+    times, apart = (with_nodes(edges), PARTS) if how.balance and not along else (edges, 1)
     drive, wrench = between(loads, scenario, begin, end)
-    how = scenario.integrator
+    allowed = scenario.integrator
     stop: IntegrationStopped | None = None
-    options: dict[str, Any] = {"rtol": how.rtol, "atol": how.atol, "step": how.step}
-    options |= {"drive": drive, "wrench": wrench, "prescribed": loads.prescribed, "method": method, "works": along}
-    options["progress"] = lambda fraction, text: progress(fraction * end / scenario.duration, text)
+    options: dict[str, Any] = {"rtol": allowed.rtol, "atol": allowed.atol, "step": allowed.step}
+    options |= {"drive": drive, "wrench": wrench, "prescribed": loads.prescribed, "method": how.method, "works": along}
+    options["progress"] = lambda fraction, text: how.progress(fraction * end / scenario.duration, text)
     try:
-        part = integrate(kernel, *state, end, times=times, record=record, until=until, **options)
+        part = integrate(kernel, *state, end, times=times, record=record, until=how.until, **options)
         if "ended_at" in part.info:
             part, edges = (part, part.t) if apart == 1 else _to_the_end(kernel, part, edges, options)
             times = part.t
@@ -248,7 +247,7 @@ def _piece(
         samples["wrench"] = wrenches[::apart]
     if part.works is not None:
         samples["work"] = np.diff(integrated(part.works), axis=0)
-    elif balance:
+    elif how.balance:
         samples["work"] = works(kernel, times, part.q, part.v, part.u, wrenches)
     else:
         samples["work"] = np.zeros((edges.size - 1, len(TERMS)))

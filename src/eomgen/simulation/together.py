@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import EomgenError
-from ..integration.compiled import METHODS, leading, step_tolerances, why_not
+from ..integration.compiled import METHODS, leading, per_step, why_not
 from ..integration.solve import system_of
 from ..integration.steps import output_times, tolerances
 from ..integration.system import System
@@ -23,6 +23,7 @@ from ..runtime.stepping import given_loads
 from ..runtime.stepping.adaptive import DONE
 from ..runtime.stepping.loaded import AUTO
 from ..runtime.stepping.loads import LoadData, Packed
+from ..runtime.stepping.options import ErrorControl
 from ..runtime.stepping.together import Together
 from ..scenario.value import Scenario
 from .assembly import Assembly
@@ -148,14 +149,14 @@ class _Crowd:
             if shared is None or way.loads.wrench is not None:  # which know the kernel's own centres of mass
                 shared = given_loads.loads_of(system.kernel.calls, *self._between(way, times), way.loads.prescribed)
             systems.append((way, system, shared))
-            atols.append(step_tolerances(how.rtol, atol)[1])
+            atols.append(atol)
         if not systems:
             return
         going, _, loads = zip(*systems, strict=True)
         q, v = (np.array([getattr(way, name) for way in going]) for name in "qv")
         calls = [way.assembly.kernel.calls for way in going]
-        rtol, _ = step_tolerances(how.rtol, atols[0])
-        motion = Together(calls, loads, times, q, v, how.method, rtol, np.array(atols))
+        control = per_step(ErrorControl(how.method, how.rtol, np.array(atols)))
+        motion = Together(calls, loads, times, q, v, control)
         while motion.go():
             pass
         for k, (way, system, data) in enumerate(systems):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..forms.keys import Choice, Flag, Key, Listed, Number, Strings, Text, Whole
 from ..forms.tables import Entries, Form, Sub
-from ..runtime.stepping.many_steps import METHODS
+from ..runtime.stepping.options import FIXED
 from ..scenario.keys import time
 
 DESIGNS = ("random", "latin_hypercube")
@@ -61,7 +61,7 @@ VARY = Form(
 ENGINE = Form(
     {
         "type": Choice("how samples are integrated; default auto", words=ENGINES),
-        "method": Choice("of rollouts; default implicit", words=tuple(METHODS)),
+        "method": Choice("of rollouts; default implicit", words=tuple(FIXED)),
         "step": time("of integration in rollouts, at most the period"),
         "period": time("over which what Python says is held in rollouts"),
     }

@@ -22,7 +22,8 @@ from ..integration.trajectory import Trajectory
 from ..robot.model import build_model
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
-from ..runtime.stepping.many_steps import FAR, METHODS
+from ..runtime.stepping.many_steps import FAR
+from ..runtime.stepping.options import FIXED
 from ..scenario.value import Scenario
 from ..simulation.assembly import Assembly
 from ..simulation.balance import TERMS, EnergyBalance
@@ -43,7 +44,7 @@ SLOWEST_TURN = 0.05  # rad by which the slowest spring turns in an implicit step
 
 @dataclass(frozen=True)
 class Pace:
-    """method of ``many_steps.METHODS``; ``periods`` of the drives in the duration, each of ``steps`` steps."""
+    """method of ``options.FIXED``; ``periods`` of the drives in the duration, each of ``steps`` steps."""
 
     method: str
     periods: int
@@ -147,7 +148,7 @@ class _Steps:
         self._code, self._library = kernel.raw.rollout.code, kernel.raw.rollout.library
         self._drive, self._kept = self._library.drive(**fields), (fields, gains)
         self._views = [view(x) for x in (*self._start, *self._ends)]
-        self._how = step, steps, steps, METHODS[method]
+        self._how = step, steps, steps, FIXED[method]
 
     def run(self, q: Array, v: Array, u: Array, command: tuple[Array, Array] | None) -> tuple[int, Array]:
         """Under u, (n,), and what ``_commands`` says: -1 and the end, (2, n); or where there is no acceleration."""
