@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import math
 from collections.abc import Callable, Mapping
@@ -14,6 +15,7 @@ import pytest
 
 import eomgen
 from eomgen import identification
+from eomgen.errors import InputError
 from eomgen.sweep.result import SweepResult
 
 KEPT = Path(__file__).parent / "kept"
@@ -22,11 +24,14 @@ READ: Mapping[str, Callable[[Path], Any]] = {
     "accuracy.json": identification.load_accuracy,
     "calibration.npz": identification.load_calibration,
     "compensation.npz": identification.load_compensation,
+    "compliance_map.npz": eomgen.load_result,
     "excitation.npz": identification.load_excitation,
     "fit.json": identification.load_fit,
     "identification.npz": identification.load_identification,
     "poses.json": identification.load_poses,
     "simulation.npz": eomgen.simulation.load_result,
+    "response.npz": eomgen.load_result,
+    "state_space.npz": eomgen.load_result,
     "stream": eomgen.load_stream,
     "sweep": SweepResult.load,
     "tolerance.json": identification.load_tolerance,
@@ -73,3 +78,38 @@ def test_a_result_that_was_kept_is_read_with_its_values(name: str) -> None:
     found = READ[name](KEPT / name)
     kept = json.loads(VALUES.read_text(encoding="ascii"))[name]
     assert_same(values_of(found), kept, name)
+
+
+def test_one_function_loads_them_all() -> None:
+    """Files and folders say what they are; the kinds that are read by functions of their own are the same results."""
+    for name, read in READ.items():
+        if name != "stream" or importlib.util.find_spec("zarr"):
+            found = eomgen.load_result(KEPT / name)
+            assert type(found) is type(read(KEPT / name)), name
+            assert_same(values_of(found), values_of(read(KEPT / name)), name)
+
+
+@pytest.mark.parametrize("name", [name for name in READ if "." in name])
+def test_a_result_that_is_saved_again_is_the_same(name: str, tmp_path: Path) -> None:
+    found = eomgen.load_result(KEPT / name)
+    again = eomgen.load_result(found.save(tmp_path / name))
+    assert type(again) is type(found)
+    assert_same(values_of(again), values_of(found), name)
+
+
+def test_what_is_no_result_is_refused_by_name(tmp_path: Path) -> None:
+    (tmp_path / "other.json").write_text('{"kind": "mood"}', encoding="ascii")
+    np.savez(tmp_path / "other.npz", x=np.zeros(3))
+    (tmp_path / "folder").mkdir()
+    for name, message in (
+        ("other.json", "is no result that eomgen wrote (kind: 'mood'); allowed: those of 'accuracy', 'calibration'"),
+        ("other.npz", "is not a saved simulation (meta is no text); allowed: a file that eomgen wrote"),
+        ("nothing.npz", "cannot be read: "),
+        (
+            "folder",
+            "holds no result; allowed: a folder that eomgen wrote, with trajectory.npz, sweep.json or",
+        ),
+    ):
+        with pytest.raises(InputError) as caught:
+            eomgen.load_result(tmp_path / name)
+        assert f"{tmp_path / name}: {message}" in str(caught.value)

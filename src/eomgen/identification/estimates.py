@@ -10,11 +10,10 @@ import numpy as np
 
 from ..errors import UnknownNameError
 from ..names import parameter_name
+from ..results.kinds import Kind, Saved, declare, read
 from ..shown import Shown
 from ..tabular import Rows, TableColumn, Tabular
-from .saved import read_json, write_json
 
-KIND = "fit"
 KEYS = ("stiffness", "damping")
 
 
@@ -51,7 +50,7 @@ class FittedCoordinate:
 
 
 @dataclass(frozen=True)
-class FitResult(Shown, Tabular):
+class FitResult(Shown, Tabular, Saved):
     """Fitted coordinates, warnings about what could not be found, and notes about the method."""
 
     robot: str
@@ -93,14 +92,6 @@ class FitResult(Shown, Tabular):
             columns.append(TableColumn(field.name, unit, values))
         return Rows("parameter", "", np.array(list(found), dtype=object), columns, {"robot": self.robot})
 
-    def save(self, path: Path | str) -> Path:
-        """Write everything as .json, and return the path; ``load_fit`` reads it.
-
-        Raises:
-            InputError: another ending, or the file cannot be written.
-        """
-        return write_json(self, KIND, path)
-
     def as_dict(self) -> dict[str, Any]:
         """Plain values, for JSON."""
         return asdict(self)
@@ -121,10 +112,13 @@ class FitResult(Shown, Tabular):
         return lines
 
 
+KIND = declare(Kind("fit", FitResult, ending=".json"))
+
+
 def load_fit(path: Path | str) -> FitResult:
-    """The result that ``FitResult.save`` wrote.
+    """Read the result that ``FitResult.save`` wrote.
 
     Raises:
         InputError: the file cannot be read, or is no such result; says what in it is wrong.
     """
-    return read_json(FitResult, KIND, path)
+    return read(KIND, path)

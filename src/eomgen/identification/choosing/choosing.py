@@ -20,8 +20,7 @@ from ...progress import StageReport, no_report
 from ...robot.model import build_model, tool_of
 from ..calibration.calibrating import Task, links_of, problem_of, two_sizes
 from ..calibration.identifiability import Identifiable, identifiable
-from ..calibration.result import CalibrationResult
-from ..calibration.stored import load_calibration
+from ..calibration.result import CalibrationResult, load_calibration
 from ..geometry.error_model import SIZES
 from ..geometry.observations import ORIENTATION, at_rows, usual_noise
 from ..geometry.poses import MeasuredPoses, read_poses

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,18 +15,18 @@ from numpy.typing import NDArray
 from ...errors import InputError
 from ...files import check_ending, write_atomically
 from ...names import component_name, show
+from ...results.kinds import Kind, Saved, declare, read
+from ...results.stored import Stored
 from ...robot.coordinates import MOTIONS
 from ...shown import Shown
 from ...tabular import Rows as TableRows
 from ...tabular import TableColumn, Tabular
 from ..calibration.identifiability import merged_rows
-from ..saved import read_json, write_json
 from .information import DETERMINANT
 from .proposals import DISTANCE, POSE
 
 Array = NDArray[np.float64]
 
-KIND = "poses"
 _ABOUT = {
     DETERMINANT: "D (determinant of the information)",
     "V": "V (expected error of the tool over the workspace)",
@@ -34,7 +34,7 @@ _ABOUT = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class PosesResult(Shown, Tabular):
+class PosesResult(Shown, Tabular, Saved):
     """Poses to measure of a robot.
 
     Attributes:
@@ -65,7 +65,7 @@ class PosesResult(Shown, Tabular):
 
     robot: str
     coordinates: tuple[str, ...]
-    q: Array
+    q: Annotated[Array, Stored(("N", "n"), "m, rad")]
     frames: tuple[str, ...]
     measure: str
     series: int
@@ -78,7 +78,7 @@ class PosesResult(Shown, Tabular):
     rank: int
     rank_above_noise: int
     names: tuple[str, ...]
-    deviations: Array
+    deviations: Annotated[Array, Stored(("P",), "SI")]
     units: tuple[str, ...]
     merged: Mapping[str, str]
     weak: tuple[tuple[str, float], ...]
@@ -110,14 +110,6 @@ class PosesResult(Shown, Tabular):
         for row in self.q.tolist():
             writer.writerow([*row, *("" for _ in empty), *(self.series for _ in more)])
         return write_atomically(target, lambda stream: stream.write(text.getvalue().encode("ascii")))
-
-    def save(self, path: Path | str) -> Path:
-        """Write everything as .json, and return the path; ``load_poses`` reads it.
-
-        Raises:
-            InputError: another ending, or the file cannot be written.
-        """
-        return write_json(self, KIND, path)
 
     def as_rows(self) -> TableRows:
         """A row per pose: its coordinates, m or rad."""
@@ -174,18 +166,26 @@ class PosesResult(Shown, Tabular):
         ]
 
 
+def _check(found: PosesResult, path: str) -> None:
+    if not len(found.q):
+        raise InputError(f"{path}: q: got no poses; allowed: one or more")
+    if len(found.units) != len(found.names):
+        raise InputError(f"{path}: units: got {len(found.units)}; allowed: {len(found.names)}, one for each of names")
+    if found.criterion not in _ABOUT:
+        raise InputError(f"{path}: criterion: {show(found.criterion)}; allowed: {', '.join(_ABOUT)}")
+
+
+def _sizes(found: PosesResult) -> dict[str, int]:
+    return {"n": len(found.coordinates), "P": len(found.names)}
+
+
+KIND = declare(Kind("poses", PosesResult, ending=".json", sizes=_sizes, check=_check))
+
+
 def load_poses(path: Path | str) -> PosesResult:
-    """The result that ``PosesResult.save`` wrote.
+    """Read the result that ``PosesResult.save`` wrote.
 
     Raises:
         InputError: the file cannot be read, or is no such result; says what in it is wrong.
     """
-    found = read_json(PosesResult, KIND, path)
-    many = len(found.names)
-    if found.q.ndim != 2 or found.q.shape[1] != len(found.coordinates) or not len(found.q):
-        raise InputError(f"{path}: q has shape {found.q.shape}; allowed: a row per pose, a column per coordinate")
-    if found.deviations.shape != (many,) or len(found.units) != many:
-        raise InputError(f"{path}: deviations or units are not as many as names; allowed: {many}")
-    if found.criterion not in _ABOUT:
-        raise InputError(f"{path}: criterion: {show(found.criterion)}; allowed: {', '.join(_ABOUT)}")
-    return found
+    return read(KIND, path)

@@ -7,7 +7,7 @@ import json
 from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,17 +16,16 @@ from ...errors import InputError
 from ...files import check_ending, write_atomically
 from ...motion.files import SUFFIXES
 from ...names import show_path
+from ...results.contents import Contents
+from ...results.kinds import Kind, Saved, declare, read
+from ...results.stored import ALLOWED, Stored
 from ...shown import Shown
 from ..identifiable import BaseParameters
-from ..saved import write_arrays
 from .fourier import FourierSeries
 from .telling import CRITERIA
 
 Array = NDArray[np.float64]
 
-KIND = "excitation"
-ARRAYS = (*("t", "q", "v", "a", "u", "noise", "sizes", "deviations"), *("limits", "extremes"))
-PLAIN = ("robot", "criterion", "condition", "deviation", "limited", "units", "randoms", "starts", "seed", "notes")
 CONTROL = 20.0  # rad/s: bandwidth of computed torque in scenarios that are written
 
 
@@ -40,7 +39,7 @@ class Compared:
 
 
 @dataclass(frozen=True, eq=False)  # arrays have no one truth
-class ExciteResult(Shown):
+class ExciteResult(Shown, Saved):
     """A motion that excites.
 
     Attributes:
@@ -66,22 +65,22 @@ class ExciteResult(Shown):
 
     robot: str
     series: FourierSeries
-    t: Array
-    q: Array
-    v: Array
-    a: Array
-    u: Array
+    t: Annotated[Array, Stored(("T",), "s")]
+    q: Annotated[Array, Stored(("T", "m"), "m, rad")]
+    v: Annotated[Array, Stored(("T", "m"), "m/s, rad/s")]
+    a: Annotated[Array, Stored(("T", "m"), "m/s^2, rad/s^2")]
+    u: Annotated[Array, Stored(("T", "m"), "N, N m")]
     base: BaseParameters
-    noise: Array
-    sizes: Array
-    deviations: Array
+    noise: Annotated[Array, Stored(("m",), "N, N m")]
+    sizes: Annotated[Array, Stored(("b",), "SI")]
+    deviations: Annotated[Array, Stored(("b",), "SI")]
     criterion: str
-    condition: Compared
-    deviation: Compared
+    condition: Annotated[Compared, Stored(largest=np.inf)]
+    deviation: Annotated[Compared, Stored(largest=np.inf)]
     limited: tuple[str, ...]
     units: tuple[str, ...]
-    limits: Array
-    extremes: Array
+    limits: Annotated[Array, Stored(("l", 2), "SI", largest=np.inf)]
+    extremes: Annotated[Array, Stored(("l", 2), "SI")]
     randoms: int
     starts: int
     seed: int
@@ -204,20 +203,74 @@ class ExciteResult(Shown):
         ]
         return write_atomically(target, lambda stream: stream.write("\n".join(lines).encode("utf-8")))
 
-    def save(self, path: Path | str) -> Path:
-        """Write the result as .npz for ``load_excitation``, and return the path.
-
-        Raises:
-            InputError: another ending, or the file cannot be written.
-        """
-        meta: dict[str, Any] = {name: getattr(self, name) for name in PLAIN}
-        meta |= {"condition": vars(self.condition), "deviation": vars(self.deviation)}
-        about = {**vars(self.base), "chosen": self.base.chosen.tolist(), "matrix": self.base.matrix.tolist()}
-        meta |= {"base": about, "coordinates": self.coordinates, "duration": self.series.duration}
-        arrays: dict[str, Any] = {name: getattr(self, name) for name in ARRAYS}
-        arrays |= {name: getattr(self.series, name) for name in ("offset", "sines", "cosines")}
-        return write_arrays(arrays, meta, KIND, path)
-
 
 def _finite(x: float) -> float | None:
     return x if np.isfinite(x) else None
+
+
+def _record(found: ExciteResult) -> dict[str, Any]:
+    series, base = found.series, found.base
+    return {
+        "base": {**base.texts(), "chosen": base.chosen, "matrix": base.matrix},
+        "coordinates": series.names,
+        "duration": series.duration,
+        **{name: getattr(series, name) for name in _SERIES},
+    }
+
+
+def _rebuild(file: Contents) -> dict[str, Any]:
+    names, duration = file.value(tuple[str, ...], "coordinates"), file.value(float, "duration")
+    if not duration > 0.0:
+        raise InputError(f"{file.path}: duration: got {duration:g}; allowed: a time in s greater than 0")
+    numbers, sizes = {name: file.array(name, stored) for name, stored in _SERIES.items()}, {"m": len(names)}
+    for name, stored in _SERIES.items():
+        stored.check(numbers[name], sizes, f"{file.path}: array {name}")
+    if not sizes["h"]:
+        raise InputError(f"{file.path}: array sines has no harmonics; {ALLOWED}")
+    table = file.table("base")
+    rows = table.value(tuple[tuple[float, ...], ...], "matrix")
+    chosen = np.array(table.value(tuple[int, ...], "chosen"), dtype=np.intp)
+    parameters = table.value(tuple[str, ...], "parameters")
+    matrix = np.array(rows, dtype=np.float64).reshape(len(rows), len(rows[0]) if rows else len(parameters))
+    return {
+        "series": FourierSeries(names, duration, **numbers),
+        "base": BaseParameters.from_texts(table, chosen, matrix),
+    }
+
+
+def _sizes(found: ExciteResult) -> dict[str, int]:
+    return {"T": len(found.t), "m": len(found.coordinates), "b": len(found.base), "l": len(found.limited)}
+
+
+def _check(found: ExciteResult, path: str) -> None:
+    if len(found.units) != len(found.limited):
+        raise InputError(f"{path}: units: got {len(found.units)}; allowed: {len(found.limited)}, one for each limit")
+
+
+_SERIES = {
+    "offset": Stored(("m",), "m, rad"),
+    "sines": Stored(("m", "h"), "m, rad"),
+    "cosines": Stored(("m", "h"), "m, rad"),
+}
+KIND = declare(
+    Kind(
+        "excitation",
+        ExciteResult,
+        what="motion of excite",
+        rebuilt=("series", "base"),
+        record=_record,
+        rebuild=_rebuild,
+        sizes=_sizes,
+        check=_check,
+        is_finite=False,
+    )
+)
+
+
+def load_excitation(path: Path | str) -> ExciteResult:
+    """Read the result that ``ExciteResult.save`` wrote.
+
+    Raises:
+        InputError: the file cannot be read, or is no such file.
+    """
+    return read(KIND, path)

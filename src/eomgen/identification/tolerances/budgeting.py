@@ -6,7 +6,7 @@ table -> Contribution -> Exact -> sensitivities -> covariance, regions, worst ca
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -15,22 +15,26 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...description import RobotLike, as_robot
+from ...description.recorded import robot_from_record
 from ...errors import ArrayError, InputError, UnknownNameError
 from ...limits import LARGEST, is_usable
 from ...motion.files import MeasuredMotion, measured_motion
 from ...motion.measured_numbers import ALLOWED, answers_in_numbers, within_limits
 from ...names import component_name, joint_of, kind_of, listed, nearest_or_all, show
 from ...progress import StageReport, no_report
+from ...results.contents import Contents
+from ...results.kinds import Kind, declare, read
 from ...robot.model import Model, build_model, tool_of
+from ...robot.record import record_of
 from ...robot.value import COORDINATES, MOTOR, PRINCIPAL, Robot
 from ..geometry.closing import closed_readings, closing_of
 from ..geometry.error_model import Rows
 from ..geometry.stations import Chain, chain_of, matrix_of
 from .contributions import Contribution, Exact, contributions_of, model_of
-from .correlations import groups_of, read_correlations, root_of
+from .correlations import groups_of, plain_correlations, read_correlations, root_of
 from .regions import mixed_quantiles, quantile_of_normal, radii, worst_deviations, worst_directions
 from .result import PARTS, ToleranceResult, shares_of
-from .table import Table, Tolerance, read_table
+from .table import CORRELATIONS, Table, Tolerance, read_table
 from .vertices import farthest
 
 Array = NDArray[np.float64]
@@ -428,3 +432,73 @@ def _nonlinear(
                 causes = np.maximum(causes, np.maximum(off[:count], off[count : 2 * count]))
     order = [k for k in np.argsort(-causes, kind="stable") if causes[k] > LINEAR]
     return greatest, [exact.contributions[k].name for k in order[:3]]
+
+
+def _record(found: ToleranceResult) -> dict[str, Any]:
+    """Return what was asked, from which everything else follows."""
+    loads = found.exact.rows.loads.get(found.exact.tool)
+    return {
+        "description": record_of(found.exact.model.robot),
+        "table": {given.name: given.as_table() for given in found.tolerances},
+        CORRELATIONS: plain_correlations(found.names, found.correlation),
+        "frame": found.frame,
+        "q": found.q,
+        "t": found.t,
+        "wrench": None if loads is None else np.asarray(loads)[0],
+        "confidence": found.confidence,
+    }
+
+
+_ASKED: Mapping[str, Any] = {
+    "table": Mapping[str, Mapping[str, Any]],
+    "frame": str,
+    "q": tuple[tuple[float, ...], ...],
+    "wrench": tuple[float, ...] | None,
+    "confidence": float,
+    "t": tuple[float, ...] | None,
+}
+
+
+def _read(file: Contents) -> ToleranceResult:
+    asked = {name: file.value(kind, name) for name, kind in _ASKED.items()}
+    related: Any = ()  # files from before there were correlations have none
+    if CORRELATIONS in file.plain:
+        related = file.value(tuple[Mapping[str, Any], ...], CORRELATIONS)
+    found = tolerance(
+        robot_from_record(file.plain.get("description", {}), file.path),
+        {**asked["table"], CORRELATIONS: related},
+        asked["frame"],
+        poses=np.array(asked["q"], dtype=np.float64),
+        wrench=asked["wrench"],
+        confidence=asked["confidence"],
+    )
+    if asked["t"] is None:
+        return found
+    t = np.array(asked["t"], dtype=np.float64)
+    if t.shape != (len(found.q),) or not np.isfinite(t).all():
+        raise ValueError(f"t of shape {t.shape}")
+    return replace(found, t=t)
+
+
+KIND = declare(
+    Kind(
+        "tolerance",
+        ToleranceResult,
+        ending=".json",
+        what="accuracy by tolerances",
+        rebuilt=tuple(field.name for field in fields(ToleranceResult)),
+        record=_record,
+        read=_read,
+        is_finite=False,
+    )
+)
+
+
+def load_tolerance(path: Path | str) -> ToleranceResult:
+    """Read the result that ``ToleranceResult.save`` wrote, computed anew from what was asked.
+
+    Raises:
+        InputError: the file cannot be read, or is no such result.
+        DescriptionError: its robot or its table cannot be.
+    """
+    return read(KIND, path)

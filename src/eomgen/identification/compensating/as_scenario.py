@@ -1,4 +1,4 @@
-"""Corrected programs as files: samples, a scenario that follows them, and the whole result."""
+"""Corrected programs as files: samples, and a scenario that follows them."""
 
 from __future__ import annotations
 
@@ -17,22 +17,8 @@ from ...motion.splines import Spline
 from ...robot.coordinates import FORCES
 from ...robot.value import INERTIA_KEYS
 from ...scenario.value import Integrator, Payload, Scenario, Section, Wrench
-from ..saved import write_arrays
 
 Array = NDArray[np.float64]
-
-KIND = "compensation"
-ARRAYS = ("t", "program", "corrected", "times", "before", "after", "beyond", "weights")
-PLAIN = ("robot", "frame", "mode", "coordinates", "history", "rank", "shares", "notes")
-
-
-def write_record(result: Any, target: Path) -> Path:
-    """Write a result as .npz, and return the path; errors as ``CompensationResult.save``."""
-    meta: dict[str, Any] = {name: getattr(result, name) for name in PLAIN}
-    meta["limits"] = [vars(item) for item in result.limits]
-    meta["robustness"] = [vars(item) for item in result.robustness]
-    meta["scenario"] = result.scenario.as_dict()
-    return write_arrays({name: getattr(result, name) for name in ARRAYS}, meta, KIND, target)
 
 
 def write_program(result: Any, target: Path) -> list[Path]:
