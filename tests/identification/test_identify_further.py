@@ -16,8 +16,8 @@ from eomgen.cli.entry import main
 from eomgen.errors import InputError
 from eomgen.identification import base_parameters, identify, load_identification
 from eomgen.identification.dynamics.further import SHAPES
+from eomgen.identification.dynamics.solve import without_sought
 from eomgen.identification.identifiable import TERMS
-from eomgen.identification.inertial import without_sought
 from eomgen.identification.relations import relations_of
 from eomgen.loading import load_result
 from eomgen.motion.files import MeasuredMotion, motion_from_columns

@@ -30,8 +30,8 @@ from eomgen.identification import (
     tolerance,
 )
 from eomgen.identification.compensating.result import HeldBack, Variant
-from eomgen.identification.exciting.excited import Compared
 from eomgen.identification.exciting.fourier import FourierSeries
+from eomgen.identification.exciting.result import Compared
 from eomgen.results.kinds import KINDS, read
 from eomgen.scenario.load import scenario_from_toml
 from tests.support.extreme_numbers import ODD, accuracy_columns, written

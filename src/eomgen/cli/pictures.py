@@ -100,7 +100,7 @@ def _view(options: argparse.Namespace) -> None:
     robot = read_robot(options) if options.robot is not None else None
     found = None
     if options.tolerance is not None:
-        from ..identification.tolerances.budgeting import tolerance
+        from ..identification.tolerances.solve import tolerance
 
         with stage_bar("looking at tolerances") as report:
             simulated = simulated_robot(result, robot)

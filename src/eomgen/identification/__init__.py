@@ -4,27 +4,27 @@ Uses runtime, robot, results, forms, description, state, motion, integration, sc
 and sweep.
 """
 
-from .calibration.calibrating import calibrate
 from .calibration.result import CalibrationResult, load_calibration
-from .choosing.choosing import poses
-from .choosing.chosen import PosesResult, load_poses
-from .compensating.correcting import compensate
+from .calibration.solve import calibrate
+from .choosing.result import PosesResult, load_poses
+from .choosing.solve import poses
 from .compensating.result import CompensationResult, load_compensation
+from .compensating.solve import compensate
 from .dynamics.result import Further, IdentifyResult, Residuals, load_identification
-from .estimates import Estimate, FitResult, FittedCoordinate, load_fit
-from .exciting.designing import excite
-from .exciting.excited import ExciteResult, load_excitation
+from .dynamics.solve import identify
+from .exciting.result import ExciteResult, load_excitation
+from .exciting.solve import excite
 from .from_motion import ForcesResult, forces
 from .geometry.covariances import read_covariances
 from .geometry.poses import Measured, MeasuredPoses, poses_from_columns, read_poses
 from .identifiable import BaseParameters, base_parameters
-from .inertial import identify
-from .iso_9283.evaluate import accuracy
 from .iso_9283.result import AccuracyResult, load_accuracy
-from .least_squares import fit
+from .iso_9283.solve import accuracy
+from .stiffness.result import Estimate, FitResult, FittedCoordinate, load_fit
+from .stiffness.solve import fit
 from .tolerances.allocation import Allocation
-from .tolerances.budgeting import load_tolerance, tolerance
 from .tolerances.result import ToleranceResult
+from .tolerances.solve import load_tolerance, tolerance
 
 __all__ = [
     "AccuracyResult",

@@ -7,12 +7,12 @@ from typing import Any
 
 from ...errors import InputError
 from ...identification.calibration.result import CalibrationResult
-from ...identification.choosing.chosen import PosesResult
+from ...identification.choosing.result import PosesResult
 from ...identification.compensating.result import CompensationResult
 from ...identification.dynamics.result import IdentifyResult
-from ...identification.estimates import FitResult
-from ...identification.exciting.excited import ExciteResult
+from ...identification.exciting.result import ExciteResult
 from ...identification.iso_9283.result import AccuracyResult
+from ...identification.stiffness.result import FitResult
 from ...identification.tolerances.result import ToleranceResult
 from ...names import listed, show
 from ..report import Report

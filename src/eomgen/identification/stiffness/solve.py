@@ -24,22 +24,22 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..description import RobotLike, as_robot
-from ..errors import InputError, UnknownNameError
-from ..motion.files import MeasuredMotion, measured_motion
-from ..motion.measured_numbers import answers_in_numbers
-from ..motion.smoothing import Differentiator, bell, filtered, noise_deviation
-from ..names import nearest, split_component
-from ..pipeline.closing import mechanism_kernels
-from ..pipeline.stages import build
-from ..progress import StageReport
-from ..robot.model import build_model
-from ..robot.value import MOTOR, PRINCIPAL, Robot
-from ..runtime.kernel import Kernel
-from ..state.springs import coordinate_numbers
-from .estimates import KEYS, Estimate, FitResult, FittedCoordinate
-from .estimating import FIRST, HALF_WIDTHS, SIGNAL, block_count, doubts, even_step, interval_of, least_samples
-from .relations import refuse_followers
+from ...description import RobotLike, as_robot
+from ...errors import InputError, UnknownNameError
+from ...motion.files import MeasuredMotion, measured_motion
+from ...motion.measured_numbers import answers_in_numbers
+from ...motion.smoothing import Differentiator, bell, filtered, noise_deviation
+from ...names import nearest, split_component
+from ...pipeline.closing import mechanism_kernels
+from ...pipeline.stages import build
+from ...progress import StageReport
+from ...robot.model import build_model
+from ...robot.value import MOTOR, PRINCIPAL, Robot
+from ...runtime.kernel import Kernel
+from ...state.springs import coordinate_numbers
+from ..estimating import FIRST, HALF_WIDTHS, SIGNAL, block_count, even_step, least_samples
+from ..relations import refuse_followers
+from .result import KEYS, Estimate, FitResult, FittedCoordinate, doubts, interval_of
 from .together import fit_together
 
 Array = NDArray[np.float64]

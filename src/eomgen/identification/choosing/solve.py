@@ -18,19 +18,19 @@ from ...motion.exceeding import excess_notes, excesses
 from ...names import nearest_or_all, show
 from ...progress import StageReport, no_report
 from ...robot.model import build_model, tool_of
-from ..calibration.calibrating import Task, links_of, problem_of, two_sizes
 from ..calibration.identifiability import Identifiable, identifiable
 from ..calibration.result import CalibrationResult, load_calibration
+from ..calibration.solve import Task, links_of, problem_of, two_sizes
 from ..geometry.error_model import SIZES
 from ..geometry.observations import ORIENTATION, at_rows, usual_noise
 from ..geometry.poses import MeasuredPoses, read_poses
-from ..geometry.solving import Fit, Problem, algebraic_rank, normed_triangle
+from ..geometry.solve import Fit, Problem, algebraic_rank, normed_triangle
 from ..geometry.stations import Chain, chain_of
-from .chosen import PosesResult
 from .continuous import CLOSE, bound_of
 from .exchange import chosen_by
 from .information import CRITERIA, DETERMINANT, Information, criterion_of, inverse
 from .proposals import DISTANCE, MEASURES, POSE, WIDTHS, joined, proposed, rows_kept
+from .result import PosesResult
 from .sampling import Where, boxes_from, ranges_of, sampled, where_from
 
 Array = NDArray[np.float64]

@@ -18,25 +18,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..description import RobotLike, as_robot
-from ..errors import InputError
-from ..motion.files import MeasuredMotion, measured_motion
-from ..motion.measured_numbers import answers_in_numbers
-from ..motion.smoothing import STENCIL
-from ..names import component_name, joint_of, kind_of, listed, show
-from ..pipeline.stages import build
-from ..progress import StageReport
-from ..robot.model import build_model
-from ..robot.value import MOTOR, Friction, Robot
-from ..runtime.kernel import Kernel
-from .consistent import doubt, nearest_bodies, with_parameters
-from .dynamics.further import FURTHER, GAINS, GAUSSIAN, SHAPES, STRIBECK, Sought, further_doubts
-from .dynamics.result import IdentifyResult
-from .dynamics.solving import Data, Solution, best_of, shaped
-from .dynamics.traps import other_readings, refuse_impossible, spoiled, zeros_apart
-from .estimating import HALF_WIDTHS, even_step
-from .identifiable import LINEAR, TERMS, TRANSMISSIONS, BaseParameters, combinations, parameter_names
-from .relations import Relations, anchored, completed, refuse_followers, relations_of
+from ...description import RobotLike, as_robot
+from ...errors import InputError
+from ...motion.files import MeasuredMotion, measured_motion
+from ...motion.measured_numbers import answers_in_numbers
+from ...motion.smoothing import STENCIL
+from ...names import component_name, joint_of, kind_of, listed, show
+from ...pipeline.stages import build
+from ...progress import StageReport
+from ...robot.model import build_model
+from ...robot.value import MOTOR, Friction, Robot
+from ...runtime.kernel import Kernel
+from ..consistent import doubt, nearest_bodies, with_parameters
+from ..estimating import HALF_WIDTHS, even_step
+from ..identifiable import LINEAR, TERMS, TRANSMISSIONS, BaseParameters, combinations, parameter_names
+from ..relations import Relations, anchored, completed, refuse_followers, relations_of
+from .further import FURTHER, GAINS, GAUSSIAN, SHAPES, STRIBECK, Sought, further_doubts
+from .regression import Data, Solution, best_of, shaped
+from .result import IdentifyResult
+from .traps import other_readings, refuse_impossible, spoiled, zeros_apart
 
 Array = NDArray[np.float64]
 

@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import UnknownNameError
-from ..names import parameter_name
-from ..results.kinds import Kind, Saved, declare, read
-from ..shown import Shown
-from ..tabular import Rows, TableColumn, Tabular
+from ...errors import UnknownNameError
+from ...names import component_name, parameter_name
+from ...optional import optional_import
+from ...results.kinds import Kind, Saved, declare, read
+from ...shown import Shown
+from ...tabular import Rows, TableColumn, Tabular
 
 KEYS = ("stiffness", "damping")
 
@@ -47,6 +48,34 @@ class FittedCoordinate:
     damping: Estimate | None
     noise: float
     owner: str = "joints"
+
+
+def interval_of(
+    value: float, variance: float, freedoms: int, confidence: float, described: float, width: float, unexplained: float
+) -> Estimate:
+    """A value with its interval, by Student's t with so many degrees of freedom; the rest as in ``Estimate``."""
+    with optional_import("SciPy", "fit needs"):
+        from scipy.stats import t as student
+    quantile, error = float(student.ppf(0.5 + confidence / 2, freedoms)), float(np.sqrt(variance))
+    low, high = value - quantile * error, value + quantile * error
+    return Estimate(value, error, low, high, described, width, unexplained)
+
+
+def doubts(entry: FittedCoordinate) -> list[str]:
+    """Warnings about a fitted coordinate."""
+    found = []
+    for key in KEYS:
+        estimate: Estimate | None = getattr(entry, key)
+        if estimate is None:
+            continue
+        name = component_name(entry.coordinate, key)
+        if estimate.low <= 0.0 <= estimate.high:
+            found.append(f"{name}: its interval holds zero, so the motion does not determine it")
+        elif estimate.value < 0.0:
+            found.append(f"{name} is negative; is the drive known, and the inertia right?")
+        elif estimate.unexplained > 0.5:
+            found.append(f"{name}: {100 * estimate.unexplained:.0f} % of the force stays unexplained")
+    return found
 
 
 @dataclass(frozen=True)

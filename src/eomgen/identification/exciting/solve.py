@@ -23,14 +23,14 @@ from ...robot.coordinates import force_unit_of
 from ...robot.model import build_model
 from ...robot.value import PRINCIPAL, Robot
 from ...runtime.kernel import Kernel
+from ..dynamics.solve import without_sought
 from ..estimating import FIRST, least_samples
 from ..identifiable import TERMS, BaseParameters, combinations
-from ..inertial import without_sought
 from ..relations import tree_relations
 from .allowed import Amounts, Limits, amounts, limits_of, these
 from .constraints import Course, extremes, held_by
-from .excited import Compared, ExciteResult
 from .fourier import waves
+from .result import Compared, ExciteResult
 from .searching import Search, improved
 from .telling import CONDITION, CRITERIA, DETERMINANT, Telling, criterion_of, information, singular_values
 

@@ -16,18 +16,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError, UnknownNameError
-from ..motion.files import MeasuredMotion
-from ..motion.smoothing import Differentiator, bell, filtered, noise_deviation
-from ..names import component_name, listed, nearest, parameter_name, split_component
-from ..ranks import RANK
-from ..robot.model import Model, build_model, parameter_values
-from ..robot.value import MOTOR, PRINCIPAL, Robot
-from ..runtime.kernel import Kernel
-from ..state.springs import cut_numbers
-from .closing import closed_motion
-from .estimates import KEYS, Estimate, FittedCoordinate
-from .estimating import FIRST, HALF_WIDTHS, SIGNAL, block_count, doubts, interval_of, least_samples
+from ...errors import InputError, UnknownNameError
+from ...motion.files import MeasuredMotion
+from ...motion.smoothing import Differentiator, bell, filtered, noise_deviation
+from ...names import component_name, listed, nearest, parameter_name, split_component
+from ...ranks import RANK
+from ...robot.model import Model, build_model, parameter_values
+from ...robot.value import MOTOR, PRINCIPAL, Robot
+from ...runtime.kernel import Kernel
+from ...state.springs import cut_numbers
+from ..closing import closed_motion
+from ..estimating import FIRST, HALF_WIDTHS, SIGNAL, block_count, least_samples
+from .result import KEYS, Estimate, FittedCoordinate, doubts, interval_of
 
 Array = NDArray[np.float64]
 
@@ -80,7 +80,7 @@ def fit_together(
     """Fitted coordinates and warnings.
 
     Args:
-        robot, kernel: the closed robot, and a kernel with what ``least_squares.fitting_kernels`` names.
+        robot, kernel: the closed robot, and a kernel with what ``solve.fitting_kernels`` names.
         motion: with samples at equal distances.
         asked: names of coordinates to fit; if empty those that the description gives stiffness or damping.
         confidence: of the intervals.

@@ -37,7 +37,7 @@ from ..geometry.observations import ENCODER, ORIENTATION, POSITION, Block, at_ro
 from ..geometry.placing import placed
 from ..geometry.poses import MeasuredPoses, read_poses
 from ..geometry.rotations import coordinates_of, pose_from
-from ..geometry.solving import LOSSES, Fit, Problem, whitened
+from ..geometry.solve import LOSSES, Fit, Problem, whitened
 from ..geometry.stations import Chain, chain_of, matrix_of
 from .diagnosing import Diagnosis, diagnosed, diagnosis_notes
 from .drives import with_drives
