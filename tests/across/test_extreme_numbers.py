@@ -9,8 +9,8 @@ import pytest
 
 from eomgen.errors import InputError
 from eomgen.identification import calibrate, poses_from_columns, read_covariances, tolerance
+from eomgen.identification.dynamics.solve import without_sought
 from eomgen.identification.identifiable import TERMS
-from eomgen.identification.inertial import without_sought
 from eomgen.motion.files import motion_from_columns, read_motion
 from eomgen.motion.measured_numbers import answers_in_numbers, checked_numbers
 from tests.identification.test_identify import arm

@@ -10,9 +10,9 @@ import pytest
 import eomgen
 from eomgen.analysis.structures import compare
 from eomgen.description.load import robot_from_toml
-from eomgen.identification.choosing.choosing import poses
-from eomgen.identification.compensating.correcting import compensate
-from eomgen.identification.exciting.designing import excite
+from eomgen.identification.choosing.solve import poses
+from eomgen.identification.compensating.solve import compensate
+from eomgen.identification.exciting.solve import excite
 from eomgen.robot.value import Robot
 from eomgen.scenario.load import scenario_from_toml
 

@@ -17,7 +17,7 @@ from eomgen.codegen.closed_form.readable import readable_closed_form
 from eomgen.codegen.joint.zero_listing import zero_report
 from eomgen.errors import InputError
 from eomgen.identification.from_motion import forces
-from eomgen.identification.least_squares import fit
+from eomgen.identification.stiffness.solve import fit
 from eomgen.integration.solve import integrate
 from eomgen.integration.steps import fixed_step
 from eomgen.motion.files import motion_from_columns

@@ -28,7 +28,7 @@ from eomgen.identification.geometry.error_model import (
     rows_of,
 )
 from eomgen.identification.geometry.rotations import from_rpy, pose_from
-from eomgen.identification.geometry.solving import algebraic_rank
+from eomgen.identification.geometry.solve import algebraic_rank
 from eomgen.identification.geometry.stations import chain_of, forces_on, located, matrix_of
 from eomgen.motion.turns import rotation_of, rpy_of, vector_of
 from eomgen.robot.model import build_model

@@ -16,7 +16,7 @@ from eomgen.identification.calibration.calibrated import placement_of
 from eomgen.identification.geometry.closing import closed_readings, closing_of, constants_of
 from eomgen.identification.geometry.error_model import ErrorModel, Rows, quantities_of, rows_of
 from eomgen.identification.geometry.rotations import pose_from, vectors_of
-from eomgen.identification.geometry.solving import algebraic_rank
+from eomgen.identification.geometry.solve import algebraic_rank
 from eomgen.identification.geometry.stations import Chain, Located, chain_of, located, matrix_of
 from eomgen.motion.turns import rotation_of
 from eomgen.robot.model import build_model

@@ -16,14 +16,14 @@ import eomgen
 from eomgen.cli import main
 from eomgen.errors import InputError
 from eomgen.identification import ExciteResult, IdentifyResult, excite, identify, load_excitation
+from eomgen.identification.dynamics.solve import without_sought
 from eomgen.identification.exciting.allowed import Limits, limits_of
 from eomgen.identification.exciting.constraints import held_by
-from eomgen.identification.exciting.designing import KERNELS, moving_robot
 from eomgen.identification.exciting.fourier import FourierSeries, at_rest
 from eomgen.identification.exciting.searching import Search, objective
+from eomgen.identification.exciting.solve import KERNELS, moving_robot
 from eomgen.identification.exciting.telling import CRITERIA, Telling
 from eomgen.identification.identifiable import TERMS, combinations
-from eomgen.identification.inertial import without_sought
 from eomgen.identification.relations import tree_relations
 from eomgen.motion.files import motion_from_columns, read_motion
 from eomgen.pictures import plot_excitation, report_of

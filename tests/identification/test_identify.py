@@ -13,8 +13,8 @@ from eomgen.codegen.tree.regressor import INERTIAL
 from eomgen.errors import InputError
 from eomgen.identification import base_parameters, identify
 from eomgen.identification.consistent import nearest_bodies, numbers_of, pseudo_inertias, with_parameters
+from eomgen.identification.dynamics.solve import without_sought
 from eomgen.identification.identifiable import TERMS
-from eomgen.identification.inertial import without_sought
 from eomgen.motion.files import MeasuredMotion, motion_from_columns
 from eomgen.robot.value import Coordinate, Friction, Joint, Link, Placement, Robot
 from tests.support.builds import Build

@@ -16,12 +16,12 @@ from eomgen.cli.entry import main
 from eomgen.errors import InputError
 from eomgen.identification import base_parameters, identify, load_identification
 from eomgen.identification.dynamics.further import SHAPES
+from eomgen.identification.dynamics.solve import without_sought
 from eomgen.identification.identifiable import TERMS
-from eomgen.identification.inertial import without_sought
 from eomgen.identification.relations import relations_of
+from eomgen.loading import load_result
 from eomgen.motion.files import MeasuredMotion, motion_from_columns
 from eomgen.pictures import report_of
-from eomgen.pictures.measured.kinds import load_measured
 from eomgen.pictures.measured.motions import plot_identification
 from eomgen.robot.value import Coordinate, Coupling, Friction, Joint, Link, Motor, Placement, Robot
 from tests.support.blind_arms import blind_arm, periodic, record
@@ -314,7 +314,7 @@ def test_results_are_saved_loaded_drawn_and_written(built: Build, tmp_path: Path
     rms = [float(np.sqrt(np.mean(x**2))) for x in left]
     assert rms == pytest.approx([x.fitted for x in found.residuals.values()], rel=1e-3)
     assert "<svg" in plot_identification(again, tmp_path / "found.svg").read_text(encoding="utf-8")
-    page = report_of(load_measured(tmp_path / "found.npz"))
+    page = report_of(load_result(tmp_path / "found.npz"))
     assert len(page.figures) == 2
     assert "Further parameters" in [table.title for table in page.tables]
     written = found.to_toml(tmp_path / "better.toml")
