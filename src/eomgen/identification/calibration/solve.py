@@ -178,14 +178,14 @@ def calibrate(
     report("looking at residuals")
     diagnosis, serial = diagnosed(problem, full, shown.rank, loss, is_serial=effect == 1.0)
     fit = found.fits[variant]
-    covariance, freedoms = effect * fit.covariance, full.freedoms / effect
+    sure, freedoms = effect * fit.covariance, full.freedoms / effect
     if serial is not None:
-        covariance, freedoms = _widened(problem, fit, serial), serial.freedoms
+        sure, freedoms = _widened(problem, fit, serial), serial.freedoms
         with np.errstate(invalid="ignore"):
-            ratios = np.diagonal(covariance) / np.diagonal(fit.covariance)
+            ratios = np.diagonal(sure) / np.diagonal(fit.covariance)
         diagnosis = replace(diagnosis, widened=float(np.sqrt(np.nanmax(ratios))))
     notes += diagnosis_notes(diagnosis, poses, problem, shown.rank)
-    uncertainty = _Uncertainty(variant, covariance, freedoms, diagnosis, confidence)
+    uncertainty = _Uncertainty(variant, sure, freedoms, diagnosis, confidence)
     result = _result(task, poses, problem, found, shown, uncertainty, notes)
     return replace(result, is_explained=is_explained)
 
