@@ -185,7 +185,8 @@ def calibrate(
             ratios = np.diagonal(sure) / np.diagonal(fit.covariance)
         diagnosis = replace(diagnosis, widened=float(np.sqrt(np.nanmax(ratios))))
     notes += diagnosis_notes(diagnosis, poses, problem, shown.rank)
-    result = _result(task, poses, problem, found, shown, variant, sure, freedoms, diagnosis, confidence, notes)
+    uncertainty = _Uncertainty(variant, sure, freedoms, diagnosis, confidence)
+    result = _result(task, poses, problem, found, shown, uncertainty, notes)
     return replace(result, is_explained=is_explained)
 
 
@@ -456,25 +457,32 @@ def _far_off(problem: Problem, fit: Fit) -> list[str]:
     return [f"further off than a robot is built: {named}; is a zero, or a length, another one than in the description?"]
 
 
+@dataclass(frozen=True)
+class _Uncertainty:
+    """Uncertainty of the values of a variant: what ``CalibrationResult`` has under the same names."""
+
+    variant: str
+    covariance: Array
+    freedoms: float
+    diagnosis: Diagnosis
+    confidence: float
+
+
 def _result(
     task: Task,
     poses: MeasuredPoses,
     problem: Problem,
     found: Variants,
     shown: Identifiable,
-    variant: str,
-    covariance: Array,
-    freedoms: float,
-    diagnosis: Diagnosis,
-    confidence: float,
+    uncertainty: _Uncertainty,
     notes: list[str],
 ) -> CalibrationResult:
-    model, fit, full = problem.model, found.fits[variant], found.fits["full"]
-    values, described, deviations = _described(task, model, fit.x, covariance)
+    model, fit, full = problem.model, found.fits[uncertainty.variant], found.fits["full"]
+    values, described, deviations = _described(task, model, fit.x, uncertainty.covariance)
     chosen = problem.active
     names = tuple(model.quantities[i].name for i in chosen)
     is_known = not np.isnan(problem.seen.sigma).any()
-    if not (is_known or diagnosis.is_checked):
+    if not (is_known or uncertainty.diagnosis.is_checked):
         deviations = np.full_like(deviations, np.nan)
     chi2 = full.chi2 / full.freedoms if is_known and full.freedoms > 0.0 else None
     if chi2 is not None:
@@ -488,26 +496,22 @@ def _result(
         values=values[chosen],
         described=described[chosen],
         deviations=deviations[chosen],
-        confidence=confidence,
         rank=shown.rank,
         rank_above_noise=shown.rank_above_noise,
         merged=shown.merged,
         weak=shown.weak,
         residuals=found.residuals,
-        variant=variant,
         noise=_noise(problem, full),
         is_noise_known=is_known,
-        freedoms=freedoms,
         chi2=chi2,
         prior=found.prior,
         gains=found.gains,
         mistrusted=_mistrusted(problem, full),
         notes=tuple(notes),
-        diagnosis=diagnosis,
         model=model,
         x=fit.x,
-        covariance=covariance,
         source=poses.source,
+        **vars(uncertainty),
     )
 
 

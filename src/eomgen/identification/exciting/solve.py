@@ -27,7 +27,7 @@ from ..dynamics.solve import without_sought
 from ..estimating import FIRST, least_samples
 from ..identifiable import TERMS, BaseParameters, combinations
 from ..relations import tree_relations
-from .allowed import Amounts, Limits, amounts, limits_of, these
+from .allowed import Amounts, Limits, RequestedLimits, amounts, limits_of, these
 from .constraints import Course, extremes, held_by
 from .fourier import waves
 from .result import Compared, ExciteResult
@@ -105,10 +105,7 @@ def excite(
     if kernel is None:
         kernel = build(moving_robot(robot), kernels=KERNELS, progress=report)
     index = np.array([kernel.coordinates.index(name) for name in names], dtype=np.intp)
-    limits = limits_of(
-        robot,
-        names,
-        tuple(kernel.frames),
+    requested = RequestedLimits(
         ranges=ranges,
         rates=rates,
         accelerations=accelerations,
@@ -117,6 +114,7 @@ def excite(
         half_spaces=half_spaces,
         clear_of=clear_of,
     )
+    limits = limits_of(robot, names, tuple(kernel.frames), requested)
     deviation = amounts("noise", noise, names)
     moving = np.isin(kernel.coordinates, names)
     base = combinations(kernel, terms, moving, moving, tree_relations(moving_robot(robot)))

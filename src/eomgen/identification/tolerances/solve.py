@@ -111,7 +111,7 @@ def tolerance(
     chosen = tuple(known[entry.name] for entry in read.entries)
     exact = Exact(exact.model, exact.rows, exact.tool, chosen)
     entries = [_sized(read, entry, one) for entry, one in zip(read.entries, chosen, strict=True)]
-    found = _result(exact, robot.name, frame, names, q, entries, read_correlations(read), confidence, report)
+    found = _result(exact, frame, names, q, entries, read_correlations(read), confidence, report)
     return found if t is None else replace(found, t=t)
 
 
@@ -241,7 +241,6 @@ def _sized(table: Table, entry: Tolerance, one: Contribution) -> tuple[Tolerance
 
 def _result(
     exact: Exact,
-    robot: str,
     frame: str,
     names: tuple[str, ...],
     q: Array,
@@ -299,7 +298,7 @@ def _result(
         notes.append(f"nothing in the table moves {frame}")
     chosen = exact.contributions
     return ToleranceResult(
-        robot=robot,
+        robot=exact.model.robot.name,
         frame=frame,
         coordinates=names,
         q=q,
