@@ -17,7 +17,8 @@ MODULES = (  # of the derivation, in the order of importance
     "tree.composite",
     "solve.articulated",
     "solve.elimination",
-    "forces.rows",
+    "forces.coordinates",
+    "forces.transmissions",
     "joint.zeros",
 )
 ARGUMENTS = Path(__file__).with_name("survivors.toml")

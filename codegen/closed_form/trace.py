@@ -22,13 +22,14 @@ from eomgen.errors import InputError
 from eomgen.names import split_component
 from eomgen.robot.model import FIXED_BODY, Body, Model
 
-from ..forces.joint_damping import dampers
-from ..forces.journals import touches
-from ..forces.rows import effects, resisting_rows, stretches
+from ..forces.element import ForceElement, Setting
+from ..forces.elements import ELEMENTS
 from ..forces.scalar_functions import Functions
 from ..joint.lemmas import Matrix, joint_derivatives, joint_transform, step
 from ..program.operations import CALLS
 from ..tree.bound import Bound, bind
+from ..tree.constraints import closures
+from ..tree.frozen_joints import geometry
 from ..tree.recursion import no_note
 from ..tree.spatial import Pose, PseudoInertia
 from .closing import Closing, closing_of
@@ -137,18 +138,18 @@ def closed_form(
     C = _christoffel(bodies, inertias, len(q))
     pairs = [(i, j) for i in range(len(q)) for j in range(len(q))]
     bias = tuple(sum(C[s][i][j] * v[i] * v[j] for i, j in pairs) for s in range(len(q)))
-    Q = _elastic_and_weight(bound, bodies, inertias, q, v)
+    joints = geometry(model, bound, q, _sincos)
+    loops = list(closures(model, bound, joints, _sincos, no_note))
+    setting = Setting(model, bound, joints, q, _sincos, SYMBOLS, no_note, lambda: loops)
+    elements = [family(setting) for family in ELEMENTS]
+    Q = _elastic_and_weight(bound, bodies, inertias, elements, v)
     for s, force in _external_force(model, bound, bodies, wrench):
         Q[s] += force
-    closing = closing_of(model, bound, q, SYMBOLS)
-    elastic = [(own, own.resists(v, SYMBOLS)) for own in closing.elastic]
-    for own, law in elastic:
-        for s, arm in own.arms.items():
-            Q[s] -= exact(law.force * arm)
+    closing = closing_of(model, bound, q, loops)
     Ma = M * sp.Matrix(a)
     residual = tuple(Ma[s] + bias[s] - Q[s] - u[s] for s in range(len(q)))
     kinetic = _kinetic(bodies, inertias, bound.armature, v)
-    potential = _potential(bound, bodies, inertias, q) + sum(exact(law.energy) for _, law in elastic)
+    potential = _potential(bound, bodies, inertias, elements)
     return ClosedForm(q, v, a, u, wrench, binder.symbols, M, C, bias, tuple(Q), residual, kinetic, potential, closing)
 
 
@@ -257,16 +258,17 @@ def _christoffel(bodies: Sequence[_Derivatives], inertias: Sequence[Matrix], n: 
 
 
 def _elastic_and_weight(
-    bound: Bound, bodies: Sequence[_Derivatives], inertias: Sequence[Matrix], q: Row, v: Row
+    bound: Bound,
+    bodies: Sequence[_Derivatives],
+    inertias: Sequence[Matrix],
+    elements: Sequence[ForceElement],
+    v: Row,
 ) -> list[Expr]:
     """Q_P of eq. (13), and Q_G: eq. (14) with weights as forces; the last column of H is (m r_C, m)."""
-    Q = [-exact(force) for force in resisting_rows(bound, q, v, SYMBOLS)]
-    for touch in touches(bound, q, v, _sincos, SYMBOLS, no_note):
-        for s, force in touch.rows().items():
-            Q[s] -= force
-    for damper in dampers(bound, q, _sincos, no_note):
-        for s, force in damper.rows(v).items():
-            Q[s] -= force
+    Q = [sp.S.Zero] * len(v)
+    for element in elements:
+        for s, force in element.resist(v):
+            Q[s] -= exact(force)
     g = sp.Matrix([*bound.gravity, 0])
     for body, H in zip(bodies, inertias, strict=True):
         for s, D in body.first.items():
@@ -300,14 +302,12 @@ def _kinetic(bodies: Sequence[_Derivatives], inertias: Sequence[Matrix], armatur
     return total / 2
 
 
-def _potential(bound: Bound, bodies: Sequence[_Derivatives], inertias: Sequence[Matrix], q: Row) -> Expr:
+def _potential(
+    bound: Bound, bodies: Sequence[_Derivatives], inertias: Sequence[Matrix], elements: Sequence[ForceElement]
+) -> Expr:
     """Springs, and weights with respect to the base's origin."""
     g = sp.Matrix([*bound.gravity, 0])
-    springs = sum(a * s**2 / 2 for a, s in zip(bound.stiffness, q, strict=True))
-    still = [0] * len(q)
-    springs += sum(law.energy for law in effects(bound, q, still, SYMBOLS).values())
-    springs += sum(stretch.whole.energy for stretch in stretches(bound, q, still, SYMBOLS).values())
-    springs += sum(touch.normal.energy for touch in touches(bound, q, still, _sincos, SYMBOLS, no_note))
+    springs = sum(exact(energy) for element in elements for energy in element.energies())
     return springs - sum(_dot(g, body.pose * H[:, 3]) for body, H in zip(bodies, inertias, strict=True))
 
 

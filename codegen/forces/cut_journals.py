@@ -11,24 +11,23 @@ from dataclasses import dataclass, replace
 
 from eomgen.robot.value import COORDINATES
 
-from ..tree.bound import Bound
 from ..tree.recursion import Wrench
 from ..tree.spatial import Scalar, is_zero
-from .cuts import Deviating
-from .journals import Touch, Turn, places
-from .scalar_functions import Functions
+from .cuts import ElasticLoopCoordinate, ElasticLoopCoordinates
+from .element import ForceElement, ImplicitShare, Slopes, Turn
+from .journals import BearingContact, places
 
 Arms = dict[int, Scalar]
 
 
 @dataclass(frozen=True)
-class CutTouch:
+class LoopBearingContact:
     """A contact in coordinates of a cut joint, ``felt`` in their order, with the tree's indices in its arms."""
 
-    touch: Touch
-    felt: Sequence[Deviating]
+    touch: BearingContact
+    felt: Sequence[ElasticLoopCoordinate]
 
-    def ahead(self, dt: Scalar) -> CutTouch:
+    def ahead(self, dt: Scalar) -> LoopBearingContact:
         """The contact where the rates lead to after dt, with the derivatives that it has here."""
         return replace(self, touch=self.touch.ahead(dt))
 
@@ -41,7 +40,7 @@ class CutTouch:
         return list(dict.fromkeys(i for own in self.felt for i in own.arms))
 
     def directions(self, dt: Scalar, square: Scalar) -> list[tuple[Arms, Scalar]]:
-        """Directions of the tree's coordinates in which there are slopes, and these, as of ``Touch``."""
+        """Directions of the tree's coordinates in which there are slopes, and these, as of ``BearingContact``."""
         return [(self._of_tree(arms), slope) for arms, slope in self.touch.directions(dt, square)]
 
     def arms(self) -> tuple[Arms, Arms]:
@@ -50,7 +49,7 @@ class CutTouch:
         return tuple(self._of_tree({k: arm[axis] for k, arm in first.items()}) for axis in (0, 1))  # type: ignore[return-value]
 
     def wrenches(self) -> Iterator[tuple[int, Wrench]]:
-        """Wrenches of the tree's joints that hold the resisting forces, as of ``Deviating``."""
+        """Wrenches of the tree's joints that hold the resisting forces, as of ``ElasticLoopCoordinate``."""
         for k, force in self.touch.rows().items():
             yield from self.felt[k].wrenches(force)
 
@@ -70,28 +69,62 @@ class CutTouch:
         return found
 
 
-def cut_touches(
-    bound: Bound,
-    deviating: Sequence[Deviating],
-    v: Sequence[Scalar],
-    sincos: Turn,
-    f: Functions,
-) -> Iterator[CutTouch]:
-    """The contacts of all journals of cut joints.
+class LoopBearingContacts(ForceElement):
+    """The contacts of all journals of cut joints."""
 
-    Args:
-        deviating: coordinates of cut joints with a force, those that journals feel among them.
-    """
-    by_place = {(own.closure.number, own.name): own for own in deviating if own.closure is not None}
-    for number, journal in bound.cut_journals.items():
-        felt = [by_place[number, name] for name in journal.index]
-        rates = [own.rate(v) for own in felt]
-        turns = [_turn(own, bound.cut_offsets[number], sincos) for own in felt]
-        for place in places(journal, [own.s for own in felt], turns.__getitem__):
-            yield CutTouch(Touch(journal, place, rates, f), felt)
+    def contacts(self, v: Sequence[Scalar]) -> list[LoopBearingContact]:
+        """Give the contacts at the velocities v."""
+        at, found = self.at, list[LoopBearingContact]()
+        if not at.bound.cut_journals:
+            return found
+        members = ElasticLoopCoordinates(at).members
+        by_place = {(own.closure.number, own.name): own for own in members if own.closure is not None}
+        for number, journal in at.bound.cut_journals.items():
+            felt = [by_place[number, name] for name in journal.index]
+            rates = [own.rate(v) for own in felt]
+            turns = [_turn(own, at.bound.cut_offsets[number], at.sincos) for own in felt]
+            for place in places(journal, [own.s for own in felt], turns.__getitem__):
+                found.append(LoopBearingContact(BearingContact(journal, place, rates, at.functions), felt))
+        return found
+
+    def resist(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Scalar]]:
+        """Give the contacts' forces."""
+        for cut in self.contacts(v):
+            yield from cut.rows().items()
+
+    def energies(self) -> Iterator[Scalar]:
+        """Give energies of the penetrations."""
+        yield from (cut.touch.normal.energy for cut in self.contacts(self.at.still))
+
+    def wrenches(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Wrench]]:
+        """Give what joints hold of the contacts' forces."""
+        for cut in self.contacts(v):
+            yield from cut.wrenches()
+
+    def wrenches_in_cuts(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Wrench]]:
+        """Give the forces on the loops' second links."""
+        for cut in self.contacts(v):
+            yield from cut.on_second()
+
+    def add_slopes(self, slopes: Slopes) -> None:
+        """Add derivatives, differentiating the graph."""
+        for cut in self.contacts(slopes.v):
+            slopes.differentiate(cut.rows(), cut.moved_by())
+
+    def add_rows(self, share: ImplicitShare) -> None:
+        """Add forces where the velocities lead to, and their slopes."""
+        for cut in self.contacts(share.v):
+            there = cut.ahead(share.ahead)
+            share.along_all(there.rows(), there.directions)
+
+    def stiffnesses(self) -> Iterator[tuple[int, Scalar]]:
+        """Give the stiffness of all contacts as if they touched along x and along y."""
+        for cut in self.contacts(self.at.still):
+            for arms in cut.arms():
+                yield from ((i, cut.touch.journal.numbers["stiffness"] * (arm * arm)) for i, arm in arms.items())
 
 
-def _turn(own: Deviating, offsets: Sequence[Scalar], sincos: Turn) -> tuple[Scalar, Scalar]:
+def _turn(own: ElasticLoopCoordinate, offsets: Sequence[Scalar], sincos: Turn) -> tuple[Scalar, Scalar]:
     """Sine and cosine of an angle's deviation; (0, 1) of what is none."""
     if own.turn is None:
         return 0.0, 1.0

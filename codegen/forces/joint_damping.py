@@ -11,18 +11,17 @@ and a damping d of w, which takes the power d |w|^2 whatever the axes, resists t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 from eomgen.robot.joint_damping import MOVED
 
-from ..tree.bound import Bound
 from ..tree.composite import Rows
-from ..tree.recursion import Note
 from ..tree.spatial import Scalar
+from .element import ForceElement, ImplicitShare, Slopes
 
 FRONT, MIDDLE, BACK = MOVED["angular"]
-Turn = Callable[[Scalar], tuple[Scalar, Scalar]]
 
 
 @dataclass(frozen=True)
@@ -37,9 +36,9 @@ class Damper:
     indices: tuple[int, ...]
     across: tuple[int, int, Scalar, int, Scalar] | None = None
 
-    def slopes(self, factor: Scalar = 1.0) -> Rows:
-        """factor d G on and above the diagonal, which is never negative: dr/dv, and what implicit steps take."""
-        d = factor * self.damping
+    def slopes(self, c: Scalar = 1.0, _square: Scalar = 0.0) -> Rows:
+        """Give c d G on and above the diagonal, which is never negative: dr/dv, and what implicit steps take."""
+        d = c * self.damping
         found: Rows = {(i, i): d for i in self.indices}
         if self.across is not None:
             alpha, gamma, sine, _, _ = self.across
@@ -54,8 +53,9 @@ class Damper:
             rates[alpha], rates[gamma] = v[alpha] + sine * v[gamma], v[gamma] + sine * v[alpha]
         return {i: self.damping * rate for i, rate in rates.items()}
 
-    def add_derivatives(self, v: Sequence[Scalar], by_q: Rows, by_v: Rows) -> None:
+    def add_slopes(self, slopes: Slopes) -> None:
         """Add the shares of dr/dq and dr/dv."""
+        by_q, by_v, v = slopes.by_q, slopes.by_v, slopes.v
         for (i, j), slope in self.slopes().items():
             for key in {(i, j), (j, i)}:
                 by_v[key] = by_v.get(key, 0.0) + slope
@@ -66,16 +66,42 @@ class Damper:
                 by_q[i, beta] = by_q.get((i, beta), 0.0) + bend * v[j]
 
 
-def dampers(bound: Bound, q: Sequence[Scalar], sincos: Turn, note: Note) -> Iterator[Damper]:
-    """The dampings of all joints where q is, each joint with a comment in front of its values."""
-    for joint in bound.joint_damping:
-        note(f"{joint.joint}: damping of its motion")
-        for key, damping in joint.numbers.items():
-            moved = {name: joint.index[name] for name in MOVED[key] if name in joint.index}
-            if FRONT not in moved or BACK not in moved:
-                yield Damper(damping, tuple(moved.values()))
-                continue
-            beta, sine, cosine = moved.get(MIDDLE, -1), 0.0, 1.0
-            if beta >= 0:
-                sine, cosine = sincos(q[beta] + bound.angle_offsets[beta])
-            yield Damper(damping, tuple(moved.values()), (moved[FRONT], moved[BACK], sine, beta, cosine))
+class JointDampers(ForceElement):
+    """Dampings of all joints' own motions."""
+
+    @cached_property
+    def dampers(self) -> list[Damper]:
+        """The dampings where q is, each joint with a comment in front of its values."""
+        at, found = self.at, list[Damper]()
+        for joint in at.bound.joint_damping:
+            at.note(f"{joint.joint}: damping of its motion")
+            for key, damping in joint.numbers.items():
+                moved = {name: joint.index[name] for name in MOVED[key] if name in joint.index}
+                if FRONT not in moved or BACK not in moved:
+                    found.append(Damper(damping, tuple(moved.values())))
+                    continue
+                beta, sine, cosine = moved.get(MIDDLE, -1), 0.0, 1.0
+                if beta >= 0:
+                    sine, cosine = at.sincos(at.q[beta] + at.bound.angle_offsets[beta])
+                found.append(Damper(damping, tuple(moved.values()), (moved[FRONT], moved[BACK], sine, beta, cosine)))
+        return found
+
+    def resist(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Scalar]]:
+        """Give d G v."""
+        for damper in self.dampers:
+            yield from damper.rows(v).items()
+
+    def add_slopes(self, slopes: Slopes) -> None:
+        """Add dr/dq and dr/dv."""
+        for damper in self.dampers:
+            damper.add_slopes(slopes)
+
+    def advance(self, share: ImplicitShare) -> None:
+        """Push d G v, with the directions of the step's beginning."""
+        for i, force in self.resist(share.v):
+            share.push(i, force)
+
+    def add_blocks(self, share: ImplicitShare) -> None:
+        """Add d G."""
+        for damper in self.dampers:
+            share.in_joint(damper.slopes)

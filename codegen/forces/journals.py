@@ -21,16 +21,15 @@ from dataclasses import dataclass, replace
 from eomgen.robot.journals import CROSSWISE, TILTING, TURNING
 from eomgen.robot.laws import SMALLEST
 
-from ..tree.bound import Bound, BoundJournal
+from ..tree.bound import BoundJournal
 from ..tree.composite import Rows
-from ..tree.recursion import Note
 from ..tree.spatial import Scalar
+from .element import ForceElement, ImplicitShare, Slopes, add_to
 from .laws import Effect, contact
 from .scalar_functions import Functions
 
 REST = SMALLEST  # m
 Pair = tuple[Scalar, Scalar]
-Turn = Callable[[Scalar], tuple[Scalar, Scalar]]
 Arms = dict[int, Scalar]
 
 
@@ -60,7 +59,7 @@ class Place:
         return x, y
 
 
-class Touch:
+class BearingContact:
     """A contact at the rates v."""
 
     def __init__(self, journal: BoundJournal, place: Place, v: Sequence[Scalar], f: Functions) -> None:
@@ -77,10 +76,10 @@ class Touch:
         self.spin: Arms = {} if radius is None else {journal.index[TURNING]: radius}
         self._slide()
 
-    def ahead(self, dt: Scalar) -> Touch:
+    def ahead(self, dt: Scalar) -> BearingContact:
         """The contact where the rates lead to after dt, with the derivatives that c has here."""
         at = (self.place.at[0] + dt * self.rate[0], self.place.at[1] + dt * self.rate[1])
-        return Touch(self.journal, replace(self.place, at=at), self.v, self.f)
+        return BearingContact(self.journal, replace(self.place, at=at), self.v, self.f)
 
     def _slide(self) -> None:
         """T, its slopes by N and v_t, and its secant T / v_t."""
@@ -122,7 +121,7 @@ class Touch:
             for i, one in scaled.items():
                 for j, other in arms.items():
                     if i <= j:
-                        _add(found, (i, j), one * other)
+                        add_to(found, (i, j), one * other)
         return found
 
     def directions(self, dt: Scalar, square: Scalar) -> list[tuple[Arms, Scalar]]:
@@ -139,7 +138,7 @@ class Touch:
             parts.append((around | self.spin, rubbing))
         return parts
 
-    def add_derivatives(self, by_q: Rows, by_v: Rows) -> None:
+    def add_slopes(self, slopes: Slopes) -> None:
         """Add the contact's share of dr/dq and dr/dv."""
         N, T = self.normal.force, self.friction
         a, b = self.approach(), self.around()
@@ -148,7 +147,7 @@ class Touch:
             load = self.normal.by_v * a.get(j, 0.0)
             slide = self.by_load * load + self.by_slide * s[j]
             for i in s:
-                _add(by_v, (i, j), load * a.get(i, 0.0) + slide * s[i])
+                add_to(slopes.by_v, (i, j), load * a.get(i, 0.0) + slide * s[i])
         near, across = dot(self.n, self.rate), dot(self.t, self.rate)
         for j in self.place.first:
             bent, turn = self.place.bent(j, v), self.inverse * b[j]
@@ -158,17 +157,59 @@ class Touch:
                 x = self.place.second.get((i, j), (0.0, 0.0))
                 closer = b.get(i, 0.0) * turn + dot(self.n, x)
                 past = dot(self.t, x) - a.get(i, 0.0) * turn
-                _add(by_q, (i, j), load * a.get(i, 0.0) + slide * s[i] + N * closer + T * past)
+                add_to(slopes.by_q, (i, j), load * a.get(i, 0.0) + slide * s[i] + N * closer + T * past)
 
 
-def touches(
-    bound: Bound, q: Sequence[Scalar], v: Sequence[Scalar], sincos: Turn, f: Functions, note: Note
-) -> Iterator[Touch]:
-    """The contacts of all journals, each journal with a comment in front of its values."""
-    for journal in bound.journals:
-        note(f"{journal.joint}: its journal in the bearing")
-        for place in places(journal, q, lambda i: sincos(q[i])):
-            yield Touch(journal, place, v, f)
+class BearingContacts(ForceElement):
+    """The contacts of all journals of joints in their bearings."""
+
+    def contacts(self, v: Sequence[Scalar]) -> list[BearingContact]:
+        """Give the contacts at the velocities v, each journal with a comment in front of its values."""
+        at, found = self.at, list[BearingContact]()
+        for journal in at.bound.journals:
+            at.note(f"{journal.joint}: its journal in the bearing")
+            found += (BearingContact(journal, place, v, at.functions) for place in places(journal, at.q, self._turn))
+        return found
+
+    def resist(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Scalar]]:
+        """Give the contacts' forces."""
+        for one in self.contacts(v):
+            yield from one.rows().items()
+
+    def energies(self) -> Iterator[Scalar]:
+        """Give energies of the penetrations."""
+        yield from (one.normal.energy for one in self.contacts(self.at.still))
+
+    def add_slopes(self, slopes: Slopes) -> None:
+        """Add dr/dq and dr/dv."""
+        for one in self.contacts(slopes.v):
+            one.add_slopes(slopes)
+
+    def advance(self, share: ImplicitShare) -> None:
+        """Push the forces where the velocities lead to."""
+        for one in [one.ahead(share.ahead) for one in self._made(share)]:
+            for i, force in one.rows().items():
+                share.push(i, force)
+
+    def add_blocks(self, share: ImplicitShare) -> None:
+        """Add the contacts' slopes."""
+        for one in self._made(share):
+            share.in_joint(one.ahead(share.ahead).slopes)
+
+    def stiffnesses(self) -> Iterator[tuple[int, Scalar]]:
+        """Give the stiffness of all contacts as if they touched along x and along y."""
+        for one in self.contacts(self.at.still):
+            for i, (x, y) in one.place.first.items():
+                yield i, one.journal.numbers["stiffness"] * (x * x + y * y)
+
+    def _turn(self, i: int) -> tuple[Scalar, Scalar]:
+        return self.at.sincos(self.at.q[i])
+
+    def _made(self, share: ImplicitShare) -> list[BearingContact]:
+        if self not in share.members:
+            share.members[self] = self.contacts(share.v)
+        found: list[BearingContact] = share.members[self]
+        return found
 
 
 def dot(one: Pair, other: Pair) -> Scalar:
@@ -207,7 +248,3 @@ def places(
                 (beta, beta): (-1.0 * along_x, -1.0 * down),
             },
         )
-
-
-def _add(rows: Rows, key: tuple[int, int], value: Scalar) -> None:
-    rows[key] = rows.get(key, 0.0) + value

@@ -20,6 +20,7 @@ from typing import Any
 
 from eomgen.robot.laws import LAWS, given_laws
 
+from ..tree.bound import BoundLaw
 from ..tree.spatial import Scalar
 from .monotone_curve import curve_pieces
 from .scalar_functions import Functions
@@ -104,11 +105,10 @@ def effect(
     return total
 
 
-def pressing(
-    stiffness: Scalar, damping: Scalar, numbers: Numbers, knots: Sequence[float], s: Scalar, v: Scalar, f: Functions
-) -> Effect:
-    """Effect of a coordinate's springs, contacts and dampers; ``stiffness`` and ``damping`` of its straight line."""
-    return Effect(stiffness * s + damping * v, stiffness, damping) + effect(numbers, knots, s, v, f, without=FRICTION)
+def pressing(law: BoundLaw, s: Scalar, v: Scalar, f: Functions) -> Effect:
+    """Effect of a coordinate's springs, contacts and dampers, without its friction."""
+    linear = Effect(law.stiffness * s + law.damping * v, law.stiffness, law.damping)
+    return linear + effect(law.numbers, law.knots, s, v, f, without=FRICTION)
 
 
 def load_of(carried: Sequence[Effect], f: Functions) -> tuple[Scalar, list[Scalar]]:

@@ -18,18 +18,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 from eomgen.robot.geometry import IDENTITY
 from eomgen.robot.laws import SMALLEST
 from eomgen.robot.model import Model
 
-from ..tree.bound import Bound, BoundSpring
+from ..tree.bound import BoundSpring
 from ..tree.composite import Rows
 from ..tree.constraints import Side, common_body, subtract
 from ..tree.frozen_joints import JointGeometry
-from ..tree.recursion import Note, Wrench
+from ..tree.recursion import Wrench
 from ..tree.spatial import Pose, Scalar, Vec, add, along, cross, dot, is_zero, matvec, scale, transpose
-from .laws import steepest, tension
+from .element import ForceElement, ImplicitShare, Kernels, Slopes, add_to
+from .laws import Effect, steepest, tension
 from .scalar_functions import Functions
 
 REST = SMALLEST  # m
@@ -66,7 +68,7 @@ class Along:
     by_rate: Scalar
 
 
-class Line:
+class PointSpring:
     """One spring: its vector d, and g and H as above."""
 
     def __init__(
@@ -135,6 +137,18 @@ class Line:
                 H[one.index, other.index] = H[other.index, one.index] = value
         return H
 
+    def add_slopes(self, slopes: Slopes) -> None:
+        """Add the spring's share of dr/dq and dr/dv."""
+        pull, H, g, v = self.pull(), self.hessian(), self.g, slopes.v
+        turned: dict[int, Scalar] = dict.fromkeys(g, 0.0)  # H v
+        for (i, j), value in H.items():
+            turned[i] = turned[i] + value * v[j]
+        for j in g:
+            slope = pull.by_s * g[j] + pull.by_w * turned[j]
+            for i in g:
+                add_to(slopes.by_q, (i, j), pull.ratio * H[i, j] + g[i] * slope)
+                add_to(slopes.by_v, (i, j), pull.by_w * (g[i] * g[j]))
+
     def stiffness(self) -> Rows:
         """Stiffness times (dd/dq)^T dd/dq: of a curve the steepest piece counts, of a cable that it is taut."""
         numbers, knots = self.spring.numbers, self.spring.knots
@@ -169,28 +183,79 @@ def _arms(side: Side, sign: float, own: Vec, other: Vec) -> Iterator[Arm]:
             yield Arm(column.index, sign, e, e, -dot(e, pull))
 
 
-def lines(
-    model: Model,
-    bound: Bound,
-    joints: Sequence[JointGeometry],
-    v: Sequence[Scalar],
-    f: Functions,
-    note: Note,
-) -> Iterator[Line]:
-    """The robot's springs, each with a comment in front of its values."""
-    for given, spring in zip(model.robot.springs, bound.springs, strict=True):
-        note(f"{given.name}: between {given.links[0]} and {given.links[1]}")
-        yield Line(model, spring, joints, v, f)
+class PointSprings(ForceElement):
+    """All springs, dampers and cables between points of two links."""
 
+    def lengths_and_tensions(self, v: Sequence[Scalar]) -> list[Scalar]:
+        """Give the length (m) and the tension (N) of every spring."""
+        return [x for spring in self.springs(v) for x in spring.forces()]
 
-def add_derivatives(line: Line, v: Sequence[Scalar], by_q: Rows, by_v: Rows) -> None:
-    """A spring's share of dr/dq and dr/dv."""
-    pull, H, g = line.pull(), line.hessian(), line.g
-    turned: dict[int, Scalar] = dict.fromkeys(g, 0.0)  # H v
-    for (i, j), value in H.items():
-        turned[i] = turned[i] + value * v[j]
-    for j in g:
-        slope = pull.by_s * g[j] + pull.by_w * turned[j]
-        for i in g:
-            by_q[i, j] = by_q.get((i, j), 0.0) + (pull.ratio * H[i, j] + g[i] * slope)
-            by_v[i, j] = by_v.get((i, j), 0.0) + pull.by_w * (g[i] * g[j])
+    def length_rows(self) -> list[dict[int, Scalar]]:
+        """Give derivatives of the lengths by the coordinates."""
+        found = [(1.0 / spring.length(), spring.g) for spring in self.springs(self.at.still)]
+        return [{i: x * inverse for i, x in g.items()} for inverse, g in found]
+
+    def stiffness(self) -> Rows:
+        """Give what the springs stiffen at most, the sum of k (dd/dq)^T dd/dq."""
+        total: Rows = {}
+        for spring in self.springs(self.at.still):
+            for place, value in spring.stiffness().items():
+                add_to(total, place, value)
+        return total
+
+    KERNELS: ClassVar[Kernels] = {
+        "spring_forces": ("values", lengths_and_tensions),
+        "spring_jacobian": ("rows", lambda self, v: self.length_rows()),
+        "spring_stiffness": ("matrices", lambda self, v: self.stiffness()),
+    }
+
+    def springs(self, v: Sequence[Scalar]) -> list[PointSpring]:
+        """Give the springs at the velocities v, each with a comment in front of its values."""
+        at, found = self.at, list[PointSpring]()
+        for given, spring in zip(at.model.robot.springs, at.bound.springs, strict=True):
+            at.note(f"{given.name}: between {given.links[0]} and {given.links[1]}")
+            found.append(PointSpring(at.model, spring, at.joints, v, at.functions))
+        return found
+
+    def resist(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Scalar]]:
+        """Give p g."""
+        for spring in self.springs(v):
+            ratio = spring.pull().ratio
+            yield from ((i, ratio * value) for i, value in spring.g.items())
+
+    def energies(self) -> Iterator[Scalar]:
+        """Give the springs' energies."""
+        yield from (spring.pull().energy for spring in self.springs(self.at.still))
+
+    def wrenches(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Wrench]]:
+        """Give what joints between both points hold: the forces pass them by."""
+        for spring in self.springs(v):
+            yield from spring.wrenches()
+
+    def add_slopes(self, slopes: Slopes) -> None:
+        """Add dr/dq and dr/dv."""
+        for spring in self.springs(slopes.v):
+            spring.add_slopes(slopes)
+
+    def advance(self, share: ImplicitShare) -> None:
+        """Push the tensions where their rates lead to, in the directions that the springs have."""
+        for pull in [spring.along(share.ahead) for spring in self._made(share)]:
+            for i, arm in pull.arms.items():
+                share.push(i, pull.tension * arm)
+
+    def add_rows(self, share: ImplicitShare) -> None:
+        """Add the tensions' slopes."""
+        for spring in self._made(share):
+            pull = spring.along(share.ahead)
+            share.along(pull.arms, Effect(by_s=pull.by_e, by_v=pull.by_rate))
+
+    def stiffnesses(self) -> Iterator[tuple[int, Scalar]]:
+        """Give the diagonal of what the springs stiffen at most."""
+        for spring in self.springs(self.at.still):
+            yield from ((i, value) for (i, j), value in spring.stiffness().items() if i == j)
+
+    def _made(self, share: ImplicitShare) -> list[PointSpring]:
+        if self not in share.members:
+            share.members[self] = self.springs(share.v)
+        found: list[PointSpring] = share.members[self]
+        return found

@@ -10,10 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
 
-from ..forces.rows import resisting_slopes
-from ..forces.springs import add_derivatives
+from ..forces.element import Slopes
 from ..program.accumulation import jacobian
-from ..program.forward_mode import gradients
 from ..program.ir import Node
 from ..solve.factorised import Factors, coordinates_in_front
 from ..solve.free_bodies import bodies_apart
@@ -38,46 +36,25 @@ def residual_slopes(d: Derivation, a: Sequence[Scalar]) -> Derivatives:
 
 
 def _add_forces(d: Derivation, by_q: Rows, by_v: Rows) -> None:
-    """Add derivatives of what resists the drives, but those of linear springs and dampers of single coordinates."""
-    slopes = resisting_slopes(d.bound, d.q, d.v, d.functions)
-    for key, slope in slopes[0].items():  # the same keys in both
-        by_q[key] = by_q.get(key, 0.0) + slope
-        by_v[key] = by_v.get(key, 0.0) + slopes[1][key]
-    for line in d.lines(d.v):
-        add_derivatives(line, d.v, by_q, by_v)
-    for touch in d.touches(d.v):
-        touch.add_derivatives(by_q, by_v)
-    for damper in d.dampers:
-        damper.add_derivatives(d.v, by_q, by_v)
-    for own in d.deviating:
-        if own.has_force:
-            force = own.resists(d.v, d.functions).force
-            rows = {i: force * arm for i, arm in own.arms.items()}
-            _add_gradients(d, rows, own.moved_by(), by_q, by_v)
-    for cut in d.cut_touches(d.v):
-        _add_gradients(d, cut.rows(), cut.moved_by(), by_q, by_v)
-
-
-def _add_gradients(d: Derivation, rows: Mapping[int, Scalar], moved_by: Sequence[int], by_q: Rows, by_v: Rows) -> None:
-    """Derivatives of the resisting forces of a cut joint, which depend on these coordinates, in all rows.
+    """Add derivatives of what resists the drives, but those of linear springs and dampers of single coordinates.
 
     Those by a coordinate that others follow are by their motions, too.
     """
-    moving = [i for i in d.followers.leaders(moved_by) if i in d.own]
-    for x, into in ((d.q, by_q), (d.v, by_v)):
-        found = gradients(d.graph, list(rows.values()), [x[j] for j in moving])
-        for i, row in zip(rows, found, strict=True):
-            for j, slope in zip(moving, row, strict=True):
-                into[i, j] = into.get((i, j), 0.0) + slope
+
+    def moving(indices: Sequence[int]) -> list[int]:
+        return [i for i in d.followers.leaders(indices) if i in d.own]
+
+    slopes = Slopes(d.graph, by_q, by_v, d.q, d.v, moving)
+    for element in d.elements:
+        element.add_slopes(slopes)
 
 
 def _by_values(d: Derivation) -> Outputs:
     """Differentiate the elimination's program; what resists the drives by its own derivatives."""
-    n = d.model.size
     drives = drives_left(d, d.forces(d.v))
     tree, pivots = eliminated_tree(d, drives)
-    by_q: Rows = {(i, i): d.bound.stiffness[i] for i in range(n)}
-    by_v: Rows = {(i, i): d.bound.damping[i] for i in range(n)}
+    by_q: Rows = {(i, i): law.stiffness for i, law in enumerate(d.bound.laws)}
+    by_v: Rows = {(i, i): law.damping for i, law in enumerate(d.bound.laws)}
     _add_forces(d, by_q, by_v)
     given: dict[Hashable, dict[Hashable, Scalar]] = {}
     for i, drive in enumerate(drives):

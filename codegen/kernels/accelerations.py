@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain
 
-from ..forces.cuts import Deviating
-from ..forces.rows import effects, stretches
-from ..forces.springs import Along
+from ..forces.element import Arms, ImplicitShare
+from ..forces.laws import Effect
 from ..solve.factorised import Factors, solve
 from ..solve.reduced import ReducedTree
 from ..solve.responses import EliminatedTree, FactorisedTree
@@ -82,6 +80,53 @@ def _by_factors(d: Derivation, right: Sequence[Scalar]) -> tuple[FactorisedTree,
     return FactorisedTree(factors, right), [(pivot, matrix[i, i]) for i, pivot in enumerate(factors.pivots)]
 
 
+class _Step(ImplicitShare):
+    """Shares in a linearly implicit step: forces at its end, and what slopes add to inertia, dt D + dt^2 K."""
+
+    def __init__(self, d: Derivation) -> None:
+        self.dt, self.square = d.graph.input("dt", 0), d.graph.input("dt", 1)
+        super().__init__([q + self.dt * v for q, v in zip(d.q, d.v, strict=True)], d.v, self.dt)
+        self.functions = d.functions
+        self.forces: list[Scalar] = [0.0] * d.model.size
+        self.armature = list(d.bound.armature)
+        self.beside: Rows = {}
+        self.slopes: dict[int, Scalar] = {}
+        self.rows: list[Row] = []
+
+    def push(self, i: int, force: Scalar) -> None:
+        self.forces[i] = self.forces[i] + force
+
+    def on_coordinate(self, i: int, stiffness: Scalar, damping: Scalar) -> None:
+        self.armature[i] = self.armature[i] + (self.dt * damping + self.square * stiffness)
+
+    def bend(self, i: int, law: Effect) -> None:
+        self.armature[i] = self.armature[i] + self._ahead(law)
+
+    def in_joint(self, slopes: Callable[[Scalar, Scalar], Rows]) -> None:
+        for (i, j), slope in slopes(self.dt, self.square).items():
+            if i == j:
+                self.armature[i] = self.armature[i] + slope
+            elif i < j:
+                self.beside[i, j] = self.beside.get((i, j), 0.0) + slope
+
+    def in_transmission(self, motor: int, linear: Effect, law: Effect) -> None:
+        nonlinear = self._ahead(law)
+        self.slopes[motor] = self.dt * linear.by_v + self.square * linear.by_s + nonlinear
+
+    def along(self, arms: Arms, law: Effect) -> None:
+        for i, arm in arms.items():
+            self.push(i, law.force * arm)
+        self.rows.append(elastic_row(arms, self._ahead(law)))
+
+    def along_all(self, rows: Arms, directions: Callable[[Scalar, Scalar], Sequence[tuple[Arms, Scalar]]]) -> None:
+        for i, force in rows.items():
+            self.push(i, force)
+        self.rows += [elastic_row(arms, slope) for arms, slope in directions(self.dt, self.square)]
+
+    def _ahead(self, law: Effect) -> Scalar:
+        return law.ahead(self.dt, self.square, self.functions)
+
+
 def implicit_step(d: Derivation) -> Outputs:
     """Springs and dampers at the end of the step: they add to the diagonal of M, so the elimination stays O(n).
 
@@ -94,53 +139,24 @@ def implicit_step(d: Derivation) -> Outputs:
     J v = -g / dt.  Slopes of a journal and of a joint's damping couple the coordinates of the joint, and are eliminated
     with them; the directions of such a damping are those of the step's beginning.
     """
-    dt, square = d.graph.input("dt", 0), d.graph.input("dt", 1)
-    ahead = [q + dt * v for q, v in zip(d.q, d.v, strict=True)]
-    springs = d.resisting(ahead, d.v)
-    pulls = [line.along(dt) for line in d.lines(d.v)]
-    for pull in pulls:
-        for i, arm in pull.arms.items():
-            springs[i] = springs[i] + pull.tension * arm
-    touching = [touch.ahead(dt) for touch in d.touches(d.v)]
-    for touch in touching:
-        for i, force in touch.rows().items():
-            springs[i] = springs[i] + force
-    for damper in d.dampers:
-        for i, force in damper.rows(d.v).items():
-            springs[i] = springs[i] + force
-    armature = list(d.bound.armature)
-    for i, (stiffness, damping) in enumerate(zip(d.bound.stiffness, d.bound.damping, strict=True)):
-        armature[i] = armature[i] + (dt * damping + square * stiffness)
-    for i, law in effects(d.bound, ahead, d.v, d.functions).items():
-        armature[i] = armature[i] + law.ahead(dt, square, d.functions)
-    beside: Rows = {}
-    blocks = ((touch.slopes(dt, square) for touch in touching), (damper.slopes(dt) for damper in d.dampers))
-    for block in chain.from_iterable(blocks):
-        for (i, j), slope in block.items():
-            if i == j:
-                armature[i] = armature[i] + slope
-            elif i < j:
-                beside[i, j] = beside.get((i, j), 0.0) + slope
+    step = _Step(d)
+    for element in d.elements:
+        element.advance(step)
+    for element in d.elements:
+        element.add_diagonal(step)
+    for element in d.elements:
+        element.add_blocks(step)
     driven = frozenset(d.model.driven)
     for place, i in enumerate(d.own):
         if i in driven:
-            armature[i] = armature[i] + d.graph.input("added", place)
-    slopes = {}
-    for i, stretch in stretches(d.bound, ahead, d.v, d.functions).items():
-        nonlinear = stretch.nonlinear.ahead(dt, square, d.functions)
-        slopes[i] = dt * stretch.linear.by_v + square * stretch.linear.by_s + nonlinear
-    rows = [*_closing_rows(d, dt), *(_elastic_row(d, pull, dt, square) for pull in pulls)]
-    for own in d.deviating:
-        if own.has_force:
-            rows.append(_cut_row(d, own, dt, square, springs))
-    for cut in d.cut_touches(d.v):
-        there = cut.ahead(dt)
-        for i, force in there.rows().items():
-            springs[i] = springs[i] + force
-        rows += [elastic_row(arms, slope) for arms, slope in there.directions(dt, square)]
-    tree, pivots = eliminated(d, armature, drives_left(d, springs), d.v, slopes, coupled=bool(rows), beside=beside)
+            step.armature[i] = step.armature[i] + d.graph.input("added", place)
+    step.rows += _closing_rows(d, step.dt)
+    for element in d.elements:
+        element.add_rows(step)
+    drives, coupled = drives_left(d, step.forces), bool(step.rows)
+    tree, pivots = eliminated(d, step.armature, drives, d.v, step.slopes, coupled=coupled, beside=step.beside)
     rank = general_rank(d.described) if d.described.constraints else None
-    return _solved(d, with_rows(d, tree, rows, rank)[0] if rows else tree.free, pivots)
+    return _solved(d, with_rows(d, tree, step.rows, rank)[0] if step.rows else tree.free, pivots)
 
 
 def _closing_rows(d: Derivation, dt: Scalar) -> list[Row]:
@@ -148,20 +164,6 @@ def _closing_rows(d: Derivation, dt: Scalar) -> list[Row]:
     found = gaps(d, d.still) if d.described.constraints else []
     rate = 1.0 / dt if found else 0.0
     return [gap.row(-1.0 * (rate * (gap.rate(d.v) + rate * gap.value))) for gap in found]
-
-
-def _cut_row(d: Derivation, own: Deviating, dt: Scalar, square: Scalar, springs: list[Scalar]) -> Row:
-    """The row of a cut joint's coordinate with a force, which ``springs`` get: where its rate leads to after dt."""
-    found = own.resists(d.v, d.functions, dt)
-    for i, arm in own.arms.items():
-        springs[i] = springs[i] + found.force * arm
-    return elastic_row(own.arms, found.ahead(dt, square, d.functions))
-
-
-def _elastic_row(d: Derivation, pull: Along, dt: Scalar, square: Scalar) -> Row:
-    """The row of a spring between two points, whose slope is left out where it falls."""
-    slope = d.functions.max(dt * pull.by_rate + square * pull.by_e, 0.0)
-    return elastic_row(pull.arms, slope)
 
 
 @dataclass(frozen=True)

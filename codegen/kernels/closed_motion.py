@@ -64,12 +64,8 @@ def loop_wrenches(d: Derivation) -> Outputs:
 def _of_cuts(d: Derivation, rigid: Mapping[int, Wrench]) -> Outputs:
     """Wrenches of the cut joints with those of their elastic coordinates, as outputs."""
     total = [rigid.get(closure.number, NO_WRENCH) for closure in d.closures]
-    for own in d.deviating:
-        if own.closure is not None and own.direction is not None:
-            force = own.resists(d.v, d.functions).force
-            total[own.closure.number] = total[own.closure.number] + own.direction.wrench(-1.0 * force)
-    for cut in d.cut_touches(d.v):
-        for number, wrench in cut.on_second():
+    for element in d.elements:
+        for number, wrench in element.wrenches_in_cuts(d.v):
             total[number] = total[number] + wrench
     return _wrench_outputs([closure.seen_from_b(x) for closure, x in zip(d.closures, total, strict=True)])
 

@@ -8,13 +8,9 @@ from typing import Any
 
 from eomgen.robot.model import Model, turned_name, with_offset_angles
 
-from ..forces.cut_journals import CutTouch, cut_touches
-from ..forces.cuts import Deviating, deviating
-from ..forces.joint_damping import Damper, dampers
-from ..forces.journals import Touch, touches
-from ..forces.rows import resisting_rows
+from ..forces.element import ForceElement, Setting
+from ..forces.elements import ELEMENTS
 from ..forces.scalar_functions import Functions
-from ..forces.springs import Line, lines
 from ..program.ir import Graph, Value
 from ..program.passes import PARAMETERS
 from ..tree.bound import Bound, bind
@@ -99,62 +95,33 @@ class Derivation:
         rows, _ = inertial_rows(self.model, self.bound, self.joints, v, a, self.bound.gravity, self.graph.note)
         return [row + force for row, force in zip(rows, self.forces(v), strict=True)]
 
-    def resisting(self, q: list[Any], v: list[Any]) -> list[Scalar]:
-        """Forces, (n,), that springs, dampers and other laws of the coordinates themselves take from the drives."""
-        return resisting_rows(self.bound, q, v, self.functions)
-
-    def lines(self, v: list[Any]) -> list[Line]:
-        """Springs between two points, where q is and at the rates v."""
-        return list(lines(self.model, self.bound, self.joints, v, self.functions, self.graph.note))
-
-    def touches(self, v: list[Any]) -> list[Touch]:
-        """Contacts of journals in their bearings, where q is and at the rates v."""
-        return list(touches(self.bound, self.q, v, self.graph.sincos, self.functions, self.graph.note))
-
     @cached_property
-    def dampers(self) -> list[Damper]:
-        """Dampings of joints' own motions, where q is."""
-        return list(dampers(self.bound, self.q, self.graph.sincos, self.graph.note))
+    def elements(self) -> tuple[ForceElement, ...]:
+        """All forces of springs, dampers, contacts and friction, where q is."""
+        setting = Setting(
+            self.model,
+            self.bound,
+            self.joints,
+            self.q,
+            self.graph.sincos,
+            self.functions,
+            self.graph.note,
+            lambda: self.closures,
+        )
+        return tuple(family(setting) for family in ELEMENTS)
 
     def forces(self, v: list[Any]) -> list[Scalar]:
-        """Forces, (n,), that all springs and dampers, those of cut joints as well, take from the drives."""
-        rows = self.resisting(self.q, v)
-        for line in self.lines(v):
-            ratio = line.pull().ratio
-            for index, value in line.g.items():
-                rows[index] = rows[index] + ratio * value
-        for touch in self.touches(v):
-            for index, value in touch.rows().items():
-                rows[index] = rows[index] + value
-        for damper in self.dampers:
-            for index, value in damper.rows(v).items():
-                rows[index] = rows[index] + value
-        for own in self.deviating:
-            force = own.resists(v, self.functions).force
-            for index, arm in own.arms.items():
-                rows[index] = rows[index] + force * arm
-        for cut in self.cut_touches(v):
-            for index, value in cut.rows().items():
-                rows[index] = rows[index] + value
+        """Forces, (n,), that all elements take from the drives."""
+        rows: list[Scalar] = [0.0] * self.model.size
+        for element in self.elements:
+            for index, force in element.resist(v):
+                rows[index] = rows[index] + force
         return rows
-
-    def cut_touches(self, v: list[Any]) -> list[CutTouch]:
-        """Contacts of journals of cut joints, where q is and at the rates v."""
-        if not self.bound.cut_journals:
-            return []
-        return list(cut_touches(self.bound, self.deviating, v, self.graph.sincos, self.functions))
 
     @cached_property
     def closures(self) -> list[Closure]:
         """The loops where q is."""
         return list(closures(self.model, self.bound, self.joints, self.graph.sincos, self.graph.note))
-
-    @cached_property
-    def deviating(self) -> list[Deviating]:
-        """Coordinates of cut joints with a force, and elastic couplings, where q is."""
-        if not (self.bound.cut_laws or self.bound.couplings):
-            return []
-        return deviating(self.bound, self.closures, self.q, self.functions)
 
     def matrix(self) -> Rows:
         """Entries of M on and above the diagonal."""

@@ -11,6 +11,7 @@ from eomgen.robot.cuts import UPRIGHT
 from eomgen.robot.laws import least_of
 from eomgen.robot.mechanism import effort_of
 from eomgen.robot.model import Model
+from eomgen.robot.parameter_names import element_places
 from eomgen.robot.value import MOTOR, Loop
 
 from ..tree.regressor import described_values, regressor_names
@@ -55,6 +56,7 @@ def describe_kernels(model: Model, kernels: Sequence[str], dtype: str) -> dict[s
             for function in functions(kernels)
         },
         "knots": knots(model),
+        "elements": {x: owners for x, owners in element_places(model.robot, model.parameters).items() if owners},
         **({"turning": turning_joints(model)} if model.turning else {}),
         **_loop_metadata(model),
         **({"regressor": regressor_names(model)} if "regressor" in kernels else {}),

@@ -18,12 +18,11 @@ springs are those of the step's beginning.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain
 
+from ..forces.element import Arms, ImplicitShare
 from ..forces.laws import Effect
-from ..forces.rows import effects, stretches
 from ..program.cutting import cut
 from ..program.ir import Program, finish
 from ..program.passes import PARAMETERS, run_passes
@@ -54,108 +53,108 @@ class _Slope:
         return _Slope(self.whole + other.whole, self.by_shift + other.by_shift)
 
 
-class _Stage:
-    """The derivation with c and its square."""
+class _Stage(ImplicitShare):
+    """Shares in the matrix of a stage, and the forces that its rates and shifts, (n,) each, make in it."""
 
     def __init__(self, d: Derivation) -> None:
+        super().__init__(d.q, d.v, 0.0)
         self.d = d
         self.c, self.square = d.graph.input("times", 0), d.graph.input("times", 1)
-        self.rates = [d.graph.input("rates", place) for place in range(len(d.own))]
-        self.shifts = [d.graph.input("shifts", place) for place in range(len(d.own))]
+        self.rates, self.shifts = self._inputs("rates"), self._inputs("shifts")
+        for x in (self.rates, self.shifts):
+            d.followers.follow(x)
+        self.own = [_Slope(0.0, 0.0)] * d.model.size
+        self.forces, self.armature = list[Scalar](), list[Scalar]()
+        self.beside: Rows = {}
+        self.slopes: dict[int, Scalar] = {}
+        self.directions: list[tuple[Arms, _Slope]] = []
 
-    def linear(self, stiffness: Scalar, damping: Scalar) -> _Slope:
+    def _inputs(self, name: str) -> list[Scalar]:
+        found: list[Scalar] = [0.0] * self.d.model.size
+        for place, i in enumerate(self.d.own):
+            found[i] = self.d.graph.input(name, place)
+        return found
+
+    def push(self, i: int, force: Scalar) -> None:
+        raise NotImplementedError("stages take no forces of elements")
+
+    def on_coordinate(self, i: int, stiffness: Scalar, damping: Scalar) -> None:
+        self.own[i] = self.own[i] + self._linear(stiffness, damping)
+
+    def bend(self, i: int, law: Effect) -> None:
+        self.own[i] = self.own[i] + self._rising(law)
+
+    def settle(self) -> None:
+        """Add the slopes of coordinates by themselves to their inertia, and what they make to the forces."""
+        pairs = zip(self.own, self.rates, self.shifts, strict=True)
+        self.forces = [slope.force(rate, shift) for slope, rate, shift in pairs]
+        self.armature = [x + slope.whole for x, slope in zip(self.d.bound.armature, self.own, strict=True)]
+
+    def in_joint(self, slopes: Callable[[Scalar, Scalar], Rows]) -> None:
+        whole, by_shift = slopes(self.c, self.square), slopes(0.0, self.c)
+        for (i, j), slope in whole.items():
+            for row, column in [(i, j)] if i == j else [(i, j), (j, i)]:
+                force = slope * self.rates[column] + by_shift.get((i, j), 0.0) * self.shifts[column]
+                self.forces[row] = self.forces[row] + force
+            if i == j:
+                self.armature[i] = self.armature[i] + slope
+            else:
+                self.beside[i, j] = self.beside.get((i, j), 0.0) + slope
+
+    def in_transmission(self, motor: int, linear: Effect, law: Effect) -> None:
+        between = self.d.bound.transmissions[motor]
+        slope = self._linear(linear.by_s, linear.by_v) + self._rising(law)
+        rate, shift = (x[motor] * between.inverse_ratio - x[between.principal] for x in (self.rates, self.shifts))
+        force = slope.force(rate, shift)
+        self.forces[motor] = self.forces[motor] + force * between.inverse_ratio
+        self.forces[between.principal] = self.forces[between.principal] - force
+        self.slopes[motor] = slope.whole
+
+    def along(self, arms: Arms, law: Effect) -> None:
+        self.directions.append((arms, self._rising(law)))
+
+    def along_all(self, rows: Arms, directions: Callable[[Scalar, Scalar], Sequence[tuple[Arms, Scalar]]]) -> None:
+        pairs = zip(directions(self.c, self.square), directions(0.0, self.c), strict=True)
+        self.directions += [(arms, _Slope(whole, by_shift)) for (arms, whole), (_, by_shift) in pairs]
+
+    def _linear(self, stiffness: Scalar, damping: Scalar) -> _Slope:
         """Share of a spring and a damper."""
         return _Slope(self.c * damping + self.square * stiffness, self.c * stiffness)
 
-    def rising(self, law: Effect) -> _Slope:
+    def _rising(self, law: Effect) -> _Slope:
         """Share of a law; none where it falls, so that the matrix stays positive definite."""
-        found, f = self.linear(law.by_s, law.by_v), self.d.functions
+        found, f = self._linear(law.by_s, law.by_v), self.d.functions
         rises = f.step(found.whole)
         return _Slope(f.max(found.whole, 0.0) + self.c * f.max(law.rubs, 0.0), rises * found.by_shift)
 
 
 def stage(d: Derivation) -> Outputs:
     """w, (n,), and the pivots."""
-    here = _Stage(d)
-    given, v = frozenset(d.model.prescribed), d.v
-    rates: list[Scalar] = [0.0] * d.model.size
-    shifts: list[Scalar] = [0.0] * d.model.size
-    for place, i in enumerate(d.own):
-        rates[i], shifts[i] = here.rates[place], here.shifts[place]
-    for x in (rates, shifts):
-        d.followers.follow(x)
-    own = _of_coordinates(here)
-    forces: list[Scalar] = [slope.force(rates[i], shifts[i]) for i, slope in enumerate(own)]
-    armature = [x + slope.whole for x, slope in zip(d.bound.armature, own, strict=True)]
-    beside = _blocks(here, rates, shifts, armature, forces)
-    slopes: dict[int, Scalar] = {}
-    for motor, stretch in stretches(d.bound, d.q, v, d.functions).items():
-        between = d.bound.transmissions[motor]
-        slope = here.linear(stretch.linear.by_s, stretch.linear.by_v) + here.rising(stretch.nonlinear)
-        rate, shift = (x[motor] * between.inverse_ratio - x[between.principal] for x in (rates, shifts))
-        force = slope.force(rate, shift)
-        forces[motor] = forces[motor] + force * between.inverse_ratio
-        forces[between.principal] = forces[between.principal] - force
-        slopes[motor] = slope.whole
-    rows: list[Row] = [gap.row(0.0) for gap in (gaps(d, d.still) if d.described.constraints else [])]
-    for arms, slope in _lines(here):
-        force = slope.force(along(arms, rates), along(arms, shifts))
-        for i, arm in arms.items():
-            forces[i] = forces[i] + force * arm
-        rows.append(elastic_row(arms, slope.whole))
-    drives: list[Scalar] = [0.0 if i in given else -1.0 * force for i, force in enumerate(forces)]
-    rest = replace(d.bound, gravity=(0.0, 0.0, 0.0))
-    tree, pivots = eliminated(d, armature, drives, d.still, slopes, bound=rest, coupled=bool(rows), beside=beside)
-    rank = general_rank(d.described) if d.described.constraints else None
-    return {**d.motion(with_rows(d, tree, rows, rank)[0] if rows else tree.free), **pivot_outputs(d, pivots)}
-
-
-def _blocks(
-    here: _Stage, rates: list[Scalar], shifts: list[Scalar], armature: list[Scalar], forces: list[Scalar]
-) -> Rows:
-    """Slopes of journals and joints' damping beside the diagonal; those on it, and all their forces, are added."""
-    beside: Rows = {}
-    still: Rows = {}
-    touching = ((x.slopes(here.c, here.square), x.slopes(0.0, here.c)) for x in here.d.touches(here.d.v))
-    damped = ((x.slopes(here.c), still) for x in here.d.dampers)
-    for whole, by_shift in chain(touching, damped):
-        for (i, j), slope in whole.items():
-            for row, column in [(i, j)] if i == j else [(i, j), (j, i)]:
-                force = slope * rates[column] + by_shift.get((i, j), 0.0) * shifts[column]
-                forces[row] = forces[row] + force
-            if i == j:
-                armature[i] = armature[i] + slope
-            else:
-                beside[i, j] = beside.get((i, j), 0.0) + slope
-    return beside
-
-
-def _of_coordinates(here: _Stage) -> list[_Slope]:
-    """Slopes of the coordinates themselves and of the controller, (n,)."""
-    d = here.d
-    found = [here.linear(*pair) for pair in zip(d.bound.stiffness, d.bound.damping, strict=True)]
-    for i, law in effects(d.bound, d.q, d.v, d.functions).items():
-        found[i] = found[i] + here.rising(law)
-    driven = frozenset(d.model.driven)
+    here, driven = _Stage(d), frozenset(d.model.driven)
+    for element in d.elements:
+        element.add_diagonal(here)
     for place, i in enumerate(d.own):
         if i in driven:
-            found[i] = found[i] + here.linear(d.graph.input("kp", place), d.graph.input("kd", place))
-    return found
-
-
-def _lines(here: _Stage) -> list[tuple[Mapping[int, Scalar], _Slope]]:
-    """Springs between points, and forces of cut joints, journals among them: their arms and slopes."""
-    d, found = here.d, list[tuple[Mapping[int, Scalar], _Slope]]()
-    for line in d.lines(d.v):
-        pull = line.along(0.0)
-        found.append((pull.arms, here.rising(Effect(by_s=pull.by_e, by_v=pull.by_rate))))
-    for own in d.deviating:
-        if own.has_force:
-            found.append((own.arms, here.rising(own.resists(d.v, d.functions))))
-    for touch in d.cut_touches(d.v):
-        pairs = zip(touch.directions(here.c, here.square), touch.directions(0.0, here.c), strict=True)
-        found += [(arms, _Slope(whole, by_shift)) for (arms, whole), (_, by_shift) in pairs]
-    return found
+            here.on_coordinate(i, d.graph.input("kp", place), d.graph.input("kd", place))
+    here.settle()
+    for element in d.elements:
+        element.add_blocks(here)
+    rows: list[Row] = [gap.row(0.0) for gap in (gaps(d, d.still) if d.described.constraints else [])]
+    for element in d.elements:
+        element.add_rows(here)
+    for arms, slope in here.directions:
+        force = slope.force(along(arms, here.rates), along(arms, here.shifts))
+        for i, arm in arms.items():
+            here.forces[i] = here.forces[i] + force * arm
+        rows.append(elastic_row(arms, slope.whole))
+    given = frozenset(d.model.prescribed)
+    drives: list[Scalar] = [0.0 if i in given else -1.0 * force for i, force in enumerate(here.forces)]
+    rest, coupled = replace(d.bound, gravity=(0.0, 0.0, 0.0)), bool(rows)
+    tree, pivots = eliminated(
+        d, here.armature, drives, d.still, here.slopes, bound=rest, coupled=coupled, beside=here.beside
+    )
+    rank = general_rank(d.described) if d.described.constraints else None
+    return {**d.motion(with_rows(d, tree, rows, rank)[0] if rows else tree.free), **pivot_outputs(d, pivots)}
 
 
 def derive_stage(d: Derivation) -> dict[str, Program]:

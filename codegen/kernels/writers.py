@@ -6,10 +6,11 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from ..forces.rows import effects, gravity_rows, stretches
+from ..forces.element import ForceElement
+from ..forces.elements import ELEMENTS
 from ..joint.zeros import zero_map
-from ..tree.composite import Rows, coriolis_matrix
-from ..tree.kinematics import body_poses, external_rows, frame_poses, potential_energy
+from ..tree.composite import coriolis_matrix
+from ..tree.kinematics import body_poses, external_rows, frame_poses, weight_energy
 from ..tree.recursion import Wrench, inertial_rows, kinetic_energy
 from ..tree.regressor import INERTIAL, armatures, inertial_columns
 from ..tree.spatial import Scalar, is_zero
@@ -47,7 +48,7 @@ def _bias_force(d: Derivation) -> Outputs:
 
 
 def _generalized_force(d: Derivation) -> Outputs:
-    weights = gravity_rows(d.model, d.bound, d.joints)
+    weights = inertial_rows(d.model, d.bound, d.joints, d.still, d.still, d.bound.gravity)[0]
     springs = d.forces(d.v)
     return d.vector([-(weight + spring) for weight, spring in zip(weights, springs, strict=True)])
 
@@ -127,32 +128,17 @@ def _kinematics(d: Derivation) -> Outputs:
 
 def _energy(d: Derivation) -> Outputs:
     kinetic = kinetic_energy(d.model, d.bound, d.joints, d.v)
-    potential = potential_energy(d.model, d.bound, d.joints, d.q)
-    for law in effects(d.bound, d.q, d.v, d.functions).values():
-        potential = potential + law.energy
-    for stretch in stretches(d.bound, d.q, d.v, d.functions).values():
-        potential = potential + stretch.whole.energy
-    for line in d.lines(d.still):
-        potential = potential + line.pull().energy
-    for touch in d.touches(d.still):
-        potential = potential + touch.normal.energy
-    for own in d.deviating:
-        potential = potential + own.resists(d.still, d.functions).energy
-    for cut in d.cut_touches(d.still):
-        potential = potential + cut.touch.normal.energy
+    potential = weight_energy(d.model, d.bound, d.joints)
+    for element in d.elements:
+        for energy in element.energies():
+            potential = potential + energy
     return vector([kinetic, potential])
 
 
 def _reactions(d: Derivation) -> Outputs:
     _, total = inertial_rows(d.model, d.bound, d.joints, d.v, d.a, d.bound.gravity, d.graph.note)
-    for line in d.lines(d.v):  # their forces pass the joints between both points by
-        for k, held in line.wrenches():
-            total[k] = total[k] + held
-    for own in d.deviating:
-        for k, held in own.wrenches(own.resists(d.v, d.functions).force):
-            total[k] = total[k] + held
-    for cut in d.cut_touches(d.v):
-        for k, held in cut.wrenches():
+    for element in d.elements:
+        for k, held in element.wrenches(d.v):
             total[k] = total[k] + held
     return vector([x for wrench in total for x in (*wrench.force, *wrench.moment)])
 
@@ -208,29 +194,16 @@ def _cut_poses(d: Derivation) -> Outputs:
     return vector(values)
 
 
-def _spring_forces(d: Derivation) -> Outputs:
-    return vector([x for line in d.lines(d.v) for x in line.forces()])
+def _of_element(family: type[ForceElement], kernel: str) -> Callable[[Derivation], Outputs]:
+    """Give the writer of a kernel that tells of one family of forces."""
+    shape, tell = family.KERNELS[kernel]
 
+    def write(d: Derivation) -> Outputs:
+        found = tell(d.elements[ELEMENTS.index(family)], d.v)
+        formed: dict[str, Callable[[Any], Outputs]] = {"values": vector, "rows": d.rows, "matrices": d.matrices}
+        return formed[shape](found)
 
-def _spring_jacobian(d: Derivation) -> Outputs:
-    found = [(1.0 / line.length(), line.g) for line in d.lines(d.still)]
-    return d.rows([{i: x * inverse for i, x in g.items()} for inverse, g in found])
-
-
-def _cut_forces(d: Derivation) -> Outputs:
-    return vector([x for own in d.deviating for x in (own.s, own.resists(d.v, d.functions).force)])
-
-
-def _cut_jacobian(d: Derivation) -> Outputs:
-    return d.rows([own.arms for own in d.deviating])
-
-
-def _spring_stiffness(d: Derivation) -> Outputs:
-    total: Rows = {}
-    for line in d.lines(d.still):
-        for place, value in line.stiffness().items():
-            total[place] = total.get(place, 0.0) + value
-    return d.matrices(total)
+    return write
 
 
 WRITERS: Mapping[str, Callable[[Derivation], Outputs]] = {
@@ -262,12 +235,8 @@ WRITERS: Mapping[str, Callable[[Derivation], Outputs]] = {
     "coupling_forces": _coupling_forces,
     "external_coupling_forces": _external_coupling_forces,
     "cut_poses": _cut_poses,
-    "spring_forces": _spring_forces,
-    "spring_jacobian": _spring_jacobian,
-    "cut_forces": _cut_forces,
-    "cut_jacobian": _cut_jacobian,
-    "spring_stiffness": _spring_stiffness,
     "implicit_step": implicit_step,
+    **{kernel: _of_element(family, kernel) for family in ELEMENTS for kernel in family.KERNELS},
 }
 
 WAYS: Mapping[str, Mapping[str, Way]] = {  # kernels that can be written in several ways

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from eomgen.errors import InputError
@@ -49,18 +49,31 @@ class BoundBody:
 
 
 @dataclass(frozen=True)
-class Transmission:
+class BoundLaw:
+    """The force of one coordinate, of a joint or elsewhere: a straight line, and whatever laws add to it.
+
+    stiffness, damping: of the straight line.  numbers: of laws (``Coordinate.law``, with "stiffness" where that is not
+    a straight line's); knots: deviations of the curve.  carriers: what presses on it where its friction depends on
+    that, by the indices of coordinates; of a cut joint's by their places in ``COORDINATES``.
+    """
+
+    stiffness: Scalar
+    damping: Scalar
+    numbers: Mapping[str, Scalar] = field(default_factory=dict)
+    knots: tuple[float, ...] = ()
+    carriers: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
+class BoundTransmission:
     """The spring between a motor and the coordinate with the index ``principal``, in units of the joint's side.
 
-    ``inverse_ratio`` is 1 / ratio; ``law`` and ``knots`` are as in ``Bound``.
+    ``inverse_ratio`` is 1 / ratio.
     """
 
     principal: int
     inverse_ratio: Scalar
-    stiffness: Scalar
-    damping: Scalar
-    law: Mapping[str, Scalar]
-    knots: tuple[float, ...]
+    law: BoundLaw
 
 
 @dataclass(frozen=True)
@@ -73,16 +86,6 @@ class BoundSpring:
     ends: tuple[tuple[int, Vec], tuple[int, Vec]]
     numbers: Mapping[str, Scalar]
     knots: tuple[float, ...] = ()
-
-
-@dataclass(frozen=True)
-class BoundLaw:
-    """A force law: stiffness and damping of a straight line, ``law`` and ``knots`` as in ``Bound``."""
-
-    stiffness: Scalar
-    damping: Scalar
-    law: Mapping[str, Scalar]
-    knots: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -124,19 +127,15 @@ class Bound:
     """A model with its numbers, in the model's order; ``links`` and ``frames`` hold (body, pose in that body).
 
     ``coms`` are the links' centres of mass in their bodies' frames, ``cuts`` per loop the cut frame on both links;
-    ``stiffness``, ``damping``, ``armature`` and ``angle_offsets`` (added to an angle before it turns, rad) are per
-    coordinate.  ``at_rest`` is the first moment (kg m, base frame) of mass that regrouping moved to the base: its
-    weight is a constant of the potential energy.
-    ``laws`` holds, by the index of a coordinate, the numbers of its force beyond stiffness and damping
-    (``Coordinate.law``, with "stiffness" where it is no linear spring's); ``knots`` the deviations of its curve.
-    ``carriers`` holds, by the index of a coordinate whose friction depends on a load, those that press on it.
+    ``laws``, ``armature`` and ``angle_offsets`` (added to an angle before it turns, rad) are per coordinate.
+    ``at_rest`` is the first moment (kg m, base frame) of mass that regrouping moved to the base: its weight is a
+    constant of the potential energy.
     ``transmissions`` holds, by the index of a motor's coordinate, what is between it and its joint; its inertia is an
     armature.
     ``springs`` are those between points of two bodies.
     ``cut_offsets`` holds per loop what its six coordinates keep to, ``cut_laws`` the forces of some of them by the
     loop's number and the coordinate's name; ``couplings`` are those of coordinates; ``journals`` stand in bearings,
     ``cut_journals`` in those of cut joints, by the loop's number.
-    ``cut_carriers`` are what presses on cut joints' coordinates, by the names of ``cut_laws``.
     ``joint_damping`` is that of joints whatever their coordinates.
     """
 
@@ -144,23 +143,18 @@ class Bound:
     bodies: tuple[BoundBody, ...]
     frames: dict[str, tuple[int, Pose]]
     coms: dict[str, tuple[int, Vec]]
-    stiffness: tuple[Scalar, ...]
-    damping: tuple[Scalar, ...]
+    laws: tuple[BoundLaw, ...]
     armature: tuple[Scalar, ...]
     angle_offsets: tuple[Scalar, ...]
     at_rest: Vec = (0.0, 0.0, 0.0)
     cuts: Cuts = ()
-    laws: Mapping[int, Mapping[str, Scalar]] = field(default_factory=dict)
-    knots: Mapping[int, tuple[float, ...]] = field(default_factory=dict)
-    transmissions: Mapping[int, Transmission] = field(default_factory=dict)
+    transmissions: Mapping[int, BoundTransmission] = field(default_factory=dict)
     springs: tuple[BoundSpring, ...] = ()
     cut_offsets: tuple[tuple[Scalar, ...], ...] = ()
     cut_laws: Mapping[tuple[int, str], BoundLaw] = field(default_factory=dict)
     couplings: tuple[BoundCoupling, ...] = ()
     journals: tuple[BoundJournal, ...] = ()
     cut_journals: Mapping[int, BoundJournal] = field(default_factory=dict)
-    carriers: Mapping[int, tuple[int, ...]] = field(default_factory=dict)
-    cut_carriers: Mapping[tuple[int, str], tuple[str, ...]] = field(default_factory=dict)
     joint_damping: tuple[BoundDamping, ...] = ()
 
 
@@ -201,20 +195,19 @@ def bind(
             inertias[body] = inertias[body] + congruence(pose, inertia)
             coms[link.name] = (body, add(matvec(pose.rotation, com), pose.origin))
     bodies = tuple(BoundBody(p, h) for p, h in zip(placements, inertias, strict=True))
-    laws, knots = binder.laws()
-    forces, offsets, cuts = binder.forces(), binder.angle_offsets(), binder.cuts(poses)
+    laws, armature = binder.laws()
+    offsets, cuts = binder.angle_offsets(), binder.cuts(poses)
     frames, between, springs = binder.frames(poses), binder.transmissions(), binder.springs(poses)
     return Bound(
         binder.gravity(),
         bodies,
         frames,
         coms,
-        *forces,
+        laws,
+        armature,
         offsets,
         at_rest=(0.0, 0.0, 0.0),
         cuts=cuts,
-        laws=laws,
-        knots=knots,
         transmissions=between,
         springs=springs,
         cut_offsets=binder.cut_offsets(),
@@ -222,8 +215,6 @@ def bind(
         couplings=binder.couplings(),
         journals=binder.journals(),
         cut_journals=binder.cut_journals(),
-        carriers=binder.carriers(),
-        cut_carriers=binder.cut_carriers(),
         joint_damping=binder.joint_damping(),
     )
 
@@ -360,29 +351,15 @@ class _Binder:
     def cut_laws(self) -> dict[tuple[int, str], BoundLaw]:
         """Forces of cut joints' coordinates."""
         given = {(owner, name) for owner, name, _ in self.model.cut_laws}
-        return {
-            (number, name): self._bound_law(f"loops.{loop.name}.{name}", coordinate)
-            for number, loop in enumerate(self.model.robot.loops)
-            for name, coordinate in loop.coordinates.items()
-            if (loop.name, name) in given
-        }
-
-    def carriers(self) -> dict[int, tuple[int, ...]]:
-        """Coordinates that press on others, by the index of these."""
-        place = self.model.coordinates.index
-        return {
-            place(component_name(joint.name, name)): tuple(place(component_name(joint.name, x)) for x in others)
-            for joint in self.model.robot.joints
-            for name, others in loaded(joint.coordinates).items()
-        }
-
-    def cut_carriers(self) -> dict[tuple[int, str], tuple[str, ...]]:
-        """Coordinates of cut joints that press on others of the same one."""
-        return {
-            (number, name): others
-            for number, loop in enumerate(self.model.robot.loops)
-            for name, others in loaded(loop.coordinates).items()
-        }
+        found = {}
+        for number, loop in enumerate(self.model.robot.loops):
+            carriers = loaded(loop.coordinates)
+            for name, coordinate in loop.coordinates.items():
+                if (loop.name, name) in given:
+                    law = self._bound_law(f"loops.{loop.name}.{name}", coordinate)
+                    pressing = tuple(COORDINATES.index(other) for other in carriers.get(name, ()))
+                    found[number, name] = replace(law, carriers=pressing)
+        return found
 
     def couplings(self) -> tuple[BoundCoupling, ...]:
         """Couplings of coordinates."""
@@ -457,36 +434,30 @@ class _Binder:
             found.append(BoundSpring((ends[0], ends[1]), numbers, knots))
         return tuple(found)
 
-    def forces(self) -> tuple[tuple[Scalar, ...], tuple[Scalar, ...], tuple[Scalar, ...]]:
-        """Stiffness of linear springs, damping and armature of every coordinate."""
-        rows: tuple[list[Scalar], ...] = ([], [], [])
-        for name, prefix, given in self._coordinates():
-            if name == MOTOR:  # the stiffness and the damping of its table are its transmission's
-                numbers: list[Scalar] = [0.0, 0.0, self.value(f"{prefix}.inertia", given.armature or 0.0)]
-            else:
-                keys = ("stiffness", "damping", "armature")
-                numbers = [self.value(f"{prefix}.{key}", getattr(given, key) or 0.0) for key in keys]
-            for row, number in zip(rows, numbers, strict=True):
-                row.append(number)
-            if _is_bent(given):
-                rows[0][-1] = 0.0
-        return tuple(rows[0]), tuple(rows[1]), tuple(rows[2])
+    def laws(self) -> tuple[tuple[BoundLaw, ...], tuple[Scalar, ...]]:
+        """Forces and armatures of all coordinates; the spring and damper of a motor's table are its transmission's."""
+        place = self.model.coordinates.index
+        numbers = [self._law(prefix, given) for _, prefix, given in self._coordinates()]
+        carriers = {
+            f"joints.{joint.name}.{name}": tuple(place(component_name(joint.name, x)) for x in others)
+            for joint in self.model.robot.joints
+            for name, others in loaded(joint.coordinates).items()
+        }
+        laws, armatures = list[BoundLaw](), list[Scalar]()
+        for (name, prefix, given), law in zip(self._coordinates(), numbers, strict=True):
+            if name == MOTOR:
+                laws.append(BoundLaw(0.0, 0.0, law, _knots(given)))
+                armatures.append(self.value(f"{prefix}.inertia", given.armature or 0.0))
+                continue
+            keys = ("stiffness", "damping", "armature")
+            k, c, armature = (self.value(f"{prefix}.{key}", getattr(given, key) or 0.0) for key in keys)
+            laws.append(BoundLaw(0.0 if _is_bent(given) else k, c, law, _knots(given), carriers.get(prefix, ())))
+            armatures.append(armature)
+        return tuple(laws), tuple(armatures)
 
-    def laws(self) -> tuple[dict[int, dict[str, Scalar]], dict[int, tuple[float, ...]]]:
-        """Numbers of forces beyond stiffness and damping, and deviations of curves, by coordinate."""
-        laws: dict[int, dict[str, Scalar]] = {}
-        knots: dict[int, tuple[float, ...]] = {}
-        for index, (_, prefix, given) in enumerate(self._coordinates()):
-            law = self._law(prefix, given)
-            if law:
-                laws[index] = law
-            if given.curve is not None:
-                knots[index] = _knots(given)
-        return laws, knots
-
-    def transmissions(self) -> dict[int, Transmission]:
+    def transmissions(self) -> dict[int, BoundTransmission]:
         """Transmissions between motors and joints, by the index of a motor's coordinate."""
-        found: dict[int, Transmission] = {}
+        found: dict[int, BoundTransmission] = {}
         for index, principal in self.model.motors.items():
             name = self.model.coordinates[index]
             motor = self.model.robot.joint(joint_of(name)).motor
@@ -495,8 +466,8 @@ class _Binder:
             stiffness = 0.0 if _is_bent(spring) else self.value(f"{prefix}.stiffness", spring.stiffness or 0.0)
             damping = self.value(f"{prefix}.damping", spring.damping or 0.0)
             inverse = 1.0 / self.value(f"{prefix}.ratio", motor.ratio)
-            law = self._law(prefix, spring)
-            found[index] = Transmission(principal, inverse, stiffness, damping, law, _knots(spring))
+            law = BoundLaw(stiffness, damping, self._law(prefix, spring), _knots(spring))
+            found[index] = BoundTransmission(principal, inverse, law)
         return found
 
     def _law(self, prefix: str, given: Coordinate) -> dict[str, Scalar]:

@@ -101,7 +101,7 @@ def residual_derivatives(
     a: Sequence[Scalar],
     note: Note = no_note,
 ) -> Derivatives:
-    """Derivatives of all rows of the residual, springs, dampers and armatures included."""
+    """Derivatives of all rows of the residual, linear springs and dampers of coordinates and armatures included."""
     found = Derivatives({}, {}, {})
     moving = _outwards(model, joints, v, a, scale(-1.0, bound.gravity), note)
     composites = [
@@ -117,8 +117,9 @@ def residual_derivatives(
         if parent != FIXED_BODY:
             composites[parent] = composites[parent] + _behind(at_joint, joints[k])
     for i in range(model.size):
-        for rows, value in ((found.by_q, bound.stiffness), (found.by_v, bound.damping), (found.by_a, bound.armature)):
-            rows[i, i] = rows.get((i, i), 0.0) + value[i]
+        law = bound.laws[i]
+        for rows, value in ((found.by_q, law.stiffness), (found.by_v, law.damping), (found.by_a, bound.armature[i])):
+            rows[i, i] = rows.get((i, i), 0.0) + value
     return found
 
 

@@ -70,8 +70,8 @@ def external_rows(
     return collect(model, joints, at_bodies)
 
 
-def potential_energy(model: Model, bound: Bound, joints: Sequence[JointGeometry], q: Sequence[Scalar]) -> Scalar:
-    """Energy of gravity (zero with every body's mass at the base's origin) and of the springs, J."""
+def weight_energy(model: Model, bound: Bound, joints: Sequence[JointGeometry]) -> Scalar:
+    """Give the energy of gravity, J; zero with every body's mass at the base's origin."""
     poses, _ = body_poses(model, joints)
     energy: Scalar = -dot(bound.gravity, bound.at_rest)
     for pose, body in zip(poses, bound.bodies, strict=True):
@@ -79,6 +79,4 @@ def potential_energy(model: Model, bound: Bound, joints: Sequence[JointGeometry]
         first = add(matvec(pose.rotation, H.first), tuple(H.mass * x for x in pose.origin))
         for g, moment in zip(bound.gravity, first, strict=True):
             energy = energy - g * moment
-    for stiffness, s in zip(bound.stiffness, q, strict=True):
-        energy = energy + 0.5 * stiffness * s * s
     return energy

@@ -49,7 +49,7 @@ NASTY = [
     ("solve.elimination", "share = armature * inverse", "share = inverse", "tree"),
     ("solve.free_bodies", "(x + beta.sin * carried[2]) * t", "(x - beta.sin * carried[2]) * t", "free"),
     ("solve.free_bodies", "factor = psi.armature / (1.0 +", "factor = psi.armature / (2.0 +", "rotors of free bodies"),
-    ("forces.rows", "rows[between.principal] - force", "rows[between.principal] + force", "motors"),
+    ("forces.transmissions", "yield between.principal, -force", "yield between.principal, force", "motors"),
     ("solve.rows", "slope / (1.0 + slope * entry)", "1.0 / (1.0 + slope * entry)", "springs"),
     ("solve.responses", "left = push[index] - (", "left = push[index] + (", "springs"),
     ("tree.bound", "(xx + zz - yy) * 0.5", "(xx + zz + yy) * 0.5", "rigid"),
@@ -185,7 +185,7 @@ def test_modules_have_checks_of_their_own() -> None:
     assert checks("joint.lemmas")[0] is check_joint
     assert checks("joint.zeros") == [check_zeros]
     assert checks("closed_form.trace") == [check_closed_form]
-    assert all(checks(name)[-1] is check_closed_form for name in ("forces.rows", "tree.bound", "tree.spatial"))
+    assert all(checks(name)[-1] is check_closed_form for name in ("forces.coordinates", "tree.bound", "tree.spatial"))
     assert all(checks(name)[-1] is check_parameters for name in ("kernels.equations", "kernels.derivation"))
 
 

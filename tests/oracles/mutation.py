@@ -266,13 +266,9 @@ PART_OF: dict[str, tuple[str, ...]] = {  # kernels that a module takes part in, 
     "solve.free_bodies": SOLVERS,
     "kernels.accelerations": SOLVERS,
     "solve.factorised": ("forward_dynamics",),
-    "forces.rows": (
-        "generalized_force",
-        "inverse_dynamics",
-        "implicit_step",
-        "energy",
-        "residual_jacobian",
-        "residual",
+    **dict.fromkeys(
+        ("forces.coordinates", "forces.transmissions"),
+        ("generalized_force", "inverse_dynamics", "implicit_step", "energy", "residual_jacobian", "residual"),
     ),
     "tree.regressor": ("regressor",),
     "tree.kinematics": ("kinematics", "energy", "external_force", "external_reactions"),
@@ -297,7 +293,7 @@ def checks(module: str) -> list[Check]:
         return [check_zeros]
     if module == "closed_form.trace":
         return [check_closed_form]
-    if module in ("forces.rows", "tree.bound", "tree.spatial"):
+    if module in ("forces.coordinates", "forces.transmissions", "tree.bound", "tree.spatial"):
         return [*kernels, check_closed_form]
     return (
         [*kernels, check_parameters] if module in ("kernels.equations", "kernels.derivation", "tree.bound") else kernels

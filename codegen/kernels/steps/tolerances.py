@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
 from eomgen.errors import InputError
-from eomgen.names import component_name, joint_of
-from eomgen.robot.laws import stiffness_of
+from eomgen.names import joint_of
 from eomgen.robot.model import Model
-from eomgen.robot.sizes import cut_numbers, deviation_sizes, law_numbers, table_stiffnesses
-from eomgen.robot.value import ANGULAR
+from eomgen.robot.parameter_names import CUTS, JOINTS, element_places
+from eomgen.robot.sizes import deviation_sizes, table_stiffnesses
 
-from ...forces.cuts import POLE, cosine_of
+from ...forces.element import POLE
 from ...program.ir import evaluate, finish
 from ...program.passes import PARAMETERS
 from ..derivation import Derivation, vector
@@ -32,23 +33,24 @@ def rubbing_parameters(model: Model) -> list[tuple[int, str]]:
 
     What rubs in cut joints and couplings counts for all coordinates of the robot.
     """
-    names = list(model.parameters)
-    places = {name: float(place) for place, name in enumerate(names)}
-    own = law_numbers(places, (*model.coordinates, *model.followers))
-    cut = cut_numbers(places, cut_names(model))
-    acting = [(i, x) for i, name in enumerate(model.coordinates) for x in (own[name], *cut.values())]
-    acting += [(model.coordinates.index(x), own[name]) for name, leaders in model.leaders.items() for x in leaders]
-    return [(i, names[int(x["friction.smoothing"])]) for i, x in acting if "friction.smoothing" in x]
+    names, places = list(model.parameters), element_places(model.robot, model.parameters)
+    own, cut = places[JOINTS], places[CUTS].values()
+    acting = [(i, x) for i, name in enumerate(model.coordinates) for x in (own.get(name, {}), *cut)]
+    led = [(x, own.get(name, {})) for name, leaders in model.leaders.items() for x in leaders]
+    acting += [(model.coordinates.index(x), given) for x, given in led]
+    return [(i, names[x["friction.smoothing"]]) for i, x in acting if "friction.smoothing" in x]
 
 
-def cut_names(model: Model) -> list[str]:
-    """Names of the coordinates of cut joints with a force, and of elastic couplings, as in ``Kernel.cut_laws``."""
-    return [component_name(owner, name) if name else owner for owner, name, _ in model.cut_laws]
+def _tables(model: Model) -> Mapping[str, Mapping[str, float]]:
+    """Numbers of the forces of all coordinates, those that follow others among them."""
+    values = list(model.parameters.values())
+    places = element_places(model.robot, model.parameters)[JOINTS]
+    return {name: {key: values[place] for key, place in own.items()} for name, own in places.items()}
 
 
 def _own_stiffness(model: Model) -> Array:
     """Stiffness of each coordinate's table; a transmission holds its motor and its joint."""
-    given = table_stiffnesses(model.parameters, model.coordinates, knots(model))  # those of followers stand beside
+    given = table_stiffnesses(_tables(model), model.coordinates, knots(model))  # those of followers stand beside
     found = given.copy()
     for index, principal in model.motors.items():
         motor = model.robot.joint(joint_of(model.coordinates[index])).motor
@@ -64,26 +66,13 @@ def _at_home(model: Model) -> tuple[Array, Array]:
     _refuse_poles(d)
     n, curves = model.size, knots(model)
     M = d.followers.symmetric(d.matrix()) if d.followers else d.matrix()
-    numbers = cut_numbers(model.parameters, cut_names(model))
     stiff = [0.0] * d.model.size
-    tables = table_stiffnesses(model.parameters, tuple(model.followers), curves)
+    tables = table_stiffnesses(_tables(model), tuple(model.followers), curves)
     for name, k in zip(model.followers, tables.tolist(), strict=True):
         stiff[d.model.coordinates.index(name)] = k
-    for line in d.lines(d.still):
-        for (i, j), value in line.stiffness().items():
-            if i == j:
-                stiff[i] = stiff[i] + value
-    for own, (name, given) in zip(d.deviating, numbers.items(), strict=True):
-        k = stiffness_of(given, curves.get(name, ()))
-        for i, arm in own.arms.items():
-            stiff[i] = stiff[i] + k * (arm * arm)
-    for cut in d.cut_touches(d.still):
-        for arms in cut.arms():
-            for i, arm in arms.items():
-                stiff[i] = stiff[i] + cut.touch.journal.numbers["stiffness"] * (arm * arm)
-    for touch in d.touches(d.still):
-        for i, (x, y) in touch.place.first.items():
-            stiff[i] = stiff[i] + touch.journal.numbers["stiffness"] * (x * x + y * y)
+    for element in d.elements:
+        for i, k in element.stiffnesses():
+            stiff[i] = stiff[i] + k
     for follower, share in d.followers.shares.items():  # what couples coordinates beside is left out
         for i, ratio in share.items():
             stiff[i] = stiff[i] + stiff[follower] * (ratio * ratio)
@@ -100,17 +89,15 @@ def _refuse_poles(d: Derivation) -> None:
     Raises:
         InputError: beta is at +-pi/2 there, and coordinates move angles that have tables.
     """
-    moved = [own for own in d.deviating if own.name in ANGULAR and not own.arms.keys().isdisjoint(d.own)]
-    turned = {own.closure.number for own in moved if own.closure is not None}
-    closures = [closure for closure in d.closures if closure.number in turned]
-    program = finish(d.graph, "poles", vector([cosine_of(closure, d.functions) for closure in closures]))
+    found = [pole for element in d.elements for pole in element.poles(d.own)]
+    program = finish(d.graph, "poles", vector([cosine for _, cosine in found]))
     cosines = evaluate(program, _numbers_at_home(d.described))
-    for closure, cosine in zip(closures, cosines.values(), strict=True):
+    for (name, _), cosine in zip(found, cosines.values(), strict=True):
         if cosine < POLE:
             raise InputError(
-                f"{d.described.name}: home puts loops.{closure.name} at beta = +-90 degrees, where alpha and gamma turn"
+                f"{d.described.name}: home puts loops.{name} at beta = +-90 degrees, where alpha and gamma turn"
                 " about one axis, and steps by tolerances refer to what is at home; allowed: another home, or"
-                f" loops.{closure.name}.placements whose frames are turned otherwise"
+                f" loops.{name}.placements whose frames are turned otherwise"
             )
 
 

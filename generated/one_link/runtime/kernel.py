@@ -53,6 +53,8 @@ class Kernel(Differentiation, LoopClosure, NamedViews, Rollouts):
         efforts: mapping from coordinates to limits of their drives' forces, N or N m, as the description has them.
         motors: mapping from the names of motors' coordinates to those of the principal coordinates that they drive.
         parameters: mapping from name to value; an assignment takes effect without recompiling.
+        elements: places among the parameters of the numbers of forces, by family ("coordinates", "springs", ...), by
+            what has them ("joint1.x"), and by their names in its table ("stiffness").
         knots: deviations (m, rad) of measured curves by coordinate, elongations (m) by spring; the forces there are
             parameters.
         operations: per kernel the multiplications, additions, divisions and sine-cosine pairs of its C; of one that was

@@ -76,8 +76,9 @@ def newton_euler(model: Model) -> str:
     if bound.transmissions:
         names = ", ".join(model.coordinates[i] for i in bound.transmissions)
         raise InputError(f"bench: {names}: the textbook's algorithms know no motors behind transmissions")
-    if bound.laws:
-        names = ", ".join(model.coordinates[i] for i in bound.laws)
+    bent = [i for i, law in enumerate(bound.laws) if law.numbers]
+    if bent:
+        names = ", ".join(model.coordinates[i] for i in bent)
         raise InputError(f"bench: {names}: the textbook's algorithms know linear springs and dampers only")
     if bound.journals:
         names = ", ".join(journal.joint for journal in bound.journals)
@@ -96,12 +97,10 @@ def newton_euler(model: Model) -> str:
             links.append(_link(coordinate, parent, numbers if first else None, numbers if last else None))
             links[-1]["offset"] = repr(float(bound.angle_offsets[index]))
             links[-1]["name"] = model.coordinates[index]
-            links[-1]["forces"] = _numbers((bound.stiffness[index], bound.damping[index], bound.armature[index]))
-    own = [
-        text
-        for text, values in (("l->stiffness * q", bound.stiffness), ("l->damping * v", bound.damping))
-        if any(values)
-    ]
+            law = bound.laws[index]
+            links[-1]["forces"] = _numbers((law.stiffness, law.damping, bound.armature[index]))
+    own = ["l->stiffness * q"] if any(law.stiffness for law in bound.laws) else []
+    own += ["l->damping * v"] if any(law.damping for law in bound.laws) else []
     return (
         environment()
         .get_template("bench/newton_euler.c.jinja")

@@ -22,12 +22,13 @@ from ..files import check_ending, write_atomically
 from ..motion.files import MeasuredMotion, measured_motion
 from ..motion.measured_numbers import answers_in_numbers
 from ..motion.smoothing import local_polynomials
-from ..names import component_name, parameter_path, split_component
+from ..names import component_name
 from ..pipeline.closing import mechanism_kernels
 from ..pipeline.stages import build
 from ..progress import StageReport
 from ..robot.coordinates import FORCES, force_unit_of, index_of, unit_of
 from ..robot.model import build_model
+from ..robot.parameter_names import JOINTS
 from ..robot.value import ANGULAR, Robot
 from ..runtime.kernel import Kernel
 from ..shown import Shown
@@ -320,8 +321,8 @@ def _refuse_transmissions(kernel: Kernel, motion: MeasuredMotion) -> None:
                 raise InputError(
                     f"forces: {name} was not measured; allowed: both ends of the transmission in the motion"
                 )
-        own = ("joints", *split_component(motor))
-        laws = [name for name in kernel.parameters if parameter_path(name)[:3] == own and not _is_plain(name)]
+        names, own = tuple(kernel.parameters), kernel.elements[JOINTS].get(motor, {})
+        laws = [names[place] for place in own.values() if not _is_plain(names[place])]
         if laws:
             raise InputError(f"forces: {laws[0]}: allowed: transmissions of stiffness and damping alone")
 

@@ -31,6 +31,15 @@ FORMS = (
     "couplings.COUPLING.stiffness (or damping, offset), springs.SPRING.stiffness (or "
     "damping, free_length), springs.SPRING.points[.0.x]; * stands for any one component"
 )
+Places = dict[str, dict[str, dict[str, int]]]  # of numbers in parameters, by family, owner, and name in its table
+JOINTS, CUTS, BEARINGS, CUT_BEARINGS, MOTIONS, LINES = FAMILIES = (  # of forces
+    "coordinates",
+    "cut_laws",
+    "bearings",
+    "cut_bearings",
+    "joint_damping",
+    "springs",
+)
 _LONG = 1000  # characters of a name that no parameter has which are looked at for a hint
 
 
@@ -95,6 +104,36 @@ def _of_loop(loop: Loop) -> Iterator[Parameter]:
         yield Parameter(("loops", loop.name, "offset", name), value is not None)
     for place, placement in enumerate(loop.placements):
         yield from _placement(("loops", loop.name, "placements", str(place)), placement)
+
+
+def element_places(robot: Robot, names: Iterable[str]) -> Places:
+    """Give the places of force elements' numbers among run-time parameters.
+
+    Owners are coordinates ("joint1.x", "pin4.x"; of a motor its own stands for its transmission), couplings, joints,
+    loops and springs, in the order of the description.
+
+    Args:
+        names: of the run-time parameters, in their order.
+    """
+    places = {name: place for place, name in enumerate(names)}
+    found: Places = {family: {} for family in FAMILIES}
+    for item in parameters(robot):
+        place, element = places.get(parameter_name(*item.path)), _element_of(item.path)
+        if element is not None and place is not None:
+            family, owner, key = element
+            found[family].setdefault(parameter_name(*owner), {})[parameter_name(*key)] = place
+    return found
+
+
+def _element_of(path: tuple[str, ...]) -> tuple[str, tuple[str, ...], tuple[str, ...]] | None:
+    """The family of forces that a number belongs to, its owner, and its name in a table; None of other numbers."""
+    kind, part = path[0], path[2] if len(path) > 2 else ""
+    if kind in ("couplings", "springs"):
+        return {"couplings": CUTS, "springs": LINES}[kind], path[1:2], path[2:]
+    if kind in ("joints", "loops") and part in (*COORDINATES, MOTOR):
+        return {"joints": JOINTS, "loops": CUTS}[kind], path[1:3], path[3:]
+    tables = {("joints", RADIAL): BEARINGS, ("loops", RADIAL): CUT_BEARINGS, ("joints", JOINT_DAMPING): MOTIONS}
+    return (tables[kind, part], path[1:2], path[3:]) if (kind, part) in tables else None
 
 
 def _placement(owner: tuple[str, ...], placement: Placement) -> Iterator[Parameter]:

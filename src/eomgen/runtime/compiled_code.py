@@ -61,6 +61,7 @@ class CompiledCode:
         self.follower_names: tuple[str, ...] = tuple(self._followers)
         self.springs: tuple[str, ...] = tuple(meta.get("springs", ()))
         self.cut_laws: tuple[str, ...] = tuple(meta.get("cut_laws", ()))
+        self.elements: Mapping[str, Mapping[str, Mapping[str, int]]] = meta.get("elements", {})
         self.prescribed: tuple[str, ...] = tuple(meta["prescribed"])
         self.motors: dict[str, str] = {name: drives for name, (drives, _) in meta.get("motors", {}).items()}
         self.operations: Mapping[str, Mapping[str, int]] = Operations(libraries)

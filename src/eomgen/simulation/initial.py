@@ -12,16 +12,15 @@ from numpy.typing import NDArray
 
 from ..errors import IntegrationError
 from ..loops.equilibrium import closed_equilibrium
-from ..names import nearest, parameter_name, parameter_path, show
+from ..names import nearest, show
 from ..robot.coordinates import force_unit_of, index_of
-from ..robot.laws import RADIAL
 from ..robot.mechanism import leading_home
+from ..robot.parameter_names import CUT_BEARINGS, CUTS
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
 from ..scenario.value import Scenario
-from ..state.journals import journal_numbers
 from ..state.motors import shafts, turn_motors
-from ..state.springs import clearances, cut_numbers, journals_in_play, stiffnesses
+from ..state.springs import clearances, journals_in_play, stiffnesses
 from .assembly import Assembly, by_coordinate, names_in_scenarios
 from .loads import loaded_parameters
 
@@ -163,10 +162,8 @@ def _too_weak(robot: Robot, scenario: Scenario, assembly: Assembly, q: Array, st
 
 def _taut(kernel: Kernel) -> Kernel | None:
     """The kernel without play in cut joints and couplings, which no coordinate of its own can be held in; or None."""
-    play = [name for name, given in cut_numbers(kernel).items() if given.get("clearance")]
-    kinds = {name: "loops" if "." in name else "couplings" for name in play}
-    paths = [parameter_name(kinds[name], *parameter_path(name), "clearance") for name in play]
-    paths += [parameter_name("loops", name, RADIAL, "clearance") for name in journal_numbers(kernel, "loops")]
-    if not paths:
-        return None
-    return kernel.with_parameters(dict.fromkeys(paths, 0.0))
+    names, cuts = tuple(kernel.parameters), kernel.elements.get(CUTS, {})
+    bearings = kernel.elements.get(CUT_BEARINGS, {})
+    gaps = [names[places["clearance"]] for places in (*cuts.values(), *bearings.values()) if "clearance" in places]
+    play = [name for name in gaps if kernel.parameters[name]]
+    return kernel.with_parameters(dict.fromkeys(play, 0.0)) if play else None

@@ -7,10 +7,11 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from ..names import component_name, joint_of, kind_of, parameter_name
+from ..names import component_name, parameter_name
 from ..robot.joint_damping import MOVED
-from ..robot.laws import JOINT_DAMPING
+from ..robot.parameter_names import MOTIONS
 from ..runtime.kernel import Kernel
+from .elements import element_numbers
 
 Array = NDArray[np.float64]
 
@@ -40,10 +41,8 @@ def damping_forces(kernel: Kernel, q: Array, v: Array) -> Array:
 
 def _dampers(kernel: Kernel) -> Iterator[tuple[str, float, dict[str, int]]]:
     """Joints with such a damping, its number, and the indices of what it slows down, by their short names."""
-    for joint in dict.fromkeys(joint_of(name) for name in kernel.coordinates):
-        for key, moved in MOVED.items():
-            damping = kernel.parameters.get(parameter_name("joints", joint, JOINT_DAMPING, key))
-            if damping is not None:
-                names = (component_name(joint, name) for name in moved)
-                places = {name: kernel.coordinates.index(name) for name in names if name in kernel.coordinates}
-                yield joint, damping, {kind_of(name): i for name, i in places.items()}
+    for joint, numbers in element_numbers(kernel, MOTIONS).items():
+        for key, damping in numbers.items():
+            names = {name: component_name(joint, name) for name in MOVED[key]}
+            places = {name: kernel.coordinates.index(x) for name, x in names.items() if x in kernel.coordinates}
+            yield joint, damping, places

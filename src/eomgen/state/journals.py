@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..names import component_name, parameter_name, parameter_path
+from ..names import component_name
 from ..robot.journals import CROSSWISE, TILTING
 from ..robot.laws import RADIAL
+from ..robot.parameter_names import BEARINGS, CUT_BEARINGS
 from ..runtime.kernel import Kernel
+from .elements import element_numbers
 
 Array = NDArray[np.float64]
 Numbers = Mapping[str, Mapping[str, float]]  # by joints, then by their names in ``laws.IN_BEARINGS``
@@ -64,7 +65,7 @@ class JournalContact:
 
 def journal_contacts(kernel: Kernel) -> list[JournalContact]:
     """The contacts of all journals of joints with the numbers that the kernel has now."""
-    return contacts_of(journal_numbers(kernel), kernel.coordinates)
+    return contacts_of(element_numbers(kernel, BEARINGS), kernel.coordinates)
 
 
 def contacts_of(journals: Numbers, coordinates: Sequence[str]) -> list[JournalContact]:
@@ -83,7 +84,7 @@ def contacts_of(journals: Numbers, coordinates: Sequence[str]) -> list[JournalCo
 
 def cut_contacts(kernel: Kernel) -> list[JournalContact]:
     """The contacts of the journals of cut joints, in deviations as of ``Kernel.cut_forces``."""
-    return contacts_of(journal_numbers(kernel, "loops"), kernel.cut_laws)
+    return contacts_of(element_numbers(kernel, CUT_BEARINGS), kernel.cut_laws)
 
 
 def cut_deviations(kernel: Kernel, q: Array) -> Array:
@@ -101,25 +102,6 @@ def cut_stiffness(kernel: Kernel, q: Array) -> Array:
             rows = contact.arms(s) @ J[list(contact.index)]
             total += contact.stiffness * (rows.T @ rows)
     return total
-
-
-def journal_numbers(kernel: Kernel, owners: str = "joints") -> Numbers:
-    """The numbers of every journal of joints, or of "loops", as the kernel has them now."""
-    found: dict[str, dict[str, float]] = {}
-    for name, owner, key in _places(tuple(kernel.parameters), owners):
-        found.setdefault(owner, {})[key] = kernel.parameters[name]
-    return found
-
-
-@lru_cache(maxsize=64)
-def _places(names: tuple[str, ...], owners: str) -> list[tuple[str, str, str]]:
-    """Parameters that are numbers of journals, with their owner and their name in the table of a journal."""
-    found = list[tuple[str, str, str]]()
-    for name in names:
-        kind, *path = parameter_path(name)
-        if kind == owners and path[1] == RADIAL:
-            found.append((name, path[0], parameter_name(*path[2:])))
-    return found
 
 
 def journal_stiffness(kernel: Kernel) -> Array:

@@ -8,11 +8,12 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from ..names import parameter_name
 from ..robot import sizes
 from ..robot.laws import contact_stiffness_of, has_springs, rate_slope_of, stiffness_of
+from ..robot.parameter_names import CUTS, JOINTS, LINES
 from ..runtime.kernel import Kernel
 from ..runtime.raw import Setup
+from .elements import element_numbers
 from .joint_damping import damping_diagonal
 from .journals import cut_contacts, cut_stiffness, journal_contacts, journal_stiffness
 from .motors import acting, deflections
@@ -41,7 +42,7 @@ def stiffness_matrix(kernel: Kernel) -> Array:
     setup = kernel.parameters.setup
     found = _matrices.get(setup)
     if found is None:
-        own = sizes.table_stiffnesses(kernel.parameters, acting(kernel), kernel.knots)
+        own = sizes.table_stiffnesses(law_numbers(kernel), acting(kernel), kernel.knots)
         rows = deflections(kernel)
         found = np.asarray(rows.T @ (own[:, None] * rows)) + journal_stiffness(kernel)
         found.flags.writeable = False
@@ -86,8 +87,8 @@ def any_spring(kernel: Kernel) -> bool:
         return True
     if any(contact.stiffness for contact in (*journal_contacts(kernel), *cut_contacts(kernel))):
         return True
-    names = (parameter_name("springs", name, "stiffness") for name in kernel.springs)
-    return any(name in kernel.knots for name in kernel.springs) or any(map(kernel.parameters.get, names))
+    springs = element_numbers(kernel, LINES).values()
+    return any(name in kernel.knots for name in kernel.springs) or any(x.get("stiffness") for x in springs)
 
 
 def fastest_rates(kernel: Kernel, q: Array, least: float = 0.0) -> tuple[float, float]:
@@ -113,12 +114,14 @@ def fastest_rates(kernel: Kernel, q: Array, least: float = 0.0) -> tuple[float, 
 
 def law_numbers(kernel: Kernel) -> dict[str, dict[str, float]]:
     """Numbers of the forces of each of ``acting`` as the kernel has them now, by their names in the table of laws."""
-    return sizes.law_numbers(kernel.parameters, acting(kernel))
+    found = element_numbers(kernel, JOINTS)
+    return {name: found.get(name, {}) for name in acting(kernel)}
 
 
 def cut_numbers(kernel: Kernel) -> dict[str, dict[str, float]]:
     """The same of cut joints' coordinates and elastic couplings, by the names in ``Kernel.cut_laws``."""
-    return sizes.cut_numbers(kernel.parameters, kernel.cut_laws)
+    found = element_numbers(kernel, CUTS)
+    return {name: found.get(name, {}) for name in kernel.cut_laws}
 
 
 def smoothings(kernel: Kernel) -> dict[str, float]:
@@ -193,8 +196,8 @@ def line_rates(kernel: Kernel, q: Array, least: float = 0.0, *, touching: bool =
     stiffness, slowing = np.zeros((kernel.n, kernel.n)), np.zeros((kernel.n, kernel.n))
     if kernel.springs:
         arms = kernel.spring_jacobian(q)
-        names = (parameter_name("springs", name, "damping") for name in kernel.springs)
-        damping = np.array([kernel.parameters.get(name, 0.0) for name in names])
+        numbers = element_numbers(kernel, LINES)
+        damping = np.array([numbers.get(name, {}).get("damping", 0.0) for name in kernel.springs])
         stiffness, slowing = np.asarray(kernel.spring_stiffness(q)), arms.T @ (damping[:, None] * arms)
     if kernel.cut_laws:
         rows, numbers = kernel.cut_jacobian(q), cut_numbers(kernel)
@@ -208,8 +211,7 @@ def line_rates(kernel: Kernel, q: Array, least: float = 0.0, *, touching: bool =
 
 def coordinate_numbers(kernel: Kernel, key: str) -> Array:
     """A parameter of each of ``acting``, such as "damping"; 0 where there is none."""
-    names = (parameter_name("joints", coordinate, key) for coordinate in acting(kernel))
-    return np.array([kernel.parameters.get(name, 0.0) for name in names])
+    return np.array([given.get(key, 0.0) for given in law_numbers(kernel).values()])
 
 
 def coordinate_sizes(kernel: Kernel, q: Array) -> tuple[Array, Array]:

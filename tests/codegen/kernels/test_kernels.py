@@ -12,7 +12,6 @@ import pytest
 
 import eomgen
 from eomgen.codegen.closed_form.trace import closed_form
-from eomgen.codegen.forces.rows import elastic_rows
 from eomgen.codegen.kernels import equations
 from eomgen.codegen.kernels.accelerations import FACTORISED, SOLVERS
 from eomgen.codegen.kernels.derivation import Derivation
@@ -191,7 +190,7 @@ def recursion_on_floats(robot: Robot, q: Array, v: Array, a: Array) -> tuple[Arr
     bound = bind(model, lambda _, number: number, lambda x: (math.sin(x), math.cos(x)))
     joints = geometry(model, bound, list(q), lambda x: (math.sin(x), math.cos(x)))
     rows, _ = inertial_rows(model, bound, joints, list(v), list(a), bound.gravity)
-    u = np.array(rows) + np.array(elastic_rows(bound, list(q), list(v)))
+    u = np.array(rows) + [x.stiffness * s + x.damping * rate for x, s, rate in zip(bound.laws, q, v, strict=True)]
     M = np.zeros((model.size, model.size))
     for (i, j), value in mass_matrix(model, bound, joints).items():
         M[i, j] = M[j, i] = value

@@ -1,0 +1,191 @@
+"""What a force element is to the equations of motion: its rows, energy, wrenches, slopes, and share of implicit steps.
+
+Every family of forces is a class here below, with its formulas in a file of its own; ``elements`` lists them, and the
+writers of kernels loop over that list.  An element stands where q is; velocities are arguments.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from eomgen.robot.model import Model
+
+from ..program.forward_mode import gradients
+from ..program.ir import Graph
+from ..tree.bound import Bound
+from ..tree.composite import Rows
+from ..tree.constraints import Closure
+from ..tree.frozen_joints import JointGeometry
+from ..tree.recursion import Note, Wrench
+from ..tree.spatial import Scalar
+from .laws import Effect
+from .scalar_functions import Functions
+
+POLE = 1e-7  # cosine of beta, below which alpha and gamma turn about one axis
+
+Arms = Mapping[int, Scalar]  # derivatives of one value by coordinates, by their indices
+Turn = Callable[[Scalar], tuple[Scalar, Scalar]]
+Kernels = Mapping[str, tuple[str, Callable[[Any, Sequence[Scalar]], Any]]]  # "values", "rows" or "matrices", and what
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A tree where q is, which forces act in.
+
+    sincos, functions, note: of the scalars.  closures: gives the loops where q is.
+    """
+
+    model: Model
+    bound: Bound
+    joints: Sequence[JointGeometry]
+    q: Sequence[Scalar]
+    sincos: Turn
+    functions: Functions
+    note: Note
+    closures: Callable[[], Sequence[Closure]]
+
+    @property
+    def still(self) -> list[Scalar]:
+        """Velocities of a tree that does not move, (n,)."""
+        return [0.0] * self.model.size
+
+
+@dataclass
+class Slopes:
+    """Sparse derivatives of resisting forces by q and v, by (row, column), to which elements add theirs.
+
+    moving: gives, of coordinates that a force depends on, those that are inputs of the graph and move them.
+    """
+
+    graph: Graph
+    by_q: Rows
+    by_v: Rows
+    q: Sequence[Scalar]
+    v: Sequence[Scalar]
+    moving: Callable[[Sequence[int]], list[int]]
+
+    def add(self, key: tuple[int, int], by_q: Scalar, by_v: Scalar) -> None:
+        """Add to the derivatives of one row by one coordinate and its velocity."""
+        add_to(self.by_q, key, by_q)
+        add_to(self.by_v, key, by_v)
+
+    def differentiate(self, rows: Arms, moved_by: Sequence[int]) -> None:
+        """Add the derivatives of forces, which depend on these coordinates alone, by differentiating the graph."""
+        moving = self.moving(moved_by)
+        for x, into in ((self.q, self.by_q), (self.v, self.by_v)):
+            found = gradients(self.graph, list(rows.values()), [x[j] for j in moving])
+            for i, row in zip(rows, found, strict=True):
+                for j, slope in zip(moving, row, strict=True):
+                    add_to(into, (i, j), slope)
+
+
+class ImplicitShare(ABC):
+    """What elements add to M + c D + c^2 K of an implicit method, and to the forces on its right side.
+
+    q, v: where forces are taken, (n,) each; ``ahead`` is how long velocities have led there, 0 in stages.
+    members: what families have made there, by family, so that it is made once.
+    """
+
+    def __init__(self, q: Sequence[Scalar], v: Sequence[Scalar], ahead: Scalar) -> None:
+        self.q, self.v, self.ahead = q, v, ahead
+        self.members: dict[ForceElement, Any] = {}
+
+    @abstractmethod
+    def push(self, i: int, force: Scalar) -> None:
+        """Add a resisting force on coordinate i."""
+
+    @abstractmethod
+    def on_coordinate(self, i: int, stiffness: Scalar, damping: Scalar) -> None:
+        """Add slopes of a straight line on coordinate i."""
+
+    @abstractmethod
+    def bend(self, i: int, law: Effect) -> None:
+        """Add slopes of a law on coordinate i; none where its tangent falls."""
+
+    @abstractmethod
+    def in_joint(self, slopes: Callable[[Scalar, Scalar], Rows]) -> None:
+        """Add slopes between coordinates of one joint, on and above the diagonal, by c and c^2; never negative."""
+
+    @abstractmethod
+    def in_transmission(self, motor: int, linear: Effect, law: Effect) -> None:
+        """Add slopes in the deflection of a motor's transmission: of a straight line, and of laws."""
+
+    @abstractmethod
+    def along(self, arms: Arms, law: Effect) -> None:
+        """Add a force along a direction, and its slopes as a rank-one row; none where the tangent falls."""
+
+    @abstractmethod
+    def along_all(self, rows: Arms, directions: Callable[[Scalar, Scalar], Sequence[tuple[Arms, Scalar]]]) -> None:
+        """Add forces by coordinates, and rank-one rows with slopes by c and c^2, which are never negative."""
+
+
+class ForceElement(ABC):
+    """All forces of one family in a tree.
+
+    Its forces and their slopes each family must have; the other methods add nothing where a family has no such thing.
+    Resisting forces are what the drives must overcome: minus generalized forces.
+    """
+
+    KERNELS: ClassVar[Kernels] = {}  # which tell of this family alone
+
+    def __init__(self, setting: Setting) -> None:
+        self.at = setting
+
+    @abstractmethod
+    def resist(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Scalar]]:
+        """Give resisting forces, N or N m, by coordinates, at the velocities v; one may have several."""
+
+    @abstractmethod
+    def add_slopes(self, slopes: Slopes) -> None:
+        """Add derivatives of the resisting forces by q and v."""
+
+    def energies(self) -> Iterator[Scalar]:
+        """Give stored energies, J."""
+        yield from ()
+
+    def wrenches(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Wrench]]:
+        """Give what joints' reactions hold of forces between links: the body, and a wrench at its origin, its axes."""
+        yield from ()
+
+    def wrenches_in_cuts(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Wrench]]:
+        """Give wrenches on the second links of cut joints, by the loops' numbers, in the common bodies' axes."""
+        yield from ()
+
+    def advance(self, share: ImplicitShare) -> None:
+        """Push forces where a linearly implicit step takes them, but those that ``add_rows`` adds with their slopes."""
+        return
+
+    def add_diagonal(self, share: ImplicitShare) -> None:
+        """Add slopes of single coordinates to an implicit method's matrix."""
+        return
+
+    def add_blocks(self, share: ImplicitShare) -> None:
+        """Add slopes between coordinates of one joint to an implicit method's matrix."""
+        return
+
+    def add_rows(self, share: ImplicitShare) -> None:
+        """Add slopes along directions to an implicit method's matrix."""
+        return
+
+    def stiffnesses(self) -> Iterator[tuple[int, Scalar]]:
+        """Give the largest stiffness that each coordinate feels by itself, N/m or N m/rad, by its index.
+
+        Without those of coordinates' own tables and of transmissions, which are known without equations.
+        """
+        yield from ()
+
+    def poles(self, moving: Collection[int]) -> Iterator[tuple[str, Scalar]]:
+        """Give what has angles with forces that are singular where a cosine vanishes, and that cosine.
+
+        Args:
+            moving: coordinates that count, by their indices.
+        """
+        yield from ()
+
+
+def add_to(rows: Rows, key: tuple[int, int], value: Scalar) -> None:
+    """Add to an entry of a sparse matrix."""
+    rows[key] = rows.get(key, 0.0) + value

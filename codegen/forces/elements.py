@@ -1,0 +1,24 @@
+"""The list of all families of forces, in the order of the sums in generated code."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from .coordinates import CoordinateLaws
+from .cut_journals import LoopBearingContacts
+from .cuts import ElasticLoopCoordinates
+from .element import ForceElement
+from .joint_damping import JointDampers
+from .journals import BearingContacts
+from .springs import PointSprings
+from .transmissions import Transmissions
+
+ELEMENTS: Sequence[type[ForceElement]] = (
+    CoordinateLaws,
+    Transmissions,
+    PointSprings,
+    BearingContacts,
+    JointDampers,
+    ElasticLoopCoordinates,
+    LoopBearingContacts,
+)

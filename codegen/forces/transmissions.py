@@ -1,0 +1,80 @@
+"""Transmissions between motors and joints: forces in their deflections.
+
+A transmission's force f in its deflection phi = motor / ratio - principal coordinate acts on both ends: f / ratio
+resists the motor, and -f the joint.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from ..tree.bound import BoundTransmission
+from ..tree.spatial import Scalar
+from .element import ForceElement, ImplicitShare, Slopes
+from .laws import Effect, effect
+
+
+@dataclass(frozen=True)
+class TransmissionDeflection:
+    """Effects of a transmission: ``linear`` by its stiffness and damping, ``nonlinear`` by its laws."""
+
+    linear: Effect
+    nonlinear: Effect
+
+    @property
+    def whole(self) -> Effect:
+        """Sum of both effects."""
+        return self.linear + self.nonlinear
+
+
+Deflected = tuple[int, BoundTransmission, TransmissionDeflection]  # the motor, what is behind it, and its effects
+
+
+class Transmissions(ForceElement):
+    """Springs and dampers between all motors and the coordinates that they drive."""
+
+    def resist(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Scalar]]:
+        """Give the forces on motors and joints."""
+        yield from self._rows(self.at.q, v)
+
+    def energies(self) -> Iterator[Scalar]:
+        """Give the energies of the deflections."""
+        yield from (deflection.whole.energy for _, _, deflection in self._deflections(self.at.q, self.at.still))
+
+    def add_slopes(self, slopes: Slopes) -> None:
+        """Add what the slopes of a deflection's force are on both ends."""
+        for motor, between, deflection in self._deflections(slopes.q, slopes.v):
+            p, inverse, whole = between.principal, between.inverse_ratio, deflection.whole
+            across = [slope * inverse for slope in (whole.by_s, whole.by_rate)]
+            slopes.add((motor, motor), *(x * inverse for x in across))
+            slopes.add((motor, p), *(-x for x in across))
+            slopes.add((p, motor), *(-x for x in across))
+            slopes.add((p, p), whole.by_s, whole.by_rate)
+
+    def advance(self, share: ImplicitShare) -> None:
+        """Push the forces on motors and joints."""
+        for i, force in self._rows(share.q, share.v):
+            share.push(i, force)
+
+    def add_rows(self, share: ImplicitShare) -> None:
+        """Add the slopes in the deflections."""
+        for motor, _, deflection in self._deflections(share.q, share.v):
+            share.in_transmission(motor, deflection.linear, deflection.nonlinear)
+
+    def _rows(self, q: Sequence[Scalar], v: Sequence[Scalar]) -> Iterator[tuple[int, Scalar]]:
+        for motor, between, deflection in self._deflections(q, v):
+            force = deflection.whole.force
+            yield motor, force * between.inverse_ratio
+            yield between.principal, -force
+
+    def _deflections(self, q: Sequence[Scalar], v: Sequence[Scalar]) -> list[Deflected]:
+        """Motors with their transmissions and effects; forces in units of the joint's side."""
+        found, f = list[Deflected](), self.at.functions
+        for motor, between in self.at.bound.transmissions.items():
+            phi, rate = (x[motor] * between.inverse_ratio - x[between.principal] for x in (q, v))
+            k, b = between.law.stiffness, between.law.damping
+            linear = Effect(k * phi + b * rate, k, b, 0.5 * k * phi * phi)
+            nonlinear = effect(between.law.numbers, between.law.knots, phi, rate, f)
+            found.append((motor, between, TransmissionDeflection(linear, nonlinear)))
+        return found

@@ -1,0 +1,220 @@
+"""Laws that every family of forces obeys, by itself and beside all others."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import eomgen
+from eomgen.codegen.forces.element import ForceElement, Slopes
+from eomgen.codegen.forces.elements import ELEMENTS
+from eomgen.codegen.kernels.accelerations import implicit_step
+from eomgen.codegen.kernels.derivation import Derivation, Outputs, vector
+from eomgen.codegen.program.ir import evaluate, finish
+from eomgen.description.load import robot_from_toml
+from eomgen.robot.parameter_names import element_places
+from tests.support.builds import Build
+from tests.support.every_element import ROBOTS, drawn, robot_with
+from tests.support.random_robots import seeds
+
+Array = NDArray[np.float64]
+STEP = 1e-6
+CASES = [*((family,) for family in ELEMENTS), tuple(ELEMENTS)]
+EVERY = pytest.mark.parametrize(
+    "families", CASES, ids=["all" if len(x) > 1 else x[0].__name__ for x in CASES]
+)  # alone, and beside all others
+
+
+class Forces:
+    """Forces of families in a robot, as functions of q, v and the parameters."""
+
+    def __init__(self, families: Sequence[type[ForceElement]], seed: int) -> None:
+        self.model, self.p = drawn(robot_with(*families), seed)
+        rng = np.random.default_rng([seed, 1])
+        self.q, self.v = rng.uniform(-0.3, 0.3, self.model.size), rng.uniform(-1.0, 1.0, self.model.size)
+        self.d = Derivation(self.model)
+        self.elements = [self.d.elements[ELEMENTS.index(family)] for family in families]
+        self.n = self.model.size
+
+    def run(self, outputs: Outputs, **given: Array) -> Array:
+        inputs = {"q": self.q, "v": self.v, "p": self.p, "u": np.zeros(self.n), "added": np.zeros(self.n)} | given
+        found = evaluate(finish(self.d.graph, "law", outputs), {name: list(x) for name, x in inputs.items()})
+        return np.array([found["out", i] for i in range(len(outputs))], dtype=float)
+
+    def resisting(self, **given: Array) -> Array:
+        return self.run(self.rows(), **given)
+
+    def rows(self, v: Sequence[object] | None = None) -> Outputs:
+        rows = [0.0] * self.n
+        for element in self.elements:
+            for i, force in element.resist(self.d.v if v is None else v):
+                rows[i] = rows[i] + force
+        return vector(rows)
+
+    def differences(self, name: str, x: Array, outputs: Outputs) -> Array:
+        """Derivatives of outputs by an input, (outputs, inputs)."""
+        columns = []
+        for i in range(len(x)):
+            step = STEP * np.eye(len(x))[i]
+            ahead, behind = self.run(outputs, **{name: x + step}), self.run(outputs, **{name: x - step})
+            columns.append((ahead - behind) / (2.0 * STEP))
+        return np.array(columns).T
+
+
+def test_every_element_has_a_robot() -> None:
+    assert ROBOTS.keys() == set(ELEMENTS)
+    assert len(set(ELEMENTS)) == len(ELEMENTS)
+
+
+@EVERY
+@pytest.mark.parametrize("seed", seeds(1, 1, 6))
+def test_slopes_are_those_of_forces(families: Sequence[type[ForceElement]], seed: int) -> None:
+    forces = Forces(families, seed)
+    d, n = forces.d, forces.n
+    by_q = {(i, i): law.stiffness for i, law in enumerate(d.bound.laws)}  # which the residual's derivatives have
+    by_v = {(i, i): law.damping for i, law in enumerate(d.bound.laws)}
+    slopes = Slopes(d.graph, by_q, by_v, d.q, d.v, list)
+    for element in forces.elements:
+        element.add_slopes(slopes)
+    for name, x, rows in (("q", forces.q, by_q), ("v", forces.v, by_v)):
+        found = forces.run(vector([rows.get((i, j), 0.0) for i in range(n) for j in range(n)])).reshape(n, n)
+        if not any(type(element).__name__ == "CoordinateLaws" for element in forces.elements):
+            found -= forces.run(vector([rows0(d, name, i, j) for i in range(n) for j in range(n)])).reshape(n, n)
+        expected = forces.differences(name, x, forces.rows())
+        assert np.abs(expected).max() > 0.0 or (name == "q" and not np.any(found))
+        assert np.abs(found - expected).max() <= 1e-6 * max(1.0, np.abs(expected).max())
+
+
+def rows0(d: Derivation, name: str, i: int, j: int) -> object:
+    law = d.bound.laws[i]
+    return (law.stiffness if name == "q" else law.damping) if i == j else 0.0
+
+
+@EVERY
+@pytest.mark.parametrize("seed", seeds(1, 1, 6))
+def test_energys_gradient_is_the_force_at_rest(families: Sequence[type[ForceElement]], seed: int) -> None:
+    forces = Forces(families, seed)
+    total = 0.0
+    for element in forces.elements:
+        for energy in element.energies():
+            total = total + energy
+    found = forces.differences("q", forces.q, vector([total]))[0]
+    expected = forces.resisting(v=np.zeros(forces.n))
+    assert np.abs(found - expected).max() <= 1e-6 * max(1.0, np.abs(expected).max())
+
+
+@EVERY
+@pytest.mark.parametrize("seed", seeds(1, 1, 6))
+def test_a_force_takes_energy_from_motions(families: Sequence[type[ForceElement]], seed: int) -> None:
+    """What is not stored is lost: (r(q, v) - r(q, 0)) v is never negative, but where contacts let go."""
+    forces = Forces(families, seed)
+    power = (forces.resisting() - forces.resisting(v=np.zeros(forces.n))) @ forces.v
+    assert power >= -1e-9
+
+
+@EVERY
+@pytest.mark.parametrize("seed", seeds(1, 1, 6))
+def test_every_number_is_a_parameter(families: Sequence[type[ForceElement]], seed: int) -> None:
+    """A force of the family, or its share in the inertia, changes with each of its numbers somewhere."""
+    forces = Forces(families, seed)
+    places, names = element_places(forces.model.robot, forces.model.parameters), list(forces.model.parameters)
+    rows, rng = forces.rows(), np.random.default_rng([seed, 2])
+    states = [(rng.uniform(-0.4, 0.4, forces.n), rng.uniform(-1.0, 1.0, forces.n)) for _ in range(20)]
+    before = [forces.run(rows, q=q, v=v) for q, v in states]
+    for owner, numbers in ((x, y) for family in places.values() for x, y in family.items()):
+        for key, place in numbers.items():
+            other = forces.p.copy()
+            other[place] = other[place] * 1.1 + 0.01
+            changed = [forces.run(rows, q=q, v=v, p=other) for q, v in states]
+            moved = any(np.any(x != y) for x, y in zip(before, changed, strict=True))
+            assert moved or key in ("armature", "inertia") or not acts(forces, owner, key), names[place]
+
+
+def acts(forces: Forces, owner: str, key: str) -> bool:
+    """Whether a number belongs to the families that are looked at: others have dampers of their own beside them."""
+    alone = {type(element).__name__ for element in forces.elements}
+    family = next(
+        x for x, owners in element_places(forces.model.robot, forces.model.parameters).items() if owner in owners
+    )
+    of = {
+        "coordinates": {"Transmissions"} if owner.endswith(".motor") else {"CoordinateLaws"},
+        "cut_laws": {"ElasticLoopCoordinates"},
+        "bearings": {"BearingContacts"},
+        "cut_bearings": {"LoopBearingContacts"},
+        "joint_damping": {"JointDampers"},
+        "springs": {"PointSprings"},
+    }
+    return bool(alone & of[family])
+
+
+@EVERY
+@pytest.mark.parametrize("seed", seeds(1, 1, 6))
+def test_reactions_balance(families: Sequence[type[ForceElement]], seed: int) -> None:
+    """What joints hold of forces between links has the rows of these forces along the joints' axes."""
+    forces = Forces(families, seed)
+    held: Mapping[int, list[object]] = {k: [0.0] * 3 for k in range(len(forces.model.bodies))}
+    rows: list[object] = [0.0] * forces.n
+    for element in forces.elements:
+        wrenches = list(element.wrenches(forces.d.v))
+        for k, wrench in wrenches:
+            held[k][:] = [x + y for x, y in zip(held[k], wrench.moment, strict=True)]
+        for i, force in element.resist(forces.d.v) if wrenches else ():
+            rows[i] = rows[i] + force
+    found = [k for k, body in enumerate(forces.model.bodies) if body.active == ("gamma",) and is_plain(forces, k)]
+    given = forces.run(vector([held[k][2] for k in found]))
+    expected = forces.run(vector([rows[forces.model.bodies[k].first] for k in found]))
+    assert np.abs(given - expected).max(initial=0.0) <= 1e-9 * max(1.0, np.abs(expected).max(initial=0.0))
+
+
+def is_plain(forces: Forces, k: int) -> bool:
+    """Whether no coupling, whose force passes through drives and not through links, acts on a body's joint."""
+    joint = forces.model.bodies[k].joint
+    return not any(x.split(".")[0] == joint for c in forces.model.robot.couplings for x in (c.of, *c.to))
+
+
+@EVERY
+@pytest.mark.parametrize("seed", seeds(1, 1, 6))
+def test_an_implicit_step_is_its_linear_system(families: Sequence[type[ForceElement]], seed: int) -> None:
+    """Of a step dt that tends to 0 what is left is the acceleration under the forces of its beginning.
+
+    With dt = h its change is h times that by M^-1 (D v + ...): two steps tell whether slopes take part.
+    """
+    forces = Forces(families, seed)
+    d, n = Derivation(forces.model), forces.n
+    program = finish(d.graph, "step", implicit_step(d))
+    rows = Derivation(forces.model)
+    bias = finish(rows.graph, "bias", rows.vector(rows.dynamics(rows.v, rows.still)))
+    M = Derivation(forces.model)
+    upper = finish(M.graph, "M", M.matrices(M.matrix()))
+    inputs = {"q": list(forces.q), "v": list(forces.v), "p": list(forces.p), "u": [0.0] * n, "added": [0.0] * n}
+
+    def numbers(found: Mapping[tuple[str, int], float], count: int) -> Array:
+        return np.array([found["out", i] for i in range(count)])
+
+    half = numbers(evaluate(upper, inputs), n * n).reshape(n, n)
+    mass = half + np.triu(half, 1).T
+    explicit = np.linalg.solve(mass, -numbers(evaluate(bias, inputs), n))
+    dt = 1e-9
+    found = numbers(evaluate(program, inputs | {"dt": [dt, dt * dt]}), n)
+    assert np.abs(found - explicit).max() <= 1e-4 * max(1.0, np.abs(explicit).max())
+    with_slopes = numbers(evaluate(program, inputs | {"dt": [1e-3, 1e-6]}), n)
+    assert np.abs(with_slopes - explicit).max() > 1e-6
+
+
+@pytest.mark.parametrize("seed", seeds(1, 1, 3))
+def test_batches_and_float32(seed: int, built: Build) -> None:
+    """The robot with all families: batches have the numbers of single states, and float32 nearly so."""
+    robot = robot_from_toml(robot_with(*ELEMENTS))
+    names = ("generalized_force", "energy")
+    kernel, single = built(robot, kernels=names), built(robot, kernels=names, dtype="float32")
+    rng = np.random.default_rng(seed)
+    q, v = rng.uniform(-0.3, 0.3, (9, kernel.n)), rng.uniform(-1.0, 1.0, (9, kernel.n))
+    for name in names:
+        whole = getattr(kernel, name)(q, v)
+        assert np.array_equal(whole, [getattr(kernel, name)(x, y) for x, y in zip(q, v, strict=True)])
+        rough = getattr(single, name)(q.astype(np.float32), v.astype(np.float32))
+        assert np.abs(rough - whole).max() <= 1e-3 * np.abs(whole).max()
+    assert isinstance(kernel, eomgen.Kernel)

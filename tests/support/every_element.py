@@ -1,0 +1,162 @@
+"""Robots with forces of one family each, and one with all of them; their numbers are drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eomgen.codegen.forces.coordinates import CoordinateLaws
+from eomgen.codegen.forces.cut_journals import LoopBearingContacts
+from eomgen.codegen.forces.cuts import ElasticLoopCoordinates
+from eomgen.codegen.forces.element import ForceElement
+from eomgen.codegen.forces.joint_damping import JointDampers
+from eomgen.codegen.forces.journals import BearingContacts
+from eomgen.codegen.forces.springs import PointSprings
+from eomgen.codegen.forces.transmissions import Transmissions
+from eomgen.description.load import robot_from_toml
+from eomgen.robot.model import Model, build_model
+from eomgen.robot.parameter_names import FAMILIES, element_places
+
+Array = NDArray[np.float64]
+
+TREE = """
+name = "every"
+gravity = [0.0, -9.81, 1.0]
+[[links]]
+name = "upper"
+mass = 2.0
+com = [0.2, 0.01, 0.02]
+inertia = {{ xx = 2e-2, yy = 3e-2, zz = 3e-2, xy = 1e-3 }}
+[[links]]
+name = "fore"
+mass = 1.5
+com = [0.1, 0.0, 0.03]
+inertia = {{ xx = 2e-2, yy = 3e-2, zz = 3e-2 }}
+[[links]]
+name = "rocker"
+mass = 0.7
+com = [0.15, 0.02, 0.0]
+inertia = {{ xx = 1e-2, yy = 1e-2, zz = 1e-2 }}
+[[joints]]
+name = "hip"
+parent = "base"
+child = "upper"
+type = "revolute"
+{hip}
+[[joints]]
+name = "knee"
+parent = "upper"
+child = "fore"
+type = "revolute"
+placement = {{ xyz = [0.4, 0.0, 0.0], rpy = [0.3, 0.1, 0.0] }}
+{knee}
+[[joints]]
+name = "pivot"
+parent = "base"
+child = "rocker"
+type = "revolute"
+placement = {{ xyz = [0.6, 0.2, 0.0], rpy = [0.1, -0.2, 0.0] }}
+{beside}
+"""
+
+FREE = "x = {}\ny = {}\nalpha = {}\nbeta = {}\n"
+LAWS = """
+x = { stiffness = 20.0, damping = 4.0, clearance = 1e-2, smoothing = 5e-2, restitution_damping = 2.0 }
+z = { stiffness = 20.0, stiffness_negative = 10.0, cubic = 9.0, damping = 4.0, preload = 3.0 }
+beta = { damping = 0.5, curve = [[-0.4, -3.0], [-0.1, -2.0], [0.1, 2.0], [0.4, 4.0]] }
+gamma = { damping = 0.3, exponential = { force = 1.0, scale = 0.3 }, friction = { coulomb = 0.2, static = 0.3, \
+stribeck = 0.2, viscous = 0.1, smoothing = 0.2, coefficient = 0.1, radius = 0.3 }, \
+stops = { stiffness = 10.0, damping = 3.0, lower = -0.1, upper = 0.1, smoothing = 0.1, restitution_damping = 0.2 } }
+"""
+MOTOR = """
+motor = { inertia = 1e-2, ratio = 3.0, stiffness = 10.0, damping = 2.0, cubic = 5.0 }
+"""
+BEARING = "{ clearance = 1e-2, stiffness = 100.0, length = 0.5, smoothing = 0.1, restitution_damping = 0.5, \
+friction = { coefficient = 0.1, radius = 0.2, smoothing = 0.1 } }\n"
+SPRINGS = """
+[[springs]]
+name = "coil"
+links = ["base", "fore"]
+points = [[0.0, 0.5, 0.0], [0.1, 0.0, 0.0]]
+free_length = 0.3
+stiffness = 30.0
+damping = 2.0
+[[springs]]
+name = "zero"
+links = ["rocker", "fore"]
+points = [[0.0, 0.5, 0.0], [0.1, 0.0, 0.0]]
+stiffness = 30.0
+damping = 1.0
+[[springs]]
+name = "rope"
+links = ["base", "fore"]
+points = [[0.0, -0.9, 0.0], [0.1, 0.0, 0.0]]
+free_length = 0.1
+stiffness = 30.0
+damping = 2.0
+tension_only = true
+smoothing = 0.1
+"""
+CUT = """
+[[loops]]
+name = "pin"
+links = ["fore", "rocker"]
+type = "revolute"
+placements = [{ xyz = [0.3, 0.0, 0.0] }, { xyz = [0.3, 0.1, 0.0], rpy = [0.2, 0.0, 0.0] }]
+x = { stiffness = 10.0, damping = 2.0 }
+y = { stiffness = 10.0, damping = 2.0, clearance = 2e-2 }
+z = { stiffness = 10.0, damping = 2.0 }
+alpha = { stiffness = 1.0, damping = 0.2 }
+beta = { stiffness = 1.0, damping = 0.2 }
+gamma = { friction = { coefficient = 0.8, radius = 0.2, smoothing = 0.1 } }
+[[couplings]]
+name = "belt"
+of = "pivot.gamma"
+to = { "knee.gamma" = -1.5 }
+stiffness = 10.0
+damping = 2.0
+"""
+CUT_BEARING = f"""
+[[loops]]
+name = "bush"
+links = ["fore", "base"]
+type = "revolute"
+placements = [{{ xyz = [0.1, 0.0, 0.1] }}, {{ xyz = [0.5, 0.1, 0.0] }}]
+x = {{ damping = 2.0 }}
+y = {{ damping = 2.0 }}
+z = {{ damping = 2.0 }}
+alpha = {{ damping = 0.2 }}
+beta = {{ damping = 0.2 }}
+gamma = {{ damping = 0.1 }}
+radial = {BEARING}
+"""
+
+ROBOTS: Mapping[type[ForceElement], Mapping[str, str]] = {
+    CoordinateLaws: {"knee": LAWS},
+    Transmissions: {"hip": MOTOR},
+    PointSprings: {"beside": SPRINGS},
+    BearingContacts: {"hip": FREE + "radial = " + BEARING},
+    JointDampers: {"hip": FREE + "damping = { linear = 3.0, angular = 0.2 }\n"},
+    ElasticLoopCoordinates: {"beside": CUT},
+    LoopBearingContacts: {"beside": CUT_BEARING},
+}
+PARTS = ("hip", "knee", "beside")
+
+
+def robot_with(*families: type[ForceElement]) -> str:
+    """Give a description of a robot with forces of these families; ``FREE`` joints move crosswise, too."""
+    parts = {part: "".join(ROBOTS[family].get(part, "") for family in families) for part in PARTS}
+    if parts["hip"].count(FREE) > 1:
+        parts["hip"] = FREE + parts["hip"].replace(FREE, "")
+    return TREE.format(**parts)
+
+
+def drawn(text: str, seed: int) -> tuple[Model, Array]:
+    """Give the model of a description, and its parameters with those of forces drawn about the described ones."""
+    rng, model = np.random.default_rng(seed), build_model(robot_from_toml(text))
+    values, places = np.array(list(model.parameters.values())), element_places(model.robot, model.parameters)
+    own = [place for family in FAMILIES for numbers in places[family].values() for place in numbers.values()]
+    values[own] *= rng.uniform(0.8, 1.25, len(own))
+    return model, values
