@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import EomgenError, IntegrationStopped
-from ..integration.compiled import leading, no_works
 from ..integration.contacts import Contact
+from ..integration.plan import IntegratorPlan
 from ..integration.resting import rests
-from ..integration.solve import integrate
+from ..integration.solve import integrate_by, system_of
 from ..integration.steps import Record, output_times
 from ..integration.trajectory import Trajectory
 from ..integration.until import Until
@@ -97,13 +97,13 @@ def run_segments(
     progress: Progress,
     stream: MotionStream | None = None,
     *,
-    method: str,
+    plan: IntegratorPlan,
     balance: bool = True,
     until: Until | None = None,
 ) -> SegmentedMotion:
     """Integrate from q and v at t = 0 to the scenario's duration, samples into the stream; errors as ``integrate``.
 
-    All pieces are integrated by the one method.  Without ``balance`` nothing is sampled for it; with
+    All pieces are integrated by the one plan.  Without ``balance`` nothing is sampled for it; with
     ``until`` the motion ends where that is reached.
 
     A motion that cannot go on is returned as far as whole output steps were reached; it is raised where there are none.
@@ -121,7 +121,7 @@ def run_segments(
     for begin, end in pairwise(bounds(scenario, loads, grid)):
         kernel.parameters.update(loaded_parameters(robot, scenario, begin))
         try:
-            span, how = (begin, end), (method, balance, until)
+            span, how = (begin, end), (plan, balance, until)
             piece, part, stop = _piece(kernel, scenario, loads, (q, v), span, grid, progress, record, *how)
         except EomgenError as error:
             if stream is not None:
@@ -151,7 +151,7 @@ def run_segments(
         whole = _good_rows(whole)
     work, wrench = whole.pop("work"), whole.pop("wrench", None)
     held = rests(kernel, whole["t"], whole["q"], whole["v"])
-    taken = leading(method, info, float(whole["t"][-1]))
+    taken = plan.leading(info, float(whole["t"][-1]))
     about: dict[str, Any] = {"method": taken, "info": info, "contacts": tuple(contacts), "rests": held}
     trajectory = Trajectory(**whole, coordinates=kernel.coordinates, **about)
     return SegmentedMotion(trajectory, EnergyBalance(work, trajectory.energy) if balance else None, wrench, stop)
@@ -206,7 +206,7 @@ def _piece(
     grid: Array,
     progress: Progress,
     record: Record | None,
-    method: str,
+    plan: IntegratorPlan,
     balance: bool,
     until: Until | None,
 ) -> tuple[dict[str, Array], Trajectory, IntegrationStopped | None]:
@@ -217,18 +217,22 @@ def _piece(
     """
     begin, end = span
     edges = piece_times(span, grid)
-    along = balance and not no_works(kernel, method, "")
+    along = balance and not plan.no_works(kernel)
     times, apart = (with_nodes(edges), PARTS) if balance and not along else (edges, 1)
     drive, wrench = between(loads, scenario, begin, end)
-    how = scenario.integrator
     stop: IntegrationStopped | None = None
-    options: dict[str, Any] = {"rtol": how.rtol, "atol": how.atol, "step": how.step}
-    options |= {"drive": drive, "wrench": wrench, "prescribed": loads.prescribed, "method": method, "works": along}
-    options["progress"] = lambda fraction, text: progress(fraction * end / scenario.duration, text)
+
+    def report(fraction: float, text: str) -> None:
+        progress(fraction * end / scenario.duration, text)
+
+    def moved(state: tuple[Array, Array], times: Array, **ending: Any) -> Trajectory:
+        system, start = system_of(kernel, drive, wrench, loads.prescribed), (state[0].copy(), state[1].copy())
+        return integrate_by(plan, system, start, times, progress=report, works=along, **ending)
+
     try:
-        part = integrate(kernel, *state, end, times=times, record=record, until=until, **options)
+        part = moved(state, times, record=record, until=until)
         if "ended_at" in part.info:
-            part, edges = (part, part.t) if apart == 1 else _to_the_end(kernel, part, edges, options)
+            part, edges = (part, part.t) if apart == 1 else _to_the_end(moved, part, edges)
             times = part.t
     except IntegrationStopped as error:
         if error.trajectory is None:
@@ -269,14 +273,19 @@ def between(loads: Loads, scenario: Scenario, begin: float, end: float) -> tuple
     return _Between(loads.drive, *inside, batched=True), wrench
 
 
-def _to_the_end(kernel: Kernel, part: Trajectory, edges: Array, options: Mapping[str, Any]) -> tuple[Trajectory, Array]:
-    """A piece that has ended between two edges with samples for its balance up to there, and its edges."""
+def _to_the_end(moved: Callable[..., Trajectory], part: Trajectory, edges: Array) -> tuple[Trajectory, Array]:
+    """A piece that has ended between two edges with samples for its balance up to there, and its edges.
+
+    Args:
+        moved: integrates from a state, q and v, over times.
+        part: the piece.
+        edges: its ends and the times of the grid in between, s.
+    """
     at = float(part.info["ended_at"])
     whole = int(np.searchsorted(edges, at))  # edges before the end, the first one at least
     first = PARTS * (whole - 1)
     edges = np.append(edges[:whole], at)
-    times = with_nodes(edges[-2:])
-    last = integrate(kernel, part.q[first], part.v[first], at, times=times, **options)
+    last = moved((part.q[first], part.v[first]), with_nodes(edges[-2:]))
     names = ("t", "q", "v", "u", "energy")
     rows: dict[str, Any] = {name: np.concatenate([getattr(part, name)[:first], getattr(last, name)]) for name in names}
     return replace(part, **rows), edges

@@ -32,7 +32,6 @@ from ..robot.parameter_names import expand_each, expand_tunable
 from ..robot.value import Robot
 from ..scenario.load import read_scenario, scenario_from_values
 from ..scenario.value import Scenario
-from ..simulation.assembly import may_run_in_c
 from ..simulation.initial import initial_state
 from .contents import SampleRow, manifest_of, row_check
 from .design import Design
@@ -112,8 +111,7 @@ def prepare(
     reason = why_not(robot, base)
     if reason and plan.engine.type == "rollout":
         plan.fail("engine.type", f'"rollout": {reason}; allowed: "auto", "integrate"')
-    in_c = plan.engine == Engine() and may_run_in_c(swept, base)  # exact to its tolerances, and as fast
-    rolls = plan.engine.type != "integrate" and not reason and not in_c
+    rolls = plan.engine.type != "integrate" and not reason and plan.engine != Engine()
     dimensions = tuple(dimension for dimension, _ in pairs)
     pace = (plan.engine.method, PERIOD, PERIOD) if rolls else None
     job = Job(

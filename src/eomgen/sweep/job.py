@@ -26,7 +26,7 @@ from ..scenario.load import scenario_from_values
 from ..scenario.value import Scenario
 from ..simulation.assembly import Assembly, assemble, kernels_of, with_kernel
 from ..simulation.result import SimulationResult
-from ..simulation.run import run_assembly
+from ..simulation.run import plan_of, run_assembly
 from ..simulation.together import POSE, go_together, run_together
 from .contents import SampleRow, finite_or_error
 from .measures import NEEDS, READS, Column, measure, rigid_pose
@@ -275,9 +275,10 @@ class SampleRunner:
             for assembly, motion in zip(assemblies, rolled, strict=True):
                 found.append(motion if isinstance(motion, EomgenError) else _result(job, assembly, nominal, motion))
             return found
-        if assemblies and not balance and go_together(nominal, scenario):
+        plan = plan_of(nominal, scenario)
+        if assemblies and not balance and go_together(nominal, plan):
             parts = {part for name in job.plan.record for part in READS.get(name, ())}
-            together = run_together(job.robot, scenario, assemblies, job.tool, parts)
+            together = run_together(job.robot, scenario, assemblies, plan, job.tool, parts)
             return _with_programs(nominal, together) if POSE in parts else together
         for assembly in assemblies:
             try:
