@@ -139,7 +139,9 @@ def _not_rolled(assembly: Assembly, how: IntegratorPlan) -> str:
     """Say why rollouts cannot do a scenario; "" where they can."""
     if assembly.until is not None:
         return "until: motions that end before the duration does are not part of rollouts"
-    return "" if how.in_c else how.not_in_c or f"integrator.method: {how.method} integrates in Python"
+    if how.in_c:
+        return ""
+    return how.not_in_c if how.reason else f"integrator.method: {how.method} integrates in Python"
 
 
 def _dimensions(
