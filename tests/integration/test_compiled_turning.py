@@ -11,8 +11,8 @@ import pytest
 from numpy.typing import NDArray
 
 from eomgen.integration import Until, integrate
-from eomgen.integration.compiled import METHODS, why_not
 from eomgen.integration.cubics import Cubics, hermite
+from eomgen.integration.plan import IN_C, why_not_in_c
 from eomgen.motion.point_to_point import Harmonic
 from eomgen.motion.splines import Standstill
 from eomgen.robot import build_model
@@ -66,11 +66,11 @@ def agree(kernel: Kernel, q: Array, v: Array, duration: float, method: str, **lo
 
     Links are compared, not angles: those that pass a pole next to it may go on as either triple of their rotation.
     """
-    assert not why_not(kernel, *(loads.get(name) for name in ("drive", "wrench", "prescribed")))
+    assert not why_not_in_c(kernel, *(loads.get(name) for name in ("drive", "wrench", "prescribed")))
     rtol = 1e-6 if method == "rosenbrock" else 1e-10
     found = integrate(kernel, q, v, duration, method=method, rtol=rtol, output_step=0.02, **loads)
     exact = integrate(kernel, q, v, duration, method="DOP853", rtol=1e-12, output_step=0.02, **loads)
-    assert found.method in METHODS
+    assert found.method in IN_C
     for link in kernel.links:
         mine, other = (np.asarray(kernel.frame_pose(x.q, link)) for x in (found, exact))
         assert np.abs(mine - other).max() <= LIMIT[method]
@@ -82,14 +82,14 @@ def agree(kernel: Kernel, q: Array, v: Array, duration: float, method: str, **lo
     return found
 
 
-@pytest.mark.parametrize("method", ["auto", *METHODS])
+@pytest.mark.parametrize("method", ["auto", *IN_C])
 @pytest.mark.parametrize("loads", [{}, {"drive": DRIVE, "wrench": PULL}])
 def test_a_free_body_over_the_poles(method: str, loads: dict[str, Any], built: Build) -> None:
     found = agree(built(tumbler(), *NEEDED), Q0, V0, 2.0, method, **loads)
     assert np.abs(np.cos(found.q[:, 4])).min() < 0.45
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", IN_C)
 def test_a_pendulum_on_a_ball_swings_over_the_pole_itself(method: str, built: Build) -> None:
     """About y alone, under a moment about it: beta passes 90 degrees, where no other angle has a meaning."""
     link = Link("bob", 1.0, (0.3, 0.0, 0.0), (0.01, 0.02, 0.02, 0.0, 0.0, 0.0))
@@ -156,7 +156,7 @@ def test_a_ball_on_a_base_that_shakes(built: Build) -> None:
     assert np.abs(found.u[:, 0]).max() > 1.0
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", IN_C)
 def test_a_closed_pendulum_under_loads(method: str, built: Build) -> None:
     """A free body of which a cut joint holds a point: closed in coordinates that are turned."""
     kernel = built(held_pendulum(), *INTEGRATED)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from eomgen import ArrayError, IntegrationError, UnknownNameError
-from eomgen.integration.solve import choose_method
+from eomgen.integration.plan import choose_method
 from eomgen.robot.value import Coordinate
 from eomgen.state.equilibrium import static_equilibrium
 from eomgen.state.springs import coordinate_sizes, stiffnesses

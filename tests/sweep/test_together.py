@@ -11,6 +11,7 @@ import pytest
 
 import eomgen
 from eomgen.robot.value import Robot
+from eomgen.simulation.run import plan_of
 from eomgen.sweep import job as jobs
 from eomgen.sweep.contents import SampleRow
 from eomgen.sweep.driver import prepare, run
@@ -68,7 +69,8 @@ def check_company(runner: SampleRunner, samples: list[list[float]], monkeypatch:
 @pytest.mark.parametrize("case", soaked(CASES, ("computed torque", "pd", "tsit5")))
 def test_samples_are_what_they_are_alone(case: str, monkeypatch: pytest.MonkeyPatch) -> None:
     runner, samples = rows_of(arm(), CASES[case], plan_from_toml(ARM_PLAN))
-    assert jobs.go_together(runner.nominal(())[1], runner.job.scenario())
+    scenario, assembly = runner.nominal(())
+    assert jobs.go_together(assembly, plan_of(assembly, scenario))
     found = check_company(runner, samples, monkeypatch)
     assert not any(row.error for row in found)
     assert len({row.record for row in found}) == len(found)

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from ..errors import EomgenError, IntegrationStopped
 from ..progress import Progress
 from ..runtime.kernel import Kernel
-from ..runtime.stepping.adaptive import DONE, STAGES, why_ended
-from ..runtime.stepping.given_loads import data_of
+from ..runtime.stepping.adaptive import DONE, why_ended
 from ..runtime.stepping.loaded import AUTO, Loaded
 from ..runtime.stepping.loads import LoadData
 from ..runtime.stepping.options import ErrorControl
-from ..state.vectors import DriveFunction, MotionFunction, WrenchFunction
 from .contacts import ContactWatch
 from .steps import Samples
 from .system import System
@@ -24,46 +21,8 @@ from .until import Reached
 
 Array = NDArray[np.float64]
 
-METHODS = tuple(STAGES)
 PART = 0.5  # of tolerances, for each step: errors of many add up
 KEPT = 1024  # steps of a call in which contacts are looked for
-
-
-def leading(method: str, info: Mapping[str, float], duration: float) -> str:
-    """Name of the method that led on for most of a duration, s, where both took turns; else the method."""
-    if method != AUTO:
-        return method
-    return "rosenbrock" if 2.0 * info.get("implicit_s", 0.0) > duration else "tsit5"
-
-
-def why_not(
-    kernel: Kernel,
-    drive: DriveFunction | None = None,
-    wrench: WrenchFunction | ArrayLike | None = None,
-    prescribed: MotionFunction | None = None,
-) -> str:
-    """Say what a motion lacks to be integrated by the kernel's C; empty where nothing is missing."""
-    if kernel.raw.adaptive is None:
-        return "the kernel was built without adaptive_rollout"
-    if kernel.dtype != np.float64:
-        return f"the kernel is {kernel.dtype}"
-    for label, function in (("drive", drive), ("wrench", wrench), ("prescribed", prescribed)):
-        if callable(function) and data_of(function) is None:
-            return f"the {label} is a function that only Python can call"
-    return ""
-
-
-def no_works(kernel: Kernel, method: str, slow: str) -> str:
-    """Say what a motion lacks to have its works integrated with it; empty where nothing is missing.
-
-    Args:
-        kernel: of the motion.
-        method: that is taken.
-        slow: why it is not the kernel's C, if that cannot do it.
-    """
-    if method not in (*METHODS, AUTO):
-        return f"{method} integrates in Python" + (f", because {slow}" if slow else "")
-    return f"{', '.join(kernel.raw.turning)} turns freely" if kernel.raw.turning else ""
 
 
 def compiled_states(

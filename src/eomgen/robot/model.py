@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 from ..errors import DescriptionError, UnknownNameError
 from ..names import (
@@ -49,6 +49,7 @@ from .value import (
 )
 
 FIXED_BODY = -1  # what hangs on the base without a moving joint
+KEPT = 16  # robots whose models are kept
 
 
 @dataclass(frozen=True)
@@ -260,7 +261,7 @@ class Model:
 
 
 def build_model(robot: Robot, *, with_followers: bool = False) -> Model:
-    """Order the tree, merge what fixed joints hold together, and list the parameters.
+    """Order the tree, merge what fixed joints hold together, and list the parameters; once for each robot.
 
     Args:
         robot: what the model is of.
@@ -270,6 +271,26 @@ def build_model(robot: Robot, *, with_followers: bool = False) -> Model:
         DescriptionError: no coordinate is active, so there is nothing to move; or a name is no identifier (the reader
             lets none through, but a Robot can be made without it), or forces that do not go together.
     """
+    return _model_of(_Same(robot), with_followers)
+
+
+@dataclass(frozen=True, eq=False)
+class _Same:
+    """A robot as a key that is equal to itself alone: equal numbers may have other signs of zero."""
+
+    robot: Robot
+
+    def __hash__(self) -> int:
+        return id(self.robot)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Same) and other.robot is self.robot
+
+
+@lru_cache(maxsize=KEPT)
+def _model_of(same: _Same, with_followers: bool) -> Model:
+    """Build and check a robot's model, once."""
+    robot = same.robot
     _check_names(robot)
     _check_forces(robot)
     bodies: list[Body] = []

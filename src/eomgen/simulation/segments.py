@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import EomgenError, IntegrationStopped
-from ..integration.compiled import leading, no_works
 from ..integration.contacts import Contact
+from ..integration.plan import IntegratorPlan
 from ..integration.resting import rests
-from ..integration.solve import integrate
+from ..integration.solve import integrate_by, system_of
 from ..integration.steps import Record, output_times
 from ..integration.trajectory import Trajectory
 from ..integration.until import Until
@@ -61,7 +61,7 @@ class SegmentOptions:
     motion is sampled for that, too.  until: what it ends at, if that comes before the duration does.
     """
 
-    method: str
+    plan: IntegratorPlan
     progress: Progress
     stream: MotionStream | None = None
     balance: bool = True
@@ -107,6 +107,8 @@ def run_segments(
 ) -> SegmentedMotion:
     """Integrate from q and v at t = 0 to the scenario's duration; errors as ``integrate``.
 
+    All pieces are integrated by the one plan.
+
     A motion that cannot go on is returned as far as whole output steps were reached; it is raised where there are none.
     """
     grid, stream = output_times(scenario.duration, scenario.output_step), options.stream
@@ -151,7 +153,7 @@ def run_segments(
         whole = _good_rows(whole)
     work, wrench = whole.pop("work"), whole.pop("wrench", None)
     held = rests(kernel, whole["t"], whole["q"], whole["v"])
-    taken = leading(options.method, info, float(whole["t"][-1]))
+    taken = options.plan.leading(info, float(whole["t"][-1]))
     about: dict[str, Any] = {"method": taken, "info": info, "contacts": tuple(contacts), "rests": held}
     trajectory = Trajectory(**whole, coordinates=kernel.coordinates, **about)
     return SegmentedMotion(
@@ -216,18 +218,22 @@ def _piece(
     """
     begin, end = span
     edges = piece_times(span, grid)
-    along = how.balance and not no_works(kernel, how.method, "")
+    along = how.balance and not how.plan.no_works(kernel)
     times, apart = (with_nodes(edges), PARTS) if how.balance and not along else (edges, 1)
     drive, wrench = between(loads, scenario, begin, end)
-    allowed = scenario.integrator
     stop: IntegrationStopped | None = None
-    options: dict[str, Any] = {"rtol": allowed.rtol, "atol": allowed.atol, "step": allowed.step}
-    options |= {"drive": drive, "wrench": wrench, "prescribed": loads.prescribed, "method": how.method, "works": along}
-    options["progress"] = lambda fraction, text: how.progress(fraction * end / scenario.duration, text)
+
+    def report(fraction: float, text: str) -> None:
+        how.progress(fraction * end / scenario.duration, text)
+
+    def moved(state: tuple[Array, Array], times: Array, **ending: Any) -> Trajectory:
+        system, start = system_of(kernel, drive, wrench, loads.prescribed), (state[0].copy(), state[1].copy())
+        return integrate_by(how.plan, system, start, times, progress=report, works=along, **ending)
+
     try:
-        part = integrate(kernel, *state, end, times=times, record=record, until=how.until, **options)
+        part = moved(state, times, record=record, until=how.until)
         if "ended_at" in part.info:
-            part, edges = (part, part.t) if apart == 1 else _to_the_end(kernel, part, edges, options)
+            part, edges = (part, part.t) if apart == 1 else _to_the_end(moved, part, edges)
             times = part.t
     except IntegrationStopped as error:
         if error.trajectory is None:
@@ -268,14 +274,19 @@ def between(loads: Loads, scenario: Scenario, begin: float, end: float) -> tuple
     return _Between(loads.drive, *inside, batched=True), wrench
 
 
-def _to_the_end(kernel: Kernel, part: Trajectory, edges: Array, options: Mapping[str, Any]) -> tuple[Trajectory, Array]:
-    """A piece that has ended between two edges with samples for its balance up to there, and its edges."""
+def _to_the_end(moved: Callable[..., Trajectory], part: Trajectory, edges: Array) -> tuple[Trajectory, Array]:
+    """A piece that has ended between two edges with samples for its balance up to there, and its edges.
+
+    Args:
+        moved: integrates from a state, q and v, over times.
+        part: the piece.
+        edges: its ends and the times of the grid in between, s.
+    """
     at = float(part.info["ended_at"])
     whole = int(np.searchsorted(edges, at))  # edges before the end, the first one at least
     first = PARTS * (whole - 1)
     edges = np.append(edges[:whole], at)
-    times = with_nodes(edges[-2:])
-    last = integrate(kernel, part.q[first], part.v[first], at, times=times, **options)
+    last = moved((part.q[first], part.v[first]), with_nodes(edges[-2:]))
     names = ("t", "q", "v", "u", "energy")
     rows: dict[str, Any] = {name: np.concatenate([getattr(part, name)[:first], getattr(last, name)]) for name in names}
     return replace(part, **rows), edges

@@ -20,7 +20,7 @@ from eomgen.errors import DescriptionError, InputError
 from eomgen.export.fmu.variables import parameter_unit
 from eomgen.export.mujoco import left_out
 from eomgen.integration import integrate
-from eomgen.integration.solve import why_stiff
+from eomgen.integration.plan import why_stiff
 from eomgen.pipeline.costs import RobotInfo
 from eomgen.robot.journals import Radial, SlidingFriction
 from eomgen.robot.laws import least_of

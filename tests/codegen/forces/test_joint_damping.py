@@ -19,7 +19,7 @@ from eomgen.codegen.program.ir import evaluate
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import DescriptionError, InputError
 from eomgen.export.fmu.variables import UNITS, parameter_unit
-from eomgen.integration.solve import choose_method
+from eomgen.integration.plan import choose_method
 from eomgen.pictures import report_of
 from eomgen.pipeline.costs import RobotInfo
 from eomgen.robot.joint_damping import JointDamping

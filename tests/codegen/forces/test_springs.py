@@ -14,7 +14,8 @@ from eomgen.codegen.kernels.equations import derive, derive_equations
 from eomgen.codegen.tree.bound import bind
 from eomgen.codegen.tree.frames import choose_frames
 from eomgen.errors import InputError
-from eomgen.integration.solve import choose_method, integrate
+from eomgen.integration.plan import choose_method
+from eomgen.integration.solve import integrate
 from eomgen.integration.steps import fixed_step
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Coordinate, Joint, Link, Placement, Robot, Spring
