@@ -48,7 +48,12 @@ class Contents:
         """
         if name not in self.plain:
             raise InputError(f"{self.path}: the key {name!r} is missing; {ALLOWED}")
-        return value_of(kind, self.plain[name], f"{self.path}: {name}", largest)
+        given = self.plain[name]
+        if is_dataclass(kind) and isinstance(given, Mapping):  # whatever its fields are where none is given
+            for field in fields(kind):
+                if field.name not in given:
+                    raise InputError(f"{self.path}: {name}: the key {field.name!r} is missing; {ALLOWED}")
+        return value_of(kind, given, f"{self.path}: {name}", largest)
 
     def array(self, name: str, stored: Stored) -> Any:
         """Return an array of the file by name, of the type that is declared; its shape is not checked.
