@@ -1,6 +1,5 @@
 """Generalized forces: laws of coordinates, measured curves, springs between points, journals, whole joints, wrenches.
 
-A new law is an entry of ``robot.laws`` and its formula in ``laws``; a new kind of force a class in a file
-of its own, and an entry of ``elements``.
+A new law is an entry of ``robot.laws`` and its formula in ``laws``; a new kind of force a class in ``elements``.
 Uses robot, program and tree.
 """

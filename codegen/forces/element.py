@@ -83,7 +83,7 @@ class Slopes:
 
 
 class ImplicitShare(ABC):
-    """What elements add to M + c D + c^2 K of an implicit method, and to the forces on its right side.
+    """Shares of elements in M + c D + c^2 K of an implicit method, and in the forces on its right side.
 
     q, v: where forces are taken, (n,) each; ``ahead`` is how long velocities have led there, 0 in stages.
     members: what families have made there, by family, so that it is made once.
