@@ -209,7 +209,7 @@ def test_batches_and_float32(seed: int, built: Build) -> None:
     """The robot with all families: batches have the numbers of single states, and float32 nearly so."""
     robot = robot_from_toml(robot_with(*ELEMENTS))
     names = ("generalized_force", "energy")
-    kernel, single = built(robot, kernels=names), built(robot, kernels=names, dtype="float32")
+    kernel, single = built(robot, *names), built(robot, *names, dtype="float32")
     rng = np.random.default_rng(seed)
     q, v = rng.uniform(-0.3, 0.3, (9, kernel.n)), rng.uniform(-1.0, 1.0, (9, kernel.n))
     for name in names:
