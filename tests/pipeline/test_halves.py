@@ -62,6 +62,7 @@ def test_a_batch_needs_no_single_state(compiled: Compiled) -> None:
     kernel = eomgen.build("one_link")
     kernel.frame_pose(MANY, "link1")
     kernel.blocks(MANY)
+    kernel.mass_matrix(MANY)
     assert compiled.new() == ["batches"] * 3
     assert kernel.mass_matrix.takes_many  # type: ignore[attr-defined]
     assert not kernel.mass_matrix.is_armed  # type: ignore[attr-defined]

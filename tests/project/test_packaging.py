@@ -139,5 +139,6 @@ def test_the_version_is_written_once() -> None:
     text = re.escape(eomgen.__version__)
     files = [ROOT / "pyproject.toml"]
     files += [path for folder in (*PLACES, "tests") for path in (ROOT / folder).rglob("*") if path.suffix in SHIPPED]
+    files = [path for path in files if "results" not in path.parts]  # kept results say what wrote them
     found = [path.name for path in files if re.search(rf"(?<![\d.]){text}(?![\d.])", path.read_text(encoding="utf-8"))]
     assert found == ["_version.py"]

@@ -48,7 +48,7 @@ class Rollout(tuple[Array, Array]):
 
 @dataclass(frozen=True)
 class Inputs:
-    """What moves a robot in a rollout, as of ``Kernel.rollout``: states at the beginning, drives, a controller."""
+    """States at the beginning of a rollout, drives and a controller, as ``Kernel.rollout`` takes them."""
 
     q0: ArrayLike
     v0: ArrayLike
