@@ -298,7 +298,7 @@ def names_in_scenarios(robot: Robot) -> dict[str, str]:
 
 
 class _Followed(NamedTuple):
-    """What drives follow: their coordinates and program, what moves besides, and the mechanism that both close."""
+    """Coordinates of drives and their program, what moves besides, and the mechanism that both close."""
 
     driven: tuple[str, ...]
     program: Program | None
