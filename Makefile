@@ -4,7 +4,7 @@
 #   make test     lint, then the whole test suite
 #   make lint     ruff (lint and format), mypy --strict, and which room may import which
 #   make bench    counts, times, precision beside Newton-Euler, Pinocchio, MuJoCo, CasADi, SciPy; of batches, builds, processors
-#   make soak     the long tests
+#   make soak     the long tests, with a share of their random cases; EOMGEN_SOAK=all make soak tries all: hours
 #   make docs     build the documentation into out/site: open index.html there; warnings are errors
 #   make notebooks run the notebooks of examples/notebooks; copies with all that they show in out/notebooks
 #   make mutation mutation testing of the derivation, ten minutes of one core; writes docs/mutation.md

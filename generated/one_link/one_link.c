@@ -719,9 +719,9 @@ static void one_link_saturated(const one_link_drive *restrict drive, double *res
 /* Drives at a step: u + kp (target - q - ahead v) - kd v, within their efforts; slope as of one_link_saturated. */
 static void one_link_drives(const one_link_drive *restrict drive, size_t state, size_t here, size_t step, const double *restrict q, const double *restrict v, double ahead, double *restrict u, double *restrict slope)
 {
-    double target[2];
     one_link_load(&drive->u[state * drive->u_state + step * drive->u_step], drive->u_state, here, u);
     if (drive->kp != NULL) {
+        double target[2];
         one_link_load(&drive->target[state * drive->target_state + step * drive->target_step], drive->target_state, here, target);
         for (int i = 0; i < 2; ++i) {
             u[i] += drive->kp[i] * (target[i] - q[i] - ahead * v[i]) - drive->kd[i] * v[i];
@@ -1170,7 +1170,9 @@ static void one_link_timed(const double *here, const one_link_clock *restrict cl
     for (int l = 0; l < clock->here; ++l) {
         double inside[2];
         one_link_answered(clock->loads[l], given[l], answer[l], u[l], inside);
-        for (int i = 0; (slope != NULL) && (i < 2); ++i) { slope[i] = (clock->loads[l]->effort == NULL) ? 1.0 : inside[i]; }
+        if (slope != NULL) {
+            for (int i = 0; i < 2; ++i) { slope[i] = (clock->loads[l]->effort == NULL) ? 1.0 : inside[i]; }
+        }
         double pushed[2];
         (void)memset(pushed, 0, sizeof pushed);
         if (clock->loads[l]->wrenches > 0U) { one_link_wrenched(clock->loads[l], here, t[l], own[l], pushed); }
@@ -1433,8 +1435,10 @@ static void one_link_tsit5(const double *restrict h, const one_link_drive *restr
         double moved = 0.0;
         for (int i = 0; i < 2; ++i) {
             const double size = (double)allowed->atol[2 + i] + allowed->rtol * fabs(v_end[i]);
-            const double by_a = (v_rate[6][i] - v_rate[5][i]) / size;
-            const double by_v = (q_rate[6][i] - q_rate[5][i]) / size;
+            const double change_v = v_rate[6][i] - v_rate[5][i];
+            const double change_q = q_rate[6][i] - q_rate[5][i];
+            const double by_a = change_v / size;
+            const double by_v = change_q / size;
             change += by_a * by_a;
             moved += by_v * by_v;
         }
@@ -3111,9 +3115,9 @@ static void one_link_saturated_lanes(const one_link_drive *restrict drive, lanes
 /* Drives at a step: u + kp (target - q - ahead v) - kd v, within their efforts; slope as of one_link_saturated. */
 static void one_link_drives_lanes(const one_link_drive *restrict drive, size_t state, size_t here, size_t step, const lanes *restrict q, const lanes *restrict v, double ahead, lanes *restrict u, lanes *restrict slope)
 {
-    lanes target[2];
     one_link_load_lanes(&drive->u[state * drive->u_state + step * drive->u_step], drive->u_state, here, u);
     if (drive->kp != NULL) {
+        lanes target[2];
         one_link_load_lanes(&drive->target[state * drive->target_state + step * drive->target_step], drive->target_state, here, target);
         for (int i = 0; i < 2; ++i) {
             u[i] += drive->kp[i] * (target[i] - q[i] - ahead * v[i]) - drive->kd[i] * v[i];
@@ -3581,7 +3585,9 @@ static void one_link_timed_lanes(const double *here, const one_link_clock_lanes 
     for (int l = 0; l < clock->here; ++l) {
         double inside[2];
         one_link_answered(clock->loads[l], given[l], answer[l], u[l], inside);
-        for (int i = 0; (slope != NULL) && (i < 2); ++i) { LANE(slope[i], l) = (clock->loads[l]->effort == NULL) ? 1.0 : inside[i]; }
+        if (slope != NULL) {
+            for (int i = 0; i < 2; ++i) { LANE(slope[i], l) = (clock->loads[l]->effort == NULL) ? 1.0 : inside[i]; }
+        }
         double pushed[2];
         (void)memset(pushed, 0, sizeof pushed);
         if (clock->loads[l]->wrenches > 0U) { one_link_wrenched(clock->loads[l], here, t[l], own[l], pushed); }

@@ -33,7 +33,7 @@ def by_columns(block: Array, function: DifferentiableFunction, shape: tuple[int,
     return np.asarray(four.reshape(int(np.prod(rows)), int(np.prod(columns))))
 
 
-@pytest.mark.parametrize("seed", seeds(4100, 1, 60))
+@pytest.mark.parametrize("seed", seeds(4100, 1, 60, soak=4))
 def test_values_and_jacobians_are_the_kernels(seed: int, built: Build, figures: Figures) -> None:
     """All functions, compiled without a warning; sparse where something vanishes identically."""
     robot = sample(seed)
@@ -96,7 +96,7 @@ def test_forward_and_reverse_modes(built: Build) -> None:
     assert np.allclose(np.array(reverse(s.q, s.v, s.a))[:, 0], J.T @ s.a, rtol=1e-12, atol=1e-12)
 
 
-@pytest.mark.parametrize("seed", seeds(4100, 1, 20))
+@pytest.mark.parametrize("seed", seeds(4100, 1, 20, soak=4))
 def test_hessians_are_the_kernels(seed: int, built: Build, figures: Figures) -> None:
     """Of expressions with all functions: casadi.hessian against the kernel's derivatives by hand."""
     robot = sample(seed)

@@ -15,9 +15,10 @@ from tests.support.adapter_samples import built_for, differences, functions_of, 
 from tests.support.builds import Build
 from tests.support.figures import Figures
 from tests.support.random_robots import random_robot, seeds
+from tests.support.soak import WHOLE
 
 
-@pytest.mark.parametrize("seed", [4100, *seeds(4101, 0, 59)])
+@pytest.mark.parametrize("seed", [4100, *seeds(4101, 0, 59, soak=4)])
 def test_derivatives_are_those_of_complex_steps(seed: int, built: Build, figures: Figures) -> None:
     """Of all functions by all arguments; of frames, whose programs are parts, those of central differences."""
     robot = sample(seed)
@@ -42,7 +43,7 @@ def test_derivatives_are_those_of_complex_steps(seed: int, built: Build, figures
         figures.count("functions")
 
 
-@pytest.mark.parametrize("seed", seeds(4100, 1, 30))
+@pytest.mark.parametrize("seed", seeds(4100, 1, 30, soak=4))
 def test_second_derivatives_are_those_of_the_first(seed: int, built: Build, figures: Figures) -> None:
     """Of all functions against central differences of the exact Jacobian, and of weighted results; zeros are zeros."""
     robot = sample(seed)
@@ -156,7 +157,10 @@ def test_accelerations_with_loops(built: Build) -> None:
     assert set(kernels_for("constraint", order=1)) == set(FUNCTIONS["constraint"].kernels)
 
 
-@pytest.mark.parametrize("name", ["four_bar", pytest.param("gough", marks=pytest.mark.soak)])
+@pytest.mark.parametrize(
+    "name",
+    ["four_bar", *(pytest.param(name, marks=pytest.mark.soak) for name in (["gough"] if WHOLE else ["bennett"]))],
+)
 def test_drives_with_loops(name: str, built: Build) -> None:
     """Drives of the kernel on a motion, with derivatives there and beside it."""
     robot = eomgen.load_robot(name)

@@ -12,6 +12,7 @@ import pytest
 
 from tests.support.file_mutants import FILES, any_mutant, good
 from tests.support.mutations import DOCUMENTS, XML, as_document, as_xml
+from tests.support.soak import WHOLE
 
 pytest.importorskip("atheris", reason="atheris has no wheel for this Python and machine")
 ROOT = Path(__file__).parents[2]
@@ -64,6 +65,6 @@ def test_a_few_guided_inputs(kind: str, tmp_path: Path) -> None:
 @pytest.mark.soak
 @pytest.mark.parametrize("kind", ["toml", "urdf", "mjcf", "scenario", "plan", *FILES])
 def test_guided_inputs(kind: str, tmp_path: Path) -> None:
-    seconds = 90 if kind in ("toml", "urdf") else 30
+    seconds = 90 if kind in ("toml", "urdf") and WHOLE else 20
     tried = guided(kind, tmp_path, "-timeout=2", f"-max_total_time={seconds}")
     print(f"\natheris, {kind}: {tried} inputs in {seconds} s")

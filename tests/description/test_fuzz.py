@@ -20,9 +20,10 @@ from eomgen.robot.value import Robot
 from tests.support import fuzzing
 from tests.support.fuzzing import accepted
 from tests.support.mutations import mutant
+from tests.support.soak import WHOLE, share
 
 ROOT = Path(__file__).parents[2]
-BLOCK = 50_000
+BLOCK = 50_000 if WHOLE else 10_000
 BLOCKS = {
     "toml": 10,
     "urdf": 10,
@@ -51,7 +52,9 @@ def test_mutants_are_refused_or_read(kind: str) -> None:
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize(("kind", "block"), [(kind, block) for kind, count in BLOCKS.items() for block in range(count)])
+@pytest.mark.parametrize(
+    ("kind", "block"), [(kind, block) for kind, count in BLOCKS.items() for block in share(range(count), 2)]
+)
 def test_a_million_mutants(kind: str, block: int) -> None:
     report = fuzzed(kind, block * BLOCK, BLOCK)
     print(

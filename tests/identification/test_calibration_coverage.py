@@ -10,6 +10,7 @@ from eomgen.identification import CalibrationResult, calibrate, poses_from_colum
 from eomgen.identification.geometry.rotations import vectors_of
 from eomgen.robot.model import build_model
 from tests.support.measured_poses import Trial, chain, trial
+from tests.support.soak import WHOLE
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -57,7 +58,9 @@ def elsewhere(found: CalibrationResult, made: Trial, seed: int) -> Array:
 
 @pytest.mark.parametrize("is_known", [False, pytest.param(True, marks=pytest.mark.soak)])
 @pytest.mark.parametrize(
-    ("arms", "about"), [(12, 0.06), pytest.param(1000, 0.02, marks=pytest.mark.soak)], ids=["some", "many"]
+    ("arms", "about"),
+    [(12, 0.06), pytest.param(1000 if WHOLE else 150, 0.02, marks=pytest.mark.soak)],
+    ids=["some", "many"],
 )
 def test_intervals_cover(arms: int, about: float, is_known: bool) -> None:
     """95 % of them, with the noise known (normal) and estimated (Student's t)."""

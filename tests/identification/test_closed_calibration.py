@@ -133,7 +133,7 @@ def found_of(robot: Robot, columns: dict[str, Array], **options: object) -> Cali
     return calibrate(robot, poses, **{"folds": 0, **options})  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize(("name", "drives"), [("gough", GOUGH), ("delta", DELTA)])
+@pytest.mark.parametrize(("name", "drives"), [("gough", GOUGH), pytest.param("delta", DELTA, marks=pytest.mark.soak)])
 def test_blind_platforms_are_fitted_to_the_noise(
     name: str, drives: dict[str, tuple[float, float]], tmp_path: Path
 ) -> None:

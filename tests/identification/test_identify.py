@@ -249,16 +249,16 @@ def peak_of(robot: Robot, motion: MeasuredMotion, kernel: eomgen.Kernel, terms: 
 
 @pytest.mark.parametrize("more", [(), ("delay", "stribeck")])
 def test_columns_of_all_samples_are_never_in_memory(more: tuple[str, ...], built: Build) -> None:
-    """20000 samples more need some arrays of their own size, (T, n), however many columns there are."""
-    robot, (t, q, v, a) = arm(), swing(40000)
+    """8000 samples more need some arrays of their own size, (T, n), however many columns there are."""
+    robot, (t, q, v, a) = arm(), swing(16000)
     whole, bare = kernels(robot, built)
     u = np.asarray(whole.inverse_dynamics(q, v, a)) + 0.01 * np.random.default_rng(5).standard_normal(q.shape)
     peaks, terms = [], (*TERMS, *more)
-    for samples in (20000, 40000):
+    for samples in (8000, 16000):
         columns = {"t": t[:samples]}
         for i, name in enumerate(bare.coordinates):
             columns |= {name: q[:samples, i], f"{name}.rate": v[:samples, i], f"{name}.acceleration": a[:samples, i]}
             columns |= {f"{name}.drive": u[:samples, i]}
         motion = motion_from_columns(columns, bare.coordinates)
         peaks.append(peak_of(robot, motion, bare, terms))
-    assert peaks[1] - peaks[0] < 28 * q[20000:].nbytes  # one copy of 16 columns is 16 of these
+    assert peaks[1] - peaks[0] < 28 * q[8000:].nbytes  # one copy of 16 columns is 16 of these

@@ -431,7 +431,9 @@ def test_the_shape_of_stribecks_curve_of_blind_arms(seed: int, shape: str, built
     for i, name in enumerate(kernel.coordinates):
         for part, truth in (("breakaway", excess[i]), (key, rate[i])):
             entry = found.further[f"{name}.{part}"]
-            assert abs(entry.value - truth) < 4.0 * entry.deviation < 2.0 * truth
+            assert entry.deviation < 0.5 * truth
+            # a jackknife's, of few reversals: 6 of these are as rare as 3.5 where deviations are known
+            assert abs(entry.value - truth) < 6.0 * entry.deviation
         friction = found.robot.joint(name.partition(".")[0]).coordinates["gamma"].friction
         assert friction is not None
         assert friction.shape == (None if shape == "lorentzian" else shape)

@@ -20,6 +20,7 @@ from eomgen.robot.model import build_model
 from tests.identification.test_calibration import write_csv
 from tests.identification.test_calibration_coverage import KINDS, NOISE, elsewhere, with_truth
 from tests.support.measured_poses import Trial, chain, trial
+from tests.support.soak import WHOLE
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -125,7 +126,9 @@ def test_matrices_of_going_on_are_the_dense_ones() -> None:
 
 
 @pytest.mark.parametrize(
-    ("arms", "about"), [(15, 0.04), pytest.param(300, 0.015, marks=pytest.mark.soak)], ids=["some", "many"]
+    ("arms", "about"),
+    [(6, 0.04), pytest.param(300 if WHOLE else 80, 0.02, marks=pytest.mark.soak)],
+    ids=["some", "many"],
 )
 def test_intervals_cover_where_errors_go_on(arms: int, about: float) -> None:
     """At a correlation of 0.8 intervals cover 95 %, of poses elsewhere and of parameters; they were 80 %."""

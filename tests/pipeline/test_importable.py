@@ -73,8 +73,8 @@ def test_paths_with_line_ends_are_quoted(
     for words in (
         ["check", str(description)],
         ["simulate", str(description)],
-        ["fit", "puma560_elastic", str(table)],
-        ["modes", "puma560_elastic", "--along", str(arrays)],
+        ["fit", "one_link", str(table)],
+        ["modes", "one_link", "--along", str(arrays)],
         ["simulate", "one_link", "--duration", "0.01", "--no-plots", "-o", str(folder / "out")],
         ["generate", "one_link", "--kernels", "energy", "-o", str(folder)],
     ):

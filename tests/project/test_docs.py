@@ -46,6 +46,7 @@ VOID = {
     "col",
 }  # elements without an end
 GALLERY = "one_link puma560_elastic four_bar"  # pictures that pages show, and a closed mechanism
+SLOW = ("howto/compensate.md", "howto/excite.md", "howto/identify.md", "live.md")  # of whose blocks some take 10 s
 NOTEBOOKS = "none"  # shown without outputs; test_notebooks.py runs them
 PAGES = sorted(path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*.md"))
 
@@ -60,7 +61,10 @@ def hooks() -> ModuleType:
     return module
 
 
-@pytest.mark.parametrize("name", [name for name in PAGES if name not in ELSEWHERE])
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(x, marks=pytest.mark.soak) if x in SLOW else x for x in PAGES if x not in ELSEWHERE],
+)
 def test_blocks_run(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", list(sys.path))

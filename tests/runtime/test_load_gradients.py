@@ -26,6 +26,7 @@ from tests.runtime.test_rollout_gradients import DT, KERNELS, METHODS, STEPS, Lo
 from tests.runtime.test_rollout_sensitivities import Evaluated
 from tests.support.builds import Build
 from tests.support.random_robots import random_robot, some_prescribed
+from tests.support.soak import share
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -376,7 +377,7 @@ def test_what_is_wrong_is_named(built: Build) -> None:
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", share(range(12), 4))
 @pytest.mark.parametrize("method", METHODS)
 def test_random_robots(method: str, seed: int, built: Build, monkeypatch: pytest.MonkeyPatch) -> None:
     """With and without prescribed coordinates: gradients are sensitivities and differences."""

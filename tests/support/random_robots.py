@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from eomgen.robot.geometry import IDENTITY, Matrix
 from eomgen.robot.model import build_model
 from eomgen.robot.value import ANGULAR, COORDINATES, PRINCIPAL, Coordinate, Frame, Joint, Link, Loop, Placement, Robot
+from tests.support.soak import SHARE, share
 
 Array = NDArray[np.float64]
 RIGHT_ANGLES = (0.0, np.pi / 2, -np.pi / 2, np.pi)
@@ -104,10 +105,10 @@ def with_random_loops(robot: Robot, seed: int | np.random.Generator, types: Sequ
     return replace(robot, loops=tuple(loops))
 
 
-def seeds(first: int, quick: int, all_of_them: int) -> list[Any]:
-    """Seeds of a test from the first on: the quick ones always, the others in ``make soak``."""
-    soak = [pytest.param(seed, marks=pytest.mark.soak) for seed in range(first + quick, first + all_of_them)]
-    return [*range(first, first + quick), *soak]
+def seeds(first: int, quick: int, all_of_them: int, soak: int = SHARE) -> list[Any]:
+    """Seeds of a test from the first on: the quick ones always, so many of the others in ``make soak``."""
+    further = share(range(first + quick, first + all_of_them), soak)
+    return [*range(first, first + quick), *(pytest.param(seed, marks=pytest.mark.soak) for seed in further)]
 
 
 def random_state(robot: Robot, seed: int | np.random.Generator) -> State:

@@ -204,9 +204,6 @@ def _frame_functions(jax: Any, jnp: Any, there: DifferentiableFunction) -> Calla
     def turned(q: Array, rates: Array) -> Array:
         return kernel.jvp("frame_jacobian", (q, frame), (rates,))
 
-    if kernel.follower_names and there.name == "frame_jacobian":  # built here: JAX's threads flush denormal numbers
-        for lead in ((), (2,)):
-            turned(*(np.zeros((*lead, kernel.n), kernel.dtype),) * 2)
     moved = jax.ShapeDtypeStruct(kernel.raw.shapes["jacobian"], kernel.dtype)
     compiled = _callback(jax, turned, (*there.inputs, *there.inputs), moved)
 

@@ -15,6 +15,7 @@ from ..errors import BuildError
 from ..progress import StageReport, no_report
 from ..runtime.direct import NAME, Face
 from . import cache as store
+from .denormals import with_denormals
 from .load import load_module
 
 if TYPE_CHECKING:
@@ -122,7 +123,7 @@ def _make(compiler: Compiler, key: str, folder: Path) -> None:
     from .direct_check import check_extension
 
     write_extension(compiler, folder)
-    check_extension(store.unfinished(KIND, key, folder), compiler)
+    with_denormals(lambda: check_extension(store.unfinished(KIND, key, folder), compiler))
 
 
 def _try_to_make(compiler: Compiler) -> None:

@@ -37,6 +37,7 @@ from ..runtime.kernel import Kernel
 from ..runtime.levels import BASE, LEVELS, NATIVE, allowed_levels
 from . import cache as store
 from . import direct_calls
+from .denormals import prepare, with_denormals
 from .folders import new_folder, put_folder
 from .generator_key import generator_hash
 from .importable import check_module_name
@@ -170,6 +171,7 @@ def _on_demand(
     from ..codegen.kernels.interface import describe_kernels
     from ..codegen.package.compile import find_compiler
 
+    prepare()
     compiler, model = find_compiler(), build_model(robot)
     fixed = replace(options, level=build_level(options, compiler))
     build_flags(fixed, compiler)
@@ -338,7 +340,7 @@ def make_package(
         write_package(source, compiler, flags, folder, level)
         if tried:
             made = store.unfinished("packages", key, folder)
-            check_package(made, source, derived.files[_SAMPLES], compiler, flags)
+            with_denormals(lambda: check_package(made, source, derived.files[_SAMPLES], compiler, flags))
 
     return store.entry("packages", key, make)
 
@@ -375,7 +377,7 @@ def make_source(robot: Robot, options: Options, progress: StageReport = no_repor
 def _derived(robot: Robot, options: Options, progress: StageReport) -> store.Entry:
     """The source of a robot's kernels and samples of what they compute, derived or from the cache."""
     key = _source_key(robot, options)
-    return store.entry("sources", key, lambda folder: _derive(robot, options, folder, progress))
+    return store.entry("sources", key, lambda folder: with_denormals(lambda: _derive(robot, options, folder, progress)))
 
 
 def _source(derived: store.Entry) -> Source:

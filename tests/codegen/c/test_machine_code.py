@@ -43,6 +43,7 @@ from tests.support.c_driver import (
 )
 from tests.support.c_sources import check_symbols
 from tests.support.random_robots import random_robot, with_random_loops
+from tests.support.soak import WHOLE
 
 COMPILERS = ("gcc", "clang")
 LEVELS = ("-O0", "-O2", "-O3")
@@ -88,7 +89,9 @@ QUICK = (("one_link", "float64"), ("small_arm", "float32"))
 SHORT = (QUICK[0], pytest.param(*QUICK[1], marks=pytest.mark.soak))
 LARGE = ("puma560_elastic", "two_arms")
 SINGLE = ("small_tree", "four_bar", "puma560", "worn_arm")  # in float, too
-SOAK = [(name, "float64") for name in CORPUS if name != "one_link"] + [(name, "float32") for name in SINGLE]
+FEW = ("small_tree", "looped_tree", "free_tree", "four_bar", "worn_arm", "balanced_arm")  # a share of the soak's
+SOAK = [(name, "float64") for name in CORPUS if name != "one_link" and (WHOLE or name in FEW)]
+SOAK += [(name, "float32") for name in SINGLE if WHOLE or name in FEW[:1]]
 corpus = pytest.mark.parametrize(
     ("name", "dtype"), [*SHORT, *(pytest.param(*case, marks=pytest.mark.soak) for case in SOAK)]
 )

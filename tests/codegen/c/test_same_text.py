@@ -17,6 +17,7 @@ from eomgen.codegen.package.compile import carried_files
 from eomgen.pipeline.stages import Options, generate
 from eomgen.runtime.levels import BASE
 from tests.support.pythons import PYTHONS, interpreter
+from tests.support.soak import share
 
 ROOT = Path(__file__).parents[3]
 SEEDS = 100
@@ -50,7 +51,7 @@ def digests(python: str, names: tuple[str, ...], seed: int, path: str = "") -> d
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("part", range(4))
+@pytest.mark.parametrize("part", share(range(4), 1))
 def test_a_hundred_hash_seeds(part: int) -> None:
     """Of small robots with every seed, of large ones with some."""
     began, seen = time.perf_counter(), 0

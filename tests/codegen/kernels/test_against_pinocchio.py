@@ -16,6 +16,7 @@ from eomgen.robot.value import COORDINATES, PRINCIPAL, Coordinate, Robot
 from tests.support.builds import Build
 from tests.support.description_samples import example_urdfs
 from tests.support.random_robots import Array, random_robot, random_state, seeds
+from tests.support.soak import share
 
 pytest.importorskip("pinocchio")
 from tests.oracles.pinocchio_models import PinocchioOracle, UrdfOracle
@@ -158,7 +159,7 @@ def test_random_trees(seed: int, built: Build) -> None:
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("seed", range(1000, 1300))
+@pytest.mark.parametrize("seed", share(range(1000, 1300)))
 def test_many_random_trees(seed: int, built: Build) -> None:
     check_every_kernel(seed, built)
 

@@ -15,6 +15,7 @@ from tests.support.figures import Figures
 from tests.support.many_descriptions import check_descriptions
 from tests.support.many_laws import CHECKS
 from tests.support.many_robots import FORMS, ROBOTS, Subject, many_robot, named, subject
+from tests.support.soak import share
 
 pytest.importorskip("pinocchio")
 pytest.importorskip("mujoco")
@@ -51,7 +52,7 @@ def test_a_few_robots(number: int, built: Build, figures: Figures, empty_cache: 
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("first", range(0, ROBOTS, BLOCK))
+@pytest.mark.parametrize("first", share(range(0, ROBOTS, BLOCK), 5))
 def test_a_thousand_robots(first: int, built: Build, figures: Figures, empty_cache: Path) -> None:
     for number in range(first, first + BLOCK):
         check(number, built, figures, empty_cache)

@@ -1,0 +1,20 @@
+"""How many random cases the soak tries of a test that has many: a share, spread over all of them, or every one."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from typing import TypeVar
+
+Case = TypeVar("Case")
+
+VARIABLE = "EOMGEN_SOAK"  # "all" tries every case; see the Makefile
+WHOLE = os.environ.get(VARIABLE) == "all"
+SHARE = 6
+
+
+def share(cases: Sequence[Case], most: int = SHARE) -> list[Case]:
+    """Return at most so many of the cases, the first one and others at even distances; all where the soak has time."""
+    if WHOLE or len(cases) <= most:
+        return list(cases)
+    return [cases[i * len(cases) // most] for i in range(most)]
