@@ -8,7 +8,9 @@ from typing import Concatenate, Generic, ParamSpec, TypeVar
 
 KEPT = 16  # objects whose values a function keeps
 
-Owner, Value, Further = TypeVar("Owner"), TypeVar("Value"), ParamSpec("Further")
+Owner = TypeVar("Owner")
+Value = TypeVar("Value")
+Further = ParamSpec("Further")
 
 
 class _Same(Generic[Owner]):
