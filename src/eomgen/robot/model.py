@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 from ..errors import DescriptionError, UnknownNameError
 from ..names import (
@@ -25,6 +25,7 @@ from ..names import (
     parameter_path,
     show,
 )
+from ..once import kept
 from .cuts import CUTS, rigid_parts
 from .joint_damping import damping_conflict
 from .journals import radial_conflict
@@ -49,7 +50,6 @@ from .value import (
 )
 
 FIXED_BODY = -1  # what hangs on the base without a moving joint
-KEPT = 16  # robots whose models are kept
 
 
 @dataclass(frozen=True)
@@ -260,6 +260,7 @@ class Model:
         return [k for k, other in enumerate(self.bodies) if other.parent == body]
 
 
+@kept
 def build_model(robot: Robot, *, with_followers: bool = False) -> Model:
     """Order the tree, merge what fixed joints hold together, and list the parameters; once for each robot.
 
@@ -271,26 +272,6 @@ def build_model(robot: Robot, *, with_followers: bool = False) -> Model:
         DescriptionError: no coordinate is active, so there is nothing to move; or a name is no identifier (the reader
             lets none through, but a Robot can be made without it), or forces that do not go together.
     """
-    return _model_of(_Same(robot), with_followers)
-
-
-@dataclass(frozen=True, eq=False)
-class _Same:
-    """A robot as a key that is equal to itself alone: equal numbers may have other signs of zero."""
-
-    robot: Robot
-
-    def __hash__(self) -> int:
-        return id(self.robot)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Same) and other.robot is self.robot
-
-
-@lru_cache(maxsize=KEPT)
-def _model_of(same: _Same, with_followers: bool) -> Model:
-    """Build and check a robot's model, once."""
-    robot = same.robot
     _check_names(robot)
     _check_forces(robot)
     bodies: list[Body] = []
