@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import lru_cache, wraps
-from typing import Concatenate, Generic, ParamSpec, TypeVar
+from typing import Any, Generic, TypeVar, cast
 
 KEPT = 16  # objects whose values a function keeps
 
 Owner = TypeVar("Owner")
-Value = TypeVar("Value")
-Further = ParamSpec("Further")
+Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 class _Same(Generic[Owner]):
@@ -26,15 +25,15 @@ class _Same(Generic[Owner]):
         return isinstance(other, _Same) and other.owner is self.owner
 
 
-def kept(function: Callable[Concatenate[Owner, Further], Value]) -> Callable[Concatenate[Owner, Further], Value]:
+def kept(function: Function) -> Function:
     """Return the function, which keeps what it gives for the last ``KEPT`` objects; errors are raised each time."""
 
     @lru_cache(maxsize=KEPT)
-    def value(same: _Same[Owner], *args: Further.args, **further: Further.kwargs) -> Value:
+    def value(same: _Same[Any], *args: Any, **further: Any) -> Any:
         return function(same.owner, *args, **further)
 
     @wraps(function)
-    def found(owner: Owner, *args: Further.args, **further: Further.kwargs) -> Value:
+    def found(owner: Any, *args: Any, **further: Any) -> Any:
         return value(_Same(owner), *args, **further)
 
-    return found
+    return cast(Function, found)
