@@ -10,6 +10,7 @@
 #   make mutation mutation testing of the derivation, ten minutes of one core; writes docs/mutation.md
 #   make sample   regenerate the committed sample in generated/one_link
 #   make tables   regenerate the tables in README.md and docs/architecture.md, and codegen/joint/kept.py
+#   make packages write the list of packages in pyproject.toml, after a folder of code was added, renamed or removed
 #   make schemas  regenerate the JSON Schemas in src/eomgen/schemas
 #   make misra    what MISRA C finds in generated code; writes its table into docs/coding_standards.md
 #   make wheel    build the source distribution and the wheel into dist/, and check what an index would show of them
@@ -20,30 +21,28 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-# An editable install links file by file (mypy needs that), so a new or renamed file asks for a new install.
-FILES := $(sort $(shell find src/eomgen codegen templates -type f -not -name "*.pyc"))
-STAMP := $(shell echo '$(FILES)' | cksum | cut -d ' ' -f 1)
+# What type checkers follow from src to the folders beside it; a source distribution holds no links.
+LINKS := src/eomgen/codegen src/eomgen/templates
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
-INSTALL := $(PIP) --config-settings editable_mode=strict
 # What the extra "wheel" lists, without eomgen and what it needs to run.
 WHEEL_TOOLS := $(shell sed -n 's/^wheel = \[\(.*\)\]$$/\1/p' pyproject.toml | tr ',' ' ')
 
-.PHONY: demo test lint bench soak mutation docs notebooks sample tables schemas misra wheel release clean
+.PHONY: demo test lint bench soak mutation docs notebooks sample tables packages schemas misra wheel release clean
 
-demo: $(VENV)/.sim-$(STAMP)
+demo: $(VENV)/.sim
 	$(BIN)/eomgen info puma560_elastic
 	$(BIN)/eomgen simulate puma560_elastic -o out/demo
 
 test: lint
 	$(BIN)/python -m pytest -n auto --dist worksteal
 
-lint: $(VENV)/.test-$(STAMP)
+lint: $(VENV)/.test | $(LINKS)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy -p eomgen
 	$(BIN)/lint-imports
 
-bench: $(VENV)/.bench-$(STAMP)
+bench: $(VENV)/.bench
 	$(BIN)/python benchmarks/run.py
 	$(BIN)/python -m benchmarks.arrays
 	$(BIN)/python -m benchmarks.batches
@@ -56,28 +55,31 @@ bench: $(VENV)/.bench-$(STAMP)
 	$(BIN)/python -m benchmarks.wasm
 	$(BIN)/python docs/tables.py
 
-soak: $(VENV)/.test-$(STAMP)
+soak: $(VENV)/.test
 	$(BIN)/python -m pytest -n auto --dist worksteal -m soak
 
-docs: $(VENV)/.docs-$(STAMP)
+docs: $(VENV)/.docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
-notebooks: $(VENV)/.docs-$(STAMP)
+notebooks: $(VENV)/.docs
 	$(BIN)/python docs/generators/notebooks.py out/notebooks
 
-mutation: $(VENV)/.mutation-$(STAMP)
+mutation: $(VENV)/.mutation
 	nice -n 10 $(BIN)/python -m benchmarks.mutation --sample 100
 
-sample: $(VENV)/.sim-$(STAMP)
+sample: $(VENV)/.sim
 	$(BIN)/eomgen generate one_link -o generated
 
 tables: sample
 	$(BIN)/python docs/tables.py
 
-schemas: $(VENV)/.sim-$(STAMP)
+packages:
+	$(PYTHON) -m release.packages
+
+schemas: $(VENV)/.sim
 	for name in robot scenario plan; do $(BIN)/eomgen schema $$name > src/eomgen/schemas/$$name.schema.json; done
 
-misra: $(VENV)/.test-$(STAMP)
+misra: $(VENV)/.test
 	$(BIN)/python docs/misra.py
 
 wheel: $(VENV)/.wheel
@@ -94,26 +96,29 @@ clean:
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
 
-$(VENV)/.sim-$(STAMP): pyproject.toml | $(BIN)/python
-	$(INSTALL) -e '.[sim]'
+$(LINKS):
+	ln -s ../../$(@F) $@
+
+$(VENV)/.sim: pyproject.toml | $(BIN)/python
+	$(PIP) -e '.[sim]'
 	touch $@
 
-$(VENV)/.docs-$(STAMP): pyproject.toml | $(BIN)/python
-	$(INSTALL) -e '.[docs]'
-	touch $@ $(VENV)/.sim-$(STAMP)
+$(VENV)/.docs: pyproject.toml | $(BIN)/python
+	$(PIP) -e '.[docs]'
+	touch $@ $(VENV)/.sim
 
-$(VENV)/.bench-$(STAMP): pyproject.toml | $(BIN)/python
-	$(INSTALL) -e '.[bench]'
-	touch $@ $(VENV)/.sim-$(STAMP)
+$(VENV)/.bench: pyproject.toml | $(BIN)/python
+	$(PIP) -e '.[bench]'
+	touch $@ $(VENV)/.sim
 
-$(VENV)/.test-$(STAMP): pyproject.toml | $(BIN)/python
-	$(INSTALL) -e '.[test]'
-	touch $@ $(VENV)/.sim-$(STAMP)
+$(VENV)/.test: pyproject.toml | $(BIN)/python
+	$(PIP) -e '.[test]'
+	touch $@ $(VENV)/.sim
 
 $(VENV)/.wheel: pyproject.toml | $(BIN)/python
 	$(PIP) $(WHEEL_TOOLS)
 	touch $@
 
-$(VENV)/.mutation-$(STAMP): pyproject.toml | $(BIN)/python
-	$(INSTALL) -e '.[mutation]'
-	touch $@ $(VENV)/.test-$(STAMP) $(VENV)/.sim-$(STAMP)
+$(VENV)/.mutation: pyproject.toml | $(BIN)/python
+	$(PIP) -e '.[mutation]'
+	touch $@ $(VENV)/.test $(VENV)/.sim

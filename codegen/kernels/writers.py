@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -200,8 +201,8 @@ def _of_element(family: type[ForceElement], kernel: str) -> Callable[[Derivation
 
     def write(d: Derivation) -> Outputs:
         found = tell(d.elements[ELEMENTS.index(family)], d.v)
-        shapes: Mapping[str, Callable[..., Outputs]] = {"values": vector, "rows": d.rows, "matrices": d.matrices}
-        return shapes[shape](found)
+        formed: dict[str, Callable[[Any], Outputs]] = {"values": vector, "rows": d.rows, "matrices": d.matrices}
+        return formed[shape](found)
 
     return write
 

@@ -92,15 +92,11 @@ class Elimination:
                 no free bodies.
         """
         self.model, self.bound, self.joints, self.v, self.drives, self.note = model, bound, joints, v, drives, note
-        n = model.size
         self.given, self.slopes = frozenset(model.prescribed), slopes
         self.together: dict[int, Coupled] = {}
-        self.accelerations: list[Scalar] = [0.0] * n
-        self.pivots: list[tuple[Scalar, Scalar]] = [(1.0, 1.0)] * n
         beside = {i for pair in slopes for i in pair}
-        found, pivots = self.accelerations, self.pivots
-        self.bodies = FreeBodies(model, bound, joints, v, drives, found, pivots, alone=coupled, coupled=beside)
-        self.free = self.bodies.free
+        self.bodies = FreeBodies(model, bound, joints, v, drives, alone=coupled, coupled=beside)
+        self.free, self.accelerations, self.pivots = self.bodies.free, self.bodies.accelerations, self.bodies.pivots
         self.sizes = self._sizes()
         self.speeds = self._speeds()
         self.steps: list[list[_Step]] = [[] for _ in model.bodies]

@@ -85,7 +85,11 @@ class _Row:
 
 
 class FreeBodies:
-    """The free bodies of a model; ``accelerations`` and ``pivots`` are written where they are solved."""
+    """The free bodies of a model.
+
+    Attributes:
+        accelerations, pivots: of all coordinates; those of free bodies are written where these are solved.
+    """
 
     def __init__(
         self,
@@ -94,8 +98,6 @@ class FreeBodies:
         joints: Sequence[JointGeometry],
         v: Sequence[Scalar],
         drives: Sequence[Scalar],
-        accelerations: list[Scalar],
-        pivots: list[tuple[Scalar, Scalar]],
         *,
         alone: bool = False,
         coupled: Container[int] = (),
@@ -107,7 +109,8 @@ class FreeBodies:
             coupled: indices of coordinates that slopes couple, whose bodies are none.
         """
         self.model, self.bound, self.joints, self.v, self.drives = model, bound, joints, v, drives
-        self.accelerations, self.pivots = accelerations, pivots
+        self.accelerations: list[Scalar] = [0.0] * model.size
+        self.pivots: list[tuple[Scalar, Scalar]] = [(1.0, 1.0)] * model.size
         self.free = bodies_apart(model, bound, alone=alone, coupled=coupled)
         self.solved: dict[int, _Solved] = {}
         self.own: list[list[_Psi]] = [[] for _ in model.bodies]

@@ -36,7 +36,8 @@ def main_page() -> str:
         "",
         *links,
         "",
-        *_shown("eomgen", ["Kernel", *functions]),
+        *_shown("eomgen", ["Kernel"], "inherited_members: true"),
+        *_shown("eomgen", functions),
         "## Errors",
         "",
         *_shown("eomgen", ERRORS),
@@ -82,5 +83,6 @@ def _elsewhere(room: str) -> Iterator[str]:
         yield ""
 
 
-def _shown(where: str, names: list[str] | tuple[str, ...]) -> list[str]:
-    return [line for name in names for line in (f"::: {where}.{name}", "")]
+def _shown(where: str, names: list[str] | tuple[str, ...], *options: str) -> list[str]:
+    set_ = ["    options:", *(f"      {option}" for option in options)] if options else []
+    return [line for name in names for line in (f"::: {where}.{name}", *set_, "")]

@@ -44,11 +44,12 @@ if TYPE_CHECKING:
     from . import sweep as sweep
     from .description import builtin_robots, load_robot
     from .export import export_arrays, export_fmu, export_live, export_mjcf, export_wasm, export_wheel
+    from .loading import load_result
     from .pipeline import build, generate
     from .robot import Coordinate, Frame, Joint, Link, Loop, Motor, Placement, Robot, Spring
     from .runtime import Kernel
     from .scenario import Scenario, load_scenario
-    from .simulation import SimulationResult, load_result, load_stream, run_scenario, simulate
+    from .simulation import SimulationResult, load_stream, run_scenario, simulate
 
 _ROOMS = (  # for what a user does with kernels and results; functions of theirs are called eomgen.analysis.modes, say
     "analysis",
@@ -72,7 +73,8 @@ _ROOM_OF = {
     **dict.fromkeys(("Coordinate", "Frame", "Joint", "Link", "Loop", "Motor", "Placement", "Robot", "Spring"), "robot"),
     "Kernel": "runtime",
     **dict.fromkeys(("Scenario", "load_scenario"), "scenario"),
-    **dict.fromkeys(("SimulationResult", "load_result", "load_stream", "run_scenario", "simulate"), "simulation"),
+    **dict.fromkeys(("SimulationResult", "load_stream", "run_scenario", "simulate"), "simulation"),
+    "load_result": "loading",
 }
 
 __all__ = [

@@ -25,7 +25,8 @@ _MOST_DIRECTORY = 1 << 20  # bytes of a file's directory: some ten thousand arra
 _END = struct.Struct("<4s4H2LH")  # of the directory, as the ZIP format has it
 _BLOCK = 1 << 20
 _ALLOWED = "; allowed: what numpy.savez writes"
-_KINDS = "biufUS"  # of dtypes: numbers and texts
+REAL = "biufUS"  # kinds of dtypes: real numbers and texts
+COMPLEX = f"{REAL}c"
 _DAMAGED = (  # what NumPy and zipfile raise for files that are not what NumPy wrote
     ValueError,
     LookupError,
@@ -44,7 +45,7 @@ _DAMAGED = (  # what NumPy and zipfile raise for files that are not what NumPy w
 )
 
 
-def read_npz(path: Path | str, names: Collection[str] | None = None) -> dict[str, NDArray[Any]]:
+def read_npz(path: Path | str, names: Collection[str] | None = None, kinds: str = REAL) -> dict[str, NDArray[Any]]:
     """Read arrays of numbers and texts by name, as ``numpy.savez`` and ``numpy.savez_compressed`` write them.
 
     Arrays may have 256 MB together; the environment's ``EOMGEN_NPZ_MB`` says otherwise.  It is known before anything is
@@ -53,6 +54,7 @@ def read_npz(path: Path | str, names: Collection[str] | None = None) -> dict[str
     Args:
         path: of the file.
         names: of the arrays to read, as far as they are there; all if not given.
+        kinds: of dtypes that arrays may have, REAL or COMPLEX.
 
     Raises:
         InputError: the file cannot be read, is no such file or a damaged one, holds a name twice or an array of
@@ -63,7 +65,7 @@ def read_npz(path: Path | str, names: Collection[str] | None = None) -> dict[str
         with open_regular(Path(path), most) as stream:
             _check_end(stream, plain_path(path))
             with zipfile.ZipFile(stream) as archive:
-                return _arrays(archive, plain_path(path), most, names)
+                return _arrays(archive, plain_path(path), most, names, kinds)
     except OSError as error:
         reason = error.strerror or str(error)
         raise InputError(
@@ -95,7 +97,7 @@ def _check_end(stream: BinaryIO, path: Path | str) -> None:
 
 
 def _arrays(
-    archive: zipfile.ZipFile, path: Path | str, most: int, names: Collection[str] | None
+    archive: zipfile.ZipFile, path: Path | str, most: int, names: Collection[str] | None, kinds: str
 ) -> dict[str, NDArray[Any]]:
     entries: dict[str, zipfile.ZipInfo] = {}
     for entry in archive.infolist():
@@ -113,18 +115,18 @@ def _arrays(
         if names is not None and name not in names:
             continue
         with archive.open(entry) as member:
-            found[name] = _array(member, entry.file_size, f"{path}: array {show(name)}")
+            found[name] = _array(member, entry.file_size, kinds, f"{path}: array {show(name)}")
     return found
 
 
-def _array(member: Any, size: int, place: str) -> NDArray[Any]:
+def _array(member: Any, size: int, kinds: str, place: str) -> NDArray[Any]:
     """The array of an entry of that size."""
     if np.lib.format.read_magic(member) != (1, 0):
         raise InputError(
             f"{place}: is of another format than (1, 0), which NumPy writes for numbers and texts{_ALLOWED}"
         )
     shape, by_columns, dtype = np.lib.format.read_array_header_1_0(member)
-    if dtype.kind not in _KINDS or dtype.itemsize == 0 or dtype.hasobject:
+    if dtype.kind not in kinds or dtype.itemsize == 0 or dtype.hasobject:
         raise InputError(f"{place}: has dtype {show(str(dtype))}; allowed: numbers and texts")
     counts = all(isinstance(n, int) and not isinstance(n, bool) and n >= 0 for n in shape)
     if not counts or prod(max(n, 1) for n in shape) >= 1 << 62:

@@ -20,7 +20,9 @@ from eomgen.cli import entry as cli
 from eomgen.description.recorded import robot_from_record
 from eomgen.errors import InputError, IntegrationStopped
 from eomgen.forms.plain import parse_json, printable
-from eomgen.pictures.measured.kinds import SAVED, page_of
+from eomgen.pictures.measured.kinds import PAGES, page_of
+from eomgen.results.kinds import KINDS as DECLARED
+from eomgen.results.kinds import read
 from eomgen.robot.record import record_of
 from eomgen.simulation.contents import ARRAYS
 from eomgen.sweep.contents import manifest_of, row_check
@@ -43,7 +45,7 @@ from tests.support.kept_files import (
     write_sweep,
 )
 from tests.support.kept_fuzzing import KINDS, MEASURED, loaded
-from tests.support.measured_results import loaded_measured, raw_measured, write_measured
+from tests.support.measured_results import RESULTS, loaded_measured, raw_measured, write_measured
 from tests.support.soak import WHOLE
 
 ROOT = Path(__file__).parents[2]
@@ -339,9 +341,9 @@ def test_rows_that_were_changed_are_named(
     lines = change((folder / ROWS).read_text(encoding="ascii").splitlines())
     (folder / ROWS).write_text("".join(f"{line}\n" for line in lines), encoding="ascii")
     manifest = read_manifest(folder)
-    for read in (lambda: SweepResult.load(folder), lambda: _opened(folder, manifest)):
+    for loaded_by in (lambda: SweepResult.load(folder), lambda: _opened(folder, manifest)):
         with pytest.raises(InputError) as caught:
-            read()
+            loaded_by()
         assert f"{ROWS}: line {number} is damaged: " in str(caught.value)
         assert message in str(caught.value)
         fuzzing.check_message(caught.value)
@@ -501,13 +503,13 @@ def _fuzzed(kind: str, first: int, count: int) -> dict[str, Any]:
 
 @pytest.mark.parametrize("kind", ["result", "sweep"])
 def test_random_changes_are_refused_or_read(kind: str) -> None:
-    _fuzzed(kind, 10_000_000, 150)
+    _fuzzed(kind, 10_000_000, 80)
 
 
 @pytest.mark.parametrize("kind", MEASURED)
 def test_random_changes_of_measurements_are_refused_by_file_and_key(kind: str, tmp_path: Path) -> None:
     begun = KINDS[kind](tmp_path)
-    for seed in range(40):
+    for seed in range(15):
         begun(seed)
     text, arrays = raw_measured(kind, tmp_path)
     assert loaded_measured(kind, write_measured(tmp_path, text, arrays)) is not None
@@ -517,10 +519,19 @@ def test_random_changes_of_measurements_are_refused_by_file_and_key(kind: str, t
                 continue
             changed_text = {**text, key: value}
             with pytest.raises(InputError) as caught:
-                SAVED[kind](write_measured(tmp_path, changed_text, arrays))
+                read(DECLARED[kind], write_measured(tmp_path, changed_text, arrays))
             assert "r.npz: " in str(caught.value) or "r.json: " in str(caught.value)
             if key not in ("kind", "format", "description", "standard"):
                 assert key in str(caught.value)
+
+
+def test_files_of_every_kind_are_changed_at_random() -> None:
+    """A kind that is declared has a sample here, a file among those that are kept, and a page."""
+    assert set(DECLARED) == set(RESULTS)
+    kept = {path.stem for path in (ROOT / "tests/results/kept").iterdir()}
+    assert set(DECLARED) <= kept
+    measured = {kind.result for kind in DECLARED.values() if "identification" in kind.result.__module__}
+    assert measured <= set(PAGES)
 
 
 @pytest.mark.soak

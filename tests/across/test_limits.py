@@ -10,9 +10,9 @@ import pytest
 import eomgen
 from eomgen.analysis.structures import compare
 from eomgen.description.load import robot_from_toml
-from eomgen.identification.choosing.choosing import poses
-from eomgen.identification.compensating.correcting import compensate
-from eomgen.identification.exciting.designing import excite
+from eomgen.identification.choosing.solve import poses
+from eomgen.identification.compensating.solve import compensate
+from eomgen.identification.exciting.solve import excite
 from eomgen.robot.value import Robot
 from eomgen.scenario.load import scenario_from_toml
 
@@ -67,6 +67,7 @@ def test_a_simulation_says_what_its_motion_exceeds() -> None:
     assert not told(eomgen.simulate(arm(""), duration=0.5, start=[-0.45], goal=[0.45]).notes)
 
 
+@pytest.mark.soak
 def test_robots_side_by_side_exceed_their_own_limits() -> None:
     slow = replace(arm("velocity = 0.1"), name="slow")
     found = compare([arm(), slow], duration=3.0, goal=[0.45])
@@ -82,6 +83,7 @@ def test_a_corrected_program_says_it() -> None:
     assert "the motion of the corrected program exceeds" in told(compensate(arm(), scenario, mode="static").notes)
 
 
+@pytest.mark.soak
 def test_motions_that_excite_keep_to_limits_of_the_description() -> None:
     options = {"duration": 4.0, "harmonics": 3, "step": 0.01, "starts": 1}
     robot = arm()

@@ -17,7 +17,7 @@ from eomgen.codegen.closed_form.readable import readable_closed_form
 from eomgen.codegen.joint.zero_listing import zero_report
 from eomgen.errors import InputError
 from eomgen.identification.from_motion import forces
-from eomgen.identification.least_squares import fit
+from eomgen.identification.stiffness.solve import fit
 from eomgen.integration.solve import integrate
 from eomgen.integration.steps import fixed_step
 from eomgen.motion.files import motion_from_columns
@@ -133,6 +133,7 @@ def test_a_simulation_of_the_geared_arm() -> None:
     assert "drives act at waist.motor, shoulder.motor, elbow.motor" in text
 
 
+@pytest.mark.soak
 def test_drives_of_a_stiff_gear_are_the_rigid_ones_over_the_ratio() -> None:
     robot = described(MOTOR.replace("2e4", "1e7").replace(" }", ", damping = 1e3 }"))
     hard = simulate(robot, duration=0.5)
@@ -214,6 +215,7 @@ def test_a_fit_leaves_transmissions_alone(built: Build) -> None:
         assert any(line.startswith(f"{name} hangs on a transmission") for line in result.warnings)
 
 
+@pytest.mark.soak
 def test_comparisons_name_the_motors() -> None:
     robot = described(MOTOR.replace(" }", ", damping = 10.0 }"))
     found = compare([robot, robot.rigid()], duration=0.3)

@@ -186,7 +186,7 @@ def test_frames_have_derivatives_of_any_order(built: Build) -> None:
 
 
 SECOND = [
-    pytest.param(robot, name, marks=() if at in (1, 3, 4) else pytest.mark.soak, id=f"{robot}-{name}")
+    pytest.param(robot, name, marks=() if at in (1, 3) else pytest.mark.soak, id=f"{robot}-{name}")
     for at, (robot, name) in enumerate(
         product(("one_link", "four_bar"), ("forward_dynamics", "inverse_dynamics", "energy", "frame_pose"))
     )
@@ -220,6 +220,7 @@ def test_second_derivatives_of_closed_and_open_mechanisms(robot: str, name: str,
         assert np.abs(jax.jit(way)(at) - expected).max() < 1e-7 * scale
 
 
+@pytest.mark.soak
 def test_a_batch_of_hessians_is_one_call(built: Build, calls: list[tuple[str, int | None]]) -> None:
     kernel = built(eomgen.load_robot("one_link"), *kernels_for("inverse_dynamics"))
     made = function(kernel, "inverse_dynamics")

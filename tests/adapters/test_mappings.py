@@ -135,6 +135,7 @@ def test_refusals(built: Build) -> None:
         DifferentiableFunction(built(robot, *kernels_for("frame_pose", order=1)), "frame_pose", "tcp").require_second()
 
 
+@pytest.mark.soak
 def test_accelerations_with_loops(built: Build) -> None:
     """Closed as they are, also beside closed states, where optimisers look; open on demand."""
     robot, names = eomgen.load_robot("four_bar"), ("forward_dynamics", "constraint_forces", "constraint_jacobian")

@@ -167,6 +167,7 @@ def test_input_that_is_refused() -> None:
     assert "have changed since" in budget(result, changed).notes[0]
 
 
+@pytest.mark.soak
 def test_command(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     path = str(simulate(eomgen.load_robot("one_link"), duration=0.2).save(tmp_path / "trajectory.npz"))
     figure = tmp_path / "budget.svg"

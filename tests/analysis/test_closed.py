@@ -262,6 +262,7 @@ gamma = { damping = 0.01 }
 """
 
 
+@pytest.mark.soak
 def test_stiff_cuts_with_play_come_to_rest(built: Build) -> None:
     """A stiff cut joint falls to the end of its play, or floats where nothing pulls; so does it in the tree.
 

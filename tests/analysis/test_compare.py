@@ -97,6 +97,7 @@ def test_the_tool_moves_along_its_line(built: Build) -> None:
     assert np.abs(ddx[0]).max() == np.abs(a[0]).max() == 0.0
 
 
+@pytest.mark.soak
 def test_a_line_for_different_structures() -> None:
     """An arm of three joints and one of six; the tool's path has one length."""
     puma = eomgen.load_robot("puma560")
@@ -138,6 +139,7 @@ def test_wrong_input_is_said(built: Build) -> None:
         simulate(rod, motion=PointToPoint(np.zeros(1), np.ones(1), 1.0), goal=[1.0])
 
 
+@pytest.mark.soak
 def test_command(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert cli.main(["compare", "ur5", "puma560", "--duration", "0.4", "--json"]) == 0
     plain = json.loads(capsys.readouterr().out)

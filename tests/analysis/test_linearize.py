@@ -270,6 +270,7 @@ def test_units() -> None:
     ]
 
 
+@pytest.mark.soak
 def test_commands(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     matrices = tmp_path / "arm.npz"
     pose = ["--pose", "elbow=0.5", "shoulder=0.2"]

@@ -10,6 +10,7 @@ from benchmarks import batches
 from benchmarks.batches import Measurement, Rows, alive
 from eomgen.bench.clock import Stopwatch
 from eomgen.codegen.program.ir import Graph, finish
+from tests.support.soak import soaked
 
 
 def test_a_table() -> None:
@@ -32,7 +33,7 @@ def test_values_alive_as_a_hand_counts_them() -> None:
     assert mean == (0 + 1 + 2 + 1 + 1 + 0) / 6
 
 
-@pytest.mark.parametrize("kernel", ["inverse_dynamics", "mass_matrix"])
+@pytest.mark.parametrize("kernel", soaked(("inverse_dynamics", "mass_matrix"), ("mass_matrix",)))
 @pytest.mark.parametrize("cold", [False, True])
 def test_one_call_is_compared_with_many(kernel: str, cold: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """Both are what the stopwatch gets, behind what empties caches; times are made up."""

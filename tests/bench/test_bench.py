@@ -26,6 +26,7 @@ from eomgen.robot.value import COORDINATES, Coordinate, Robot
 from eomgen.runtime.calls import Calls
 from tests.support.builds import Build
 from tests.support.random_robots import random_robot, random_state, seeds
+from tests.support.soak import soaked
 
 Array = NDArray[np.float64]
 EPS = float(np.finfo(np.float64).eps)
@@ -78,12 +79,13 @@ def test_textbook_equals_kernels_on_random_robots(seed: int, built: Build) -> No
     check_equal(built(robot, *COUNTERPARTS), robot, seed)
 
 
-@pytest.mark.parametrize("name", ["one_link", "puma560", "puma560_elastic", "ur5"])
+@pytest.mark.parametrize("name", soaked(("one_link", "puma560", "puma560_elastic", "ur5"), ("one_link", "puma560")))
 def test_textbook_equals_kernels_on_built_in_robots(name: str, built: Build) -> None:
     robot = eomgen.load_robot(name)
     check_equal(built(robot, *COUNTERPARTS), robot, 7)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])
 def test_textbook_compiles_without_a_warning(compiler: str, tmp_path: Path) -> None:
     if shutil.which(compiler) is None:
@@ -141,6 +143,7 @@ def tiny() -> Robot:
     return random_robot(3, joints=(2, 2), max_coordinates=2, forces=False, name="tiny")
 
 
+@pytest.mark.soak
 def test_bench_has_a_row_for_every_kernel(tiny: Robot) -> None:
     said: list[str] = []
     result = bench(tiny, repeat=2, progress=said.append)
@@ -183,7 +186,7 @@ def test_bench_prints_a_table_and_json(tiny: Robot) -> None:
     assert values["rows"][0]["kernel"]["operations"]["mul"] >= 0
 
 
-@pytest.mark.parametrize("name", ["inverse_dynamics", "frame_pose", "external_force"])
+@pytest.mark.parametrize("name", soaked(("inverse_dynamics", "frame_pose", "external_force"), ("inverse_dynamics",)))
 def test_what_is_called_from_python_is_what_users_call(name: str, tiny: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     """The kernel's own method, plain calls of which do not come to Python but for the first one."""
     came: list[str] = []
@@ -206,6 +209,7 @@ def test_what_is_called_from_python_is_what_users_call(name: str, tiny: Robot, m
         assert "through cffi" in result.lines()[-1]
 
 
+@pytest.mark.soak
 def test_figures_of_loops_are_the_open_trees() -> None:
     result = bench("four_bar", repeat=1, kernels=("mass_matrix",))
     (note,) = [line for line in result.lines() if "open tree" in line]
@@ -213,6 +217,7 @@ def test_figures_of_loops_are_the_open_trees() -> None:
     assert result.as_dict()["note"] == note
 
 
+@pytest.mark.soak
 def test_closed_mechanisms_have_no_textbook_beside_them() -> None:
     """At closed states; what is of the open tree has its counterpart, and the note says which is which."""
     result = bench("four_bar", repeat=1, kernels=("forward_dynamics", "tree_forward_dynamics", "constraint_forces"))
@@ -225,6 +230,7 @@ def test_closed_mechanisms_have_no_textbook_beside_them() -> None:
     assert note.startswith("forward_dynamics, constraint_forces: of the closed mechanism ('joint4')")
 
 
+@pytest.mark.soak
 def test_what_differs_is_refused(tiny: Robot, built: Build) -> None:
     kernel, rng = built(tiny, "inverse_dynamics"), np.random.default_rng(1)
     inputs = {label: rng.uniform(-1.0, 1.0, (STATES, kernel.n)) for label in "qva"}
@@ -234,6 +240,7 @@ def test_what_differs_is_refused(tiny: Robot, built: Build) -> None:
         compare(kernel, compile_yardstick(build_model(heavier), ("-O0",)), inputs)
 
 
+@pytest.mark.soak
 def test_bench_says_when_a_robot_has_no_inertia(tiny: Robot) -> None:
     light = tuple(replace(link, mass=0.0, com=(0.0, 0.0, 0.0), inertia=(0.0,) * 6) for link in tiny.links)
     still = tuple(

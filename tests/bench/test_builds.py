@@ -52,6 +52,7 @@ def test_what_is_to_hold_stands_beside_it(monkeypatch: pytest.MonkeyPatch) -> No
     assert set(builds.MEASURED) <= set(KERNEL_NAMES)
 
 
+@pytest.mark.soak
 def test_a_build_in_a_process_of_its_own() -> None:
     cost = builds.build("one_link", "")
     assert cost.wall > cost.python > 0.0

@@ -115,6 +115,7 @@ def test_the_page() -> None:
     assert "is 2e-09." in text
 
 
+@pytest.mark.soak
 def test_without_the_peer_it_says_so(no_compiler: None, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("pinocchio")
     assert closed.main(["four_bar", "--repeat", "1", "--output", str(tmp_path / "page")]) == 0

@@ -167,6 +167,7 @@ def test_steps_alone_and_in_a_batch() -> None:
         np.testing.assert_allclose(each.results([q, v, u], 4), expected, rtol=1e-12, err_msg=each.label)  # they fuse
 
 
+@pytest.mark.soak
 def test_gradients_of_rollouts_by_all_ways() -> None:
     """All differentiate the same sum; those by finite differences leave a larger error."""
     pytest.importorskip("jax")
@@ -236,6 +237,7 @@ def test_a_library_is_compiled_once(empty_cache: Path, monkeypatch: pytest.Monke
     assert path.is_relative_to(empty_cache)
 
 
+@pytest.mark.soak
 def test_it_runs_without_peers(monkeypatch: pytest.MonkeyPatch) -> None:
     """All peers missing: the textbook remains, and the table says so."""
     from benchmarks.peers import run as module

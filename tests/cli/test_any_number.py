@@ -11,8 +11,8 @@ import pytest
 from eomgen.cli.entry import NAMES, main, make_parser
 from eomgen.description.load import load_robot
 from eomgen.errors import InputError
-from eomgen.identification.exciting.designing import excite
-from eomgen.identification.tolerances.budgeting import tolerance
+from eomgen.identification.exciting.solve import excite
+from eomgen.identification.tolerances.solve import tolerance
 from eomgen.motion.ends import default_motion
 from eomgen.motion.point_to_point import PointToPoint
 from eomgen.simulation.run import simulate

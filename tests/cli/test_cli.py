@@ -43,6 +43,7 @@ def test_robots(capsys: pytest.CaptureFixture[str]) -> None:
     assert {"name": "puma560_elastic", "coordinates": 36, "links": 6} in rows
 
 
+@pytest.mark.soak
 def test_info_counts_zeros_and_says_why(capsys: pytest.CaptureFixture[str]) -> None:
     status, out, _ = run(capsys, "info", "puma560_elastic")
     assert status == 0
@@ -61,6 +62,7 @@ def test_info_counts_zeros_and_says_why(capsys: pytest.CaptureFixture[str]) -> N
     assert plain["operations"] == eomgen.build("one_link", kernels="all").operations
 
 
+@pytest.mark.usefixtures("unoptimised")
 def test_generate_writes_a_package_that_imports(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     status, out, _ = run(capsys, "generate", "one_link", "-o", str(tmp_path / "made"))
     assert status == 0
@@ -111,6 +113,7 @@ def test_a_result_is_its_folder_or_its_file(tmp_path: Path, capsys: pytest.Captu
         assert "has no trajectory.npz" in run(capsys, *words, str(tmp_path / "empty"))[2]
 
 
+@pytest.mark.soak
 def test_bench_compares_with_newton_euler(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     from eomgen.bench import beside as bench
 
@@ -175,6 +178,7 @@ def test_our_bug_is_status_70(
     assert "boom" in err
 
 
+@pytest.mark.soak
 def test_a_reader_that_leaves_is_no_error() -> None:
     command = f"{sys.executable} -m eomgen info puma560_elastic | head -n 1"
     found = subprocess.run(["bash", "-o", "pipefail", "-c", command], capture_output=True, text=True)

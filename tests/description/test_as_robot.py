@@ -23,7 +23,7 @@ from eomgen.bench.beside import bench
 from eomgen.description import RobotLike, as_robot
 from eomgen.export.mujoco import mjcf
 from eomgen.identification.from_motion import forces
-from eomgen.identification.least_squares import fit
+from eomgen.identification.stiffness.solve import fit
 from eomgen.pictures.browser import View
 from eomgen.pictures.page import report_of
 from eomgen.pictures.robot import plot_robot

@@ -14,13 +14,20 @@ from eomgen.errors import DescriptionError
 from tests.support import fuzzing
 from tests.support.bad_files import BAD_FILES, READERS, written
 from tests.support.fuzzing import check_message
+from tests.support.soak import soaked
+
+SLOW = {  # large ones, of whose kinds others are tried
+    *("300,000 prefixes", "many deep tables", "5,000 links, MJCF", "8,000 links, TOML", "200,000 declarations"),
+    *("5,000 names of tunable, one wrong", "coordinates prescribed again and again", "plan of very many points"),
+    *("default classes of 100,000 attributes", "nested default classes of many attributes", "30,000 links"),
+}
 
 
 def test_there_are_thirty() -> None:
     assert len(BAD_FILES) >= 30
 
 
-@pytest.mark.parametrize("name", BAD_FILES)
+@pytest.mark.parametrize("name", soaked(BAD_FILES, set(BAD_FILES) - SLOW))
 def test_diagnosis(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

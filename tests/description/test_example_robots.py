@@ -28,7 +28,7 @@ WITHOUT_INERTIA = {  # a tip that nothing resists: links of these files have nei
     "romeo.urdf": r"[LR]\w+\.gamma",
     "romeo_laas_small.urdf": r"[lr]_gripper_joint\.gamma",
 }
-EVERY_KERNEL = ("anymal-kinova.urdf", "bolt.urdf", "TwoDofs.urdf")
+EVERY_KERNEL = (pytest.param("anymal-kinova.urdf", marks=pytest.mark.soak), "bolt.urdf", "TwoDofs.urdf")
 TOLERANCE = 1e-12
 
 
@@ -66,7 +66,7 @@ def quick(paths: list[Path]) -> list[Any]:
     families, found = set(), list[Any]()
     for path in paths:
         joints = len(re.findall(r'<joint [^>]*type="[rcp]', path.read_text(encoding="utf-8")))
-        kept = joints <= 12 and path.parts[-3] not in families
+        kept = joints <= 7 and path.parts[-3] not in families
         families |= {path.parts[-3]} if kept else set()
         found.append(path if kept else pytest.param(path, marks=pytest.mark.soak))
     return found
@@ -137,7 +137,7 @@ def test_foreign_names_reach_the_kernel_as_identifiers(built: Build) -> None:
     """Names such as "base_link-arm" are mapped, and found again in the kernel."""
     changed = [path for path in MOVING if any("turned into identifiers" in note for note in load(path, "warn").notes)]
     assert changed
-    for path in changed[:3]:
+    for path in changed[:1]:
         kernel = built(load(path, "warn"), "inverse_dynamics", "mass_matrix", "forward_dynamics")
         for name in (*kernel.joints, *kernel.links, *kernel.frames):
             assert re.fullmatch("[A-Za-z_][A-Za-z0-9_]*", name)

@@ -20,6 +20,7 @@ from tests.support.description_samples import MJCF, URDF
 from tests.support.file_mutants import any_mutant
 from tests.support.fuzzing import check_message, check_robot
 from tests.support.mjcf_models import random_model
+from tests.support.soak import soaked
 
 LEG = """<mujocoinclude>
   <default><default class="leg"><joint damping="0.2" axis="0 1 0" range="-40 50"/></default></default>
@@ -129,7 +130,7 @@ EQUALITIES = """<mujoco>
 MODELS = {"sample": MJCF, "equalities": EQUALITIES, **{f"random {seed}": random_model(seed) for seed in range(6)}}
 
 
-@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("name", soaked(MODELS, ("sample", "equalities", "random 0", "random 1")))
 def test_a_model_is_the_same_robot_with_mujoco_and_without(name: str, tmp_path: Path) -> None:
     text = MODELS[name]
     own, compiled = robot_from_mjcf(text), load_robot(written(tmp_path, text.replace("</mujoco>", f"{EMPTY}</mujoco>")))
@@ -176,7 +177,7 @@ REFUSED = {  # what stands in the model instead of its include, and words of the
 }
 
 
-@pytest.mark.parametrize("case", REFUSED)
+@pytest.mark.parametrize("case", soaked(REFUSED, ("an include that is missing", "a fluid, in another file")))
 def test_refusals_name_file_and_reason(case: str, walker: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = walker.parent
     (folder / "fluid.xml").write_text('<mujocoinclude><option density="1000"/></mujocoinclude>')
@@ -294,6 +295,7 @@ def test_files_that_are_named_twice_are_no_circle(tmp_path: Path) -> None:
     assert len(load_robot(tmp_path / "model.xml").joints) == 3
 
 
+@pytest.mark.soak
 def test_a_process_that_compiles_ends_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What the look at the files overlooks ends in that process: a crash, and work without end."""
     monkeypatch.setattr("eomgen.description.mjcf.compiled.check_other_files", lambda path, xml: None)

@@ -154,6 +154,7 @@ def test_closed_mechanisms_move_as_the_kernels_say(name: str) -> None:
     close(functions.constraint_jacobian(q), kernel.constraint_jacobian(q))
 
 
+@pytest.mark.soak
 def test_joints_of_three_rotations_in_loops_stand_as_described() -> None:
     robot = held_pendulum()
     functions, kernel = made(robot), eomgen.build(robot, kernels=("forward_dynamics", "inverse_dynamics"))

@@ -28,6 +28,7 @@ from tests.support.random_motors import geared_robot, motor_state
 from tests.support.random_robots import random_robot, seeds
 from tests.support.random_springs import with_springs
 from tests.support.small_robots import free_body, held_body
+from tests.support.soak import soaked
 
 ROBOTS = ("one_link", "worn_arm", "geared_arm", "shaken_arm")
 VERSIONS = (2, 3)
@@ -122,7 +123,7 @@ def close(found: Array, wanted: Array, tolerance: float) -> None:
 
 
 @pytest.mark.parametrize("version", VERSIONS)
-@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("name", soaked(ROBOTS, ("one_link", "worn_arm")))
 def test_validation_has_no_message(name: str, version: int, exported: Export) -> None:
     unit = exported(eomgen.load_robot(name), version)
     assert validate_fmu(str(unit.path)) == []

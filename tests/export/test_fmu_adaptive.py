@@ -27,6 +27,7 @@ from tests.codegen.forces.test_laws import slider
 from tests.support.builds import Build
 from tests.support.fmu_host import Host
 from tests.support.small_robots import free_body, held_body
+from tests.support.soak import soaked
 from tests.support.turning_loops import INTEGRATED, held_at, held_pendulum
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
@@ -96,7 +97,7 @@ def test_a_first_step_is_the_rollouts(version: int, method: str, exported: Expor
     np.testing.assert_array_equal(run(host, 1, 0.05), np.concatenate([wanted[0][-1], wanted[1][-1]]))
 
 
-@pytest.mark.parametrize("method", ADAPTIVE)
+@pytest.mark.parametrize("method", soaked(ADAPTIVE, ("auto",)))
 def test_a_stiff_robot_against_tight_tolerances(method: str, exported: Exported, built: Build) -> None:
     """Gears of 1e4 N m/rad with friction and backlash; drives change between steps, a wrench acts.  Smaller errors of
     smaller tolerances."""
@@ -166,7 +167,7 @@ def test_closed_mechanisms(name: str, rate: float, exported: Exported, built: Bu
     assert errors[1] <= min(0.1 * errors[0], 1e-6)
 
 
-@pytest.mark.parametrize("method", ADAPTIVE)
+@pytest.mark.parametrize("method", soaked(ADAPTIVE, ("auto",)))
 def test_free_joints_turn(method: str, exported: Exported, built: Build) -> None:
     """Over the poles of their angles, under a wrench and a force; a state kept there goes on to the same bits."""
     folder = exported(free_body(), method=method)
@@ -295,6 +296,7 @@ def test_singular_states_are_named(exported: Exported) -> None:
     assert "the mass matrix cannot be inverted at free." in host.messages[-1]
 
 
+@pytest.mark.soak
 def test_frictions_that_turn_round_fast(exported: Exported, built: Build) -> None:
     """A block slides to rest; tolerances know the rates in which its friction turns round, also after these are set."""
     friction = Friction(coulomb=4.0, smoothing=1e-2)

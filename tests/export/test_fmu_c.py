@@ -26,7 +26,7 @@ HEADERS = Path(fmpy.__file__).parent / "c-code"
 COMPILERS = [name for name in ("gcc", "clang") if shutil.which(name)]
 
 
-@pytest.fixture(scope="module", params=[2, 3])
+@pytest.fixture(scope="module", params=[pytest.param(2, marks=pytest.mark.soak), 3])
 def unpacked(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of an unpacked unit, named by its version."""
     folder = tmp_path_factory.mktemp("unit")
@@ -295,6 +295,7 @@ def test_places_of_binaries() -> None:
         assert binary_path("arm", version, system, machine) == place
 
 
+@pytest.mark.usefixtures("unoptimised")
 def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["export", "one_link", "--fmu", "-o", str(tmp_path)]) == 0
     written = [tmp_path / f"one_link.fmi{version}.fmu" for version in (2, 3)]

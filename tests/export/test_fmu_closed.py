@@ -19,6 +19,7 @@ from eomgen.integration import integrate
 from eomgen.runtime.kernel import Array, Kernel
 from tests.support.builds import Build
 from tests.support.fmu_host import Host
+from tests.support.soak import soaked
 from tests.support.turning_loops import INTEGRATED, held_at, held_pendulum
 
 KERNELS = (
@@ -142,6 +143,7 @@ def test_co_simulation_stays_closed_and_is_the_rollout(version: int, method: str
     np.testing.assert_allclose(found, np.concatenate([wanted[0][-1], wanted[1][-1]]), rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.soak
 def test_stages_of_redundant_loops_are_closed(tmp_path: Path) -> None:
     """Bennett's linkage keeps its energy, and moves, in equal steps of 1 ms."""
     path = export_fmu("bennett", tmp_path / "a.fmu", 3, method="rk4", step=1e-3, flags=("-O0", "-Werror"))
@@ -203,7 +205,8 @@ def test_directional_derivatives_are_exact_where_loops_are_open_too(version: int
         np.testing.assert_allclose(host.derivative(unknown, names, d), wanted, atol=1e-7 * np.abs(wanted).max())
 
 
-@pytest.mark.parametrize("method", ["rk4", "implicit"])
+@pytest.mark.soak
+@pytest.mark.parametrize("method", soaked(("rk4", "implicit"), ("rk4",)))
 def test_steps_turn_free_joints(method: str, tmp_path: Path, built: Build) -> None:
     """A pendulum that a cut holds swings over the poles of its free joint's angles; a wrench acts."""
     path = export_fmu(held_pendulum(), tmp_path / "a.fmu", 3, method=method, flags=("-O0", "-Werror"))

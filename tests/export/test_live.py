@@ -121,6 +121,7 @@ def test_the_modules_of_the_page(tmp_path: Path) -> None:
     np.testing.assert_allclose(found["ticks"], [0.0, 0.5, 1.0], atol=1e-12)
 
 
+@pytest.mark.soak
 def test_a_page_has_everything_and_no_text_ends_its_elements() -> None:
     pytest.importorskip("ziglang", reason="the compiler for WebAssembly is not installed")
     robot = eomgen.load_robot("one_link")

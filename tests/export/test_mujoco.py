@@ -132,7 +132,7 @@ def expressed(name: str) -> Robot:
 
 
 MOTIONS = [
-    ("puma560_elastic", 5e-5, 400),
+    pytest.param("puma560_elastic", 5e-5, 400, marks=pytest.mark.soak),
     pytest.param("puma560_elastic", 5e-5, 20_000, marks=pytest.mark.soak),
     ("geared_arm", 2e-4, 5_000),
     ("balanced_arm", 5e-5, 20_000),

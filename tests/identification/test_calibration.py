@@ -28,12 +28,13 @@ from eomgen.identification.geometry.error_model import (
     rows_of,
 )
 from eomgen.identification.geometry.rotations import from_rpy, pose_from
-from eomgen.identification.geometry.solving import algebraic_rank
+from eomgen.identification.geometry.solve import algebraic_rank
 from eomgen.identification.geometry.stations import chain_of, forces_on, located, matrix_of
 from eomgen.motion.turns import rotation_of, rpy_of, vector_of
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Coordinate, Motor, Robot
 from tests.support.measured_poses import Trial, chain, trial
+from tests.support.soak import soaked
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -533,6 +534,7 @@ def test_sensitivities_through_loops_are_derivatives() -> None:
         np.testing.assert_allclose(S[:, :, i], (ahead - behind) / 2e-6, atol=1e-6)
 
 
+@pytest.mark.soak
 def test_a_linkage_is_calibrated_by_its_drive_alone(tmp_path: Path) -> None:
     model, rows, values = four_bar()
     p = model.at(values, rows).found.p[model.chain.tools["tcp"]]
@@ -583,7 +585,10 @@ def turned(columns: dict[str, Array]) -> Array:
     return rotation_of(np.stack([columns[name] for name in TCP[3:]], axis=1))
 
 
-@pytest.mark.parametrize("said", list(TRAPS))
+SLOW = {"read as rotvector in degrees", "read as rotvector, from the frame to the device", "read as rpy"}
+
+
+@pytest.mark.parametrize("said", soaked(TRAPS, set(TRAPS) - SLOW))
 def test_traps_are_told_by_name(said: str) -> None:
     columns = puma().columns | TRAPS[said](puma().columns)
     names = build_model(puma().robot).coordinates

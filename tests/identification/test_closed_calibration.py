@@ -16,7 +16,7 @@ from eomgen.identification.calibration.calibrated import placement_of
 from eomgen.identification.geometry.closing import closed_readings, closing_of, constants_of
 from eomgen.identification.geometry.error_model import ErrorModel, Rows, quantities_of, rows_of
 from eomgen.identification.geometry.rotations import pose_from, vectors_of
-from eomgen.identification.geometry.solving import algebraic_rank
+from eomgen.identification.geometry.solve import algebraic_rank
 from eomgen.identification.geometry.stations import Chain, Located, chain_of, located, matrix_of
 from eomgen.motion.turns import rotation_of
 from eomgen.robot.model import build_model
@@ -99,7 +99,12 @@ def counted(model: ErrorModel, rows: Rows) -> int:
 
 @pytest.mark.parametrize(
     ("name", "drives", "rank"),
-    [("gough", GOUGH, 42), ("delta", DELTA, 42), ("four_bar", BAR, 18), ("bennett", BAR, 18)],
+    [
+        pytest.param("gough", GOUGH, 42, marks=pytest.mark.soak),
+        pytest.param("delta", DELTA, 42, marks=pytest.mark.soak),
+        ("four_bar", BAR, 18),
+        ("bennett", BAR, 18),
+    ],
 )
 def test_models_are_complete_by_counting(name: str, drives: dict[str, tuple[float, float]], rank: int) -> None:
     """As many combinations as all constant poses of a mechanism have, moved one by one."""
@@ -133,7 +138,8 @@ def found_of(robot: Robot, columns: dict[str, Array], **options: object) -> Cali
     return calibrate(robot, poses, **{"folds": 0, **options})  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize(("name", "drives"), [("gough", GOUGH), pytest.param("delta", DELTA, marks=pytest.mark.soak)])
+@pytest.mark.soak
+@pytest.mark.parametrize(("name", "drives"), [("gough", GOUGH), ("delta", DELTA)])
 def test_blind_platforms_are_fitted_to_the_noise(
     name: str, drives: dict[str, tuple[float, float]], tmp_path: Path
 ) -> None:
@@ -173,7 +179,7 @@ def with_longer(side: int, change: float) -> Robot:
     return replace(robot, loops=(replace(loop, placements=(placements[0], placements[1])),))
 
 
-@pytest.mark.parametrize("side", [0, 1])
+@pytest.mark.parametrize("side", [0, pytest.param(1, marks=pytest.mark.soak)])
 def test_a_coupler_or_rocker_that_is_longer_is_fitted(side: int, tmp_path: Path) -> None:
     """By 0.5 mm, from a kernel of its own."""
     robot, true = eomgen.load_robot("four_bar"), with_longer(side, 5e-4)
@@ -196,6 +202,7 @@ def test_a_coupler_or_rocker_that_is_longer_is_fitted(side: int, tmp_path: Path)
     np.testing.assert_allclose(own.p[model.chain.tools["tcp"]], base, atol=1e-10)
 
 
+@pytest.mark.soak
 def test_a_linkage_calibrates_itself_by_its_encoders() -> None:
     """Three encoders of a linkage with one degree of freedom: ratios of lengths and zeros, six in all, and no device.
 
@@ -265,6 +272,7 @@ def test_predictions_close_loops(tmp_path: Path) -> None:
         found.predict([1.0, 0.0], "tcp")
 
 
+@pytest.mark.soak
 def test_misread_files_of_mechanisms_are_told() -> None:
     """Without closing them anew for each reading."""
     robot, given = eomgen.load_robot("four_bar"), drawn(BAR, 30, 8)

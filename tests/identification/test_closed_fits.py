@@ -13,7 +13,7 @@ import pytest
 import eomgen
 from eomgen.cli import entry as cli
 from eomgen.errors import InputError
-from eomgen.identification.least_squares import fit, fitting_kernels
+from eomgen.identification.stiffness.solve import fit, fitting_kernels
 from eomgen.motion.files import MeasuredMotion, motion_from_columns
 from tests.loops.test_elastic_cuts import linkages
 from tests.support.builds import Build

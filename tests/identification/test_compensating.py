@@ -281,6 +281,7 @@ def test_pd_drives_that_lag_and_sag() -> None:
     assert sizes(found.after)[1][0] < 20e-6
 
 
+@pytest.mark.soak
 def test_motor_behind_a_transmission() -> None:
     """What is programmed is the joint, measured and driven is the motor: the spring's wind-up is corrected."""
     robot = robot_from_toml(SWING)

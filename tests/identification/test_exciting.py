@@ -16,14 +16,14 @@ import eomgen
 from eomgen.cli import main
 from eomgen.errors import InputError
 from eomgen.identification import ExciteResult, IdentifyResult, excite, identify, load_excitation
-from eomgen.identification.exciting.allowed import Limits, limits_of
+from eomgen.identification.dynamics.solve import without_sought
+from eomgen.identification.exciting.allowed import Limits, RequestedLimits, limits_of
 from eomgen.identification.exciting.constraints import held_by
-from eomgen.identification.exciting.designing import KERNELS, moving_robot
 from eomgen.identification.exciting.fourier import FourierSeries, at_rest
 from eomgen.identification.exciting.searching import Search, objective
+from eomgen.identification.exciting.solve import KERNELS, moving_robot
 from eomgen.identification.exciting.telling import CRITERIA, Telling
 from eomgen.identification.identifiable import TERMS, combinations
-from eomgen.identification.inertial import without_sought
 from eomgen.identification.relations import tree_relations
 from eomgen.motion.files import motion_from_columns, read_motion
 from eomgen.pictures import plot_excitation, report_of
@@ -112,7 +112,7 @@ def test_series_rest_at_both_ends_and_have_their_derivatives() -> None:
 @pytest.mark.parametrize("size", [1.0, 3.0])
 def test_gradients_are_exact(kind: str, size: float, kernel: eomgen.Kernel) -> None:
     """Within limits, and beyond some of them, where the barrier is a parabola."""
-    limits = limits_of(arm(), kernel.coordinates, kernel.frames, **LIMITS)
+    limits = limits_of(arm(), kernel.coordinates, kernel.frames, RequestedLimits(**LIMITS))
     search = search_of(kernel, limits)
     everywhere = np.ones(3, dtype=np.bool_)
     base = combinations(kernel, TERMS, everywhere, everywhere, tree_relations(arm()))
@@ -166,6 +166,7 @@ def records(kernel: eomgen.Kernel, series: FourierSeries, seed: int) -> Any:
     return motion_from_columns(columns, kernel.coordinates)
 
 
+@pytest.mark.soak
 def test_parameters_come_out_more_exactly_than_from_random_motions(
     found: ExciteResult, kernel: eomgen.Kernel, whole: eomgen.Kernel, built: Build
 ) -> None:
@@ -177,7 +178,7 @@ def test_parameters_come_out_more_exactly_than_from_random_motions(
     assert found.deviation.found < 0.5 * found.deviation.random
     assert found.condition.found < 0.5 * found.condition.random
     bare = built(without_sought(arm(), TERMS), "regressor", "inverse_dynamics")
-    search = search_of(kernel, limits_of(arm(), kernel.coordinates, kernel.frames, **LIMITS))
+    search = search_of(kernel, limits_of(arm(), kernel.coordinates, kernel.frames, RequestedLimits(**LIMITS)))
     rng = np.random.default_rng(4)
     poses = search.poses(rng)
     others = [x for x in (search.random(rng, poses) for _ in range(4)) if x is not None]
@@ -201,7 +202,7 @@ def test_parameters_come_out_more_exactly_than_from_random_motions(
 
 def test_a_place_that_random_poses_do_not_meet(kernel: eomgen.Kernel) -> None:
     box = np.array([[0.6, -0.01, 0.5], [0.62, 0.01, 0.52]])
-    limits = limits_of(arm(), kernel.coordinates, kernel.frames, boxes={"tcp": box})
+    limits = limits_of(arm(), kernel.coordinates, kernel.frames, RequestedLimits(boxes={"tcp": box}))
     poses = search_of(kernel, limits).poses(np.random.default_rng(0))
     points = kernel.frame_pose(poses, "tcp")[:, :3, 3]
     assert len(points)

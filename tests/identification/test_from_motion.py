@@ -19,9 +19,9 @@ from eomgen.cli import entry as cli
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import InputError
 from eomgen.identification.closing import closed_motion
-from eomgen.identification.estimates import FitResult
 from eomgen.identification.from_motion import forces
-from eomgen.identification.least_squares import fit
+from eomgen.identification.stiffness.result import FitResult
+from eomgen.identification.stiffness.solve import fit
 from eomgen.motion.files import motion_from_columns
 from eomgen.motion.smoothing import Differentiator, local_polynomials, noise_deviation
 from eomgen.pipeline.closing import mechanism_kernels

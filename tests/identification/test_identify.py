@@ -13,8 +13,8 @@ from eomgen.codegen.tree.regressor import INERTIAL
 from eomgen.errors import InputError
 from eomgen.identification import base_parameters, identify
 from eomgen.identification.consistent import nearest_bodies, numbers_of, pseudo_inertias, with_parameters
+from eomgen.identification.dynamics.solve import without_sought
 from eomgen.identification.identifiable import TERMS
-from eomgen.identification.inertial import without_sought
 from eomgen.motion.files import MeasuredMotion, motion_from_columns
 from eomgen.robot.value import Coordinate, Friction, Joint, Link, Placement, Robot
 from tests.support.builds import Build
@@ -247,7 +247,7 @@ def peak_of(robot: Robot, motion: MeasuredMotion, kernel: eomgen.Kernel, terms: 
         tracemalloc.stop()
 
 
-@pytest.mark.parametrize("more", [(), ("delay", "stribeck")])
+@pytest.mark.parametrize("more", [(), pytest.param(("delay", "stribeck"), marks=pytest.mark.soak)])
 def test_columns_of_all_samples_are_never_in_memory(more: tuple[str, ...], built: Build) -> None:
     """8000 samples more need some arrays of their own size, (T, n), however many columns there are."""
     robot, (t, q, v, a) = arm(), swing(16000)

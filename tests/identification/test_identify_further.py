@@ -16,12 +16,12 @@ from eomgen.cli.entry import main
 from eomgen.errors import InputError
 from eomgen.identification import base_parameters, identify, load_identification
 from eomgen.identification.dynamics.further import SHAPES
+from eomgen.identification.dynamics.solve import without_sought
 from eomgen.identification.identifiable import TERMS
-from eomgen.identification.inertial import without_sought
 from eomgen.identification.relations import relations_of
+from eomgen.loading import load_result
 from eomgen.motion.files import MeasuredMotion, motion_from_columns
 from eomgen.pictures import report_of
-from eomgen.pictures.measured.kinds import load_measured
 from eomgen.pictures.measured.motions import plot_identification
 from eomgen.robot.value import Coordinate, Coupling, Friction, Joint, Link, Motor, Placement, Robot
 from tests.support.blind_arms import blind_arm, periodic, record
@@ -85,6 +85,7 @@ def wrist_motion(robot: Robot, built: Build) -> MeasuredMotion:
     return motion_from_columns(columns, kernel.coordinates)
 
 
+@pytest.mark.soak
 def test_a_coupled_wrist_is_identified(built: Build) -> None:
     """Drives of coupled motors act in the rows of both joints; the robot that comes out needs the same drives."""
     robot = wrist(arm(), "joint1.gamma", "joint2.gamma")
@@ -138,7 +139,7 @@ def test_noisy_encoders_have_a_wider_filter(built: Build) -> None:
     assert values["fore.mx"] == pytest.approx(0.225, abs=0.02)
 
 
-@pytest.mark.parametrize("rates", [True, False])
+@pytest.mark.parametrize("rates", [False, pytest.param(True, marks=pytest.mark.soak)])
 def test_a_delay_of_drives(rates: bool, built: Build) -> None:
     """Drives in the file are 3.3 samples late; and so that noise does not make it, none where there is none."""
     robot = arm()
@@ -313,7 +314,7 @@ def test_results_are_saved_loaded_drawn_and_written(built: Build, tmp_path: Path
     rms = [float(np.sqrt(np.mean(x**2))) for x in left]
     assert rms == pytest.approx([x.fitted for x in found.residuals.values()], rel=1e-3)
     assert "<svg" in plot_identification(again, tmp_path / "found.svg").read_text(encoding="utf-8")
-    page = report_of(load_measured(tmp_path / "found.npz"))
+    page = report_of(load_result(tmp_path / "found.npz"))
     assert len(page.figures) == 2
     assert "Further parameters" in [table.title for table in page.tables]
     written = found.to_toml(tmp_path / "better.toml")
@@ -384,6 +385,7 @@ def test_transmissions_of_blind_arms_with_noisy_joints(seed: int, noise: float, 
     assert any("those of rigid gears" in note for note in found.notes)
 
 
+@pytest.mark.soak
 def test_deflections_that_noise_hides_are_named(built: Build) -> None:
     """A stiff transmission behind coarse encoders keeps the description's number."""
     arms = blind_arm(1, stiffness=(3e5, 1e6))
@@ -403,7 +405,7 @@ STRIBECK_TERMS = (*TERMS, "stribeck")
 @pytest.mark.parametrize(
     ("seed", "shape"),
     [
-        (1, "gaussian"),
+        pytest.param(1, "gaussian", marks=pytest.mark.soak),
         *(pytest.param(seed, shape, marks=pytest.mark.soak) for seed in (1, 2, 3) for shape in (*SHAPES, "")),
     ],
 )
@@ -473,6 +475,7 @@ def test_saturated_drives_and_jumps_are_named_and_left_out(built: Build) -> None
     assert any(text.startswith("joint2.gamma jumps by 0.0") and "at 2.39" in text for text in jumped.warnings)
 
 
+@pytest.mark.soak
 def test_a_zero_that_is_a_quarter_turn_off_is_named(built: Build) -> None:
     """Of a joint between two others: zeros of the first and the last one are a matter of their links' parameters."""
     robot = arm()

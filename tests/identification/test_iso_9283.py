@@ -17,8 +17,8 @@ from eomgen.errors import InputError
 from eomgen.identification import AccuracyResult, accuracy, load_accuracy
 from eomgen.identification.iso_9283.attained import Measured, Pose, Record
 from eomgen.identification.iso_9283.attained import Path as Way
-from eomgen.identification.iso_9283.evaluate import figures_of
 from eomgen.identification.iso_9283.formulas import rotation_vectors, scatter, stabilization
+from eomgen.identification.iso_9283.solve import figures_of
 from eomgen.motion.turns import rotation_of, vector_of
 from eomgen.pictures import plot_accuracy
 from eomgen.scenario.load import scenario_from_values
@@ -484,6 +484,7 @@ uniform = { low = 8e3, high = 1.2e4 }
 """
 
 
+@pytest.mark.soak
 def test_samples_of_a_plan_are_cycles() -> None:
     """Each attains what the same robot with these numbers does by itself; the command is the nominal robot's."""
     found = accuracy(robot="one_link", scenario=SCENARIO, plan=plan_from_toml(PLAN))

@@ -13,8 +13,8 @@ from eomgen.identification import AccuracyResult, accuracy, load_accuracy
 from eomgen.identification.iso_9283.attained import Path as Way
 from eomgen.identification.iso_9283.attained import Record
 from eomgen.identification.iso_9283.corners import corners_of
-from eomgen.identification.iso_9283.evaluate import figures_of
 from eomgen.identification.iso_9283.formulas import corner_overshoot, distance_to_path
+from eomgen.identification.iso_9283.solve import figures_of
 from tests.identification.test_iso_9283 import MM, at, measured, turned, write
 
 Array = NDArray[np.float64]

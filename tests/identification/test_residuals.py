@@ -78,7 +78,7 @@ def trial_of_nothing() -> CalibrationResult:
 
 
 @pytest.mark.parametrize("loss", ["huber", "cauchy", "tukey"])
-@pytest.mark.parametrize("off", [1, 5])
+@pytest.mark.parametrize("off", [pytest.param(1, marks=pytest.mark.soak), 5])
 def test_robust_noise_is_that_of_the_others(loss: str, off: int) -> None:
     """Of 50 rows some are 1,000 standard deviations off: the noise is that of the rest."""
     made = trial(chain(2, "RRRRR"), 2, 50)
@@ -151,7 +151,7 @@ def test_intervals_cover_where_errors_go_on(arms: int, about: float) -> None:
 
 
 def test_independent_errors_do_not_go_on() -> None:
-    for seed in range(6):
+    for seed in range(3):
         made = going_on(seed, 0.0)
         found = calibrate(made.robot, made.poses(), folds=0)
         assert found.diagnosis.correlation == 0.0
@@ -176,7 +176,14 @@ def test_a_drift_over_time_is_said_with_its_size() -> None:
 
 @pytest.mark.parametrize(
     ("key", "factor"),
-    [("backlash", "backlash"), ("eccentricity.sin", "sin"), ("harmonic2.cos", "cos2"), ("gain", "gain")],
+    [
+        ("backlash", "backlash"),
+        *(
+            pytest.param(*case, marks=pytest.mark.soak)
+            for case in (("eccentricity.sin", "sin"), ("harmonic2.cos", "cos2"))
+        ),
+        ("gain", "gain"),
+    ],
 )
 def test_a_pattern_along_a_joint_is_named(key: str, factor: str) -> None:
     """Blind arms with one error of a drive, by default; --drives fits what was named."""

@@ -63,6 +63,7 @@ def test_a_driven_mechanism_takes_the_work_of_its_drive(example) -> None:  # typ
     assert 11.0 <= ratio <= 24.0
 
 
+@pytest.mark.soak
 def test_every_method_keeps_the_balance_of_energy(example) -> None:  # type: ignore[no-untyped-def]
     """A fast crank under a constant torque, by default tolerances; nothing drifts, whatever the steps."""
     kernel = example("four_bar").kernel
@@ -191,6 +192,7 @@ ANDREWS_END = [
 ANDREWS_RATES = [1139.920302151208, -1424.379294994111, 11.03291221937134, 19.29337464421385, 0.5735699284790808]
 
 
+@pytest.mark.soak
 def test_andrews_squeezing_mechanism(built: Build) -> None:
     """Seven bodies, three loops through one pin with nine redundant constraints, a spring, 1100 rad/s at the end."""
     loops = ClosedLoops(built(eomgen.load_robot("andrews"), *KERNELS))

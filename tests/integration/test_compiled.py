@@ -12,7 +12,7 @@ import pytest
 
 import eomgen
 from eomgen import InputError, SingularError
-from eomgen.integration.compiled import METHODS, why_not
+from eomgen.integration.plan import IN_C, why_not_in_c
 from eomgen.integration.solve import integrate
 from eomgen.integration.until import Until
 from eomgen.motion.point_to_point import Harmonic, PointToPoint
@@ -21,15 +21,17 @@ from eomgen.motion.timetable import TimeTable
 from eomgen.progress import no_progress
 from eomgen.robot.model import tool_of
 from eomgen.robot.value import Coordinate, Robot
-from eomgen.runtime.stepping.adaptive import METHODS as NUMBERS
 from eomgen.runtime.stepping.given_loads import loads_of
 from eomgen.runtime.stepping.loaded import AUTO, Loaded
 from eomgen.runtime.stepping.loads import DriveData, LoadData, Packed, Signal, Track
+from eomgen.runtime.stepping.options import ADAPTIVE as NUMBERS
+from eomgen.runtime.stepping.options import ErrorControl
 from eomgen.runtime.stepping.together import Together
 from eomgen.scenario.load import scenario_from_toml
-from eomgen.simulation.assembly import Assembly, assemble, may_run_in_c
-from eomgen.simulation.run import run_scenario
+from eomgen.simulation.assembly import Assembly, assemble
+from eomgen.simulation.run import plan_of, run_scenario
 from tests.support.builds import Build
+from tests.support.soak import soaked
 from tests.support.swinging import MASS, NEEDED, STIFFNESS, oscillator
 from tests.support.turning_loops import cranked_plate
 
@@ -95,7 +97,7 @@ def assembled(name: str, text: str) -> Assembly:
 def loaded(assembly: Assembly, times: np.ndarray, q: np.ndarray, v: np.ndarray) -> Loaded:
     data = loads_of(assembly.kernel.calls, assembly.drive, assembly.wrenches, assembly.prescribed)
     atol = np.full(2 * assembly.kernel.n, 1e-8)
-    return Loaded(assembly.kernel.calls, data, times, q[0], v[0], "tsit5", 1e-8, atol)
+    return Loaded(assembly.kernel.calls, data, times, q[0], v[0], ErrorControl("tsit5", 1e-8, atol))
 
 
 SHAKEN = "".join(
@@ -105,7 +107,7 @@ SHAKEN = "".join(
 )
 
 
-@pytest.mark.parametrize("robot", ["one_link", "geared_arm", "shaken_arm"])
+@pytest.mark.parametrize("robot", soaked(("one_link", "geared_arm", "shaken_arm"), ("one_link", "shaken_arm")))
 @pytest.mark.parametrize("drive", DRIVES)
 def test_drives_of_c_are_those_of_python(robot: str, drive: str) -> None:
     """In random states at random times, behind gears and on a platform that shakes."""
@@ -129,18 +131,21 @@ def test_drives_of_c_are_those_of_python(robot: str, drive: str) -> None:
 
 @pytest.mark.parametrize(
     ("robot", "axes"),
-    [("one_link", "link"), ("shaken_arm", "base"), pytest.param("one_link", "base", marks=pytest.mark.soak)],
+    [
+        ("one_link", "link"),
+        *(pytest.param(robot, "base", marks=pytest.mark.soak) for robot in ("one_link", "shaken_arm")),
+    ],
 )
 def test_wrenches_of_c_are_those_of_python(robot: str, axes: str) -> None:
     """Forces besides the centre of mass that come, change and go, on both integrators, also where motions are given."""
     text = "duration = 0.1\noutput_step = 0.005\n[control]\ntype = 'none'\n" + PUSH.format(link="link1", axes=axes)
     text += SHAKEN if robot == "shaken_arm" else ""
     results = {}
-    for method in (*METHODS, "DOP853"):
+    for method in (*IN_C, "DOP853"):
         scenario = scenario_from_toml(text + f"[integrator]\nmethod = '{method}'\nrtol = 1e-9\n")
         results[method] = run_scenario(robot, scenario)
     wanted = results["DOP853"]
-    for method in METHODS:
+    for method in IN_C:
         found = results[method]
         assert found.trajectory.method == method
         assert np.abs(found.trajectory.q - wanted.trajectory.q).max() <= 2e-8
@@ -156,15 +161,16 @@ def test_wrenches_of_c_are_those_of_python(robot: str, axes: str) -> None:
 @pytest.mark.parametrize(
     ("robot", "text"),
     [
-        ("geared_arm", "duration = 0.3\n"),
+        pytest.param("geared_arm", "duration = 0.3\n", marks=pytest.mark.soak),
         pytest.param("shaken_arm", "duration = 0.3\n" + SHAKEN, marks=pytest.mark.soak),
         ("shaken_arm", "duration = 0.3\n" + SHAKEN + "[[wrenches]]\nlink = 'link1'\nforce = [300.0, 100.0, -200.0]\n"),
         pytest.param(
             "four_bar", "duration = 0.3\n[control]\ntype = 'pd'\nkp = 200.0\nkd = 20.0\n", marks=pytest.mark.soak
         ),
-        (
+        pytest.param(
             "one_link",
             "duration = 0.3\n[[payloads]]\nlink = 'link1'\nmass = 0.4\npoint = [0.1, 0.0, 0.0]\nt0 = 0.1\nt1 = 0.2\n",
+            marks=pytest.mark.soak,
         ),
     ],
 )
@@ -185,7 +191,7 @@ def test_simulations_agree_with_scipy(robot: str, text: str, method: str) -> Non
     assert np.allclose(found.trajectory.u, wanted.trajectory.u, rtol=2e-3, atol=2e-3 * largest)
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", IN_C)
 def test_a_closed_form(method: str, built: Build) -> None:
     """The oscillator under a constant force, and with an attachment that shakes it by a harmonic motion."""
     kernel = built(oscillator(), *NEEDED, "adaptive_rollout")
@@ -197,7 +203,7 @@ def test_a_closed_form(method: str, built: Build) -> None:
     assert {"steps", "rejected", "evaluations", "wall_s"} <= set(motion.info)
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", IN_C)
 def test_samples_may_lie_anywhere(method: str, built: Build) -> None:
     """From a time that is not 0, and thousands of times more densely than the steps."""
     kernel = built(oscillator(), *NEEDED, "adaptive_rollout")
@@ -217,7 +223,7 @@ def test_what_c_cannot_do_is_said(built: Build) -> None:
         integrate(kernel, [0.0], [0.0], 0.1, drive=drive, method="tsit5")
     assert integrate(kernel, [0.0], [0.0], 0.1, drive=drive).method == "Radau"
     assert integrate(kernel, [0.0], [0.0], 0.1).method == "tsit5"
-    assert "without adaptive_rollout" in why_not(built(oscillator(), *NEEDED))
+    assert "without adaptive_rollout" in why_not_in_c(built(oscillator(), *NEEDED))
     with pytest.raises(eomgen.ArrayError, match=r"drive: expected float64 of shape \(1,\)"):
         integrate(kernel, [0.0], [0.0], 0.1, drive=[1.0, 2.0])
 
@@ -230,7 +236,7 @@ def test_harmonic_motions_are_data() -> None:
         assert offset + amplitude * np.sin(rate * t + phase) == pytest.approx(shake(t)[0], abs=1e-15)
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", IN_C)
 def test_a_state_that_cannot_move_is_named(method: str, built: Build) -> None:
     robot = eomgen.load_robot("one_link")
     massless = eomgen.Robot(**{**vars(robot), "name": "massless", "tunable": ("links.link1.mass",)})
@@ -253,7 +259,7 @@ def test_steps_land_on_what_changes(tmp_path: Path) -> None:
     assert found.balance.of("drives")[-1] > 1e-3
 
 
-@pytest.mark.parametrize("method", [*METHODS, "auto", "Radau", "DOP853", "rk4"])
+@pytest.mark.parametrize("method", [*IN_C, "auto", "Radau", "DOP853", "rk4"])
 def test_a_motion_ends_where_a_coordinate_reaches_a_value(method: str, built: Build) -> None:
     """The oscillator passes a place at a time that its closed form knows; samples end there."""
     kernel = built(oscillator(damping=0.0), *NEEDED, "adaptive_rollout")
@@ -270,7 +276,7 @@ def test_a_motion_ends_where_a_coordinate_reaches_a_value(method: str, built: Bu
     assert "ended_at" not in whole.info
 
 
-@pytest.mark.parametrize("method", ["auto", "Radau"])
+@pytest.mark.parametrize("method", ["auto", pytest.param("Radau", marks=pytest.mark.soak)])
 def test_a_scenario_ends_where_its_tool_is_at_a_distance(method: str) -> None:
     text = (
         "duration = 0.5\n[until]\nframe = 'tcp'\npoint = [0.0, 0.0, 0.0]\ndistance = {}\n[integrator]\nmethod = '{}'\n"
@@ -338,7 +344,7 @@ def test_a_batch_under_loads_has_the_bits_of_its_states() -> None:
             progress,
         )
         for state in range(5):
-            alone = Loaded(kernel.calls, data, times, q[state], v[state], method, 1e-7, atol)
+            alone = Loaded(kernel.calls, data, times, q[state], v[state], ErrorControl(method, 1e-7, atol))
             while not alone.progress.reason:
                 alone.go()
             assert progress[state].reason == alone.progress.reason == 1
@@ -393,7 +399,7 @@ def bars(label: str) -> Robot:
         ("more", HELD),
         ("shaken", SHAKEN_BARS),
         ("shaken", SHAKEN_BARS + HELD),
-        ("plate", SWUNG),  # whose free joint's angles pass a pole
+        pytest.param("plate", SWUNG, marks=pytest.mark.soak),  # whose free joint's angles pass a pole
         ("plate", SWUNG + HELD),
     ],
 )
@@ -403,7 +409,7 @@ def test_drives_of_closed_mechanisms_are_those_of_python(label: str, text: str) 
     scenario = scenario_from_toml("duration = 0.3\n" + text)
     assembly = assemble(robot, scenario, tool_of(robot, None, "tool"), no_progress)
     kernel, rng = assembly.kernel, np.random.default_rng(5)
-    assert may_run_in_c(robot, scenario)
+    assert plan_of(assembly, scenario).in_c
     assert assembly.path is not None
     times = np.sort(rng.uniform(0.0, 0.3, 12))
     q, v = assembly.path.at(times) + 0.02 * rng.normal(size=(12, kernel.n)), rng.normal(size=(12, kernel.n))
@@ -421,7 +427,7 @@ def test_drives_of_closed_mechanisms_are_those_of_python(label: str, text: str) 
     [
         ("driven", MOVED),
         pytest.param("shaken", SHAKEN_BARS, marks=pytest.mark.soak),
-        ("plate", SWUNG + HELD),
+        pytest.param("plate", SWUNG + HELD, marks=pytest.mark.soak),
         pytest.param("plate", SWUNG, marks=pytest.mark.soak),
     ],
 )
@@ -432,7 +438,7 @@ def test_closed_mechanisms_move_as_by_python(label: str, text: str) -> None:
         run_scenario(bars(label), scenario_from_toml(text + f"[integrator]\nmethod = '{method}'\nrtol = {rtol}\n"))
         for method, rtol in (("auto", "1e-9"), ("Radau", "1e-10"))
     )
-    assert found.trajectory.method in METHODS
+    assert found.trajectory.method in IN_C
     assert any("tsit5 and rosenbrock (implicit) in turn" in note for note in found.notes)
     for name, limit in (("q", 1e-8), ("v", 1e-7), ("u", 1e-6)):
         mine, other = (getattr(x.trajectory, name) for x in (found, wanted))
@@ -452,7 +458,7 @@ def test_a_mechanism_that_does_not_close_ends_the_motion() -> None:
     assert not np.isfinite(loaded(assembly, np.array([0.0, 1.0]), q, v).loads.drives(np.zeros(1), q, v)[0, 0])
 
 
-@pytest.mark.parametrize("method", [*METHODS, AUTO])
+@pytest.mark.parametrize("method", [*IN_C, AUTO])
 def test_states_with_parameters_and_loads_of_their_own_move_as_alone(method: str) -> None:
     """To the bit: other bearings and masses, other centres of mass that wrenches act on, and others beside it."""
     text = "duration = 0.1\n" + SHAKEN + PUSH.format(link=eomgen.load_robot("shaken_arm").links[-1].name, axes="link")
@@ -476,11 +482,11 @@ def test_states_with_parameters_and_loads_of_their_own_move_as_alone(method: str
         shared = method != AUTO  # loads that are one object
         data = [loads[0] if shared else loads[i] for i in some]
         calls = [kernels[i].calls for i in some]
-        motion = Together(calls, data, times, q[some], v[some], method, 1e-7, atol[some])
+        motion = Together(calls, data, times, q[some], v[some], ErrorControl(method, 1e-7, atol[some]))
         while motion.go():
             pass
         for place, i in enumerate(some):
-            alone = Loaded(kernels[i].calls, data[place], times, q[i], v[i], method, 1e-7, atol[i])
+            alone = Loaded(kernels[i].calls, data[place], times, q[i], v[i], ErrorControl(method, 1e-7, atol[i]))
             while not alone.progress.reason:
                 alone.go()
             assert motion.progress[place].reason == alone.progress.reason == 1
@@ -490,7 +496,7 @@ def test_states_with_parameters_and_loads_of_their_own_move_as_alone(method: str
             assert np.array_equal(motion.samples[:, place], alone.samples)
 
 
-@pytest.mark.parametrize("method", [*METHODS, AUTO])
+@pytest.mark.parametrize("method", [*IN_C, AUTO])
 def test_calls_that_end_sooner_change_no_bit(method: str, built: Build) -> None:
     """Where a call begins, what the one before ended with is evaluated again: at the same time to the bit."""
     kernel = built(oscillator(), *NEEDED, "adaptive_rollout")
@@ -498,7 +504,7 @@ def test_calls_that_end_sooner_change_no_bit(method: str, built: Build) -> None:
     loads = LoadData(DriveData(torque=Track(rising, np.array([0]))))
     times, allowed, found = np.linspace(0.0, 0.4, 41), (1e-10, np.full(2, 1e-12)), []
     for kept in (0, 1, 7):
-        motion = Loaded(kernel.calls, loads, times, np.zeros(1), np.zeros(1), method, *allowed, kept)
+        motion = Loaded(kernel.calls, loads, times, np.zeros(1), np.zeros(1), ErrorControl(method, *allowed), kept)
         while not motion.progress.reason:
             motion.go()
         found.append(motion.samples)

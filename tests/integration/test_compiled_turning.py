@@ -11,17 +11,18 @@ import pytest
 from numpy.typing import NDArray
 
 from eomgen.integration import Until, integrate
-from eomgen.integration.compiled import METHODS, why_not
 from eomgen.integration.cubics import Cubics, hermite
+from eomgen.integration.plan import IN_C, why_not_in_c
 from eomgen.motion.point_to_point import Harmonic
 from eomgen.motion.splines import Standstill
 from eomgen.robot import build_model
 from eomgen.robot.value import ANGULAR, Coordinate, Joint, Link, Placement, Robot
 from eomgen.runtime.kernel import Kernel
-from eomgen.runtime.stepping.adaptive import METHODS as NUMBERS
 from eomgen.runtime.stepping.given_loads import loads_of
 from eomgen.runtime.stepping.loaded import Loaded
 from eomgen.runtime.stepping.loads import Gains, LinkWrench, Packed, Signal
+from eomgen.runtime.stepping.options import ADAPTIVE as NUMBERS
+from eomgen.runtime.stepping.options import ErrorControl
 from eomgen.simulation.controls import JointPD, actuators
 from tests.support.builds import Build
 from tests.support.small_robots import free_body
@@ -65,11 +66,11 @@ def agree(kernel: Kernel, q: Array, v: Array, duration: float, method: str, **lo
 
     Links are compared, not angles: those that pass a pole next to it may go on as either triple of their rotation.
     """
-    assert not why_not(kernel, *(loads.get(name) for name in ("drive", "wrench", "prescribed")))
+    assert not why_not_in_c(kernel, *(loads.get(name) for name in ("drive", "wrench", "prescribed")))
     rtol = 1e-6 if method == "rosenbrock" else 1e-10
     found = integrate(kernel, q, v, duration, method=method, rtol=rtol, output_step=0.02, **loads)
     exact = integrate(kernel, q, v, duration, method="DOP853", rtol=1e-12, output_step=0.02, **loads)
-    assert found.method in METHODS
+    assert found.method in IN_C
     for link in kernel.links:
         mine, other = (np.asarray(kernel.frame_pose(x.q, link)) for x in (found, exact))
         assert np.abs(mine - other).max() <= LIMIT[method]
@@ -81,14 +82,14 @@ def agree(kernel: Kernel, q: Array, v: Array, duration: float, method: str, **lo
     return found
 
 
-@pytest.mark.parametrize("method", ["auto", *METHODS])
+@pytest.mark.parametrize("method", ["auto", *IN_C])
 @pytest.mark.parametrize("loads", [{}, {"drive": DRIVE, "wrench": PULL}])
 def test_a_free_body_over_the_poles(method: str, loads: dict[str, Any], built: Build) -> None:
     found = agree(built(tumbler(), *NEEDED), Q0, V0, 2.0, method, **loads)
     assert np.abs(np.cos(found.q[:, 4])).min() < 0.45
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", IN_C)
 def test_a_pendulum_on_a_ball_swings_over_the_pole_itself(method: str, built: Build) -> None:
     """About y alone, under a moment about it: beta passes 90 degrees, where no other angle has a meaning."""
     link = Link("bob", 1.0, (0.3, 0.0, 0.0), (0.01, 0.02, 0.02, 0.0, 0.0, 0.0))
@@ -126,7 +127,7 @@ class Pull:
 
 
 @pytest.mark.parametrize("method", ["auto", pytest.param("rosenbrock", marks=pytest.mark.soak)])
-@pytest.mark.parametrize("turns", [True, False])
+@pytest.mark.parametrize("turns", [pytest.param(True, marks=pytest.mark.soak), False])
 def test_a_floating_arm_under_pd_control_and_a_force(method: str, turns: bool, built: Build) -> None:
     """Two joints that turn at times of their own; what acts is asked in described states, and acts on all links."""
     robot = floating_arm()
@@ -144,6 +145,7 @@ def test_a_floating_arm_under_pd_control_and_a_force(method: str, turns: bool, b
     assert (near[:, 0] != near[:, 1]).any()
 
 
+@pytest.mark.soak
 def test_a_ball_on_a_base_that_shakes(built: Build) -> None:
     """What is prescribed is put in place in described states; the force that it takes is asked there, too."""
     kernel = built(floating_arm(shaken=True), *NEEDED)
@@ -154,7 +156,7 @@ def test_a_ball_on_a_base_that_shakes(built: Build) -> None:
     assert np.abs(found.u[:, 0]).max() > 1.0
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", IN_C)
 def test_a_closed_pendulum_under_loads(method: str, built: Build) -> None:
     """A free body of which a cut joint holds a point: closed in coordinates that are turned."""
     kernel = built(held_pendulum(), *INTEGRATED)
@@ -228,7 +230,7 @@ def test_calls_go_on_to_the_bit_and_lanes_turn_apart(built: Build) -> None:
         function.batch(5, null, pointer, 0, drive, packed.pointer, 0, allowed, 0, *how, *arrays, progress)
         for state in range(5):
             for kept in (0, 7):
-                alone = Loaded(kernel.calls, data, times, q[state], v[state], method, 1e-7, atol, kept)
+                alone = Loaded(kernel.calls, data, times, q[state], v[state], ErrorControl(method, 1e-7, atol), kept)
                 steps = []
                 while not alone.progress.reason:
                     steps.append(alone.go())

@@ -293,6 +293,7 @@ def pair_and_ball() -> Robot:
     return Robot("pair_and_ball", (0.0, 0.0, -9.81), tuple(map(link, ("first", "arm", "tip", "other"))), joints)
 
 
+@pytest.mark.soak
 def test_joints_within_a_tree(built: Build) -> None:
     """Energy and momentum of coupled bodies: gravity alone acts, so that it tells of the momentum's rate."""
     robot = pair_and_ball()

@@ -16,8 +16,8 @@ from eomgen.integration.trajectory import Trajectory
 from eomgen.integration.until import Until
 from eomgen.motion.point_to_point import Harmonic
 from eomgen.robot.value import Coordinate, Robot
-from eomgen.runtime.stepping.adaptive import METHODS
 from eomgen.runtime.stepping.loads import WORKS
+from eomgen.runtime.stepping.options import ADAPTIVE as METHODS
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.run import run_scenario
 from tests.codegen.forces.test_laws import worn
@@ -99,6 +99,7 @@ def test_balances_are_as_good_as_tolerances(kind: str, method: str, built: Build
     assert (ends[1][WORKS.index("prescribed")] != 0.0) == bool(kernel.prescribed)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("method", METHODS)
 def test_a_mechanism_with_a_prescribed_crank(method: str, built: Build) -> None:
     """What moves the crank does what the energy changes by and what the rocker's damper takes: loops do no work."""

@@ -86,6 +86,7 @@ def test_a_state_that_is_open_is_closed_by_the_first_step_or_named(built: Build)
         kernel.rollout(q, 0 * q, [1e9, 0.0, 0.0], 1e-2, 50)
 
 
+@pytest.mark.soak
 def test_energy_of_bricards_mechanism(built: Build) -> None:
     """Ten seconds of the redundant benchmark: five constraints of which four hold, and one degree of freedom."""
     kernel, q = built(bricard(), *KERNELS), threefold(np.pi / 2)
@@ -96,6 +97,7 @@ def test_energy_of_bricards_mechanism(built: Build) -> None:
     assert np.abs(kernel.constraint(qs)).max() <= 1e-13
 
 
+@pytest.mark.soak
 def test_energy_of_a_redundant_linkage_in_space(built: Build) -> None:
     """Rows that follow from others there answer to the gaps inside a step, so that each stage is closed."""
     robot = eomgen.load_robot("bennett")

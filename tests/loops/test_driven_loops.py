@@ -74,6 +74,7 @@ def test_prescribed_accelerations_that_open_a_loop_are_refused(built: Build) -> 
     assert np.abs(loops.forward_dynamics(q, np.zeros(3), np.zeros(3)).a).max() <= 1e-12
 
 
+@pytest.mark.soak
 def test_an_offset_in_a_loop_is_a_turned_placement(built: Build) -> None:
     """An offset of an angle alpha that does not move turns the joint's frame about x."""
     robot, rng = eomgen.load_robot("bennett"), np.random.default_rng(4)

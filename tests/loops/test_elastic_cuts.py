@@ -146,6 +146,7 @@ def test_derivatives_of_forces_in_a_cut(built: Build) -> None:
     assert np.allclose(slope, -kernel.generalized_force(q, 0 * q), rtol=1e-6, atol=1e-4)
 
 
+@pytest.mark.soak
 def test_rising_stiffness_leads_to_the_rigid_joint(built: Build) -> None:
     """A linearly implicit step from rest with an ever stiffer cut joint: rates come to those of the rigid one."""
     rigid = built(linkages("")[0])

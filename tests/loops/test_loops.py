@@ -186,7 +186,7 @@ def closed_at(
     return replace(robot, loops=tuple(loops))
 
 
-@pytest.mark.parametrize("seed", seeds(400, 1, 14))
+@pytest.mark.parametrize("seed", [*seeds(413, 1, 1), *seeds(400, 0, 13)])
 def test_accelerations_and_reactions_equal_pinocchios(seed: int, built: Build) -> None:
     """Loops of spherical and fixed cuts in random robots with springs, dampers and armatures."""
     pin = pytest.importorskip("pinocchio")

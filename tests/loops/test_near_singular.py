@@ -22,7 +22,7 @@ from eomgen.robot.model import build_model
 from tests.oracles.dense_solve import DenseSolve
 from tests.support.change_points import ChangePoint, four_bar, three_cranks
 from tests.support.random_robots import Array
-from tests.support.soak import share
+from tests.support.soak import share, soaked
 from tests.support.spatial_change_points import rod_on_balls, spherical_bar, two_bars
 
 RIGHT = 1e-9  # of the largest acceleration
@@ -90,13 +90,13 @@ def check_beside(kind: str, seed: int) -> None:
             assert error(a, exact) <= RIGHT, distance
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", soaked(KINDS, ("four bars", "three cranks")))
 def test_beside_a_change_point(kind: str) -> None:
     for seed in range(2):
         check_beside(kind, seed)
 
 
-@pytest.mark.parametrize("kind", SPATIAL)
+@pytest.mark.parametrize("kind", soaked(SPATIAL, ("spherical", "rod on balls")))
 def test_beside_a_change_point_in_space(kind: str) -> None:
     check_beside(kind, 0)
 
@@ -128,7 +128,7 @@ def test_many_beside_their_change_points(kind: str, seed: int) -> None:
     check_beside(kind, seed)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", soaked(KINDS, ("four bars", "three cranks")))
 def test_in_single_precision(kind: str) -> None:
     """Right to round-off by the least singular value, of which the distance is a part, or refused."""
     for seed in range(2):
@@ -168,7 +168,10 @@ def test_what_is_regular_costs_no_more() -> None:
         assert program.count()["mul"] <= 1.05 * products, name
 
 
-@pytest.mark.parametrize(("kind", "dtype"), [("four bars that stand", "float64"), ("three cranks", "float32")])
+@pytest.mark.parametrize(
+    ("kind", "dtype"),
+    [("four bars that stand", "float64"), pytest.param("three cranks", "float32", marks=pytest.mark.soak)],
+)
 def test_a_state_has_the_same_bits_in_any_company(kind: str, dtype: str) -> None:
     """States that are refined and others share a vector; one that is refused is named."""
     found, rng = Found(KINDS[kind](0), dtype), np.random.default_rng(0)
@@ -188,6 +191,7 @@ def test_a_state_has_the_same_bits_in_any_company(kind: str, dtype: str) -> None
         kernel.forward_dynamics(q, v, u)
 
 
+@pytest.mark.soak
 def test_derivatives_beside_a_change_point() -> None:
     """Derivatives by the drives, in which accelerations are linear, are those of dense solutions."""
     found, rng = Found(KINDS["parallelogram"](0)), np.random.default_rng(0)

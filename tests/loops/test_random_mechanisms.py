@@ -60,7 +60,7 @@ def _whole(m: Mechanism, unique: Array) -> list[bool]:
     return [bool(unique[a:b].all()) for a, b in pairwise(rows)]
 
 
-@pytest.mark.parametrize("number", [8, *seeds(0, 1, 500)])
+@pytest.mark.parametrize("number", [8, *seeds(0, 0, 500)])
 def test_pinocchio_says_the_same(number: int, built: Build, figures: Figures) -> None:
     m = mechanism(number)
     oracle = ClosedOracle(m.robot)
@@ -68,7 +68,7 @@ def test_pinocchio_says_the_same(number: int, built: Build, figures: Figures) ->
     compare(found, oracle.solve(m.q, m.v, m.u, m.wrench), oracle, m, figures)
 
 
-@pytest.mark.parametrize("number", seeds(6, 2, 500))
+@pytest.mark.parametrize("number", seeds(6, 1, 500))
 def test_another_cut_says_the_same(number: int, built: Build, figures: Figures) -> None:
     """The joint that is cut there takes no drive; all others move as before, and the new cut carries what it has to."""
     m = mechanism(number, ("revolute",), wanted=lambda robot: any(recuts(robot)))

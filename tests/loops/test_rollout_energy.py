@@ -25,6 +25,7 @@ def test_energy_of_a_driven_mechanism(built: Build) -> None:
     assert np.abs(energy - energy[0] - 20.0 * turned).max() <= 1e-5 * 20.0 * turned[-1]
 
 
+@pytest.mark.soak
 def test_bricards_mechanism_keeps_its_energy(built: Build) -> None:
     kernel = built(bricard(), *KERNELS, "rollout")
     signs = [np.array([1, s, 1, s, 1]) * threefold(1.8) for s in (1, -1)]

@@ -23,6 +23,7 @@ from eomgen.robot.value import Coordinate
 from eomgen.runtime.kernel import Kernel
 from tests.support.builds import Build
 from tests.support.random_robots import Array, seeds
+from tests.support.soak import soaked
 from tests.support.turning_loops import (
     INTEGRATED,
     cranked_plate,
@@ -82,7 +83,7 @@ def test_rollouts_of_a_held_pendulum(method: str, held: Kernel, hung: Array) -> 
     assert np.abs(energy - energy[0]).max() < limit
 
 
-@pytest.mark.parametrize("method", ["rk4", "DOP853", "Radau", "LSODA"])
+@pytest.mark.parametrize("method", soaked(("rk4", "DOP853", "Radau", "LSODA"), ("rk4", "DOP853", "LSODA")))
 def test_integrations_of_a_held_pendulum(method: str, held: Kernel, hung: Array) -> None:
     step = {"step": 5e-4} if method == "rk4" else {}
     found = integrate(held, *held_at(ANGLES, RATES), DURATION, method=method, rtol=1e-8, output_step=0.05, **step)
@@ -139,6 +140,7 @@ def test_states_of_a_batch_turn_apart(method: str, held: Kernel) -> None:
     assert np.abs(energy - energy[:, :1]).max() < {"rk4": 1e-7, "implicit": 1.0}.get(method, 1e-2)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("hinges", [1, pytest.param(2, marks=pytest.mark.soak)])
 def test_a_hinged_body_turns_on(hinges: int, built: Build) -> None:
     """Straight through the poles of its free joint, from one of them, too; of two hinges one is redundant."""
@@ -156,6 +158,7 @@ def test_a_hinged_body_turns_on(hinges: int, built: Build) -> None:
         assert found.info["redundant"] == 5.0 * (hinges - 1)
 
 
+@pytest.mark.soak
 def test_single_precision(built: Build, held: Kernel) -> None:
     kernel = built(held_pendulum(), *INTEGRATED, dtype="float32")
     q0, v0 = (x.astype(np.float32) for x in held_at(ANGLES, RATES))
@@ -252,7 +255,7 @@ def test_loops_close_at_a_pole(held: Kernel) -> None:
         held.close_rates(pole, np.array([1.0, 2.0, 3.0, 0.0, 0.0, 0.0]))
 
 
-@pytest.mark.parametrize("angle", [0.0, np.pi / 2])
+@pytest.mark.parametrize("angle", soaked((0.0, np.pi / 2), (np.pi / 2,)))
 def test_a_driven_plate_is_simulated_over_a_pole(angle: float) -> None:
     """Through a program, computed torque and an equilibrium at the beginning, which may be at a pole."""
     result = eomgen.simulate(
@@ -266,6 +269,7 @@ def test_a_driven_plate_is_simulated_over_a_pole(angle: float) -> None:
     assert result.trajectory.info["gap"] < 1e-11
 
 
+@pytest.mark.soak
 def test_equilibrium_at_a_pole(built: Build) -> None:
     """Near which the weight puts it: the crank hangs down, and the plate has turned by about a quarter."""
     kernel = built(cranked_plate(), *INTEGRATED)

@@ -13,6 +13,7 @@ import pytest
 from eomgen.errors import InputError
 from eomgen.motion.csv_columns import read_csv
 from eomgen.motion.files import read_motion
+from tests.support.soak import WHOLE
 
 ROOT = Path(__file__).parents[2]
 NAMES = ("joint1.x", "joint1.gamma")
@@ -36,11 +37,11 @@ LARGE = {  # head, what is repeated until there are so many MB, and what is said
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("megabytes", [30, pytest.param(84, marks=pytest.mark.soak)])
+@pytest.mark.parametrize("megabytes", [30, pytest.param(84 if WHOLE else 50, marks=pytest.mark.soak)])
 def test_limits_of_time_and_memory(megabytes: int, tmp_path: Path) -> None:
     """In one process that is allowed 512 MB more than it begins with, 2 s of the processor each.
 
-    Quick runs share the machine with other tests, so that they take shorter files for the same time.
+    Runs share the machine with other tests, so that they take shorter files for the same time.
     """
     code = f"""
 import signal, sys

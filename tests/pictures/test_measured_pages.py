@@ -28,7 +28,6 @@ from eomgen.identification import (
     tolerance,
 )
 from eomgen.pictures import report_of
-from eomgen.pictures.measured import kinds
 from eomgen.pictures.report import Report
 from tests.pictures.test_report import HOSTILE, read
 from tests.support.measured_poses import chain, trial
@@ -164,11 +163,3 @@ def test_fits_and_poses_are_saved_and_reported(tmp_path: Path) -> None:
                 load(path)
         with pytest.raises(InputError, match=r"allowed: a path that ends in .json"):
             found.save(tmp_path / "result.txt")
-
-
-def test_every_kind_of_file_has_a_page() -> None:
-    """What can be loaded can be reported."""
-    from typing import get_type_hints
-
-    for load in kinds.SAVED.values():
-        assert get_type_hints(load)["return"] in kinds.PAGES

@@ -33,6 +33,7 @@ from tests.oracles.force_laws import with_laws
 from tests.support.random_motors import with_motors
 from tests.support.random_robots import random_robot, random_state, with_random_loops
 from tests.support.random_springs import with_springs
+from tests.support.soak import soaked
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -108,7 +109,7 @@ def test_drawn_energies_balance(result: SimulationResult, figures: list[Any], tm
         motion_plots.plot_energy(replace(result, balance=None), tmp_path / "none.svg")
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", soaked(range(4), (1,)))
 def test_the_drawn_zeros_are_zeros_of_the_kernel(seed: int, figures: list[Any], tmp_path: Path) -> None:
     """Where the figure says that an entry vanishes, the compiled M and C have zeros in every state."""
     robot = random_robot(seed, (2, 3), 3, tree=True, armature=False)
@@ -226,13 +227,16 @@ def test_what_is_no_record_is_refused(place: tuple[Any, ...], value: object) -> 
         robot_of(record)
 
 
+@pytest.mark.soak
 def test_a_result_of_every_kind_keeps_its_robot(tmp_path: Path) -> None:
     robot = with_springs(random_robot(3, (2, 2), 3), 3)
     found = simulate(robot, duration=0.01, output_step=0.005)
     assert simulated_robot(eomgen.load_result(found.save(tmp_path / "r.npz"))) == robot
 
 
-@pytest.mark.parametrize("name", ["two_arms", "four_bar", "balanced_arm", "geared_arm"])
+@pytest.mark.parametrize(
+    "name", soaked(("two_arms", "four_bar", "balanced_arm", "geared_arm"), ("four_bar", "geared_arm"))
+)
 def test_a_robot_is_drawn_where_its_frames_are(name: str, tmp_path: Path, figures: list[Any]) -> None:
     """Faces around every joint's origin; axes, cut joints, springs and frames where poses in space have them."""
     from eomgen.pictures.scene import link_poses, spring_lines

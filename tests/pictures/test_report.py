@@ -154,6 +154,7 @@ def test_the_tables_have_the_numbers_of_others(page: str, robot: Robot, result: 
     assert rows["description, SHA-256"] == [result.robot_hash]
 
 
+@pytest.mark.soak
 def test_frequencies_are_those_at_the_programs_poses(
     result: SimulationResult, robot: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -181,6 +182,7 @@ def test_names_and_notes_are_escaped(result: SimulationResult) -> None:
     assert reader.text.count(HOSTILE) >= 6
 
 
+@pytest.mark.soak
 def test_without_the_robot_the_page_says_what_is_missing(result: SimulationResult, robot: Robot) -> None:
     old = replace(result, description={}, balance=None)
     found = report_of(old)
@@ -206,6 +208,7 @@ def test_what_cannot_be_drawn_is_said() -> None:
     assert any(line == "frequencies along the program: no deviation has a stiffness" for line in found.missing)
 
 
+@pytest.mark.soak
 def test_command(result: SimulationResult, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The robot's file is gone: a result has what is needed."""
     result.save(tmp_path / "trajectory.npz")

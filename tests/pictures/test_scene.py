@@ -44,6 +44,7 @@ from tests.support.bending_arm import bending_arm
 from tests.support.browser import open_page
 from tests.support.description_samples import example_urdfs
 from tests.support.random_robots import random_robot, random_state, with_offsets
+from tests.support.soak import soaked
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -69,7 +70,7 @@ def result(robot: Robot) -> SimulationResult:
     return run_scenario(robot, scenario_from_toml(SCENARIO))
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", soaked(range(6), (0, 1)))
 def test_poses_are_those_of_kernels_and_of_pinocchio(seed: int) -> None:
     robot = random_robot(seed, (2, 4), tree=True, types=("revolute", "prismatic", "free", "fixed"))
     moved = with_offsets(robot, seed) if seed % 2 else robot

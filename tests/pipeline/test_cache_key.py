@@ -100,7 +100,7 @@ def places_in(parts: Any, way: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]
         yield from places_in(part, (*way, key))
 
 
-@pytest.mark.parametrize("changes", [30, pytest.param(100, marks=pytest.mark.soak)])
+@pytest.mark.parametrize("changes", [8, pytest.param(100, marks=pytest.mark.soak)])
 def test_the_key_covers_every_part(changes: int, source: Source) -> None:
     """Random changes of each text that a package depends on: as many keys, and that of none; lists likewise."""
     parts, rng = compiling.dependencies(source, COMPILER, FLAGS), random.Random(1)

@@ -162,6 +162,7 @@ def crowd(start: Any, answers: Any) -> None:
         answers.put(repr(error))
 
 
+@pytest.mark.soak
 @forks
 @pytest.mark.parametrize("count", amounts(1, 50))
 def test_sixteen_processes_want_the_same_kernel(

@@ -62,6 +62,7 @@ def test_a_batch_needs_no_single_state(compiled: Compiled) -> None:
     kernel = eomgen.build("one_link")
     kernel.frame_pose(MANY, "link1")
     kernel.blocks(MANY)
+    kernel.mass_matrix(MANY)
     assert compiled.new() == ["batches"] * 3
     assert kernel.mass_matrix.takes_many  # type: ignore[attr-defined]
     assert not kernel.mass_matrix.is_armed  # type: ignore[attr-defined]
@@ -155,6 +156,7 @@ def test_an_assignment_reaches_both_halves(batch_first: bool, built: Build) -> N
     assert kernel.inverse_dynamics.takes_many  # type: ignore[attr-defined]
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("batch_first", [False, True])
 def test_groups_are_compiled_together(batch_first: bool, compiled: Compiled) -> None:
     """Some kernels' functions for one state, other kernels' for batches: what each reads of parameters is its own."""

@@ -107,7 +107,9 @@ def test_a_level_that_does_not_run_here_is_refused(monkeypatch: pytest.MonkeyPat
 
 
 @needs_levels
-@pytest.mark.parametrize("headers", [True, False], ids=["api", "abi"])
+@pytest.mark.parametrize(
+    "headers", [pytest.param(True, id="api"), pytest.param(False, id="abi", marks=pytest.mark.soak)]
+)
 def test_a_package_has_binaries_of_all_levels(
     headers: bool, empty_cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -129,6 +131,7 @@ def test_a_package_has_binaries_of_all_levels(
     assert all(matrix == found[0] for matrix in found)
 
 
+@pytest.mark.soak
 @needs_levels
 def test_levels_beyond_this_processor_are_compiled_and_not_tried(
     empty_cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -148,6 +151,7 @@ def test_levels_beyond_this_processor_are_compiled_and_not_tried(
     assert [step.split()[0] for step in steps] == ["compiling"] * (supported()[-1] != "v1")
 
 
+@pytest.mark.soak
 @needs_levels
 def test_a_package_of_one_level(empty_cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its binary lies in the package itself; on a processor that does not run it the import says so."""

@@ -53,7 +53,7 @@ def wrapper(folder: Path, text: str) -> str:
     ("added", "options"),
     [
         ("-ffast-math", FORWARD),
-        ("-funsafe-math-optimizations", QUICK),
+        pytest.param("-funsafe-math-optimizations", QUICK, marks=pytest.mark.soak),
         ("-fsingle-precision-constant", QUICK),
         ("-fsingle-precision-constant", Options(("mass_matrix",), native=True, flags=("-O0",))),
         pytest.param("-ffp-contract=fast -mfma", FUSED, marks=needs_fma),
@@ -101,7 +101,13 @@ placement = {{ xyz = [0.1, 0.2, 0.3], rpy = [0.3, 0.4, {0.5 + i}] }}
 REORDERS = "-fassociative-math -fno-signed-zeros -fno-trapping-math"
 
 
-@pytest.mark.parametrize("added", ["-funsafe-math-optimizations", REORDERS], ids=["unsafe", "associative"])
+@pytest.mark.parametrize(
+    "added",
+    [
+        pytest.param("-funsafe-math-optimizations", id="unsafe", marks=pytest.mark.soak),
+        pytest.param(REORDERS, id="associative"),
+    ],
+)
 @pytest.mark.parametrize(
     ("robot", "kernel"),
     [
@@ -174,6 +180,7 @@ for word in "$@"; do case "$word" in */one_link.c) sed -i '{CHANGES[change]}' "$
     assert nothing_cached(empty_cache)
 
 
+@pytest.mark.soak
 def test_native_builds_are_compared_within_rounding() -> None:
     """Answers of fused multiply-adds may differ by their rounding and no more."""
     kernel = eomgen.build("one_link", kernels="all", native=True, flags=("-O1",))
@@ -211,7 +218,7 @@ def derived(name: str = "one_link", *kernels: str, dtype: str = "float64") -> Eq
     ("name", "dtype"),
     [
         ("one_link", "float64"),
-        ("four_bar", "float32"),
+        pytest.param("four_bar", "float32", marks=pytest.mark.soak),
         pytest.param("one_link", "float32", marks=pytest.mark.soak),
         pytest.param("four_bar", "float64", marks=pytest.mark.soak),
     ],
@@ -365,6 +372,7 @@ def test_what_templates_compute_with_answers_is_rounded_too() -> None:
     assert kernel.constraints
 
 
+@pytest.mark.soak
 def test_what_rounding_makes_finite_is_not_held_against_a_binary() -> None:
     """Where rates are infinite the sign of a coefficient that vanishes but for rounding decides what comes out."""
     kernel = eomgen.build("hexapod_elastic", kernels=("cut_forces",), native=True)

@@ -46,7 +46,15 @@ VOID = {
     "col",
 }  # elements without an end
 GALLERY = "one_link puma560_elastic four_bar"  # pictures that pages show, and a closed mechanism
-SLOW = ("howto/compensate.md", "howto/excite.md", "howto/identify.md", "live.md")  # of whose blocks some take 10 s
+HOWTO = (
+    *("accuracy", "closed_loop", "compensate", "elastic_urdf", "excite", "identify", "platform", "sweep"),
+    *("tolerance", "tool_path"),
+)
+SLOW = (
+    *("adapters.md", "analysis.md", "comparison.md", "derivatives.md", "fmu.md", "live.md", "wasm.md"),
+    *("for/calibration.md", "for/control.md", "for/multibody.md"),
+    *(f"howto/{name}.md" for name in HOWTO),
+)  # for make soak: some take 10 s
 NOTEBOOKS = "none"  # shown without outputs; test_notebooks.py runs them
 PAGES = sorted(path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*.md"))
 

@@ -32,6 +32,7 @@ def numbers(pattern: str, text: str) -> list[float]:
     return [float(found) for found in re.findall(pattern, text)]
 
 
+@pytest.mark.soak
 def test_your_urdf_made_elastic(capsys: pytest.CaptureFixture[str]) -> None:
     text = said("elastic_urdf.py", capsys)
     own, loaded = numbers(r"sag by ([0-9.]+) um", text)
@@ -42,6 +43,7 @@ def test_your_urdf_made_elastic(capsys: pytest.CaptureFixture[str]) -> None:
     assert "waist.beta" in text
 
 
+@pytest.mark.soak
 def test_a_worn_gripper_arm(capsys: pytest.CaptureFixture[str]) -> None:
     text = said("worn_gripper.py", capsys)
     slopes = numbers(r"mrad: +([0-9.]+) N m/rad", text)
@@ -102,6 +104,7 @@ def test_the_least_effort_is_that_of_the_kernel() -> None:
     assert best.effort < 0.9 * some.effort
 
 
+@pytest.mark.soak
 def test_identify_worn_arm(capsys: pytest.CaptureFixture[str]) -> None:
     """All seven numbers are found, by gradients alone."""
     text = said("identify_worn_arm.py", capsys, "3000")

@@ -108,6 +108,7 @@ def test_metadata_of_the_wheel(wheel: Path) -> None:
     assert not {"scipy", "matplotlib", "pytest", "pin"} & set(required)
 
 
+@pytest.mark.soak
 def test_the_wheel_works_by_itself(wheel: Path, tmp_path: Path) -> None:
     """Unpacked somewhere else, it derives, renders, compiles and runs."""
     with zipfile.ZipFile(wheel) as archive:
@@ -138,5 +139,6 @@ def test_the_version_is_written_once() -> None:
     text = re.escape(eomgen.__version__)
     files = [ROOT / "pyproject.toml"]
     files += [path for folder in (*PLACES, "tests") for path in (ROOT / folder).rglob("*") if path.suffix in SHIPPED]
+    files = [path for path in files if "results" not in path.parts]  # kept results say what wrote them
     found = [path.name for path in files if re.search(rf"(?<![\d.]){text}(?![\d.])", path.read_text(encoding="utf-8"))]
     assert found == ["_version.py"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -59,19 +60,20 @@ def found(tree: ast.AST) -> Iterator[tuple[str, int]]:
             yield "Environment", node.lineno
 
 
+@cache
+def calls_of(path: Path) -> list[tuple[str, int]]:
+    return list(found(ast.parse(path.read_text(encoding="utf-8"))))
+
+
 @pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_nothing_is_run_that_was_read(path: Path) -> None:
     file = path.relative_to(ROOT).as_posix()
-    calls = [(name, line) for name, line in found(ast.parse(path.read_text(encoding="utf-8")))]
+    calls = calls_of(path)
     assert not [call for call in calls if (file, call[0]) not in ALLOWED]
 
 
 def test_every_exception_is_needed() -> None:
-    used = {
-        (path.relative_to(ROOT).as_posix(), name)
-        for path in FILES
-        for name, _ in found(ast.parse(path.read_text(encoding="utf-8")))
-    }
+    used = {(path.relative_to(ROOT).as_posix(), name) for path in FILES for name, _ in calls_of(path)}
     assert used == set(ALLOWED)
     assert len(FILES) > 120
 

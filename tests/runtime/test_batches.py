@@ -14,6 +14,7 @@ from eomgen.errors import InputError, SingularError
 from eomgen.robot.value import COORDINATES, Coordinate, Joint, Link, Robot
 from tests.support.builds import Build
 from tests.support.random_robots import Array, random_robot, random_state, seeds
+from tests.support.soak import soaked
 
 STATES = 21  # no multiple of any number of lanes
 AGREEMENT = 1e-13  # relative, max-norm: sine and cosine of vectors are not those of libm
@@ -56,7 +57,7 @@ def distance(found: Array, expected: Array) -> Array:
 
 
 @pytest.mark.parametrize("seed", seeds(700, 1, 8))
-@pytest.mark.parametrize("native", [False, True])
+@pytest.mark.parametrize("native", soaked((False, True), (False,)))
 def test_a_batch_agrees_with_single_states(seed: int, native: bool) -> None:
     robot = random_robot(seed, joints=(1, 4), tree=seed % 2 == 0, types=TYPES)
     kernel = eomgen.build(robot, kernels=KERNELS, native=native, flags=("-O1",))
@@ -75,7 +76,9 @@ def test_a_batch_agrees_with_single_states(seed: int, native: bool) -> None:
 
 
 @pytest.mark.parametrize("seed", [700, pytest.param(703, marks=pytest.mark.soak)])
-@pytest.mark.parametrize("flags", [(), ("-DEOMGEN_VECTOR=0",), ("-mavx2",), ("-mavx512f",)])
+@pytest.mark.parametrize(
+    "flags", [(), ("-DEOMGEN_VECTOR=0",), pytest.param(("-mavx2",), marks=pytest.mark.soak), ("-mavx512f",)]
+)
 def test_without_contraction_no_bit_differs(seed: int, flags: tuple[str, ...]) -> None:
     robot = random_robot(seed, joints=(1, 4), tree=seed % 2 == 0, types=TYPES)
     kernel, states = eomgen.build(robot, kernels=KERNELS, flags=(*flags, "-O1")), random_states(robot, seed)
@@ -85,8 +88,8 @@ def test_without_contraction_no_bit_differs(seed: int, flags: tuple[str, ...]) -
         assert np.array_equal(call(*arrays), single), name
 
 
-@pytest.mark.parametrize("seed", [701, 704])
-@pytest.mark.parametrize("native", [False, True])
+@pytest.mark.parametrize("seed", soaked((701, 704), (701,)))
+@pytest.mark.parametrize("native", soaked((False, True), (False,)))
 def test_a_state_does_not_know_its_neighbours(seed: int, native: bool) -> None:
     """Any part of a batch, in any order, beside anything: the same bits."""
     robot = random_robot(seed, joints=(1, 4), tree=seed % 2 == 0, types=TYPES)
@@ -156,7 +159,9 @@ def test_memory_behind_the_arrays_is_not_touched(built: Build) -> None:
         assert np.isfinite(room[1:-1]).all()
 
 
-@pytest.mark.parametrize("flags", [(), ("-mavx512f",), pytest.param(("-mavx2",), marks=pytest.mark.soak)])
+@pytest.mark.parametrize(
+    "flags", [(), *(pytest.param((flag,), marks=pytest.mark.soak) for flag in ("-mavx512f", "-mavx2"))]
+)
 def test_results_stand_wherever_there_is_room(flags: tuple[str, ...]) -> None:
     """Matrices with zeros and mirrored halves, at any place in a vector of memory, of any number of states."""
     robot = random_robot(3, joints=(10, 10), tree=True, types=("revolute",), max_coordinates=1, forces=False)

@@ -119,6 +119,7 @@ def test_angles_at_their_poles_are_named(built: Build) -> None:
     refused(kernel, q, r"root.alpha and root.gamma.*; root.beta is at \+-pi/2")
 
 
+@pytest.mark.soak
 def test_a_dead_mechanism_is_named(built: Build) -> None:
     kernel = built(
         parallelogram(),

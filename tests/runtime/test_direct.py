@@ -212,15 +212,16 @@ ROBOTS: dict[str, Callable[[], Robot]] = {
     "loops": lambda: with_random_loops(random_robot(901, joints=(3, 3), tree=True), 901, ("revolute",)),
     "prescribed": lambda: some_prescribed(random_robot(33, joints=(2, 2)), 33),
 }
+SLOW = ("a tree", "loops")
 
 
 @pytest.mark.parametrize("calls", [25, pytest.param(400, marks=pytest.mark.soak)])
 @pytest.mark.parametrize(
     ("robot", "dtype"),
     [
-        *((robot, "float64") for robot in ROBOTS if robot != "loops"),
+        *((robot, "float64") for robot in ROBOTS if robot not in SLOW),
         ("one_link", "float32"),
-        pytest.param("loops", "float64", marks=pytest.mark.soak),
+        *(pytest.param(robot, "float64", marks=pytest.mark.soak) for robot in SLOW),
         *(pytest.param(robot, "float32", marks=pytest.mark.soak) for robot in ROBOTS if robot != "one_link"),
     ],
 )

@@ -13,7 +13,6 @@ from scipy.integrate import solve_ivp
 import eomgen
 from eomgen.errors import InputError
 from eomgen.robot.value import Friction
-from eomgen.runtime.stepping.adaptive import METHODS
 from eomgen.runtime.stepping.loads import (
     DriveData,
     Gains,
@@ -25,10 +24,12 @@ from eomgen.runtime.stepping.loads import (
     Waves,
     jump_times,
 )
+from eomgen.runtime.stepping.options import ADAPTIVE as METHODS
 from tests.runtime.test_load_gradients import ALL, numbers, put
 from tests.runtime.test_stiff_gradients import last, slider
 from tests.support.builds import Build
 from tests.support.random_robots import Array, random_robot, some_prescribed
+from tests.support.soak import soaked
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -77,7 +78,7 @@ def robot_of(kind: str) -> Any:
 
 
 @pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("kind", ["one_link", "prescribed"])
+@pytest.mark.parametrize("kind", soaked(("one_link", "prescribed"), ("prescribed",)))
 def test_gradients_are_those_of_the_motion(kind: str, method: str, built: Build) -> None:
     """By all numbers of loads, against differences of rollouts whose steps are their own."""
     compare(built(robot_of(kind), *ALL), method, 5)
@@ -142,7 +143,7 @@ def test_motions_are_scipys(method: str, built: Build) -> None:
 
 
 @pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize("dtype", soaked(("float64", "float32"), ("float64",)))
 def test_every_lane_has_jumps_of_its_own(dtype: str, method: str, built: Build) -> None:
     """Many states, each with other knots: the bits, works and steps of a state alone."""
     kernel = built(robot_of("prescribed"), *ALL, "generalized_force", dtype=dtype)
@@ -161,6 +162,7 @@ def test_every_lane_has_jumps_of_its_own(dtype: str, method: str, built: Build) 
         assert all(np.array_equal(x[i], y) for x, y in zip(whole, alone, strict=True))
 
 
+@pytest.mark.soak
 def test_mechanisms(built: Build) -> None:
     """Loops are closed where steps end: gains whose program bends, against differences."""
     beside = ("constraint", "constraint_jacobian", "mass_matrix", "cut_poses")

@@ -335,6 +335,7 @@ def test_a_profile_in_the_place_of_time(built: Build) -> None:
     assert (by * direction).sum() == pytest.approx((ends[0] - ends[1]) / 2e-5, rel=1e-6, abs=1e-8 * abs(value))
 
 
+@pytest.mark.soak
 def test_single_precision(built: Build) -> None:
     wanted = Case(built, "elastic", "rk4")
     single = Case(built, "elastic", "rk4", dtype="float32")

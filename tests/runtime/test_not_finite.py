@@ -18,11 +18,7 @@ from eomgen.errors import ArrayError, InputError, IntegrationStopped, SingularEr
 from eomgen.integration.solve import integrate
 from eomgen.motion.point_to_point import Harmonic
 from eomgen.robot.value import Robot
-from eomgen.scenario.load import scenario_from_toml
-from eomgen.simulation.assembly import KERNELS as NEEDED
-from eomgen.simulation.assembly import assemble
 from eomgen.simulation.run import simulate
-from eomgen.sweep.pace import Pace, roll
 from tests.oracles.by_singular_values import ClosedLoops
 from tests.support.builds import Build
 
@@ -279,25 +275,6 @@ def test_a_rollout_still_names_what_is_singular(built: Build) -> None:
     kernel.checks = False
     with pytest.raises(SingularError, match=r"joint1\.x"):
         kernel.rollout(Q, V, np.zeros(2), 1e-3, 5)
-
-
-def test_a_sample_of_a_sweep_that_turns_bad_keeps_its_motion() -> None:
-    robot = eomgen.load_robot("one_link")
-    scenario = scenario_from_toml('duration = 0.1\n[control]\ntype = "none"\n[initial]\nq = { "joint1.gamma" = 0.3 }\n')
-    setup = assemble(robot, scenario, "tcp", lambda _fraction, _text: None, (*NEEDED, "rollout"))
-    pace = Pace("rk4", 20, 5, 0.1)
-    whole = roll(robot, scenario, [setup], pace)[0]
-    for at in (0.0, AT):
-        bad = replace(setup, drive=turning(np.nan, 1, at=at))
-        (error,) = roll(robot, scenario, [bad], pace)
-        assert isinstance(error, IntegrationStopped)
-        assert error.coordinate == "joint1.gamma"
-        assert f"t = {at:g} s: drive and wrenches: joint1.gamma is nan" in str(error)
-        kept = error.trajectory
-        assert kept.t[-1] == error.t == pytest.approx(at)
-        assert np.isfinite(kept.q).all()
-        assert len(kept.q) == len(kept.v) == len(kept.u) == len(kept.energy) == round(at / 0.005) + 1
-    assert not isinstance(whole, Exception)
 
 
 # Simulations and their files

@@ -88,6 +88,7 @@ def weights(kernel: Kernel, q: np.ndarray) -> np.ndarray:
     return kernel.mass_matrix(q)
 
 
+@pytest.mark.soak
 def test_a_pool_of_fresh_processes(filled_cache: Path) -> None:
     kernel = changed(one_link())
     states = np.random.default_rng(0).uniform(-1.0, 1.0, (4, 2))

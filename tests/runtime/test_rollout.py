@@ -207,6 +207,7 @@ def test_every_so_many_steps(built: Build) -> None:
     assert kernel.rollout(s.q, s.v, s.u, 1e-4, 11, every=50)[0].shape == (1, kernel.n)
 
 
+@pytest.mark.soak
 def test_in_single_precision(built: Build) -> None:
     robot = random_robot(1043, joints=(2, 2), types=("revolute",))
     single, double = built(robot, "rollout", dtype="float32"), built(robot, "rollout")

@@ -36,7 +36,7 @@ class Case:
     def __init__(self, kernel: eomgen.Kernel, method: str, **given: Any) -> None:
         rng, n = np.random.default_rng(7), kernel.n
         self.kernel, self.method, self.loss = kernel, method, Loss(n)
-        self.driven = kernel._driven
+        self.driven = kernel.raw.libraries.meta["driven"]
         self.given: dict[str, Any] = {"q": rng.uniform(-0.3, 0.3, n), "v": rng.uniform(-1.0, 1.0, n)}
         self.given |= {"u": rng.uniform(-1.0, 1.0, (STEPS, n)), "target": rng.uniform(-0.3, 0.3, (STEPS, n))}
         for name, size in (("kp", 40.0), ("kd", 2.0)):

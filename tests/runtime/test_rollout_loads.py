@@ -13,7 +13,6 @@ from eomgen.errors import ArrayError, InputError
 from eomgen.integration.solve import integrate
 from eomgen.motion.point_to_point import Harmonic, PointToPoint
 from eomgen.motion.splines import signal_of
-from eomgen.runtime.stepping.adaptive import METHODS
 from eomgen.runtime.stepping.given_loads import place_given
 from eomgen.runtime.stepping.loads import (
     WORKS,
@@ -26,9 +25,11 @@ from eomgen.runtime.stepping.loads import (
     Track,
     Waves,
 )
+from eomgen.runtime.stepping.options import ADAPTIVE as METHODS
 from tests.codegen.forces.test_laws import slider
 from tests.support.builds import Build
 from tests.support.random_robots import Array, random_robot, some_prescribed
+from tests.support.soak import soaked
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -66,7 +67,7 @@ def test_a_force_that_is_a_polynomial(method: str, built: Build) -> None:
 
 
 @pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize("dtype", soaked(("float64", "float32"), ("float64",)))
 def test_every_state_may_have_loads_of_its_own(dtype: str, method: str) -> None:
     """Forces and laws side by side, in vectors and in threads: the bits, works and steps of a state alone."""
     kernel = eomgen.build(slider(mass=2.0, damping=0.4), kernels=LOADED, dtype=dtype, flags=("-O1", "-Werror"))

@@ -47,7 +47,7 @@ class Case:
             self.state = {"q": np.array([0.195]), "v": np.array([0.6])}
         self.state["u"] = rng.uniform(-1.0, 1.0, (STEPS, n))
         gains = np.zeros(n)
-        gains[list(self.kernel._driven)] = 1.0
+        gains[self.kernel.raw.libraries.meta["driven"]] = 1.0
         self.control = {"kp": 40.0 * gains, "kd": 2.0 * gains, "target": rng.uniform(-0.3, 0.3, (STEPS, n))}
         self.along = {"u": rng.uniform(-1.0, 1.0, (2, STEPS, n))}
         if name != "four_bar":  # of a loop states beside it are not those of a motion

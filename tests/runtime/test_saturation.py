@@ -48,7 +48,7 @@ class Case:
 
     def __init__(self, kernel: eomgen.Kernel, seed: int = 3) -> None:
         rng, n = np.random.default_rng(seed), kernel.n
-        self.kernel, self.driven = kernel, list(kernel._driven)
+        self.kernel, self.driven = kernel, kernel.raw.libraries.meta["driven"]
         self.x: dict[str, Any] = {"q0": rng.uniform(-0.2, 0.2, n), "v0": rng.uniform(-0.5, 0.5, n)}
         self.x |= {"u": rng.uniform(-1.0, 1.0, (STEPS, n)), "target": rng.uniform(-0.3, 0.3, (STEPS, n))}
         for name, size in (("kp", 40.0), ("kd", 1.0)):
@@ -251,7 +251,7 @@ def test_a_mechanism_whose_drive_is_clipped(built: Build) -> None:
     """Loops stay closed; Python integrates the same by its own steps."""
     kernel = built(eomgen.load_robot("four_bar"), *ROLLED, *CLOSED)
     q = kernel.close([0.5, 0.2, 1.2])
-    v, i = np.zeros(kernel.n), kernel._driven[0]
+    v, i = np.zeros(kernel.n), kernel.raw.libraries.meta["driven"][0]
     kp, target = np.zeros(kernel.n), np.full(kernel.n, 3.0)
     kp[i] = 50.0
     effort = {kernel.coordinates[i]: 0.7}

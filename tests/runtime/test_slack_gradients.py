@@ -188,6 +188,7 @@ def test_forwards_and_backwards(method: str, built: Build) -> None:
     assert all(whole[x] == pytest.approx(total[x], rel=1e-12, abs=1e-12) for x in case.parameters)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("where", [*STATES, "at slack"])
 def test_in_single_precision(where: str, built: Build) -> None:
     """Of steps of one length; those of double precision but for round-off."""
@@ -271,6 +272,7 @@ def net() -> Robot:
     return robot_from_toml(text)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("method", METHODS)
 def test_a_body_that_many_hold(method: str, built: Build, monkeypatch: pytest.MonkeyPatch) -> None:
     frozen(monkeypatch)

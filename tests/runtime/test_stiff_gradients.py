@@ -16,6 +16,7 @@ from eomgen.errors import InputError
 from eomgen.robot.value import Coordinate, Friction, Joint, Link, Robot
 from tests.support.builds import Build
 from tests.support.random_robots import Array, random_robot, random_state
+from tests.support.soak import soaked
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -64,7 +65,7 @@ def test_a_mass_that_slides_is_not(block: eomgen.Kernel) -> None:
     assert by["v"] == pytest.approx([0.1])
 
 
-@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize("dtype", soaked(("float64", "float32"), ("float64",)))
 def test_refused_or_those_of_the_motion(dtype: str, built: Build) -> None:
     """A damped oscillator of any stiffness, against the exponential of its matrix."""
     kernel = built(slider(stiffness=1.0, damping=1.0), *NAMES, *BACK, dtype=dtype)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 import eomgen
 from eomgen import cli
 from eomgen.errors import IntegrationStopped, LoopError
-from eomgen.integration.solve import IN_C
+from eomgen.integration.plan import IN_C
 from eomgen.robot.value import Coordinate, Robot
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.assembly import kernels_of
@@ -166,6 +166,7 @@ def test_elastic_cut_joints(rigid: tuple[str, ...]) -> None:
     assert 1e-7 < np.abs(result.tool_deviation).max() < 1e-3
 
 
+@pytest.mark.soak
 def test_geared_coordinates_follow_their_drive() -> None:
     geared = eomgen.description.load.robot_from_toml(GEARED)
     motion = "duration = 0.2\n[motion]\ntype = 'point_to_point'\n"

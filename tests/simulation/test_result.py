@@ -131,6 +131,7 @@ def test_the_hash_is_of_the_robots_content() -> None:
     assert re.fullmatch("[0-9a-f]{64}", robot_hash(robot))
 
 
+@pytest.mark.soak
 def test_the_page_runs(tmp_path: Path) -> None:
     """Every block of docs/scenario.md: TOML with the robot it is for, Python as it stands."""
     text = PAGE.read_text(encoding="utf-8")

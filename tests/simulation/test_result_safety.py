@@ -22,6 +22,7 @@ from eomgen.simulation.result import SimulationResult
 from eomgen.simulation.run import run_scenario
 from eomgen.sweep.contents import SampleRow
 from eomgen.sweep.store import opened, read_rows
+from tests.support.soak import soaked
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -121,7 +122,7 @@ def check_streams(folder: Path) -> int:
 WRITERS = {"results": (RESULTS, check_results), "rows": (ROWS, check_rows), "streams": (STREAM, check_streams)}
 
 
-@pytest.mark.parametrize("kind", WRITERS)
+@pytest.mark.parametrize("kind", soaked(WRITERS, ("results", "rows")))
 @pytest.mark.parametrize("count", [2, pytest.param(20, marks=pytest.mark.soak)])
 def test_killed_writers(
     kind: str, count: int, result: SimulationResult, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -19,6 +19,7 @@ from eomgen.scenario.value import Scenario
 from eomgen.simulation.balance import EnergyBalance
 from eomgen.simulation.run import run_scenario, simulate
 from tests.support.random_robots import Array, random_robot
+from tests.support.soak import soaked
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -208,7 +209,7 @@ def test_a_sampled_motion_is_followed(tmp_path: Path) -> None:
 # Initial states
 
 
-@pytest.mark.parametrize("seed", [3, 6])
+@pytest.mark.parametrize("seed", soaked((3, 6), (3,)))
 def test_equilibrium_leaves_nothing_over(seed: int) -> None:
     """Springs, gravity and a wrench are in balance: no acceleration at t = 0 by Pinocchio's inverse dynamics."""
     robot = random_robot(seed, joints=(2, 2), forces=False)
@@ -303,7 +304,7 @@ def test_prescribed_motions(tmp_path: Path) -> None:
 # Energy
 
 
-@pytest.mark.parametrize("seed", [21, 22, 23])
+@pytest.mark.parametrize("seed", soaked((21, 22, 23), (21,)))
 def test_energy_balances_of_random_robots(seed: int) -> None:
     """Springs, dampers, friction, clearances of random robots under torques and a wrench: nothing is left over."""
     robot = random_robot(seed, joints=(2, 3), tree=True)
@@ -369,6 +370,7 @@ def test_built_in_scenarios_run() -> None:
     assert isinstance(load_scenario("puma560_circle"), Scenario)
 
 
+@pytest.mark.soak
 def test_dense_tables_are_followed(tmp_path: Path) -> None:
     """501 samples of a sine as a torque: the angle of a free link is its second integral, to the table's own error."""
     t = np.linspace(0.0, 0.5, 501)

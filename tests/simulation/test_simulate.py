@@ -90,6 +90,7 @@ def test_result_file(elastic: eomgen.SimulationResult, tmp_path: Path) -> None:
         elastic.save(Path(__file__) / "trajectory.npz")
 
 
+@pytest.mark.soak
 def test_plots(elastic: eomgen.SimulationResult, tmp_path: Path) -> None:
     written = plot_result(elastic, tmp_path / "plots")
     assert [path.name for path in written] == ["tool.png", "deviations.png", "tracking.png", "energy.png"]

@@ -128,6 +128,7 @@ for i in range(1_000_000):
 """
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(
     "delay", [0.11, *(pytest.param(delay, marks=pytest.mark.soak) for delay in (0.05, 0.23, 0.37))]
 )

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from eomgen import ArrayError, IntegrationError, UnknownNameError
-from eomgen.integration.solve import choose_method
+from eomgen.integration.plan import choose_method
 from eomgen.robot.value import Coordinate
 from eomgen.state.equilibrium import static_equilibrium
 from eomgen.state.springs import coordinate_sizes, stiffnesses
 from tests.support.builds import Build
+from tests.support.soak import soaked
 from tests.support.swinging import MASS, NEEDED, STIFFNESS, elastic_arm, oscillator
 
 
@@ -39,7 +40,7 @@ def test_a_spring_under_gravity_hangs_where_it_must(built: Build) -> None:
     assert u == pytest.approx(STIFFNESS * 0.3 + 9.81 * MASS)
 
 
-@pytest.mark.parametrize("seed", range(5, 9))
+@pytest.mark.parametrize("seed", soaked(range(5, 9), (5, 8)))
 def test_static_equilibrium_has_no_acceleration(seed: int, built: Build) -> None:
     kernel = built(elastic_arm(seed), *NEEDED, "residual", "external_force")
     zero = np.zeros(kernel.n)

@@ -22,7 +22,7 @@ import numpy as np
 import eomgen
 from eomgen.errors import InputError
 from eomgen.identification import calibrate, fit, forces, identify, read_covariances, tolerance
-from eomgen.identification.iso_9283.evaluate import accuracy
+from eomgen.identification.iso_9283.solve import accuracy
 from eomgen.runtime.kernel import Kernel
 from tests.support.fuzzing import check_message
 from tests.support.measured_poses import chain, trial

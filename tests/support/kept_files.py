@@ -132,14 +132,15 @@ def changed(tree: Any, path: tuple[Any, ...], value: Any) -> Any:
 
 def array_mutants(array: Any) -> Iterator[tuple[str, Any]]:
     yield "transposed", np.asarray(array).T.copy()
-    yield "longer", np.concatenate([array, array])
-    yield "shorter", array[:-1]
-    yield "empty", array[:0]
+    row = np.atleast_1d(array)
+    yield "longer", np.concatenate([row, row])
+    yield "shorter", row[:-1]
+    yield "empty", row[:0]
     yield "flat", np.asarray(array).reshape(-1)
     yield "deeper", np.asarray(array)[np.newaxis]
     yield "number", np.array(1.0)
     yield "texts", np.full(array.shape, ESC)
-    yield "backwards", array[::-1].copy()
+    yield "backwards", row[::-1].copy()
     yield "other byte order", array.astype(array.dtype.newbyteorder())
     for dtype in ("f4", "i8", "c16", "?"):
         yield dtype, np.ones(array.shape, dtype)
@@ -150,9 +151,9 @@ def array_mutants(array: Any) -> Iterator[tuple[str, Any]]:
             yield f"{number} once", one
             yield f"all {number}", whole
     if array.dtype.kind == "U" and array.size:
-        for text in (ESC, "", "joint1", "joint9.x", "x" * 5000, str(array[0])):
-            yield f"named {text[:9]!a}", np.array([text, *array[1:]])
-            yield f"ends with {text[:9]!a}", np.array([*array[:-1], text])
+        for text in (ESC, "", "joint1", "joint9.x", "x" * 5000, str(row[0])):
+            yield f"named {text[:9]!a}", np.array([text, *row[1:]])
+            yield f"ends with {text[:9]!a}", np.array([*row[:-1], text])
 
 
 def result_mutants(raw: Raw) -> Iterator[tuple[str, Any, dict[str, Any]]]:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 import eomgen
+from eomgen.analysis import ComplianceMap, Response, StateSpace
 from eomgen.errors import InputError, UnknownNameError
 from eomgen.identification import (
     BaseParameters,
@@ -29,9 +30,9 @@ from eomgen.identification import (
     tolerance,
 )
 from eomgen.identification.compensating.result import HeldBack, Variant
-from eomgen.identification.exciting.excited import Compared
 from eomgen.identification.exciting.fourier import FourierSeries
-from eomgen.pictures.measured.kinds import SAVED
+from eomgen.identification.exciting.result import Compared
+from eomgen.results.kinds import KINDS, read
 from eomgen.scenario.load import scenario_from_toml
 from tests.support.extreme_numbers import ODD, accuracy_columns, written
 from tests.support.fuzzing import check_message
@@ -137,6 +138,56 @@ def _fit(_: Path) -> FitResult:
     return FitResult("arm", 0.95, (FittedCoordinate("gear.gamma", found, None, 1e-6),), ("a warning",), ("a note",))
 
 
+def _response(_: Path) -> Response:
+    H = np.array([1.0 + 2.0j, 3.0 - 4.0j]).reshape(2, 1, 1)
+    return Response(
+        robot="arm",
+        frequencies=np.array([1.0, 2.0]),
+        H=H,
+        inputs=("tcp.fx",),
+        outputs=("tcp.x",),
+        kind="velocity",
+        coordinates=("joint1.gamma",),
+        q=np.array([0.5]),
+        notes=("a note",),
+    )
+
+
+def _state_space(_: Path) -> StateSpace:
+    return StateSpace(
+        robot="arm",
+        A=np.array([[0.0, 1.0], [-2.0, -0.5]]),
+        B=np.array([[0.0], [1.0]]),
+        C=np.array([[1.0, 0.0]]),
+        D=np.zeros((1, 1)),
+        states=("joint1.gamma", "joint1.gamma.rate"),
+        inputs=("joint1.gamma",),
+        outputs=("tcp.x",),
+        kind="displacement",
+        coordinates=("joint1.gamma",),
+        q=np.array([0.5]),
+        v=np.zeros(1),
+        a=np.zeros(1),
+        u=np.array([3.0]),
+        notes=("a note",),
+    )
+
+
+def _compliance_map(_: Path) -> ComplianceMap:
+    """A place that the tool reaches, and one that it does not."""
+    reached = np.array([1.0, np.nan])
+    return ComplianceMap(
+        robot="arm",
+        frame="tcp",
+        coordinates=("joint1.gamma",),
+        points=np.arange(6.0).reshape(2, 1, 3),
+        q=reached.reshape(2, 1, 1),
+        deflection=np.tile(1e-5 * reached[:, None, None], (1, 1, 6)),
+        compliance=1e-6 * reached[:, None, None, None] * np.eye(6),
+        notes=("a note",),
+    )
+
+
 TOLERANCES: Mapping[str, Any] = {
     "joints.*.offset.x": {"bound": 3e-4},
     "frames.*.y": {"deviation": 1e-4},
@@ -147,12 +198,15 @@ RESULTS: Mapping[str, Callable[[Path], Any]] = {
     "accuracy": lambda folder: accuracy(written(folder / "measured.csv", accuracy_columns())),
     "calibration": _calibration,
     "compensation": _compensation,
+    "compliance_map": _compliance_map,
     "excitation": _excitation,
     "fit": _fit,
     "identification": _identification,
     "poses": lambda _: poses(
         chain(4, "RR"), count=8, candidates=20, ranges={"joint1.gamma": (-2.0, 2.0), "joint2.gamma": (-2.0, 2.0)}
     ),
+    "response": _response,
+    "state_space": _state_space,
     "tolerance": lambda _: tolerance("one_link", TOLERANCES, poses=np.zeros((2, 1))),
 }
 IN_TEXT = ("accuracy", "fit", "poses", "tolerance")  # .json
@@ -195,7 +249,7 @@ def random_measured(raw: Raw, seed: int) -> tuple[Any, dict[str, Any] | None]:
 def loaded_measured(kind: str, path: Path) -> Any | None:
     """A result with what is printed of it; None where it is refused, by a message with the file's name."""
     try:
-        found = SAVED[kind](path)
+        found = read(KINDS[kind], path)
     except InputError as error:
         if not isinstance(error, UnknownNameError):  # which says what is known
             check_message(error)
@@ -203,7 +257,7 @@ def loaded_measured(kind: str, path: Path) -> Any | None:
             raise AssertionError(f"{path} is not named: {error}") from None
         return None
     lines = found.lines()
-    infinite = kind in ("excitation", "calibration")  # limits that there are not, and stiffness of what does not give
+    infinite = not KINDS[kind].is_finite  # limits that there are not, and stiffness of what does not give
     own = path.suffix == ".json" and ODD.search(path.read_text(errors="replace"))  # in a text that a change wrote
     assert infinite or own or not any(ODD.search(line) for line in lines), [line for line in lines if ODD.search(line)]
     json.dumps(found.as_dict())

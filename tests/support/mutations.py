@@ -128,7 +128,7 @@ samples = 4
 seed = 1
 design = "latin_hypercube"
 record = ["drive_max", "coordinate_end"]
-engine = { type = "rollout", method = "implicit", step = 1e-3, period = 1e-2 }
+engine = { type = "rollout" }
 [[vary]]
 parameter = "joints.*.x.stiffness"
 normal = { mean = 1, deviation = 0.1, low = 0.5, high = 2 }

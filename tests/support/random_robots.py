@@ -32,26 +32,11 @@ class State:
     u: Array
 
 
-def random_robot(
-    seed: int | np.random.Generator,
-    joints: tuple[int, int] = (1, 3),
-    max_coordinates: int = 6,
-    max_size: int | None = None,
-    tree: bool = False,
-    types: Sequence[str] = ("revolute", "prismatic", "fixed"),
-    rigid: bool = False,
-    forces: bool = True,
-    armature: bool = True,
-    name: str = "random_robot",
-    counts: Sequence[int] | None = None,
-    rods: bool = True,
-) -> Robot:
-    """A random robot; the same seed gives the same robot.
+@dataclass(frozen=True)
+class Choices:
+    """What random robots are drawn from.
 
-    Args:
-        seed: an integer or a NumPy generator (which is advanced).
-        joints: least and greatest number of joints that move (a joint that is fixed altogether may come on top).
-        max_coordinates: greatest number of active coordinates in one joint; a free joint has six all the same.
+    Attributes:
         max_size: greatest number of coordinates of the robot; joints that would exceed it keep as many as there is
             room for, and at least one (a free joint counts as six).
         tree: branches instead of a chain.
@@ -64,32 +49,58 @@ def random_robot(
             max_size.
         rods: thin rods among the links, whose inertia is singular; oracles may refuse them.
     """
+
+    max_size: int | None = None
+    tree: bool = False
+    types: Sequence[str] = ("revolute", "prismatic", "fixed")
+    rigid: bool = False
+    forces: bool = True
+    armature: bool = True
+    name: str = "random_robot"
+    counts: Sequence[int] | None = None
+    rods: bool = True
+
+
+def random_robot(
+    seed: int | np.random.Generator, joints: tuple[int, int] = (1, 3), max_coordinates: int = 6, **choices: Any
+) -> Robot:
+    """A random robot; the same seed gives the same robot.
+
+    Args:
+        seed: an integer or a NumPy generator (which is advanced).
+        joints: least and greatest number of joints that move (a joint that is fixed altogether may come on top).
+        max_coordinates: greatest number of active coordinates in one joint; a free joint has six all the same.
+        **choices: fields of ``Choices``.
+    """
+    choose = Choices(**choices)
     rng = np.random.default_rng(seed)
-    count = int(rng.integers(joints[0], joints[1] + 1)) if counts is None else len(counts)
-    room = max_size if max_size is not None else 6 * count
+    count = int(rng.integers(joints[0], joints[1] + 1)) if choose.counts is None else len(choose.counts)
+    room = choose.max_size if choose.max_size is not None else 6 * count
     made: list[Joint] = []
     links: list[Link] = []
     path = ["base"]  # from the base to the newest link; parents from this path keep the depth-first order
     for i in range(count):
-        if counts is None:
-            kind = str(rng.choice(list(types)))
+        if choose.counts is None:
+            kind = str(rng.choice(list(choose.types)))
             spare = room - (count - 1 - i)
-            active = _active(rng, kind, max(1, min(max_coordinates, spare)), rigid)
+            active = _active(rng, kind, max(1, min(max_coordinates, spare)), choose.rigid)
             room -= len(active)
         else:
-            kind, active = _counted(rng, types, counts[i], rigid)
-        if tree and len(path) > 1:
+            kind, active = _counted(rng, choose.types, choose.counts[i], choose.rigid)
+        if choose.tree and len(path) > 1:
             path = path[: int(rng.integers(1, len(path) + 1))]
-        made.append(_joint(rng, f"joint{i + 1}", path[-1], f"link{i + 1}", kind, active, forces, armature))
-        links.append(random_link(rng, f"link{i + 1}", rods))
+        made.append(
+            _joint(rng, f"joint{i + 1}", path[-1], f"link{i + 1}", kind, active, choose.forces, choose.armature)
+        )
+        links.append(random_link(rng, f"link{i + 1}", choose.rods))
         path.append(f"link{i + 1}")
         if rng.random() < 0.15:  # a link that is welded on: the model merges it
             made.append(Joint(f"weld{i + 1}", path[-1], f"tool{i + 1}", "fixed", random_placement(rng)))
-            links.append(random_link(rng, f"tool{i + 1}", rods))
+            links.append(random_link(rng, f"tool{i + 1}", choose.rods))
             path.append(f"tool{i + 1}")
     frames = (Frame("tcp", links[-1].name, random_placement(rng)),)
     gravity = _triple(9.81 * random_rotation(rng)[:, 0])
-    return Robot(name, gravity, tuple(links), tuple(made), frames)
+    return Robot(choose.name, gravity, tuple(links), tuple(made), frames)
 
 
 def with_random_loops(robot: Robot, seed: int | np.random.Generator, types: Sequence[str]) -> Robot:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
-from typing import TypeVar
+from collections.abc import Container, Iterable, Sequence
+from typing import Any, TypeVar
+
+import pytest
 
 Case = TypeVar("Case")
 
@@ -18,3 +20,8 @@ def share(cases: Sequence[Case], most: int = SHARE) -> list[Case]:
     if WHOLE or len(cases) <= most:
         return list(cases)
     return [cases[i * len(cases) // most] for i in range(most)]
+
+
+def soaked(cases: Iterable[Case], but: Container[Case]) -> list[Any]:
+    """Return the cases of a parametrised test, of which all but those named are left to ``make soak``."""
+    return [case if case in but else pytest.param(case, marks=pytest.mark.soak) for case in cases]

@@ -60,9 +60,11 @@ def moved(kernel: Any, q: Array, v: Array, u: Array) -> dict[str, Array]:
         many = found[name] = rolled(kernel, q[:count], v[:count], u[:count], **how)
         for i in range(count):
             alone = rolled(kernel, q[i], v[i], u[i], **how)
+            here = many[:, i]
             if how["method"] in FIXED:  # whose batch ends where the first of its states does
-                alone = alone[:, : many.shape[2]]
-            assert np.array_equal(many[:, i], alone, equal_nan=True), f"{name}: state {i} has other bits in a batch"
+                reached = ~np.isnan(here).any(axis=(0, 2))
+                alone, here = alone[:, reached], here[:, reached]
+            assert np.array_equal(here, alone, equal_nan=True), f"{name}: state {i} has other bits in a batch"
         found |= {f"{name}_{key}": x for key, x in differentiated(kernel, (q[:CALM], v[:CALM], u[:CALM]), how).items()}
     q, v, u = q[:CALM], v[:CALM], u[:CALM]
     if kernel.constraints:  # states are nearly closed: the end of a step is closed

@@ -11,12 +11,14 @@ import pytest
 
 import eomgen
 from eomgen.robot.value import Robot
+from eomgen.simulation.run import plan_of
 from eomgen.sweep import job as jobs
 from eomgen.sweep.contents import SampleRow
 from eomgen.sweep.driver import prepare, run
 from eomgen.sweep.job import SampleRunner
 from eomgen.sweep.plan import Plan, plan_from_toml
 from tests.support.sliders import RELEASE, STIFF, slider
+from tests.support.soak import soaked
 from tests.sweep.test_sweep import CONTROLS, REACH, arm, same
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
@@ -64,10 +66,11 @@ def check_company(runner: SampleRunner, samples: list[list[float]], monkeypatch:
     return whole
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", soaked(CASES, ("computed torque", "pd", "tsit5")))
 def test_samples_are_what_they_are_alone(case: str, monkeypatch: pytest.MonkeyPatch) -> None:
     runner, samples = rows_of(arm(), CASES[case], plan_from_toml(ARM_PLAN))
-    assert jobs.go_together(runner.nominal(())[1], runner.job.scenario())
+    scenario, assembly = runner.nominal(())
+    assert jobs.go_together(assembly, plan_of(assembly, scenario))
     found = check_company(runner, samples, monkeypatch)
     assert not any(row.error for row in found)
     assert len({row.record for row in found}) == len(found)
@@ -92,6 +95,7 @@ def test_loops_are_closed_side_by_side(monkeypatch: pytest.MonkeyPatch) -> None:
     assert not any(row.error for row in check_company(runner, samples, monkeypatch))
 
 
+@pytest.mark.soak
 def test_threads_and_processes_change_nothing(tmp_path: Path) -> None:
     plan, scenario = plan_from_toml(ARM_PLAN.replace("samples = 19", "samples = 37")), CASES["computed torque"]
     one = run(arm(), scenario, plan, tmp_path / "one", threads=1)

@@ -1,4 +1,4 @@
-"""Coordinates and rates that close a mechanism's loops, for one state or many at once.
+"""Loops of a mechanism: their constraint, and coordinates and rates that close them, for one state or many at once.
 
 A generated package carries a copy of this file.
 """
@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,10 +16,11 @@ from ..errors import InputError, LoopError, UnknownNameError
 from ..names import joint_of, kind_of, listed, parameter_name, parameter_path, show
 from .arrays import joint_lead, names_in, place_of
 from .calls import Calls
+from .compiled_code import CompiledCode
 from .opened import left_open
 from .turning import BACK, ON, Places, seen, singular_joints
 
-Array = NDArray[np.floating]
+Array = NDArray[Any]
 Mask = NDArray[np.bool_]
 Place = Callable[[int], str]  # names the state of that number
 
@@ -34,30 +36,97 @@ CHANGED = 0.01  # of a gap: what changes it by less does not keep it open
 SAME = 1e-6  # m or rad: roots that differ by less are one
 
 
-def closed_positions(calls: Calls, q: ArrayLike, held: Iterable[str]) -> Array:
-    """Coordinates near guesses that close all loops; see ``Kernel.close``."""
-    guesses, lead = calls.array("q", q, (calls.n,))
-    found, gaps = _closed(calls, guesses.reshape(-1, calls.n), _free(calls, held))
-    _refuse_gaps(calls, found, gaps, lead)
-    _refuse_turned_over(calls, found, lead)
-    return found.reshape(guesses.shape)
+class LoopClosure(CompiledCode):
+    """The constraint of closed loops, and states that meet it."""
 
+    def constraint(self, q: ArrayLike, *, out: Array | None = None) -> Array:
+        """g(q), (constraints,): zero where the loops are closed.
 
-def closed_rates(calls: Calls, q: ArrayLike, v: ArrayLike, held: Iterable[str]) -> Array:
-    """Rates near guesses that keep the loops closed; see ``Kernel.close_rates``."""
-    n, free = calls.n, _free(calls, held)
-    states, of_q = calls.array("q", q, (n,))
-    guesses, of_v = calls.array("v", v, (n,))
-    lead = joint_lead("v", of_v, of_q)
-    states, moving = (np.broadcast_to(x, (*lead, n)).reshape(-1, n).copy() for x in (states, guesses))
-    gaps = calls.run("constraint", None, (states,))
-    _refuse(calls, gaps, OPEN[calls.dtype.itemsize], "is open", "q of kernel.close", lambda i: _place(i, lead))
-    for part in _parts(calls, states, free):
-        place = part.place(lead)
-        turned, guess = part.turned(states[part.rows], moving[part.rows])
-        found = _closed_rates(part.calls, turned, guess, free, place)
-        moving[part.rows] = part.described(turned, found, states[part.rows], place)[1]
-    return np.asarray(moving.reshape(*lead, n))
+        Of frame b on a loop's second link, seen from frame a on its first: x, y, z (m) of its origin, and sines of its
+        turns alpha, beta, gamma about x, y, z, as far as the cut joint blocks them (``eomgen.robot.cuts``).
+        """
+        return self.calls.run("constraint", out, (q,))
+
+    def constraint_jacobian(self, q: ArrayLike, *, out: Array | None = None) -> Array:
+        """J = dg/dq, (constraints, n), exact; J v is the rate of g."""
+        return self.calls.run("constraint_jacobian", out, (q,))
+
+    def constraint_bias(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
+        """J_dot v, (constraints,): the second derivative of g is J a + J_dot v."""
+        return self.calls.run("constraint_bias", out, (q, v))
+
+    def cut_poses(self, q: ArrayLike, *, out: Array | None = None) -> Array:
+        """Pose of frame b seen from frame a of each loop, (loops, 4, 4), m: the motion of the cut joint."""
+        return self.calls.run("cut_poses", out, (q,))
+
+    def cut_coordinates(self, q: ArrayLike) -> Array:
+        """Coordinates of the loops' cut joints, (loops, 6): x, y, z (m), alpha, beta, gamma (rad) as of other joints.
+
+        They are those of frame b on a loop's second link, seen from frame a on its first, where the angles turn about
+        x, then y, then z; zero in what the joint blocks, where the loops are closed.
+        """
+        poses = self.cut_poses(q)
+        R = poses[..., :3, :3]
+        angles = (
+            np.arctan2(-R[..., 1, 2], R[..., 2, 2]),
+            np.arctan2(R[..., 0, 2], np.hypot(R[..., 0, 0], R[..., 0, 1])),
+            np.arctan2(-R[..., 0, 1], R[..., 0, 0]),
+        )
+        return np.concatenate([poses[..., :3, 3], np.stack(angles, axis=-1)], axis=-1)
+
+    def close(self, q: ArrayLike, held: Iterable[str] = (), *, roots: int | None = None) -> Array:
+        """Coordinates near a guess that close all loops, (n,); Levenberg and Marquardt's method.
+
+        Args:
+            q: the guess, (n,), or many of them.
+            held: names of coordinates that stay at their guess; prescribed ones do.
+            roots: find so many ways to close the loops, or as many as there are, from random guesses about this one
+                (always the same): (roots, n), the nearest first, angles within half a turn of the guess.  Where fewer
+                coordinates are held than the mechanism has freedoms, they are any of infinitely many.
+
+        Raises:
+            LoopError: they do not close near the guess, or only turned over; names the loop and its remaining gap.
+            UnknownNameError: a held coordinate is none.
+            InputError: the robot has no loops, or roots of many states are asked for.
+        """
+        if roots is not None:
+            return _roots(self.calls, q, held, roots)
+        calls = self.calls
+        guesses, lead = calls.array("q", q, (calls.n,))
+        found, gaps = _closed(calls, guesses.reshape(-1, calls.n), _free(calls, held))
+        _refuse_gaps(calls, found, gaps, lead)
+        _refuse_turned_over(calls, found, lead)
+        return found.reshape(guesses.shape)
+
+    def close_rates(self, q: ArrayLike, v: ArrayLike, held: Iterable[str] = ()) -> Array:
+        """Rates that keep the loops closed, (n,), those with the least kinetic energy of the difference to a guess.
+
+        That is what a sudden closing of the loops makes of the guess, too.
+
+        Args:
+            q: coordinates that close the loops, (n,).
+            v: the guess, (n,).
+            held: names of coordinates whose rates stay; those of prescribed ones do.
+
+        Raises:
+            LoopError: the loops are open at q, or the rates that are held open one; names it and what remains.
+            SingularError: M is not positive definite, or angles at +-pi/2 have no such rates.
+            UnknownNameError, InputError: as of ``close``.
+        """
+        calls = self.calls
+        n, free = calls.n, _free(calls, held)
+        states, of_q = calls.array("q", q, (n,))
+        guesses, of_v = calls.array("v", v, (n,))
+        lead = joint_lead("v", of_v, of_q)
+        states, moving = (np.broadcast_to(x, (*lead, n)).reshape(-1, n).copy() for x in (states, guesses))
+        gaps = calls.run("constraint", None, (states,))
+        _refuse(calls, gaps, OPEN[calls.dtype.itemsize], "is open", "q of kernel.close", lambda i: _place(i, lead))
+        for part in _parts(calls, states, free):
+            place = part.place(lead)
+            turned, guess = part.turned(states[part.rows], moving[part.rows])
+            found = _closed_rates(part.calls, turned, guess, free, place)
+            moving[part.rows] = part.described(turned, found, states[part.rows], place)[1]
+        return np.asarray(moving.reshape(*lead, n))
 
 
 def _closed_rates(calls: Calls, states: Array, moving: Array, free: Mask, place: Place) -> Array:
@@ -141,7 +210,7 @@ def _parts(calls: Calls, q: Array, free: Mask) -> Iterator[_Part]:
         yield _Part(np.array(numbers, dtype=np.intp), [joints[name] for name in joints if name in names], own)
 
 
-def roots(calls: Calls, q: ArrayLike, held: Iterable[str], number: int) -> Array:
+def _roots(calls: Calls, q: ArrayLike, held: Iterable[str], number: int) -> Array:
     """Several ways to close the loops about one guess, the nearest first; see ``Kernel.close``."""
     guess, lead = calls.array("q", q, (calls.n,))
     if lead or isinstance(number, bool) or not isinstance(number, (int, np.integer)) or not 1 <= number <= MOST_ROOTS:

@@ -18,6 +18,7 @@ from ..errors import ArrayError, InputError
 from ..optional import optional_import
 from ..robot.model import build_model
 from ..runtime.kernel import Kernel
+from ..runtime.stepping.options import StepOptions
 from .frames import jacobian_derivative, pose_derivative
 from .mappings import FUNCTIONS, DifferentiableFunction, kernels_for
 
@@ -244,24 +245,24 @@ def rollout(
         and dtypes, InputError where float64 is switched off.
 
     Raises:
-        InputError: JAX is not installed.
+        InputError: JAX is not installed; the method is unknown, or an option does not belong to it.
     """
     with optional_import("JAX", "functions of JAX need"):
         import jax
         import jax.numpy as jnp
     own = kernel.with_parameters()
-    how: dict[str, Any] = {"method": method, "every": every, "duration": duration, "samples": samples, "rtol": rtol}
+    how = vars(StepOptions(method, dt, steps, every, duration, samples, rtol))
     rows = (samples or 1) if steps is None else steps
     told = jax.ShapeDtypeStruct((rows // every + 1, own.n), own.dtype)
 
     def there(q0: Array, v0: Array, u: Array, *controller: Array) -> tuple[Array, Array]:
-        q, v = own.rollout(q0, v0, u, dt, steps, **how, **_named(controller))
+        q, v = own.rollout(q0, v0, u, **how, **_named(controller))
         return q, v
 
     def back(q0: Array, v0: Array, u: Array, *others: Array) -> tuple[Array, ...]:
         *controller, by_q, by_v = others
         known: dict[str, Any] = {**how, **_named(controller), "loss": lambda t, q, v: (0.0, by_q, by_v)}
-        _, found = own.rollout_gradient(q0, v0, u, dt, steps, **known)
+        _, found = own.rollout_gradient(q0, v0, u, **known)
         return tuple(found[name] for name in GIVEN[: 3 + len(controller)])
 
     @jax.custom_vjp  # type: ignore[untyped-decorator,unused-ignore]

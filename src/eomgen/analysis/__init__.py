@@ -1,6 +1,6 @@
 """A robot about a state or along a path: statics, vibration, frequency responses, linear systems, error budgets.
 
-Uses runtime, robot, description, state, loops, motion, pipeline and simulation.
+Uses runtime, robot, results, description, state, loops, motion, pipeline and simulation.
 """
 
 from .compliance import ComplianceMap, compliance_map

@@ -17,7 +17,7 @@ from ..ranks import RANK
 from ..runtime.kernel import Kernel
 from ..shown import Shown
 from .holding import Fixation, notes_of_play
-from .tangent_system import LinearSystem, Tangent, load_force, moving_basis, reduced, tangent
+from .tangent_system import LinearSystem, MotionState, Tangent, load_force, moving_basis, reduced, tangent
 
 Array = NDArray[np.float64]
 
@@ -184,4 +184,5 @@ def system_at_rest(
 ) -> tuple[LinearSystem, RestState]:
     """The linear system about the state of rest near q, and that state; arguments and errors as of ``rest``."""
     state, zero = rest(kernel, q, fixation, loads), np.zeros(kernel.n)
-    return reduced(kernel, state.q, zero, zero, state.u, state.tangent, fixation, state.notes), state
+    still = MotionState(state.q, zero, zero, state.u)
+    return reduced(kernel, still, state.tangent, fixation, state.notes), state

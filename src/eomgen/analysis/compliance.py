@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import islice
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..description import RobotLike, as_robot
 from ..errors import InputError, IntegrationError
-from ..files import write_atomically
 from ..limits import MOST_COUNTED
 from ..motion.ends import limits_beside
 from ..motion.reaching import Target, reach, starting_points, within_limits
@@ -21,6 +19,8 @@ from ..names import show
 from ..pipeline.closing import mechanism_kernels
 from ..pipeline.stages import build
 from ..progress import Progress, StageReport, no_progress
+from ..results.kinds import Kind, Saved, declare
+from ..results.stored import Stored
 from ..robot.model import build_model, tool_of
 from ..runtime.kernel import Kernel
 from ..shown import Shown
@@ -38,7 +38,7 @@ GUESSES = 12  # of coordinates, per point that a neighbour's do not lead to
 
 
 @dataclass(frozen=True, kw_only=True)
-class ComplianceMap(Shown):
+class ComplianceMap(Shown, Saved):
     """Compliance over a grid of the tool's places; NaN where the tool cannot be.
 
     Attributes:
@@ -51,14 +51,14 @@ class ComplianceMap(Shown):
         notes: lines about what was assumed.
     """
 
-    robot: str
-    frame: str
-    coordinates: tuple[str, ...]
-    points: Array
-    q: Array
-    deflection: Array
-    compliance: Array
-    notes: tuple[str, ...]
+    robot: Annotated[str, Stored(otherwise="")]
+    frame: Annotated[str, Stored(otherwise="")]
+    coordinates: Annotated[tuple[str, ...], Stored(("n",), of=str)]
+    points: Annotated[Array, Stored(("A", "B", 3), "m")]
+    q: Annotated[Array, Stored(("A", "B", "n"), "m, rad", unknown=True)]
+    deflection: Annotated[Array, Stored(("A", "B", 6), "m, rad", unknown=True)]
+    compliance: Annotated[Array, Stored(("A", "B", 6, 6), "SI", unknown=True)]
+    notes: Annotated[tuple[str, ...], Stored(otherwise=())]
 
     @property
     def softest(self) -> Array:
@@ -90,10 +90,12 @@ class ComplianceMap(Shown):
                 lines.append(f"  {word} compliance {1e6 * values.flat[flat]:.4g} um/N at ({place}) m")
         return lines + [f"note: {note}" for note in self.notes]
 
-    def save(self, path: Path | str) -> Path:
-        """Write all arrays as .npz and return the path; InputError if it cannot be written."""
-        arrays = {name: getattr(self, name) for name in ("points", "q", "deflection", "compliance", "coordinates")}
-        return write_atomically(Path(path), lambda stream: np.savez_compressed(stream, **arrays))
+
+def _sizes(found: ComplianceMap) -> dict[str, int]:
+    return {"n": len(found.coordinates)}
+
+
+declare(Kind("compliance_map", ComplianceMap, sizes=_sizes, is_bare=True, is_finite=False))
 
 
 def compliance_map(

@@ -11,7 +11,7 @@ import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,6 +21,8 @@ from ..errors import ArrayError, InputError
 from ..files import check_ending, write_atomically
 from ..optional import optional_import
 from ..progress import StageReport
+from ..results.kinds import Kind, Saved, declare, write
+from ..results.stored import Stored
 from ..robot.coordinates import force_unit_of
 from ..shown import Shown
 from ..tabular import Rows, TableColumn, Tabular
@@ -39,7 +41,7 @@ Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Response(Shown, Tabular):
+class Response(Shown, Tabular, Saved):
     """Frequency responses about a state of rest.
 
     Attributes:
@@ -52,15 +54,15 @@ class Response(Shown, Tabular):
         notes: lines about what was assumed.
     """
 
-    robot: str
-    frequencies: Array
-    H: Complex
-    inputs: tuple[str, ...]
-    outputs: tuple[str, ...]
-    kind: str
-    coordinates: tuple[str, ...]
-    q: Array
-    notes: tuple[str, ...]
+    robot: Annotated[str, Stored(otherwise="")]
+    frequencies: Annotated[Array, Stored(("F",), "Hz")]
+    H: Annotated[Complex, Stored(("F", "outputs", "inputs"), "output per input", of=complex, unknown=True)]
+    inputs: Annotated[tuple[str, ...], Stored(("inputs",), of=str)]
+    outputs: Annotated[tuple[str, ...], Stored(("outputs",), of=str)]
+    kind: Annotated[str, Stored(of=str)]
+    coordinates: Annotated[tuple[str, ...], Stored(("n",), of=str)]
+    q: Annotated[Array, Stored(("n",), "m, rad", unknown=True)]
+    notes: Annotated[tuple[str, ...], Stored(otherwise=())]
 
     def of(self, output: str, source: str) -> Complex:
         """One response, (F,); InputError if there is none of these names."""
@@ -119,9 +121,7 @@ class Response(Shown, Tabular):
         """
         target = check_ending(path, ".csv", ".npz")
         if target.suffix == ".npz":
-            names = ("frequencies", "H", "inputs", "outputs", "kind", "coordinates", "q")
-            arrays: dict[str, Any] = {name: getattr(self, name) for name in names}
-            return write_atomically(target, lambda stream: np.savez_compressed(stream, **arrays))
+            return write(self, target)
         columns = {"frequency": self.frequencies}
         for y in self.outputs:
             for x in self.inputs:
@@ -131,6 +131,13 @@ class Response(Shown, Tabular):
         writer.writerow(columns)
         writer.writerows(zip(*(map(repr, values.tolist()) for values in columns.values()), strict=True))
         return write_atomically(target, lambda stream: stream.write(text.getvalue().encode("ascii")))
+
+
+def _sizes(found: Response) -> dict[str, int]:
+    return {"inputs": len(found.inputs), "outputs": len(found.outputs), "n": len(found.coordinates)}
+
+
+declare(Kind("response", Response, sizes=_sizes, is_bare=True, is_finite=False))
 
 
 def response(

@@ -17,7 +17,7 @@ from ..state.vectors import state_vector
 from .at_rest import closed
 from .holding import Fixation, notes_of_play
 from .options import HeldRobot
-from .tangent_system import LinearSystem, constraint_hessian, load_force, moving_basis, reduced, tangent
+from .tangent_system import LinearSystem, MotionState, constraint_hessian, load_force, moving_basis, reduced, tangent
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -56,7 +56,8 @@ def moving_system(arm: HeldRobot, q: Array, v: ArrayLike, a: ArrayLike | None, u
         acceleration[free] = np.linalg.solve(M[np.ix_(free, free)], missing[free])
     forces = kernel.inverse_dynamics(q, rates, acceleration, cut=True) - dead
     found = tangent(kernel, q, rates, acceleration, arm.loads)
-    return reduced(kernel, q, rates, acceleration, forces, found, _unsaid(arm), tuple(notes_of_play(kernel, q)))
+    state = MotionState(q, rates, acceleration, forces)
+    return reduced(kernel, state, found, _unsaid(arm), tuple(notes_of_play(kernel, q)))
 
 
 def _unsaid(arm: HeldRobot) -> Fixation:
@@ -98,7 +99,8 @@ def _closed_system(arm: HeldRobot, q: Array, v: Array, given: Array, *, is_drive
     u[held] = (needed - J.T @ multipliers)[held]
     found = tangent(kernel, q, v, a, arm.loads, multipliers)
     bending = _jacobian_rates(arm, q, v, a)
-    return reduced(kernel, q, v, a, u, found, _unsaid(arm), tuple(notes_of_play(kernel, q)), bending)
+    state = MotionState(q, v, a, u)
+    return reduced(kernel, state, found, _unsaid(arm), tuple(notes_of_play(kernel, q)), bending)
 
 
 def _accelerations(kernel: Kernel, q: Array, v: Array, J: Array, bias: Array, forces: Array, moving: Mask) -> Array:

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..description import RobotLike
 from ..errors import InputError
-from ..files import check_ending, write_atomically
 from ..names import component_name
 from ..progress import StageReport
+from ..results.kinds import Kind, Saved, declare
+from ..results.stored import Stored
 from ..robot.coordinates import MOTIONS
 from ..robot.model import tool_of
 from ..shown import Shown
@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
-class StateSpace(Shown):
+class StateSpace(Shown, Saved):
     """x' = A x + B w, y = C x + D w: small changes about a state of rest, or about a motion at one time.
 
     Attributes:
@@ -46,21 +46,21 @@ class StateSpace(Shown):
         notes: lines about what was assumed.
     """
 
-    robot: str
-    A: Array
-    B: Array
-    C: Array
-    D: Array
-    states: tuple[str, ...]
-    inputs: tuple[str, ...]
-    outputs: tuple[str, ...]
-    kind: str
-    coordinates: tuple[str, ...]
-    q: Array
-    v: Array
-    a: Array
-    u: Array
-    notes: tuple[str, ...]
+    robot: Annotated[str, Stored(otherwise="")]
+    A: Annotated[Array, Stored(("states", "states"), "SI", unknown=True)]
+    B: Annotated[Array, Stored(("states", "inputs"), "SI", unknown=True)]
+    C: Annotated[Array, Stored(("outputs", "states"), "SI", unknown=True)]
+    D: Annotated[Array, Stored(("outputs", "inputs"), "SI", unknown=True)]
+    states: Annotated[tuple[str, ...], Stored(("states",), of=str)]
+    inputs: Annotated[tuple[str, ...], Stored(("inputs",), of=str)]
+    outputs: Annotated[tuple[str, ...], Stored(("outputs",), of=str)]
+    kind: Annotated[str, Stored(of=str)]
+    coordinates: Annotated[tuple[str, ...], Stored(("n",), of=str)]
+    q: Annotated[Array, Stored(("n",), "m, rad", unknown=True)]
+    v: Annotated[Array, Stored(("n",), "m/s, rad/s", unknown=True)]
+    a: Annotated[Array, Stored(("n",), "m/s^2, rad/s^2", unknown=True)]
+    u: Annotated[Array, Stored(("n",), "N, N m", unknown=True)]
+    notes: Annotated[tuple[str, ...], Stored(otherwise=())]
 
     @property
     def matrices(self) -> tuple[Array, Array, Array, Array]:
@@ -92,15 +92,16 @@ class StateSpace(Shown):
             lines.append(f"  eigenvalue furthest to the right: {worst.real:.5g} {worst.imag:+.5g}i 1/s")
         return lines + [f"note: {note}" for note in self.notes]
 
-    def save(self, path: Path | str) -> Path:
-        """Write all arrays and names as .npz and return the path; InputError if it cannot be written."""
-        target = check_ending(path, ".npz")
-        names = ("A", "B", "C", "D", "states", "inputs", "outputs", "kind", "coordinates", "q", "v", "a", "u")
-        arrays: dict[str, Any] = {name: getattr(self, name) for name in names}
-        return write_atomically(target, lambda stream: np.savez_compressed(stream, **arrays))
+
+def _sizes(found: StateSpace) -> dict[str, int]:
+    names = {name: len(getattr(found, name)) for name in ("states", "inputs", "outputs")}
+    return {**names, "n": len(found.coordinates)}
 
 
-def linearize(
+declare(Kind("state_space", StateSpace, sizes=_sizes, is_bare=True, is_finite=False))
+
+
+def linearize(  # noqa: PLR0913
     robot: RobotLike,
     pose: PoseLike | None = None,
     *,

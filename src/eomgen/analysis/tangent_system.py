@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,6 +67,15 @@ def constraint_hessian(kernel: Kernel, q: Array) -> Array:
 def load_force(kernel: Kernel, q: Array, loads: Mapping[str, Array]) -> Array:
     """Generalized forces J^T w of dead wrenches at frames, (n,)."""
     return sum((kernel.frame_jacobian(q, frame).T @ w for frame, w in loads.items()), np.zeros(kernel.n))
+
+
+class MotionState(NamedTuple):
+    """A state of a motion, and what makes it: q, v, a and drives u, (n,) each."""
+
+    q: Array
+    v: Array
+    a: Array
+    u: Array
 
 
 @dataclass(frozen=True)
@@ -190,10 +200,7 @@ class LinearSystem(Shown):
 
 def reduced(
     kernel: Kernel,
-    q: Array,
-    v: Array,
-    a: Array,
-    u: Array,
+    state: MotionState,
     found: Tangent,
     fixation: Fixation,
     notes: tuple[str, ...] = (),
@@ -205,7 +212,8 @@ def reduced(
     N the basis, all along the motion: those of rates are N e' + N' e, those of accelerations N e'' + 2 N' e' + N'' e.
 
     Args:
-        kernel, q, v, a, u: the state, and what holds it.
+        kernel: of the robot.
+        state: that the system is about.
         found: derivatives there.
         fixation: what is locked, and gains.
         notes: further lines.
@@ -215,6 +223,7 @@ def reduced(
         InputError: a loop is singular there, see ``refuse_singular_pose``.
         SingularError: a coordinate moves no inertia.
     """
+    q = state.q
     refuse_singular_pose(kernel, q, ~fixation.locked)
     basis, independent = moving_basis(kernel, q, ~fixation.locked)
     names = tuple(kernel.coordinates[i] for i in independent)
@@ -233,10 +242,7 @@ def reduced(
         raise SingularError(f"{kernel.name}: the mass matrix cannot be inverted at {null}: it moves no inertia there")
     return LinearSystem(
         kernel=kernel,
-        q=q,
-        v=v,
-        a=a,
-        u=u,
+        **state._asdict(),
         independent=names,
         basis=basis,
         basis_rate=rate,

@@ -7,7 +7,7 @@ import warnings
 from pathlib import Path
 
 from ..errors import EomgenWarning, InputError
-from .shared import Command, add_inertia, add_json, add_xacro, say, say_lines, show_json
+from .shared import Command, add_json, add_reading, say, say_lines, show_json
 
 
 def _add_new(parser: argparse.ArgumentParser) -> None:
@@ -31,8 +31,7 @@ def _new(options: argparse.Namespace) -> None:
 
 def _add_check(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("files", metavar="FILE", nargs="+", help="path of a .toml, .urdf or .xml (MJCF) file")
-    add_inertia(parser)
-    add_xacro(parser)
+    add_reading(parser, "inertia", "xacro")
     add_json(parser)
 
 

@@ -58,21 +58,19 @@ def _add_report(parser: argparse.ArgumentParser) -> None:
 
 
 def _report(options: argparse.Namespace) -> None:
-    from ..pictures.measured.kinds import load_measured, page_of
+    from ..loading import load_result
     from ..pictures.page import report_of
-    from ..simulation.result import load_result
+    from ..simulation.result import SimulationResult
 
     path = result_path(options.result)
     with progress_bar("reporting") as report:
-        measured = load_measured(path)
-        if measured is not None and options.robot is not None:
+        found = load_result(path)
+        is_simulation = isinstance(found, SimulationResult)
+        if not is_simulation and options.robot is not None:
             raise InputError(f"{path}: is no simulation; allowed: --robot with simulations")
-        if measured is not None:
-            page, usual = page_of(measured), path.with_suffix(".html")
-        else:
-            robot = read_robot(options) if options.robot is not None else None
-            page = report_of(load_result(path), robot, modes=not options.no_modes, progress=report)
-            usual = path.with_name("report.html")
+        robot = read_robot(options) if options.robot is not None else None
+        page = report_of(found, robot, modes=not options.no_modes, progress=report)
+        usual = path.with_name("report.html") if is_simulation else path.with_suffix(".html")
     for line in page.missing:
         say(f"missing: {line}")
     say(f"wrote {page.save(options.output or usual)}")
@@ -102,7 +100,7 @@ def _view(options: argparse.Namespace) -> None:
     robot = read_robot(options) if options.robot is not None else None
     found = None
     if options.tolerance is not None:
-        from ..identification.tolerances.budgeting import tolerance
+        from ..identification.tolerances.solve import tolerance
 
         with stage_bar("looking at tolerances") as report:
             simulated = simulated_robot(result, robot)

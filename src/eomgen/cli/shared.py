@@ -7,7 +7,7 @@ import json
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
@@ -24,10 +24,6 @@ if TYPE_CHECKING:
 TRAJECTORY = "trajectory.npz"
 _NUMBERS = f"0, or a number of magnitude {SMALLEST:g} to {LARGEST:g}"
 _DIGITS = 18  # of whole numbers, so that 64 bits hold them
-_INERTIA = (
-    "an inertia that no body can have: refuse it, take it as it is, or take the nearest one (error for those of TOML,"
-    " warn for those of an URDF or MJCF)"
-)
 
 
 @dataclass(frozen=True)
@@ -73,14 +69,7 @@ class OldName(argparse.Action):
 def add_robot(parser: argparse.ArgumentParser) -> None:
     """A ROBOT and the options of reading it."""
     parser.add_argument("robot", metavar="ROBOT", help="built-in name, or path of a .toml, .urdf or .xml (MJCF) file")
-    add_inertia(parser)
-    _add_urdf(
-        parser,
-        "read <dynamics damping=...> of an URDF",
-        "read <dynamics friction=...> of an URDF, as Coulomb friction",
-        "read joints with <mimic> of an URDF as independent ones",
-    )
-    _add_more(parser)
+    add_reading(parser)
 
 
 def add_result(parser: argparse.ArgumentParser) -> None:
@@ -90,38 +79,30 @@ def add_result(parser: argparse.ArgumentParser) -> None:
 
 def add_robot_of_result(parser: argparse.ArgumentParser, default: str) -> None:
     """The option --robot of a command about a result; ``default`` says which it is where the option is not given."""
-    as_elsewhere = "as in the other commands"
     parser.add_argument("--robot", help=f"the robot that was simulated ({default})")
-    add_inertia(parser, as_elsewhere)
-    _add_urdf(parser, as_elsewhere, as_elsewhere, as_elsewhere)
-    _add_more(parser, as_elsewhere, as_elsewhere)
+    add_reading(parser, about="as in the other commands")
 
 
-def add_inertia(parser: argparse.ArgumentParser, about: str = _INERTIA) -> None:
-    """The option --inertia of all commands that read robots."""
-    parser.add_argument("--inertia", choices=("error", "warn", "project"), help=about)
+def add_reading(parser: argparse.ArgumentParser, *names: str, about: str = "") -> None:
+    """Options of reading a robot, from the fields of ``ReadOptions``.
 
+    Args:
+        parser: of the command.
+        names: of the fields; all if there are none.
+        about: what stands in the place of their help, but for what is dangerous.
+    """
+    from ..description.options import ReadOptions
 
-def _add_urdf(parser: argparse.ArgumentParser, damping: str, friction: str, mimic: str) -> None:
-    parser.add_argument("--urdf-damping", action="store_true", help=damping)
-    parser.add_argument("--urdf-friction", action="store_true", help=friction)
-    parser.add_argument("--urdf-no-mimic", action="store_true", help=mimic)
-
-
-def _add_more(
-    parser: argparse.ArgumentParser,
-    stops: str = "stops at all limits: stiffness=K, with damping, restitution_damping, smoothing behind commas",
-    floating: str = "put a free joint, floating_base, between the ground and the root link of an URDF",
-) -> None:
-    parser.add_argument("--stops", metavar="KEY=NUMBER,...", help=stops)
-    parser.add_argument("--floating-base", action="store_true", help=floating)
-    add_xacro(parser)
-
-
-def add_xacro(parser: argparse.ArgumentParser) -> None:
-    """The option --xacro of all commands that read robots."""
-    about = "expand a .xacro file, which runs the Python that stands in it: for files that you trust"
-    parser.add_argument("--xacro", action="store_true", help=about)
+    for item in fields(ReadOptions):
+        if names and item.name not in names:
+            continue
+        about_it: dict[str, Any] = {"dest": item.name, **item.metadata}
+        option = about_it.pop("option", f"--{item.name.replace('_', '-')}")
+        if about and item.name != "xacro":
+            about_it["help"] = about
+        if isinstance(item.default, bool):
+            about_it["action"] = "store_false" if item.default else "store_true"
+        parser.add_argument(option, **about_it)
 
 
 def read_robot(options: argparse.Namespace) -> Robot:
@@ -131,17 +112,12 @@ def read_robot(options: argparse.Namespace) -> Robot:
         InputError: see ``eomgen.load_robot``.
     """
     from ..description.load import load_robot
+    from ..description.options import ReadOptions
 
-    robot = load_robot(
-        options.robot,
-        inertia=options.inertia,
-        urdf_damping=options.urdf_damping,
-        urdf_friction=options.urdf_friction,
-        urdf_mimic=not options.urdf_no_mimic,
-        stops=None if options.stops is None else _by_name("stops", options.stops.split(",")),
-        floating_base=options.floating_base,
-        xacro=options.xacro,
-    )
+    how = {item.name: getattr(options, item.name) for item in fields(ReadOptions)}
+    if how["stops"] is not None:
+        how["stops"] = _by_name("stops", how["stops"].split(","))
+    robot = load_robot(options.robot, **how)
     for note in robot.notes:
         say(f"note: {note}", sys.stderr)
     return robot

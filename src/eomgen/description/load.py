@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..errors import DescriptionError, InputError
 from ..forms.keys import ByName
@@ -46,8 +47,12 @@ from .floating import float_base
 from .forces import journal, read_coordinate, read_motor
 from .keys import ROBOT
 from .loops import check_loops, read_loop, read_placement
+from .options import ReadKeywords, ReadOptions
 from .springs import check_springs, read_spring
 from .stops import asked_stops, joint_stops, stop_all, stop_numbers
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
 
 RobotLike = Robot | str | Path  # what functions take where they ask for a robot, see as_robot
 SUFFIXES = (".toml", ".urdf", ".xml", ".mjcf", ".xacro")
@@ -90,9 +95,10 @@ def load_robot(
     Raises:
         DescriptionError: with the file, the place, what came and what is allowed.
     """
+    options = ReadOptions(inertia, urdf_damping, urdf_friction, urdf_mimic, stops, floating_base, xacro)
     if isinstance(source, str) and source in builtin_robots():
         text = read_text(BUILTIN / f"{source}.toml", source)
-        return robot_from_toml(text, source=source, inertia=inertia, stops=stops, floating_base=floating_base)
+        return _from_toml(text, options, source)
     if not isinstance(source, (str, Path)):
         raise DescriptionError(f"a robot cannot be loaded from {type(source).__name__}; allowed: a name or a path")
     path = Path(source)
@@ -109,35 +115,14 @@ def load_robot(
         from .mjcf.read import root_tag  # only who has such a file pays for the XML parser
 
         if path.suffix == ".mjcf" or root_tag(text) != "robot":
-            return robot_from_mjcf(
-                text, source=str(path), inertia=inertia, stops=stops, floating_base=floating_base, path=path
-            )
+            return _from_mjcf(text, options, str(path), path)
     if path.suffix == ".xacro":
         from .macros import expanded_urdf
 
         text = expanded_urdf(path, trusted=xacro)
     if path.suffix != ".toml":
-        return robot_from_urdf(
-            text,
-            source=f"{path} (expanded)" if path.suffix == ".xacro" else str(path),
-            inertia=inertia,
-            urdf_damping=urdf_damping,
-            urdf_friction=urdf_friction,
-            urdf_mimic=urdf_mimic,
-            stops=stops,
-            floating_base=floating_base,
-        )
-    return robot_from_toml(
-        text,
-        source=str(path),
-        folder=path.parent,
-        inertia=inertia,
-        urdf_damping=urdf_damping,
-        urdf_friction=urdf_friction,
-        urdf_mimic=urdf_mimic,
-        stops=stops,
-        floating_base=floating_base,
-    )
+        return _from_urdf(text, options, f"{path} (expanded)" if path.suffix == ".xacro" else str(path))
+    return _from_toml(text, options, str(path), path.parent)
 
 
 def as_robot(given: RobotLike) -> Robot:
@@ -157,80 +142,70 @@ def as_robot(given: RobotLike) -> Robot:
     return load_robot(given)
 
 
-def robot_from_urdf(
-    text: str,
-    *,
-    source: str = "",
-    inertia: str | None = None,
-    urdf_damping: bool = False,
-    urdf_friction: bool = False,
-    urdf_mimic: bool = True,
-    stops: Mapping[str, float] | None = None,
-    floating_base: bool = False,
-) -> Robot:
-    """The robot that an URDF text describes; arguments and errors as load_robot."""
+def robot_from_urdf(text: str, *, source: str = "", **options: Unpack[ReadKeywords]) -> Robot:
+    """The robot that an URDF text describes; options and errors as load_robot."""
+    return _from_urdf(text, ReadOptions(**options), source)
+
+
+def _from_urdf(text: str, options: ReadOptions, source: str) -> Robot:
     from .urdf import draft_from_urdf  # only who has an URDF pays for the XML parser
 
-    draft = draft_from_urdf(text, source, damping=urdf_damping, friction=urdf_friction, mimic=urdf_mimic)
-    return _finish_xml(draft, inertia, stops, floating_base)
+    return _finish_xml(draft_from_urdf(text, source, **_of_urdf(options)), options)
 
 
-def robot_from_mjcf(
-    text: str,
-    *,
-    source: str = "",
-    inertia: str | None = None,
-    stops: Mapping[str, float] | None = None,
-    floating_base: bool = False,
-    path: Path | None = None,
-) -> Robot:
-    """The robot that a MJCF text describes; arguments and errors as load_robot.
+def _of_urdf(options: ReadOptions) -> dict[str, bool]:
+    return {"damping": options.urdf_damping, "friction": options.urdf_friction, "mimic": options.urdf_mimic}
+
+
+def robot_from_mjcf(text: str, *, source: str = "", path: Path | None = None, **options: Unpack[ReadKeywords]) -> Robot:
+    """The robot that a MJCF text describes; options and errors as load_robot.
 
     With the ``path`` of the file MuJoCo, if it is installed, compiles what the reader here does not take; a text alone
     opens no file.
     """
+    return _from_mjcf(text, ReadOptions(**options), source, path)
+
+
+def _from_mjcf(text: str, options: ReadOptions, source: str, path: Path | None) -> Robot:
     from .mjcf.read import draft_from_mjcf
 
-    return _finish_xml(draft_from_mjcf(text, source, path), inertia, stops, floating_base)
+    return _finish_xml(draft_from_mjcf(text, source, path), options)
 
 
-def _finish_xml(draft: Draft, inertia: str | None, stops: Mapping[str, float] | None, floating_base: bool) -> Robot:
-    _equip(draft, None if stops is None else asked_stops(stops), floating_base)
+def _finish_xml(draft: Draft, options: ReadOptions) -> Robot:
+    _equip(draft, None if options.stops is None else asked_stops(options.stops), options.floating_base)
     try:
-        return _finish(draft, inertia, [])
+        return _finish(draft, options.inertia, [])
     except DescriptionError as error:
         error.line, error.column = draft.places([error.where])[0] or (None, None)
         raise
 
 
 def robot_from_toml(
-    text: str,
-    *,
-    source: str = "",
-    folder: Path | None = None,
-    inertia: str | None = None,
-    urdf_damping: bool = False,
-    urdf_friction: bool = False,
-    urdf_mimic: bool = True,
-    stops: Mapping[str, float] | None = None,
-    floating_base: bool = False,
+    text: str, *, source: str = "", folder: Path | None = None, **options: Unpack[ReadKeywords]
 ) -> Robot:
-    """The robot that a TOML text describes; ``folder`` is where its ``urdf`` is looked for, the rest as load_robot."""
+    """The robot that a TOML text describes.
+
+    Args:
+        text: of the description.
+        source: its name, for messages.
+        folder: where its ``urdf`` is looked for.
+        **options: inertia, urdf_damping, urdf_friction, urdf_mimic, stops and floating_base, see ``load_robot``.
+
+    Raises:
+        DescriptionError: as of ``load_robot``.
+    """
+    return _from_toml(text, ReadOptions(**options), source, folder)
+
+
+def _from_toml(text: str, options: ReadOptions, source: str, folder: Path | None = None) -> Robot:
     values = parse_toml(text, source)
     with located(text, values, source):
         top = ROBOT.read(values, "", source, ())
-        draft = _start(top, source, folder, urdf_damping, urdf_friction, urdf_mimic)
-        return _robot_from_table(top, draft, folder, inertia, stops, floating_base)
+        return _robot_from_table(top, _start(top, source, folder, options), folder, options)
 
 
-def _robot_from_table(
-    top: Table,
-    draft: Draft,
-    folder: Path | None,
-    inertia: str | None,
-    stops: Mapping[str, float] | None,
-    floating_base: bool,
-) -> Robot:
+def _robot_from_table(top: Table, draft: Draft, folder: Path | None, options: ReadOptions) -> Robot:
     draft.gravity = top.vector("gravity") or draft.gravity
     for name, entry in top.entries("links"):
         draft.links[name] = _link(name, entry, draft)
@@ -249,9 +224,9 @@ def _robot_from_table(
     _settle_base(draft)
     table = top.table("stops")
     said = None if table is None else stop_numbers(table)
-    _equip(draft, said if stops is None else asked_stops(stops), floating_base)
+    _equip(draft, said if options.stops is None else asked_stops(options.stops), options.floating_base)
     try:
-        return _finish(draft, inertia or top.choice("inertia"), top.strings("tunable"))
+        return _finish(draft, options.inertia or top.choice("inertia"), top.strings("tunable"))
     except DescriptionError as error:
         if draft.xml_source and not error.path and not _says(top, error.where):
             error.source = draft.xml_source
@@ -277,7 +252,7 @@ def _says(top: Table, where: str) -> bool:
     return any(entry.get("name") == rest.partition(".")[0] for entry in top.values.get(kind, []))
 
 
-def _start(top: Table, source: str, folder: Path | None, damping: bool, friction: bool, mimic: bool) -> Draft:
+def _start(top: Table, source: str, folder: Path | None, options: ReadOptions) -> Draft:
     """The draft to fill: that of the URDF, or an empty one; with its name."""
     draft = Draft(source)
     urdf = top.text("urdf")
@@ -288,7 +263,7 @@ def _start(top: Table, source: str, folder: Path | None, damping: bool, friction
 
         path = folder / urdf
         given = read_text(path, str(path))
-        draft = draft_from_urdf(given, str(path), damping=damping, friction=friction, mimic=mimic)
+        draft = draft_from_urdf(given, str(path), **_of_urdf(options))
         draft.source = source
         draft.inherited = (*draft.links, *draft.joints)
     else:

@@ -182,13 +182,17 @@ def _table(item: Read) -> Read:
     return read
 
 
-def field_types(kind: type) -> dict[str, Any]:
-    """Give types of a dataclass's fields by name, without what separates them: Python 3.10 takes KW_ONLY for none."""
+def field_types(kind: type, annotated: bool = False) -> dict[str, Any]:
+    """Give types of a dataclass's fields by name, without what separates them: Python 3.10 takes KW_ONLY for none.
+
+    ``annotated``: whether with what ``Annotated`` says of them.
+    """
     fields = {item.name for item in dataclasses.fields(typing.cast(Any, kind))}
     hints: dict[str, Any] = {}
     for base in reversed(kind.__mro__):
         own = {name: x for name, x in inspect.get_annotations(base).items() if name in fields}
-        hints |= typing.get_type_hints(type(base.__name__, (), {"__annotations__": own, "__module__": base.__module__}))
+        plain = type(base.__name__, (), {"__annotations__": own, "__module__": base.__module__})
+        hints |= typing.get_type_hints(plain, include_extras=annotated)
     return hints
 
 

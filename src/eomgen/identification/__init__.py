@@ -1,34 +1,30 @@
 """What measurements say of a robot: stiffness, masses, friction, offsets; accuracy, tolerances and corrections.
 
-Uses runtime, robot, forms, description, state, motion, integration, scenario, pipeline, analysis, simulation and sweep.
+Uses runtime, robot, results, forms, description, state, motion, integration, scenario, pipeline, analysis, simulation
+and sweep.
 """
 
-from .calibration.calibrating import calibrate
-from .calibration.result import CalibrationResult
-from .calibration.stored import load_calibration
-from .choosing.choosing import poses
-from .choosing.chosen import PosesResult, load_poses
-from .compensating.correcting import compensate
-from .compensating.result import CompensationResult
-from .compensating.stored import load_compensation
-from .dynamics.result import Further, IdentifyResult, Residuals
-from .dynamics.stored import load_identification
-from .estimates import Estimate, FitResult, FittedCoordinate, load_fit
-from .exciting.designing import excite
-from .exciting.excited import ExciteResult
-from .exciting.stored import load_excitation
+from .calibration.result import CalibrationResult, load_calibration
+from .calibration.solve import calibrate
+from .choosing.result import PosesResult, load_poses
+from .choosing.solve import poses
+from .compensating.result import CompensationResult, load_compensation
+from .compensating.solve import compensate
+from .dynamics.result import Further, IdentifyResult, Residuals, load_identification
+from .dynamics.solve import identify
+from .exciting.result import ExciteResult, load_excitation
+from .exciting.solve import excite
 from .from_motion import ForcesResult, forces
 from .geometry.covariances import read_covariances
 from .geometry.poses import Measured, MeasuredPoses, poses_from_columns, read_poses
 from .identifiable import BaseParameters, base_parameters
-from .inertial import identify
-from .iso_9283.evaluate import accuracy
 from .iso_9283.result import AccuracyResult, load_accuracy
-from .least_squares import fit
+from .iso_9283.solve import accuracy
+from .stiffness.result import Estimate, FitResult, FittedCoordinate, load_fit
+from .stiffness.solve import fit
 from .tolerances.allocation import Allocation
-from .tolerances.budgeting import tolerance
 from .tolerances.result import ToleranceResult
-from .tolerances.stored import load_tolerance
+from .tolerances.solve import load_tolerance, tolerance
 
 __all__ = [
     "AccuracyResult",

@@ -1,4 +1,4 @@
-"""What all fits have in common: samples at equal distances, blocks of time, intervals, doubts."""
+"""Samples of a fit over time: equal distances, filters, blocks of time."""
 
 from __future__ import annotations
 
@@ -6,9 +6,6 @@ import numpy as np
 
 from ..errors import InputError
 from ..motion.files import MeasuredMotion
-from ..names import component_name
-from ..optional import optional_import
-from .estimates import KEYS, Estimate, FittedCoordinate
 
 FIRST = 8  # half width of the filter that differentiates, samples
 HALF_WIDTHS = (0, 8, 32, 128)  # of the filter behind it; the best of more would look better than it is
@@ -45,31 +42,3 @@ def even_step(motion: MeasuredMotion) -> float:
             f" {motion.t[0] + worst * step:.9g} s"
         )
     return step
-
-
-def interval_of(
-    value: float, variance: float, freedoms: int, confidence: float, described: float, width: float, unexplained: float
-) -> Estimate:
-    """A value with its interval, by Student's t with so many degrees of freedom; the rest as in ``Estimate``."""
-    with optional_import("SciPy", "fit needs"):
-        from scipy.stats import t as student
-    quantile, error = float(student.ppf(0.5 + confidence / 2, freedoms)), float(np.sqrt(variance))
-    low, high = value - quantile * error, value + quantile * error
-    return Estimate(value, error, low, high, described, width, unexplained)
-
-
-def doubts(entry: FittedCoordinate) -> list[str]:
-    """Warnings about a fitted coordinate."""
-    found = []
-    for key in KEYS:
-        estimate: Estimate | None = getattr(entry, key)
-        if estimate is None:
-            continue
-        name = component_name(entry.coordinate, key)
-        if estimate.low <= 0.0 <= estimate.high:
-            found.append(f"{name}: its interval holds zero, so the motion does not determine it")
-        elif estimate.value < 0.0:
-            found.append(f"{name} is negative; is the drive known, and the inertia right?")
-        elif estimate.unexplained > 0.5:
-            found.append(f"{name}: {100 * estimate.unexplained:.0f} % of the force stays unexplained")
-    return found

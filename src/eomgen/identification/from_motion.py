@@ -38,8 +38,8 @@ from ..state.springs import coordinate_numbers
 from ..state.turning import quaternion_columns
 from ..tabular import Rows, TableColumn, Tabular
 from .closing import closed_motion
-from .estimates import KEYS
 from .rotating import rotation_derivatives
+from .stiffness.result import KEYS
 
 Array = NDArray[np.float64]
 WINDOW, DEGREE = 11, 4

@@ -6,7 +6,7 @@ parameters that no measurement tells apart from those: they are regrouped (M. Ga
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,6 +17,7 @@ from ..description import RobotLike, as_robot
 from ..errors import InputError
 from ..names import component_name, show
 from ..pipeline.stages import build
+from ..results.contents import Contents
 from ..runtime.kernel import Kernel
 from ..shown import Shown
 from .relations import Relations, refuse_followers, relations_of, tree_relations
@@ -31,6 +32,10 @@ DEPENDENT = 1e-8  # of a column's length: what is left of one that depends on th
 ROUND_OFF = 1e-8  # of coefficients that are meant to be whole numbers
 SEED = 1  # of the random motions
 WIDTH = 3.0  # m and rad: random coordinates are so far from 0 at most; rates and accelerations too, per s and s^2
+_TEXTS: Mapping[str, Any] = {
+    "robot": str,
+    **dict.fromkeys(("terms", "parameters", "names", "without_effect"), tuple[str, ...]),
+}
 
 
 @dataclass(frozen=True)
@@ -83,6 +88,27 @@ class BaseParameters(Shown):
                 f"theta: shape {given.shape}; allowed: ({len(self.parameters)},), in the order of parameters"
             )
         return np.asarray(self.matrix @ given)
+
+    def texts(self) -> dict[str, Any]:
+        """Return the fields of a file that are texts; ``from_texts`` reads them."""
+        return {name: getattr(self, name) for name in _TEXTS}
+
+    @staticmethod
+    def from_texts(table: Contents, chosen: NDArray[np.intp], matrix: Array) -> BaseParameters:
+        """Return base parameters from a file's table of texts, and numbers as of the attributes.
+
+        Raises:
+            InputError: a text is missing, or numbers and texts are not of the same combinations.
+        """
+        texts: dict[str, Any] = {name: table.value(kind, name) for name, kind in _TEXTS.items()}
+        many, whole = len(texts["names"]), len(texts["parameters"])
+        if chosen.shape != (many,) or matrix.shape != (many, whole):
+            raise InputError(
+                f"{table.path}: matrix and chosen are of other sizes; allowed: {many} names of {whole} parameters"
+            )
+        if many and not 0 <= chosen.min() <= chosen.max() < whole:
+            raise InputError(f"{table.path}: chosen: got {chosen.max()}; allowed: 0 to {whole - 1}")
+        return BaseParameters(**texts, chosen=chosen, matrix=matrix)
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values, for JSON: per combination its parameters with their coefficients."""

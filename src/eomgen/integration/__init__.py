@@ -11,8 +11,9 @@ from ..lazily import attributes
 
 if TYPE_CHECKING:
     from .contacts import Contact
+    from .plan import METHODS, choose_method
     from .resting import Rest, rests
-    from .solve import METHODS, choose_method, integrate
+    from .solve import integrate
     from .trajectory import Trajectory
     from .until import Until
 
@@ -20,11 +21,11 @@ __all__ = ["METHODS", "Contact", "Rest", "Trajectory", "Until", "choose_method",
 
 _MODULES = {
     "Contact": "contacts",
-    "METHODS": "solve",
+    "METHODS": "plan",
     "Rest": "resting",
     "Trajectory": "trajectory",
     "Until": "until",
-    "choose_method": "solve",
+    "choose_method": "plan",
     "integrate": "solve",
     "rests": "resting",
 }

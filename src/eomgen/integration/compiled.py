@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from ..errors import EomgenError, IntegrationStopped
 from ..progress import Progress
 from ..runtime.kernel import Kernel
-from ..runtime.stepping.adaptive import DONE, STAGES, why_ended
-from ..runtime.stepping.given_loads import data_of
+from ..runtime.stepping.adaptive import DONE, why_ended
 from ..runtime.stepping.loaded import AUTO, Loaded
 from ..runtime.stepping.loads import LoadData
-from ..state.vectors import DriveFunction, MotionFunction, WrenchFunction
+from ..runtime.stepping.options import ErrorControl
 from .contacts import ContactWatch
 from .steps import Samples
 from .system import System
@@ -22,55 +21,15 @@ from .until import Reached
 
 Array = NDArray[np.float64]
 
-METHODS = tuple(STAGES)
 PART = 0.5  # of tolerances, for each step: errors of many add up
 KEPT = 1024  # steps of a call in which contacts are looked for
-
-
-def leading(method: str, info: Mapping[str, float], duration: float) -> str:
-    """Name of the method that led on for most of a duration, s, where both took turns; else the method."""
-    if method != AUTO:
-        return method
-    return "rosenbrock" if 2.0 * info.get("implicit_s", 0.0) > duration else "tsit5"
-
-
-def why_not(
-    kernel: Kernel,
-    drive: DriveFunction | None = None,
-    wrench: WrenchFunction | ArrayLike | None = None,
-    prescribed: MotionFunction | None = None,
-) -> str:
-    """Say what a motion lacks to be integrated by the kernel's C; empty where nothing is missing."""
-    if kernel.raw.adaptive is None:
-        return "the kernel was built without adaptive_rollout"
-    if kernel.dtype != np.float64:
-        return f"the kernel is {kernel.dtype}"
-    for label, function in (("drive", drive), ("wrench", wrench), ("prescribed", prescribed)):
-        if callable(function) and data_of(function) is None:
-            return f"the {label} is a function that only Python can call"
-    return ""
-
-
-def no_works(kernel: Kernel, method: str, slow: str) -> str:
-    """Say what a motion lacks to have its works integrated with it; empty where nothing is missing.
-
-    Args:
-        kernel: of the motion.
-        method: that is taken.
-        slow: why it is not the kernel's C, if that cannot do it.
-    """
-    if method not in (*METHODS, AUTO):
-        return f"{method} integrates in Python" + (f", because {slow}" if slow else "")
-    return f"{', '.join(kernel.raw.turning)} turns freely" if kernel.raw.turning else ""
 
 
 def compiled_states(
     system: System,
     loads: LoadData,
     samples: Samples,
-    method: str,
-    rtol: float,
-    atol: Array,
+    control: ErrorControl,
     report: Progress,
     watch: ContactWatch,
     works: bool = False,
@@ -83,11 +42,11 @@ def compiled_states(
         IntegrationStopped: the motion ends early.
         Reached: what it goes on to is there.
     """
-    kernel, n = system.kernel, system.n
+    kernel, n, method = system.kernel, system.n, control.method
     q, v = samples.states[0, :n], samples.states[0, n:]
     kept = KEPT if watch.is_needed else 0
-    allowed = step_tolerances(rtol, atol)
-    motion = Loaded(kernel.calls, loads, samples.times, q, v, method, *allowed, kept, works=works)
+    control = per_step(control)
+    motion = Loaded(kernel.calls, loads, samples.times, q, v, control, kept, works=works)
     system.worked = motion if works else None
     at, before, progress = float(samples.times[0]), samples.states[0], motion.progress
     while progress.reason == 0:
@@ -111,12 +70,12 @@ def compiled_states(
             system.counts["implicit_s"] = motion.spans["rosenbrock"]
         if reached is not None:
             found = reached.exactly(
-                lambda t0, y, t: np.concatenate(list(_moved(kernel, loads, (t0, t), y, method, *allowed).state))
+                lambda t0, y, t: np.concatenate(list(_moved(kernel, loads, (t0, t), y, control).state))
             )
             if motion.works is not None:
                 k = int(np.searchsorted(samples.times[: samples.done], found.t)) - 1
                 span = float(samples.times[k]), found.t
-                last = _moved(kernel, loads, span, samples.states[k], method, *allowed, works=True)
+                last = _moved(kernel, loads, span, samples.states[k], control, works=True)
                 system.works_at_end = motion.works[k] + last.works_until(2)[-1]
             raise found
         report(float(progress.t), f"t = {progress.t:.3f} s, {method}, {progress.steps} steps")
@@ -124,9 +83,9 @@ def compiled_states(
         raise _stopped(system, motion, method)
 
 
-def step_tolerances(rtol: float, atol: Array) -> tuple[float, Array]:
-    """Tolerances of a step of a motion with these ones."""
-    return PART * rtol, PART * np.maximum(atol, 1e-30)
+def per_step(control: ErrorControl) -> ErrorControl:
+    """Return the method with tolerances of each step of a motion that has these ones as a whole."""
+    return replace(control, rtol=PART * control.rtol, atol=PART * np.maximum(control.atol, 1e-30))
 
 
 def _moved(
@@ -134,15 +93,13 @@ def _moved(
     loads: LoadData,
     span: tuple[float, float],
     y: Array,
-    method: str,
-    rtol: float,
-    atol: Array,
+    control: ErrorControl,
     *,
     works: bool = False,
 ) -> Loaded:
     """The motion over a span, s, from a state, (2n,), at its begin."""
     n = kernel.n
-    motion = Loaded(kernel.calls, loads, np.array(span), y[:n], y[n:], method, rtol, atol, works=works)
+    motion = Loaded(kernel.calls, loads, np.array(span), y[:n], y[n:], control, works=works)
     while not motion.progress.reason:
         motion.go()
     return motion

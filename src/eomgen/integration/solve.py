@@ -11,20 +11,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
-from ..names import show
 from ..progress import Progress
 from ..runtime.kernel import Kernel
 from ..runtime.stepping.given_loads import loads_of
-from ..runtime.stepping.loaded import AUTO
-from ..state.springs import any_spring, fastest_rates
+from ..runtime.stepping.options import ErrorControl
 from ..state.vectors import DriveFunction, MotionFunction, WrenchFunction, state_vector
 from . import compiled, sundials
 from .advance import Advance
 from .closed import ClosedSystem
 from .contacts import ContactWatch
 from .drives import drive_of
+from .plan import IntegratorPlan, plan_integration
 from .steps import (
-    SCIPY_IMPLICIT,
     Record,
     Samples,
     Steps,
@@ -43,14 +41,8 @@ from .until import Reached, Until
 
 Array = NDArray[np.float64]
 
-IN_C = compiled.METHODS
-EXPLICIT_IN_PYTHON = ("DOP853", "RK45", "rk4")
-EXPLICIT = ("tsit5", *EXPLICIT_IN_PYTHON)
-STIFF = 1000.0  # time constants in a motion: an explicit method takes 2000 evaluations, and an implicit one not more
-METHODS = (AUTO, *IN_C, *SCIPY_IMPLICIT, *sundials.METHODS, *EXPLICIT_IN_PYTHON)
 
-
-def integrate(
+def integrate(  # noqa: PLR0913
     kernel: Kernel,
     q0: ArrayLike,
     v0: ArrayLike,
@@ -99,7 +91,7 @@ def integrate(
             prescribed; "Radau", "BDF", "LSODA", "DOP853", "RK45" (all
             SciPy's), "CVODE", "IDA" (SUNDIALS', not for loops), or "rk4" with a fixed step.  "auto" is both in C
             in turn, whichever leads on further for its cost; where C cannot do it, Radau if there are springs, stiff
-            dampers or friction (see ``why_stiff``), else DOP853.
+            dampers or friction (see ``plan.why_stiff``), else DOP853.
         rtol, atol: tolerances; atol is a number or (2n,), first of q, then of v.  By default rtol times the size of
             each coordinate: ``coordinate_sizes``; of a rate that friction resists at most the smoothing of that.
         step: of rk4, s; shortened so that it divides ``output_step``.  Default: half the time in which the fastest
@@ -128,43 +120,67 @@ def integrate(
             coordinate and time and has the last good state and the trajectory up to it.
         InputError: an argument is wrong, a prescribed coordinate has no motion, or SciPy is not installed.
     """
-    drive = drive_of(kernel, drive)
-    system = system_of(kernel, drive, wrench, prescribed)
+    system = system_of(kernel, drive_of(kernel, drive), wrench, prescribed)
     q, v = (state_vector(label, x, kernel.coordinates) for label, x in (("q0", q0), ("v0", v0)))
     times = output_times(duration, output_step) if times is None else checked_times(times, duration, output_step)
-    loads = (drive, wrench, prescribed)
-    in_c = compiled.why_not(kernel, *loads)
-    method, _ = explained_method(kernel, method, q, float(times[-1] - times[0]), in_c)
+    span = float(times[-1] - times[0])
+    plan = plan_integration(kernel, method, system.loads, q, span, rtol=rtol, atol=atol, step=step)
+    return integrate_by(plan, system, (q, v), times, progress=progress, record=record, until=until, works=works)
+
+
+def integrate_by(
+    plan: IntegratorPlan,
+    system: System,
+    state: tuple[Array, Array],
+    times: Array,
+    *,
+    progress: Progress | None = None,
+    record: Record | None = None,
+    until: Until | None = None,
+    works: bool = False,
+) -> Trajectory:
+    """Integrate a system by a plan that was made for its motion; result and errors as ``integrate``.
+
+    Args:
+        plan: the integrator.
+        system: the equations of motion, not integrated before.
+        state: q and v at the first time, (n,) each; prescribed coordinates are put in place in these arrays, and C,
+            which goes on where it ended, takes them as they are, others as closed.
+        times: of the samples, s, (T,).
+        progress, record, until, works: as of ``integrate``.
+    """
+    kernel, method = system.kernel, plan.method
     if until is not None and method in sundials.METHODS:
         raise InputError(f"until: {method} goes on to the duration; allowed: other methods")
-    if works and (lacking := compiled.no_works(kernel, method, in_c)):
+    if works and (lacking := plan.no_works(kernel)):
         allowed = "allowed: integrations in C, of joints that do not turn freely"
         raise InputError(f"works: {kernel.name}: {lacking}; {allowed}")
-    runs_in_c = method in (*IN_C, AUTO)
     began = time.perf_counter()
     report = reporter(progress, float(times[-1]))
+    q, v = state
     closed = q.copy(), v.copy()
     y0 = system.begin(float(times[0]), *closed)
     system.prescribe(float(times[0]), q, v)
-    if not runs_in_c:  # C closes what it comes to, and goes on where it ended, to the bit
+    if not plan.in_c:  # C closes what it comes to, and goes on where it ended, to the bit
         q[:], v[:] = closed
     system.advance = Advance(float(times[0]), float(times[-1]))
     watch = ContactWatch(kernel, until)
     samples = Samples(times, np.concatenate([q, v]), record)
 
     def run() -> None:
-        if method == "rk4" or not (y0.size or runs_in_c):  # nothing is free to be integrated
-            rk4(system, y0, samples, fixed_step(kernel, q, step, times), report, watch)
+        if method == "rk4" or not (y0.size or plan.in_c):  # nothing is free to be integrated
+            rk4(system, y0, samples, fixed_step(kernel, q, plan.step, times), report, watch)
             return
-        absolute = tolerances(system, q, rtol, atol)
-        if runs_in_c:
-            data = loads_of(kernel.calls, *loads)
-            compiled.compiled_states(system, data, samples, method, rtol, absolute, report, watch, works)
+        absolute = tolerances(system, q, plan.rtol, plan.atol)
+        if plan.in_c:
+            data = loads_of(kernel.calls, *system.loads)
+            control = ErrorControl(plan.method, plan.rtol, absolute)
+            compiled.compiled_states(system, data, samples, control, report, watch, works)
             return
         if method in sundials.METHODS:
-            sundials.sundials_states(system, y0, samples, method, rtol, absolute, report, watch)
+            sundials.sundials_states(system, y0, samples, method, plan.rtol, absolute, report, watch)
         else:
-            sampled(Steps(method, rtol, absolute, float(times[-1])), system, y0, samples, report, watch)
+            sampled(Steps(method, plan.rtol, absolute, float(times[-1])), system, y0, samples, report, watch)
 
     def run_until() -> None:
         try:
@@ -181,7 +197,7 @@ def integrate(
         return {**system.about(motion.q, motion.v), **near, "wall_s": time.perf_counter() - began}
 
     def name() -> str:
-        return compiled.leading(method, system.counts, float(times[-1] - times[0]))
+        return plan.leading(system.counts, float(times[-1] - times[0]))
 
     return trajectory_of(system, samples, run_until, name, watch, info)
 
@@ -196,74 +212,3 @@ def system_of(
     plain, turning = (ClosedSystem, ClosedTurningSystem) if kernel.constraints else (System, TurningSystem)
     kind = turning if kernel.raw.turning else plain
     return kind(kernel, drive, wrench, prescribed)
-
-
-def choose_method(kernel: Kernel, method: str = "auto", q: Array | None = None, duration: float = 1.0) -> str:
-    """The method that ``integrate`` takes for loads that are data; arguments and errors as ``explained_method``."""
-    return explained_method(kernel, method, q, duration)[0]
-
-
-def explained_method(
-    kernel: Kernel,
-    method: str = "auto",
-    q: Array | None = None,
-    duration: float = 1.0,
-    in_c: str | None = None,
-) -> tuple[str, str]:
-    """The method that ``integrate`` takes, and why, in words, if "auto" is asked for.
-
-    Args:
-        kernel: with the parameters that it has now.
-        method: that is asked for.
-        q: coordinates at the beginning, (n,); 0 if not given.
-        duration: of the motion, s.
-        in_c: why the kernel's own C cannot do it, empty where it can; by default of loads that are data.
-
-    Raises:
-        InputError: the method is unknown, or does not keep loops closed, or is the kernel's own where that cannot be.
-    """
-    slow = compiled.why_not(kernel) if in_c is None else in_c
-    if kernel.constraints and method in sundials.METHODS:
-        allowed = ", ".join(name for name in METHODS if name not in sundials.METHODS)
-        raise InputError(
-            f"method: {kernel.name} has loops or couplings, which {method!r} does not keep closed; allowed: {allowed}"
-        )
-    if method in IN_C and slow:
-        allowed = ", ".join(name for name in METHODS if name not in IN_C)
-        raise InputError(f"method: {kernel.name}: {method!r} integrates in C, but {slow}; allowed: {allowed}")
-    if method != "auto" or not slow:
-        return method_of(method, stiff=False, in_c=not slow), ""
-    stiff = why_stiff(kernel, q, duration)
-    why = stiff or "nothing has a stiffness, nor stiff dampers or friction"
-    return method_of(method, bool(stiff), in_c=False), f"because {why}; not in C: {slow}"
-
-
-def why_stiff(kernel: Kernel, q: Array | None = None, duration: float = 1.0) -> str:
-    """The reason for an implicit method, in words; empty where there is none.  Arguments as ``choose_method``.
-
-    That is any spring, and dampers and friction where they slow something down a ``STIFF`` part of the duration, by the
-    largest slopes of their laws and the inertia at q: explicit steps are as short as that as long as the motion lasts,
-    whatever moves.  Without the kernels that implicit methods need, dampers and friction are left to explicit ones.
-    """
-    if any_spring(kernel):
-        return "there are springs"
-    if not ({"mass_matrix"} if kernel.constraints else {"mass_matrix", "inverse_dynamics"}) <= set(kernel.operations):
-        return ""
-    try:
-        slowing = fastest_rates(kernel, np.zeros(kernel.n) if q is None else q)[1]
-    except np.linalg.LinAlgError:  # integration will say so
-        return ""
-    return f"dampers or friction take effect within {1.0 / slowing:.2g} s" if slowing * duration > STIFF else ""
-
-
-def method_of(asked: str, stiff: bool, *, in_c: bool) -> str:
-    """The method asked for; for "auto" itself in C, else an implicit one where something is stiff (``why_stiff``).
-
-    Raises:
-        InputError: the method is unknown.
-    """
-    if not isinstance(asked, str) or asked not in METHODS:
-        raise InputError(f"method: {show(asked)} is unknown; allowed: {', '.join(METHODS)}")
-    if asked != "auto" or in_c:
-        return asked
-    return "Radau" if stiff else "DOP853"

@@ -70,12 +70,11 @@ def reporter(progress: Progress | None, duration: float) -> Progress:
     return report
 
 
-def fixed_step(kernel: Kernel, q0: Array, step: float | None, times: Array, *, explicit: bool = True) -> float:
+def fixed_step(kernel: Kernel, q0: Array, step: float | None, times: Array) -> float:
     """The step of rk4, s: as given, or half the time of the fastest spring, damper or friction, at most 1 ms.
 
     That is the time in which a spring turns by 1 rad, or a damper, or friction about rest, takes 1 - 1 / e of a rate;
     of friction that turns round too sharply for that, one of COARSE.
-    Steps that are not ``explicit`` need not follow what slows down.
     """
     if step is not None:
         if not (is_usable(step) and step > 0.0):
@@ -85,7 +84,7 @@ def fixed_step(kernel: Kernel, q0: Array, step: float | None, times: Array, *, e
         swing, slowing = fastest_rates(kernel, q0, COARSE)
     except np.linalg.LinAlgError:  # M is singular, as the first evaluation says
         swing, slowing = 0.0, 0.0
-    fastest = max(swing, slowing) if explicit else swing
+    fastest = max(swing, slowing)
     return min(1e-3, 0.5 / fastest if fastest else np.inf, float(np.diff(times).max()))
 
 

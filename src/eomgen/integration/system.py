@@ -69,6 +69,11 @@ class System:
         self.advance: Advance | None = None
         self._stuck: Array | None = None  # where evaluations lead nowhere
 
+    @property
+    def loads(self) -> tuple[DriveFunction | None, WrenchFunction | ArrayLike | None, MotionFunction | None]:
+        """Drive, wrench and motion of the prescribed coordinates, as they were given."""
+        return self._drive, self._wrench, self._prescribed
+
     def begin(self, t: float, q: Array, v: Array) -> Array:
         """y of the state at the first time, (n,) each; what has to be put right is put into its arrays."""
         return np.concatenate([q, v])

@@ -16,13 +16,14 @@ Array = NDArray[np.float64]
 
 ROUND_OFF = 1e-6  # of a limit, and of 1 m or rad of a range: what is no more than that beyond it counts as within
 SHOWN = 8  # in one line
+KINDS = ("position", "speed", "effort")
 
 
 @dataclass(frozen=True)
 class Excess:
     """How far a motion is beyond one limit of a coordinate, at the worst.
 
-    kind: "position", "speed" or "effort".  value, limit: in their unit.  at: s, where the motion has times.
+    kind: of KINDS.  value, limit: in their unit.  at: s, where the motion has times.
     """
 
     coordinate: str
@@ -36,6 +37,16 @@ class Excess:
         """Return name and figures in a line's part."""
         when = "" if self.at is None else f" at {self.at:.4g} s"
         return f"{self.coordinate} {self.kind} {self.value:.4g} {self.unit}{when} (limit {self.limit:.4g})"
+
+
+def limits_known(robot: Robot) -> frozenset[str]:
+    """Return the kinds of limits that a robot has, of KINDS."""
+    found: set[str] = set()
+    for joint in robot.joints:
+        for limits in map(joint.limits_of, joint.all_coordinates):
+            found |= {"position"} if (limits.lower, limits.upper) != (None, None) else set()
+            found |= {kind for kind, x in (("speed", limits.velocity), ("effort", limits.effort)) if x is not None}
+    return frozenset(found)
 
 
 def excesses(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +18,9 @@ from .point_to_point import PointToPoint
 from .reaching import Reached, Target, binding, point_text, reach, search, within_limits
 from .splines import Spline, spline_signal
 from .turns import rotation_matrices, spherical, spherical_spline
+
+if TYPE_CHECKING:
+    from typing_extensions import Required, Unpack
 
 Array = NDArray[np.float64]
 Orientation = Literal["keep"] | tuple[ArrayLike | None, ArrayLike | None]
@@ -65,6 +68,15 @@ class Course:
         return f"{100.0 * self.parts[k]:.3g} % of its length, t = {self.t[k]:.4g} s"
 
 
+class PathKeywords(TypedDict, total=False):
+    """Keywords of ``ToolPath`` that lines and circles have, too."""
+
+    guess: Required[Array]
+    limits: Required[Array]
+    start_time: float
+    orientation: Orientation | None
+
+
 class ToolPath:
     """The tool's origin moves along points, with the profile of ``PointToPoint``; without an orientation it turns as
     the joints let it.
@@ -92,7 +104,7 @@ class ToolPath:
         ArrayError: an orientation that is no rotation.
     """
 
-    def __init__(
+    def __init__(  # noqa: PLR0913
         self,
         kernel: Kernel,
         tool: str,
@@ -136,7 +148,7 @@ class ToolLine(ToolPath):
 
     Args:
         begin, end: points, (3,), m, base axes.
-        start_time: s; until then the tool rests at ``begin``.
+        **options: guess, limits, start_time and orientation, as ``ToolPath`` has them.
 
     Raises:
         ArrayError: a point that is not three finite numbers.
@@ -150,27 +162,13 @@ class ToolLine(ToolPath):
         begin: ArrayLike,
         end: ArrayLike,
         duration: float,
-        *,
-        guess: Array,
-        limits: Array,
-        start_time: float = 0.0,
-        orientation: Orientation | None = None,
+        **options: Unpack[PathKeywords],
     ) -> None:
         ends = np.array([space_point("begin", begin), space_point("end", end)])
         if np.array_equal(*ends):
             raise InputError(f"line: begins and ends at {point_text(ends[0])}; allowed: two different points")
         points = ends[0] + np.linspace(0.0, 1.0, POINTS)[:, np.newaxis] * (ends[1] - ends[0])
-        super().__init__(
-            kernel,
-            tool,
-            points,
-            duration,
-            guess=guess,
-            limits=limits,
-            start_time=start_time,
-            name="line",
-            orientation=orientation,
-        )
+        super().__init__(kernel, tool, points, duration, name="line", **options)
 
 
 class ToolCircle(ToolPath):
@@ -180,7 +178,7 @@ class ToolCircle(ToolPath):
         center, normal: (3,), base axes; the tool turns about the normal as a right-handed screw does.
         begin: a point of the circle, (3,), m, base axes; in the plane through the center across the normal.
         angle: rad, of the whole path.
-        start_time: s; until then the tool rests at ``begin``.
+        **options: guess, limits, start_time and orientation, as ``ToolPath`` has them.
 
     Raises:
         ArrayError: a point that is not three finite numbers.
@@ -196,11 +194,7 @@ class ToolCircle(ToolPath):
         begin: ArrayLike,
         angle: float,
         duration: float,
-        *,
-        guess: Array,
-        limits: Array,
-        start_time: float = 0.0,
-        orientation: Orientation | None = None,
+        **options: Unpack[PathKeywords],
     ) -> None:
         middle, axis, first = space_point("center", center), space_point("normal", normal), space_point("begin", begin)
         arm, length = first - middle, float(np.linalg.norm(axis))
@@ -212,17 +206,7 @@ class ToolCircle(ToolPath):
         arm -= (axis @ arm) * axis
         turn = angle * np.linspace(0.0, 1.0, POINTS)[:, np.newaxis]
         points = middle + np.cos(turn) * arm + np.sin(turn) * np.cross(axis, arm)
-        super().__init__(
-            kernel,
-            tool,
-            points,
-            duration,
-            guess=guess,
-            limits=limits,
-            start_time=start_time,
-            name="circle",
-            orientation=orientation,
-        )
+        super().__init__(kernel, tool, points, duration, name="circle", **options)
 
 
 class ToolSpline(Spline):

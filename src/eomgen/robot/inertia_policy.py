@@ -85,7 +85,7 @@ def apply_inertia_policy(
         notes.append(note)
         if k in warned:
             about = note if spot or not source else f"{source}: {note}"
-            warnings.warn(about, EomgenWarning, stacklevel=6)
+            warnings.warn(about, EomgenWarning, stacklevel=7)  # who called load_robot
     return tuple(links), tuple(notes)
 
 

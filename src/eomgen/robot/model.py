@@ -25,6 +25,7 @@ from ..names import (
     parameter_path,
     show,
 )
+from ..once import kept
 from .cuts import CUTS, rigid_parts
 from .joint_damping import damping_conflict
 from .journals import radial_conflict
@@ -259,8 +260,9 @@ class Model:
         return [k for k, other in enumerate(self.bodies) if other.parent == body]
 
 
+@kept
 def build_model(robot: Robot, *, with_followers: bool = False) -> Model:
-    """Order the tree, merge what fixed joints hold together, and list the parameters.
+    """Order the tree, merge what fixed joints hold together, and list the parameters; once for each robot.
 
     Args:
         robot: what the model is of.

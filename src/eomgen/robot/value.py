@@ -16,6 +16,7 @@ from types import MappingProxyType
 from typing import Any
 
 from ..names import NAME_LENGTH, html_table, joint_of, kind_of, split_component
+from ..once import kept
 from .bounds import Limits
 from .cuts import CUTS
 from .geometry import IDENTITY, ZERO, Matrix, Vector, rotation_from_rpy, snap
@@ -658,6 +659,7 @@ class Robot:
         couplings = tuple(replace(x, is_constraint=True) if x.law is None else x for x in self.couplings)
         return replace(self, couplings=couplings) if self.followers else self
 
+    @kept
     def rigid(self) -> Robot:
         """The same robot with every deviation locked: principal and prescribed coordinates and free joints move.
 

@@ -1,4 +1,4 @@
-"""Derivatives of a kernel's functions along directions, of weighted results, and by run-time parameters.
+"""Exact derivatives of a kernel's functions: along directions, of weighted results, and by run-time parameters.
 
 A generated package carries a copy of this file.
 """
@@ -15,8 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError, UnknownNameError
 from ..names import nearest_or_all, show
-from .arrays import names_in
+from .arrays import flag, names_in
 from .calls import Calls
+from .compiled_code import CompiledCode
 from .parameters import Parameters
 
 Array = NDArray[Any]
@@ -150,58 +151,6 @@ class Differentiated:
         return tuple(found)
 
 
-def jvp(
-    f: Differentiated, args: Sequence[Any], tangents: Sequence[ArrayLike], rates: Mapping[str, float] | None
-) -> Array:
-    """Give what a function's result changes by; arguments as of ``Kernel.jvp``."""
-    arrays, frame = f.state(args)
-    if not isinstance(tangents, (tuple, list)) or len(tangents) != len(f.reads):
-        raise InputError(f"tangents: got {_number(tangents)}; allowed: one for each of {', '.join(f.reads)}")
-    found = f.part(f.run(TANGENT, [*arrays, *tangents]), frame)
-    if rates:
-        slots = parameter_slots(f.calls.parameters, tuple(rates))
-        along = np.zeros(len(f.calls.parameters), f.calls.dtype)
-        along[slots] = list(rates.values())
-        found = found + f.part(f.run(f"{BY_PARAMETERS}{TANGENT}", [*arrays, along]), frame)
-    return found
-
-
-def vjp(f: Differentiated, args: Sequence[Any], cotangent: ArrayLike, parameters: Sequence[str]) -> tuple[Array, ...]:
-    """The gradient of a weighted result; arguments as of ``Kernel.vjp``."""
-    arrays, frame = f.state(args)
-    slots = parameter_slots(f.calls.parameters, parameters)
-    given = [*arrays, f.weights(cotangent, frame)]
-    if not slots:
-        return f.rows(f.run(ADJOINT, given))
-    gradient = f.run(f"{BY_PARAMETERS}{ADJOINT}", given)
-    split = gradient.shape[-1] - len(f.calls.parameters)
-    return (*f.rows(gradient[..., :split]), gradient[..., split:][..., slots])
-
-
-def hessian(f: Differentiated, args: Sequence[Any], cotangent: ArrayLike) -> Array:
-    """Second derivatives of a weighted result; arguments as of ``Kernel.hessian``."""
-    arrays, frame = f.state(args)
-    return f.run(HESSIAN, [*arrays, f.weights(cotangent, frame)])
-
-
-def parameter_jacobian(f: Differentiated, args: Sequence[Any], parameters: Sequence[str] | None) -> Array:
-    """Derivatives of a function by parameters; arguments as of ``Kernel.parameter_jacobian``."""
-    calls = f.calls
-    names = tuple(calls.parameters) if parameters is None else parameters
-    slots = parameter_slots(calls.parameters, names)
-    arrays, frame = f.state(args)
-    shaped = [calls.array(label, value, f.shape(label)) for label, value in zip(f.reads, arrays, strict=True)]
-    lead = np.broadcast_shapes(*(own for _, own in shaped))
-    if not slots:
-        result = f.part(np.zeros((*lead, *f.shape(f.writes)), calls.dtype), frame)
-        return np.zeros((*result.shape, 0), calls.dtype)
-    units = np.zeros((len(slots), len(calls.parameters)), calls.dtype)
-    units[range(len(slots)), slots] = 1.0
-    beside = [x.reshape(*own, 1, *f.shape(label)) for label, (x, own) in zip(f.reads, shaped, strict=True)]
-    found = f.part(f.run(f"{BY_PARAMETERS}{TANGENT}", [*beside, units], inner=1), frame)
-    return np.moveaxis(found, len(lead), -1)
-
-
 def parameter_slots(parameters: Parameters, names: Sequence[str]) -> list[int]:
     """Places of parameters by their names.
 
@@ -221,3 +170,161 @@ def parameter_slots(parameters: Parameters, names: Sequence[str]) -> list[int]:
 
 def _number(values: Any) -> str:
     return str(len(values)) if isinstance(values, (tuple, list)) else type(values).__name__
+
+
+class Differentiation(CompiledCode):
+    """Jacobians, products with them, and second derivatives; exact."""
+
+    def residual_jacobian(
+        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, u: ArrayLike | None = None, *, out: Array | None = None
+    ) -> tuple[Array, Array, Array]:
+        """Exact derivatives of the residual, three (n, n): dr/dq, dr/dv and dr/da (the mass matrix).
+
+        Row i belongs to the residual's coordinate i, column j to the coordinate that changes.  Without external
+        wrenches.  The residual is linear in the drives with -1, so that ``u`` changes nothing; it may be left out.
+
+        Args:
+            q, v, a, u: (n,).
+            out: array (3, n, n) to write to; the result are views of it.
+        """
+        lead = () if u is None else self.calls.array("u", u, self.raw.shapes["u"])[1]
+        return _three(self.calls.run("residual_jacobian", out, (q, v, a), lead=lead))
+
+    def forward_dynamics_jacobian(
+        self, q: ArrayLike, v: ArrayLike, u: ArrayLike, *, out: Array | None = None, cut: bool = False
+    ) -> tuple[Array, Array, Array]:
+        """Exact derivatives of the accelerations, three (n, n): da/dq, da/dv and da/du (the inverse mass matrix).
+
+        The acceleration of a prescribed coordinate stands in ``u`` and depends on nothing else.
+        Without external wrenches; where some are constant generalized forces, add them to ``u``.
+        With loops closed, da/du is what of the inverse mass matrix keeps them closed, and da/dq and da/dv are of the
+        smooth extension M a + h = u + J^T lambda, J a + J_dot v = 0, beyond the closed states too.  Where constraints
+        are redundant, they are sure along directions that keep the loops closed alone.
+
+        Args:
+            q, v, u: (n,).
+            out: array (3, n, n) to write to; the result are views of it.
+            cut: of a robot with loops, that its loops are open: of the tree alone.
+
+        Raises:
+            SingularError, LoopError: as of ``forward_dynamics``.
+        """
+        name = "forward_dynamics_jacobian"
+        return _three(self.calls.run(self.calls.of_tree(name) if flag("cut", cut) else name, out, (q, v, u)))
+
+    def jvp(
+        self,
+        name: str,
+        args: Sequence[Any],
+        tangents: Sequence[ArrayLike],
+        *,
+        parameters: Mapping[str, float] | None = None,
+    ) -> Array:
+        """Give what a method's result changes by along rates of its arguments: its Jacobian times them, exact.
+
+        Args:
+            name: the method, such as "inverse_dynamics", "reactions", "energy", "frame_pose".
+            args: its arguments in their order, such as (q, v, a) or (q, "tool"); without ``wrench``.
+            tangents: a rate for each array among them, of its shape.
+            parameters: rates of run-time parameters by their names.
+
+        Returns:
+            Of the result's shape.
+
+        Raises:
+            UnknownNameError: no such method, parameter or frame, or the kernel was built without its derivatives.
+            InputError: another number of arguments or rates.
+            SingularError: of "forward_dynamics" and what is like it, where there are no accelerations.
+        """
+        f = self._differentiated(name)
+        arrays, frame = f.state(args)
+        if not isinstance(tangents, (tuple, list)) or len(tangents) != len(f.reads):
+            raise InputError(f"tangents: got {_number(tangents)}; allowed: one for each of {', '.join(f.reads)}")
+        found = f.part(f.run(TANGENT, [*arrays, *tangents]), frame)
+        if parameters:
+            along = np.zeros(len(self.parameters), self.dtype)
+            along[parameter_slots(self.parameters, tuple(parameters))] = list(parameters.values())
+            found = found + f.part(f.run(f"{BY_PARAMETERS}{TANGENT}", [*arrays, along]), frame)
+        return found
+
+    def vjp(
+        self, name: str, args: Sequence[Any], cotangent: ArrayLike, parameters: Sequence[str] = ()
+    ) -> tuple[Array, ...]:
+        """The gradient of the sum of a method's weighted results: weights times its Jacobian, exact.
+
+        It comes from one reverse sweep, which takes about as long as two or three calls of the method whatever the
+        number of coordinates is.
+
+        Args:
+            name, args: as of ``jvp``.
+            cotangent: the weights, of the result's shape.
+            parameters: names of run-time parameters that the gradient is taken by as well.
+
+        Returns:
+            An array of each array among the arguments, of its shape; where there are names of parameters, one more,
+            (parameters,).
+
+        Raises:
+            UnknownNameError, InputError, SingularError: as of ``jvp``.
+        """
+        f = self._differentiated(name)
+        arrays, frame = f.state(args)
+        slots = parameter_slots(self.parameters, parameters)
+        given = [*arrays, f.weights(cotangent, frame)]
+        if not slots:
+            return f.rows(f.run(ADJOINT, given))
+        gradient = f.run(f"{BY_PARAMETERS}{ADJOINT}", given)
+        split = gradient.shape[-1] - len(self.parameters)
+        return (*f.rows(gradient[..., :split]), gradient[..., split:][..., slots])
+
+    def hessian(self, name: str, args: Sequence[Any], cotangent: ArrayLike) -> Array:
+        """Second derivatives of the sum of a method's weighted results by its arguments, exact and symmetric.
+
+        Args:
+            name, args: as of ``jvp``.
+            cotangent: the weights, of the result's shape.
+
+        Returns:
+            A matrix whose rows and columns are the numbers of all arguments one behind the other: (3 n, 3 n) of
+            "inverse_dynamics" and "forward_dynamics".
+
+        Raises:
+            UnknownNameError, InputError, SingularError: as of ``jvp``.
+        """
+        f = self._differentiated(name)
+        arrays, frame = f.state(args)
+        return f.run(HESSIAN, [*arrays, f.weights(cotangent, frame)])
+
+    def parameter_jacobian(self, name: str, args: Sequence[Any], parameters: Sequence[str] | None = None) -> Array:
+        """Derivatives of a method's results by run-time parameters, exact.
+
+        Args:
+            name, args: as of ``jvp``.
+            parameters: names of the parameters; all if None.
+
+        Returns:
+            Of the result's shape with one more axis, (..., parameters).
+
+        Raises:
+            UnknownNameError, InputError, SingularError: as of ``jvp``.
+        """
+        f = self._differentiated(name)
+        slots = parameter_slots(self.parameters, tuple(self.parameters) if parameters is None else parameters)
+        arrays, frame = f.state(args)
+        shaped = [self.calls.array(label, value, f.shape(label)) for label, value in zip(f.reads, arrays, strict=True)]
+        lead = np.broadcast_shapes(*(own for _, own in shaped))
+        if not slots:
+            result = f.part(np.zeros((*lead, *f.shape(f.writes)), self.dtype), frame)
+            return np.zeros((*result.shape, 0), self.dtype)
+        units = np.zeros((len(slots), len(self.parameters)), self.dtype)
+        units[range(len(slots)), slots] = 1.0
+        beside = [x.reshape(*own, 1, *f.shape(label)) for label, (x, own) in zip(f.reads, shaped, strict=True)]
+        found = f.part(f.run(f"{BY_PARAMETERS}{TANGENT}", [*beside, units], inner=1), frame)
+        return np.moveaxis(found, len(lead), -1)
+
+    def _differentiated(self, name: str) -> Differentiated:
+        return Differentiated.of(self.calls, name, self.frame_index)
+
+
+def _three(blocks: Array) -> tuple[Array, Array, Array]:
+    return blocks[..., 0, :, :], blocks[..., 1, :, :], blocks[..., 2, :, :]

@@ -1,6 +1,6 @@
 """Robot and Scenario -> SimulationResult: programs, drives, loads, segments, energy balance, files of results.
 
-Uses runtime, robot, forms, description, state, loops, motion, integration, scenario and pipeline.
+Uses runtime, robot, results, forms, description, state, loops, motion, integration, scenario and pipeline.
 """
 
 from __future__ import annotations

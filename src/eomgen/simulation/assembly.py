@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..integration.solve import EXPLICIT, IN_C, method_of
+from ..integration.plan import EXPLICIT, IN_C
 from ..integration.until import Until
 from ..motion.point_to_point import Program
 from ..motion.splines import Standstill, signal_of
@@ -27,9 +27,11 @@ from ..robot.model import build_model, program_coordinates
 from ..robot.record import record_of, robot_hash
 from ..robot.value import PRINCIPAL, Robot
 from ..runtime.kernel import Kernel
+from ..runtime.stepping.loaded import AUTO
 from ..runtime.stepping.saturation import efforts_of
 from ..scenario.value import Scenario, Section
 from ..state.motors import shafts
+from ..state.springs import any_spring
 from .controls import AtJoints, ComputedTorque, Control, JointPD, NoControl, TableTorque, actuators
 from .loads import Wrenches, check_loads, with_payload_parameters
 from .mechanism import Mechanism, Path, mechanism_of
@@ -154,7 +156,8 @@ def assemble(
             begin |= dict(zip(rigid().prescribed, moved(0.0)[0].tolist(), strict=True))
         path = mechanism_of(rigid(), driven, begin).path(program, moved, scenario.duration)
     mechanism = None if path is None else path.mechanism
-    drive = _drive(robot, scenario, control, kernel, driven, program, rigid, prescribed, mechanism)
+    followed = _Followed(driven, program, prescribed, mechanism)
+    drive = _drive(robot, scenario, control, kernel, rigid, followed)
     if control.get("saturate"):
         drive = _saturated(scenario, kernel, driven, drive, mechanism)
     wrenches = Wrenches(scenario, robot, kernel) if scenario.wrenches else None
@@ -195,7 +198,7 @@ def _kernel(robot: Robot, scenario: Scenario, kernels: tuple[str, ...] | None, r
         return build(robot)
     wrenches = ("external_force",) if scenario.wrenches else ()
     groups = {"singles": (*SINGLES, *wrenches), "batches": (*BATCHES, *wrenches)}
-    works = "singles" if _method(robot, scenario) in (*IN_C, "auto") else "batches"  # where the energy balance asks
+    works = "singles" if _may_run_in_c(scenario) else "batches"  # where the energy balance asks
     return build_groups(robot, {**groups, works: (*groups[works], "generalized_force")})
 
 
@@ -205,7 +208,7 @@ def _begin(ahead: Ahead, kernel: Kernel, kernels: tuple[str, ...]) -> None:
         kernel.raw.libraries.about("adaptive_rollout")  # which derives it
         ahead.build(kernel, "adaptive_rollout")
     ahead.build(kernel, "mass_matrix")
-    if "residual_jacobian" in kernels:
+    if "residual_jacobian" in kernels and any_spring(kernel):
         kernel.raw.libraries.about("residual_jacobian")  # which derives it
         ahead.build(kernel, "residual_jacobian")
     ahead.build(kernel, "inverse_dynamics", batch=True)
@@ -225,25 +228,19 @@ def _refuse_undriven(robot: Robot, moved: tuple[str, ...]) -> None:
 
 
 def kernels_of(robot: Robot, scenario: Scenario) -> tuple[str, ...]:
-    """Names of the kernels that the scenario's integrator calls."""
-    method = _method(robot, scenario)
-    own = ("adaptive_rollout",) if method in (*IN_C, "auto") else ()
+    """Names of the kernels that the scenario's integrator may call."""
+    own = ("adaptive_rollout",) if _may_run_in_c(scenario) else ()
     closing = mechanism_kernels(robot)
     if closing:
         return (*closing, *CLOSED_KERNELS, *own)
-    return (*KERNELS, *own) if method in EXPLICIT or own else IMPLICIT_KERNELS
+    return (*KERNELS, *own) if scenario.integrator.method in EXPLICIT or own else IMPLICIT_KERNELS
 
 
-def _method(robot: Robot, scenario: Scenario) -> str:
-    """The method that the scenario's integrator takes; "auto" in C."""
-    return method_of(scenario.integrator.method, _may_be_stiff(robot), in_c=may_run_in_c(robot, scenario))
-
-
-def may_run_in_c(robot: Robot, scenario: Scenario) -> bool:
-    """Whether the kernel's own C can integrate the scenario, see ``integration.compiled.why_not``."""
+def _may_run_in_c(scenario: Scenario) -> bool:
+    """Whether the kernel's own C integrates the scenario, as far as that is known before there is a kernel."""
     motion = scenario.motion
     by_python = motion is not None and motion.type == "program" and signal_of(motion.get("program")) is None
-    return not by_python
+    return scenario.integrator.method in (*IN_C, AUTO) and not by_python
 
 
 def with_kernel(assembly: Assembly, robot: Robot, scenario: Scenario, kernel: Kernel) -> Assembly:
@@ -265,18 +262,6 @@ def _until(scenario: Scenario, robot: Robot, kernel: Kernel) -> Until | None:
         return Until.distance(kernel, *(section.get(key) for key in ("frame", "point", "distance")))
     except InputError as error:
         scenario.fail("until", str(error).removeprefix("until: "))
-
-
-def _may_be_stiff(robot: Robot) -> bool:
-    """Whether the description gives a spring, damper or friction to anything.
-
-    That is to a coordinate, a motor, two points, a journal, a joint as a whole, a cut joint, or a coupling.
-    """
-    tables = [c for joint in robot.joints for c in joint.all_coordinates.values()]
-    motors = any(joint.motor for joint in robot.joints)
-    beside = bool(robot.springs or build_model(robot).cut_laws)
-    whole = any(joint.radial or joint.damping for joint in robot.joints)
-    return beside or motors or whole or any(c.stiffness or c.damping or c.law() for c in tables)
 
 
 def by_coordinate(robot: Robot, scenario: Scenario, key: str, given: Mapping[str, float]) -> dict[str, float]:
@@ -312,17 +297,24 @@ def names_in_scenarios(robot: Robot) -> dict[str, str]:
     return names
 
 
+class _Followed(NamedTuple):
+    """Coordinates of drives and their program, what moves besides, and the mechanism that both close."""
+
+    driven: tuple[str, ...]
+    program: Program | None
+    prescribed: PrescribedMotion | None
+    mechanism: Mechanism | None
+
+
 def _drive(
     robot: Robot,
     scenario: Scenario,
     control: Section,
     kernel: Kernel,
-    driven: tuple[str, ...],
-    program: Program | None,
     rigid: Callable[[], Kernel],
-    prescribed: PrescribedMotion | None,
-    mechanism: Mechanism | None,
+    followed: _Followed,
 ) -> Control:
+    driven, program, prescribed, mechanism = followed
     if control.type == "torque":
         return _torque(robot, scenario, control.get("table"), kernel)
     if program is None:

@@ -29,6 +29,7 @@ from ..names import (
     listed,
     show,
 )
+from ..results.stored import Stored
 from ..robot.coordinates import UNITS, rotating_joints, unit_of
 from ..robot.laws import RADIAL
 from .balance import TERMS
@@ -38,44 +39,38 @@ RESULT, TRAJECTORY, BALANCE = "result", "trajectory", "balance"  # where an arra
 DERIVED = ("units", "rotating", "quaternions")  # arrays that follow from others, for those who read with NumPy alone
 
 
-@dataclass(frozen=True)
-class Stored:
-    """An array of the file.
+@dataclass(frozen=True, kw_only=True)
+class Owned(Stored):
+    """An array of the file: what it is, by its name in the file, and whose attribute of that name.
 
-    Attributes:
-        name: in the file and of the attribute.
-        owner: what has the attribute.
-        shape: numbers, and the letters T (samples), n (coordinates), p (driven coordinates), k (joints that have
-            alpha, beta and gamma), links.
-        texts: whether it has texts; else float64, finite.
-        largest: magnitude of its numbers.
-        optional: whether older files, and results that have no such thing, are without it.
+    Letters of shapes are T (samples), n (coordinates), p (driven coordinates), k (joints that have alpha, beta and
+    gamma), links.  Those that are None otherwise are not in older files, nor of results that have no such thing.
     """
 
     name: str
     owner: str
-    shape: tuple[str | int, ...]
-    texts: bool = False
-    optional: bool = False
-    largest: float = LARGEST_FOUND
+
+
+def _array(name: str, owner: str, shape: tuple[str | int, ...], unit: str = "", **more: Any) -> Owned:
+    return Owned(name=name, owner=owner, shape=shape, unit=unit, **more)
 
 
 ARRAYS = (
-    Stored("coordinates", TRAJECTORY, ("n",), texts=True),
-    Stored("units", RESULT, ("n",), texts=True),
-    Stored("program_coordinates", RESULT, ("p",), texts=True),
-    Stored("t", TRAJECTORY, ("T",)),
-    Stored("q", TRAJECTORY, ("T", "n")),
-    Stored("v", TRAJECTORY, ("T", "n")),
-    Stored("u", TRAJECTORY, ("T", "n"), largest=_LARGEST_SUM),
-    Stored("energy", TRAJECTORY, ("T", 2), largest=_LARGEST_SUM),
-    Stored("rotating", TRAJECTORY, ("k",), texts=True, optional=True),
-    Stored("quaternions", TRAJECTORY, ("T", "k", 4), optional=True, largest=1.0 + 1e-12),
-    Stored("program_q", RESULT, ("T", "p")),
-    Stored("pose", RESULT, ("T", 4, 4)),
-    Stored("program_pose", RESULT, ("T", 4, 4)),
-    Stored("wrench", RESULT, ("T", "links", 6), optional=True),
-    Stored("work", BALANCE, ("T", len(TERMS)), optional=True, largest=_LARGEST_SUM),
+    _array("coordinates", TRAJECTORY, ("n",), of=str),
+    _array("units", RESULT, ("n",), of=str),
+    _array("program_coordinates", RESULT, ("p",), of=str),
+    _array("t", TRAJECTORY, ("T",), "s"),
+    _array("q", TRAJECTORY, ("T", "n"), "m, rad"),
+    _array("v", TRAJECTORY, ("T", "n"), "m/s, rad/s"),
+    _array("u", TRAJECTORY, ("T", "n"), "N, N m", largest=_LARGEST_SUM),
+    _array("energy", TRAJECTORY, ("T", 2), "J", largest=_LARGEST_SUM),
+    _array("rotating", TRAJECTORY, ("k",), of=str, otherwise=None),
+    _array("quaternions", TRAJECTORY, ("T", "k", 4), otherwise=None, largest=1.0 + 1e-12),
+    _array("program_q", RESULT, ("T", "p"), "m, rad"),
+    _array("pose", RESULT, ("T", 4, 4), "1, m"),
+    _array("program_pose", RESULT, ("T", 4, 4), "1, m"),
+    _array("wrench", RESULT, ("T", "links", 6), "N, N m", otherwise=None),
+    _array("work", BALANCE, ("T", len(TERMS)), "J", otherwise=None, largest=_LARGEST_SUM),
 )
 
 
@@ -161,7 +156,7 @@ def check_contents(meta: Meta, arrays: Mapping[str, NDArray[Any]], where: str) -
     for stored in ARRAYS:
         if stored.name in arrays:
             found[stored.name] = _checked(stored, arrays[stored.name], sizes, f"{where}: array {stored.name}")
-        elif not stored.optional:
+        elif stored.otherwise is not None:
             raise InputError(f"{where}: array {stored.name} is missing; allowed: a result with it")
     _check_coordinates(meta, found, where)
     t = found["t"]
@@ -174,16 +169,12 @@ def check_contents(meta: Meta, arrays: Mapping[str, NDArray[Any]], where: str) -
     return found
 
 
-def _checked(stored: Stored, array: NDArray[Any], sizes: dict[str, int], where: str) -> Any:
-    if array.ndim == len(stored.shape):
-        for letter, size in zip(stored.shape, array.shape, strict=True):
-            if isinstance(letter, str):
-                sizes.setdefault(letter, size)  # the first array that has it says how many there are
-    wanted = tuple(sizes.get(x, x) if isinstance(x, str) else x for x in stored.shape)
+def _checked(stored: Owned, array: NDArray[Any], sizes: dict[str, int], where: str) -> Any:
+    wanted = stored.expected_shape(array.shape, sizes)
     if array.shape != wanted:
         text = ", ".join(map(str, stored.shape))
         raise InputError(f"{where}: got the shape {array.shape!s:.80}; allowed: ({text}), which is {wanted} here")
-    if stored.texts:
+    if stored.of is str:
         if array.dtype.kind != "U" and array.size:
             raise InputError(f"{where}: got the dtype {array.dtype}; allowed: texts")
         if array.size > _MOST_NAMES:

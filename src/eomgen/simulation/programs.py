@@ -141,7 +141,11 @@ def make_program(
     guess = start if robot.is_closed else (start + goal) / 2  # where loops are known to close
     if _has_orientation(section):  # which is to be that of the pose from which the scenario begins, as far as it says
         guess = np.where([name in given for name in driven], start, guess)
-    return _tool_program(scenario, section, robot, driven, rigid(), tool, given, guess, (begin, duration))
+    model = rigid()
+    guesses = dict(zip(driven, guess, strict=True)) | {
+        name: x for name, x in given.items() if name in model.coordinates
+    }
+    return _tool_program(scenario, section, robot, driven, model, tool, guesses, (begin, duration))
 
 
 def _via(section: Section, robot: Robot, driven: Sequence[str], label: Callable[[str], str], start: Array) -> Spline:
@@ -175,8 +179,7 @@ def _tool_program(
     driven: Sequence[str],
     rigid: Kernel,
     tool: str,
-    given: Mapping[str, float],
-    guess: Array,
+    guesses: Mapping[str, float],
     span: tuple[float, float],
 ) -> Program:
     frame = section.get("frame", tool)
@@ -185,9 +188,6 @@ def _tool_program(
             "motion.frame",
             f"{show(frame)}{nearest(frame, rigid.frames)} is unknown; allowed: {', '.join(rigid.frames)}",
         )
-    guesses = dict(zip(driven, guess, strict=True)) | {
-        name: x for name, x in given.items() if name in rigid.coordinates
-    }
     where = np.array([guesses.get(name, 0.0) for name in rigid.coordinates])
     limits = limits_beside(robot, rigid.coordinates, driven, where)
     index = np.array([rigid.coordinates.index(name) for name in driven], dtype=np.intp)

@@ -14,10 +14,13 @@ from numpy.typing import NDArray
 from ..description import RobotLike, as_robot
 from ..description.recorded import robot_from_record
 from ..errors import InputError, UnknownNameError
+from ..forms.plain import printable
 from ..integration.contacts import STOP, Contact
 from ..integration.resting import Rest
 from ..integration.trajectory import Trajectory
 from ..names import kind_of, listed, nearest, show
+from ..npz import read_npz
+from ..results.contents import FORMAT, META, plain_of, write_npz
 from ..robot.coordinates import force_unit_of, index_of, unit_of
 from ..robot.model import build_model
 from ..robot.record import robot_hash
@@ -26,7 +29,6 @@ from ..scenario.recorded import scenario_from_record
 from ..shown import Shown
 from ..state.turning import quaternion_columns
 from ..tabular import AXES, Rows, TableColumn, Tabular
-from .archive import read_archive, write_archive
 from .balance import TERMS, EnergyBalance
 from .contents import ARRAYS, BALANCE, DERIVED, RESULT, TRAJECTORY, Meta, check_contents, meta_data, meta_of
 
@@ -278,13 +280,13 @@ class SimulationResult(Shown, Tabular):
         """
         owners = {RESULT: self, TRAJECTORY: self.trajectory, BALANCE: self.balance}
         given = {item.name: getattr(owners[item.owner], item.name, None) for item in ARRAYS}
-        texts = [item.name for item in ARRAYS if item.texts]
+        texts = [item.name for item in ARRAYS if item.of is str]
         arrays = {name: np.asarray(x, str if name in texts else None) for name, x in given.items() if x is not None}
         whose = {item.name: owners[item.metadata.get("owner", RESULT)] for item in fields(Meta)}
         plain = {name: _plain(getattr(owner, name)) for name, owner in whose.items()}
         meta = meta_of(plain, "the result cannot be saved")
         check_contents(meta, arrays, "the result cannot be saved")
-        return write_archive(path, meta_data(meta), arrays)
+        return write_npz(path, {"format": FORMAT, **meta_data(meta)}, arrays)
 
 
 def _plain(value: Any) -> Any:
@@ -309,9 +311,9 @@ def load_result(path: Path | str) -> SimulationResult:
     Raises:
         InputError: the file does not exist, or is not such a result; says what in it is wrong, and what is allowed.
     """
-    data, raw = read_archive(path)
-    meta = meta_of(data, f"{path}: meta")
-    arrays = check_contents(meta, raw, str(path))
+    arrays = read_npz(path)
+    meta = meta_of(_meta_in(arrays, path), f"{path}: {META}")
+    arrays = check_contents(meta, arrays, str(path))
     owned: dict[str, dict[str, Any]] = {RESULT: {}, TRAJECTORY: {}, BALANCE: {}}
     for item in ARRAYS:
         if item.name in arrays and item.name not in DERIVED:
@@ -329,6 +331,26 @@ def load_result(path: Path | str) -> SimulationResult:
     if result.description:
         _check_robot(_kept_robot(result, f"{path}: description"), result, f"{path}: description")
     return result
+
+
+def _meta_in(arrays: dict[str, NDArray[Any]], path: Path | str) -> dict[str, Any]:
+    """Take the meta from the arrays of a simulation's file; InputError if it has none, or a newer eomgen's."""
+    if META not in arrays or arrays[META].shape != () or arrays[META].dtype.kind != "U":
+        raise InputError(f"{path}: is not a saved simulation (meta is no text); allowed: a file that eomgen wrote")
+    meta = plain_of(arrays, f"{path}: {META}")
+    number = meta.get("format") if isinstance(meta, dict) else None
+    if isinstance(number, bool) or not isinstance(number, int) or number < 1:
+        raise InputError(
+            f"{path}: is not a saved simulation (format: {show(number)}); allowed: a file that eomgen wrote"
+        )
+    if number > FORMAT:
+        versions = meta.get("versions")
+        version = versions.get("eomgen") if isinstance(versions, dict) else None
+        raise InputError(
+            f"{path}: written by eomgen {printable(str(version))[:40]}, which is newer than this one;"
+            f" allowed: up to format {FORMAT}"
+        )
+    return dict(meta)
 
 
 def _check_robot(robot: Robot, result: SimulationResult, where: str) -> None:

@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 from .._version import __version__
 from ..description import RobotLike, as_robot
 from ..errors import InputError, IntegrationStopped
-from ..integration.compiled import why_not
-from ..integration.solve import EXPLICIT, explained_method, method_of
+from ..integration.plan import EXPLICIT, IntegratorPlan, plan_integration, refuse_unknown
 from ..integration.steps import output_times
 from ..integration.trajectory import Trajectory
 from ..integration.until import Until
@@ -43,13 +42,13 @@ from ..state.springs import stops
 from .assembly import BANDWIDTH, Assembly, assemble
 from .initial import initial_state
 from .result import SimulationResult
-from .segments import Loads, run_segments
+from .segments import Loads, SegmentOptions, run_segments
 from .stream import MotionStream
 
 Array = NDArray[np.float64]
 
 
-def simulate(
+def simulate(  # noqa: PLR0913
     robot: RobotLike,
     *,
     duration: float = 2.0,
@@ -95,7 +94,7 @@ def simulate(
         raise InputError(f"duration: {show(duration)} s; a time above 0, up to {LARGEST:g}, is allowed")
     if output_step is not None and not (is_usable(output_step) and output_step > 0.0):
         raise InputError(f"output_step: {show(output_step)} s; a time above 0, up to {LARGEST:g}, is allowed")
-    method_of(method, stiff=False, in_c=True)  # an unknown one is refused before anything is built
+    refuse_unknown(method)  # before anything is built
     if motion is not None and (start is not None or goal is not None):
         raise InputError("motion is given together with start or goal; allowed: one of them")
     ends = {key: value for key, value in (("start", start), ("goal", goal)) if value is not None}
@@ -157,12 +156,9 @@ def run_assembly(
     }
     samples = output_times(scenario.duration, scenario.output_step).size
     opened = None if stream is None else MotionStream(stream, kernel.coordinates, samples, about)
-    asked = scenario.integrator.method
-    slow = why_not(kernel, loads.drive, loads.wrench, loads.prescribed)
-    method, reason = explained_method(kernel, asked, q0, scenario.duration, slow)
-    found = run_segments(
-        kernel, robot, scenario, loads, q0, v0, report, opened, method=method, balance=balance, until=assembly.until
-    )
+    plan = plan_of(assembly, scenario, q0)
+    options = SegmentOptions(plan, report, opened, balance, assembly.until)
+    found = run_segments(kernel, robot, scenario, loads, q0, v0, options)
     t, q = found.trajectory.t, found.trajectory.q
     driven = index_of(kernel.coordinates, assembly.driven)
     program_q = q[:, driven] if assembly.shown is None else assembly.shown.at(t)[0]
@@ -175,7 +171,7 @@ def run_assembly(
     elif kernel.constraints:
         rigid_q = q
     notes = [
-        *_method_note(found.trajectory, reason, asked),
+        *_method_note(found.trajectory, plan),
         *_assumptions(robot, loose, scenario, assembly),
         *_beyond_stops(kernel, q0),
         *_beyond_limits(robot, found.trajectory),
@@ -216,6 +212,12 @@ def loads_of(assembly: Assembly) -> Loads:
     return Loads(assembly.drive, assembly.wrenches, assembly.prescribed, ends)
 
 
+def plan_of(assembly: Assembly, scenario: Scenario, q: Array | None = None) -> IntegratorPlan:
+    """Return the plan of an assembly's motion from q, (n,); errors as ``plan_integration``."""
+    loads = assembly.drive, assembly.wrenches, assembly.prescribed
+    return plan_integration(assembly.kernel, loads=loads, q=q, duration=scenario.duration, **vars(scenario.integrator))
+
+
 def _passive(robot: Robot, assembly: Assembly) -> tuple[str, ...]:
     """Names of the coordinates that loops hold: those of the rigid robot that nothing else moves."""
     if not robot.is_closed:
@@ -239,15 +241,15 @@ def _end_note(until: Until | None, motion: Trajectory) -> tuple[str, ...]:
     return (f"{until.text} reached at {motion.info['ended_at']:.6g} s, where the motion ends",)
 
 
-def _method_note(motion: Trajectory, reason: str, asked: str) -> tuple[str, ...]:
+def _method_note(motion: Trajectory, plan: IntegratorPlan) -> tuple[str, ...]:
     """A line about what "auto" came to, and why; none where a method was asked for."""
-    if asked != "auto":
+    if plan.asked != "auto":
         return ()
-    if not reason:
+    if not plan.reason:
         part = motion.info.get("implicit_s", 0.0) / max(float(motion.t[-1] - motion.t[0]), 1e-300)
         return (f"method: tsit5 and rosenbrock (implicit) in turn, the latter for {100.0 * part:.0f} % of the time",)
     kind = "explicit" if motion.method in EXPLICIT else "implicit"
-    return (f"method: {motion.method} ({kind}), {reason}",)
+    return (f"method: {motion.method} ({kind}), {plan.reason}",)
 
 
 def _assumptions(robot: Robot, loose: tuple[str, ...], scenario: Scenario, assembly: Assembly) -> tuple[str, ...]:

@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import EomgenError, IntegrationStopped
-from ..integration.compiled import leading, no_works
 from ..integration.contacts import Contact
+from ..integration.plan import IntegratorPlan
 from ..integration.resting import rests
-from ..integration.solve import integrate
+from ..integration.solve import integrate_by, system_of
 from ..integration.steps import Record, output_times
 from ..integration.trajectory import Trajectory
 from ..integration.until import Until
@@ -51,6 +51,21 @@ class Loads:
     wrench: Function | None
     prescribed: MotionFunction | None
     ends: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class SegmentOptions:
+    """How the pieces of a motion are integrated: all of them by one method.
+
+    progress: called with a fraction from 0 to 1 and a line of text.  stream: gets the samples.  balance: whether the
+    motion is sampled for that, too.  until: what it ends at, if that comes before the duration does.
+    """
+
+    plan: IntegratorPlan
+    progress: Progress
+    stream: MotionStream | None = None
+    balance: bool = True
+    until: Until | None = None
 
 
 @dataclass(frozen=True)
@@ -88,27 +103,15 @@ class _Between:
 
 
 def run_segments(
-    kernel: Kernel,
-    robot: Robot,
-    scenario: Scenario,
-    loads: Loads,
-    q: Array,
-    v: Array,
-    progress: Progress,
-    stream: MotionStream | None = None,
-    *,
-    method: str,
-    balance: bool = True,
-    until: Until | None = None,
+    kernel: Kernel, robot: Robot, scenario: Scenario, loads: Loads, q: Array, v: Array, options: SegmentOptions
 ) -> SegmentedMotion:
-    """Integrate from q and v at t = 0 to the scenario's duration, samples into the stream; errors as ``integrate``.
+    """Integrate from q and v at t = 0 to the scenario's duration; errors as ``integrate``.
 
-    All pieces are integrated by the one method.  Without ``balance`` nothing is sampled for it; with
-    ``until`` the motion ends where that is reached.
+    All pieces are integrated by the one plan.
 
     A motion that cannot go on is returned as far as whole output steps were reached; it is raised where there are none.
     """
-    grid = output_times(scenario.duration, scenario.output_step)
+    grid, stream = output_times(scenario.duration, scenario.output_step), options.stream
     record = None if stream is None else _recorder(kernel, loads, grid, stream)
     if stream is not None:
         stream.append(grid[:1], q[np.newaxis], v[np.newaxis])
@@ -121,8 +124,7 @@ def run_segments(
     for begin, end in pairwise(bounds(scenario, loads, grid)):
         kernel.parameters.update(loaded_parameters(robot, scenario, begin))
         try:
-            span, how = (begin, end), (method, balance, until)
-            piece, part, stop = _piece(kernel, scenario, loads, (q, v), span, grid, progress, record, *how)
+            piece, part, stop = _piece(kernel, scenario, loads, (q, v), (begin, end), grid, record, options)
         except EomgenError as error:
             if stream is not None:
                 stream.flush()  # nothing is lost
@@ -151,10 +153,12 @@ def run_segments(
         whole = _good_rows(whole)
     work, wrench = whole.pop("work"), whole.pop("wrench", None)
     held = rests(kernel, whole["t"], whole["q"], whole["v"])
-    taken = leading(method, info, float(whole["t"][-1]))
+    taken = options.plan.leading(info, float(whole["t"][-1]))
     about: dict[str, Any] = {"method": taken, "info": info, "contacts": tuple(contacts), "rests": held}
     trajectory = Trajectory(**whole, coordinates=kernel.coordinates, **about)
-    return SegmentedMotion(trajectory, EnergyBalance(work, trajectory.energy) if balance else None, wrench, stop)
+    return SegmentedMotion(
+        trajectory, EnergyBalance(work, trajectory.energy) if options.balance else None, wrench, stop
+    )
 
 
 def joined_info(before: Mapping[str, float], part: Mapping[str, float]) -> dict[str, float]:
@@ -204,11 +208,8 @@ def _piece(
     state: tuple[Array, Array],
     span: tuple[float, float],
     grid: Array,
-    progress: Progress,
     record: Record | None,
-    method: str,
-    balance: bool,
-    until: Until | None,
+    how: SegmentOptions,
 ) -> tuple[dict[str, Array], Trajectory, IntegrationStopped | None]:
     """Samples at the ends of a piece and on the grid in between, work from each to the next, and what stopped it.
 
@@ -217,18 +218,22 @@ def _piece(
     """
     begin, end = span
     edges = piece_times(span, grid)
-    along = balance and not no_works(kernel, method, "")
-    times, apart = (with_nodes(edges), PARTS) if balance and not along else (edges, 1)
+    along = how.balance and not how.plan.no_works(kernel)
+    times, apart = (with_nodes(edges), PARTS) if how.balance and not along else (edges, 1)
     drive, wrench = between(loads, scenario, begin, end)
-    how = scenario.integrator
     stop: IntegrationStopped | None = None
-    options: dict[str, Any] = {"rtol": how.rtol, "atol": how.atol, "step": how.step}
-    options |= {"drive": drive, "wrench": wrench, "prescribed": loads.prescribed, "method": method, "works": along}
-    options["progress"] = lambda fraction, text: progress(fraction * end / scenario.duration, text)
+
+    def report(fraction: float, text: str) -> None:
+        how.progress(fraction * end / scenario.duration, text)
+
+    def moved(state: tuple[Array, Array], times: Array, **ending: Any) -> Trajectory:
+        system, start = system_of(kernel, drive, wrench, loads.prescribed), (state[0].copy(), state[1].copy())
+        return integrate_by(how.plan, system, start, times, progress=report, works=along, **ending)
+
     try:
-        part = integrate(kernel, *state, end, times=times, record=record, until=until, **options)
+        part = moved(state, times, record=record, until=how.until)
         if "ended_at" in part.info:
-            part, edges = (part, part.t) if apart == 1 else _to_the_end(kernel, part, edges, options)
+            part, edges = (part, part.t) if apart == 1 else _to_the_end(moved, part, edges)
             times = part.t
     except IntegrationStopped as error:
         if error.trajectory is None:
@@ -248,7 +253,7 @@ def _piece(
         samples["wrench"] = wrenches[::apart]
     if part.works is not None:
         samples["work"] = np.diff(integrated(part.works), axis=0)
-    elif balance:
+    elif how.balance:
         samples["work"] = works(kernel, times, part.q, part.v, part.u, wrenches)
     else:
         samples["work"] = np.zeros((edges.size - 1, len(TERMS)))
@@ -269,14 +274,19 @@ def between(loads: Loads, scenario: Scenario, begin: float, end: float) -> tuple
     return _Between(loads.drive, *inside, batched=True), wrench
 
 
-def _to_the_end(kernel: Kernel, part: Trajectory, edges: Array, options: Mapping[str, Any]) -> tuple[Trajectory, Array]:
-    """A piece that has ended between two edges with samples for its balance up to there, and its edges."""
+def _to_the_end(moved: Callable[..., Trajectory], part: Trajectory, edges: Array) -> tuple[Trajectory, Array]:
+    """A piece that has ended between two edges with samples for its balance up to there, and its edges.
+
+    Args:
+        moved: integrates from a state, q and v, over times.
+        part: the piece.
+        edges: its ends and the times of the grid in between, s.
+    """
     at = float(part.info["ended_at"])
     whole = int(np.searchsorted(edges, at))  # edges before the end, the first one at least
     first = PARTS * (whole - 1)
     edges = np.append(edges[:whole], at)
-    times = with_nodes(edges[-2:])
-    last = integrate(kernel, part.q[first], part.v[first], at, times=times, **options)
+    last = moved((part.q[first], part.v[first]), with_nodes(edges[-2:]))
     names = ("t", "q", "v", "u", "energy")
     rows: dict[str, Any] = {name: np.concatenate([getattr(part, name)[:first], getattr(last, name)]) for name in names}
     return replace(part, **rows), edges

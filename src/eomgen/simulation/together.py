@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import EomgenError
-from ..integration.compiled import METHODS, leading, step_tolerances, why_not
+from ..integration.compiled import per_step
+from ..integration.plan import IN_C, IntegratorPlan
 from ..integration.solve import system_of
 from ..integration.steps import output_times, tolerances
 from ..integration.system import System
@@ -21,8 +22,8 @@ from ..robot.coordinates import index_of
 from ..robot.value import Robot
 from ..runtime.stepping import given_loads
 from ..runtime.stepping.adaptive import DONE
-from ..runtime.stepping.loaded import AUTO
 from ..runtime.stepping.loads import LoadData, Packed
+from ..runtime.stepping.options import ErrorControl
 from ..runtime.stepping.together import Together
 from ..scenario.value import Scenario
 from .assembly import Assembly
@@ -39,22 +40,21 @@ DRIVES, WRENCHES, POSE = "drives", "wrenches", "pose"  # parts of a result that 
 NUMBERS = 1 << 24  # of coordinates and rates that motions side by side hold: 128 MB
 
 
-def go_together(assembly: Assembly, scenario: Scenario) -> bool:
-    """Whether the scenario's motions can go side by side: in C, to the duration, and to the bit as alone.
+def go_together(assembly: Assembly, plan: IntegratorPlan) -> bool:
+    """Whether a scenario's motions can go side by side: in C, to the duration, and to the bit as alone.
 
     Of constraints that are redundant the closing of one state may depend on those beside it.
     """
-    kernel, drive = assembly.kernel, assembly.drive
-    return (
-        assembly.until is None
-        and scenario.integrator.method in (*METHODS, AUTO)
-        and not kernel.raw.libraries.meta.get("redundant", False)
-        and not why_not(kernel, drive, assembly.wrenches, assembly.prescribed)
-    )
+    return plan.in_c and assembly.until is None and not assembly.kernel.raw.libraries.meta.get("redundant", False)
 
 
 def run_together(
-    robot: Robot, scenario: Scenario, assemblies: Sequence[Assembly], tool: str, parts: Collection[str]
+    robot: Robot,
+    scenario: Scenario,
+    assemblies: Sequence[Assembly],
+    plan: IntegratorPlan,
+    tool: str,
+    parts: Collection[str],
 ) -> list[Motion]:
     """Motion of each assembly as ``run_assembly`` gives it, or the error that it raises, sooner; see ``go_together``.
 
@@ -64,6 +64,7 @@ def run_together(
     Args:
         robot, scenario, tool: as of ``run_assembly``.
         assemblies: of kernels of one code, each with parameters of its own.
+        plan: the integrator of all motions.
         parts: what the results have besides, of DRIVES, WRENCHES and POSE.
     """
     grid = output_times(scenario.duration, scenario.output_step)
@@ -78,7 +79,7 @@ def run_together(
     order = list(starts)
     for k in range(0, len(order), size):
         some = order[k : k + size]
-        crowd = _Crowd(robot, scenario, [assemblies[i] for i in some], grid, parts)
+        crowd = _Crowd(robot, scenario, [assemblies[i] for i in some], plan, grid, parts)
         for i, motion in zip(some, crowd.motions([starts[i] for i in some], tool), strict=True):
             found[i] = motion
     return [_alone(robot, scenario, each, tool) if x is None else x for each, x in zip(assemblies, found, strict=True)]
@@ -111,15 +112,21 @@ class _Crowd:
     """Motions that go side by side."""
 
     def __init__(
-        self, robot: Robot, scenario: Scenario, assemblies: Sequence[Assembly], grid: Array, parts: Collection[str]
+        self,
+        robot: Robot,
+        scenario: Scenario,
+        assemblies: Sequence[Assembly],
+        plan: IntegratorPlan,
+        grid: Array,
+        parts: Collection[str],
     ) -> None:
         self._robot, self._scenario, self._assemblies = robot, scenario, assemblies
-        self._grid, self._parts = grid, parts
+        self._plan, self._grid, self._parts = plan, grid, parts
 
     def motions(self, starts: Sequence[tuple[Array, Array]], tool: str) -> list[SimulationResult | None]:
         """The motions from these states; None of one that does not come to its end."""
         ways = [
-            _Way(each, loads_of(each), *start, [], dict.fromkeys(METHODS, 0.0))
+            _Way(each, loads_of(each), *start, [], dict.fromkeys(IN_C, 0.0))
             for each, start in zip(self._assemblies, starts, strict=True)
         ]
         times = []
@@ -136,7 +143,7 @@ class _Crowd:
 
     def _piece(self, ways: Sequence[_Way], times: Array, keep: NDArray[np.bool_]) -> None:
         """Go on with motions over a piece, whose samples are at these times, s; ``keep`` says which ones count."""
-        how, shared = self._scenario.integrator, None
+        plan, shared = self._plan, None
         systems: list[tuple[_Way, System, LoadData]] = []
         atols = []
         for way in ways:
@@ -148,14 +155,14 @@ class _Crowd:
             if shared is None or way.loads.wrench is not None:  # which know the kernel's own centres of mass
                 shared = given_loads.loads_of(system.kernel.calls, *self._between(way, times), way.loads.prescribed)
             systems.append((way, system, shared))
-            atols.append(step_tolerances(how.rtol, atol)[1])
+            atols.append(atol)
         if not systems:
             return
         going, _, loads = zip(*systems, strict=True)
         q, v = (np.array([getattr(way, name) for way in going]) for name in "qv")
         calls = [way.assembly.kernel.calls for way in going]
-        rtol, _ = step_tolerances(how.rtol, atols[0])
-        motion = Together(calls, loads, times, q, v, how.method, rtol, np.array(atols))
+        control = per_step(ErrorControl(plan.method, plan.rtol, np.array(atols)))
+        motion = Together(calls, loads, times, q, v, control)
         while motion.go():
             pass
         for k, (way, system, data) in enumerate(systems):
@@ -171,13 +178,13 @@ class _Crowd:
 
     def _begin(self, way: _Way, times: Array) -> tuple[System, Array] | None:
         """Begin a piece: its equations, and absolute tolerances; None where that is left to ``run_assembly``."""
-        kernel, how, begin = way.assembly.kernel, self._scenario.integrator, float(times[0])
+        kernel, plan, begin = way.assembly.kernel, self._plan, float(times[0])
         kernel.parameters.update(loaded_parameters(self._robot, self._scenario, begin))
         try:
             system = system_of(kernel, *self._between(way, times), way.loads.prescribed)
             movable = system.begin(begin, way.q.copy(), way.v.copy()).size
             system.prescribe(begin, way.q, way.v)
-            return (system, tolerances(system, way.q, how.rtol, how.atol)) if movable else None
+            return (system, tolerances(system, way.q, plan.rtol, plan.atol)) if movable else None
         except EomgenError:
             return None
 
@@ -209,7 +216,7 @@ class _Crowd:
         }
         q, v, nothing = whole["q"], whole["v"], np.empty((0, kernel.n))
         info = {"steps": way.steps, "implicit_s": way.spans["rosenbrock"]}
-        method = leading(self._scenario.integrator.method, info, float(t[-1]))
+        method = self._plan.leading(info, float(t[-1]))
         driven = index_of(kernel.coordinates, assembly.driven)
         return SimulationResult(
             robot=self._robot.name,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,6 @@ from ..runtime.turning import (
     away_from_zero,
     both_ways,
     seen,
-    singular_joints,
 )
 
 Array = NDArray[np.float64]
@@ -108,16 +107,6 @@ def other_forces(angles: Array, other: Array, forces: Array) -> Array:
     sg, cg = np.sin(other[..., 2]), np.cos(other[..., 2])
     first = np.cos(other[..., 1]) * (cg * x - sg * y) + np.sin(other[..., 1]) * g
     return np.stack([first, sg * x + cg * y, g], axis=-1)
-
-
-def extrapolated(coarse: Array, fine: Array, joints: Mapping[str, tuple[int, int]]) -> Array:
-    """2 fine - coarse of one state by two ways, q and v, (2n,) each, in angles that are not singular there."""
-    near = fine[: fine.size // 2]
-    turned = [joints[name] for name in singular_joints(near, joints)]
-    if not turned:
-        return np.asarray(2.0 * fine - coarse)
-    ends = seen(np.stack([fine, coarse]), turned, ON, np.zeros_like(near))
-    return np.asarray(seen((2.0 * ends[0] - ends[1])[np.newaxis], turned, BACK, near)[0])
 
 
 class Turns:

@@ -1,6 +1,6 @@
 """Many simulations of a robot whose numbers vary: plans, samples, workers, stores, results.
 
-Uses runtime, robot, forms, description, state, integration, scenario, pipeline and simulation.
+Uses runtime, robot, forms, description, state, integration, motion, scenario, pipeline and simulation.
 """
 
 from __future__ import annotations

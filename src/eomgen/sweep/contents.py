@@ -11,6 +11,7 @@ from ..errors import InputError
 from ..forms.plain import value_of
 from ..forms.tables import Form
 from ..limits import LARGEST_FOUND
+from ..motion.exceeding import KINDS
 from ..names import is_identifier, is_robot_name, listed, show
 from .design import Design
 from .keys import DESIGNS, DISTRIBUTIONS, MOST_SAMPLES
@@ -126,12 +127,16 @@ def _distributions(manifest: Manifest, where: str) -> list[Distribution]:
 
 @dataclass(frozen=True)
 class SampleRow:
-    """Outcome of sample ``index`` with its numbers: what was recorded, or an error."""
+    """Outcome of sample ``index`` with its numbers: what was recorded, or an error.
+
+    exceeded: limits of the robot that the motion exceeds, "joint1.gamma speed" say.
+    """
 
     index: int
     sample: tuple[float, ...]
     record: tuple[float, ...] = ()
     error: str = ""
+    exceeded: tuple[str, ...] = ()
 
 
 CheckRow = Callable[[SampleRow], str]
@@ -150,6 +155,10 @@ def row_check(manifest: Manifest) -> CheckRow:
         if bool(row.error) == bool(row.record) or (row.record and len(row.record) != columns):
             came = f"{len(row.record)} numbers and the error {show(row.error)}"
             return f"got {came}; allowed: {columns} numbers, or an error"
+        for limit in row.exceeded:
+            coordinate, _, kind = limit.partition(" ")
+            if kind not in KINDS or not all(map(is_identifier, coordinate.split("."))):
+                return f"got {show(limit)} among the limits exceeded; allowed: a coordinate, and one of {listed(KINDS)}"
         for name, ours, theirs in zip(
             manifest.varied, row.sample, design.values(row.index) if design else row.sample, strict=True
         ):

@@ -19,12 +19,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from .._version import __version__
 from ..description import RobotLike, as_robot
 from ..errors import EomgenError, InputError
 from ..forms.toml_text import parse_toml
+from ..integration.plan import IntegratorPlan
 from ..names import parameter_path, show
 from ..progress import Progress, no_progress
 from ..robot.model import tool_of
@@ -32,14 +31,14 @@ from ..robot.parameter_names import expand_each, expand_tunable
 from ..robot.value import Robot
 from ..scenario.load import read_scenario, scenario_from_values
 from ..scenario.value import Scenario
-from ..simulation.assembly import may_run_in_c
-from ..simulation.initial import initial_state
+from ..simulation.assembly import Assembly
+from ..simulation.run import plan_of
+from ..simulation.together import go_together
 from .contents import SampleRow, manifest_of, row_check
 from .design import Design
 from .job import Dimension, Job, SampleRunner, get_path
-from .measures import check_record
-from .pace import PERIOD, choose_pace, why_not
-from .plan import Distribution, Engine, Plan
+from .measures import BALANCED, check_record
+from .plan import Distribution, Plan
 from .result import SweepResult
 from .shipping import Builds, Content, builds_of, check_same, lacks_sources, pack, source_keys, unpack
 from .store import FORMAT, SweepStore, opened
@@ -109,13 +108,7 @@ def prepare(
     names = tuple(dimension.name for dimension, _ in pairs if dimension.kind == "parameter")
     swept = replace(robot, tunable=tuple(dict.fromkeys((*robot.tunable, *names))))
     tool = tool_of(robot, base.frame, base.label("frame"))
-    reason = why_not(robot, base)
-    if reason and plan.engine.type == "rollout":
-        plan.fail("engine.type", f'"rollout": {reason}; allowed: "auto", "integrate"')
-    in_c = plan.engine == Engine() and may_run_in_c(swept, base)  # exact to its tolerances, and as fast
-    rolls = plan.engine.type != "integrate" and not reason and not in_c
     dimensions = tuple(dimension for dimension, _ in pairs)
-    pace = (plan.engine.method, PERIOD, PERIOD) if rolls else None
     job = Job(
         robot=swept,
         values=values,
@@ -124,23 +117,31 @@ def prepare(
         plan=plan,
         dimensions=dimensions,
         tool=tool,
-        pace=pace,
     )
-    runner = SampleRunner(job)
-    _, assembly = runner.nominal(())
-    check_record(plan, base, assembly, rolls)
+    _, assembly = SampleRunner(job).nominal(())
+    how = plan_of(assembly, base)
+    reason = _not_rolled(assembly, how)
+    if reason and plan.engine == "rollout":
+        plan.fail("engine.type", f'"rollout": {reason}; allowed: "auto", "integrate"')
+    check_record(plan, base, assembly)
     job = replace(job, dimensions=tuple(_scaled(plan, values, assembly.kernel.parameters, x) for x in pairs))
-    if rolls:
-        q, _, _ = initial_state(swept, base, assembly)
-        chosen = choose_pace(assembly, q, base.duration, plan.engine.method, plan.engine.step, plan.engine.period)
-        job = replace(job, pace=(chosen.method, chosen.step, base.duration / chosen.periods))
-    nominal = replace(job, dimensions=())
-    outcome = SampleRunner(nominal).outcomes([()])[0]
+    outcome = SampleRunner(replace(job, dimensions=())).outcomes([()])[0]
     if isinstance(outcome, EomgenError):
         raise outcome
-    job, nominal = replace(job, columns=outcome[0]), replace(nominal, columns=outcome[0])
+    job = replace(job, columns=outcome.columns)
     design = Design([entry for _, entry in pairs], plan.samples, plan.seed, plan.design)
-    return job, design, (*_notes(nominal, outcome[1], reason),)
+    side = BALANCED not in plan.record and go_together(assembly, how)
+    note = "each sample by the integrator of the scenario" + (", side by side in C" if side else "")
+    return job, design, (note + (f", because rollouts cannot: {reason}" if reason else ""),)
+
+
+def _not_rolled(assembly: Assembly, how: IntegratorPlan) -> str:
+    """Say why rollouts cannot do a scenario; "" where they can."""
+    if assembly.until is not None:
+        return "until: motions that end before the duration does are not part of rollouts"
+    if how.in_c:
+        return ""
+    return how.not_in_c if how.reason else f"integrator.method: {how.method} integrates in Python"
 
 
 def _dimensions(
@@ -198,26 +199,6 @@ def _scaled(
             f"{dimension.name} is {show(given)}, and relative numbers are multiples of it; allowed: not relative",
         )
     return replace(dimension, unit=float(given))
-
-
-def _notes(nominal: Job, record: np.ndarray[Any, Any], reason: str | None) -> list[str]:
-    """Notes on how samples are integrated, and on what steps of half the length change in the nominal one."""
-    if nominal.pace is None:
-        return [
-            "each sample by the integrator of the scenario" + (f", because rollouts cannot: {reason}" if reason else "")
-        ]
-    method, step, period = nominal.pace
-    text = f"rollouts in C: {method} steps of {step:.3g} s, drives held for {period:.3g} s"
-    outcome = SampleRunner(nominal).outcomes([()], finer=2)[0]
-    if isinstance(outcome, EomgenError):
-        return [text]
-    wanted = [i for i, column in enumerate(nominal.columns) if column.name.startswith("tool_deviation")] or [0]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        change = np.nanmax(np.abs(outcome[1] / record - 1.0)[wanted], initial=0.0)
-    return [
-        text,
-        f"half of both changes {nominal.columns[wanted[0]].name} of the nominal robot by {change:.2g} of it",
-    ]
 
 
 def _about(job: Job, design: Design, notes: Sequence[str]) -> dict[str, Any]:

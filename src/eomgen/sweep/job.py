@@ -11,7 +11,6 @@ from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 
 from ..errors import EomgenError, InputError
 from ..files import open_regular
+from ..motion.exceeding import limits_known
 from ..names import listed, nearest, show
 from ..progress import no_progress
 from ..robot.value import Robot
@@ -26,11 +26,10 @@ from ..scenario.load import scenario_from_values
 from ..scenario.value import Scenario
 from ..simulation.assembly import Assembly, assemble, kernels_of, with_kernel
 from ..simulation.result import SimulationResult
-from ..simulation.run import run_assembly
-from ..simulation.together import POSE, go_together, run_together
+from ..simulation.run import plan_of, run_assembly
+from ..simulation.together import DRIVES, POSE, go_together, run_together
 from .contents import SampleRow, finite_or_error
-from .measures import NEEDS, READS, Column, measure, rigid_pose
-from .pace import Pace, Rolled, roll
+from .measures import BALANCED, NEEDS, READS, Column, exceeded_limits, measure, rigid_pose
 from .plan import Plan
 
 Array = NDArray[np.float64]
@@ -52,8 +51,7 @@ class Job:
     """Everything that is the same for all samples of a sweep.
 
     robot: with all parameters that change among its ``tunable``.  values: of the scenario's TOML file, ``source`` and
-    ``folder`` as ``scenario_from_values`` takes them.  pace: of rollouts, None where samples are integrated one by
-    one.  columns: what a sample yields.
+    ``folder`` as ``scenario_from_values`` takes them.  columns: what a sample yields.
     """
 
     robot: Robot
@@ -63,7 +61,6 @@ class Job:
     plan: Plan
     dimensions: tuple[Dimension, ...]
     tool: str
-    pace: tuple[str, float, float] | None  # method, step, period
     columns: tuple[Column, ...] = ()
 
     @property
@@ -72,7 +69,7 @@ class Job:
         from ..robot.record import robot_hash
 
         plan = str(replace(self.plan, source=""))
-        parts = (robot_hash(self.robot), self.values, plan, str(self.dimensions), self.tool, self.pace)
+        parts = (robot_hash(self.robot), self.values, plan, str(self.dimensions), self.tool)
         return hashlib.sha256(json.dumps([*parts, file_hashes(self)], sort_keys=True).encode()).hexdigest()
 
     def kernels(self, scenario: Scenario) -> tuple[str, ...]:
@@ -80,8 +77,6 @@ class Job:
         further = [name for wanted in self.plan.record for name in NEEDS.get(wanted, ())]
         if "reactions" in further and scenario.wrenches:
             further.append("external_reactions")
-        if self.pace is not None:
-            further.append("rollout")
         return tuple(dict.fromkeys((*kernels_of(self.robot, scenario), *further)))
 
     def scenario(self, sample: Sequence[float] = ()) -> Scenario:
@@ -167,11 +162,21 @@ def _digest(path: Path) -> str:
     return found.hexdigest()
 
 
+@dataclass(frozen=True)
+class Outcome:
+    """Numbers that a sample yields by columns, and limits of the robot that its motion exceeds."""
+
+    columns: tuple[Column, ...]
+    record: Array
+    exceeded: tuple[str, ...]
+
+
 class SampleRunner:
     """Assemblies of a job by scenario, made once and shared by the threads of a process."""
 
     def __init__(self, job: Job) -> None:
         self.job = job
+        self._limits = limits_known(job.robot)
         self._lock = threading.Lock()
         self._assemblies: OrderedDict[str, tuple[Scenario, Assembly]] = OrderedDict()
 
@@ -200,16 +205,17 @@ class SampleRunner:
                 if isinstance(outcome, EomgenError):
                     found[i] = SampleRow(indices[i], sample, error=f"{type(outcome).__name__}: {outcome}")
                     continue
-                record = tuple(outcome[1].tolist())
-                error = finite_or_error(outcome[0], record)
-                found[i] = SampleRow(indices[i], sample, () if error else record, error)
+                record = tuple(outcome.record.tolist())
+                error = finite_or_error(outcome.columns, record)
+                row = SampleRow(indices[i], sample, error=error)
+                found[i] = row if error else replace(row, record=record, exceeded=outcome.exceeded)
         return [found[i] for i in range(len(samples))]
 
     def motions(self, samples: Sequence[Sequence[float]]) -> list[SimulationResult | EomgenError]:
         """Motions of samples, in their order, or why there are none; those of one scenario are done together."""
         found: dict[int, SimulationResult | EomgenError] = {}
         for places in self._groups(samples):
-            for i, (_, motion) in zip(places, self._moved([samples[i] for i in places], 1), strict=True):
+            for i, (_, motion) in zip(places, self._moved([samples[i] for i in places]), strict=True):
                 found[i] = motion
         return [found[i] for i in range(len(samples))]
 
@@ -226,23 +232,23 @@ class SampleRunner:
             return ""
         return json.dumps(self.job.scenario_values(sample), sort_keys=True)
 
-    def outcomes(
-        self, samples: Sequence[Sequence[float]], finer: int = 1
-    ) -> list[tuple[tuple[Column, ...], Array] | EomgenError]:
-        """Columns and numbers of samples of one scenario, or why there are none; ``finer`` divides step and period."""
-        found: list[tuple[tuple[Column, ...], Array] | EomgenError] = []
-        for assembly, motion in self._moved(samples, finer):
+    def outcomes(self, samples: Sequence[Sequence[float]]) -> list[Outcome | EomgenError]:
+        """Return what samples of one scenario yield, or why they yield nothing."""
+        found: list[Outcome | EomgenError] = []
+        for assembly, motion in self._moved(samples):
             if isinstance(motion, EomgenError) or assembly is None:
                 found.append(motion if isinstance(motion, EomgenError) else InputError("no motion"))
                 continue
             try:
-                found.append(measure(motion, assembly, self.job.plan.record))
+                columns, record = measure(motion, assembly, self.job.plan.record)
+                exceeded = exceeded_limits(self.job.robot, motion) if self._limits else ()
+                found.append(Outcome(columns, record, exceeded))
             except EomgenError as error:
                 found.append(error)
         return found
 
     def _moved(
-        self, samples: Sequence[Sequence[float]], finer: int
+        self, samples: Sequence[Sequence[float]]
     ) -> list[tuple[Assembly | None, SimulationResult | EomgenError]]:
         """Assembly and motion of samples of one scenario, or no assembly and why there is none."""
         try:
@@ -257,27 +263,19 @@ class SampleRunner:
             except EomgenError as error:
                 made.append(error)
         assemblies = [item for item in made if isinstance(item, Assembly)]
-        motions = iter(self._motions(scenario, nominal, assemblies, finer))
+        motions = iter(self._motions(scenario, nominal, assemblies))
         return [(item, next(motions)) if isinstance(item, Assembly) else (None, item) for item in made]
 
     def _motions(
-        self, scenario: Scenario, nominal: Assembly, assemblies: list[Assembly], finer: int
+        self, scenario: Scenario, nominal: Assembly, assemblies: list[Assembly]
     ) -> list[SimulationResult | EomgenError]:
-        job = self.job
-        balance = "energy_residue" in job.plan.record
+        job, balance = self.job, BALANCED in self.job.plan.record
         found: list[SimulationResult | EomgenError] = []
-        if job.pace is not None and assemblies:
-            method, step, period = job.pace
-            periods = max(1, int(np.ceil(scenario.duration / period - 1e-9)))
-            steps = max(1, int(np.ceil(scenario.duration / periods / step - 1e-9)))
-            pace = Pace(method, finer * periods, steps, scenario.duration)
-            rolled = roll(job.robot, scenario, assemblies, pace, balance=balance)
-            for assembly, motion in zip(assemblies, rolled, strict=True):
-                found.append(motion if isinstance(motion, EomgenError) else _result(job, assembly, nominal, motion))
-            return found
-        if assemblies and not balance and go_together(nominal, scenario):
+        plan = plan_of(nominal, scenario)
+        if assemblies and not balance and go_together(nominal, plan):
             parts = {part for name in job.plan.record for part in READS.get(name, ())}
-            together = run_together(job.robot, scenario, assemblies, job.tool, parts)
+            parts |= {DRIVES} if "effort" in self._limits else set()
+            together = run_together(job.robot, scenario, assemblies, plan, job.tool, parts)
             return _with_programs(nominal, together) if POSE in parts else together
         for assembly in assemblies:
             try:
@@ -302,25 +300,3 @@ def _with_programs(
             shared = rigid_pose(nominal.kernel, motion)
         found.append(replace(motion, program_pose=shared))
     return found
-
-
-def _result(job: Job, assembly: Assembly, nominal: Assembly, motion: Rolled) -> SimulationResult:
-    q, t = motion.trajectory.q, motion.trajectory.t
-    driven = [assembly.kernel.coordinates.index(name) for name in assembly.driven]
-    result = SimulationResult(
-        robot=job.robot.name,
-        trajectory=motion.trajectory,
-        program_coordinates=assembly.driven,
-        program_q=q[:, driven] if assembly.shown is None else assembly.shown.at(t)[0],
-        tool=job.tool,
-        pose=np.asarray(assembly.kernel.frame_pose(q, job.tool)),
-        program_pose=np.empty((0, 4, 4)),
-        notes=(),
-        versions=MappingProxyType({}),
-        programmed=assembly.program is not None,
-        prescribed=assembly.kernel.prescribed,
-        links=assembly.kernel.links,
-        wrench=motion.wrench,
-        balance=motion.balance,
-    )
-    return replace(result, program_pose=rigid_pose(nominal.kernel, result))

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from ..forms.keys import Choice, Flag, Key, Listed, Number, Strings, Text, Whole
 from ..forms.tables import Entries, Form, Sub
-from ..runtime.stepping.many_steps import METHODS
-from ..scenario.keys import time
 
 DESIGNS = ("random", "latin_hypercube")
 ENGINES = ("auto", "rollout", "integrate")
@@ -61,11 +59,9 @@ VARY = Form(
 ENGINE = Form(
     {
         "type": Choice("how samples are integrated; default auto", words=ENGINES),
-        "method": Choice("of rollouts; default implicit", words=tuple(METHODS)),
-        "step": time("of integration in rollouts, at most the period"),
-        "period": time("over which what Python says is held in rollouts"),
     }
 )
+FORMER = ("method", "step", "period")  # keys of ENGINE that are refused with what took their place
 PLAN = Form(
     {
         "samples": Whole("draws of what is random", least=1, most=MOST_SAMPLES),

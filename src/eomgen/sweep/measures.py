@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..motion.exceeding import excesses
 from ..names import joint_of
 from ..robot.coordinates import force_unit_of, index_of, rotating_joints, unit_of
+from ..robot.value import Robot
 from ..runtime.kernel import Kernel
 from ..scenario.value import Scenario
 from ..simulation.assembly import Assembly
@@ -32,6 +34,7 @@ READS = {  # parts of results that not all motions have, by what is recorded
     "drive_rms": (DRIVES,),
     "reaction_max": (DRIVES, WRENCHES),
 }
+BALANCED = "energy_residue"  # which takes works, of each motion by itself
 PARTS = (("linear", "m"), ("angular", "rad"))
 
 
@@ -43,7 +46,7 @@ class Column:
     unit: str
 
 
-def check_record(plan: Plan, scenario: Scenario, assembly: Assembly, rolls: bool) -> None:
+def check_record(plan: Plan, scenario: Scenario, assembly: Assembly) -> None:
     """DescriptionError of the plan where something to record has no meaning in the scenario."""
     if "tracking_max" in plan.record and assembly.program is None:
         plan.fail("record", "tracking_max: nothing is programmed; allowed: with a motion, pd or computed_torque")
@@ -51,8 +54,6 @@ def check_record(plan: Plan, scenario: Scenario, assembly: Assembly, rolls: bool
         plan.fail("record", "reaction_max: the scenario has payloads, whose masses change; allowed: without them")
     if "quaternion_end" in plan.record and not rotating_joints(assembly.kernel.coordinates):
         plan.fail("record", "quaternion_end: no joint has alpha, beta and gamma; allowed: with a free or ball joint")
-    if "energy_residue" in plan.record and scenario.payloads and rolls:
-        plan.fail("record", 'energy_residue: rollouts do not balance payloads; allowed: engine.type = "integrate"')
 
 
 def measure(result: SimulationResult, assembly: Assembly, names: Sequence[str]) -> tuple[tuple[Column, ...], Array]:
@@ -64,6 +65,13 @@ def measure(result: SimulationResult, assembly: Assembly, names: Sequence[str]) 
 
 
 Measured = list[tuple[str, str, float]]
+
+
+def exceeded_limits(robot: Robot, result: SimulationResult) -> tuple[str, ...]:
+    """Return the limits of a robot that a motion exceeds, as far as it knows its drives: "joint1.gamma speed", say."""
+    motion = result.trajectory
+    found = excesses(robot, motion.coordinates, q=motion.q, v=motion.v, u=motion.u)
+    return tuple(f"{excess.coordinate} {excess.kind}" for excess in found)
 
 
 def _tool(name: str, result: SimulationResult, _: Assembly) -> Measured:

@@ -11,7 +11,7 @@ from ..forms.tables import Table
 from ..forms.toml_place import located, refusal
 from ..forms.toml_text import parse_toml, read_text
 from ..names import show
-from .keys import DEFAULT_RECORD, DISTRIBUTIONS, MOST_SAMPLES, PLAN
+from .keys import DEFAULT_RECORD, DISTRIBUTIONS, FORMER, MOST_SAMPLES, PLAN
 
 
 @dataclass(frozen=True)
@@ -53,25 +53,18 @@ class Vary:
 
 
 @dataclass(frozen=True)
-class Engine:
-    """Integration of a sample: type of ENGINES; method of rollouts, step and period in s, None for the default."""
-
-    type: str = "auto"
-    method: str = "implicit"
-    step: float | None = None
-    period: float | None = None
-
-
-@dataclass(frozen=True)
 class Plan:
-    """A sweep: ``samples`` draws of all that is random, at every point of the product of all grids."""
+    """A sweep: ``samples`` draws of all that is random, at every point of the product of all grids.
+
+    engine: of ENGINES, how samples are integrated.
+    """
 
     vary: tuple[Vary, ...]
     samples: int = 1
     seed: int = 0
     design: str = "random"
     record: tuple[str, ...] = DEFAULT_RECORD
-    engine: Engine = Engine()
+    engine: str = "auto"
     source: str = ""
     text: str = field(default="", repr=False, compare=False)
 
@@ -113,7 +106,7 @@ def _plan(top: Table) -> Plan:
         top.whole("seed", 0),
         top.choice("design") or "random",
         tuple(top.strings("record")) if "record" in top else DEFAULT_RECORD,
-        _engine(top.table("engine")),
+        _engine(top),
         top.source,
     )
 
@@ -130,17 +123,14 @@ def _varied(top: Table) -> tuple[Vary, ...]:
     return tuple(found)
 
 
-def _engine(table: Table | None) -> Engine:
-    if table is None:
-        return Engine()
-    kind = table.choice("type") or "auto"
-    for key in ("method", "step", "period"):
-        if kind == "integrate" and key in table:
-            table.fail('allowed: with type = "rollout" or "auto"; [integrator] of the scenario says it here', key)
-    step, period = table.number("step"), table.number("period")
-    if step is not None and period is not None and step > period:
-        table.fail(f"got {step:g}; allowed: a time in s up to the period, {period:g}", "step")
-    return Engine(kind, table.choice("method") or "implicit", step, period)
+def _engine(top: Table) -> str:
+    given = top.values.get("engine")
+    for key in FORMER:
+        if isinstance(given, dict) and key in given:
+            allowed = "allowed: type; method, rtol and atol in the scenario's [integrator]"
+            top.fail(f"samples are integrated by steps that their errors control; {allowed}", f"engine.{key}")
+    table = top.table("engine")
+    return (table.choice("type") if table else None) or "auto"
 
 
 def _vary(table: Table) -> Vary:

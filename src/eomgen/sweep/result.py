@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import csv
 import io
+from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError, UnknownNameError
 from ..files import write_atomically
+from ..motion.exceeding import SHOWN
 from ..names import nearest, show
 from ..optional import optional_import
 from ..shown import Shown, text_of
@@ -72,6 +74,7 @@ class SweepResult(Shown, Tabular):
         record: (N, c); NaN in samples that failed.
         errors: of failed samples, by index.
         total: number of samples of the plan.
+        exceeded: number of samples that exceed a limit of the robot, by limits: "joint1.gamma speed", say.
         meta: of the sweep: robot, tool, seed, design, scenario, notes, versions.
     """
 
@@ -85,6 +88,7 @@ class SweepResult(Shown, Tabular):
     errors: Mapping[int, str]
     total: int
     meta: Mapping[str, Any]
+    exceeded: Mapping[str, int] = field(default_factory=dict)
 
     @staticmethod
     def load(folder: Path | str) -> SweepResult:
@@ -113,6 +117,7 @@ class SweepResult(Shown, Tabular):
             errors=MappingProxyType({i: rows[i].error for i in index.tolist() if rows[i].error}),
             total=about.samples,
             meta=MappingProxyType({item.name: getattr(about, item.name) for item in fields(about)}),
+            exceeded=MappingProxyType(Counter(limit for i in index.tolist() for limit in rows[i].exceeded)),
         )
 
     @property
@@ -196,6 +201,7 @@ class SweepResult(Shown, Tabular):
             "samples": self.total,
             "done": int(self.index.size),
             "failed": len(self.errors),
+            "exceeded": dict(self.exceeded),
             "columns": found,
         }
 
@@ -204,6 +210,10 @@ class SweepResult(Shown, Tabular):
         state = "" if self.complete else f", {self.total - self.index.size} of {self.total} not done"
         lines = [f"{self.meta['robot']}: {self.index.size} samples, {len(self.errors)} failed{state}"]
         lines += [f"  {note}" for note in self.meta["notes"]]
+        if self.exceeded:
+            parts = [f"{limit} in {count}" for limit, count in self.exceeded.items()]
+            more = f" and {len(parts) - SHOWN} more" if len(parts) > SHOWN else ""
+            lines.append(f"  samples that exceed limits of the robot: {', '.join(parts[:SHOWN])}{more}")
         width = max(map(len, self.columns))
         lines.append(f"  {'percentiles':<{width}}" + "".join(f" {share:>10}" for share in SHARES))
         for column in self.columns:

@@ -181,7 +181,8 @@ def checksum(values: Mapping[str, Any]) -> str:
 def line_of(row: SampleRow) -> dict[str, Any]:
     """The values of a row's line, its checksum among them."""
     outcome: dict[str, Any] = {"error": row.error} if row.error else {"record": row.record}
-    body = {"index": row.index, "sample": row.sample, **outcome}
+    exceeded = {"exceeded": row.exceeded} if row.exceeded else {}
+    body = {"index": row.index, "sample": row.sample, **outcome, **exceeded}
     return {**body, "check": checksum(body)}
 
 

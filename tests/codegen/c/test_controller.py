@@ -46,6 +46,7 @@ def built(example: ModuleType, task: object, request: pytest.FixtureRequest, tmp
     return example.built(compiler, sine, task, tmp_path)
 
 
+@pytest.mark.soak
 def test_the_loop_is_closed(task) -> None:  # type: ignore[no-untyped-def]
     """The arm is moved, and comes to its course from beside it in spite of a model with too little damping."""
     assert np.abs(task.u).max() > 50.0

@@ -107,7 +107,7 @@ def calls(called: RawFunction, writes: Sequence[int], frame: str) -> list[str]:
     ("make", "dtype", "compiler", "eigen"),
     [
         pytest.param(sprung, "float64", "gcc", True, marks=pytest.mark.soak),
-        (looped, "float64", "clang", False),
+        pytest.param(looped, "float64", "clang", False, marks=pytest.mark.soak),
         pytest.param(looped, "float64", "gcc", True, marks=pytest.mark.soak),
         (tree, "float32", "clang", True),
         pytest.param(tree, "float64", "gcc", False, marks=pytest.mark.soak),
@@ -210,6 +210,7 @@ int main()
 """
 
 
+@pytest.mark.soak
 def test_loops_that_are_open_are_reported(tmp_path: Path) -> None:
     """Which component of which loop, and whether it is open or opening, as the Python kernel's error says."""
     robot, kernels = eomgen.load_robot("four_bar"), ("forward_dynamics", "rollout")

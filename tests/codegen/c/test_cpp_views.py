@@ -148,6 +148,7 @@ def reserved(name: str) -> Robot:
     return replace(robot, links=links, joints=joints, frames=(), tunable=())
 
 
+@pytest.mark.soak
 def test_words_of_cpp_as_names(tmp_path: Path) -> None:
     """Robots, links and joints with such names, all in one program, with the compilers' own macros."""
     names = ("namespace", "std", "linux", "sin", "eomgen_h", "detail")

@@ -391,6 +391,7 @@ print("kept", len(functions))
 """
 
 
+@pytest.mark.soak
 @pytest.mark.skipif("x86" not in platform.machine(), reason="reads control registers of x86")
 @pytest.mark.parametrize("native", [False, pytest.param(True, marks=pytest.mark.soak)])
 def test_import_and_calls_leave_the_environment_as_it_is(native: bool, tmp_path: Path) -> None:

@@ -109,7 +109,7 @@ def counted(lines: Sequence[str]) -> dict[str, int]:
     return {"mul": found.count("mul"), "add": found.count("add"), "div": found.count("div"), "sincos": len(angles)}
 
 
-@pytest.mark.parametrize("laws", [False, True])
+@pytest.mark.parametrize("laws", [True, pytest.param(False, marks=pytest.mark.soak)])
 def test_operations_are_those_of_the_text(laws: bool) -> None:
     """What a kernel reports is what its C does."""
     robot = random_robot(8, joints=(3, 3), tree=True, max_size=9)

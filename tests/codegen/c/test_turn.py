@@ -19,6 +19,7 @@ from eomgen.codegen.package.compile import FLAGS, processor
 from eomgen.robot.model import build_model
 
 VECTORS = [("-DEOMGEN_VECTOR=0",), (), ("-mavx2", "-mfma", "-ffp-contract=fast"), ("-mavx512f",)]
+SOME = [*VECTORS[:2], *(pytest.param(flags, marks=pytest.mark.soak) for flags in VECTORS[2:3]), *VECTORS[3:]]
 NEEDS = {"-mavx2": "avx2", "-mavx512f": "avx512f"}
 CTYPES = {"float64": "double", "float32": "float"}
 
@@ -54,7 +55,7 @@ def angles_of(dtype: str) -> NDArray[np.floating]:
 
 
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
-@pytest.mark.parametrize("flags", VECTORS, ids=lambda flags: " ".join(flags) or "default")
+@pytest.mark.parametrize("flags", SOME, ids=lambda flags: " ".join(flags) or "default")
 def test_within_units_in_the_last_place(dtype: str, flags: tuple[str, ...], tmp_path: Path) -> None:
     if any(need not in processor().split() for flag, need in NEEDS.items() if flag in flags):
         pytest.skip(f"this processor knows no {flags[0]}")

@@ -30,7 +30,7 @@ from tests.oracles.force_laws import with_laws
 from tests.oracles.journals import random_journals
 from tests.support import watched_calls
 from tests.support.random_robots import random_robot
-from tests.support.soak import WHOLE
+from tests.support.soak import WHOLE, soaked
 
 FILLED = "-ftrivial-auto-var-init"
 SANITIZERS = ("-g1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-fno-omit-frame-pointer")
@@ -135,7 +135,7 @@ def check_filled(source: Source, model: Model, folder: Path, flags: tuple[str, .
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="sanitizers are preloaded as Linux has it")
-@pytest.mark.parametrize("name", [*QUICK, *(pytest.param(name, marks=pytest.mark.soak) for name in SOAK)])
+@pytest.mark.parametrize("name", soaked((*QUICK, *SOAK), ("rubbing_loop",)))
 def test_nothing_is_read_before_it_is_written(name: str, tmp_path: Path) -> None:
     """Steps, their derivatives and accelerations: no byte out of bounds, no undefined value, no lane by another."""
     make, further = (QUICK[name], ()) if name in QUICK else SOAK[name]
@@ -144,6 +144,7 @@ def test_nothing_is_read_before_it_is_written(name: str, tmp_path: Path) -> None
     check_filled(source, model, tmp_path, SANITIZERS)
 
 
+@pytest.mark.soak
 def test_a_local_that_is_not_written_is_seen(tmp_path: Path) -> None:
     model = build_model(eomgen.load_robot("one_link"))
     source = render(derive_equations(model, MOVING), "float64")

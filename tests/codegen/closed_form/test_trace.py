@@ -103,12 +103,12 @@ def compare(robot: Robot, seed: int, external_forces: bool = False, states: int 
         assert kinetic == pytest.approx(s.v @ M @ s.v / 2, rel=1e-12)
 
 
-@pytest.mark.parametrize("seed", [*seeds(0, 2, 3), *seeds(3, 0, 7)])
+@pytest.mark.parametrize("seed", [*seeds(0, 1, 3), *seeds(3, 0, 7)])
 def test_random_robots_against_lagranges_method(seed: int) -> None:
     compare(random_robot(seed, max_size=3), seed)
 
 
-@pytest.mark.parametrize("seed", [101, 104])
+@pytest.mark.parametrize("seed", [104, pytest.param(101, marks=pytest.mark.soak)])
 def test_random_robots_with_four_coordinates(seed: int) -> None:
     compare(random_robot(seed, joints=(1, 2), max_size=4), seed)
 
@@ -171,7 +171,7 @@ def _numbers(row: Sequence[Any], values: dict[Any, Any]) -> Array:
     return np.array([float(entry.xreplace({k: sp.Float(t, 17) for k, t in values.items()})) for entry in row])
 
 
-@pytest.mark.parametrize("seed", seeds(0, 3, 12))
+@pytest.mark.parametrize("seed", seeds(0, 2, 12))
 def test_recursion_equals_closed_form(seed: int) -> None:
     """The generator's programs, evaluated on floats: another derivation of the same terms."""
     robot = random_robot(seed, max_size=4, tree=seed % 3 == 0)

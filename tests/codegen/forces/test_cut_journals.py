@@ -20,7 +20,7 @@ from eomgen.errors import DescriptionError, InputError
 from eomgen.export.fmu.variables import parameter_unit
 from eomgen.export.mujoco import left_out
 from eomgen.integration import integrate
-from eomgen.integration.solve import why_stiff
+from eomgen.integration.plan import why_stiff
 from eomgen.pipeline.costs import RobotInfo
 from eomgen.robot.journals import Radial, SlidingFriction
 from eomgen.robot.laws import least_of
@@ -68,7 +68,9 @@ def inputs_of(robot: Robot, s: State) -> dict[str, object]:
     return {"q": s.q, "v": s.v, "a": s.a, "u": s.u, "p": numbers}
 
 
-@pytest.mark.parametrize("radial", [FULL, PLANE], ids=["length", "plane"])
+@pytest.mark.parametrize(
+    "radial", [pytest.param(FULL, id="length"), pytest.param(PLANE, id="plane", marks=pytest.mark.soak)]
+)
 def test_it_is_the_journal_of_a_joint(radial: Radial, built: Build) -> None:
     """Forces, energy and reactions, one state at a time, several on vectors, and in single precision."""
     tree, cut = pair(radial)

@@ -20,7 +20,8 @@ from eomgen.description.load import robot_from_toml
 from eomgen.errors import ArrayError, DescriptionError, EomgenWarning, InputError
 from eomgen.export.fmu.variables import UNITS, make_layout, step_variable
 from eomgen.export.mujoco import left_out, mjcf
-from eomgen.integration.solve import choose_method, integrate
+from eomgen.integration.plan import choose_method
+from eomgen.integration.solve import integrate
 from eomgen.pipeline.costs import robot_info
 from eomgen.robot.model import build_model
 from eomgen.robot.record import record_of, robot_hash, robot_of

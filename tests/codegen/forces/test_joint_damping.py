@@ -19,7 +19,7 @@ from eomgen.codegen.program.ir import evaluate
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import DescriptionError, InputError
 from eomgen.export.fmu.variables import UNITS, parameter_unit
-from eomgen.integration.solve import choose_method
+from eomgen.integration.plan import choose_method
 from eomgen.pictures import report_of
 from eomgen.pipeline.costs import RobotInfo
 from eomgen.robot.joint_damping import JointDamping
@@ -94,7 +94,7 @@ def about(axis: int, angle: complex) -> Array:
     return found
 
 
-@pytest.mark.parametrize("seed", seeds(2300, 1, 12))
+@pytest.mark.parametrize("seed", [*seeds(2300, 1, 4), *seeds(2305, 0, 7)])  # 2304 ends in a rod without inertia
 def test_forces_take_the_power_of_both_velocities(seed: int, built: Build) -> None:
     """What they add to a robot without them, one state at a time, several on vectors, and in single precision."""
     robot = damped(seed)
@@ -131,6 +131,7 @@ def test_slopes_are_those_of_the_forces(seed: int) -> None:
         assert close(block, complex_steps(robot, s, name), 1e-10)
 
 
+@pytest.mark.soak
 def test_closed_form_has_it() -> None:
     robot = random_robot(2331, joints=(1, 1), types=("fixed",), counts=(0,))
     joint = replace(

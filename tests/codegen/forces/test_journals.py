@@ -17,7 +17,8 @@ from eomgen.codegen.closed_form.trace import closed_form
 from eomgen.codegen.kernels.equations import derive, derive_equations
 from eomgen.codegen.kernels.operation_counts import operations
 from eomgen.codegen.program.ir import evaluate
-from eomgen.integration.solve import choose_method, integrate
+from eomgen.integration.plan import choose_method
+from eomgen.integration.solve import integrate
 from eomgen.robot.journals import Radial, SlidingFriction
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Coordinate, Joint, Link, Robot

@@ -294,7 +294,9 @@ def test_the_rigid_robot_has_the_rotors_as_armatures(built: Build) -> None:
     )
 
 
-@pytest.mark.parametrize("kind", ["plain", "clearance", "curve", "one-sided"])
+@pytest.mark.parametrize(
+    "kind", ["clearance", "curve", *(pytest.param(kind, marks=pytest.mark.soak) for kind in ("plain", "one-sided"))]
+)
 def test_energy_stays(kind: str, built: Build) -> None:
     """Without damping: springs, backlash and curves of transmissions give back what they take."""
     rng = np.random.default_rng(7)

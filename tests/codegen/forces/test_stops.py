@@ -13,7 +13,8 @@ from scipy.integrate import solve_ivp
 from eomgen.errors import DescriptionError
 from eomgen.export.fmu.variables import make_layout, step_variable
 from eomgen.integration.contacts import Contact
-from eomgen.integration.solve import choose_method, integrate
+from eomgen.integration.plan import choose_method
+from eomgen.integration.solve import integrate
 from eomgen.integration.steps import fixed_step
 from eomgen.pipeline.costs import robot_info
 from eomgen.robot.model import build_model

@@ -51,6 +51,7 @@ def chain(joints: int, active: tuple[str, ...] = COORDINATES) -> Robot:
 # -- eq. (5) --------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.soak
 def test_eq_5_needs_the_derivative_by_the_velocity() -> None:
     """The trace equals d/dt(dE/ds_dot) - dE/ds; with the printed d/dt(dE/ds) it does not."""
     A, functions = joint_in_time(("x", "gamma"))
@@ -100,11 +101,13 @@ def second_rate() -> dict[str, Array]:
     return {name: evaluate(expression) for name, expression in sums.items()}
 
 
+@pytest.mark.soak
 def test_eq_6_has_wrong_indices(second_rate: dict[str, Array]) -> None:
     assert not np.allclose(second_rate["printed"], second_rate["exact"], atol=1e-3)
     assert not np.allclose(second_rate["printed"], second_rate["indices"], atol=1e-3)
 
 
+@pytest.mark.soak
 def test_eq_6_counts_mixed_terms_once(second_rate: dict[str, Array]) -> None:
     """With the indices put right, an angle and a translation still need the 2 that eq. (10) has.
 
@@ -183,6 +186,7 @@ def moments() -> tuple[Array, Array, Array]:
     return moment_forces(("x", *ANGULAR))
 
 
+@pytest.mark.soak
 def test_eq_14_moment_term_is_right_for_gamma_only(moments: tuple[Array, Array, Array]) -> None:
     by_lagrange, corrected, printed = moments
     assert np.allclose(corrected, by_lagrange, atol=1e-12)
@@ -192,6 +196,7 @@ def test_eq_14_moment_term_is_right_for_gamma_only(moments: tuple[Array, Array, 
         assert abs(printed[index] - by_lagrange[index]) > 0.1
 
 
+@pytest.mark.soak
 def test_eq_14_moment_does_no_work_on_a_translation(moments: tuple[Array, Array, Array]) -> None:
     """As printed, theta_i = 1 belongs to the hinge, so a deviation x of a rotary hinge would feel the moment."""
     by_lagrange, corrected, printed = moments

@@ -15,6 +15,7 @@ from tests.oracles.unpruned import brute_force
 from tests.support.generic_robots import chain, generic
 from tests.support.random_motors import geared_robot
 from tests.support.random_robots import random_robot, random_state
+from tests.support.soak import soaked
 
 Array = NDArray[np.float64]
 
@@ -77,7 +78,7 @@ def test_antisymmetry_holds_in_numbers() -> None:
                 assert C[i, j, k] == pytest.approx(-C[k, i, j], abs=1e-13)
 
 
-@pytest.mark.parametrize("seed", range(60))
+@pytest.mark.parametrize("seed", soaked(range(60), range(20)))
 def test_map_equals_the_pattern_of_numbers(seed: int) -> None:
     """Any subset of coordinates, chains and trees: no zero is missed and none is claimed that is not there."""
     rng = np.random.default_rng(seed)

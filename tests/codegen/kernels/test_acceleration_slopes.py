@@ -117,9 +117,9 @@ def test_what_free_bodies_do_not_know_of_each_other() -> None:
         ("ur5", (1440, 1220, 4)),
         ("UR5 URDF", (1276, 1097, 5)),
         ("elastic", (20800, 16200, 18)),
-        ("x6", (7700, 6000, 6)),
+        pytest.param("x6", (7700, 6000, 6), marks=pytest.mark.soak),
         ("Panda URDF", (3690, 3380, 7)),
-        ("Talos reduced", (17200, 14900, 27)),
+        pytest.param("Talos reduced", (17200, 14900, 27), marks=pytest.mark.soak),
     ],
 )
 def test_operations_of_derivatives_hold_their_line(name: str, most: tuple[int, int, int]) -> None:

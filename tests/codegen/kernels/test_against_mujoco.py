@@ -15,7 +15,10 @@ from tests.support.random_robots import random_state
 Motion = tuple[eomgen.Kernel, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
-@pytest.mark.parametrize(("seed", "tree"), [(1, False), (2, False), (3, True), (4, True)])
+@pytest.mark.parametrize(
+    ("seed", "tree"),
+    [(1, False), (3, True), *(pytest.param(*case, marks=pytest.mark.soak) for case in ((2, False), (4, True)))],
+)
 def test_dynamics_equal_mujocos(seed: int, tree: bool, built: Build) -> None:
     robot = elastic_robot(seed, joints=4 if tree else 3, tree=tree)
     kernel = built(robot, "mass_matrix", "bias_force", "inverse_dynamics", "energy")

@@ -58,6 +58,7 @@ def test_a_thousand_robots(first: int, built: Build, figures: Figures, empty_cac
         check(number, built, figures, empty_cache)
 
 
+@pytest.mark.soak
 def test_the_thousand_have_all_that_there_is() -> None:
     """Sizes, branches, joints of 0 to 6 coordinates; and the quick ones have every form."""
     robots = [many_robot(number) for number in range(ROBOTS)]

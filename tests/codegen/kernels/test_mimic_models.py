@@ -22,8 +22,7 @@ KERNELS = ("mass_matrix", "inverse_dynamics", "forward_dynamics", "kinematics")
 EXAMPLES = {path.stem: path for path in example_urdfs()}
 MIMICS = (
     "panda",
-    "baxter",
-    *(pytest.param(name, marks=pytest.mark.soak) for name in ("tiago_pro", "talos_full_v2", "romeo", "pr2")),
+    *(pytest.param(name, marks=pytest.mark.soak) for name in ("baxter", "tiago_pro", "talos_full_v2", "romeo", "pr2")),
 )
 
 

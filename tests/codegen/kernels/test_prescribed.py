@@ -158,6 +158,7 @@ def test_a_pendulum_on_a_shaken_pivot(method: str, built: Build) -> None:
     assert np.allclose(found.of("shaker.z"), [shake(t)[0][0] for t in found.t], rtol=0, atol=1e-15)
 
 
+@pytest.mark.soak
 def test_a_steady_acceleration_is_gravity(built: Build) -> None:
     """A platform that gains speed evenly: its arm feels another gravity, and moves as one that stands there."""
     robot = eomgen.load_robot("shaken_arm")
@@ -182,6 +183,7 @@ def test_a_steady_acceleration_is_gravity(built: Build) -> None:
     assert np.allclose(moving.u[:, :6], standing.u[:, :6], rtol=1e-6, atol=1e-4)
 
 
+@pytest.mark.soak
 def test_power_balance_of_a_shaken_arm(built: Build) -> None:
     """What the platform's drives put in is kinetic and potential energy, or goes into the dampers."""
     robot = eomgen.load_robot("shaken_arm")
@@ -197,6 +199,7 @@ def test_power_balance_of_a_shaken_arm(built: Build) -> None:
     assert np.abs(total - total[0] - work).max() < 1e-5 * np.abs(total - total[0]).max()
 
 
+@pytest.mark.soak
 def test_bench_and_info_know_what_is_prescribed() -> None:
     """Articulated bodies do not solve for a force: forward dynamics has no counterpart there."""
     robot = eomgen.load_robot("shaken_arm")

@@ -50,6 +50,7 @@ def operations(robot: Robot, kernels: tuple[str, ...]) -> dict[str, np.ndarray]:
     return {k: np.array([programs[k].count()[x] for x in ("mul", "add", "div")]) for k in kernels}
 
 
+@pytest.mark.soak
 def test_operations_grow_linearly() -> None:
     """Every two further links cost the same, to the operation, at both ends of a long chain."""
     kernels = ("residual", "forward_dynamics", "inverse_dynamics", "generalized_force")
@@ -71,6 +72,7 @@ def test_a_step_of_a_rollout_grows_linearly() -> None:
     }
 
 
+@pytest.mark.soak
 def test_a_long_chain(built: Build) -> None:
     """12 links, 72 coordinates: forward dynamics undoes inverse dynamics."""
     robot = equal_links(12)
@@ -116,7 +118,7 @@ ROBOTS = {
     "Panda URDF": lambda: example("panda_description/urdf/panda.urdf"),
     "Talos reduced": lambda: example("talos_data/robots/talos_reduced.urdf"),
 }
-QUICK = ("puma560_generic", "puma560_elastic", "ur5", "UR5 URDF")
+QUICK = ("puma560_generic", "ur5", "UR5 URDF")
 
 
 @pytest.mark.parametrize(

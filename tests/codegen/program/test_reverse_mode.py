@@ -116,6 +116,7 @@ def test_derivatives_of_closed_mechanisms(name: str) -> None:
     check(Inputs(model, name, 3, np.array([0.5, 0.2, 1.2])))
 
 
+@pytest.mark.soak
 def test_every_derivative_has_as_many_results_as_its_signature_says() -> None:
     for name in ("one_link", "four_bar"):
         model = build_model(eomgen.load_robot(name))
@@ -151,7 +152,9 @@ def test_every_operation_has_its_transpose() -> None:
                 assert rows["out", 2 * k + i] == pytest.approx(complex(slope["out", k]).imag / STEP, rel=1e-13)
 
 
-@pytest.mark.parametrize("name", ["puma560", "puma560_elastic", "worn_arm", "four_bar"])
+@pytest.mark.parametrize(
+    "name", ["puma560", pytest.param("puma560_elastic", marks=pytest.mark.soak), "worn_arm", "four_bar"]
+)
 def test_operations(name: str) -> None:
     """A gradient takes a few times what its program takes, whatever the number of coordinates is."""
     model = build_model(eomgen.load_robot(name))

@@ -84,6 +84,7 @@ def test_by_velocity_is_twice_the_coriolis_matrix(seed: int, built: Build) -> No
     assert distance(by_v, 2.0 * kernel.coriolis_matrix(s.q, s.v)) < 1e-11
 
 
+@pytest.mark.soak
 def test_of_the_elastic_arm(built: Build) -> None:
     """36 coordinates with springs, dampers and armatures."""
     robot = eomgen.load_robot("puma560_elastic")

@@ -87,7 +87,7 @@ def test_an_offset_that_is_tunable_begins_at_zero(built: Build) -> None:
     assert distance(kernel.inverse_dynamics(s.q, s.v, s.a), reference.inverse_dynamics(s.q, s.v, s.a)) > 1e-3
 
 
-@pytest.mark.parametrize("seed", seeds(1232, 1, 3))
+@pytest.mark.parametrize("seed", seeds(1232, 0, 3))
 def test_closed_form_and_textbook_know_offsets(seed: int, built: Build) -> None:
     """Of translations and active angles; another one is refused, not forgotten."""
     robot = with_offsets(random_robot(seed, joints=(2, 2), max_size=4), seed, active_angles=True)

@@ -20,20 +20,19 @@ from ...names import listed, show
 from ..calls import Calls
 from ..derivatives import parameter_slots
 from ..raw import FFI, Library, RawFunction
-from .adaptive import DONE, adaptive_rollout, takes_samples, times_of_samples, tolerances
-from .adaptive import METHODS as ADAPTIVE
+from .adaptive import DONE, adaptive_rollout
 from .given_loads import Loads
 from .load_slopes import Acting
 from .loads import BACK, Slopes
-from .many_steps import rollout, step_length
-from .rollouts import NUMBERS, Given, count_states, read_given, room_for, whole_number
+from .many_steps import rollout
+from .options import ADAPTIVE, ErrorControl, LoadedStepOptions, StepOptions
+from .rollouts import Given, Inputs, read_given, room_for
 from .stiff_steps import Pair, parts_of, refuse_different
 
 Array = NDArray[Any]
 Loss = Callable[[Array, Array, Array], tuple[Any, ArrayLike, ArrayLike]]
 
 NAMES = ("q", "v", "u", "target", "kp", "kd")  # of what gradients are taken by
-STATES = ("q0", "v0", "u", "target")  # arrays that may have a row for each state
 WAYS = {"rk4": ("explicit", 0), "tsit5": ("explicit", 1), "implicit": ("implicit", 0), "rosenbrock": ("rosenbrock", 0)}
 ROOM = 2**22  # numbers that are kept of all steps; of longer motions parts are stepped through once more
 SHORTEST = 256  # steps of such a part: shorter ones would take longer in Python than in C
@@ -248,51 +247,25 @@ class Room:
 
 def rollout_gradient(
     calls: Calls,
-    driven: Sequence[int],
-    q0: ArrayLike,
-    v0: ArrayLike,
-    u: ArrayLike,
-    dt: float | None,
-    steps: int | None,
+    inputs: Inputs,
+    options: StepOptions,
     *,
     loss: Loss,
     parameters: Sequence[str],
-    method: str,
-    every: int,
-    duration: float | None,
-    samples: int | None,
-    rtol: float,
-    atol: ArrayLike | None,
-    kp: ArrayLike | None,
-    kd: ArrayLike | None,
-    target: ArrayLike | None,
     loads: Loads | Sequence[Loads] | None,
     out: Mapping[str, Array] | None,
-    effort: Array | None = None,
 ) -> tuple[Any, dict[str, Any]]:
-    """The gradient of a rollout, as ``Kernel.rollout_gradient`` describes it.
-
-    Args:
-        calls: of the calls.
-        driven: indices of the coordinates that a controller may act on.
-        q0, v0, u, dt, steps, loss, parameters, method, every, duration, samples, rtol, atol, kp, kd, target,
-            loads, out: as there.
-        effort: greatest forces of drives, (n,), or none.
-    """
-    slots = parameter_slots(calls.parameters, parameters)
-    steps_of: dict[str, Any] = {"method": method, "dt": dt, "steps": steps, "every": every}
-    steps_of |= {"duration": duration, "samples": samples, "rtol": rtol, "atol": atol}
-    controlled: dict[str, Any] = {"kp": kp, "kd": kd, "target": target}
-    given: dict[str, Any] = {"q0": q0, "v0": v0, "u": u, **controlled, "effort": effort}
-    acting = None if loads is None else Acting(calls, "gradient", loads, effort)
-    motion, times, taken = taken_steps(calls, driven, "gradient", given, acting, **steps_of)
+    """Return the gradient of a rollout, as ``Kernel.rollout_gradient`` describes it."""
+    slots, method = parameter_slots(calls.parameters, parameters), options.method
+    acting = None if loads is None else Acting(calls, "gradient", loads, inputs.control.effort)
+    motion, times, taken = taken_steps(calls, "gradient", inputs, acting, options)
     motion.write_to({} if out is None else out)
 
     ways = [motion.way(method, state, steps) for state, steps in enumerate(taken) if steps is not None]
     room = Room(calls, ways)
     found = _there(motion, ways, times.size, room)
     if found is None:  # the rollout says why
-        raise stopped(calls, driven, given, loads, **steps_of)
+        raise stopped(calls, inputs, options, loads)
     value, by_q, by_v = _asked(calls, loss, times, *found, single=motion.is_single)
     parts = [parts_of(way.steps.stiffness) for way in ways]
     fine = motion if all(x is None for x in parts) else motion.again()
@@ -343,77 +316,52 @@ def _refuse_singular(calls: Calls, q: ArrayLike, v: ArrayLike) -> None:
 
 
 def taken_steps(
-    calls: Calls,
-    driven: Sequence[int],
-    kind: str,
-    given: Mapping[str, Any],
-    acting: Acting | None,
-    *,
-    method: str,
-    dt: float | None,
-    steps: int | None,
-    every: int,
-    duration: float | None,
-    samples: int | None,
-    rtol: float,
-    atol: ArrayLike | None,
+    calls: Calls, kind: str, inputs: Inputs, acting: Acting | None, options: StepOptions
 ) -> tuple[Motion, Array, list[Steps | None]]:
     """A motion, times of its samples, s, and the steps of each state; None for one that does not get to its end.
 
     Args:
-        calls, driven, method, dt, steps, every, duration, samples, rtol, atol: as of ``rollout_gradient``.
+        calls: of the calls.
         kind: of the function that takes the steps, "gradient", which goes back, or "sensitivity".
-        given: q0, v0, u, kp, kd, target and effort by their names.
+        inputs, options: of the rollout.
         acting: loads, if there are some.
     """
-    chooses = takes_samples(method, dt=dt, steps=steps, every=every, duration=duration, samples=samples, atol=atol)
-    function, count = _step_function(calls, method, kind), count_states(**{x: given[x] for x in STATES})
+    function, count = _step_function(calls, options.method, kind), inputs.count()
     count = count if acting is None else acting.count(count)
-    if chooses and acting is not None:
-        acting.end_steps()
-    most = NUMBERS // (calls.n * max(count or 1, 1))
-    label, number = ("samples", 1 if samples is None else samples) if chooses else ("steps", steps)
-    rows = whole_number(label, number, most)
-    motion = Motion(calls, function, read_given(calls, driven, rows, count, **given), acting)
-    _refuse_singular(calls, given["q0"], given["v0"])
-    if chooses:
-        times: Array = times_of_samples(duration, rows)
-        allowed = tolerances(calls, rtol, atol, _adaptive(calls).library.meta)
-        return motion, times, [_chosen_steps(motion, i, times, method, allowed) for i in range(motion.states)]
-    length, every = step_length(calls, dt), whole_number("every", every, most)
+    if options.is_adaptive:
+        if acting is not None:
+            acting.end_steps()
+        times = options.times(calls, count)
+        motion = _motion(calls, function, inputs, times.size - 1, count, acting)
+        control = options.error_control(calls, _adaptive(calls).library.meta)
+        return motion, times, [_chosen_steps(motion, i, times, control) for i in range(motion.states)]
+    length, rows, every = options.fixed_steps(calls, count)
+    motion = _motion(calls, function, inputs, rows, count, acting)
     try:
-        times = float(length) * every * np.arange(rows // every + 1)
-        each = float(length) * np.arange(rows + 1)
+        times = length * every * np.arange(rows // every + 1)
+        each = length * np.arange(rows + 1)
         same = Steps(np.full(rows, length, calls.dtype), each, np.arange(rows), np.arange(0, rows + 1, every))
     except MemoryError:
         raise InputError(f"rollout: {rows} steps are more than there is memory for; allowed: fewer steps") from None
     return motion, times, [same] * motion.states
 
 
-def stopped(
-    calls: Calls,
-    driven: Sequence[int],
-    given: Mapping[str, Any],
-    loads: Loads | Sequence[Loads] | None,
-    *,
-    method: str,
-    dt: float | None,
-    steps: int | None,
-    every: int,
-    duration: float | None,
-    samples: int | None,
-    rtol: float,
-    atol: ArrayLike | None,
-) -> InputError:
+def _motion(
+    calls: Calls, function: RawFunction, inputs: Inputs, rows: int, count: int | None, acting: Acting | None
+) -> Motion:
+    """The motion of these inputs, which does not begin in a singular pose."""
+    motion = Motion(calls, function, read_given(calls, inputs, rows, count), acting)
+    _refuse_singular(calls, inputs.q0, inputs.v0)
+    return motion
+
+
+def stopped(calls: Calls, inputs: Inputs, options: StepOptions, loads: Loads | Sequence[Loads] | None) -> InputError:
     """The error of steps that do not get to their end, where the rollout does not say why itself."""
-    q0, v0, u = given["q0"], given["v0"], given["u"]
-    controlled: dict[str, Any] = {name: given[name] for name in ("kp", "kd", "target", "effort")}
-    if method in ADAPTIVE:
-        how: dict[str, Any] = {"method": method, "rtol": rtol, "atol": atol, "loads": loads}
-        adaptive_rollout(calls, driven, q0, v0, u, duration, samples, **how, **controlled)
+    if options.is_adaptive:
+        adaptive_rollout(calls, inputs, LoadedStepOptions(**vars(options), loads=loads))
     elif loads is None:
-        rollout(calls, driven, q0, v0, u, dt, steps, method=method, every=every, **controlled)
-    return InputError(f"rollout: {method} comes to an end that is not finite; allowed: shorter steps")
+        rollout(calls, inputs, options)
+    return InputError(f"rollout: {options.method} comes to an end that is not finite; allowed: shorter steps")
 
 
 def _step_function(calls: Calls, method: str, kind: str) -> RawFunction:
@@ -572,7 +520,7 @@ def _adaptive(calls: Calls) -> RawFunction:
     return calls.raw.adaptive
 
 
-def _chosen_steps(motion: Motion, state: int, times: Array, method: str, allowed: tuple[float, Array]) -> Steps | None:
+def _chosen_steps(motion: Motion, state: int, times: Array, control: ErrorControl) -> Steps | None:
     """The steps that the error chooses for a state; None where it does not get to its end."""
     calls, function = motion.calls, _adaptive(motion.calls)
     library, view = function.library, calls.raw.view
@@ -580,10 +528,10 @@ def _chosen_steps(motion: Motion, state: int, times: Array, method: str, allowed
     stored = [np.empty((times.size, calls.n), calls.dtype) for _ in at]
     ends, kept = np.empty((2, RECORDED)), [np.empty((RECORDED, calls.n), calls.dtype) for _ in at]
     fields = {"t": FFI.from_buffer("double[]", ends[0]), "q": view(kept[0]), "v": view(kept[1])}
-    if method == EXPLICIT:
+    if control.method == EXPLICIT:
         fields["stiffness"] = FFI.from_buffer("double[]", ends[1])
     record, progress = library.new("record", **fields, room=RECORDED), library.new("progress")
-    tolerance = library.new("tolerance", rtol=allowed[0], atol=view(allowed[1]), most=RECORDED)
+    tolerance = library.new("tolerance", rtol=control.rtol, atol=view(control.atol), most=RECORDED)
     drive, loads = motion.drive(library, state), motion.loads(library, state)
     if not drive.u_step and not drive.target_step:  # rows that change nothing: steps then end at samples
         rows = np.tile(motion.held(state), (times.size, 1))
@@ -599,7 +547,7 @@ def _chosen_steps(motion: Motion, state: int, times: Array, method: str, allowed
             tolerance,
             where,
             times.size - 1,
-            ADAPTIVE[method],
+            ADAPTIVE[control.method],
             *map(view, (*at, *stored)),
             progress,
             record,
@@ -612,7 +560,7 @@ def _chosen_steps(motion: Motion, state: int, times: Array, method: str, allowed
     rows = np.searchsorted(times, (t[1:] + t[:-1]) / 2.0, side="right") - 1
     told = np.searchsorted(t, times - 1e-9 * np.diff(t).min(initial=1.0), side="left")
     dt = np.diff(t).astype(calls.dtype)
-    return Steps(dt, t, rows, told, stiffness if method == EXPLICIT else None)
+    return Steps(dt, t, rows, told, stiffness if control.method == EXPLICIT else None)
 
 
 def _asked(calls: Calls, loss: Loss, times: Array, q: Array, v: Array, *, single: bool) -> tuple[Any, Array, Array]:

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from ..calls import Calls
 from ..pieces import OPERATIONS
 from ..raw import FFI
-from .adaptive import METHODS, STAGES
+from .adaptive import STAGES
 from .given_loads import check_loads
 from .loads import WORKS, LoadData, Packed
+from .options import ADAPTIVE, ErrorControl
 
 Array = NDArray[Any]
 
@@ -68,8 +69,7 @@ class Loaded:
         loads: the data.
         times: of the samples, s, (T,).
         q, v: the state at the first time, (n,).
-        method: of METHODS, or AUTO.
-        rtol, atol: tolerances; atol of q, then of v, (2n,).
+        control: the method, or AUTO, and its tolerances.
         steps_kept: how many steps a call takes at most, whose ends it keeps; none are kept without.
         works: whether works are integrated, too; not where a joint turns freely.
 
@@ -90,9 +90,7 @@ class Loaded:
         times: Array,
         q: Array,
         v: Array,
-        method: str,
-        rtol: float,
-        atol: Array,
+        control: ErrorControl,
         steps_kept: int = 0,
         *,
         works: bool = False,
@@ -108,18 +106,18 @@ class Loaded:
         self._times = np.array(times, dtype=np.float64)
         self.state = np.array([q, v], dtype=calls.dtype)
         self.samples = np.full((2, self._times.size, calls.n), np.nan, calls.dtype)
-        self._atol, self._nothing = np.array(atol, dtype=calls.dtype), np.zeros(calls.n, calls.dtype)
-        self._alternation, self._method = Alternation() if method == AUTO else None, method
+        self._atol, self._nothing = np.array(control.atol, dtype=calls.dtype), np.zeros(calls.n, calls.dtype)
+        self._alternation, self._method = Alternation() if control.method == AUTO else None, control.method
         operations = max(function.operations, 1) * max(STAGES.values())  # none where all is prescribed
         self._most = max(OPERATIONS // CALLS // operations, 1)
-        self._allowed = library.new("tolerance", rtol=rtol, atol=view(self._atol), most=self._most)
+        self._allowed = library.new("tolerance", rtol=control.rtol, atol=view(self._atol), most=self._most)
         self._turned = np.zeros(calls.raw.turning_room, calls.dtype)  # by which a call goes on, to the bit
         fields: dict[str, Any] = {"turned": view(self._turned)} if self._turned.size else {}
         self._drive = library.drive(u=view(self._nothing), **fields)
         self.progress = library.new("progress")
         if self.works is not None:
             self.progress.works = FFI.from_buffer("double[]", self.works)
-        self.evaluations, self.spans = 0, dict.fromkeys(METHODS, 0.0)
+        self.evaluations, self.spans = 0, dict.fromkeys(ADAPTIVE, 0.0)
         self._view, self._record = view, library.ffi.NULL
         self._kept = [np.zeros(steps_kept), *(np.zeros((steps_kept, calls.n), calls.dtype) for _ in range(2))]
         if steps_kept:
@@ -153,7 +151,7 @@ class Loaded:
             method, most = alternation.method, min(alternation.steps, most)
         self._allowed.most = most
         before, t = progress.steps + progress.rejected, progress.t if progress.sample else self._times[0]
-        self._function.code(*self._first, METHODS[method], *self._last)
+        self._function.code(*self._first, ADAPTIVE[method], *self._last)
         steps = int(progress.steps + progress.rejected - before)
         self.evaluations += STAGES[method] * steps
         self.spans[method] += float(progress.t - t)

@@ -10,61 +10,36 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from ...errors import ArrayError, InputError, IntegrationStopped
-from ...names import show
+from ...errors import ArrayError, IntegrationStopped
 from ..calls import Calls
 from ..opened import stays_open
 from ..pieces import OPERATIONS, ROUND, shared
 from ..raw import RawFunction
-from .rollouts import LONGEST, NUMBERS, SHARE, Rollout, as_number, count_states, read_given, room_for, whole_number
+from .options import FIXED, StepOptions
+from .rollouts import SHARE, Inputs, Rollout, read_given, room_for
 
 Array = NDArray[Any]
 Laws = tuple[Sequence[Array], Array | None]  # gains of a controller, and efforts
 
-METHODS = {"rk4": 0, "implicit": 1}
 BUFFER = 2**15  # numbers of many states that are stored at once where a piece of work does not reach the end
 SHORT = 1e-12  # s, in which nothing moves
 FAR = 1e6  # m or rad, beyond which no robot is: the integration has failed
 ADVICE = " take a shorter dt, or method='implicit' where springs are stiff"
 
 
-def rollout(
-    calls: Calls,
-    driven: Sequence[int],
-    q0: ArrayLike,
-    v0: ArrayLike,
-    u: ArrayLike,
-    dt: float | None,
-    steps: int | None,
-    *,
-    method: str,
-    every: int,
-    kp: ArrayLike | None,
-    kd: ArrayLike | None,
-    target: ArrayLike | None,
-    effort: Array | None = None,
-) -> Rollout:
-    """Integrate with fixed steps, as ``Kernel.rollout`` describes it.
-
-    Args:
-        calls: of the calls.
-        driven: indices of the coordinates that a controller may act on.
-        q0, v0, u, dt, steps, method, every, kp, kd, target: as of ``Kernel.rollout``.
-        effort: greatest forces of drives, (n,), or none.
-    """
+def rollout(calls: Calls, inputs: Inputs, options: StepOptions) -> Rollout:
+    """Integrate with fixed steps, as ``Kernel.rollout`` describes it."""
     if calls.raw.rollout is None:
         raise calls.raw.missing("rollout")
-    count = count_states(q0=q0, v0=v0, u=u, target=target)
-    most = NUMBERS // (calls.n * max(count or 1, 1))
-    steps, every = whole_number("steps", steps, most), whole_number("every", every, most)
-    dt = step_length(calls, dt)
-    given = read_given(calls, driven, steps, count, q0=q0, v0=v0, u=u, kp=kp, kd=kd, target=target, effort=effort)
+    count, method = inputs.count(), FIXED[options.method]
+    dt, steps, every = options.fixed_steps(calls, count)
+    given = read_given(calls, inputs, steps, count)
     starts, drives, gains = given.starts, given.drives, (given.gains, given.effort)
     shape = (() if count is None else (count,)) + (steps // every + 1, calls.n)
     result = room_for(calls, shape, "a larger `every`"), room_for(calls, shape, "a larger `every`")
-    code = _call(calls, starts, drives, gains, (dt, steps, every, METHODS[method]), count, result)
+    code = _call(calls, starts, drives, gains, (dt, steps, every, method), count, result)
     if code < 0 and all(np.isfinite(array).all() for array in result):
         figures: dict[str, Any] = {"steps": steps, "rejected": 0, "largest": dt, "smallest": dt}
         return Rollout.of(*result, **{k: x if count is None else np.full(count, x) for k, x in figures.items()})
@@ -79,7 +54,7 @@ def rollout(
             what = f"{stays_open(calls.raw, reason - calls.n)}{place};{ADVICE}"
             raise _stopped(calls, result, state, every * dt, 0, what, trouble)
         one = None if count is None else 1  # by the same code
-        if trouble is None and not _begins_well(calls, alone, drives, gains, dt, step, METHODS[method], one):
+        if trouble is None and not _begins_well(calls, alone, drives, gains, dt, step, method, one):
             raise calls.singular("rollout", reason, place, None if step else alone[0][0])
         advice = _turned_about(calls, drives) or ADVICE
         what = f"no acceleration{place}, though there is one where it begins;{advice}"
@@ -133,15 +108,6 @@ def _stopped(
     stopped = IntegrationStopped(message, last * apart, q, v, name)
     stopped.stored = result
     return stopped
-
-
-def step_length(calls: Calls, dt: float | None) -> float:
-    """The length of a step as the kernel's dtype has it."""
-    found, least = as_number(dt), float(np.finfo(calls.dtype).tiny)
-    if not least <= found <= LONGEST:
-        allowed = f"a number from {least:.3g}, the least above 0 that {calls.dtype} holds, to {LONGEST:g} is allowed"
-        raise InputError(f"rollout: dt = {show(dt)} is not a length of time; {allowed}")
-    return found
 
 
 def _call(

@@ -59,7 +59,7 @@ def _add_compensate(parser: argparse.ArgumentParser) -> None:
 
 
 def _compensate(options: argparse.Namespace) -> None:
-    from ...identification.compensating.correcting import compensate
+    from ...identification.compensating.solve import compensate
     from ...pictures.measured.compensation import plot_compensation
 
     check_output(options, ".npz")

@@ -100,7 +100,7 @@ def _add_excite(parser: argparse.ArgumentParser) -> None:
 
 
 def _excite(options: argparse.Namespace) -> None:
-    from ...identification.exciting.designing import excite
+    from ...identification.exciting.solve import excite
     from ...identification.identifiable import TERMS
 
     motion = _outputs(options.output)

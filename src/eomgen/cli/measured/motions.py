@@ -55,7 +55,7 @@ def _add_fit(parser: argparse.ArgumentParser) -> None:
 
 
 def _fit(options: argparse.Namespace) -> None:
-    from ...identification.least_squares import fit
+    from ...identification.stiffness.solve import fit
 
     robot = read_robot(options)
     with stage_bar("fitting") as report:
@@ -103,8 +103,8 @@ def _add_identify(parser: argparse.ArgumentParser) -> None:
 
 
 def _identify(options: argparse.Namespace) -> None:
+    from ...identification.dynamics.solve import identify
     from ...identification.identifiable import TERMS
-    from ...identification.inertial import identify
     from ...pictures.measured.motions import plot_identification
 
     check_output(options, ".npz")

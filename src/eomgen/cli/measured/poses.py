@@ -78,7 +78,7 @@ def _add_calibrate(parser: argparse.ArgumentParser) -> None:
 
 
 def _calibrate(options: argparse.Namespace) -> None:
-    from ...identification.calibration.calibrating import calibrate
+    from ...identification.calibration.solve import calibrate
     from ...identification.geometry.covariances import read_covariances
     from ...pictures.measured.calibration import plot_calibration
 
@@ -177,7 +177,7 @@ def _add_poses(parser: argparse.ArgumentParser) -> None:
 
 
 def _poses(options: argparse.Namespace) -> None:
-    from ...identification.choosing.choosing import poses
+    from ...identification.choosing.solve import poses
 
     if options.output is not None:
         check_ending(options.output, ".csv", ".json")

@@ -59,7 +59,7 @@ def _add_accuracy(parser: argparse.ArgumentParser) -> None:
 
 
 def _accuracy(options: argparse.Namespace) -> None:
-    from ...identification.iso_9283.evaluate import accuracy
+    from ...identification.iso_9283.solve import accuracy
     from ...sweep.plan import load_plan
 
     with progress_bar("evaluating") as report:

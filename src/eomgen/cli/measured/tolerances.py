@@ -48,7 +48,7 @@ def _add_tolerance(parser: argparse.ArgumentParser) -> None:
 
 
 def _tolerance(options: argparse.Namespace) -> None:
-    from ...identification.tolerances.budgeting import tolerance
+    from ...identification.tolerances.solve import tolerance
     from ...pictures.measured.tolerances import plot_tolerance
 
     check_output(options, ".json")

@@ -28,8 +28,8 @@ from eomgen.pipeline.stages import Options, make_source
 from eomgen.progress import StageReport, no_report
 from eomgen.robot.model import Model, build_model
 from eomgen.robot.value import Robot
-from eomgen.runtime.stepping.adaptive import METHODS as STEPPERS
 from eomgen.runtime.stepping.loaded import COST, FEW, MANY, TRIAL
+from eomgen.runtime.stepping.options import ADAPTIVE as STEPPERS
 
 from ...pipeline.closing import closed_home
 from ..step import default_step

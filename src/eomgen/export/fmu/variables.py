@@ -17,7 +17,7 @@ from eomgen.robot.laws import BASIC, JOINT_DAMPING, NUMBERS, RADIAL, least_of, n
 from eomgen.robot.model import FIXED_BODY, Model
 from eomgen.robot.rules import ROTORS
 from eomgen.robot.value import LINEAR, MOTOR, PRINCIPAL, Robot
-from eomgen.runtime.stepping.adaptive import LEAST
+from eomgen.runtime.stepping.options import LEAST
 
 BASE = {  # exponents of SI base units, and of rad
     "N": {"kg": 1, "m": 1, "s": -2},

@@ -24,9 +24,7 @@ from eomgen.pipeline.stages import Options, make_source
 from eomgen.progress import StageReport, no_report
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
-from eomgen.runtime.stepping.adaptive import LEAST
-from eomgen.runtime.stepping.adaptive import METHODS as ADAPTIVE
-from eomgen.runtime.stepping.many_steps import METHODS as FIXED
+from eomgen.runtime.stepping.options import ADAPTIVE, FIXED, LEAST
 
 from .compile import compile_wasm, wasm_command
 

@@ -16,7 +16,7 @@ from ...optional import optional_import
 from ..geometry.error_model import PLACEMENT, drive_terms
 from ..geometry.observations import at_rows
 from ..geometry.poses import MeasuredPoses
-from ..geometry.solving import HIDDEN, Fit, Problem, fitted, whitened
+from ..geometry.solve import HIDDEN, Fit, Problem, fitted, whitened
 from .drives import best_group, extended
 from .serial import Serial, serial_of
 

@@ -13,7 +13,7 @@ from ...optional import optional_import
 from ...progress import StageReport
 from ..geometry.error_model import Quantity, drive_terms
 from ..geometry.observations import at_rows
-from ..geometry.solving import Fit, Problem, fitted, whitened
+from ..geometry.solve import Fit, Problem, fitted, whitened
 
 Array = NDArray[np.float64]
 

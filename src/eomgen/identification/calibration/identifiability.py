@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ...errors import InputError
 from ..geometry.error_model import COMPLIANCE, PLACEMENT, ErrorModel, Quantity, Rows
 from ..geometry.observations import ORIENTATION, Block, Observations, at_rows
-from ..geometry.solving import Fit, Problem, algebraic_rank, normed_triangle, whitened
+from ..geometry.solve import Fit, Problem, algebraic_rank, normed_triangle, whitened
 from ..geometry.stations import Chain, located
 
 Array = NDArray[np.float64]

@@ -18,7 +18,7 @@ from ...names import kind_of
 from ..geometry.observations import ORIENTATION, POSITION, at_rows
 from ..geometry.poses import Measured, MeasuredPoses
 from ..geometry.rotations import FOUR, READINGS
-from ..geometry.solving import Problem
+from ..geometry.solve import Problem
 from .variants import roughly_placed
 
 Array = NDArray[np.float64]

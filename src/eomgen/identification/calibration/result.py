@@ -5,14 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...errors import InputError, UnknownNameError
-from ...names import kind_of, nearest_or_all, split_component
+from ...motion.measured_numbers import ALLOWED_DIVISOR, is_divisor
+from ...names import kind_of, listed, nearest_or_all, show, split_component
 from ...optional import optional_import
+from ...results.contents import Contents
+from ...results.kinds import Kind, Saved, declare, read
+from ...results.stored import Stored
 from ...robot.coordinates import UNITS
 from ...robot.value import Robot
 from ...shown import Shown
@@ -24,8 +28,8 @@ from .as_toml import Found, write_toml
 from .as_urdf import write_urdf
 from .diagnosing import Diagnosis, diagnosis_values
 from .identifiability import merged_rows
+from .model_record import model_from_record, record_of_model
 from .predicting import readings_from, refuse_open
-from .recorded import write_record
 from .variants import NO_GAIN, VARIANTS, Gain, Gains
 
 Array = NDArray[np.float64]
@@ -33,7 +37,7 @@ Residuals = Mapping[str, Mapping[str, Mapping[str, float]]]
 
 
 @dataclass(frozen=True, kw_only=True)
-class CalibrationResult(Shown, Tabular):
+class CalibrationResult(Shown, Tabular, Saved):
     """Calibration of a robot by measured poses.
 
     Attributes:
@@ -73,9 +77,9 @@ class CalibrationResult(Shown, Tabular):
     rows: int
     names: tuple[str, ...]
     units: tuple[str, ...] = field(repr=False)
-    values: Array
-    described: Array = field(repr=False)
-    deviations: Array
+    values: Annotated[Array, Stored(("P",), "SI", unknown=True)]
+    described: Annotated[Array, Stored(("P",), "SI", unknown=True)] = field(repr=False)
+    deviations: Annotated[Array, Stored(("P",), "SI", unknown=True)]
     confidence: float = field(repr=False)
     rank: int
     rank_above_noise: int
@@ -91,12 +95,12 @@ class CalibrationResult(Shown, Tabular):
     gains: Gains
     mistrusted: tuple[tuple[int, float], ...]
     notes: tuple[str, ...]
-    diagnosis: Diagnosis = field(repr=False)
+    diagnosis: Annotated[Diagnosis, Stored(otherwise=Diagnosis())] = field(repr=False)
     model: ErrorModel = field(repr=False)
-    x: Array = field(repr=False)
-    covariance: Array = field(repr=False)
+    x: Annotated[Array, Stored(("X",), "SI")] = field(repr=False)
+    covariance: Annotated[Array, Stored(("X", "X"), "SI")] = field(repr=False)
     source: str = ""
-    is_explained: bool = True
+    is_explained: Annotated[bool, Stored(otherwise=True)] = True
 
     def __getitem__(self, name: str) -> float:
         """The value of a quantity; UnknownNameError if there is none of that name."""
@@ -217,14 +221,6 @@ class CalibrationResult(Shown, Tabular):
         self._refuse_unexplained(force)
         return write_urdf(self._found, Path(path))
 
-    def save(self, path: Path | str) -> Path:
-        """Write everything as .npz, and return the path; ``load_calibration`` reads it.
-
-        Raises:
-            InputError: another ending, or the file cannot be written.
-        """
-        return write_record(self, Path(path))
-
     def as_rows(self) -> TableRows:
         """A row per quantity: value, standard deviation, what is described; SI units."""
         columns = [
@@ -343,3 +339,68 @@ def _shown(value: float, name: str) -> str:
     owner, kind = split_component(name)
     is_turn = kind == ORIENTATION or (kind == ENCODER and UNITS[kind_of(owner)] == "rad")
     return f"{1e3 * value:.4g} {'mrad' if is_turn else 'mm'}"
+
+
+def _gains(file: Contents) -> Gains:
+    """Gains by variant and kind; files of before have that of the full one alone, of positions where there are any."""
+    if "gains" in file.plain:
+        found: Gains = file.value(Mapping[str, Mapping[str, Gain]], "gains")
+        return found
+    gain = file.value(Gain | None, "gain")
+    kind = next(kind for kind in (POSITION, ORIENTATION) if kind in file.plain["residuals"]["full"]["fitted"])
+    return {} if gain is None else {"full": {kind: gain}}
+
+
+def _rebuild(file: Contents) -> dict[str, Any]:
+    return {"gains": _gains(file), "model": model_from_record(file, file.value(Mapping[str, str], "frames"))}
+
+
+def _sizes(found: CalibrationResult) -> dict[str, int]:
+    return {"P": len(found.names), "X": len(found.model.quantities)}
+
+
+def _check(found: CalibrationResult, path: str) -> None:
+    many = len(found.names)
+    for key, good, allowed in (
+        ("names", many > 0, "one or more"),
+        ("units", len(found.units) == many, f"{many}, one for each of names"),
+        ("confidence", 0.0 < found.confidence < 1.0, "a number between 0 and 1"),
+        ("variant", found.variant in VARIANTS, listed(VARIANTS)),
+        ("residuals", _is_whole(found.residuals), "fitted and held_out of the variants, full among them"),
+        ("noise", all(map(is_divisor, found.noise.values())), f"of each, {ALLOWED_DIVISOR}"),
+    ):
+        if not good:
+            raise InputError(f"{path}: {key}: got {show(str(getattr(found, key)))}; allowed: {allowed}")
+
+
+def _is_whole(residuals: Residuals) -> bool:
+    """Whether residuals have all that lines say of them."""
+    parts = [residuals[name] for name in VARIANTS if name in residuals]
+    kinds = set(residuals.get("full", {}).get("fitted", {}))
+    known, norms = {"fitted", "held_out"}, {"fitted_norm", "held_out_norm"}
+    return "full" in residuals and all(
+        known <= set(part) <= known | norms and kinds.issubset(part["fitted"]) for part in parts
+    )
+
+
+KIND = declare(
+    Kind(
+        "calibration",
+        CalibrationResult,
+        rebuilt=("gains", "model"),
+        record=lambda found: {"gains": found.gains, **record_of_model(found.model, found.frames)},
+        rebuild=_rebuild,
+        sizes=_sizes,
+        check=_check,
+        is_finite=False,
+    )
+)
+
+
+def load_calibration(path: Path | str) -> CalibrationResult:
+    """Read the result that ``CalibrationResult.save`` wrote.
+
+    Raises:
+        InputError: the file cannot be read, or is no calibration.
+    """
+    return read(KIND, path)

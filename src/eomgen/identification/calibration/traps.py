@@ -11,7 +11,7 @@ from ...errors import InputError
 from ..geometry.error_model import Rows
 from ..geometry.observations import ORIENTATION, POSITION, Observations
 from ..geometry.poses import MeasuredPoses
-from ..geometry.solving import Fit
+from ..geometry.solve import Fit
 from ..geometry.stations import Chain
 
 Array = NDArray[np.float64]

@@ -14,7 +14,7 @@ from ...optional import optional_import
 from ...progress import StageReport
 from ..geometry.error_model import PLACEMENT, ZERO
 from ..geometry.observations import ORIENTATION, POSITION, at_rows
-from ..geometry.solving import ROUGH, Fit, Problem, fitted, refitted, roughly, whitened
+from ..geometry.solve import ROUGH, Fit, Problem, fitted, refitted, roughly, whitened
 
 Array = NDArray[np.float64]
 Places = NDArray[np.intp]

@@ -5,15 +5,19 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...errors import InputError
+from ...results.kinds import Kind, Saved, declare, read
+from ...results.stored import Stored
+from ...scenario.recorded import scenario_from_record
 from ...scenario.value import Scenario
 from ...shown import Shown
 from ...tabular import Rows, TableColumn, Tabular
-from .written import write_program, write_record
+from .as_scenario import write_program
 
 Array = NDArray[np.float64]
 
@@ -59,7 +63,7 @@ class HeldBack:
 
 
 @dataclass(frozen=True, kw_only=True)
-class CompensationResult(Shown, Tabular):
+class CompensationResult(Shown, Tabular, Saved):
     """A corrected program, T samples of m driven coordinates; errors at and between them, in the wanted tool's axes.
 
     Attributes:
@@ -86,14 +90,14 @@ class CompensationResult(Shown, Tabular):
     frame: str
     mode: str
     coordinates: tuple[str, ...]
-    t: Array
-    program: Array
-    corrected: Array
-    times: Array
-    before: Array
-    after: Array
-    beyond: Array
-    weights: Array
+    t: Annotated[Array, Stored(("T",), "s")]
+    program: Annotated[Array, Stored(("T", "m"), "m, rad")]
+    corrected: Annotated[Array, Stored(("T", "m"), "m, rad")]
+    times: Annotated[Array, Stored(("2 T - 1",), "s")]
+    before: Annotated[Array, Stored(("2 T - 1", 6), "m, rad")]
+    after: Annotated[Array, Stored(("2 T - 1", 6), "m, rad")]
+    beyond: Annotated[Array, Stored(("2 T - 1", 6), "m, rad")]
+    weights: Annotated[Array, Stored((6,), "1, m/rad")]
     history: tuple[float, ...]
     rank: tuple[int, int]
     shares: tuple[float, ...]
@@ -204,10 +208,35 @@ class CompensationResult(Shown, Tabular):
         """
         return write_program(self, Path(path))
 
-    def save(self, path: Path | str) -> Path:
-        """Write everything as .npz, to a temporary name first, and return the path.
 
-        Raises:
-            InputError: another ending, or the file cannot be written.
-        """
-        return write_record(self, Path(path))
+def _sizes(found: CompensationResult) -> dict[str, int]:
+    return {"T": found.t.size, "m": len(found.coordinates), "2 T - 1": 2 * found.t.size - 1}
+
+
+def _check(found: CompensationResult, path: str) -> None:
+    if (np.diff(found.t) <= 0.0).any():
+        raise InputError(f"{path}: array t does not increase; allowed: increasing times")
+
+
+KIND = declare(
+    Kind(
+        "compensation",
+        CompensationResult,
+        rebuilt=("scenario",),
+        record=lambda found: {"scenario": found.scenario.as_dict()},
+        rebuild=lambda file: {
+            "scenario": scenario_from_record(file.plain.get("scenario", {}), f"{file.path}: scenario")
+        },
+        sizes=_sizes,
+        check=_check,
+    )
+)
+
+
+def load_compensation(path: Path | str) -> CompensationResult:
+    """Read the result that ``CompensationResult.save`` wrote.
+
+    Raises:
+        InputError: the file cannot be read, or is no compensation.
+    """
+    return read(KIND, path)

@@ -1,4 +1,4 @@
-"""Around identification of masses and friction: couplings, gains, delays, Stribeck; traps; results, files of them.
+"""Identification of masses and friction, with couplings, gains, delays, Stribeck; traps; results and files of them.
 
-Uses robot, forms, description and motion.
+Uses runtime, robot, results, description, motion and pipeline.
 """

@@ -4,18 +4,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...description.recorded import robot_from_record
 from ...errors import InputError
+from ...results.contents import Contents
+from ...results.kinds import Kind, Saved, declare, read
+from ...results.stored import Stored
 from ...robot.coordinates import force_unit_of
+from ...robot.record import record_of
 from ...robot.value import Robot
 from ...shown import Shown
 from ..identifiable import BaseParameters
 from .as_toml import write_toml
-from .recorded import write_record
 
 Array = NDArray[np.float64]
 
@@ -50,7 +54,7 @@ class Further:
 
 
 @dataclass(frozen=True)
-class IdentifyResult(Shown):
+class IdentifyResult(Shown, Saved):
     """Base parameters with their standard deviations, and what they leave of each drive.
 
     Attributes:
@@ -71,19 +75,21 @@ class IdentifyResult(Shown):
 
     robot: Robot
     base: BaseParameters
-    base_values: Array
-    deviations: Array
-    described: Array
+    base_values: Annotated[Array, Stored(("b",), "SI")]
+    deviations: Annotated[Array, Stored(("b",), "SI")]
+    described: Annotated[Array, Stored(("b",), "SI")]
     parameters: dict[str, float]
     residuals: dict[str, Residuals]
     width: float
     warnings: tuple[str, ...]
     notes: tuple[str, ...]
     further: dict[str, Further] = field(default_factory=dict)
-    t: Array = field(default_factory=lambda: np.zeros(0))
-    drives: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    fitted: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    kept: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((0, 0), dtype=np.bool_))
+    t: Annotated[Array, Stored(("T",), "s")] = field(default_factory=lambda: np.zeros(0))
+    drives: Annotated[Array, Stored(("T", "r"), "N, N m")] = field(default_factory=lambda: np.zeros((0, 0)))
+    fitted: Annotated[Array, Stored(("T", "r"), "N, N m")] = field(default_factory=lambda: np.zeros((0, 0)))
+    kept: Annotated[NDArray[np.bool_], Stored(("T", "r"), of=bool)] = field(
+        default_factory=lambda: np.zeros((0, 0), dtype=np.bool_)
+    )
 
     @property
     def base_names(self) -> tuple[str, ...]:
@@ -98,14 +104,6 @@ class IdentifyResult(Shown):
             for name, left in self.residuals.items()
             if left.held_out > left.drive or (left.held_out > OVERFITTED * left.fitted and left.relative[1] > NOTICED)
         }
-
-    def save(self, path: Path | str) -> Path:
-        """Write the result as .npz, and return the path; ``load_identification`` reads it.
-
-        Raises:
-            InputError: another ending, or the file cannot be written.
-        """
-        return write_record(self, Path(path))
 
     def to_toml(self, path: Path | str) -> Path:
         """Write the description with the links, rotors and friction of ``robot``, and return the path.
@@ -163,6 +161,45 @@ class IdentifyResult(Shown):
             share = f"{100 * fitted:.3g} %, {100 * held_out:.3g} %"
             lines.append(f"{label:<28}{left.fitted:>12.4g}{left.held_out:>12.4g}{share:>24}")
         return lines + ["", *(f"warning: {x}" for x in self.warnings), *(f"note: {x}" for x in self.notes)]
+
+
+def _record(found: IdentifyResult) -> dict[str, Any]:
+    base = found.base
+    record = record_of(found.robot)
+    return {"description": record, "base": base.texts(), "chosen": base.chosen, "matrix": base.matrix}
+
+
+def _rebuild(file: Contents) -> dict[str, Any]:
+    matrix = file.array("matrix", _MATRIX)
+    _MATRIX.check(matrix, {}, f"{file.path}: array matrix")
+    base = BaseParameters.from_texts(file.table("base"), file.array("chosen", Stored(("b",), of=int)), matrix)
+    return {"robot": robot_from_record(file.plain.get("description", {}), file.path), "base": base}
+
+
+def _sizes(found: IdentifyResult) -> dict[str, int]:
+    return {"b": len(found.base), "T": len(found.t), "r": len(found.residuals)}
+
+
+_MATRIX = Stored(("b", "p"), "SI")
+KIND = declare(
+    Kind(
+        "identification",
+        IdentifyResult,
+        rebuilt=("robot", "base"),
+        record=_record,
+        rebuild=_rebuild,
+        sizes=_sizes,
+    )
+)
+
+
+def load_identification(path: Path | str) -> IdentifyResult:
+    """Read the result that ``IdentifyResult.save`` wrote.
+
+    Raises:
+        InputError: the file cannot be read, or is no identification.
+    """
+    return read(KIND, path)
 
 
 _UNITS = {"m": "kg", "mx": "kg m", "my": "kg m", "mz": "kg m", "inertia": "kg m^2"}

@@ -14,7 +14,7 @@ from ...motion.smoothing import Differentiator
 from ...names import component_name
 from ...robot.value import ANGULAR, PRINCIPAL, Robot
 from ..estimating import FIRST
-from .solving import Data, Solution
+from .regression import Data, Solution
 
 Array = NDArray[np.float64]
 

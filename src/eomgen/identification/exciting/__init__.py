@@ -1,4 +1,4 @@
 """Motions that excite: Fourier series within limits, what they tell of base parameters, and their exact gradients.
 
-Uses ``inertial`` and ``identifiable``, runtime, robot, description, motion and pipeline.
+Uses ``dynamics`` and ``identifiable``, runtime, robot, description, motion and pipeline.
 """

@@ -73,43 +73,44 @@ class Limits:
     notes: tuple[str, ...]
 
 
-def limits_of(
-    robot: Robot,
-    names: tuple[str, ...],
-    frames: Sequence[str],
-    *,
-    ranges: Mapping[str, Sequence[float]] | None = None,
-    rates: Amounts | None = None,
-    accelerations: Amounts | None = None,
-    drives: Amounts | None = None,
-    boxes: Mapping[str, ArrayLike] | None = None,
-    half_spaces: Sequence[tuple[str, ArrayLike, float]] = (),
-    clear_of: Sequence[tuple[str, ArrayLike, float]] = (),
-) -> Limits:
-    """Limits from a description and from the arguments of ``excite``.
+@dataclass(frozen=True, kw_only=True)
+class RequestedLimits:
+    """Limits that ``excite`` is asked to keep; its arguments say what each of them is."""
+
+    ranges: Mapping[str, Sequence[float]] | None = None
+    rates: Amounts | None = None
+    accelerations: Amounts | None = None
+    drives: Amounts | None = None
+    boxes: Mapping[str, ArrayLike] | None = None
+    half_spaces: Sequence[tuple[str, ArrayLike, float]] = ()
+    clear_of: Sequence[tuple[str, ArrayLike, float]] = ()
+
+
+def limits_of(robot: Robot, names: tuple[str, ...], frames: Sequence[str], requested: RequestedLimits) -> Limits:
+    """Return the limits of coordinates and frames, from a description and from what is requested.
 
     Raises:
         InputError: a limit allows nothing, or is no number.
         UnknownNameError: there is no coordinate or frame of a name.
     """
-    for label, given in (("ranges", ranges), ("boxes", boxes)):
+    for label, given in (("ranges", requested.ranges), ("boxes", requested.boxes)):
         if given is not None and not isinstance(given, Mapping):
             raise InputError(f"{label}: {show(given)}; allowed: a table by names")
     notes: list[str] = []
-    low, high = _ranges(robot, names, ranges or {}, notes)
+    low, high = _ranges(robot, names, requested.ranges or {}, notes)
     own = [robot.rigid().limits_of(name) for name in names]
-    fastest = _within(amounts("rates", rates, names), [limits.velocity for limits in own])
-    strongest = _within(amounts("drives", drives, names), [limits.effort for limits in own])
+    fastest = _within(amounts("rates", requested.rates, names), [limits.velocity for limits in own])
+    strongest = _within(amounts("drives", requested.drives, names), [limits.effort for limits in own])
     for unit, usual in RATES.items():
         unknown = [i for i, name in enumerate(names) if np.isinf(fastest[i]) and unit_of(name) == unit]
         fastest[unknown] = usual
         if unknown:
             notes.append(f"rates of {these(names, unknown)} without a limit: {usual:g} {unit}/s is assumed")
-    if accelerations is None and np.isinf(strongest).all():
+    if requested.accelerations is None and np.isinf(strongest).all():
         notes.append("no limits of accelerations and drives are given: harmonics and rates alone hold them")
-    regions = [_box(frame, box) for frame, box in (boxes or {}).items()]
-    regions += [_half_space(*given) for given in _triples("half_spaces", half_spaces)]
-    regions += [_distance(*given) for given in _triples("clear_of", clear_of)]
+    regions = [_box(frame, box) for frame, box in (requested.boxes or {}).items()]
+    regions += [_half_space(*given) for given in _triples("half_spaces", requested.half_spaces)]
+    regions += [_distance(*given) for given in _triples("clear_of", requested.clear_of)]
     for region in regions:
         if region.frame not in frames:
             raise UnknownNameError(
@@ -120,7 +121,7 @@ def limits_of(
         low,
         high,
         fastest,
-        amounts("accelerations", accelerations, names),
+        amounts("accelerations", requested.accelerations, names),
         strongest,
         tuple(regions),
         tuple(notes),

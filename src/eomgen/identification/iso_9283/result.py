@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...forms.plain import value_of
+from ...results.contents import Contents
+from ...results.kinds import Kind, Saved, declare, read
 from ...shown import Shown
 from ...tabular import Rows, TableColumn, Tabular
-from ..saved import read_plain, write_plain
 
 Vector = tuple[float, float, float]
 
 STANDARD = "ISO 9283:1998"
-KIND = "accuracy"
 
 
 def vector(values: NDArray[np.float64]) -> Vector:
@@ -177,7 +177,7 @@ class StopFigures:
 
 
 @dataclass(frozen=True, kw_only=True)
-class AccuracyResult(Shown, Tabular):
+class AccuracyResult(Shown, Tabular, Saved):
     """Figures by the definitions of ISO 9283:1998.
 
     Attributes:
@@ -361,26 +361,25 @@ class AccuracyResult(Shown, Tabular):
             for item in self.stops
         ]
 
-    def save(self, path: Path | str) -> Path:
-        """Write all figures as .json, to a temporary name first, and return the path.
 
-        Raises:
-            InputError: another suffix, or the file cannot be written.
-        """
-        return write_plain({"standard": STANDARD, **asdict(self)}, KIND, path)
+def _read(file: Contents) -> AccuracyResult:
+    values = dict(file.plain)
+    if values.pop("standard", None) != STANDARD:
+        raise InputError(f"{file.path}: holds no figures of {STANDARD}; allowed: a file that eomgen accuracy wrote")
+    found: AccuracyResult = value_of(AccuracyResult, values, file.path)
+    return found
+
+
+KIND = declare(Kind("accuracy", AccuracyResult, ending=".json", record=lambda _: {"standard": STANDARD}, read=_read))
 
 
 def load_accuracy(path: Path | str) -> AccuracyResult:
-    """The figures that ``AccuracyResult.save`` wrote.
+    """Read the figures that ``AccuracyResult.save`` wrote.
 
     Raises:
         InputError: the file cannot be read, or is no such file; says what in it is wrong.
     """
-    rest = read_plain(KIND, path)
-    if rest.pop("standard", None) != STANDARD:
-        raise InputError(f"{path}: holds no figures of {STANDARD}; allowed: a file that eomgen accuracy wrote")
-    found: AccuracyResult = value_of(AccuracyResult, rest, str(path))
-    return found
+    return read(KIND, path)
 
 
 def _angles(of: str, kind: str, turned: Vector | None, turning: Vector | None) -> Iterator[tuple[str, str, float, str]]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 
 from ...errors import InputError, UnknownNameError
 from ...names import listed, nearest_or_all, show
+from ...results.kinds import Saved
 from ...robot.coordinates import MOTIONS
 from ...shown import Shown
 from ...tabular import Rows as TableRows
@@ -18,7 +18,6 @@ from ...tabular import TableColumn, Tabular
 from .allocation import Allocation, allocated
 from .contributions import Exact
 from .correlations import groups_of, plain_correlations, root_of
-from .recorded import write_record
 from .regions import ellipsoids
 from .table import Tolerance
 
@@ -31,7 +30,7 @@ _NOTHING = 1e-12  # of the variances without their signs: round-off
 
 
 @dataclass(frozen=True, kw_only=True)
-class ToleranceResult(Shown, Tabular):
+class ToleranceResult(Shown, Tabular, Saved):
     """Accuracy of a frame at N poses, by tolerances of K quantities, to first order.
 
     Attributes:
@@ -156,14 +155,6 @@ class ToleranceResult(Shown, Tabular):
     def positions(self) -> Array:
         """Places of the frame at the poses, without what is off, (N, 3), m, in the base frame."""
         return self.exact.poses(np.zeros((len(self.names), len(self.q))), np.arange(len(self.q)))[1]
-
-    def save(self, path: Path | str) -> Path:
-        """Write the robot, the table and the poses as .json, and return the path; ``load_tolerance`` reads it.
-
-        Raises:
-            InputError: another ending, or the file cannot be written.
-        """
-        return write_record(self, Path(path))
 
     def allocate(self, accuracy: float) -> Allocation:
         """Tolerances to tighten, at least cost, so that the radius of position is at most this at all poses.

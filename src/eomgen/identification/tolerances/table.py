@@ -36,6 +36,11 @@ class Tolerance:
     cost: float = 1.0
     is_fixed: bool = False
 
+    def as_table(self) -> dict[str, float | bool | None]:
+        """Return the entry of a table that states it."""
+        size = {"deviation": self.deviation} if self.deviation is not None else {"bound": self.bound}
+        return {**size, "relative": self.relative, "cost": self.cost, "fixed": self.is_fixed}
+
 
 @dataclass(frozen=True)
 class Table:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...identification.choosing.chosen import PosesResult
+from ...identification.choosing.result import PosesResult
 from ..report import Drawing, Report, drawn
 from ..style import COLORS, canvas, literal, title_of
 from .tables import merged_table, number, table, weak_table

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...identification.exciting.excited import ExciteResult
+from ...identification.exciting.result import ExciteResult
 from ...robot.coordinates import force_unit_of, unit_of
 from ..report import Drawing, Report, drawn
 from ..style import FULL_WIDTH, PROGRAM_COLOR, canvas, literal, title_of

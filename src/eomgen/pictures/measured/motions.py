@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ...identification.dynamics.result import IdentifyResult
-from ...identification.estimates import KEYS, Estimate, FitResult
+from ...identification.stiffness.result import KEYS, Estimate, FitResult
 from ...names import component_name
 from ...robot.coordinates import force_unit_of
 from ..report import Drawing, Report, drawn

@@ -5,68 +5,28 @@ A generated package carries a copy of this file.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from ...errors import ArrayError, InputError, IntegrationStopped, LoopError
-from ...names import show
 from ..calls import Calls
 from ..opened import stays_open
 from ..pieces import OPERATIONS, ROUND, shared
 from ..raw import FFI, Library, RawFunction
 from .given_loads import clipped_loads, place_given, read_loads
 from .loads import WORKS, LoadData, Packed, Side
-from .many_steps import METHODS as FIXED
-from .rollouts import (
-    LONGEST,
-    NUMBERS,
-    SHARE,
-    Given,
-    Rollout,
-    as_number,
-    count_states,
-    read_given,
-    room_for,
-    whole_number,
-)
+from .options import ADAPTIVE, ErrorControl, LoadedStepOptions
+from .rollouts import SHARE, Given, Inputs, Rollout, read_given, room_for
 
 Array = NDArray[Any]
 
-METHODS = {"rosenbrock": 0, "tsit5": 1}
 STAGES = {"rosenbrock": 5, "tsit5": 6}  # evaluations of a step
 DONE = 1  # reason to stop: all samples are there; above are the places of what stopped it
-LEAST = {"float64": 1e-13, "float32": 1e-5}  # relative tolerances that round-off lets steps reach
-
-
-def takes_samples(method: str, **given: Any) -> bool:
-    """Whether a method of ``Kernel.rollout`` chooses its steps.
-
-    Args:
-        method: its name.
-        given: dt, steps, every, duration, samples, atol, and loads and works where there are such arguments; None,
-            False, or 1 of ``every``, where they are not given.
-
-    Raises:
-        InputError: there is no such method, or an argument of the others is given.
-    """
-    if not isinstance(method, str) or (method not in METHODS and method not in FIXED):
-        raise InputError(f"rollout: method {show(method)} is unknown; allowed: {', '.join((*FIXED, *METHODS))}")
-    chooses = method in METHODS
-    sampled = (
-        "duration, samples, tolerances, loads and works" if "loads" in given else "duration, samples and tolerances"
-    )
-    own, others = (sampled, "dt, steps and every")[:: 1 if chooses else -1]
-    absent: dict[str, Any] = {"every": 1, "works": False}
-    for name in ("dt", "steps", "every") if chooses else ("duration", "samples", "atol", "loads", "works"):
-        value = given.get(name)
-        if value is not None and not (name in absent and isinstance(value, int) and value == absent[name]):
-            raise InputError(f"rollout: {name} is given; allowed: {own} with method={method!r}, not {others}")
-    return chooses
 
 
 @dataclass
@@ -76,11 +36,10 @@ class _Motion:
     at: q and v, (states, n).
     stored: q and v, (states, samples + 1, n).
     progress: of every state, in C.
-    allowed: rtol, and atol of every number, (2n,).
+    control: the method and its tolerances.
     turned: how joints that turn freely are turned, a row per state.
     loads: of all states, or of each; None without any.
     times: of the samples, s, (samples + 1,).
-    method: its name.
     """
 
     calls: Calls
@@ -89,10 +48,9 @@ class _Motion:
     stored: tuple[Array, Array]
     progress: Any
     given: Given
-    allowed: tuple[float, Array]
+    control: ErrorControl
     turned: Array
     times: Array
-    method: str
     loads: Packed | Side | None
 
     @property
@@ -103,10 +61,10 @@ class _Motion:
     def pieces(self, first: int, last: int) -> Iterator[int]:
         """Go on until these states have ended, a vector of them at a time; yields -1."""
         view, library = self.calls.raw.view, self.function.where(batch=not self.single)
-        operations = max(self.function.operations, 1) * STAGES[self.method]  # none where all is prescribed
+        operations = max(self.function.operations, 1) * STAGES[self.control.method]  # none where all is prescribed
         times = FFI.from_buffer("double[]", self.times)
         pointer = self.calls.parameters.setup.pointer(library)
-        rtol, atol = self.allowed
+        rtol, atol = self.control.rtol, self.control.atol
         for begin in range(first, last, ROUND):
             end = min(begin + ROUND, last)
             fields: dict[str, Any] = {}
@@ -122,7 +80,7 @@ class _Motion:
             most = max(OPERATIONS // (operations * (end - begin)), 1)
             allowed = library.new("tolerance", rtol=rtol, atol=view(atol), most=most)
             arrays = [view(x[begin:end]) for x in (*self.at, *self.stored)]
-            how = (times, self.times.size - 1, METHODS[self.method])
+            how = (times, self.times.size - 1, ADAPTIVE[self.control.method])
             loads, apart = library.ffi.NULL, 0
             if isinstance(self.loads, Side):
                 apart = self.loads.distance
@@ -139,47 +97,20 @@ class _Motion:
                 yield -1
 
 
-def adaptive_rollout(
-    calls: Calls,
-    driven: Sequence[int],
-    q0: ArrayLike,
-    v0: ArrayLike,
-    u: ArrayLike | None,
-    duration: float | None,
-    samples: int | None,
-    *,
-    method: str,
-    rtol: float,
-    atol: ArrayLike | None,
-    kp: ArrayLike | None,
-    kd: ArrayLike | None,
-    target: ArrayLike | None,
-    loads: Any = None,
-    works: bool = False,
-    effort: Array | None = None,
-) -> Rollout:
-    """Integrate with error control, as ``Kernel.rollout`` describes it.
-
-    Args:
-        calls: of the calls.
-        driven: indices of the coordinates that a controller may act on.
-        q0, v0, u, duration, samples, loads, works, method, rtol, atol, kp, kd, target: as of ``Kernel.rollout``.
-        effort: greatest forces of drives, (n,), or none.
-    """
-    function = calls.raw.adaptive
+def adaptive_rollout(calls: Calls, inputs: Inputs, options: LoadedStepOptions) -> Rollout:
+    """Integrate with error control, as ``Kernel.rollout`` describes it."""
+    function, loads, works = calls.raw.adaptive, options.loads, options.works
     if function is None:
         raise calls.raw.missing("adaptive_rollout")
     data = read_loads(calls, {} if loads is None else loads) if works or loads is not None else None
     if data is not None:
-        data = clipped_loads(calls, data, effort)
+        data = clipped_loads(calls, data, inputs.control.effort)
     if works and calls.raw.turning:
         raise InputError(f"rollout: works: {', '.join(calls.raw.turning)} turns freely; allowed: other joints")
-    u = np.zeros(calls.n, calls.dtype) if u is None else u
-    count = _count(count_states(q0=q0, v0=v0, u=u, target=target), data)
-    samples = whole_number("samples", 1 if samples is None else samples, NUMBERS // (calls.n * max(count or 1, 1)))
-    times = times_of_samples(duration, samples)
-    allowed = tolerances(calls, rtol, atol, function.where(batch=count is not None).meta)
-    given = read_given(calls, driven, samples, count, q0=q0, v0=v0, u=u, kp=kp, kd=kd, target=target, effort=effort)
+    count = _count(inputs.count(), data)
+    times = options.times(calls, count)
+    control = options.error_control(calls, function.where(batch=count is not None).meta)
+    given, samples = read_given(calls, inputs, times.size - 1, count), times.size - 1
     trouble = given.trouble(calls)
     if trouble is not None:
         raise trouble
@@ -201,10 +132,9 @@ def adaptive_rollout(
         (room[0], room[1]),
         progress,
         given,
-        allowed,
+        control,
         np.zeros((states, calls.raw.turning_room), calls.dtype),
         times,
-        method,
         _packed(library, calls, data, single=single, works=works),
     )
     shared(motion.pieces, states, min(calls.threads, states // SHARE))
@@ -244,44 +174,6 @@ def _result(motion: _Motion, works: Array | None) -> Rollout:
         column = np.array([getattr(motion.progress[i], name) for i in range(len(motion.at[0]))])
         figures[name] = column[0].item() if motion.single else column
     return Rollout.of(q, v, **figures)
-
-
-def length_of_time(duration: float | None) -> float:
-    """Give a duration back, s; InputError of what is none."""
-    found = as_number(duration)
-    if not 0.0 < found <= LONGEST:
-        allowed = f"a number above 0, of up to {LONGEST:g}, is allowed"
-        raise InputError(f"rollout: duration = {show(duration)} is not a length of time; {allowed}")
-    return found
-
-
-def times_of_samples(duration: float | None, samples: int) -> Array:
-    """Times of samples at equal distances, s, (samples + 1,); InputError where there is no room for them."""
-    length = length_of_time(duration)
-    try:
-        return np.linspace(0.0, length, samples + 1)
-    except MemoryError:
-        size = f"{samples + 1} samples take {8e-9 * samples:.3g} GB for their times alone"
-        raise InputError(f"rollout: {size}, more than there is; allowed: fewer samples") from None
-
-
-def tolerances(calls: Calls, rtol: float, atol: ArrayLike | None, meta: Mapping[str, Any]) -> tuple[float, Array]:
-    """rtol, and atol of every coordinate and rate, (2n,)."""
-    least = LEAST[str(calls.dtype)]
-    if not least <= as_number(rtol) < 1.0:
-        raise InputError(f"rollout: rtol = {show(rtol)} is not allowed; a number from {least:g} to below 1 is")
-    if atol is None:
-        found = float(rtol) * np.array(meta["sizes"])
-        for i, name in meta["rubbing"]:
-            found[calls.n + i] = min(found[calls.n + i], calls.parameters[name])
-        return float(rtol), found.astype(calls.dtype)
-    try:
-        found = np.broadcast_to(np.asarray(atol, dtype=np.float64), (2 * calls.n,)).astype(calls.dtype)
-    except (ValueError, TypeError, OverflowError):
-        raise ArrayError(f"rollout: atol: expected a number or ({2 * calls.n},), got {show(atol)}") from None
-    if not ((found > 0.0) & (found < np.inf)).all():
-        raise InputError(f"rollout: atol = {show(atol)} is not allowed; finite numbers above 0 are")
-    return float(rtol), found
 
 
 def _stopped(motion: _Motion, state: int) -> IntegrationStopped:

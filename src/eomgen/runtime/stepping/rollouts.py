@@ -13,13 +13,11 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from ...errors import ArrayError, InputError
-from ...names import show
 from ..calls import Calls
+from .options import Control, is_number
 
 Array = NDArray[Any]
 
-NUMBERS = 2**62  # of all coordinates at all steps of all states, at most: C counts them
-LONGEST = 1e30  # time, s: as of all numbers that descriptions and scenarios may have
 SHARE = 16  # states that are worth a thread of their own
 
 
@@ -46,6 +44,31 @@ class Rollout(tuple[Array, Array]):
         for name, figure in figures.items():
             setattr(found, name, figure)
         return found
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """States at the beginning of a rollout, drives and a controller, as ``Kernel.rollout`` takes them."""
+
+    q0: ArrayLike
+    v0: ArrayLike
+    u: ArrayLike | None
+    control: Control
+
+    def count(self) -> int | None:
+        """Number of states, or None for a single one: the leading axes of arrays that have one.
+
+        Raises:
+            ArrayError: arrays of different numbers of states.
+        """
+        sizes = {}
+        for label, value in (("q0", self.q0), ("v0", self.v0), ("u", self.u), ("target", self.control.target)):
+            shape = shape_of(value) if value is not None else ()
+            if len(shape) == (2 if label in ("q0", "v0") else 3):
+                sizes[label] = shape[0]
+        if len({size for size in sizes.values() if size != 1}) > 1:
+            raise ArrayError(f"rollout: {', '.join(f'{size} states in {label}' for label, size in sizes.items())}")
+        return max(sizes.values()) if sizes else None
 
 
 @dataclass(frozen=True)
@@ -77,53 +100,26 @@ class Given:
         return None
 
 
-def read_given(
-    calls: Calls,
-    driven: Sequence[int],
-    rows: int,
-    count: int | None,
-    *,
-    q0: ArrayLike,
-    v0: ArrayLike,
-    u: ArrayLike,
-    kp: ArrayLike | None,
-    kd: ArrayLike | None,
-    target: ArrayLike | None,
-    effort: Array | None = None,
-) -> Given:
-    """States, drives and a controller of a rollout; arrays as of ``Kernel.rollout``.
+def read_given(calls: Calls, inputs: Inputs, rows: int, count: int | None) -> Given:
+    """Read states, drives and a controller of a rollout.
 
     Args:
         calls: of the calls.
-        driven: indices of the coordinates that a controller may act on.
+        inputs: what is read.
         rows: how many drives there may be one after the other.
-        count: of states, ``count_states``.
-        effort: of ``saturation.efforts_of``.
+        count: of states, None for a single one.
 
     Raises:
         ArrayError: arrays that do not fit together.
-        InputError: gains that are not allowed, or without a target.
+        InputError: gains that are not allowed.
     """
-    starts = [_start(calls, label, value, count) for label, value in (("q0", q0), ("v0", v0))]
+    control, u = inputs.control, np.zeros(calls.n, calls.dtype) if inputs.u is None else inputs.u
+    starts = [_start(calls, label, value, count) for label, value in (("q0", inputs.q0), ("v0", inputs.v0))]
     drives = [_over_time(calls, "u", u, rows, count)]
-    gains = _controller_gains(calls, driven, kp, kd)
-    if (target is None) != (not gains):
-        raise InputError("rollout: a controller needs a target, the coordinates that it aims at, and kp or kd")
-    if target is not None:
-        drives.append(_over_time(calls, "target", target, rows, count))
-    return Given(count, starts, drives, gains, None if effort is None else effort.astype(calls.dtype))
-
-
-def count_states(**values: ArrayLike | None) -> int | None:
-    """Number of states, or None for a single one: the leading axes of those that have one."""
-    sizes = {}
-    for label, value in values.items():
-        shape = shape_of(value) if value is not None else ()
-        if len(shape) == (2 if label in ("q0", "v0") else 3):
-            sizes[label] = shape[0]
-    if len({size for size in sizes.values() if size != 1}) > 1:
-        raise ArrayError(f"rollout: {', '.join(f'{size} states in {label}' for label, size in sizes.items())}")
-    return max(sizes.values()) if sizes else None
+    gains = _controller_gains(calls, control)
+    if control.target is not None:
+        drives.append(_over_time(calls, "target", control.target, rows, count))
+    return Given(count, starts, drives, gains, None if control.effort is None else control.effort.astype(calls.dtype))
 
 
 def shape_of(value: ArrayLike) -> tuple[int, ...]:
@@ -168,12 +164,13 @@ def _rows(calls: Calls, label: str, value: ArrayLike, shape: tuple[int, ...]) ->
     return array, lead[0] if lead else None
 
 
-def _controller_gains(calls: Calls, driven: Sequence[int], kp: ArrayLike | None, kd: ArrayLike | None) -> list[Array]:
+def _controller_gains(calls: Calls, control: Control) -> list[Array]:
     """kp and kd, (n,) each; none where there is no controller."""
-    if kp is None and kd is None:
+    if control.target is None:
         return []
-    found = []
-    for label, value in (("kp", kp), ("kd", kd)):
+    found: list[Array] = []
+    driven: Sequence[int] = calls.raw.libraries.meta["driven"]  # coordinates that a controller may act on
+    for label, value in (("kp", control.kp), ("kd", control.kd)):
         if isinstance(value, np.ndarray) and value.ndim == 0:
             value = value.item()
         if value is None or is_number(value):
@@ -192,26 +189,6 @@ def _controller_gains(calls: Calls, driven: Sequence[int], kp: ArrayLike | None,
             )
         found.append(array)
     return found
-
-
-def whole_number(label: str, number: int | None, most: int) -> int:
-    """A number from 1 to the most that is allowed; InputError of another one."""
-    if isinstance(number, bool) or not isinstance(number, (int, np.integer)) or not 1 <= number <= most:
-        raise InputError(f"rollout: {label} = {show(number)} is not a whole number from 1 to {most}")
-    return int(number)
-
-
-def as_number(value: Any) -> float:
-    """Give a number as a float: infinite where that is too large for one, NaN where it is no number."""
-    try:
-        return float(value) if is_number(value) else np.nan
-    except OverflowError:
-        return np.inf
-
-
-def is_number(value: Any) -> bool:
-    """Whether a value is a number and no truth value."""
-    return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
 
 
 def room_for(calls: Calls, shape: tuple[int, ...], fewer: str, dtype: DTypeLike | None = None) -> Array:

@@ -20,7 +20,8 @@ from .given_loads import Loads
 from .gradients import WAYS, Motion, Steps, stopped, taken_steps
 from .load_slopes import Acting
 from .loads import ALONG
-from .rollouts import room_for, shape_of
+from .options import StepOptions
+from .rollouts import Inputs, room_for, shape_of
 from .stiff_steps import Pair, parts_of, refuse_different
 
 Array = NDArray[Any]
@@ -85,37 +86,27 @@ class Directions:
 
 def rollout_sensitivity(
     calls: Calls,
-    driven: Sequence[int],
-    given: Mapping[str, Any],
+    inputs: Inputs,
+    options: StepOptions,
     *,
     parameters: Sequence[str],
     along: Mapping[str, ArrayLike] | None,
     loads: Loads | Sequence[Loads] | None,
     out: Sequence[Array] | None,
-    method: str,
-    **how: Any,
 ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-    """Samples and their derivatives, as ``Kernel.rollout_sensitivity`` describes it.
-
-    Args:
-        calls: of the calls.
-        driven: indices of the coordinates that a controller may act on.
-        given: q0, v0, u, kp, kd, target and effort by their names.
-        parameters, along, loads, out, method: as there.
-        how: what else there is about steps, as there.
-    """
+    """Return samples and their derivatives, as ``Kernel.rollout_sensitivity`` describes it."""
     slots = parameter_slots(calls.parameters, parameters)
-    acting = None if loads is None else Acting(calls, "sensitivity", loads, given["effort"])
-    motion, times, taken = taken_steps(calls, driven, "sensitivity", given, acting, method=method, **how)
+    acting = None if loads is None else Acting(calls, "sensitivity", loads, inputs.control.effort)
+    motion, times, taken = taken_steps(calls, "sensitivity", inputs, acting, options)
     rows = max(int(steps.rows[-1]) + 1 for steps in taken if steps is not None) if any(taken) else 1
     directions = Directions(calls, motion, rows, {} if along is None else along, slots)
     lead = (motion.states, times.size)
     shapes: list[tuple[int, ...]] = [(*lead, calls.n)] * 2 + [(*lead, directions.count, calls.n)] * 2
     found = [room_for(calls, shape, "fewer samples") for shape in shapes]
-    number = WAYS[method][1]
+    number = WAYS[options.method][1]
     for state, steps in enumerate(taken):
         if steps is None or not _carry(motion, state, steps, number, directions, [x[state] for x in found]):
-            raise stopped(calls, driven, given, loads, method=method, **how)
+            raise stopped(calls, inputs, options, loads)
         parts = parts_of(steps.stiffness)
         if parts is not None:
             _refuse_stiff(motion, state, steps, parts, number, directions, [x[state] for x in found])

@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from ..calls import Calls
 from ..pieces import OPERATIONS
 from ..raw import FFI
-from .adaptive import METHODS, STAGES
+from .adaptive import STAGES
 from .loaded import AUTO, TRIAL, Alternation
 from .loads import LoadData, Side
+from .options import ADAPTIVE, ErrorControl
 
 Array = NDArray[Any]
 
@@ -33,8 +34,8 @@ class Together:
         loads: the data for each state; where they are one object, all states share it.
         times: of the samples, s, (T,).
         q, v: the states at the first time, (states, n).
-        method: of METHODS, or AUTO: then each state has its own alternation.
-        rtol, atol: tolerances; atol of each state's q, then of v, (states, 2n).
+        control: the method, or AUTO: then each state has its own alternation; tolerances, of which atol has a row for
+            each state, (states, 2n).
 
     Attributes:
         samples: q and v, (2, states, T, n), as far as the states got; NaN behind.
@@ -51,30 +52,28 @@ class Together:
         times: Array,
         q: Array,
         v: Array,
-        method: str,
-        rtol: float,
-        atol: Array,
+        control: ErrorControl,
     ) -> None:
         raw, count = calls[0].raw, len(calls)
         function = raw.adaptive
         if function is None:
             raise raw.missing("adaptive_rollout")
         library, view, n = function.where(batch=True), raw.view, calls[0].n
-        self._function, self._times, self._method = function, np.array(times, dtype=np.float64), method
+        self._function, self._times, self._method = function, np.array(times, dtype=np.float64), control.method
         self.state = np.array([q, v], dtype=raw.dtype)
         self.samples = np.full((2, count, self._times.size, n), np.nan, raw.dtype)
         self.progress = library.new_array("progress", count)
         self.evaluations = [0] * count
-        self.spans = [dict.fromkeys(METHODS, 0.0) for _ in calls]
-        self._alternations = [Alternation() for _ in calls] if method == AUTO else []
+        self.spans = [dict.fromkeys(ADAPTIVE, 0.0) for _ in calls]
+        self._alternations = [Alternation() for _ in calls] if control.method == AUTO else []
         self._going = list(range(count))
         self._operations = function.operations * max(STAGES.values())
         self._h = np.array([each.parameters.setup.computed(library) for each in calls])
-        self._u, self._atol = np.zeros(n, raw.dtype), np.array(atol, dtype=raw.dtype)
+        self._u, self._atol = np.zeros(n, raw.dtype), np.array(control.atol, dtype=raw.dtype)
         self._loads = Side(library, calls, loads, works=False)
         self._allowed = library.new_array("tolerance", count)
         for allowed, row in zip(self._allowed, self._atol, strict=True):
-            allowed.rtol, allowed.atol = rtol, view(row)
+            allowed.rtol, allowed.atol = control.rtol, view(row)
         of_states = view(self._h), self._h.shape[1], library.drive(u=view(self._u))
         followed = self._loads.pointer, self._loads.distance
         samples = FFI.from_buffer("double[]", self._times), self._times.size - 1
@@ -107,7 +106,7 @@ class Together:
         before = [(p.steps + p.rejected, p.t if p.sample else begin) for p in each]
         place = np.array(states, dtype=np.uintp)
         pointer = FFI.from_buffer("size_t[]", place)
-        self._function.batch(len(states), pointer, *self._first, METHODS[method], *self._last)
+        self._function.batch(len(states), pointer, *self._first, ADAPTIVE[method], *self._last)
         for i, p, (steps, t) in zip(states, each, before, strict=True):
             taken, led = p.steps + p.rejected - steps, p.t - t
             self.evaluations[i] += STAGES[method] * taken

@@ -1,0 +1,217 @@
+"""Options of rollouts as records: which steps are taken, and what a joint controller does.
+
+A generated package carries a copy of this file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...errors import ArrayError, InputError
+from ...names import show
+from ..arrays import flag
+from ..calls import Calls
+
+Array = NDArray[Any]
+
+FIXED = {"rk4": 0, "implicit": 1}  # methods of steps of one length, by their numbers in C
+ADAPTIVE = {"rosenbrock": 0, "tsit5": 1}  # methods with error control, likewise
+NUMBERS = 2**62  # of all coordinates at all steps of all states, at most: C counts them
+LONGEST = 1e30  # time, s: as of all numbers that descriptions and scenarios may have
+LEAST = {"float64": 1e-13, "float32": 1e-5}  # relative tolerances that round-off lets steps reach
+
+
+@dataclass(frozen=True)
+class ErrorControl:
+    """A method that chooses its steps by their errors, with its tolerances.
+
+    Attributes:
+        method: of ADAPTIVE, or "auto" where both take turns.
+        rtol, atol: the error of a step is at most atol + rtol times the size of each number; atol of q, then of v,
+            (2n,).
+    """
+
+    method: str
+    rtol: float
+    atol: Array
+
+
+@dataclass(frozen=True)
+class StepOptions:
+    """Steps of a rollout: so many of one length, or those that error control chooses in a duration.
+
+    Attributes:
+        method: "rk4", "implicit", "rosenbrock" or "tsit5".
+        dt: length of a step, s.
+        steps: their number.
+        every: one of so many steps is stored.
+        duration: of a motion with error control, s.
+        samples: of it, beside the beginning; 1 if not given.
+        rtol, atol: tolerances, as of ``Kernel.rollout``.
+
+    Raises:
+        InputError: the method is unknown, or an option belongs to other methods.
+    """
+
+    method: str = "rk4"
+    dt: float | None = None
+    steps: int | None = None
+    every: int = 1
+    duration: float | None = None
+    samples: int | None = None
+    rtol: float = 1e-6
+    atol: ArrayLike | None = None
+
+    of_fixed_steps: ClassVar[tuple[str, ...]] = ("dt", "steps", "every")
+    of_error_control: ClassVar[tuple[str, ...]] = ("duration", "samples", "atol")
+    own: ClassVar[tuple[str, str]] = ("dt, steps and every", "duration, samples and tolerances")
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.method, str) or (self.method not in FIXED and self.method not in ADAPTIVE):
+            known = ", ".join((*FIXED, *ADAPTIVE))
+            raise InputError(f"rollout: method {show(self.method)} is unknown; allowed: {known}")
+        own, others = self.own[:: -1 if self.is_adaptive else 1]
+        defaults = {item.name: item.default for item in fields(self)}
+        for name in self.of_fixed_steps if self.is_adaptive else self.of_error_control:
+            value = getattr(self, name)
+            if value is not None and not (isinstance(value, int) and value == defaults[name]):
+                raise InputError(f"rollout: {name} is given; allowed: {own} with method={self.method!r}, not {others}")
+
+    @property
+    def is_adaptive(self) -> bool:
+        """True if the method chooses its steps."""
+        return self.method in ADAPTIVE
+
+    def fixed_steps(self, calls: Calls, count: int | None) -> tuple[float, int, int]:
+        """Return dt (s), steps and every as a kernel takes them.
+
+        Args:
+            calls: of the kernel.
+            count: of states, None for a single one.
+
+        Raises:
+            InputError: one of them is not allowed.
+        """
+        steps, every = (whole_number(name, getattr(self, name), _most(calls, count)) for name in ("steps", "every"))
+        dt, least = as_number(self.dt), float(np.finfo(calls.dtype).tiny)
+        if not least <= dt <= LONGEST:
+            allowed = f"a number from {least:.3g}, the least above 0 that {calls.dtype} holds, to {LONGEST:g}"
+            raise InputError(f"rollout: dt = {show(self.dt)} is not a length of time; {allowed} is allowed")
+        return dt, steps, every
+
+    def times(self, calls: Calls, count: int | None) -> Array:
+        """Return the times of samples, s, (samples + 1,), which are equally far apart; arguments as ``fixed_steps``.
+
+        Raises:
+            InputError: the duration or the number of samples is not allowed, or there is no room for them.
+        """
+        samples = whole_number("samples", 1 if self.samples is None else self.samples, _most(calls, count))
+        length = as_number(self.duration)
+        if not 0.0 < length <= LONGEST:
+            allowed = f"a number above 0, of up to {LONGEST:g}, is allowed"
+            raise InputError(f"rollout: duration = {show(self.duration)} is not a length of time; {allowed}")
+        try:
+            return np.linspace(0.0, length, samples + 1)
+        except MemoryError:
+            size = f"{samples + 1} samples take {8e-9 * samples:.3g} GB for their times alone"
+            raise InputError(f"rollout: {size}, more than there is; allowed: fewer samples") from None
+
+    def error_control(self, calls: Calls, meta: Mapping[str, Any]) -> ErrorControl:
+        """Return the method with tolerances of every coordinate and rate, in the kernel's dtype.
+
+        Args:
+            calls: of the kernel.
+            meta: of the library with its steps, which knows the sizes of coordinates.
+
+        Raises:
+            InputError: a tolerance is not allowed.
+            ArrayError: atol has another shape.
+        """
+        least, rtol, atol = LEAST[str(calls.dtype)], self.rtol, self.atol
+        if not least <= as_number(rtol) < 1.0:
+            raise InputError(f"rollout: rtol = {show(rtol)} is not allowed; a number from {least:g} to below 1 is")
+        if atol is None:
+            found = float(rtol) * np.array(meta["sizes"])
+            for i, name in meta["rubbing"]:
+                found[calls.n + i] = min(found[calls.n + i], calls.parameters[name])
+            return ErrorControl(self.method, float(rtol), found.astype(calls.dtype))
+        try:
+            found = np.broadcast_to(np.asarray(atol, dtype=np.float64), (2 * calls.n,)).astype(calls.dtype)
+        except (ValueError, TypeError, OverflowError):
+            raise ArrayError(f"rollout: atol: expected a number or ({2 * calls.n},), got {show(atol)}") from None
+        if not ((found > 0.0) & (found < np.inf)).all():
+            raise InputError(f"rollout: atol = {show(atol)} is not allowed; finite numbers above 0 are")
+        return ErrorControl(self.method, float(rtol), found)
+
+
+@dataclass(frozen=True)
+class LoadedStepOptions(StepOptions):
+    """Steps of a rollout with what else acts over time, which is for error control alone.
+
+    Attributes:
+        loads: as of ``Kernel.rollout``.
+        works: whether works are integrated, too.
+    """
+
+    loads: Any = None
+    works: bool = False
+
+    of_error_control: ClassVar[tuple[str, ...]] = (*StepOptions.of_error_control, "loads", "works")
+    own: ClassVar[tuple[str, str]] = (StepOptions.own[0], "duration, samples, tolerances, loads and works")
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "works", flag("rollout: works", self.works))
+        super().__post_init__()
+
+
+@dataclass(frozen=True)
+class Control:
+    """A joint controller, which adds kp (target - q) - kd v to the drives, and limits of these.
+
+    Attributes:
+        kp, kd: gains, a number for all principal coordinates or (n,); none without a controller.
+        target: coordinates that it aims at, shapes as of the drives.
+        effort: greatest forces of drives, (n,), N or N m, infinite where there is none; None where none is clipped.
+
+    Raises:
+        InputError: gains without a target, or a target without gains.
+    """
+
+    kp: ArrayLike | None = None
+    kd: ArrayLike | None = None
+    target: ArrayLike | None = None
+    effort: Array | None = None
+
+    def __post_init__(self) -> None:
+        if (self.target is None) != (self.kp is None and self.kd is None):
+            raise InputError("rollout: a controller needs a target, the coordinates that it aims at, and kp or kd")
+
+
+def whole_number(label: str, number: Any, most: int) -> int:
+    """Return a number from 1 to the most that is allowed; InputError of another one."""
+    if isinstance(number, bool) or not isinstance(number, (int, np.integer)) or not 1 <= number <= most:
+        raise InputError(f"rollout: {label} = {show(number)} is not a whole number from 1 to {most}")
+    return int(number)
+
+
+def as_number(value: Any) -> float:
+    """Return a number as a float: infinite where that is too large for one, NaN where it is no number."""
+    try:
+        return float(value) if is_number(value) else np.nan
+    except OverflowError:
+        return np.inf
+
+
+def is_number(value: Any) -> bool:
+    """Return whether a value is a number and no truth value."""
+    return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
+
+
+def _most(calls: Calls, count: int | None) -> int:
+    """The most rows that all states may have."""
+    return NUMBERS // (calls.n * max(count or 1, 1))

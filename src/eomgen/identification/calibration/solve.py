@@ -1,0 +1,615 @@
+"""Calibration of a robot by measured poses, from the file to the result.
+
+file -> MeasuredPoses -> ErrorModel -> Problem -> placed -> fitted -> Variants -> CalibrationResult
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...description import RobotLike, as_robot
+from ...errors import ArrayError, InputError, UnknownNameError
+from ...motion.measured_numbers import ALLOWED_DIVISOR, answers_in_numbers, is_divisor
+from ...names import component_name, is_identifier, listed, nearest_or_all, parameter_name, show, split_component
+from ...optional import optional_import
+from ...progress import StageReport, no_report
+from ...robot.model import build_model
+from ...robot.value import COORDINATES, MOTOR, Robot
+from ..geometry.closing import Closing, closed_readings, closing_of, held_by_loops
+from ..geometry.error_model import (
+    COMPLIANCE,
+    JOINTS,
+    OFFSET,
+    PLACEMENT,
+    SIZES,
+    ZERO,
+    ErrorModel,
+    Quantity,
+    quantities_of,
+    rows_of,
+)
+from ..geometry.observations import ENCODER, ORIENTATION, POSITION, Block, at_rows, observations_of
+from ..geometry.placing import placed
+from ..geometry.poses import MeasuredPoses, read_poses
+from ..geometry.rotations import coordinates_of, pose_from
+from ..geometry.solve import LOSSES, Fit, Problem, whitened
+from ..geometry.stations import Chain, chain_of, matrix_of
+from .diagnosing import Diagnosis, diagnosed, diagnosis_notes
+from .drives import with_drives
+from .identifiability import Identifiable, identifiable, refuse_too_few
+from .misreadings import Left, judged, left_of
+from .result import CalibrationResult
+from .serial import Serial
+from .traps import at_once, design_effect, odd_angles, refuse_impossible, suspicion_of
+from .variants import VARIANTS, Rms, Variants, folds_from, medians_of, only_fitted, residuals_of, variants_of
+
+Array = NDArray[np.float64]
+
+FOLDS = 10
+LACK = 1e-3  # probability of a reduced chi-square by chance, below which the fit lacks something
+TURN = 0.1  # rad: median of what is left of orientations that nothing explains
+OFF = 0.03  # of the reach: median of what is left of positions that nothing explains
+_FAR = 30.0  # expected sizes: offsets that are larger are those of another robot
+_SUSPECT = 0.15  # of both: what is left where other readings are tried
+_ROWS, _ROWS_CLOSED = 32, 12  # rows that readings are tried with
+_SOFT = 1e-3  # rad or m: what a stiffness that nothing is said of is expected to give way in all
+_ROUND_OFF = 1e-9  # of the terms of a variance
+
+
+@dataclass(frozen=True)
+class Task:
+    """The task: the robot, measured frames with link, pose and whether it is described, and all options."""
+
+    robot: Robot
+    links: Mapping[str, tuple[str, Array]]
+    known: Mapping[str, bool]
+    noise: ArrayLike | None
+    covariance: Mapping[str, ArrayLike]
+    loss: str | None
+    fixed: tuple[str, ...]
+    stiffness: tuple[str, ...]
+    sizes: tuple[float, float]
+
+
+@answers_in_numbers("poses")
+def calibrate(
+    robot: RobotLike,
+    poses: MeasuredPoses | Path | str,
+    *,
+    frames: Mapping[str, str] | None = None,
+    rotation: str = "rotvector",
+    noise: ArrayLike | None = None,
+    covariance: Mapping[str, ArrayLike] | None = None,
+    loss: str | None = None,
+    folds: int | str = FOLDS,
+    fixed: Iterable[str] = (),
+    stiffness: Iterable[str] = (),
+    drives: bool = False,
+    variant: str = "full",
+    sizes: Sequence[float] = SIZES,
+    confidence: float = 0.95,
+    force: bool = False,
+    progress: StageReport | None = None,
+) -> CalibrationResult:
+    """Offsets, placements and stiffness of a robot from poses, positions or distances of its frames.
+
+    Args:
+        robot: a Robot, the name of a built-in one, or the path of a description.
+        poses: from ``read_poses``, or the path of a .csv or .npz file.
+        frames: link of every measured frame that the description does not have, {"probe": "link6"}.
+        rotation: how the file writes orientations: "rotvector", "rpy" or "quaternion".
+        noise: standard deviations of lengths (m) and turns (rad) where the file has none; estimated if not given.
+        covariance: of a frame's errors, (3, 3) or (6, 6), by its name: of position, or of position and turn; for every
+            row its own as (R, 3, 3) or (R, 6, 6).  From files by ``read_covariances``.
+        loss: "huber", "cauchy" or "tukey": samples count the less, the more they are off.
+        folds: contiguous parts of the poses that are held out, one after the other; "loo": every pose; 0: none, and the
+            full variant alone.
+        fixed: names of quantities that stay as described, or beginnings of them ("joints.joint1", "frames").
+        stiffness: coordinates ("joint2.gamma") that are elastic though the description does not say so; those with a
+            stiffness in the description are fitted in any case.
+        drives: whether to look for terms of drives: gain, eccentricity, backlash, coupling, drift with warmth.
+        variant: "placement", "zeros", "full" or "prior": the one that values are of.
+        sizes: by how much offsets are expected to be off: as a share of the robot's reach, and rad.
+        confidence: of intervals.
+        force: whether to calibrate although another reading of the file explains it much better, which is noted then.
+        progress: called with a line of text when a stage begins.
+
+    Raises:
+        InputError: a file or an option cannot be used, or the file shows one of the known mistakes.
+        UnknownNameError: there is no frame, link, quantity or coordinate of a name.
+    """
+    robot, report = as_robot(robot).with_constraints(), progress or no_report
+    count = folds_from(folds)
+    task = Task(
+        robot=robot,
+        links=links_of(robot, frames or {}),
+        known=dict.fromkeys(build_model(robot).frames, True) | dict.fromkeys(frames or {}, False),
+        noise=noise,
+        covariance=covariance or {},
+        loss=_one_of("loss", loss, (None, *LOSSES)),
+        fixed=tuple(fixed),
+        stiffness=tuple(stiffness),
+        sizes=two_sizes(sizes),
+    )
+    variant = _one_of("variant", variant, VARIANTS) or "full"
+    if variant != "full" and not count:
+        raise InputError(f"variant: {show(variant)} without folds; allowed: full, or folds from 2 on")
+    if not 0.0 < confidence < 1.0:
+        raise InputError(f"confidence: {confidence!r}; allowed: a number between 0 and 1")
+    report("reading poses")
+    if not isinstance(poses, MeasuredPoses):
+        columns, named = readable_columns(robot), tuple(task.links)
+        poses = read_poses(poses, columns, named, rotation=rotation, encoders=robot.is_closed)
+    problem, start = problem_of(task, poses, careful=True)
+    units, notes = at_once(poses), list[str]()
+    suspicion = suspicion_of(poses, problem.model.chain, problem.rows)
+    if suspicion:
+        report("looking for mistakes")
+        notes += _other_readings(task, poses, problem, {}, is_explained=True, force=force)
+        if not force:
+            raise InputError(suspicion)
+        notes += [suspicion]
+    report("fitting")
+    if drives:
+        fit = only_fitted(problem, start, loss)
+        problem, fit, notes = with_drives(problem, fit, loss, report)
+        start = fit.x
+    if count:
+        found = variants_of(problem, start, loss, units, count, confidence, report)
+    else:
+        fit = only_fitted(problem, start, loss)
+        parts = {"full": residuals_of(problem, fit.residuals, None, fit.trust)}
+        found = Variants({"full": fit}, parts, {}, None, {})
+    report("looking for mistakes")
+    full, medians = found.fits["full"], medians_of(problem, found, variant)
+    limits = {POSITION: OFF * problem.model.chain.reach, ORIENTATION: TURN}
+    is_explained = all(value <= limits[kind] for kind, value in medians.items())
+    if any(value > _SUSPECT * limits[kind] for kind, value in medians.items()):
+        notes += _other_readings(task, poses, problem, medians, is_explained=is_explained, force=force)
+    effect, more = design_effect(poses, problem.seen, full, units)
+    notes += [*more, *_notes(task, problem), *_far_off(problem, found.fits[variant])]
+    report("looking at what is identifiable")
+    shown = identifiable(problem, full)
+    report("looking at residuals")
+    diagnosis, serial = diagnosed(problem, full, shown.rank, loss, is_serial=effect == 1.0)
+    fit = found.fits[variant]
+    sure, freedoms = effect * fit.covariance, full.freedoms / effect
+    if serial is not None:
+        sure, freedoms = _widened(problem, fit, serial), serial.freedoms
+        with np.errstate(invalid="ignore"):
+            ratios = np.diagonal(sure) / np.diagonal(fit.covariance)
+        diagnosis = replace(diagnosis, widened=float(np.sqrt(np.nanmax(ratios))))
+    notes += diagnosis_notes(diagnosis, poses, problem, shown.rank)
+    uncertainty = _Uncertainty(variant, sure, freedoms, diagnosis, confidence)
+    result = _result(task, poses, problem, found, shown, uncertainty, notes)
+    return replace(result, is_explained=is_explained)
+
+
+def _other_readings(
+    task: Task, poses: MeasuredPoses, problem: Problem, medians: Rms, *, is_explained: bool, force: bool
+) -> list[str]:
+    """Notes about other readings of the file; InputError where one explains it, without ``force``."""
+    simple = replace(task, noise=None, covariance={}, stiffness=())
+    closing, closed = problem.model.closing, None
+    if closing is not None:
+        closed = closing, {q.tobytes(): x for q, x in zip(poses.q, problem.rows.readings, strict=True)}
+    most = _ROWS_CLOSED if task.robot.is_closed else _ROWS
+
+    def again(other: MeasuredPoses) -> Left:
+        has_travel = any(np.isfinite(measured.travel).any() for measured in other.frames.values())
+        if len(other.q) > most and not has_travel:
+            other = other.part(np.linspace(0, len(other.q) - 1, most).round().astype(np.intp))
+        frames = {name: replace(measured, sigma={}) for name, measured in other.frames.items()}
+        return left_of(*problem_of(simple, replace(other, frames=frames), careful=False, closed=closed))
+
+    found = judged(poses, again, is_closed=task.robot.is_closed)
+    own = f"as it is read, placements of base and tool leave {found.own}"
+    if found.cause:
+        (text, left), *tied = found.cause
+        more = f"; these poses do not tell it from: {'; '.join(name for name, _ in tied)}" if tied else ""
+        said = f"{poses.source}: {own}; read as {text}: {left}{more}"
+        if not force:
+            raise InputError(
+                f"{said}; allowed: m and rad, axes of one device, orientations as --rotation (rotation=) says, or"
+                " --force (force=True)"
+            )
+        return [said]
+    if is_explained:
+        return []
+    others = [(text, left) for text, left in found.others if left.is_like(found.own)]
+    best = "; ".join(f"{text}: {left}" for text, left in others[:3])
+    large = ", ".join(f"{value:.3g} {'m' if kind == POSITION else 'rad'} of {kind}" for kind, value in medians.items())
+    return [
+        f"what was measured is not explained: the fit leaves {large} (medians of vectors); {own}, and other readings"
+        f" of the file no less: {best}"
+    ]
+
+
+def _widened(problem: Problem, fit: Fit, serial: Serial) -> Array:
+    """Covariance of a fit's values, (P, P), with errors that go on from row to row."""
+    r, A = at_rows(problem.model, problem.rows, problem.seen, fit.x)
+    S = whitened(problem, fit, r, A)[1] / problem.model.sizes
+    return serial.widened(fit.covariance, S, estimated=bool(np.isnan(problem.seen.sigma).any()))
+
+
+def readable_columns(robot: Robot) -> tuple[str, ...]:
+    """Names of coordinates that a file may have: those of the robot, motors among them."""
+    return build_model(robot).coordinates
+
+
+def links_of(robot: Robot, frames: Mapping[str, str]) -> dict[str, tuple[str, Array]]:
+    """Link and pose on it of every frame that may have been measured."""
+    links = {robot.base: robot.base, **{link.name: link.name for link in robot.links}}
+    found = {name: (name, np.eye(4)) for name in links}
+    found |= {frame.name: (frame.link, matrix_of(frame.placement)) for frame in robot.frames}
+    for name, link in frames.items():
+        if link not in links:
+            raise UnknownNameError(f"frames: {name}: there is no link {link!r}{nearest_or_all(link, links)}")
+        if not is_identifier(name) or name in found:
+            raise InputError(f"frames: {show(name)}; allowed: an identifier that no frame or link has yet")
+        found[name] = link, np.eye(4)
+    return found
+
+
+def problem_of(
+    task: Task,
+    poses: MeasuredPoses,
+    *,
+    careful: bool,
+    closed: tuple[Closing, Mapping[bytes, Array]] | None = None,
+) -> tuple[Problem, Array]:
+    """The problem to fit, and first values.
+
+    careful: whether mistakes that show before a fit are refused.  closed: loops, and readings that close them by the
+    bytes of a row of coordinates, where they are known already.
+    """
+    robot = task.robot
+    measured = {name: task.links[name] for name in poses.frames}
+    chain = chain_of(robot, measured)
+    columns = _columns(robot, chain, poses)
+    rows = rows_of(chain, robot, poses, columns)
+    if careful:
+        refuse_impossible(poses, chain)
+    closing = None
+    if closed is not None:
+        closing = closed[0]
+        rows = replace(rows, readings=np.array([closed[1][q.tobytes()] for q in poses.q]))
+    elif robot.is_closed:
+        odd = odd_angles(poses, chain, rows) if careful else ""
+        if odd:  # they need not close
+            raise InputError(odd)
+        tree = build_model(robot)
+        closing = closing_of(tree, chain, [place[:2] for place in columns.values()], poses.source)
+        places = [poses.place(row) for row in range(len(poses.q))]
+        rows = replace(rows, readings=closed_readings(chain, closing, tree, rows.readings, places))
+    series = sorted(set(poses.series.tolist()))
+    known = {name: task.known[name] for name in measured}
+    quantities = tuple(quantities_of(robot, chain, series, known, task.sizes))
+    bases = {number: np.eye(4) for number in series}
+    model = ErrorModel(robot, chain, (*quantities, *_compliances(task, chain, poses, closing)), bases, closing)
+    encoders = _encoders(poses, columns, closing)
+    if not encoders and not any(m.is_measured for m in poses.frames.values()):
+        raise InputError(
+            f"{poses.source}: nothing is measured; allowed: columns of frames, or of passive coordinates beside drives"
+        )
+    seen = observations_of(poses, task.noise, task.covariance, encoders)
+    model = placed(model, rows, seen, {name: known[name] for name in known if poses.frames[name].is_measured})
+    model = _sized(model, Problem(model, rows, seen, np.zeros(0, dtype=np.intp)))
+    chosen = [i for i, quantity in enumerate(model.quantities) if not _is_fixed(quantity.name, task.fixed)]
+    for name in task.fixed:
+        if not any(_is_fixed(quantity.name, (name,)) for quantity in model.quantities):
+            names = [quantity.name for quantity in model.quantities]
+            raise UnknownNameError(f"fixed: there is no quantity {name!r}{nearest_or_all(name, names)}")
+    problem = Problem(model, rows, seen, np.array(chosen, dtype=np.intp))
+    if careful and closing is None:
+        refuse_too_few(problem, poses.source)
+    return problem, model.nominal
+
+
+def _encoders(
+    poses: MeasuredPoses, columns: Mapping[str, tuple[int, int, float]], closing: Closing | None
+) -> list[Block]:
+    """Readings of passive coordinates of a closed mechanism: its loops say what they should be."""
+    passive = () if closing is None else closing.passive
+    rows = np.arange(len(poses.q))
+    return [
+        Block(name, ENCODER, rows, factor * poses.q[:, poses.coordinates.index(name)], (k, c))
+        for name, (k, c, factor) in columns.items()
+        if (k, c) in passive
+    ]
+
+
+def _is_fixed(name: str, fixed: Sequence[str]) -> bool:
+    return any(name == given or name.startswith(f"{given}.") for given in fixed)
+
+
+def _columns(robot: Robot, chain: Chain, poses: MeasuredPoses) -> dict[str, tuple[int, int, float]]:
+    """Station, coordinate and factor of every column of coordinates; InputError where a joint's is missing."""
+    station = {s.name: k for k, s in enumerate(chain.stations) if s.joint is not None}
+    found = {}
+    for name in poses.coordinates:
+        owner, kind = split_component(name)
+        at = chain.stations[station[owner]]
+        if kind == MOTOR:
+            assert at.joint is not None
+            assert at.joint.motor is not None
+            assert at.principal is not None
+            if component_name(owner, COORDINATES[at.principal]) in poses.coordinates:
+                raise InputError(f"{poses.source}: {name} and its joint's coordinate are both there; allowed: one")
+            found[name] = station[owner], at.principal, 1.0 / at.joint.motor.ratio
+        else:
+            found[name] = station[owner], COORDINATES.index(kind), 1.0
+    read = {place[:2] for place in found.values()}
+    moving = {k for tool in chain.tools.values() for k in chain.ancestors(tool)}
+    for name, k in station.items():
+        principal = chain.stations[k].principal
+        if k in moving and principal is not None and (k, principal) not in read and not robot.is_closed:
+            column = component_name(name, COORDINATES[principal])
+            raise InputError(
+                f"{poses.source}: the column {column} is missing; allowed: all joints that move what was measured"
+            )
+    return found
+
+
+def _compliances(task: Task, chain: Chain, poses: MeasuredPoses, closing: Closing | None) -> list[Quantity]:
+    """Compliances of deviations and transmissions, in m/N and rad/(N m); their names are those of the stiffness.
+
+    Of closed mechanisms those whose deflections the loops let happen.
+
+    Raises:
+        InputError: a coordinate that is asked for follows from the loops, or is held by them.
+    """
+    found: list[Quantity] = []
+    names = [component_name(s.name, kind) for s in chain.stations if s.joint for kind in COORDINATES]
+    for name in task.stiffness:
+        if name not in names:
+            raise UnknownNameError(f"stiffness: there is no coordinate {name!r}{nearest_or_all(name, names)}")
+    for k, station in enumerate(chain.stations):
+        joint = station.joint
+        if joint is None:
+            continue
+        for c, kind in enumerate(COORDINATES):
+            name, given = component_name(joint.name, kind), joint.coordinates.get(kind)
+            described = 0.0 if given is None or c == station.principal else given.stiffness or 0.0
+            if c == station.principal and joint.motor and component_name(joint.name, MOTOR) in poses.coordinates:
+                name, described = component_name(joint.name, MOTOR), joint.motor.transmission.stiffness or 0.0
+            if described > 0.0 or component_name(joint.name, kind) in task.stiffness:
+                nominal = 1.0 / described if described > 0.0 else 0.0
+                key = parameter_name(JOINTS, name, "stiffness")
+                found.append(Quantity(key, COMPLIANCE, k, c, "force", nominal, nominal))
+    return found if closing is None else _free_ones(task, chain, closing, found)
+
+
+def _free_ones(task: Task, chain: Chain, closing: Closing, found: Sequence[Quantity]) -> list[Quantity]:
+    """Compliances of a closed mechanism whose deflections passive coordinates can take up; see ``_compliances``."""
+    places = [(quantity.station, quantity.coordinate) for quantity in found]
+    held = held_by_loops(build_model(task.robot), chain, closing, places)
+    for k, c in places:
+        name = component_name(chain.stations[k].name, COORDINATES[c])
+        if name in task.stiffness and (k, c) in (*closing.passive, *held):
+            why = "follows from the drives" if (k, c) in closing.passive else "is held by the loops, too"
+            raise InputError(
+                f"stiffness: {name} {why}; allowed: drives of {task.robot.name}, and coordinates whose deflections the"
+                " passive ones can take up"
+            )
+    return [quantity for quantity, place in zip(found, places, strict=True) if place not in held]
+
+
+def _sized(model: ErrorModel, problem: Problem) -> ErrorModel:
+    """The model with expected sizes of compliances that the description says nothing of, by the loads there are."""
+    if not any(quantity.size == 0.0 for quantity in model.quantities):
+        return model
+    state = model.at(model.nominal, problem.rows)
+    forces = np.abs(model.forces(state.found, problem.rows)).max(axis=0)
+    quantities = tuple(
+        replace(q, size=_SOFT / max(float(forces[q.station, q.coordinate]), 1e-3)) if q.size == 0.0 else q
+        for q in model.quantities
+    )
+    return replace(model, quantities=quantities)
+
+
+def _notes(task: Task, problem: Problem) -> list[str]:
+    """Notes about what a result leaves out, and what counts beside frames."""
+    notes = []
+    encoders = [block.frame for block in problem.seen.blocks if block.kind == ENCODER]
+    if encoders:
+        notes.append(f"encoders of passive coordinates count as measured: {listed(encoders)}")
+    soft = any(quantity.kind == COMPLIANCE for quantity in problem.model.quantities)
+    if soft and task.robot.springs:
+        notes.append("springs between points are left out of the loads")
+    if problem.model.closing is not None:
+        fitted = {(q.station, q.coordinate) for q in problem.model.quantities if q.kind == COMPLIANCE}
+        left = [
+            component_name(station.name, kind)
+            for k, station in enumerate(problem.model.chain.stations)
+            if station.joint is not None
+            for kind, given in station.joint.coordinates.items()
+            if given.stiffness and (k, COORDINATES.index(kind)) not in fitted
+        ]
+        if left:
+            notes.append(f"stiffness of {listed(left)} is not fitted: the loops hold these coordinates, too")
+    bent = [
+        component_name(joint.name, kind)
+        for joint in task.robot.joints
+        for kind, given in joint.coordinates.items()
+        if given.law() and given.has_stiffness
+    ]
+    if bent:
+        notes.append(f"of {listed(bent)} the linear stiffness alone counts")
+    return notes
+
+
+def _far_off(problem: Problem, fit: Fit) -> list[str]:
+    """A note about offsets that are too large for a robot that was built as it is described."""
+    quantities = problem.model.quantities
+    off = (fit.x - problem.model.nominal) / problem.model.sizes
+    far = [i for i in problem.active if quantities[i].kind in (ZERO, OFFSET) and abs(off[i]) > _FAR]
+    if not far:
+        return []
+    named = listed(
+        [f"{quantities[i].name} by {fit.x[i] - quantities[i].nominal:.3g} {quantities[i].unit}" for i in far]
+    )
+    return [f"further off than a robot is built: {named}; is a zero, or a length, another one than in the description?"]
+
+
+@dataclass(frozen=True)
+class _Uncertainty:
+    """Uncertainty of the values of a variant: what ``CalibrationResult`` has under the same names."""
+
+    variant: str
+    covariance: Array
+    freedoms: float
+    diagnosis: Diagnosis
+    confidence: float
+
+
+def _result(
+    task: Task,
+    poses: MeasuredPoses,
+    problem: Problem,
+    found: Variants,
+    shown: Identifiable,
+    uncertainty: _Uncertainty,
+    notes: list[str],
+) -> CalibrationResult:
+    model, fit, full = problem.model, found.fits[uncertainty.variant], found.fits["full"]
+    values, described, deviations = _described(task, model, fit.x, uncertainty.covariance)
+    chosen = problem.active
+    names = tuple(model.quantities[i].name for i in chosen)
+    is_known = not np.isnan(problem.seen.sigma).any()
+    if not (is_known or uncertainty.diagnosis.is_checked):
+        deviations = np.full_like(deviations, np.nan)
+    chi2 = full.chi2 / full.freedoms if is_known and full.freedoms > 0.0 else None
+    if chi2 is not None:
+        notes += _lack_of_fit(full)
+    return CalibrationResult(
+        robot=task.robot.name,
+        frames={name: task.links[name][0] for name in model.chain.tools},
+        rows=len(poses.q),
+        names=names,
+        units=tuple(model.quantities[i].unit for i in chosen),
+        values=values[chosen],
+        described=described[chosen],
+        deviations=deviations[chosen],
+        rank=shown.rank,
+        rank_above_noise=shown.rank_above_noise,
+        merged=shown.merged,
+        weak=shown.weak,
+        residuals=found.residuals,
+        noise=_noise(problem, full),
+        is_noise_known=is_known,
+        chi2=chi2,
+        prior=found.prior,
+        gains=found.gains,
+        mistrusted=_mistrusted(problem, full),
+        notes=tuple(notes),
+        model=model,
+        x=fit.x,
+        source=poses.source,
+        **vars(uncertainty),
+    )
+
+
+def _described(task: Task, model: ErrorModel, x: Array, covariance: Array) -> tuple[Array, Array, Array]:
+    """Values as a description has them, what it says, and standard deviations, (P,) each.
+
+    Placements are whole ones, of the frame on its link and of the base before the device; compliances are stiffnesses.
+    """
+    values, described = x.copy(), model.nominal
+    variance = np.diagonal(covariance).copy()
+    groups: dict[tuple[int, int], list[int]] = {}
+    for i, quantity in enumerate(model.quantities):
+        if quantity.kind == PLACEMENT:
+            groups.setdefault((quantity.station, quantity.series), []).append(i)
+        elif quantity.kind == COMPLIANCE:
+            values[i] = 1.0 / x[i] if x[i] != 0.0 else np.inf
+            described[i] = 1.0 / quantity.nominal if quantity.nominal else np.nan
+            variance[i] *= values[i] ** 4
+    for (station, number), places in groups.items():
+        if station == 0:
+            before, said = model.bases[number], np.full(6, np.nan)
+        else:
+            frame = model.chain.stations[station].name
+            link, pose = task.links[frame]
+            before = model.tool_on_link(frame, link)
+            said = coordinates_of(pose) if task.known[frame] else np.full(6, np.nan)
+
+        def whole(part: Array, before: Array = before) -> Array:
+            return coordinates_of(before @ pose_from(part))
+
+        values[places], described[places] = whole(x[places]), said
+        slope = _slope(whole, x[places])
+        own = covariance[np.ix_(places, places)]
+        size = np.einsum("ij,jk,ik->i", np.abs(slope), np.abs(own), np.abs(slope))
+        found = np.einsum("ij,jk,ik->i", slope, own, slope)
+        variance[places] = np.where((found < 0.0) & (found > -_ROUND_OFF * size), 0.0, found)
+    if (variance < 0.0).any():
+        raise np.linalg.LinAlgError("a variance comes out negative")
+    with np.errstate(invalid="ignore"):
+        return values, described, np.sqrt(variance)
+
+
+def _slope(function: Callable[[Array], Array], x: Array, step: float = 1e-6) -> Array:
+    """Derivatives of six coordinates by six, (6, 6), by central differences."""
+    columns = []
+    for i in range(6):
+        off = np.zeros(6)
+        off[i] = step
+        ahead, behind = function(x + off), function(x - off)
+        change = ahead - behind
+        change[3:] = (change[3:] + np.pi) % (2.0 * np.pi) - np.pi
+        columns.append(change / (2.0 * step))
+    return np.stack(columns, axis=1)
+
+
+def _noise(problem: Problem, fit: Fit) -> dict[str, float]:
+    """Root of the mean square of the standard deviations of what was measured, by frame and kind."""
+    found = {}
+    for group, block in enumerate(problem.seen.blocks):
+        places = problem.seen.group == group
+        found[component_name(block.frame, block.kind)] = float(np.sqrt(np.mean(fit.sigma[places] ** 2)))
+    return found
+
+
+def _mistrusted(problem: Problem, fit: Fit) -> tuple[tuple[int, float], ...]:
+    rows: dict[int, float] = {}
+    for i in np.flatnonzero(fit.trust < 0.5):
+        row = int(problem.seen.row[i])
+        rows[row] = min(rows.get(row, 1.0), float(fit.trust[i]))
+    return tuple(sorted(rows.items(), key=lambda entry: entry[1]))
+
+
+def _lack_of_fit(fit: Fit) -> list[str]:
+    """A note where known noise does not explain what is left."""
+    with optional_import("SciPy", "calibrate needs"):
+        from scipy.special import chdtrc
+    probability = float(chdtrc(fit.freedoms, fit.chi2))
+    if probability >= LACK:
+        return []
+    ratio = fit.chi2 / fit.freedoms
+    return [
+        f"lack of fit: reduced chi-square {ratio:.3g}, by chance with a probability of {probability:.1g}; the model"
+        " lacks something that the poses show (drives, stiffness), or the noise is larger than given"
+    ]
+
+
+def _one_of(label: str, value: str | None, allowed: Sequence[str | None]) -> str | None:
+    if value not in allowed:
+        named = ", ".join(name for name in allowed if name is not None)
+        raise InputError(f"{label}: {show(value)}; allowed: {named}")
+    return value
+
+
+def two_sizes(sizes: Sequence[float]) -> tuple[float, float]:
+    try:
+        values = np.array(sizes, dtype=np.float64)
+    except (TypeError, ValueError):
+        values = np.zeros(0)
+    if values.shape != (2,) or not is_divisor(values).all():
+        raise ArrayError(f"sizes: {show(str(sizes))}; allowed: of the reach and rad, each {ALLOWED_DIVISOR}")
+    return float(values[0]), float(values[1])

@@ -1,0 +1,191 @@
+"""Chosen poses: coordinates in the order to measure them, what they will tell, what stays weak; a file to fill in."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping
+from dataclasses import dataclass
+from io import StringIO
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InputError
+from ...files import check_ending, write_atomically
+from ...names import component_name, show
+from ...results.kinds import Kind, Saved, declare, read
+from ...results.stored import Stored
+from ...robot.coordinates import MOTIONS
+from ...shown import Shown
+from ...tabular import Rows as TableRows
+from ...tabular import TableColumn, Tabular
+from ..calibration.identifiability import merged_rows
+from .information import DETERMINANT
+from .proposals import DISTANCE, POSE
+
+Array = NDArray[np.float64]
+
+_ABOUT = {
+    DETERMINANT: "D (determinant of the information)",
+    "V": "V (expected error of the tool over the workspace)",
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class PosesResult(Shown, Tabular, Saved):
+    """Poses to measure of a robot.
+
+    Attributes:
+        robot: the robot's name.
+        coordinates: names of the columns of q.
+        q: (N, n), m or rad; the poses that tell most come first.
+        frames: names of the frames to measure.
+        measure: what of them: "pose", "position" or "distance".
+        series: number of the series that the poses belong to.
+        criterion: "D" or "V".
+        efficiency: share of what the best weights of all candidates reach, 0 to 1, at most off by ``gap`` below it.
+        gap: of the bound to the weights that were found, as a share.
+        value: log det of the information, or the negative mean square of the tool's error (m^2).
+        bound: what no choice of so many candidates exceeds.
+        size: combinations of quantities that the candidates can show.
+        rank: those that the chosen poses, and those measured before, show; rank_above_noise: above their noise.
+        names, deviations, units: of all quantities, their standard deviations with expected sizes known before, (P,).
+        merged: why a quantity is not identifiable by these poses, by name.
+        weak: directions that show less than their noise, with their standard deviations.
+        error: expected distance of the tool from where it is thought to be, rms over the workspace, m.
+        error_before: the same without the chosen poses.
+        measured: rows that were measured before.
+        candidates: poses that were to choose from.
+        noise: standard deviations of lengths (m) and turns (rad).
+        seed: of the candidates.
+        notes: what was found on the way.
+    """
+
+    robot: str
+    coordinates: tuple[str, ...]
+    q: Annotated[Array, Stored(("N", "n"), "m, rad")]
+    frames: tuple[str, ...]
+    measure: str
+    series: int
+    criterion: str
+    efficiency: float
+    gap: float
+    value: float
+    bound: float
+    size: int
+    rank: int
+    rank_above_noise: int
+    names: tuple[str, ...]
+    deviations: Annotated[Array, Stored(("P",), "SI")]
+    units: tuple[str, ...]
+    merged: Mapping[str, str]
+    weak: tuple[tuple[str, float], ...]
+    error: float
+    error_before: float
+    measured: int
+    candidates: int
+    noise: tuple[float, float]
+    seed: int
+    notes: tuple[str, ...] = ()
+
+    def to_csv(self, path: Path | str) -> Path:
+        """Write coordinates, and empty columns for what is to be measured, and return the path.
+
+        ``calibrate`` reads the file when these are filled in.
+
+        Raises:
+            InputError: another ending, or the file cannot be written.
+        """
+        target = check_ending(path, ".csv")
+        parts = {POSE: MOTIONS, DISTANCE: ("distance",)}.get(self.measure, MOTIONS[:3])
+        empty = [component_name(frame, part) for frame in self.frames for part in parts]
+        more = ["series"] if self.series else []
+        text = StringIO()
+        text.write(f"# Poses to measure of {self.robot}, the ones that tell most first; fill in the empty columns.\n")
+        text.write("# Coordinates in m and rad; what is measured in m, turns as rotation vectors, rad.\n")
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow([*self.coordinates, *empty, *more])
+        for row in self.q.tolist():
+            writer.writerow([*row, *("" for _ in empty), *(self.series for _ in more)])
+        return write_atomically(target, lambda stream: stream.write(text.getvalue().encode("ascii")))
+
+    def as_rows(self) -> TableRows:
+        """A row per pose: its coordinates, m or rad."""
+        columns = [TableColumn(name, "SI", self.q[:, i]) for i, name in enumerate(self.coordinates)]
+        return TableRows("pose", "", np.arange(len(self.q)), columns, {"robot": self.robot})
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON."""
+        plain = {
+            key: getattr(self, key)
+            for key in (
+                *("robot", "measure", "series", "criterion", "efficiency", "gap", "value", "bound", "size", "rank"),
+                *("rank_above_noise", "error", "error_before", "measured", "candidates", "seed"),
+            )
+        }
+        return {
+            **plain,
+            "coordinates": list(self.coordinates),
+            "q": self.q.tolist(),
+            "frames": list(self.frames),
+            "names": list(self.names),
+            "deviations": self.deviations.tolist(),
+            "units": list(self.units),
+            "merged": dict(self.merged),
+            "weak": [{"direction": text, "deviation": value} for text, value in self.weak],
+            "noise": list(self.noise),
+            "notes": list(self.notes),
+        }
+
+    def lines(self) -> list[str]:
+        """Tables for people: the criterion, the poses, what stays weak."""
+        lines = [*self.summary_lines(), "", "".join(f"{name:>16}" for name in self.coordinates)]
+        lines += ["".join(f"{value:>16.6f}" for value in row) for row in self.q]
+        if self.weak:
+            lines += ["", "weak: standard deviation of the first, along the direction"]
+            lines += [f"{value:>10.2g}  {text}" for text, value in self.weak]
+        if self.merged:
+            rows = merged_rows(self.merged)
+            width = max(len(name) for name, _ in rows) + 2
+            lines += ["", "not identifiable:", *(f"{name:<{width}}{why}" for name, why in rows)]
+        return lines + (["", *(f"note: {note}" for note in self.notes)] if self.notes else [])
+
+    def summary_lines(self) -> list[str]:
+        """Lines about the choice: how many of what, how near to the bound, what they will tell."""
+        behind = f" behind {self.measured} measured ones" if self.measured else ""
+        names = ", ".join(self.frames)
+        without = f", without these poses {1e3 * self.error_before:.4g} mm" if self.measured else ""
+        return [
+            f"{self.robot}: {len(self.q)} of {self.candidates} poses{behind}, {self.measure} of {names}",
+            f"criterion {_ABOUT[self.criterion]}: {100 * self.efficiency:.1f} % of what any weights of them reach",
+            f"rank {self.rank} of {self.size}, {self.rank_above_noise} above the noise"
+            f" ({1e3 * self.noise[0]:.3g} mm, {1e3 * self.noise[1]:.3g} mrad)",
+            f"expected error of the tool {1e3 * self.error:.4g} mm rms{without}",
+        ]
+
+
+def _check(found: PosesResult, path: str) -> None:
+    if not len(found.q):
+        raise InputError(f"{path}: q: got no poses; allowed: one or more")
+    if len(found.units) != len(found.names):
+        raise InputError(f"{path}: units: got {len(found.units)}; allowed: {len(found.names)}, one for each of names")
+    if found.criterion not in _ABOUT:
+        raise InputError(f"{path}: criterion: {show(found.criterion)}; allowed: {', '.join(_ABOUT)}")
+
+
+def _sizes(found: PosesResult) -> dict[str, int]:
+    return {"n": len(found.coordinates), "P": len(found.names)}
+
+
+KIND = declare(Kind("poses", PosesResult, ending=".json", sizes=_sizes, check=_check))
+
+
+def load_poses(path: Path | str) -> PosesResult:
+    """Read the result that ``PosesResult.save`` wrote.
+
+    Raises:
+        InputError: the file cannot be read, or is no such result; says what in it is wrong.
+    """
+    return read(KIND, path)

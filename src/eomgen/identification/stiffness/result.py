@@ -1,0 +1,153 @@
+"""What a fit of stiffness and damping yields: values with intervals, warnings, and their table."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...errors import UnknownNameError
+from ...names import component_name, parameter_name
+from ...optional import optional_import
+from ...results.kinds import Kind, Saved, declare, read
+from ...shown import Shown
+from ...tabular import Rows, TableColumn, Tabular
+
+KEYS = ("stiffness", "damping")
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A fitted value with its standard error and confidence interval.
+
+    described: what the description says.  width: of the filter, s.  unexplained: rms of the residual over rms of y,
+    both behind that filter.
+    """
+
+    value: float
+    standard_error: float
+    low: float
+    high: float
+    described: float
+    width: float
+    unexplained: float
+
+
+@dataclass(frozen=True)
+class FittedCoordinate:
+    """Estimates for one coordinate; None where a parameter is not determined.
+
+    stiffness: N/m or N m/rad; damping: N s/m or N m s/rad.  noise: standard deviation of white noise on the
+    coordinate, m or rad, as its samples show it.  owner: "joints", or of what is cut or coupled "loops", "couplings".
+    """
+
+    coordinate: str
+    stiffness: Estimate | None
+    damping: Estimate | None
+    noise: float
+    owner: str = "joints"
+
+
+def interval_of(
+    value: float, variance: float, freedoms: int, confidence: float, described: float, width: float, unexplained: float
+) -> Estimate:
+    """A value with its interval, by Student's t with so many degrees of freedom; the rest as in ``Estimate``."""
+    with optional_import("SciPy", "fit needs"):
+        from scipy.stats import t as student
+    quantile, error = float(student.ppf(0.5 + confidence / 2, freedoms)), float(np.sqrt(variance))
+    low, high = value - quantile * error, value + quantile * error
+    return Estimate(value, error, low, high, described, width, unexplained)
+
+
+def doubts(entry: FittedCoordinate) -> list[str]:
+    """Warnings about a fitted coordinate."""
+    found = []
+    for key in KEYS:
+        estimate: Estimate | None = getattr(entry, key)
+        if estimate is None:
+            continue
+        name = component_name(entry.coordinate, key)
+        if estimate.low <= 0.0 <= estimate.high:
+            found.append(f"{name}: its interval holds zero, so the motion does not determine it")
+        elif estimate.value < 0.0:
+            found.append(f"{name} is negative; is the drive known, and the inertia right?")
+        elif estimate.unexplained > 0.5:
+            found.append(f"{name}: {100 * estimate.unexplained:.0f} % of the force stays unexplained")
+    return found
+
+
+@dataclass(frozen=True)
+class FitResult(Shown, Tabular, Saved):
+    """Fitted coordinates, warnings about what could not be found, and notes about the method."""
+
+    robot: str
+    confidence: float
+    fitted: tuple[FittedCoordinate, ...]
+    warnings: tuple[str, ...]
+    notes: tuple[str, ...]
+
+    def __getitem__(self, coordinate: str) -> FittedCoordinate:
+        """The result of one coordinate; UnknownNameError if it was not fitted."""
+        names = [entry.coordinate for entry in self.fitted]
+        if coordinate not in names:
+            raise UnknownNameError(f"fit: {coordinate!r} was not fitted; fitted: {', '.join(names) or 'none'}")
+        return self.fitted[names.index(coordinate)]
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Fitted values that a kernel takes, by parameter name: those that are not negative."""
+        found = {}
+        for entry in self.fitted:
+            for key in KEYS:
+                estimate = getattr(entry, key)
+                if estimate is not None and estimate.value >= 0.0:
+                    found[parameter_name(entry.owner, entry.coordinate, key)] = estimate.value
+        return found
+
+    def as_rows(self) -> Rows:
+        """A row per parameter that was found: value, standard error, interval, what is described; SI units."""
+        found = {
+            parameter_name(entry.coordinate, key): getattr(entry, key)
+            for entry in self.fitted
+            for key in KEYS
+            if getattr(entry, key) is not None
+        }
+        columns = []
+        for field in fields(Estimate):
+            unit = {"width": "s", "unexplained": "1"}.get(field.name, "SI")
+            values = np.array([getattr(estimate, field.name) for estimate in found.values()], dtype=np.float64)
+            columns.append(TableColumn(field.name, unit, values))
+        return Rows("parameter", "", np.array(list(found), dtype=object), columns, {"robot": self.robot})
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON."""
+        return asdict(self)
+
+    def lines(self) -> list[str]:
+        """A table for people."""
+        interval = f"{100 * self.confidence:g} % interval"
+        lines = [f"{self.robot}: stiffness and damping by least squares", ""]
+        lines.append(f"{'parameter':<34}{'value':>12}{'std. error':>12}{interval:>26}{'described':>12}")
+        for entry in self.fitted:
+            for key in KEYS:
+                found = getattr(entry, key)
+                if found is not None:
+                    span = f"{found.low:.5g} .. {found.high:.5g}"
+                    row = f"{found.value:>12.5g}{found.standard_error:>12.2g}{span:>26}{found.described:>12.5g}"
+                    lines.append(f"{entry.coordinate + '.' + key:<34}{row}")
+        lines += ["", *(f"warning: {text}" for text in self.warnings), *(f"note: {text}" for text in self.notes)]
+        return lines
+
+
+KIND = declare(Kind("fit", FitResult, ending=".json"))
+
+
+def load_fit(path: Path | str) -> FitResult:
+    """Read the result that ``FitResult.save`` wrote.
+
+    Raises:
+        InputError: the file cannot be read, or is no such result; says what in it is wrong.
+    """
+    return read(KIND, path)

@@ -1,0 +1,503 @@
+"""From a table of tolerances to the accuracy of a tool at poses.
+
+table -> Contribution -> Exact -> sensitivities -> covariance, regions, worst cases, shares -> ToleranceResult
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import fields, replace
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...description import RobotLike, as_robot
+from ...description.recorded import robot_from_record
+from ...errors import ArrayError, InputError, UnknownNameError
+from ...limits import LARGEST, is_usable
+from ...motion.files import MeasuredMotion, measured_motion
+from ...motion.measured_numbers import ALLOWED, answers_in_numbers, within_limits
+from ...names import component_name, joint_of, kind_of, listed, nearest_or_all, show
+from ...progress import StageReport, no_report
+from ...results.contents import Contents
+from ...results.kinds import Kind, declare, read
+from ...robot.model import Model, build_model, tool_of
+from ...robot.record import record_of
+from ...robot.value import COORDINATES, MOTOR, PRINCIPAL, Robot
+from ..geometry.closing import closed_readings, closing_of
+from ..geometry.error_model import Rows
+from ..geometry.stations import Chain, chain_of, matrix_of
+from .contributions import Contribution, Exact, contributions_of, model_of
+from .correlations import groups_of, plain_correlations, read_correlations, root_of
+from .regions import mixed_quantiles, quantile_of_normal, radii, worst_deviations, worst_directions
+from .result import PARTS, ToleranceResult, shares_of
+from .table import CORRELATIONS, Table, Tolerance, read_table
+from .vertices import farthest
+
+Array = NDArray[np.float64]
+
+ALONG = 200  # samples of a motion, at most
+MOST_POSES = 10_000
+COVERAGE = 3.0  # standard deviations that a worst case goes up to where no bound is given
+LINEAR = 0.01  # of the worst case: what a linear prediction may be off without a warning
+VERTICES = 8  # contributors whose 2^8 vertices are looked at
+EVEN = 0.3  # of a variance: one even distribution that a sum is no longer normal with
+_LINE = 1e-12  # of the greatest variance: no motion across
+_EVERY = 20  # poses at which the linear prediction is compared
+_SOFTEST = 0.2  # of a stiffness: its greatest standard deviation
+_COLUMNS = {"position": slice(0, 3), "orientation": slice(3, 6)}
+
+
+@answers_in_numbers("table")
+def tolerance(
+    robot: RobotLike,
+    table: Mapping[str, Any] | Path | str,
+    frame: str | None = None,
+    *,
+    poses: ArrayLike | Mapping[str, float] | None = None,
+    random: int = 0,
+    along: MeasuredMotion | Path | str | None = None,
+    seed: int = 0,
+    wrench: ArrayLike | None = None,
+    confidence: float = 0.95,
+    progress: StageReport | None = None,
+) -> ToleranceResult:
+    """Accuracy of a frame by the tolerances of offsets, placements, lengths, stiffness, clearances and drives.
+
+    Args:
+        robot: a Robot, the name of a built-in one, or the path of a description.
+        table: path of a .toml file, or a mapping of the same form, {"joints.joint2.offset.z": {"bound": 1e-4}}:
+            "deviation" (normal) or "bound" (even within), optionally "relative", "cost" and "fixed"; and optionally
+            "correlations", [{"names": [...], "coefficient": 0.6}, {"names": [...], "matrix": [[...]]}] of normal ones.
+        frame: frame or link to look at; by default the tool.
+        poses: values of the moving joints' coordinates, (k,) or (N, k), m and rad, or values by name, others at home;
+            by default home.  Of a mechanism with loops those of the drives.
+        random: number of poses within the joints' limits instead; a joint without limits that turns goes all around.
+        along: a motion instead, or its path: a .csv or .npz, such as that of a simulation; up to 200 samples of it.
+        seed: of the random poses.
+        wrench: force (N) and moment (N m) on the frame, (6,), base axes; beside gravity.
+        confidence: probability of regions.
+        progress: called with a line of text when a stage begins.
+
+    Raises:
+        DescriptionError: the table names what is not there, or a value cannot be used.
+        InputError: another argument cannot be used, or a mechanism does not close.
+        UnknownNameError: there is no frame or coordinate of a name.
+    """
+    robot, report = as_robot(robot).with_constraints(), progress or no_report
+    frame = tool_of(robot, frame, "frame")
+    if not (is_usable(confidence) and 0.0 < confidence < 1.0):
+        raise InputError(f"confidence: {show(confidence)}; allowed: a number between 0 and 1")
+    if isinstance(random, bool) or not isinstance(random, (int, np.integer)):
+        raise InputError(f"random: {show(random)}; allowed: a whole number of poses")
+    if sum((poses is not None, bool(random), along is not None)) > 1:
+        raise InputError("poses, random and along: more than one is given; allowed: one of them")
+    report("reading tolerances")
+    model = build_model(robot)
+    names = _coordinates(robot, model)
+    t = None
+    if random:
+        q = _random_poses(robot, names, random, seed)
+    elif along is not None:
+        t, q = _motion(model, names, along)
+    else:
+        q = _given_poses(model, names, poses)
+    exact = _exact(robot, model, frame, names, q, wrench)
+    known = contributions_of(exact.model)
+    read = read_table(table, tuple(known))
+    chosen = tuple(known[entry.name] for entry in read.entries)
+    exact = Exact(exact.model, exact.rows, exact.tool, chosen)
+    entries = [_sized(read, entry, one) for entry, one in zip(read.entries, chosen, strict=True)]
+    found = _result(exact, frame, names, q, entries, read_correlations(read), confidence, report)
+    return found if t is None else replace(found, t=t)
+
+
+def _coordinates(robot: Robot, model: Model) -> tuple[str, ...]:
+    """Names of the coordinates that say where a robot is: of a tree those of all moving joints, else of all drives."""
+    if not robot.is_closed:
+        return tuple(
+            component_name(joint.name, PRINCIPAL[joint.type])
+            for joint in robot.joints
+            if joint.coordinates and joint.type in PRINCIPAL
+        )
+    driven = [model.coordinates[i] for i in (*model.driven, *model.prescribed)]
+    return tuple(_of_joint(robot, name) for name in driven)
+
+
+def _of_joint(robot: Robot, name: str) -> str:
+    """The coordinate of the joint that a motor turns."""
+    if kind_of(name) != MOTOR:
+        return name
+    return component_name(joint_of(name), PRINCIPAL[robot.joint(joint_of(name)).type])
+
+
+def _given_poses(model: Model, names: Sequence[str], poses: ArrayLike | Mapping[str, float] | None) -> Array:
+    home = dict(zip(model.coordinates, model.home, strict=True))
+    start = np.array([float(home.get(name, 0.0)) for name in names])
+    if poses is None:
+        return start[np.newaxis]
+    if isinstance(poses, Mapping):
+        for name, value in poses.items():
+            if name not in names:
+                raise UnknownNameError(f"poses: there is no coordinate {show(name)}{nearest_or_all(str(name), names)}")
+            if not isinstance(value, (int, float)) or not abs(value) <= LARGEST:
+                raise InputError(f"poses: {name}: {show(value)}; allowed: {ALLOWED}")
+            start[names.index(name)] = float(value)
+        return start[np.newaxis]
+    try:
+        given = np.asarray(poses, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise ArrayError(f"poses: {show(poses)}; allowed: numbers") from None
+    shape = f"({len(names)},) or (N, {len(names)})"
+    is_shaped = given.ndim in (1, 2) and given.shape[-1] == len(names) and given.size > 0
+    if not is_shaped or not within_limits(given).all():
+        what = f"finite numbers of shape {shape}, up to {LARGEST:g}: {listed(names)}"
+        raise ArrayError(f"poses: got shape {given.shape}; allowed: {what}")
+    given = given.reshape(-1, len(names))
+    if len(given) > MOST_POSES:
+        raise ArrayError(f"poses: {len(given)} rows; allowed: up to {MOST_POSES}")
+    return given
+
+
+def _random_poses(robot: Robot, names: Sequence[str], count: int, seed: int) -> Array:
+    for label, value, low, high in (("random", count, 1, MOST_POSES), ("seed", seed, 0, 2**63)):
+        if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not low <= value <= high:
+            raise InputError(f"{label}: {show(value)}; allowed: a whole number from {low} to {high}")
+    limits = []
+    for name in names:
+        given = robot.joint(joint_of(name)).limits
+        if given is None and kind_of(name) in COORDINATES[:3]:
+            raise InputError(f"random: {name} has no limits; allowed: limits of all joints that slide")
+        limits.append(given or (-np.pi, np.pi))
+    low_ends, high_ends = np.array(limits, dtype=np.float64).reshape(-1, 2).T
+    return np.random.default_rng(seed).uniform(low_ends, high_ends, (count, len(names)))
+
+
+def _motion(model: Model, names: Sequence[str], along: MeasuredMotion | Path | str) -> tuple[Array, Array]:
+    motion = measured_motion(model.name, along, model.coordinates)
+    missing = [name for name in names if name not in motion.measured]
+    if missing:
+        raise InputError(f"along: {motion.source}: {missing[0]} is missing; allowed: all of {listed(names)}")
+    q = motion.q[:, [motion.coordinates.index(name) for name in names]]
+    chosen = np.unique(np.linspace(0, len(q) - 1, min(len(q), ALONG)).round().astype(np.intp))
+    return np.asarray(motion.t[chosen]), np.asarray(q[chosen])
+
+
+def _exact(robot: Robot, model: Model, frame: str, names: Sequence[str], q: Array, wrench: ArrayLike | None) -> Exact:
+    """The exact model at the poses, without contributions."""
+    frames = {one.name: (one.link, matrix_of(one.placement)) for one in robot.frames}
+    chain = chain_of(robot, {frame: frames.get(frame, (frame, np.eye(4)))})
+    places = _places(chain, names)
+    readings = np.zeros((len(q), len(chain.stations), 6))
+    for (k, c), values in zip(places, q.T, strict=True):
+        readings[:, k, c] = values
+    closing = None
+    if robot.is_closed:
+        closing = closing_of(model, chain, places, "poses")
+        readings = closed_readings(chain, closing, model, readings, [f"poses: row {row}" for row in range(len(q))])
+    tool = chain.tools[frame]
+    loads = {} if wrench is None else {tool: np.tile(_wrench(wrench), (len(q), 1))}
+    rows = Rows(readings, np.zeros(len(q), dtype=np.int64), loads, np.zeros(readings.shape[:2]), None)
+    return Exact(model_of(robot, chain, closing), rows, tool, ())
+
+
+def _places(chain: Chain, names: Sequence[str]) -> list[tuple[int, int]]:
+    station = {s.name: k for k, s in enumerate(chain.stations) if s.joint is not None}
+    return [(station[joint_of(name)], COORDINATES.index(kind_of(name))) for name in names]
+
+
+def _wrench(given: ArrayLike) -> Array:
+    try:
+        found = np.asarray(given, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        found = np.zeros(0)
+    if found.shape != (6,) or not within_limits(found).all():
+        raise ArrayError(f"wrench: {show(str(given))}; allowed: 6 finite numbers up to {LARGEST:g}, N and N m")
+    return found
+
+
+def _sized(table: Table, entry: Tolerance, one: Contribution) -> tuple[Tolerance, float, float]:
+    """The entry, its standard deviation and its bound, in the quantity's unit."""
+    scale = 1.0
+    if entry.relative:
+        if not one.described:
+            raise table.refusal(entry.name, "is relative, but nothing is described; allowed: a size of its own")
+        scale = abs(one.described)
+    if entry.bound is not None:
+        deviation, bound = scale * entry.bound / np.sqrt(3.0), scale * entry.bound
+    else:
+        deviation = scale * (entry.deviation or 0.0)
+        bound = COVERAGE * deviation
+    if one.is_stiffness and one.described is not None:
+        most = one.described if entry.bound is not None else _SOFTEST * one.described
+        if not (bound if entry.bound is not None else deviation) < most:
+            got = bound if entry.bound is not None else deviation
+            raise table.refusal(entry.name, f"{got:g} {one.unit}; allowed: below {most:g}, or the stiffness may vanish")
+    return entry, deviation, bound
+
+
+def _result(
+    exact: Exact,
+    frame: str,
+    names: tuple[str, ...],
+    q: Array,
+    entries: Sequence[tuple[Tolerance, float, float]],
+    correlation: Array,
+    confidence: float,
+    report: StageReport,
+) -> ToleranceResult:
+    deviations, bounds = (np.array([entry[i] for entry in entries]) for i in (1, 2))
+    report("looking at sensitivities")
+    S = exact.sensitivities(bounds)
+    scaled, reach = S * deviations, S * bounds
+    correlated = groups_of(correlation)
+    apart = scaled @ root_of(correlation) if correlated else scaled  # by independent numbers of variance 1
+    covariance = apart @ apart.transpose(0, 2, 1)
+    blocks = {part: covariance[:, at, at] for part, at in _COLUMNS.items()}
+    report("looking for worst cases")
+    ends = {part: [farthest(row[at]) for row in reach] for part, at in _COLUMNS.items()}
+    lengths = {part: np.array([length for length, _ in found]) for part, found in ends.items()}
+    worst_pose = int(lengths["position"].argmax())
+    signs = ends["position"][worst_pose][1]
+    report("comparing with the exact model")
+    exact_worst = _at_vertices(exact, reach[worst_pose, :3], bounds, signs, worst_pose)
+    off, bent = _nonlinear(exact, S, bounds, ends, lengths)
+    shares = {part: shares_of(scaled[:, _COLUMNS[part]], correlation) for part in PARTS}
+    is_even = np.array([entry.bound is not None for entry, _, _ in entries])
+    directions = {
+        part: _directions(blocks[part], apart[:, at], reach[:, at], is_even, confidence)
+        for part, at in _COLUMNS.items()
+    }
+    spheres = {
+        part: _held(directions[part], blocks[part], apart[:, at], reach[:, at], is_even, lengths[part], confidence)
+        for part, at in _COLUMNS.items()
+    }
+    notes = []
+    if off > LINEAR:
+        which = f", most of all {listed(bent)}" if bent else ""
+        notes.append(
+            f"not linear: the exact model is off the linear one by {100 * off:.2g} % of the worst case{which};"
+            " draw samples of the exact model instead (ToleranceResult.sample)"
+        )
+    if correlated:
+        notes.append(
+            f"{sum(map(len, correlated))} of {len(entries)} tolerances are correlated: worst cases go up to the bounds"
+            " of each, as if they were not"
+        )
+    notes += _of_bounds(entries, shares)
+    for part, (_, ended) in spheres.items():
+        if ended:
+            notes.append(
+                f"{part}: at {ended} of {len(q)} poses the region of normal numbers passes what bounds allow, and ends"
+                " there"
+            )
+    if max(float(x.max()) for x in lengths.values()) == 0.0:
+        notes.append(f"nothing in the table moves {frame}")
+    chosen = exact.contributions
+    return ToleranceResult(
+        robot=exact.model.robot.name,
+        frame=frame,
+        coordinates=names,
+        q=q,
+        names=tuple(one.name for one in chosen),
+        units=tuple(one.unit for one in chosen),
+        described=np.array([np.nan if one.described is None else one.described for one in chosen]),
+        deviations=deviations,
+        bounds=bounds,
+        correlation=correlation,
+        sensitivities=S,
+        covariance=covariance,
+        confidence=float(confidence),
+        radius={part: found for part, (found, _) in spheres.items()},
+        direction=directions,
+        worst=np.abs(reach).sum(axis=2),
+        farthest=lengths,
+        worst_pose=worst_pose,
+        exact_worst=exact_worst,
+        shares=shares,
+        nonlinearity=off,
+        notes=tuple(notes),
+        exact=exact,
+        tolerances=tuple(entry[0] for entry in entries),
+    )
+
+
+def _directions(covariance: Array, scaled: Array, reach: Array, is_even: NDArray[np.bool_], confidence: float) -> Array:
+    """Half intervals, (N,), along the directions in which a part of the motion is greatest.
+
+    Args:
+        covariance: of the part, (N, 3, 3).
+        scaled, reach: sensitivities times standard deviations, correlated ones by independent numbers, and times
+            bounds, (N, 3, K).
+        is_even: which quantities are even within their bounds, (K,); the others are normal.
+        confidence: probability of the intervals.
+    """
+    if not is_even.any():
+        return np.asarray(quantile_of_normal(confidence) * worst_deviations(covariance))
+    along = worst_directions(covariance)[:, np.newaxis]
+    normal, even = (along @ scaled[..., ~is_even])[:, 0], (along @ reach[..., is_even])[:, 0]
+    return mixed_quantiles(np.linalg.norm(normal, axis=1), even, confidence)
+
+
+def _held(
+    least: Array,
+    covariance: Array,
+    scaled: Array,
+    reach: Array,
+    is_even: NDArray[np.bool_],
+    farthest_of_all: Array,
+    confidence: float,
+) -> tuple[Array, int]:
+    """Radii of regions, (N,), and at how many poses they end at what bounds allow.
+
+    They are those of normal numbers between two bounds that hold for every distribution: no sphere is smaller than the
+    interval along one direction, and none need be larger than the farthest that even numbers reach with the sphere of
+    the normal ones around it.  Where all motion is along one line the interval is the sphere.
+
+    Args:
+        least: half intervals along the greatest direction, (N,).
+        covariance, scaled, reach, is_even, confidence: as of ``_directions``.
+        farthest_of_all: greatest displacements with all at their bounds, (N,).
+    """
+    found = radii(covariance, confidence)
+    if not is_even.any():
+        return found, 0
+    normal = scaled[..., ~is_even]
+    most = farthest_of_all
+    if not is_even.all():
+        within = np.array([farthest(row)[0] for row in reach[..., is_even]])
+        most = within + radii(normal @ normal.transpose(0, 2, 1), confidence)
+    variances = np.linalg.eigvalsh(covariance)
+    on_a_line = variances[:, 1] <= _LINE * variances[:, 2]
+    ended = (found > most * (1.0 + 1e-12)) & ~on_a_line
+    return np.where(on_a_line, least, np.minimum(np.maximum(found, least), most)), int(ended.sum())
+
+
+def _of_bounds(entries: Sequence[tuple[Tolerance, float, float]], shares: Mapping[str, Array]) -> Iterator[str]:
+    """A note where one even distribution makes so much that sums are not normal."""
+    is_even = np.array([entry.bound is not None for entry, _, _ in entries])
+    for part in PARTS:
+        k = int(np.where(is_even, shares[part], -1.0).argmax())  # no share of an even one is negative
+        share, entry = float(shares[part][k]), entries[k][0]
+        if is_even[k] and share > EVEN:
+            yield (
+                f"{part}: {entry.name}, even within its bound, makes {100 * share:.3g} % of the variance; spheres are"
+                " those of normal numbers, as far as bounds allow; intervals along a direction are exact"
+            )
+
+
+def _at_vertices(exact: Exact, reach: Array, bounds: Array, signs: Array, pose: int) -> float:
+    """Greatest displacement by the exact model, m, at all vertices of the main contributors, others at their signs."""
+    main = np.argsort(-np.linalg.norm(reach, axis=0), kind="stable")[:VERTICES]
+    corners = np.array(list(product((1.0, -1.0), repeat=len(main)))).T
+    found = 0.0
+    for others in (signs, -signs):
+        y = np.repeat((others * bounds)[:, np.newaxis], corners.shape[1], axis=1)
+        y[main] = corners * bounds[main, np.newaxis]
+        motions = exact.motions(y, np.full(corners.shape[1], pose, dtype=np.intp))
+        found = max(found, float(np.linalg.norm(motions[:, :3], axis=1).max()))
+    return found
+
+
+def _nonlinear(
+    exact: Exact,
+    S: Array,
+    bounds: Array,
+    ends: Mapping[str, Sequence[tuple[float, Array]]],
+    lengths: Mapping[str, Array],
+) -> tuple[float, list[str]]:
+    """Error of the linear model as a share of the worst case, the greatest, and names of single causes above LINEAR.
+
+    At both bounds of every contribution by itself, and of all at the worst vertices of position and turn.
+    """
+    count = len(bounds)
+    poses = np.unique(np.linspace(0, len(S) - 1, min(len(S), _EVERY)).round().astype(np.intp))
+    poses = np.union1d(poses, [int(lengths["position"].argmax())])
+    greatest, causes = 0.0, np.zeros(count)
+    for pose in poses.tolist():
+        vertices = [ends[part][pose][1] for part in PARTS]
+        y = np.hstack(
+            [np.diag(bounds), -np.diag(bounds), *((s * bounds)[:, np.newaxis] for v in vertices for s in (v, -v))]
+        )
+        left = exact.motions(y, np.full(y.shape[1], pose, dtype=np.intp)) - (S[pose] @ y).T
+        for part, at in _COLUMNS.items():
+            whole = float(lengths[part].max())
+            if whole > 0.0:
+                off = np.linalg.norm(left[:, at], axis=1) / whole
+                greatest = max(greatest, float(off.max()))
+                causes = np.maximum(causes, np.maximum(off[:count], off[count : 2 * count]))
+    order = [k for k in np.argsort(-causes, kind="stable") if causes[k] > LINEAR]
+    return greatest, [exact.contributions[k].name for k in order[:3]]
+
+
+def _record(found: ToleranceResult) -> dict[str, Any]:
+    """Return what was asked, from which everything else follows."""
+    loads = found.exact.rows.loads.get(found.exact.tool)
+    return {
+        "description": record_of(found.exact.model.robot),
+        "table": {given.name: given.as_table() for given in found.tolerances},
+        CORRELATIONS: plain_correlations(found.names, found.correlation),
+        "frame": found.frame,
+        "q": found.q,
+        "t": found.t,
+        "wrench": None if loads is None else np.asarray(loads)[0],
+        "confidence": found.confidence,
+    }
+
+
+_ASKED: Mapping[str, Any] = {
+    "table": Mapping[str, Mapping[str, Any]],
+    "frame": str,
+    "q": tuple[tuple[float, ...], ...],
+    "wrench": tuple[float, ...] | None,
+    "confidence": float,
+    "t": tuple[float, ...] | None,
+}
+
+
+def _read(file: Contents) -> ToleranceResult:
+    asked = {name: file.value(kind, name) for name, kind in _ASKED.items()}
+    related: Any = ()  # files from before there were correlations have none
+    if CORRELATIONS in file.plain:
+        related = file.value(tuple[Mapping[str, Any], ...], CORRELATIONS)
+    found = tolerance(
+        robot_from_record(file.plain.get("description", {}), file.path),
+        {**asked["table"], CORRELATIONS: related},
+        asked["frame"],
+        poses=np.array(asked["q"], dtype=np.float64),
+        wrench=asked["wrench"],
+        confidence=asked["confidence"],
+    )
+    if asked["t"] is None:
+        return found
+    t = np.array(asked["t"], dtype=np.float64)
+    if t.shape != (len(found.q),) or not np.isfinite(t).all():
+        raise ValueError(f"t of shape {t.shape}")
+    return replace(found, t=t)
+
+
+KIND = declare(
+    Kind(
+        "tolerance",
+        ToleranceResult,
+        ending=".json",
+        what="accuracy by tolerances",
+        rebuilt=tuple(field.name for field in fields(ToleranceResult)),
+        record=_record,
+        read=_read,
+        is_finite=False,
+    )
+)
+
+
+def load_tolerance(path: Path | str) -> ToleranceResult:
+    """Read the result that ``ToleranceResult.save`` wrote, computed anew from what was asked.
+
+    Raises:
+        InputError: the file cannot be read, or is no such result.
+        DescriptionError: its robot or its table cannot be.
+    """
+    return read(KIND, path)

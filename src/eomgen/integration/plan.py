@@ -1,0 +1,170 @@
+"""Choice of a motion's integrator, made once before it: the method, why it is that one, whether it is C, tolerances."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import InputError
+from ..names import show
+from ..runtime.kernel import Kernel
+from ..runtime.stepping.adaptive import STAGES
+from ..runtime.stepping.given_loads import data_of
+from ..runtime.stepping.loaded import AUTO
+from ..state.springs import any_spring, fastest_rates
+from ..state.vectors import DriveFunction, MotionFunction, WrenchFunction
+from .steps import SCIPY_IMPLICIT
+from .sundials import METHODS as SUNDIALS
+
+Array = NDArray[np.float64]
+
+IN_C = tuple(STAGES)
+EXPLICIT_IN_PYTHON = ("DOP853", "RK45", "rk4")
+EXPLICIT = ("tsit5", *EXPLICIT_IN_PYTHON)
+STIFF = 1000.0  # time constants in a motion: an explicit method takes 2000 evaluations, and an implicit one not more
+METHODS = (AUTO, *IN_C, *SCIPY_IMPLICIT, *SUNDIALS, *EXPLICIT_IN_PYTHON)
+_NONE = (None, None, None)
+
+
+@dataclass(frozen=True, eq=False)
+class IntegratorPlan:
+    """Integrator of a motion.
+
+    Attributes:
+        asked: the method that was asked for.
+        method: the one of METHODS that is taken; "auto" is both methods in C in turn.
+        reason: why "auto" came to a method in Python, in words; "" where it did not.
+        not_in_c: why the kernel's own C cannot integrate the motion; "" where it can.
+        rtol: relative tolerance.
+        atol: absolute ones, a number or (2n,), first of q, then of v; None: rtol times the size of each.
+        step: of rk4, s; None: by the fastest spring, damper or friction.
+    """
+
+    asked: str
+    method: str
+    reason: str = ""
+    not_in_c: str = ""
+    rtol: float = 1e-6
+    atol: ArrayLike | None = None
+    step: float | None = None
+
+    @property
+    def in_c(self) -> bool:
+        """Whether the kernel's own C integrates."""
+        return self.method in (*IN_C, AUTO)
+
+    def leading(self, info: Mapping[str, float], duration: float) -> str:
+        """Return the method that led on for most of a duration, s, where two took turns; else the method."""
+        if self.method != AUTO:
+            return self.method
+        return "rosenbrock" if 2.0 * info.get("implicit_s", 0.0) > duration else "tsit5"
+
+    def no_works(self, kernel: Kernel) -> str:
+        """Say what a kernel's motion lacks to have its works integrated with it; "" where nothing is missing."""
+        if not self.in_c:
+            because = f", because {self.not_in_c}" if self.not_in_c else ""
+            return f"{self.method} integrates in Python{because}"
+        return f"{', '.join(kernel.raw.turning)} turns freely" if kernel.raw.turning else ""
+
+
+def plan_integration(
+    kernel: Kernel,
+    method: str = "auto",
+    loads: tuple[DriveFunction | ArrayLike | None, WrenchFunction | ArrayLike | None, MotionFunction | None] = _NONE,
+    q: Array | None = None,
+    duration: float = 1.0,
+    *,
+    rtol: float = 1e-6,
+    atol: ArrayLike | None = None,
+    step: float | None = None,
+) -> IntegratorPlan:
+    """Choose the integrator of a motion; "auto" is the kernel's own C where it can follow the loads.
+
+    Where it cannot, "auto" is Radau if something is stiff (``why_stiff``), else DOP853.
+
+    Args:
+        kernel: with the parameters that it has now.
+        method: that is asked for.
+        loads: drive, wrench and prescribed motion, as of ``integrate``.
+        q: coordinates at the beginning, (n,); 0 if not given.
+        duration: of the motion, s.
+        rtol, atol, step: as of ``integrate``; they are checked where the motion begins.
+
+    Raises:
+        InputError: the method is unknown, or does not keep loops closed, or is the kernel's own where that cannot be.
+    """
+    refuse_unknown(method)
+    slow = why_not_in_c(kernel, *loads)
+    if kernel.constraints and method in SUNDIALS:
+        allowed = ", ".join(name for name in METHODS if name not in SUNDIALS)
+        raise InputError(
+            f"method: {kernel.name} has loops or couplings, which {method!r} does not keep closed; allowed: {allowed}"
+        )
+    if method in IN_C and slow:
+        allowed = ", ".join(name for name in METHODS if name not in IN_C)
+        raise InputError(f"method: {kernel.name}: {method!r} integrates in C, but {slow}; allowed: {allowed}")
+    taken, reason = method, ""
+    if method == AUTO and slow:
+        stiff = why_stiff(kernel, q, duration)
+        why = stiff or "nothing has a stiffness, nor stiff dampers or friction"
+        taken, reason = "Radau" if stiff else "DOP853", f"because {why}; not in C: {slow}"
+    return IntegratorPlan(method, taken, reason, slow, rtol, atol, step)
+
+
+def choose_method(kernel: Kernel, method: str = "auto", q: Array | None = None, duration: float = 1.0) -> str:
+    """Return the method that ``integrate`` takes for loads that are data.
+
+    Args:
+        kernel: with the parameters that it has now.
+        method: that is asked for.
+        q: coordinates at the beginning, (n,); 0 if not given.
+        duration: of the motion, s.
+
+    Raises:
+        InputError: the method is unknown, or does not keep loops closed, or is the kernel's own where that cannot be.
+    """
+    return plan_integration(kernel, method, q=q, duration=duration).method
+
+
+def refuse_unknown(method: str) -> None:
+    """Raise the InputError of a method that is none of METHODS."""
+    if not isinstance(method, str) or method not in METHODS:
+        raise InputError(f"method: {show(method)} is unknown; allowed: {', '.join(METHODS)}")
+
+
+def why_not_in_c(
+    kernel: Kernel,
+    drive: DriveFunction | ArrayLike | None = None,
+    wrench: WrenchFunction | ArrayLike | None = None,
+    prescribed: MotionFunction | None = None,
+) -> str:
+    """Say what a motion lacks to be integrated by the kernel's C; empty where nothing is missing."""
+    if kernel.raw.adaptive is None:
+        return "the kernel was built without adaptive_rollout"
+    if kernel.dtype != np.float64:
+        return f"the kernel is {kernel.dtype}"
+    for label, function in (("drive", drive), ("wrench", wrench), ("prescribed", prescribed)):
+        if callable(function) and data_of(function) is None:
+            return f"the {label} is a function that only Python can call"
+    return ""
+
+
+def why_stiff(kernel: Kernel, q: Array | None = None, duration: float = 1.0) -> str:
+    """Say why a method must be implicit; empty where none need be.  Arguments as of ``choose_method``.
+
+    That is any spring, and dampers and friction where they slow something down a ``STIFF`` part of the duration, by the
+    largest slopes of their laws and the inertia at q: explicit steps are as short as that as long as the motion lasts,
+    whatever moves.  Without the kernels that implicit methods need, dampers and friction are left to explicit ones.
+    """
+    if any_spring(kernel):
+        return "there are springs"
+    if not ({"mass_matrix"} if kernel.constraints else {"mass_matrix", "inverse_dynamics"}) <= set(kernel.operations):
+        return ""
+    try:
+        slowing = fastest_rates(kernel, np.zeros(kernel.n) if q is None else q)[1]
+    except np.linalg.LinAlgError:  # integration will say so
+        return ""
+    return f"dampers or friction take effect within {1.0 / slowing:.2g} s" if slowing * duration > STIFF else ""

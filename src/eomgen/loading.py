@@ -1,0 +1,63 @@
+"""Files and folders of results: which kind they are of, and the result that they hold, whatever its kind.
+
+Uses results, simulation, analysis, sweep and identification.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from .errors import InputError
+from .names import listed, show
+from .results.contents import JSON
+from .results.kinds import KINDS, bare_kind, kind_of, read
+from .simulation.result import load_result as load_simulation
+
+SIMULATION, SWEEP, STREAM = "trajectory.npz", "sweep.json", "zarr.json"  # files by which folders say what they are
+
+
+def load_result(path: Path | str) -> Any:
+    """Load the result of a file or a folder that eomgen wrote, whatever its kind; its type says what it is.
+
+    Args:
+        path: a file that a result's ``save`` wrote, or the folder of a simulation, a sweep or a stream.
+
+    Returns:
+        a ``SimulationResult``, ``SweepResult``, ``StreamedMotion``, or a result of ``eomgen.analysis`` or
+        ``eomgen.identification``.
+
+    Raises:
+        InputError: nothing is there, it is no result, or a damaged one; says what in it is wrong, and what is allowed.
+    """
+    place = Path(path)
+    if place.is_dir():
+        return _of_folder(place)
+    kind = kind_of(place)
+    if kind is None:
+        from . import analysis as analysis  # it declares its kinds
+
+        kind = bare_kind(place) or ""
+    if not kind and place.suffix != JSON:
+        return load_simulation(path)
+    from . import identification as identification  # likewise, also those of analysis
+
+    if kind not in KINDS:
+        allowed = listed(sorted(KINDS), len(KINDS))
+        raise InputError(f"{path}: is no result that eomgen wrote (kind: {show(kind)}); allowed: those of {allowed}")
+    return read(KINDS[kind], path)
+
+
+def _of_folder(folder: Path) -> Any:
+    if (folder / SIMULATION).exists():
+        return load_simulation(folder / SIMULATION)
+    if (folder / SWEEP).exists():
+        from .sweep.result import SweepResult
+
+        return SweepResult.load(folder)
+    if (folder / STREAM).exists():
+        from .simulation.stream import load_stream
+
+        return load_stream(folder)
+    allowed = f"a folder that eomgen wrote, with {SIMULATION}, {SWEEP} or {STREAM}"
+    raise InputError(f"{folder}: holds no result; allowed: {allowed}")

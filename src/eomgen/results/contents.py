@@ -1,0 +1,137 @@
+"""What files of results hold: arrays by name in an .npz, and everything else as JSON, in its text ``meta`` or alone."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..files import check_ending, read_regular, write_atomically
+from ..forms.plain import parse_json, value_of
+from ..limits import LARGEST_FOUND
+from ..names import show, show_path
+from ..npz import most_bytes
+from .stored import ALLOWED, Stored
+
+FORMAT = 1  # raised when a reader of the old one would misread it
+NPZ, JSON = ".npz", ".json"
+META = "meta"
+_MOST_BYTES = 1 << 26  # of a .json
+_MOST_MEMORY = 1 << 29
+
+Arrays = Mapping[str, NDArray[Any]]
+
+
+class Contents:
+    """The values of a file of a result, read by name.
+
+    Attributes:
+        path: of the file.
+        plain: values that JSON holds.
+        arrays: of an .npz.
+    """
+
+    def __init__(self, path: str, plain: Mapping[str, Any], arrays: Arrays) -> None:
+        self.path, self.plain, self.arrays = path, plain, arrays
+
+    def value(self, kind: Any, name: str, largest: float = LARGEST_FOUND) -> Any:
+        """Return the plain value of a key as a type.
+
+        Raises:
+            InputError: it is missing, or of another type; names the file and the key.
+        """
+        if name not in self.plain:
+            raise InputError(f"{self.path}: the key {name!r} is missing; {ALLOWED}")
+        given = self.plain[name]
+        if is_dataclass(kind) and isinstance(given, Mapping):  # whatever its fields are where none is given
+            for field in fields(kind):
+                if field.name not in given:
+                    raise InputError(f"{self.path}: {name}: the key {field.name!r} is missing; {ALLOWED}")
+        return value_of(kind, given, f"{self.path}: {name}", largest)
+
+    def array(self, name: str, stored: Stored) -> Any:
+        """Return an array of the file by name, of the type that is declared; its shape is not checked.
+
+        Raises:
+            InputError: it is missing, or of another type; names the file and the array.
+        """
+        if name not in self.arrays:
+            raise InputError(f"{self.path}: array {name} is missing; {ALLOWED}")
+        return stored.read(self.arrays[name], f"{self.path}: array {name}")
+
+    def table(self, name: str) -> Contents:
+        """Return the contents of a table among the plain values.
+
+        Raises:
+            InputError: it is no table; names the file and the key.
+        """
+        given = self.plain.get(name)
+        if not isinstance(given, Mapping):
+            raise InputError(f"{self.path}: {name}: got {show(given)}; allowed: a table")
+        return Contents(f"{self.path}: {name}", given, {})
+
+
+def write_npz(path: Path | str, plain: Mapping[str, Any], arrays: Mapping[str, Any]) -> Path:
+    """Write arrays, and values that JSON holds, to a temporary name first, and return the path.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    members: dict[str, Any] = {**arrays, META: np.array(json.dumps(plain, default=plain_value))}
+    return write_atomically(Path(path), lambda stream: np.savez_compressed(stream, **members))
+
+
+def write_json(path: Path | str, plain: Mapping[str, Any]) -> Path:
+    """Write values as .json, to a temporary name first, and return the path.
+
+    Raises:
+        InputError: another ending, a number that is not finite, or the file cannot be written.
+    """
+    target = check_ending(path, JSON)
+    try:
+        text = json.dumps(plain, indent=1, default=plain_value, allow_nan=False)
+    except ValueError:
+        raise InputError(f"{show_path(str(target))}: the result has numbers that are not finite") from None
+    return write_atomically(target, lambda stream: stream.write(text.encode("ascii")))
+
+
+def plain_value(value: Any) -> Any:
+    """Return an array as a list, a dataclass or a mapping as a dict."""
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if is_dataclass(value):
+        return {field.name: getattr(value, field.name) for field in fields(value)}
+    return dict(value)
+
+
+def read_json(path: Path | str) -> Any:
+    """Read the values of a .json.
+
+    Raises:
+        InputError: the file cannot be read, or is no JSON; names the file.
+    """
+    try:
+        text = read_regular(Path(path), _MOST_BYTES).decode("utf-8")
+    except (OSError, ValueError) as error:
+        reason = str(getattr(error, "strerror", None) or error)
+        allowed = "" if "allowed: " in reason else f"; {ALLOWED}"
+        raise InputError(f"{path}: cannot be read: {reason}{allowed}") from None
+    return parse_json(text, str(path), _MOST_MEMORY)
+
+
+def plain_of(arrays: dict[str, NDArray[Any]], where: str) -> Any:
+    """Take the text ``meta`` from the arrays of a file and return its values; None where there is no such text.
+
+    Raises:
+        InputError: it is no JSON; the message begins with ``where``.
+    """
+    text = arrays.pop(META, np.zeros(0))
+    if text.shape != () or text.dtype.kind != "U":
+        return None
+    return parse_json(str(text), where, most_bytes() // 2)

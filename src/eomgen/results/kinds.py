@@ -1,0 +1,259 @@
+"""Kinds of results: each is declared once, and written, read and checked by what it declares.
+
+A field of a result is plain (JSON), or an array where ``Stored`` says how files hold it.  What follows from other
+values is no field of a file: ``record`` says what it is rebuilt from, and ``rebuild`` does it.
+"""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+
+from ..errors import InputError
+from ..files import check_ending
+from ..forms.plain import field_types, value_of
+from ..names import show
+from ..npz import COMPLEX, read_npz
+from .contents import FORMAT, JSON, META, NPZ, Contents, plain_of, read_json, write_json, write_npz
+from .stored import ALLOWED, REQUIRED, Stored, stored_fields
+
+Result = TypeVar("Result", bound="Saved")
+
+KINDS: dict[str, Kind[Any]] = {}  # by the names that files say
+_NO_NUMBER = re.compile(r"(?<![\w.])(?:nan|inf)(?![\w.])")
+_DAMAGED = (  # what values that do not go together raise
+    LookupError,
+    TypeError,
+    ValueError,
+    AttributeError,
+    ArithmeticError,
+    AssertionError,
+    RecursionError,
+)
+
+
+class Saved:
+    """Base of results of a declared kind: they are saved, and read by ``eomgen.load_result``."""
+
+    def save(self, path: Path | str) -> Path:
+        """Write the result, to a temporary name first, and return the path; ``eomgen.load_result`` reads it.
+
+        Raises:
+            InputError: another ending than that of its kind (.npz or .json), or the file cannot be written.
+        """
+        return write(self, path)
+
+
+@dataclass(frozen=True)
+class Kind(Generic[Result]):
+    """A kind of result, as its files say it.
+
+    Attributes:
+        name: by which files say of which kind they are.
+        result: a dataclass; its fields are plain values, or arrays that are declared by ``Stored``.
+        ending: of files, .npz or .json.
+        what: a damaged file is none of; the name, if not given.
+        rebuilt: names of fields that files do not have as they are.
+        record: gives what these are rebuilt from: plain values, and arrays, by names.
+        rebuild: gives these fields, by name, of a file.
+        read: makes a whole result of a file where that is more than fields; else they are read as they are declared.
+        sizes: gives sizes of a result by the letters of shapes; the first array that has any other says how many.
+        check: refuses a result whose values do not go together; it has the file's name for messages.
+        is_finite: whether all numbers are finite that the result's lines show.
+        is_bare: whether files of older versions have arrays alone.
+    """
+
+    name: str
+    result: type[Result]
+    ending: str = NPZ
+    what: str = ""
+    rebuilt: tuple[str, ...] = ()
+    record: Callable[[Result], Mapping[str, Any]] = lambda _: {}
+    rebuild: Callable[[Contents], Mapping[str, Any]] = lambda _: {}
+    read: Callable[[Contents], Result] | None = None
+    sizes: Callable[[Result], Mapping[str, int]] = lambda _: {}
+    check: Callable[[Result, str], None] = lambda found, path: None
+    is_finite: bool = True
+    is_bare: bool = False
+
+    @cached_property
+    def arrays(self) -> dict[str, Stored]:
+        """How files hold the fields that are arrays, by name."""
+        return {name: item for name, item in self.stored.items() if _is_array(self.types[name], item)}
+
+    @cached_property
+    def stored(self) -> dict[str, Stored]:
+        """How files hold fields of which that is declared, by name."""
+        return stored_fields(self.result)
+
+    @cached_property
+    def types(self) -> dict[str, Any]:
+        """Types of the fields of files, by name."""
+        return {name: kind for name, kind in field_types(self.result).items() if name not in self.rebuilt}
+
+
+def _is_array(kind: Any, stored: Stored) -> bool:
+    return stored.of is str or getattr(getattr(kind, "__origin__", None), "__name__", "") == "ndarray"
+
+
+def declare(kind: Kind[Result]) -> Kind[Result]:
+    """Let files say that they are of a kind, and return it."""
+    KINDS[kind.name] = kind
+    return kind
+
+
+def write(result: Saved, path: Path | str) -> Path:
+    """Write a result of a declared kind, to a temporary name first, and return the path.
+
+    Raises:
+        InputError: another ending than that of its kind, or the file cannot be written.
+    """
+    kind = next(kind for kind in KINDS.values() if kind.result is type(result))
+    values = dict(kind.record(result)) | {name: getattr(result, name) for name in kind.types}
+    plain = {"kind": kind.name, "format": FORMAT}
+    if kind.ending == JSON:
+        return write_json(path, plain | values)
+    texts = [name for name, item in kind.arrays.items() if item.of is str]
+    arrays = {name: x for name, x in values.items() if name in kind.arrays or isinstance(x, np.ndarray)}
+    arrays = {name: np.asarray(x, str if name in texts else None) for name, x in arrays.items()}
+    plain |= {name: x for name, x in values.items() if name not in arrays}
+    return write_npz(check_ending(path, NPZ), plain, arrays)
+
+
+def read(kind: Kind[Result], path: Path | str) -> Result:
+    """Read the result of a file of a kind.
+
+    Raises:
+        InputError: the file cannot be read, is of another kind, or is damaged; names the file, and what in it is wrong.
+    """
+    contents = contents_of(kind, path)
+    with damage_named(path, kind.what or kind.name):
+        found: Any = (kind.read or _reader(kind))(contents)
+        _check_arrays(kind, found, str(path))
+        kind.check(found, str(path))
+        if kind.is_finite:
+            check_finite(found, str(path))
+        else:
+            found.lines()
+    result: Result = found
+    return result
+
+
+def contents_of(kind: Kind[Any], path: Path | str) -> Contents:
+    """Read the values of a file of a kind; nothing is checked but that it is of it.
+
+    Raises:
+        InputError: the file cannot be read, or is of another kind; names the file.
+    """
+    arrays = {} if kind.ending == JSON else read_npz(path, kinds=COMPLEX)
+    plain = read_json(path) if kind.ending == JSON else plain_of(arrays, str(path))
+    if plain is None and kind.is_bare:
+        plain = {"kind": kind.name, "format": FORMAT}
+    if not isinstance(plain, dict) or plain.get("kind") != kind.name or plain.get("format") != FORMAT:
+        raise InputError(f"{path}: is no result of the kind {kind.name}; {ALLOWED}")
+    return Contents(str(path), {key: x for key, x in plain.items() if key not in ("kind", "format")}, arrays)
+
+
+def kind_of(path: Path | str) -> str | None:
+    """Return the kind that a file says its result is of; "" where it says none, None where it has arrays alone.
+
+    Raises:
+        InputError: the file cannot be read; names the file.
+    """
+    if Path(path).suffix == JSON:
+        plain = read_json(path)
+    else:
+        arrays = read_npz(path, (META,))
+        if META not in arrays:
+            return None
+        plain = plain_of(arrays, f"{path}: {META}")
+    kind = plain.get("kind") if isinstance(plain, dict) else None
+    return kind if isinstance(kind, str) else ""
+
+
+def bare_kind(path: Path | str) -> str | None:
+    """Return the kind whose files of older versions have the arrays of a file, and nothing else; None if there is none.
+
+    Raises:
+        InputError: the file cannot be read; names the file.
+    """
+    names = set(read_npz(path, kinds=COMPLEX))
+    return next((kind.name for kind in KINDS.values() if kind.is_bare and names == set(kind.arrays)), None)
+
+
+def _reader(kind: Kind[Result]) -> Callable[[Contents], Result]:
+    def read_fields(contents: Contents) -> Result:
+        return kind.result(**fields_of(kind, contents), **kind.rebuild(contents))
+
+    def read_text(contents: Contents) -> Result:
+        found: Any = value_of(kind.result, contents.plain, contents.path)
+        result: Result = replace(found, **{name: np.array(getattr(found, name), np.float64) for name in kind.arrays})
+        return result
+
+    return read_text if kind.ending == JSON else read_fields
+
+
+def fields_of(kind: Kind[Any], contents: Contents) -> dict[str, Any]:
+    """Read the fields of a result as they are declared, by name; those that are rebuilt are left out.
+
+    Raises:
+        InputError: one is missing, or of another type than is declared; names the file and the field.
+    """
+    found = {}
+    for name, declared in kind.types.items():
+        stored = kind.stored.get(name, Stored())
+        present = contents.arrays if name in kind.arrays else contents.plain
+        if stored.otherwise is not REQUIRED and name not in present:
+            found[name] = stored.otherwise
+        elif name in kind.arrays:
+            found[name] = contents.array(name, stored)
+        else:
+            found[name] = contents.value(declared, name, stored.largest)
+    return found
+
+
+def _check_arrays(kind: Kind[Any], found: Any, path: str) -> None:
+    """Refuse arrays of other shapes than are declared, and numbers in them that are not allowed."""
+    sizes = dict(kind.sizes(found))
+    for name, stored in kind.arrays.items():
+        array = getattr(found, name)
+        if stored.of is not str and array is not stored.otherwise:
+            stored.check(array, sizes, f"{path}: array {name}")
+
+
+def check_finite(found: Any, path: str) -> None:
+    """Check that a result can say itself in numbers.
+
+    Raises:
+        InputError: its lines have what is no number, or a number that is not finite.
+    """
+    if _NO_NUMBER.search("\n".join(found.lines())):
+        raise InputError(f"{path}: it has numbers that are not finite, or too large; {ALLOWED}")
+
+
+@contextmanager
+def damage_named(path: Path | str, what: str) -> Iterator[None]:
+    """Around code that makes a result of a file's values: wrong ones become an InputError, "PATH: is no WHAT".
+
+    Refusals that do not name the file get its name.
+    """
+    try:
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter("ignore", RuntimeWarning)
+            yield
+    except InputError as error:
+        if str(path) in str(error):
+            raise
+        allowed = "" if "allowed: " in str(error) else f"; {ALLOWED}"
+        raise InputError(f"{path}: {error}{allowed}") from None
+    except _DAMAGED as error:
+        why = f"{type(error).__name__}: {error}" if not isinstance(error, (ValueError, AssertionError)) else str(error)
+        raise InputError(f"{path}: is no {what} ({show(why)}); {ALLOWED}") from None

@@ -1,0 +1,308 @@
+"""A kernel's compiled code: how kernels are made, copied and pickled, their parameters, threads and checks.
+
+A generated package carries a copy of this file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping
+from types import FunctionType, ModuleType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError, UnknownNameError
+from ..names import html_table, nearest_or_all, show
+from .arrays import Arrays, names_in
+from .calls import Calls
+from .direct import Face, functions
+from .parameters import Parameters
+from .raw import Libraries, Operations, RawKernel
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
+
+Array = NDArray[Any]
+
+PACKAGE = f"{__package__}."  # begins the names of the modules whose methods can be direct
+
+
+class CompiledCode:
+    """Compiled functions with parameters of their own, and how they are called; attributes as of ``Kernel``."""
+
+    def __init__(
+        self,
+        libraries: Libraries,
+        again: tuple[Callable[..., Any], tuple[Any, ...]] | None = None,
+        face: Face | None = None,
+    ) -> None:
+        """A kernel of compiled functions.
+
+        Args:
+            libraries: where the functions are.
+            again: a function of a module and its arguments that make the same kernel in another process.
+            face: gives the extension module that plain calls go through; without one all go through cffi.
+        """
+        meta = libraries.meta
+        self.raw = RawKernel(libraries)
+        self.name: str = self.raw.name
+        self.dtype: np.dtype[Any] = self.raw.dtype
+        self.coordinates: tuple[str, ...] = tuple(meta["coordinates"])
+        self.links: tuple[str, ...] = tuple(meta["links"])
+        self.frames: tuple[str, ...] = tuple(meta["frames"])
+        self.joints: tuple[str, ...] = tuple(meta["joints"])
+        self.loops: dict[str, str] = dict(meta.get("loops", {}))
+        self.constraints: tuple[str, ...] = tuple(meta.get("constraints", ()))
+        self._followers: dict[str, Mapping[str, Any]] = dict(meta.get("followers", {}))
+        self.couplings: tuple[str, ...] = tuple(
+            name for name in meta.get("couplings", ()) if name in {x["coupling"] for x in self._followers.values()}
+        )
+        self.follower_names: tuple[str, ...] = tuple(self._followers)
+        self.springs: tuple[str, ...] = tuple(meta.get("springs", ()))
+        self.cut_laws: tuple[str, ...] = tuple(meta.get("cut_laws", ()))
+        self.elements: Mapping[str, Mapping[str, Mapping[str, int]]] = meta.get("elements", {})
+        self.prescribed: tuple[str, ...] = tuple(meta["prescribed"])
+        self.motors: dict[str, str] = {name: drives for name, (drives, _) in meta.get("motors", {}).items()}
+        self.operations: Mapping[str, Mapping[str, int]] = Operations(libraries)
+        self._again = again
+        self.efforts: dict[str, float] = dict(meta.get("efforts", {}))
+        self._given = [self.coordinates.index(name) for name in self.prescribed]
+        self._ratios: dict[str, float] = {name: ratio for name, (_, ratio) in meta.get("motors", {}).items()}
+        self.knots: dict[str, tuple[float, ...]] = {k: tuple(x) for k, x in meta["knots"].items()}
+        self.parameters = Parameters.of(self.raw, meta["parameters"], meta["least"])
+        self.calls = Calls(self.raw, self.parameters, Arrays(self.raw, self.coordinates, self.links), self.prescribed)
+        self._face = face or Face()
+        self._functions: tuple[ModuleType, tuple[Any, ...]] | None = None
+        self._face.take(self)
+
+    def __repr__(self) -> str:
+        return f"<Kernel {self.name}: {len(self.coordinates)} coordinates, {self.dtype}>"
+
+    def _repr_html_(self) -> str:
+        """A small table, for notebooks."""
+        rows = {
+            "coordinates": len(self.coordinates),
+            "links": len(self.links),
+            "loops": len(self.loops),
+            "springs between points": len(self.springs),
+            "parameters": len(self.parameters),
+            "functions": len(self.raw.libraries.meta["functions"]),
+            "dtype": self.dtype,
+            "threads": self.threads,
+            "checks": self.checks,
+        }
+        return html_table(f"Kernel {self.name}", rows)
+
+    def __copy__(self) -> Self:
+        return self.with_parameters()
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        return self.with_parameters()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle what makes the same kernel again, and what may be set of it: no code, no pointers."""
+        if self._again is None:
+            raise InputError(
+                f"{self.name}: a kernel that was put together by hand cannot be pickled; allowed: kernels of"
+                " eomgen.build and of generated packages"
+            )
+        state = {"parameters": dict(self.parameters), "threads": self.threads, "checks": self.checks}
+        return *self._again, state
+
+    def __setstate__(self, state: Mapping[str, Any]) -> None:
+        changed = {name: value for name, value in state["parameters"].items() if self.parameters[name] != value}
+        if changed:
+            self.parameters.update(changed)
+        self.threads, self.checks = state["threads"], state["checks"]
+
+    @property
+    def n(self) -> int:
+        """Number of coordinates."""
+        return len(self.coordinates)
+
+    def source(self, ending: str) -> str:
+        """The C that it was compiled from: "h", the header, or "c".
+
+        Raises:
+            BuildError: its package is not there any more.
+        """
+        return self.raw.source(ending)
+
+    def with_parameters(self, values: Mapping[str, float] | None = None) -> Self:
+        """The same compiled code with parameters of its own: those of this kernel now, and ``values`` by name.
+
+        It costs microseconds; the code is shared, so that many threads may each work with other parameters.
+
+        Raises:
+            UnknownNameError, InputError: as for an assignment to ``parameters``.
+        """
+        other = self._with_methods_in_python()
+        other.parameters = self.parameters.copy()
+        other.calls = self.calls.with_parameters(other.parameters)
+        self._face.take(other)
+        if values is not None:
+            other.parameters.update(values)
+        return other
+
+    def with_turned(self, joints: Collection[str]) -> Self:
+        """The same compiled code with parameters of its own, and other coordinates of joints that turn freely.
+
+        The axes y, z and x of the joint's frame stand in the place of x, y and z, so that its angles are not singular
+        where those of the description are.  That is so for forward_dynamics, forward_dynamics_jacobian,
+        inverse_dynamics, mass_matrix, residual_jacobian and external_force; with loops not for inverse_dynamics, but
+        for residual, the constraint, its Jacobian and bias, constrained_dynamics, settling and following.  All else
+        stays as it is described.  It is for integrations, which choose by ``raw.turning``; ``rollout`` does it by
+        itself.
+
+        Args:
+            joints: names of those that are turned; the others are as described.
+
+        Raises:
+            UnknownNameError: a joint that does not turn freely.
+        """
+        joints = names_in("joints", joints)
+        for name in joints:
+            if name not in self.raw.turning:
+                raise UnknownNameError(f"joints: {name!r} does not turn freely; known: {', '.join(self.raw.turning)}")
+        other = self.with_parameters()
+        other.parameters.turn(joints)
+        return other
+
+    def _with_methods_in_python(self) -> Self:
+        """This kernel once more, not bound to an extension module."""
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__dict__.get("_plain", self).__dict__)  # a third of the time of copy.copy
+        return other
+
+    def bind(self, module: ModuleType) -> None:
+        """Let plain calls of methods go through an extension module.
+
+        Attributes of the kernel then stand before the methods of its class, which they call where a call is not plain;
+        they do so for a second kernel that has none of them, so that no kernel is part of a circle of references.
+        """
+        if self._functions is None or self._functions[0] is not module:
+            known = {name: getattr(type(self), name, None) for name in self.raw.functions}
+            methods = {  # those of a subclass elsewhere are its own
+                name: method
+                for name, method in known.items()
+                if isinstance(method, FunctionType) and method.__module__.startswith(PACKAGE)
+            }
+            found = functions(module, self.raw, methods, self.frames, bool(self.constraints), self._given)
+            self._functions = (module, found)
+        plain = self._with_methods_in_python()
+        state = self.parameters.state
+        if not isinstance(state, module.State):
+            state = self.parameters.state = state.moved_to(module.State)
+        module.bind(self._functions[1], plain, state, self.__dict__)
+        self.__dict__["_plain"] = plain
+
+    @property
+    def is_direct(self) -> bool:
+        """True if an extension module takes plain calls: arrays of the kernel's dtype and of exactly its shapes.
+
+        They go to the C without Python in between.  All others, and all errors, are those of the methods in Python, so
+        that nothing but their time depends on it.  It is False where Python's or NumPy's headers were missing.
+        """
+        return "_plain" in self.__dict__
+
+    def together(self, *kernels: str) -> Self:
+        """The same with these kernels in one library of C, and with parameters of its own.
+
+        For programs that take the C and its addresses; where all functions are in one library already, nothing is
+        compiled.
+
+        Args:
+            kernels: names as in ``operations``.
+
+        Raises:
+            BuildError: they do not compile.
+        """
+        libraries = self.raw.libraries.together(kernels)
+        if libraries is self.raw.libraries:
+            return self.with_parameters()
+        other = type(self)(libraries, self._again, self._face)
+        other.__setstate__({"parameters": dict(self.parameters), "threads": self.threads, "checks": self.checks})
+        return other
+
+    def with_threads(self, number: int) -> Self:
+        """The same compiled code with parameters of its own, whose batches so many threads share (see ``threads``).
+
+        Raises:
+            InputError: not a whole number from 1 on.
+        """
+        other = self.with_parameters()
+        other.threads = number
+        return other
+
+    def with_checks(self, wanted: bool) -> Self:
+        """The same compiled code with parameters of its own, which refuses NaN and infinity or not (see ``checks``).
+
+        Raises:
+            InputError: neither True nor False.
+        """
+        other = self.with_parameters()
+        other.checks = wanted
+        return other
+
+    @property
+    def threads(self) -> int:
+        """Threads that share a batch, 1 at first; results do not depend on it.
+
+        ``with_parameters``, ``with_threads`` and ``with_checks`` copy the choice.
+
+        Raises:
+            InputError: on assignment of anything but a whole number from 1 on.
+        """
+        return self.calls.threads
+
+    @threads.setter
+    def threads(self, number: int) -> None:
+        if isinstance(number, bool) or not isinstance(number, (int, np.integer)) or number < 1:
+            raise InputError(f"threads: {show(number)} is not a number of threads; a whole number from 1 on is allowed")
+        self.calls.threads = int(number)
+
+    @property
+    def checks(self) -> bool:
+        """True if arrays with NaN or infinity are refused by the name of the coordinate, which is so at first.
+
+        That holds for results, too, where finite numbers lead beyond what the dtype holds.  With False such numbers
+        go through the C, and what depends on them is not finite, or of no use where a law compares them; a call costs
+        less (``eomgen bench`` says how much).  Shapes and dtypes are checked all the same,
+        integrators look for such numbers in any case, and where a mass matrix cannot be inverted because of one, it is
+        still named.  ``with_parameters``, ``with_threads`` and ``with_checks`` copy the choice.
+
+        Raises:
+            InputError: on assignment of anything but True or False.
+        """
+        return self.calls.checks
+
+    @checks.setter
+    def checks(self, wanted: bool) -> None:
+        if not isinstance(wanted, (bool, np.bool_)):
+            raise InputError(f"checks: {show(wanted)} is neither True nor False")
+        self.calls.checks = bool(wanted)
+
+    def frame_index(self, name: str) -> int:
+        """The number of a frame or link in ``frames``, by which functions of C take it.
+
+        Raises:
+            UnknownNameError: no frame or link of that name.
+        """
+        if not isinstance(name, str) or name not in self.frames:
+            raise UnknownNameError(f"frame: {show(name)} is unknown{nearest_or_all(str(name), self.frames)}")
+        return self.frames.index(name)
+
+    def refuse_not_finite(self, label: str, array: Array, shape: tuple[int, ...], place: str = "") -> None:
+        """Refuse NaN and infinity in an argument of a kernel, or in a batch of them, whatever ``checks`` says.
+
+        Args:
+            label: the argument's name; "wrench" has rows of links, everything else numbers of coordinates.
+            array: of that shape, or (N, *shape).
+            shape: (n,); (steps, n); or (links, 6).
+            place: what follows the number, such as " at t = 1 s".
+
+        Raises:
+            ArrayError: there is such a number; coordinate, state and step of the first one are named.
+        """
+        self.calls.refuse_not_finite(label, array, shape, place)

@@ -1,0 +1,224 @@
+"""Rollouts as methods of kernels: integration over many steps in C, and its derivatives.
+
+A generated package carries a copy of this file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from numpy.typing import ArrayLike, NDArray
+
+from ..compiled_code import CompiledCode
+from .adaptive import adaptive_rollout
+from .given_loads import Loads
+from .gradients import Loss, rollout_gradient
+from .many_steps import rollout
+from .options import Control, LoadedStepOptions, StepOptions
+from .rollouts import Inputs, Rollout
+from .saturation import Saturate, efforts_of
+from .sensitivities import rollout_sensitivity
+
+Array = NDArray[Any]
+
+
+class Rollouts(CompiledCode):
+    """Motions of a kernel over many steps."""
+
+    def rollout(  # noqa: PLR0913
+        self,
+        q0: ArrayLike,
+        v0: ArrayLike,
+        u: ArrayLike | None = None,
+        dt: float | None = None,
+        steps: int | None = None,
+        *,
+        method: str = "rk4",
+        every: int = 1,
+        kp: ArrayLike | None = None,
+        kd: ArrayLike | None = None,
+        target: ArrayLike | None = None,
+        duration: float | None = None,
+        samples: int | None = None,
+        rtol: float = 1e-6,
+        atol: ArrayLike | None = None,
+        loads: Loads | Sequence[Loads] | None = None,
+        works: bool = False,
+        saturate: Saturate = None,
+    ) -> Rollout:
+        """Integrate in C, one state or many at a time; external wrenches are some of the ``loads``.
+
+        Loops are closed after every step, to the nearest state in the metric of the kinetic energy that is closed to
+        1e-10 m or rad; where they are open at the beginning, the first step closes them.
+
+        Two methods take ``steps`` of length ``dt``.  "rk4" is the classical Runge-Kutta method: fourth order, stable
+        while dt is below about 2.8 over the fastest eigenfrequency.  "implicit" takes springs, dampers and the
+        controller at the end of a step: first order, and stable whatever their stiffness; theory section "Stiff joints
+        without small steps".  Springs between points are taken so along their lines, and across them as they are at a
+        step's beginning.
+
+        Two methods choose their steps so that the error of each stays within tolerances, and give ``samples`` at equal
+        times of a ``duration``; each of many states has steps of its own, and the same bits as alone.  "tsit5" is
+        explicit, of fifth order.  "rosenbrock" is linearly implicit, of fourth order, and stable whatever springs and
+        dampers there are; steps end at samples.  Theory section "Steps that the error chooses".
+
+        Joints that turn freely (``raw.turning``) pass beta = +-pi/2 in other angles; what comes back is as described,
+        each angle next to its value before.  A joint with gains on its coordinates stays in its own angles.
+
+        Args:
+            q0, v0: states, (n,) or (N, n).
+            u: drives, N or N m (of prescribed coordinates accelerations, as in ``forward_dynamics``), held over a
+                step, or from a sample to the next: (n,); for one state (steps, n); for many (N, n), (N, steps, n) or
+                (1, steps, n).  None if not given.
+            dt: length of a step, s.
+            steps: their number.
+            method: "rk4", "implicit", "rosenbrock" or "tsit5".
+            every: one of so many steps is stored.
+            kp, kd: gains of a joint controller that adds kp (target - q) - kd v: a number for all principal
+                coordinates (for the motor where one has a motor), or (n,) with 0 at deviations, at principal
+                coordinates behind a motor, and at what is prescribed.
+            target: coordinates that the controller aims at, shapes as for ``u``.
+            duration: of a motion with error control, s.
+            samples: of it, beside the beginning; 1 if not given.
+            rtol, atol: tolerances: the error of a step is at most atol + rtol times the size of each number.  atol is a
+                number or (2n,), first of q, then of v; by default rtol times the size of each coordinate: 1, or what
+                10 m/s^2 make of its springs where that is less.
+            loads: with error control, what else acts, over time, for all states or a list with that of each: LoadData
+                of ``eomgen.runtime.stepping.loads``, or a mapping from "drive", "wrench" and "prescribed" to what
+                ``integrate`` takes by these names, where that is data, or has some (``load_data``).  Prescribed
+                coordinates begin where their motions do.  No joint may turn freely.
+            works: whether works are integrated, too: attribute ``works``.  Needs generalized_force, and, of prescribed
+                coordinates, inverse_dynamics (with loops residual); not where joints turn freely.
+            saturate: True: all that drives do at a coordinate (u, controller, drives of loads) is clipped at +- the
+                effort of its description (``efforts``); or efforts by coordinate, or (n,), infinite where there is
+                none.  What is clipped does not answer to the state in the matrix of an implicit step.
+
+        Returns:
+            q and v, (steps // every + 1, n) or (N, steps // every + 1, n), the states at the beginning first; with
+            error control (samples + 1, n) or (N, samples + 1, n).  Attributes of the tuple say what the steps were:
+            ``steps``, ``rejected``, ``largest`` and ``smallest`` (s), of many states (N,).  ``works``, J, (samples + 1,
+            4) or (N, samples + 1, 4), are those of drives, of what moves prescribed coordinates, of wrenches, and what
+            dampers and friction take.
+
+        Raises:
+            SingularError: M cannot be inverted in a state that is reached.
+            IntegrationStopped: a state is not finite any more, or its accelerations, whatever ``checks`` says, or no
+                step is short enough for the tolerances; it names the coordinate and the step or time, and keeps what
+                was stored.
+            InputError: another argument is wrong, or does not belong to the method.
+        """
+        inputs = Inputs(q0, v0, u, Control(kp, kd, target, efforts_of(self.calls, saturate)))
+        options = LoadedStepOptions(method, dt, steps, every, duration, samples, rtol, atol, loads, works)
+        return (adaptive_rollout if options.is_adaptive else rollout)(self.calls, inputs, options)
+
+    def rollout_gradient(  # noqa: PLR0913
+        self,
+        q0: ArrayLike,
+        v0: ArrayLike,
+        u: ArrayLike | None = None,
+        dt: float | None = None,
+        steps: int | None = None,
+        *,
+        loss: Loss,
+        parameters: Sequence[str] = (),
+        method: str = "rk4",
+        every: int = 1,
+        kp: ArrayLike | None = None,
+        kd: ArrayLike | None = None,
+        target: ArrayLike | None = None,
+        duration: float | None = None,
+        samples: int | None = None,
+        rtol: float = 1e-6,
+        atol: ArrayLike | None = None,
+        loads: Loads | Sequence[Loads] | None = None,
+        saturate: Saturate = None,
+        out: Mapping[str, Array] | None = None,
+    ) -> tuple[Any, dict[str, Any]]:
+        """The gradient of a function of a rollout's states, exact for its steps: they are taken once more, backwards.
+
+        Steps that the error chooses count as given: how their lengths change is left out.  Contacts, friction and stops
+        are as smooth as their laws are.  Loops are closed after every step, and differentiated with that.  What is kept
+        on the way grows with the square root of the number of steps where they are many.
+
+        Args:
+            q0, v0, u, dt, steps, method, every, kp, kd, target, duration, samples, rtol, atol: as of ``rollout``.
+            loss: ``loss(t, q, v)`` returns a value and its derivatives by q and v, of their shapes; t are times, s,
+                (samples,), q and v states as of ``rollout``.
+            parameters: names of run-time parameters that the gradient is taken by as well.
+            loads: as of ``rollout``, but with all methods; an implicit step takes them at its end.  Wrenches need the
+                kernel external_force_parameter_adjoint, in points and axes of links frame_pose_parameter_adjoint; a
+                model that drives know needs inverse_dynamics_adjoint, and has no loops.
+            saturate: as of ``rollout``; drives that are clipped have the slope 0, those at their effort 1.
+            out: arrays to write derivatives to, by the names that they are returned by; others are new.
+
+        Returns:
+            The value, and derivatives by name: "q" and "v" by the states at the beginning, "u", and with a controller
+            "target", "kp" and "kd", in the shapes of what was given (gains: (n,)); a number for each parameter.  With
+            ``loads`` "loads": a dictionary, or one for each of a list, with "drive.torque", "drive.program",
+            "prescribed.tracks[k]" and "wrench[k]", derivatives by the coefficients of signals (``Signal.by_samples``
+            gives those by samples), "drive.gains.kp", "drive.gains.kd" and "drive.model.bandwidth".
+
+        Raises:
+            UnknownNameError: no such parameter, or the kernel was built without the method's gradient.
+            InputError: as of ``rollout``; a loss that returns something else; joints that turn freely; a robot so stiff
+                that derivatives of tsit5's steps are not those of the motion.
+            SingularError, IntegrationStopped: as of ``rollout``; a mechanism begins in a singular pose.
+        """
+        inputs = Inputs(q0, v0, u, Control(kp, kd, target, efforts_of(self.calls, saturate)))
+        options = StepOptions(method, dt, steps, every, duration, samples, rtol, atol)
+        return rollout_gradient(self.calls, inputs, options, loss=loss, parameters=parameters, loads=loads, out=out)
+
+    def rollout_sensitivity(  # noqa: PLR0913
+        self,
+        q0: ArrayLike,
+        v0: ArrayLike,
+        u: ArrayLike | None = None,
+        dt: float | None = None,
+        steps: int | None = None,
+        *,
+        parameters: Sequence[str] = (),
+        along: Mapping[str, ArrayLike] | None = None,
+        method: str = "rk4",
+        every: int = 1,
+        kp: ArrayLike | None = None,
+        kd: ArrayLike | None = None,
+        target: ArrayLike | None = None,
+        duration: float | None = None,
+        samples: int | None = None,
+        rtol: float = 1e-6,
+        atol: ArrayLike | None = None,
+        loads: Loads | Sequence[Loads] | None = None,
+        saturate: Saturate = None,
+        out: Sequence[Array] | None = None,
+    ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+        """Derivatives of a rollout's states along few directions, exact for its steps: they carry them forwards.
+
+        Steps that the error chooses count as given, as of ``rollout_gradient``.  Every direction costs some rollouts,
+        whatever the number of samples is.
+
+        Args:
+            q0, v0, u, dt, steps, method, every, kp, kd, target, duration, samples, rtol, atol: as of ``rollout``.
+            parameters: names of run-time parameters, a direction each.
+            along: directions in front of those: rates by names "q", "v" and "u", (directions, n) each, those of drives
+                (directions, rows, n) where they change with the rows of u; rates that are not given are zero.
+            loads: as of ``rollout_gradient``; wrenches need external_force_tangent and
+                external_force_parameter_tangent, in points and axes of links those of frame_pose, and a model that
+                drives know inverse_dynamics_tangent.
+            saturate: as of ``rollout_gradient``.
+            out: q, v, dq and dv to write to.
+
+        Returns:
+            q and v as of ``rollout``, then dq and dv, (samples, directions, n); of many states (N, samples, directions,
+            n), all along the same directions.
+
+        Raises:
+            UnknownNameError: no such parameter, or the kernel was built without the method's sensitivity.
+            InputError: as of ``rollout``; no direction; joints that turn freely; a robot that is too stiff, as there.
+            SingularError, IntegrationStopped: as of ``rollout``.
+        """
+        inputs = Inputs(q0, v0, u, Control(kp, kd, target, efforts_of(self.calls, saturate)))
+        options = StepOptions(method, dt, steps, every, duration, samples, rtol, atol)
+        return rollout_sensitivity(
+            self.calls, inputs, options, parameters=parameters, along=along, loads=loads, out=out
+        )
