@@ -75,12 +75,11 @@ def _wrong(module: ModuleType, dtype: np.dtype[Any]) -> Iterator[str]:
     for many, address in ((False, code), (True, batch)):
         function.arm("own", many, kept, int(many), address, setup, 1, 1.0, 16)
     for numbers in PLAIN:
-        given = np.array(numbers, dtype)
-        out = np.empty(4, dtype)
-        for found in (call(given), call(q=given, out=out), call(np.array([numbers, NUMBERS], dtype))):
-            row = found[0] if getattr(found, "ndim", 1) == 2 else found
-            if not isinstance(row, np.ndarray) or row.tobytes() != (given * dtype.type(2)).tobytes():
-                yield f"twice {given} is {row}"
+        given, out = np.array(numbers, dtype), np.empty(4, dtype)
+        rows = np.array([numbers, numbers[::-1]], dtype)  # which no memory holds twice of before
+        for taken, found in ((given, call(given)), (given, call(q=given, out=out)), (rows, call(rows))):
+            if not isinstance(found, np.ndarray) or found.tobytes() != (taken * dtype.type(2)).tobytes():
+                yield f"twice {taken} is {found}"
     for numbers in REFUSED:
         for given in (np.array(numbers, dtype), np.array([NUMBERS, numbers], dtype)):
             if call(given) is not ASKED:
