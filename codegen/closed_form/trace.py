@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from eomgen.errors import InputError
 from eomgen.names import split_component
+from eomgen.robot.elements import KINDS
 from eomgen.robot.model import FIXED_BODY, Body, Model
 
 from ..forces.element import ForceElement, Setting
@@ -154,10 +155,11 @@ def closed_form(
 
 
 def refuse_springs(model: Model) -> None:
-    """InputError if the robot has springs between points, or journals in cut joints."""
-    if model.robot.springs:
-        names = ", ".join(spring.name for spring in model.robot.springs)
-        raise InputError(f"{model.name}: the closed form knows no springs between points ({names}); leave them out")
+    """InputError if the robot has force elements between links, or journals in cut joints."""
+    for kind in KINDS.values():
+        names = ", ".join(element.name for element in model.robot.link_elements if element.TABLE == kind.TABLE)
+        if names:
+            raise InputError(f"{model.name}: the closed form knows no {kind.SHORT} ({names}); leave them out")
     journals = ", ".join(loop.name for loop in model.robot.loops if loop.radial is not None)
     if journals:
         raise InputError(f"{model.name}: the closed form knows no journals of cut joints ({journals}); leave them out")

@@ -1,12 +1,7 @@
 """Forces in the six coordinates of cut joints, and of elastic couplings.
 
-Frame b on a loop's second link, seen from frame a on its first, is T(x, y, z) . Rx(alpha) . Ry(beta) . Rz(gamma),
-eq. (3).  A coordinate e with a force keeps to its offset: s = e - offset is resisted like the deviation of any joint's
-coordinate, along the row de/dq.  With R the rotation of b as seen from a,
-
-    beta = atan2(R02, c),    alpha = atan2(-R12, R22),    gamma = atan2(-R01, R00),    c = cos(beta) = |(R12, R22)|,
-
-and the rates of the angles are the relative angular velocity along the dual vectors of their axes.
+A coordinate e of a cut joint's frame b as seen from a (``relative_placement``) with a force keeps to its offset:
+s = e - offset is resisted like the deviation of any joint's coordinate, along the row de/dq.
 """
 
 from __future__ import annotations
@@ -16,17 +11,17 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar
 
-from eomgen.errors import DescriptionError
 from eomgen.names import parameter_name
 from eomgen.robot.laws import stiffness_of
-from eomgen.robot.value import ANGULAR, COORDINATES, LINEAR
+from eomgen.robot.value import ANGULAR, COORDINATES
 
 from ..tree.bound import Bound, BoundLaw
 from ..tree.constraints import Closure, Direction
 from ..tree.recursion import Wrench
-from ..tree.spatial import Scalar, Vec, add, along, dot, is_zero, scale
-from .element import POLE, ForceElement, ImplicitShare, Kernels, Slopes
+from ..tree.spatial import Scalar, along, is_zero
+from .element import ForceElement, ImplicitShare, Kernels, Slopes
 from .laws import Effect, effect, load_of, pressing
+from .relative_placement import coordinates_of, cosine_of
 from .scalar_functions import Functions
 
 
@@ -152,7 +147,7 @@ class ElasticLoopCoordinates(ForceElement):
         """Give cos(beta) of loops whose angles have forces, and are moved by these coordinates."""
         moved = [own for own in self.members if own.name in ANGULAR and not own.arms.keys().isdisjoint(moving)]
         turned = {own.closure.number: own.closure for own in moved if own.closure is not None}
-        yield from ((closure.name, cosine_of(closure, self.at.functions)) for closure in turned.values())
+        yield from ((closure.where, cosine_of(closure, self.at.functions)) for closure in turned.values())
 
     KERNELS: ClassVar[Kernels] = {
         "cut_forces": (
@@ -165,58 +160,10 @@ class ElasticLoopCoordinates(ForceElement):
 
 def _of_loop(bound: Bound, closure: Closure, names: Sequence[str], f: Functions) -> Iterator[ElasticLoopCoordinate]:
     offset = bound.cut_offsets[closure.number]
-    values, directions, turns = [], [], dict[str, tuple[Scalar, Scalar] | None]()
-    angles = _angles(closure, f) if any(name in ANGULAR for name in names) else {}
-    for name in names:
-        if name in LINEAR:
-            axis = closure.axes_a[LINEAR.index(name)]
-            values.append(dot(axis, closure.distance))
-            directions.append(Direction(axis, is_rotation=False))
-        else:
-            value, vector, turns[name] = angles[name]
-            values.append(value)
-            directions.append(Direction(vector, is_rotation=True))
     found: dict[str, ElasticLoopCoordinate] = {}
-    for name, value, direction, arms in zip(names, values, directions, closure.arms(directions), strict=True):
+    for name, (value, direction, turn, arms) in coordinates_of(closure, names, f).items():
         law = bound.cut_laws[closure.number, name]
-        moved = {index: arm for index, arm in arms.items() if not is_zero(arm)}
         s = value - offset[COORDINATES.index(name)]
-        found[name] = ElasticLoopCoordinate(s, moved, law, closure, direction, name=name, turn=turns.get(name))
+        found[name] = ElasticLoopCoordinate(s, arms, law, closure, direction, name=name, turn=turn)
     for own in found.values():
         yield replace(own, carriers=tuple(found[COORDINATES[other]] for other in own.law.carriers))
-
-
-def cosine_of(closure: Closure, f: Functions) -> Scalar:
-    """The cosine of beta, from 0 on, of the second frame as seen from the first."""
-    R = closure.pose().rotation
-    return f.sqrt(R[1][2] * R[1][2] + R[2][2] * R[2][2])
-
-
-def _angles(closure: Closure, f: Functions) -> dict[str, tuple[Scalar, Vec, tuple[Scalar, Scalar] | None]]:
-    """alpha, beta and gamma of b as seen from a, and the dual vectors of their axes, in the common body's axes.
-
-    Of alpha and beta with sine and cosine.
-
-    Raises:
-        DescriptionError: nothing turns the frames against each other, and beta is at +-pi/2.
-    """
-    x, y, z = closure.axes_a
-    R = closure.pose().rotation
-    cosine = cosine_of(closure, f)
-    if isinstance(cosine, float) and cosine < POLE:
-        raise DescriptionError(
-            f"its frames stay at beta = {'-' if R[0][2] < 0.0 else ''}90 degrees to each other, where alpha and gamma"
-            " turn about one axis; allowed: placements whose frames are turned otherwise, or no tables of alpha, beta"
-            " and gamma",
-            where=f"loops.{closure.name}",
-            source=closure.source,
-        )
-    inverse = 1.0 / cosine
-    sin_alpha, cos_alpha, sin_beta = -1.0 * (R[1][2] * inverse), R[2][2] * inverse, R[0][2]
-    behind_y = add(scale(cos_alpha, y), scale(sin_alpha, z))
-    behind_z = scale(inverse, add(scale(-1.0 * sin_alpha, y), scale(cos_alpha, z)))
-    return {
-        "alpha": (f.atan2(-1.0 * R[1][2], R[2][2]), add(x, scale(-1.0 * sin_beta, behind_z)), (sin_alpha, cos_alpha)),
-        "beta": (f.atan2(sin_beta, cosine), behind_y, (sin_beta, cosine)),
-        "gamma": (f.atan2(-1.0 * R[0][1], R[0][0]), behind_z, None),
-    }

@@ -82,6 +82,16 @@ class Slopes:
                     add_to(into, (i, j), slope)
 
 
+@dataclass(frozen=True)
+class Deflection:
+    """A coordinate that a force element acts along: its name ("mount.x"), value, resisting force, and row by q."""
+
+    name: str
+    value: Scalar
+    force: Scalar
+    arms: Arms
+
+
 class ImplicitShare(ABC):
     """Shares of elements in M + c D + c^2 K of an implicit method, and in the forces on its right side.
 
@@ -144,6 +154,10 @@ class ForceElement(ABC):
 
     def energies(self) -> Iterator[Scalar]:
         """Give stored energies, J."""
+        yield from ()
+
+    def deflections(self, v: Sequence[Scalar]) -> Iterator[Deflection]:
+        """Give what ``element_forces`` tells of, named as ``LinkElement.slopes`` does; none where other kernels do."""
         yield from ()
 
     def wrenches(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Wrench]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from .bushings import Bushings
 from .coordinates import CoordinateLaws
 from .cut_journals import LoopBearingContacts
 from .cuts import ElasticLoopCoordinates
@@ -21,4 +22,5 @@ ELEMENTS: Sequence[type[ForceElement]] = (
     JointDampers,
     ElasticLoopCoordinates,
     LoopBearingContacts,
+    Bushings,
 )

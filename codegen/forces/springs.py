@@ -20,16 +20,16 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-from eomgen.robot.geometry import IDENTITY
+from eomgen.robot.elements import Spring
 from eomgen.robot.laws import SMALLEST
 from eomgen.robot.model import Model
 
-from ..tree.bound import BoundSpring
+from ..tree.bound import BoundElement
 from ..tree.composite import Rows
 from ..tree.constraints import Side, common_body, subtract
 from ..tree.frozen_joints import JointGeometry
 from ..tree.recursion import Wrench
-from ..tree.spatial import Pose, Scalar, Vec, add, along, cross, dot, is_zero, matvec, scale, transpose
+from ..tree.spatial import Scalar, Vec, add, along, cross, dot, is_zero, matvec, scale, transpose
 from .element import ForceElement, ImplicitShare, Kernels, Slopes, add_to
 from .laws import Effect, steepest, tension
 from .scalar_functions import Functions
@@ -72,11 +72,11 @@ class PointSpring:
     """One spring: its vector d, and g and H as above."""
 
     def __init__(
-        self, model: Model, spring: BoundSpring, joints: Sequence[JointGeometry], v: Sequence[Scalar], f: Functions
+        self, model: Model, spring: BoundElement, joints: Sequence[JointGeometry], v: Sequence[Scalar], f: Functions
     ) -> None:
         self.spring, self.v, self.f = spring, v, f
         top = common_body(model, spring.ends[0][0], spring.ends[1][0])
-        first, second = (Side(model, joints, top, (body, Pose(IDENTITY, point))) for body, point in spring.ends)
+        first, second = (Side(model, joints, top, end) for end in spring.ends)
         self.sides = ((first, -1.0), (second, 1.0))
         points = first.pose.origin, second.pose.origin
         self.d = subtract(points[1], points[0])
@@ -212,8 +212,8 @@ class PointSprings(ForceElement):
     def springs(self, v: Sequence[Scalar]) -> list[PointSpring]:
         """Give the springs at the velocities v, each with a comment in front of its values."""
         at, found = self.at, list[PointSpring]()
-        for given, spring in zip(at.model.robot.springs, at.bound.springs, strict=True):
-            at.note(f"{given.name}: between {given.links[0]} and {given.links[1]}")
+        for spring in at.bound.elements[Spring.TABLE]:
+            at.note(f"{spring.name}: between {spring.links[0]} and {spring.links[1]}")
             found.append(PointSpring(at.model, spring, at.joints, v, at.functions))
         return found
 

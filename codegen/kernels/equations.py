@@ -23,10 +23,12 @@ DIVISION = 8  # a division takes about as long as so many products
 NEEDS = {
     "loops": "[[loops]]",
     "springs": "[[springs]]",
+    "elements": "force elements between two links, such as [[bushings]]",
     "constraints": "rigid [[loops]] or [[couplings]]",
     "laws": "forces in cut joints or couplings",
     "followers": "rigid [[couplings]] whose followers are no coordinates",
 }
+SMALL = ("springs", "elements", "laws")  # needs of kernels that come with any
 STRAIGHT_COLUMNS = 12000  # up to so many operations all columns are written out, above it is a loop over them
 
 
@@ -70,7 +72,7 @@ def derive_equations(model: Model, kernels: Sequence[str] = (), dtype: str = "fl
                 f"kernels: {name!r} is for robots with {NEEDS[KERNELS[name].needs]}, and {model.name} has none"
             )
     wanted = kernels or [name for name in known if not KERNELS[name].derivative_of]
-    small = {name for name in known if KERNELS[name].needs in ("springs", "laws") and not KERNELS[name].derivative_of}
+    small = {name for name in known if KERNELS[name].needs in SMALL and not KERNELS[name].derivative_of}
     public = tuple(name for name in known if name in wanted or name in small)
     raw: dict[str, Program] = {}
     found: dict[str, Program] = {}  # what several derivatives are of

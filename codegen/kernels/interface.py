@@ -8,14 +8,14 @@ from typing import Any
 from eomgen._version import __version__
 from eomgen.names import component_name, joint_of, parameter_path
 from eomgen.robot.cuts import UPRIGHT
-from eomgen.robot.laws import least_of
 from eomgen.robot.mechanism import effort_of
 from eomgen.robot.model import Model
 from eomgen.robot.parameter_names import element_places
+from eomgen.robot.parameter_numbers import least_of
 from eomgen.robot.value import MOTOR, Loop
 
 from ..tree.regressor import described_values, regressor_names
-from .signatures import KERNELS, functions, shapes
+from .signatures import KERNELS, element_rows, functions, shapes
 
 
 def describe_kernels(model: Model, kernels: Sequence[str], dtype: str) -> dict[str, Any]:
@@ -61,6 +61,7 @@ def describe_kernels(model: Model, kernels: Sequence[str], dtype: str) -> dict[s
         **_loop_metadata(model),
         **({"regressor": regressor_names(model)} if "regressor" in kernels else {}),
         **({"springs": [spring.name for spring in model.robot.springs]} if model.robot.springs else {}),
+        **({"element_rows": rows} if (rows := element_rows(model)) else {}),
     }
 
 

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from eomgen.robot.model import Model
 
+from eomgen.names import component_name
+
 from ..tree.regressor import regressor_names
 from .blocks import row_blocks
 from .bodies import axes_of
@@ -233,6 +235,15 @@ OWN_KERNELS: Mapping[str, Signature] = {
     "cut_jacobian": Signature(
         ("q",), "law_rows", "Derivatives by q of the deviations of cut joints and elastic couplings.", needs="laws"
     ),
+    "element_forces": Signature(
+        ("q", "v"),
+        "element_pairs",
+        "Per coordinate of a force element between two links its value and what resists it.",
+        needs="elements",
+    ),
+    "element_jacobian": Signature(
+        ("q",), "element_rows", "Derivatives by q of the coordinates of force elements.", needs="elements"
+    ),
     "spring_stiffness": Signature(
         ("q",),
         "matrix",
@@ -325,12 +336,24 @@ def knows_turns(program: str, model: Model) -> bool:
     return program in TURNED or (bool(model.constraints) and program in CLOSED_TURNED)
 
 
+def element_rows(model: Model) -> tuple[str, ...]:
+    """Names of the coordinates of force elements that ``element_forces`` tells of, in its order: "mount.x"."""
+    found = list[str]()
+    for element in model.robot.elements:
+        names = (f"{element.prefix}.{key}" for key, _ in element.numbers())
+        below = len(element.prefix) + 1
+        numbers = {name[below:]: model.parameters[name] for name in names if name in model.parameters}
+        found += (component_name(element.name, row) for row in element.slopes(numbers))
+    return tuple(found)
+
+
 def available(model: Model) -> tuple[str, ...]:
     """Names of the kernels that there are for a model."""
     has = {
         "": True,
         "loops": bool(model.robot.loops),
         "springs": bool(model.robot.springs),
+        "elements": bool(element_rows(model)),
         "constraints": bool(model.constraints),
         "cuts": bool(model.robot.loops and model.constraints),
         "laws": bool(model.cut_laws),
@@ -412,7 +435,7 @@ def shapes(model: Model, kernels: Collection[str] | None = None) -> dict[str, tu
         "multipliers": (m,),
         "closing": (sum(3 * block.size + len(block.columns) ** 2 for block in row_blocks(model)),),
     }
-    springs, laws = len(model.robot.springs), len(model.cut_laws)
+    springs, laws, elements = len(model.robot.springs), len(model.cut_laws), len(element_rows(model))
     found: dict[str, tuple[int, ...]] = {
         **vectors,
         **(closing if m else {}),
@@ -420,6 +443,7 @@ def shapes(model: Model, kernels: Collection[str] | None = None) -> dict[str, tu
         **({"law_pairs": (laws, 2), "law_rows": (laws, n)} if laws else {}),
         **({"couplings": (len(model.followers),)} if model.followers else {}),
         **({"spring_pairs": (springs, 2), "spring_rows": (springs, n)} if springs else {}),
+        **({"element_pairs": (elements, 2), "element_rows": (elements, n)} if elements else {}),
         "wrench": (len(model.links), 6),
         "matrix": (n, n),
         "tensor": (n, n, n),

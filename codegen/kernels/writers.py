@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..forces.element import ForceElement
+from ..forces.element import Deflection, ForceElement
 from ..forces.elements import ELEMENTS
 from ..joint.zeros import zero_map
 from ..tree.composite import coriolis_matrix
@@ -21,7 +21,7 @@ from .bodies import axes_of
 from .closed_motion import closing_derivatives, closing_reactions, drives, loop_reactions, loop_wrenches
 from .constraint_rows import gaps
 from .derivation import Derivation, Outputs, vector
-from .signatures import CLOSURE_KERNELS
+from .signatures import CLOSURE_KERNELS, element_rows
 
 DESCRIPTION_FRAMES = (
     "reactions",
@@ -207,6 +207,20 @@ def _of_element(family: type[ForceElement], kernel: str) -> Callable[[Derivation
     return write
 
 
+def _element_forces(d: Derivation) -> Outputs:
+    return vector([x for one in _deflections(d) for x in (one.value, one.force)])
+
+
+def _element_jacobian(d: Derivation) -> Outputs:
+    return d.rows([one.arms for one in _deflections(d)])
+
+
+def _deflections(d: Derivation) -> list[Deflection]:
+    """Those of all force elements in the order of ``element_rows``."""
+    by_name = {one.name: one for element in d.elements for one in element.deflections(d.v)}
+    return [by_name[name] for name in element_rows(d.described)]
+
+
 WRITERS: Mapping[str, Callable[[Derivation], Outputs]] = {
     "mass_matrix": _mass_matrix,
     "bias_force": _bias_force,
@@ -237,6 +251,8 @@ WRITERS: Mapping[str, Callable[[Derivation], Outputs]] = {
     "external_coupling_forces": _external_coupling_forces,
     "cut_poses": _cut_poses,
     "implicit_step": implicit_step,
+    "element_forces": _element_forces,
+    "element_jacobian": _element_jacobian,
     **{kernel: _of_element(family, kernel) for family in ELEMENTS for kernel in family.KERNELS},
 }
 

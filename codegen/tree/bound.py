@@ -14,6 +14,7 @@ from typing import Any
 
 from eomgen.errors import InputError
 from eomgen.names import component_name, joint_of
+from eomgen.robot.elements import KINDS
 from eomgen.robot.geometry import IDENTITY, snap
 from eomgen.robot.laws import JOINT_DAMPING, RADIAL, given_laws
 from eomgen.robot.model import FIXED_BODY, Model, turned_name
@@ -77,13 +78,15 @@ class BoundTransmission:
 
 
 @dataclass(frozen=True)
-class BoundSpring:
-    """A spring between two points: per end (body, point in its frame), the numbers of its law, and its elongations.
+class BoundElement:
+    """A force element between two links: per end (body, pose in its frame), its numbers, and its elongations.
 
-    ``numbers``: ``Spring.law``; stiffness, damping and free_length are always there, 0 where none is given.
+    ``numbers``: ``LinkElement.law``; the optional ones are always there, 0 where none is given.
     """
 
-    ends: tuple[tuple[int, Vec], tuple[int, Vec]]
+    name: str
+    links: tuple[str, str]
+    ends: tuple[tuple[int, Pose], tuple[int, Pose]]
     numbers: Mapping[str, Scalar]
     knots: tuple[float, ...] = ()
 
@@ -132,7 +135,7 @@ class Bound:
     constant of the potential energy.
     ``transmissions`` holds, by the index of a motor's coordinate, what is between it and its joint; its inertia is an
     armature.
-    ``springs`` are those between points of two bodies.
+    ``elements`` are force elements between two links, by the tables that list them.
     ``cut_offsets`` holds per loop what its six coordinates keep to, ``cut_laws`` the forces of some of them by the
     loop's number and the coordinate's name; ``couplings`` are those of coordinates; ``journals`` stand in bearings,
     ``cut_journals`` in those of cut joints, by the loop's number.
@@ -149,7 +152,7 @@ class Bound:
     at_rest: Vec = (0.0, 0.0, 0.0)
     cuts: Cuts = ()
     transmissions: Mapping[int, BoundTransmission] = field(default_factory=dict)
-    springs: tuple[BoundSpring, ...] = ()
+    elements: Mapping[str, tuple[BoundElement, ...]] = field(default_factory=dict)
     cut_offsets: tuple[tuple[Scalar, ...], ...] = ()
     cut_laws: Mapping[tuple[int, str], BoundLaw] = field(default_factory=dict)
     couplings: tuple[BoundCoupling, ...] = ()
@@ -197,7 +200,7 @@ def bind(
     bodies = tuple(BoundBody(p, h) for p, h in zip(placements, inertias, strict=True))
     laws, armature = binder.laws()
     offsets, cuts = binder.angle_offsets(), binder.cuts(poses)
-    frames, between, springs = binder.frames(poses), binder.transmissions(), binder.springs(poses)
+    frames, between = binder.frames(poses), binder.transmissions()
     return Bound(
         binder.gravity(),
         bodies,
@@ -209,7 +212,7 @@ def bind(
         at_rest=(0.0, 0.0, 0.0),
         cuts=cuts,
         transmissions=between,
-        springs=springs,
+        elements={table: binder.elements(table, poses) for table in KINDS},
         cut_offsets=binder.cut_offsets(),
         cut_laws=binder.cut_laws(),
         couplings=binder.couplings(),
@@ -419,19 +422,21 @@ class _Binder:
         damping = self.value(f"{prefix}.damping", given.damping or 0.0)
         return BoundLaw(stiffness, damping, self._law(prefix, given), _knots(given))
 
-    def springs(self, poses: dict[str, tuple[int, Pose]]) -> tuple[BoundSpring, ...]:
-        """The springs between points, each with its ends in the bodies' frames."""
+    def elements(self, table: str, poses: dict[str, tuple[int, Pose]]) -> tuple[BoundElement, ...]:
+        """The force elements of one table, each with its ends in the bodies' frames."""
         found = []
-        for spring in self.model.robot.springs:
+        for element in self.model.robot.link_elements:
+            if table != element.TABLE:
+                continue
             ends = []
-            for i, (link, point) in enumerate(zip(spring.links, spring.points, strict=True)):
+            for link, (key, end) in zip(element.links, element.ends().items(), strict=True):
                 body, pose = poses[link]
-                at = self.triple(f"springs.{spring.name}.points.{i}", point)
-                ends.append((body, add(matvec(pose.rotation, at), pose.origin)))
-            given = {**dict.fromkeys(("free_length", "stiffness", "damping"), 0.0), **spring.law()}
-            numbers = {key: self.value(f"springs.{spring.name}.{key}", number) for key, number in given.items()}
-            knots = tuple(elongation for elongation, _ in spring.curve or ())
-            found.append(BoundSpring((ends[0], ends[1]), numbers, knots))
+                name = f"{element.prefix}.{key}"
+                at = self.placed(name, end) if isinstance(end, Placement) else Pose(IDENTITY, self.triple(name, end))
+                ends.append((body, pose @ at))
+            given = {**dict.fromkeys(KINDS[table].ALWAYS, 0.0), **element.law()}
+            numbers = {key: self.value(f"{element.prefix}.{key}", number) for key, number in given.items()}
+            found.append(BoundElement(element.name, element.links, (ends[0], ends[1]), numbers, element.knots()))
         return tuple(found)
 
     def laws(self) -> tuple[tuple[BoundLaw, ...], tuple[Scalar, ...]]:

@@ -109,8 +109,57 @@ class Side:
         return moving.at(subtract(self.pose.origin, parent.origin))
 
 
-class Closure:
-    """The two sides of a loop, and frame b as seen from a: ``distance`` and axes, in the common body's axes."""
+class FramePair:
+    """Frames a and b on two bodies, and b as seen from a: ``distance`` and axes, in the common body's axes."""
+
+    def __init__(
+        self, model: Model, joints: Sequence[JointGeometry], ends: tuple[tuple[int, Pose], tuple[int, Pose]], where: str
+    ) -> None:
+        """Follow both frames from the last body that carries both.
+
+        Args:
+            ends: per frame its body, and its pose there.
+            where: names them in messages: "loops.pin".
+        """
+        self.where, self.source = where, model.robot.source or model.name
+        top = common_body(model, ends[0][0], ends[1][0])
+        self.a, self.b = (Side(model, joints, top, end) for end in ends)
+        self.distance = subtract(self.b.pose.origin, self.a.pose.origin)
+        self.axes_a, self.axes_b = transpose(self.a.pose.rotation), transpose(self.b.pose.rotation)
+
+    def pose(self) -> Pose:
+        """Frame b seen from frame a."""
+        R: Mat = tuple(tuple(dot(e, f) for f in self.axes_b) for e in self.axes_a)  # type: ignore[assignment]
+        return Pose(R, matvec(self.axes_a, self.distance))
+
+    def arms(self, directions: Sequence[Direction]) -> list[dict[int, Scalar]]:
+        """Derivatives by the coordinates of how far b comes along directions, as seen from a."""
+        rows: list[dict[int, Scalar]] = [{} for _ in directions]
+        for side, sign in ((self.a, -1.0), (self.b, 1.0)):
+            for column in side.columns(self.b.pose.origin):
+                slide = cross(column.axis, column.arm) if column.is_rotation else column.axis
+                for row, direction in zip(rows, directions, strict=True):
+                    if not direction.is_rotation:
+                        row[column.index] = sign * dot(direction.vector, slide)
+                    elif column.is_rotation:
+                        row[column.index] = sign * dot(direction.vector, column.axis)
+        return rows
+
+    def wrenches(self, force: Vec, moment: Vec) -> Iterator[tuple[int, Wrench]]:
+        """Wrenches of joints on the bodies of both sides that hold a wrench on b at its origin, and the opposite on a.
+
+        At each body's origin in its axes; the wrench is given in the common body's axes.
+        """
+        for side, sign in ((self.a, 1.0), (self.b, -1.0)):
+            f, n = scale(sign, force), scale(sign, moment)
+            for k, pose in zip(side.path, side.poses, strict=True):
+                back = transpose(pose.rotation)
+                arm = subtract(self.b.pose.origin, pose.origin)
+                yield k, Wrench(matvec(back, f), matvec(back, add(n, cross(arm, f))))
+
+
+class Closure(FramePair):
+    """The two sides of a loop: the frames of its cut joint."""
 
     def __init__(self, model: Model, bound: Bound, joints: Sequence[JointGeometry], number: int, sincos: Turn) -> None:
         """Follow both sides of the loop of that number.
@@ -119,13 +168,8 @@ class Closure:
             sincos: sine and cosine of a scalar.
         """
         self.number, self.name = number, model.robot.loops[number].name
-        self.source = model.robot.source or model.name
+        super().__init__(model, joints, bound.cuts[number], f"loops.{self.name}")
         self.parts: tuple[Component, ...] = rigid_parts(model.robot.loops[number])
-        cut_a, cut_b = bound.cuts[number]
-        top = common_body(model, cut_a[0], cut_b[0])
-        self.a, self.b = (Side(model, joints, top, cut) for cut in (cut_a, cut_b))
-        self.distance = subtract(self.b.pose.origin, self.a.pose.origin)
-        self.axes_a, self.axes_b = transpose(self.a.pose.rotation), transpose(self.b.pose.rotation)
         offset = bound.cut_offsets[number]
         self.shift: Vec = (offset[0], offset[1], offset[2])
         self._compare_axes(offset[3:], sincos)
@@ -162,11 +206,6 @@ class Closure:
             return self.shift[part.axis]
         return self.sine if part.name == "beta" else 0.0
 
-    def pose(self) -> Pose:
-        """Frame b seen from frame a."""
-        R: Mat = tuple(tuple(dot(e, f) for f in self.axes_b) for e in self.axes_a)  # type: ignore[assignment]
-        return Pose(R, matvec(self.axes_a, self.distance))
-
     def jacobian(self) -> list[dict[int, Scalar]]:
         """Rows of J by coordinate; those that move a move b the other way, as seen from a."""
         return self.arms([self.direction(part) for part in self.parts])
@@ -176,31 +215,6 @@ class Closure:
         if part.axis is not None:
             return Direction(self.axes_a[part.axis], is_rotation=False)
         return Direction(self._moment(part), is_rotation=True)
-
-    def arms(self, directions: Sequence[Direction]) -> list[dict[int, Scalar]]:
-        """Derivatives by the coordinates of how far b comes along directions, as seen from a."""
-        rows: list[dict[int, Scalar]] = [{} for _ in directions]
-        for side, sign in ((self.a, -1.0), (self.b, 1.0)):
-            for column in side.columns(self.b.pose.origin):
-                slide = cross(column.axis, column.arm) if column.is_rotation else column.axis
-                for row, direction in zip(rows, directions, strict=True):
-                    if not direction.is_rotation:
-                        row[column.index] = sign * dot(direction.vector, slide)
-                    elif column.is_rotation:
-                        row[column.index] = sign * dot(direction.vector, column.axis)
-        return rows
-
-    def wrenches(self, force: Vec, moment: Vec) -> Iterator[tuple[int, Wrench]]:
-        """Wrenches of joints on the bodies of both sides that hold a wrench on b at its origin, and the opposite on a.
-
-        At each body's origin in its axes; the wrench is given in the common body's axes.
-        """
-        for side, sign in ((self.a, 1.0), (self.b, -1.0)):
-            f, n = scale(sign, force), scale(sign, moment)
-            for k, pose in zip(side.path, side.poses, strict=True):
-                back = transpose(pose.rotation)
-                arm = subtract(self.b.pose.origin, pose.origin)
-                yield k, Wrench(matvec(back, f), matvec(back, add(n, cross(arm, f))))
 
     def bias(self, v: Sequence[Scalar]) -> list[Scalar]:
         """J_dot v: second derivatives of the components at q_ddot = 0."""

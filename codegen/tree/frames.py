@@ -11,14 +11,14 @@ frames.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from eomgen.robot.geometry import IDENTITY
 from eomgen.robot.model import Model
 
-from .bound import Bound, BoundBody, BoundSpring, Cuts
-from .spatial import Mat, Pose, Scalar, Vec, add, congruence, dot, matvec, scale, transpose
+from .bound import Bound, BoundBody, BoundElement, Cuts
+from .spatial import Mat, Pose, Scalar, add, congruence, dot, matmul, matvec, scale, transpose
 
 AXIS = 2  # the principal axis
 ROUND_OFF = 2e-15  # entries of a turned placement that miss 0, 1 or -1 by less are meant to be these
@@ -27,7 +27,7 @@ VECTORS = 5  # so many are turned by a placement, so many products go with a com
 
 def choose_frames(model: Model, bound: Bound) -> Bound:
     """The same robot with body frames shifted and turned where that leaves fewer non-zero numbers."""
-    bodies, offsets, springs, cuts = list(bound.bodies), list(bound.angle_offsets), bound.springs, bound.cuts
+    bodies, offsets, elements, cuts = list(bound.bodies), list(bound.angle_offsets), bound.elements, bound.cuts
     for k, body in enumerate(model.bodies):
         children = model.children(k)
         plain = _plain(bodies, [k]) and set(body.active) <= {"z", "gamma"}
@@ -43,18 +43,18 @@ def choose_frames(model: Model, bound: Bound) -> Bound:
             if shift:
                 by = Pose(IDENTITY, (0.0, 0.0, shift))
                 _move(bodies, k, children, by, placed=True)
-                springs, cuts = _points_moved(springs, k, by), _cuts_moved(cuts, k, by)
+                elements, cuts = _elements_moved(elements, k, by), _cuts_moved(cuts, k, by)
         if "gamma" in body.active:
             angle = _best_turn(bodies, children) if children else _turn_onto_x(bound, bodies, k)
             if angle:
                 by = Pose(_about_z(angle), (0.0, 0.0, 0.0))
                 _move(bodies, k, children, by, placed=False)
-                springs, cuts = _points_moved(springs, k, by), _cuts_moved(cuts, k, by)
+                elements, cuts = _elements_moved(elements, k, by), _cuts_moved(cuts, k, by)
                 offsets[body.indices[-1]] += angle
                 if not children:
                     x, _, z = bodies[k].inertia.first
                     bodies[k] = replace(bodies[k], inertia=replace(bodies[k].inertia, first=(x, 0.0, z)))
-    return replace(bound, bodies=tuple(bodies), angle_offsets=tuple(offsets), springs=springs, cuts=cuts)
+    return replace(bound, bodies=tuple(bodies), angle_offsets=tuple(offsets), elements=elements, cuts=cuts)
 
 
 def _about_z(angle: float) -> Mat:
@@ -96,14 +96,23 @@ def _back(by: Pose) -> Pose:
     return Pose(back, scale(-1.0, matvec(back, by.origin)))
 
 
-def _points_moved(springs: tuple[BoundSpring, ...], k: int, by: Pose) -> tuple[BoundSpring, ...]:
-    """The springs with their ends on body k seen from its frame moved by a pose given in it."""
+def _elements_moved(
+    elements: Mapping[str, tuple[BoundElement, ...]], k: int, by: Pose
+) -> dict[str, tuple[BoundElement, ...]]:
+    """The force elements with their ends on body k seen from its frame moved by a pose given in it."""
     back = transpose(by.rotation)
 
-    def seen(end: tuple[int, Vec]) -> tuple[int, Vec]:
-        return (k, matvec(back, add(end[1], scale(-1.0, by.origin)))) if end[0] == k else end
+    def seen(end: tuple[int, Pose]) -> tuple[int, Pose]:
+        if end[0] != k:
+            return end
+        origin = matvec(back, add(end[1].origin, scale(-1.0, by.origin)))
+        turned = _cleaned(Pose(matmul(back, end[1].rotation), (0.0, 0.0, 0.0))).rotation
+        return k, Pose(turned, origin)
 
-    return tuple(replace(spring, ends=(seen(spring.ends[0]), seen(spring.ends[1]))) for spring in springs)
+    return {
+        table: tuple(replace(x, ends=(seen(x.ends[0]), seen(x.ends[1]))) for x in bound)
+        for table, bound in elements.items()
+    }
 
 
 def _cuts_moved(cuts: Cuts, k: int, by: Pose) -> Cuts:

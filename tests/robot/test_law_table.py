@@ -16,8 +16,10 @@ from eomgen.description.keys import COORDINATE, MOTOR_FORM
 from eomgen.errors import DescriptionError
 from eomgen.export.fmu.variables import UNITS, exponents, unit_name
 from eomgen.forms.tables import Sub
-from eomgen.robot.laws import BASIC, BETWEEN_POINTS, LAWS, NUMBERS, SHAPED, least_of, number_of
+from eomgen.robot.elements import Spring
+from eomgen.robot.laws import BASIC, LAWS, NUMBERS, SHAPED
 from eomgen.robot.model import build_model
+from eomgen.robot.parameter_numbers import least_of, number_of
 from eomgen.robot.record import record_of, robot_hash, robot_of
 from eomgen.robot.value import Coordinate, Friction, Joint, Link, Robot
 from tests.oracles.force_laws import KINDS, random_coordinate, with_laws
@@ -89,8 +91,8 @@ def test_numbers_of_parameters() -> None:
         "joints.j.x.cubic": NUMBERS["cubic"],
         "joints.j.motor.friction.smoothing": NUMBERS["friction.smoothing"],
         "joints.j.x.curve.12": NUMBERS["curve"],
-        "springs.s.free_length": BETWEEN_POINTS["free_length"],
-        "springs.s.curve.1": BETWEEN_POINTS["curve"],
+        "springs.s.free_length": Spring.NUMBERS["free_length"],
+        "springs.s.curve.1": Spring.NUMBERS["curve"],
     }
     assert {name: number_of(name) for name in expected} == expected
     least = {"links.a.mass": 0.0, "links.mass.com.x": None, "joints.j.x.smoothing": 1e-12, "joints.j.x.preload": None}

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from eomgen.codegen.forces.bushings import Bushings
 from eomgen.codegen.forces.coordinates import CoordinateLaws
 from eomgen.codegen.forces.cut_journals import LoopBearingContacts
 from eomgen.codegen.forces.cuts import ElasticLoopCoordinates
@@ -132,6 +133,18 @@ beta = {{ damping = 0.2 }}
 gamma = {{ damping = 0.1 }}
 radial = {BEARING}
 """
+BUSHING = """
+[[bushings]]
+name = "mount"
+links = ["base", "fore"]
+placements = [{ xyz = [0.5, 0.1, 0.0] }, { xyz = [0.1, 0.0, 0.05], rpy = [0.1, 0.2, 0.3] }]
+stiffness = [10.0, 0.0, 12.0, 1.0, 2.0, 0.5]
+damping = [1.0, 2.0, 0.5, 0.1, 0.2, 0.0]
+[[bushings]]
+name = "pad"
+links = ["fore", "rocker"]
+stiffness = [20.0, 10.0, 15.0, 0.0, 0.0, 0.0]
+"""
 
 ROBOTS: Mapping[type[ForceElement], Mapping[str, str]] = {
     CoordinateLaws: {"knee": LAWS},
@@ -141,6 +154,7 @@ ROBOTS: Mapping[type[ForceElement], Mapping[str, str]] = {
     JointDampers: {"hip": FREE + "damping = { linear = 3.0, angular = 0.2 }\n"},
     ElasticLoopCoordinates: {"beside": CUT},
     LoopBearingContacts: {"beside": CUT_BEARING},
+    Bushings: {"beside": BUSHING},
 }
 PARTS = ("hip", "knee", "beside")
 

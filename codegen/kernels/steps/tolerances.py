@@ -95,9 +95,9 @@ def _refuse_poles(d: Derivation) -> None:
     for (name, _), cosine in zip(found, cosines.values(), strict=True):
         if cosine < POLE:
             raise InputError(
-                f"{d.described.name}: home puts loops.{name} at beta = +-90 degrees, where alpha and gamma turn"
+                f"{d.described.name}: home puts {name} at beta = +-90 degrees, where alpha and gamma turn"
                 " about one axis, and steps by tolerances refer to what is at home; allowed: another home, or"
-                f" loops.{name}.placements whose frames are turned otherwise"
+                f" {name}.placements whose frames are turned otherwise"
             )
 
 

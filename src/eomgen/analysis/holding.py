@@ -194,6 +194,9 @@ def _loose(kernel: Kernel) -> Mask:
     if kernel.springs:
         anywhere = 0.3 + 0.1 * np.arange(kernel.n)
         held |= np.asarray(kernel.spring_jacobian(anywhere)).any(axis=0)
+    if kernel.element_rows:
+        anywhere = 0.3 + 0.1 * np.arange(kernel.n)
+        held |= np.asarray(kernel.element_jacobian(anywhere)).any(axis=0)
     held[[i for contact in journal_contacts(kernel) for i in contact.index]] = True
     return np.asarray(~held)
 

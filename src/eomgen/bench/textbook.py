@@ -24,6 +24,7 @@ from pycparser import c_ast, c_generator, c_parser
 from .._version import __version__
 from ..errors import InputError
 from ..names import component_name
+from ..robot.elements import KINDS
 from ..robot.geometry import IDENTITY, ZERO
 from ..robot.model import Model
 from ..robot.value import COORDINATES
@@ -86,9 +87,10 @@ def newton_euler(model: Model) -> str:
     if bound.joint_damping:
         names = ", ".join(damping.joint for damping in bound.joint_damping)
         raise InputError(f"bench: {names}: the textbook's algorithms know damping of coordinates, none of joints")
-    if bound.springs:
-        names = ", ".join(spring.name for spring in model.robot.springs)
-        raise InputError(f"bench: {names}: the textbook's algorithms know no springs between points")
+    for table, elements in bound.elements.items():
+        if elements:
+            names = ", ".join(element.name for element in elements)
+            raise InputError(f"bench: {names}: the textbook's algorithms know no {KINDS[table].SHORT}")
     links: list[dict[str, str]] = []
     for body, numbers in zip(model.bodies, bound.bodies, strict=True):
         for index, coordinate in zip(body.indices, body.active, strict=True):

@@ -8,8 +8,9 @@ from typing import NoReturn
 
 from ..errors import DescriptionError
 from ..names import listed, nearest, show
+from ..robot.elements import KINDS, LinkElement
 from ..robot.geometry import Vector
-from ..robot.value import BASE, Coupling, Frame, Joint, Link, Loop, Spring
+from ..robot.value import BASE, Coupling, Frame, Joint, Link, Loop
 
 Place = tuple[int, int]  # line and column, from 1
 GRAVITY: Vector = (0.0, 0.0, -9.81)
@@ -42,7 +43,7 @@ class Draft:
     frames: dict[str, Frame] = field(default_factory=dict)
     loops: dict[str, Loop] = field(default_factory=dict)
     couplings: dict[str, Coupling] = field(default_factory=dict)
-    springs: dict[str, Spring] = field(default_factory=dict)
+    elements: dict[str, dict[str, LinkElement]] = field(default_factory=lambda: {table: {} for table in KINDS})
     ranges: dict[str, tuple[float, float]] | None = None
     unstopped: list[str] = field(default_factory=list)
     driven: tuple[str, ...] | None = None

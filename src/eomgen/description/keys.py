@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, fields
+from typing import Any
+
 from ..forms.keys import (
     ByName,
     Choice,
@@ -13,17 +16,21 @@ from ..forms.keys import (
     Name,
     Number,
     Numbers,
+    Place,
     RobotName,
     Strings,
     Text,
 )
+from ..forms.plain import field_types
 from ..forms.tables import Entries, Form, Pair, Sub
 from ..names import IDENTIFIER_RULE, ROBOT_RULE
 from ..robot import laws
 from ..robot.coordinates import UNITS
+from ..robot.curves import POINTS
 from ..robot.cuts import CUTS
+from ..robot.elements import KINDS, LinkElement
+from ..robot.geometry import Placement, Vector
 from ..robot.inertia_policy import POLICIES
-from ..robot.rules import POINTS
 from ..robot.value import COORDINATES, INERTIA_KEYS, JOINT_TYPES, LINEAR, MOTOR
 
 ROLES = ("free", "locked", "prescribed")
@@ -257,24 +264,52 @@ COUPLING = Form(
         **CUT_COORDINATE.keys,
     }
 )
-SPRING = Form(
-    {
-        "name": Name("of the spring, unique", needed=IDENTIFIER_RULE),
-        "links": Strings("the two links that it joins, either may be 'base'", needed=_LINKS, count=2, rule=_LINKS),
-        "points": Listed(
-            "its ends in the links' frames; default their origins",
-            "m",
-            item=vector("", ""),
-            fewest=2,
-            most=2,
-            rule="two points, one on each link",
-        ),
-        **{key: _number(laws.BETWEEN_POINTS[key]) for key in ("free_length", "stiffness", "damping")},
-        "tension_only": Flag("true: a cable, which never pushes"),
-        "smoothing": _number(laws.BETWEEN_POINTS["smoothing"]),
-        "curve": _curve(laws.BETWEEN_POINTS["curve"], "elongation", "m"),
-    }
-)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Diagonal(Numbers):
+    """Six numbers, none of them negative, for the coordinates of a frame as seen from another."""
+
+    count: int | None = len(COORDINATES)
+
+    def take(self, table: Place, key: str, value: Any, count: int | None = None) -> tuple[float, ...]:
+        if isinstance(value, dict) or (isinstance(value, list) and any(isinstance(x, list) for x in value)):
+            self.refuse(table, key, value, f"six numbers, for {', '.join(COORDINATES)}, and no matrix")
+        if not isinstance(value, list) or len(value) != self.count:
+            self.refuse(table, key, value, f"six numbers, for {', '.join(COORDINATES)}")
+        return super().take(table, key, value, count)
+
+
+def _element_key(kind: type[LinkElement], name: str, hint: Any) -> Key:
+    """The key of a field of a force element between links, by its type."""
+    about = kind.ABOUT.get(name, "")
+    if name == "curve":
+        return _curve(kind.NUMBERS[name], "elongation", "m")
+    if name in kind.NUMBERS:
+        return _number(kind.NUMBERS[name])
+    if hint is bool:
+        return Flag(about)
+    if hint == tuple[Placement, Placement]:
+        return Pair(about, "m, rad", inner=PLACEMENT)
+    if hint == tuple[Vector, Vector]:
+        return Listed(about, "m", item=vector("", ""), fewest=2, most=2, rule="two points, one on each link")
+    units = dict.fromkeys(unit for key, x in kind.NUMBERS.items() if key.startswith(f"{name}.") for unit in x.unit)
+    return Diagonal(about, " and ".join(units), item=Number("", minimum=0.0))
+
+
+def _element_form(kind: type[LinkElement]) -> Form:
+    """The keys of an entry of force elements between links: a name, the links, and the fields behind them."""
+    hints = field_types(kind)
+    return Form(
+        {
+            "name": Name(f"of the {kind.KIND}, unique", needed=IDENTIFIER_RULE),
+            "links": Strings("the two links that it joins, either may be 'base'", needed=_LINKS, count=2, rule=_LINKS),
+            **{item.name: _element_key(kind, item.name, hints[item.name]) for item in fields(kind)[2:]},
+        }
+    )
+
+
+ELEMENTS = {table: _element_form(kind) for table, kind in KINDS.items()}
 ROBOT = Form(
     {
         "name": RobotName("of the robot: file, module and C prefix", needed=ROBOT_RULE),
@@ -295,7 +330,7 @@ ROBOT = Form(
         "couplings": Entries(
             "coordinates that move together, as by a gear: rigid, or elastic with a stiffness", inner=COUPLING
         ),
-        "springs": Entries("springs, dampers and cables between points of two links", inner=SPRING),
+        **{table: Entries(kind.TITLE, inner=ELEMENTS[table]) for table, kind in KINDS.items()},
     },
     refines=True,
 )

@@ -19,6 +19,7 @@ from ..forms.toml_place import located
 from ..forms.toml_text import parse_toml, read_text
 from ..names import listed, nearest, show, show_path
 from ..robot.bounds import Limits, limits_conflict
+from ..robot.elements import Element, Spring
 from ..robot.geometry import ZERO
 from ..robot.inertia_policy import POLICIES, Judged, apply_inertia_policy, link_sizes
 from ..robot.joint_damping import JointDamping, damping_conflict
@@ -43,12 +44,12 @@ from ..robot.value import (
 from .builtin import BUILTIN, builtin_robots
 from .couplings import read_coupling
 from .draft import Draft, ordered_joints
+from .elements import check_elements, read_element
 from .floating import float_base
 from .forces import journal, read_coordinate, read_motor
 from .keys import ROBOT
 from .loops import check_loops, read_loop, read_placement
 from .options import ReadKeywords, ReadOptions
-from .springs import check_springs, read_spring
 from .stops import asked_stops, joint_stops, stop_all, stop_numbers
 
 if TYPE_CHECKING:
@@ -217,8 +218,9 @@ def _robot_from_table(top: Table, draft: Draft, folder: Path | None, options: Re
         draft.loops[name] = read_loop(name, entry, lambda table: _beside(table, folder))
     for name, entry in top.entries("couplings"):
         draft.couplings[name] = read_coupling(name, entry, _beside(entry, folder))
-    for name, entry in top.entries("springs"):
-        draft.springs[name] = read_spring(name, entry, _beside(entry, folder))
+    for key, elements in draft.elements.items():
+        for name, entry in top.entries(key):
+            elements[name] = read_element(key, name, entry, _beside(entry, folder))
     draft.driven = tuple(top.strings("driven")) if "driven" in top else draft.driven
     draft.home = top.value("home", ByName) or draft.home
     _settle_base(draft)
@@ -440,9 +442,10 @@ def _settle_base(draft: Draft) -> None:
         for name, loop in draft.loops.items():
             first, second = (root if link == BASE else link for link in loop.links)
             draft.loops[name] = replace(loop, links=(first, second))
-        for name, spring in draft.springs.items():
-            first, second = (root if link == BASE else link for link in spring.links)
-            draft.springs[name] = replace(spring, links=(first, second))
+        for elements in draft.elements.values():
+            for name, element in elements.items():
+                first, second = (root if link == BASE else link for link in element.links)
+                elements[name] = replace(element, links=(first, second))
 
 
 def _finish(draft: Draft, policy: str | None, tunable: list[str]) -> Robot:
@@ -451,10 +454,11 @@ def _finish(draft: Draft, policy: str | None, tunable: list[str]) -> Robot:
     for frame in draft.frames.values():
         draft.check_link(frame.link, f"frames.{frame.name}.link")
     check_loops(draft)
-    check_springs(draft)
+    check_elements(draft)
     if not any(joint.coordinates for joint in joints):
         draft.fail("joints", "no joint has a coordinate, so nothing moves; allowed: at least one joint that moves")
     links, notes = _bodies(draft, joints, policy)
+    elements = [element for table in draft.elements.values() for element in table.values()]
     robot = Robot(
         name=draft.name,
         gravity=draft.gravity,
@@ -465,7 +469,8 @@ def _finish(draft: Draft, policy: str | None, tunable: list[str]) -> Robot:
         source=draft.source,
         notes=(*draft.notes, *notes),
         loops=tuple(draft.loops.values()),
-        springs=tuple(draft.springs.values()),
+        springs=tuple(x for x in elements if isinstance(x, Spring)),
+        elements=tuple(x for x in elements if isinstance(x, Element)),
         driven=draft.driven,
         home=draft.home,
         couplings=tuple(draft.couplings.values()),

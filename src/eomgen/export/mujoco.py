@@ -159,14 +159,8 @@ def left_out(robot: Robot) -> list[str]:
                 found.append(f"{where}.preload: left out")
         if joint.radial is not None:
             found.append(f"joints.{joint.name}.{RADIAL}: left out")
-    for spring in robot.springs:
-        where = f"springs.{spring.name}"
-        if spring.curve is not None:
-            found.append(f"{where}.curve: left out")
-        if spring.tension_only:
-            found.append(f"{where}.smoothing: a tendon gets taut with a kink, in the middle of it")
-            if spring.damping:
-                found.append(f"{where}.damping: left out (it would act on a slack tendon, too)")
+    for element in robot.link_elements:
+        found += [f"{element.prefix}{what}" for what in element.mujoco_lacks()]
     return found
 
 

@@ -270,6 +270,9 @@ def forces(
     if kernel.springs:
         pairs = np.asarray(kernel.spring_forces(q, v))
         line = -np.einsum("tsn,ts->tn", kernel.spring_jacobian(q), pairs[..., 1])
+    if kernel.element_rows:
+        resisting = np.asarray(kernel.element_forces(q, v))[..., 1]
+        line = line - np.einsum("ten,te->tn", kernel.element_jacobian(q), resisting)
     closing = _closing(kernel, q, v, np.asarray(kernel.inverse_dynamics(q, v, a, cut=True)) - drive)
     held = [name for name in motion.coordinates if name not in {*motion.measured, *following}]
     if held:

@@ -232,8 +232,8 @@ class View:
         )
         self._path = scene.add_line_segments("/reality/path", _segments(path), FORCE_COLOR, thickness=0.004 * size)
         self._springs, self._arrows = None, None
-        if self._robot.springs:
-            ends = np.zeros((len(self._robot.springs), 2, 3))
+        if self._robot.link_elements:
+            ends = np.zeros((len(self._robot.link_elements), 2, 3))
             self._springs = scene.add_line_segments("/springs", ends, SPRING_COLOR, thickness=0.008 * size)
         self._ellipsoid: Any = None
         if self._region is not None:

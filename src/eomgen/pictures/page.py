@@ -140,12 +140,11 @@ def _body_tables(robot: Robot) -> Iterator[Table]:
         for link in robot.links
     ]
     yield Table("Links", ("link", "mass, kg", "centre of mass, m", "xx, yy, zz, xy, xz, yz, kg m^2", ""), tuple(links))
-    springs = []
-    for spring in robot.springs:
-        kind = "cable" if spring.tension_only else "spring"
-        ends = [f"{link} at {_vector(point)}" for link, point in zip(spring.links, spring.points, strict=True)]
-        springs.append((spring.name, kind, *ends, ", ".join(number_texts(spring.law()))))
-    yield Table("Springs between points", ("name", "kind", "from, m", "to, m", "law, SI units"), tuple(springs))
+    elements = []
+    for element in robot.link_elements:
+        ends = [f"{link} at {_vector(point)}" for link, point in zip(element.links, element.origins(), strict=True)]
+        elements.append((element.name, element.kind, *ends, ", ".join(number_texts(element.law()))))
+    yield Table("Springs between points", ("name", "kind", "from, m", "to, m", "law, SI units"), tuple(elements))
     frames = [(frame.name, frame.link, _vector(frame.placement.xyz)) for frame in robot.frames]
     yield Table("Frames", ("frame", "link", "origin, m"), tuple(frames))
 

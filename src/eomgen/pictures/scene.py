@@ -163,8 +163,8 @@ def _lines(robot: Robot) -> list[Capsule]:
     for loop in robot.loops:
         for link, placement in zip(loop.links, loop.placements, strict=True):
             ends[link].append(placement.xyz)
-    for spring in robot.springs:
-        for link, point in zip(spring.links, spring.points, strict=True):
+    for element in robot.link_elements:
+        for link, point in zip(element.links, element.origins(), strict=True):
             ends[link].append(point)
     for body in robot.links:
         if not any(any(end) for end in ends[body.name]):
@@ -202,11 +202,11 @@ def capsule_mesh(begin: ArrayLike, end: ArrayLike, radius: float) -> tuple[Array
 
 
 def spring_lines(robot: Robot, poses: Mapping[str, Array]) -> Array:
-    """Ends of the springs between points in the base, (..., springs, 2, 3), m."""
+    """Ends of the force elements between links in the base, (..., elements, 2, 3), m."""
     some = poses[robot.base]
-    found = np.zeros((*some.shape[:-2], len(robot.springs), 2, 3))
-    for i, spring in enumerate(robot.springs):
-        for j, (link, point) in enumerate(zip(spring.links, spring.points, strict=True)):
+    found = np.zeros((*some.shape[:-2], len(robot.link_elements), 2, 3))
+    for i, element in enumerate(robot.link_elements):
+        for j, (link, point) in enumerate(zip(element.links, element.origins(), strict=True)):
             found[..., i, j, :] = (poses[link] @ np.append(point, 1.0))[..., :3]
     return found
 

@@ -67,10 +67,8 @@ class RobotInfo:
                 if radial
             },
             "joint_damping": {joint.name: joint.damping.law() for joint in model.robot.joints if joint.damping},
-            "springs": [
-                {"name": x.name, "links": list(x.links), "tension_only": x.tension_only, **x.law()}
-                for x in model.robot.springs
-            ],
+            "springs": [x.as_dict() for x in model.robot.springs],
+            **({"elements": [x.as_dict() for x in model.robot.elements]} if model.robot.elements else {}),
             "parameters": dict(model.parameters),
             "zeros": dict(self.zeros),
             "operations": {name: dict(count) for name, count in self.operations.items()},
@@ -87,7 +85,7 @@ class RobotInfo:
             *self._joint_lines(),
             "",
             *self._loop_lines(),
-            *self._spring_lines(),
+            *self._element_lines(),
             *self._start_lines(),
             *([*self.mobility.lines(), ""] if self.mobility else []),
             *self.zero_lines,
@@ -154,13 +152,9 @@ class RobotInfo:
             lines.append("home: " + ", ".join(f"{x} {value:.6g} {unit_of(x)}" for x, value in robot.home.items()))
         return [*lines, ""] if lines else []
 
-    def _spring_lines(self) -> list[str]:
-        """The springs between points, where there are some, with an empty line after them."""
-        lines = []
-        for spring in self.model.robot.springs:
-            kind = "cable" if spring.tension_only else "spring"
-            numbers = ", ".join(number_texts(spring.law()))
-            lines.append(f"{kind} {spring.name} from {spring.links[0]} to {spring.links[1]}: {numbers}")
+    def _element_lines(self) -> list[str]:
+        """The force elements between links, where there are some, with an empty line after them."""
+        lines = [element.line() for element in self.model.robot.link_elements]
         return [*lines, ""] if lines else []
 
     def _operation_lines(self) -> list[str]:

@@ -4,6 +4,7 @@ Uses forms; it knows neither files nor kernels.
 """
 
 from .bounds import Limits
+from .elements import Bushing, LinkElement
 from .geometry import IDENTITY, ZERO, Matrix, Vector, rotation_from_rpy, snap
 from .joint_damping import JointDamping
 from .journals import Radial, SlidingFriction
@@ -41,6 +42,7 @@ __all__ = [
     "MOTOR",
     "PRINCIPAL",
     "ZERO",
+    "Bushing",
     "Coordinate",
     "Coupling",
     "Curve",
@@ -50,6 +52,7 @@ __all__ = [
     "JointDamping",
     "Limits",
     "Link",
+    "LinkElement",
     "Loop",
     "Matrix",
     "Model",

@@ -11,9 +11,10 @@ from typing import NoReturn
 from ..errors import DescriptionError
 from ..names import show
 from .bounds import limits_conflict
-from .geometry import Matrix
-from .laws import least_of
+from .elements import KINDS
+from .geometry import Matrix, Placement
 from .model import parameter_values
+from .parameter_numbers import least_of
 from .value import COORDINATES, JOINT_TYPES, PRINCIPAL, Joint, Robot
 
 _TURNED = 1e-6  # that a rotation's R R^T may be off the identity: some decimals of a text
@@ -25,12 +26,17 @@ def check_parts(robot: Robot) -> None:
     Raises:
         DescriptionError: with the place, what came and what is allowed.
     """
-    for kind in ("links", "joints", "frames", "loops", "couplings", "springs"):
+    named: dict[str, list[str]] = {
+        kind: [item.name for item in getattr(robot, kind)]
+        for kind in ("links", "joints", "frames", "loops", "couplings")
+    }
+    named |= {kind: [x.name for x in robot.link_elements if kind == x.TABLE] for kind in KINDS}
+    for kind, names in named.items():
         seen = {robot.base} if kind == "links" else set[str]()
-        for item in getattr(robot, kind):
-            if item.name in seen:
-                _fail(robot, kind, f"the name {show(item.name)} is there twice; allowed: unique names")
-            seen.add(item.name)
+        for name in names:
+            if name in seen:
+                _fail(robot, kind, f"the name {show(name)} is there twice; allowed: unique names")
+            seen.add(name)
     for joint in robot.joints:
         _check_joint(robot, joint)
     for loop in robot.loops:
@@ -68,6 +74,10 @@ def _rotations(robot: Robot) -> Iterator[tuple[str, Matrix]]:
     for loop in robot.loops:
         for place, placement in enumerate(loop.placements):
             yield f"loops.{loop.name}.placements[{place}]", placement.rotation
+    for element in robot.link_elements:
+        for key, end in element.ends().items():
+            if isinstance(end, Placement):
+                yield f"{element.prefix}.{key}", end.rotation
 
 
 def _turns(rotation: Matrix) -> bool:

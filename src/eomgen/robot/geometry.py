@@ -1,8 +1,14 @@
-"""Vectors, rotation matrices and inertia tensors of a description as tuples of floats; right angles stay exact."""
+"""Poses, vectors, rotation matrices and inertia tensors of a description as floats; right angles stay exact."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+LINEAR = ("x", "y", "z")
+ANGULAR = ("alpha", "beta", "gamma")
+COORDINATES = LINEAR + ANGULAR  # of a frame as seen from another: T(x, y, z) Rx(alpha) Ry(beta) Rz(gamma), eq. (3)
 
 Vector = tuple[float, float, float]
 Matrix = tuple[Vector, Vector, Vector]  # rows
@@ -71,3 +77,32 @@ def turn_inertia(
         return sum(rotation[i][k] * tensor[k][m] * rotation[j][m] for k in range(3) for m in range(3))
 
     return entry(0, 0), entry(1, 1), entry(2, 2), entry(0, 1), entry(0, 2), entry(1, 2)
+
+
+@dataclass(frozen=True)
+class Placement:
+    """A constant pose: origin ``xyz`` (m) and ``rotation`` (3x3, axes of the placed frame as columns).
+
+    ``rpy`` (rad) is kept where the description gave it, so that it can be a run-time parameter.
+    """
+
+    xyz: Vector = ZERO
+    rotation: Matrix = IDENTITY
+    rpy: Vector | None = None
+
+    @classmethod
+    def from_rpy(cls, xyz: Vector, rpy: Vector) -> Placement:
+        """Pose of an URDF origin: translation, then Rz(yaw) Ry(pitch) Rx(roll)."""
+        return cls(xyz, rotation_from_rpy(rpy), rpy)
+
+    @classmethod
+    def from_dh(cls, a: float, alpha: float, d: float, theta: float) -> Placement:
+        """Pose of modified Denavit-Hartenberg parameters: Rx(alpha) Tx(a) Rz(theta) Tz(d); m, rad."""
+        ca, sa, ct, st = (snap(t) for t in (math.cos(alpha), math.sin(alpha), math.cos(theta), math.sin(theta)))
+        rotation = ((ct, -st, 0.0), (ca * st, ca * ct, -sa), (sa * st, sa * ct, ca))
+        return cls((a, -sa * d, ca * d), rotation)
+
+    def numbers(self) -> Iterator[tuple[str, float]]:
+        """Give the numbers that may be run-time parameters, by their names: "xyz.0"; rpy where it is known."""
+        yield from ((f"xyz.{i}", x) for i, x in enumerate(self.xyz))
+        yield from ((f"rpy.{i}", x) for i, x in enumerate(self.rpy or ()))

@@ -12,8 +12,6 @@ from dataclasses import dataclass
 from itertools import pairwise
 from types import MappingProxyType
 
-from ..names import parameter_name, parameter_path
-
 Values = Mapping[str, float]
 Conflict = tuple[str, str]  # key, message
 
@@ -345,30 +343,6 @@ _LAWS = (
 )
 LAWS: Mapping[str, Law] = MappingProxyType({law.name: law for law in _LAWS})
 NUMBERS: Mapping[str, Number] = MappingProxyType({number.key: number for law in _LAWS for number in law.numbers})
-_OF_COORDINATES: Mapping[str, Number] = MappingProxyType({**{number.key: number for number in BASIC}, **NUMBERS})
-BETWEEN_POINTS: Mapping[str, Number] = MappingProxyType(  # of springs between two points
-    {
-        number.key: number
-        for number in (
-            Number("free_length", "length without force; default 0", ("m",), idle=None),
-            Number("stiffness", "force per elongation", ("N/m",)),
-            Number("damping", "force per rate of the length", ("N s/m",)),
-            Number(
-                "smoothing",
-                "over which a cable's tension sets in; default free_length / 10000",
-                ("m",),
-                least=SMALLEST,
-                idle=None,
-            ),
-            Number(
-                "curve",
-                "measured points [[elongation, force], ...], or a CSV file of two columns; in the place of stiffness",
-                ("N",),
-                least=None,
-            ),
-        )
-    }
-)
 
 RADIAL = "radial"  # a joint's table of its journal
 IN_BEARINGS: Mapping[str, Number] = MappingProxyType(  # of a journal in a round bearing
@@ -512,25 +486,3 @@ def number_texts(numbers: Values) -> list[str]:
     texts = [f"{key} {number:.4g}" for key, number in numbers.items() if not key.startswith("curve.")]
     points = len(numbers) - len(texts)
     return [*texts, f"curve of {points} points"] if points else texts
-
-
-def number_of(parameter: str) -> Number | None:
-    """The table's number that a run-time parameter is; None of what is no force."""
-    kind, *path = parameter_path(parameter)
-    if kind not in ("joints", "loops", "couplings", "springs"):
-        return None
-    if kind in ("joints", "loops") and path[1] == RADIAL:
-        return IN_BEARINGS.get(parameter_name(*path[2:]))
-    if kind == "joints" and path[1] == JOINT_DAMPING:
-        return IN_MOTION.get(parameter_name(*path[2:]))
-    key = parameter_name(*path[2 if kind in ("joints", "loops") else 1 :])
-    table = BETWEEN_POINTS if kind == "springs" else _OF_COORDINATES
-    return table.get(key) or table.get(key.partition(".")[0])
-
-
-def least_of(parameter: str) -> float | None:
-    """The least value that a run-time parameter may have; None where any number will do."""
-    if parameter.startswith("links.") and parameter.endswith(".mass"):
-        return 0.0
-    number = number_of(parameter)
-    return None if number is None else number.least

@@ -31,7 +31,7 @@ from .joint_damping import damping_conflict
 from .journals import radial_conflict
 from .laws import JOINT_DAMPING, RADIAL
 from .mechanism import coordinate_of, drive_of, leading_coordinate, leading_home, mechanism_conflict
-from .rules import conflict, cut_conflict, motor_conflict, spring_conflict
+from .rules import conflict, cut_conflict, motor_conflict
 from .value import (
     ANGULAR,
     COORDINATE_NUMBERS,
@@ -46,7 +46,6 @@ from .value import (
     Loop,
     Placement,
     Robot,
-    Spring,
 )
 
 FIXED_BODY = -1  # what hangs on the base without a moving joint
@@ -299,7 +298,7 @@ def build_model(robot: Robot, *, with_followers: bool = False) -> Model:
             source=robot.source or robot.name,
         )
     _check_loops(robot, body_of)
-    _check_springs(robot, body_of)
+    _check_elements(robot, body_of)
     _check_mechanism(robot)
     if not coordinates:
         raise DescriptionError(
@@ -341,8 +340,9 @@ def with_offset_angles(model: Model) -> tuple[Model, tuple[int, ...]]:
 def _check_names(robot: Robot) -> None:
     """Names go into C and Python: the last look at them."""
     named = [("links", robot.base, is_identifier), ("name", robot.name, is_robot_name)]
-    for key in ("links", "joints", "frames", "loops", "couplings", "springs"):
+    for key in ("links", "joints", "frames", "loops", "couplings"):
         named += [(key, item.name, is_identifier) for item in getattr(robot, key)]
+    named += [(element.TABLE, element.name, is_identifier) for element in robot.link_elements]
     for where, name, is_allowed in named:
         if not is_allowed(name):
             rule = ROBOT_RULE if where == "name" else IDENTIFIER_RULE
@@ -368,13 +368,13 @@ def _check_loops(robot: Robot, body_of: Mapping[str, int]) -> None:
                 raise DescriptionError(found[1], where=where, source=robot.source or robot.name)
 
 
-def _check_springs(robot: Robot, body_of: Mapping[str, int]) -> None:
-    """Refuse a spring that nothing stretches, and what no reader has seen."""
-    for spring in robot.springs:
-        _check_pair(robot, body_of, spring.links, f"springs.{spring.name}.links")
-        found = spring_conflict(spring)
+def _check_elements(robot: Robot, body_of: Mapping[str, int]) -> None:
+    """Refuse a force element that nothing moves, and what no reader has seen."""
+    for element in robot.link_elements:
+        _check_pair(robot, body_of, element.links, f"{element.prefix}.links")
+        found = element.conflict()
         if found is not None:
-            where = ".".join(filter(None, ("springs", spring.name, found[0])))
+            where = ".".join(filter(None, (element.prefix, found[0])))
             raise DescriptionError(found[1], where=where, source=robot.source or robot.name)
 
 
@@ -449,8 +449,8 @@ def _parameters(robot: Robot) -> dict[str, float]:
             chosen.update(f"loops.{loop.name}.{RADIAL}.{key}" for key in loop.radial.law())
     for coupling in robot.couplings:
         chosen.update(f"couplings.{coupling.name}.{key}" for key in (coupling.law.law() if coupling.law else ()))
-    for spring in robot.springs:
-        chosen.update(f"springs.{spring.name}.{key}" for key in spring.law())
+    for element in robot.link_elements:
+        chosen.update(f"{element.prefix}.{key}" for key in element.law())
     chosen.update(robot.tunable)
     return {name: value or 0.0 for name, value in values.items() if name in chosen}
 
@@ -468,14 +468,14 @@ def parameter_values(robot: Robot) -> Iterator[tuple[str, float | None]]:
     for joint in robot.joints:
         yield from _joint_values(joint)
     for frame in robot.frames:
-        yield from _placement_values(f"frames.{frame.name}", frame.placement)
+        yield from _pose_values(f"frames.{frame.name}.placement", frame.placement)
     for loop in robot.loops:
         yield from _loop_values(loop)
     for coupling in robot.couplings:
         for key, number in coupling.numbers().items():
             yield f"couplings.{coupling.name}.{key}", number
-    for spring in robot.springs:
-        yield from _spring_values(spring)
+    for element in robot.link_elements:
+        yield from ((f"{element.prefix}.{key}", value) for key, value in element.numbers())
 
 
 def _joint_values(joint: Joint) -> Iterator[tuple[str, float | None]]:
@@ -496,7 +496,7 @@ def _joint_values(joint: Joint) -> Iterator[tuple[str, float | None]]:
             yield f"joints.{joint.name}.{JOINT_DAMPING}.{key}", number
     for name, offset in zip(COORDINATES, joint.offset, strict=True):
         yield f"joints.{joint.name}.offset.{name}", offset
-    yield from _placement_values(f"joints.{joint.name}", joint.placement)
+    yield from _pose_values(f"joints.{joint.name}.placement", joint.placement)
 
 
 def _law_keys(coupling: Coupling) -> Iterator[str]:
@@ -519,24 +519,8 @@ def _loop_values(loop: Loop) -> Iterator[tuple[str, float | None]]:
         yield from _pose_values(f"loops.{loop.name}.placements.{place}", placement)
 
 
-def _spring_values(spring: Spring) -> Iterator[tuple[str, float | None]]:
-    given = spring.law()
-    for key in dict.fromkeys((*spring.optional, *given)):
-        yield f"springs.{spring.name}.{key}", given.get(key)
-    for place, point in enumerate(spring.points):
-        for axis, value in zip("xyz", point, strict=True):
-            yield f"springs.{spring.name}.points.{place}.{axis}", value
-
-
-def _placement_values(owner: str, placement: Placement) -> Iterator[tuple[str, float | None]]:
-    yield from _pose_values(f"{owner}.placement", placement)
-
-
 def _pose_values(name: str, placement: Placement) -> Iterator[tuple[str, float | None]]:
-    for i, value in enumerate(placement.xyz):
-        yield f"{name}.xyz.{i}", value
-    for i, value in enumerate(placement.rpy or ()):
-        yield f"{name}.rpy.{i}", value
+    yield from ((f"{name}.{key}", value) for key, value in placement.numbers())
 
 
 def program_coordinates(robot: Robot) -> tuple[str, ...]:

@@ -8,6 +8,7 @@ from typing import NoReturn
 
 from ..errors import DescriptionError
 from ..names import nearest, parameter_name, parameter_path, show
+from .elements import KINDS, Spring
 from .laws import JOINT_DAMPING, RADIAL
 from .value import (
     COORDINATE_NUMBERS,
@@ -29,17 +30,13 @@ FORMS = (
     "loops.LOOP.COORDINATE.stiffness (or damping), loops.LOOP.offset[.x], "
     "loops.LOOP.placements[.0.xyz.0] (or rpy), couplings.COUPLING.ratio[.JOINT.COORDINATE], "
     "couplings.COUPLING.stiffness (or damping, offset), springs.SPRING.stiffness (or "
-    "damping, free_length), springs.SPRING.points[.0.x]; * stands for any one component"
+    "damping, free_length), springs.SPRING.points[.0.x], bushings.BUSHING.stiffness[.x] (or damping); "
+    "* stands for any one component"
 )
 Places = dict[str, dict[str, dict[str, int]]]  # of numbers in parameters, by family, owner, and name in its table
-JOINTS, CUTS, BEARINGS, CUT_BEARINGS, MOTIONS, LINES = FAMILIES = (  # of forces
-    "coordinates",
-    "cut_laws",
-    "bearings",
-    "cut_bearings",
-    "joint_damping",
-    "springs",
-)
+JOINTS, CUTS, BEARINGS, CUT_BEARINGS, MOTIONS = "coordinates", "cut_laws", "bearings", "cut_bearings", "joint_damping"
+LINES = Spring.TABLE
+FAMILIES = (JOINTS, CUTS, BEARINGS, CUT_BEARINGS, MOTIONS, *KINDS)  # of forces
 _LONG = 1000  # characters of a name that no parameter has which are looked at for a hint
 
 
@@ -83,13 +80,9 @@ def parameters(robot: Robot) -> Iterator[Parameter]:
     for coupling in robot.couplings:
         for key, number in coupling.numbers().items():
             yield Parameter(("couplings", coupling.name, *parameter_path(key)), number is not None)
-    for spring in robot.springs:
-        given = spring.law()
-        for key in dict.fromkeys((*spring.optional, *given)):
-            yield Parameter(("springs", spring.name, *parameter_path(key)), key in given)
-        for index in "01":
-            for axis in LINEAR:
-                yield Parameter(("springs", spring.name, "points", index, axis))
+    for element in robot.link_elements:
+        for key, value in element.numbers():
+            yield Parameter((element.TABLE, element.name, *parameter_path(key)), value is not None)
 
 
 def _of_loop(loop: Loop) -> Iterator[Parameter]:
@@ -128,8 +121,8 @@ def element_places(robot: Robot, names: Iterable[str]) -> Places:
 def _element_of(path: tuple[str, ...]) -> tuple[str, tuple[str, ...], tuple[str, ...]] | None:
     """The family of forces that a number belongs to, its owner, and its name in a table; None of other numbers."""
     kind, part = path[0], path[2] if len(path) > 2 else ""
-    if kind in ("couplings", "springs"):
-        return {"couplings": CUTS, "springs": LINES}[kind], path[1:2], path[2:]
+    if kind == "couplings" or kind in KINDS:
+        return CUTS if kind == "couplings" else kind, path[1:2], path[2:]
     if kind in ("joints", "loops") and part in (*COORDINATES, MOTOR):
         return {"joints": JOINTS, "loops": CUTS}[kind], path[1:3], path[3:]
     tables = {("joints", RADIAL): BEARINGS, ("loops", RADIAL): CUT_BEARINGS, ("joints", JOINT_DAMPING): MOTIONS}
@@ -208,7 +201,7 @@ def _meaning(start: _Node, item: Parameter) -> Iterator[str]:
 
 def _shortest(path: tuple[str, ...]) -> int:
     """Least number of components of a pattern for this parameter."""
-    return {"gravity": 1, "links": 3, "joints": 4, "frames": 4, "loops": 3, "couplings": 3, "springs": 3}[path[0]]
+    return {"gravity": 1, "joints": 4, "frames": 4}.get(path[0], 3)
 
 
 def _refuse(robot: Robot, pattern: str, known: Sequence[Parameter]) -> NoReturn:

@@ -1,4 +1,4 @@
-"""Which numbers of a coordinate, a motor and a spring between points go together.
+"""Which numbers of a coordinate and of a motor go together.
 
 Each rule returns the key and the message of the first that does not, so that readers of files can say where it stands
 (``description``) and the model can refuse a robot that was made in Python (``robot.model``).
@@ -12,11 +12,11 @@ from dataclasses import fields
 from ..limits import LARGEST
 from ..names import show
 from .bounds import limits_conflict
-from .laws import LAWS, NUMBERS, SMALLEST, given_laws, law_conflict
-from .value import CUT_NUMBERS, MOTOR, PRINCIPAL, Coordinate, Curve, Motor, Spring
+from .curves import curve_conflict
+from .laws import LAWS, NUMBERS, given_laws, law_conflict
+from .value import CUT_NUMBERS, MOTOR, PRINCIPAL, Coordinate, Motor
 
 ROTORS = tuple(law.name for law in LAWS.values() if law.of_rotor)
-POINTS = (2, 64)  # fewest and most points of a curve
 STIFF = ("stiffness", *(law.name for law in LAWS.values() if law.stiffness and not law.takes_stiffness))  # by itself
 FURTHER = tuple(  # numbers of laws that a Coordinate has no field for
     key for key in NUMBERS if key.partition(".")[0] not in {item.name for item in fields(Coordinate)}
@@ -75,35 +75,3 @@ def cut_conflict(given: Coordinate) -> tuple[str, str] | None:
     if given.limits is not None:
         return "limits", "it has no drive and no motion of its own; allowed: limits of joints' coordinates"
     return conflict(given)
-
-
-def curve_conflict(curve: Curve, what: str = "deviation") -> tuple[str, str] | None:
-    """The key and the message of what is wrong with a curve's points; None if nothing is.  ``what``: its abscissa."""
-    fewest, most = POINTS
-    if not fewest <= len(curve) <= most:
-        return "curve", f"got {len(curve)} points; allowed: {fewest} to {most}"
-    for i in range(1, len(curve)):
-        if curve[i][0] - curve[i - 1][0] < SMALLEST:
-            return "curve", (
-                f"point {i} has the {what} {curve[i][0]!r} after {curve[i - 1][0]!r}; "
-                f"allowed: {what}s that rise by at least {SMALLEST:g}"
-            )
-    return None
-
-
-def spring_conflict(given: Spring) -> tuple[str, str] | None:
-    """The key and the message of what does not go together in a spring; None if all does."""
-    if given.stiffness is None and given.damping is None and given.curve is None:
-        return "", "it has no force; allowed: with stiffness, damping or curve"
-    if given.curve is not None:
-        for key, taken in (("stiffness", given.stiffness is not None), ("tension_only", given.tension_only)):
-            if taken:
-                return "curve", f"{key} is given, too; allowed: a curve alone says which force each elongation has"
-        found = curve_conflict(given.curve, "elongation")
-        if found is not None:
-            return found
-    if given.smoothing is not None and not given.tension_only:
-        return "smoothing", "nothing sets in; allowed: smoothing with tension_only = true"
-    if given.tension_only and given.smoothing is None:
-        return "tension_only", f"there is no free_length and no smoothing; allowed: with one of them above {SMALLEST:g}"
-    return None

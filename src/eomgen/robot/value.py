@@ -18,26 +18,28 @@ from typing import Any
 from ..names import NAME_LENGTH, html_table, joint_of, kind_of, split_component
 from ..once import kept
 from .bounds import Limits
+from .curves import Curve as Curve
 from .cuts import CUTS
-from .geometry import IDENTITY, ZERO, Matrix, Vector, rotation_from_rpy, snap
+from .elements import KINDS, Element, LinkElement
+from .elements.spring import Spring as Spring
+from .geometry import ANGULAR as ANGULAR
+from .geometry import COORDINATES as COORDINATES
+from .geometry import IDENTITY, Matrix, Vector
+from .geometry import LINEAR as LINEAR
+from .geometry import Placement as Placement
 from .joint_damping import JointDamping
 from .journals import Radial
 from .laws import (
     BASIC,
-    BETWEEN_POINTS,
     GAUSSIAN,
     JOINT_DAMPING,
     NUMBERS,
     RADIAL,
     SHAPES,
-    SMALLEST,
     defaults,
     given_laws,
 )
 
-LINEAR = ("x", "y", "z")
-ANGULAR = ("alpha", "beta", "gamma")
-COORDINATES = LINEAR + ANGULAR
 ACROSS: Mapping[str, tuple[str, ...]] = MappingProxyType(  # translations across a coordinate's axis
     {name: tuple(x for x in LINEAR if x != axis) for name, axis in zip(COORDINATES, LINEAR * 2, strict=True)}
 )
@@ -48,33 +50,7 @@ COORDINATE_NUMBERS = tuple(number.key for number in BASIC)  # of any coordinate;
 CUT_NUMBERS = ("stiffness", "damping")  # those of a cut joint's, which moves no inertia of its own
 INERTIA_KEYS = ("xx", "yy", "zz", "xy", "xz", "yz")
 BASE = "base"
-Curve = tuple[tuple[float, float], ...]  # (deviation, force)
-TAUT = 1e-4  # of a cable's free length over which its tension sets in: a tenth of steel's strain at 200 MPa
 LATER: Mapping[str, bool] = MappingProxyType({"later": True})  # marks fields that older records do not have
-
-
-@dataclass(frozen=True)
-class Placement:
-    """A constant pose: origin ``xyz`` (m) and ``rotation`` (3x3, axes of the placed frame as columns).
-
-    ``rpy`` (rad) is kept where the description gave it, so that it can be a run-time parameter.
-    """
-
-    xyz: Vector = ZERO
-    rotation: Matrix = IDENTITY
-    rpy: Vector | None = None
-
-    @classmethod
-    def from_rpy(cls, xyz: Vector, rpy: Vector) -> Placement:
-        """Pose of an URDF origin: translation, then Rz(yaw) Ry(pitch) Rx(roll)."""
-        return cls(xyz, rotation_from_rpy(rpy), rpy)
-
-    @classmethod
-    def from_dh(cls, a: float, alpha: float, d: float, theta: float) -> Placement:
-        """Pose of modified Denavit-Hartenberg parameters: Rx(alpha) Tx(a) Rz(theta) Tz(d); m, rad."""
-        ca, sa, ct, st = (snap(t) for t in (math.cos(alpha), math.sin(alpha), math.cos(theta), math.sin(theta)))
-        rotation = ((ct, -st, 0.0), (ca * st, ca * ct, -sa), (sa * st, sa * ct, ca))
-        return cls((a, -sa * d, ca * d), rotation)
 
 
 @dataclass(frozen=True)
@@ -473,43 +449,6 @@ class Coupling:
         return Coupling(self.name[: NAME_LENGTH - 6] + "_rigid", lead, solved, offset)  # its numbers are others
 
 
-@dataclass(frozen=True)
-class Spring:
-    """A spring, damper or cable along the line between two points of two links.
-
-    links: either may be the base; points: its ends (m) in the links' frames.  Its tension T (N), which pulls the points
-    together where it is positive, is that of the elongation e = length - ``free_length`` (m; 0 where it is None) and of
-    its rate: stiffness (N/m) times e plus damping (N s/m) times e_dot.  ``curve``: measured points (e, T) in the place
-    of stiffness.  ``tension_only``: a cable; T acts on max(e, 0), which sets in over ``smoothing`` (m), TAUT of the
-    free length where it is None, and is never negative.
-    """
-
-    name: str
-    links: tuple[str, str]
-    points: tuple[Vector, Vector] = (ZERO, ZERO)
-    free_length: float | None = None
-    stiffness: float | None = None
-    damping: float | None = None
-    tension_only: bool = False
-    smoothing: float | None = None
-    curve: Curve | None = None
-
-    def __post_init__(self) -> None:
-        if self.tension_only and self.smoothing is None and self.free_length:
-            object.__setattr__(self, "smoothing", max(TAUT * self.free_length, SMALLEST))
-
-    @property
-    def optional(self) -> tuple[str, ...]:
-        """Names of the numbers that may be given beside each other; a parameter may stand for one that is not."""
-        return ("free_length", "damping") if self.curve is not None else ("free_length", "stiffness", "damping")
-
-    def law(self) -> dict[str, float]:
-        """The numbers that are given, by their names: "stiffness", "free_length", "curve.0"."""
-        given = {key: getattr(self, key) for key in BETWEEN_POINTS if key != "curve"}
-        given |= {f"curve.{i}": force for i, (_, force) in enumerate(self.curve or ())}
-        return {key: value for key, value in given.items() if value is not None}
-
-
 def first_contradiction(couplings: Sequence[Coupling]) -> tuple[Coupling, str] | None:
     """A rigid coupling that says what others say already, and how; None if all of them are independent."""
     said: dict[str, Coupling] = {}
@@ -565,8 +504,9 @@ class Robot:
     """A validated robot.  Links exclude the base; ``base`` is the base link's name in the description.
 
     joints are in depth-first order; ``loops`` are the joints that close it, cut; ``springs`` act between points of
-    links; ``couplings`` join coordinates; ``tunable`` names parameters that stay run-time values; ``notes`` are
-    one-line remarks about the reading (an inertia that was projected, say), for the user to see.
+    links, other ``elements`` between frames of links; ``couplings`` join coordinates; ``tunable`` names parameters that
+    stay run-time values; ``notes`` are one-line remarks about the reading (an inertia that was projected, say), for the
+    user to see.
     driven: names of the coordinates with a drive (of a joint or its motor, which is the same drive); None: the
     principal ones.  home: where simulations start and closing begins, m or rad by coordinate; 0 where it has none.
     """
@@ -585,6 +525,7 @@ class Robot:
     driven: tuple[str, ...] | None = field(default=None, metadata=LATER)
     home: Mapping[str, float] = field(default_factory=dict, hash=False, metadata=LATER)
     couplings: tuple[Coupling, ...] = field(default=(), metadata=LATER)
+    elements: tuple[Element, ...] = field(default=(), metadata=LATER)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "home", MappingProxyType(dict(self.home)))
@@ -604,10 +545,16 @@ class Robot:
             "coordinates": sum(len(joint.all_coordinates) for joint in self.joints) - len(self.followers),
             "loops": len(self.loops),
             "springs between points": len(self.springs),
+            "other force elements": len(self.elements),
             "couplings": len(self.couplings),
             "frames": ", ".join(frame.name for frame in self.frames) or "none",
         }
         return html_table(f"Robot {self.name}", rows)
+
+    @property
+    def link_elements(self) -> tuple[LinkElement, ...]:
+        """All force elements between two links, springs first."""
+        return (*self.springs, *self.elements)
 
     def link(self, name: str) -> Link:
         """The link of that name; KeyError if there is none."""
@@ -669,7 +616,7 @@ class Robot:
 
         Cut joints are rigid in what their types block, couplings with a stiffness where that contradicts no other one.
         Transmissions are rigid: a motor counts as an armature, and the motion of one that is prescribed as its joint's.
-        Springs between links that then do not move against each other are left out.
+        Springs and other force elements between links that then do not move against each other are left out.
         """
         joints = [joint.rigid(loose=bool(self.loops)) for joint in self.joints]
         loops = [loop.rigid() for loop in self.loops]
@@ -677,17 +624,18 @@ class Robot:
         for joint in joints:
             carrier[joint.child] = joint.child if joint.coordinates else carrier[joint.parent]
         springs = tuple(s for s in self.springs if carrier[s.links[0]] != carrier[s.links[1]])
+        elements = tuple(x for x in self.elements if carrier[x.links[0]] != carrier[x.links[1]])
         active = {f"joints.{j.name}.{c}." for j in joints for c in j.coordinates}
         active |= {f"loops.{loop.name}.{c}." for loop in loops for c in loop.coordinates}
         active |= {f"loops.{loop.name}.{RADIAL}." for loop in loops if loop.radial is not None}
-        active |= {f"springs.{spring.name}." for spring in springs}
+        active |= {f"{element.prefix}." for element in (*springs, *elements)}
         active |= {f"joints.{j.name}.{RADIAL}." for j in joints if j.radial is not None}
         active |= {f"joints.{j.name}.{JOINT_DAMPING}.{key}" for j in joints if j.damping for key in j.damping.law()}
         own = (*COORDINATES, MOTOR, RADIAL, JOINT_DAMPING)
         gone = tuple(
             name
             for name in self.tunable
-            if (name.startswith("springs.") or name.split(".")[2:3] in [[key] for key in own])
+            if (name.partition(".")[0] in KINDS or name.split(".")[2:3] in [[key] for key in own])
             and not any(name.startswith(prefix) for prefix in active)
         )
         lost = _lost_numbers("joints", self.joints, joints) | _lost_numbers("loops", self.loops, loops)
@@ -711,6 +659,7 @@ class Robot:
             made,
             tunable=tunable,
             springs=springs,
+            elements=elements,
             driven=None if driven is None else tuple(name for name in driven if name in moving),
             home={name: value for name, value in self.home.items() if name in moving},
             couplings=couplings,

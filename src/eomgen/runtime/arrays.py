@@ -30,6 +30,7 @@ BY_COORDINATE = {  # how many of the last axes of a result are coordinates
     "jacobian": 1,
     "constraint_rows": 1,
     "spring_rows": 1,
+    "element_rows": 1,
 }
 
 

@@ -202,14 +202,23 @@ class Calls:
         return self.arrays.overflow(function, result, shape, list(zip(labels, rows, strict=True)))
 
     def _pole(self, q: Array) -> str | None:
-        """Say which cut joint with forces along its angles has them at their pole at q, (n,); None if none has."""
+        """Say which frames with forces along their angles have them at their pole at q, (n,); None if none has."""
         meta = self.raw.libraries.meta
         laws = [split_component(name) for name in meta.get("cut_laws", ())]
         turned = {owner for owner, kind in laws if kind in ("alpha", "beta", "gamma")}
+        at_pole = "is at beta = +-90 degrees, where its alpha and gamma turn about one axis"
         if turned and "cut_poses" in self.raw.functions:
             for loop, pose in zip(meta["loops"], self.run("cut_poses", None, (q,)), strict=True):
                 if loop in turned and np.hypot(pose[1, 2], pose[2, 2]) < POLE:
-                    return f"loop {loop} is at beta = +-90 degrees, where its alpha and gamma turn about one axis"
+                    return f"loop {loop} {at_pole}"
+        if meta.get("element_rows") and "element_jacobian" in self.raw.functions:
+            with np.errstate(all="ignore"):
+                function = self.raw.functions["element_jacobian"]
+                rows = np.empty(self.raw.shapes[function.writes], self.arrays.dtype)
+                self.call(function, [np.ascontiguousarray(q, self.arrays.dtype)], [0], (), None, rows)
+            for name, row in zip(meta["element_rows"], rows, strict=True):
+                if not np.isfinite(row).all():
+                    return f"the force element {split_component(name)[0]} {at_pole}"
         return None
 
     def call(

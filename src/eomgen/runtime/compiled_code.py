@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError, UnknownNameError
-from ..names import html_table, nearest_or_all, show
+from ..names import html_table, joint_of, nearest_or_all, show
 from .arrays import Arrays, names_in
 from .calls import Calls
 from .direct import Face, functions
@@ -60,6 +60,7 @@ class CompiledCode:
         )
         self.follower_names: tuple[str, ...] = tuple(self._followers)
         self.springs: tuple[str, ...] = tuple(meta.get("springs", ()))
+        self.element_rows: tuple[str, ...] = tuple(meta.get("element_rows", ()))
         self.cut_laws: tuple[str, ...] = tuple(meta.get("cut_laws", ()))
         self.elements: Mapping[str, Mapping[str, Mapping[str, int]]] = meta.get("elements", {})
         self.prescribed: tuple[str, ...] = tuple(meta["prescribed"])
@@ -86,6 +87,7 @@ class CompiledCode:
             "links": len(self.links),
             "loops": len(self.loops),
             "springs between points": len(self.springs),
+            "other force elements": len(dict.fromkeys(map(joint_of, self.element_rows))),
             "parameters": len(self.parameters),
             "functions": len(self.raw.libraries.meta["functions"]),
             "dtype": self.dtype,

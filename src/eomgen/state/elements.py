@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+import numpy as np
+from numpy.typing import NDArray
+
+from ..names import component_name
+from ..robot.elements import KINDS
 from ..runtime.kernel import Kernel
 
+Array = NDArray[np.float64]
 Numbers = dict[str, dict[str, float]]  # by owner, then by their names in its table
 
 
@@ -15,3 +21,13 @@ def element_numbers(kernel: Kernel, family: str) -> Numbers:
     """
     values, owners = kernel.parameters.state.values, kernel.elements.get(family, {})
     return {owner: {key: float(values[place]) for key, place in places.items()} for owner, places in owners.items()}
+
+
+def element_slopes(kernel: Kernel) -> tuple[Array, Array]:
+    """Give the largest stiffness and damping along each of ``Kernel.element_rows``, (rows,) each; N/m, N m/rad."""
+    found: dict[str, tuple[float, float]] = {}
+    for table, kind in KINDS.items():
+        for owner, numbers in element_numbers(kernel, table).items():
+            found |= {component_name(owner, row): pair for row, pair in kind.slopes(numbers).items()}
+    pairs = np.array([found[name] for name in kernel.element_rows]).reshape(-1, 2)
+    return pairs[:, 0], pairs[:, 1]

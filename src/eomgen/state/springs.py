@@ -13,7 +13,7 @@ from ..robot.laws import contact_stiffness_of, has_springs, rate_slope_of, stiff
 from ..robot.parameter_names import CUTS, JOINTS, LINES
 from ..runtime.kernel import Kernel
 from ..runtime.raw import Setup
-from .elements import element_numbers
+from .elements import element_numbers, element_slopes
 from .joint_damping import damping_diagonal
 from .journals import cut_contacts, cut_stiffness, journal_contacts, journal_stiffness
 from .motors import acting, deflections
@@ -75,7 +75,7 @@ def damping_matrix(kernel: Kernel, least: float = 0.0) -> Array:
 
 
 def any_spring(kernel: Kernel) -> bool:
-    """Whether there is a spring now: of a coordinate, a transmission, a cut joint, a coupling, between two points.
+    """Whether there is a spring now: of a coordinate, a transmission, a cut joint, a coupling, between two links.
 
     A stop is one, too: what rests on it swings as on a spring.
     """
@@ -86,6 +86,8 @@ def any_spring(kernel: Kernel) -> bool:
     if any(has_springs(given, kernel.knots.get(name, ())) for name, given in cut_numbers(kernel).items()):
         return True
     if any(contact.stiffness for contact in (*journal_contacts(kernel), *cut_contacts(kernel))):
+        return True
+    if element_slopes(kernel)[0].any():
         return True
     springs = element_numbers(kernel, LINES).values()
     return any(name in kernel.knots for name in kernel.springs) or any(x.get("stiffness") for x in springs)
@@ -188,7 +190,7 @@ def journals_in_play(kernel: Kernel) -> set[str]:
 
 
 def line_rates(kernel: Kernel, q: Array, least: float = 0.0, *, touching: bool = False) -> tuple[Array, Array]:
-    """Stiffness and damping by springs between points, in cut joints and couplings at q, (n, n) each.
+    """Stiffness and damping by force elements between links, in cut joints and couplings at q, (n, n) each.
 
     Cables count as taut, journals of cut joints as touching; the largest slopes count.
     touching: stops count, too, as if they were touched.  ``least`` as of ``rate_slope_of``.
@@ -199,6 +201,9 @@ def line_rates(kernel: Kernel, q: Array, least: float = 0.0, *, touching: bool =
         numbers = element_numbers(kernel, LINES)
         damping = np.array([numbers.get(name, {}).get("damping", 0.0) for name in kernel.springs])
         stiffness, slowing = np.asarray(kernel.spring_stiffness(q)), arms.T @ (damping[:, None] * arms)
+    if kernel.element_rows:
+        rows, (k, c) = np.asarray(kernel.element_jacobian(q)), element_slopes(kernel)
+        stiffness, slowing = stiffness + rows.T @ (k[:, None] * rows), slowing + rows.T @ (c[:, None] * rows)
     if kernel.cut_laws:
         rows, numbers = kernel.cut_jacobian(q), cut_numbers(kernel)
         k = np.array([stiffness_of(numbers[name], kernel.knots.get(name, ())) for name in kernel.cut_laws])

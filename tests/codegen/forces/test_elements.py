@@ -142,6 +142,7 @@ def acts(forces: Forces, owner: str, key: str) -> bool:
         "cut_bearings": {"LoopBearingContacts"},
         "joint_damping": {"JointDampers"},
         "springs": {"PointSprings"},
+        "bushings": {"Bushings"},
     }
     return bool(alone & of[family])
 

@@ -41,9 +41,10 @@ def read_tendons(
             spring = _spring(item, text, bodies, flags)
             name = names.of[text] if text else names.fresh("tendon")
             if spring is not None:
-                if name in reading.draft.springs:
+                springs = reading.draft.elements[Spring.TABLE]
+                if name in springs:
                     item.fail("there are two tendons of this name; allowed: unique names")
-                reading.draft.springs[name] = Spring(name, *spring)
+                springs[name] = Spring(name, *spring)
 
 
 def _spring(item: Item, text: str, bodies: Bodies, flags: Mapping[str, bool]) -> tuple | None:  # type: ignore[type-arg]

@@ -13,8 +13,10 @@ from dataclasses import dataclass
 
 from eomgen.names import joint_of, parameter_name, parameter_path
 from eomgen.robot.coordinates import FORCES, force_unit_of, unit_of
-from eomgen.robot.laws import BASIC, JOINT_DAMPING, NUMBERS, RADIAL, least_of, number_of
+from eomgen.robot.elements import KINDS
+from eomgen.robot.laws import BASIC, JOINT_DAMPING, NUMBERS, RADIAL
 from eomgen.robot.model import FIXED_BODY, Model
+from eomgen.robot.parameter_numbers import least_of, number_of
 from eomgen.robot.rules import ROTORS
 from eomgen.robot.value import LINEAR, MOTOR, PRINCIPAL, Robot
 from eomgen.runtime.stepping.options import LEAST
@@ -255,7 +257,7 @@ def parameter_unit(robot: Robot, name: str) -> str:
     number = number_of(name)
     if number is not None and parts[2] in (RADIAL, JOINT_DAMPING):
         return unit_name(number.unit[0])
-    if parts[0] == "springs":
+    if parts[0] in KINDS and "rpy" not in parts[2:]:
         return "m" if number is None else unit_name(number.unit[0])
     if parts[0] == "couplings":
         return _coupling_unit(robot, parts)

@@ -47,7 +47,7 @@ def geometry_of(robot: Robot, coordinates: Sequence[str], poses: ArrayLike) -> t
         "meshes": [_mesh(shape) for shape in shapes],
         "drums": [] if meshed else _drums(robot, DRUM * SLENDER * size),
         "rods": [] if meshed else _rods(robot, SLENDER * size),
-        "springs": [{"links": list(s.links), "points": [list(point) for point in s.points]} for s in robot.springs],
+        "springs": [{"links": list(x.links), "points": [list(p) for p in x.origins()]} for x in robot.link_elements],
         "size": size,
         "up": up.tolist(),
         "floor": float((places @ up).min()) - 0.06 * size,

@@ -1,0 +1,58 @@
+"""Reading of force elements between two links, such as [[springs]], whatever their kind."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..forms.keys import Key, Listed
+from ..forms.tables import Pair, Table
+from ..names import show
+from ..robot.elements import KINDS, LinkElement
+from .draft import Draft
+from .forces import ReadText, read_curve
+from .loops import read_placement
+
+
+def read_element(table: str, name: str, entry: Table, read_text: ReadText) -> LinkElement:
+    """Read one entry.
+
+    Args:
+        table: key that lists such elements, one of ``robot.elements.KINDS``.
+        entry: of the keys ``ELEMENTS[table]``.
+        read_text: gives the text of the file that a curve names.
+
+    Raises:
+        DescriptionError: a key is missing or wrong, or keys do not go together.
+    """
+    entry.require()
+    links = entry.strings("links")
+    if links[0] == links[1]:
+        entry.fail(f"got {show(links)}; both ends are on one link; allowed: two different links", "links")
+    values: dict[str, Any] = {
+        key: _value(entry, key, form, read_text)
+        for key, form in entry.keys.items()
+        if key not in ("name", "links") and key in entry
+    }
+    element = KINDS[table](name, (links[0], links[1]), **values)
+    found = element.conflict()
+    if found is not None:
+        entry.fail(found[1], found[0])
+    return element
+
+
+def _value(entry: Table, key: str, form: Key, read_text: ReadText) -> Any:
+    """The value of a key as its field has it."""
+    if key == "curve":
+        return read_curve(entry, read_text, "elongation")
+    value = entry.value(key)
+    if isinstance(form, Pair):
+        return tuple(read_placement(table) for table in value)
+    return tuple(value) if isinstance(form, Listed) else value
+
+
+def check_elements(draft: Draft) -> None:
+    """DescriptionError if a force element names a link that does not exist."""
+    for elements in draft.elements.values():
+        for element in elements.values():
+            for place, link in enumerate(element.links):
+                draft.check_link(link, f"{element.prefix}.links.{place}")
