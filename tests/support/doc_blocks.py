@@ -144,7 +144,9 @@ def completed(text: str, values: dict[str, Any]) -> str:
     if "name" in values or "urdf" in values:
         return text
     joints = values.get("joints", [])
-    named = [link for key in ("springs", "loops") for entry in values.get(key, []) for link in entry["links"]]
+    named = [
+        link for key in ("springs", "bushings", "loops") for entry in values.get(key, []) for link in entry["links"]
+    ]
     named += [joint[key] for joint in joints for key in ("parent", "child")]
     links = [name for name in dict.fromkeys(named) if name != "base" and name not in values.get("links", [])]
     carried = {joint["child"] for joint in joints}

@@ -20,6 +20,7 @@ KEYS = [
     "frames",
     "loops",
     "springs",
+    "bushings",
     "couplings",
     "driven",
     "home",
@@ -79,7 +80,7 @@ TOPS = st.dictionaries(st.sampled_from(KEYS), TABLES, max_size=6)
 
 
 ENTRIES = (
-    st.sampled_from(["links", "joints", "frames", "loops", "couplings", "springs"]),
+    st.sampled_from(["links", "joints", "frames", "loops", "couplings", "springs", "bushings"]),
     st.sampled_from(KEYS),
     TABLES,
 )
