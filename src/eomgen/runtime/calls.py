@@ -12,7 +12,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..errors import ArrayError, SingularError
 from ..names import split_component
@@ -21,10 +21,8 @@ from .direct import WRENCHED
 from .opened import loop_error, singular_loop
 from .parameters import Parameters
 from .pieces import shared, states_at_once
-from .raw import RawFunction, RawKernel
+from .raw import Array, RawFunction, RawKernel
 from .singular import NEARLY, VANISHED, null_coordinates, scaled_eigenvalues, singular_place
-
-Array = NDArray[Any]
 
 SHARE = 256  # states that are worth a thread of their own
 POLE = 1e-7  # cosine of beta, below which alpha and gamma turn about one axis

@@ -10,7 +10,6 @@ from types import FunctionType, ModuleType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import InputError, UnknownNameError
 from ..names import html_table, nearest_or_all, show
@@ -18,12 +17,11 @@ from .arrays import Arrays, names_in
 from .calls import Calls
 from .direct import Face, functions
 from .parameters import Parameters
-from .raw import Libraries, Operations, RawKernel
+from .raw import Array, Libraries, Operations, RawKernel
 
 if TYPE_CHECKING:
     from typing_extensions import Self
 
-Array = NDArray[Any]
 
 PACKAGE = f"{__package__}."  # begins the names of the modules whose methods can be direct
 

@@ -11,19 +11,16 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...errors import ArrayError, InputError, IntegrationStopped, LoopError
 from ..calls import Calls
 from ..opened import stays_open
 from ..pieces import OPERATIONS, ROUND, shared
-from ..raw import FFI, Library, RawFunction
+from ..raw import FFI, Array, Library, RawFunction
 from .given_loads import clipped_loads, place_given, read_loads
 from .loads import WORKS, LoadData, Packed, Side
 from .options import ADAPTIVE, ErrorControl, LoadedStepOptions
 from .rollouts import SHARE, Given, Inputs, Rollout, read_given, room_for
-
-Array = NDArray[Any]
 
 STAGES = {"rosenbrock": 5, "tsit5": 6}  # evaluations of a step
 DONE = 1  # reason to stop: all samples are there; above are the places of what stopped it

@@ -13,13 +13,13 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...errors import ArrayError, InputError, LoopError
 from ...names import listed, show
 from ..calls import Calls
 from ..derivatives import parameter_slots
-from ..raw import FFI, Library, RawFunction
+from ..raw import FFI, Array, Library, RawFunction
 from .adaptive import DONE, adaptive_rollout
 from .given_loads import Loads
 from .load_slopes import Acting
@@ -29,7 +29,6 @@ from .options import ADAPTIVE, ErrorControl, LoadedStepOptions, StepOptions
 from .rollouts import Given, Inputs, read_given, room_for
 from .stiff_steps import Pair, parts_of, refuse_different
 
-Array = NDArray[Any]
 Loss = Callable[[Array, Array, Array], tuple[Any, ArrayLike, ArrayLike]]
 
 NAMES = ("q", "v", "u", "target", "kp", "kd")  # of what gradients are taken by

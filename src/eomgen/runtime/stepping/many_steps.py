@@ -10,17 +10,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...errors import ArrayError, IntegrationStopped
 from ..calls import Calls
 from ..opened import stays_open
 from ..pieces import OPERATIONS, ROUND, shared
-from ..raw import RawFunction
+from ..raw import Array, RawFunction
 from .options import FIXED, StepOptions
 from .rollouts import SHARE, Inputs, Rollout, read_given, room_for
 
-Array = NDArray[Any]
 Laws = tuple[Sequence[Array], Array | None]  # gains of a controller, and efforts
 
 BUFFER = 2**15  # numbers of many states that are stored at once where a piece of work does not reach the end

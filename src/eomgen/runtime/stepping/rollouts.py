@@ -10,13 +10,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, DTypeLike, NDArray
+from numpy.typing import ArrayLike, DTypeLike
 
 from ...errors import ArrayError, InputError
 from ..calls import Calls
+from ..raw import Array
 from .options import Control, is_number
-
-Array = NDArray[Any]
 
 SHARE = 16  # states that are worth a thread of their own
 

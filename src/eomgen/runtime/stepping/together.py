@@ -6,20 +6,16 @@ A generated package carries a copy of this file.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..calls import Calls
 from ..pieces import OPERATIONS
-from ..raw import FFI
+from ..raw import FFI, Array
 from .adaptive import STAGES
 from .loaded import AUTO, TRIAL, Alternation
 from .loads import LoadData, Side
 from .options import ADAPTIVE, ErrorControl
-
-Array = NDArray[Any]
 
 SIDE_BY_SIDE = 16  # states of a call that go equally far: as many as the widest vector has numbers
 
