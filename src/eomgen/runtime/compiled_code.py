@@ -5,6 +5,7 @@ A generated package carries a copy of this file.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Collection, Mapping
 from types import FunctionType, ModuleType
 from typing import TYPE_CHECKING, Any
@@ -258,7 +259,7 @@ class CompiledCode:
     def threads(self, number: int) -> None:
         if isinstance(number, bool) or not isinstance(number, (int, np.integer)) or number < 1:
             raise InputError(f"threads: {show(number)} is not a number of threads; a whole number from 1 on is allowed")
-        self.calls.threads = int(number)
+        self.parameters.state.threads = min(int(number), sys.maxsize)
 
     @property
     def checks(self) -> bool:
@@ -279,7 +280,7 @@ class CompiledCode:
     def checks(self, wanted: bool) -> None:
         if not isinstance(wanted, (bool, np.bool_)):
             raise InputError(f"checks: {show(wanted)} is neither True nor False")
-        self.calls.checks = bool(wanted)
+        self.parameters.state.checks = bool(wanted)
 
     def frame_index(self, name: str) -> int:
         """The number of a frame or link in ``frames``, by which functions of C take it.
@@ -303,4 +304,4 @@ class CompiledCode:
         Raises:
             ArrayError: there is such a number; coordinate, state and step of the first one are named.
         """
-        self.calls.refuse_not_finite(label, array, shape, place)
+        self.calls.arrays.refuse_not_finite(label, array, shape, place)

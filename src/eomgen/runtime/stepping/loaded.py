@@ -92,9 +92,7 @@ class Loaded:
         *,
         works: bool = False,
     ) -> None:
-        function = calls.raw.adaptive
-        if function is None:
-            raise calls.raw.missing("adaptive_rollout")
+        function = calls.raw.function("adaptive_rollout")
         library, view = function.library, calls.raw.view
         self._function, self._setup = function, calls.parameters.setup
         self.works = np.zeros((len(times), len(WORKS))) if works else None

@@ -51,9 +51,7 @@ class Together:
         control: ErrorControl,
     ) -> None:
         raw, count = calls[0].raw, len(calls)
-        function = raw.adaptive
-        if function is None:
-            raise raw.missing("adaptive_rollout")
+        function = raw.function("adaptive_rollout")
         library, view, n = function.where(batch=True), raw.view, calls[0].n
         self._function, self._times, self._method = function, np.array(times, dtype=np.float64), control.method
         self.state = np.array([q, v], dtype=raw.dtype)
