@@ -312,7 +312,7 @@ def checks(module: str) -> list[Check]:
     if module == "closed_form.trace":
         return [check_closed_form]
     if module in ("forces.coordinates", "forces.transmissions", "tree.bound", "tree.spatial"):
-        return [*kernels, check_closed_form, check_elements]
+        return [*kernels, check_elements, check_closed_form]
     if module in ("solve.elimination", "solve.articulated"):
         return [*kernels, check_elements]
     return (
