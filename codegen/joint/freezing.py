@@ -6,6 +6,8 @@ that module; a test derives and proves all of it again, and compares.
 
 from __future__ import annotations
 
+from itertools import groupby
+
 import sympy
 
 from eomgen.errors import InternalError
@@ -25,7 +27,21 @@ from types import MappingProxyType
 
 from .facts import LEMMA_7, SHARPER, Facts, FrozenStep, ZeroPair
 
+ZERO, ONE, SINE, MINUS, COSINE = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, 1.0)
+
+
+def _pairs(first: str, others: str, same_joint: bool, reason: str) -> tuple[ZeroPair, ...]:
+    return tuple(ZeroPair(first, second, same_joint, reason) for second in others.split())
+
+
 KEPT = Facts('''
+_ENTRIES = {
+    (0.0, 0.0, 0.0): "ZERO",
+    (1.0, 0.0, 0.0): "ONE",
+    (0.0, 1.0, 0.0): "SINE",
+    (0.0, -1.0, 0.0): "MINUS",
+    (0.0, 0.0, 1.0): "COSINE",
+}
 _REASONS = {LEMMA_7: "LEMMA_7", SHARPER: "SHARPER"}
 
 
@@ -66,13 +82,12 @@ def text_of(facts: Facts) -> str:
     """Facts as the text of the module ``kept``."""
     lines = [_HEAD, "    steps=MappingProxyType(", "        {"]
     for name, found in facts.steps.items():
-        lines += [f'            "{name}": FrozenStep(', f"                is_rotation={found.is_rotation},"]
-        lines += [f"                axis={found.axis},", "                rotation=("]
-        lines += [*(f"                    {row}," for row in found.rotation), "                ),", "            ),"]
+        rows = ", ".join(f"({', '.join(_ENTRIES[entry] for entry in row)})" for row in found.rotation)
+        lines.append(f'            "{name}": FrozenStep({found.is_rotation}, {found.axis}, ({rows})),')
     lines += ["        }", "    ),", "    zero_pairs=("]
-    for pair in facts.zero_pairs:
-        names = f'"{pair.first}", "{pair.second}"'
-        lines.append(f"        ZeroPair({names}, {pair.same_joint}, {_REASONS[pair.reason]}),")
+    for (first, same, reason), group in groupby(facts.zero_pairs, lambda x: (x.first, x.same_joint, x.reason)):
+        others = " ".join(pair.second for pair in group)
+        lines.append(f'        *_pairs("{first}", "{others}", {same}, {_REASONS[reason]}),')
     for key, pairs in (("orthogonal", facts.orthogonal), ("coaxial", facts.coaxial)):
         lines += ["    ),", f"    {key}=(", *(f'        ("{first}", "{second}"),' for first, second in pairs)]
     return "\n".join([*lines, "    ),", ")", ""])

@@ -22,6 +22,7 @@ PARAMETER_RATES = "dp"
 WEIGHTS, GRADIENT, HESSIAN = "cotangent_", "gradient_", "hessian_"  # begin names of arrays
 WITH_PARAMETERS = "_p"  # ends the name of a gradient that has the parameters behind the arrays
 FRAMED: Mapping[str, str] = {"frame_pose": "poses", "frame_jacobian": "jacobians"}  # results of all frames at once
+TIMES = ("dt", "times")  # arrays that steps are not differentiated by
 EXACT = (  # kernels that are derivatives of others already, and charts, which are not differentiated
     "christoffel",
     "following",
@@ -62,42 +63,32 @@ def _of(name: str, kernel: Signature) -> dict[str, Signature]:
     }
 
 
-def _gradient(method: str, of: str, *calls: str) -> Signature:
-    """Steps of a method backwards: the programs that it calls, and those that they go back by."""
-    backwards = tuple(f"{name}_parameter_adjoint" for name in calls)
+def _steps(text: str, of: str, calls: tuple[str, ...], ending: str) -> Signature:
+    """Steps that call programs and, by the ending of their names, derivatives of these."""
+    derivatives = tuple(f"{name}_{ending}" for name in calls)
+    closed = tuple("constrained_dynamics" if name == "forward_dynamics" else name for name in calls)
     return Signature(
         ("q", "v", "u"),
         "vector",
-        f"Derivatives of a sum over the states of steps by {method}.",
+        text,
         "gradient",
-        calls=(*calls, *backwards),
-        counts=backwards,
-        closed=tuple("constrained_dynamics" if name == "forward_dynamics" else name for name in calls)
-        + backwards
-        + ("settling", "settling_parameter_adjoint"),
+        calls=(*calls, *derivatives),
+        counts=derivatives,
+        closed=(*closed, *derivatives, "settling", f"settling_{ending}"),
         derivative_of=of,
         solves=True,
         vectors=False,
     )
+
+
+def _gradient(method: str, of: str, *calls: str) -> Signature:
+    """Steps of a method backwards: the programs that it calls, and those that they go back by."""
+    return _steps(f"Derivatives of a sum over the states of steps by {method}.", of, calls, "parameter_adjoint")
 
 
 def _sensitivity(method: str, of: str, *calls: str) -> Signature:
     """Steps of a method with derivatives beside them: the programs that it calls, and their rates."""
-    rates = tuple(f"{name}_along" for name in calls)
-    return Signature(
-        ("q", "v", "u"),
-        "vector",
-        f"States of steps by {method} and their derivatives along directions.",
-        "gradient",
-        calls=(*calls, *rates),
-        counts=rates,
-        closed=tuple("constrained_dynamics" if name == "forward_dynamics" else name for name in calls)
-        + rates
-        + ("settling", "settling_along"),
-        derivative_of=of,
-        solves=True,
-        vectors=False,
-    )
+    return _steps(f"States of steps by {method} and their derivatives along directions.", of, calls, "along")
 
 
 def _along(of: str, writes: str, reads: tuple[str, ...], *moving: str) -> Signature:
@@ -107,6 +98,19 @@ def _along(of: str, writes: str, reads: tuple[str, ...], *moving: str) -> Signat
         writes,
         f"What {of} changes by along {', '.join(f'd{array}' for array in moving)} and rates of the parameters.",
         "tangent",
+        derivative_of=of,
+        by_parameters=True,
+    )
+
+
+def _back(of: str, writes: str, reads: tuple[str, ...], weights: str) -> Signature:
+    """Gradient of a program's results along weights by its arrays, but for times, and by the parameters."""
+    arrays = ", ".join(array for array in reads if array not in TIMES)
+    return Signature(
+        (*reads, weights),
+        writes,
+        f"Gradient by {arrays} and the parameters of {of} along weights.",
+        "adjoint",
         derivative_of=of,
         by_parameters=True,
     )
@@ -124,36 +128,20 @@ GRADIENTS: Mapping[str, Signature] = {
         "the Rosenbrock method", "adaptive_rollout", "forward_dynamics", "stage_factors", "stage_solution"
     ),
 }
-TIMES = ("dt", "times")  # arrays that steps are not differentiated by
 BACKWARDS: Mapping[str, Signature] = {  # programs that only gradients and sensitivities call
     "forward_dynamics_along": _along("forward_dynamics", "vector", ("q", "v", "u"), "q", "v", "u"),
     "settling_along": _along("settling", "settling", ("q", "v"), "q", "v"),
     "implicit_step_along": _along("implicit_step", "vector", ("q", "v", "u", "added", "dt"), "q", "v", "u"),
     "stage_factors_along": _along("stage_factors", "kept", ("q", "v", "kp", "kd", "times"), "q", "v"),
     "stage_solution_along": _along("stage_solution", "vector", ("kept", "rates", "shifts"), "kept", "rates", "shifts"),
-    "implicit_step_parameter_adjoint": Signature(
-        ("q", "v", "u", "added", "dt", "cotangent_vector"),
-        "gradient_of_step",
-        "Gradient by q, v, u, added and the parameters of implicit_step along weights.",
-        "adjoint",
-        derivative_of="implicit_step",
-        by_parameters=True,
+    "implicit_step_parameter_adjoint": _back(
+        "implicit_step", "gradient_of_step", ("q", "v", "u", "added", "dt"), "cotangent_vector"
     ),
-    "stage_factors_parameter_adjoint": Signature(
-        ("q", "v", "kp", "kd", "times", "cotangent_kept"),
-        "gradient_of_factors",
-        "Gradient by q, v, kp, kd and the parameters of stage_factors along weights.",
-        "adjoint",
-        derivative_of="stage_factors",
-        by_parameters=True,
+    "stage_factors_parameter_adjoint": _back(
+        "stage_factors", "gradient_of_factors", ("q", "v", "kp", "kd", "times"), "cotangent_kept"
     ),
-    "stage_solution_parameter_adjoint": Signature(
-        ("kept", "rates", "shifts", "cotangent_vector"),
-        "gradient_of_solution",
-        "Gradient by kept, rates, shifts and the parameters of stage_solution along weights.",
-        "adjoint",
-        derivative_of="stage_solution",
-        by_parameters=True,
+    "stage_solution_parameter_adjoint": _back(
+        "stage_solution", "gradient_of_solution", ("kept", "rates", "shifts"), "cotangent_vector"
     ),
 }
 

@@ -28,7 +28,7 @@ class Signature:
     kind: where its C comes from and how it is called, one of KINDS.
     calls: the programs that its C calls, where the kind is "composed", "rollout", "adaptive" or "gradient"; of a
         composed one that stands in ``writers.WAYS``, too, only where none of these suits the robot.
-    counts: of these the ones whose operations count as the kernel's.
+    counts: of these the ones whose operations count as the kernel's; all if none is named.
     closed: the programs that its C calls where the robot has loops; they count, too.
     derivative_of: the function that it differentiates, where the kind is "tangent", "adjoint", "hessian" or "gradient".
     by_parameters: whether that is by run-time parameters, too, which a robot must have for it.

@@ -63,7 +63,8 @@ def _of_kernel(equations: Equations, name: str) -> Counts:
         column = equations.programs[KERNELS[name].columns_of].count()
         return {key: equations.model.size * number for key, number in column.items()}
     closed = KERNELS[name].closed if equations.model.constraints else ()
-    parts = [equations.programs[program].count() for program in closed or KERNELS[name].counts]
+    counted = closed or KERNELS[name].counts or KERNELS[name].calls
+    parts = [equations.programs[program].count() for program in counted]
     parts += [OWN[name](equations.model)] if name in OWN else []
     if CLOSING in closed:
         kinds = row_kinds(equations.model, equations.programs[CLOSING])

@@ -55,7 +55,6 @@ OWN_KERNELS: Mapping[str, Signature] = {
         "The drives that make a motion beside forces u.",
         "composed",
         calls=("constrained_drives",),
-        counts=("constrained_drives",),
         needs="constraints",
     ),
     "forward_dynamics": Signature(
@@ -83,7 +82,6 @@ OWN_KERNELS: Mapping[str, Signature] = {
         "Multipliers of the constraint under the drives u.",
         "composed",
         calls=("constrained_dynamics",),
-        counts=("constrained_dynamics",),
         solves=True,
         needs="constraints",
     ),
@@ -100,7 +98,6 @@ OWN_KERNELS: Mapping[str, Signature] = {
         "A state whose dependent coordinates, rates and accelerations keep the loops closed, as a chart chooses them.",
         "composed",
         calls=("constraint", "constraint_jacobian", "constraint_bias"),
-        counts=("constraint", "constraint_jacobian", "constraint_bias"),
         needs="constraints",
         vectors=False,
     ),
@@ -115,7 +112,6 @@ OWN_KERNELS: Mapping[str, Signature] = {
         "Derivatives of the accelerations by q, v and u: three matrices.",
         "composed",
         calls=("forward_dynamics", "residual_jacobian"),
-        counts=("forward_dynamics", "residual_jacobian"),
         closed=("constrained_dynamics", "residual_jacobian", "closing_derivatives"),
         solves=True,
         beside=("tree_forward_dynamics_jacobian", *TOLD),
@@ -126,7 +122,6 @@ OWN_KERNELS: Mapping[str, Signature] = {
         "Derivatives of the accelerations by q, v and u, loops cut: three matrices.",
         "composed",
         calls=("tree_forward_dynamics", "residual_jacobian"),
-        counts=("tree_forward_dynamics", "residual_jacobian"),
         solves=True,
         needs="constraints",
     ),
@@ -172,7 +167,6 @@ OWN_KERNELS: Mapping[str, Signature] = {
         "The reactions where forces u act beside the drives, without their own part.",
         "composed",
         calls=("tree_reactions", "constrained_drives", "closing_reactions"),
-        counts=("tree_reactions", "constrained_drives", "closing_reactions"),
         needs="constraints",
     ),
     "loop_reactions": Signature(
@@ -189,7 +183,6 @@ OWN_KERNELS: Mapping[str, Signature] = {
         "The same where forces u act beside the drives.",
         "composed",
         calls=("constrained_drives", "loop_wrenches"),
-        counts=("constrained_drives", "loop_wrenches"),
         needs="cuts",
     ),
     "external_reactions": Signature(
@@ -266,8 +259,7 @@ OWN_KERNELS: Mapping[str, Signature] = {
         "vector",
         "Integration with error control.",
         "adaptive",
-        calls=("forward_dynamics", "stage_factors", "stage_solution"),
-        counts=("forward_dynamics", "stage_factors", "stage_solution"),  # a stage's, with the factors of a step
+        calls=("forward_dynamics", "stage_factors", "stage_solution"),  # a stage's, with the factors of a step
         closed=("constrained_dynamics", "stage_factors", "stage_solution", "settling"),
         solves=True,
     ),

@@ -120,6 +120,21 @@ def check_joint() -> None:
     tests.test_derivatives_against_finite_differences()
 
 
+def check_elements() -> None:
+    """Forces of all families together: their slopes, and the implicit step with dampers of whole joints."""
+    support = "tests.support.every_element"  # which has a robot for each family as it is now
+    before = sys.modules.pop(support, None)
+    try:
+        tests = again("forces.test_elements")
+    finally:
+        sys.modules.pop(support, None)
+        if before is not None:
+            sys.modules[support] = before
+    tests.test_slopes_are_those_of_forces(tests.CASES[-1], 1)
+    tests.test_an_implicit_step_is_its_linear_system(tests.CASES[-1], 1)
+    tests.test_an_implicit_step_with_dampers_of_whole_joints(3)
+
+
 def check_zeros() -> None:
     """The zero map: masks, counts, reasons and reports."""
     tests = again("joint.test_zeros")
@@ -128,6 +143,8 @@ def check_zeros() -> None:
     tests.test_reasons_stand_where_entries_vanish()
     for seed in range(12):
         tests.test_map_equals_the_pattern_of_numbers(seed)
+    for leaders in ({"joint1.alpha": 2.0}, {"joint1.y": 0.5, "joint2.gamma": -1.5}):
+        tests.test_what_leaders_move_is_the_pattern_of_sums(leaders)
     again("tree.test_offsets").test_an_offset_ends_a_coaxial_zero()
 
 
@@ -295,7 +312,9 @@ def checks(module: str) -> list[Check]:
     if module == "closed_form.trace":
         return [check_closed_form]
     if module in ("forces.coordinates", "forces.transmissions", "tree.bound", "tree.spatial"):
-        return [*kernels, check_closed_form]
+        return [*kernels, check_elements, check_closed_form]
+    if module in ("solve.elimination", "solve.articulated"):
+        return [*kernels, check_elements]
     return (
         [*kernels, check_parameters] if module in ("kernels.equations", "kernels.derivation", "tree.bound") else kernels
     )
@@ -303,4 +322,4 @@ def checks(module: str) -> list[Check]:
 
 def every_check() -> list[Check]:
     """All of them."""
-    return [*kernel_checks(KERNELS), check_joint, check_zeros, check_closed_form, check_parameters]
+    return [*kernel_checks(KERNELS), check_joint, check_zeros, check_closed_form, check_elements, check_parameters]

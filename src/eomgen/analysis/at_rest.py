@@ -16,10 +16,8 @@ from ..errors import IntegrationError
 from ..ranks import RANK
 from ..runtime.kernel import Kernel
 from ..shown import Shown
-from .holding import Fixation, notes_of_play
+from .holding import Array, Fixation, notes_of_play
 from .tangent_system import LinearSystem, MotionState, Tangent, load_force, moving_basis, reduced, tangent
-
-Array = NDArray[np.float64]
 
 STEPS = 400
 CLOSED = 1e-12  # m, or sine of an angle: a loop that is closed

@@ -7,7 +7,7 @@ from itertools import islice
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..description import RobotLike, as_robot
 from ..errors import InputError, IntegrationError
@@ -25,14 +25,13 @@ from ..robot.model import build_model, tool_of
 from ..runtime.kernel import Kernel
 from ..shown import Shown
 from ..state.motors import turn_motors
-from .holding import PoseLike
+from .holding import Array, PoseLike
 from .options import HeldRobot, StateKeywords, prepared
 from .statics import deflection_of, fixed_at_rest
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
-Array = NDArray[np.float64]
 
 GUESSES = 12  # of coordinates, per point that a neighbour's do not lead to
 

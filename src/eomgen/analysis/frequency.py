@@ -27,7 +27,7 @@ from ..robot.coordinates import force_unit_of
 from ..shown import Shown
 from ..tabular import Rows, TableColumn, Tabular
 from .at_rest import system_at_rest
-from .holding import PoseLike
+from .holding import Array, PoseLike
 from .modal import ROUND_OFF
 from .options import StateKeywords, prepared, warn_of
 from .ports import checked_kind, input_matrix, output_matrices, unit_of_output
@@ -36,7 +36,6 @@ from .tangent_system import LinearSystem
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 

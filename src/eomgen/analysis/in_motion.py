@@ -15,11 +15,10 @@ from ..runtime.kernel import Kernel
 from ..runtime.opened import left_open
 from ..state.vectors import state_vector
 from .at_rest import closed
-from .holding import Fixation, notes_of_play
+from .holding import Array, Fixation, notes_of_play
 from .options import HeldRobot
 from .tangent_system import LinearSystem, MotionState, constraint_hessian, load_force, moving_basis, reduced, tangent
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 OPEN = 1e-9  # of the greatest of what adds up: more is not round-off

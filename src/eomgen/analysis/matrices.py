@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..description import RobotLike
 from ..errors import InputError
@@ -19,7 +19,7 @@ from ..robot.coordinates import MOTIONS
 from ..robot.model import tool_of
 from ..shown import Shown
 from .at_rest import system_at_rest
-from .holding import Fixation, PoseLike
+from .holding import Array, Fixation, PoseLike
 from .in_motion import moving_system
 from .options import StateKeywords, prepared, warn_of
 from .ports import checked_kind, input_matrix, output_matrices
@@ -27,8 +27,6 @@ from .tangent_system import LinearSystem
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)

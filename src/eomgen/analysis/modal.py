@@ -18,7 +18,7 @@ from ..optional import optional_import
 from ..progress import StageReport
 from ..robot.model import tool_of
 from .at_rest import system_at_rest
-from .holding import PoseLike
+from .holding import Array, PoseLike
 from .modal_result import Modes, TrackedModes
 from .options import StateKeywords, prepared, warn_of
 from .tangent_system import LinearSystem
@@ -26,7 +26,6 @@ from .tangent_system import LinearSystem
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 

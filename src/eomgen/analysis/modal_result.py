@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from ..robot.coordinates import MOTIONS, unit_of
 from ..shown import Shown
 from ..tabular import Rows, TableColumn, Tabular
+from .holding import Array
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypedDict
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..description import RobotLike, as_robot
 from ..errors import ArrayError, EomgenWarning, InputError
@@ -18,12 +18,11 @@ from ..progress import StageReport, no_report
 from ..robot.model import build_model
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
-from .holding import Fixation, Gains, PoseLike, fixation_of, pose_of
+from .holding import Array, Fixation, Gains, PoseLike, fixation_of, pose_of
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
-Array = NDArray[np.float64]
 FrameLoads = Mapping[str, ArrayLike]
 
 KERNELS = ("inverse_dynamics", "residual_jacobian", "kinematics")

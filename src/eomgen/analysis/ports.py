@@ -5,16 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import InputError, UnknownNameError
 from ..names import show, split_component
 from ..robot.coordinates import FORCES, MOTIONS, unit_of
 from ..runtime.kernel import Kernel
-from .holding import Fixation
+from .holding import Array, Fixation
 from .tangent_system import frame_hessian
-
-Array = NDArray[np.float64]
 
 KINDS = ("displacement", "velocity", "acceleration")
 

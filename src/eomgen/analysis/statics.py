@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..description import RobotLike
 from ..errors import InputError
@@ -16,14 +15,13 @@ from ..robot.model import tool_of
 from ..runtime.kernel import Kernel
 from ..shown import Shown
 from .at_rest import closed, rest
-from .holding import Fixation, PoseLike, floating, floating_cuts
+from .holding import Array, Fixation, PoseLike, floating, floating_cuts
 from .options import HeldRobot, StateKeywords, prepared, warn_of
 from .tangent_system import moving_basis, refuse_singular_pose
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
-Array = NDArray[np.float64]
 
 RANK = 1e-9  # of the greatest principal compliance: what is taken to be zero
 SOFT = 1e-13  # of the greatest stiffness, scaled: nothing holds what has less

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..description import RobotLike, as_robot
 from ..errors import InputError
@@ -31,8 +31,8 @@ from ..simulation.controls import actuators
 from ..simulation.programs import MOVING_PART
 from ..simulation.result import SimulationResult
 from ..simulation.run import simulate
+from .holding import Array
 
-Array = NDArray[np.float64]
 Line = tuple[ArrayLike, ArrayLike]
 
 COUNTED = ("inverse_dynamics", "forward_dynamics", "mass_matrix")

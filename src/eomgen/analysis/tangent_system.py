@@ -24,9 +24,7 @@ from ..ranks import RANK, independent_columns, rank_by
 from ..runtime.kernel import Kernel
 from ..runtime.singular import null_coordinates, scaled_eigenvalues
 from ..shown import Shown
-from .holding import Fixation
-
-Array = NDArray[np.float64]
+from .holding import Array, Fixation
 
 SINGULAR = 1e-5  # of the greatest singular value: what less belongs to a singular pose that is met to 1e-12 m
 BENT = 1e-6  # of second derivatives, m/rad^2 and the like: round-off

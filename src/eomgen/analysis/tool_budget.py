@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..description import RobotLike, as_robot
 from ..errors import InputError
@@ -26,9 +25,8 @@ from ..runtime.kernel import Kernel
 from ..shown import Shown
 from ..simulation.result import SimulationResult
 from ..tabular import Rows, TableColumn, Tabular
+from .holding import Array
 from .statics import motion_between
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,6 @@ from time import monotonic
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..description import RobotLike
 from ..errors import BuildError, InputError
@@ -23,6 +22,7 @@ from ..simulation.result import SimulationResult, simulated_robot
 from .framing import STEP, first_factor, framed, largest_power, motion_points, up_of
 from .scene import (
     SLENDER,
+    Array,
     Region,
     capsule_mesh,
     capsules,
@@ -35,8 +35,6 @@ from .scene import (
     spring_lines,
 )
 from .shapes import Shape, urdf_shapes
-
-Array = NDArray[np.float64]
 
 REAL_COLOR, PROGRAM_COLOR, FORCE_COLOR, SPRING_COLOR = (70, 120, 170), (150, 150, 150), (204, 51, 17), (0, 158, 115)
 PROGRAM_OPACITY = 0.35

@@ -12,10 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from ..names import kind_of
 from ..robot.value import ANGULAR, Robot
 from ..simulation.result import SimulationResult
-from .scene import capsules, extent, link_poses, program_positions
+from .scene import Array, capsules, extent, link_poses, program_positions
 from .shapes import Shape
-
-Array = NDArray[np.float64]
 
 SHOWN_PART = 0.1  # of the robot's size: what the largest deviation is drawn as at first
 SHOWN_ANGLE = 0.5  # rad, likewise

@@ -5,12 +5,12 @@ A generated package carries a copy of this file.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Collection, Mapping
 from types import FunctionType, ModuleType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import InputError, UnknownNameError
 from ..names import html_table, joint_of, nearest_or_all, show
@@ -18,12 +18,11 @@ from .arrays import Arrays, names_in
 from .calls import Calls
 from .direct import Face, functions
 from .parameters import Parameters
-from .raw import Libraries, Operations, RawKernel
+from .raw import Array, Libraries, Operations, RawKernel
 
 if TYPE_CHECKING:
     from typing_extensions import Self
 
-Array = NDArray[Any]
 
 PACKAGE = f"{__package__}."  # begins the names of the modules whose methods can be direct
 
@@ -262,7 +261,7 @@ class CompiledCode:
     def threads(self, number: int) -> None:
         if isinstance(number, bool) or not isinstance(number, (int, np.integer)) or number < 1:
             raise InputError(f"threads: {show(number)} is not a number of threads; a whole number from 1 on is allowed")
-        self.calls.threads = int(number)
+        self.parameters.state.threads = min(int(number), sys.maxsize)
 
     @property
     def checks(self) -> bool:
@@ -283,7 +282,7 @@ class CompiledCode:
     def checks(self, wanted: bool) -> None:
         if not isinstance(wanted, (bool, np.bool_)):
             raise InputError(f"checks: {show(wanted)} is neither True nor False")
-        self.calls.checks = bool(wanted)
+        self.parameters.state.checks = bool(wanted)
 
     def frame_index(self, name: str) -> int:
         """The number of a frame or link in ``frames``, by which functions of C take it.
@@ -307,4 +306,4 @@ class CompiledCode:
         Raises:
             ArrayError: there is such a number; coordinate, state and step of the first one are named.
         """
-        self.calls.refuse_not_finite(label, array, shape, place)
+        self.calls.arrays.refuse_not_finite(label, array, shape, place)

@@ -5,19 +5,16 @@ A generated package carries a copy of this file, which imports NumPy and its nei
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from .arrays import flag, joint_lead
 from .by_name import NamedViews
 from .closing import LoopClosure
 from .derivatives import Differentiation
 from .opened import LOADED
+from .raw import Array
 from .stepping.interface import Rollouts
-
-Array = NDArray[Any]
 
 
 class Kernel(Differentiation, LoopClosure, NamedViews, Rollouts):

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from eomgen.codegen.forces.coordinates import CoordinateLaws
 from eomgen.codegen.forces.element import ForceElement, Slopes
 from eomgen.codegen.forces.elements import ELEMENTS
+from eomgen.codegen.forces.joint_damping import JointDampers
 from eomgen.codegen.kernels.accelerations import implicit_step
 from eomgen.codegen.kernels.derivation import Derivation, Outputs, vector
 from eomgen.codegen.program.ir import evaluate, finish
@@ -172,14 +173,8 @@ def is_plain(forces: Forces, k: int) -> bool:
     return not any(x.split(".")[0] == joint for c in forces.model.robot.couplings for x in (c.of, *c.to))
 
 
-@EVERY
-@pytest.mark.parametrize("seed", seeds(1, 1, 6))
-def test_an_implicit_step_is_its_linear_system(families: Sequence[type[ForceElement]], seed: int) -> None:
-    """Of a step dt that tends to 0 what is left is the acceleration under the forces of its beginning.
-
-    With dt = h its change is h times that by M^-1 (D v + ...): two steps tell whether slopes take part.
-    """
-    forces = Forces(families, seed)
+def stepped(forces: Forces, dt: float) -> tuple[Array, Array, Array]:
+    """Accelerations of an implicit step, M and M a + bias at a = 0, of a robot without drives."""
     d, n = Derivation(forces.model), forces.n
     program = finish(d.graph, "step", implicit_step(d))
     rows = Derivation(forces.model)
@@ -192,13 +187,33 @@ def test_an_implicit_step_is_its_linear_system(families: Sequence[type[ForceElem
         return np.array([found["out", i] for i in range(count)])
 
     half = numbers(evaluate(upper, inputs), n * n).reshape(n, n)
-    mass = half + np.triu(half, 1).T
-    explicit = np.linalg.solve(mass, -numbers(evaluate(bias, inputs), n))
-    dt = 1e-9
-    found = numbers(evaluate(program, inputs | {"dt": [dt, dt * dt]}), n)
+    step = numbers(evaluate(program, inputs | {"dt": [dt, dt * dt]}), n)
+    return step, half + np.triu(half, 1).T, numbers(evaluate(bias, inputs), n)
+
+
+@EVERY
+@pytest.mark.parametrize("seed", seeds(1, 1, 6))
+def test_an_implicit_step_is_its_linear_system(families: Sequence[type[ForceElement]], seed: int) -> None:
+    """Of a step dt that tends to 0 what is left is the acceleration under the forces of its beginning.
+
+    With dt = h its change is h times that by M^-1 (D v + ...): two steps tell whether slopes take part.
+    """
+    forces = Forces(families, seed)
+    found, with_slopes, mass, bias = (*stepped(forces, 1e-9)[:1], *stepped(forces, 1e-3))
+    explicit = np.linalg.solve(mass, -bias)
     assert np.abs(found - explicit).max() <= 1e-4 * max(1.0, np.abs(explicit).max())
-    with_slopes = numbers(evaluate(program, inputs | {"dt": [1e-3, 1e-6]}), n)
     assert np.abs(with_slopes - explicit).max() > 1e-6
+
+
+@pytest.mark.parametrize("seed", seeds(3, 2, 6))
+def test_an_implicit_step_with_dampers_of_whole_joints(seed: int) -> None:
+    """These are linear in the rates, and taken in the directions of the beginning: (M + dt D) a = -bias - D v."""
+    forces, dt = Forces((JointDampers,), seed), 0.05
+    found, mass, bias = stepped(forces, dt)
+    D = forces.differences("v", forces.v, forces.rows())
+    expected = np.linalg.solve(mass + dt * D, -bias)
+    assert np.abs(D - np.diag(np.diagonal(D))).max() > 1e-3
+    assert np.abs(found - expected).max() <= 1e-6 * np.abs(expected).max()
 
 
 @pytest.mark.parametrize("seed", seeds(1, 1, 3))

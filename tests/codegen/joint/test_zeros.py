@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from eomgen.codegen.joint import zeros
 from eomgen.codegen.joint.zeros import ZeroMap, zero_map
 from eomgen.robot.model import Model, build_model
+from eomgen.robot.value import Coupling
 from tests.oracles.unpruned import brute_force
 from tests.support.generic_robots import chain, generic
 from tests.support.random_motors import geared_robot
@@ -84,6 +86,35 @@ def test_map_equals_the_pattern_of_numbers(seed: int) -> None:
     rng = np.random.default_rng(seed)
     robot = random_robot(rng, joints=(1, 4), tree=seed % 2 == 1, armature=False)
     check(build_model(generic(robot, rng)), seed)
+
+
+@pytest.mark.parametrize("leaders", [{"joint1.alpha": 2.0}, {"joint1.y": 0.5, "joint2.gamma": -1.5}])
+def test_what_leaders_move_is_the_pattern_of_sums(leaders: dict[str, float]) -> None:
+    """With followers M is S^T M S, and C likewise: an entry survives where one of the tree's own does that it sums."""
+    robot = replace(chain(2), couplings=(Coupling("belt", "joint2.x", leaders),))
+    model = build_model(robot)
+    names, n = model.tree.coordinates, model.size
+    S = np.array([[float(x == y) for y in model.coordinates] for x in names])
+    S[names.index("joint2.x"), [model.coordinates.index(x) for x in leaders]] = list(leaders.values())
+    M, C = brute_force(model.tree, np.random.default_rng(5).uniform(0.2, 1.2, len(names)))
+    whole, found, moves = zero_map(model.tree), zero_map(model), S != 0.0
+    assert np.abs((S.T @ M @ S)[~found.mass_matrix.mask]).max() < 1e-12
+    assert np.abs(np.einsum("is,jv,kw,ijk->svw", S, S, S, C)[~found.christoffel.mask]).max() < 1e-12
+    sums = np.einsum("is,jv,ij->sv", moves, moves, whole.mass_matrix.mask)
+    assert np.array_equal(sums, found.mass_matrix.mask)
+    sums = np.einsum("is,jv,kw,ijk->svw", moves, moves, moves, whole.christoffel.mask)
+    assert np.array_equal(sums, found.christoffel.mask)
+    upper = np.triu(np.ones((n, n), dtype=bool))
+    for tally, entries in ((found.mass_matrix, upper), (found.christoffel, np.broadcast_to(upper, (n, n, n)))):
+        assert tally.total == entries.sum()
+        assert tally.survivors == (tally.mask & entries).sum()
+        for place, (_, count) in enumerate(tally.zeros):
+            assert count == (entries & (tally.reason == place)).sum()
+        assert np.array_equal(tally.reason == -1, tally.mask)
+    i, j, k = np.indices((n, n, n))
+    pairs = found.christoffel.mask & (j <= np.minimum(i, k))  # C_i,jk = -C_k,ji
+    assert found.independent == found.by_antisymmetry == found.christoffel.survivors - pairs.sum() // 2
+    assert isinstance(found.independent, int)
 
 
 def test_special_geometry_never_contradicts_the_map() -> None:
