@@ -77,7 +77,7 @@ class Task:
 
 
 @answers_in_numbers("poses")
-def calibrate(
+def calibrate(  # noqa: PLR0913
     robot: RobotLike,
     poses: MeasuredPoses | Path | str,
     *,

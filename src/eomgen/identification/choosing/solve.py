@@ -55,7 +55,7 @@ class _Offer:
     first: int
 
 
-def poses(
+def poses(  # noqa: PLR0913
     robot: RobotLike,
     *,
     count: int = 30,

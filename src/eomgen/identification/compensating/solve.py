@@ -39,7 +39,7 @@ HALVINGS = 6  # of the correction's size, where drives have limits
 BETWEEN = 1.5  # times the peak at the samples, from which on that between them is told
 
 
-def compensate(
+def compensate(  # noqa: PLR0913
     robot: RobotLike,
     scenario: Scenario | Path | str | None = None,
     *,

@@ -48,7 +48,7 @@ SPREAD = 0.5  # relative, of the description's numbers of single links
 
 
 @answers_in_numbers("motion")
-def identify(
+def identify(  # noqa: PLR0913
     robot: RobotLike,
     motion: MeasuredMotion | Path | str,
     *,

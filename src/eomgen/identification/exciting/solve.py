@@ -47,7 +47,7 @@ USUAL = 0.1  # of a drive's rms: what friction and rotors are expected to take w
 SLOW = 0.05  # of a coordinate's greatest rate: over which dry friction turns round in gradients
 
 
-def excite(
+def excite(  # noqa: PLR0913
     robot: RobotLike,
     *,
     duration: float = 10.0,

@@ -52,7 +52,7 @@ _COLUMNS = {"position": slice(0, 3), "orientation": slice(3, 6)}
 
 
 @answers_in_numbers("table")
-def tolerance(
+def tolerance(  # noqa: PLR0913
     robot: RobotLike,
     table: Mapping[str, Any] | Path | str,
     frame: str | None = None,
