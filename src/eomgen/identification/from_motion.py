@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..description import RobotLike, as_robot
 from ..errors import InputError
@@ -37,11 +36,11 @@ from ..state.motors import deflections
 from ..state.springs import coordinate_numbers
 from ..state.turning import quaternion_columns
 from ..tabular import Rows, TableColumn, Tabular
+from .arrays import Array
 from .closing import closed_motion
 from .rotating import rotation_derivatives
 from .stiffness.result import KEYS
 
-Array = NDArray[np.float64]
 WINDOW, DEGREE = 11, 4
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...errors import InputError, UnknownNameError
 from ...motion.measured_numbers import ALLOWED_DIVISOR, is_divisor
@@ -22,6 +22,7 @@ from ...robot.value import Robot
 from ...shown import Shown
 from ...tabular import Rows as TableRows
 from ...tabular import TableColumn, Tabular
+from ..arrays import Array
 from ..geometry.error_model import ErrorModel, Rows
 from ..geometry.observations import ENCODER, ORIENTATION, POSITION
 from .as_toml import Found, write_toml
@@ -32,7 +33,6 @@ from .model_record import model_from_record, record_of_model
 from .predicting import readings_from, refuse_open
 from .variants import NO_GAIN, VARIANTS, Gain, Gains
 
-Array = NDArray[np.float64]
 Residuals = Mapping[str, Mapping[str, Mapping[str, float]]]
 
 

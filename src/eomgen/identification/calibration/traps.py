@@ -5,17 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...errors import InputError
+from ..arrays import Array, Places
 from ..geometry.error_model import Rows
 from ..geometry.observations import ORIENTATION, POSITION, Observations
 from ..geometry.poses import MeasuredPoses
 from ..geometry.solve import Fit
 from ..geometry.stations import Chain
-
-Array = NDArray[np.float64]
-Places = NDArray[np.intp]
 
 _ALIKE = 1e-3  # rad, or of the reach: poses that differ by less are all alike
 _COPIED = 1e-12  # relative

@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...names import listed, show
+from ..arrays import Array, Places
 from ..geometry.poses import Measured, MeasuredPoses
 from ..geometry.stations import Chain, located
 from .sampling import Ranges
-
-Array = NDArray[np.float64]
 
 POSE, POSITION, DISTANCE = "pose", "position", "distance"
 MEASURES = (POSE, POSITION, DISTANCE)
@@ -119,7 +117,7 @@ def _part(frames: Mapping[str, Measured], name: str, rows: int) -> Measured:
     )
 
 
-def rows_kept(poses: MeasuredPoses, kept: NDArray[np.intp]) -> MeasuredPoses:
+def rows_kept(poses: MeasuredPoses, kept: Places) -> MeasuredPoses:
     """The same of some of the rows."""
     frames = {
         name: Measured(

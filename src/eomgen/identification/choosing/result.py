@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...files import check_ending, write_atomically
@@ -21,11 +20,10 @@ from ...robot.coordinates import MOTIONS
 from ...shown import Shown
 from ...tabular import Rows as TableRows
 from ...tabular import TableColumn, Tabular
+from ..arrays import Array
 from ..calibration.identifiability import merged_rows
 from .information import DETERMINANT
 from .proposals import DISTANCE, POSE
-
-Array = NDArray[np.float64]
 
 _ABOUT = {
     DETERMINANT: "D (determinant of the information)",

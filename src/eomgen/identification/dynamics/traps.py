@@ -6,17 +6,15 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...motion.files import MeasuredMotion
 from ...motion.smoothing import Differentiator
 from ...names import component_name
 from ...robot.value import ANGULAR, PRINCIPAL, Robot
+from ..arrays import Array, Mask
 from ..estimating import FIRST
 from .regression import Data, Solution
-
-Array = NDArray[np.float64]
 
 _ROUND = 4.0 * np.pi  # rad: joints without limits turn no further
 _SLOW, _FAR_APART = 0.05, 0.1  # rate in rad/s or m/s that nothing exceeds, and s between samples: times are no seconds
@@ -65,7 +63,7 @@ def refuse_impossible(robot: Robot, motion: MeasuredMotion, step: float) -> None
             )
 
 
-def spoiled(motion: MeasuredMotion) -> tuple[NDArray[np.bool_], list[str]]:
+def spoiled(motion: MeasuredMotion) -> tuple[Mask, list[str]]:
     """Find samples in which a drive stands at its greatest or least value, or beside which a coordinate jumps.
 
     Returns:

@@ -16,9 +16,8 @@ from ...names import listed, nearest, show, split_component
 from ...npz import read_npz
 from ...robot.coordinates import FORCES, MOTIONS
 from ...shown import Shown
+from ..arrays import Array, Mask, Places
 from .rotations import FOUR, READINGS
-
-Array = NDArray[np.float64]
 
 POSES_RULE = (
     "coordinates such as joint1.gamma; F.x F.y F.z, F.rx F.ry F.rz (or F.qw F.qx F.qy F.qz), F.distance, F.travel,"
@@ -89,7 +88,7 @@ class MeasuredPoses(Shown):
     source: str = "poses"
     lines: NDArray[np.int32] | None = None
 
-    def part(self, kept: NDArray[np.intp]) -> MeasuredPoses:
+    def part(self, kept: Places) -> MeasuredPoses:
         """The same of some of the rows."""
         frames = {
             name: replace(
@@ -322,7 +321,7 @@ class _Table:
             self._refuse(f"{frame}.{key}", ~known[:, i] & known.any(axis=1), "a number, as in the columns beside it")
         return values
 
-    def _refuse(self, name: str, bad: NDArray[np.bool_], allowed: str) -> None:
+    def _refuse(self, name: str, bad: Mask, allowed: str) -> None:
         at = np.flatnonzero(bad)
         if at.size:
             row = int(at[0])

@@ -26,7 +26,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...description import RobotLike, as_robot
 from ...errors import InputError, UnknownNameError
@@ -42,12 +41,11 @@ from ...robot.model import Model, build_model, parameter_values
 from ...robot.value import MOTOR, PRINCIPAL, Robot
 from ...runtime.kernel import Kernel
 from ...state.springs import cut_numbers, law_numbers
+from ..arrays import Array
 from ..closing import closed_motion
 from ..estimating import FIRST, HALF_WIDTHS, SIGNAL, block_count, even_step, least_samples
 from ..relations import refuse_followers
 from .result import KEYS, Estimate, FitResult, FittedCoordinate, doubts, interval_of
-
-Array = NDArray[np.float64]
 
 INDEPENDENT = 1e-10  # of the greatest eigenvalue of the scaled normal equations: below it a direction is undetermined
 SHARE = 1e-4  # of a parameter in an undetermined direction: with less it is determined
@@ -185,7 +183,7 @@ class _Noise:
     is_derived: bool
 
     def behind(self, wide: Array) -> tuple[Array, Array]:
-        """What it adds on average to squares of s and s_dot, and to their products with y, (2,) each, behind a bell."""
+        """Average share of it in squares of s and s_dot, and in their products with y, (2,) each, behind a bell."""
         both = np.stack([np.convolve(row, wide) for row in self.weights])
         square = self.sigma**2 * (both @ both.T)
         if not self.is_derived:  # with rates or accelerations of their own, the noise of q is in no other term

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...errors import InputError, UnknownNameError
 from ...names import listed, nearest_or_all, show
@@ -15,13 +14,12 @@ from ...robot.coordinates import MOTIONS
 from ...shown import Shown
 from ...tabular import Rows as TableRows
 from ...tabular import TableColumn, Tabular
+from ..arrays import Array, Places
 from .allocation import Allocation, allocated
 from .contributions import Exact
 from .correlations import groups_of, plain_correlations, root_of
 from .regions import ellipsoids
 from .table import Tolerance
-
-Array = NDArray[np.float64]
 
 PARTS = ("position", "orientation")
 _MOST_DRAWN = 10_000_000
@@ -116,7 +114,7 @@ class ToleranceResult(Shown, Tabular, Saved):
         return float(self.shares[part][self.names.index(name)])
 
     @property
-    def by_share(self) -> NDArray[np.intp]:
+    def by_share(self) -> Places:
         """Indices of the quantities, (K,), the greatest share first, of position or orientation, whatever its sign."""
         largest = np.maximum(*(np.abs(self.shares[part]) for part in PARTS))
         return np.argsort(-largest, kind="stable")
