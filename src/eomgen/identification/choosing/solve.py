@@ -30,7 +30,7 @@ from ..geometry.stations import Chain, chain_of
 from .continuous import CLOSE, bound_of
 from .exchange import chosen_by
 from .information import CRITERIA, DETERMINANT, Information, criterion_of, inverse
-from .proposals import DISTANCE, MEASURES, POSE, WIDTHS, joined, proposed, rows_kept
+from .proposals import DISTANCE, MEASURES, POSE, WIDTHS, joined, proposed
 from .result import PosesResult
 from .sampling import Where, boxes_from, ranges_of, sampled, where_from
 
@@ -280,7 +280,7 @@ def _refuse_too_few(offer: _Offer, count: int, numbers: int) -> None:
 def _shown(task: Task, offer: _Offer, chosen: Places) -> Identifiable:
     """Ranks, merged quantities and weak directions of the chosen poses with those before."""
     kept = np.concatenate([np.arange(offer.first), offer.first + chosen])
-    problem, x = problem_of(task, rows_kept(offer.poses, kept), careful=False)
+    problem, x = problem_of(task, offer.poses.part(kept), careful=False)
     none = np.zeros(problem.seen.group.size)
     covariance = np.zeros((len(x), len(x)))
     return identifiable(problem, Fit(x, problem.seen.sigma, none + 1.0, none, covariance, 0.0, 0.0, 0.0, none))

@@ -20,7 +20,7 @@ from ...robot.cuts import rigid_parts
 from ...robot.value import COORDINATES, Robot
 from ..arrays import Array, Places
 from .closing import Closing
-from .poses import MeasuredPoses
+from .poses import MeasuredPoses, rows_at
 from .stations import Chain, Located, Station, forces_on, jacobian, located
 
 BASE, FRAMES, JOINTS, LOOPS = "base", "frames", "joints", "loops"
@@ -78,13 +78,7 @@ class Rows:
 
     def part(self, chosen: Places) -> Rows:
         """The same of some of the rows."""
-        return Rows(
-            self.readings[chosen],
-            self.series[chosen],
-            {k: load[chosen] for k, load in self.loads.items()},
-            self.direction[chosen],
-            None if self.temperature is None else self.temperature[chosen],
-        )
+        return rows_at(self, chosen)
 
 
 @dataclass(frozen=True)
