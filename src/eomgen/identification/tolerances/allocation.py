@@ -16,6 +16,7 @@ import numpy as np
 from ...errors import InputError
 from ...limits import LARGEST, is_usable
 from ...names import listed, show
+from ...results.contents import plain_fields
 from ...shown import Shown
 from ..arrays import Array, Mask
 from .regions import radii
@@ -60,19 +61,7 @@ class Allocation(Shown):
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values, for JSON."""
-        return {
-            "accuracy": self.accuracy,
-            "confidence": self.confidence,
-            "names": list(self.names),
-            "units": list(self.units),
-            "before": self.before.tolist(),
-            "after": self.after.tolist(),
-            "factors": self.factors.tolist(),
-            "tightened": list(self.tightened),
-            "radius_before": self.radius_before,
-            "radius": self.radius,
-            "cost": self.cost,
-        }
+        return {**plain_fields(self), "tightened": list(self.tightened)}
 
     def lines(self) -> list[str]:
         """A table of what is tightened."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from ...errors import InputError, UnknownNameError
 from ...names import listed, nearest_or_all, show
+from ...results.contents import plain_fields
 from ...results.kinds import Saved
 from ...robot.coordinates import MOTIONS
 from ...shown import Shown
@@ -188,30 +189,12 @@ class ToleranceResult(Shown, Tabular, Saved):
     def as_dict(self) -> dict[str, Any]:
         """Plain values, for JSON."""
         return {
-            "robot": self.robot,
-            "frame": self.frame,
-            "coordinates": list(self.coordinates),
-            "q": self.q.tolist(),
-            "t": None if self.t is None else self.t.tolist(),
-            "names": list(self.names),
-            "units": list(self.units),
+            **plain_fields(self, "correlation", "sensitivities", "exact", "tolerances"),
             "described": [float(value) if np.isfinite(value) else None for value in self.described],
-            "deviations": self.deviations.tolist(),
-            "bounds": self.bounds.tolist(),
             "correlations": plain_correlations(self.names, self.correlation),
             "components": list(MOTIONS),
             "standard_deviations": self.standard_deviations.tolist(),
-            "covariance": self.covariance.tolist(),
-            "confidence": self.confidence,
-            "radius": {part: values.tolist() for part, values in self.radius.items()},
-            "direction": {part: values.tolist() for part, values in self.direction.items()},
-            "worst": self.worst.tolist(),
-            "farthest": {part: values.tolist() for part, values in self.farthest.items()},
-            "worst_pose": self.worst_pose,
-            "exact_worst": self.exact_worst,
             "shares": {part: dict(zip(self.names, x.tolist(), strict=True)) for part, x in self.shares.items()},
-            "nonlinearity": self.nonlinearity,
-            "notes": list(self.notes),
         }
 
     def lines(self) -> list[str]:
