@@ -225,7 +225,7 @@ _PARTS = ("required", "drive", "spring", "damper", "line", "closing")
 
 
 def _rebuild(file: Contents) -> dict[str, Array]:
-    """What stands in a file as ``columns``, of coordinates, springs, joints and loops."""
+    """Arrays of coordinates, springs, joints and loops that stand in a file as ``columns``."""
     names = {key: file.value(tuple[str, ...], key) for key in ("coordinates", "springs", "joints", "loops")}
     rows = len(file.array("t", _COLUMN))
 
