@@ -268,6 +268,9 @@ def test_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "support reaction" in capsys.readouterr().out
     with np.load(tmp_path / "f.npz") as data:
         assert np.array_equal(data["elbow.gamma.drive"], drive)
+    kept = eomgen.load_result(tmp_path / "f.npz")
+    assert kept.as_dict() == facts
+    assert np.array_equal(kept.supports["elbow"][:, 0], [float(row["elbow.reaction.fx"]) for row in rows])
     assert cli.main(["fit", str(robot), str(motion), "--json"]) == 0
     fitted = {entry["coordinate"]: entry for entry in json.loads(capsys.readouterr().out)["fitted"]}
     assert fitted["elbow.gamma"]["stiffness"]["value"] == pytest.approx(20.0, rel=1e-3)

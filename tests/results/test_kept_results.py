@@ -27,6 +27,7 @@ READ: Mapping[str, Callable[[Path], Any]] = {
     "compliance_map.npz": eomgen.load_result,
     "excitation.npz": identification.load_excitation,
     "fit.json": identification.load_fit,
+    "forces.npz": eomgen.load_result,
     "identification.npz": identification.load_identification,
     "poses.json": identification.load_poses,
     "simulation.npz": eomgen.simulation.load_result,

@@ -21,17 +21,20 @@ from eomgen.identification import (
     ExciteResult,
     FitResult,
     FittedCoordinate,
+    ForcesResult,
     Further,
     IdentifyResult,
     Residuals,
     accuracy,
     calibrate,
+    forces,
     poses,
     tolerance,
 )
 from eomgen.identification.compensating.result import HeldBack, Variant
 from eomgen.identification.exciting.fourier import FourierSeries
 from eomgen.identification.exciting.result import Compared
+from eomgen.motion.files import motion_from_columns
 from eomgen.results.kinds import KINDS, read
 from eomgen.scenario.load import scenario_from_toml
 from tests.support.extreme_numbers import ODD, accuracy_columns, written
@@ -133,6 +136,12 @@ def _excitation(_: Path) -> ExciteResult:
     )
 
 
+def _forces(_: Path) -> ForcesResult:
+    t = np.linspace(0.0, 1.0, 30)
+    columns = {"t": t, "joint1.gamma": np.sin(t), "joint1.x": 1e-3 * np.cos(t)}
+    return forces("one_link", motion_from_columns(columns, ("joint1.x", "joint1.gamma")))
+
+
 def _fit(_: Path) -> FitResult:
     found = Estimate(1100.0, 20.0, 1060.0, 1140.0, 1000.0, 0.02, 0.013)
     return FitResult("arm", 0.95, (FittedCoordinate("gear.gamma", found, None, 1e-6),), ("a warning",), ("a note",))
@@ -201,6 +210,7 @@ RESULTS: Mapping[str, Callable[[Path], Any]] = {
     "compliance_map": _compliance_map,
     "excitation": _excitation,
     "fit": _fit,
+    "forces": _forces,
     "identification": _identification,
     "poses": lambda _: poses(
         chain(4, "RR"), count=8, candidates=20, ranges={"joint1.gamma": (-2.0, 2.0), "joint2.gamma": (-2.0, 2.0)}

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..names import listed
@@ -14,9 +13,7 @@ from ..robot.model import Model
 from ..runtime.kernel import Kernel
 from ..state.springs import stiffnesses
 from ..state.vectors import prescribed_mask
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from .arrays import Array, Mask
 
 STRIDE = 16  # samples between those that are closed one after the other; the others are closed at once, from them
 

@@ -18,14 +18,12 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..names import joint_of, kind_of, split_component
 from ..robot.model import build_model
 from ..robot.value import MOTOR, Coordinate, Friction, Joint, Link, Motor, Robot
+from .arrays import Array
 from .identifiable import BaseParameters
-
-Array = NDArray[np.float64]
 
 INERTIAL = ("m", "mx", "my", "mz", "ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 THINNEST = 1e-4  # of the greatest number of its kind: what the drawing has at least of each

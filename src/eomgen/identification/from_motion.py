@@ -11,10 +11,9 @@ import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..description import RobotLike, as_robot
 from ..errors import InputError
@@ -26,6 +25,9 @@ from ..names import component_name
 from ..pipeline.closing import mechanism_kernels
 from ..pipeline.stages import build
 from ..progress import StageReport
+from ..results.contents import Contents
+from ..results.kinds import Kind, Saved, declare, write
+from ..results.stored import Stored
 from ..robot.coordinates import FORCES, force_unit_of, index_of, unit_of
 from ..robot.model import build_model
 from ..robot.parameter_names import JOINTS
@@ -37,16 +39,16 @@ from ..state.motors import deflections
 from ..state.springs import coordinate_numbers
 from ..state.turning import quaternion_columns
 from ..tabular import Rows, TableColumn, Tabular
+from .arrays import Array
 from .closing import closed_motion
 from .rotating import rotation_derivatives
 from .stiffness.result import KEYS
 
-Array = NDArray[np.float64]
 WINDOW, DEGREE = 11, 4
 
 
 @dataclass(frozen=True, kw_only=True)
-class ForcesResult(Shown, Tabular):
+class ForcesResult(Shown, Tabular, Saved):
     """Forces of a measured motion.
 
     In every coordinate required = drive + spring + damper + line + closing: what accelerates the links against gravity,
@@ -74,25 +76,25 @@ class ForcesResult(Shown, Tabular):
     """
 
     robot: str
-    t: Array
+    t: Annotated[Array, Stored(("T",), "s")]
     coordinates: tuple[str, ...]
     joints: tuple[str, ...]
     measured: tuple[str, ...]
-    q: Array
-    v: Array
-    a: Array
-    required: Array
-    drive: Array
-    spring: Array
-    damper: Array
-    line: Array
-    closing: Array
+    q: Annotated[Array, Stored(("T", "n"), "m, rad")]
+    v: Annotated[Array, Stored(("T", "n"), "m/s, rad/s")]
+    a: Annotated[Array, Stored(("T", "n"), "m/s^2, rad/s^2")]
+    required: Annotated[Array, Stored(("T", "n"), "N, N m")]
+    drive: Annotated[Array, Stored(("T", "n"), "N, N m")]
+    spring: Annotated[Array, Stored(("T", "n"), "N, N m")]
+    damper: Annotated[Array, Stored(("T", "n"), "N, N m")]
+    line: Annotated[Array, Stored(("T", "n"), "N, N m")]
+    closing: Annotated[Array, Stored(("T", "n"), "N, N m")]
     springs: tuple[str, ...]
-    lengths: Array
-    tensions: Array
-    reactions: Array
+    lengths: Annotated[Array, Stored(("T", "s"), "m")]
+    tensions: Annotated[Array, Stored(("T", "s"), "N")]
+    reactions: Annotated[Array, Stored(("T", "j", 6), "N, N m")]
     loops: tuple[str, ...]
-    loop_reactions: Array
+    loop_reactions: Annotated[Array, Stored(("T", "l", 6), "N, N m")]
     is_closed: bool
     notes: tuple[str, ...]
 
@@ -199,13 +201,14 @@ class ForcesResult(Shown, Tabular):
     def save(self, path: Path | str) -> Path:
         """Write ``columns`` as .csv (numbers round-trip) or .npz, and return the path.
 
+        An .npz has the motion and the names, too, so that ``eomgen.load_result`` reads it.
+
         Raises:
             InputError: another ending, or the file cannot be written.
         """
         target, columns = check_ending(path, ".csv", ".npz"), self.columns()
         if target.suffix == ".npz":
-            arrays: dict[str, Any] = dict(columns)
-            return write_atomically(target, lambda stream: np.savez_compressed(stream, **arrays))
+            return write(self, target)
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(columns)
@@ -215,6 +218,52 @@ class ForcesResult(Shown, Tabular):
     def _peak(self, values: Array) -> dict[str, float]:
         place = int(np.abs(values).argmax())
         return {"value": float(values[place]), "at": float(self.t[place])}
+
+
+_COLUMN = Stored(("T",), "N, N m")
+_PARTS = ("required", "drive", "spring", "damper", "line", "closing")
+
+
+def _rebuild(file: Contents) -> dict[str, Array]:
+    """Arrays of coordinates, springs, joints and loops that stand in a file as ``columns``."""
+    names = {key: file.value(tuple[str, ...], key) for key in ("coordinates", "springs", "joints", "loops")}
+    rows = len(file.array("t", _COLUMN))
+
+    def stacked(owners: Sequence[str], part: str) -> Array:
+        columns = [file.array(f"{name}.{part}", _COLUMN) for name in owners]
+        return np.stack(columns, axis=-1) if columns else np.zeros((rows, 0))
+
+    def wrenches(owners: Sequence[str]) -> Array:
+        axes = [stacked(owners, f"reaction.{axis}") for axis in FORCES]
+        return np.stack(axes, axis=-1)
+
+    has = {"line": bool(names["springs"]), "closing": file.value(bool, "is_closed")}  # else they are 0, and not there
+    nothing = np.zeros((rows, len(names["coordinates"])))
+    return {
+        **{part: stacked(names["coordinates"], part) if has.get(part, True) else nothing for part in _PARTS},
+        "lengths": stacked(names["springs"], "length"),
+        "tensions": stacked(names["springs"], "tension"),
+        "reactions": wrenches(names["joints"]),
+        "loop_reactions": wrenches(names["loops"]),
+    }
+
+
+def _sizes(found: ForcesResult) -> dict[str, int]:
+    names = {"n": found.coordinates, "s": found.springs, "j": found.joints, "l": found.loops}
+    return {"T": len(found.t), **{letter: len(of) for letter, of in names.items()}}
+
+
+KIND = declare(
+    Kind(
+        "forces",
+        ForcesResult,
+        what="forces of a motion",
+        rebuilt=(*_PARTS, "lengths", "tensions", "reactions", "loop_reactions"),
+        record=ForcesResult.columns,
+        rebuild=_rebuild,
+        sizes=_sizes,
+    )
+)
 
 
 @answers_in_numbers("motion")

@@ -20,9 +20,8 @@ from ..pipeline.stages import build
 from ..results.contents import Contents
 from ..runtime.kernel import Kernel
 from ..shown import Shown
+from .arrays import Array, Mask, Places
 from .relations import Relations, refuse_followers, relations_of, tree_relations
-
-Array = NDArray[np.float64]
 
 TERMS = ("links", "rotors", "viscous", "dry", "offset")
 LINKS, ROTORS, FRICTION, TRANSMISSIONS = TERMS[0], TERMS[1], TERMS[2:], "transmissions"
@@ -56,7 +55,7 @@ class BaseParameters(Shown):
     robot: str
     terms: tuple[str, ...]
     parameters: tuple[str, ...]
-    chosen: NDArray[np.intp]
+    chosen: Places
     matrix: Array
     names: tuple[str, ...]
     without_effect: tuple[str, ...]
@@ -94,7 +93,7 @@ class BaseParameters(Shown):
         return {name: getattr(self, name) for name in _TEXTS}
 
     @staticmethod
-    def from_texts(table: Contents, chosen: NDArray[np.intp], matrix: Array) -> BaseParameters:
+    def from_texts(table: Contents, chosen: Places, matrix: Array) -> BaseParameters:
         """Return base parameters from a file's table of texts, and numbers as of the attributes.
 
         Raises:
@@ -171,8 +170,8 @@ def base_parameters(
 def combinations(
     kernel: Kernel,
     terms: Sequence[str],
-    moving: NDArray[np.bool_],
-    known: NDArray[np.bool_],
+    moving: Mask,
+    known: Mask,
     relations: Relations,
     *,
     static: bool = False,
@@ -208,7 +207,7 @@ def with_formulas(
     robot: str,
     terms: Sequence[str],
     names: tuple[str, ...],
-    chosen: NDArray[np.intp],
+    chosen: Places,
     matrix: Array,
     relations: Relations | None,
 ) -> BaseParameters:
@@ -238,7 +237,7 @@ def parameter_names(kernel: Kernel, terms: Collection[str], relations: Relations
     return tuple(found)
 
 
-def inertial_places(kernel: Kernel, terms: Collection[str], relations: Relations | None) -> NDArray[np.intp]:
+def inertial_places(kernel: Kernel, terms: Collection[str], relations: Relations | None) -> Places:
     """Places of the kernel's columns that are sought: of links that are not known, and of armatures."""
     names, links = kernel.regressor_names, 10 * len(kernel.joints)
     known = relations.known if relations else frozenset()
@@ -300,7 +299,7 @@ def _check_terms(terms: Collection[str]) -> None:
         raise InputError(f"terms: none are given; allowed: one or more of {', '.join(LINEAR)}")
 
 
-def regrouped(W: Array) -> tuple[NDArray[np.intp], Array]:
+def regrouped(W: Array) -> tuple[Places, Array]:
     """Columns that depend on no columns before them, and what the others are of these.
 
     Args:

@@ -11,7 +11,6 @@ from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..motion.files import MeasuredMotion
@@ -19,8 +18,7 @@ from ..names import joint_of, listed, nearest, show
 from ..robot.model import Model, build_model
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
-
-Array = NDArray[np.float64]
+from .arrays import Array, Mask
 
 OFF = 0.05  # of the rms of a coordinate: by so much measured ones contradict a coupling
 
@@ -71,7 +69,7 @@ class Relations:
         """Columns of the free coordinates' rows, (..., f, p), from (..., n, p)."""
         return np.asarray(self.onto.T @ Y) if self.is_coupled or self.sums is not None else Y
 
-    def rows_of(self, marked: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    def rows_of(self, marked: Mask) -> Mask:
         """Rows that a marked coordinate acts in, (..., f), from (..., n)."""
         return np.asarray((marked.astype(np.float64) @ (self.onto != 0.0)) > 0.0)
 

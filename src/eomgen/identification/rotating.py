@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..motion.smoothing import local_polynomials
 from ..runtime.turning import angle_rates, body_rates
 from ..state.turning import angle_accelerations, nearest_angles, quaternions
-
-Array = NDArray[np.float64]
+from .arrays import Array
 
 
 def rotation_derivatives(

@@ -87,7 +87,7 @@ class Kind(Generic[Result]):
     @cached_property
     def arrays(self) -> dict[str, Stored]:
         """How files hold the fields that are arrays, by name."""
-        return {name: item for name, item in self.stored.items() if _is_array(self.types[name], item)}
+        return {name: self.stored[name] for name, kind in self.types.items() if _is_array(kind, self.stored.get(name))}
 
     @cached_property
     def stored(self) -> dict[str, Stored]:
@@ -100,8 +100,9 @@ class Kind(Generic[Result]):
         return {name: kind for name, kind in field_types(self.result).items() if name not in self.rebuilt}
 
 
-def _is_array(kind: Any, stored: Stored) -> bool:
-    return stored.of is str or getattr(getattr(kind, "__origin__", None), "__name__", "") == "ndarray"
+def _is_array(kind: Any, stored: Stored | None) -> bool:
+    is_array = getattr(getattr(kind, "__origin__", None), "__name__", "") == "ndarray"
+    return stored is not None and (is_array or stored.of is str)
 
 
 def declare(kind: Kind[Result]) -> Kind[Result]:
@@ -223,9 +224,9 @@ def fields_of(kind: Kind[Any], contents: Contents) -> dict[str, Any]:
 def _check_arrays(kind: Kind[Any], found: Any, path: str) -> None:
     """Refuse arrays of other shapes than are declared, and numbers in them that are not allowed."""
     sizes = dict(kind.sizes(found))
-    for name, stored in kind.arrays.items():
+    for name, stored in kind.stored.items():
         array = getattr(found, name)
-        if stored.of is not str and array is not stored.otherwise:
+        if isinstance(array, np.ndarray) and array is not stored.otherwise:
             stored.check(array, sizes, f"{path}: array {name}")
 
 

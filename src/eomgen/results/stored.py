@@ -79,7 +79,8 @@ class Stored:
         if self.unknown:
             good |= ~np.isfinite(array)
         if array.shape != wanted or not good.all():
-            raise InputError(f"{where} has shape {array.shape}; allowed: {wanted}, finite numbers")
+            unit = f" in {self.unit}" if self.unit else ""
+            raise InputError(f"{where} has shape {array.shape}; allowed: {wanted}, finite numbers{unit}")
 
 
 def stored_fields(result: type) -> dict[str, Stored]:

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...description.builtin import BUILTIN, builtin_robots
 from ...description.load import robot_from_toml
@@ -23,8 +22,6 @@ from ...robot.value import COORDINATES, Joint, Robot
 from ..geometry.error_model import BASE, FRAMES, JOINTS, LOOPS, SECOND, TILT
 from ..geometry.stations import Chain, matrix_of
 from .calibrated import OF_LINK, calibrated_robot, offset_of, placement_of, placements, second_of, stiffness_of, tilt_of
-
-Array = NDArray[np.float64]
 
 _CLOSE = 1e-12  # by how much what was written may be off when it is read again
 HEAD = (

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...description.xml_text import parse_xml
 from ...errors import InputError
@@ -17,6 +16,7 @@ from ...motion.turns import rpy_of
 from ...names import unique_identifiers
 from ...robot.bounds import Limits
 from ...robot.value import PRINCIPAL, Joint, Robot
+from ..arrays import Array
 from ..geometry.rotations import pose_from
 from ..geometry.stations import matrix_of
 from .as_toml import HEAD, Found
@@ -25,7 +25,6 @@ from .calibrated import OF_LINK, calibrated_robot, placements
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
 
-Array = NDArray[np.float64]
 
 _FAR = 1e3  # m or rad, of the end of a range that the description leaves open
 _NONE = 1e6  # effort and velocity, which other readers need, where the description has none

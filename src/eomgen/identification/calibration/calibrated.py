@@ -6,16 +6,14 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...motion.turns import rpy_of
 from ...names import component_name, parameter_name
 from ...robot.value import COORDINATES, MOTOR, Frame, Joint, Loop, Placement, Robot
+from ..arrays import Array
 from ..geometry.error_model import FRAMES, JOINTS, LOOPS, SECOND, TILT
 from ..geometry.rotations import pose_from
 from ..geometry.stations import Chain, matrix_of
-
-Array = NDArray[np.float64]
 
 OF_LINK = "_calibrated"  # behind the name of a link whose frame was measured: its placement is a frame of its own
 

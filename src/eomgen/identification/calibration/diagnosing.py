@@ -10,17 +10,15 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...optional import optional_import
+from ..arrays import Array
 from ..geometry.error_model import PLACEMENT, drive_terms
 from ..geometry.observations import at_rows
 from ..geometry.poses import MeasuredPoses
 from ..geometry.solve import HIDDEN, Fit, Problem, fitted, whitened
 from .drives import best_group, extended
 from .serial import Serial, serial_of
-
-Array = NDArray[np.float64]
 
 CHANCE = 1e-3  # that a row is called off, or a pattern is named, where there is nothing
 DRIFT = "drift"

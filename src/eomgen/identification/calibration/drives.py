@@ -7,15 +7,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...optional import optional_import
 from ...progress import StageReport
+from ..arrays import Array
 from ..geometry.error_model import Quantity, drive_terms
 from ..geometry.observations import at_rows
 from ..geometry.solve import Fit, Problem, fitted, whitened
-
-Array = NDArray[np.float64]
 
 CHANCE = 1e-3  # that any term is taken up where there is none
 _MOST = 16  # terms that are taken up

@@ -6,15 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...errors import InputError
+from ..arrays import Array
 from ..geometry.error_model import COMPLIANCE, PLACEMENT, ErrorModel, Quantity, Rows
 from ..geometry.observations import ORIENTATION, Block, Observations, at_rows
 from ..geometry.solve import Fit, Problem, algebraic_rank, normed_triangle, whitened
 from ..geometry.stations import Chain, located
-
-Array = NDArray[np.float64]
 
 GENERIC = 80  # random rows that show what a kind of measurement can show at all
 _DEPENDENT = 1e-8  # of a normed column: what is left of it beside those before it

@@ -11,17 +11,16 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...names import kind_of
+from ..arrays import Array
 from ..geometry.observations import ORIENTATION, POSITION, at_rows
 from ..geometry.poses import Measured, MeasuredPoses
 from ..geometry.rotations import FOUR, READINGS
 from ..geometry.solve import Problem
 from .variants import roughly_placed
 
-Array = NDArray[np.float64]
 Change = Callable[[MeasuredPoses], MeasuredPoses]
 
 LENGTHS, ANGLES, AXES, ORIENTATIONS, JOINTS, ROWS = "lengths", "angles", "axes", "orientations", "joints", "rows"

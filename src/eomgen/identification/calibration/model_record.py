@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...description.recorded import robot_from_record
 from ...errors import InputError
@@ -16,11 +15,10 @@ from ...results.contents import Contents
 from ...robot.model import build_model
 from ...robot.record import record_of
 from ...robot.value import COORDINATES
+from ..arrays import Array
 from ..geometry.closing import closing_of
 from ..geometry.error_model import COMPLIANCE, DRIVE, OFFSET, PLACEMENT, ZERO, ErrorModel, Quantity
 from ..geometry.stations import chain_of
-
-Array = NDArray[np.float64]
 
 _KINDS = (PLACEMENT, ZERO, OFFSET, COMPLIANCE, DRIVE)
 _NUMBER = re.compile(r"-?[0-9]{1,18}")

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...errors import ArrayError, InputError
 from ...robot.model import build_model
 from ...robot.value import COORDINATES
+from ..arrays import Array
 from ..geometry.closing import CLOSED, closed_readings
 from ..geometry.error_model import ErrorModel, State
-
-Array = NDArray[np.float64]
 
 
 def readings_from(model: ErrorModel, q: Array) -> Array:

@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...errors import InputError, UnknownNameError
 from ...motion.measured_numbers import ALLOWED_DIVISOR, is_divisor
 from ...names import kind_of, listed, nearest_or_all, show, split_component
 from ...optional import optional_import
-from ...results.contents import Contents
+from ...results.contents import Contents, plain_fields
 from ...results.kinds import Kind, Saved, declare, read
 from ...results.stored import Stored
 from ...robot.coordinates import UNITS
@@ -22,6 +22,7 @@ from ...robot.value import Robot
 from ...shown import Shown
 from ...tabular import Rows as TableRows
 from ...tabular import TableColumn, Tabular
+from ..arrays import Array
 from ..geometry.error_model import ErrorModel, Rows
 from ..geometry.observations import ENCODER, ORIENTATION, POSITION
 from .as_toml import Found, write_toml
@@ -32,7 +33,6 @@ from .model_record import model_from_record, record_of_model
 from .predicting import readings_from, refuse_open
 from .variants import NO_GAIN, VARIANTS, Gain, Gains
 
-Array = NDArray[np.float64]
 Residuals = Mapping[str, Mapping[str, Mapping[str, float]]]
 
 
@@ -234,31 +234,13 @@ class CalibrationResult(Shown, Tabular, Saved):
     def as_dict(self) -> dict[str, Any]:
         """Plain values, for JSON."""
         return {
-            "robot": self.robot,
-            "rows": self.rows,
-            "names": list(self.names),
-            "units": list(self.units),
-            "values": _plain(self.values),
-            "described": _plain(self.described),
-            "deviations": _plain(self.deviations),
-            "confidence": self.confidence,
-            "rank": self.rank,
-            "rank_above_noise": self.rank_above_noise,
-            "merged": dict(self.merged),
+            **plain_fields(self, "frames", "model", "x", "covariance", "source"),
+            **{name: _plain(getattr(self, name)) for name in ("values", "described", "deviations")},
             "weak": [{"direction": text, "deviation": value} for text, value in self.weak],
-            "residuals": {name: {k: dict(x) for k, x in parts.items()} for name, parts in self.residuals.items()},
-            "variant": self.variant,
-            "noise": dict(self.noise),
-            "is_noise_known": self.is_noise_known,
-            "freedoms": self.freedoms,
-            "chi2": self.chi2,
-            "prior": self.prior,
             "gain": None if self.gain is None else _gain_values(self.gain),
             "gains": {name: {kind: _gain_values(x) for kind, x in of.items()} for name, of in self.gains.items()},
             "mistrusted": [{"row": row, "weight": weight} for row, weight in self.mistrusted],
-            "notes": list(self.notes),
             "diagnosis": diagnosis_values(self.diagnosis),
-            "is_explained": self.is_explained,
         }
 
     def lines(self) -> list[str]:

@@ -13,10 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array, Places
 from ..geometry.observations import Observations
-
-Array = NDArray[np.float64]
-Places = NDArray[np.intp]
 
 _ERRORS = 3.0  # standard errors of a correlation that is none
 _LEAST = 0.05  # correlation that is not worth a word

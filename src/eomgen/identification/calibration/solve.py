@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...description import RobotLike, as_robot
 from ...errors import ArrayError, InputError, UnknownNameError
@@ -20,6 +20,7 @@ from ...optional import optional_import
 from ...progress import StageReport, no_report
 from ...robot.model import build_model
 from ...robot.value import COORDINATES, MOTOR, Robot
+from ..arrays import Array
 from ..geometry.closing import Closing, closed_readings, closing_of, held_by_loops
 from ..geometry.error_model import (
     COMPLIANCE,
@@ -48,8 +49,6 @@ from .serial import Serial
 from .traps import at_once, design_effect, odd_angles, refuse_impossible, suspicion_of
 from .variants import VARIANTS, Rms, Variants, folds_from, medians_of, only_fitted, residuals_of, variants_of
 
-Array = NDArray[np.float64]
-
 FOLDS = 10
 LACK = 1e-3  # probability of a reduced chi-square by chance, below which the fit lacks something
 TURN = 0.1  # rad: median of what is left of orientations that nothing explains
@@ -77,7 +76,7 @@ class Task:
 
 
 @answers_in_numbers("poses")
-def calibrate(
+def calibrate(  # noqa: PLR0913
     robot: RobotLike,
     poses: MeasuredPoses | Path | str,
     *,

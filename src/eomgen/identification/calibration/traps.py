@@ -5,23 +5,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...errors import InputError
+from ..arrays import Array, Places
 from ..geometry.error_model import Rows
 from ..geometry.observations import ORIENTATION, POSITION, Observations
 from ..geometry.poses import MeasuredPoses
 from ..geometry.solve import Fit
 from ..geometry.stations import Chain
-
-Array = NDArray[np.float64]
-Places = NDArray[np.intp]
+from ..odd_angles import odd_angles_of
 
 _ALIKE = 1e-3  # rad, or of the reach: poses that differ by less are all alike
 _COPIED = 1e-12  # relative
 _FAR = 5.0  # reaches: positions of one series spread no further
 _LEAST, _MOST = 0.05, 2.5  # reaches: positions that may be in metres spread that far
-_ROUND = 4.0 * np.pi  # rad: joints without limits turn no further
 _TOGETHER = 4.0  # standard deviations of a correlation that is none
 
 
@@ -91,25 +88,12 @@ def _refuse_alike(poses: MeasuredPoses, chain: Chain) -> None:
 
 def odd_angles(poses: MeasuredPoses, chain: Chain, rows: Rows) -> str:
     """A message where joints turn further than they can: degrees, or angles of motors; else ""."""
-    wrong, as_degrees = list[str](), True
-    for k, station in enumerate(chain.stations):
-        if station.principal is None or station.principal < 3 or station.joint is None:
-            continue
-        values = rows.readings[:, k, station.principal]
-        limits = station.joint.limits
-        low, high = limits if limits is not None and limits[0] < limits[1] else (-_ROUND, _ROUND)
-        room = 0.5 * max(high - low, 1.0)
-        if values.min() < low - room or values.max() > high + room:
-            wrong.append(
-                f"{station.name} goes from {values.min():.4g} to {values.max():.4g} rad,"
-                f" allowed: {low:.4g} to {high:.4g}"
-            )
-            degrees = np.deg2rad(values)
-            as_degrees &= bool(degrees.min() >= low - 0.1 * room and degrees.max() <= high + 0.1 * room)
-    if not wrong:
-        return ""
-    cause = "degrees for radians" if as_degrees else "motor angles for joint angles, or degrees for radians"
-    return f"{poses.source}: {wrong[0]}: {cause}? allowed: angles of joints in rad"
+    turning = [
+        (station.name, station.joint, rows.readings[:, k, station.principal])
+        for k, station in enumerate(chain.stations)
+        if station.joint is not None and station.principal is not None and station.principal >= 3
+    ]
+    return odd_angles_of(poses.source, turning)
 
 
 def correlation_within(seen: Observations, fit: Fit, groups: Places) -> tuple[float, float, float]:

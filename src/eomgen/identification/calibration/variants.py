@@ -6,18 +6,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...names import show
 from ...optional import optional_import
 from ...progress import StageReport
+from ..arrays import Array, Mask, Places
 from ..geometry.error_model import PLACEMENT, ZERO
 from ..geometry.observations import ORIENTATION, POSITION, at_rows
 from ..geometry.solve import ROUGH, Fit, Problem, fitted, refitted, roughly, whitened
 
-Array = NDArray[np.float64]
-Places = NDArray[np.intp]
 Rms = dict[str, float]
 Gains = Mapping[str, Mapping[str, "Gain"]]
 
@@ -151,7 +149,7 @@ def medians_of(problem: Problem, found: Variants, variant: str) -> Rms:
     return medians
 
 
-def fold_rows(units: Places, folds: int) -> list[NDArray[np.bool_]]:
+def fold_rows(units: Places, folds: int) -> list[Mask]:
     """Rows of every fold, (R,) each: parts of the units one behind the other, as even as possible."""
     many = int(units.max()) + 1
     count = min(folds, many)
@@ -189,7 +187,7 @@ def _large(problem: Problem, coordinate: int) -> float:
     return problem.model.chain.reach if coordinate < 3 else 1.0
 
 
-def _chosen_prior(problem: Problem, fit: Fit, folds: Sequence[NDArray[np.bool_]], kept: Places | None = None) -> float:
+def _chosen_prior(problem: Problem, fit: Fit, folds: Sequence[Mask], kept: Places | None = None) -> float:
     """Size of the prior that predicts held-out numbers best, by the problem linearised at a fit of all.
 
     kept: places of the numbers that count; others are not looked at.
@@ -218,7 +216,7 @@ def _chosen_prior(problem: Problem, fit: Fit, folds: Sequence[NDArray[np.bool_]]
     return float(PRIORS[int(errors.argmin())])
 
 
-def _held_out(problem: Problem, fit: Fit, full: Fit, folds: Sequence[NDArray[np.bool_]], is_prior: bool) -> Array:
+def _held_out(problem: Problem, fit: Fit, full: Fit, folds: Sequence[Mask], is_prior: bool) -> Array:
     """Differences of numbers, (M,), whose rows the fit has not seen; a prior is chosen anew from the others alone."""
     found = np.full(problem.seen.group.size, np.nan)
     for fold in folds:
@@ -234,7 +232,7 @@ def _held_out(problem: Problem, fit: Fit, full: Fit, folds: Sequence[NDArray[np.
     return found
 
 
-def _together(folds: Sequence[NDArray[np.bool_]], most: int) -> list[NDArray[np.bool_]]:
+def _together(folds: Sequence[Mask], most: int) -> list[Mask]:
     """The folds, neighbours put together where there are more than so many."""
     parts = np.array_split(np.arange(len(folds)), min(most, len(folds)))
     return [np.any([folds[k] for k in part], axis=0) for part in parts]
@@ -255,9 +253,7 @@ def _gains(problem: Problem, held: Mapping[str, Array], trust: Array, units: Pla
     return {name: gains for name, gains in found.items() if gains}
 
 
-def _gain(
-    before: Array, after: Array, trust: Array, unit: Places, inside: NDArray[np.bool_], confidence: float
-) -> Gain | None:
+def _gain(before: Array, after: Array, trust: Array, unit: Places, inside: Mask, confidence: float) -> Gain | None:
     """Ratio of the rms of two sets of held-out differences, (M,); its interval by the jackknife over units."""
     with optional_import("SciPy", "calibrate needs"):
         from scipy.special import stdtrit

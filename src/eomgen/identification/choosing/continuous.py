@@ -8,11 +8,9 @@ holds for every design of n poses, since f is concave; weights that grow with th
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array, Places
 from .information import Criterion, Information, inverse
-
-Array = NDArray[np.float64]
 
 CLOSE = 1e-3  # gap: of the p-th root of the determinant, or of the squared error
 _STEPS = 5000
@@ -44,7 +42,7 @@ def bound_of(information: Information, criterion: Criterion, count: int) -> tupl
     return best, gap
 
 
-def _revived(weights: Array, slopes: Array, many: int) -> tuple[Array, NDArray[np.intp]]:
+def _revived(weights: Array, slopes: Array, many: int) -> tuple[Array, Places]:
     """Weights without those that are next to nothing, and with a little for the candidate that would tell most."""
     usual = float(weights @ slopes)
     kept = np.where((weights > _GONE / many) | (slopes > usual), weights, 0.0)

@@ -5,12 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Places
 from .information import Criterion, Information, added, inverse, removed
-
-Array = NDArray[np.float64]
-Places = NDArray[np.intp]
 
 ENOUGH = 0.95  # of the bound
 _STARTS = 10  # of exchanges: few poses have many choices that no single exchange betters

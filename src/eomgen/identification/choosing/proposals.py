@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...names import listed, show
-from ..geometry.poses import Measured, MeasuredPoses
+from ..arrays import Array
+from ..geometry.poses import Measured, MeasuredPoses, blank_frame
 from ..geometry.stations import Chain, located
 from .sampling import Ranges
-
-Array = NDArray[np.float64]
 
 POSE, POSITION, DISTANCE = "pose", "position", "distance"
 MEASURES = (POSE, POSITION, DISTANCE)
@@ -28,21 +27,16 @@ def proposed(
     measure: one of MEASURES, of all frames of the chain.  noise: standard deviations of lengths (m) and turns (rad).
     """
     at = located(chain, ranges.readings(chain, q), np.tile(base, (len(q), 1, 1)))
-    blank = np.full(len(q), np.nan)
     lengths = dict.fromkeys(("x", "y", "z", "distance", "travel"), np.full(len(q), noise[0]))
     sigma = lengths | dict.fromkeys(("rx", "ry", "rz"), np.full(len(q), noise[1]))
-    frames = {
-        name: Measured(
-            frame=name,
-            position=np.full((len(q), 3), np.nan) if measure == DISTANCE else at.p[tool],
-            orientation=at.R[tool] if measure == POSE else np.full((len(q), 3, 3), np.nan),
-            distance=np.linalg.norm(at.p[tool], axis=1) if measure == DISTANCE else blank,
-            travel=blank,
-            wrench=np.zeros((len(q), 6)),
-            sigma=sigma,
-        )
-        for name, tool in chain.tools.items()
-    }
+    frames = {}
+    for name, tool in chain.tools.items():
+        seen: dict[str, Any] = {"position": at.p[tool]}
+        if measure == POSE:
+            seen["orientation"] = at.R[tool]
+        elif measure == DISTANCE:
+            seen = {"distance": np.linalg.norm(at.p[tool], axis=1)}
+        frames[name] = replace(blank_frame(name, len(q)), sigma=sigma, **seen)
     return MeasuredPoses(
         coordinates=ranges.names,
         q=q,
@@ -82,64 +76,14 @@ def joined(before: MeasuredPoses, more: MeasuredPoses, noise: tuple[float, float
 
 def _both(name: str, before: MeasuredPoses, more: MeasuredPoses, noise: tuple[float, float]) -> Measured:
     """A frame in both; blank where it was not measured, with usual noise where a file has none."""
-    parts = [_part(poses.frames, name, len(poses.q)) for poses in (before, more)]
-    keys = list(dict.fromkeys(key for part in parts for key in part.sigma))
-
-    def stacked(values: Sequence[Array]) -> Array:
-        return np.concatenate(list(values))
-
-    def deviations(part: Measured, key: str) -> Array:
-        usual = np.full(len(part.distance), noise[key in ("rx", "ry", "rz")])
-        return part.sigma.get(key, usual)
-
-    return Measured(
-        frame=name,
-        position=stacked([part.position for part in parts]),
-        orientation=stacked([part.orientation for part in parts]),
-        distance=stacked([part.distance for part in parts]),
-        travel=stacked([part.travel for part in parts]),
-        wrench=stacked([part.wrench for part in parts]),
-        sigma={key: stacked([deviations(part, key) for part in parts]) for key in keys},
-    )
-
-
-def _part(frames: Mapping[str, Measured], name: str, rows: int) -> Measured:
-    """Values that were measured of a frame, or blanks."""
-    if name in frames:
-        return frames[name]
-    blank = np.full(rows, np.nan)
-    return Measured(
-        frame=name,
-        position=np.full((rows, 3), np.nan),
-        orientation=np.full((rows, 3, 3), np.nan),
-        distance=blank,
-        travel=blank,
-        wrench=np.zeros((rows, 6)),
-        sigma={},
-    )
-
-
-def rows_kept(poses: MeasuredPoses, kept: NDArray[np.intp]) -> MeasuredPoses:
-    """The same of some of the rows."""
-    frames = {
-        name: Measured(
-            frame=name,
-            position=measured.position[kept],
-            orientation=measured.orientation[kept],
-            distance=measured.distance[kept],
-            travel=measured.travel[kept],
-            wrench=measured.wrench[kept],
-            sigma={key: values[kept] for key, values in measured.sigma.items()},
+    tables = [poses.frames.get(name) or blank_frame(name, len(poses.q)) for poses in (before, more)]
+    keys = dict.fromkeys(key for table in tables for key in table.sigma)
+    sigma = {
+        key: np.concatenate(
+            [x.sigma.get(key, np.full(len(x.distance), noise[key in ("rx", "ry", "rz")])) for x in tables]
         )
-        for name, measured in poses.frames.items()
+        for key in keys
     }
-    return MeasuredPoses(
-        coordinates=poses.coordinates,
-        q=poses.q[kept],
-        frames=frames,
-        series=poses.series[kept],
-        body=None,
-        weight=poses.weight[kept],
-        temperature=None,
-        source=poses.source,
-    )
+    parts = ("position", "orientation", "distance", "travel", "wrench")
+    stacked = {part: np.concatenate([getattr(table, part) for table in tables]) for part in parts}
+    return Measured(frame=name, sigma=sigma, **stacked)

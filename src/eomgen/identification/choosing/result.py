@@ -10,22 +10,21 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...files import check_ending, write_atomically
 from ...names import component_name, show
+from ...results.contents import plain_fields
 from ...results.kinds import Kind, Saved, declare, read
 from ...results.stored import Stored
 from ...robot.coordinates import MOTIONS
 from ...shown import Shown
 from ...tabular import Rows as TableRows
 from ...tabular import TableColumn, Tabular
+from ..arrays import Array
 from ..calibration.identifiability import merged_rows
 from .information import DETERMINANT
 from .proposals import DISTANCE, POSE
-
-Array = NDArray[np.float64]
 
 _ABOUT = {
     DETERMINANT: "D (determinant of the information)",
@@ -118,25 +117,9 @@ class PosesResult(Shown, Tabular, Saved):
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values, for JSON."""
-        plain = {
-            key: getattr(self, key)
-            for key in (
-                *("robot", "measure", "series", "criterion", "efficiency", "gap", "value", "bound", "size", "rank"),
-                *("rank_above_noise", "error", "error_before", "measured", "candidates", "seed"),
-            )
-        }
         return {
-            **plain,
-            "coordinates": list(self.coordinates),
-            "q": self.q.tolist(),
-            "frames": list(self.frames),
-            "names": list(self.names),
-            "deviations": self.deviations.tolist(),
-            "units": list(self.units),
-            "merged": dict(self.merged),
+            **plain_fields(self),
             "weak": [{"direction": text, "deviation": value} for text, value in self.weak],
-            "noise": list(self.noise),
-            "notes": list(self.notes),
         }
 
     def lines(self) -> list[str]:

@@ -6,14 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...errors import ArrayError, InputError, UnknownNameError
 from ...names import component_name, nearest_or_all, show
 from ...robot.value import COORDINATES, Robot
+from ..arrays import Array, Mask
 from ..geometry.stations import Chain, Located, located
-
-Array = NDArray[np.float64]
 
 AXES = ("x", "y", "z", "-x", "-y", "-z")
 _DRAWN = 2000  # poses at once
@@ -58,9 +57,9 @@ class Where:
     angle: float | None = None
     axis: str = "z"
 
-    def kept(self, chain: Chain, at: Located) -> dict[str, NDArray[np.bool_]]:
+    def kept(self, chain: Chain, at: Located) -> dict[str, Mask]:
         """Which of N poses are inside, (N,), by the name of what limits them."""
-        found: dict[str, NDArray[np.bool_]] = {}
+        found: dict[str, Mask] = {}
         tools = list(chain.tools.values())
         p = at.p[tools]
         if self.boxes is not None:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...description import RobotLike, as_robot
 from ...errors import InputError, UnknownNameError
@@ -18,6 +18,7 @@ from ...motion.exceeding import excess_notes, excesses
 from ...names import nearest_or_all, show
 from ...progress import StageReport, no_report
 from ...robot.model import build_model, tool_of
+from ..arrays import Array, Places
 from ..calibration.identifiability import Identifiable, identifiable
 from ..calibration.result import CalibrationResult, load_calibration
 from ..calibration.solve import Task, links_of, problem_of, two_sizes
@@ -29,11 +30,9 @@ from ..geometry.stations import Chain, chain_of
 from .continuous import CLOSE, bound_of
 from .exchange import chosen_by
 from .information import CRITERIA, DETERMINANT, Information, criterion_of, inverse
-from .proposals import DISTANCE, MEASURES, POSE, WIDTHS, joined, proposed, rows_kept
+from .proposals import DISTANCE, MEASURES, POSE, WIDTHS, joined, proposed
 from .result import PosesResult
 from .sampling import Where, boxes_from, ranges_of, sampled, where_from
-
-Array = NDArray[np.float64]
 
 NOISE = (5e-5, 1e-4)  # m and rad: a good tracker
 CANDIDATES = 1000
@@ -55,7 +54,7 @@ class _Offer:
     first: int
 
 
-def poses(
+def poses(  # noqa: PLR0913
     robot: RobotLike,
     *,
     count: int = 30,
@@ -278,10 +277,10 @@ def _refuse_too_few(offer: _Offer, count: int, numbers: int) -> None:
         )
 
 
-def _shown(task: Task, offer: _Offer, chosen: NDArray[np.intp]) -> Identifiable:
+def _shown(task: Task, offer: _Offer, chosen: Places) -> Identifiable:
     """Ranks, merged quantities and weak directions of the chosen poses with those before."""
     kept = np.concatenate([np.arange(offer.first), offer.first + chosen])
-    problem, x = problem_of(task, rows_kept(offer.poses, kept), careful=False)
+    problem, x = problem_of(task, offer.poses.part(kept), careful=False)
     none = np.zeros(problem.seen.group.size)
     covariance = np.zeros((len(x), len(x)))
     return identifiable(problem, Fit(x, problem.seen.sigma, none + 1.0, none, covariance, 0.0, 0.0, 0.0, none))

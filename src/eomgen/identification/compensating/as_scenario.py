@@ -10,15 +10,13 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...files import check_ending, write_atomically
 from ...motion.splines import Spline
 from ...robot.coordinates import FORCES
 from ...robot.value import INERTIA_KEYS
 from ...scenario.value import Integrator, Payload, Scenario, Section, Wrench
-
-Array = NDArray[np.float64]
+from ..arrays import Array
 
 
 def write_program(result: Any, target: Path) -> list[Path]:

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...motion.splines import Spline
+from ..arrays import Array, Mask
 from .setting import Setting
-
-Array = NDArray[np.float64]
 
 KNEE = 0.8  # of the room to a limit, up to which a correction stays what it is
 HELD = 1e-3  # of the greatest correction: what is taken from it counts from there on
@@ -50,7 +48,7 @@ def _shares(setting: Setting, correction: Array) -> Array:
     return shares
 
 
-def held_back(wanted: Array, taken: Array) -> NDArray[np.bool_]:
+def held_back(wanted: Array, taken: Array) -> Mask:
     """Where limits took something from corrections, (T, m)."""
     size = HELD * np.maximum(np.abs(wanted).max(axis=0, initial=0.0), 1e-12)
     return np.asarray(np.abs(wanted - taken) > size)

@@ -11,18 +11,16 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...errors import IntegrationError
 from ...progress import Progress
 from ...simulation.controls import JointPD
 from ...simulation.result import SimulationResult
+from ..arrays import Array
 from .bounds import within_limits
 from .reach import Reach, in_tool_axes, tool_error
 from .setting import Setting, places_of
 from .splines import Basis, regular
-
-Array = NDArray[np.float64]
 
 INTERVALS, MOST_INTERVALS = 16, 256  # between knots, to begin with and at most
 SAMPLES = 2  # of the program, in an interval at least

@@ -6,11 +6,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..geometry.rotations import vectors_of
-
-Array = NDArray[np.float64]
 
 DAMPING = 1e-2  # of the greatest singular value: directions that need more of the drives are left where they are
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...errors import IntegrationError
 from ...motion.splines import Spline
@@ -16,11 +16,10 @@ from ...simulation.assembly import names_in_scenarios
 from ...simulation.initial import initial_state
 from ...simulation.loads import loaded_parameters
 from ...state.equilibrium import static_equilibrium
+from ..arrays import Array
 from .bounds import within_limits
 from .reach import Reach, in_tool_axes, tool_error
 from .setting import Setting, places_of
-
-Array = NDArray[np.float64]
 
 MOST_PLACES = 250  # of the path that are looked at; a spline leads from each to the next
 ROUNDS = 12

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...results.kinds import Kind, Saved, declare, read
@@ -17,9 +16,8 @@ from ...scenario.recorded import scenario_from_record
 from ...scenario.value import Scenario
 from ...shown import Shown
 from ...tabular import Rows, TableColumn, Tabular
+from ..arrays import Array
 from .as_scenario import write_program
-
-Array = NDArray[np.float64]
 
 AXES = ("x", "y", "z", "rx", "ry", "rz")  # of the tool: displacements along them and turns about them
 UNITS = ("m",) * 3 + ("rad",) * 3

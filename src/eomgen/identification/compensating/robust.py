@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...errors import InputError, IntegrationError
 from ...progress import Progress
+from ..arrays import Array
 from .reach import tool_error
 from .result import Variant, sizes
 from .setting import Setting
-
-Array = NDArray[np.float64]
 
 STIFFNESS = ".stiffness"  # at the end of a parameter's name
 

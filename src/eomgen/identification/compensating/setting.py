@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...motion.ends import principal_limits
 from ...motion.splines import Spline
@@ -20,8 +19,7 @@ from ...simulation.assembly import Assembly, with_kernel
 from ...simulation.controls import JointPD
 from ...simulation.result import SimulationResult
 from ...simulation.run import run_assembly
-
-Array = NDArray[np.float64]
+from ..arrays import Array, Mask, Places
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +45,7 @@ class Setting:
     assembly: Assembly
     t: Array
     original: Array
-    index: NDArray[np.intp]
+    index: Places
     limits: Array
     rates: Array
     weights: Array
@@ -59,7 +57,7 @@ class Setting:
         return self.before.program_pose
 
     @property
-    def movable(self) -> NDArray[np.bool_]:
+    def movable(self) -> Mask:
         """Which driven coordinates may be corrected, (m,).
 
         Those of free joints are only held by drives, and those without a gain do not follow their program.
@@ -137,7 +135,7 @@ def setting_of(
     )
 
 
-def places_of(kernel: Kernel, setting: Setting) -> tuple[NDArray[np.intp], Array]:
+def places_of(kernel: Kernel, setting: Setting) -> tuple[Places, Array]:
     """Coordinates that follow a program rigidly, k of them: driven ones and their motors.
 
     Returns:

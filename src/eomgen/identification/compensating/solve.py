@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...description import RobotLike, as_robot
 from ...errors import InputError
@@ -23,14 +22,13 @@ from ...scenario.value import Initial, Scenario, Section
 from ...simulation.assembly import BANDWIDTH, Assembly, assemble, names_in_scenarios
 from ...simulation.result import SimulationResult
 from ...state.motors import shafts
+from ..arrays import Array
 from .bounds import held_back, within_limits
 from .learning import error_of, learn, reach_along
 from .resting import at_rest
 from .result import AXES, CompensationResult, HeldBack, Variant, sizes
 from .robust import variants
 from .setting import Setting, setting_of
-
-Array = NDArray[np.float64]
 
 MODES = ("static", "dynamic")
 WEIGHTS = (1.0, 1.0, 1.0, 0.1, 0.1, 0.1)  # of the tool's axes: a turn of 1 rad counts as much as 0.1 m
@@ -39,7 +37,7 @@ HALVINGS = 6  # of the correction's size, where drives have limits
 BETWEEN = 1.5  # times the peak at the samples, from which on that between them is told
 
 
-def compensate(
+def compensate(  # noqa: PLR0913
     robot: RobotLike,
     scenario: Scenario | Path | str | None = None,
     *,

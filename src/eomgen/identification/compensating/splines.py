@@ -5,11 +5,9 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...optional import optional_import
-
-Array = NDArray[np.float64]
+from ..arrays import Array
 
 DEGREE = 5
 

@@ -11,14 +11,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...names import component_name
 from ...robot.coordinates import force_unit_of, unit_of
+from ..arrays import Array
 from ..identifiable import regrouped
 from .result import Further
-
-Array = NDArray[np.float64]
 
 STRIBECK, GAINS, DELAY = FURTHER = ("stribeck", "gains", "delay")
 FRACTIONS = (0.03, 0.06, 0.12, 0.25, 0.5, 1.0)  # of the rms of a rate, where Stribeck's rate is looked for first

@@ -8,19 +8,17 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...motion.files import MeasuredMotion
 from ...motion.smoothing import Differentiator, bell, filtered, noise_deviation
 from ...names import component_name
 from ...runtime.kernel import Kernel
+from ..arrays import Array, Mask, Places
 from ..estimating import FIRST, block_count, least_samples
 from ..identifiable import TRANSMISSIONS, BaseParameters, columns, inertial_places, regrouped, with_formulas
 from .further import FRACTIONS, GAINS, NEIGHBOURS, SHAPES, STRIBECK, Sought, State, told_apart
 from .result import Residuals
-
-Array = NDArray[np.float64]
 
 FIRSTS = (FIRST, 16, 32, 64, 128)  # half widths of the filter that differentiates
 NOISY = 0.1  # of the rms of an acceleration: noise that the next wider one is taken for
@@ -56,9 +54,9 @@ class Data:
         kernel: Kernel,
         motion: MeasuredMotion,
         base: BaseParameters,
-        known: NDArray[np.bool_],
+        known: Mask,
         step: float,
-        spoiled_samples: NDArray[np.bool_] | None = None,
+        spoiled_samples: Mask | None = None,
     ) -> None:
         assert base.relations is not None
         self.kernel, self.motion, self.base, self.known, self.step = kernel, motion, base, known, step
@@ -74,7 +72,7 @@ class Data:
         still = np.abs(self.v) <= np.maximum(RESTING * np.sqrt(np.mean(self.v**2, axis=0)), NOISES * noise)
         rubs = np.zeros(kernel.n, dtype=np.bool_)
         rubs[list(self.relations.rubbing)] = "dry" in base.terms
-        self.resting: NDArray[np.bool_] = self.relations.rows_of(still & rubs)[:, known]
+        self.resting: Mask = self.relations.rows_of(still & rubs)[:, known]
         bad = spoiled_samples
         if bad is not None and bad.any():
             window = np.ones(2 * self.half + 1)
@@ -103,7 +101,7 @@ class Data:
         own = found[:, self.known][..., self.base.chosen]
         return own if self.extra is None else np.concatenate([own, self.extra(at)], axis=-1)
 
-    def triangle(self, counting: NDArray[np.bool_], size: Array | float = 1.0) -> Array:
+    def triangle(self, counting: Mask, size: Array | float = 1.0) -> Array:
         """Give what QR leaves of all columns, (count, count): R of the rows that count, (T, r), over their size."""
         R = np.zeros((self.count, self.count))
         for at in self.pieces():
@@ -203,7 +201,7 @@ class Data:
         found = with_formulas(base.robot, base.terms, base.parameters, places, whole, base.relations)
         return found, [f"the motion shows {len(chosen)} of {len(base)} base parameters; others move it as these do"]
 
-    def kept(self, half: int) -> NDArray[np.bool_]:
+    def kept(self, half: int) -> Mask:
         """Rows without a standstill in the window of a filter, (T - 2 half, r)."""
         if not half:
             return ~self.resting
@@ -245,7 +243,7 @@ class Data:
             found[name] = Residuals(fitted, held_out, drive, int(solution.counts[row]))
         return found
 
-    def over_time(self, solution: Solution) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+    def over_time(self, solution: Solution) -> tuple[Array, Array, Array, Mask]:
         """Times, (T,), drives, what the solution makes of them behind its filter, and whether they count, (T, r)."""
         drives, fitted = self.total, self.predicted(solution)
         if solution.half:
@@ -441,7 +439,7 @@ class Solution:
     covariance: Array
     fitted: Array
     held_out: Array
-    counts: NDArray[np.intp]
+    counts: Places
     noise_share: Array
 
     @classmethod
@@ -491,7 +489,7 @@ def _noise_share(R: Array, noise: Array) -> Array:
     return found
 
 
-def _triangles(data: Data, half: int, kept: NDArray[np.bool_], blocks: int) -> tuple[Array, Array]:
+def _triangles(data: Data, half: int, kept: Mask, blocks: int) -> tuple[Array, Array]:
     """Give R of each block of time and row of forces, (blocks, r, b + 1, b + 1), columns and forces, behind a bell.
 
     Columns are over their rms at all times, (b,), which comes with them.

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...description.recorded import robot_from_record
 from ...errors import InputError
@@ -18,10 +17,9 @@ from ...robot.coordinates import force_unit_of
 from ...robot.record import record_of
 from ...robot.value import Robot
 from ...shown import Shown
+from ..arrays import Array, Mask
 from ..identifiable import BaseParameters
 from .as_toml import write_toml
-
-Array = NDArray[np.float64]
 
 OVERFITTED, NOTICED = 3.0, 0.1  # times a residual that was fitted; of the drive
 
@@ -87,9 +85,7 @@ class IdentifyResult(Shown, Saved):
     t: Annotated[Array, Stored(("T",), "s")] = field(default_factory=lambda: np.zeros(0))
     drives: Annotated[Array, Stored(("T", "r"), "N, N m")] = field(default_factory=lambda: np.zeros((0, 0)))
     fitted: Annotated[Array, Stored(("T", "r"), "N, N m")] = field(default_factory=lambda: np.zeros((0, 0)))
-    kept: Annotated[NDArray[np.bool_], Stored(("T", "r"), of=bool)] = field(
-        default_factory=lambda: np.zeros((0, 0), dtype=np.bool_)
-    )
+    kept: Annotated[Mask, Stored(("T", "r"), of=bool)] = field(default_factory=lambda: np.zeros((0, 0), dtype=np.bool_))
 
     @property
     def base_names(self) -> tuple[str, ...]:

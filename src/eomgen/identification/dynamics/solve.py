@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...description import RobotLike, as_robot
 from ...errors import InputError
@@ -29,6 +28,7 @@ from ...progress import StageReport
 from ...robot.model import build_model
 from ...robot.value import MOTOR, Friction, Robot
 from ...runtime.kernel import Kernel
+from ..arrays import Array, Mask
 from ..consistent import doubt, nearest_bodies, with_parameters
 from ..estimating import HALF_WIDTHS, even_step
 from ..identifiable import LINEAR, TERMS, TRANSMISSIONS, BaseParameters, combinations, parameter_names
@@ -38,8 +38,6 @@ from .regression import Data, Solution, best_of, shaped
 from .result import IdentifyResult
 from .traps import other_readings, refuse_impossible, spoiled, zeros_apart
 
-Array = NDArray[np.float64]
-
 ALL_TERMS = (*LINEAR, *FURTHER)
 APART = 0.05  # of a drive: residuals from which on zeros of joints are looked at
 HIDDEN = 0.5  # of the square of a column: noise that a parameter is not told behind
@@ -48,7 +46,7 @@ SPREAD = 0.5  # relative, of the description's numbers of single links
 
 
 @answers_in_numbers("motion")
-def identify(
+def identify(  # noqa: PLR0913
     robot: RobotLike,
     motion: MeasuredMotion | Path | str,
     *,
@@ -255,7 +253,7 @@ def _known_friction(friction: Friction | None, terms: Sequence[str]) -> Friction
     return Friction(viscous=viscous, smoothing=friction.smoothing) if viscous else None
 
 
-def _known(robot: Robot, motion: MeasuredMotion, relations: Relations) -> NDArray[np.bool_]:
+def _known(robot: Robot, motion: MeasuredMotion, relations: Relations) -> Mask:
     """Rows in which all forces are known, (f,): drives of the motion, and those of measured ones that have no drive."""
     model = build_model(robot)
     driven = {model.coordinates[i] for i in (*model.driven, *model.prescribed)}

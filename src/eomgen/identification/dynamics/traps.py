@@ -6,19 +6,17 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...motion.files import MeasuredMotion
 from ...motion.smoothing import Differentiator
 from ...names import component_name
 from ...robot.value import ANGULAR, PRINCIPAL, Robot
+from ..arrays import Array, Mask
 from ..estimating import FIRST
+from ..odd_angles import odd_angles_of
 from .regression import Data, Solution
 
-Array = NDArray[np.float64]
-
-_ROUND = 4.0 * np.pi  # rad: joints without limits turn no further
 _SLOW, _FAR_APART = 0.05, 0.1  # rate in rad/s or m/s that nothing exceeds, and s between samples: times are no seconds
 _MOVES = 1e-3  # of the fastest coordinate: slower ones may be noise
 _ROUND_OFF = 1e-12  # of a coordinate from one sample to the next
@@ -65,7 +63,7 @@ def refuse_impossible(robot: Robot, motion: MeasuredMotion, step: float) -> None
             )
 
 
-def spoiled(motion: MeasuredMotion) -> tuple[NDArray[np.bool_], list[str]]:
+def spoiled(motion: MeasuredMotion) -> tuple[Mask, list[str]]:
     """Find samples in which a drive stands at its greatest or least value, or beside which a coordinate jumps.
 
     Returns:
@@ -127,26 +125,15 @@ def zeros_apart(motion: MeasuredMotion, robot: Robot, left: Callable[[MeasuredMo
 
 def _refuse_angles(robot: Robot, motion: MeasuredMotion) -> None:
     """InputError where joints turn further than they can: degrees, or angles of motors."""
-    wrong, as_degrees = list[str](), True
     coupled = {name for coupling in robot.couplings for name in (coupling.of, *coupling.to)}
+    turning = []
     for joint in robot.joints:
         kind = PRINCIPAL.get(joint.type)
         name = component_name(joint.name, kind or "")
-        if kind not in ANGULAR or name not in motion.measured or (joint.limits is None and name in coupled):
-            continue
-        values = motion.q[:, motion.coordinates.index(name)]
-        limits = joint.limits
-        low, high = limits if limits is not None and limits[0] < limits[1] else (-_ROUND, _ROUND)
-        room = 0.5 * max(high - low, 1.0)
-        if values.min() < low - room or values.max() > high + room:
-            wrong.append(
-                f"{name} goes from {values.min():.4g} to {values.max():.4g} rad, allowed: {low:.4g} to {high:.4g}"
-            )
-            degrees = np.deg2rad(values)
-            as_degrees &= bool(degrees.min() >= low - 0.1 * room and degrees.max() <= high + 0.1 * room)
-    if wrong:
-        cause = "degrees for radians" if as_degrees else "motor angles for joint angles, or degrees for radians"
-        raise InputError(f"{motion.source}: {wrong[0]}: {cause}? allowed: angles of joints in rad")
+        if kind in ANGULAR and name in motion.measured and (joint.limits is not None or name not in coupled):
+            turning.append((name, joint, motion.q[:, motion.coordinates.index(name)]))
+    if message := odd_angles_of(motion.source, turning):
+        raise InputError(message)
 
 
 def _refuse_foreign(motion: MeasuredMotion, slopes: Array, given: Array, suffix: str) -> None:

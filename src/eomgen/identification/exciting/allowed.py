@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...errors import ArrayError, InputError, UnknownNameError
 from ...limits import LARGEST, SMALLEST, is_usable
@@ -16,8 +16,8 @@ from ...names import joint_of, listed, nearest_or_all, show
 from ...robot.coordinates import unit_of
 from ...robot.mechanism import leading_home
 from ...robot.value import Robot
+from ..arrays import Array
 
-Array = NDArray[np.float64]
 Amounts = float | Mapping[str, float]
 
 TRAVEL = {"rad": np.pi, "m": 0.5}  # on either side of home, where nothing is said

@@ -7,13 +7,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...robot.coordinates import force_unit_of, unit_of
 from ...runtime.kernel import Kernel
+from ..arrays import Array, Places
 from .allowed import Limits, Region
 
-Array = NDArray[np.float64]
 Course = tuple[Array, Array, Array]  # coordinates, rates and accelerations of all coordinates, (T, n) each
 
 RELAXED = 1e-4  # of a limit's width, or m: nearer than this to a limit, or beyond, the barrier is a parabola
@@ -48,7 +47,7 @@ class _Direct(Held):
     """Coordinates, rates or accelerations themselves; order: 0, 1 or 2."""
 
     order: int
-    index: NDArray[np.intp]
+    index: Places
 
     def values(self, course: Course) -> Array:
         return np.asarray(course[self.order][:, self.index])
@@ -64,7 +63,7 @@ class _Drives(Held):
     """Drives without dry friction, between limits that leave room for it, whichever way it acts."""
 
     kernel: Kernel
-    index: NDArray[np.intp]
+    index: Places
 
     def values(self, course: Course) -> Array:
         return np.asarray(self.kernel.inverse_dynamics(*course))[:, self.index]

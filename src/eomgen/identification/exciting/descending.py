@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from ..arrays import Array
+
 Function = Callable[[Array], tuple[float, Array]]  # its value and gradient
 
 DECREASE, CURVATURE = 1e-4, 0.9  # of Wolfe's conditions

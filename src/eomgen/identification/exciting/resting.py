@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...errors import InputError
+from ..arrays import Array, Places
 from .allowed import Limits
 from .constraints import Course, Held, barrier, widths
 from .descending import descended
-
-Array = NDArray[np.float64]
 
 POSES = 2000  # random ones that are looked at to begin with
 MIDDLE = 0.8  # of its range: where a coordinate is in half of them
@@ -21,7 +19,7 @@ LED = 10  # of these, the nearest ones
 STEPS = 100  # on the way, at most
 
 
-def standing(limits: Limits, held: Sequence[Held], n: int, index: NDArray[np.intp], rng: np.random.Generator) -> Array:
+def standing(limits: Limits, held: Sequence[Held], n: int, index: Places, rng: np.random.Generator) -> Array:
     """Poses in which a robot may stand, (P, m).
 
     Args:

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...files import check_ending, write_atomically
@@ -20,11 +19,10 @@ from ...results.contents import Contents
 from ...results.kinds import Kind, Saved, declare, read
 from ...results.stored import ALLOWED, Stored
 from ...shown import Shown
+from ..arrays import Array
 from ..identifiable import BaseParameters
 from .fourier import FourierSeries
 from .telling import CRITERIA
-
-Array = NDArray[np.float64]
 
 CONTROL = 20.0  # rad/s: bandwidth of computed torque in scenarios that are written
 

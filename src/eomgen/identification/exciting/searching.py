@@ -10,16 +10,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array, Places
 from .allowed import Limits
 from .constraints import Course, Held, barrier, beyond
 from .descending import descended
 from .fourier import FourierSeries, at_rest, waves
 from .resting import standing
 from .telling import Telling, information, smooth_criterion
-
-Array = NDArray[np.float64]
 
 SAMPLES = 24  # of a period of the highest harmonic, on which motions are optimised
 CHECKED = 200  # of it, between which limits are checked
@@ -49,7 +47,7 @@ class Search:
     harmonics: int
     held: tuple[Held, ...]
     n: int
-    index: NDArray[np.intp]
+    index: Places
 
     @cached_property
     def combined(self) -> Array:

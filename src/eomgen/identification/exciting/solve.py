@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...description import RobotLike, as_robot
 from ...errors import InputError
@@ -23,6 +23,7 @@ from ...robot.coordinates import force_unit_of
 from ...robot.model import build_model
 from ...robot.value import PRINCIPAL, Robot
 from ...runtime.kernel import Kernel
+from ..arrays import Array, Places
 from ..dynamics.solve import without_sought
 from ..estimating import FIRST, least_samples
 from ..identifiable import TERMS, BaseParameters, combinations
@@ -33,8 +34,6 @@ from .fourier import waves
 from .result import Compared, ExciteResult
 from .searching import Search, improved
 from .telling import CONDITION, CRITERIA, DETERMINANT, Telling, criterion_of, information, singular_values
-
-Array = NDArray[np.float64]
 
 KERNELS = ("regressor", "regressor_adjoint", "inverse_dynamics", "inverse_dynamics_adjoint", "kinematics")
 RANDOMS = 20  # motions beside which the found one stands; searches begin with the best of them
@@ -47,7 +46,7 @@ USUAL = 0.1  # of a drive's rms: what friction and rotors are expected to take w
 SLOW = 0.05  # of a coordinate's greatest rate: over which dry friction turns round in gradients
 
 
-def excite(
+def excite(  # noqa: PLR0913
     robot: RobotLike,
     *,
     duration: float = 10.0,
@@ -284,7 +283,7 @@ def _telling(
     return Telling(kernel, base, search.index, deviation, sizes, turning), notes if unknown else []
 
 
-def _rms(values: Sequence[Array], index: NDArray[np.intp]) -> Array:
+def _rms(values: Sequence[Array], index: Places) -> Array:
     """Median over motions of the rms over time, (m,)."""
     return np.asarray(np.median([np.sqrt((x[:, index] ** 2).mean(axis=0)) for x in values], axis=0))
 

@@ -6,14 +6,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...names import component_name
 from ...runtime.kernel import Kernel
+from ..arrays import Array, Places
 from ..identifiable import FRICTION, BaseParameters
 from .constraints import Course
-
-Array = NDArray[np.float64]
 
 DETERMINANT, CONDITION = "D", "condition"
 CRITERIA = {
@@ -39,7 +37,7 @@ class Telling:
 
     kernel: Kernel
     base: BaseParameters
-    index: NDArray[np.intp]
+    index: Places
     noise: Array
     sizes: Array
     turning: Array
@@ -92,7 +90,7 @@ class Telling:
         return v / root, self.turning[row] ** 2 / root**3
 
     @cached_property
-    def _inertial(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    def _inertial(self) -> tuple[Places, Places]:
         """Numbers of the combinations that begin with an inertial parameter, and of its regressor's columns."""
         known = {name: k for k, name in enumerate(self.kernel.regressor_names)}
         names = [self.base.parameters[j] for j in self.base.chosen]

@@ -9,7 +9,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...names import component_name, joint_of, kind_of, listed
@@ -17,9 +16,9 @@ from ...ranks import RANK, independent_columns, rank_of
 from ...robot.cuts import rigid_parts
 from ...robot.model import Model
 from ...robot.value import COORDINATES, MOTOR, PRINCIPAL, Robot
+from ..arrays import Array
 from .stations import Chain, Located, cross, jacobian, located
 
-Array = NDArray[np.float64]
 Place = tuple[int, int]  # station and coordinate
 
 CLOSED = 1e-9  # m or rad: gaps that are none

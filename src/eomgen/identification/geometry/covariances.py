@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...errors import ArrayError, InputError
 from ...motion.csv_columns import read_csv
@@ -14,8 +14,7 @@ from ...motion.measured_numbers import ALLOWED_DIVISOR, checked_numbers, is_divi
 from ...names import listed, show, split_component
 from ...npz import read_npz
 from ...robot.coordinates import MOTIONS
-
-Array = NDArray[np.float64]
+from ..arrays import Array
 
 COVARIANCE_RULE = "columns F.x F.y F.z, or these and F.rx F.ry F.rz, of a frame F, and as many lines as columns"
 _SYMMETRIC = 1e-9  # relative: by more than that sides differ

@@ -18,11 +18,10 @@ from ...names import component_name, parameter_name
 from ...robot.coordinates import UNITS
 from ...robot.cuts import rigid_parts
 from ...robot.value import COORDINATES, Robot
+from ..arrays import Array, Places
 from .closing import Closing
-from .poses import MeasuredPoses
+from .poses import MeasuredPoses, rows_at
 from .stations import Chain, Located, Station, forces_on, jacobian, located
-
-Array = NDArray[np.float64]
 
 BASE, FRAMES, JOINTS, LOOPS = "base", "frames", "joints", "loops"
 TILT = "axis"  # of a prismatic joint: joints.NAME.axis.alpha turns its placement about its own x
@@ -77,15 +76,9 @@ class Rows:
     direction: Array
     temperature: Array | None
 
-    def part(self, chosen: NDArray[np.intp]) -> Rows:
+    def part(self, chosen: Places) -> Rows:
         """The same of some of the rows."""
-        return Rows(
-            self.readings[chosen],
-            self.series[chosen],
-            {k: load[chosen] for k, load in self.loads.items()},
-            self.direction[chosen],
-            None if self.temperature is None else self.temperature[chosen],
-        )
+        return rows_at(self, chosen)
 
 
 @dataclass(frozen=True)
@@ -119,7 +112,7 @@ class ErrorModel:
     def _tool(self, frame: str) -> Station:
         return self.chain.stations[self.chain.tools[frame]]
 
-    def indices(self, *kinds: str) -> NDArray[np.intp]:
+    def indices(self, *kinds: str) -> Places:
         """Indices of the quantities of these kinds."""
         return np.array([i for i, quantity in enumerate(self.quantities) if quantity.kind in kinds], dtype=np.intp)
 

@@ -12,13 +12,11 @@ from ...errors import ArrayError, InputError
 from ...motion.measured_numbers import ALLOWED_DIVISOR, is_divisor
 from ...names import listed, show
 from ...robot.coordinates import MOTIONS
+from ..arrays import Array, Mask, Places
 from .covariances import matrices_of, whitening_factor
 from .error_model import ErrorModel, Rows, State
 from .poses import Measured, MeasuredPoses
 from .rotations import vectors_of
-
-Array = NDArray[np.float64]
-Places = NDArray[np.intp]
 
 POSITION, ORIENTATION, DISTANCE, TRAVEL = "position", "orientation", "distance", "travel"
 ENCODER = "encoder"  # of a passive coordinate of a closed mechanism
@@ -116,7 +114,7 @@ class Observations:
                 scaled[places] = root[..., np.newaxis] * (factor @ values[places])
         return np.asarray(scaled)
 
-    def part(self, kept: NDArray[np.bool_]) -> Places:
+    def part(self, kept: Mask) -> Places:
         """Places of the numbers whose rows are kept, (R,) of the file."""
         return np.flatnonzero(kept[self.row])
 

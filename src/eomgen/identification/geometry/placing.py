@@ -6,14 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from .error_model import ErrorModel, Rows
 from .observations import DISTANCE, ORIENTATION, POSITION, Observations
 from .rotations import nearest_rotation
 from .stations import located
-
-Array = NDArray[np.float64]
 
 _RANK = 1e-8  # of the greatest singular value: what does not show is left at 0
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +17,10 @@ from ...names import listed, nearest, show, split_component
 from ...npz import read_npz
 from ...robot.coordinates import FORCES, MOTIONS
 from ...shown import Shown
+from ..arrays import Array, Mask, Places
 from .rotations import FOUR, READINGS
 
-Array = NDArray[np.float64]
+Table = TypeVar("Table")
 
 POSES_RULE = (
     "coordinates such as joint1.gamma; F.x F.y F.z, F.rx F.ry F.rz (or F.qw F.qx F.qy F.qz), F.distance, F.travel,"
@@ -63,6 +65,31 @@ class Measured(Shown):
         return any(np.isfinite(part).any() for part in parts)
 
 
+def blank_frame(frame: str, rows: int) -> Measured:
+    """A frame of which nothing was measured in so many rows."""
+    blank = np.full(rows, np.nan)
+    return Measured(
+        frame=frame,
+        position=np.full((rows, 3), np.nan),
+        orientation=np.full((rows, 3, 3), np.nan),
+        distance=blank,
+        travel=blank,
+        wrench=np.zeros((rows, 6)),
+        sigma={},
+    )
+
+
+def rows_at(table: Table, kept: Places) -> Table:
+    """Some rows of a dataclass: of its fields that are arrays, and of tables of arrays."""
+    found: dict[str, Any] = {}
+    for name, value in vars(table).items():
+        if isinstance(value, np.ndarray):
+            found[name] = value[kept]
+        elif isinstance(value, Mapping) and all(isinstance(x, np.ndarray) for x in value.values()):
+            found[name] = {key: x[kept] for key, x in value.items()}
+    return replace(table, **found)  # type: ignore[type-var]
+
+
 @dataclass(frozen=True, kw_only=True)
 class MeasuredPoses(Shown):
     """Poses of a robot's frames as they were measured, R rows.
@@ -89,31 +116,9 @@ class MeasuredPoses(Shown):
     source: str = "poses"
     lines: NDArray[np.int32] | None = None
 
-    def part(self, kept: NDArray[np.intp]) -> MeasuredPoses:
+    def part(self, kept: Places) -> MeasuredPoses:
         """The same of some of the rows."""
-        frames = {
-            name: replace(
-                m,
-                position=m.position[kept],
-                orientation=m.orientation[kept],
-                distance=m.distance[kept],
-                travel=m.travel[kept],
-                wrench=m.wrench[kept],
-                sigma={key: values[kept] for key, values in m.sigma.items()},
-                written=None if m.written is None else m.written[kept],
-            )
-            for name, m in self.frames.items()
-        }
-        return replace(
-            self,
-            q=self.q[kept],
-            frames=frames,
-            series=self.series[kept],
-            body=None if self.body is None else self.body[kept],
-            weight=self.weight[kept],
-            temperature=None if self.temperature is None else self.temperature[kept],
-            lines=None if self.lines is None else self.lines[kept],
-        )
+        return rows_at(replace(self, frames={name: rows_at(m, kept) for name, m in self.frames.items()}), kept)
 
     def place(self, row: int) -> str:
         """The file and the line, or the row's number."""
@@ -275,7 +280,8 @@ class _Table:
                 f" rotation {kind}"
             )
         position, written = self._together(frame, MOTIONS[:3], given), self._together(frame, turned, given)
-        orientation = np.full((self.rows, 3, 3), np.nan)
+        blank = blank_frame(frame, self.rows)
+        orientation = blank.orientation
         if written is not None:
             there = np.isfinite(written).all(axis=1)
             if rotation == "quaternion":
@@ -289,20 +295,19 @@ class _Table:
                 name = f"{frame}.{key}"
                 self._refuse(name, ~is_divisor(self.columns[name]) & np.isfinite(self.columns[name]), ALLOWED_DIVISOR)
                 sigma[key.removeprefix("sigma.")] = self.columns[name]
-        blank = np.full(self.rows, np.nan)
-        single = {key: self.columns[f"{frame}.{key}"] if key in given else blank for key in SINGLE}
+        single = {key: self.columns[f"{frame}.{key}"] if key in given else blank.distance for key in SINGLE}
         for key in SINGLE:
             self._refuse(f"{frame}.{key}", single[key] < 0.0, "a distance that is not negative")
         wrench = [self.finite(f"{frame}.{key}") if key in given else np.zeros(self.rows) for key in FORCES]
-        return Measured(
-            frame=frame,
-            position=np.full((self.rows, 3), np.nan) if position is None else position,
+        return replace(
+            blank,
+            position=blank.position if position is None else position,
             orientation=orientation,
-            distance=single["distance"],
-            travel=single["travel"],
             wrench=np.stack(wrench, axis=1),
             sigma=sigma,
             written=written,
+            distance=single["distance"],
+            travel=single["travel"],
         )
 
     def _together(self, frame: str, keys: Sequence[str], given: set[str]) -> Array | None:
@@ -322,7 +327,7 @@ class _Table:
             self._refuse(f"{frame}.{key}", ~known[:, i] & known.any(axis=1), "a number, as in the columns beside it")
         return values
 
-    def _refuse(self, name: str, bad: NDArray[np.bool_], allowed: str) -> None:
+    def _refuse(self, name: str, bad: Mask, allowed: str) -> None:
         at = np.flatnonzero(bad)
         if at.size:
             row = int(at[0])

@@ -7,11 +7,9 @@ from functools import partial
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...motion.turns import rotation_of
-
-Array = NDArray[np.float64]
+from ..arrays import Array
 
 _SMALL = 1e-7  # sine of an angle below which it is the angle
 _NEARLY_HALF = -0.99  # cosine from which on the axis is read off the symmetric part

@@ -11,11 +11,9 @@ from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...names import show
+from ..arrays import Array, Mask, Places
 from .error_model import ErrorModel, Rows
 from .observations import Observations, at_rows
-
-Array = NDArray[np.float64]
-Places = NDArray[np.intp]
 
 ALGEBRAIC = 1e-10  # of the greatest singular value of normed columns: what is less is none
 HIDDEN = 0.03  # of an expected size, in units of its noise: what shows less keeps its nominal value
@@ -246,7 +244,7 @@ def _covariance(problem: Problem, linear: _Linear) -> Array:
     return found
 
 
-def _first_sigma(seen: Observations, r: Array, estimated: NDArray[np.bool_], sigma: Array, kept: Places) -> Array:
+def _first_sigma(seen: Observations, r: Array, estimated: Mask, sigma: Array, kept: Places) -> Array:
     """Noise to begin with where it is not known: the size of what is not explained yet, block by block."""
     found = np.array(sigma)
     for group in range(len(seen.blocks)):
@@ -262,7 +260,7 @@ def _estimated_sigma(
     r: Array,
     leverage: Array,
     trust: Array,
-    estimated: NDArray[np.bool_],
+    estimated: Mask,
     sigma: Array,
     kept: Places,
 ) -> Array:
@@ -285,7 +283,7 @@ def _robust_sigma(
     r: Array,
     leverage: Array,
     trust: Array,
-    estimated: NDArray[np.bool_],
+    estimated: Mask,
     sigma: Array,
     kept: Places,
 ) -> Array:

@@ -12,12 +12,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...robot.value import COORDINATES, PRINCIPAL, Joint, Placement, Robot
+from ..arrays import Array
 from .rotations import pose_from
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

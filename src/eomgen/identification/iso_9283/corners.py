@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from .attained import Path, Record
 from .formulas import arc, at_planes, between, corner_overshoot, distance_to_path
 from .result import CornerFigures
-
-Array = NDArray[np.float64]
 
 CYCLES = 3  # that the standard asks for
 SHARPEST = np.deg2rad(170.0)  # a path that turns by more comes back, and has no outer side

@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...motion.turns import vector_of
-
-Array = NDArray[np.float64]
+from ..arrays import Array, Places
 
 _SMALL = 1e-4  # sine of an angle, below which a series takes the place of a quotient
 _NEARLY_HALF = -0.99  # cosine of an angle from which on the axis is read off the symmetric part
@@ -142,7 +140,7 @@ def arc(points: Array) -> Array:
     return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
 
 
-def at_planes(points: Array, along: Array, near: NDArray[np.intp], attained: Array) -> Array:
+def at_planes(points: Array, along: Array, near: Places, attained: Array) -> Array:
     """Places at which an attained path goes through the normal planes of the commanded one.
 
     Args:

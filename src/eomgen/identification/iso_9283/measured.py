@@ -15,9 +15,8 @@ from ...motion.measured_numbers import checked_numbers
 from ...motion.turns import rotation_of
 from ...names import component_name, listed, nearest, show, split_component
 from ...npz import read_npz
+from ..arrays import Array, Places
 from .attained import Measured, Path, Pose, Record
-
-Array = NDArray[np.float64]
 
 AXES = ("x", "y", "z")
 TURNS = ("rx", "ry", "rz")
@@ -213,7 +212,7 @@ class _Gathered:
     cycles: dict[int, Record]
 
 
-_Commands = Callable[[int, NDArray[np.intp]], Record]
+_Commands = Callable[[int, Places], Record]
 
 
 def _commands(table: _Rows, given: _Rows | None, kind: str, frame: str, rotation: str) -> _Commands:
@@ -235,7 +234,7 @@ def _commands(table: _Rows, given: _Rows | None, kind: str, frame: str, rotation
     known = None if given is None else _numbers(given, kind)
     rows_of = {} if known is None else {int(known[rows[0]]): rows for rows in _groups(known)}
 
-    def commands(number: int, rows: NDArray[np.intp]) -> Record:
+    def commands(number: int, rows: Places) -> Record:
         chosen = rows_of.get(number) if given is not None else rows
         if chosen is None:
             assert given is not None
@@ -271,7 +270,7 @@ def _gather(
         gathered.cycles[label] = Record(None if t is None else t[rows], position[rows], turned)
 
 
-def _groups(*keys: NDArray[np.int64]) -> list[NDArray[np.intp]]:
+def _groups(*keys: NDArray[np.int64]) -> list[Places]:
     """Rows that have the same keys, in their order; groups by rising keys, the first key first."""
     order = np.lexsort(keys[::-1])
     changes = np.logical_or.reduce([np.diff(key[order]) != 0 for key in keys])
@@ -291,7 +290,7 @@ def _cycles(table: _Rows, kind: str, numbers: NDArray[np.int64]) -> NDArray[np.i
     return cycle
 
 
-def _check_rows(table: _Rows, kind: str, what: str, rows: NDArray[np.intp]) -> None:
+def _check_rows(table: _Rows, kind: str, what: str, rows: Places) -> None:
     t = table.columns.get("t")
     if t is None:
         if kind == "pose" and len(rows) > 1:

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...errors import InputError
+from ..arrays import Array, Mask, Places
 from .attained import Path, Record
 from .corners import corner_figures
 from .formulas import STEADY, arc, at_planes, between, deviations, path_scatter, speeds, tangents, turns_from
 from .result import PathFigures, SpeedFigures, vector
-
-Array = NDArray[np.float64]
 
 MATCHES = ("plane", "sample")
 _FEWEST = 3  # points of a path
@@ -74,7 +72,7 @@ def _without_rests(command: Record) -> Record:
     return Record(None if t is None else t[kept], command.position[kept], None if rotation is None else rotation[kept])
 
 
-def _by_planes(path: Path, command: Record) -> tuple[Array, Array | None, NDArray[np.bool_]]:
+def _by_planes(path: Path, command: Record) -> tuple[Array, Array | None, Mask]:
     """Where each cycle passes the normal planes: positions (n, m, 3), turns from the command, and passed by all."""
     along = tangents(command.position)
     share = arc(command.position)
@@ -92,7 +90,7 @@ def _by_planes(path: Path, command: Record) -> tuple[Array, Array | None, NDArra
     return np.stack(positions), whole, kept
 
 
-def _near(command: Record, record: Record, share: Array) -> NDArray[np.intp]:
+def _near(command: Record, record: Record, share: Array) -> Places:
     """Samples of a cycle that are about where the points of the command are: at the same time, or share of the way."""
     if command.t is not None and record.t is not None:
         found = np.searchsorted(record.t - record.t[0], command.t - command.t[0])
@@ -110,7 +108,7 @@ def _turns_at(command: Array, attained: Array, places: Array) -> Array:
     return np.asarray(first + (places - low)[:, np.newaxis] * (last - first))
 
 
-def _by_samples(path: Path) -> tuple[Array, Array | None, NDArray[np.bool_]]:
+def _by_samples(path: Path) -> tuple[Array, Array | None, Mask]:
     """Cycles whose samples are those of the command, row by row; a rest behind its end is left out."""
     command, size = path.command, len(path.command.position)
     positions, turns = [], []

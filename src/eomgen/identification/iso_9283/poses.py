@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...errors import InputError, UnknownNameError
 from ...names import listed, nearest, show
@@ -14,8 +13,6 @@ from .attained import Pose
 from .formulas import deviations, distance_scatter, scatter, stabilization, turns_from
 from .result import DistanceFigures, PoseFigures, StopFigures, vector
 from .variations import same_command
-
-Array = NDArray[np.float64]
 
 _FEWEST = 3  # samples of an approach
 

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...forms.plain import value_of
@@ -16,13 +15,14 @@ from ...results.contents import Contents
 from ...results.kinds import Kind, Saved, declare, read
 from ...shown import Shown
 from ...tabular import Rows, TableColumn, Tabular
+from ..arrays import Array
 
 Vector = tuple[float, float, float]
 
 STANDARD = "ISO 9283:1998"
 
 
-def vector(values: NDArray[np.float64]) -> Vector:
+def vector(values: Array) -> Vector:
     """Three numbers of an array."""
     x, y, z = values.tolist()
     return x, y, z

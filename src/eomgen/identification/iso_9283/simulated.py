@@ -6,15 +6,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...names import show
 from ...simulation.result import SimulationResult
+from ..arrays import Array
 from .attained import Measured, Path, Pose, Record
 from .formulas import rotation_vectors, speeds
-
-Array = NDArray[np.float64]
 
 SAME = 1e-9  # m, rad or s: by less than that programs and times are the same
 _ALLOWED = "; allowed: results of one program"

@@ -31,7 +31,7 @@ _FAR = 0.1  # m, rad: of a pose from its command, from which on a mistake is mor
 
 
 @answers_in_numbers("results")
-def accuracy(
+def accuracy(  # noqa: PLR0913
     *results: SimulationResult | Path | str,
     robot: RobotLike | None = None,
     scenario: str | Path | Mapping[str, Any] | None = None,

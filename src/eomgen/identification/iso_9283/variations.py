@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...names import listed
+from ..arrays import Array
 from .attained import Pose, Record
 from .formulas import arc, greatest_differences
 from .result import PoseFigures, VariationFigures, vector
-
-Array = NDArray[np.float64]
 
 DIRECTIONS = 3  # that the standard has, each normal to the others
 _SAME = 1e-9  # m, and of entries of rotations: by less than that commands are the same

@@ -1,14 +1,18 @@
 """Stiffness and damping of joints from a measured motion and known drives.
 
-In every coordinate the equation of motion is linear in them,
+With N a basis of the motions that loops, couplings and unknown drives allow, their forces do no work along it, and
 
-    a s + b s_dot = y,    y = u - (M s_ddot + bias - Q_G),
+    N^T sum_i d_i (a_i s_i + b_i s_i_dot) = N^T y,    y = u - (M q_ddot + bias - Q_G),
 
-so both follow from least squares over time, coordinate by coordinate.  Three things keep noise out of the result: all
-terms pass the same filters, the first of which gives derivatives of eighth order of what it returns; the width of the
-second is, for each parameter, the one with the smallest standard error; and what white noise of the coordinate itself
-adds to the normal equations on average (errors in variables) is taken off them.  Standard errors do not hold what noise
-does through terms that are not linear in the motion: the tests see up to 1e-4 of a value.
+is linear in the parameters; d_i = ds_i/dq is a unit vector, or of a cut joint's coordinate its row.  A motion does not
+determine what lies in the null space of these columns.  In a tree N is the unit matrix: every coordinate has an
+equation of its own, a s + b s_dot = y, and is fitted by itself.
+
+Three things keep noise out of the result: all terms pass the same filters, the first of which gives derivatives of
+eighth order of what it returns; the width of the second is, for each parameter, the one with the smallest standard
+error; and, in a tree, what white noise of the coordinate itself adds to the normal equations on average (errors in
+variables) is taken off them.  Standard errors do not hold what noise does through terms that are not linear in the
+motion: the tests see up to 1e-4 of a value.
 
 The derivatives of y by the parameters are s and s_dot as they are measured, so that a fit is two batches of the kernel
 without any difference: 0.1 s for 2,000 samples of the PUMA with 36 coordinates.  ``parameter_jacobian`` gives the same
@@ -17,32 +21,34 @@ columns, of parameters that the description has, in 0.5 s more, and after 0.5 s 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...description import RobotLike, as_robot
 from ...errors import InputError, UnknownNameError
 from ...motion.files import MeasuredMotion, measured_motion
 from ...motion.measured_numbers import answers_in_numbers
 from ...motion.smoothing import Differentiator, bell, filtered, noise_deviation
-from ...names import nearest, split_component
+from ...names import component_name, listed, nearest, parameter_name, split_component
 from ...pipeline.closing import mechanism_kernels
 from ...pipeline.stages import build
 from ...progress import StageReport
-from ...robot.model import build_model
+from ...ranks import RANK
+from ...robot.model import Model, build_model, parameter_values
 from ...robot.value import MOTOR, PRINCIPAL, Robot
 from ...runtime.kernel import Kernel
-from ...state.springs import coordinate_numbers
+from ...state.springs import cut_numbers, law_numbers
+from ..arrays import Array
+from ..closing import closed_motion
 from ..estimating import FIRST, HALF_WIDTHS, SIGNAL, block_count, even_step, least_samples
 from ..relations import refuse_followers
 from .result import KEYS, Estimate, FitResult, FittedCoordinate, doubts, interval_of
-from .together import fit_together
 
-Array = NDArray[np.float64]
+INDEPENDENT = 1e-10  # of the greatest eigenvalue of the scaled normal equations: below it a direction is undetermined
+SHARE = 1e-4  # of a parameter in an undetermined direction: with less it is determined
 
 
 @answers_in_numbers("motion")
@@ -62,7 +68,7 @@ def fit(
     equal distances in time; what noise there is should be white and independent between coordinates.
 
     Of robots with loops and couplings those that the description gives are fitted, of cut joints and elastic couplings
-    too, or those that are asked for: all together along what the loops leave free (``together``), so that the loops'
+    too, or those that are asked for: all together along what the loops leave free, so that the loops'
     forces need not be known.  A drive that is not in the motion takes its coordinate out of the equations.  There what
     noise adds on average is not taken off.
 
@@ -87,28 +93,43 @@ def fit(
     refuse_followers(kernel)
     motion = measured_motion(robot.name, motion, kernel.coordinates)
     step = even_step(motion)
+    model = build_model(robot)
+    moved = _moved(kernel, model, motion, step)
+    noise = dict(zip(kernel.coordinates, noise_deviation(motion.q).tolist(), strict=True))
+    sought, warnings = _sought(model, kernel, motion, coordinates, moved.following)
     if robot.is_closed:
-        together, doubted = fit_together(robot, kernel, motion, coordinates, confidence, step)
-        return FitResult(robot.name, confidence, tuple(together), tuple(doubted), _closed_notes(motion))
-    wanted, warnings = _wanted(robot, motion, coordinates)
-    noise = noise_deviation(motion.q)
-    terms = _Terms(kernel, motion, step)
-    candidates = [_Filtered(terms, half) for half in HALF_WIDTHS if len(motion.t) >= least_samples(FIRST + half)]
-    fitted = []
-    for name in wanted:
-        i = kernel.coordinates.index(name)
-        solved = (_solve(data, i, noise[i], _columns(robot, name)) for data in candidates)
-        found = [solution for solution in solved if solution is not None]
-        best = {c: min(found, key=lambda s: s.variance(c)) for c in (0, 1) if any(c in s.columns for s in found)}
-        if not best:
-            rms = float(np.sqrt(np.mean(motion.q[:, i] ** 2)))
-            warnings.append(f"{name} does not move enough to say anything: rms {rms:.2g}, its noise {noise[i]:.2g}")
-            continue
-        estimates = [_estimate(robot, name, c, best.get(c), confidence, step) for c in (0, 1)]
-        entry = FittedCoordinate(name, estimates[0], estimates[1], float(noise[i]))
-        warnings += doubts(entry)
-        fitted.append(entry)
-    return FitResult(robot.name, confidence, tuple(fitted), tuple(warnings), _notes(motion))
+        still = [item for item in sought if not _moves(kernel, moved, item, noise)]
+        warnings += [f"{item.name} does not move enough to say anything" for item in still]
+        sought = [item for item in sought if item not in still]
+        systems = iter([_together(kernel, model, motion, moved, sought)] if sought else [])
+    else:
+        systems = _alone(kernel, motion, moved, sought, noise)
+    described, fitted, open_names = dict(parameter_values(robot)), list[FittedCoordinate](), list[str]()
+    for system in systems:
+        able = [half for half in HALF_WIDTHS if len(motion.t) >= least_samples(FIRST + half)]
+        solutions = [_solve(system, half, moved.half + half) for half in able]
+        for item in system.sought:
+            found: dict[str, Estimate | None] = dict.fromkeys(KEYS)
+            for column in item.columns:
+                place = system.places.index((item, column))
+                best = min(solutions, key=lambda one: float(one.variances[place]))
+                if np.isfinite(best.values[place]):
+                    before = described.get(item.parameter(column)) or 0.0
+                    found[KEYS[column]] = _estimate(best, place, confidence, before, step)
+                elif system.noise is None:
+                    open_names.append(component_name(item.name, KEYS[column]))
+            if any(found.values()):
+                entry = FittedCoordinate(item.name, **found, noise=noise.get(item.name, 0.0), owner=item.owner)
+                warnings += doubts(entry)
+                fitted.append(entry)
+            elif system.noise is not None:
+                rms = float(np.sqrt(np.mean(motion.q[:, kernel.coordinates.index(item.name)] ** 2)))
+                said = f"rms {rms:.2g}, its noise {noise[item.name]:.2g}"
+                warnings.append(f"{item.name} does not move enough to say anything: {said}")
+    if open_names:
+        warnings.append(f"the motion and its drives do not determine {listed(open_names)}, or not one beside another")
+    notes = _closed_notes(motion) if robot.is_closed else _notes(motion)
+    return FitResult(robot.name, confidence, tuple(fitted), tuple(warnings), notes)
 
 
 def fitting_kernels(robot: Robot) -> tuple[str, ...]:
@@ -117,146 +138,310 @@ def fitting_kernels(robot: Robot) -> tuple[str, ...]:
     return ("inverse_dynamics", *dict.fromkeys(("mass_matrix", *mechanism_kernels(robot), *laws)))
 
 
-class _Terms:
-    """Coordinates, rates and y of every coordinate, (T - 2 FIRST, n): what is linear in the parameters.
+@dataclass(frozen=True)
+class _Sought:
+    """A coordinate whose parameters are looked for: of a joint, a cut joint or an elastic coupling.
 
-    The narrowest filter gives the derivatives, so that it hardly bends what is not linear in the motion.
+    owner: "joints", "loops" or "couplings".  columns: places in KEYS.
     """
 
-    def __init__(self, kernel: Kernel, motion: MeasuredMotion, step: float) -> None:
-        narrow = self.narrow = Differentiator(FIRST, step)
-        self.measured_rates = motion.v is not None
-        self.q = narrow(motion.q)
-        self.v = narrow(motion.q, 1) if motion.v is None else narrow(motion.v)
-        if motion.a is not None:
-            a = narrow(motion.a)
-        else:
-            a = narrow(motion.q, 2) if motion.v is None else narrow(motion.v, 1)
-        stiffness, damping = spring_rates(kernel)
-        needed = np.asarray(kernel.inverse_dynamics(self.q, self.v, a)) - stiffness * self.q - damping * self.v
-        self.y = narrow(motion.u) - needed
-        self.inertia: Array = np.diagonal(kernel.mass_matrix(self.q), axis1=1, axis2=2).mean(axis=0)
+    owner: str
+    name: str
+    columns: tuple[int, ...]
+
+    def parameter(self, column: int) -> str:
+        """Name of the parameter in ``Kernel.parameters``."""
+        return parameter_name(self.owner, self.name, KEYS[column])
 
 
-class _Filtered:
-    """The terms, filtered once more: q, v, y, (T - 2 half, n), and the covariances of what white noise of q becomes.
+@dataclass(frozen=True)
+class _Moved:
+    """A motion with its loops closed, and the drives that are known, (T, n) each.
 
-    ``noise[i, j]`` belongs to derivatives i and j of filtered white noise of variance 1.
+    half: of the filter that they have passed.  weights: of that filter by order of the derivative, (3, w).  following:
+    names of the coordinates that follow from the others.
     """
 
-    def __init__(self, terms: _Terms, half: int) -> None:
-        wide = bell(half)
-        self.terms, self.half = terms, FIRST + half
-        self.q, self.v, self.y = (filtered(x, wide) for x in (terms.q, terms.v, terms.y))
-        both = np.stack([np.convolve(row, wide) for row in terms.narrow.weights])
-        self.noise = both @ both.T
+    q: Array
+    v: Array
+    a: Array
+    u: Array
+    half: int
+    weights: Array
+    following: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class _Noise:
+    """White noise of a coordinate: its standard deviation, the filter's weights by order (3, w), the inertia that its
+    second derivative acts on (0 where rates were measured), and whether rates are derivatives of it.
+    """
+
+    sigma: float
+    weights: Array
+    inertia: float
+    is_derived: bool
+
+    def behind(self, wide: Array) -> tuple[Array, Array]:
+        """Average share of it in squares of s and s_dot, and in their products with y, (2,) each, behind a bell."""
+        both = np.stack([np.convolve(row, wide) for row in self.weights])
+        square = self.sigma**2 * (both @ both.T)
+        if not self.is_derived:  # with rates or accelerations of their own, the noise of q is in no other term
+            return np.array([square[0, 0], 0.0]), np.zeros(2)
+        return np.array([square[0, 0], square[1, 1]]), np.array([-self.inertia * square[0, 2], 0.0])
+
+
+@dataclass(frozen=True)
+class _System:
+    """Equations of some parameters: columns, (T, f, p), and right sides, (T, f).
+
+    places: coordinate and place in KEYS of every column.  noise: of the one coordinate of a tree, whose columns are
+    s and s_dot; None of a mechanism, where nothing is taken off.
+    """
+
+    sought: tuple[_Sought, ...]
+    places: tuple[tuple[_Sought, int], ...]
+    columns: Array
+    right: Array
+    noise: _Noise | None = None
 
 
 @dataclass(frozen=True)
 class _Solution:
-    """Least squares of one coordinate with one filter; ``columns`` of (stiffness, damping) that were found."""
+    """Values and variances of all parameters behind one filter; NaN and infinite where one is not determined."""
 
-    columns: tuple[int, ...]
     values: Array
-    covariance: Array
-    blocks: int
+    variances: Array
     half: int
+    freedoms: int
     unexplained: float
 
-    def variance(self, column: int) -> float:
-        """Variance of a parameter; infinite if it was not found."""
-        place = self.columns.index(column) if column in self.columns else -1
-        return float(self.covariance[place, place]) if place >= 0 else np.inf
 
+def _moved(kernel: Kernel, model: Model, motion: MeasuredMotion, step: float) -> _Moved:
+    """The motion with its loops closed; rates and accelerations of a file are taken as they are, or derived.
 
-def _solve(data: _Filtered, i: int, sigma: float, columns: tuple[int, ...]) -> _Solution | None:
-    """Compensated least squares; None where the coordinate does not move, or in one block of time alone."""
-    noise, count = sigma**2 * data.noise, len(data.q)
-    X = np.stack([data.q[:, i], data.v[:, i]], axis=1)
-    y = data.y[:, i]
-    # With rates or accelerations of their own, the noise of q is in no other term.
-    derived = not data.terms.measured_rates
-    of_X = np.array([noise[0, 0], noise[1, 1] if derived else 0.0])
-    of_y = np.array([-data.terms.inertia[i] * noise[0, 2] if derived else 0.0, 0.0])
-    moving = np.mean(X**2, axis=0) > (1.0 + SIGNAL) * of_X + 1e-30
-    columns = tuple(c for c in columns if moving[c])
-    if not columns or not moving[0]:
-        return None
-    keep = list(columns)
-    X, of_X, of_y = X[:, keep], of_X[keep], of_y[keep]
-    size = np.sqrt(np.mean(X**2, axis=0))
-    blocks = block_count(count, data.half)
-    parts = [
-        (len(p), p.T @ p, p.T @ r) for p, r in zip(np.array_split(X, blocks), np.array_split(y, blocks), strict=True)
-    ]
-    A = np.stack([product - samples * np.diag(of_X) for samples, product, _ in parts])
-    c = np.stack([product - samples * of_y for samples, _, product in parts])
-    whole = A.sum(axis=0)
-    left = whole - A  # without one block each
-    if np.linalg.cond(np.concatenate([whole[np.newaxis], left]) / np.outer(size, size)).max() > 1e10:
-        return None
-    values = np.linalg.solve(whole, c.sum(axis=0))
-    residual = y - X @ values
-    without = np.linalg.solve(left, (c.sum(axis=0) - c)[..., np.newaxis])[..., 0] - values
-    covariance = without.T @ without * (blocks - 1) / blocks
-    explained = float(np.sqrt(np.mean(residual**2) / max(float(np.mean(y**2)), 1e-300)))
-    return _Solution(columns, values, covariance, blocks, data.half, explained)
-
-
-def _estimate(
-    robot: Robot, name: str, column: int, solution: _Solution | None, confidence: float, step: float
-) -> Estimate | None:
-    """The parameter with its interval, by Student's t."""
-    if solution is None:
-        return None
-    value = float(solution.values[solution.columns.index(column)])
-    joint, short = split_component(name)
-    described = getattr(robot.joint(joint).coordinates[short], KEYS[column]) or 0.0
-    width, freedoms = 2 * solution.half * step, solution.blocks - len(solution.columns)
-    return interval_of(value, solution.variance(column), freedoms, confidence, described, width, solution.unexplained)
-
-
-def spring_rates(kernel: Kernel) -> tuple[Array, Array]:
-    """Stiffness and damping of every coordinate as the kernel has them, (n,) each; zero where there is none.
-
-    Motors have none: what stands in their tables is their transmissions'.
+    The narrowest filter gives the derivatives, so that it hardly bends what is not linear in the motion.  Of a tree it
+    is in front of all that a file has.
     """
-    own = np.array([name not in kernel.motors for name in kernel.coordinates])
-    return own * coordinate_numbers(kernel, "stiffness"), own * coordinate_numbers(kernel, "damping")
-
-
-def _columns(robot: Robot, name: str) -> tuple[int, ...]:
-    """Which of (stiffness, damping) are fitted: both for a deviation, else those that the description gives."""
-    joint, short = split_component(name)
-    if PRINCIPAL.get(robot.joint(joint).type) != short:
-        return (0, 1)
-    given = robot.joint(joint).coordinates[short]
-    return tuple(column for column, key in enumerate(KEYS) if getattr(given, key) is not None)
-
-
-def _wanted(robot: Robot, motion: MeasuredMotion, asked: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Coordinates to fit, and warnings about those that cannot be."""
-    for name in asked:
-        if name not in motion.coordinates:
-            raise UnknownNameError(f"coordinates: {name!r} is unknown{nearest(name, motion.coordinates)}")
-    wanted, warnings = [], []
-    for name in asked or motion.coordinates:
-        joint, short = split_component(name)
-        if robot.joint(joint).motor is not None and short in (MOTOR, PRINCIPAL[robot.joint(joint).type]):
-            if asked:
-                warnings.append(f"{name} hangs on a transmission between motor and joint, which is not fitted")
-            continue
-        principal = PRINCIPAL.get(robot.joint(joint).type) == short
-        if name not in motion.measured:
-            warnings.append(f"{name} was not measured, and counts as zero")
-        elif principal and not _columns(robot, name):
-            if asked:
-                warnings.append(f"{name} is a principal coordinate without stiffness or damping in the description")
-        elif principal and name not in motion.driven:
-            warnings.append(f"{name} is a principal coordinate, and its drive is not known: a column {name}.drive")
+    narrow, half = Differentiator(FIRST, step), FIRST
+    is_whole = motion.v is not None and motion.a is not None
+    if is_whole and model.robot.is_closed:
+        q, v, a, u, half = motion.q, motion.v, motion.a, motion.u, 0
+    else:
+        q, u = narrow(motion.q), narrow(motion.u)
+        v = narrow(motion.q, 1) if motion.v is None else narrow(motion.v)
+        if motion.a is not None:
+            a = narrow(motion.a)
         else:
-            wanted.append(name)
-    return wanted, warnings
+            a = narrow(motion.q, 2) if motion.v is None else narrow(motion.v, 1)
+    assert v is not None
+    assert a is not None
+    following: tuple[str, ...] = ()
+    if kernel.constraints:
+        q, v, a, following = closed_motion(kernel, model, motion.measured, q, v, a)
+    return _Moved(q, v, a, u, half, narrow.weights, following)
+
+
+def _sought(
+    model: Model, kernel: Kernel, motion: MeasuredMotion, asked: Sequence[str], following: Sequence[str]
+) -> tuple[list[_Sought], list[str]]:
+    """Coordinates to fit, and warnings about those that cannot be.
+
+    Of a tree's deviations both parameters are fitted; elsewhere those that are described, or asked for.
+    """
+    numbers, known = dict(parameter_values(model.robot)), (*kernel.coordinates, *kernel.cut_laws)
+    for name in asked:
+        if name not in known:
+            raise UnknownNameError(f"coordinates: {name!r} is unknown{nearest(name, known)}")
+    driven = [kernel.coordinates[i] for i in model.driven]
+    found, warnings = [], []
+    for name in asked or known:
+        owner = "joints" if name in kernel.coordinates else "loops" if "." in name else "couplings"
+        given = [c for c, key in enumerate(KEYS) if numbers.get(parameter_name(owner, name, key)) is not None]
+        if model.robot.is_closed:
+            columns = tuple(given) or ((0, 1) if asked else ())
+            reason = _reason(model.robot, kernel, motion, name, following, driven) if columns else ""
+        else:
+            columns = tuple(given) if _is_principal(model.robot, name) else (0, 1)
+            reason, columns = _reason_in_tree(model.robot, motion, name, columns, is_asked=bool(asked))
+        if reason:
+            warnings.append(f"{name} {reason}")
+        elif columns:
+            found.append(_Sought(owner, name, columns))
+    return found, warnings
+
+
+def _is_principal(robot: Robot, name: str) -> bool:
+    joint, short = split_component(name)
+    return PRINCIPAL.get(robot.joint(joint).type) == short
+
+
+def _is_transmitted(robot: Robot, name: str) -> bool:
+    """Whether a coordinate hangs on the transmission between a motor and its joint."""
+    joint, short = split_component(name)
+    part = robot.joint(joint)
+    return part.motor is not None and short in (MOTOR, PRINCIPAL[part.type])
+
+
+_TRANSMITTED = "hangs on a transmission between motor and joint, which is not fitted"
+_UNMEASURED = "was not measured, and counts as zero"
+
+
+def _reason_in_tree(
+    robot: Robot, motion: MeasuredMotion, name: str, columns: tuple[int, ...], *, is_asked: bool
+) -> tuple[str, tuple[int, ...]]:
+    """Say why a tree's coordinate cannot be fitted, "" if it can or nobody asked; and the columns that are left."""
+    if _is_transmitted(robot, name):
+        return (_TRANSMITTED if is_asked else ""), ()
+    if name not in motion.measured:
+        return _UNMEASURED, ()
+    if not columns:
+        return ("is a principal coordinate without stiffness or damping in the description" if is_asked else ""), ()
+    if _is_principal(robot, name) and name not in motion.driven:
+        return f"is a principal coordinate, and its drive is not known: a column {name}.drive", ()
+    return "", columns
+
+
+def _reason(
+    robot: Robot, kernel: Kernel, motion: MeasuredMotion, name: str, following: Sequence[str], driven: Sequence[str]
+) -> str:
+    """Say why a coordinate of a mechanism cannot be fitted; "" if it can."""
+    if name not in kernel.coordinates:
+        plain = "clearance" not in cut_numbers(kernel)[name] and name not in kernel.knots
+        return "" if plain else "has a law that is not linear, which is not fitted"
+    if _is_transmitted(robot, name):
+        return _TRANSMITTED
+    if name in kernel.prescribed:
+        return "is prescribed: what moves it takes its forces, too"
+    if name in driven and name not in motion.driven:
+        return f"has a drive that is not known: a column {name}.drive"
+    if name not in motion.measured and name not in following:
+        return _UNMEASURED
+    return ""
+
+
+def _moves(kernel: Kernel, moved: _Moved, item: _Sought, noise: dict[str, float]) -> bool:
+    """Whether a coordinate moves more than its noise does."""
+    s, _, _ = _deviation(kernel, moved, item)
+    return bool(np.mean(s**2) > (1.0 + SIGNAL) * noise.get(item.name, 0.0) ** 2 + 1e-30)
+
+
+def _deviation(kernel: Kernel, moved: _Moved, item: _Sought) -> tuple[Array, Array, Array]:
+    """Deviation and rate of a coordinate, (T,) each, and its derivatives by all coordinates, (T, n)."""
+    if item.owner == "joints":
+        i = kernel.coordinates.index(item.name)
+        return moved.q[:, i], moved.v[:, i], np.broadcast_to(np.eye(kernel.n)[i], moved.q.shape)
+    i = kernel.cut_laws.index(item.name)
+    rows = np.asarray(kernel.cut_jacobian(moved.q))[:, i]
+    return np.asarray(kernel.cut_forces(moved.q, moved.v))[:, i, 0], np.einsum("tn,tn->t", rows, moved.v), rows
+
+
+def _alone(
+    kernel: Kernel, motion: MeasuredMotion, moved: _Moved, sought: Sequence[_Sought], noise: dict[str, float]
+) -> Iterator[_System]:
+    """The equation of every coordinate of a tree by itself."""
+    y = moved.u - np.asarray(kernel.inverse_dynamics(moved.q, moved.v, moved.a))
+    inertia = np.diagonal(kernel.mass_matrix(moved.q), axis1=1, axis2=2).mean(axis=0)
+    numbers = law_numbers(kernel)
+    for item in sought:
+        i = kernel.coordinates.index(item.name)
+        columns = np.stack([moved.q[:, i], moved.v[:, i]], axis=1)
+        right = y[:, i] + columns @ np.array([numbers[item.name].get(key, 0.0) for key in KEYS])
+        own = _Noise(noise[item.name], moved.weights, float(inertia[i]), motion.v is None)
+        places = tuple((item, column) for column in range(len(KEYS)))
+        yield _System((item,), places, columns[:, np.newaxis], right[:, np.newaxis], own)
+
+
+def _together(
+    kernel: Kernel, model: Model, motion: MeasuredMotion, moved: _Moved, sought: Sequence[_Sought]
+) -> _System:
+    """The equations of all coordinates of a mechanism, along the motions that are left to it."""
+    places = tuple((item, column) for item in sought for column in item.columns)
+    N = _ways(kernel, model, motion, moved)
+    y = moved.u - np.asarray(kernel.inverse_dynamics(moved.q, moved.v, moved.a, cut=True))
+    numbers = {**law_numbers(kernel), **cut_numbers(kernel)}
+    columns = np.empty((*N.shape[::2], len(places)))
+    for place, (item, column) in enumerate(places):
+        s, rate, rows = _deviation(kernel, moved, item)
+        x = (s, rate)[column][:, np.newaxis] * rows
+        y = y + numbers[item.name].get(KEYS[column], 0.0) * x
+        columns[:, :, place] = np.einsum("tnf,tn->tf", N, x)
+    return _System(tuple(sought), places, columns, np.einsum("tnf,tn->tf", N, y))
+
+
+def _ways(kernel: Kernel, model: Model, motion: MeasuredMotion, moved: _Moved) -> Array:
+    """Motions along which neither loops, couplings nor unknown drives do work, (T, n, f); lengths by kinetic energy.
+
+    The null space's projector is smooth over time; it is seen from the directions that it has most of on average.
+
+    Raises:
+        InputError: there are none.
+    """
+    names = kernel.coordinates
+    unknown = {names[i] for i in model.driven}.difference(motion.driven) | set(kernel.prescribed)
+    units = np.eye(kernel.n)[[name in unknown for name in names]]
+    rows = np.broadcast_to(units, (len(moved.q), *units.shape))
+    if kernel.constraints:
+        rows = np.concatenate([kernel.constraint_jacobian(moved.q), rows], axis=1)
+    inertia = np.diagonal(kernel.mass_matrix(moved.q), axis1=1, axis2=2).mean(axis=0)
+    size = 1.0 / np.sqrt(np.maximum(inertia, 1e-12 * inertia.max()))
+    scaled = rows * size
+    projector = np.eye(kernel.n) - np.linalg.pinv(scaled, rcond=RANK) @ scaled
+    left = round(float(np.trace(projector, axis1=1, axis2=2).max()))
+    if not left:
+        raise InputError(
+            f"fit: {kernel.name}: the drives of {listed(sorted(unknown.difference(kernel.prescribed)))} are not known,"
+            " and they hold all else; allowed: their drives as columns NAME.drive"
+        )
+    _, directions = np.linalg.eigh(projector.mean(axis=0))
+    return np.asarray(size[:, np.newaxis] * (projector @ directions[:, -left:]))
+
+
+def _solve(system: _System, half: int, width: int) -> _Solution:
+    """Least squares behind a bell of that half width; variances are the jackknife's over blocks of time.
+
+    width: half width of all filters together, samples.
+    """
+    samples, ways, count = system.columns.shape
+    wide = bell(half)
+    X = filtered(system.columns.reshape(samples, -1), wide).reshape(-1, ways, count)
+    y = filtered(system.right, wide)
+    of_X, of_y = np.zeros((2, count)) if system.noise is None else system.noise.behind(wide)
+    square = np.mean(X**2, axis=(0, 1))
+    moving = square > (1.0 + SIGNAL) * of_X + 1e-30
+    if system.noise is not None:
+        moving &= moving[0] & np.isin(np.arange(count), system.sought[0].columns)
+    blocks, size = block_count(len(X), max(width, 1)), np.sqrt(square[moving])
+    values, variances = np.full(count, np.nan), np.full(count, np.inf)
+    freedoms = blocks - (1 if system.noise is None else int(moving.sum()))
+    if not moving.any():
+        return _Solution(values, variances, width, freedoms, 1.0)
+    X, of_X, of_y = X[..., moving] / size, of_X[moving] / size**2, of_y[moving] / size
+    parts = list(zip(np.array_split(X, blocks), np.array_split(y, blocks), strict=True))
+    A = np.stack([np.einsum("tfp,tfq->pq", x, x) - len(x) * np.diag(of_X) for x, _ in parts])
+    c = np.stack([np.einsum("tfp,tf->p", x, r) - len(x) * of_y for x, r in parts])
+    normal, right = (np.concatenate([x.sum(axis=0, keepdims=True), x.sum(axis=0) - x]) for x in (A, c))
+    eigenvalues, vectors = np.linalg.eigh(normal)  # of all, then without one block each
+    kept = np.abs(eigenvalues) > INDEPENDENT * np.abs(eigenvalues).max(axis=1, keepdims=True)
+    lost = (np.linalg.norm(np.where(kept[:, np.newaxis], 0.0, vectors), axis=2) > SHARE).any(axis=0)
+    inverse = (
+        np.where(kept, 1.0 / np.where(kept, eigenvalues, 1.0), 0.0)[:, np.newaxis] * vectors @ vectors.swapaxes(1, 2)
+    )
+    solved = np.einsum("bpq,bq->bp", inverse, right)
+    solved += np.einsum("bpq,bq->bp", inverse, right - np.einsum("bpq,bq->bp", normal, solved))  # against round-off
+    off = solved[1:] - solved[0]
+    residual = y - X @ solved[0]
+    explained = float(np.sqrt(np.mean(residual**2) / max(float(np.mean(y**2)), 1e-300)))
+    values[moving] = np.where(lost, np.nan, solved[0] / size)
+    variances[moving] = np.where(lost, np.inf, (off**2).sum(axis=0) * (blocks - 1) / blocks / size**2)
+    return _Solution(values, variances, width, freedoms, explained)
+
+
+def _estimate(solution: _Solution, place: int, confidence: float, described: float, step: float) -> Estimate:
+    """A parameter with its interval, by Student's t."""
+    value, variance = float(solution.values[place]), float(solution.variances[place])
+    width = 2 * solution.half * step
+    return interval_of(value, variance, solution.freedoms, confidence, described, width, solution.unexplained)
 
 
 def _notes(motion: MeasuredMotion) -> tuple[str, ...]:

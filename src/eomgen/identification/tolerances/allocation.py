@@ -12,15 +12,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...limits import LARGEST, is_usable
 from ...names import listed, show
+from ...results.contents import plain_fields
 from ...shown import Shown
+from ..arrays import Array, Mask
 from .regions import radii
-
-Array = NDArray[np.float64]
 
 _ROUNDS = 20  # of the ratio between radius and trace, which changes little
 _STEPS = 2000  # of the multipliers
@@ -62,19 +61,7 @@ class Allocation(Shown):
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values, for JSON."""
-        return {
-            "accuracy": self.accuracy,
-            "confidence": self.confidence,
-            "names": list(self.names),
-            "units": list(self.units),
-            "before": self.before.tolist(),
-            "after": self.after.tolist(),
-            "factors": self.factors.tolist(),
-            "tightened": list(self.tightened),
-            "radius_before": self.radius_before,
-            "radius": self.radius,
-            "cost": self.cost,
-        }
+        return {**plain_fields(self), "tightened": list(self.tightened)}
 
     def lines(self) -> list[str]:
         """A table of what is tightened."""
@@ -96,7 +83,7 @@ def allocated(
     before: Array,
     scaled: Array,
     costs: Array,
-    fixed: NDArray[np.bool_],
+    fixed: Mask,
     accuracy: float,
     confidence: float,
 ) -> Allocation:
@@ -134,7 +121,7 @@ def _radii(scaled: Array, x: Array, confidence: float) -> Array:
     return radii(part @ part.transpose(0, 2, 1), confidence)
 
 
-def _tightened(scaled: Array, costs: Array, fixed: NDArray[np.bool_], accuracy: float, confidence: float) -> Array:
+def _tightened(scaled: Array, costs: Array, fixed: Mask, accuracy: float, confidence: float) -> Array:
     """Factors, (K,): the radius is that of the trace times a ratio, which is corrected until it stays."""
     A = (scaled**2).sum(axis=1)  # (N, K)
     x = np.ones(len(costs))
@@ -164,7 +151,7 @@ def _tightened(scaled: Array, costs: Array, fixed: NDArray[np.bool_], accuracy: 
     return part(low)
 
 
-def least(A: Array, V: Array, costs: Array, fixed: NDArray[np.bool_], m: Array) -> tuple[Array, Array]:
+def least(A: Array, V: Array, costs: Array, fixed: Mask, m: Array) -> tuple[Array, Array]:
     """Squares of the factors, (K,), and multipliers, (N,), beginning with those given.
 
     A: variances by pose and quantity, (N, K).  V: those that are allowed, (N,); inf where all are.

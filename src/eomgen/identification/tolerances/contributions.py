@@ -9,17 +9,15 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...names import component_name, parameter_name
 from ...robot.coordinates import UNITS
 from ...robot.value import COORDINATES, MOTOR, Robot
+from ..arrays import Array, Places
 from ..geometry.closing import Closing
 from ..geometry.error_model import COMPLIANCE, DRIVE, JOINTS, ErrorModel, Quantity, Rows, quantities_of
 from ..geometry.rotations import vectors_of
 from ..geometry.stations import Chain, Station
-
-Array = NDArray[np.float64]
 
 CHUNK = 20_000  # rows that are evaluated at once: 150 MB of a six-axis arm
 
@@ -142,7 +140,7 @@ class Exact:
                 x[i] = 1.0 / (one.described + off) if one.is_stiffness and one.described else x[i] + factor * off
         return x
 
-    def poses(self, y: Array, chosen: NDArray[np.intp]) -> tuple[Array, Array]:
+    def poses(self, y: Array, chosen: Places) -> tuple[Array, Array]:
         """Rotation (M, 3, 3) and position (M, 3), m, of the tool, with deviations (K, M), at the poses ``chosen``."""
         R, p = np.empty((len(chosen), 3, 3)), np.empty((len(chosen), 3))
         for first in range(0, len(chosen), CHUNK):
@@ -151,7 +149,7 @@ class Exact:
             R[part], p[part] = found.R[self.tool], found.p[self.tool]
         return R, p
 
-    def motions(self, y: Array, chosen: NDArray[np.intp]) -> Array:
+    def motions(self, y: Array, chosen: Places) -> Array:
         """Displacement (m) and rotation vector (rad) of the tool, (M, 6), base axes; arguments as of ``poses``."""
         which, places = np.unique(chosen, return_inverse=True)
         R0, p0 = self.poses(np.zeros((len(self.contributions), len(which))), which)

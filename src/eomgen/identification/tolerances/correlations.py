@@ -6,13 +6,11 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...errors import DescriptionError
 from ...names import listed, nearest, show
+from ..arrays import Array, Places
 from .table import CORRELATIONS, MOST, Table, meant
-
-Array = NDArray[np.float64]
 
 KEYS = ("names", "coefficient", "matrix")
 _NUMBER = "a number from -1 to 1"
@@ -50,7 +48,7 @@ def read_correlations(table: Table) -> Array:
     return found
 
 
-def groups_of(correlation: Array) -> list[NDArray[np.intp]]:
+def groups_of(correlation: Array) -> list[Places]:
     """Indices of quantities that are correlated with each other, directly or by others, by groups of at least two."""
     linked = correlation != 0.0
     left = set(np.flatnonzero(linked.sum(axis=1) > 1).tolist())

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...optional import optional_import
-
-Array = NDArray[np.float64]
+from ..arrays import Array
 
 _NODES = 32  # directions in a quarter of the plane
 _ROUND = 1e-6  # a r below which D(a r) / a is r

@@ -6,22 +6,21 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...errors import InputError, UnknownNameError
 from ...names import listed, nearest_or_all, show
+from ...results.contents import plain_fields
 from ...results.kinds import Saved
 from ...robot.coordinates import MOTIONS
 from ...shown import Shown
 from ...tabular import Rows as TableRows
 from ...tabular import TableColumn, Tabular
+from ..arrays import Array, Places
 from .allocation import Allocation, allocated
 from .contributions import Exact
 from .correlations import groups_of, plain_correlations, root_of
 from .regions import ellipsoids
 from .table import Tolerance
-
-Array = NDArray[np.float64]
 
 PARTS = ("position", "orientation")
 _MOST_DRAWN = 10_000_000
@@ -116,7 +115,7 @@ class ToleranceResult(Shown, Tabular, Saved):
         return float(self.shares[part][self.names.index(name)])
 
     @property
-    def by_share(self) -> NDArray[np.intp]:
+    def by_share(self) -> Places:
         """Indices of the quantities, (K,), the greatest share first, of position or orientation, whatever its sign."""
         largest = np.maximum(*(np.abs(self.shares[part]) for part in PARTS))
         return np.argsort(-largest, kind="stable")
@@ -190,30 +189,12 @@ class ToleranceResult(Shown, Tabular, Saved):
     def as_dict(self) -> dict[str, Any]:
         """Plain values, for JSON."""
         return {
-            "robot": self.robot,
-            "frame": self.frame,
-            "coordinates": list(self.coordinates),
-            "q": self.q.tolist(),
-            "t": None if self.t is None else self.t.tolist(),
-            "names": list(self.names),
-            "units": list(self.units),
+            **plain_fields(self, "correlation", "sensitivities", "exact", "tolerances"),
             "described": [float(value) if np.isfinite(value) else None for value in self.described],
-            "deviations": self.deviations.tolist(),
-            "bounds": self.bounds.tolist(),
             "correlations": plain_correlations(self.names, self.correlation),
             "components": list(MOTIONS),
             "standard_deviations": self.standard_deviations.tolist(),
-            "covariance": self.covariance.tolist(),
-            "confidence": self.confidence,
-            "radius": {part: values.tolist() for part, values in self.radius.items()},
-            "direction": {part: values.tolist() for part, values in self.direction.items()},
-            "worst": self.worst.tolist(),
-            "farthest": {part: values.tolist() for part, values in self.farthest.items()},
-            "worst_pose": self.worst_pose,
-            "exact_worst": self.exact_worst,
             "shares": {part: dict(zip(self.names, x.tolist(), strict=True)) for part, x in self.shares.items()},
-            "nonlinearity": self.nonlinearity,
-            "notes": list(self.notes),
         }
 
     def lines(self) -> list[str]:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...description import RobotLike, as_robot
 from ...description.recorded import robot_from_record
@@ -27,6 +27,7 @@ from ...results.kinds import Kind, declare, read
 from ...robot.model import Model, build_model, tool_of
 from ...robot.record import record_of
 from ...robot.value import COORDINATES, MOTOR, PRINCIPAL, Robot
+from ..arrays import Array, Mask
 from ..geometry.closing import closed_readings, closing_of
 from ..geometry.error_model import Rows
 from ..geometry.stations import Chain, chain_of, matrix_of
@@ -36,8 +37,6 @@ from .regions import mixed_quantiles, quantile_of_normal, radii, worst_deviation
 from .result import PARTS, ToleranceResult, shares_of
 from .table import CORRELATIONS, Table, Tolerance, read_table
 from .vertices import farthest
-
-Array = NDArray[np.float64]
 
 ALONG = 200  # samples of a motion, at most
 MOST_POSES = 10_000
@@ -52,7 +51,7 @@ _COLUMNS = {"position": slice(0, 3), "orientation": slice(3, 6)}
 
 
 @answers_in_numbers("table")
-def tolerance(
+def tolerance(  # noqa: PLR0913
     robot: RobotLike,
     table: Mapping[str, Any] | Path | str,
     frame: str | None = None,
@@ -325,7 +324,7 @@ def _result(
     )
 
 
-def _directions(covariance: Array, scaled: Array, reach: Array, is_even: NDArray[np.bool_], confidence: float) -> Array:
+def _directions(covariance: Array, scaled: Array, reach: Array, is_even: Mask, confidence: float) -> Array:
     """Half intervals, (N,), along the directions in which a part of the motion is greatest.
 
     Args:
@@ -347,7 +346,7 @@ def _held(
     covariance: Array,
     scaled: Array,
     reach: Array,
-    is_even: NDArray[np.bool_],
+    is_even: Mask,
     farthest_of_all: Array,
     confidence: float,
 ) -> tuple[Array, int]:

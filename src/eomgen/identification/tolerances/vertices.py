@@ -7,9 +7,8 @@ along some S_i, of a facet that has another S_j: all of them are looked at, K^2 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from ..arrays import Array
 
 _FLAT = 1e-12  # of the greatest product: on the facet
 

@@ -11,6 +11,7 @@ from ...identification.choosing.result import PosesResult
 from ...identification.compensating.result import CompensationResult
 from ...identification.dynamics.result import IdentifyResult
 from ...identification.exciting.result import ExciteResult
+from ...identification.from_motion import ForcesResult
 from ...identification.iso_9283.result import AccuracyResult
 from ...identification.stiffness.result import FitResult
 from ...identification.tolerances.result import ToleranceResult
@@ -21,7 +22,7 @@ from .calibration import calibration_page
 from .choosing import poses_page
 from .compensation import compensation_page
 from .excitation import excitation_page
-from .motions import fit_page, identify_page
+from .motions import fit_page, forces_page, identify_page
 from .tolerances import tolerance_page
 
 PAGES: Mapping[type, Callable[[Any], Report]] = {
@@ -30,6 +31,7 @@ PAGES: Mapping[type, Callable[[Any], Report]] = {
     CompensationResult: compensation_page,
     ExciteResult: excitation_page,
     FitResult: fit_page,
+    ForcesResult: forces_page,
     IdentifyResult: identify_page,
     PosesResult: poses_page,
     ToleranceResult: tolerance_page,

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ...identification.dynamics.result import IdentifyResult
+from ...identification.from_motion import ForcesResult
 from ...identification.stiffness.result import KEYS, Estimate, FitResult
 from ...names import component_name
 from ...robot.coordinates import force_unit_of
@@ -50,6 +51,23 @@ def fit_page(found: FitResult) -> Report:
             *table("Stiffness and damping", (*head, "unexplained, %"), rows),
             *table("Noise of the coordinates", ("coordinate", "std. deviation, m or rad"), noise),
         ),
+    )
+
+
+def forces_page(found: ForcesResult) -> Report:
+    """A page about forces of a measured motion: the largest of each over time, with its unit."""
+    facts = found.as_dict()["coordinates"]
+    rows = [
+        (name, force_unit_of(name), *(number(entry["value"]) for entry in parts.values()))
+        for name, parts in facts.items()
+    ]
+    return Report(
+        title=f"{found.robot}: forces of a measured motion",
+        summary=(f"{len(found.t)} samples, {len(rows)} coordinates",),
+        warnings=found.notes,
+        missing=(),
+        figures=(),
+        tables=(*table("Largest values over time", ("coordinate", "unit", *found.parts), rows),),
     )
 
 
