@@ -10,13 +10,12 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..errors import ArrayError, InputError
 from ..names import show
-from .raw import RawFunction, RawKernel
+from .raw import Array, RawFunction, RawKernel
 
-Array = NDArray[Any]
 Lead = tuple[int, ...]  # axes in front of a state's: () for one state, (N,) for N of them
 
 WRENCHES = ("wrench", "dwrench")  # arguments with rows of links
@@ -30,6 +29,7 @@ BY_COORDINATE = {  # how many of the last axes of a result are coordinates
     "jacobian": 1,
     "constraint_rows": 1,
     "spring_rows": 1,
+    "element_rows": 1,
 }
 
 

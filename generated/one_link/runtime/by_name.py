@@ -16,8 +16,8 @@ from ..errors import InputError, UnknownNameError
 from ..names import joint_of, nearest_or_all, show
 from .arrays import joint_lead
 from .compiled_code import CompiledCode
+from .raw import Array
 
-Array = NDArray[Any]
 Mask = NDArray[np.bool_]
 Index = int | slice
 

@@ -6,13 +6,12 @@ A generated package carries a copy of this file, which imports NumPy and its nei
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..errors import ArrayError, SingularError
 from ..names import split_component
@@ -21,10 +20,8 @@ from .direct import WRENCHED
 from .opened import loop_error, singular_loop
 from .parameters import Parameters
 from .pieces import shared, states_at_once
-from .raw import RawFunction, RawKernel
+from .raw import Array, RawFunction, RawKernel
 from .singular import NEARLY, VANISHED, null_coordinates, scaled_eigenvalues, singular_place
-
-Array = NDArray[Any]
 
 SHARE = 256  # states that are worth a thread of their own
 POLE = 1e-7  # cosine of beta, below which alpha and gamma turn about one axis
@@ -57,18 +54,10 @@ class Calls:
         """How many threads share a batch."""
         return self.parameters.state.threads
 
-    @threads.setter
-    def threads(self, number: int) -> None:
-        self.parameters.state.threads = min(number, sys.maxsize)
-
     @property
     def checks(self) -> bool:
         """Whether NaN and infinity are refused."""
         return self.parameters.state.checks
-
-    @checks.setter
-    def checks(self, wanted: bool) -> None:
-        self.parameters.state.checks = wanted
 
     def with_parameters(self, parameters: Parameters) -> Calls:
         """The same calls by other parameters of the same code, whose state has threads and checks."""
@@ -151,7 +140,7 @@ class Calls:
             failed = self.call(function, arrays, (), extra, None, result)
         if failed >= 0:
             for label, array in zip(function.reads, arrays, strict=True):  # NaN has no pivot, either
-                self.refuse_not_finite(label, array, raw.shapes[label])
+                self.arrays.refuse_not_finite(label, array, raw.shapes[label])
             state, reason = divmod(failed, raw.statuses)
             q, place = arrays[function.reads.index("q")], ""
             if lead:
@@ -202,14 +191,23 @@ class Calls:
         return self.arrays.overflow(function, result, shape, list(zip(labels, rows, strict=True)))
 
     def _pole(self, q: Array) -> str | None:
-        """Say which cut joint with forces along its angles has them at their pole at q, (n,); None if none has."""
+        """Say which frames with forces along their angles have them at their pole at q, (n,); None if none has."""
         meta = self.raw.libraries.meta
         laws = [split_component(name) for name in meta.get("cut_laws", ())]
         turned = {owner for owner, kind in laws if kind in ("alpha", "beta", "gamma")}
+        at_pole = "is at beta = +-90 degrees, where its alpha and gamma turn about one axis"
         if turned and "cut_poses" in self.raw.functions:
             for loop, pose in zip(meta["loops"], self.run("cut_poses", None, (q,)), strict=True):
                 if loop in turned and np.hypot(pose[1, 2], pose[2, 2]) < POLE:
-                    return f"loop {loop} is at beta = +-90 degrees, where its alpha and gamma turn about one axis"
+                    return f"loop {loop} {at_pole}"
+        if meta.get("element_rows") and "element_jacobian" in self.raw.functions:
+            with np.errstate(all="ignore"):
+                function = self.raw.functions["element_jacobian"]
+                rows = np.empty(self.raw.shapes[function.writes], self.arrays.dtype)
+                self.call(function, [np.ascontiguousarray(q, self.arrays.dtype)], [0], (), None, rows)
+            for name, row in zip(meta["element_rows"], rows, strict=True):
+                if not np.isfinite(row).all():
+                    return f"the force element {split_component(name)[0]} {at_pole}"
         return None
 
     def call(
@@ -271,10 +269,6 @@ class Calls:
             ArrayError: another shape, a number that the dtype cannot hold exactly, or NaN or infinity (see ``checks``).
         """
         return self.arrays.taken(label, value, shape, self.checks)
-
-    def refuse_not_finite(self, label: str, array: Array, shape: tuple[int, ...], place: str = "") -> None:
-        """Refuse NaN and infinity in an argument of a kernel, as ``Arrays.refuse_not_finite`` does."""
-        self.arrays.refuse_not_finite(label, array, shape, place)
 
     def singular(self, name: str, coordinate: int, place: str, q: Array | None = None) -> SingularError:
         """The error that says that a function cannot invert the mass matrix.

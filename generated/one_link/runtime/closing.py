@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,9 +17,9 @@ from .arrays import joint_lead, names_in, place_of
 from .calls import Calls
 from .compiled_code import CompiledCode
 from .opened import left_open
+from .raw import Array
 from .turning import BACK, ON, Places, seen, singular_joints
 
-Array = NDArray[Any]
 Mask = NDArray[np.bool_]
 Place = Callable[[int], str]  # names the state of that number
 

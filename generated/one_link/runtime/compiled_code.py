@@ -5,25 +5,24 @@ A generated package carries a copy of this file.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Collection, Mapping
 from types import FunctionType, ModuleType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import InputError, UnknownNameError
-from ..names import html_table, nearest_or_all, show
+from ..names import html_table, joint_of, nearest_or_all, show
 from .arrays import Arrays, names_in
 from .calls import Calls
 from .direct import Face, functions
 from .parameters import Parameters
-from .raw import Libraries, Operations, RawKernel
+from .raw import Array, Libraries, Operations, RawKernel
 
 if TYPE_CHECKING:
     from typing_extensions import Self
 
-Array = NDArray[Any]
 
 PACKAGE = f"{__package__}."  # begins the names of the modules whose methods can be direct
 
@@ -60,6 +59,7 @@ class CompiledCode:
         )
         self.follower_names: tuple[str, ...] = tuple(self._followers)
         self.springs: tuple[str, ...] = tuple(meta.get("springs", ()))
+        self.element_rows: tuple[str, ...] = tuple(meta.get("element_rows", ()))
         self.cut_laws: tuple[str, ...] = tuple(meta.get("cut_laws", ()))
         self.elements: Mapping[str, Mapping[str, Mapping[str, int]]] = meta.get("elements", {})
         self.prescribed: tuple[str, ...] = tuple(meta["prescribed"])
@@ -86,6 +86,7 @@ class CompiledCode:
             "links": len(self.links),
             "loops": len(self.loops),
             "springs between points": len(self.springs),
+            "other force elements": len(dict.fromkeys(map(joint_of, self.element_rows))),
             "parameters": len(self.parameters),
             "functions": len(self.raw.libraries.meta["functions"]),
             "dtype": self.dtype,
@@ -260,7 +261,7 @@ class CompiledCode:
     def threads(self, number: int) -> None:
         if isinstance(number, bool) or not isinstance(number, (int, np.integer)) or number < 1:
             raise InputError(f"threads: {show(number)} is not a number of threads; a whole number from 1 on is allowed")
-        self.calls.threads = int(number)
+        self.parameters.state.threads = min(int(number), sys.maxsize)
 
     @property
     def checks(self) -> bool:
@@ -281,7 +282,7 @@ class CompiledCode:
     def checks(self, wanted: bool) -> None:
         if not isinstance(wanted, (bool, np.bool_)):
             raise InputError(f"checks: {show(wanted)} is neither True nor False")
-        self.calls.checks = bool(wanted)
+        self.parameters.state.checks = bool(wanted)
 
     def frame_index(self, name: str) -> int:
         """The number of a frame or link in ``frames``, by which functions of C take it.
@@ -305,4 +306,4 @@ class CompiledCode:
         Raises:
             ArrayError: there is such a number; coordinate, state and step of the first one are named.
         """
-        self.calls.refuse_not_finite(label, array, shape, place)
+        self.calls.arrays.refuse_not_finite(label, array, shape, place)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..errors import InputError, UnknownNameError
 from ..names import nearest_or_all, show
@@ -19,8 +19,7 @@ from .arrays import flag, names_in
 from .calls import Calls
 from .compiled_code import CompiledCode
 from .parameters import Parameters
-
-Array = NDArray[Any]
+from .raw import Array
 
 ADJOINT, TANGENT, HESSIAN = "adjoint", "tangent", "hessian"
 BY_PARAMETERS = "parameter_"

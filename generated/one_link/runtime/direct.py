@@ -16,12 +16,8 @@ from functools import partial
 from types import FunctionType, ModuleType
 from typing import Any, NamedTuple, Protocol
 
-from numpy.typing import NDArray
-
 from .pieces import states_at_once
-from .raw import Library, RawKernel, Setup
-
-Array = NDArray[Any]
+from .raw import Array, Library, RawKernel, Setup
 
 NAME = "_direct"
 ROLES = {"frame": "frame", "out": "out", "wrench": "nothing", "cut": "cut"}  # of parameters that are not read

@@ -5,19 +5,16 @@ A generated package carries a copy of this file, which imports NumPy and its nei
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from .arrays import flag, joint_lead
 from .by_name import NamedViews
 from .closing import LoopClosure
 from .derivatives import Differentiation
 from .opened import LOADED
+from .raw import Array
 from .stepping.interface import Rollouts
-
-Array = NDArray[Any]
 
 
 class Kernel(Differentiation, LoopClosure, NamedViews, Rollouts):
@@ -47,6 +44,8 @@ class Kernel(Differentiation, LoopClosure, NamedViews, Rollouts):
             see ``followers``.
         follower_names: names of what these couplings move, each behind those that it follows itself.
         springs: names of the springs between two points, in the order of ``spring_forces``.
+        element_rows: names of the coordinates of other force elements between two links ("mount.x"), in the order of
+            ``element_forces``.
         cut_laws: names of the coordinates of cut joints that have a force ("pin4.x"), then of elastic couplings, in the
             order of ``cut_forces``.
         prescribed: names of the coordinates whose motion is given, in their order.
@@ -353,6 +352,21 @@ class Kernel(Differentiation, LoopClosure, NamedViews, Rollouts):
         The springs' generalized force is minus its transpose times the tensions.
         """
         return self.calls.run("spring_jacobian", out, (q,))
+
+    def element_forces(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
+        """Value (m, rad) and resisting force (N, N m) of each of ``element_rows``, (element_rows, 2).
+
+        The value is that of a coordinate of the frame on the second link as seen from that on the first; dampers are
+        part of the force.
+        """
+        return self.calls.run("element_forces", out, (q, v))
+
+    def element_jacobian(self, q: ArrayLike, *, out: Array | None = None) -> Array:
+        """Derivatives of the values in ``element_forces`` by q, (element_rows, n), in their units per m or rad.
+
+        The elements' generalized force is minus its transpose times the resisting forces.
+        """
+        return self.calls.run("element_jacobian", out, (q,))
 
     def cut_forces(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
         """Deviation (m, rad) and resisting force (N, N m) of everything in ``cut_laws``, (cut_laws, 2).

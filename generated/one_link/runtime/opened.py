@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LoopError
-from .raw import RawKernel
+from .raw import Array, RawKernel
 
-Array = NDArray[Any]
 Ask = Callable[[str], "Array | None"]  # what a function says of the state; None where the kernel has none of that name
 
 LOADED = "_under_load"  # ends the names of functions that methods call where there are wrenches

@@ -10,14 +10,11 @@ from collections.abc import Collection, Iterator, Mapping, MutableMapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import InputError, UnknownNameError
 from ..names import nearest_or_all, show
 from .direct import State
 from .raw import RawKernel, Setup
-
-Array = NDArray[Any]
 
 
 class Parameters(MutableMapping[str, float]):

@@ -6,12 +6,10 @@ A generated package carries a copy of this file.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[Any]
+from .raw import Array
 
 VANISHED = 1e-11  # of the largest inertia, in units of each coordinate's own: round-off
 NEARLY = 1e-4  # the same in single precision

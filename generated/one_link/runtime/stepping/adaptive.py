@@ -11,19 +11,16 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...errors import ArrayError, InputError, IntegrationStopped, LoopError
 from ..calls import Calls
 from ..opened import stays_open
 from ..pieces import OPERATIONS, ROUND, shared
-from ..raw import FFI, Library, RawFunction
+from ..raw import FFI, Array, Library, RawFunction
 from .given_loads import clipped_loads, place_given, read_loads
 from .loads import WORKS, LoadData, Packed, Side
 from .options import ADAPTIVE, ErrorControl, LoadedStepOptions
 from .rollouts import SHARE, Given, Inputs, Rollout, read_given, room_for
-
-Array = NDArray[Any]
 
 STAGES = {"rosenbrock": 5, "tsit5": 6}  # evaluations of a step
 DONE = 1  # reason to stop: all samples are there; above are the places of what stopped it
@@ -67,13 +64,7 @@ class _Motion:
         rtol, atol = self.control.rtol, self.control.atol
         for begin in range(first, last, ROUND):
             end = min(begin + ROUND, last)
-            fields: dict[str, Any] = {}
-            for name, (array, of_state, of_step) in zip(("u", "target"), self.given.drives, strict=False):
-                here = view(array.reshape(-1)[begin * of_state :])
-                fields |= {name: here, f"{name}_state": of_state, f"{name}_step": of_step}
-            fields |= zip(("kp", "kd"), map(view, self.given.gains), strict=False)
-            if self.given.effort is not None:
-                fields["effort"] = view(self.given.effort)
+            fields = self.given.fields(self.calls, begin)
             if self.turned.size:
                 fields["turned"] = view(self.turned[begin:end].reshape(-1))
             drive = library.drive(**fields)
@@ -99,9 +90,7 @@ class _Motion:
 
 def adaptive_rollout(calls: Calls, inputs: Inputs, options: LoadedStepOptions) -> Rollout:
     """Integrate with error control, as ``Kernel.rollout`` describes it."""
-    function, loads, works = calls.raw.adaptive, options.loads, options.works
-    if function is None:
-        raise calls.raw.missing("adaptive_rollout")
+    function, loads, works = calls.raw.function("adaptive_rollout"), options.loads, options.works
     data = read_loads(calls, {} if loads is None else loads) if works or loads is not None else None
     if data is not None:
         data = clipped_loads(calls, data, inputs.control.effort)

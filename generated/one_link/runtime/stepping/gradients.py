@@ -13,13 +13,13 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...errors import ArrayError, InputError, LoopError
 from ...names import listed, show
 from ..calls import Calls
 from ..derivatives import parameter_slots
-from ..raw import FFI, Library, RawFunction
+from ..raw import FFI, Array, Library, RawFunction
 from .adaptive import DONE, adaptive_rollout
 from .given_loads import Loads
 from .load_slopes import Acting
@@ -29,7 +29,6 @@ from .options import ADAPTIVE, ErrorControl, LoadedStepOptions, StepOptions
 from .rollouts import Given, Inputs, read_given, room_for
 from .stiff_steps import Pair, parts_of, refuse_different
 
-Array = NDArray[Any]
 Loss = Callable[[Array, Array, Array], tuple[Any, ArrayLike, ArrayLike]]
 
 NAMES = ("q", "v", "u", "target", "kp", "kd")  # of what gradients are taken by
@@ -333,7 +332,7 @@ def taken_steps(
             acting.end_steps()
         times = options.times(calls, count)
         motion = _motion(calls, function, inputs, times.size - 1, count, acting)
-        control = options.error_control(calls, _adaptive(calls).library.meta)
+        control = options.error_control(calls, calls.raw.function("adaptive_rollout").library.meta)
         return motion, times, [_chosen_steps(motion, i, times, control) for i in range(motion.states)]
     length, rows, every = options.fixed_steps(calls, count)
     motion = _motion(calls, function, inputs, rows, count, acting)
@@ -514,15 +513,9 @@ class Motion:
         return dict(itertools.chain(*arrays, zip(NAMES[4:], self._by_gains, strict=False)))
 
 
-def _adaptive(calls: Calls) -> RawFunction:
-    if calls.raw.adaptive is None:
-        raise calls.raw.missing("adaptive_rollout")
-    return calls.raw.adaptive
-
-
 def _chosen_steps(motion: Motion, state: int, times: Array, control: ErrorControl) -> Steps | None:
     """The steps that the error chooses for a state; None where it does not get to its end."""
-    calls, function = motion.calls, _adaptive(motion.calls)
+    calls, function = motion.calls, motion.calls.raw.function("adaptive_rollout")
     library, view = function.library, calls.raw.view
     at = [x.copy() for x in motion.start(state)]
     stored = [np.empty((times.size, calls.n), calls.dtype) for _ in at]

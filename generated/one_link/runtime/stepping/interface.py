@@ -8,9 +8,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..compiled_code import CompiledCode
+from ..raw import Array
 from .adaptive import adaptive_rollout
 from .given_loads import Loads
 from .gradients import Loss, rollout_gradient
@@ -19,8 +20,6 @@ from .options import Control, LoadedStepOptions, StepOptions
 from .rollouts import Inputs, Rollout
 from .saturation import Saturate, efforts_of
 from .sensitivities import rollout_sensitivity
-
-Array = NDArray[Any]
 
 
 class Rollouts(CompiledCode):

@@ -8,17 +8,14 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..calls import Calls
 from ..pieces import OPERATIONS
-from ..raw import FFI
+from ..raw import FFI, Array
 from .adaptive import STAGES
 from .given_loads import check_loads
 from .loads import WORKS, LoadData, Packed
 from .options import ADAPTIVE, ErrorControl
-
-Array = NDArray[Any]
 
 AUTO = "auto"  # both methods in turn
 COST = {"rosenbrock": 15, "tsit5": 6}  # of a step, in evaluations: the former factors and solves besides
@@ -95,9 +92,7 @@ class Loaded:
         *,
         works: bool = False,
     ) -> None:
-        function = calls.raw.adaptive
-        if function is None:
-            raise calls.raw.missing("adaptive_rollout")
+        function = calls.raw.function("adaptive_rollout")
         library, view = function.library, calls.raw.view
         self._function, self._setup = function, calls.parameters.setup
         self.works = np.zeros((len(times), len(WORKS))) if works else None

@@ -6,22 +6,18 @@ A generated package carries a copy of this file.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...errors import ArrayError, IntegrationStopped
 from ..calls import Calls
 from ..opened import stays_open
 from ..pieces import OPERATIONS, ROUND, shared
-from ..raw import RawFunction
+from ..raw import Array, RawFunction
 from .options import FIXED, StepOptions
-from .rollouts import SHARE, Inputs, Rollout, read_given, room_for
-
-Array = NDArray[Any]
-Laws = tuple[Sequence[Array], Array | None]  # gains of a controller, and efforts
+from .rollouts import SHARE, Given, Inputs, Rollout, read_given, room_for
 
 BUFFER = 2**15  # numbers of many states that are stored at once where a piece of work does not reach the end
 SHORT = 1e-12  # s, in which nothing moves
@@ -31,15 +27,13 @@ ADVICE = " take a shorter dt, or method='implicit' where springs are stiff"
 
 def rollout(calls: Calls, inputs: Inputs, options: StepOptions) -> Rollout:
     """Integrate with fixed steps, as ``Kernel.rollout`` describes it."""
-    if calls.raw.rollout is None:
-        raise calls.raw.missing("rollout")
+    calls.raw.function("rollout")  # or the error that it is not there
     count, method = inputs.count(), FIXED[options.method]
     dt, steps, every = options.fixed_steps(calls, count)
     given = read_given(calls, inputs, steps, count)
-    starts, drives, gains = given.starts, given.drives, (given.gains, given.effort)
     shape = (() if count is None else (count,)) + (steps // every + 1, calls.n)
     result = room_for(calls, shape, "a larger `every`"), room_for(calls, shape, "a larger `every`")
-    code = _call(calls, starts, drives, gains, (dt, steps, every, method), count, result)
+    code = _call(calls, given, (dt, steps, every, method), result)
     if code < 0 and all(np.isfinite(array).all() for array in result):
         figures: dict[str, Any] = {"steps": steps, "rejected": 0, "largest": dt, "smallest": dt}
         return Rollout.of(*result, **{k: x if count is None else np.full(count, x) for k, x in figures.items()})
@@ -48,15 +42,18 @@ def rollout(calls: Calls, inputs: Inputs, options: StepOptions) -> Rollout:
         reason = code % calls.raw.statuses
         state, step = divmod(code // calls.raw.statuses, steps)
         place = f" in step {step}" + ("" if count is None else f" of state {state}")
-        alone = [(_row(x, apart, state), 0) for x, apart in starts]
-        drives = [(_row(x, apart, state), 0, n) for x, apart, n in drives]
+        alone = replace(
+            given,
+            count=None if count is None else 1,  # by the same code
+            starts=[(_row(x, apart, state), 0) for x, apart in given.starts],
+            drives=[(_row(x, apart, state), 0, n) for x, apart, n in given.drives],
+        )
         if reason >= calls.n:
             what = f"{stays_open(calls.raw, reason - calls.n)}{place};{ADVICE}"
             raise _stopped(calls, result, state, every * dt, 0, what, trouble)
-        one = None if count is None else 1  # by the same code
-        if trouble is None and not _begins_well(calls, alone, drives, gains, dt, step, method, one):
-            raise calls.singular("rollout", reason, place, None if step else alone[0][0])
-        advice = _turned_about(calls, drives) or ADVICE
+        if trouble is None and not _begins_well(calls, alone, dt, step, method):
+            raise calls.singular("rollout", reason, place, None if step else alone.starts[0][0])
+        advice = _turned_about(calls, alone) or ADVICE
         what = f"no acceleration{place}, though there is one where it begins;{advice}"
         raise _stopped(calls, result, state, every * dt, reason, what, trouble)
     ok = np.isfinite(np.concatenate(result, axis=-1)).all(axis=-1).reshape(-1, steps // every + 1)
@@ -65,15 +62,15 @@ def rollout(calls: Calls, inputs: Inputs, options: StepOptions) -> Rollout:
     bad = [~np.isfinite(array.reshape(*ok.shape, calls.n)[state, row]) for array in result]
     i = int((bad[0] | bad[1]).argmax())
     place = "" if count is None else f" of state {state}"
-    advice = _turned_about(calls, drives) or ADVICE
+    advice = _turned_about(calls, given) or ADVICE
     what = f"{calls.coordinates[i]} is not finite after step {row * every}{place};{advice}"
     raise _stopped(calls, result, state, every * dt, i, what, trouble)
 
 
-def _turned_about(calls: Calls, drives: Sequence[tuple[Array, int, int]]) -> str:
+def _turned_about(calls: Calls, given: Given) -> str:
     """Say which forces are on angles of joints that turn freely; nothing where there are none."""
     angles = [at + i for at, _ in calls.raw.turning.values() for i in range(3)]
-    found = [calls.coordinates[i] for i in angles if drives[0][0].reshape(-1, calls.n)[:, i].any()]
+    found = [calls.coordinates[i] for i in angles if given.drives[0][0].reshape(-1, calls.n)[:, i].any()]
     if not found:
         return ""
     return f" u on {', '.join(found)} has no finite moment where beta is at +-pi/2; allowed: 0, or forces elsewhere"
@@ -110,30 +107,18 @@ def _stopped(
     return stopped
 
 
-def _call(
-    calls: Calls,
-    starts: Sequence[tuple[Array, int]],
-    drives: Sequence[tuple[Array, int, int]],
-    gains: Laws,
-    how: tuple[float, int, int, int],
-    count: int | None,
-    result: tuple[Array, Array],
-) -> int:
+def _call(calls: Calls, given: Given, how: tuple[float, int, int, int], result: tuple[Array, Array]) -> int:
     """Call the C for a state, or for many in threads; -1, or (state * steps + step) * statuses + i of a failure.
 
     Args:
-        starts: q and v, and how far apart two states lie.
-        drives: u and targets, and how far apart their numbers of two states and of two steps are.
-        gains: kp and kd, or none, and efforts, or none.
+        given: states and drives.
         how: dt, steps, every, number of the method.
-        count: the number of states; None for a single one.
         result: q and v, (rows, n) or (count, rows, n); written.
     """
-    rollout = calls.raw.rollout
-    assert rollout is not None
-    rollout.where(batch=count is not None)  # compiled before work is shared out
+    function, count = calls.raw.function("rollout"), given.count
+    function.where(batch=count is not None)  # compiled before work is shared out
     stored = result if count is not None else (result[0][np.newaxis], result[1][np.newaxis])
-    run = _Run(calls, rollout, starts, drives, gains, how, count is None, stored)
+    run = _Run(calls, function, given, how, stored)
     return shared(run.pieces, 1 if count is None else count, min(calls.threads, (count or 0) // SHARE))
 
 
@@ -146,12 +131,14 @@ class _Run:
 
     calls: Calls
     function: RawFunction
-    starts: Sequence[tuple[Array, int]]
-    drives: Sequence[tuple[Array, int, int]]
-    gains: Laws
+    given: Given
     how: tuple[float, int, int, int]
-    single: bool
     stored: tuple[Array, Array]
+
+    @property
+    def single(self) -> bool:
+        """Whether there is one state, and no batch."""
+        return self.given.count is None
 
     def pieces(self, first: int, last: int) -> Iterator[int]:
         """Do the work on some of the states; for each piece -1, or the number of its first failure."""
@@ -161,7 +148,7 @@ class _Run:
         for begin in range(first, last, whole or vector):
             end = min(begin + (whole or vector), last)
             if whole:
-                q, v = (array[begin:end] if apart else array for array, apart in self.starts)
+                q, v = (array[begin:end] if apart else array for array, apart in self.given.starts)
                 yield self._call((begin, end), (0, steps), every, (q, v), [x[begin:end] for x in self.stored])
             else:
                 yield from self._over_steps(begin, end)
@@ -174,7 +161,8 @@ class _Run:
         if count > 1:
             most = max(min(most, BUFFER // (count * n) * every), 1)
         at = [
-            np.array(np.broadcast_to(x[first:last] if apart else x, (count, n)), order="C") for x, apart in self.starts
+            np.array(np.broadcast_to(x[first:last] if apart else x, (count, n)), order="C")
+            for x, apart in self.given.starts
         ]
         room = [np.empty(count * (most // every + 2) * n, x.dtype) for x in self.stored]
         turned = np.zeros((count, self.calls.raw.turning_room), self.calls.dtype)
@@ -219,14 +207,7 @@ class _Run:
         view, n, statuses = self.calls.raw.view, self.calls.n, self.calls.raw.statuses
         (first, last), (begin, end) = states, span
         dt, steps, _, method = self.how
-        fields: dict[str, Any] = {}
-        for name, (array, of_state, of_step) in zip(("u", "target"), self.drives, strict=False):
-            here = view(array.reshape(-1)[first * of_state + begin * of_step :])
-            fields |= {name: here, f"{name}_state": of_state, f"{name}_step": of_step}
-        gains, effort = self.gains
-        fields |= zip(("kp", "kd"), map(view, gains), strict=False)
-        if effort is not None:
-            fields["effort"] = view(effort)
+        fields = self.given.fields(self.calls, first, begin)
         if turned is not None and turned.size:
             fields["turned"] = view(turned.reshape(-1))
         library = self.function.where(batch=not self.single)
@@ -261,29 +242,18 @@ def _row(array: Array, apart: int, state: int) -> Array:
     return array[state] if apart else array
 
 
-def _begins_well(
-    calls: Calls,
-    starts: Sequence[tuple[Array, int]],
-    drives: Sequence[tuple[Array, int, int]],
-    gains: Laws,
-    dt: float,
-    step: int,
-    method: int,
-    one: int | None,
-) -> bool:
-    """True if there are accelerations at the q where a step that failed begins, so that dt is to blame.
-
-    ``one`` is the number of states, None for a single one that is no batch.
-    """
-    (q, _), n = starts[0], calls.n
-    shape = (2, n) if one is None else (1, 2, n)
+def _begins_well(calls: Calls, alone: Given, dt: float, step: int, method: int) -> bool:
+    """True if there are accelerations at the q where a step of a state that failed begins, so that dt is to blame."""
+    (q, _), n = alone.starts[0], calls.n
+    shape = (2, n) if alone.count is None else (1, 2, n)
     ends = np.empty(shape, calls.dtype), np.empty(shape, calls.dtype)
     if step > 0:
-        if _call(calls, starts, drives, gains, (dt, step, step, method), one, ends) >= 0:
+        if _call(calls, alone, (dt, step, step, method), ends) >= 0:
             return True
         q = ends[0].reshape(2, n)[1].copy()
     if not (np.abs(q) < FAR).all():
         return True
     still = np.zeros(n, calls.dtype)
     once = min(1e-9 * dt, SHORT), 1, 1, method  # so short that all of its stages are at q
-    return _call(calls, [(q, 0), (still, 0)], [(still, 0, 0)], ((), None), once, one, ends) < 0
+    free = Given(alone.count, [(q, 0), (still, 0)], [(still, 0, 0)], [])
+    return _call(calls, free, once, ends) < 0

@@ -10,14 +10,13 @@ from dataclasses import dataclass, fields
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...errors import ArrayError, InputError
 from ...names import show
 from ..arrays import flag
 from ..calls import Calls
-
-Array = NDArray[Any]
+from ..raw import Array
 
 FIXED = {"rk4": 0, "implicit": 1}  # methods of steps of one length, by their numbers in C
 ADAPTIVE = {"rosenbrock": 0, "tsit5": 1}  # methods with error control, likewise

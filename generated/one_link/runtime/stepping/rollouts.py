@@ -10,13 +10,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, DTypeLike, NDArray
+from numpy.typing import ArrayLike, DTypeLike
 
 from ...errors import ArrayError, InputError
 from ..calls import Calls
+from ..raw import Array
 from .options import Control, is_number
-
-Array = NDArray[Any]
 
 SHARE = 16  # states that are worth a thread of their own
 
@@ -89,12 +88,23 @@ class Given:
     gains: list[Array]
     effort: Array | None = None
 
+    def fields(self, calls: Calls, state: int, step: int = 0) -> dict[str, Any]:
+        """Fields of a drive for C, from a state and a step on; the pointers must be kept alive."""
+        view, found = calls.raw.view, dict[str, Any]()
+        for name, (array, of_state, of_step) in zip(("u", "target"), self.drives, strict=False):
+            here = view(array.reshape(-1)[state * of_state + step * of_step :])
+            found |= {name: here, f"{name}_state": of_state, f"{name}_step": of_step}
+        found |= zip(("kp", "kd"), map(view, self.gains), strict=False)
+        if self.effort is not None:
+            found["effort"] = view(self.effort)
+        return found
+
     def trouble(self, calls: Calls) -> ArrayError | None:
         """The error that names an input that is not finite (``checks`` may have let it through), or None."""
         given = [(array, 0) for array, _ in self.starts] + [(array, apart) for array, _, apart in self.drives]
         for label, (array, apart) in zip(("q0", "v0", "u", "target"), given, strict=False):
             try:
-                calls.refuse_not_finite(label, array, array.shape[-2:] if apart else (calls.n,))
+                calls.arrays.refuse_not_finite(label, array, array.shape[-2:] if apart else (calls.n,))
             except ArrayError as error:
                 return error
         return None

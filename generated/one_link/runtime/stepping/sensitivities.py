@@ -9,13 +9,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...errors import ArrayError, InputError
 from ...names import listed, show
 from ..calls import Calls
 from ..derivatives import parameter_slots
-from ..raw import FFI
+from ..raw import FFI, Array
 from .given_loads import Loads
 from .gradients import WAYS, Motion, Steps, stopped, taken_steps
 from .load_slopes import Acting
@@ -23,8 +23,6 @@ from .loads import ALONG
 from .options import StepOptions
 from .rollouts import Inputs, room_for, shape_of
 from .stiff_steps import Pair, parts_of, refuse_different
-
-Array = NDArray[Any]
 
 MOVING = ("q", "v", "u")  # names of what directions are given of
 PART = 2**14  # numbers of the steps of a part, which stay near to the processor

@@ -12,15 +12,13 @@ A generated package carries a copy of this file.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...names import show
-
-Array = NDArray[Any]
+from ..raw import Array
 
 NEAR = 1.5  # a step times its fastest rate, of the 3.5 at which tsit5 is not stable any more
 MOST = 64  # steps in the place of one: of one at rest it is not known how far it is from that limit

@@ -6,20 +6,16 @@ A generated package carries a copy of this file.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..calls import Calls
 from ..pieces import OPERATIONS
-from ..raw import FFI
+from ..raw import FFI, Array
 from .adaptive import STAGES
 from .loaded import AUTO, TRIAL, Alternation
 from .loads import LoadData, Side
 from .options import ADAPTIVE, ErrorControl
-
-Array = NDArray[Any]
 
 SIDE_BY_SIDE = 16  # states of a call that go equally far: as many as the widest vector has numbers
 
@@ -55,9 +51,7 @@ class Together:
         control: ErrorControl,
     ) -> None:
         raw, count = calls[0].raw, len(calls)
-        function = raw.adaptive
-        if function is None:
-            raise raw.missing("adaptive_rollout")
+        function = raw.function("adaptive_rollout")
         library, view, n = function.where(batch=True), raw.view, calls[0].n
         self._function, self._times, self._method = function, np.array(times, dtype=np.float64), control.method
         self.state = np.array([q, v], dtype=raw.dtype)
