@@ -10,8 +10,7 @@ from eomgen.names import component_name, joint_of, parameter_path
 from eomgen.robot.cuts import UPRIGHT
 from eomgen.robot.mechanism import effort_of
 from eomgen.robot.model import Model
-from eomgen.robot.parameter_names import element_places
-from eomgen.robot.parameter_numbers import least_of
+from eomgen.robot.parameter_names import element_places, least_of
 from eomgen.robot.value import MOTOR, Loop
 
 from ..tree.regressor import described_values, regressor_names

@@ -216,7 +216,7 @@ def _element_jacobian(d: Derivation) -> Outputs:
 
 
 def _deflections(d: Derivation) -> list[Deflection]:
-    """Those of all force elements in the order of ``element_rows``."""
+    """Coordinates of all force elements, in the order of ``element_rows``."""
     by_name = {one.name: one for element in d.elements for one in element.deflections(d.v)}
     return [by_name[name] for name in element_rows(d.described)]
 

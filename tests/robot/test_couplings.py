@@ -13,7 +13,7 @@ from eomgen.errors import DescriptionError
 from eomgen.export.fmu.variables import UNITS, parameter_unit
 from eomgen.pipeline.costs import RobotInfo
 from eomgen.robot.model import build_model, open_tree
-from eomgen.robot.parameter_numbers import least_of
+from eomgen.robot.parameter_names import least_of
 from eomgen.robot.record import record_of, robot_hash, robot_of
 from eomgen.robot.value import Coordinate, Coupling, Robot, first_contradiction
 

@@ -19,7 +19,7 @@ from eomgen.forms.tables import Sub
 from eomgen.robot.elements import Spring
 from eomgen.robot.laws import BASIC, LAWS, NUMBERS, SHAPED
 from eomgen.robot.model import build_model
-from eomgen.robot.parameter_numbers import least_of, number_of
+from eomgen.robot.parameter_names import least_of, number_of
 from eomgen.robot.record import record_of, robot_hash, robot_of
 from eomgen.robot.value import Coordinate, Friction, Joint, Link, Robot
 from tests.oracles.force_laws import KINDS, random_coordinate, with_laws

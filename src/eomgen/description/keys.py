@@ -26,11 +26,11 @@ from ..forms.tables import Entries, Form, Pair, Sub
 from ..names import IDENTIFIER_RULE, ROBOT_RULE
 from ..robot import laws
 from ..robot.coordinates import UNITS
-from ..robot.curves import POINTS
 from ..robot.cuts import CUTS
 from ..robot.elements import KINDS, LinkElement
 from ..robot.geometry import Placement, Vector
 from ..robot.inertia_policy import POLICIES
+from ..robot.laws import POINTS
 from ..robot.value import COORDINATES, INERTIA_KEYS, JOINT_TYPES, LINEAR, MOTOR
 
 ROLES = ("free", "locked", "prescribed")

@@ -14,7 +14,7 @@ from .bounds import limits_conflict
 from .elements import KINDS
 from .geometry import Matrix, Placement
 from .model import parameter_values
-from .parameter_numbers import least_of
+from .parameter_names import least_of
 from .value import COORDINATES, JOINT_TYPES, PRINCIPAL, Joint, Robot
 
 _TURNED = 1e-6  # that a rotation's R R^T may be off the identity: some decimals of a text

@@ -24,6 +24,9 @@ SHAPED = {f"friction.{GAUSSIAN}": "friction.stribeck"}  # numbers that descripti
 COARSE = 1e-3  # m/s or rad/s by which explicit steps chatter where friction is too sharp for them
 ONSET = 1e-4  # m or rad over which a stop sets in
 
+Curve = tuple[tuple[float, float], ...]  # (deviation, force)
+POINTS = (2, 64)  # fewest and most points of a curve
+
 FORCE, LENGTH, RATE = ("N", "N m"), ("m", "rad"), ("m/s", "rad/s")
 STIFFNESS, DAMPING, INERTIA = ("N/m", "N m/rad"), ("N s/m", "N m s/rad"), ("kg", "kg m^2")
 
@@ -486,3 +489,17 @@ def number_texts(numbers: Values) -> list[str]:
     texts = [f"{key} {number:.4g}" for key, number in numbers.items() if not key.startswith("curve.")]
     points = len(numbers) - len(texts)
     return [*texts, f"curve of {points} points"] if points else texts
+
+
+def curve_conflict(curve: Curve, what: str = "deviation") -> tuple[str, str] | None:
+    """The key and the message of what is wrong with a curve's points; None if nothing is.  ``what``: its abscissa."""
+    fewest, most = POINTS
+    if not fewest <= len(curve) <= most:
+        return "curve", f"got {len(curve)} points; allowed: {fewest} to {most}"
+    for i in range(1, len(curve)):
+        if curve[i][0] - curve[i - 1][0] < SMALLEST:
+            return "curve", (
+                f"point {i} has the {what} {curve[i][0]!r} after {curve[i - 1][0]!r}; "
+                f"allowed: {what}s that rise by at least {SMALLEST:g}"
+            )
+    return None

@@ -1,15 +1,16 @@
-"""Names of parameters that stay run-time values: ``tunable`` of a description, expanded to full names."""
+"""Names of parameters that stay run-time values, ``tunable`` expanded to them, and which numbers of tables they are."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import NoReturn
 
 from ..errors import DescriptionError
 from ..names import nearest, parameter_name, parameter_path, show
 from .elements import KINDS, Spring
-from .laws import JOINT_DAMPING, RADIAL
+from .laws import BASIC, IN_BEARINGS, IN_MOTION, JOINT_DAMPING, NUMBERS, RADIAL, Number
 from .value import (
     COORDINATE_NUMBERS,
     COORDINATES,
@@ -37,6 +38,7 @@ Places = dict[str, dict[str, dict[str, int]]]  # of numbers in parameters, by fa
 JOINTS, CUTS, BEARINGS, CUT_BEARINGS, MOTIONS = "coordinates", "cut_laws", "bearings", "cut_bearings", "joint_damping"
 LINES = Spring.TABLE
 FAMILIES = (JOINTS, CUTS, BEARINGS, CUT_BEARINGS, MOTIONS, *KINDS)  # of forces
+_OF_COORDINATES: Mapping[str, Number] = MappingProxyType({**{number.key: number for number in BASIC}, **NUMBERS})
 _LONG = 1000  # characters of a name that no parameter has which are looked at for a hint
 
 
@@ -213,3 +215,25 @@ def _refuse(robot: Robot, pattern: str, known: Sequence[Parameter]) -> NoReturn:
         pattern, (parameter_name(*path[:n]) for path in paths for n in range(_shortest(path), len(path) + 1))
     )
     raise DescriptionError(f"{show(pattern)}: {reason}{hint} (allowed: {FORMS})", where="tunable", source=robot.source)
+
+
+def number_of(parameter: str) -> Number | None:
+    """Give the table's number that a run-time parameter is; None of what is no force."""
+    kind, *path = parameter_path(parameter)
+    if kind not in ("joints", "loops", "couplings", *KINDS):
+        return None
+    if kind in ("joints", "loops") and path[1] == RADIAL:
+        return IN_BEARINGS.get(parameter_name(*path[2:]))
+    if kind == "joints" and path[1] == JOINT_DAMPING:
+        return IN_MOTION.get(parameter_name(*path[2:]))
+    key = parameter_name(*path[2 if kind in ("joints", "loops") else 1 :])
+    table = KINDS[kind].NUMBERS if kind in KINDS else _OF_COORDINATES
+    return table.get(key) or table.get(key.partition(".")[0])
+
+
+def least_of(parameter: str) -> float | None:
+    """Give the least value that a run-time parameter may have; None where any number will do."""
+    if parameter.startswith("links.") and parameter.endswith(".mass"):
+        return 0.0
+    number = number_of(parameter)
+    return None if number is None else number.least

@@ -12,8 +12,7 @@ from dataclasses import fields
 from ..limits import LARGEST
 from ..names import show
 from .bounds import limits_conflict
-from .curves import curve_conflict
-from .laws import LAWS, NUMBERS, given_laws, law_conflict
+from .laws import LAWS, NUMBERS, curve_conflict, given_laws, law_conflict
 from .value import CUT_NUMBERS, MOTOR, PRINCIPAL, Coordinate, Motor
 
 ROTORS = tuple(law.name for law in LAWS.values() if law.of_rotor)

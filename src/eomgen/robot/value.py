@@ -18,7 +18,6 @@ from typing import Any
 from ..names import NAME_LENGTH, html_table, joint_of, kind_of, split_component
 from ..once import kept
 from .bounds import Limits
-from .curves import Curve as Curve
 from .cuts import CUTS
 from .elements import KINDS, Element, LinkElement
 from .elements.spring import Spring as Spring
@@ -39,6 +38,7 @@ from .laws import (
     defaults,
     given_laws,
 )
+from .laws import Curve as Curve
 
 ACROSS: Mapping[str, tuple[str, ...]] = MappingProxyType(  # translations across a coordinate's axis
     {name: tuple(x for x in LINEAR if x != axis) for name, axis in zip(COORDINATES, LINEAR * 2, strict=True)}

@@ -24,7 +24,7 @@ from eomgen.integration.plan import why_stiff
 from eomgen.pipeline.costs import RobotInfo
 from eomgen.robot.journals import Radial, SlidingFriction
 from eomgen.robot.model import build_model
-from eomgen.robot.parameter_numbers import least_of
+from eomgen.robot.parameter_names import least_of
 from eomgen.robot.record import record_of, robot_of
 from eomgen.robot.value import COORDINATES, Coordinate, Joint, Link, Loop, Placement, Robot
 from eomgen.scenario.load import scenario_from_toml

@@ -25,7 +25,7 @@ from eomgen.pipeline.costs import RobotInfo
 from eomgen.robot.joint_damping import JointDamping
 from eomgen.robot.laws import IN_MOTION
 from eomgen.robot.model import build_model
-from eomgen.robot.parameter_numbers import least_of, number_of
+from eomgen.robot.parameter_names import least_of, number_of
 from eomgen.robot.record import record_of, robot_of
 from eomgen.robot.value import ANGULAR, COORDINATES, LINEAR, Coordinate, Robot
 from eomgen.scenario.load import scenario_from_toml

@@ -70,7 +70,7 @@ def test_frames_that_move_take_points_along(seed: int, built: Build) -> None:
     model = build_model(robot)
     bound = bind(model, lambda _, number: number, lambda x: (np.sin(x), np.cos(x)))
     moved = choose_frames(model, bound)
-    assert any(a.ends != b.ends for a, b in zip(bound.springs, moved.springs, strict=True))
+    assert any(a.ends != b.ends for a, b in zip(bound.elements["springs"], moved.elements["springs"], strict=True))
     kernel, oracle = built(robot, *NAMES, flags=("-O0", "-Werror")), SpringOracle(robot)
     for i in range(5):
         s = random_state(robot, seed + i)

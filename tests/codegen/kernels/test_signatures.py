@@ -13,6 +13,7 @@ import pytest
 import eomgen
 from eomgen.codegen.c import lanes
 from eomgen.codegen.c.sources import render
+from eomgen.codegen.forces.bushings import Bushings
 from eomgen.codegen.kernels.derived import BACKWARDS, GRADIENTS
 from eomgen.codegen.kernels.entries import KINDS, Signature
 from eomgen.codegen.kernels.equations import derive_equations
@@ -20,8 +21,10 @@ from eomgen.codegen.kernels.operation_counts import OWN
 from eomgen.codegen.kernels.signatures import DERIVATIVES, KERNELS, SIGNATURES, by_kind, functions, shapes
 from eomgen.codegen.kernels.stages import STAGES
 from eomgen.codegen.kernels.writers import WAYS, WRITERS
+from eomgen.description.load import robot_from_toml
 from eomgen.robot.model import build_model
 from tests.support.builds import Build
+from tests.support.every_element import robot_with
 from tests.support.random_followers import with_followers
 
 TEMPLATES = Path(eomgen.__path__[0], "templates", "composed")
@@ -63,6 +66,7 @@ def test_an_entry_has_what_its_kind_needs(name: str) -> None:
 def test_every_array_has_a_shape() -> None:
     robots = [eomgen.load_robot(name) for name in ("one_link", "four_bar", "balanced_arm", "hexapod_elastic")]
     robots.append(with_followers(eomgen.load_robot("puma560"), 1))
+    robots.append(robot_from_toml(robot_with(Bushings)))
     known = {key for robot in robots for key in shapes(build_model(robot))} | {"kept"}  # which programs are cut by
     parts = [part for entry in KERNELS.values() for part in entry.functions.values()]
     public = [entry for name, entry in SIGNATURES.items() if name not in BACKWARDS]

@@ -16,7 +16,7 @@ from eomgen.robot.coordinates import FORCES, force_unit_of, unit_of
 from eomgen.robot.elements import KINDS
 from eomgen.robot.laws import BASIC, JOINT_DAMPING, NUMBERS, RADIAL
 from eomgen.robot.model import FIXED_BODY, Model
-from eomgen.robot.parameter_numbers import least_of, number_of
+from eomgen.robot.parameter_names import least_of, number_of
 from eomgen.robot.rules import ROTORS
 from eomgen.robot.value import LINEAR, MOTOR, PRINCIPAL, Robot
 from eomgen.runtime.stepping.options import LEAST

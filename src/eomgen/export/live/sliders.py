@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from ...names import parameter_path
-from ...robot.parameter_numbers import least_of
+from ...robot.parameter_names import least_of
 from ...robot.value import Robot
 from ..fmu.variables import parameter_unit
 

@@ -46,7 +46,7 @@ class LinkElement(ABC):
 
     @property
     def prefix(self) -> str:
-        """What names of its numbers begin with: "springs.coil"."""
+        """The beginning of its numbers' names: "springs.coil"."""
         return f"{self.TABLE}.{self.name}"
 
     @abstractmethod

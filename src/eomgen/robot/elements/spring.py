@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import ClassVar
 
-from ..curves import Curve, curve_conflict
 from ..geometry import ZERO, Placement, Vector
-from ..laws import SMALLEST, Number
+from ..laws import SMALLEST, Curve, Number, curve_conflict
 from .element import LinkElement, Slopes
 
 TAUT = 1e-4  # of a cable's free length over which its tension sets in: a tenth of steel's strain at 200 MPa
