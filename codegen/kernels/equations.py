@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from eomgen.errors import InputError
 from eomgen.memory import without_collection
+from eomgen.robot.elements import KINDS, Spring
 from eomgen.robot.model import Model
 
 from ..program.ir import Program, finish
@@ -23,7 +24,7 @@ DIVISION = 8  # a division takes about as long as so many products
 NEEDS = {
     "loops": "[[loops]]",
     "springs": "[[springs]]",
-    "elements": "force elements between two links, such as [[bushings]]",
+    "elements": " or ".join(f"[[{table}]]" for table, kind in KINDS.items() if kind is not Spring),
     "constraints": "rigid [[loops]] or [[couplings]]",
     "laws": "forces in cut joints or couplings",
     "followers": "rigid [[couplings]] whose followers are no coordinates",

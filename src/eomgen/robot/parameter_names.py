@@ -31,8 +31,9 @@ FORMS = (
     "loops.LOOP.COORDINATE.stiffness (or damping), loops.LOOP.offset[.x], "
     "loops.LOOP.placements[.0.xyz.0] (or rpy), couplings.COUPLING.ratio[.JOINT.COORDINATE], "
     "couplings.COUPLING.stiffness (or damping, offset), springs.SPRING.stiffness (or "
-    "damping, free_length), springs.SPRING.points[.0.x], bushings.BUSHING.stiffness[.x] (or damping); "
-    "* stands for any one component"
+    "damping, free_length), springs.SPRING.points[.0.x], "
+    + ", ".join(f"{table}.{x.KIND.upper()}.{next(iter(x.NUMBERS))}" for table, x in KINDS.items() if x is not Spring)
+    + "; * stands for any one component"
 )
 Places = dict[str, dict[str, dict[str, int]]]  # of numbers in parameters, by family, owner, and name in its table
 JOINTS, CUTS, BEARINGS, CUT_BEARINGS, MOTIONS = "coordinates", "cut_laws", "bearings", "cut_bearings", "joint_damping"
