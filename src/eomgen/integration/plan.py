@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import InputError
+from ..errors import EomgenError, InputError
 from ..names import show
 from ..runtime.kernel import Kernel
 from ..runtime.stepping.adaptive import STAGES
@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 IN_C = tuple(STAGES)
 EXPLICIT_IN_PYTHON = ("DOP853", "RK45", "rk4")
 EXPLICIT = ("tsit5", *EXPLICIT_IN_PYTHON)
+REAL_TIME = 300.0  # rad/s or 1/s: rates above which steps of some ms, in pace with a clock, are implicit
 STIFF = 1000.0  # time constants in a motion: an explicit method takes 2000 evaluations, and an implicit one not more
 METHODS = (AUTO, *IN_C, *SCIPY_IMPLICIT, *SUNDIALS, *EXPLICIT_IN_PYTHON)
 _NONE = (None, None, None)
@@ -150,6 +151,18 @@ def why_not_in_c(
         if callable(function) and data_of(function) is None:
             return f"the {label} is a function that only Python can call"
     return ""
+
+
+def stiff_in_real_time(kernel: Kernel, q: Array) -> bool:
+    """Return whether steps that keep pace with a clock must be implicit at q, (n,): rates there are above REAL_TIME.
+
+    Explicit steps are then as short as that all the time.  Where M is singular at q, rates are not known, and steps
+    are implicit.
+    """
+    try:
+        return max(fastest_rates(kernel, q)) > REAL_TIME
+    except (np.linalg.LinAlgError, EomgenError):
+        return True
 
 
 def why_stiff(kernel: Kernel, q: Array | None = None, duration: float = 1.0) -> str:

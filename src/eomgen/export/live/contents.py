@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import EomgenError, InputError
+from ...integration.plan import stiff_in_real_time
 from ...names import kind_of
 from ...pictures.framing import ROUND_OFF, SHOWN_ANGLE, SHOWN_PART, STEP, drawn_points, first_factor
 from ...pictures.scene import extent, program_positions
@@ -22,7 +23,7 @@ from ...scenario.value import Scenario
 from ...simulation.assembly import Assembly, is_rigid
 from ...simulation.loads import body_parameters, with_payload_parameters
 from ...simulation.result import SimulationResult
-from ...state.springs import fastest_rates, stiffnesses
+from ...state.springs import stiffnesses
 from .acting import acting_on, default_scenario
 from .geometry import geometry_of, packed, tool_place
 from .sliders import parameter_sliders, scales_of
@@ -31,7 +32,6 @@ Array = NDArray[np.float64]
 
 PERIOD, FINE_PERIOD = 4e-3, 2e-3  # s, in which drives and loads are held; of drives and loads that change fast
 RTOL = 1e-4  # relative tolerance of steps
-STIFF = 300.0  # 1/s: rates above which steps are implicit
 QUINTIC = 5.7735  # largest acceleration of a motion's quintic profile, of its length over its duration squared
 MORE = 100.0  # times further they can be exaggerated
 MOST_SAMPLES = 4000  # of a recording
@@ -80,7 +80,7 @@ def contents_of(robot: Robot, scenario: Scenario | None, result: SimulationResul
     factor = 1.0  # what is exaggerated in a mechanism would tear its loops
     if not robot.is_closed:
         factor = first_factor(result, robot) if result else _factor(robot, kernel, start, deviations, acting)
-    stiff = _is_stiff(kernel, start)
+    stiff = stiff_in_real_time(kernel, start)
     moving = sum(robot.link(name).mass for name in model.links)
     fine = acting["control"] == "model" or acting["prescribed"] or acting["wrenches"] or acting["torque"]
     rigid: Robot | None = None
@@ -199,13 +199,6 @@ def _in_motion(robot: Robot, kernel: Kernel, q: Array, deviations: list[int], ac
     for i in deviations:
         found[i] = force[i] / stiffness[i] if stiffness[i] > 0.0 else 0.0
     return found
-
-
-def _is_stiff(kernel: Kernel, q: Array) -> bool:
-    try:
-        return max(fastest_rates(kernel, q)) > STIFF
-    except (np.linalg.LinAlgError, EomgenError):
-        return True
 
 
 def _plot(kernel: Kernel, deviations: list[int]) -> str:
