@@ -146,3 +146,19 @@ def test_the_reference_position_is_home() -> None:
 def test_bad_equalities(equality: str, message: str) -> None:
     with pytest.raises(DescriptionError, match=r"m\.xml:19:\d+: .*" + message):
         read(equality)
+
+
+def test_links_that_do_not_move_against_each_other_are_refused_with_their_place() -> None:
+    text = """<mujoco model="r">
+  <worldbody>
+    <body name="torso"><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
+      <body name="arm"><joint type="hinge"/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/></body>
+    </body>
+  </worldbody>
+  <equality>
+    <connect name="pin" body1="torso" anchor="0 0 0"/>
+  </equality>
+</mujoco>"""
+    with pytest.raises(DescriptionError, match="'torso' and 'world' do not move against each other") as caught:
+        robot_from_mjcf(text)
+    assert caught.value.line == 8

@@ -26,7 +26,7 @@ from ..robot.joint_damping import JointDamping, damping_conflict
 from ..robot.laws import JOINT_DAMPING
 from ..robot.mechanism import mechanism_conflict
 from ..robot.parameter_names import expand_tunable
-from ..robot.rules import motor_conflict
+from ..robot.rules import motor_conflict, unmoved
 from ..robot.value import (
     BASE,
     COORDINATES,
@@ -457,6 +457,7 @@ def _finish(draft: Draft, policy: str | None, tunable: list[str]) -> Robot:
     check_elements(draft)
     if not any(joint.coordinates for joint in joints):
         draft.fail("joints", "no joint has a coordinate, so nothing moves; allowed: at least one joint that moves")
+    _check_pairs(draft, joints)
     links, notes = _bodies(draft, joints, policy)
     elements = [element for table in draft.elements.values() for element in table.values()]
     robot = Robot(
@@ -479,6 +480,18 @@ def _finish(draft: Draft, policy: str | None, tunable: list[str]) -> Robot:
     if found is not None:
         draft.fail(*found)
     return Robot(**{**vars(robot), "tunable": expand_tunable(robot, tunable)})
+
+
+def _check_pairs(draft: Draft, joints: Sequence[Joint]) -> None:
+    """DescriptionError if no joint moves between the two links of a loop or force element."""
+    carrier = {draft.base: draft.base}
+    for joint in joints:
+        carrier[joint.child] = joint.child if joint.coordinates else carrier[joint.parent]
+    pairs = [(f"loops.{name}.links", loop.links) for name, loop in draft.loops.items()]
+    pairs += [(f"{x.prefix}.links", x.links) for elements in draft.elements.values() for x in elements.values()]
+    for where, (first, second) in pairs:
+        if carrier[first] == carrier[second]:
+            draft.fail(where, unmoved(first, second))
 
 
 def _bodies(draft: Draft, joints: Sequence[Joint], policy: str | None) -> tuple[tuple[Link, ...], tuple[str, ...]]:

@@ -31,7 +31,7 @@ from .joint_damping import damping_conflict
 from .journals import radial_conflict
 from .laws import JOINT_DAMPING, RADIAL
 from .mechanism import coordinate_of, drive_of, leading_coordinate, leading_home, mechanism_conflict
-from .rules import conflict, cut_conflict, motor_conflict
+from .rules import conflict, cut_conflict, motor_conflict, unmoved
 from .value import (
     ANGULAR,
     COORDINATE_NUMBERS,
@@ -396,12 +396,7 @@ def _check_pair(robot: Robot, body_of: Mapping[str, int], links: tuple[str, str]
                 source=robot.source or robot.name,
             )
     if body_of[first] == body_of[second]:
-        raise DescriptionError(
-            f"the links {show(first)} and {show(second)} do not move against each other; allowed: links with a"
-            " moving joint between them",
-            where=where,
-            source=robot.source or robot.name,
-        )
+        raise DescriptionError(unmoved(first, second), where=where, source=robot.source or robot.name)
 
 
 def _check_forces(robot: Robot) -> None:

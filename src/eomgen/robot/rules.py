@@ -74,3 +74,11 @@ def cut_conflict(given: Coordinate) -> tuple[str, str] | None:
     if given.limits is not None:
         return "limits", "it has no drive and no motion of its own; allowed: limits of joints' coordinates"
     return conflict(given)
+
+
+def unmoved(first: str, second: str) -> str:
+    """The message about two links of a loop or force element between which no joint moves."""
+    return (
+        f"the links {show(first)} and {show(second)} do not move against each other; allowed: links with a moving joint"
+        " between them"
+    )
