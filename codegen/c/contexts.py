@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from eomgen._version import __version__
+from eomgen.arrays import Array
 from eomgen.robot.cuts import CUTS
 from eomgen.robot.model import Model
 
@@ -21,7 +22,7 @@ from ..kernels.derived import GRADIENTS
 from ..kernels.equations import Equations
 from ..kernels.interface import turning_joints
 from ..kernels.signatures import KERNELS, SIGNATURES, SINGLES, Function, by_kind, functions, shapes
-from ..kernels.steps.methods import GAUSS, LEAST_PART, LOOK, RK4, TSIT5, W643, Array
+from ..kernels.steps.methods import GAUSS, LEAST_PART, LOOK, RK4, TSIT5, W643
 from ..program.operations import CALLS
 from ..solve.factorised import coordinate_parents
 from .definitions import define, define_setup, define_share

@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 import sympy as sp
-from numpy.typing import NDArray
 
+from eomgen.arrays import Array
 from eomgen.errors import InputError
 from eomgen.names import split_component
 from eomgen.robot.elements import KINDS
@@ -36,7 +36,6 @@ from ..tree.spatial import Pose, PseudoInertia
 from .closing import Closing, closing_of
 
 Expr = Any  # sympy.Expr
-Array = NDArray[np.float64]
 Row = tuple[Expr, ...]
 
 

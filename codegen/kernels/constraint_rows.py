@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from eomgen.ranks import independent_columns, rank_of
+from eomgen.arrays import independent_columns, rank_of
 from eomgen.robot.model import Model
 from eomgen.runtime.turning import ON, seen, singular_joints
 

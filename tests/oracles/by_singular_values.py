@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from eomgen.arrays import RANK
 from eomgen.errors import InputError, LoopError, SingularError, UnknownNameError
 from eomgen.loops.redundant import Factors, Redundancy
-from eomgen.ranks import RANK
 from eomgen.robot.coordinates import unit_of
 from eomgen.robot.cuts import CUTS, UPRIGHT
 from eomgen.runtime.kernel import Kernel

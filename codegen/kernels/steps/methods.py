@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from eomgen.arrays import Array
 
 LOOK = 2000  # steps and rejections between two looks at whether they lead anywhere, twenty times what an impact takes
 GAUSS = {  # rule of five points on [0, 1], exact for polynomials of degree 9

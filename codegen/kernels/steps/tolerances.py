@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eomgen.arrays import Array
 from eomgen.errors import InputError
 from eomgen.names import joint_of
 from eomgen.robot.model import Model
@@ -18,8 +18,6 @@ from ...program.ir import evaluate, finish
 from ...program.passes import PARAMETERS
 from ..derivation import Derivation, vector
 from ..interface import knots
-
-Array = NDArray[np.float64]
 
 
 def coordinate_sizes(model: Model) -> tuple[Array, Array]:

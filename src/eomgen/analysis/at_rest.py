@@ -10,13 +10,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import RANK, Array, Mask
 from ..errors import IntegrationError
-from ..ranks import RANK
 from ..runtime.kernel import Kernel
 from ..shown import Shown
-from .holding import Array, Fixation, notes_of_play
+from .holding import Fixation, notes_of_play
 from .tangent_system import LinearSystem, MotionState, Tangent, load_force, moving_basis, reduced, tangent
 
 STEPS = 400
@@ -106,7 +105,7 @@ def rest(
     )
 
 
-def closed(kernel: Kernel, q: Array, still: NDArray[np.bool_]) -> Array:
+def closed(kernel: Kernel, q: Array, still: Mask) -> Array:
     """The pose near q, (n,), in which loops are closed and couplings kept; what is ``still`` stays.
 
     Where more stays than the mechanism has freedoms, the pose may be closed already, up to round-off, which is shared.
@@ -123,7 +122,7 @@ def closed(kernel: Kernel, q: Array, still: NDArray[np.bool_]) -> Array:
 
 
 def _found(
-    kernel: Kernel, q: Array, target: Array, springs: Array, still: NDArray[np.bool_], loads: Mapping[str, Array]
+    kernel: Kernel, q: Array, target: Array, springs: Array, still: Mask, loads: Mapping[str, Array]
 ) -> RestState:
     zero = np.zeros(kernel.n)
     needed = kernel.inverse_dynamics(q, zero, zero, cut=True) - load_force(kernel, q, loads)
@@ -143,7 +142,7 @@ def _found(
     return RestState(q, u, multipliers, found, tuple(notes))
 
 
-def _constraint(kernel: Kernel, q: Array, force: Array, still: NDArray[np.bool_]) -> tuple[Array, Array]:
+def _constraint(kernel: Kernel, q: Array, force: Array, still: Mask) -> tuple[Array, Array]:
     """Multipliers of least norm that balance a force best, and the smallest change that closes the loops."""
     change = np.zeros(kernel.n)
     if not kernel.constraints:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..arrays import Array
 from ..description import RobotLike, as_robot
 from ..errors import InputError, IntegrationError
 from ..limits import MOST_COUNTED
@@ -25,7 +26,7 @@ from ..robot.model import build_model, tool_of
 from ..runtime.kernel import Kernel
 from ..shown import Shown
 from ..state.motors import turn_motors
-from .holding import Array, PoseLike
+from .holding import PoseLike
 from .options import HeldRobot, StateKeywords, prepared
 from .statics import deflection_of, fixed_at_rest
 

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arrays import Array
 from ..description import RobotLike
 from ..errors import ArrayError, InputError
 from ..files import check_ending, write_atomically
@@ -27,7 +28,7 @@ from ..robot.coordinates import force_unit_of
 from ..shown import Shown
 from ..tabular import Rows, TableColumn, Tabular
 from .at_rest import system_at_rest
-from .holding import Array, PoseLike
+from .holding import PoseLike
 from .modal import ROUND_OFF
 from .options import StateKeywords, prepared, warn_of
 from .ports import checked_kind, input_matrix, output_matrices, unit_of_output

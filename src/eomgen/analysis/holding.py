@@ -6,8 +6,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array, Mask
 from ..errors import ArrayError, DescriptionError, InputError, UnknownNameError
 from ..motion.ends import default_motion
 from ..names import joint_of, show
@@ -19,8 +19,6 @@ from ..state.journals import cut_contacts, cut_deviations, journal_contacts
 from ..state.motors import acting, deflections, turn_motors
 from ..state.springs import clearances, cut_numbers, journals_in_play, law_numbers
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 PoseLike = Mapping[str, float] | Sequence[float] | Array
 Gains = float | Mapping[str, float]
 

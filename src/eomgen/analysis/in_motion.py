@@ -5,21 +5,19 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..arrays import RANK, Array, Mask
 from ..errors import InputError, LoopError
 from ..names import joint_of
 from ..pipeline.stages import build
-from ..ranks import RANK
 from ..runtime.kernel import Kernel
 from ..runtime.opened import left_open
 from ..state.vectors import state_vector
 from .at_rest import closed
-from .holding import Array, Fixation, notes_of_play
+from .holding import Fixation, notes_of_play
 from .options import HeldRobot
 from .tangent_system import LinearSystem, MotionState, constraint_hessian, load_force, moving_basis, reduced, tangent
-
-Mask = NDArray[np.bool_]
 
 OPEN = 1e-9  # of the greatest of what adds up: more is not round-off
 

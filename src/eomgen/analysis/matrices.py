@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..arrays import Array
 from ..description import RobotLike
 from ..errors import InputError
 from ..names import component_name
@@ -19,7 +20,7 @@ from ..robot.coordinates import MOTIONS
 from ..robot.model import tool_of
 from ..shown import Shown
 from .at_rest import system_at_rest
-from .holding import Array, Fixation, PoseLike
+from .holding import Fixation, PoseLike
 from .in_motion import moving_system
 from .options import StateKeywords, prepared, warn_of
 from .ports import checked_kind, input_matrix, output_matrices

@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array, Index
 from ..description import RobotLike
 from ..errors import InputError
 from ..optional import optional_import
 from ..progress import StageReport
 from ..robot.model import tool_of
 from .at_rest import system_at_rest
-from .holding import Array, PoseLike
+from .holding import PoseLike
 from .modal_result import Modes, TrackedModes
 from .options import StateKeywords, prepared, warn_of
 from .tangent_system import LinearSystem
@@ -163,7 +164,7 @@ def _most_real(scaled: Complex) -> Complex:
     return np.asarray(turned * np.where(largest.real < 0.0, -1.0, 1.0))
 
 
-def _tracked(found: Sequence[Modes], metrics: Sequence[Array]) -> NDArray[np.intp]:
+def _tracked(found: Sequence[Modes], metrics: Sequence[Array]) -> Index:
     with optional_import("SciPy", "modes along a path need"):
         from scipy.optimize import linear_sum_assignment
     tracks = [[k] for k in range(len(found[0].eigenvalues))]

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array, Index
 from ..robot.coordinates import MOTIONS, unit_of
 from ..shown import Shown
 from ..tabular import Rows, TableColumn, Tabular
-from .holding import Array
 
 Complex = NDArray[np.complex128]
 
@@ -131,7 +131,7 @@ class TrackedModes(Shown, Tabular):
     """
 
     modes: tuple[Modes, ...]
-    tracks: NDArray[np.intp]
+    tracks: Index
 
     def values(self, name: str) -> Array:
         """``frequencies``, ``damped_frequencies`` or ``damping_ratios`` of all tracks, (P, tracks); NaN where none."""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, TypedDict
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..arrays import Array
 from ..description import RobotLike, as_robot
 from ..errors import ArrayError, EomgenWarning, InputError
 from ..pipeline.closing import mechanism_kernels
@@ -18,7 +19,7 @@ from ..progress import StageReport, no_report
 from ..robot.model import build_model
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
-from .holding import Array, Fixation, Gains, PoseLike, fixation_of, pose_of
+from .holding import Fixation, Gains, PoseLike, fixation_of, pose_of
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack

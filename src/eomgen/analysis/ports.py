@@ -6,11 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..arrays import Array
 from ..errors import InputError, UnknownNameError
 from ..names import show, split_component
 from ..robot.coordinates import FORCES, MOTIONS, unit_of
 from ..runtime.kernel import Kernel
-from .holding import Array, Fixation
+from .holding import Fixation
 from .tangent_system import frame_hessian
 
 KINDS = ("displacement", "velocity", "acceleration")

@@ -6,16 +6,15 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..arrays import Array
 from ..description import RobotLike, as_robot
 from ..errors import ArrayError
 from ..names import joint_of, kind_of, parameter_name
 from ..pipeline.stages import build
 from ..robot.model import build_model
 from ..robot.value import COORDINATES, Coordinate
-
-Array = NDArray[np.float64]
 
 
 def offset_sensitivity(

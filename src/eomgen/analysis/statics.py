@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..arrays import Array
 from ..description import RobotLike
 from ..errors import InputError
 from ..progress import StageReport
@@ -15,7 +16,7 @@ from ..robot.model import tool_of
 from ..runtime.kernel import Kernel
 from ..shown import Shown
 from .at_rest import closed, rest
-from .holding import Array, Fixation, PoseLike, floating, floating_cuts
+from .holding import Fixation, PoseLike, floating, floating_cuts
 from .options import HeldRobot, StateKeywords, prepared, warn_of
 from .tangent_system import moving_basis, refuse_singular_pose
 

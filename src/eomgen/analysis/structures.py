@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..arrays import Array
 from ..description import RobotLike, as_robot
 from ..errors import InputError
 from ..motion.ends import default_motion, principal_limits
@@ -31,7 +32,6 @@ from ..simulation.controls import actuators
 from ..simulation.programs import MOVING_PART
 from ..simulation.result import SimulationResult
 from ..simulation.run import simulate
-from .holding import Array
 
 Line = tuple[ArrayLike, ArrayLike]
 

@@ -16,15 +16,14 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import RANK, Array, Index, Mask, independent_columns, rank_by
 from ..errors import InputError, SingularError
 from ..names import joint_of
-from ..ranks import RANK, independent_columns, rank_by
 from ..runtime.kernel import Kernel
 from ..runtime.singular import null_coordinates, scaled_eigenvalues
 from ..shown import Shown
-from .holding import Array, Fixation
+from .holding import Fixation
 
 SINGULAR = 1e-5  # of the greatest singular value: what less belongs to a singular pose that is met to 1e-12 m
 BENT = 1e-6  # of second derivatives, m/rad^2 and the like: round-off
@@ -98,9 +97,7 @@ def tangent(
     return Tangent(K, by_v, by_a)
 
 
-def moving_basis(
-    kernel: Kernel, q: Array, moving: NDArray[np.bool_], stays: Array | None = None
-) -> tuple[Array, tuple[int, ...]]:
+def moving_basis(kernel: Kernel, q: Array, moving: Mask, stays: Array | None = None) -> tuple[Array, tuple[int, ...]]:
     """Changes of all coordinates per change of the independent ones, (n, m), and which those are.
 
     Without loops all that may move is independent.  With loops the null space of the constraint's Jacobian, in those
@@ -120,7 +117,7 @@ def moving_basis(
     return basis, tuple(int(index[i]) for i in chosen)
 
 
-def refuse_singular_pose(kernel: Kernel, q: Array, moving: NDArray[np.bool_]) -> None:
+def refuse_singular_pose(kernel: Kernel, q: Array, moving: Mask) -> None:
     """Refuse a pose at which the loops' constraint has a smaller rank than beside it: a bifurcation, a dead centre.
 
     To first order there are motions then that no motion of the mechanism begins with, so that nothing linear about the
@@ -157,7 +154,7 @@ def refuse_singular_pose(kernel: Kernel, q: Array, moving: NDArray[np.bool_]) ->
 
 
 def _basis_rates(
-    kernel: Kernel, q: Array, basis: Array, bound: NDArray[np.intp], J_rate: Array, J_second: Array
+    kernel: Kernel, q: Array, basis: Array, bound: Index, J_rate: Array, J_second: Array
 ) -> tuple[Array, Array]:
     """First and second derivative of a basis by time, (n, m) each, from J N = 0; independent rows are constant."""
     inverse = np.linalg.pinv(kernel.constraint_jacobian(q)[:, bound], rcond=RANK)

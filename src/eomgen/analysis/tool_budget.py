@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
+from ..arrays import RANK, Array
 from ..description import RobotLike, as_robot
 from ..errors import InputError
 from ..names import joint_of
 from ..pipeline.closing import mechanism_kernels
 from ..pipeline.stages import build
-from ..ranks import RANK
 from ..robot.coordinates import MOTIONS, index_of
 from ..robot.model import build_model, tool_of
 from ..robot.value import Robot
@@ -25,7 +25,6 @@ from ..runtime.kernel import Kernel
 from ..shown import Shown
 from ..simulation.result import SimulationResult
 from ..tabular import Rows, TableColumn, Tabular
-from .holding import Array
 from .statics import motion_between
 
 

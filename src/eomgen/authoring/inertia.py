@@ -5,14 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..names import listed
 from ..robot.model import Model, build_model, with_offset_angles
 from ..robot.value import Robot
 from ..runtime.singular import VANISHED, null_coordinates, scaled_eigenvalues
-
-Array = NDArray[np.float64]
 
 MOST = 300  # coordinates: mass matrices of more are not looked at, so that a check stays quick
 STATES = 3  # at random, which are singular by chance never all

@@ -20,8 +20,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..description import RobotLike, as_robot
 from ..errors import InputError, InternalError, LoopError
 from ..names import listed
@@ -34,8 +34,6 @@ from ..runtime.kernel import Kernel
 from ..runtime.raw import RawFunction
 from .clock import FRAME, Timed
 from .textbook import COUNTERPARTS, Yardstick, compile_yardstick
-
-Array = NDArray[np.float64]
 
 STATES = 16  # random states that every sample cycles through: enough to defeat a lucky one, all in the first cache
 CALLS = 200  # from Python, of a sample

@@ -18,10 +18,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pycparser import c_ast, c_generator, c_parser
 
 from .._version import __version__
+from ..arrays import Array
 from ..errors import InputError
 from ..names import component_name
 from ..robot.elements import KINDS
@@ -29,8 +29,6 @@ from ..robot.geometry import IDENTITY, ZERO
 from ..robot.model import Model
 from ..robot.value import COORDINATES
 from .clock import DECLARATIONS, Stopwatch
-
-Array = NDArray[np.float64]
 
 _DECLARATIONS = """
 extern long operations[4];

@@ -11,14 +11,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..description.mjcf.values import about
 from ..robot.cuts import CUTS
 from ..robot.laws import given_laws
 from ..robot.value import ANGULAR, COORDINATES, Coordinate, Coupling, Loop, Placement, Robot
 
-Array = NDArray[np.float64]
 Bodies = Mapping[str, Element]
 ARM = 0.1  # m, between the two points of a hinge's axis
 POINTS = {"spherical": (0.0,), "revolute": (0.0, ARM)}  # m, along the axis: pairs that stay together

@@ -16,8 +16,8 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..description import RobotLike, as_robot
 from ..description.mjcf.read import VELOCITY
 from ..description.mjcf.values import about, matrix, triple
@@ -46,7 +46,6 @@ from ..robot.value import (
 from .equalities import add_equalities, held_softly
 from .mujoco_balls import ball_values, balls, damped_otherwise, hinge_damping, positions
 
-Array = NDArray[np.float64]
 Bodies = Mapping[str, ElementTree.Element]
 INTEGRATORS = ("RK4", "Euler", "implicit", "implicitfast", "discrete")
 LEAST = 1e-14  # mass (kg) and principal moments (kg m^2) of what has none: MuJoCo takes no less than 1e-15

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..errors import SingularError
 from ..pipeline.closing import closed_home
 from ..pipeline.stages import build
@@ -14,7 +14,6 @@ from ..progress import StageReport, no_report
 from ..robot.model import build_model
 from ..robot.value import Robot
 
-Array = NDArray[np.float64]
 LONGEST_STEP = 1e-3  # s, of co-simulation
 PART = 0.2  # of 1 / the fastest eigenvalue: a step of the Runge-Kutta method
 

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..arrays import RANK, rank_of
 from ..errors import InputError
 from ..names import listed
-from ..ranks import RANK, rank_of
 from ..robot.model import Model
 from ..runtime.kernel import Kernel
 from ..state.springs import stiffnesses

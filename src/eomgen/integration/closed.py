@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..arrays import Array, Index
 from ..errors import ArrayError, IntegrationStopped, LoopError
 from ..loops.chart import Chart, Followed
 from ..runtime.kernel import Kernel
@@ -12,8 +13,6 @@ from ..runtime.opened import left_open
 from ..state.springs import rate_step
 from ..state.vectors import Q_STEP, DriveFunction, MotionFunction, WrenchFunction
 from .system import System
-
-Array = NDArray[np.float64]
 
 TURN = 2.0 * np.pi  # rad, or m: how far y goes from its origin
 LARGE = 2500  # entries of J: of more no singular values are looked at in every sample
@@ -54,12 +53,12 @@ class ClosedSystem(System):
         return self._chart
 
     @property
-    def index(self) -> NDArray[np.intp]:
+    def index(self) -> Index:
         """Places of y in (q, v)."""
         return self._places
 
     @property
-    def _places(self) -> NDArray[np.intp]:
+    def _places(self) -> Index:
         return np.concatenate([self.chart.free, self.n + self.chart.free])
 
     def begin(self, t: float, q: Array, v: Array) -> Array:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..errors import EomgenError, IntegrationStopped
 from ..progress import Progress
 from ..runtime.kernel import Kernel
@@ -18,8 +18,6 @@ from .contacts import ContactWatch
 from .steps import Samples
 from .system import System
 from .until import Reached
-
-Array = NDArray[np.float64]
 
 PART = 0.5  # of tolerances, for each step: errors of many add up
 KEPT = 1024  # steps of a call in which contacts are looked for

@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..runtime.turning import BACK, ON, SINGULAR, seen
-
-Array = NDArray[np.float64]
 
 
 class Cubics:

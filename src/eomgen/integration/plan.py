@@ -6,8 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..arrays import Array
 from ..errors import EomgenError, InputError
 from ..names import show
 from ..runtime.kernel import Kernel
@@ -18,8 +19,6 @@ from ..state.springs import any_spring, fastest_rates
 from ..state.vectors import DriveFunction, MotionFunction, WrenchFunction
 from .steps import SCIPY_IMPLICIT
 from .sundials import METHODS as SUNDIALS
-
-Array = NDArray[np.float64]
 
 IN_C = tuple(STAGES)
 EXPLICIT_IN_PYTHON = ("DOP853", "RK45", "rk4")

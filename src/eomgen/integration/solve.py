@@ -8,8 +8,9 @@ from __future__ import annotations
 import time
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..arrays import Array
 from ..errors import InputError
 from ..progress import Progress
 from ..runtime.kernel import Kernel
@@ -38,8 +39,6 @@ from .system import System
 from .trajectory import FiniteMotion, Trajectory, trajectory_of
 from .turning import ClosedTurningSystem, TurningSystem
 from .until import Reached, Until
-
-Array = NDArray[np.float64]
 
 
 def integrate(  # noqa: PLR0913

@@ -8,8 +8,9 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..arrays import Array
 from ..errors import ArrayError, EomgenError, InputError, IntegrationStopped
 from ..limits import LARGEST, is_usable
 from ..names import show
@@ -22,7 +23,6 @@ from .contacts import ContactWatch
 from .system import System
 from .until import Reached
 
-Array = NDArray[np.float64]
 Record = Callable[[Array, Array], None]
 
 SCIPY_IMPLICIT = ("Radau", "BDF", "LSODA")  # SciPy's

@@ -10,8 +10,8 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..errors import EomgenError, IntegrationError
 from ..optional import optional_import
 from ..progress import Progress
@@ -20,8 +20,6 @@ from .contacts import ContactWatch
 if TYPE_CHECKING:
     from .steps import Samples
     from .system import System
-
-Array = NDArray[np.float64]
 
 METHODS = ("CVODE", "IDA")
 MOST_STEPS = 1_000_000  # between two samples

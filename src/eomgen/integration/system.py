@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..arrays import Array, Index
 from ..errors import ArrayError, InputError, IntegrationError, IntegrationStopped
 from ..runtime.kernel import Kernel
 from ..runtime.stepping.loaded import Loaded
@@ -14,8 +15,6 @@ from ..runtime.stepping.loads import Packed
 from ..state.springs import coordinate_sizes, rate_step, smoothings
 from ..state.vectors import Q_STEP, DriveFunction, MotionFunction, WrenchFunction, prescribed_mask
 from .advance import Advance
-
-Array = NDArray[np.float64]
 
 EXACT = ("residual_jacobian", "forward_dynamics_jacobian")  # kernels with derivatives
 MANY = 4096  # states of which forces are looked at together
@@ -79,7 +78,7 @@ class System:
         return np.concatenate([q, v])
 
     @property
-    def index(self) -> NDArray[np.intp]:
+    def index(self) -> Index:
         """Places of y in (q, v)."""
         return np.arange(2 * self.n)
 

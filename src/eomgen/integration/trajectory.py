@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..errors import ArrayError, InputError, IntegrationStopped
 from ..names import component_name
 from ..robot.coordinates import force_unit_of, rotating_joints, unit_of
@@ -20,8 +20,6 @@ from .contacts import Contact, ContactWatch
 from .resting import Rest, rests
 from .steps import Samples
 from .system import System
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -5,16 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..arrays import Array, Index
 from ..runtime.kernel import Kernel
 from ..runtime.turning import ON, SINGULAR, singular_joints
 from ..state.turning import Turns
 from ..state.vectors import DriveFunction, MotionFunction, WrenchFunction
 from .closed import ClosedSystem
 from .system import System
-
-Array = NDArray[np.float64]
 
 LATE = 0.8 * SINGULAR  # of |cos beta|, at which a method that looks for events stops: y surely begins anew there
 
@@ -39,7 +38,7 @@ class TurningSystem(System):
         self._told = np.zeros(kernel.n)  # q of the state that was reached, as described
 
     @property
-    def index(self) -> NDArray[np.intp]:
+    def index(self) -> Index:
         """Places of y in (q, v) as described: where origins are turned, those of the axes that they have."""
         places = np.arange(2 * self.n)
         for _, origin in self._turns.places:
@@ -121,7 +120,7 @@ class TurningSystem(System):
         self.here = self._turns.here
         return np.array(self._turns.on(whole[np.newaxis])[0])
 
-    def _regular(self, q: Array, v: Array) -> Iterator[tuple[NDArray[np.intp], Array, Array]]:
+    def _regular(self, q: Array, v: Array) -> Iterator[tuple[Index, Array, Array]]:
         """Samples in angles that are not singular, where ``here`` is of these: their rows, and q and v of them."""
         for rows in self._turns.regular(q):
             self.here = self._turns.here

@@ -11,16 +11,13 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array, Index, Mask, independent_columns, rank_of
 from ..errors import LoopError
 from ..names import joint_of, listed
-from ..ranks import independent_columns, rank_of
 from ..runtime.kernel import Kernel
 from ..runtime.opened import left_open
 from ..state.vectors import prescribed_mask
-
-Array = NDArray[np.float64]
 
 CLOSED, NEARLY = 1e-12, 1e-11  # m, or sine of an angle: what is met, and what round-off may leave of it
 ROUNDS = 15
@@ -54,7 +51,7 @@ class Chart:
     """
 
     def __init__(
-        self, kernel: Kernel, q: Array, *, given: NDArray[np.bool_] | None = None, free: Sequence[int] | None = None
+        self, kernel: Kernel, q: Array, *, given: Mask | None = None, free: Sequence[int] | None = None
     ) -> None:
         """The best chart about a closed state.
 
@@ -88,7 +85,7 @@ class Chart:
         rows = np.array(independent_columns(scaled[:, self.bound].T, self.rank), dtype=np.intp)
         self._start(q, J, rows)
 
-    def _start(self, q: Array, J: Array, rows: NDArray[np.intp]) -> None:
+    def _start(self, q: Array, J: Array, rows: Index) -> None:
         """Prepare the arrays that ``following`` takes for this chart, with the slopes at a closed state."""
         kernel = self.kernel
         n, m = kernel.n, len(kernel.constraints)
@@ -207,7 +204,7 @@ def _beside(J: Array, others: Array) -> Array:
     return np.asarray(J - Q @ (Q.T @ J))
 
 
-def _loose(kernel: Kernel, J: Array, moving: NDArray[np.intp], others: NDArray[np.intp], free: list[str]) -> LoopError:
+def _loose(kernel: Kernel, J: Array, moving: Index, others: Index, free: list[str]) -> LoopError:
     """The error that says that some coordinates do not hold a mechanism, naming what they leave loose."""
     ways = np.linalg.svd(J[:, others])[2]
     name = kernel.coordinates[others[int(np.abs(ways[-1]).argmax())]]

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..arrays import Array
 from ..errors import IntegrationError
 from ..robot.sizes import REFERENCE_ACCELERATION
 from ..runtime.kernel import Kernel
@@ -16,8 +17,6 @@ from ..state.springs import coordinate_sizes, line_rates, stiffnesses
 from ..state.turning import Turns
 from ..state.vectors import Q_STEP, state_vector
 from .chart import Chart
-
-Array = NDArray[np.float64]
 
 ROUNDS = 100
 STEP = 0.5  # m or rad, the longest

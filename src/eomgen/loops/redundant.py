@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arrays import independent_columns, rank_by
 from ..errors import InputError
-from ..ranks import independent_columns, rank_by
 from ..runtime.kernel import Kernel
 from ..shown import Shown
 from ..state.vectors import prescribed_mask, state_vector

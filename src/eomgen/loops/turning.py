@@ -7,21 +7,19 @@ from dataclasses import dataclass
 from types import EllipsisType
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array, Index
 from ..runtime.kernel import Kernel
 from ..runtime.turning import singular_joints
 from ..state.turning import Turns
 from .chart import Chart, Followed
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Part:
     """States of which the same angles are singular: their rows, the kernel and the chart that know them otherwise."""
 
-    rows: NDArray[np.intp] | EllipsisType
+    rows: Index | EllipsisType
     kernel: Kernel
     chart: Chart
     found: Followed

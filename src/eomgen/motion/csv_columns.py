@@ -13,13 +13,12 @@ from typing import BinaryIO, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..errors import InputError
 from ..files import open_regular
 from ..limits import MOST_ENTRIES
 from ..names import plain_path, show
 from .measured_numbers import ALLOWED, within_limits
-
-Array = NDArray[np.float64]
 
 COLUMNS_RULE = "t, coordinates such as joint1.x, and with .rate, .acceleration or .drive behind them"
 _MOST_BYTES = 1 << 27  # what takes a second to read, if its numbers have all their digits

@@ -6,8 +6,8 @@ from collections.abc import Container, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..errors import InputError, UnknownNameError
 from ..limits import LARGEST, is_usable
 from ..names import joint_of, show, split_component
@@ -17,7 +17,6 @@ from ..robot.model import build_model
 from ..robot.value import PRINCIPAL, Robot
 from .point_to_point import PointToPoint
 
-Array = NDArray[np.float64]
 Point = Mapping[str, float] | Sequence[float] | Array
 
 SPAN_ANGULAR, SPAN_LINEAR = np.pi / 4, 0.2  # rad, m: default motion of a joint, if its limits leave room for it

@@ -6,13 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..robot.coordinates import force_unit_of, unit_of
 from ..robot.mechanism import effort_of, follower_positions
 from ..robot.value import Robot
-
-Array = NDArray[np.float64]
 
 ROUND_OFF = 1e-6  # of a limit, and of 1 m or rad of a range: what is no more than that beyond it counts as within
 SHOWN = 8  # in one line

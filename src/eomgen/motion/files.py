@@ -10,14 +10,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..errors import InputError
 from ..names import listed, nearest, show
 from ..npz import read_npz
 from ..shown import Shown
 from .csv_columns import COLUMNS_RULE, read_csv
 from .measured_numbers import SHORTEST, checked_numbers
-
-Array = NDArray[np.float64]
 
 SUFFIXES = {"": "q", ".rate": "v", ".acceleration": "a", ".drive": "u"}  # of a coordinate's columns
 _MOST_NUMBERS = 10_000_000  # of all coordinates at all times: a motion has up to four arrays of so many

@@ -14,13 +14,12 @@ from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array, Mask
 from ..errors import InputError
 from ..limits import LARGEST
 from ..names import show
 
-Array = NDArray[np.float64]
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
 
@@ -29,14 +28,14 @@ ALLOWED_DIVISOR = f"a positive number from {1.0 / LARGEST:g} to {LARGEST:g}"
 SHORTEST = 1e-12  # s between two samples: less is no measurement, and rates of what changes there would overflow
 
 
-def within_limits(values: Any, *, blanks: bool = False) -> NDArray[np.bool_]:
+def within_limits(values: Any, *, blanks: bool = False) -> Mask:
     """Tell which numbers are within the limits; NaN is, where ``blanks`` says so."""
     with np.errstate(invalid="ignore"):
         good = np.abs(values) <= LARGEST
     return np.asarray(good | np.isnan(values) if blanks else good)
 
 
-def is_divisor(values: Any) -> NDArray[np.bool_]:
+def is_divisor(values: Any) -> Mask:
     """Tell which numbers can be divided by: deviations, weights and the like, positive and not too small."""
     with np.errstate(invalid="ignore"):
         return np.asarray((values >= 1.0 / LARGEST) & (values <= LARGEST))

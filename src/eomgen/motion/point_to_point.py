@@ -6,15 +6,14 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..arrays import Array
 from ..errors import ArrayError, InputError
 from ..limits import LARGEST, is_usable
 from ..names import show
 from ..runtime.stepping.loads import Signal, Waves
 from ..shown import Shown
-
-Array = NDArray[np.float64]
 
 
 class Program(Protocol):

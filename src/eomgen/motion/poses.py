@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..arrays import Array
 from ..errors import ArrayError, InputError, UnknownNameError
 from ..names import nearest, show
 from ..robot.mechanism import leading_home
@@ -19,8 +20,6 @@ from .ends import default_ends, limits_beside
 from .reaching import Target, search, within_limits
 from .tool_path import unreached
 from .turns import rotation_matrices
-
-Array = NDArray[np.float64]
 
 
 def inverse_kinematics(

@@ -6,15 +6,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array, Mask
 from ..errors import LoopError
 from ..loops.chart import Chart
 from ..robot.coordinates import unit_of
 from ..runtime.kernel import Kernel
 from .turns import rpy_of, vector_of
-
-Array = NDArray[np.float64]
 
 CLOSE = 1e-11  # m, times the point's largest coordinate or 1 m, and rad: what counts as reached
 GUESSES, STEPS = 40, 100
@@ -145,16 +143,14 @@ def reach(
     return found
 
 
-def _least_step(J: Array, error: Array, damping: Array | float, weights: Array, held: NDArray[np.bool_]) -> Array:
+def _least_step(J: Array, error: Array, damping: Array | float, weights: Array, held: Mask) -> Array:
     """The damped step of least weighted change, (n,); those that are held have none."""
     w = np.where(held, 0.0, weights)
     U, S, Vt = np.linalg.svd(J * w, full_matrices=False)
     return np.asarray(w * (Vt.T @ (S / (S**2 + damping) * (U.T @ error))))
 
 
-def _bounded_step(
-    J: Array, found: Reached, damping: float, weights: Array, held: NDArray[np.bool_], limits: Array
-) -> Array:
+def _bounded_step(J: Array, found: Reached, damping: float, weights: Array, held: Mask, limits: Array) -> Array:
     """The step without those coordinates that would leave their limits at once."""
     still = held.copy()
     while True:
@@ -165,7 +161,7 @@ def _bounded_step(
         still |= leaving
 
 
-def at_limits(q: Array, step: Array, limits: Array) -> NDArray[np.bool_]:
+def at_limits(q: Array, step: Array, limits: Array) -> Mask:
     """Which coordinates stand at a limit beyond which a step leads, (n,)."""
     low, high = limits.T
     return np.asarray(((q <= low + AT_LIMIT) & (step < 0.0)) | ((q >= high - AT_LIMIT) & (step > 0.0)))

@@ -8,14 +8,13 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..arrays import Array, Index
 from ..optional import optional_import
 from ..runtime.stepping.loads import Signal
 from ..shown import Shown
 from .point_to_point import Program
-
-Array = NDArray[np.float64]
 
 DEGREE = 5  # of splines: accelerations, and their rates too, are continuous
 
@@ -84,7 +83,7 @@ class Columns:
     """Some coordinates of a program: those at ``index``."""
 
     program: Program
-    index: NDArray[np.intp]
+    index: Index
 
     @property
     def start(self) -> Array:

@@ -7,16 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..errors import InputError
 from ..forms.tables import Table
 from ..names import listed, show
 from ..runtime.stepping.loads import Signal
 from ..shown import Shown
 from .files import read_columns
-
-Array = NDArray[np.float64]
 
 LINEAR, HOLD = "linear", "hold"
 INTERPOLATIONS = (LINEAR, HOLD)

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, TypedDict
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..arrays import Array
 from ..errors import ArrayError, InputError, ReachError
 from ..names import show
 from ..optional import optional_import
@@ -22,7 +23,6 @@ from .turns import rotation_matrices, spherical, spherical_spline
 if TYPE_CHECKING:
     from typing_extensions import Required, Unpack
 
-Array = NDArray[np.float64]
 Orientation = Literal["keep"] | tuple[ArrayLike | None, ArrayLike | None]
 
 POINTS = 201  # of the path, between which joints follow a spline

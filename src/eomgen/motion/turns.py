@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..arrays import Array
 from ..errors import ArrayError
 from ..names import show
 from .splines import Spline
-
-Array = NDArray[np.float64]
 
 TURNS = 1e-6  # that a rotation's R R^T may be off the identity: some decimals of a text
 _SMALL = 1e-4  # rad, below which series take the place of quotients

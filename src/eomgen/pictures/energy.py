@@ -6,15 +6,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..errors import InputError
 from ..robot.coordinates import index_of, unit_of
 from ..simulation.balance import TERMS
 from ..simulation.result import SimulationResult
 from .style import COLORS, PROGRAM_COLOR, TOOL_COLOR, canvas, literal, mark_end, scale_of, ticker, title_of
-
-Array = NDArray[np.float64]
 
 ACROSS = 3
 WORK_COLORS = dict(

@@ -9,14 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..errors import InputError
 from ..simulation.result import SimulationResult, simulated_robot
 from ..state.journals import JournalContact, contacts_of
 from .style import COLORS, PROGRAM_COLOR, TOOL_COLOR, canvas, literal, scale_of, title_of
-
-Array = NDArray[np.float64]
 
 ACROSS = 3
 ENDS = {0: "", 1: ", end towards +z", -1: ", end towards -z"}

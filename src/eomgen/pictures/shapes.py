@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..errors import DescriptionError
 from ..files import read_regular
 from ..forms.toml_text import read_text
@@ -23,8 +24,6 @@ from ..robot.value import Robot
 
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
-
-Array = NDArray[np.float64]
 
 ENDINGS = (".stl", ".dae", ".obj", ".ply")  # of meshes; archives, which grow when they are unpacked, are none
 _MOST_MESH = 1 << 25  # bytes: 600,000 triangles of a binary STL

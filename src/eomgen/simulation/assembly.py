@@ -8,8 +8,8 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..errors import InputError
 from ..integration.plan import EXPLICIT, IN_C
 from ..integration.until import Until
@@ -36,8 +36,6 @@ from .controls import AtJoints, ComputedTorque, Control, JointPD, NoControl, Tab
 from .loads import Wrenches, check_loads, with_payload_parameters
 from .mechanism import Mechanism, Path, mechanism_of
 from .programs import PrescribedMotion, make_program
-
-Array = NDArray[np.float64]
 
 # What a simulation calls; the larger kernels would take longer to compile than to simulate.
 RIGID_KERNELS = ("inverse_dynamics", "kinematics")

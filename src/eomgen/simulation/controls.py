@@ -8,8 +8,8 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array, Index, Mask
 from ..motion.point_to_point import Program
 from ..motion.splines import Standstill, signal_of
 from ..motion.timetable import TimeTable
@@ -20,8 +20,6 @@ from ..state.motors import shafts
 from ..state.vectors import prescribed_mask
 from .mechanism import Mechanism
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 SlopesFunction = Callable[[float, Array, Array], tuple[Array, Array]]
 MotionOverTime = Callable[[float], tuple[Array, Array, Array]]  # t (s) -> coordinates, rates, accelerations
 
@@ -161,7 +159,7 @@ class ComputedTorque:
     batched = True
 
     @cached_property
-    def _driven(self) -> NDArray[np.bool_]:
+    def _driven(self) -> Mask:
         return ~prescribed_mask(self.rigid) if self.mechanism is None else self.mechanism.mask
 
     def __call__(self, t: float, q: Array, v: Array) -> Array:

@@ -8,8 +8,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..errors import IntegrationError
 from ..loops.equilibrium import closed_equilibrium
 from ..names import nearest, show
@@ -23,8 +23,6 @@ from ..state.motors import shafts, turn_motors
 from ..state.springs import clearances, journals_in_play, stiffnesses
 from .assembly import Assembly, by_coordinate, names_in_scenarios
 from .loads import loaded_parameters
-
-Array = NDArray[np.float64]
 
 
 def initial_state(robot: Robot, scenario: Scenario, assembly: Assembly) -> tuple[Array, Array, tuple[str, ...]]:

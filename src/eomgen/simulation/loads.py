@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..names import nearest, parameter_name, show
 from ..robot.model import build_model
 from ..robot.value import INERTIA_KEYS, Link, Robot
 from ..runtime.kernel import Kernel
 from ..runtime.stepping.loads import LinkWrench
 from ..scenario.value import Scenario, Wrench
-
-Array = NDArray[np.float64]
 
 _AXES = "xyz"
 

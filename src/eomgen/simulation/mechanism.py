@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array, Index, Mask
 from ..errors import LoopError
 from ..loops.turning import TurningChart
 from ..motion.point_to_point import Program
@@ -17,8 +17,6 @@ from ..robot.coordinates import index_of
 from ..runtime.kernel import Kernel
 from ..runtime.stepping.loads import ChartData, MechanismData
 from ..state.vectors import MotionFunction, prescribed_mask
-
-Array = NDArray[np.float64]
 
 FINE = 0.05  # rad or m, between two states of a path that is closed from one to the next
 LEAST, MOST, LOOKED_AT = 200, 20_000, 2_000  # of them, and how many are looked at to see how far the program goes
@@ -36,11 +34,11 @@ class Mechanism:
     """
 
     rigid: Kernel
-    driven: NDArray[np.intp]
+    driven: Index
     chart: TurningChart
 
     @cached_property
-    def mask(self) -> NDArray[np.bool_]:
+    def mask(self) -> Mask:
         """Which coordinates are driven, (n,)."""
         return np.isin(np.arange(self.rigid.n), self.driven)
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..description import RobotLike, as_robot
 from ..description.recorded import robot_from_record
 from ..errors import InputError, UnknownNameError
@@ -31,8 +32,6 @@ from ..state.turning import quaternion_columns
 from ..tabular import AXES, Rows, TableColumn, Tabular
 from .balance import TERMS, EnergyBalance
 from .contents import ARRAYS, BALANCE, DERIVED, RESULT, TRAJECTORY, Meta, check_contents, meta_data, meta_of
-
-Array = NDArray[np.float64]
 
 WHOLE = ("steps", "evaluations", "jacobians", "redundant")  # numbers of a trajectory's ``info``
 

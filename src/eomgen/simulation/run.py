@@ -16,9 +16,9 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .._version import __version__
+from ..arrays import Array
 from ..description import RobotLike, as_robot
 from ..errors import InputError, IntegrationStopped
 from ..integration.plan import EXPLICIT, IntegratorPlan, plan_integration, refuse_unknown
@@ -44,8 +44,6 @@ from .initial import initial_state
 from .result import SimulationResult
 from .segments import Loads, SegmentOptions, run_segments
 from .stream import MotionStream
-
-Array = NDArray[np.float64]
 
 
 def simulate(  # noqa: PLR0913

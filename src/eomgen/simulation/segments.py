@@ -12,8 +12,8 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..errors import EomgenError, IntegrationStopped
 from ..integration.contacts import Contact
 from ..integration.plan import IntegratorPlan
@@ -32,7 +32,6 @@ from .contents import ARRAYS
 from .loads import loaded_parameters
 from .stream import MotionStream
 
-Array = NDArray[np.float64]
 Function = Callable[[float, Array, Array], Array]
 
 GREATEST = ("gap", "gap_rate", "redundant", "friction_smoothing")  # numbers of ``info`` that do not add up

@@ -19,8 +19,8 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..errors import InputError
 from ..files import open_regular, read_regular
 from ..forms.plain import parse_json, printable, value_of
@@ -33,8 +33,6 @@ from ..shown import Shown
 from ..state.turning import quaternion_columns
 from .contents import check_coordinates
 from .result import Series
-
-Array = NDArray[np.float64]
 
 FORMAT = 1  # raised when a reader of the old one would misread it
 ROWS = 256  # of a chunk

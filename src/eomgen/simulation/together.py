@@ -9,8 +9,8 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array, Mask
 from ..errors import EomgenError
 from ..integration.compiled import per_step
 from ..integration.plan import IN_C, IntegratorPlan
@@ -33,7 +33,6 @@ from .result import SimulationResult
 from .run import loads_of, run_assembly
 from .segments import Function, Loads, between, bounds, piece_times
 
-Array = NDArray[np.float64]
 Motion = SimulationResult | EomgenError
 
 DRIVES, WRENCHES, POSE = "drives", "wrenches", "pose"  # parts of a result that are left out where nobody asks for them
@@ -141,7 +140,7 @@ class _Crowd:
         programmed = None if program is None else program.at(t)[0]
         return [None if way.failed else self._result(way, t, tool, programmed) for way in ways]
 
-    def _piece(self, ways: Sequence[_Way], times: Array, keep: NDArray[np.bool_]) -> None:
+    def _piece(self, ways: Sequence[_Way], times: Array, keep: Mask) -> None:
         """Go on with motions over a piece, whose samples are at these times, s; ``keep`` says which ones count."""
         plan, shared = self._plan, None
         systems: list[tuple[_Way, System, LoadData]] = []
@@ -188,9 +187,7 @@ class _Crowd:
         except EomgenError:
             return None
 
-    def _take(
-        self, way: _Way, system: System, data: LoadData, times: Array, samples: Array, keep: NDArray[np.bool_]
-    ) -> None:
+    def _take(self, way: _Way, system: System, data: LoadData, times: Array, samples: Array, keep: Mask) -> None:
         """Take the samples of a piece, (2, T, n); the last one is where the next piece begins."""
         kernel, (q, v) = way.assembly.kernel, samples
         rows = {"q": q, "v": v}

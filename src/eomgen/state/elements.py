@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..names import component_name
 from ..robot.elements import KINDS
 from ..runtime.kernel import Kernel
 
-Array = NDArray[np.float64]
 Numbers = dict[str, dict[str, float]]  # by owner, then by their names in its table
 
 

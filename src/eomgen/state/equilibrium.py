@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..arrays import Array, Mask
 from ..errors import ArrayError, InputError, IntegrationError, LoopError, UnknownNameError
 from ..robot.sizes import REFERENCE_ACCELERATION
 from ..runtime.kernel import Kernel
 from .springs import coordinate_sizes, line_rates, stiffnesses
 from .vectors import Q_STEP, state_vector
-
-Array = NDArray[np.float64]
 
 
 def static_equilibrium(
@@ -79,7 +78,7 @@ def known_coordinates(names: Iterable[str], kernel: Kernel) -> set[str]:
     return known
 
 
-def _newton(kernel: Kernel, q: Array, free: NDArray[np.bool_], residual: Callable[[Array], Array]) -> Array:
+def _newton(kernel: Kernel, q: Array, free: Mask, residual: Callable[[Array], Array]) -> Array:
     """Root of the residual's free rows in the free coordinates; scaled by sizes, with backtracking.
 
     Slopes are differences of one batch.  The whole search takes two or three of them, 96 states of the PUMA with 36

@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..names import component_name, parameter_name
 from ..robot.joint_damping import MOVED
 from ..robot.parameter_names import MOTIONS
 from ..runtime.kernel import Kernel
 from .elements import element_numbers
-
-Array = NDArray[np.float64]
 
 
 def damping_diagonal(kernel: Kernel) -> Array:

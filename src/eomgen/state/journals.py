@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..names import component_name
 from ..robot.journals import CROSSWISE, TILTING
 from ..robot.laws import RADIAL
@@ -15,7 +15,6 @@ from ..robot.parameter_names import BEARINGS, CUT_BEARINGS
 from ..runtime.kernel import Kernel
 from .elements import element_numbers
 
-Array = NDArray[np.float64]
 Numbers = Mapping[str, Mapping[str, float]]  # by joints, then by their names in ``laws.IN_BEARINGS``
 
 

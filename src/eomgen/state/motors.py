@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Container
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..runtime.kernel import Kernel
-
-Array = NDArray[np.float64]
 
 
 def shafts(kernel: Kernel) -> dict[str, str]:

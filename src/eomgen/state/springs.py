@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..robot import sizes
 from ..robot.laws import contact_stiffness_of, has_springs, rate_slope_of, stiffness_of
 from ..robot.parameter_names import CUTS, JOINTS, LINES
@@ -18,8 +18,6 @@ from .joint_damping import damping_diagonal
 from .journals import cut_contacts, cut_stiffness, journal_contacts, journal_stiffness
 from .motors import acting, deflections
 from .vectors import V_STEP, prescribed_mask
-
-Array = NDArray[np.float64]
 
 _matrices: WeakKeyDictionary[Setup, Array] = WeakKeyDictionary()  # stiffness by what a kernel's parameters are now
 

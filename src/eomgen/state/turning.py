@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array, Index, Mask
 from ..names import component_name
 from ..robot.coordinates import QUATERNION, index_of, rotating_joints
 from ..robot.value import ANGULAR
@@ -19,8 +19,6 @@ from ..runtime.turning import (
     both_ways,
     seen,
 )
-
-Array = NDArray[np.float64]
 
 
 def quaternions(angles: Array) -> Array:
@@ -119,7 +117,7 @@ class Turns:
         here: the kernel of these.
     """
 
-    def __init__(self, kernel: Kernel, held: NDArray[np.bool_] | None = None) -> None:
+    def __init__(self, kernel: Kernel, held: Mask | None = None) -> None:
         """The kernel as described.
 
         Args:
@@ -183,7 +181,7 @@ class Turns:
                 found[..., along] = np.roll(u[..., along], -ON, axis=-1)
         return found
 
-    def regular(self, q: Array) -> Iterator[NDArray[np.intp]]:
+    def regular(self, q: Array) -> Iterator[Index]:
         """Rows of described states, (T, n), that have the same singular angles, which ``here`` then has turned."""
         names, betas = list(self.joints), [first + 1 for first, _ in self.joints.values()]
         if not names:

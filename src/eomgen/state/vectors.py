@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..arrays import Array, Mask
 from ..errors import ArrayError
 from ..runtime.kernel import Kernel
 
-Array = NDArray[np.float64]
 DriveFunction = Callable[[float, Array, Array], ArrayLike]  # (t, q, v) -> u, (n,), N or N m
 WrenchFunction = Callable[[float, Array, Array], ArrayLike]  # (t, q, v) -> (links, 6), force and moment, base axes
 MotionFunction = Callable[[float], tuple[ArrayLike, ArrayLike, ArrayLike]]  # t -> q, v, a of prescribed coordinates
@@ -18,7 +18,7 @@ MotionFunction = Callable[[float], tuple[ArrayLike, ArrayLike, ArrayLike]]  # t 
 Q_STEP, V_STEP = 1e-7, 1e-6  # finite differences: small beside 1 rad, 1e9 times the round-off of a force
 
 
-def prescribed_mask(kernel: Kernel) -> NDArray[np.bool_]:
+def prescribed_mask(kernel: Kernel) -> Mask:
     """Which coordinates are prescribed, (n,)."""
     return np.array([name in kernel.prescribed for name in kernel.coordinates])
 

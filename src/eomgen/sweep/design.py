@@ -14,8 +14,6 @@ from numpy.typing import NDArray
 
 from .plan import Distribution
 
-Array = NDArray[np.float64]
-
 LEAST, MOST = 2.0**-54, 1.0 - 2.0**-53  # what a uniform number is between: a normal one stays finite
 _DRAWS, _STRATA = 0, 1  # streams of the generator
 _NORMAL = NormalDist()

@@ -13,9 +13,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from ..arrays import Array
 from ..errors import EomgenError, InputError
 from ..files import open_regular
 from ..motion.exceeding import limits_known
@@ -31,8 +29,6 @@ from ..simulation.together import DRIVES, POSE, go_together, run_together
 from .contents import SampleRow, finite_or_error
 from .measures import BALANCED, NEEDS, READS, Column, exceeded_limits, measure, rigid_pose
 from .plan import Plan
-
-Array = NDArray[np.float64]
 
 KEPT = 64  # assemblies that a process remembers, one for each scenario
 

@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..errors import InputError
 from ..motion.exceeding import excesses
 from ..names import joint_of
@@ -21,8 +21,6 @@ from ..simulation.together import DRIVES, POSE, WRENCHES
 from ..state.motors import shafts
 from ..state.turning import quaternion_columns
 from .plan import Plan
-
-Array = NDArray[np.float64]
 
 NEEDS = {"reaction_max": ("reactions",)}  # kernels beside those of a simulation
 READS = {  # parts of results that not all motions have, by what is recorded

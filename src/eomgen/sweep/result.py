@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..errors import InputError, UnknownNameError
 from ..files import write_atomically
 from ..motion.exceeding import SHOWN
@@ -23,8 +24,6 @@ from ..shown import Shown, text_of
 from ..tabular import Rows, TableColumn, Tabular
 from .contents import manifest_of, row_check
 from .store import MANIFEST, read_manifest, read_rows
-
-Array = NDArray[np.float64]
 
 SHARES = (5, 25, 50, 75, 95, 99)  # percentiles that are printed
 LINEAR_ENOUGH = 0.9  # R^2 from which regression coefficients are what a ranking goes by

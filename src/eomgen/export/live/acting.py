@@ -8,8 +8,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Array, Index
 from ...errors import EomgenError, InputError, LoopError
 from ...motion.ends import default_ends, principal_limits
 from ...names import joint_of
@@ -24,8 +24,6 @@ from ...scenario.value import Initial, Scenario, Section
 from ...simulation.assembly import Assembly, assemble, rigid_kernels
 from ...simulation.initial import initial_state
 from ...simulation.loads import loaded_parameters
-
-Array = NDArray[np.float64]
 
 STIFF = 15.0  # rad/s: what gains of default drives make of the rigid robot
 CLOSED_PART = 0.35  # of a default motion, for mechanisms: far from where they are singular
@@ -168,7 +166,7 @@ def _gains_of(robot: Robot, data: Any, assembly: Assembly, scenario: Scenario) -
 
 
 def _drives(
-    robot: Robot, assembly: Assembly, place: NDArray[np.intp], ratio: Array, kp: Array, kd: Array, q0: Array
+    robot: Robot, assembly: Assembly, place: Index, ratio: Array, kp: Array, kd: Array, q0: Array
 ) -> list[dict[str, Any]]:
     kernel, found = assembly.kernel, []
     start, goal = default_ends(robot, assembly.driven)
@@ -207,7 +205,7 @@ def _limits(robot: Robot, name: str, at: float, span: float) -> tuple[float, flo
     return float(min(low, at)), float(max(high, at))
 
 
-def _cycle(robot: Robot, assembly: Assembly, q0: Array, driven: NDArray[np.intp]) -> dict[str, Any]:
+def _cycle(robot: Robot, assembly: Assembly, q0: Array, driven: Index) -> dict[str, Any]:
     """The default motion to and fro, from where the robot begins."""
     first, goal = default_ends(robot, assembly.driven)
     program = assembly.program

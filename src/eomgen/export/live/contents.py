@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Array
 from ...errors import EomgenError, InputError
 from ...integration.plan import stiff_in_real_time
 from ...names import kind_of
@@ -27,8 +27,6 @@ from ...state.springs import stiffnesses
 from .acting import acting_on, default_scenario
 from .geometry import geometry_of, packed, tool_place
 from .sliders import parameter_sliders, scales_of
-
-Array = NDArray[np.float64]
 
 PERIOD, FINE_PERIOD = 4e-3, 2e-3  # s, in which drives and loads are held; of drives and loads that change fast
 RTOL = 1e-4  # relative tolerance of steps

@@ -14,8 +14,6 @@ from ...pictures.scene import SLENDER, capsules, extent
 from ...pictures.shapes import Shape, urdf_shapes
 from ...robot.value import Robot
 
-Array = NDArray[np.float64]
-
 FIELD_OF_VIEW = np.radians(38.0)
 MOST_MESH = 24 << 20  # bytes of all meshes of a page; more would take long to open
 DRUM = 1.7  # radius of what stands for a joint, of a capsule's

@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...arrays import RANK, independent_columns, rank_of
 from ...errors import InputError
 from ...names import component_name, joint_of, kind_of, listed
-from ...ranks import RANK, independent_columns, rank_of
 from ...robot.cuts import rigid_parts
 from ...robot.model import Model
 from ...robot.value import COORDINATES, MOTOR, PRINCIPAL, Robot

@@ -27,6 +27,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ...arrays import RANK
 from ...description import RobotLike, as_robot
 from ...errors import InputError, UnknownNameError
 from ...motion.files import MeasuredMotion, measured_motion
@@ -36,7 +37,6 @@ from ...names import component_name, listed, nearest, parameter_name, split_comp
 from ...pipeline.closing import mechanism_kernels
 from ...pipeline.stages import build
 from ...progress import StageReport
-from ...ranks import RANK
 from ...robot.model import Model, build_model, parameter_values
 from ...robot.value import MOTOR, PRINCIPAL, Robot
 from ...runtime.kernel import Kernel

@@ -1,4 +1,4 @@
-"""Ranks of constraints in numbers, and rows or columns that are as independent as possible."""
+"""Arrays of numbers: their type, ranks of matrices, and columns that are as independent as possible."""
 
 from __future__ import annotations
 
@@ -7,22 +7,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[Any]
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Index = NDArray[np.intp]
 
 RANK = 1e-7  # singular values below this part of the greatest one belong to redundant constraints
 
 
-def rank_by(S: Array, share: float = RANK) -> int:
+def rank_by(S: NDArray[Any], share: float = RANK) -> int:
     """How many of the singular values are above this share of the greatest one; 0 where there are none."""
     return int(np.count_nonzero(share * S.max(initial=0.0) < S))
 
 
-def rank_of(J: Array, share: float = RANK) -> int:
+def rank_of(J: NDArray[Any], share: float = RANK) -> int:
     """How many rows, and columns, of a matrix are independent; J is (m, n), and may be empty."""
     return rank_by(np.linalg.svd(J, compute_uv=False), share)
 
 
-def independent_columns(J: Array, rank: int) -> list[int]:
+def independent_columns(J: NDArray[Any], rank: int) -> list[int]:
     """Columns of J that are as independent as possible, ``rank`` of them: Gram and Schmidt's method with pivoting."""
     left, found = J.copy(), list[int]()
     for _ in range(rank):
