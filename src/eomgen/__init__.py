@@ -8,29 +8,9 @@ eomgen.analysis.modes("puma560_elastic")
 Names and rooms are imported when they are first used.
 """
 
-from __future__ import annotations
+from .lazily import imports_when_used
 
-from typing import TYPE_CHECKING
-
-from ._version import __version__
-from .errors import (
-    ArrayError,
-    BuildError,
-    DescriptionError,
-    EomgenError,
-    EomgenWarning,
-    InputError,
-    IntegrationError,
-    IntegrationStopped,
-    InternalError,
-    LoopError,
-    ReachError,
-    SingularError,
-    UnknownNameError,
-)
-from .lazily import attributes
-
-if TYPE_CHECKING:
+with imports_when_used(globals()):
     from . import analysis as analysis
     from . import description as description
     from . import identification as identification
@@ -42,90 +22,44 @@ if TYPE_CHECKING:
     from . import scenario as scenario
     from . import simulation as simulation
     from . import sweep as sweep
-    from .description import builtin_robots, load_robot
-    from .export import export_arrays, export_fmu, export_live, export_mjcf, export_wasm, export_wheel
-    from .loading import load_result
-    from .pipeline import build, generate
-    from .robot import Coordinate, Frame, Joint, Link, Loop, Motor, Placement, Robot, Spring
-    from .runtime import Kernel
-    from .scenario import Scenario, load_scenario
-    from .simulation import SimulationResult, load_stream, run_scenario, simulate
-
-_ROOMS = (  # for what a user does with kernels and results; functions of theirs are called eomgen.analysis.modes, say
-    "analysis",
-    "description",
-    "identification",
-    "integration",
-    "loops",
-    "motion",
-    "pictures",
-    "robot",
-    "scenario",
-    "simulation",
-    "sweep",
-)
-_ROOM_OF = {
-    **dict.fromkeys(("builtin_robots", "load_robot"), "description"),
-    **dict.fromkeys(
-        ("export_arrays", "export_fmu", "export_live", "export_mjcf", "export_wasm", "export_wheel"), "export"
-    ),
-    **dict.fromkeys(("build", "generate"), "pipeline"),
-    **dict.fromkeys(("Coordinate", "Frame", "Joint", "Link", "Loop", "Motor", "Placement", "Robot", "Spring"), "robot"),
-    "Kernel": "runtime",
-    **dict.fromkeys(("Scenario", "load_scenario"), "scenario"),
-    **dict.fromkeys(("SimulationResult", "load_stream", "run_scenario", "simulate"), "simulation"),
-    "load_result": "loading",
-}
-
-__all__ = [
-    "ArrayError",
-    "BuildError",
-    "Coordinate",
-    "DescriptionError",
-    "EomgenError",
-    "EomgenWarning",
-    "Frame",
-    "InputError",
-    "IntegrationError",
-    "IntegrationStopped",
-    "InternalError",
-    "Joint",
-    "Kernel",
-    "Link",
-    "Loop",
-    "LoopError",
-    "Motor",
-    "Placement",
-    "ReachError",
-    "Robot",
-    "Scenario",
-    "SimulationResult",
-    "SingularError",
-    "Spring",
-    "UnknownNameError",
-    "__version__",
-    "build",
-    "builtin_robots",
-    "export_arrays",
-    "export_fmu",
-    "export_live",
-    "export_mjcf",
-    "export_wasm",
-    "export_wheel",
-    "generate",
-    "load_result",
-    "load_robot",
-    "load_scenario",
-    "load_stream",
-    "run_scenario",
-    "simulate",
-]
-
-
-if not TYPE_CHECKING:  # or type checkers would take every name to be there
-    __getattr__ = attributes(__name__, {**dict(zip(_ROOMS, _ROOMS, strict=True)), **_ROOM_OF})
-
-
-def __dir__() -> list[str]:
-    hidden = {"TYPE_CHECKING", "annotations", "attributes"}
-    return sorted({*globals(), *__all__, *_ROOMS} - hidden)
+    from ._version import __version__ as __version__
+    from .description import builtin_robots as builtin_robots
+    from .description import load_robot as load_robot
+    from .errors import ArrayError as ArrayError
+    from .errors import BuildError as BuildError
+    from .errors import DescriptionError as DescriptionError
+    from .errors import EomgenError as EomgenError
+    from .errors import EomgenWarning as EomgenWarning
+    from .errors import InputError as InputError
+    from .errors import IntegrationError as IntegrationError
+    from .errors import IntegrationStopped as IntegrationStopped
+    from .errors import InternalError as InternalError
+    from .errors import LoopError as LoopError
+    from .errors import ReachError as ReachError
+    from .errors import SingularError as SingularError
+    from .errors import UnknownNameError as UnknownNameError
+    from .export import export_arrays as export_arrays
+    from .export import export_fmu as export_fmu
+    from .export import export_live as export_live
+    from .export import export_mjcf as export_mjcf
+    from .export import export_wasm as export_wasm
+    from .export import export_wheel as export_wheel
+    from .loading import load_result as load_result
+    from .pipeline import build as build
+    from .pipeline import generate as generate
+    from .robot import Coordinate as Coordinate
+    from .robot import Frame as Frame
+    from .robot import Joint as Joint
+    from .robot import Link as Link
+    from .robot import Loop as Loop
+    from .robot import Motor as Motor
+    from .robot import Placement as Placement
+    from .robot import Robot as Robot
+    from .robot import Spring as Spring
+    from .runtime import Kernel as Kernel
+    from .scenario import Scenario as Scenario
+    from .scenario import load_scenario as load_scenario
+    from .simulation import SimulationResult as SimulationResult
+    from .simulation import load_stream as load_stream
+    from .simulation import run_scenario as run_scenario
+    from .simulation import simulate as simulate

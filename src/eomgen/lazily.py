@@ -2,26 +2,49 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Mapping
+import builtins
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib import import_module
+from threading import Lock
+from types import SimpleNamespace
 from typing import Any
 
+_ONE_AT_A_TIME = Lock()  # or two threads might put back each other's way of importing
 
-def attributes(package: str, modules: Mapping[str, str]) -> Callable[[str], Any]:
-    """A package's ``__getattr__``, which finds each name once.
+
+@contextmanager
+def imports_when_used(package: dict[str, Any]) -> Iterator[None]:
+    """Put off what a block imports, ``from .module import name as name``, until a name is asked for.
+
+    The package gets ``__getattr__``, ``__dir__`` and ``__all__``, which has all of these names that are no modules.
 
     Args:
-        package: its ``__name__``.
-        modules: the module of every name, inside the package; a name that is its own module's is the module.
+        package: its ``globals()``.
     """
+    modules: dict[str, str] = {}  # of every name, inside the package; "" of a module
+
+    def note(name: str, *args: Any, **keywords: Any) -> Any:
+        if not args or args[0] is not package:  # of another thread
+            return ordinary(name, *args, **keywords)
+        modules.update(dict.fromkeys(args[2], name))
+        return SimpleNamespace(**dict.fromkeys(args[2]))
 
     def find(name: str) -> Any:
         if name not in modules:
-            raise AttributeError(f"module {package!r} has no attribute {name!r}")
-        module = import_module(f"{package}.{modules[name]}")
-        value = module if modules[name] == name else getattr(module, name)
-        setattr(sys.modules[package], name, value)
-        return value
+            raise AttributeError(f"module {package['__name__']!r} has no attribute {name!r}")
+        module = import_module("." + (modules[name] or name), package["__name__"])
+        package[name] = getattr(module, name) if modules[name] else module
+        return package[name]
 
-    return find
+    with _ONE_AT_A_TIME:
+        ordinary, builtins.__import__ = builtins.__import__, note
+        try:
+            yield
+        finally:
+            builtins.__import__ = ordinary
+    for name in modules:
+        del package[name]
+    package["__getattr__"] = find
+    package["__dir__"] = lambda: sorted({*package, *modules} - {"imports_when_used"})
+    package["__all__"] = sorted(name for name, module in modules.items() if module)

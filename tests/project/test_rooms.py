@@ -23,6 +23,10 @@ ROOT = Path(__file__).parents[2]
 EOMGEN = Path(eomgen.__path__[0])
 PLACES = {"src/eomgen": "eomgen", "codegen": "eomgen.codegen", "templates": "eomgen.templates"}
 MOST_MODULES = 16
+ROOMS = (  # that users reach through the facade
+    *("analysis", "description", "identification", "integration", "loops", "motion", "pictures", "robot", "scenario"),
+    *("simulation", "sweep"),
+)
 
 
 def modules() -> Iterator[tuple[str, Path]]:
@@ -168,13 +172,30 @@ def test_the_facade_shows_what_it_has() -> None:
 
 def test_rooms_are_reached_through_the_facade() -> None:
     """``eomgen.analysis`` needs no import of its own, and is in what Tab completes."""
-    code = """
+    code = f"""
 import sys
 import eomgen
-rooms = set(eomgen._ROOMS)
+rooms = {set(ROOMS)!r}
 assert rooms <= set(dir(eomgen)) - set(eomgen.__all__)
-assert not any(f"eomgen.{name}" in sys.modules for name in rooms)
-assert all(getattr(eomgen, name) is sys.modules[f"eomgen.{name}"] for name in rooms)
+assert not any("eomgen." + name in sys.modules for name in rooms)
+assert all(getattr(eomgen, name) is sys.modules["eomgen." + name] for name in rooms)
+"""
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_rooms_that_threads_import_at_once_stay_lazy() -> None:
+    """Imports are put back as they were, and none that a room puts off is made."""
+    code = f"""
+import builtins, sys
+from concurrent.futures import ThreadPoolExecutor
+from importlib import import_module
+ordinary = builtins.__import__
+rooms = ["eomgen." + name for name in {ROOMS!r} if name not in ("analysis", "identification", "loops")]
+with ThreadPoolExecutor(len(rooms)) as pool:
+    found = dict(zip(rooms, pool.map(import_module, rooms)))
+assert builtins.__import__ is ordinary
+assert not {{"eomgen.robot.value", "eomgen.pictures.robot", "eomgen.errors"}} & set(sys.modules)
+assert all(getattr(room, name) is not None for room in found.values() for name in room.__all__)
 """
     subprocess.run([sys.executable, "-c", code], check=True)
 
@@ -189,7 +210,7 @@ def test_tab_completes_the_facade() -> None:
 @pytest.mark.soak
 def test_type_checkers_see_all_of_the_facade(tmp_path: Path) -> None:
     """Every name has a type, and a name that is not there is an error."""
-    names = [name for name in eomgen.__all__ if name != "__version__"] + list(eomgen._ROOMS)
+    names = [name for name in eomgen.__all__ if name != "__version__"] + list(ROOMS)
     lines = ["import eomgen", *(f"reveal_type(eomgen.{name})" for name in names), "eomgen.nothing"]
     (tmp_path / "user.py").write_text("\n".join(lines) + "\n", encoding="ascii")
     command = [sys.executable, "-m", "mypy", "--config-file", str(ROOT / "pyproject.toml")]

@@ -3,21 +3,11 @@
 Uses runtime, robot, loops, description and codegen (joint, kernels, c, samples, package).
 """
 
-from __future__ import annotations
+from ..lazily import imports_when_used
 
-from typing import TYPE_CHECKING
-
-from ..lazily import attributes
-
-if TYPE_CHECKING:
-    from .stages import KERNEL_NAMES, Options, build, generate, make_source
-
-__all__ = ["KERNEL_NAMES", "Options", "build", "generate", "make_source"]
-
-
-if not TYPE_CHECKING:  # or type checkers would take every name to be there
-    __getattr__ = attributes(__name__, dict.fromkeys(__all__, "stages"))  # which the cache alone does not wait for
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+with imports_when_used(globals()):
+    from .stages import KERNEL_NAMES as KERNEL_NAMES
+    from .stages import Options as Options
+    from .stages import build as build
+    from .stages import generate as generate
+    from .stages import make_source as make_source

@@ -3,70 +3,42 @@
 Uses forms; it knows neither files nor kernels.
 """
 
-from .bounds import Limits
-from .elements import Bushing, LinkElement
-from .geometry import IDENTITY, ZERO, Matrix, Vector, rotation_from_rpy, snap
-from .joint_damping import JointDamping
-from .journals import Radial, SlidingFriction
-from .model import Model, build_model
-from .record import record_of, robot_hash, robot_of
-from .value import (
-    ANGULAR,
-    BASE,
-    COORDINATES,
-    INERTIA_KEYS,
-    LINEAR,
-    MOTOR,
-    PRINCIPAL,
-    Coordinate,
-    Coupling,
-    Curve,
-    Frame,
-    Friction,
-    Joint,
-    Link,
-    Loop,
-    Motor,
-    Placement,
-    Robot,
-    Spring,
-)
+from ..lazily import imports_when_used
 
-__all__ = [
-    "ANGULAR",
-    "BASE",
-    "COORDINATES",
-    "IDENTITY",
-    "INERTIA_KEYS",
-    "LINEAR",
-    "MOTOR",
-    "PRINCIPAL",
-    "ZERO",
-    "Bushing",
-    "Coordinate",
-    "Coupling",
-    "Curve",
-    "Frame",
-    "Friction",
-    "Joint",
-    "JointDamping",
-    "Limits",
-    "Link",
-    "LinkElement",
-    "Loop",
-    "Matrix",
-    "Model",
-    "Motor",
-    "Placement",
-    "Radial",
-    "Robot",
-    "SlidingFriction",
-    "Spring",
-    "Vector",
-    "build_model",
-    "record_of",
-    "robot_hash",
-    "robot_of",
-    "rotation_from_rpy",
-    "snap",
-]
+with imports_when_used(globals()):
+    from .bounds import Limits as Limits
+    from .elements import Bushing as Bushing
+    from .elements import LinkElement as LinkElement
+    from .geometry import IDENTITY as IDENTITY
+    from .geometry import ZERO as ZERO
+    from .geometry import Matrix as Matrix
+    from .geometry import Vector as Vector
+    from .geometry import rotation_from_rpy as rotation_from_rpy
+    from .geometry import snap as snap
+    from .joint_damping import JointDamping as JointDamping
+    from .journals import Radial as Radial
+    from .journals import SlidingFriction as SlidingFriction
+    from .model import Model as Model
+    from .model import build_model as build_model
+    from .record import record_of as record_of
+    from .record import robot_hash as robot_hash
+    from .record import robot_of as robot_of
+    from .value import ANGULAR as ANGULAR
+    from .value import BASE as BASE
+    from .value import COORDINATES as COORDINATES
+    from .value import INERTIA_KEYS as INERTIA_KEYS
+    from .value import LINEAR as LINEAR
+    from .value import MOTOR as MOTOR
+    from .value import PRINCIPAL as PRINCIPAL
+    from .value import Coordinate as Coordinate
+    from .value import Coupling as Coupling
+    from .value import Curve as Curve
+    from .value import Frame as Frame
+    from .value import Friction as Friction
+    from .value import Joint as Joint
+    from .value import Link as Link
+    from .value import Loop as Loop
+    from .value import Motor as Motor
+    from .value import Placement as Placement
+    from .value import Robot as Robot
+    from .value import Spring as Spring

@@ -3,23 +3,7 @@
 Uses what export uses.
 """
 
-from __future__ import annotations
+from ...lazily import imports_when_used
 
-from typing import TYPE_CHECKING
-
-from ...lazily import attributes
-
-if TYPE_CHECKING:
-    from .pack import export_fmu
-
-__all__ = ["export_fmu"]
-
-_MODULES = {"export_fmu": "pack"}
-
-
-if not TYPE_CHECKING:  # or type checkers would take every name to be there
-    __getattr__ = attributes(__name__, _MODULES)
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+with imports_when_used(globals()):
+    from .pack import export_fmu as export_fmu

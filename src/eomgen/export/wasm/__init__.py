@@ -3,24 +3,8 @@
 Uses what export uses.
 """
 
-from __future__ import annotations
+from ...lazily import imports_when_used
 
-from typing import TYPE_CHECKING
-
-from ...lazily import attributes
-
-if TYPE_CHECKING:
-    from .loads import plain_loads
-    from .pack import export_wasm
-
-__all__ = ["export_wasm", "plain_loads"]
-
-_MODULES = {"export_wasm": "pack", "plain_loads": "loads"}
-
-
-if not TYPE_CHECKING:  # or type checkers would take every name to be there
-    __getattr__ = attributes(__name__, _MODULES)
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+with imports_when_used(globals()):
+    from .loads import plain_loads as plain_loads
+    from .pack import export_wasm as export_wasm
