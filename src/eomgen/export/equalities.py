@@ -16,7 +16,7 @@ from ..arrays import Array
 from ..description.mjcf.values import about
 from ..robot.cuts import CUTS
 from ..robot.laws import given_laws
-from ..robot.value import ANGULAR, COORDINATES, Coordinate, Coupling, Loop, Placement, Robot
+from ..robot.value import COORDINATES, Coordinate, Coupling, Loop, Robot
 
 Bodies = Mapping[str, Element]
 ARM = 0.1  # m, between the two points of a hinge's axis
@@ -63,10 +63,11 @@ def add_equalities(root: Element, robot: Robot, bodies: Bodies, start: Sequence[
     """
     if not robot.loops and not robot.couplings:
         return
-    stiff = {"solref": f"{STIFF * step!r} 1", "solimp": _text(_IMPEDANCE)}
+    stiff = {"solref": f"{STIFF * step!r} 1", "solimp": text_of(_IMPEDANCE)}
     equality = Element("equality")
     for loop in robot.loops:
-        _add_loop(equality, loop, bodies, stiff)
+        if loop.type in POINTS or loop.type == WELDED:
+            _add_loop(equality, loop, bodies, stiff)
     tendons = root.find("tendon")
     if tendons is None:
         tendons = Element("tendon")
@@ -76,45 +77,36 @@ def add_equalities(root: Element, robot: Robot, bodies: Bodies, start: Sequence[
     if len(tendons) and root.find("tendon") is None:
         root.append(tendons)
     root.append(equality)
-    SubElement(SubElement(root, "keyframe"), "key", name="home", qpos=_text(start))
+    SubElement(SubElement(root, "keyframe"), "key", name="home", qpos=text_of(start))
 
 
 def _add_loop(equality: Element, loop: Loop, bodies: Bodies, stiff: Mapping[str, str]) -> None:
     """Pairs of sites that stay together."""
-    frames = [_frame(placement) for placement in loop.placements]
-    frames[0] = (frames[0][0] @ _turn(loop), frames[0][1] + frames[0][0] @ _shift(loop))
+    frames = [(np.array(placement.rotation), np.array(placement.xyz)) for placement in loop.placements]
+    turn, shift = _kept(loop)
+    frames[0] = (frames[0][0] @ turn, frames[0][1] + frames[0][0] @ shift)
     kind = "weld" if loop.type == WELDED else "connect"
-    for number, arm in enumerate(POINTS.get(loop.type, (0.0,) if loop.type == WELDED else ())):
+    for number, arm in enumerate(POINTS.get(loop.type, (0.0,))):
         sites = []
         for end, (link, (rotation, origin)) in enumerate(zip(loop.links, frames, strict=True)):
             sites.append(f"loops.{loop.name}.{end}" + (f".{number}" if number else ""))
-            place = {"pos": _text(origin + arm * rotation[:, 2]), "xyaxes": _text(rotation[:, :2].T.ravel())}
+            place = {
+                "pos": text_of(origin + arm * rotation[:, 2]),
+                "xyaxes": text_of(rotation[:, :2].T.ravel()),
+            }
             SubElement(bodies[link], "site", {"name": sites[-1], **place})
         name = loop.name + (f".{number}" if number else "")
         SubElement(equality, kind, {"name": name, "site1": sites[0], "site2": sites[1], **stiff})
 
 
-def _frame(placement: Placement) -> tuple[Array, Array]:
-    return np.array(placement.rotation), np.array(placement.xyz)
-
-
-def _kept(loop: Loop) -> dict[str, float]:
-    """Values that the coordinates of a cut joint keep to, 0 where they are free."""
+def _kept(loop: Loop) -> tuple[Array, Array]:
+    """Rotation and translation that a cut joint keeps to by its offset, without that of coordinates that are free."""
     blocked = {part.name for part in CUTS[loop.type]}
-    values = zip(COORDINATES, loop.offset, strict=True)
-    return {name: (value or 0.0) if name in blocked else 0.0 for name, value in values}
-
-
-def _shift(loop: Loop) -> Array:
-    kept = _kept(loop)
-    return np.array([kept[name] for name in COORDINATES[:3]])
-
-
-def _turn(loop: Loop) -> Array:
-    kept, turn = _kept(loop), np.eye(3)
-    for axis, name in zip(np.eye(3), ANGULAR, strict=True):
-        turn = turn @ about(axis, kept[name])
-    return turn
+    offsets = [value or 0.0 if x in blocked else 0.0 for x, value in zip(COORDINATES, loop.offset, strict=True)]
+    turn = np.eye(3)
+    for axis, angle in zip(np.eye(3), offsets[3:], strict=True):
+        turn = turn @ about(axis, angle)
+    return turn, np.array(offsets[:3])
 
 
 def _references(robot: Robot) -> dict[str, float]:
@@ -135,16 +127,16 @@ def _add_coupling(
     ends = {coupling.of: 1.0, **{name: -ratio for name, ratio in coupling.to.items()}}
     begin = sum(factor * references.get(name, 0.0) for name, factor in ends.items())
     if coupling.law is not None:
-        _add_tendon(tendons, tendon, ends, _spring(coupling.law), offset)
+        _add_tendon(tendons, tendon, ends, spring_values(coupling.law), offset)
         return
     values = {"name": coupling.name, **stiff}
     if len(ends) > 2:
         _add_tendon(tendons, tendon, ends, {}, None)
-        SubElement(equality, "tendon", {**values, "tendon1": tendon, "polycoef": _text([offset - begin, 0.0])})
+        SubElement(equality, "tendon", {**values, "tendon1": tendon, "polycoef": text_of([offset - begin, 0.0])})
         return
     others = {f"joint{number}": name for number, name in enumerate(ends, 1)}
     slope = sum(coupling.to.values())
-    SubElement(equality, "joint", {**values, **others, "polycoef": _text([offset - begin, slope, 0.0, 0.0, 0.0])})
+    SubElement(equality, "joint", {**values, **others, "polycoef": text_of([offset - begin, slope, 0.0, 0.0, 0.0])})
 
 
 def _add_tendon(
@@ -158,10 +150,12 @@ def _add_tendon(
         SubElement(tendon, "joint", joint=joint, coef=repr(sign * factor))
 
 
-def _spring(given: Coordinate) -> dict[str, str]:
+def spring_values(given: Coordinate) -> dict[str, str]:
+    """Stiffness, with its cubic term where there is one, and damping, as attributes."""
     cubic = [0.0, given.cubic] if given.cubic else []
-    return {"stiffness": _text([given.stiffness or 0.0, *cubic]), "damping": repr(given.damping or 0.0)}
+    return {"stiffness": text_of([given.stiffness or 0.0, *cubic]), "damping": repr(given.damping or 0.0)}
 
 
-def _text(values: Array | Sequence[float]) -> str:
+def text_of(values: Array | Sequence[float]) -> str:
+    """Numbers as MuJoCo reads them; none is a negative zero."""
     return " ".join(repr(float(value) + 0.0) for value in values)

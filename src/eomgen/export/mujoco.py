@@ -43,7 +43,7 @@ from ..robot.value import (
     Robot,
     Spring,
 )
-from .equalities import add_equalities, held_softly
+from .equalities import add_equalities, held_softly, spring_values, text_of
 from .mujoco_balls import ball_values, balls, damped_otherwise, hinge_damping, positions
 
 Bodies = Mapping[str, ElementTree.Element]
@@ -102,7 +102,7 @@ def mjcf(
         raise InputError(f"step: {step!r} is no length of a step; allowed: a finite number of at least 1e-9 s")
     root = ElementTree.Element("mujoco", model=robot.name)
     ElementTree.SubElement(root, "compiler", angle="radian", autolimits="false")
-    values = {"timestep": repr(float(step)), "gravity": _text(robot.gravity), "integrator": integrator}
+    values = {"timestep": repr(float(step)), "gravity": text_of(robot.gravity), "integrator": integrator}
     option = ElementTree.SubElement(root, "option", values)
     ElementTree.SubElement(option, "flag", contact="disable")
     bodies = {robot.base: ElementTree.SubElement(root, "worldbody")}
@@ -206,18 +206,14 @@ def _add_body(
         kind = "free" if len(as_one) == len(COORDINATES) else "ball"
         ElementTree.SubElement(body, "joint", {**ball_values(joint), "type": kind})
     if joint.motor is not None:
-        rotor = ElementTree.SubElement(body, "body", name=component_name(joint.name, MOTOR), pos=_text(link.com))
-        least = {"mass": repr(LEAST), "pos": "0 0 0", "diaginertia": _text([LEAST] * 3)}
-        ElementTree.SubElement(rotor, "inertial", least)
         name = component_name(joint.name, MOTOR)
+        rotor = ElementTree.SubElement(body, "body", name=name, pos=text_of(link.com))
+        least = {"mass": repr(LEAST), "pos": "0 0 0", "diaginertia": text_of([LEAST] * 3)}
+        ElementTree.SubElement(rotor, "inertial", least)
         armature = max(joint.motor.inertia - LEAST, 0.0)  # the rest is the body's
-        given = {"name": name, "type": "hinge", "axis": _text(turn[:, 2]), "armature": repr(armature)}
-        own, limits = _effort(joint.limits_of(MOTOR)), joint.limits_of(MOTOR)
-        if "stops.stiffness" in joint.motor.further:
-            own |= _stopped(joint.motor.rotor)
-        elif any(map(math.isfinite, limits.range)):
-            own |= {"range": _ends(limits), "limited": "false"}
-        ElementTree.SubElement(rotor, "joint", given | own | _friction(joint.motor.friction))
+        given = {"name": name, "type": "hinge", "axis": text_of(turn[:, 2]), "armature": repr(armature)}
+        given |= _limited(joint.motor.rotor, joint.limits_of(MOTOR))
+        ElementTree.SubElement(rotor, "joint", given | _friction(joint.motor.friction))
     return body
 
 
@@ -228,51 +224,37 @@ def _add_joint(body: ElementTree.Element, joint: Joint, name: str, axis: Array, 
     values = {
         "name": component_name(joint.name, name),
         "type": "hinge" if name in ANGULAR else "slide",
-        "axis": _text(axis),
+        "axis": text_of(axis),
     }
-    values |= _spring_of(given)
+    values |= spring_values(given)
     if given.preload and given.stiffness and not given.cubic:
         values["springref"] = repr(-given.preload / given.stiffness)
     if given.armature:
         values["armature"] = repr(given.armature)
     if offset:
         values["ref"] = repr(-offset)
-    if "stops.stiffness" in given.further:
-        values |= _stopped(given)
-    elif any(map(math.isfinite, joint.limits_of(name).range)):
-        values |= {"range": _ends(joint.limits_of(name)), "limited": "false"}
-    values |= _effort(joint.limits_of(name))
+    values |= _limited(given, joint.limits_of(name))
     friction = _friction(given.friction)
     if "damping" in friction:
         friction["damping"] = repr(float(friction["damping"]) + (given.damping or 0.0))
     ElementTree.SubElement(body, "joint", values | friction)
 
 
-def _ends(given: Limits) -> str:
-    """The range of a coordinate, far away on a side without a limit."""
-    lower, upper = given.range
-    return _text([max(lower, -_FAR), min(upper, _FAR)])
+def _limited(given: Coordinate, limits: Limits) -> dict[str, str]:
+    """Ranges between a coordinate's stops, or of its limits and effort, which nothing keeps to unless switched on.
 
-
-def _effort(given: Limits) -> dict[str, str]:
-    """The limit of a drive's force, which nothing keeps to unless somebody switches it on."""
-    if given.effort is None:
-        return {}
-    return {"actuatorfrcrange": _text([-given.effort, given.effort]), "actuatorfrclimited": "false"}
-
-
-def _stopped(given: Coordinate) -> dict[str, str]:
-    """The range between a coordinate's stops; MuJoCo's has two ends."""
-    ends = given.further.get("stops.lower", -_FAR), given.further.get("stops.upper", _FAR)
-    return {"range": _text(ends), "limited": "true" if given.further["stops.stiffness"] else "false"}
-
-
-def _spring_of(given: Coordinate) -> dict[str, str]:
-    """Stiffness, with its cubic term where there is one, and damping."""
-    values = {"stiffness": repr(given.stiffness or 0.0), "damping": repr(given.damping or 0.0)}
-    if given.cubic:
-        values["stiffness"] = _text([given.stiffness or 0.0, 0.0, given.cubic])
-    return values
+    MuJoCo's have two ends: one that is not given is far away.
+    """
+    found = dict[str, str]()
+    if "stops.stiffness" in given.further:
+        ends = given.further.get("stops.lower", -_FAR), given.further.get("stops.upper", _FAR)
+        found = {"range": text_of(ends), "limited": "true" if given.further["stops.stiffness"] else "false"}
+    elif any(map(math.isfinite, limits.range)):
+        found = {"range": text_of([max(limits.range[0], -_FAR), min(limits.range[1], _FAR)]), "limited": "false"}
+    if limits.effort is not None:
+        found["actuatorfrcrange"] = text_of([-limits.effort, limits.effort])
+        found["actuatorfrclimited"] = "false"
+    return found
 
 
 def _friction(given: Friction | None) -> dict[str, str]:
@@ -286,11 +268,11 @@ def _friction(given: Friction | None) -> dict[str, str]:
 def _inertial(link: Link, size: float) -> dict[str, str]:
     """Mass and inertia; principal moments of second moments of at least LEAST where one would be less."""
     xx, yy, zz, xy, xz, yz = link.inertia
-    values = {"mass": repr(max(link.mass, LEAST)), "pos": _text(link.com)}
+    values = {"mass": repr(max(link.mass, LEAST)), "pos": text_of(link.com)}
     moments, axes = np.linalg.eigh(second_moments([link])[0])
     least = max(LEAST, 1e-13 * float(moments[2]))
     if moments[0] >= least:
-        return {**values, "fullinertia": _text([xx, yy, zz, xy, xz, yz])}
+        return {**values, "fullinertia": text_of([xx, yy, zz, xy, xz, yz])}
     if lowest_moments([link], [size])[0] < 0.0:
         raise InputError(
             f"links.{link.name}.inertia: no body can have {show(list(link.inertia))}, and MuJoCo takes none; "
@@ -300,7 +282,7 @@ def _inertial(link: Link, size: float) -> dict[str, str]:
     a, b, c = np.maximum(moments, least)
     if link.inertia[3:] == (0.0, 0.0, 0.0):  # no round-off where the axes are the link's
         axes, (a, b, c) = np.eye(3), np.maximum(np.diag(second_moments([link])[0]), least)
-    return {**values, "diaginertia": _text([b + c, a + c, a + b]), "xyaxes": _axes(axes)}
+    return {**values, "diaginertia": text_of([b + c, a + c, a + b]), "xyaxes": _axes(axes)}
 
 
 def _add_tendons(root: ElementTree.Element, robot: Robot, bodies: Bodies) -> None:
@@ -313,7 +295,7 @@ def _add_tendons(root: ElementTree.Element, robot: Robot, bodies: Bodies) -> Non
     for joint in motors:
         assert joint.motor is not None
         given = joint.motor.transmission
-        values = {"name": f"{joint.name}.transmission", "springlength": "0", **_spring_of(given)}
+        values = {"name": f"{joint.name}.transmission", "springlength": "0", **spring_values(given)}
         tendon = ElementTree.SubElement(tendons, "fixed", values)
         ends = ((MOTOR, 1.0 / joint.motor.ratio), (PRINCIPAL[joint.type], -1.0))
         for name, coefficient in ends:
@@ -326,22 +308,18 @@ def _add_spring(tendons: ElementTree.Element, bodies: Bodies, spring: Spring) ->
     rest = spring.free_length or 0.0
     slack = (0.0, rest + 0.5 * (spring.smoothing or 0.0)) if spring.tension_only else (rest,)
     damping = 0.0 if spring.tension_only else spring.damping or 0.0
-    values = {"name": spring.name, "springlength": _text(slack), "stiffness": repr(spring.stiffness or 0.0)}
+    values = {"name": spring.name, "springlength": text_of(slack), "stiffness": repr(spring.stiffness or 0.0)}
     tendon = ElementTree.SubElement(tendons, "spatial", values | {"damping": repr(damping)})
     for end, (link, point) in enumerate(zip(spring.links, spring.points, strict=True)):
-        ElementTree.SubElement(bodies[link], "site", name=f"{spring.name}.{end}", pos=_text(point))
+        ElementTree.SubElement(bodies[link], "site", name=f"{spring.name}.{end}", pos=text_of(point))
         ElementTree.SubElement(tendon, "site", site=f"{spring.name}.{end}")
 
 
 def _place(placement: Placement) -> dict[str, str]:
     """pos, and the axes where they are turned."""
-    place = {"pos": _text(placement.xyz)}
+    place = {"pos": text_of(placement.xyz)}
     return place if placement.rotation == IDENTITY else place | {"xyaxes": _axes(np.array(placement.rotation))}
 
 
 def _axes(rotation: Array) -> str:
-    return _text(np.concatenate([rotation[:, 0], rotation[:, 1]]))
-
-
-def _text(values: Array | Sequence[float]) -> str:
-    return " ".join(repr(float(value) + 0.0) for value in values)
+    return text_of(np.concatenate([rotation[:, 0], rotation[:, 1]]))

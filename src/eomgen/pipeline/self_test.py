@@ -106,9 +106,8 @@ class _Examination:
         self.known = {name for half in halves for name in libraries.meta["halves"][half]}
         self.libraries, self.raw, self.samples, self.bits = libraries, RawKernel(libraries), samples, bits
         self.h = self._pointer(samples["h"])
-        self.least = 65536.0 * float(
-            np.finfo(self.raw.dtype).smallest_subnormal
-        )  # what rounding is to denormal numbers
+        # what rounding is to denormal numbers
+        self.least = 65536.0 * float(np.finfo(self.raw.dtype).smallest_subnormal)
 
     def differences(self) -> Iterator[Difference]:
         """All answers that are wrong."""
@@ -169,12 +168,13 @@ class _Examination:
             failing = self.samples[f"{rollout.name} status"][method, state] != 0
             q, u, effort = (_filled(self.samples[name][state]) for name in ("q", "u", "effort"))
             drive = self.libraries.library(rollout.kernel).drive(**self._drives(u, effort))
-            v = self._pointer(np.zeros(n))
-            for call, suffix in ((self._one, ""), (self._batch_of_one, BATCH)):
+            at, v = self.raw.view(q), self._pointer(np.zeros(n))
+            for suffix in ("", BATCH):
                 if f"{rollout.name}{suffix}" not in self.known:
                     continue
                 moved = np.zeros((2, 2 * n), self.raw.dtype)
-                code = call(rollout, (self.raw.view(q), v), n, drive, dt, int(method), moved)
+                how = (drive, dt, 1, 1, int(method), *map(self.raw.view, moved))
+                code = rollout.batch(1, self.h, at, n, v, n, *how) if suffix else rollout.code(self.h, at, v, *how)
                 if (code == -1) == failing:
                     yield Difference(f"the status of {rollout.name}{suffix}", STATES[state], 0, code, -1)
                 elif not failing:
@@ -208,16 +208,6 @@ class _Examination:
         """Drives, clipped where one of them has an effort."""
         clips = {"effort": self.raw.view(effort)} if np.isfinite(effort).any() else {}
         return {"u": self.raw.view(u), **clips}
-
-    def _one(self, rollout: RawFunction, start: Any, n: int, drive: Any, dt: float, method: int, moved: Array) -> int:
-        out = (self.raw.view(moved[0]), self.raw.view(moved[1]))
-        return int(rollout.code(self.h, *start, drive, dt, 1, 1, method, *out))
-
-    def _batch_of_one(
-        self, rollout: RawFunction, start: Any, n: int, drive: Any, dt: float, method: int, moved: Array
-    ) -> int:
-        out = (self.raw.view(moved[0]), self.raw.view(moved[1]))
-        return int(rollout.batch(1, self.h, start[0], n, start[1], n, drive, dt, 1, 1, method, *out))
 
     def _frames(self, function: RawFunction) -> list[tuple[tuple[int, ...], tuple[int, ...]]]:
         """Places of a function's answers behind that of the state, and what it is given beside arrays."""

@@ -41,7 +41,6 @@ from .denormals import prepare, with_denormals
 from .folders import new_folder, put_folder
 from .generator_key import generator_hash
 from .importable import check_module_name
-from .level_folders import with_levels
 from .on_demand import OnDemand, one_library
 
 if TYPE_CHECKING:
@@ -55,6 +54,7 @@ OWNERS = {name: name for name in KERNELS} | {  # the kernel that a name stands f
 _NAMED = tuple(name for name, kernel in OWNERS.items() if kernel in OWN_KERNELS)
 _SOURCE, _SAMPLES = "source.json", "samples"  # files of an entry
 _LARGEST = 1 << 28  # bytes of a package's metadata
+_BINARIES = (".so", ".pyd", ".dylib", ".dll")
 
 
 @dataclass(frozen=True)
@@ -235,6 +235,8 @@ def generate(
             as a module that Python or the package needs, or ROS 2 is asked for without the kernel ``rollout``.
         BuildError: see ``build``.
     """
+    from ..codegen.package.compile import find_compiler
+
     robot, folder = as_robot(robot), Path(folder)
     hidden = check_module_name(robot.name)
     if hidden:
@@ -246,7 +248,8 @@ def generate(
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with new_folder(target) as private:
-            store.write_files(private, {**files, **_extension_files()})
+            binary = direct_calls.binary_of(find_compiler())  # what calls from Python go through, where it can be had
+            store.write_files(private, {**files, **{f"runtime/{name}": data for name, data in binary.items()}})
             if cmake or ros2:
                 _write_project(private, robot.name, options, ros2)
             private.chmod(0o755)
@@ -257,7 +260,7 @@ def generate(
 
 
 def _files_of_levels(robot: Robot, options: Options, progress: StageReport) -> store.Files:
-    """Files of a package with the binaries of every level that the options and the compiler allow."""
+    """Files of a package, and in a folder for each further level that the compiler makes code for its binaries."""
     from ..codegen.package.compile import find_compiler
     from ..codegen.package.levels import check_possible, possible_levels
 
@@ -266,15 +269,12 @@ def _files_of_levels(robot: Robot, options: Options, progress: StageReport) -> s
     if options.level:
         check_possible(options.level, possible)
     levels = ("",) if options.native else (options.level,) if options.level else possible
-    made = [make_package(robot, replace(options, level=level), progress, compiler) for level in levels]
-    return with_levels(robot.name, made[0].files, {x: y.files for x, y in zip(levels[1:], made[1:], strict=True)})
-
-
-def _extension_files() -> store.Files:
-    """The module that calls from Python go through, where it can be had, by its place in a package."""
-    from ..codegen.package.compile import find_compiler
-
-    return {f"runtime/{name}": data for name, data in direct_calls.binary_of(find_compiler()).items()}
+    made = [make_package(robot, replace(options, level=level), progress, compiler).files for level in levels]
+    found = dict(made[0])
+    for level, files in zip(levels[1:], made[1:], strict=True):  # of the runtime there is one for all
+        loaded = [x for x in files if "/" not in x and (x.endswith(_BINARIES) or x == f"_{robot.name}.py")]
+        found |= {f"{level}/{file}": files[file] for file in loaded}
+    return found
 
 
 def _write_project(package: Path, name: str, options: Options, ros2: bool) -> None:

@@ -13,9 +13,10 @@ from __future__ import annotations
 import itertools
 import os
 import time
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -172,16 +173,9 @@ def _dimensions(
                     f"{name}: the scenario has a payload on this link; allowed: others, or payloads.0.mass as scenario",
                 )
             found.append((Dimension("parameter", name, unit), entry.distribution))
-    twins = [name for name, many in _counts(x.name for x, _ in found).items() if many > 1]
+    twins = [name for name, many in Counter(x.name for x, _ in found).items() if many > 1]
     if twins:
         plan.fail("vary", f"{twins[0]} is varied by more than one entry; allowed: by one")
-    return found
-
-
-def _counts(names: Iterator[str]) -> dict[str, int]:
-    found: dict[str, int] = {}
-    for name in names:
-        found[name] = found.get(name, 0) + 1
     return found
 
 
@@ -274,18 +268,21 @@ def _by_executor(job: Job, design: Design, missing: Sequence[int], executor: Exe
             future.cancel()
 
 
+@dataclass(frozen=True)
 class KernelBundle:
     """A job for workers, with what it builds."""
 
-    def __init__(self, job: Job, builds: Builds, keys: tuple[str, ...]) -> None:
-        self.job, self.builds, self.keys = job, builds, keys
+    job: Job
+    builds: Builds
+    keys: tuple[str, ...]
 
 
+@dataclass(frozen=True)
 class MissingKernels:
     """Answer of a worker that has no kernel for the samples."""
 
-    def __init__(self, indices: list[int], samples: list[tuple[float, ...]]) -> None:
-        self.indices, self.samples = indices, samples
+    indices: list[int]
+    samples: list[tuple[float, ...]]
 
 
 _runners: dict[str, SampleRunner] = {}
