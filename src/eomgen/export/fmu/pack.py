@@ -36,7 +36,7 @@ from ..step import default_step
 from .choices import ADAPTIVE, AUTO, METHODS, VERSIONS
 
 if TYPE_CHECKING:
-    from .variables import Layout, Variable
+    from .variables import Variable
 
 TANGENTS = ("external_force_tangent", "energy_tangent", "reactions_tangent", "external_reactions_tangent")
 KERNELS = (
@@ -107,14 +107,12 @@ def _check(version: int, method: str, rtol: float | None, step: float | None) ->
         raise InputError(f"fmi: version {show(version)} is unknown; allowed: {', '.join(map(str, VERSIONS))}")
     if method not in METHODS:
         raise InputError(f"method: {show(method)} is unknown; allowed: {', '.join(METHODS)}")
-    fixed = ", ".join(name for name in METHODS if name not in ADAPTIVE)
     if step is not None and method in ADAPTIVE:
-        raise InputError(f"step: {show(step)} is given with method {show(method)}; allowed: with the methods {fixed}")
+        named = ", ".join(name for name in METHODS if name not in ADAPTIVE)
+        raise InputError(f"step: {show(step)} is given with method {show(method)}; allowed: with the methods {named}")
     if rtol is not None and method not in ADAPTIVE:
-        adaptive = ", ".join(ADAPTIVE)
-        raise InputError(
-            f"rtol: {show(rtol)} is given with method {show(method)}; allowed: with the methods {adaptive}"
-        )
+        named = ", ".join(ADAPTIVE)
+        raise InputError(f"rtol: {show(rtol)} is given with method {show(method)}; allowed: with the methods {named}")
     if step is not None and not (_is_number(step) and 1e-9 <= step < math.inf):
         raise InputError(f"step: {show(step)} is no length of a step; allowed: a finite number of at least 1e-9 s")
     if rtol is not None and not (_is_number(rtol) and TIGHTEST <= rtol <= LOOSEST):
@@ -154,7 +152,10 @@ def _files(
     layout = make_layout(model, *begin)
     name, meta = robot.name, json.loads(source.meta)
     context = {
-        **_numbers(layout),
+        "at": layout.at,
+        "variables": layout.variables,
+        "frames": layout.frames,
+        "literal": lambda x: repr(float(x)),
         "name": name,
         "guard": f"EOMGEN_{name.upper()}_H",
         "version": __version__,
@@ -167,11 +168,10 @@ def _files(
         **turned_context(model),
         "redundant": meta.get("redundant", False),
     }
-    kinds = {f"unit.{end}": f"fmu/unit.{end}" for end in "hc"} | {
-        f"fmi{version}.{end}": f"fmu/fmi{version}.{end}" for end in "hc"
-    }
+    kinds = {f"{stem}.{end}": f"fmu/{stem}.{end}" for stem in ("unit", f"fmi{version}") for end in "hc"}
     texts = _rendered(kinds, {**context, "token": ""})
-    token = _token([source.header, source.code, *texts.values()])
+    digest = hashlib.sha256(json.dumps([source.header, source.code, *texts.values()]).encode()).digest()
+    token = f"{{{uuid.UUID(bytes=digest[:16])}}}"  # a GUID that the same sources have again, and no others
     texts = _rendered(kinds, {**context, "token": token})
     code = {f"{name}.h": source.header, f"{name}.c": source.code}
     code |= {f"{name}_{key}": text for key, text in texts.items()}
@@ -221,25 +221,10 @@ def _closing(model: Model) -> dict[str, object]:
     }
 
 
-def _numbers(layout: Layout) -> dict[str, object]:
-    return {
-        "at": layout.at,
-        "variables": layout.variables,
-        "frames": layout.frames,
-        "literal": lambda x: repr(float(x)),
-    }
-
-
 def _rendered(templates: Mapping[str, str], context: Mapping[str, object]) -> dict[str, str]:
     from eomgen.codegen.c.source import environment
 
     return {key: environment().get_template(f"{name}.jinja").render(context) for key, name in templates.items()}
-
-
-def _token(texts: Sequence[str]) -> str:
-    """A GUID that the same sources have again, and no others."""
-    digest = hashlib.sha256(json.dumps(list(texts)).encode()).digest()
-    return f"{{{uuid.UUID(bytes=digest[:16])}}}"
 
 
 def binary_path(name: str, version: int, system: str, machine: str) -> str:

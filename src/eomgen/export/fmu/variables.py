@@ -8,7 +8,7 @@ couplings are closed, multipliers of their constraint follow on the acceleration
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from eomgen.names import joint_of, parameter_name, parameter_path
@@ -115,14 +115,17 @@ def make_layout(model: Model, solver: Variable, home: Sequence[float]) -> Layout
     at: dict[str, int] = {}
     frames = tuple(i for i, name in enumerate(model.frames) if name != model.robot.base)
 
-    def add(kind: str, variables: Iterator[Variable]) -> None:
+    def add(kind: str, variables: Iterable[Variable]) -> None:
         at[kind] = len(found)
         found.extend(variables)
 
-    add("parameters", _parameters(model))
-    add("solver", iter([solver]))
+    units = {name: parameter_unit(model.robot, name) for name in model.parameters}
+    values = model.parameters.items()
+    add("parameters", (Variable(x, "parameter", units[x], "Parameter", value, least_of(x)) for x, value in values))
+    add("solver", [solver])
     if model.constraints:
-        add("closing", iter([Variable(CLOSING, "parameter", "s", _CLOSING_TEXT, CLOSING_TIME, SHORTEST)]))
+        text = "Time constant with which model exchange closes loops"
+        add("closing", [Variable(CLOSING, "parameter", "s", text, CLOSING_TIME, SHORTEST)])
     add("q", _states(model, "q", "Coordinate", "", len(found), home))
     add("v", _states(model, "v", "Rate", "/s", len(found), [0.0] * model.size))
     add("u", _drives(model))
@@ -135,18 +138,16 @@ def make_layout(model: Model, solver: Variable, home: Sequence[float]) -> Layout
     add(
         "reactions", _wrenches("reaction", "output", joints, "on the child of joint", "at the joint, in its axes", None)
     )
-    add("energy", _energies(tuple(range(at["q"], at["u"]))))
+    q, states = (tuple(range(at["q"], at[end])) for end in ("v", "u"))
+    add(
+        "energy",
+        [
+            Variable("energy.kinetic", "output", "J", "Kinetic energy", depends=states),
+            Variable("energy.potential", "output", "J", "Energy of gravity and springs", depends=q),
+        ],
+    )
     at["end"] = len(found)
     return Layout(tuple(found), at, frames)
-
-
-def _parameters(model: Model) -> Iterator[Variable]:
-    for name, value in model.parameters.items():
-        unit = parameter_unit(model.robot, name)
-        yield Variable(name, "parameter", unit, "Parameter", value, least_of(name))
-
-
-_CLOSING_TEXT = "Time constant with which model exchange closes loops"
 
 
 def _states(model: Model, kind: str, text: str, per: str, first: int, start: Sequence[float]) -> Iterator[Variable]:
@@ -229,12 +230,6 @@ def _moving(model: Model, body: int) -> list[int]:
         found = [*here.indices, *map(model.coordinates.index, sorted(followed)), *found]
         body = here.parent
     return list(dict.fromkeys(found))
-
-
-def _energies(states: tuple[int, ...]) -> Iterator[Variable]:
-    yield Variable("energy.kinetic", "output", "J", "Kinetic energy", depends=states)
-    half = states[: len(states) // 2]
-    yield Variable("energy.potential", "output", "J", "Energy of gravity and springs", depends=half)
 
 
 def _coupling_unit(robot: Robot, parts: tuple[str, ...]) -> str:

@@ -110,7 +110,6 @@ def acting_on(
             f"{scenario.label('motion')}: is a program that only Python can ask; allowed on a page: programs that are"
             " data, as scenario files have them"
         )
-    driven = index_of(kernel.coordinates, assembly.driven)
     found: dict[str, Any] = {
         "start": {"t": 0.0, "q": q0.tolist(), "v": v0.tolist()},
         "control": _control(scenario, assembly),
@@ -128,12 +127,16 @@ def acting_on(
         found["torque"] = {"signal": signal(data.torque.signal), "place": data.torque.place.tolist()}
         found["drive"] = "program"
     if data.program is not None:
-        ratio = np.ones(len(driven)) if data.ratio is None else data.ratio
-        kp, kd = _gains_of(robot, data, assembly, scenario)
-        found["drives"] = _drives(robot, assembly, data.program.place, ratio, kp, kd, q0)
+        ratio = np.ones(len(assembly.driven)) if data.ratio is None else data.ratio
+        assert assembly.program is not None
+        first = assembly.program.at(0.0)[0]
+        gains = _gains_of(robot, data, assembly, first)
+        found["drives"] = _drives(robot, assembly, data.program.place, ratio, gains, first)
         found["program"] = signal(data.program.signal)
         found["drive"] = "target" if scenario.motion is None else "program"
-        found["cycle"] = _cycle(robot, assembly, q0, driven)
+        begin, goal = default_ends(robot, assembly.driven)
+        goal = first + (CLOSED_PART if robot.is_closed else 1.0) * (goal - begin)
+        found["cycle"] = {"start": first.tolist(), "goal": goal.tolist(), "duration": WAY, "pause": PAUSE}
         if data.model is not None:
             _add_model(found, data.model, assembly, q0, notes)
     found["wrenches"] = [_wrench(x) for x in assembly.wrenches.load_data()] if assembly.wrenches else []
@@ -153,26 +156,23 @@ def _control(scenario: Scenario, assembly: Assembly) -> str:
     return "pd" if kind == "pd" or assembly.path is not None else "model"
 
 
-def _gains_of(robot: Robot, data: Any, assembly: Assembly, scenario: Scenario) -> tuple[Array, Array]:
+def _gains_of(robot: Robot, data: Any, assembly: Assembly, first: Array) -> tuple[Array, Array]:
     """Gains at the joints of what is driven; of a closed mechanism under computed torque default ones."""
     if data.gains is not None:
         return np.asarray(data.gains.kp), np.asarray(data.gains.kd)
     if not robot.is_closed:
         nothing = np.zeros(len(assembly.driven))
         return nothing, nothing
-    start = assembly.program.at(0.0)[0] if assembly.program is not None else np.zeros(len(assembly.driven))
-    kp, kd = default_gains(robot, assembly.driven, start)
+    kp, kd = default_gains(robot, assembly.driven, first)
     return np.array([kp[name] for name in assembly.driven]), np.array([kd[name] for name in assembly.driven])
 
 
 def _drives(
-    robot: Robot, assembly: Assembly, place: Index, ratio: Array, kp: Array, kd: Array, q0: Array
+    robot: Robot, assembly: Assembly, place: Index, ratio: Array, gains: tuple[Array, Array], first: Array
 ) -> list[dict[str, Any]]:
+    """Drives with their sliders; ``first``: where their program begins, (d,)."""
     kernel, found = assembly.kernel, []
     start, goal = default_ends(robot, assembly.driven)
-    program = assembly.program
-    assert program is not None
-    first = program.at(0.0)[0]
     names = [joint_of(name) for name in assembly.driven]
     for i, name in enumerate(assembly.driven):
         unit = unit_of(name)
@@ -186,8 +186,8 @@ def _drives(
                 "place": int(place[i]),
                 "ratio": float(ratio[i]),
                 "unit": unit,
-                "kp": float(kp[i]),
-                "kd": float(kd[i]),
+                "kp": float(gains[0][i]),
+                "kd": float(gains[1][i]),
                 "start": float(first[i]),
                 "low": low,
                 "high": high,
@@ -205,16 +205,6 @@ def _limits(robot: Robot, name: str, at: float, span: float) -> tuple[float, flo
     return float(min(low, at)), float(max(high, at))
 
 
-def _cycle(robot: Robot, assembly: Assembly, q0: Array, driven: Index) -> dict[str, Any]:
-    """The default motion to and fro, from where the robot begins."""
-    first, goal = default_ends(robot, assembly.driven)
-    program = assembly.program
-    assert program is not None
-    start = program.at(0.0)[0]
-    part = CLOSED_PART if robot.is_closed else 1.0
-    return {"start": start.tolist(), "goal": (start + part * (goal - first)).tolist(), "duration": WAY, "pause": PAUSE}
-
-
 def _add_model(found: dict[str, Any], model: ModelDrive, assembly: Assembly, q0: Array, notes: list[str]) -> None:
     """Drives by a model: that of the rigid robot, or, of a mechanism with loops, what holds it at the start."""
     if model.mechanism is not None:
@@ -225,21 +215,19 @@ def _add_model(found: dict[str, Any], model: ModelDrive, assembly: Assembly, q0:
             u = np.zeros(kernel.n)
         for drive in found["drives"]:
             u[drive["place"]] -= drive["kp"] / drive["ratio"] * (drive["start"] - q0[drive["place"]] / drive["ratio"])
-        found["holding"] = np.where(
-            [i in [d["place"] for d in found["drives"]] for i in range(kernel.n)], u, 0.0
-        ).tolist()
+        places = [drive["place"] for drive in found["drives"]]
+        found["holding"] = np.where(np.isin(np.arange(kernel.n), places), u, 0.0).tolist()
         what = "computed torque" if model.bandwidth else "what gravity takes all along"
         notes.append(f"the mechanism has loops: in place of {what}, drives have gains and what holds it at the start")
         return
     rigid = model.calls
-    places = {name: i for i, name in enumerate(rigid.coordinates)}
     found["model"] = {
         "place": np.asarray(model.place).tolist(),
         "ratio": np.asarray(model.ratio, dtype=np.float64).tolist(),
         "column": np.asarray(model.column).tolist(),
         "given": np.asarray(model.given).tolist(),
         "bandwidth": float(model.bandwidth or 0.0),
-        "driven": [places[name] for name in assembly.driven],
+        "driven": index_of(rigid.coordinates, assembly.driven).tolist(),
     }
     found["compensates"] = True
 

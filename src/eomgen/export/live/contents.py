@@ -81,9 +81,7 @@ def contents_of(robot: Robot, scenario: Scenario | None, result: SimulationResul
     stiff = stiff_in_real_time(kernel, start)
     moving = sum(robot.link(name).mass for name in model.links)
     fine = acting["control"] == "model" or acting["prescribed"] or acting["wrenches"] or acting["torque"]
-    rigid: Robot | None = None
-    if acting["model"] is not None:
-        rigid = robot.rigid()
+    rigid = None if acting["model"] is None else robot.rigid()
     found = {
         **acting,
         **drawn,

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ..._version import __version__
+from ...codegen.c.source import environment
 from ...description import RobotLike, as_robot
 from ...errors import InputError
 from ...files import write_atomically
@@ -98,16 +99,8 @@ def kernel_of(robot: Robot, kernels: tuple[str, ...]) -> tuple[str, str]:
 
 
 def _html(values: dict[str, Any], modules: dict[str, str]) -> str:
-    import jinja2
     from markupsafe import Markup
 
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("eomgen.templates", ""),
-        undefined=jinja2.StrictUndefined,
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     texts = {f"#live/{name}": _file(f"{name}.mjs") for name in SCRIPTS}
     texts |= {name: _file(place) for name, place in THREE.items()} | modules
     imports = _json({"imports": {name: _module(text) for name, text in texts.items()}})
@@ -120,7 +113,8 @@ def _html(values: dict[str, Any], modules: dict[str, str]) -> str:
     drives, count = len(values["drives"]), len(values["coordinates"])
     words = [f"{count} coordinate{'s' * (count != 1)}", f"{drives} drive{'s' * (drives != 1)}"]
     line = f"{', '.join(words)}; simulated in this page by its own equations of motion"
-    return environment.get_template(TEMPLATE).render(
+    html = environment().overlay(autoescape=True, keep_trailing_newline=False)
+    return html.get_template(TEMPLATE).render(
         policy=Markup(policy),  # nothing of a description is in it
         version=__version__,
         title=f"{values['name']}: eomgen live",

@@ -6,9 +6,9 @@ import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from operator import methodcaller
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 from eomgen._version import __version__
 from eomgen.codegen.c.scalar_types import SCALARS
@@ -36,7 +36,7 @@ _SAID = (  # of a kernel's metadata, to those who call it
     *("name", "generator", "dtype", "coordinates", "joints", "links", "frames", "driven", "prescribed", "parameters"),
     *("least", "shapes", "functions", "hoisted"),
 )
-_ROLLING = ("rollout", "adaptive")
+_ROLLING = ("rollout", "adaptive")  # kinds of functions that the script does not call as they are
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class WasmModule:
             f"{self.name}.mjs": self.script.encode("ascii"),
             f"{self.name}.d.mts": self.declarations.encode("ascii"),
         }
-        return [write_atomically(Path(folder) / file, partial(_put, content)) for file, content in contents.items()]
+        return [write_atomically(Path(folder) / file, methodcaller("write", x)) for file, x in contents.items()]
 
 
 def export_wasm(
@@ -96,10 +96,6 @@ def export_wasm(
     return make_wasm(robot, kernels=kernels, dtype=dtype, model=model, progress=progress).write(folder)
 
 
-def _put(content: bytes, stream: BinaryIO) -> None:
-    stream.write(content)
-
-
 def make_wasm(
     robot: RobotLike,
     *,
@@ -121,7 +117,10 @@ def make_wasm(
     home = closed_home(robot, progress)
     described = _description(meta, context["pushed"], home, None if rigid is None else json.loads(rigid.meta))
     progress(f"compiling {source.statements} statements of C")
-    binary = compile_wasm(_sources(source, rigid, context), _exported(meta), long=source.longest > LONG)
+    exported = ["setup", *(name for name, function in meta["functions"].items() if function["kind"] not in _ROLLING)]
+    binary = compile_wasm(
+        _sources(source, rigid, context), [f"{robot.name}_{x}" for x in exported], long=source.longest > LONG
+    )
     script = {"description": json.dumps(described, allow_nan=False), **context}
     return WasmModule(
         robot.name,
@@ -146,12 +145,6 @@ def _sources(source: Source, rigid: Source | None, context: Mapping[str, Any]) -
     """Files of C by name: of the robot, of the rigid one that drives know, and what JavaScript calls around them."""
     found = {f"{x.name}{end}": text for x in (source, rigid) if x for end, text in ((".h", x.header), (".c", x.code))}
     return {**found, f"{source.name}_wasm.c": _filled("wasm/calls.c.jinja", context)}
-
-
-def _exported(meta: Mapping[str, Any]) -> list[str]:
-    """Names of C's functions that the script calls as they are."""
-    plain = (name for name, function in meta["functions"].items() if function["kind"] not in _ROLLING)
-    return [f"{meta['name']}_{name}" for name in ("setup", *plain)]
 
 
 def _context(robot: Robot, meta: Mapping[str, Any], rigid: Source | None) -> dict[str, Any]:
