@@ -61,10 +61,9 @@ class RobotInfo:
             "mobility": None if self.mobility is None else self.mobility.as_dict(),
             "mass": self._mass(),
             "journals": {
-                component_name(name, RADIAL): radial.law()
-                for name, radial in [(x.name, x.radial) for x in model.robot.joints]
-                + [(x.name, x.radial) for x in model.robot.loops]
-                if radial
+                component_name(x.name, RADIAL): x.radial.law()
+                for x in model.robot.joints + model.robot.loops
+                if x.radial
             },
             "joint_damping": {joint.name: joint.damping.law() for joint in model.robot.joints if joint.damping},
             "springs": [x.as_dict() for x in model.robot.springs],
@@ -79,23 +78,19 @@ class RobotInfo:
         """A page of text."""
         model = self.model
         count = f"{model.size} coordinates, {len(model.bodies)} joints that move, {self._mass():.6g} kg moving"
-        lines = [
-            f"{model.name}: {count}",
-            "",
-            *self._joint_lines(),
-            "",
-            *self._loop_lines(),
-            *self._element_lines(),
-            *self._start_lines(),
-            *([*self.mobility.lines(), ""] if self.mobility else []),
-            *self.zero_lines,
-            "",
-            *self._operation_lines(),
-        ]
-        parameters = len(model.parameters)
-        lines += ["", f"run-time parameters: {parameters} (kernel.parameters; list more under `tunable`)"]
-        lines += [f"frames: {', '.join(model.frames)}"]
-        return lines
+        parameters = f"{len(model.parameters)} (kernel.parameters; list more under `tunable`)"
+        sections = (
+            [f"{model.name}: {count}"],
+            self._joint_lines(),
+            self._loop_lines(),
+            [element.line() for element in model.robot.link_elements],
+            self._start_lines(),
+            self.mobility.lines() if self.mobility else [],
+            self.zero_lines,
+            self._operation_lines(),
+            [f"run-time parameters: {parameters}", f"frames: {', '.join(model.frames)}"],
+        )
+        return [line for section in sections if section for line in ("", *section)][1:]
 
     def _mass(self) -> float:
         robot = self.model.robot
@@ -129,7 +124,7 @@ class RobotInfo:
         return lines
 
     def _loop_lines(self) -> list[str]:
-        """The cut joints and couplings, where there are some, with an empty line after them."""
+        """The cut joints and couplings, where there are some."""
         loops, count = self.model.robot.loops, len(self.model.constraints)
         lines = []
         for loop in loops:
@@ -141,21 +136,16 @@ class RobotInfo:
             return []
         followers = listed(list(self.model.followers))
         led = f"; no coordinates, since they follow: {followers}" if followers else ""
-        return [*lines, f"{count} constraints; all else is that of the open tree{led}", ""]
+        return [*lines, f"{count} constraints; all else is that of the open tree{led}"]
 
     def _start_lines(self) -> list[str]:
-        """Drives and home, where the description names them, with an empty line after them."""
+        """Drives and home, where the description names them."""
         robot, lines = self.model.robot, []
         if robot.driven is not None:
             lines.append(f"driven: {', '.join(self.model.coordinates[i] for i in self.model.driven) or 'nothing'}")
         if robot.home:
             lines.append("home: " + ", ".join(f"{x} {value:.6g} {unit_of(x)}" for x, value in robot.home.items()))
-        return [*lines, ""] if lines else []
-
-    def _element_lines(self) -> list[str]:
-        """The force elements between links, where there are some, with an empty line after them."""
-        lines = [element.line() for element in self.model.robot.link_elements]
-        return [*lines, ""] if lines else []
+        return lines
 
     def _operation_lines(self) -> list[str]:
         lines = ["operations of the C           mul      add    div  sincos"]

@@ -56,11 +56,7 @@ VARY = Form(
         **DISTRIBUTIONS,
     }
 )
-ENGINE = Form(
-    {
-        "type": Choice("how samples are integrated; default auto", words=ENGINES),
-    }
-)
+ENGINE = Form({"type": Choice("how samples are integrated; default auto", words=ENGINES)})
 FORMER = ("method", "step", "period")  # keys of ENGINE that are refused with what took their place
 PLAN = Form(
     {

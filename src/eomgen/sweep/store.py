@@ -101,7 +101,7 @@ def opened(folder: Path, manifest: Mapping[str, Any], check: CheckRow | None = N
             else:
                 text = json.dumps({**manifest, "check": checksum(manifest)}, indent=1)
                 write_atomically(folder / MANIFEST, lambda stream: stream.write(text.encode()))
-            store = SweepStore(folder, _read_rows(folder, check, checked=True, repair=True), resumed)
+            store = SweepStore(folder, read_rows(folder, check, repair=True), resumed)
             try:
                 yield store
             finally:
@@ -139,17 +139,43 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     return values
 
 
-def read_rows(folder: Path, check: CheckRow | None = None, *, checked: bool = True) -> dict[int, SampleRow]:
+def read_rows(
+    folder: Path, check: CheckRow | None = None, *, checked: bool = True, repair: bool = False
+) -> dict[int, SampleRow]:
     """The samples that are done, by index; also while others are being written.
 
     Args:
         check: says what is wrong with a row, "" where nothing is.
         checked: whether rows have checksums: those of format 1 have none.
+        repair: cut off a last line whose writer was killed.
 
     Raises:
         InputError: a line is damaged or was changed; says which, and what to do.
     """
-    return _read_rows(folder, check, checked=checked, repair=False)
+    path, rows, end = folder / ROWS, dict[int, SampleRow](), 0
+    try:
+        with open_regular(path, most_bytes(VARIABLE, _MOST_MB)) as stream:
+            for number, line in enumerate(iter(lambda: stream.readline(_MOST_LINE + 1), b""), 1):
+                if not line.endswith(b"\n") and len(line) <= _MOST_LINE:
+                    break  # its writer was killed, or is at work
+                row, wrong = _row(line, checked)
+                wrong = wrong or (check(row) if check else "")
+                if not wrong and rows.setdefault(row.index, row) != row:
+                    wrong = f"sample {row.index} is there before with other numbers; allowed: each sample once"
+                if wrong:
+                    raise InputError(
+                        f"{path}: line {number} is damaged: {wrong}; remove it, and the sample is done again"
+                    )
+                end += len(line)
+    except FileNotFoundError:
+        return rows
+    except OSError as error:
+        raise InputError(
+            f"{path}: cannot be read: {error.strerror or error} (the environment's {VARIABLE} has the MB of the rows)"
+        ) from None
+    if repair and end < path.stat().st_size:
+        os.truncate(path, end)
+    return rows
 
 
 def _check_same(folder: Path, found: Mapping[str, Any], wanted: Mapping[str, Any]) -> None:
@@ -184,33 +210,6 @@ def line_of(row: SampleRow) -> dict[str, Any]:
     exceeded = {"exceeded": row.exceeded} if row.exceeded else {}
     body = {"index": row.index, "sample": row.sample, **outcome, **exceeded}
     return {**body, "check": checksum(body)}
-
-
-def _read_rows(folder: Path, check: CheckRow | None, *, checked: bool, repair: bool) -> dict[int, SampleRow]:
-    path, rows, end = folder / ROWS, dict[int, SampleRow](), 0
-    try:
-        with open_regular(path, most_bytes(VARIABLE, _MOST_MB)) as stream:
-            for number, line in enumerate(iter(lambda: stream.readline(_MOST_LINE + 1), b""), 1):
-                if not line.endswith(b"\n") and len(line) <= _MOST_LINE:
-                    break  # its writer was killed, or is at work
-                row, wrong = _row(line, checked)
-                wrong = wrong or (check(row) if check else "")
-                if not wrong and rows.setdefault(row.index, row) != row:
-                    wrong = f"sample {row.index} is there before with other numbers; allowed: each sample once"
-                if wrong:
-                    raise InputError(
-                        f"{path}: line {number} is damaged: {wrong}; remove it, and the sample is done again"
-                    )
-                end += len(line)
-    except FileNotFoundError:
-        return rows
-    except OSError as error:
-        raise InputError(
-            f"{path}: cannot be read: {error.strerror or error} (the environment's {VARIABLE} has the MB of the rows)"
-        ) from None
-    if repair and end < path.stat().st_size:
-        os.truncate(path, end)
-    return rows
 
 
 def _row(line: bytes, checked: bool) -> tuple[SampleRow, str]:
