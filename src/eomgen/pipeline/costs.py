@@ -61,9 +61,10 @@ class RobotInfo:
             "mobility": None if self.mobility is None else self.mobility.as_dict(),
             "mass": self._mass(),
             "journals": {
-                component_name(x.name, RADIAL): x.radial.law()
-                for x in model.robot.joints + model.robot.loops
-                if x.radial
+                component_name(name, RADIAL): radial.law()
+                for name, radial in [(x.name, x.radial) for x in model.robot.joints]
+                + [(x.name, x.radial) for x in model.robot.loops]
+                if radial
             },
             "joint_damping": {joint.name: joint.damping.law() for joint in model.robot.joints if joint.damping},
             "springs": [x.as_dict() for x in model.robot.springs],
