@@ -12,7 +12,8 @@ import eomgen
 from eomgen import ArrayError, InputError, IntegrationError, SingularError
 from eomgen.errors import IntegrationStopped
 from eomgen.integration.advance import WORK, Advance
-from eomgen.integration.plan import IN_C, METHODS, choose_method, why_stiff
+from eomgen.integration.methods import IN_C, METHODS
+from eomgen.integration.plan import choose_method, why_stiff
 from eomgen.integration.solve import integrate
 from eomgen.integration.steps import fixed_step
 from eomgen.integration.system import System

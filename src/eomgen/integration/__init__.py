@@ -11,7 +11,8 @@ from ..lazily import attributes
 
 if TYPE_CHECKING:
     from .contacts import Contact
-    from .plan import METHODS, choose_method
+    from .methods import METHODS
+    from .plan import choose_method
     from .resting import Rest, rests
     from .solve import integrate
     from .trajectory import Trajectory
@@ -21,7 +22,7 @@ __all__ = ["METHODS", "Contact", "Rest", "Trajectory", "Until", "choose_method",
 
 _MODULES = {
     "Contact": "contacts",
-    "METHODS": "plan",
+    "METHODS": "methods",
     "Rest": "resting",
     "Trajectory": "trajectory",
     "Until": "until",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -10,7 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 from ..runtime.kernel import Kernel
 from ..runtime.turning import ON, SINGULAR, singular_joints
 from ..state.turning import Turns
-from ..state.vectors import DriveFunction, MotionFunction, WrenchFunction
 from .closed import ClosedSystem
 from .system import System
 
@@ -27,14 +27,8 @@ class TurningSystem(System):
     results; a force on a described angle keeps its meaning.
     """
 
-    def __init__(
-        self,
-        kernel: Kernel,
-        drive: DriveFunction | None,
-        wrench: WrenchFunction | ArrayLike | None,
-        prescribed: MotionFunction | None = None,
-    ) -> None:
-        super().__init__(kernel, drive, wrench, prescribed)
+    def __init__(self, kernel: Kernel, *loads: Any) -> None:
+        super().__init__(kernel, *loads)
         self._turns = Turns(kernel)
         self._told = np.zeros(kernel.n)  # q of the state that was reached, as described
 

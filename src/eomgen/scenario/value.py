@@ -16,6 +16,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..forms.toml_place import refusal
+from ..integration.plan import IntegratorOptions
 from ..motion.timetable import TimeTable
 from ..robot.geometry import Vector
 
@@ -87,13 +88,10 @@ class Payload:
 
 
 @dataclass(frozen=True)
-class Integrator:
-    """Method and tolerances of ``eomgen.integration.integrate``; None is its default."""
+class Integrator(IntegratorOptions):
+    """Integrator of a scenario, whose absolute tolerance is one number."""
 
-    method: str = "auto"
-    rtol: float = 1e-6
     atol: float | None = None
-    step: float | None = None
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..integration.plan import EXPLICIT, IN_C
+from ..integration.methods import EXPLICIT, IN_C
 from ..integration.until import Until
 from ..motion.point_to_point import Program
 from ..motion.splines import Standstill, signal_of

@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 from .._version import __version__
 from ..description import RobotLike, as_robot
 from ..errors import InputError, IntegrationStopped
-from ..integration.plan import EXPLICIT, IntegratorPlan, plan_integration, refuse_unknown
+from ..integration.methods import EXPLICIT
+from ..integration.plan import IntegratorPlan, plan_integration
 from ..integration.steps import output_times
 from ..integration.trajectory import Trajectory
 from ..integration.until import Until
@@ -94,7 +95,7 @@ def simulate(  # noqa: PLR0913
         raise InputError(f"duration: {show(duration)} s; a time above 0, up to {LARGEST:g}, is allowed")
     if output_step is not None and not (is_usable(output_step) and output_step > 0.0):
         raise InputError(f"output_step: {show(output_step)} s; a time above 0, up to {LARGEST:g}, is allowed")
-    refuse_unknown(method)  # before anything is built
+    integrator = Integrator(method, rtol, None, step)
     if motion is not None and (start is not None or goal is not None):
         raise InputError("motion is given together with start or goal; allowed: one of them")
     ends = {key: value for key, value in (("start", start), ("goal", goal)) if value is not None}
@@ -104,7 +105,7 @@ def simulate(  # noqa: PLR0913
         frame=tool,
         motion=Section("point_to_point", ends) if motion is None else Section("program", {"program": motion}),
         control=Section("computed_torque", {"bandwidth": float(bandwidth)}),
-        integrator=Integrator(method, rtol, None, step),
+        integrator=integrator,
     )
     return run_scenario(robot, scenario, progress=progress)
 
@@ -215,7 +216,7 @@ def loads_of(assembly: Assembly) -> Loads:
 def plan_of(assembly: Assembly, scenario: Scenario, q: Array | None = None) -> IntegratorPlan:
     """Return the plan of an assembly's motion from q, (n,); errors as ``plan_integration``."""
     loads = assembly.drive, assembly.wrenches, assembly.prescribed
-    return plan_integration(assembly.kernel, loads=loads, q=q, duration=scenario.duration, **vars(scenario.integrator))
+    return plan_integration(assembly.kernel, scenario.integrator, loads, q, scenario.duration)
 
 
 def _passive(robot: Robot, assembly: Assembly) -> tuple[str, ...]:

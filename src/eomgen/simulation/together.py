@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from ..errors import EomgenError
 from ..integration.compiled import per_step
-from ..integration.plan import IN_C, IntegratorPlan
+from ..integration.methods import IN_C
+from ..integration.plan import IntegratorPlan
 from ..integration.solve import system_of
 from ..integration.steps import output_times, tolerances
 from ..integration.system import System
@@ -184,7 +185,7 @@ class _Crowd:
             system = system_of(kernel, *self._between(way, times), way.loads.prescribed)
             movable = system.begin(begin, way.q.copy(), way.v.copy()).size
             system.prescribe(begin, way.q, way.v)
-            return (system, tolerances(system, way.q, plan.rtol, plan.atol)) if movable else None
+            return (system, tolerances(system, way.q, plan)) if movable else None
         except EomgenError:
             return None
 
