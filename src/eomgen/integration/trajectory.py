@@ -96,15 +96,20 @@ class Trajectory(Shown, Tabular):
 
         Joints with alpha, beta and gamma have .qw, .qx, .qy and .qz besides, the unit quaternions of ``quaternion``.
         """
-        columns = []
-        for i, name in enumerate(self.coordinates):
-            unit = unit_of(name)
-            columns += [TableColumn(name, unit, self.q[:, i]), TableColumn(f"{name}.rate", f"{unit}/s", self.v[:, i])]
-            columns.append(TableColumn(f"{name}.drive", force_unit_of(name), self.u[:, i]))
-        columns += [TableColumn(name, "", x) for name, x in quaternion_columns(self.coordinates, self.q).items()]
-        for i, name in enumerate(("energy.kinetic", "energy.potential")):
-            columns.append(TableColumn(name, "J", self.energy[:, i]))
-        return Rows("t", "s", self.t, columns, {"method": self.method})
+        columns = motion_columns(self)
+        columns["energy.kinetic"], columns["energy.potential"] = (("J", column) for column in self.energy.T)
+        table = [TableColumn(name, *column) for name, column in columns.items()]
+        return Rows("t", "s", self.t, table, {"method": self.method})
+
+
+def motion_columns(motion: Trajectory) -> dict[str, tuple[str, Array]]:
+    """Unit and values over time, (T,), by name: coordinates with .rate and .drive, then quaternions of joints."""
+    found: dict[str, tuple[str, Array]] = {}
+    for i, name in enumerate(motion.coordinates):
+        unit = unit_of(name)
+        found[name], found[f"{name}.rate"] = (unit, motion.q[:, i]), (f"{unit}/s", motion.v[:, i])
+        found[f"{name}.drive"] = (force_unit_of(name), motion.u[:, i])
+    return found | {name: ("", x) for name, x in quaternion_columns(motion.coordinates, motion.q).items()}
 
 
 def trajectory_of(

@@ -112,16 +112,17 @@ def plain_value(value: Any) -> Any:
 
 def plain_fields(result: Any, *left_out: str) -> dict[str, Any]:
     """Return the fields of a result by name as JSON holds them, without some of them."""
-    return {x.name: _plain(getattr(result, x.name)) for x in fields(result) if x.name not in left_out}
+    return {x.name: plain(getattr(result, x.name)) for x in fields(result) if x.name not in left_out}
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
+    """Return a value as JSON holds it: arrays and tuples as lists, mappings and dataclasses as dicts."""
     if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
+        return plain(value.tolist())
     if isinstance(value, Mapping):
-        return {key: _plain(x) for key, x in value.items()}
+        return {key: plain(x) for key, x in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_plain(x) for x in value]
+        return [plain(x) for x in value]
     if is_dataclass(value):
         return plain_fields(value)
     return value

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -136,12 +136,6 @@ def _is_held(name: str) -> bool:
     """Whether friction may act on what has this name: a coordinate, one of a cut joint, or a coupling."""
     owner, *kind = name.split(".")
     return is_identifier(owner) and (not kind or (len(kind) == 1 and kind[0] in UNITS))
-
-
-def meta_data(meta: Meta) -> dict[str, Any]:
-    """Plain values of a meta, as JSON holds them."""
-    values = {item.name: getattr(meta, item.name) for item in fields(Meta)}
-    return values | {key: [asdict(x) for x in values[key]] for key in ("contacts", "rests")}
 
 
 def check_contents(meta: Meta, arrays: Mapping[str, NDArray[Any]], where: str) -> dict[str, Any]:

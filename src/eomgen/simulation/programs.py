@@ -15,7 +15,6 @@ from ..motion.files import MeasuredMotion, read_motion
 from ..motion.point_to_point import PointToPoint, Program
 from ..motion.splines import Columns, Spline
 from ..motion.tool_path import Orientation, ToolCircle, ToolLine, ToolSpline
-from ..names import nearest, show
 from ..robot.coordinates import coordinate_names
 from ..robot.geometry import Vector, rotation_from_rpy
 from ..robot.value import Robot
@@ -38,8 +37,7 @@ class PrescribedMotion:
 
         def take(name: str, key: str) -> int:
             if name not in given:
-                known = ", ".join(given) or "none"
-                scenario.fail(key, f"{show(name)}{nearest(name, given)} is no prescribed coordinate; allowed: {known}")
+                scenario.refuse(key, name, given, "is no prescribed coordinate")
             if name in seen:
                 scenario.fail(key, f"the motion of {name} is given before, by {seen[name]}; allowed: once")
             seen[name] = key
@@ -184,10 +182,7 @@ def _tool_program(
 ) -> Program:
     frame = section.get("frame", tool)
     if frame not in rigid.frames:
-        scenario.fail(
-            "motion.frame",
-            f"{show(frame)}{nearest(frame, rigid.frames)} is unknown; allowed: {', '.join(rigid.frames)}",
-        )
+        scenario.refuse("motion.frame", frame, rigid.frames)
     where = np.array([guesses.get(name, 0.0) for name in rigid.coordinates])
     limits = limits_beside(robot, rigid.coordinates, driven, where)
     index = np.array([rigid.coordinates.index(name) for name in driven], dtype=np.intp)
