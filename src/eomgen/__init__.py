@@ -64,19 +64,6 @@ _ROOMS = (  # for what a user does with kernels and results; functions of theirs
     "simulation",
     "sweep",
 )
-_ROOM_OF = {
-    **dict.fromkeys(("builtin_robots", "load_robot"), "description"),
-    **dict.fromkeys(
-        ("export_arrays", "export_fmu", "export_live", "export_mjcf", "export_wasm", "export_wheel"), "export"
-    ),
-    **dict.fromkeys(("build", "generate"), "pipeline"),
-    **dict.fromkeys(("Coordinate", "Frame", "Joint", "Link", "Loop", "Motor", "Placement", "Robot", "Spring"), "robot"),
-    "Kernel": "runtime",
-    **dict.fromkeys(("Scenario", "load_scenario"), "scenario"),
-    **dict.fromkeys(("SimulationResult", "load_stream", "run_scenario", "simulate"), "simulation"),
-    "load_result": "loading",
-}
-
 __all__ = [
     "ArrayError",
     "BuildError",
@@ -121,11 +108,16 @@ __all__ = [
     "simulate",
 ]
 
-
 if not TYPE_CHECKING:  # or type checkers would take every name to be there
-    __getattr__ = attributes(__name__, {**dict(zip(_ROOMS, _ROOMS, strict=True)), **_ROOM_OF})
-
-
-def __dir__() -> list[str]:
-    hidden = {"TYPE_CHECKING", "annotations", "attributes"}
-    return sorted({*globals(), *__all__, *_ROOMS} - hidden)
+    __getattr__, __dir__, _ = attributes(
+        __name__,
+        *_ROOMS,
+        "description: builtin_robots load_robot",
+        "export: export_arrays export_fmu export_live export_mjcf export_wasm export_wheel",
+        "loading: load_result",
+        "pipeline: build generate",
+        "robot: Coordinate Frame Joint Link Loop Motor Placement Robot Spring",
+        "runtime: Kernel",
+        "scenario: Scenario load_scenario",
+        "simulation: SimulationResult load_stream run_scenario simulate",
+    )

@@ -10,24 +10,11 @@ from typing import TYPE_CHECKING
 from ..lazily import attributes
 
 if TYPE_CHECKING:
-    from .check import check_file
-    from .new import write_new_file
-    from .schema_files import schema_path
-    from .schemas import schema_text
-
-__all__ = ["check_file", "schema_path", "schema_text", "write_new_file"]
-
-_MODULES = {  # a new file waits neither for readers nor for the keys of schemas
-    "check_file": "check",
-    "schema_path": "schema_files",
-    "schema_text": "schemas",
-    "write_new_file": "new",
-}
-
-
-if not TYPE_CHECKING:  # or type checkers would take every name to be there
-    __getattr__ = attributes(__name__, _MODULES)
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    from .check import check_file as check_file
+    from .new import write_new_file as write_new_file
+    from .schema_files import schema_path as schema_path
+    from .schemas import schema_text as schema_text
+else:  # or type checkers would take every name to be there; a new file waits for no reader and no schema
+    __getattr__, __dir__, __all__ = attributes(
+        __name__, "check: check_file", "new: write_new_file", "schema_files: schema_path", "schemas: schema_text"
+    )

@@ -10,31 +10,22 @@ from typing import TYPE_CHECKING
 from ..lazily import attributes
 
 if TYPE_CHECKING:
-    from .contacts import Contact
-    from .methods import METHODS
-    from .plan import choose_method
-    from .resting import Rest, rests
-    from .solve import integrate
-    from .trajectory import Trajectory
-    from .until import Until
-
-__all__ = ["METHODS", "Contact", "Rest", "Trajectory", "Until", "choose_method", "integrate", "rests"]
-
-_MODULES = {
-    "Contact": "contacts",
-    "METHODS": "methods",
-    "Rest": "resting",
-    "Trajectory": "trajectory",
-    "Until": "until",
-    "choose_method": "plan",
-    "integrate": "solve",
-    "rests": "resting",
-}
-
-
-if not TYPE_CHECKING:  # or type checkers would take every name to be there
-    __getattr__ = attributes(__name__, _MODULES)
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    from .contacts import Contact as Contact
+    from .methods import METHODS as METHODS
+    from .plan import choose_method as choose_method
+    from .resting import Rest as Rest
+    from .resting import rests as rests
+    from .solve import integrate as integrate
+    from .trajectory import Trajectory as Trajectory
+    from .until import Until as Until
+else:  # or type checkers would take every name to be there
+    __getattr__, __dir__, __all__ = attributes(
+        __name__,
+        "contacts: Contact",
+        "methods: METHODS",
+        "plan: choose_method",
+        "resting: Rest rests",
+        "solve: integrate",
+        "trajectory: Trajectory",
+        "until: Until",
+    )

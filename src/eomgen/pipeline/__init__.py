@@ -10,14 +10,10 @@ from typing import TYPE_CHECKING
 from ..lazily import attributes
 
 if TYPE_CHECKING:
-    from .stages import KERNEL_NAMES, Options, build, generate, make_source
-
-__all__ = ["KERNEL_NAMES", "Options", "build", "generate", "make_source"]
-
-
-if not TYPE_CHECKING:  # or type checkers would take every name to be there
-    __getattr__ = attributes(__name__, dict.fromkeys(__all__, "stages"))  # which the cache alone does not wait for
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    from .stages import KERNEL_NAMES as KERNEL_NAMES
+    from .stages import Options as Options
+    from .stages import build as build
+    from .stages import generate as generate
+    from .stages import make_source as make_source
+else:  # or type checkers would take every name to be there; the cache alone does not wait for stages
+    __getattr__, __dir__, __all__ = attributes(__name__, "stages: KERNEL_NAMES Options build generate make_source")

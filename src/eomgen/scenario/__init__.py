@@ -10,21 +10,8 @@ from typing import TYPE_CHECKING
 from ..lazily import attributes
 
 if TYPE_CHECKING:
-    from .load import load_scenario, scenario_from_toml
-    from .value import Scenario
-
-__all__ = ["Scenario", "load_scenario", "scenario_from_toml"]
-
-_MODULES = {
-    "Scenario": "value",
-    "load_scenario": "load",
-    "scenario_from_toml": "load",
-}
-
-
-if not TYPE_CHECKING:  # or type checkers would take every name to be there
-    __getattr__ = attributes(__name__, _MODULES)
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    from .load import load_scenario as load_scenario
+    from .load import scenario_from_toml as scenario_from_toml
+    from .value import Scenario as Scenario
+else:  # or type checkers would take every name to be there
+    __getattr__, __dir__, __all__ = attributes(__name__, "load: load_scenario scenario_from_toml", "value: Scenario")

@@ -10,37 +10,19 @@ from typing import TYPE_CHECKING
 from ..lazily import attributes
 
 if TYPE_CHECKING:
-    from .balance import EnergyBalance
-    from .result import Series, SimulationResult, load_result
-    from .run import run_scenario, simulate
-    from .stream import StreamedMotion, load_stream
-
-__all__ = [
-    "EnergyBalance",
-    "Series",
-    "SimulationResult",
-    "StreamedMotion",
-    "load_result",
-    "load_stream",
-    "run_scenario",
-    "simulate",
-]
-
-_MODULES = {
-    "EnergyBalance": "balance",
-    "Series": "result",
-    "SimulationResult": "result",
-    "StreamedMotion": "stream",
-    "load_result": "result",
-    "load_stream": "stream",
-    "run_scenario": "run",
-    "simulate": "run",
-}
-
-
-if not TYPE_CHECKING:  # or type checkers would take every name to be there
-    __getattr__ = attributes(__name__, _MODULES)
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    from .balance import EnergyBalance as EnergyBalance
+    from .result import Series as Series
+    from .result import SimulationResult as SimulationResult
+    from .result import load_result as load_result
+    from .run import run_scenario as run_scenario
+    from .run import simulate as simulate
+    from .stream import StreamedMotion as StreamedMotion
+    from .stream import load_stream as load_stream
+else:  # or type checkers would take every name to be there
+    __getattr__, __dir__, __all__ = attributes(
+        __name__,
+        "balance: EnergyBalance",
+        "result: Series SimulationResult load_result",
+        "run: run_scenario simulate",
+        "stream: StreamedMotion load_stream",
+    )

@@ -10,25 +10,13 @@ from typing import TYPE_CHECKING
 from ..lazily import attributes
 
 if TYPE_CHECKING:
-    from .driver import run
-    from .plan import Plan, load_plan, plan_from_toml
-    from .result import Sensitivity, SweepResult
-
-__all__ = ["Plan", "Sensitivity", "SweepResult", "load_plan", "plan_from_toml", "run"]
-
-_MODULES = {
-    "Plan": "plan",
-    "Sensitivity": "result",
-    "SweepResult": "result",
-    "load_plan": "plan",
-    "plan_from_toml": "plan",
-    "run": "driver",
-}
-
-
-if not TYPE_CHECKING:  # or type checkers would take every name to be there
-    __getattr__ = attributes(__name__, _MODULES)
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    from .driver import run as run
+    from .plan import Plan as Plan
+    from .plan import load_plan as load_plan
+    from .plan import plan_from_toml as plan_from_toml
+    from .result import Sensitivity as Sensitivity
+    from .result import SweepResult as SweepResult
+else:  # or type checkers would take every name to be there
+    __getattr__, __dir__, __all__ = attributes(
+        __name__, "driver: run", "plan: Plan load_plan plan_from_toml", "result: Sensitivity SweepResult"
+    )

@@ -10,16 +10,6 @@ from typing import TYPE_CHECKING
 from ...lazily import attributes
 
 if TYPE_CHECKING:
-    from .pack import export_fmu
-
-__all__ = ["export_fmu"]
-
-_MODULES = {"export_fmu": "pack"}
-
-
-if not TYPE_CHECKING:  # or type checkers would take every name to be there
-    __getattr__ = attributes(__name__, _MODULES)
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    from .pack import export_fmu as export_fmu
+else:  # or type checkers would take every name to be there
+    __getattr__, __dir__, __all__ = attributes(__name__, "pack: export_fmu")

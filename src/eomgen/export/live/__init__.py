@@ -10,16 +10,6 @@ from typing import TYPE_CHECKING
 from ...lazily import attributes
 
 if TYPE_CHECKING:
-    from .page import export_live
-
-__all__ = ["export_live"]
-
-_MODULES = {"export_live": "page"}
-
-
-if not TYPE_CHECKING:  # or type checkers would take every name to be there
-    __getattr__ = attributes(__name__, _MODULES)
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    from .page import export_live as export_live
+else:  # or type checkers would take every name to be there
+    __getattr__, __dir__, __all__ = attributes(__name__, "page: export_live")

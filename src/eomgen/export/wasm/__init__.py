@@ -10,17 +10,7 @@ from typing import TYPE_CHECKING
 from ...lazily import attributes
 
 if TYPE_CHECKING:
-    from .loads import plain_loads
-    from .pack import export_wasm
-
-__all__ = ["export_wasm", "plain_loads"]
-
-_MODULES = {"export_wasm": "pack", "plain_loads": "loads"}
-
-
-if not TYPE_CHECKING:  # or type checkers would take every name to be there
-    __getattr__ = attributes(__name__, _MODULES)
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    from .loads import plain_loads as plain_loads
+    from .pack import export_wasm as export_wasm
+else:  # or type checkers would take every name to be there
+    __getattr__, __dir__, __all__ = attributes(__name__, "loads: plain_loads", "pack: export_wasm")
