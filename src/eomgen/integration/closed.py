@@ -12,10 +12,8 @@ from ..loops.chart import Chart, Followed
 from ..runtime.kernel import Kernel
 from ..runtime.opened import left_open
 from ..state.springs import rate_step
-from ..state.vectors import Q_STEP
+from ..state.vectors import Q_STEP, Array
 from .system import System
-
-Array = NDArray[np.float64]
 
 TURN = 2.0 * np.pi  # rad, or m: how far y goes from its origin
 LARGE = 2500  # entries of J: of more no singular values are looked at in every sample

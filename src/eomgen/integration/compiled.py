@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import EomgenError, IntegrationStopped
 from ..progress import Progress
@@ -14,12 +13,11 @@ from ..runtime.stepping.adaptive import DONE, why_ended
 from ..runtime.stepping.loaded import AUTO, Loaded
 from ..runtime.stepping.loads import LoadData
 from ..runtime.stepping.options import ErrorControl
+from ..state.vectors import Array
 from .contacts import ContactWatch
 from .steps import Samples
 from .system import System
 from .until import Reached
-
-Array = NDArray[np.float64]
 
 PART = 0.5  # of tolerances, for each step: errors of many add up
 KEPT = 1024  # steps of a call in which contacts are looked for

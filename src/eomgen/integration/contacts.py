@@ -7,16 +7,14 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..runtime.kernel import Kernel
 from ..state.journals import JournalContact, cut_contacts, cut_deviations, journal_contacts
 from ..state.motors import acting, deflections
 from ..state.springs import clearances, cut_clearances, cut_stops, stops
+from ..state.vectors import Array
 from .cubics import Cubics
 from .until import Until
-
-Array = NDArray[np.float64]
 
 CLEARANCE, STOP = "clearance", "stop"
 HALVINGS = 52  # of a step, to the last bit of a time

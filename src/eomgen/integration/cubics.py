@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..runtime.turning import BACK, ON, SINGULAR, seen
-
-Array = NDArray[np.float64]
+from ..state.vectors import Array
 
 
 class Cubics:

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..runtime.kernel import Kernel
 from ..runtime.stepping.loads import DriveData, Signal, Track
-from ..state.vectors import DriveFunction, state_vector
-
-Array = NDArray[np.float64]
+from ..state.vectors import Array, DriveFunction, state_vector
 
 
 @dataclass(frozen=True, eq=False)

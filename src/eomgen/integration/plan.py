@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..errors import EomgenError, InputError
 from ..limits import LARGEST, is_usable
@@ -15,10 +15,8 @@ from ..runtime.kernel import Kernel
 from ..runtime.stepping.given_loads import data_of
 from ..runtime.stepping.loaded import AUTO
 from ..state.springs import any_spring, fastest_rates
-from ..state.vectors import DriveFunction, MotionFunction, WrenchFunction
+from ..state.vectors import Array, DriveFunction, MotionFunction, WrenchFunction
 from .methods import IN_C, METHODS, SUNDIALS
-
-Array = NDArray[np.float64]
 
 REAL_TIME = 300.0  # rad/s or 1/s: rates above which steps of some ms, in pace with a clock, are implicit
 STIFF = 1000.0  # time constants in a motion: an explicit method takes 2000 evaluations, and an implicit one not more

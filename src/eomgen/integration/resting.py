@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..robot.laws import SMOOTHING
 from ..runtime.kernel import Kernel
 from ..state.springs import cut_numbers, law_numbers, smoothings
-
-Array = NDArray[np.float64]
+from ..state.vectors import Array
 
 NEAR = 25.0  # smoothings: slower than this friction is below 0.9992 of its limit
 

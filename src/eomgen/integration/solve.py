@@ -9,14 +9,14 @@ import time
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..errors import InputError
 from ..progress import Progress
 from ..runtime.kernel import Kernel
 from ..runtime.stepping.given_loads import loads_of
 from ..runtime.stepping.options import ErrorControl
-from ..state.vectors import DriveFunction, MotionFunction, WrenchFunction, state_vector
+from ..state.vectors import Array, DriveFunction, MotionFunction, WrenchFunction, state_vector
 from . import compiled, sundials
 from .advance import Advance
 from .closed import ClosedSystem
@@ -25,23 +25,11 @@ from .drives import drive_of
 from .methods import SUNDIALS
 from .plan import IntegratorOptions, IntegratorPlan, plan_integration
 from .resting import rests
-from .steps import (
-    Record,
-    Samples,
-    checked_times,
-    fixed_step,
-    output_times,
-    reporter,
-    rk4,
-    sampled,
-    tolerances,
-)
+from .steps import Record, Samples, checked_times, fixed_step, output_times, reporter, rk4, sampled, tolerances
 from .system import System
 from .trajectory import Trajectory, trajectory_of
 from .turning import ClosedTurningSystem, TurningSystem
 from .until import Reached, Until
-
-Array = NDArray[np.float64]
 
 
 def integrate(  # noqa: PLR0913

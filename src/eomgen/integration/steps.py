@@ -7,7 +7,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..errors import ArrayError, EomgenError, InputError, IntegrationStopped
 from ..limits import LARGEST, is_usable
@@ -18,13 +18,13 @@ from ..robot.laws import COARSE
 from ..runtime.kernel import Kernel
 from ..runtime.stepping.options import ErrorControl
 from ..state.springs import coordinate_sizes, fastest_rates, rubbing_rates
+from ..state.vectors import Array
 from .contacts import ContactWatch
 from .methods import SCIPY_IMPLICIT
 from .plan import IntegratorOptions
 from .system import System
 from .until import Reached
 
-Array = NDArray[np.float64]
 Record = Callable[[Array, Array], None]
 
 MOST_SAMPLES = 100_000_000  # of a motion: with one coordinate some 5 GB

@@ -10,17 +10,15 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import EomgenError, IntegrationError
 from ..optional import optional_import
 from ..progress import Progress
 from ..runtime.stepping.options import ErrorControl
+from ..state.vectors import Array
 from .contacts import ContactWatch
 from .steps import Samples
 from .system import System
-
-Array = NDArray[np.float64]
 
 MOST_STEPS = 1_000_000  # between two samples
 MOST_FAILURES = 30  # calls without a result at nearly the same time: SUNDIALS would halve its step for ever

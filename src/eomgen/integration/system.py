@@ -12,10 +12,8 @@ from ..runtime.kernel import Kernel
 from ..runtime.stepping.loaded import Loaded
 from ..runtime.stepping.loads import Packed
 from ..state.springs import coordinate_sizes, rate_step, smoothings
-from ..state.vectors import Q_STEP, DriveFunction, MotionFunction, WrenchFunction, prescribed_mask
+from ..state.vectors import Q_STEP, Array, DriveFunction, MotionFunction, WrenchFunction, prescribed_mask
 from .advance import Advance
-
-Array = NDArray[np.float64]
 
 EXACT = ("residual_jacobian", "forward_dynamics_jacobian")  # kernels with derivatives
 MANY = 4096  # states of which forces are looked at together

@@ -8,7 +8,6 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import ArrayError, InputError, IntegrationStopped
 from ..names import component_name
@@ -16,13 +15,12 @@ from ..robot.coordinates import force_unit_of, rotating_joints, unit_of
 from ..robot.value import ANGULAR
 from ..shown import Shown
 from ..state.turning import joint_quaternions, quaternion_columns, quaternions
+from ..state.vectors import Array
 from ..tabular import Rows, TableColumn, Tabular
 from .contacts import Contact
 from .resting import Rest
 from .steps import Samples
 from .system import System
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -11,10 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 from ..runtime.kernel import Kernel
 from ..runtime.turning import ON, SINGULAR, singular_joints
 from ..state.turning import Turns
+from ..state.vectors import Array
 from .closed import ClosedSystem
 from .system import System
-
-Array = NDArray[np.float64]
 
 LATE = 0.8 * SINGULAR  # of |cos beta|, at which a method that looks for events stops: y surely begins anew there
 

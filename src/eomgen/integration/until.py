@@ -6,14 +6,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..errors import InputError
 from ..names import listed, nearest, show
 from ..robot.coordinates import unit_of
 from ..runtime.kernel import Kernel
-
-Array = NDArray[np.float64]
+from ..state.vectors import Array
 
 HALVINGS = 52  # of a step, to the last bit of a time
 CORRECTIONS = 6  # of a time, by secants

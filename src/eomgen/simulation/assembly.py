@@ -8,7 +8,6 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..integration.methods import EXPLICIT, IN_C
@@ -32,12 +31,11 @@ from ..runtime.stepping.saturation import efforts_of
 from ..scenario.value import Scenario, Section
 from ..state.motors import shafts
 from ..state.springs import any_spring
+from ..state.vectors import Array
 from .controls import AtJoints, ComputedTorque, Control, JointPD, NoControl, TableTorque, actuators
 from .loads import Wrenches, check_loads, with_payload_parameters
 from .mechanism import Mechanism, Path, mechanism_of
 from .programs import PrescribedMotion, make_program
-
-Array = NDArray[np.float64]
 
 # What a simulation calls; the larger kernels would take longer to compile than to simulate.
 RIGID_KERNELS = ("inverse_dynamics", "kinematics")

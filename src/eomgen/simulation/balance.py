@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..runtime.kernel import Kernel
 from ..runtime.stepping.loads import WORKS
 from ..shown import Shown
-from ..state.vectors import prescribed_mask
-
-Array = NDArray[np.float64]
+from ..state.vectors import Array, prescribed_mask
 
 CLOSED = 1e-3  # relative residue from which a balance is said not to close
 AT_REST = 1e-7  # of the energies: works that are less are those of a robot that rests

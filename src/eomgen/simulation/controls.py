@@ -17,10 +17,9 @@ from ..robot.coordinates import index_of
 from ..runtime.kernel import Kernel
 from ..runtime.stepping.loads import DriveData, Gains, ModelDrive, Track
 from ..state.motors import shafts
-from ..state.vectors import prescribed_mask
+from ..state.vectors import Array, prescribed_mask
 from .mechanism import Mechanism
 
-Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 SlopesFunction = Callable[[float, Array, Array], tuple[Array, Array]]
 MotionOverTime = Callable[[float], tuple[Array, Array, Array]]  # t (s) -> coordinates, rates, accelerations

@@ -8,7 +8,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import IntegrationError
 from ..loops.equilibrium import closed_equilibrium
@@ -20,10 +19,9 @@ from ..runtime.kernel import Kernel
 from ..scenario.value import Scenario
 from ..state.motors import shafts, turn_motors
 from ..state.springs import clearances, journals_in_play, stiffnesses
+from ..state.vectors import Array
 from .assembly import Assembly, by_coordinate, names_in_scenarios
 from .loads import loaded_parameters
-
-Array = NDArray[np.float64]
 
 
 def initial_state(robot: Robot, scenario: Scenario, assembly: Assembly) -> tuple[Array, Array, tuple[str, ...]]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..names import parameter_name
 from ..robot.model import build_model
@@ -13,8 +12,7 @@ from ..robot.value import INERTIA_KEYS, Link, Robot
 from ..runtime.kernel import Kernel
 from ..runtime.stepping.loads import LinkWrench
 from ..scenario.value import Scenario, Wrench
-
-Array = NDArray[np.float64]
+from ..state.vectors import Array
 
 _AXES = "xyz"
 

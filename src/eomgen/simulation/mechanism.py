@@ -16,9 +16,7 @@ from ..names import joint_of
 from ..robot.coordinates import index_of
 from ..runtime.kernel import Kernel
 from ..runtime.stepping.loads import ChartData, MechanismData
-from ..state.vectors import MotionFunction, prescribed_mask
-
-Array = NDArray[np.float64]
+from ..state.vectors import Array, MotionFunction, prescribed_mask
 
 FINE = 0.05  # rad or m, between two states of a path that is closed from one to the next
 LEAST, MOST, LOOKED_AT = 200, 20_000, 2_000  # of them, and how many are looked at to see how far the program goes

@@ -7,7 +7,6 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import InputError, ReachError
 from ..motion.ends import default_ends, limits_beside, point_of
@@ -21,8 +20,7 @@ from ..robot.value import Robot
 from ..runtime.kernel import Kernel
 from ..runtime.stepping.loads import Track, Waves
 from ..scenario.value import Scenario, Section
-
-Array = NDArray[np.float64]
+from ..state.vectors import Array
 
 MOVING_PART = 0.8  # of the duration; the rest shows what rings after the motion
 

@@ -26,11 +26,10 @@ from ..robot.record import robot_hash
 from ..robot.value import MOTOR, Robot
 from ..scenario.recorded import scenario_from_record
 from ..shown import Shown
+from ..state.vectors import Array
 from ..tabular import AXES, Rows, TableColumn, Tabular
 from .balance import TERMS, EnergyBalance
 from .contents import ARRAYS, BALANCE, DERIVED, RESULT, TRAJECTORY, Meta, check_contents, meta_of
-
-Array = NDArray[np.float64]
 
 WHOLE = ("steps", "evaluations", "jacobians", "redundant")  # numbers of a trajectory's ``info``
 

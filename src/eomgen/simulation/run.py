@@ -16,7 +16,6 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .._version import __version__
 from ..description import RobotLike, as_robot
@@ -40,13 +39,12 @@ from ..robot.value import MOTOR, Robot
 from ..runtime.kernel import Kernel
 from ..scenario.value import Integrator, Scenario, Section
 from ..state.springs import stops
+from ..state.vectors import Array
 from .assembly import BANDWIDTH, Assembly, assemble
 from .initial import initial_state
 from .result import SimulationResult
 from .segments import Loads, SegmentOptions, run_segments
 from .stream import MotionStream
-
-Array = NDArray[np.float64]
 
 
 def simulate(  # noqa: PLR0913

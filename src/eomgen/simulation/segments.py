@@ -12,7 +12,6 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import EomgenError, IntegrationStopped
 from ..integration.contacts import Contact
@@ -27,13 +26,12 @@ from ..robot.value import Robot
 from ..runtime.kernel import Kernel
 from ..runtime.stepping.given_loads import data_of
 from ..scenario.value import Scenario
-from ..state.vectors import MotionFunction
+from ..state.vectors import Array, MotionFunction
 from .balance import PARTS, TERMS, EnergyBalance, integrated, with_nodes, works
 from .contents import ARRAYS
 from .loads import loaded_parameters
 from .stream import MotionStream
 
-Array = NDArray[np.float64]
 Function = Callable[[float, Array, Array], Array]
 
 GREATEST = ("gap", "gap_rate", "redundant", "friction_smoothing")  # numbers of ``info`` that do not add up

@@ -19,7 +19,6 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..files import open_regular, read_regular
@@ -31,10 +30,9 @@ from ..optional import optional_import
 from ..robot.coordinates import unit_of
 from ..shown import Shown
 from ..state.turning import quaternion_columns
+from ..state.vectors import Array
 from .contents import check_coordinates
 from .result import Series
-
-Array = NDArray[np.float64]
 
 FORMAT = 1  # raised when a reader of the old one would misread it
 ROWS = 256  # of a chunk

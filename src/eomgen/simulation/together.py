@@ -27,6 +27,7 @@ from ..runtime.stepping.loads import LoadData, Packed
 from ..runtime.stepping.options import ErrorControl
 from ..runtime.stepping.together import Together
 from ..scenario.value import Scenario
+from ..state.vectors import Array
 from .assembly import Assembly
 from .initial import initial_state
 from .loads import loaded_parameters
@@ -34,7 +35,6 @@ from .result import SimulationResult
 from .run import loads_of, run_assembly
 from .segments import Function, Loads, between, bounds, piece_times
 
-Array = NDArray[np.float64]
 Motion = SimulationResult | EomgenError
 
 DRIVES, WRENCHES, POSE = "drives", "wrenches", "pose"  # parts of a result that are left out where nobody asks for them
