@@ -91,7 +91,7 @@ class Number(Key):
     def take(self, table: Place, key: str, value: Any) -> float:
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             self.refuse(table, key, value, self.rule)
-        if not math.isfinite(value) if isinstance(value, float) else False:
+        if isinstance(value, float) and not math.isfinite(value):
             self.refuse(table, key, value, self.rule)
         if abs(value) > LARGEST:
             self.refuse(table, key, value, f"{self.rule} of magnitude up to {LARGEST:g}")

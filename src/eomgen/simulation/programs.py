@@ -135,7 +135,8 @@ def make_program(
         points[:, [driven.index(name) for name in names]] = motion.q[:, [motion.coordinates.index(n) for n in names]]
         return Spline(motion.t, points, at_rest=False)
     guess = start if robot.is_closed else (start + goal) / 2  # where loops are known to close
-    if _has_orientation(section):  # which is to be that of the pose from which the scenario begins, as far as it says
+    turned = section.get("orientation") is not None or section.get("rpy") is not None
+    if turned:  # its orientation is to be that of the pose from which the scenario begins, as far as it says
         guess = np.where([name in given for name in driven], start, guess)
     model = rigid()
     guesses = dict(zip(driven, guess, strict=True)) | {
@@ -162,10 +163,6 @@ def _times(section: Section, distances: Sequence[float]) -> Array:
         return np.array(section.get("times"))
     spans = np.array(distances) / section.get("speed")
     return np.asarray(section.get("begin", 0.0) + np.concatenate([[0.0], np.cumsum(spans)]))
-
-
-def _has_orientation(section: Section) -> bool:
-    return section.get("orientation") is not None or section.get("rpy") is not None
 
 
 def _tool_program(

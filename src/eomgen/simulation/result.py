@@ -19,7 +19,7 @@ from ..integration.contacts import STOP, Contact
 from ..integration.trajectory import Trajectory, motion_columns
 from ..names import kind_of, listed, nearest, show
 from ..npz import read_npz
-from ..results.contents import FORMAT, META, plain, plain_fields, plain_of, write_npz
+from ..results.contents import FORMAT, META, as_plain, plain_fields, plain_of, write_npz
 from ..robot.coordinates import index_of, unit_of
 from ..robot.model import build_model
 from ..robot.record import robot_hash
@@ -273,7 +273,7 @@ class SimulationResult(Shown, Tabular):
         texts = [item.name for item in ARRAYS if item.of is str]
         arrays = {name: np.asarray(x, str if name in texts else None) for name, x in given.items() if x is not None}
         whose = {item.name: owners[item.metadata.get("owner", RESULT)] for item in fields(Meta)}
-        values = {name: plain(getattr(owner, name)) for name, owner in whose.items()}
+        values = {name: as_plain(getattr(owner, name)) for name, owner in whose.items()}
         meta = meta_of(values, "the result cannot be saved")
         check_contents(meta, arrays, "the result cannot be saved")
         return write_npz(path, {"format": FORMAT, **plain_fields(meta)}, arrays)
