@@ -13,7 +13,7 @@ from eomgen.authoring.check import check_file
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import DescriptionError
 from eomgen.forms import toml_place
-from eomgen.forms.toml_place import line_of, lines_of
+from eomgen.forms.toml_place import lines_of
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -111,6 +111,10 @@ class Writer:
                 self.put("]] # [c]\n" if count else "]\n")
                 self.body(path)
         return self.text
+
+
+def line_of(text: str, path: tuple[str, ...], value: bool = False) -> tuple[int, int] | None:
+    return lines_of(text, [(path, value)])[0]
 
 
 def expected(text: str, offset: int) -> tuple[int, int]:

@@ -12,7 +12,8 @@ import pytest
 
 import eomgen
 from eomgen import InputError, SingularError
-from eomgen.integration.plan import IN_C, why_not_in_c
+from eomgen.integration.methods import IN_C
+from eomgen.integration.plan import why_not_in_c
 from eomgen.integration.solve import integrate
 from eomgen.integration.until import Until
 from eomgen.motion.point_to_point import Harmonic, PointToPoint

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from eomgen.integration import Until, integrate
 from eomgen.integration.cubics import Cubics, hermite
-from eomgen.integration.plan import IN_C, why_not_in_c
+from eomgen.integration.methods import IN_C
+from eomgen.integration.plan import why_not_in_c
 from eomgen.motion.point_to_point import Harmonic
 from eomgen.motion.splines import Standstill
 from eomgen.robot import build_model

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,11 +13,13 @@ import eomgen
 from eomgen import ArrayError, InputError, IntegrationError, SingularError
 from eomgen.errors import IntegrationStopped
 from eomgen.integration.advance import WORK, Advance
-from eomgen.integration.plan import IN_C, METHODS, choose_method, why_stiff
+from eomgen.integration.methods import IN_C, METHODS
+from eomgen.integration.plan import IntegratorOptions, choose_method, why_stiff
 from eomgen.integration.solve import integrate
 from eomgen.integration.steps import fixed_step
 from eomgen.integration.system import System
 from eomgen.robot.value import Coordinate, Friction, Robot
+from eomgen.scenario.recorded import scenario_from_record
 from tests.support.builds import Build
 from tests.support.swinging import DAMPING, MASS, NEEDED, STIFFNESS, elastic_arm, oscillator
 
@@ -271,6 +274,25 @@ def test_arguments_that_are_refused(changes: dict[str, object], text: str, built
     arguments: dict[str, object] = {"q0": [0.0], "v0": [0.0], "duration": 1.0, **changes}
     with pytest.raises(InputError, match=text):
         integrate(built(oscillator(), *NEEDED), **arguments)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("given", "text"),
+    [
+        ({"method": "euler"}, "method: 'euler' is unknown; allowed: auto, "),
+        ({"rtol": 2.0}, "rtol: 2.0; allowed: from 1e-13"),
+        ({"method": "rk4", "rtol": float("nan")}, "rtol: nan; allowed: from 1e-13"),
+        ({"step": 0.0}, "step: 0.0 s; a step is a time above 0"),
+    ],
+)
+def test_options_are_checked_where_they_are_made(given: dict[str, Any], text: str) -> None:
+    """By functions before a kernel is built, and by records with the place that they came from."""
+    for function in (IntegratorOptions, lambda **given: eomgen.simulate("one_link", **given)):
+        with pytest.raises(InputError) as caught:
+            function(**given)
+        assert str(caught.value).startswith(text)
+    with pytest.raises(InputError, match=r"^FILE: integrator[:.]"):
+        scenario_from_record({"duration": 1.0, "integrator": given}, "FILE")
 
 
 def test_single_precision_is_refused(built: Build) -> None:

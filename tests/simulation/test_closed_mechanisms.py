@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 import eomgen
 from eomgen import cli
 from eomgen.errors import IntegrationStopped, LoopError
-from eomgen.integration.plan import IN_C
+from eomgen.integration.methods import IN_C
 from eomgen.robot.value import Coordinate, Robot
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.assembly import kernels_of

@@ -20,103 +20,77 @@ from . import rules
 Array = NDArray[Any]
 
 
+FRAMES: Mapping[str, str] = MappingProxyType({"frame_pose": "poses", "frame_jacobian": "jacobians"})  # of all frames
+_TANGENTS = rules.TangentRule()
+
+
 @dataclass(frozen=True)
 class Entry:
     """A function of FUNCTIONS.
 
+    calls: the kernel's function whose result it is, or a part of whose result.
     reads: arrays that it reads.
     result: name of its result.
-    kernels: what it and its Jacobian take.
-    rule: how its Jacobian follows from these.
-    calls: the kernel's function whose result it is, or a part of whose result; by default that of its own name.
+    rule: how its Jacobian follows from kernels.
     part: shape of the result and where it begins, in lengths of a vector, where it is a part.
     flat: pairs of arguments: derivatives by one do not change with the other.
     """
 
+    calls: str
     reads: tuple[str, ...]
     result: str
-    kernels: tuple[str, ...]
-    rule: rules.Rule
-    calls: str = ""
+    rule: rules.Rule = _TANGENTS
     part: tuple[str, int] | None = None
     flat: tuple[tuple[str, str], ...] = ()
 
+    @property
+    def kernels(self) -> tuple[str, ...]:
+        """Kernels that it and its Jacobian take."""
+        return "kinematics" if self.calls in FRAMES else self.calls, self.rule.kernel or f"{self.calls}_tangent"
 
-_CONSTRAINED = ("constrained_dynamics", "constrained_dynamics_tangent")
-_TANGENTS = rules.TangentRule()
+    @property
+    def second(self) -> tuple[str, ...]:
+        """Kernels that gradients and second derivatives take."""
+        return tuple(f"{self.calls}_{kind}" for kind in (ADJOINT, HESSIAN))
+
+
+_OWN = (  # functions that have the names of the kernel's
+    Entry(
+        "residual",
+        ("q", "v", "a", "u"),
+        "r",
+        rules.ResidualRule("residual_jacobian"),
+        flat=(("u", "q"), ("u", "v"), ("u", "a"), ("u", "u")),
+    ),
+    Entry("inverse_dynamics", ("q", "v", "a"), "u", rules.ByKernel("residual_jacobian")),
+    Entry("forward_dynamics", ("q", "v", "u"), "a", rules.ByKernel("forward_dynamics_jacobian")),
+    Entry("mass_matrix", ("q",), "M", rules.MatrixRule()),
+    Entry("bias_force", ("q", "v"), "b"),
+    Entry("generalized_force", ("q", "v"), "Q"),
+    Entry("external_force", ("q", "wrench"), "Q", flat=(("wrench", "wrench"),)),
+    Entry("energy", ("q", "v"), "E", rules.EnergyRule()),
+    Entry("frame_pose", ("q",), "A"),
+    Entry("frame_jacobian", ("q",), "J"),
+    Entry("constraint", ("q",), "g", rules.ByKernel("constraint_jacobian")),
+    Entry("constraint_jacobian", ("q",), "G"),
+)
 FUNCTIONS: Mapping[str, Entry] = MappingProxyType(
-    {
-        "residual": Entry(
-            ("q", "v", "a", "u"),
-            "r",
-            ("residual", "residual_jacobian"),
-            rules.ResidualRule("residual_jacobian"),
-            flat=(("u", "q"), ("u", "v"), ("u", "a"), ("u", "u")),
-        ),
-        "inverse_dynamics": Entry(
-            ("q", "v", "a"),
-            "u",
-            ("inverse_dynamics", "residual_jacobian"),
-            rules.ByKernel("residual_jacobian"),
-        ),
-        "forward_dynamics": Entry(
-            ("q", "v", "u"),
-            "a",
-            ("forward_dynamics", "forward_dynamics_jacobian"),
-            rules.ByKernel("forward_dynamics_jacobian"),
-        ),
-        "mass_matrix": Entry(("q",), "M", ("mass_matrix", "christoffel"), rules.MatrixRule()),
-        "bias_force": Entry(("q", "v"), "b", ("bias_force", "bias_force_tangent"), _TANGENTS),
-        "generalized_force": Entry(("q", "v"), "Q", ("generalized_force", "generalized_force_tangent"), _TANGENTS),
-        "external_force": Entry(
-            ("q", "wrench"),
-            "Q",
-            ("external_force", "external_force_tangent"),
-            _TANGENTS,
-            flat=(("wrench", "wrench"),),
-        ),
-        "energy": Entry(("q", "v"), "E", ("energy", "energy_tangent"), rules.EnergyRule()),
-        "frame_pose": Entry(("q",), "A", ("kinematics", "frame_pose_tangent"), _TANGENTS),
-        "frame_jacobian": Entry(("q",), "J", ("kinematics", "frame_jacobian_tangent"), _TANGENTS),
-        "constraint": Entry(("q",), "g", ("constraint", "constraint_jacobian"), rules.ByKernel("constraint_jacobian")),
-        "constraint_jacobian": Entry(("q",), "G", ("constraint_jacobian", "constraint_jacobian_tangent"), _TANGENTS),
-        "constraint_forces": Entry(
-            ("q", "v", "u"), "f", _CONSTRAINED, _TANGENTS, "constrained_dynamics", ("constraints", 1)
-        ),
-    }
+    {entry.calls: entry for entry in _OWN}
+    | {"constraint_forces": Entry("constrained_dynamics", ("q", "v", "u"), "f", part=("constraints", 1))}
 )
 CLOSED: Mapping[str, Entry] = MappingProxyType(  # in their place where a robot has loops or rigid couplings
     {
-        "forward_dynamics": Entry(("q", "v", "u"), "a", _CONSTRAINED, _TANGENTS, "constrained_dynamics", ("vector", 0)),
-        "inverse_dynamics": Entry(
-            ("q", "v", "a"),
-            "u",
-            ("constrained_drives", "constrained_drives_tangent"),
-            _TANGENTS,
-            "constrained_drives",
-            ("vector", 0),
-        ),
+        "forward_dynamics": Entry("constrained_dynamics", ("q", "v", "u"), "a", part=("vector", 0)),
+        "inverse_dynamics": Entry("constrained_drives", ("q", "v", "a"), "u", part=("vector", 0)),
     }
 )
+_TREE = rules.ByKernel("tree_forward_dynamics_jacobian")
 CUT: Mapping[str, Entry] = MappingProxyType(  # and where these are meant to be open
     {
-        "forward_dynamics": Entry(
-            ("q", "v", "u"),
-            "a",
-            ("tree_forward_dynamics", "tree_forward_dynamics_jacobian"),
-            rules.ByKernel("tree_forward_dynamics_jacobian"),
-            "tree_forward_dynamics",
-        ),
-        "inverse_dynamics": Entry(
-            ("q", "v", "a"),
-            "u",
-            ("tree_inverse_dynamics", "residual_jacobian"),
-            rules.ByKernel("residual_jacobian"),
-            "tree_inverse_dynamics",
-        ),
+        "forward_dynamics": Entry("tree_forward_dynamics", ("q", "v", "u"), "a", _TREE),
+        "inverse_dynamics": Entry("tree_inverse_dynamics", ("q", "v", "a"), "u", rules.ByKernel("residual_jacobian")),
     }
 )
-FRAMES: Mapping[str, str] = MappingProxyType({"frame_pose": "poses", "frame_jacobian": "jacobians"})  # of all frames
 ORDERS = (1, 2)
 
 
@@ -137,7 +111,7 @@ def kernels_for(*names: str, closed: bool = False, cut: bool = False, order: int
     found: dict[str, None] = {}
     for name in names:
         entry = _entry(name, closed or cut, cut)
-        found |= dict.fromkeys((*entry.kernels, *(_second(name, entry) if order == 2 else ())))
+        found |= dict.fromkeys((*entry.kernels, *(entry.second if order == 2 else ())))
     return tuple(found)
 
 
@@ -149,10 +123,6 @@ def check_order(order: int) -> None:
     """
     if order not in ORDERS:
         raise InputError(f"order: {show(order)} is no order of derivatives here; allowed: 1, 2")
-
-
-def _second(name: str, entry: Entry) -> tuple[str, ...]:
-    return tuple(f"{entry.calls or name}_{kind}" for kind in (ADJOINT, HESSIAN))
 
 
 def _entry(name: str, closed: bool, cut: bool) -> Entry:
@@ -190,10 +160,10 @@ class DifferentiableFunction:
             wanted = f"one of {', '.join(kernel.frames)}" if name in FRAMES else "none"
             raise InputError(f"frame: {name} got {show(frame)}; allowed: {wanted}")
         self.kernel, self.name, self.frame, self.rule = kernel.with_parameters(), name, frame, entry.rule
-        self.kernels, self.second, self._entry = entry.kernels, _second(name, entry), entry
+        self.kernels, self.second, self._entry = entry.kernels, entry.second, entry
         self._require(self.kernels)
         self._extra = () if frame is None else (kernel.frame_index(frame),)
-        self.reads, self.result, self.calls = entry.reads, entry.result, entry.calls or name
+        self.reads, self.result, self.calls = entry.reads, entry.result, entry.calls
         shapes, called = kernel.raw.shapes, kernel.raw.functions[self.calls]
         self.inputs: tuple[tuple[int, ...], ...] = tuple(shapes[label] for label in entry.reads)
         self.idle: tuple[str, ...] = tuple(label for label in called.reads if label not in entry.reads)

@@ -37,7 +37,7 @@ class Rule:
 
     Attributes:
         template: file of ``templates/casadi`` with the body of C that computes it.
-        kernel: the kernel that writes it, or nothing.
+        kernel: the kernel that writes it, or what it is made of; nothing of a function's tangents.
     """
 
     template = ""
@@ -98,6 +98,7 @@ class MatrixRule(Rule):
     """M_dot = C + C^T, from the Christoffel symbols."""
 
     template = "mass_matrix"
+    kernel = "christoffel"
 
     def derivatives(self, f: Subject, *arrays: Array) -> tuple[Array, ...]:
         symbols = f.kernel.christoffel(*arrays)

@@ -11,7 +11,7 @@ from typing import Any
 from ..description.load import SUFFIXES, load_robot
 from ..errors import DescriptionError, InputError
 from ..forms.structure import faults
-from ..forms.toml_place import locate_all
+from ..forms.toml_place import locate
 from ..forms.toml_text import parse_toml, read_text
 from ..scenario.load import load_scenario
 from ..sweep.plan import load_plan
@@ -72,7 +72,7 @@ def check_file(path: str | Path, *, inertia: str | None = None, xacro: bool = Fa
             values = parse_toml(text, name)
             kind = kind_of(values)
             found = faults(FORMATS[kind][0], values, name)
-            locate_all(found, text, values)
+            locate(found, text, values)
             if found:
                 found.sort(key=lambda error: (error.line or 0, error.column or 0))
                 return Checked(name, kind, {}, tuple(found))

@@ -36,22 +36,11 @@ from .shared import Command, say_lines
 OK, INPUT_ERROR, BUG = 0, 1, 70
 INTERRUPTED = 130
 
-COMMANDS: tuple[Command, ...] = (  # in the order of eomgen --help
-    *robots.COMMANDS,
-    *files.COMMANDS,
-    *equations.COMMANDS,
-    *simulate.COMMANDS,
-    *measured.COMMANDS,
-    *structures.COMMANDS,
-    *states.COMMANDS,
-    *small_motions.COMMANDS,
-    *sweep.COMMANDS,
-    *export.COMMANDS,
-    *pictures.COMMANDS,
-    *live.COMMANDS,
-    *bench.COMMANDS,
-    *cache.COMMANDS,
+_GROUPS = (  # in the order of eomgen --help
+    *(robots, files, equations, simulate, measured, structures, states),
+    *(small_motions, sweep, export, pictures, live, bench, cache),
 )
+COMMANDS: tuple[Command, ...] = tuple(command for group in _GROUPS for command in group.COMMANDS)
 NAMES = tuple(command.name for command in COMMANDS)
 EXAMPLE_WIDTH = 46  # of the words of an example; longer ones move what is said of them to the right
 

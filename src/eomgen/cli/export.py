@@ -10,15 +10,7 @@ from typing import TYPE_CHECKING
 
 from ..errors import InputError
 from ..progress import StageReport
-from .shared import (
-    Command,
-    add_robot,
-    read_robot,
-    real,
-    say,
-    show_written,
-    stage_bar,
-)
+from .shared import Command, add_robot, read_robot, real, say, show_written, stage_bar
 
 if TYPE_CHECKING:
     from ..robot.value import Robot

@@ -246,6 +246,16 @@ def saved_or_drawn(options: argparse.Namespace, found: Any, draw: Callable[[Any,
     return [(draw(found, options.output) if options.output.suffix in FIGURE_ENDINGS else found.save(options.output))]
 
 
+def write_result(options: argparse.Namespace, plot: str, found: Any, *about: Any, endings: Sequence[str] = ()) -> None:
+    """Write a result where -o says: by its save to a path with one of the endings, else as a figure of ``pictures``."""
+    if options.output is not None and options.output.suffix in endings:
+        found.save(options.output)
+    elif options.output is not None:
+        from .. import pictures
+
+        getattr(pictures, plot)(found, *about, options.output)
+
+
 def show_with_page(options: argparse.Namespace, found: Any, written: Iterable[Path] = ()) -> None:
     """Print a result as ``show_result`` does, with files that were written; and its page where --report asks for it."""
     written = [*written, *pages_written(options, found)]

@@ -22,14 +22,14 @@ from .shared import (
 
 
 def _add_simulate(parser: argparse.ArgumentParser) -> None:
+    from ..integration.methods import METHODS
+
     add_robot(parser)
     parser.add_argument("-o", "--output", type=Path, default=Path("out"), help="folder for results and plots (out)")
     parser.add_argument("--scenario", metavar="FILE", help="a scenario: path of a .toml file, or a built-in name")
     parser.add_argument("--stream", metavar="FOLDER", help="write states there while they are integrated (Zarr)")
     parser.add_argument("--duration", type=real, metavar="S", help="duration in seconds (2)")
-    parser.add_argument(
-        "--method", help="auto, tsit5, rosenbrock, Radau, BDF, LSODA, CVODE, IDA, DOP853, RK45, rk4 (auto)"
-    )
+    parser.add_argument("--method", help=f"{', '.join(METHODS)} (auto)")
     parser.add_argument(
         "--goal",
         type=real,

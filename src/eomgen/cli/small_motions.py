@@ -22,6 +22,7 @@ from .shared import (
     stage_bar,
     state_options,
     whole,
+    write_result,
 )
 
 
@@ -71,12 +72,7 @@ def _response(options: argparse.Namespace) -> None:
         pose = coordinate_values("pose", options.pose)
         found = response(robot, inputs, outputs, spaced(low, high, count), pose, kind=options.kind, **about)
     show_result(options, found)
-    if options.output is not None and options.output.suffix in (".csv", ".npz"):
-        found.save(options.output)
-    elif options.output is not None:
-        from ..pictures.analysis import plot_response
-
-        plot_response(found, options.output)
+    write_result(options, "plot_response", found, endings=(".csv", ".npz"))
 
 
 def _add_linearize(parser: argparse.ArgumentParser) -> None:
@@ -142,10 +138,7 @@ def _budget(options: argparse.Namespace) -> None:
         options.robot = result.robot
     found = budget(result, read_robot(options), frame=options.frame)
     show_result(options, found)
-    if options.output is not None:
-        from ..pictures.analysis import plot_budget
-
-        plot_budget(found, options.output)
+    write_result(options, "plot_budget", found)
 
 
 COMMANDS = (

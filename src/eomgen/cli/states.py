@@ -20,6 +20,7 @@ from .shared import (
     stage_bar,
     state_options,
     whole,
+    write_result,
 )
 
 if TYPE_CHECKING:
@@ -58,12 +59,7 @@ def _deflection(options: argparse.Namespace) -> None:
         about["progress"] = report
         found = compliance_map(robot, corner, first, second, tuple(options.points), pose=pose, **about)
     show_result(options, found)
-    if options.output is not None and options.output.suffix == ".npz":
-        found.save(options.output)
-    elif options.output is not None:
-        from ..pictures.analysis import plot_compliance
-
-        plot_compliance(found, options.output)
+    write_result(options, "plot_compliance", found, endings=(".npz",))
 
 
 def _add_modes(parser: argparse.ArgumentParser) -> None:
@@ -85,17 +81,11 @@ def _modes(options: argparse.Namespace) -> None:
         if options.along is None and options.goal is None:
             at_pose = modes(robot, coordinate_values("pose", options.pose), **about)
             show_result(options, at_pose)
-            if options.output is not None:
-                from ..pictures.analysis import plot_mode_shapes
-
-                plot_mode_shapes(at_pose, robot, options.output)
+            write_result(options, "plot_mode_shapes", at_pose, robot)
             return
         found = modes_along(robot, _poses_along(robot, options), **about)
     show_result(options, found)
-    if options.output is not None:
-        from ..pictures.analysis import plot_tracks
-
-        plot_tracks(found, options.output)
+    write_result(options, "plot_tracks", found)
 
 
 def _poses_along(robot: Robot, options: argparse.Namespace) -> Any:

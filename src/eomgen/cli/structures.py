@@ -4,16 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from .shared import (
-    Command,
-    OldName,
-    add_json,
-    add_robot,
-    progress_bar,
-    read_robot,
-    real,
-    show_result,
-)
+from .shared import Command, OldName, add_json, add_robot, progress_bar, read_robot, real, show_result
 
 
 def _add_compare(parser: argparse.ArgumentParser) -> None:

@@ -11,17 +11,7 @@ from typing import Any
 
 from ..errors import InputError
 from ..optional import optional_import
-from .shared import (
-    Command,
-    add_json,
-    add_robot,
-    can_be_left_out,
-    progress_bar,
-    read_robot,
-    say,
-    show_files,
-    whole,
-)
+from .shared import Command, add_json, add_robot, can_be_left_out, progress_bar, read_robot, say, show_files, whole
 
 
 def _add_sweep(parser: argparse.ArgumentParser) -> None:

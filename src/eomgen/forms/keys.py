@@ -91,7 +91,7 @@ class Number(Key):
     def take(self, table: Place, key: str, value: Any) -> float:
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             self.refuse(table, key, value, self.rule)
-        if not math.isfinite(value) if isinstance(value, float) else False:
+        if isinstance(value, float) and not math.isfinite(value):
             self.refuse(table, key, value, self.rule)
         if abs(value) > LARGEST:
             self.refuse(table, key, value, f"{self.rule} of magnitude up to {LARGEST:g}")
@@ -161,28 +161,25 @@ class Text(Key):
 class Name(Text):
     """An identifier."""
 
+    pattern, length, rule = IDENTIFIER.pattern, NAME_LENGTH, IDENTIFIER_RULE
+    is_allowed, nearly = staticmethod(is_identifier), staticmethod(to_identifier)
+
     def take(self, table: Place, key: str, value: Any) -> str:
         name = super().take(table, key, value)
-        if not is_identifier(name):
-            self.refuse(table, key, name, IDENTIFIER_RULE + (f", such as {to_identifier(name)!r}" if name else ""))
+        if not self.is_allowed(name):
+            self.refuse(table, key, name, self.rule + (f", such as {self.nearly(name)!r}" if name else ""))
         return name
 
     def json(self) -> Json:
-        return {"type": "string", "pattern": f"^{IDENTIFIER.pattern}$", "maxLength": NAME_LENGTH}
+        return {"type": "string", "pattern": f"^{self.pattern}$", "maxLength": self.length}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class RobotName(Text):
+class RobotName(Name):
     """The name of a robot."""
 
-    def take(self, table: Place, key: str, value: Any) -> str:
-        name = super().take(table, key, value)
-        if not is_robot_name(name):
-            self.refuse(table, key, name, ROBOT_RULE + (f", such as {to_robot_name(name)!r}" if name else ""))
-        return name
-
-    def json(self) -> Json:
-        return {"type": "string", "pattern": f"^{ROBOT_NAME.pattern}$", "maxLength": ROBOT_LENGTH}
+    pattern, length, rule = ROBOT_NAME.pattern, ROBOT_LENGTH, ROBOT_RULE
+    is_allowed, nearly = staticmethod(is_robot_name), staticmethod(to_robot_name)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -221,6 +221,8 @@ def _fields(kind: type, largest: float) -> Read:
             raise
         try:
             return kind(**found)
+        except InputError as error:
+            raise Mismatch(str(error)) from None
         except (ValueError, TypeError, LookupError, ArithmeticError) as error:  # values that do not go together
             raise Mismatch(
                 f"got {show(error.args[0] if error.args else '')}; allowed: numbers that go together"

@@ -63,6 +63,10 @@ class Table:
         assert isinstance(kind, kinds or Key), f"{self.where}.{key} takes {type(kind).__name__}"
         return kind.take(self, key, self.values[key]) if key in self.values else None
 
+    def given(self) -> dict[str, Any]:
+        """The values of the keys that are there, but ``type``, in the order of the form."""
+        return {key: self.value(key) for key in self.keys if key in self.values and key != "type"}
+
     def text(self, key: str) -> str | None:
         """A string, which may have to be a name or one of a few words."""
         found: str | None = self.value(key, Text)

@@ -33,22 +33,17 @@ _DEEPEST = 100  # parts of a path; no form of ours goes as deep
 _OWN = 2  # components that make a place an entry's own: a file that refines an URDF does not have all of its joints
 
 
-def line_of(text: str, path: Sequence[str], value: bool = False) -> tuple[int, int] | None:
-    """Line and column, from 1, of the deepest key or element of the path that the text has.
+def lines_of(text: str, wanted: Sequence[tuple[Sequence[str], bool]]) -> list[tuple[int, int] | None]:
+    """Line and column, from 1, of the deepest key or element of each path that the text has, in one pass over it.
 
     Args:
         text: valid TOML.
-        path: keys from the top of the text; of an array, the element's index as digits.
-        value: of the value behind the key, where all of the path is there and ends with a key that has one.
+        wanted: paths, keys from the top of the text, of an array the element's index as digits; each with whether the
+            value behind the key is meant, where all of the path is there and ends with a key that has one.
 
     Returns:
         None where not even the first key is there.
     """
-    return lines_of(text, [(path, value)])[0]
-
-
-def lines_of(text: str, wanted: Sequence[tuple[Sequence[str], bool]]) -> list[tuple[int, int] | None]:
-    """``line_of`` of several paths, each with its ``value``, in one pass over the text."""
     marks = [_Mark(tuple(path)) for path, _ in wanted]
     with suppress(RecursionError, IndexError, _Enough):  # too deep, or no TOML after all; or all is found
         _Scan(text, marks).statements()
@@ -66,16 +61,11 @@ def located(text: str, values: Mapping[str, object], source: str) -> Iterator[No
         yield
     except DescriptionError as error:
         if error.source == source:
-            locate(error, text, values)
+            locate([error], text, values)
         raise
 
 
-def locate(error: DescriptionError, text: str, values: Mapping[str, object]) -> None:
-    """Give the error, which has no line yet, line and column of what it speaks about in the text of these values."""
-    locate_all([error], text, values)
-
-
-def locate_all(errors: Sequence[DescriptionError], text: str, values: Mapping[str, object]) -> None:
+def locate(errors: Sequence[DescriptionError], text: str, values: Mapping[str, object]) -> None:
     """Give each error that has no line yet line and column of what it speaks about; the text is read once for all."""
     without = [error for error in errors if error.line is None]
     paths = [error.path or _path_of(values, error.where) for error in without]
@@ -89,7 +79,7 @@ def refusal(message: str, where: str, source: str, text: str) -> DescriptionErro
     """The error of a place in a text that has been read; without line and column where the text is empty."""
     error = DescriptionError(message, where=where, source=source)
     if text:
-        locate(error, text, tomllib.loads(text))
+        locate([error], text, tomllib.loads(text))
     return error
 
 

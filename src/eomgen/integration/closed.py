@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -11,7 +13,7 @@ from ..loops.chart import Chart, Followed
 from ..runtime.kernel import Kernel
 from ..runtime.opened import left_open
 from ..state.springs import rate_step
-from ..state.vectors import Q_STEP, DriveFunction, MotionFunction, WrenchFunction
+from ..state.vectors import Q_STEP
 from .system import System
 
 TURN = 2.0 * np.pi  # rad, or m: how far y goes from its origin
@@ -29,14 +31,8 @@ class ClosedSystem(System):
 
     part = 0.02  # an error of one coordinate is one of all that depend on it, and of their kinetic energy
 
-    def __init__(
-        self,
-        kernel: Kernel,
-        drive: DriveFunction | None,
-        wrench: WrenchFunction | ArrayLike | None,
-        prescribed: MotionFunction | None = None,
-    ) -> None:
-        super().__init__(kernel, drive, wrench, prescribed)
+    def __init__(self, kernel: Kernel, *loads: Any) -> None:
+        super().__init__(kernel, *loads)
         self._chart: Chart | None = None
         self._opened: LoopError | None = None  # since the state that was reached
         self._origin = np.zeros(self.n)

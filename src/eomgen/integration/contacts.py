@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -49,8 +49,7 @@ class Contact:
 class Ends(Protocol):
     """Ends of one kind that a motion may come to."""
 
-    def __len__(self) -> int:
-        """Number of ends."""
+    ends: Sequence[Any]
 
     def gaps(self, q: Array, v: Array) -> Array:
         """Distances beyond each of the ends in a state, (n,), or in many, (N, n): m or rad, below 0 inside."""
@@ -77,107 +76,76 @@ def _ends(gaps: Mapping[str, float], places: Mapping[str, tuple[float, float]]) 
     return found
 
 
-class CoordinateEnds:
+class CoordinateEnds(Ends):
     """Ends of the tree's coordinates, and of transmissions' deflections; a motor's stops are those of its shaft."""
 
     def __init__(self, kernel: Kernel) -> None:
-        self._ends = _ends(clearances(kernel), stops(kernel))
+        self.ends = _ends(clearances(kernel), stops(kernel))
         deflected, names = deflections(kernel), acting(kernel)
         followed, offsets = kernel.follower_matrix()
         own, shifts = np.vstack([np.eye(kernel.n), followed]), np.concatenate([np.zeros(kernel.n), offsets])
-        index = [names.index(end.name) for end in self._ends]
-        rows = [
-            end.side * (own if end.kind == STOP else deflected)[i] for end, i in zip(self._ends, index, strict=True)
-        ]
+        index = [names.index(end.name) for end in self.ends]
+        rows = [end.side * (own if end.kind == STOP else deflected)[i] for end, i in zip(self.ends, index, strict=True)]
         self._rows = np.array(rows).reshape(-1, kernel.n)
-        pairs = zip(self._ends, shifts[index], strict=True)
+        pairs = zip(self.ends, shifts[index], strict=True)
         self._places = np.array([end.place - end.side * shift for end, shift in pairs])
 
-    def __len__(self) -> int:
-        """Number of ends."""
-        return len(self._ends)
-
     def gaps(self, q: Array, v: Array) -> Array:
-        """Distances beyond each of the ends, m or rad, below 0 inside."""
         return np.asarray(q @ self._rows.T - self._places)
 
     def contact(self, end: int, t: float, q: Array, v: Array, closes: bool) -> Contact:
-        """The contact at one of the ends, in the state at its time."""
-        here = self._ends[end]
+        here = self.ends[end]
         return Contact(t, here.name, here.side, closes, float(here.side * (self._rows[end] @ v)), here.kind)
 
 
-class CutEnds:
+class CutEnds(Ends):
     """Ends of cut joints' coordinates and of elastic couplings."""
 
     def __init__(self, kernel: Kernel) -> None:
         self._kernel = kernel
-        self._ends = _ends(cut_clearances(kernel), cut_stops(kernel)) if kernel.cut_laws else []
-        self._index = [kernel.cut_laws.index(end.name) for end in self._ends]
-        self._sides = np.array([end.side for end in self._ends])
-        self._places = np.array([end.place for end in self._ends])
-
-    def __len__(self) -> int:
-        """Number of ends."""
-        return len(self._ends)
+        self.ends = _ends(cut_clearances(kernel), cut_stops(kernel)) if kernel.cut_laws else []
+        self._index = [kernel.cut_laws.index(end.name) for end in self.ends]
+        self._sides = np.array([end.side for end in self.ends])
+        self._places = np.array([end.place for end in self.ends])
 
     def gaps(self, q: Array, v: Array) -> Array:
-        """Distances beyond each of the ends, m or rad, below 0 inside."""
         return np.asarray(self._sides * self._kernel.cut_forces(q, v)[..., self._index, 0] - self._places)
 
     def contact(self, end: int, t: float, q: Array, v: Array, closes: bool) -> Contact:
-        """The contact at one of the ends, in the state at its time."""
-        here, rate = self._ends[end], self._kernel.cut_jacobian(q)[self._index[end]] @ v
+        here, rate = self.ends[end], self._kernel.cut_jacobian(q)[self._index[end]] @ v
         return Contact(t, here.name, here.side, closes, float(rate), here.kind)
 
 
-class Bearings:
+class Bearings(Ends):
     """Where journals touch."""
 
     def __init__(self, kernel: Kernel) -> None:
-        self._journals = journal_contacts(kernel)
-
-    def __len__(self) -> int:
-        """Number of ends."""
-        return len(self._journals)
+        self._kernel = kernel
+        self.ends = journal_contacts(kernel)
 
     def gaps(self, q: Array, v: Array) -> Array:
-        """Distances beyond each of the ends, m or rad, below 0 inside."""
-        return np.stack([journal.gap(q) for journal in self._journals], axis=-1)
+        return np.stack([journal.gap(q) for journal in self.ends], axis=-1)
 
     def contact(self, end: int, t: float, q: Array, v: Array, closes: bool) -> Contact:
-        """The contact at one of the ends, in the state at its time."""
-        return _touched(self._journals[end], t, q, v, closes)
+        journal: JournalContact = self.ends[end]
+        x, y = journal.centre(q)
+        angle = float(np.arctan2(y, x))
+        rate = np.array([np.cos(angle), np.sin(angle)]) @ journal.arms(q) @ v[list(journal.index)]
+        return Contact(t, journal.name, journal.end, closes, float(rate), angle=angle)
 
 
-class CutBearings:
-    """Where journals of cut joints touch."""
+class CutBearings(Bearings):
+    """Where journals of cut joints touch, in the coordinates of these."""
 
     def __init__(self, kernel: Kernel) -> None:
-        self._kernel, self._journals = kernel, cut_contacts(kernel)
-
-    def __len__(self) -> int:
-        """Number of ends."""
-        return len(self._journals)
+        self._kernel = kernel
+        self.ends = cut_contacts(kernel)
 
     def gaps(self, q: Array, v: Array) -> Array:
-        """Distances beyond each of the ends, m or rad, below 0 inside."""
-        s = cut_deviations(self._kernel, q)
-        return np.stack([journal.gap(s) for journal in self._journals], axis=-1)
+        return super().gaps(cut_deviations(self._kernel, q), v)
 
     def contact(self, end: int, t: float, q: Array, v: Array, closes: bool) -> Contact:
-        """The contact at one of the ends, in the state at its time."""
-        return _touched(
-            self._journals[end], t, cut_deviations(self._kernel, q), self._kernel.cut_jacobian(q) @ v, closes
-        )
-
-
-def _touched(journal: JournalContact, t: float, q: Array, v: Array, closes: bool) -> Contact:
-    """A journal's contact, in coordinates and rates as of ``JournalContact``."""
-    x, y = journal.centre(q)
-    angle = float(np.arctan2(y, x))
-    rate = np.array([np.cos(angle), np.sin(angle)]) @ journal.arms(q) @ v[list(journal.index)]
-    return Contact(t, journal.name, journal.end, closes, float(rate), angle=angle)
+        return super().contact(end, t, cut_deviations(self._kernel, q), self._kernel.cut_jacobian(q) @ v, closes)
 
 
 class ContactWatch:
@@ -190,7 +158,7 @@ class ContactWatch:
         self._until, self._cubics = until, Cubics(kernel.raw.turning)
         self._n = kernel.n
         groups: Sequence[Ends] = (CoordinateEnds(kernel), CutEnds(kernel), Bearings(kernel), CutBearings(kernel))
-        self._groups = [group for group in groups if len(group)]
+        self._groups = [group for group in groups if group.ends]
         self.found: list[Contact] = []
 
     @property
@@ -200,7 +168,7 @@ class ContactWatch:
 
     def __len__(self) -> int:
         """Number of ends that are watched."""
-        return sum(map(len, self._groups))
+        return sum(len(group.ends) for group in self._groups)
 
     def gaps(self, y: Array) -> Array:
         """Distances beyond each of the ends, m or rad, below 0 inside; y = (q, v), (2n,) or (N, 2n)."""
@@ -256,7 +224,7 @@ class ContactWatch:
     def note(self, end: int, t: float, y: Array, closes: bool) -> None:
         """Add a contact at one of the ends, whose time t (s) and state y are known."""
         for group in self._groups:
-            if end < len(group):
+            if end < len(group.ends):
                 self.found.append(group.contact(end, float(t), y[: self._n], y[self._n :], closes))
                 return
-            end -= len(group)
+            end -= len(group.ends)

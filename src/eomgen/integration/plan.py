@@ -10,46 +10,55 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array
 from ..errors import EomgenError, InputError
+from ..limits import LARGEST, is_usable
 from ..names import show
 from ..runtime.kernel import Kernel
-from ..runtime.stepping.adaptive import STAGES
 from ..runtime.stepping.given_loads import data_of
 from ..runtime.stepping.loaded import AUTO
 from ..state.springs import any_spring, fastest_rates
 from ..state.vectors import DriveFunction, MotionFunction, WrenchFunction
-from .steps import SCIPY_IMPLICIT
-from .sundials import METHODS as SUNDIALS
+from .methods import IN_C, METHODS, SUNDIALS
 
-IN_C = tuple(STAGES)
-EXPLICIT_IN_PYTHON = ("DOP853", "RK45", "rk4")
-EXPLICIT = ("tsit5", *EXPLICIT_IN_PYTHON)
 REAL_TIME = 300.0  # rad/s or 1/s: rates above which steps of some ms, in pace with a clock, are implicit
 STIFF = 1000.0  # time constants in a motion: an explicit method takes 2000 evaluations, and an implicit one not more
-METHODS = (AUTO, *IN_C, *SCIPY_IMPLICIT, *SUNDIALS, *EXPLICIT_IN_PYTHON)
 _NONE = (None, None, None)
 
 
 @dataclass(frozen=True, eq=False)
-class IntegratorPlan:
-    """Integrator of a motion.
+class IntegratorOptions:
+    """Method, tolerances and step of ``integrate``, checked where they are made; None is its default.
 
-    Attributes:
-        asked: the method that was asked for.
-        method: the one of METHODS that is taken; "auto" is both methods in C in turn.
-        reason: why "auto" came to a method in Python, in words; "" where it did not.
-        not_in_c: why the kernel's own C cannot integrate the motion; "" where it can.
-        rtol: relative tolerance.
-        atol: absolute ones, a number or (2n,), first of q, then of v; None: rtol times the size of each.
-        step: of rk4, s; None: by the fastest spring, damper or friction.
+    Raises:
+        InputError: the method is none of METHODS, or a number is not allowed.
     """
 
-    asked: str
-    method: str
-    reason: str = ""
-    not_in_c: str = ""
+    method: str = AUTO
     rtol: float = 1e-6
     atol: ArrayLike | None = None
     step: float | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.method, str) or self.method not in METHODS:
+            raise InputError(f"method: {show(self.method)} is unknown; allowed: {', '.join(METHODS)}")
+        if not (is_usable(self.rtol) and 1e-13 <= self.rtol < 1.0):
+            raise InputError(f"rtol: {show(self.rtol)}; allowed: from 1e-13 to less than 1")
+        if self.step is not None and not (is_usable(self.step) and self.step > 0.0):
+            raise InputError(f"step: {show(self.step)} s; a step is a time above 0, up to {LARGEST:g}")
+
+
+@dataclass(frozen=True, eq=False)
+class IntegratorPlan(IntegratorOptions):
+    """Integrator of a motion; its method is the one that is taken, "auto" both methods in C in turn.
+
+    Attributes:
+        asked: the method that was asked for.
+        reason: why "auto" came to a method in Python, in words; "" where it did not.
+        not_in_c: why the kernel's own C cannot integrate the motion; "" where it can.
+    """
+
+    asked: str = AUTO
+    reason: str = ""
+    not_in_c: str = ""
 
     @property
     def in_c(self) -> bool:
@@ -72,14 +81,10 @@ class IntegratorPlan:
 
 def plan_integration(
     kernel: Kernel,
-    method: str = "auto",
+    wanted: IntegratorOptions,
     loads: tuple[DriveFunction | ArrayLike | None, WrenchFunction | ArrayLike | None, MotionFunction | None] = _NONE,
     q: Array | None = None,
     duration: float = 1.0,
-    *,
-    rtol: float = 1e-6,
-    atol: ArrayLike | None = None,
-    step: float | None = None,
 ) -> IntegratorPlan:
     """Choose the integrator of a motion; "auto" is the kernel's own C where it can follow the loads.
 
@@ -87,17 +92,15 @@ def plan_integration(
 
     Args:
         kernel: with the parameters that it has now.
-        method: that is asked for.
+        wanted: the integrator that is asked for.
         loads: drive, wrench and prescribed motion, as of ``integrate``.
         q: coordinates at the beginning, (n,); 0 if not given.
         duration: of the motion, s.
-        rtol, atol, step: as of ``integrate``; they are checked where the motion begins.
 
     Raises:
-        InputError: the method is unknown, or does not keep loops closed, or is the kernel's own where that cannot be.
+        InputError: the method does not keep loops closed, or is the kernel's own where that cannot be.
     """
-    refuse_unknown(method)
-    slow = why_not_in_c(kernel, *loads)
+    method, slow = wanted.method, why_not_in_c(kernel, *loads)
     if kernel.constraints and method in SUNDIALS:
         allowed = ", ".join(name for name in METHODS if name not in SUNDIALS)
         raise InputError(
@@ -111,7 +114,7 @@ def plan_integration(
         stiff = why_stiff(kernel, q, duration)
         why = stiff or "nothing has a stiffness, nor stiff dampers or friction"
         taken, reason = "Radau" if stiff else "DOP853", f"because {why}; not in C: {slow}"
-    return IntegratorPlan(method, taken, reason, slow, rtol, atol, step)
+    return IntegratorPlan(taken, wanted.rtol, wanted.atol, wanted.step, method, reason, slow)
 
 
 def choose_method(kernel: Kernel, method: str = "auto", q: Array | None = None, duration: float = 1.0) -> str:
@@ -126,13 +129,7 @@ def choose_method(kernel: Kernel, method: str = "auto", q: Array | None = None, 
     Raises:
         InputError: the method is unknown, or does not keep loops closed, or is the kernel's own where that cannot be.
     """
-    return plan_integration(kernel, method, q=q, duration=duration).method
-
-
-def refuse_unknown(method: str) -> None:
-    """Raise the InputError of a method that is none of METHODS."""
-    if not isinstance(method, str) or method not in METHODS:
-        raise InputError(f"method: {show(method)} is unknown; allowed: {', '.join(METHODS)}")
+    return plan_integration(kernel, IntegratorOptions(method), q=q, duration=duration).method
 
 
 def why_not_in_c(

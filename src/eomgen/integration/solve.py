@@ -6,6 +6,7 @@ SciPy and SUNDIALS are imported when an integration with one of their methods be
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,21 +23,12 @@ from .advance import Advance
 from .closed import ClosedSystem
 from .contacts import ContactWatch
 from .drives import drive_of
-from .plan import IntegratorPlan, plan_integration
-from .steps import (
-    Record,
-    Samples,
-    Steps,
-    checked_times,
-    fixed_step,
-    output_times,
-    reporter,
-    rk4,
-    sampled,
-    tolerances,
-)
+from .methods import SUNDIALS
+from .plan import IntegratorOptions, IntegratorPlan, plan_integration
+from .resting import rests
+from .steps import Record, Samples, checked_times, fixed_step, output_times, reporter, rk4, sampled, tolerances
 from .system import System
-from .trajectory import FiniteMotion, Trajectory, trajectory_of
+from .trajectory import Trajectory, trajectory_of
 from .turning import ClosedTurningSystem, TurningSystem
 from .until import Reached, Until
 
@@ -123,7 +115,7 @@ def integrate(  # noqa: PLR0913
     q, v = (state_vector(label, x, kernel.coordinates) for label, x in (("q0", q0), ("v0", v0)))
     times = output_times(duration, output_step) if times is None else checked_times(times, duration, output_step)
     span = float(times[-1] - times[0])
-    plan = plan_integration(kernel, method, system.loads, q, span, rtol=rtol, atol=atol, step=step)
+    plan = plan_integration(kernel, IntegratorOptions(method, rtol, atol, step), system.loads, q, span)
     return integrate_by(plan, system, (q, v), times, progress=progress, record=record, until=until, works=works)
 
 
@@ -149,7 +141,7 @@ def integrate_by(
         progress, record, until, works: as of ``integrate``.
     """
     kernel, method = system.kernel, plan.method
-    if until is not None and method in sundials.METHODS:
+    if until is not None and method in SUNDIALS:
         raise InputError(f"until: {method} goes on to the duration; allowed: other methods")
     if works and (lacking := plan.no_works(kernel)):
         allowed = "allowed: integrations in C, of joints that do not turn freely"
@@ -170,16 +162,13 @@ def integrate_by(
         if method == "rk4" or not (y0.size or plan.in_c):  # nothing is free to be integrated
             rk4(system, y0, samples, fixed_step(kernel, q, plan.step, times), report, watch)
             return
-        absolute = tolerances(system, q, plan.rtol, plan.atol)
+        control = ErrorControl(method, plan.rtol, tolerances(system, q, plan))
         if plan.in_c:
             data = loads_of(kernel.calls, *system.loads)
-            control = ErrorControl(plan.method, plan.rtol, absolute)
             compiled.compiled_states(system, data, samples, control, report, watch, works)
-            return
-        if method in sundials.METHODS:
-            sundials.sundials_states(system, y0, samples, method, plan.rtol, absolute, report, watch)
         else:
-            sampled(Steps(method, plan.rtol, absolute, float(times[-1])), system, y0, samples, report, watch)
+            solve = sundials.sundials_states if method in SUNDIALS else sampled
+            solve(system, y0, samples, control, report, watch)
 
     def run_until() -> None:
         try:
@@ -188,17 +177,17 @@ def integrate_by(
             samples.end(reached)
             system.counts["ended_at"] = reached.t
 
-    def info(motion: FiniteMotion) -> dict[str, float]:
+    def described(motion: Trajectory) -> Trajectory:
         margins = system.margins(motion.q)
         near = {}
         if margins is not None:
             near = {"margin": float(margins.min()), "margin_at": float(motion.t[int(margins.argmin())])}
-        return {**system.about(motion.q, motion.v), **near, "wall_s": time.perf_counter() - began}
+        info = {**system.about(motion.q, motion.v), **near, "wall_s": time.perf_counter() - began}
+        method = plan.leading(system.counts, float(times[-1] - times[0]))
+        held = rests(kernel, motion.t, motion.q, motion.v)
+        return replace(motion, method=method, info=info, contacts=tuple(watch.found), rests=held)
 
-    def name() -> str:
-        return plan.leading(system.counts, float(times[-1] - times[0]))
-
-    return trajectory_of(system, samples, run_until, name, watch, info)
+    return trajectory_of(system, samples, run_until, described)
 
 
 def system_of(

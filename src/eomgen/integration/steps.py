@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -18,14 +17,16 @@ from ..optional import optional_import
 from ..progress import Progress
 from ..robot.laws import COARSE
 from ..runtime.kernel import Kernel
+from ..runtime.stepping.options import ErrorControl
 from ..state.springs import coordinate_sizes, fastest_rates, rubbing_rates
 from .contacts import ContactWatch
+from .methods import SCIPY_IMPLICIT
+from .plan import IntegratorOptions
 from .system import System
 from .until import Reached
 
 Record = Callable[[Array, Array], None]
 
-SCIPY_IMPLICIT = ("Radau", "BDF", "LSODA")  # SciPy's
 MOST_SAMPLES = 100_000_000  # of a motion: with one coordinate some 5 GB
 
 
@@ -71,14 +72,12 @@ def reporter(progress: Progress | None, duration: float) -> Progress:
 
 
 def fixed_step(kernel: Kernel, q0: Array, step: float | None, times: Array) -> float:
-    """The step of rk4, s: as given, or half the time of the fastest spring, damper or friction, at most 1 ms.
+    """The step of rk4, s: the one given, or half the time of the fastest spring, damper or friction, at most 1 ms.
 
     That is the time in which a spring turns by 1 rad, or a damper, or friction about rest, takes 1 - 1 / e of a rate;
     of friction that turns round too sharply for that, one of COARSE.
     """
     if step is not None:
-        if not (is_usable(step) and step > 0.0):
-            raise InputError(f"step: {show(step)} s; a step is a time above 0, up to {LARGEST:g}")
         return step
     try:
         swing, slowing = fastest_rates(kernel, q0, COARSE)
@@ -165,45 +164,32 @@ def rk4(
         report(float(t1), f"t = {t1:.3f} s, rk4, {system.counts['steps']} steps")
 
 
-@dataclass(frozen=True)
-class Steps:
-    """Settings that SciPy's solvers are started with: the method, its tolerances and the last time, s.
+def _solver(system: System, control: ErrorControl, y: Array, span: tuple[float, float], first: float = 0.0) -> Any:
+    """SciPy's solver from y over a span, s: the classes that solve_ivp drives, stepped here to show progress.
 
-    Attributes:
-        atol: of (q, v), (2n,).
+    The first step, s, is looked for where it is 0.
     """
-
-    method: str
-    rtol: float
-    atol: Array
-    end: float
-
-    def solver(self, system: System, t: float, y: Array, first: float | None = None) -> Any:
-        """SciPy's solver at t: the classes that solve_ivp drives, stepped here to show progress.
-
-        Args:
-            system: the equations.
-            t: s.
-            y: the state there.
-            first: the first step, s; looked for where it is not known.
-        """
-        with optional_import("SciPy", f"method {self.method} needs", '"rk4" works without'):
-            from scipy import integrate as scipy_integrate
-        system.derivative(t, y)  # a state that cannot move is the caller's: its error comes as it is
-        part = 1.0 if self.method == "Radau" else system.part  # whose estimate is larger than its error
-        options: dict[str, Any] = {"rtol": max(part * self.rtol, 1e-13), "atol": part * self.atol[system.index]}
-        if self.method in SCIPY_IMPLICIT:
-            options["jac"] = system.jacobian
-        if first:
-            options["first_step"] = min(first, self.end - t)
-        function = system.derivative if self.method == "LSODA" else system.trial
-        return getattr(scipy_integrate, self.method)(function, t, y, self.end, **options)
+    name, (t, end) = control.method, span
+    with optional_import("SciPy", f"method {name} needs", '"rk4" works without'):
+        from scipy import integrate as scipy_integrate
+    system.derivative(t, y)  # a state that cannot move is the caller's: its error comes as it is
+    part = 1.0 if name == "Radau" else system.part  # whose estimate is larger than its error
+    options: dict[str, Any] = {"rtol": max(part * control.rtol, 1e-13), "atol": part * control.atol[system.index]}
+    if name in SCIPY_IMPLICIT:
+        options["jac"] = system.jacobian
+    if first:
+        options["first_step"] = min(first, end - t)
+    function = system.derivative if name == "LSODA" else system.trial
+    return getattr(scipy_integrate, name)(function, t, y, end, **options)
 
 
-def sampled(steps: Steps, system: System, y: Array, samples: Samples, report: Progress, watch: ContactWatch) -> None:
+def sampled(
+    system: System, y: Array, samples: Samples, control: ErrorControl, report: Progress, watch: ContactWatch
+) -> None:
     """Step SciPy's solver from y to the end, and fill the samples; where y begins anew, so does the solver."""
-    times, name, whole = samples.times, steps.method, samples.states[0]
-    solver = steps.solver(system, float(times[0]), y)
+    times, name, whole = samples.times, control.method, samples.states[0]
+    last = float(times[-1])
+    solver = _solver(system, control, y, (float(times[0]), last))
     while solver.status == "running":
         t, y, before = solver.t, solver.y, whole
         try:
@@ -232,7 +218,7 @@ def sampled(steps: Steps, system: System, y: Array, samples: Samples, report: Pr
             samples.take(taken)
         report(solver.t, f"t = {solver.t:.3f} s, {name}, {system.counts['steps']} steps")
         if anew and solver.status == "running":
-            solver = steps.solver(system, float(solver.t), y, getattr(solver, "h_abs", None))
+            solver = _solver(system, control, y, (float(solver.t), last), getattr(solver, "h_abs", 0.0))
 
 
 def _between(solver: Any, system: System, times: Array, begin: tuple[float, Array], watch: ContactWatch) -> Array:
@@ -249,11 +235,9 @@ def _between(solver: Any, system: System, times: Array, begin: tuple[float, Arra
     return system.whole(times, between(times).T) if times.size else np.empty((0, 2 * system.n))
 
 
-def tolerances(system: System, q0: Array, rtol: float, atol: ArrayLike | None) -> Array:
+def tolerances(system: System, q0: Array, options: IntegratorOptions) -> Array:
     """Absolute ones of (q, v), (2n,)."""
-    n = system.n
-    if not (is_usable(rtol) and 1e-13 <= rtol < 1.0):
-        raise InputError(f"rtol: {show(rtol)}; allowed: from 1e-13 to less than 1")
+    n, rtol, atol = system.n, options.rtol, options.atol
     if atol is None:
         q_sizes, v_sizes = coordinate_sizes(system.kernel, q0)
         return np.concatenate([rtol * q_sizes, np.minimum(rtol * v_sizes, rubbing_rates(system.kernel, q0))])

@@ -7,7 +7,7 @@ matrix is inverted.  Both have the exact Jacobian.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -15,45 +15,27 @@ from ..arrays import Array
 from ..errors import EomgenError, IntegrationError
 from ..optional import optional_import
 from ..progress import Progress
+from ..runtime.stepping.options import ErrorControl
 from .contacts import ContactWatch
+from .steps import Samples
+from .system import System
 
-if TYPE_CHECKING:
-    from .steps import Samples
-    from .system import System
-
-METHODS = ("CVODE", "IDA")
 MOST_STEPS = 1_000_000  # between two samples
 MOST_FAILURES = 30  # calls without a result at nearly the same time: SUNDIALS would halve its step for ever
 NEAR = 1e-9  # of a time
 
 
 def sundials_states(
-    system: System,
-    y: Array,
-    samples: Samples,
-    method: str,
-    rtol: float,
-    atol: Array,
-    report: Progress,
-    watch: ContactWatch,
+    system: System, y: Array, samples: Samples, control: ErrorControl, report: Progress, watch: ContactWatch
 ) -> None:
-    """Fill the samples.
-
-    Args:
-        system: the equations; its counts grow.
-        y: what they are integrated from, at the first time.
-        samples: with the state at the first time.
-        method: "CVODE" or "IDA".
-        rtol, atol: tolerances, (2n,) the second.
-        report: called with the time reached and a line of text.
-        watch: is told of the contacts.
+    """Fill the samples by CVODE or IDA, from y at the first of them; where y begins anew, so does the solver.
 
     Raises:
         IntegrationStopped: it cannot go on, with the last good state.
         InputError: scikit-sundae is not installed.
     """
-    good, reached = y, float(samples.times[0])
-    solver = _start(system, good, reached, method, rtol, atol, watch)
+    method, good, reached = control.method, y, float(samples.times[0])
+    solver = _start(system, good, reached, control, watch)
     for t in samples.times[1:]:
         whole = samples.states[samples.done - 1]
         while reached < t:
@@ -72,23 +54,24 @@ def sundials_states(
                 for end in np.flatnonzero(found.i_events[-1][: len(watch)]):
                     watch.note(int(end), reached, whole, bool(found.i_events[-1][end] > 0))
             if anew:
-                solver = _start(system, good, reached, method, rtol, atol, watch)
+                solver = _start(system, good, reached, control, watch)
         samples.take(whole[np.newaxis])
         report(reached, f"t = {reached:.3f} s, {method}, {system.counts['evaluations']} calls")
 
 
-def _start(system: System, y0: Array, t0: float, method: str, rtol: float, atol: Array, watch: ContactWatch) -> Any:
-    with optional_import("scikit-sundae", f"method {method} needs"):
+def _start(system: System, y0: Array, t0: float, control: ErrorControl, watch: ContactWatch) -> Any:
+    with optional_import("scikit-sundae", f"method {control.method} needs"):
         from sksundae.cvode import CVODE
         from sksundae.ida import IDA
-    functions = _ida(system, watch) if method == "IDA" else _cvode(system, watch)
-    options: dict[str, Any] = {"rtol": rtol, "atol": atol, "max_num_steps": MOST_STEPS, "jacfn": functions[1]}
-    events = len(watch) + system.edges(y0).size
-    if events:
-        options |= {"eventsfn": functions[2], "num_events": events}
+    is_ida = control.method == "IDA"
+    function, jacobian, events = _ida(system, watch) if is_ida else _cvode(system, watch)
+    options = {"rtol": control.rtol, "atol": control.atol, "max_num_steps": MOST_STEPS, "jacfn": jacobian}
+    count = len(watch) + system.edges(y0).size
+    if count:
+        options |= {"eventsfn": events, "num_events": count}
     slopes = system.derivative(t0, y0)  # a state that cannot move is the caller's: its error comes as it is
-    solver = (IDA if method == "IDA" else CVODE)(functions[0], **options)
-    solver.init_step(t0, y0, *([slopes] if method == "IDA" else []))
+    solver = (IDA if is_ida else CVODE)(function, **options)
+    solver.init_step(t0, y0, *([slopes] if is_ida else []))
     return solver
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
@@ -16,8 +17,8 @@ from ..robot.value import ANGULAR
 from ..shown import Shown
 from ..state.turning import joint_quaternions, quaternion_columns, quaternions
 from ..tabular import Rows, TableColumn, Tabular
-from .contacts import Contact, ContactWatch
-from .resting import Rest, rests
+from .contacts import Contact
+from .resting import Rest
 from .steps import Samples
 from .system import System
 
@@ -93,37 +94,26 @@ class Trajectory(Shown, Tabular):
 
         Joints with alpha, beta and gamma have .qw, .qx, .qy and .qz besides, the unit quaternions of ``quaternion``.
         """
-        columns = []
-        for i, name in enumerate(self.coordinates):
-            unit = unit_of(name)
-            columns += [TableColumn(name, unit, self.q[:, i]), TableColumn(f"{name}.rate", f"{unit}/s", self.v[:, i])]
-            columns.append(TableColumn(f"{name}.drive", force_unit_of(name), self.u[:, i]))
-        columns += [TableColumn(name, "", x) for name, x in quaternion_columns(self.coordinates, self.q).items()]
-        for i, name in enumerate(("energy.kinetic", "energy.potential")):
-            columns.append(TableColumn(name, "J", self.energy[:, i]))
-        return Rows("t", "s", self.t, columns, {"method": self.method})
+        columns = motion_columns(self)
+        columns["energy.kinetic"], columns["energy.potential"] = (("J", column) for column in self.energy.T)
+        table = [TableColumn(name, *column) for name, column in columns.items()]
+        return Rows("t", "s", self.t, table, {"method": self.method})
 
 
-@dataclass(frozen=True)
-class FiniteMotion(Shown):
-    """The finite part of a motion: t (T,), q, v and u (T, n), energy (T, 2)."""
-
-    t: Array
-    q: Array
-    v: Array
-    u: Array
-    energy: Array
+def motion_columns(motion: Trajectory) -> dict[str, tuple[str, Array]]:
+    """Unit and values over time, (T,), by name: coordinates with .rate and .drive, then quaternions of joints."""
+    found: dict[str, tuple[str, Array]] = {}
+    for i, name in enumerate(motion.coordinates):
+        unit = unit_of(name)
+        found[name], found[f"{name}.rate"] = (unit, motion.q[:, i]), (f"{unit}/s", motion.v[:, i])
+        found[f"{name}.drive"] = (force_unit_of(name), motion.u[:, i])
+    return found | {name: ("", x) for name, x in quaternion_columns(motion.coordinates, motion.q).items()}
 
 
 def trajectory_of(
-    system: System,
-    samples: Samples,
-    run: Callable[[], None],
-    method: Callable[[], str],
-    watch: ContactWatch,
-    info: Callable[[FiniteMotion], dict[str, float]],
+    system: System, samples: Samples, run: Callable[[], None], described: Callable[[Trajectory], Trajectory]
 ) -> Trajectory:
-    """The trajectory of the samples that ``run`` fills; ``info`` is what is said of it.
+    """The trajectory of the samples that ``run`` fills, to which ``described`` adds what is said of it.
 
     Raises:
         IntegrationStopped: from ``run``, or because forces at a sample are not finite; with the trajectory until then.
@@ -143,14 +133,7 @@ def trajectory_of(
         system.trouble = trouble
         reason = "the forces cannot be evaluated at the next sample"
         stop = system.ended(reason, float(times[last]), states[last], states[last])
-    trajectory = None
-    if last >= 0:
-        about, kernel = info(motion), system.kernel
-        found = tuple(watch.found), rests(kernel, motion.t, motion.q, motion.v)
-        samples_of = motion.t, motion.q, motion.v, motion.u, motion.energy
-        works = system.works_until(times.size)
-        own = None if works is None else works[: last + 1]
-        trajectory = Trajectory(*samples_of, kernel.coordinates, method(), about, *found, own)
+    trajectory = described(motion) if last >= 0 else None
     if stop is not None:
         stop.trajectory = trajectory
         raise stop from (stop.__cause__ or trouble)
@@ -158,11 +141,8 @@ def trajectory_of(
     return trajectory
 
 
-def _with_forces(system: System, times: Array, states: Array) -> tuple[FiniteMotion, ArrayError | None]:
-    """The motion with drives, forces of prescribed coordinates and energies, as far as they are finite.
-
-    Also why no further.
-    """
+def _with_forces(system: System, times: Array, states: Array) -> tuple[Trajectory, ArrayError | None]:
+    """The motion with drives, energies and works as far as these are finite, and why no further."""
     n = system.n
     q, v = np.ascontiguousarray(states[:, :n]), np.ascontiguousarray(states[:, n:])
     u, trouble = system.forces_over(times, q, v)
@@ -172,4 +152,6 @@ def _with_forces(system: System, times: Array, states: Array) -> tuple[FiniteMot
     if bad.any():
         end = int(bad.argmax())
         trouble = ArrayError(f"energy: {energy[end].tolist()} J at t = {times[end]:.6g} s; numbers must be finite")
-    return FiniteMotion(times[:end], q[:end], v[:end], u[:end], energy[:end]), trouble
+    rows: dict[str, Any] = {"t": times, "q": q, "v": v, "u": u, "energy": energy, "works": system.works_until(len(q))}
+    rows = {name: None if x is None else x[:end] for name, x in rows.items()}
+    return Trajectory(**rows, coordinates=system.kernel.coordinates, method=""), trouble

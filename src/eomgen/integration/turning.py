@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,7 +12,6 @@ from ..arrays import Array, Index
 from ..runtime.kernel import Kernel
 from ..runtime.turning import ON, SINGULAR, singular_joints
 from ..state.turning import Turns
-from ..state.vectors import DriveFunction, MotionFunction, WrenchFunction
 from .closed import ClosedSystem
 from .system import System
 
@@ -26,14 +26,8 @@ class TurningSystem(System):
     results; a force on a described angle keeps its meaning.
     """
 
-    def __init__(
-        self,
-        kernel: Kernel,
-        drive: DriveFunction | None,
-        wrench: WrenchFunction | ArrayLike | None,
-        prescribed: MotionFunction | None = None,
-    ) -> None:
-        super().__init__(kernel, drive, wrench, prescribed)
+    def __init__(self, kernel: Kernel, *loads: Any) -> None:
+        super().__init__(kernel, *loads)
         self._turns = Turns(kernel)
         self._told = np.zeros(kernel.n)  # q of the state that was reached, as described
 

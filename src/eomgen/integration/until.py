@@ -18,6 +18,7 @@ HALVINGS = 52  # of a step, to the last bit of a time
 CORRECTIONS = 6  # of a time, by secants
 
 
+@dataclass(eq=False)
 class Reached(Exception):
     """The end of a motion that has reached what it was to go on to.
 
@@ -29,16 +30,11 @@ class Reached(Exception):
         until: what is reached.
     """
 
-    def __init__(
-        self,
-        t: float,
-        state: Array,
-        at: Callable[[float], Array] | None,
-        begins: tuple[float, Array],
-        until: Until,
-    ) -> None:
-        super().__init__(t)
-        self.t, self.state, self.at, self.begins, self.until = t, state, at, begins, until
+    t: float
+    state: Array
+    at: Callable[[float], Array] | None
+    begins: tuple[float, Array]
+    until: Until
 
     def exactly(self, move: Callable[[float, Array, float], Array]) -> Reached:
         """The same with a time and state that steps lead to, instead of a polynomial between two steps' ends.

@@ -83,7 +83,7 @@ def write_npz(path: Path | str, plain: Mapping[str, Any], arrays: Mapping[str, A
     Raises:
         InputError: the file cannot be written.
     """
-    members: dict[str, Any] = {**arrays, META: np.array(json.dumps(plain, default=plain_value))}
+    members: dict[str, Any] = {**arrays, META: np.array(json.dumps(plain, default=as_plain))}
     return write_atomically(Path(path), lambda stream: np.savez_compressed(stream, **members))
 
 
@@ -95,33 +95,25 @@ def write_json(path: Path | str, plain: Mapping[str, Any]) -> Path:
     """
     target = check_ending(path, JSON)
     try:
-        text = json.dumps(plain, indent=1, default=plain_value, allow_nan=False)
+        text = json.dumps(plain, indent=1, default=as_plain, allow_nan=False)
     except ValueError:
         raise InputError(f"{show_path(str(target))}: the result has numbers that are not finite") from None
     return write_atomically(target, lambda stream: stream.write(text.encode("ascii")))
 
 
-def plain_value(value: Any) -> Any:
-    """Return an array as a list, a dataclass or a mapping as a dict."""
-    if isinstance(value, np.ndarray):
-        return value.tolist()
-    if is_dataclass(value):
-        return {field.name: getattr(value, field.name) for field in fields(value)}
-    return dict(value)
-
-
 def plain_fields(result: Any, *left_out: str) -> dict[str, Any]:
     """Return the fields of a result by name as JSON holds them, without some of them."""
-    return {x.name: _plain(getattr(result, x.name)) for x in fields(result) if x.name not in left_out}
+    return {x.name: as_plain(getattr(result, x.name)) for x in fields(result) if x.name not in left_out}
 
 
-def _plain(value: Any) -> Any:
+def as_plain(value: Any) -> Any:
+    """Return a value as JSON holds it: arrays and tuples as lists, mappings and dataclasses as dicts."""
     if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
+        return as_plain(value.tolist())
     if isinstance(value, Mapping):
-        return {key: _plain(x) for key, x in value.items()}
+        return {key: as_plain(x) for key, x in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_plain(x) for x in value]
+        return [as_plain(x) for x in value]
     if is_dataclass(value):
         return plain_fields(value)
     return value

@@ -5,7 +5,7 @@ from __future__ import annotations
 from ..description.keys import inertia, vector
 from ..forms.keys import ByName, Choice, Either, FileName, Flag, Key, Keys, Listed, Number, Numbers, Strings, Text
 from ..forms.tables import Entries, Form, Kinds, Sub
-from ..integration.plan import METHODS
+from ..integration.methods import METHODS
 from ..motion.timetable import INTERPOLATIONS
 from ..names import IDENTIFIER_RULE
 

@@ -67,20 +67,19 @@ def scenario_from_values(
     top.require()
     duration = top.number("duration")
     assert duration is not None
-    motion = _section(top, "motion", MOTION_READERS, folder)
-    control = _section(top, "control", CONTROL_READERS, folder)
+    integrator = top.table("integrator")
     return Scenario(
         duration,
         output_step=top.number("output_step"),
         frame=top.text("frame"),
         initial=_initial(top.table("initial")),
-        motion=motion,
-        control=control,
+        motion=_section(top, "motion", MOTION_READERS, folder),
+        control=_section(top, "control", CONTROL_READERS, folder),
         prescribed=tuple(_prescribed(entry, folder) for _, entry in top.entries("prescribed")),
         wrenches=tuple(_wrench(entry, folder) for _, entry in top.entries("wrenches")),
         payloads=tuple(_payload(entry) for _, entry in top.entries("payloads")),
         until=_until(top.table("until")),
-        integrator=_integrator(top.table("integrator")),
+        integrator=Integrator(**({} if integrator is None else integrator.given())),
         source=source,
         folder=folder,
     )
@@ -158,18 +157,8 @@ def _until(table: Table | None) -> Section | None:
     """The section of what a motion goes on to: of the type "coordinate" or "distance"."""
     if table is None:
         return None
-    kinds = {"coordinate": ("coordinate", "value"), "distance": ("frame", "point", "distance")}
-    given = [kind for kind, keys in kinds.items() if all(key in table for key in keys)]
-    if len(given) != 1 or any(key in table for kind, keys in kinds.items() if kind != given[0] for key in keys):
+    kinds = {"coordinate": {"coordinate", "value"}, "distance": {"frame", "point", "distance"}}
+    kind = next((kind for kind, keys in kinds.items() if keys == {*table.values}), None)
+    if kind is None:
         table.fail("allowed: coordinate and value, or frame, point and distance")
-    if given == ["coordinate"]:
-        return Section("coordinate", {"coordinate": table.text("coordinate"), "value": table.number("value")})
-    values = {"frame": table.text("frame"), "point": table.vector("point"), "distance": table.number("distance")}
-    return Section("distance", values)
-
-
-def _integrator(table: Table | None) -> Integrator:
-    if table is None:
-        return Integrator()
-    method, rtol = table.choice("method") or "auto", table.number("rtol")
-    return Integrator(method, 1e-6 if rtol is None else rtol, table.number("atol"), table.number("step"))
+    return Section(kind, table.given())

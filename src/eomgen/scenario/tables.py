@@ -15,17 +15,13 @@ from ..names import show
 from .keys import LEAST_TIME
 
 
-def _point_to_point(table: Table, _: Path | None) -> dict[str, Any]:
-    return {"start": table.value("start"), "goal": table.value("goal"), **_span(table)}
-
-
-def _span(table: Table) -> dict[str, Any]:
-    return {"begin": table.number("begin"), "duration": table.number("duration")}
+def _given(table: Table, _: Path | None) -> dict[str, Any]:
+    return table.given()
 
 
 def _via(table: Table, _: Path | None) -> dict[str, Any]:
-    points = table.value("points")
-    return {"points": points, **_timing(table, len(points)), "begin": table.number("begin")}
+    timing = _timing(table, len(table.value("points")))
+    return {**table.given(), **timing}
 
 
 def _timing(table: Table, count: int) -> dict[str, Any]:
@@ -59,14 +55,8 @@ def _spline(table: Table, _: Path | None) -> dict[str, Any]:
     still = [i for i, (a, b) in enumerate(pairwise(places)) if a == b]
     if timing["speed"] is not None and still:
         points[still[0] + 1].fail("is where the point before is; allowed: another point, or times instead of speed")
-    return {
-        "frame": table.text("frame"),
-        "points": tuple(places),
-        "rpy": tuple(turns) if turned else None,
-        "orientation": table.choice("orientation"),
-        **timing,
-        "begin": table.number("begin"),
-    }
+    found = {key: table.value(key) for key in ("frame", "orientation", "begin")}
+    return {**found, "points": tuple(places), "rpy": tuple(turns) if turned else None, **timing}
 
 
 def _file(table: Table, folder: Path | None, key: str = "file") -> str:
@@ -92,10 +82,9 @@ def read_sampled(table: Table, folder: Path | None) -> dict[str, Any]:
 
 
 def _line(table: Table, _: Path | None) -> dict[str, Any]:
-    ends = {key: table.vector(key) for key in ("from", "to")}
-    if ends["from"] == ends["to"]:
+    if table.vector("from") == table.vector("to"):
         table.fail(f"got {show(table.values['to'])}, where the line begins; allowed: another point", "to")
-    return {"frame": table.text("frame"), **ends, "orientation": _orientation(table), **_span(table)}
+    return {**table.given(), "orientation": _orientation(table)}
 
 
 def _orientation(table: Table) -> Any:
@@ -105,8 +94,7 @@ def _orientation(table: Table) -> Any:
         return found
     if not found.values:
         found.fail("got an empty table; allowed: from, to, or both")
-    ends = {key: found.vector(key) for key in ("from", "to")}
-    return {key: rpy for key, rpy in ends.items() if rpy is not None}
+    return found.given()
 
 
 def _circle(table: Table, _: Path | None) -> dict[str, Any]:
@@ -120,15 +108,9 @@ def _circle(table: Table, _: Path | None) -> dict[str, Any]:
         table.fail(
             f"got {show(table.values['from'])}; allowed: a point in the plane through center, across normal", "from"
         )
-    angle = table.number("angle")
-    if angle == 0.0:
+    if table.number("angle") == 0.0:
         table.fail("got 0; allowed: an angle in rad other than 0", "angle")
-    ends = {"center": tuple(center), "normal": tuple(normal), "from": tuple(start)}
-    return {"frame": table.text("frame"), **ends, "angle": angle, "orientation": _orientation(table), **_span(table)}
-
-
-def _nothing(_: Table, __: Path | None) -> dict[str, Any]:
-    return {}
+    return {**table.given(), "orientation": _orientation(table)}
 
 
 def time_table(table: Table, folder: Path | None, columns: Sequence[str] | None) -> TimeTable:
@@ -149,25 +131,12 @@ def _torque(table: Table, folder: Path | None) -> dict[str, Any]:
     return {"table": time_table(table, folder, names), "saturate": table.boolean("saturate")}
 
 
-def _pd(table: Table, _: Path | None) -> dict[str, Any]:
-    return {
-        "kp": table.value("kp"),
-        "kd": table.value("kd"),
-        "gravity": table.boolean("gravity"),
-        "saturate": table.boolean("saturate"),
-    }
-
-
-def _computed(table: Table, _: Path | None) -> dict[str, Any]:
-    return {"bandwidth": table.number("bandwidth"), "saturate": table.boolean("saturate")}
-
-
 MOTION_READERS = {
-    "point_to_point": _point_to_point,
+    "point_to_point": _given,
     "via": _via,
     "sampled": read_sampled,
     "line": _line,
     "circle": _circle,
     "spline": _spline,
 }
-CONTROL_READERS = {"none": _nothing, "torque": _torque, "pd": _pd, "computed_torque": _computed}
+CONTROL_READERS = {"none": _given, "torque": _torque, "pd": _given, "computed_torque": _given}

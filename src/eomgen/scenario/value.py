@@ -6,7 +6,7 @@ What it says about joints, links and frames is checked when it meets a robot (``
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
 from types import MappingProxyType
@@ -16,7 +16,9 @@ import numpy as np
 
 from ..errors import InputError
 from ..forms.toml_place import refusal
+from ..integration.plan import IntegratorOptions
 from ..motion.timetable import TimeTable
+from ..names import nearest, show
 from ..robot.geometry import Vector
 
 
@@ -87,13 +89,10 @@ class Payload:
 
 
 @dataclass(frozen=True)
-class Integrator:
-    """Method and tolerances of ``eomgen.integration.integrate``; None is its default."""
+class Integrator(IntegratorOptions):
+    """Integrator of a scenario, whose absolute tolerance is one number."""
 
-    method: str = "auto"
-    rtol: float = 1e-6
     atol: float | None = None
-    step: float | None = None
 
 
 @dataclass(frozen=True)
@@ -130,6 +129,10 @@ class Scenario:
         if not self.source:
             raise InputError(f"{self.label(key)}: {message}")
         raise refusal(message, key, self.source, self.text)
+
+    def refuse(self, key: str, name: str, known: Iterable[str], what: str = "is unknown") -> NoReturn:
+        """Raise the error of a key whose name is not among the known ones."""
+        self.fail(key, f"{show(name)}{nearest(name, known)} {what}; allowed: {', '.join(known) or 'none'}")
 
     def as_dict(self) -> dict[str, Any]:
         """Everything but where the file stands, as values that JSON holds; tables of files are in it."""

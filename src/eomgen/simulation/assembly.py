@@ -11,12 +11,12 @@ import numpy as np
 
 from ..arrays import Array
 from ..errors import InputError
-from ..integration.plan import EXPLICIT, IN_C
+from ..integration.methods import EXPLICIT, IN_C
 from ..integration.until import Until
 from ..motion.point_to_point import Program
 from ..motion.splines import Standstill, signal_of
 from ..motion.timetable import TimeTable
-from ..names import joint_of, listed, nearest, show, split_component
+from ..names import joint_of, listed, nearest, split_component
 from ..pipeline.ahead import Ahead
 from ..pipeline.closing import mechanism_kernels
 from ..pipeline.stages import build, build_groups
@@ -355,10 +355,10 @@ def _torque(robot: Robot, scenario: Scenario, table: TimeTable, kernel: Kernel) 
     """Columns by the coordinates that they drive; a joint's name alone stands for its motor, if there is one."""
     places = names_in_scenarios(robot)
     places |= {joint_of(motor): motor for motor in kernel.motors}
+    free = [name for name in places if places[name] not in kernel.prescribed]
     for name in table.columns:
-        if name not in places or places[name] in kernel.prescribed:
-            known = ", ".join(x for x in places if places[x] not in kernel.prescribed)
-            scenario.fail("control", f"{show(name)}{nearest(name, places)} cannot be driven; allowed: {known}")
+        if name not in free:
+            scenario.refuse("control", name, free, "cannot be driven")
     return TableTorque(table, index_of(kernel.coordinates, [places[name] for name in table.columns]))
 
 

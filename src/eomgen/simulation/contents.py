@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -138,12 +138,6 @@ def _is_held(name: str) -> bool:
     return is_identifier(owner) and (not kind or (len(kind) == 1 and kind[0] in UNITS))
 
 
-def meta_data(meta: Meta) -> dict[str, Any]:
-    """Plain values of a meta, as JSON holds them."""
-    values = {item.name: getattr(meta, item.name) for item in fields(Meta)}
-    return values | {key: [asdict(x) for x in values[key]] for key in ("contacts", "rests")}
-
-
 def check_contents(meta: Meta, arrays: Mapping[str, NDArray[Any]], where: str) -> dict[str, Any]:
     """Arrays as they are declared, names as tuples; those that are not declared are left out.
 
@@ -214,7 +208,8 @@ def _check_coordinates(meta: Meta, found: Mapping[str, Any], where: str) -> None
     cuts = (name for name in _cut_names(meta.description) if "." in name)
     journals = {component_name(joint_of(name), RADIAL) for name in (*coordinates, *cuts)}
     contacts = dict.fromkeys(contact.coordinate for contact in meta.contacts if contact.coordinate not in journals)
-    known = (*coordinates, *_cut_names(meta.description), *_follower_names(meta.description))
+    followers = (str(coupling.get("of")) for coupling in _tables(meta.description, "couplings"))
+    known = (*coordinates, *_cut_names(meta.description), *followers)
     for key, names, allowed in (
         ("array program_coordinates", found["program_coordinates"], coordinates),
         ("prescribed", meta.prescribed, coordinates),
@@ -236,20 +231,14 @@ def _cut_names(description: Mapping[str, Any]) -> tuple[str, ...]:
 
     What is not of the record's form has none.
     """
-    loops, couplings = (
-        [item for item in items if isinstance(item, Mapping)] if isinstance(items, Sequence) else []
-        for items in (description.get("loops", ()), description.get("couplings", ()))
-    )
-    cuts = [(loop.get("name"), loop.get("coordinates")) for loop in loops]
+    cuts = [(loop.get("name"), loop.get("coordinates")) for loop in _tables(description, "loops")]
     found = [f"{name}.{kind}" for name, kinds in cuts if isinstance(kinds, Mapping) for kind in kinds]
-    return (*found, *(str(coupling.get("name")) for coupling in couplings))
+    return (*found, *(str(coupling.get("name")) for coupling in _tables(description, "couplings")))
 
 
-def _follower_names(description: Mapping[str, Any]) -> tuple[str, ...]:
-    """Names of what may follow coordinates of a recorded robot, and comes to stops as these do."""
-    couplings = description.get("couplings", ())
-    rules = couplings if isinstance(couplings, Sequence) else ()
-    return tuple(str(rule.get("of")) for rule in rules if isinstance(rule, Mapping))
+def _tables(description: Mapping[str, Any], key: str) -> list[Mapping[str, Any]]:
+    items = description.get(key, ())
+    return [item for item in items if isinstance(item, Mapping)] if isinstance(items, Sequence) else []
 
 
 def _check_names(where: str, key: str, names: Sequence[str], is_allowed: Any, rule: str) -> None:

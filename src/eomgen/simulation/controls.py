@@ -39,46 +39,42 @@ class Control(Protocol):
         """The same for integrations in C; None where only Python knows it."""
 
 
-@dataclass(frozen=True, eq=False)
-class NoControl:
-    """No drives."""
+class _OpenLoop(Control):
+    """Drives that do not answer to the state."""
 
     batched = True
 
-    def __call__(self, t: float, q: Array, v: Array) -> Array:
-        return np.zeros_like(q)
-
     def slopes(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
         """Derivatives by q and v, (n, n) each: zero."""
-        return _flat(q)
+        nothing = np.zeros((q.size, q.size))
+        return nothing, nothing
 
     def resting(self) -> Control:
         return self
+
+
+class NoControl(_OpenLoop):
+    """No drives."""
+
+    def __call__(self, t: float, q: Array, v: Array) -> Array:
+        return np.zeros_like(q)
 
     def load_data(self) -> DriveData:
         return DriveData()
 
 
 @dataclass(frozen=True, eq=False)
-class TableTorque:
+class TableTorque(_OpenLoop):
     """Forces or torques of a table over time, of the coordinates at ``index``, (k,); ``effort`` as of ``clipped``."""
 
     table: TimeTable
     index: Index
     effort: Array | None = None
-    batched = True
 
     def __call__(self, t: float, q: Array, v: Array) -> Array:
         u = np.zeros_like(q)
         u[..., self.index] = self.table.at(t)
         return clipped(u, self.effort)
-
-    def slopes(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
-        """Derivatives by q and v, (n, n) each: zero."""
-        return _flat(q)
-
-    def resting(self) -> Control:
-        return self
 
     def load_data(self) -> DriveData:
         return DriveData(torque=Track(self.table.as_signal(), self.index), effort=self.effort)
@@ -87,11 +83,6 @@ class TableTorque:
 def clipped(u: Array, effort: Array | None) -> Array:
     """Return drives, (n,) or (N, n), within +- their efforts, (n,), infinite where there is none; None clips none."""
     return u if effort is None else np.minimum(np.maximum(u, -effort), effort)
-
-
-def _flat(q: Array) -> tuple[Array, Array]:
-    nothing = np.zeros((q.size, q.size))
-    return nothing, nothing
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,6 @@ import numpy as np
 from ..arrays import Array
 from ..errors import IntegrationError
 from ..loops.equilibrium import closed_equilibrium
-from ..names import nearest, show
 from ..robot.coordinates import force_unit_of, index_of
 from ..robot.mechanism import leading_home
 from ..robot.parameter_names import CUT_BEARINGS, CUTS
@@ -53,10 +52,7 @@ def initial_state(robot: Robot, scenario: Scenario, assembly: Assembly) -> tuple
     held = initial.held if initial else ()
     for name in held:
         if name not in names_in_scenarios(robot):
-            known = ", ".join(kernel.coordinates)
-            scenario.fail(
-                "initial.held", f"{show(name)}{nearest(name, kernel.coordinates)} is unknown; allowed: {known}"
-            )
+            scenario.refuse("initial.held", name, kernel.coordinates)
     loose = _loose(robot, assembly)
     still = {*loose, *(names_in_scenarios(robot)[name] for name in held)}
     return _balanced(robot, scenario, assembly, q, still), v, loose

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..arrays import Array
-from ..names import nearest, parameter_name, show
+from ..names import parameter_name
 from ..robot.model import build_model
 from ..robot.value import INERTIA_KEYS, Link, Robot
 from ..runtime.kernel import Kernel
@@ -23,11 +23,7 @@ def check_loads(scenario: Scenario, robot: Robot) -> None:
     for key in ("wrenches", "payloads"):
         for i, load in enumerate(getattr(scenario, key)):
             if load.link not in links:
-                known = ", ".join(links)
-                scenario.fail(
-                    f"{key}[{i}].link",
-                    f"{show(load.link)}{nearest(load.link, links)} is no moving link; allowed: {known}",
-                )
+                scenario.refuse(f"{key}[{i}].link", load.link, links, "is no moving link")
 
 
 class Wrenches:

@@ -15,7 +15,6 @@ from ..motion.files import MeasuredMotion, read_motion
 from ..motion.point_to_point import PointToPoint, Program
 from ..motion.splines import Columns, Spline
 from ..motion.tool_path import Orientation, ToolCircle, ToolLine, ToolSpline
-from ..names import nearest, show
 from ..robot.coordinates import coordinate_names
 from ..robot.geometry import Vector, rotation_from_rpy
 from ..robot.value import Robot
@@ -36,8 +35,7 @@ class PrescribedMotion:
 
         def take(name: str, key: str) -> int:
             if name not in given:
-                known = ", ".join(given) or "none"
-                scenario.fail(key, f"{show(name)}{nearest(name, given)} is no prescribed coordinate; allowed: {known}")
+                scenario.refuse(key, name, given, "is no prescribed coordinate")
             if name in seen:
                 scenario.fail(key, f"the motion of {name} is given before, by {seen[name]}; allowed: once")
             seen[name] = key
@@ -137,7 +135,8 @@ def make_program(
         points[:, [driven.index(name) for name in names]] = motion.q[:, [motion.coordinates.index(n) for n in names]]
         return Spline(motion.t, points, at_rest=False)
     guess = start if robot.is_closed else (start + goal) / 2  # where loops are known to close
-    if _has_orientation(section):  # which is to be that of the pose from which the scenario begins, as far as it says
+    turned = section.get("orientation") is not None or section.get("rpy") is not None
+    if turned:  # its orientation is to be that of the pose from which the scenario begins, as far as it says
         guess = np.where([name in given for name in driven], start, guess)
     model = rigid()
     guesses = dict(zip(driven, guess, strict=True)) | {
@@ -166,10 +165,6 @@ def _times(section: Section, distances: Sequence[float]) -> Array:
     return np.asarray(section.get("begin", 0.0) + np.concatenate([[0.0], np.cumsum(spans)]))
 
 
-def _has_orientation(section: Section) -> bool:
-    return section.get("orientation") is not None or section.get("rpy") is not None
-
-
 def _tool_program(
     scenario: Scenario,
     section: Section,
@@ -182,10 +177,7 @@ def _tool_program(
 ) -> Program:
     frame = section.get("frame", tool)
     if frame not in rigid.frames:
-        scenario.fail(
-            "motion.frame",
-            f"{show(frame)}{nearest(frame, rigid.frames)} is unknown; allowed: {', '.join(rigid.frames)}",
-        )
+        scenario.refuse("motion.frame", frame, rigid.frames)
     where = np.array([guesses.get(name, 0.0) for name in rigid.coordinates])
     limits = limits_beside(robot, rigid.coordinates, driven, where)
     index = np.array([rigid.coordinates.index(name) for name in driven], dtype=np.intp)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -17,21 +17,19 @@ from ..description.recorded import robot_from_record
 from ..errors import InputError, UnknownNameError
 from ..forms.plain import printable
 from ..integration.contacts import STOP, Contact
-from ..integration.resting import Rest
-from ..integration.trajectory import Trajectory
+from ..integration.trajectory import Trajectory, motion_columns
 from ..names import kind_of, listed, nearest, show
 from ..npz import read_npz
-from ..results.contents import FORMAT, META, plain_of, write_npz
-from ..robot.coordinates import force_unit_of, index_of, unit_of
+from ..results.contents import FORMAT, META, as_plain, plain_fields, plain_of, write_npz
+from ..robot.coordinates import index_of, unit_of
 from ..robot.model import build_model
 from ..robot.record import robot_hash
 from ..robot.value import MOTOR, Robot
 from ..scenario.recorded import scenario_from_record
 from ..shown import Shown
-from ..state.turning import quaternion_columns
 from ..tabular import AXES, Rows, TableColumn, Tabular
 from .balance import TERMS, EnergyBalance
-from .contents import ARRAYS, BALANCE, DERIVED, RESULT, TRAJECTORY, Meta, check_contents, meta_data, meta_of
+from .contents import ARRAYS, BALANCE, DERIVED, RESULT, TRAJECTORY, Meta, check_contents, meta_of
 
 WHOLE = ("steps", "evaluations", "jacobians", "redundant")  # numbers of a trajectory's ``info``
 
@@ -230,12 +228,7 @@ class SimulationResult(Shown, Tabular):
 
     def _series(self) -> dict[str, tuple[str, Array]]:
         motion = self.trajectory
-        found: dict[str, tuple[str, Array]] = {}
-        for i, name in enumerate(motion.coordinates):
-            unit = unit_of(name)
-            found[name], found[f"{name}.rate"] = (unit, motion.q[:, i]), (f"{unit}/s", motion.v[:, i])
-            found[f"{name}.drive"] = (force_unit_of(name), motion.u[:, i])
-        found |= {name: ("", values) for name, values in quaternion_columns(motion.coordinates, motion.q).items()}
+        found = motion_columns(motion)
         for i, name in enumerate(self.program_coordinates if self.programmed else ()):
             found[f"{name}.program"] = (unit_of(name), self.program_q[:, i])
         found[f"{self.tool}.position"] = ("m", self.pose[:, :3, 3])
@@ -243,10 +236,8 @@ class SimulationResult(Shown, Tabular):
         found[f"{self.tool}.rotation"] = ("rad", self.tool_rotation)
         for i, link in enumerate(self.links if self.wrench is not None else ()):
             assert self.wrench is not None
-            found[f"{link}.force"], found[f"{link}.moment"] = (
-                ("N", self.wrench[:, i, :3]),
-                ("N m", self.wrench[:, i, 3:]),
-            )
+            found[f"{link}.force"] = ("N", self.wrench[:, i, :3])
+            found[f"{link}.moment"] = ("N m", self.wrench[:, i, 3:])
         found["energy.kinetic"], found["energy.potential"] = (("J", column) for column in motion.energy.T)
         if self.balance is not None:
             found |= {f"work.{term}": ("J", self.balance.of(term)) for term in TERMS}
@@ -282,17 +273,10 @@ class SimulationResult(Shown, Tabular):
         texts = [item.name for item in ARRAYS if item.of is str]
         arrays = {name: np.asarray(x, str if name in texts else None) for name, x in given.items() if x is not None}
         whose = {item.name: owners[item.metadata.get("owner", RESULT)] for item in fields(Meta)}
-        plain = {name: _plain(getattr(owner, name)) for name, owner in whose.items()}
-        meta = meta_of(plain, "the result cannot be saved")
+        values = {name: as_plain(getattr(owner, name)) for name, owner in whose.items()}
+        meta = meta_of(values, "the result cannot be saved")
         check_contents(meta, arrays, "the result cannot be saved")
-        return write_npz(path, {"format": FORMAT, **meta_data(meta)}, arrays)
-
-
-def _plain(value: Any) -> Any:
-    """Values without proxies; contacts and rests as tables."""
-    if isinstance(value, Mapping):
-        return dict(value)
-    return [asdict(x) if isinstance(x, (Contact, Rest)) else x for x in value] if isinstance(value, tuple) else value
+        return write_npz(path, {"format": FORMAT, **plain_fields(meta)}, arrays)
 
 
 def _largest(names: Sequence[str], values: Array, unit: str) -> dict[str, Any] | None:

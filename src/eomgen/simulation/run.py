@@ -21,7 +21,8 @@ from .._version import __version__
 from ..arrays import Array
 from ..description import RobotLike, as_robot
 from ..errors import InputError, IntegrationStopped
-from ..integration.plan import EXPLICIT, IntegratorPlan, plan_integration, refuse_unknown
+from ..integration.methods import EXPLICIT
+from ..integration.plan import IntegratorPlan, plan_integration
 from ..integration.steps import output_times
 from ..integration.trajectory import Trajectory
 from ..integration.until import Until
@@ -92,7 +93,7 @@ def simulate(  # noqa: PLR0913
         raise InputError(f"duration: {show(duration)} s; a time above 0, up to {LARGEST:g}, is allowed")
     if output_step is not None and not (is_usable(output_step) and output_step > 0.0):
         raise InputError(f"output_step: {show(output_step)} s; a time above 0, up to {LARGEST:g}, is allowed")
-    refuse_unknown(method)  # before anything is built
+    integrator = Integrator(method, rtol, None, step)
     if motion is not None and (start is not None or goal is not None):
         raise InputError("motion is given together with start or goal; allowed: one of them")
     ends = {key: value for key, value in (("start", start), ("goal", goal)) if value is not None}
@@ -102,7 +103,7 @@ def simulate(  # noqa: PLR0913
         frame=tool,
         motion=Section("point_to_point", ends) if motion is None else Section("program", {"program": motion}),
         control=Section("computed_torque", {"bandwidth": float(bandwidth)}),
-        integrator=Integrator(method, rtol, None, step),
+        integrator=integrator,
     )
     return run_scenario(robot, scenario, progress=progress)
 
@@ -157,7 +158,8 @@ def run_assembly(
     plan = plan_of(assembly, scenario, q0)
     options = SegmentOptions(plan, report, opened, balance, assembly.until)
     found = run_segments(kernel, robot, scenario, loads, q0, v0, options)
-    t, q = found.trajectory.t, found.trajectory.q
+    motion = found.trajectory
+    t, q = motion.t, motion.q
     driven = index_of(kernel.coordinates, assembly.driven)
     program_q = q[:, driven] if assembly.shown is None else assembly.shown.at(t)[0]
     rigid_q = np.zeros_like(q)
@@ -169,17 +171,17 @@ def run_assembly(
     elif kernel.constraints:
         rigid_q = q
     notes = [
-        *_method_note(found.trajectory, plan),
+        *_method_note(motion, plan),
         *_assumptions(robot, loose, scenario, assembly),
         *_beyond_stops(kernel, q0),
-        *_beyond_limits(robot, found.trajectory),
-        *_clipped_note(assembly, found.trajectory),
+        *excess_notes("the motion", excesses(robot, kernel.coordinates, t=t, q=q, v=motion.v, u=motion.u)),
+        *_clipped_note(assembly, motion),
         None if found.balance is None else found.balance.note(),
-        *_end_note(assembly.until, found.trajectory),
+        *_end_note(assembly.until, motion),
     ]
     result = SimulationResult(
         robot=robot.name,
-        trajectory=found.trajectory,
+        trajectory=motion,
         program_coordinates=assembly.driven,
         program_q=program_q,
         tool=tool,
@@ -213,7 +215,7 @@ def loads_of(assembly: Assembly) -> Loads:
 def plan_of(assembly: Assembly, scenario: Scenario, q: Array | None = None) -> IntegratorPlan:
     """Return the plan of an assembly's motion from q, (n,); errors as ``plan_integration``."""
     loads = assembly.drive, assembly.wrenches, assembly.prescribed
-    return plan_integration(assembly.kernel, loads=loads, q=q, duration=scenario.duration, **vars(scenario.integrator))
+    return plan_integration(assembly.kernel, scenario.integrator, loads, q, scenario.duration)
 
 
 def _passive(robot: Robot, assembly: Assembly) -> tuple[str, ...]:
@@ -252,7 +254,8 @@ def _method_note(motion: Trajectory, plan: IntegratorPlan) -> tuple[str, ...]:
 
 def _assumptions(robot: Robot, loose: tuple[str, ...], scenario: Scenario, assembly: Assembly) -> tuple[str, ...]:
     notes, programmed = [], assembly.program is not None
-    undisturbed = programmed and not scenario.wrenches and not scenario.payloads and _computed(scenario)
+    computed = scenario.control is None or scenario.control.type == "computed_torque"
+    undisturbed = programmed and computed and not scenario.wrenches and not scenario.payloads
     if undisturbed and assembly.facts.is_rigid:
         notes.append("no joint has a deviation: what the tool is off by is the integration's error")
     free = [joint.name for joint in robot.joints if joint.type == "free"]
@@ -280,12 +283,6 @@ def _beyond_stops(kernel: Kernel, q: Array) -> Iterator[str]:
             yield f"{name} starts at {place:.6g} {unit}, beyond its {side} stop at {stop:.6g} {unit}"
 
 
-def _beyond_limits(robot: Robot, motion: Trajectory) -> tuple[str, ...]:
-    """A line about limits that the motion or its drives exceed."""
-    found = excesses(robot, motion.coordinates, t=motion.t, q=motion.q, v=motion.v, u=motion.u)
-    return excess_notes("the motion", found)
-
-
 def _clipped_note(assembly: Assembly, motion: Trajectory) -> tuple[str, ...]:
     """A line about drives that were clipped, and for how many of the samples."""
     effort: Array | None = getattr(assembly.drive, "effort", None)
@@ -299,7 +296,3 @@ def _clipped_note(assembly: Assembly, motion: Trajectory) -> tuple[str, ...]:
             limit = f"{names[i]} at {effort[i]:.4g} {force_unit_of(names[i])}"
             parts.append(f"{limit}, {share:.0f} % of samples, first at {first:.4g} s")
     return (f"drives were clipped: {'; '.join(parts)}",) if parts else ("no drive was clipped at a sample",)
-
-
-def _computed(scenario: Scenario) -> bool:
-    return scenario.control is None or scenario.control.type == "computed_torque"

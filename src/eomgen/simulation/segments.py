@@ -25,6 +25,7 @@ from ..integration.until import Until
 from ..progress import Progress
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
+from ..runtime.stepping.given_loads import data_of
 from ..scenario.value import Scenario
 from ..state.vectors import MotionFunction
 from .balance import PARTS, TERMS, EnergyBalance, integrated, with_nodes, works
@@ -97,8 +98,7 @@ class _Between:
 
     def load_data(self) -> Any:
         """The function's data for integrations in C; None where only Python knows it."""
-        found: Callable[[], Any] | None = getattr(self.function, "load_data", None)
-        return None if found is None else found()
+        return data_of(self.function)
 
 
 def run_segments(
@@ -162,16 +162,11 @@ def run_segments(
 
 def joined_info(before: Mapping[str, float], part: Mapping[str, float]) -> dict[str, float]:
     """A trajectory's ``info`` over two pieces: of ``margin`` the least, with its time."""
-    found = {key: _joined(key, before.get(key, 0), value) for key, value in part.items()}
+    found = {key: max(before.get(key, 0), x) if key in GREATEST else before.get(key, 0) + x for key, x in part.items()}
     if "margin" in part:
         nearest = min((each for each in (before, part) if "margin" in each), key=lambda each: each["margin"])
         found |= {key: nearest[key] for key in ("margin", "margin_at")}
     return found
-
-
-def _joined(key: str, before: float, value: float) -> float:
-    """A number of a trajectory's ``info`` over two pieces: the greater gap, say, and counts together."""
-    return max(before, value) if key in GREATEST else before + value
 
 
 def _good_rows(whole: dict[str, Array]) -> dict[str, Array]:

@@ -13,7 +13,8 @@ import numpy as np
 from ..arrays import Array, Mask
 from ..errors import EomgenError
 from ..integration.compiled import per_step
-from ..integration.plan import IN_C, IntegratorPlan
+from ..integration.methods import IN_C
+from ..integration.plan import IntegratorPlan
 from ..integration.solve import system_of
 from ..integration.steps import output_times, tolerances
 from ..integration.system import System
@@ -107,32 +108,28 @@ class _Way:
     failed: bool = False
 
 
+@dataclass(frozen=True, eq=False)
 class _Crowd:
     """Motions that go side by side."""
 
-    def __init__(
-        self,
-        robot: Robot,
-        scenario: Scenario,
-        assemblies: Sequence[Assembly],
-        plan: IntegratorPlan,
-        grid: Array,
-        parts: Collection[str],
-    ) -> None:
-        self._robot, self._scenario, self._assemblies = robot, scenario, assemblies
-        self._plan, self._grid, self._parts = plan, grid, parts
+    robot: Robot
+    scenario: Scenario
+    assemblies: Sequence[Assembly]
+    plan: IntegratorPlan
+    grid: Array
+    parts: Collection[str]
 
     def motions(self, starts: Sequence[tuple[Array, Array]], tool: str) -> list[SimulationResult | None]:
         """The motions from these states; None of one that does not come to its end."""
         ways = [
             _Way(each, loads_of(each), *start, [], dict.fromkeys(IN_C, 0.0))
-            for each, start in zip(self._assemblies, starts, strict=True)
+            for each, start in zip(self.assemblies, starts, strict=True)
         ]
         times = []
-        for begin, end in pairwise(bounds(self._scenario, ways[0].loads, self._grid)):
-            here = piece_times((begin, end), self._grid)
-            keep = np.isin(here, self._grid)
-            keep[-1] = end == self._scenario.duration  # else the next piece begins with this sample
+        for begin, end in pairwise(bounds(self.scenario, ways[0].loads, self.grid)):
+            here = piece_times((begin, end), self.grid)
+            keep = np.isin(here, self.grid)
+            keep[-1] = end == self.scenario.duration  # else the next piece begins with this sample
             times.append(here[keep])
             self._piece([way for way in ways if not way.failed], here, keep)
         t = np.concatenate(times)
@@ -142,7 +139,7 @@ class _Crowd:
 
     def _piece(self, ways: Sequence[_Way], times: Array, keep: Mask) -> None:
         """Go on with motions over a piece, whose samples are at these times, s; ``keep`` says which ones count."""
-        plan, shared = self._plan, None
+        plan, shared = self.plan, None
         systems: list[tuple[_Way, System, LoadData]] = []
         atols = []
         for way in ways:
@@ -173,17 +170,17 @@ class _Crowd:
 
     def _between(self, way: _Way, times: Array) -> tuple[Function, Function | None]:
         """Drives and wrenches of a piece."""
-        return between(way.loads, self._scenario, float(times[0]), float(times[-1]))
+        return between(way.loads, self.scenario, float(times[0]), float(times[-1]))
 
     def _begin(self, way: _Way, times: Array) -> tuple[System, Array] | None:
         """Begin a piece: its equations, and absolute tolerances; None where that is left to ``run_assembly``."""
-        kernel, plan, begin = way.assembly.kernel, self._plan, float(times[0])
-        kernel.parameters.update(loaded_parameters(self._robot, self._scenario, begin))
+        kernel, plan, begin = way.assembly.kernel, self.plan, float(times[0])
+        kernel.parameters.update(loaded_parameters(self.robot, self.scenario, begin))
         try:
             system = system_of(kernel, *self._between(way, times), way.loads.prescribed)
             movable = system.begin(begin, way.q.copy(), way.v.copy()).size
             system.prescribe(begin, way.q, way.v)
-            return (system, tolerances(system, way.q, plan.rtol, plan.atol)) if movable else None
+            return (system, tolerances(system, way.q, plan)) if movable else None
         except EomgenError:
             return None
 
@@ -191,13 +188,13 @@ class _Crowd:
         """Take the samples of a piece, (2, T, n); the last one is where the next piece begins."""
         kernel, (q, v) = way.assembly.kernel, samples
         rows = {"q": q, "v": v}
-        if DRIVES in self._parts or kernel.prescribed:  # which are put in place with them
+        if DRIVES in self.parts or kernel.prescribed:  # which are put in place with them
             function = kernel.raw.adaptive
             assert function is not None
             system.loaded = Packed(function.library, kernel.calls, data)
             rows["u"], trouble = system.forces_over(times, q, v)
             way.failed = trouble is not None
-        wrench = self._between(way, times)[1] if WRENCHES in self._parts else None
+        wrench = self._between(way, times)[1] if WRENCHES in self.parts else None
         if wrench is not None:
             rows["wrench"] = np.array([wrench(*state) for state in zip(times.tolist(), q, v, strict=True)])
         if way.failed:
@@ -213,15 +210,15 @@ class _Crowd:
         }
         q, v, nothing = whole["q"], whole["v"], np.empty((0, kernel.n))
         info = {"steps": way.steps, "implicit_s": way.spans["rosenbrock"]}
-        method = self._plan.leading(info, float(t[-1]))
+        method = self.plan.leading(info, float(t[-1]))
         driven = index_of(kernel.coordinates, assembly.driven)
         return SimulationResult(
-            robot=self._robot.name,
+            robot=self.robot.name,
             trajectory=Trajectory(t, q, v, whole.get("u", nothing), np.empty((0, 2)), kernel.coordinates, method, info),
             program_coordinates=assembly.driven,
             program_q=q[:, driven] if programmed is None else programmed,
             tool=tool,
-            pose=np.asarray(kernel.frame_pose(q, tool)) if POSE in self._parts else np.empty((0, 4, 4)),
+            pose=np.asarray(kernel.frame_pose(q, tool)) if POSE in self.parts else np.empty((0, 4, 4)),
             program_pose=np.empty((0, 4, 4)),
             notes=(),
             versions=MappingProxyType({}),

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from eomgen.runtime.stepping.options import ADAPTIVE as STEPPERS
+from eomgen.runtime.stepping.options import FIXED
+
 VERSIONS = (2, 3)  # of FMI
 AUTO = "auto"  # of ADAPTIVE, the one that leads on further for its cost
-ADAPTIVE = (AUTO, "rosenbrock", "tsit5")  # methods whose steps the error controls
-METHODS = (*ADAPTIVE, "rk4", "implicit")  # of co-simulation; but for AUTO those of ``Kernel.rollout``
+ADAPTIVE = (AUTO, *STEPPERS)  # methods whose steps the error controls
+METHODS = (*ADAPTIVE, *FIXED)  # of co-simulation; but for AUTO those of ``Kernel.rollout``

@@ -164,5 +164,5 @@ def _refused(source: str, text: str, keys: Sequence[str], where: str, message: s
     where = where if where.isascii() and where.isprintable() else ascii(where)
     error = DescriptionError(message, where=where, source=source, path=tuple(keys))
     if text:
-        locate(error, text, parse_toml(text, source))
+        locate([error], text, parse_toml(text, source))
     return error
