@@ -15,8 +15,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from ..tree.frozen_joints import JointGeometry, unit
-from ..tree.recursion import NO_WRENCH, ZERO, Wrench
-from ..tree.spatial import Scalar, Vec, add, dot, is_zero, matvec, scale
+from ..tree.recursion import NO_WRENCH, Wrench
+from ..tree.spatial import ZERO, Scalar, Vec, add, dot, is_zero, matvec, scale
 from .articulated import Articulated, inverse_or_zero, less, symmetric, with_row
 from .rows import Entries
 

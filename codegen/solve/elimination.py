@@ -21,8 +21,8 @@ from eomgen.robot.model import FIXED_BODY, Model
 
 from ..tree.bound import Bound
 from ..tree.frozen_joints import JointGeometry, unit
-from ..tree.recursion import NO_WRENCH, ZERO, Acceleration, Note, Wrench, acceleration, no_note
-from ..tree.spatial import Mat, Scalar, Vec, add, cross, dot, is_zero, matmul, matvec, scale, transpose
+from ..tree.recursion import NO_WRENCH, Acceleration, Note, Wrench, acceleration, no_note
+from ..tree.spatial import ZERO, Mat, Scalar, Vec, add, cross, dot, is_zero, matmul, matvec, scale, sum_mat, transpose
 from .articulated import (
     NOTHING,
     Articulated,
@@ -33,7 +33,6 @@ from .articulated import (
     inverse_or_zero,
     less,
     rows_scaled,
-    sum_mat,
     symmetric,
     to_parent,
     turned,

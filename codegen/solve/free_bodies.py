@@ -24,8 +24,8 @@ from eomgen.robot.value import COORDINATES
 
 from ..tree.bound import Bound
 from ..tree.frozen_joints import JointGeometry, unit
-from ..tree.recursion import ZERO, Acceleration, Wrench, acceleration
-from ..tree.spatial import Mat, PseudoInertia, Scalar, Vec, add, cross, dot, is_zero, matvec, scale, transpose
+from ..tree.recursion import Acceleration, Wrench, acceleration
+from ..tree.spatial import ZERO, Mat, PseudoInertia, Scalar, Vec, add, cross, dot, is_zero, matvec, scale, transpose
 from .articulated import (
     NOTHING,
     Articulated,

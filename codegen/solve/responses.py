@@ -13,8 +13,8 @@ from typing import Protocol
 from eomgen.robot.model import FIXED_BODY
 
 from ..tree.frozen_joints import unit
-from ..tree.recursion import NO_WRENCH, ZERO, Wrench
-from ..tree.spatial import Scalar, Vec, add, along, cross, dot, is_zero, matvec, scale, transpose
+from ..tree.recursion import NO_WRENCH, Wrench
+from ..tree.spatial import ZERO, Scalar, Vec, add, along, cross, dot, is_zero, matvec, scale, transpose
 from .coupled import Coupled
 from .elimination import Elimination
 from .factorised import Factors

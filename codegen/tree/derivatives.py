@@ -27,7 +27,6 @@ from .bound import Bound
 from .composite import Momentum, Rows, front, momentum, momentum_to_parent, rotated, rotated_momentum, to_parent
 from .frozen_joints import JointGeometry, unit
 from .recursion import (
-    ZERO,
     Acceleration,
     Note,
     Velocity,
@@ -38,7 +37,7 @@ from .recursion import (
     rotational_inertia,
     through_joint_back,
 )
-from .spatial import Mat, PseudoInertia, Scalar, Vec, add, cross, dot, matvec, scale, transpose
+from .spatial import ZERO, Mat, PseudoInertia, Scalar, Vec, add, cross, dot, matvec, scale, transpose
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,8 @@ from eomgen.robot.value import MOTOR
 from .bound import Bound, bind
 from .composite import turned
 from .frozen_joints import JointGeometry, unit
-from .recursion import ZERO, Acceleration, Note, accelerations, no_note
-from .spatial import Mat, Scalar, Vec, add, cross, dot, matmul, matvec, transpose
+from .recursion import Acceleration, Note, accelerations, no_note
+from .spatial import ZERO, Mat, Scalar, Vec, add, cross, dot, matmul, matvec, transpose
 
 INERTIAL = ("m", "mx", "my", "mz", "ixx", "ixy", "ixz", "iyy", "iyz", "izz")  # of a link, in the order of columns
 Motion = tuple[Vec, Vec]  # per unit rate of a coordinate: angular velocity, velocity of a frame's origin
