@@ -144,7 +144,7 @@ class Bound:
     laws: tuple[BoundLaw, ...]
     armature: tuple[Scalar, ...]
     angle_offsets: tuple[Scalar, ...]
-    at_rest: Vec = (0.0, 0.0, 0.0)
+    at_rest: Vec = ZERO
     cuts: Cuts = ()
     transmissions: Mapping[int, BoundTransmission] = field(default_factory=dict)
     elements: Mapping[str, tuple[BoundElement, ...]] = field(default_factory=dict)

@@ -14,7 +14,7 @@ from eomgen.robot.model import Model
 from ..joint.facts import FrozenStep
 from ..joint.kept import KEPT
 from .bound import Bound
-from .spatial import Mat, Scalar, Vec, add, matvec
+from .spatial import ZERO, Mat, Scalar, Vec, add, mat3, matvec, vec3
 
 
 def freeze(coordinate: str) -> FrozenStep:
@@ -48,9 +48,7 @@ class JointGeometry:
 
 def unit(axis: int, length: Scalar = 1.0) -> Vec:
     """Vector along an axis."""
-    entries: list[Scalar] = [0.0, 0.0, 0.0]
-    entries[axis] = length
-    return (entries[0], entries[1], entries[2])
+    return vec3(length if i == axis else 0.0 for i in range(3))
 
 
 def geometry(
@@ -63,7 +61,7 @@ def geometry(
     joints = []
     for body, numbers in zip(model.bodies, bound.bodies, strict=True):
         steps = [(index, freeze(name)) for index, name in zip(body.indices, body.active, strict=True)]
-        shift: Vec = (0.0, 0.0, 0.0)
+        shift = ZERO
         rotations = []
         for index, frozen in steps:
             if frozen.is_rotation:
@@ -79,5 +77,4 @@ def geometry(
 
 
 def _evaluate(frozen: FrozenStep, sin: Scalar, cos: Scalar) -> Mat:
-    a, b, c = (tuple(one + s * sin + co * cos for one, s, co in row) for row in frozen.rotation)
-    return ((a[0], a[1], a[2]), (b[0], b[1], b[2]), (c[0], c[1], c[2]))
+    return mat3([one + s * sin + co * cos for one, s, co in row] for row in frozen.rotation)

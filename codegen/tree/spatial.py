@@ -100,6 +100,11 @@ def sum_mat(R: Mat, S: Mat) -> Mat:
     return (add(R[0], S[0]), add(R[1], S[1]), add(R[2], S[2]))
 
 
+def trace(S: Mat) -> Scalar:
+    """Sum of the diagonal."""
+    return S[0][0] + S[1][1] + S[2][2]
+
+
 def about(axis: int, sine: Scalar, cosine: Scalar) -> Mat:
     """Rotation matrix about x, y or z."""
     if axis == 0:
