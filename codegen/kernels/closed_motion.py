@@ -113,7 +113,6 @@ def row_kinds(model: Model, program: Program) -> list[int]:
     """Give every row of the constraint a number for rows of its kind; -1 where nothing that is not prescribed moves it.
 
     Args:
-        model: a robot with constraints.
         program: its closing_derivatives, of which the first block of every loop is that of J.
     """
     kinds, number, at = list[int](), dict[tuple[str, bool], int](), 0

@@ -149,13 +149,7 @@ BACKWARDS: Mapping[str, Signature] = {  # programs that only gradients and sensi
 def derivative_shapes(
     kernels: Mapping[str, Signature], shapes: Mapping[str, Shape], parameters: int
 ) -> dict[str, Shape]:
-    """Shapes of the arrays that derivatives read and write beside those of the kernels.
-
-    Args:
-        kernels: derivatives, as of ``differentiated``.
-        shapes: of the arrays of the kernels that they are of.
-        parameters: number of run-time parameters.
-    """
+    """Shapes of what derivatives, as of ``differentiated``, read and write beside arrays of these shapes."""
     found: dict[str, Shape] = {}
     known = {RATES[array]: shapes[array] for array in RATES} | {WEIGHTS + array: shapes[array] for array in shapes}
     if parameters:

@@ -22,10 +22,6 @@ def describe_kernels(model: Model, kernels: Sequence[str], dtype: str) -> dict[s
 
     "kernels" and "functions" say what each reads and writes; users call the functions, which are the kernels but for
     those of the kind "frames", and ``RawFunction`` says what a kind means.
-
-    Args:
-        kernels: names of KERNELS.
-        dtype: of all arrays.
     """
     return {
         "generator": f"eomgen {__version__}",

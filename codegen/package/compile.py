@@ -139,11 +139,7 @@ def compile_flags(
     """Flags of a kernel's own C: ours, then those of $CFLAGS, then those that the call gives.
 
     Args:
-        compiler: with the flags of the environment.
-        native: for this very processor.
-        further: flags of the call.
         level: of processors, where the code is not native.
-        quick: with less work for the compiler.
 
     Raises:
         BuildError: a flag asks for arithmetic that is not IEEE's, or a response file cannot be read.
@@ -217,8 +213,6 @@ def write_package(source: Source, compiler: Compiler, flags: Sequence[str], fold
     """Write and compile the package of a kernel into an empty folder of its own.
 
     Args:
-        source, compiler, flags: what is compiled and how.
-        folder: of the package.
         level: of processors that the flags are for, or "native".
 
     Raises:

@@ -25,7 +25,6 @@ def tangent(
     Args:
         program: of which all outputs are differentiated but pivots, which say whether there are others, and stay.
         rates: names of the input arrays that move, with the name of the input array of their rates.
-        name: of the program that is made.
         lengths: of the first numbers of arrays that move, where others do not.
     """
     graph = Graph()

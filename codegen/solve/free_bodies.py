@@ -245,7 +245,6 @@ class FreeBodies:
         """Answer drives and a load at rest, where no body is coupled to another by an armature.
 
         Args:
-            push: drives, (n,).
             load: of what hangs on the body, at its origin in its axes.
 
         Returns:
@@ -336,11 +335,7 @@ def about_com(H: PseudoInertia) -> tuple[Vec, Mat]:
 
 
 def bodies_apart(model: Model, bound: Bound, *, alone: bool = False, coupled: Container[int] = ()) -> list[bool]:
-    """Find the bodies behind six coordinates whose children, all of that kind too, hand on no mass.
-
-    Args:
-        alone, coupled: as of ``FreeBodies``.
-    """
+    """Find the bodies behind six coordinates whose children, all of that kind too, hand on no mass."""
     free, given = [False] * len(model.bodies), frozenset(model.prescribed)
     for k in range(len(model.bodies) - 1, -1, -1):
         body = model.bodies[k]

@@ -21,8 +21,6 @@ class ReducedTree:
         """Solve for the accelerations, and put the motors' in.
 
         Args:
-            rotors: the motors, taken out.
-            followers: who follows whom.
             factors: of the matrix; of followers and motors their rows are those of the unit matrix.
             right: drives that are left, 0 of followers and motors; accelerations of prescribed coordinates.
         """

@@ -110,9 +110,7 @@ def refined(
         rows: what is wanted of the accelerations.
         pushing: the rows with arms of coordinates alone whose motion is not given.
         gaps: by which the rows' constraints are open, m or numbers.
-        rates: of the coordinates, (n,).
         rank: of the rows, but at singular poses; None where that is not known.
-        dtype: of the numbers that C computes with.
         call: (name, *arguments) -> value of an operation that is no arithmetic.
     """
     responses = [tree.respond(row) for row in pushing]

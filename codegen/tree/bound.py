@@ -164,7 +164,6 @@ def bind(
     """Bind bodies of the model with every number passed through ``value(name, number)``.
 
     Args:
-        model: the tree.
         value: turns a named number into a scalar.
         sincos: sine and cosine of a scalar (used for rotations whose angles are parameters).
     """

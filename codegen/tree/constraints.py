@@ -177,11 +177,7 @@ class Closure(FramePair):
     """The two sides of a loop: the frames of its cut joint."""
 
     def __init__(self, model: Model, bound: Bound, joints: Sequence[JointGeometry], number: int, sincos: Turn) -> None:
-        """Follow both sides of the loop of that number.
-
-        Args:
-            sincos: sine and cosine of a scalar.
-        """
+        """Follow both sides of the loop of that number."""
         self.number, self.name = number, model.robot.loops[number].name
         super().__init__(model, joints, bound.cuts[number], f"loops.{self.name}")
         self.parts: tuple[Component, ...] = rigid_parts(model.robot.loops[number])

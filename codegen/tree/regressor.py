@@ -78,9 +78,7 @@ def inertial_columns(
     """Per body, by the index of every coordinate in front of it, the ten entries of that row of Y.
 
     Args:
-        model, joints, v, a: as of ``inertial_rows``.
         bound: with the description's frames.
-        note: takes comments.
     """
     motions: list[Mapping[int, Motion]] = []
     columns: list[dict[int, list[Scalar]]] = []
@@ -113,12 +111,7 @@ class _LinkWrenches:
     """
 
     def __init__(self, K: Acceleration, axes: Mat) -> None:
-        """The wrenches of a link.
-
-        Args:
-            K: of its body's frame.
-            axes: the link's axes as columns, in the body's.
-        """
+        """Take K of the body's frame, and the link's axes as columns in the body's."""
         self._back = transpose(axes)
         self.a = matvec(self._back, K.origin)
         self.U = U = matmul(matmul(self._back, K.U), axes)

@@ -146,11 +146,7 @@ class Library:
         return int(FFI.cast("intptr_t", self.ffi.addressof(self.lib, f"{self.name}_{name}")))
 
     def compute(self, values: Array) -> Array:
-        """Compute from the values of the parameters what the functions read: (hoisted,), or one number for none.
-
-        Args:
-            values: in the order of the parameters; behind them a number for each joint that turns freely.
-        """
+        """Compute from the values of the parameters what the functions read: (hoisted,), or one number for none."""
         computed = np.zeros(max(self.hoisted, 1), self.dtype)
         self._setup(self._view(values if values.size else np.zeros(1, self.dtype)), self._view(computed))
         return computed
@@ -222,20 +218,10 @@ class Operations(Mapping[str, Mapping[str, int]]):
 
 
 class OneLibrary:
-    """All functions in one compiled module.
-
-    Attributes:
-        meta: what its package says of it.
-    """
+    """All functions in one compiled module."""
 
     def __init__(self, ffi: Any, lib: Any, meta: Mapping[str, Any], read: Callable[[str], str] | None = None) -> None:
-        """The library of a package.
-
-        Args:
-            ffi, lib: cffi's objects of the module.
-            meta: what its package says of it.
-            read: gives the text of a file of the package.
-        """
+        """Take a package's library by cffi's objects and its metadata; ``read`` gives the text of a file of it."""
         self.meta, self._library, self._read = meta, Library(ffi, lib, meta), read
 
     def library(self, kernel: str, function: str = "") -> Library:

@@ -24,10 +24,8 @@ class Acting:
     """Loads of all states, or of each of them, in motions that are differentiated.
 
     Args:
-        calls: of the kernel.
         kind: of the motion's function, "gradient" or "sensitivity".
         given: as of ``Kernel.rollout``.
-        effort: greatest forces of drives, (n,), or none.
 
     Raises:
         InputError: loads that are not allowed, or a mechanism's drives, through which C has no derivatives.

@@ -63,7 +63,6 @@ class Loaded:
 
     Args:
         calls: of the kernel, with "adaptive_rollout" and what the loads ask for.
-        loads: the data.
         times: of the samples, s, (T,).
         q, v: the state at the first time, (n,).
         control: the method, or AUTO, and its tolerances.
@@ -77,7 +76,6 @@ class Loaded:
         works: of ``loads.WORKS``, (T, 4), J, as far as ``done`` says; None if they are not integrated.
         evaluations: of accelerations.
         spans: how much time each method led on by, s.
-        loads: the data as C takes it.
     """
 
     def __init__(

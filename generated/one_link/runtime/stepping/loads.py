@@ -239,7 +239,6 @@ def jump_times(loads: LoadData, *, every: bool = False) -> Array:
     """Times at which loads or their rates jump, s, increasing: steps with error control end there.
 
     Args:
-        loads: the data.
         every: whether all knots of signals count, as they do for derivatives by their coefficients: one changes its
             piece alone.
     """
@@ -316,9 +315,7 @@ class Packed:
     """Loads as C takes them; whatever it points to lives as long as this object.
 
     Args:
-        library: of the function that reads them.
         calls: of the robot's kernel, with "frame_pose" and "external_force" where there are wrenches.
-        loads: the data.
         many: whether many states are moved at a time, so that a model of the robot is asked for many, too.
         works: whether works are integrated, see ``WORKS``; the kernel must have what ``work_kernels`` names.
         slopes: which derivatives of the kernel's functions and the model's go with them, of ``BACK`` or ``ALONG``.
@@ -522,10 +519,8 @@ class Side:
     """Loads of many states as C takes them side by side; whatever they point to lives as long as this object.
 
     Args:
-        library: of the function that reads them.
         calls: of the robot's kernel, or, if states differ in parameters, of that of each.
         loads: the data for each state; one, or one object, that all share is packed once.
-        works: whether works are integrated.
 
     Attributes:
         pointer: to ``NAME_loads``.

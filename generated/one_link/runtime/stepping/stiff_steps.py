@@ -50,7 +50,6 @@ def refuse_different(function: str, pairs: Iterable[Pair], largest: float, parts
     """Refuse derivatives that are not those of finer steps.
 
     Args:
-        function: whose they are, for the message.
         pairs: of both, by what they are taken by.
         largest: size of what they are taken of.
         parts: of every state with steps that are split, how many there are in the place of each.

@@ -35,7 +35,6 @@ def loads_of(calls: Calls, drive: Any = None, wrench: Any = None, prescribed: An
     """Loads of what ``integrate`` takes by these names, and ``rollout``.
 
     Args:
-        calls: of the robot's kernel.
         drive: a DriveData, or an object whose ``load_data()`` gives it.
         wrench: LinkWrenches, an object whose ``load_data()`` gives them, or wrenches that stay, (links, 6).
         prescribed: Waves, or an object whose ``load_data()`` gives them.
@@ -79,7 +78,6 @@ def read_loads(calls: Calls, given: Any) -> LoadData | list[LoadData]:
     """Loads of a rollout: of all states, or a list with those of each.
 
     Args:
-        calls: of the robot's kernel.
         given: LoadData, a mapping from names of ``KEYS`` to what ``loads_of`` takes, or a sequence of these.
 
     Raises:
@@ -252,8 +250,6 @@ def place_back(calls: Calls, loads: LoadData, q: Array, v: Array, slopes: Sequen
     """Go back from derivatives by a placed state, (n,) each, which become zero where its motions are given.
 
     Args:
-        calls: of the robot's kernel.
-        loads: of the state.
         q, v: the derivatives, which are written to.
         slopes: of the coefficients of each track's signal, what theirs are added to.
     """

@@ -114,8 +114,6 @@ def read_given(calls: Calls, inputs: Inputs, rows: int, count: int | None) -> Gi
     """Read states, drives and a controller of a rollout.
 
     Args:
-        calls: of the calls.
-        inputs: what is read.
         rows: how many drives there may be one after the other.
         count: of states, None for a single one.
 

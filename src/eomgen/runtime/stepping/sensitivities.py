@@ -33,7 +33,6 @@ class Directions:
     """Rates of the state at the beginning, of drives and of parameters, a row for each direction.
 
     Attributes:
-        count: of directions.
         starts: rates of q and v, (directions, n) each.
         named: of each direction the parameter that it is of and how large that is, or None and 1.
     """
@@ -42,11 +41,9 @@ class Directions:
         """Directions that are given, then one of each parameter.
 
         Args:
-            calls: of the calls.
             motion: whose function reads them.
             rows: of drives.
             along: rates by names of MOVING.
-            slots: of parameters.
 
         Raises:
             InputError: another name, or no direction.
@@ -208,11 +205,7 @@ def _carry(
         ArrayError: a derivative is not finite, where the states are.
 
     Args:
-        motion: of all states.
-        state: which of them.
-        steps: that it takes.
         number: of the method among those of the function.
-        directions: that derivatives are taken along.
         found: samples of q, v and their derivatives, which are written.
     """
     calls, library = motion.calls, motion.function.library
@@ -238,12 +231,7 @@ def _carry(
 
 
 def _refuse_not_finite(calls: Calls, directions: Directions, times: Array, rates: Sequence[Array]) -> None:
-    """Name the first derivative that is not finite, where all states of the motion are.
-
-    Args:
-        times: of the states, s.
-        rates: derivatives of q and v, (states, directions, n) each.
-    """
+    """Name the first derivative by q or v, (states, directions, n) each, that is not finite where the states are."""
     for label, by in zip("qv", rates, strict=True):
         bad = np.argwhere(~np.isfinite(by))
         if bad.size:

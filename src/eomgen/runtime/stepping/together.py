@@ -28,7 +28,6 @@ class Together:
     Args:
         calls: of kernels of one code, one for each state, with "adaptive_rollout" and what the loads ask for.
         loads: the data for each state; where they are one object, all states share it.
-        times: of the samples, s, (T,).
         q, v: the states at the first time, (states, n).
         control: the method, or AUTO: then each state has its own alternation; tolerances, of which atol has a row for
             each state, (states, 2n).
