@@ -213,9 +213,9 @@ class Elimination:
         self.pivots[index] = (pivot, self.sizes[k][row // 3] + armature)
         inverse = inverse_or_zero(pivot)
         free = (self.drives[index] - here) * inverse
-        scaled = Wrench(scale(inverse, gain.force), scale(inverse, gain.moment))
+        scaled = gain.scaled(inverse)
         self.steps[k].append(_Step(index, row, free, scaled, inverse))
-        p = inertia.p + Wrench(scale(free, gain.force), scale(free, gain.moment))
+        p = inertia.p + gain.scaled(free)
         left = Articulated(
             symmetric(less(inertia.L, scaled.force, gain.force)),
             less(inertia.C, scaled.force, gain.moment),
@@ -223,8 +223,7 @@ class Elimination:
             p,
         )
         share = armature * inverse  # of its own row, that is all that the armature leaves
-        row_left = Wrench(scale(share, gain.force), scale(share, gain.moment))
-        return with_row(left, row, row_left, self.drives[index] - armature * free)
+        return with_row(left, row, gain.scaled(share), self.drives[index] - armature * free)
 
     def _eliminate_translations(self, k: int, inertia: Articulated) -> Articulated:
         """Three translations with armatures D at once: one division, and no chain of three.

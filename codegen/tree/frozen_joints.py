@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import reduce
 
 from eomgen.robot.model import Model
 
 from ..joint.facts import FrozenStep
 from ..joint.kept import KEPT
 from .bound import Bound
-from .spatial import ZERO, Mat, Scalar, Vec, add, mat3, matvec, vec3
+from .spatial import ZERO, Mat, Scalar, Vec, add, mat3, matvec, transpose, vec3
 
 
 def freeze(coordinate: str) -> FrozenStep:
@@ -44,6 +45,14 @@ class JointGeometry:
     offset: Vec
     translations: tuple[tuple[int, int], ...]
     rotations: tuple[Rotation, ...]
+
+    def inwards(self, x: Vec) -> Vec:
+        """A vector of the axes in front of all rotations in those behind them."""
+        return reduce(lambda y, turn: matvec(transpose(turn.matrix), y), self.rotations, x)
+
+    def outwards(self, x: Vec) -> Vec:
+        """A vector of the axes behind all rotations in those in front of them."""
+        return reduce(lambda y, turn: matvec(turn.matrix, y), reversed(self.rotations), x)
 
 
 def unit(axis: int, length: Scalar = 1.0) -> Vec:

@@ -16,7 +16,22 @@ from eomgen.robot.model import FIXED_BODY, Model
 
 from .bound import Bound
 from .frozen_joints import JointGeometry, unit
-from .spatial import ZERO, Mat, PseudoInertia, Scalar, Vec, add, cross, dot, mat3, matvec, scale, transpose, vec3
+from .spatial import (
+    ZERO,
+    Mat,
+    PseudoInertia,
+    Scalar,
+    Vec,
+    add,
+    cross,
+    dot,
+    is_zero,
+    mat3,
+    matvec,
+    scale,
+    transpose,
+    vec3,
+)
 
 Note = Callable[[str], None]
 
@@ -49,6 +64,12 @@ class Wrench:
     def scaled(self, factor: Scalar) -> Wrench:
         """The wrench times a number."""
         return Wrench(scale(factor, self.force), scale(factor, self.moment))
+
+    def plus(self, factor: Scalar, other: Wrench) -> Wrench:
+        """The wrench and another one times a number."""
+        if is_zero(factor):
+            return self
+        return Wrench(add(self.force, scale(factor, other.force)), add(self.moment, scale(factor, other.moment)))
 
     def turned(self, rotation: Mat) -> Wrench:
         """The wrench in other axes."""
