@@ -176,5 +176,6 @@ CONSTRAINED = _ways(
 )
 SETTLING = _ways(lambda d: settling(d, *_by_factors(d, d.still)), lambda d: settling(d, *_resting_by_elimination(d)))
 SOLVERS = _ways(
-    lambda d: solved_accelerations(d, *_moving_by_factors(d)), lambda d: accelerations(d, *_moving_by_elimination(d))
+    lambda d: solved_accelerations(d, *_moving_by_factors(d)),
+    lambda d: solved_accelerations(d, *_moving_by_elimination(d)),
 )

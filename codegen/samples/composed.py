@@ -267,7 +267,7 @@ def _first(status: Array, reason: int, values: Array, scale: Array) -> Array:
 def _driven(
     of: Callable[[Run, Array, Array], Array], model: Model, run: Run, inputs: Mapping[str, Array], *, loaded: bool
 ) -> tuple[Array, Array]:
-    """What drives and multipliers of constrained_drives make, and whether these drives make the motion."""
+    """Answer with drives and multipliers of constrained_drives, and say whether these drives make the motion."""
     n, m = model.size, len(model.constraints)
     found = run("constrained_drives", **({} if loaded else {"u": np.zeros_like(inputs["u"])}))[0]
     u, multipliers, gaps, pull, bias, left, needed = np.split(found, np.cumsum([n, m, 2 * m, m, m, n]))

@@ -1,7 +1,4 @@
-"""The NumPy face of a compiled module.
-
-A generated package carries a copy of this file, which imports NumPy and its neighbours and nothing else.
-"""
+"""The NumPy face of a compiled module."""
 
 from __future__ import annotations
 

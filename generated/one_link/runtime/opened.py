@@ -1,7 +1,4 @@
-"""What closed mechanisms refuse, as errors say it: loops that are open or opening, and drives that do not hold them.
-
-A generated package carries a copy of this file.
-"""
+"""What closed mechanisms refuse, as errors say it: loops that are open or opening, and drives that do not hold them."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Which coordinates a mass matrix that cannot be inverted fails at.
-
-A generated package carries a copy of this file.
-"""
+"""Which coordinates a mass matrix that cannot be inverted fails at."""
 
 from __future__ import annotations
 

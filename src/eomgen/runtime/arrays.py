@@ -1,7 +1,4 @@
-"""Arrays on their way to the C of a kernel and back: shapes, dtypes, leading axes, and numbers that are not finite.
-
-A generated package carries a copy of this file, which imports NumPy and its neighbours and nothing else.
-"""
+"""Arrays on their way to the C of a kernel and back: shapes, dtypes, leading axes, and numbers that are not finite."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""From arrays to the C of a kernel and back: what is called how, and what an error says.
-
-A generated package carries a copy of this file, which imports NumPy and its neighbours and nothing else.
-"""
+"""From arrays to the C of a kernel and back: what is called how, and what an error says."""
 
 from __future__ import annotations
 

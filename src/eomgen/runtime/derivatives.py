@@ -1,7 +1,4 @@
-"""Exact derivatives of a kernel's functions: along directions, of weighted results, and by run-time parameters.
-
-A generated package carries a copy of this file.
-"""
+"""Exact derivatives of a kernel's functions: along directions, of weighted results, and by run-time parameters."""
 
 from __future__ import annotations
 

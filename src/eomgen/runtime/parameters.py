@@ -1,7 +1,4 @@
-"""Run-time parameters of a compiled kernel, by name.
-
-A generated package carries a copy of this file.
-"""
+"""Run-time parameters of a compiled kernel, by name."""
 
 from __future__ import annotations
 

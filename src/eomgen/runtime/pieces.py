@@ -1,7 +1,4 @@
-"""Long work in pieces that take milliseconds, so that Ctrl-C ends it, and what threads share of it.
-
-A generated package carries a copy of this file.
-"""
+"""Long work in pieces that take milliseconds, so that Ctrl-C ends it, and what threads share of it."""
 
 from __future__ import annotations
 

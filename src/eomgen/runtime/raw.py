@@ -1,7 +1,4 @@
-"""The functions of a compiled module as they are: pointers go in, a status comes out, nothing is checked.
-
-A generated package carries a copy of this file.
-"""
+"""The functions of a compiled module as they are: pointers go in, a status comes out, nothing is checked."""
 
 from __future__ import annotations
 

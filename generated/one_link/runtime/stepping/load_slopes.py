@@ -1,7 +1,4 @@
-"""Loads of motions that are differentiated, and what derivatives by their numbers add up to.
-
-A generated package carries a copy of this file.
-"""
+"""Loads of motions that are differentiated, and what derivatives by their numbers add up to."""
 
 from __future__ import annotations
 

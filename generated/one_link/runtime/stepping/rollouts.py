@@ -1,7 +1,4 @@
-"""What rollouts of all methods are given, states, drives over time, a controller's gains, and what they return.
-
-A generated package carries a copy of this file.
-"""
+"""What rollouts of all methods are given, states, drives over time, a controller's gains, and what they return."""
 
 from __future__ import annotations
 

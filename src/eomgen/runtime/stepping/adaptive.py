@@ -1,7 +1,4 @@
-"""Integration with error control in C: samples at equal times, what the steps were, and why a motion ended early.
-
-A generated package carries a copy of this file.
-"""
+"""Integration with error control in C: samples at equal times, what the steps were, and why a motion ended early."""
 
 from __future__ import annotations
 

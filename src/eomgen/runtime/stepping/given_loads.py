@@ -1,7 +1,4 @@
-"""Loads as users give them, data or objects that have some, read and checked before C follows them.
-
-A generated package carries a copy of this file.
-"""
+"""Loads as users give them, data or objects that have some, read and checked before C follows them."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Gradients of sums over the states of a rollout: its steps once more in C, and back through them.
-
-A generated package carries a copy of this file.
-"""
+"""Gradients of sums over the states of a rollout: its steps once more in C, and back through them."""
 
 from __future__ import annotations
 

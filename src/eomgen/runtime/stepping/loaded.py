@@ -1,7 +1,4 @@
-"""One state on its way in C under loads that are data, by one method or by two in turn.
-
-A generated package carries a copy of this file.
-"""
+"""One state on its way in C under loads that are data, by one method or by two in turn."""
 
 from __future__ import annotations
 

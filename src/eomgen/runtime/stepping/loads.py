@@ -1,7 +1,4 @@
-"""Loads over time as data that the C of a kernel follows: signals, drives by a program, wrenches, prescribed motions.
-
-A generated package carries a copy of this file.
-"""
+"""Loads over time as data that a kernel's C follows: signals, drives by a program, wrenches, prescribed motions."""
 
 from __future__ import annotations
 

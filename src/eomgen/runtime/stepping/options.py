@@ -1,7 +1,4 @@
-"""Options of rollouts as records: which steps are taken, and what a joint controller does.
-
-A generated package carries a copy of this file.
-"""
+"""Options of rollouts as records: which steps are taken, and what a joint controller does."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Drives that push no harder than their efforts: which these are, and where they cannot be clipped.
-
-A generated package carries a copy of this file.
-"""
+"""Drives that push no harder than their efforts: which these are, and where they cannot be clipped."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Derivatives of a rollout's states along directions: steps in C that carry them forwards.
-
-A generated package carries a copy of this file.
-"""
+"""Derivatives of a rollout's states along directions: steps in C that carry them forwards."""
 
 from __future__ import annotations
 

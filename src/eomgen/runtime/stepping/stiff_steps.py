@@ -5,8 +5,6 @@ step is seen in its error, and the next one is shorter.  Derivatives count the l
 without end.  C tells of every step how far it is from that limit; where one is near it, derivatives are taken once more
 along the same motion, with several steps, which are stable, in the place of each such one, and both must be of one
 size.  Motions that are sensitive by themselves have derivatives that grow, too, in steps of any length alike.
-
-A generated package carries a copy of this file.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""Many states on their way in C side by side, each under loads, parameters and tolerances of its own.
-
-A generated package carries a copy of this file.
-"""
+"""Many states on their way in C side by side, each under loads, parameters and tolerances of its own."""
 
 from __future__ import annotations
 
