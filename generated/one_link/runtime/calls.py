@@ -57,11 +57,7 @@ class Calls:
         return f"{TREE}{name}" if self.raw.libraries.meta.get("constraints") else name
 
     def run_with_wrench(
-        self,
-        name: str,
-        out: Array | None,
-        values: Sequence[ArrayLike],
-        wrench: ArrayLike | None,
+        self, name: str, out: Array | None, values: Sequence[ArrayLike], wrench: ArrayLike | None
     ) -> Array:
         """A function's result with what wrenches add to it, as ``WRENCHED`` says."""
         if wrench is None:

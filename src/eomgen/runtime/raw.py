@@ -22,12 +22,7 @@ FFI = _cffi_backend.FFI()  # knows C's own types; pointers of all libraries are 
 POINTERS = {"float64": "double[]", "float32": "float[]"}
 DERIVED = ("tangent", "adjoint", "hessian", "gradient")  # kinds of functions that differentiate others
 SETUP = "parameters"  # among operations: of what depends on parameters alone
-FRAMES, ROLLOUT, ADAPTIVE, GRADIENT = (
-    "frames",
-    "rollout",
-    "adaptive",
-    "gradient",
-)  # kinds of functions that are called otherwise than all others
+FRAMES, ROLLOUT, ADAPTIVE, GRADIENT = "frames", "rollout", "adaptive", "gradient"  # kinds with calls of their own
 WEIGHTS = {"mul": 1, "add": 1, "div": 5, "sincos": 25}  # times of operations beside each other
 BATCH = "_batch"  # behind the name of what works on several states
 ENDINGS = ("h", "c", "json")  # of the files that a kernel's package has beside its libraries
@@ -282,7 +277,10 @@ class RawKernel:
         self.turning_room: int = turning["room"]
         self.ffi = FFI
         self.view = partial(FFI.from_buffer, POINTERS[meta["dtype"]])
-        known = [_function(libraries, name, entry) for name, entry in meta["functions"].items()]
+        known = [
+            RawFunction(name, entry["kernel"], entry["kind"], tuple(entry["reads"]), entry["writes"], libraries)
+            for name, entry in meta["functions"].items()
+        ]
         self.rollout: RawFunction | None = next((x for x in known if x.kind == ROLLOUT), None)
         self.adaptive: RawFunction | None = next((x for x in known if x.kind == ADAPTIVE), None)
         self.gradients: Mapping[str, RawFunction] = {x.name: x for x in known if x.kind == GRADIENT}
@@ -332,11 +330,6 @@ class RawKernel:
             return self.libraries.source(file)
         except (OSError, KeyError):
             raise BuildError(f"{file} is not in the kernel's package any more; build the kernel again") from None
-
-
-def _function(libraries: Libraries, name: str, entry: Mapping[str, Any]) -> RawFunction:
-    """A function of the libraries, by what metadata says of it."""
-    return RawFunction(name, entry["kernel"], entry["kind"], tuple(entry["reads"]), entry["writes"], libraries)
 
 
 class Setup:

@@ -74,16 +74,6 @@ def angle_rates(angles: Array, spin: Array) -> Array:
     return np.stack([first, s * x + c * y, z - np.sin(angles[..., 1]) * first], axis=-1)
 
 
-def other_rates(angles: Array, other: Array, rates: Array) -> Array:
-    """Rates of the other angles of the same rotations, (..., 3).
-
-    Args:
-        angles, other: of the same rotations, (..., 3).
-        rates: of ``angles``, (..., 3).
-    """
-    return angle_rates(other, body_rates(angles, rates))
-
-
 def seen(states: Array, joints: Places, places: int, near: Array) -> Array:
     """States with the axes of joints so many places on; angles next to those of the state before.
 
@@ -97,7 +87,7 @@ def seen(states: Array, joints: Places, places: int, near: Array) -> Array:
     for first, origin in joints:
         angles, rates = slice(first, first + 3), slice(n + first, n + first + 3)
         found[:, angles] = other_angles(places, states[:, angles], near[angles])
-        found[:, rates] = other_rates(states[:, angles], found[:, angles], states[:, rates])
+        found[:, rates] = angle_rates(found[:, angles], body_rates(states[:, angles], states[:, rates]))
         for begin in () if origin < 0 else (origin, n + origin):
             found[:, begin : begin + 3] = np.roll(states[:, begin : begin + 3], -places, axis=-1)
     return found

@@ -374,17 +374,15 @@ class Packed:
         self._kept.append(found)
         return found
 
-    def _numbers(self, values: ArrayLike) -> Any:
-        """Pointer to numbers of double precision."""
-        found = FFI.from_buffer("double[]", np.array(values, dtype=np.float64).ravel())
+    def _numbers(self, values: ArrayLike, kind: type[np.generic] = np.float64) -> Any:
+        """Pointer to numbers of double precision, or to whole ones."""
+        name = "double[]" if kind is np.float64 else "int[]"
+        found = FFI.from_buffer(name, np.array(values, dtype=kind).ravel())
         self._kept.append(found)
         return found
 
     def _places(self, values: ArrayLike) -> Any:
-        """Pointer to whole numbers."""
-        found = FFI.from_buffer("int[]", np.array(values, dtype=np.intc).ravel())
-        self._kept.append(found)
-        return found
+        return self._numbers(values, np.intc)
 
     def _signal(self, signal: Signal) -> Any:
         pieces, powers, columns = signal.coefficients.shape

@@ -102,6 +102,19 @@ def _read(calls: Calls, given: Any) -> LoadData:
     return given
 
 
+def count_of(states: int | None, loads: LoadData | Sequence[LoadData] | None) -> int | None:
+    """Number of states with that of their loads, if each has its own; None for a single one.
+
+    Raises:
+        ArrayError: another number of loads than of states.
+    """
+    if loads is None or isinstance(loads, LoadData):
+        return states
+    if states not in (None, 1) and len(loads) not in (1, states):
+        raise ArrayError(f"rollout: {len(loads)} states in loads, but {states} in other arrays")
+    return max(states or 1, len(loads))
+
+
 def clipped_loads(calls: Calls, loads: LoadData | list[LoadData], effort: Array | None) -> LoadData | list[LoadData]:
     """Return loads that were read, their drives clipped at these efforts, if there are any; checked once more."""
     found = with_efforts(loads, effort)
