@@ -47,7 +47,6 @@ def write_statements(program: Program, output: str, size: int) -> Statements:
 
     Args:
         output: the array, "out" of kernels, "h" of the setup.
-        size: how many numbers it has.
     """
     places = {place: index for (array, place), index in program.outputs.items() if array == output}
     names: dict[int, str] = {}

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain
 from typing import Any
 
@@ -218,10 +218,8 @@ def _chain_rule(model: Model, bound: Bound, q: Row) -> list[_Derivatives]:
         own.second = {pair: D * across for pair, D in parent.second.items()}
         own.second |= {(i, j): Di * B * Dj for i, Di in parent.first.items() for j, Dj in first.items()}
         own.second |= {pair: before * D for pair, D in second.items()}
-        own.second = {
-            pair: D for pair, D in own.second.items() if not D.is_zero_matrix
-        }  # lemma (7) and the sharper one
-        done.append(own)
+        # lemma (7) and the sharper one
+        done.append(replace(own, second={pair: D for pair, D in own.second.items() if not D.is_zero_matrix}))
     return done
 
 

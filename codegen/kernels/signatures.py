@@ -277,24 +277,12 @@ PARTS: Mapping[str, Signature] = table(  # programs that only other kernels call
 SIGNATURES: Mapping[str, Signature] = {**KERNELS, **PARTS, **BACKWARDS}
 
 TURNED = (  # programs that know how joints are turned, which integrations call
-    "forward_dynamics",
-    "forward_dynamics_jacobian",
-    "implicit_step",
-    "stage_factors",
-    "stage_solution",
-    "inverse_dynamics",
-    "mass_matrix",
-    "residual_jacobian",
-    "external_force",
+    *("forward_dynamics", "forward_dynamics_jacobian", "implicit_step", "stage_factors", "stage_solution"),
+    *("inverse_dynamics", "mass_matrix", "residual_jacobian", "external_force"),
 )
 CLOSED_TURNED = (  # more of them where there are constraints
-    "constrained_dynamics",
-    "settling",
-    "residual",
-    "constraint",
-    "constraint_jacobian",
-    "constraint_bias",
-    "closing_derivatives",
+    *("constrained_dynamics", "settling", "residual"),
+    *("constraint", "constraint_jacobian", "constraint_bias", "closing_derivatives"),
 )
 
 

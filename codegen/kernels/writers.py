@@ -23,19 +23,10 @@ from .constraint_rows import gaps
 from .derivation import Derivation, Outputs, vector
 from .signatures import CLOSURE_KERNELS, element_rows
 
-DESCRIPTION_FRAMES = (
-    "reactions",
-    "tree_reactions",
-    "closing_reactions",
-    "loop_reactions",
-    "loop_wrenches",
-    "kinematics",
-    "external_force",
-    "external_reactions",
-    "external_coupling_forces",
-    "regressor",
-    *CLOSURE_KERNELS,
-)  # report, or are asked, in the description's frames
+DESCRIPTION_FRAMES = (  # report, or are asked, in the description's frames
+    *("reactions", "tree_reactions", "closing_reactions", "loop_reactions", "loop_wrenches", "kinematics"),
+    *("external_force", "external_reactions", "external_coupling_forces", "regressor", *CLOSURE_KERNELS),
+)
 
 
 def _mass_matrix(d: Derivation) -> Outputs:

@@ -41,13 +41,8 @@ FLAGS = (OPTIMISED, "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off"
 NATIVE = ("-march=native", "-ffp-contract=fast")
 LONG = 1500  # values of a program; compilers that look for vectors in so many lines find ones that wait for their parts
 NO_VECTORS = "-fno-tree-slp-vectorize"
-CARRIED = (
-    "errors.py",
-    "names.py",
-    "runtime/*.py",
-    "runtime/stepping/*.py",
-    "runtime/*.[ch]",
-)  # of eomgen, copied to its places in a package
+# Files of eomgen that are copied to their places in a package
+CARRIED = ("errors.py", "names.py", "runtime/*.py", "runtime/stepping/*.py", "runtime/*.[ch]")
 PACKAGE = "package/package.py.jinja"  # template of the Python of a package
 WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic")
 

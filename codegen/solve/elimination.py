@@ -41,7 +41,7 @@ from .articulated import (
 from .coupled import Coupled, directions_of, eliminate_coupled
 from .free_bodies import FreeBodies, Speeds
 
-NO_SLOPES: Mapping[tuple[int, int], Scalar] = MappingProxyType({})
+NO_COUPLINGS: Mapping[tuple[int, int], Scalar] = MappingProxyType({})
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ class Elimination:
         note: Note = no_note,
         *,
         coupled: bool = False,
-        slopes: Mapping[tuple[int, int], Scalar] = NO_SLOPES,
+        slopes: Mapping[tuple[int, int], Scalar] = NO_COUPLINGS,
     ) -> None:
         """Eliminate all joints.
 

@@ -107,7 +107,6 @@ def refined(
     """Solve for the accelerations of a tree with rigid rows.
 
     Args:
-        rows: what is wanted of the accelerations.
         pushing: the rows with arms of coordinates alone whose motion is not given.
         gaps: by which the rows' constraints are open, m or numbers.
         rank: of the rows, but at singular poses; None where that is not known.

@@ -178,7 +178,7 @@ def bind(
         if joint.coordinates:
             placements.append(binder.turned(joint, placed @ axes @ binder.shift(joint)))
             poses[joint.child] = (len(placements) - 1, back)
-        elif binder.has_offset(joint):
+        elif any(f"joints.{joint.name}.offset.{name}" in model.parameters for name in COORDINATES):
             poses[joint.child] = (body, placed @ axes @ binder.shift(joint) @ binder.turn(joint) @ back)
         else:
             poses[joint.child] = (body, placed)
@@ -224,9 +224,6 @@ class _Binder:
         """The constant that is added to one of a joint's six coordinates."""
         number = joint.offset[COORDINATES.index(name)] or 0.0
         return self.value(f"joints.{joint.name}.offset.{name}", number)
-
-    def has_offset(self, joint: Joint) -> bool:
-        return any(f"joints.{joint.name}.offset.{name}" in self.model.parameters for name in COORDINATES)
 
     def shift(self, joint: Joint) -> Pose:
         """The offsets of x, y and z: they come first, so that they belong to the placement."""

@@ -33,11 +33,8 @@ def regressor_names(model: Model) -> tuple[str, ...]:
     ("joint1.motor.inertia"), and those that are given one.
     """
     links = [component_name(body.name, key) for body in model.bodies for key in INERTIAL]
-    return (*links, *map(_armature_name, armatures(model)))
-
-
-def _armature_name(coordinate: str) -> str:
-    return component_name(coordinate, "inertia" if kind_of(coordinate) == MOTOR else "armature")
+    ends = ((name, "inertia" if kind_of(name) == MOTOR else "armature") for name in armatures(model))
+    return (*links, *(component_name(name, end) for name, end in ends))
 
 
 def armatures(model: Model) -> tuple[str, ...]:

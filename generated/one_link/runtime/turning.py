@@ -37,8 +37,6 @@ def other_angles(places: int, angles: Array, near: Array) -> Array:
     """The angles of the same rotations seen from axes so many places on, (T, 3), each next to the ones before it.
 
     Args:
-        places: 1 or 2.
-        angles: (T, 3).
         near: the ones before the first, (3,).
     """
     both, found = both_ways(rotation(angles), places), np.empty_like(angles)
@@ -79,8 +77,6 @@ def seen(states: Array, joints: Places, places: int, near: Array) -> Array:
 
     Args:
         states: q and v, (T, 2n).
-        joints: which.
-        places: ON or BACK.
         near: q before the first, (n,).
     """
     n, found = near.size, np.array(states)

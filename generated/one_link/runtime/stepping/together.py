@@ -33,8 +33,7 @@ class Together:
         samples: q and v, (2, states, T, n), as far as the states got; NaN behind.
         state: q and v that were reached, (2, states, n).
         progress: of every state, in C; its ``reason`` is DONE, or what ended it, or 0 before.
-        evaluations: of accelerations, by state.
-        spans: how much time each method led on by, s, by state.
+        evaluations, spans: as of ``Loaded``, by state.
     """
 
     def __init__(
