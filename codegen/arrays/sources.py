@@ -22,10 +22,8 @@ DEFAULT = (
     *("inverse_dynamics", "forward_dynamics", "mass_matrix", "bias_force", "generalized_force", "external_force"),
     *("energy", "kinematics", "residual", "constraint", "constraint_jacobian"),
 )
-CLOSED = {
-    "forward_dynamics": "constrained_dynamics",
-    "inverse_dynamics": "constrained_drives",
-}  # whose first n they are
+# Programs whose first n numbers they are.
+CLOSED = {"forward_dynamics": "constrained_dynamics", "inverse_dynamics": "constrained_drives"}
 POSES = "Poses [R | X] of all frames in the base; eqs. (1) and (2)."
 
 

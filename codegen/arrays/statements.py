@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from ..program.ir import Program
+from ..program.ir import Program, needed
 
 FORMS: Mapping[str, str] = MappingProxyType(  # every operation that has arguments
     {
@@ -47,15 +47,15 @@ def write_statements(program: Program, output: str, size: int) -> Statements:
 
     Args:
         output: the array, "out" of kernels, "h" of the setup.
-        size: how many numbers it has.
     """
     places = {place: index for (array, place), index in program.outputs.items() if array == output}
-    needed = _needed(program, list(places.values()))
     names: dict[int, str] = {}
     inputs: dict[str, set[int]] = {}
     lines = []
-    for index in sorted(needed):
-        op, args, leaf = program.instructions[index]
+    wanted = needed(program.instructions, places.values())
+    for index, (op, args, leaf) in enumerate(program.instructions):
+        if not wanted[index]:
+            continue
         if op == "const":
             names[index] = repr(float(leaf)) if leaf >= 0 else f"({float(leaf)!r})"
         elif op == "input":
@@ -66,14 +66,3 @@ def write_statements(program: Program, output: str, size: int) -> Statements:
             names[index] = f"t{index}"
     results = tuple(names[places[i]] if i in places else "0.0" for i in range(size))
     return Statements({array: tuple(sorted(found)) for array, found in inputs.items()}, tuple(lines), results)
-
-
-def _needed(program: Program, wanted: list[int]) -> set[int]:
-    """Values that these need, themselves among them."""
-    found: set[int] = set()
-    while wanted:
-        index = wanted.pop()
-        if index not in found:
-            found.add(index)
-            wanted.extend(program.instructions[index].args)
-    return found

@@ -183,7 +183,7 @@ def _methods(equations: Equations, scalar: Scalar) -> dict[str, Any]:
         return [(k, scalar.literal(value)) for k, value in enumerate(values.tolist()) if value]
 
     ahead, back, weight, wrong = W643.transformed()
-    between = TSIT5.between
+    between, longer = TSIT5.between, len(TSIT5.error) - len(W643.b)  # both methods have as many weights of errors
     assert between is not None
     return {
         "gauss": {key: ", ".join(map(repr, values)) for key, values in GAUSS.items()},
@@ -203,7 +203,7 @@ def _methods(equations: Equations, scalar: Scalar) -> dict[str, Any]:
             "wrong_of": terms(wrong),
             "shares": _stage_shares(W643.alpha),
             "worked": ", ".join(map(repr, W643.b.tolist())),
-            "doubted": ", ".join(map(repr, _as_long(W643.b - W643.embedded, TSIT5.error))),
+            "doubted": ", ".join(map(repr, np.pad(W643.b - W643.embedded, (0, longer)).tolist())),
         },
         "tsit5": {
             "stages": len(TSIT5.b),
@@ -215,11 +215,6 @@ def _methods(equations: Equations, scalar: Scalar) -> dict[str, Any]:
             "worked": ", ".join(f"{{ {', '.join(map(repr, row))} }}" for row in between.tolist()),
         },
     }
-
-
-def _as_long(values: Array, longer: Array) -> list[float]:
-    """The values with zeros behind them, as many as there are longer ones."""
-    return [*values.tolist(), *[0.0] * (len(longer) - len(values))]
 
 
 def kept_of_a_step(model: Model) -> dict[str, int]:

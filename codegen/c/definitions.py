@@ -61,10 +61,6 @@ def define(program: Program, robot: str, scalar: Scalar, *, public: bool = False
     """A kernel's program on numbers, or on vectors with one state in every lane where ``scalar`` is such a vector.
 
     Args:
-        program: of a kernel.
-        robot: its name, in front of the function's.
-        scalar: type of the numbers.
-        public: whether users call the function.
         packed: whether the program writes its different results alone, ``lanes.pack``.
     """
     lanes = scalar.spread

@@ -62,9 +62,6 @@ def halves(equations: Equations, *, batches: bool = True) -> dict[str, tuple[str
 
     The half "singles" has those for one state, and the batches that call these state by state; "batches" has those that
     work on vectors.  Each begins with "setup", which a library of both has once.
-
-    Args:
-        batches: whether there are functions for several states at all.
     """
     singles = [function.name for function in functions(equations.kernels)]
     if not batches:

@@ -41,7 +41,6 @@ def project_files(meta: Mapping[str, Any], flags: Sequence[str]) -> dict[str, st
 
     Args:
         meta: of ``metadata``, as in the package's .json.
-        flags: of the compiler.
     """
     name = meta["name"]
     level = next((flag for flag in reversed(flags) if flag in LEVELS), "-O2")

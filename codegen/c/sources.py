@@ -22,12 +22,7 @@ DECLARATIONS = "kernel/declarations.jinja"
 
 @without_collection()
 def render(equations: Equations, dtype: str, *, batches: bool = True) -> Source:
-    """Equations -> Source.
-
-    Args:
-        dtype: "float64" or "float32".
-        batches: with the functions for several states in one call.
-    """
+    """Equations -> Source; ``batches``: with the functions for several states in one call."""
     meta = kernel_metadata(equations, dtype, batches=batches)
     names = header_context(equations, dtype, meta, batches)
     context = {**names, **number_context(equations, dtype, meta)}

@@ -64,11 +64,7 @@ def write_function(
         ending: statement that ends the function where a gate is shut.
     """
     signature = SIGNATURES.get(program.name)
-    arrays: tuple[str, ...] = tuple(
-        a for a in ("h", "p", "q", "v", "a", "u", "wrench", *TURNS.values(), GIVEN) if a in program.inputs()
-    )
-    if signature is not None:
-        arrays = ("h", *signature.reads)
+    arrays = tuple(a for a in ARRAYS if a in program.inputs()) if signature is None else ("h", *signature.reads)
     writer = _Writer(program, scalar, turning, stops, ending)
     chunks = writer.chunks()
     texts = ["\n".join(chunk) for chunk in chunks]

@@ -169,7 +169,6 @@ def readable_closed_form(model: Model, *, numbers: bool = False) -> ReadableClos
     """Derive and simplify the closed form.
 
     Args:
-        model: with at most MOST_COORDINATES coordinates.
         numbers: keep the description's numbers instead of symbols.
 
     Raises:

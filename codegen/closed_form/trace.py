@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain
 from typing import Any
 
@@ -217,10 +217,8 @@ def _chain_rule(model: Model, bound: Bound, q: Row) -> list[_Derivatives]:
         own.second = {pair: D * across for pair, D in parent.second.items()}
         own.second |= {(i, j): Di * B * Dj for i, Di in parent.first.items() for j, Dj in first.items()}
         own.second |= {pair: before * D for pair, D in second.items()}
-        own.second = {
-            pair: D for pair, D in own.second.items() if not D.is_zero_matrix
-        }  # lemma (7) and the sharper one
-        done.append(own)
+        # lemma (7) and the sharper one
+        done.append(replace(own, second={pair: D for pair, D in own.second.items() if not D.is_zero_matrix}))
     return done
 
 
@@ -243,7 +241,7 @@ def _mass_matrix(bodies: Sequence[_Derivatives], inertias: Sequence[Matrix], arm
     for body, H in zip(bodies, inertias, strict=True):
         for s, D in body.first.items():
             for v in (v for v in body.first if v <= s):
-                M[s, v] += _trace(D * H, body.first[v])
+                M[s, v] += _dot(D * H, body.first[v])
     return sp.ImmutableMatrix(n, n, lambda s, v: M[max(s, v), min(s, v)])
 
 
@@ -254,7 +252,7 @@ def _christoffel(bodies: Sequence[_Derivatives], inertias: Sequence[Matrix], n: 
         for s, D in body.first.items():
             DH = D * H
             for (v, w), D2 in body.second.items():
-                C[s][v][w] += _trace(DH, D2)
+                C[s][v][w] += _dot(DH, D2)
     return tuple(tuple(tuple(C[s][min(v, w)][max(v, w)] for w in range(n)) for v in range(n)) for s in range(n))
 
 
@@ -299,7 +297,7 @@ def _kinetic(bodies: Sequence[_Derivatives], inertias: Sequence[Matrix], armatur
     total = sum(j * s_dot**2 for j, s_dot in zip(armature, v, strict=True))
     for body, H in zip(bodies, inertias, strict=True):
         A_dot = sum((D * v[s] for s, D in body.first.items()), sp.zeros(4, 4))
-        total += _trace(A_dot * H, A_dot)
+        total += _dot(A_dot * H, A_dot)
     return total / 2
 
 
@@ -323,12 +321,8 @@ def _matrix(inertia: PseudoInertia) -> Matrix:
     return sp.ImmutableMatrix([*rows, [*map(exact, inertia.first), exact(inertia.mass)]])
 
 
-def _trace(left: Matrix, right: Matrix) -> Expr:
-    """tr(left right^T), without forming the product."""
-    return _dot(left, right)
-
-
 def _dot(left: Matrix, right: Matrix) -> Expr:
+    """tr(left right^T), without forming the product; of columns their product."""
     return sp.Add(*(a * b for a, b in zip(left, right, strict=True)))
 
 

@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 from eomgen.robot.journals import CROSSWISE, TILTING, TURNING
 from eomgen.robot.laws import SMALLEST
 
-from ..tree.bound import BoundJournal
+from ..tree.bound import BoundJointLaw
 from ..tree.composite import Rows
 from ..tree.spatial import Scalar
 from .element import ForceElement, ImplicitShare, Slopes, add_to
@@ -62,7 +62,7 @@ class Place:
 class BearingContact:
     """A contact at the rates v."""
 
-    def __init__(self, journal: BoundJournal, place: Place, v: Sequence[Scalar], f: Functions) -> None:
+    def __init__(self, journal: BoundJointLaw, place: Place, v: Sequence[Scalar], f: Functions) -> None:
         self.journal, self.place, self.v, self.f = journal, place, v, f
         x, y = place.at
         e = f.sqrt(x * x + y * y + REST * REST)
@@ -218,7 +218,7 @@ def dot(one: Pair, other: Pair) -> Scalar:
 
 
 def places(
-    journal: BoundJournal, q: Sequence[Scalar], sincos: Callable[[int], tuple[Scalar, Scalar]]
+    journal: BoundJointLaw, q: Sequence[Scalar], sincos: Callable[[int], tuple[Scalar, Scalar]]
 ) -> Iterator[Place]:
     """The points that may touch: the middle, or both ends, that towards positive z first.
 

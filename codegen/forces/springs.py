@@ -26,10 +26,10 @@ from eomgen.robot.model import Model
 
 from ..tree.bound import BoundElement
 from ..tree.composite import Rows
-from ..tree.constraints import Side, common_body, subtract
+from ..tree.constraints import Side, common_body
 from ..tree.frozen_joints import JointGeometry
 from ..tree.recursion import Wrench
-from ..tree.spatial import Scalar, Vec, add, along, cross, dot, is_zero, matvec, scale, transpose
+from ..tree.spatial import Scalar, Vec, add, along, cross, dot, is_zero, matvec, scale, subtract, transpose
 from .element import ForceElement, ImplicitShare, Kernels, Slopes, add_to
 from .laws import Effect, steepest, tension
 from .scalar_functions import Functions

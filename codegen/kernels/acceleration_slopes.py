@@ -18,8 +18,8 @@ from ..solve.free_bodies import bodies_apart
 from ..tree.composite import Rows
 from ..tree.derivatives import Derivatives, residual_derivatives
 from ..tree.spatial import Scalar
-from .accelerations import Way, drives_left, eliminated_tree
-from .closed import Pivots, pivot_outputs
+from .accelerations import Way, drives_left
+from .closed import Pivots, eliminated, pivot_outputs
 from .derivation import Derivation, Outputs
 
 BY_FACTORS = "derivatives of the residual through M = L^T D L"
@@ -52,7 +52,7 @@ def _add_forces(d: Derivation, by_q: Rows, by_v: Rows) -> None:
 def _by_values(d: Derivation) -> Outputs:
     """Differentiate the elimination's program; what resists the drives by its own derivatives."""
     drives = drives_left(d, d.forces(d.v))
-    tree, pivots = eliminated_tree(d, drives)
+    tree, pivots = eliminated(d, d.bound.armature, drives, d.v)
     by_q: Rows = {(i, i): law.stiffness for i, law in enumerate(d.bound.laws)}
     by_v: Rows = {(i, i): law.damping for i, law in enumerate(d.bound.laws)}
     _add_forces(d, by_q, by_v)
@@ -75,7 +75,7 @@ def _by_factors(d: Derivation) -> Outputs:
     held = {i: {j: whole.get((min(i, j), max(i, j)), 0.0) for j in known} for i in range(n) if i not in known}
     right = [d.u[i] if i in known else _right(d.u, bias[i], i, held[i]) for i in range(n)]
     factors = Factors(d.model, matrix)
-    a = factors.forward([x * y for x, y in zip(factors.back(right), factors.inverse, strict=True)])
+    a = factors.solve(right)
     slopes = residual_slopes(d, a)
     given: dict[Hashable, dict[Hashable, Scalar]] = {}
     for i in range(n):

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 
 from ..forces.element import Arms, ImplicitShare
 from ..forces.laws import Effect
-from ..solve.factorised import Factors, solve
+from ..solve.factorised import Factors
 from ..solve.reduced import ReducedTree
-from ..solve.responses import EliminatedTree, FactorisedTree
+from ..solve.responses import EliminatedTree, FactorisedTree, Tree
 from ..solve.rows import Row, elastic_row
 from ..tree.composite import Rows
-from ..tree.spatial import Scalar
+from ..tree.spatial import ZERO, Scalar
 from .closed import Pivots, constrained, eliminated, pivot_outputs, settling, with_rows
 from .constraint_rows import gaps, general_rank
 from .derivation import Derivation, Outputs
@@ -23,54 +23,25 @@ REDUCED = "the leading coordinates' M = L^T D L factorised"
 STRAIGHT_SOLVE = 12  # up to so many coordinates the factorisation is tried beside the elimination
 
 
-def _solved(d: Derivation, acceleration: Sequence[Scalar], pivots: Pivots) -> Outputs:
-    """Accelerations, and for every coordinate a pivot with the size that it is compared to."""
-    return {**d.motion(acceleration), **pivot_outputs(d, pivots)}
-
-
-def _factorised(d: Derivation) -> Outputs:
-    """M = L^T D L, solved for u minus everything but M a."""
-    right = [drive - row for row, drive in zip(d.dynamics(d.v, d.still), d.u, strict=True)]
-    matrix = d.matrix()
-    acceleration, pivots = solve(d.model, matrix, right)
-    return _solved(d, acceleration, [(pivot, matrix[i, i]) for i, pivot in enumerate(pivots)])
-
-
 def drives_left(d: Derivation, springs: list[Scalar]) -> list[Scalar]:
     """Drives less springs and dampers; of a prescribed coordinate its acceleration, which stands in u."""
     given = d.model.prescribed
     return [u if i in given else u - spring for i, (u, spring) in enumerate(zip(d.u, springs, strict=True))]
 
 
-def _eliminated(d: Derivation) -> Outputs:
-    """Joint by joint from the tips, without a mass matrix."""
-    tree, pivots = eliminated_tree(d, drives_left(d, d.forces(d.v)))
-    return _solved(d, tree.free, pivots)
+def _moving_by_elimination(d: Derivation, *, coupled: bool = False) -> tuple[EliminatedTree | ReducedTree, Pivots]:
+    """Eliminate joints from the tips, without a mass matrix; of a tree with followers those of its leaders."""
+    return eliminated(d, d.bound.armature, drives_left(d, d.forces(d.v)), d.v, coupled=coupled)
 
 
-def eliminated_tree(
-    d: Derivation, drives: list[Scalar], *, coupled: bool = False
-) -> tuple[EliminatedTree | ReducedTree, Pivots]:
-    """The tree with its joints eliminated, in forward dynamics; with followers that of its leaders."""
-    return eliminated(d, d.bound.armature, drives, d.v, coupled=coupled)
+def _moving_by_factors(d: Derivation) -> tuple[FactorisedTree, Pivots]:
+    """Solve M = L^T D L for u minus everything but M a."""
+    return _by_factors(d, [drive - row for row, drive in zip(d.dynamics(d.v, d.still), d.u, strict=True)])
 
 
-def _constrained_by_elimination(d: Derivation) -> Outputs:
-    return constrained(d, *eliminated_tree(d, drives_left(d, d.forces(d.v)), coupled=True))
-
-
-def _constrained_by_factors(d: Derivation) -> Outputs:
-    right = [drive - row for row, drive in zip(d.dynamics(d.v, d.still), d.u, strict=True)]
-    return constrained(d, *_by_factors(d, right))
-
-
-def _settling_by_elimination(d: Derivation) -> Outputs:
-    rest = replace(d.bound, gravity=(0.0, 0.0, 0.0))
-    return settling(d, *eliminated(d, d.bound.armature, d.still, d.still, bound=rest, coupled=True))
-
-
-def _settling_by_factors(d: Derivation) -> Outputs:
-    return settling(d, *_by_factors(d, d.still))
+def _resting_by_elimination(d: Derivation) -> tuple[EliminatedTree | ReducedTree, Pivots]:
+    rest = replace(d.bound, gravity=ZERO)
+    return eliminated(d, d.bound.armature, d.still, d.still, bound=rest, coupled=True)
 
 
 def _by_factors(d: Derivation, right: Sequence[Scalar]) -> tuple[FactorisedTree, Pivots]:
@@ -78,6 +49,13 @@ def _by_factors(d: Derivation, right: Sequence[Scalar]) -> tuple[FactorisedTree,
     matrix = d.matrix()
     factors = Factors(d.model, matrix)
     return FactorisedTree(factors, right), [(pivot, matrix[i, i]) for i, pivot in enumerate(factors.pivots)]
+
+
+def solved_accelerations(d: Derivation, tree: Tree, pivots: Pivots, rows: Sequence[Row] = ()) -> Outputs:
+    """Accelerations, with forces of rows, and for every coordinate a pivot with the size that it is compared to."""
+    rank = general_rank(d.described) if rows and d.described.constraints else None
+    found = with_rows(d, tree, rows, rank)[0] if rows else tree.accelerations({})
+    return {**d.motion(found), **pivot_outputs(d, pivots)}
 
 
 class _Step(ImplicitShare):
@@ -155,8 +133,7 @@ def implicit_step(d: Derivation) -> Outputs:
         element.add_rows(step)
     drives, coupled = drives_left(d, step.forces), bool(step.rows)
     tree, pivots = eliminated(d, step.armature, drives, d.v, step.slopes, coupled=coupled, beside=step.beside)
-    rank = general_rank(d.described) if d.described.constraints else None
-    return _solved(d, with_rows(d, tree, step.rows, rank)[0] if step.rows else tree.free, pivots)
+    return solved_accelerations(d, tree, pivots, step.rows)
 
 
 def _closing_rows(d: Derivation, dt: Scalar) -> list[Row]:
@@ -183,23 +160,22 @@ class Way:
     on_demand: bool = False
 
 
-def _follows(d: Derivation) -> bool:
-    """Whether coordinates follow others."""
-    return bool(d.followers)
+def _ways(
+    by_factors: Callable[[Derivation], Outputs], by_elimination: Callable[[Derivation], Outputs]
+) -> Mapping[str, Way]:
+    return {
+        FACTORISED: Way(by_factors, STRAIGHT_SOLVE, prescribes=False),  # M would have to be divided by what is known
+        ELIMINATED: Way(by_elimination),
+        REDUCED: Way(by_elimination, suits=lambda d: bool(d.followers)),
+    }
 
 
-CONSTRAINED: Mapping[str, Way] = {
-    FACTORISED: Way(_constrained_by_factors, STRAIGHT_SOLVE, prescribes=False),
-    ELIMINATED: Way(_constrained_by_elimination),
-    REDUCED: Way(_constrained_by_elimination, suits=_follows),
-}
-SETTLING: Mapping[str, Way] = {
-    FACTORISED: Way(_settling_by_factors, STRAIGHT_SOLVE, prescribes=False),
-    ELIMINATED: Way(_settling_by_elimination),
-    REDUCED: Way(_settling_by_elimination, suits=_follows),
-}
-SOLVERS: Mapping[str, Way] = {
-    FACTORISED: Way(_factorised, STRAIGHT_SOLVE, prescribes=False),  # M would have to be divided by what is known
-    ELIMINATED: Way(_eliminated),
-    REDUCED: Way(_eliminated, suits=_follows),
-}
+CONSTRAINED = _ways(
+    lambda d: constrained(d, *_moving_by_factors(d)),
+    lambda d: constrained(d, *_moving_by_elimination(d, coupled=True)),
+)
+SETTLING = _ways(lambda d: settling(d, *_by_factors(d, d.still)), lambda d: settling(d, *_resting_by_elimination(d)))
+SOLVERS = _ways(
+    lambda d: solved_accelerations(d, *_moving_by_factors(d)),
+    lambda d: solved_accelerations(d, *_moving_by_elimination(d)),
+)

@@ -42,7 +42,6 @@ def jacobian_columns(model: Model, k: Any, frame: int) -> dict[int, list[Any]]:
 
     Args:
         k: results of the program of frames, a sequence.
-        frame: its number.
     """
     origins = POSE_SIZE * len(model.frames)
     axes, found = origins + 3 * len(model.bodies), dict[int, list[Any]]()

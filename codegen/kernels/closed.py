@@ -10,7 +10,7 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import Any
 
-from ..solve.elimination import Elimination
+from ..solve.elimination import NO_COUPLINGS, Elimination
 from ..solve.factorised import Factors, coordinate_parents
 from ..solve.reduced import ReducedTree
 from ..solve.refining import precision_of, refined
@@ -26,7 +26,6 @@ from .derivation import Derivation, Outputs, vector
 
 Pivots = list[tuple[Scalar, Scalar]]
 NO_SLOPES: Mapping[int, Scalar] = MappingProxyType({})
-NO_BESIDE: Mapping[tuple[int, int], Scalar] = MappingProxyType({})
 
 
 def eliminated(
@@ -38,15 +37,13 @@ def eliminated(
     *,
     bound: Bound | None = None,
     coupled: bool = False,
-    beside: Mapping[tuple[int, int], Scalar] = NO_BESIDE,
+    beside: Mapping[tuple[int, int], Scalar] = NO_COUPLINGS,
 ) -> tuple[EliminatedTree | ReducedTree, Pivots]:
     """The tree with its accelerations, and pivots with what they are compared to: motors first, then joints.
 
     Args:
-        armature, drives, v: of every coordinate.
         slopes: of the transmissions in an implicit step.
         bound: the model's numbers, where they are not the derivation's.
-        coupled: whether rows come on top.
         beside: slopes that couple coordinates of one joint beside the diagonal, see ``Elimination``.
     """
     bound = bound or d.bound

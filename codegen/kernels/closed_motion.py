@@ -48,7 +48,7 @@ def closing_reactions(d: Derivation) -> Outputs:
     for closure, wrench in _rigid_wrenches(d):
         for k, carried in closure.wrenches(wrench.force, wrench.moment):
             total[k] = total[k] + carried
-    return _wrench_outputs(total)
+    return wrench_outputs(total)
 
 
 def loop_reactions(d: Derivation) -> Outputs:
@@ -67,7 +67,7 @@ def _of_cuts(d: Derivation, rigid: Mapping[int, Wrench]) -> Outputs:
     for element in d.elements:
         for number, wrench in element.wrenches_in_cuts(d.v):
             total[number] = total[number] + wrench
-    return _wrench_outputs([closure.seen_from_b(x) for closure, x in zip(d.closures, total, strict=True)])
+    return wrench_outputs([closure.seen_from_b(x) for closure, x in zip(d.closures, total, strict=True)])
 
 
 def _rigid_wrenches(d: Derivation) -> Iterator[tuple[Closure, Wrench]]:
@@ -113,7 +113,6 @@ def row_kinds(model: Model, program: Program) -> list[int]:
     """Give every row of the constraint a number for rows of its kind; -1 where nothing that is not prescribed moves it.
 
     Args:
-        model: a robot with constraints.
         program: its closing_derivatives, of which the first block of every loop is that of J.
     """
     kinds, number, at = list[int](), dict[tuple[str, bool], int](), 0
@@ -127,5 +126,6 @@ def row_kinds(model: Model, program: Program) -> list[int]:
     return kinds
 
 
-def _wrench_outputs(wrenches: Sequence[Wrench]) -> Outputs:
+def wrench_outputs(wrenches: Sequence[Wrench]) -> Outputs:
+    """Forces and moments, wrench by wrench."""
     return vector([x for wrench in wrenches for x in (*wrench.force, *wrench.moment)])

@@ -173,7 +173,6 @@ def _closed_jacobian(
     alone, these come apart by the root of the gap, and would pass as independent.
 
     Args:
-        begin: coordinates where it begins, n.
         numbers: of the parameters, and of joints that turn freely.
     """
     arms, q = _Arms(d, found), np.array(begin)

@@ -55,7 +55,7 @@ class Derivation:
         def value(name: str, number: float) -> Scalar:
             return self.graph.input(PARAMETERS, slots[name]) if name in slots else number
 
-        self.q, self.v, self.a, self.u = (self._inputs(name) for name in "qvau")
+        self.q, self.v, self.a, self.u = (self.inputs(name) for name in "qvau")
         bound = bind(self.model, value, self.graph.sincos)
         self.followers = Followers(self.model, self.described, bound)
         self.followers.follow(self.q, positions=True)
@@ -66,7 +66,8 @@ class Derivation:
         self.still: list[Scalar] = [0.0] * self.model.size
         self.functions = Functions(self.graph.call)
 
-    def _inputs(self, name: str) -> list[Scalar]:
+    def inputs(self, name: str) -> list[Scalar]:
+        """Read an array of the coordinates that kernels know, (n,); 0 at the others."""
         found: list[Scalar] = [0.0] * self.model.size
         for place, index in enumerate(self.own):
             found[index] = self.graph.input(name, place)

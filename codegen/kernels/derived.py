@@ -23,12 +23,8 @@ WEIGHTS, GRADIENT, HESSIAN = "cotangent_", "gradient_", "hessian_"  # begin name
 WITH_PARAMETERS = "_p"  # ends the name of a gradient that has the parameters behind the arrays
 FRAMED: Mapping[str, str] = {"frame_pose": "poses", "frame_jacobian": "jacobians"}  # results of all frames at once
 TIMES = ("dt", "times")  # arrays that steps are not differentiated by
-EXACT = (  # kernels that are derivatives of others already, and charts, which are not differentiated
-    "christoffel",
-    "following",
-    "forward_dynamics_jacobian",
-    "tree_forward_dynamics_jacobian",
-)
+# Kernels that are derivatives of others already, and charts, which are not differentiated
+EXACT = ("christoffel", "following", "forward_dynamics_jacobian", "tree_forward_dynamics_jacobian")
 
 
 def differentiated(kernels: Mapping[str, Signature]) -> dict[str, Signature]:
@@ -81,16 +77,6 @@ def _steps(text: str, of: str, calls: tuple[str, ...], ending: str) -> Signature
     )
 
 
-def _gradient(method: str, of: str, *calls: str) -> Signature:
-    """Steps of a method backwards: the programs that it calls, and those that they go back by."""
-    return _steps(f"Derivatives of a sum over the states of steps by {method}.", of, calls, "parameter_adjoint")
-
-
-def _sensitivity(method: str, of: str, *calls: str) -> Signature:
-    """Steps of a method with derivatives beside them: the programs that it calls, and their rates."""
-    return _steps(f"States of steps by {method} and their derivatives along directions.", of, calls, "along")
-
-
 def _along(of: str, writes: str, reads: tuple[str, ...], *moving: str) -> Signature:
     """Rates of a program's results along those of arrays and of the parameters."""
     return Signature(
@@ -116,17 +102,25 @@ def _back(of: str, writes: str, reads: tuple[str, ...], weights: str) -> Signatu
     )
 
 
+METHODS: Mapping[str, tuple[str, str, tuple[str, ...]]] = {  # in words, kernels, programs
+    "explicit": ("explicit methods", "rollout", ("forward_dynamics",)),
+    "implicit": ("the linearly implicit method", "rollout", ("implicit_step",)),
+    "rosenbrock": (
+        "the Rosenbrock method",
+        "adaptive_rollout",
+        ("forward_dynamics", "stage_factors", "stage_solution"),
+    ),
+}
 GRADIENTS: Mapping[str, Signature] = {
-    "explicit_gradient": _gradient("explicit methods", "rollout", "forward_dynamics"),
-    "implicit_gradient": _gradient("the linearly implicit method", "rollout", "implicit_step"),
-    "rosenbrock_gradient": _gradient(
-        "the Rosenbrock method", "adaptive_rollout", "forward_dynamics", "stage_factors", "stage_solution"
-    ),
-    "explicit_sensitivity": _sensitivity("explicit methods", "rollout", "forward_dynamics"),
-    "implicit_sensitivity": _sensitivity("the linearly implicit method", "rollout", "implicit_step"),
-    "rosenbrock_sensitivity": _sensitivity(
-        "the Rosenbrock method", "adaptive_rollout", "forward_dynamics", "stage_factors", "stage_solution"
-    ),
+    f"{way}_gradient": _steps(
+        f"Derivatives of a sum over the states of steps by {method}.", of, calls, "parameter_adjoint"
+    )
+    for way, (method, of, calls) in METHODS.items()
+} | {
+    f"{way}_sensitivity": _steps(
+        f"States of steps by {method} and their derivatives along directions.", of, calls, "along"
+    )
+    for way, (method, of, calls) in METHODS.items()
 }
 BACKWARDS: Mapping[str, Signature] = {  # programs that only gradients and sensitivities call
     "forward_dynamics_along": _along("forward_dynamics", "vector", ("q", "v", "u"), "q", "v", "u"),
@@ -149,13 +143,7 @@ BACKWARDS: Mapping[str, Signature] = {  # programs that only gradients and sensi
 def derivative_shapes(
     kernels: Mapping[str, Signature], shapes: Mapping[str, Shape], parameters: int
 ) -> dict[str, Shape]:
-    """Shapes of the arrays that derivatives read and write beside those of the kernels.
-
-    Args:
-        kernels: derivatives, as of ``differentiated``.
-        shapes: of the arrays of the kernels that they are of.
-        parameters: number of run-time parameters.
-    """
+    """Shapes of what derivatives, as of ``differentiated``, read and write beside arrays of these shapes."""
     found: dict[str, Shape] = {}
     known = {RATES[array]: shapes[array] for array in RATES} | {WEIGHTS + array: shapes[array] for array in shapes}
     if parameters:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 Kind = Literal["program", "tangent", "adjoint", "hessian", "frames", "composed", "rollout", "adaptive", "gradient"]
 KINDS: Mapping[Kind, str] = {  # in the order in which C and packages have them
@@ -62,3 +63,14 @@ class Signature:
     beside: tuple[str, ...] = ()
     mapped: bool = False
     vectors: bool = True
+
+
+def kernel(form: str, text: str, kind: Kind = "program", **more: Any) -> tuple[str, Signature]:
+    """Read "name(array, ...) -> array": the kernel's name and its signature, ``more`` by its fields."""
+    name, reads, writes = re.split(r"\(|\) -> ", form)
+    return name, Signature(tuple(reads.split(", ")), writes, text, kind, **more)
+
+
+def table(*rows: tuple[str, Signature]) -> dict[str, Signature]:
+    """Signatures by their names."""
+    return dict(rows)

@@ -145,7 +145,6 @@ def derive_cheapest(model: Model, kernel: str, chosen: str = "", dtype: str = "f
     """The program of a kernel that can be written in several ways, and the name of its way in WAYS.
 
     Args:
-        kernel: one of WAYS.
         chosen: the way; the one that costs least if empty.
     """
     return min(_candidates(model, kernel, chosen, dtype), key=lambda candidate: _cost(candidate[0]))

@@ -16,18 +16,22 @@ from eomgen.robot.value import MOTOR, Loop
 from ..tree.regressor import described_values, regressor_names
 from .signatures import KERNELS, element_rows, functions, shapes
 
+IF_ANY = (  # entries of the metadata that are there only where there is something to tell
+    *("motors", "efforts", "turning", "loops", "upright", "constraints", "couplings", "followers", "cut_laws"),
+    *("regressor", "springs", "element_rows"),
+)
+
 
 def describe_kernels(model: Model, kernels: Sequence[str], dtype: str) -> dict[str, Any]:
     """Plain values for JSON: what a package says of its kernels before anything is derived.
 
     "kernels" and "functions" say what each reads and writes; users call the functions, which are the kernels but for
     those of the kind "frames", and ``RawFunction`` says what a kind means.
-
-    Args:
-        kernels: names of KERNELS.
-        dtype: of all arrays.
     """
-    return {
+    robot = model.robot
+    free = [name for i, name in enumerate(model.coordinates) if i not in model.prescribed]
+    motors = {model.coordinates[index]: model.coordinates[principal] for index, principal in model.motors.items()}
+    described = {
         "generator": f"eomgen {__version__}",
         "name": model.name,
         "dtype": dtype,
@@ -37,8 +41,8 @@ def describe_kernels(model: Model, kernels: Sequence[str], dtype: str) -> dict[s
         "frames": model.frames,
         "driven": model.driven,
         "prescribed": [model.coordinates[i] for i in model.prescribed],
-        **_motor_metadata(model),
-        **_efforts(model),
+        "motors": {name: [driven, _ratio(model, name)] for name, driven in motors.items()},
+        "efforts": {name: effort for name in free if (effort := effort_of(robot, name)) is not None},
         "parameters": dict(model.parameters),
         "least": {name: least for name in model.parameters if (least := least_of(name)) is not None},
         "shapes": {key: list(shape) for key, shape in shapes(model, kernels).items()},
@@ -55,13 +59,22 @@ def describe_kernels(model: Model, kernels: Sequence[str], dtype: str) -> dict[s
             for function in functions(kernels)
         },
         "knots": knots(model),
-        "elements": {x: owners for x, owners in element_places(model.robot, model.parameters).items() if owners},
-        **({"turning": turning_joints(model)} if model.turning else {}),
-        **_loop_metadata(model),
-        **({"regressor": regressor_names(model)} if "regressor" in kernels else {}),
-        **({"springs": [spring.name for spring in model.robot.springs]} if model.robot.springs else {}),
-        **({"element_rows": rows} if (rows := element_rows(model)) else {}),
+        "elements": {x: owners for x, owners in element_places(robot, model.parameters).items() if owners},
+        "turning": turning_joints(model) if model.turning else {},
+        "loops": {loop.name: loop.type for loop in robot.loops},
+        "upright": {loop.name: _upright(loop) for loop in robot.loops},
+        "constraints": model.constraints,
+        "couplings": {coupling.name: coupling.of for coupling in robot.couplings if coupling.law is None},
+        "followers": {
+            name: {"coupling": x.name, "to": dict(x.to), "offset": x.offset or 0.0}
+            for name, x in model.followers.items()
+        },
+        "cut_laws": [component_name(owner, name) if name else owner for owner, name, _ in model.cut_laws],
+        "regressor": regressor_names(model) if "regressor" in kernels else (),
+        "springs": [spring.name for spring in robot.springs],
+        "element_rows": element_rows(model),
     }
+    return {key: value for key, value in described.items() if value or key not in IF_ANY}
 
 
 def inertial_parameters(model: Model) -> dict[str, Any]:
@@ -95,43 +108,11 @@ def turning_joints(model: Model) -> dict[str, Any]:
     return {"joints": joints, "room": 1 + 4 * len(joints) + 2 * model.size}
 
 
-def _efforts(model: Model) -> dict[str, Any]:
-    """Limits of drives' forces, N or N m, of the coordinates that have one."""
-    known = [name for i, name in enumerate(model.coordinates) if i not in model.prescribed]
-    found = {name: effort for name in known if (effort := effort_of(model.robot, name)) is not None}
-    return {"efforts": found} if found else {}
-
-
-def _motor_metadata(model: Model) -> dict[str, Any]:
-    """The coordinate that every motor drives, and the description's ratio, where there are motors."""
-    motors = {}
-    for index, principal in model.motors.items():
-        name = model.coordinates[index]
-        motor = model.robot.joint(joint_of(name)).motor
-        assert motor is not None
-        motors[name] = [model.coordinates[principal], motor.ratio]
-    return {"motors": motors} if motors else {}
-
-
-def _loop_metadata(model: Model) -> dict[str, Any]:
-    """The loops' types, what is above 0 where they are not turned over, and the components of all constraints."""
-    loops = {loop.name: loop.type for loop in model.robot.loops}
-    found: dict[str, Any] = {}
-    if loops:
-        found = {"loops": loops, "upright": {loop.name: _upright(loop) for loop in model.robot.loops}}
-    if model.constraints:
-        found["constraints"] = model.constraints
-    rigid = {coupling.name: coupling.of for coupling in model.robot.couplings if coupling.law is None}
-    if rigid:
-        found["couplings"] = rigid
-    if model.followers:
-        found["followers"] = {
-            name: {"coupling": x.name, "to": dict(x.to), "offset": x.offset or 0.0}
-            for name, x in model.followers.items()
-        }
-    if model.cut_laws:
-        found["cut_laws"] = [component_name(owner, name) if name else owner for owner, name, _ in model.cut_laws]
-    return found
+def _ratio(model: Model, motor: str) -> float:
+    """The description's ratio of the gear behind a motor's coordinate."""
+    found = model.robot.joint(joint_of(motor)).motor
+    assert found is not None
+    return found.ratio
 
 
 def _upright(loop: Loop) -> tuple[tuple[float, int, int], ...]:

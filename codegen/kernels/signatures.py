@@ -15,7 +15,7 @@ from ..tree.regressor import regressor_names
 from .blocks import row_blocks
 from .bodies import axes_of
 from .derived import BACKWARDS, GRADIENTS, derivative_shapes, differentiated
-from .entries import KINDS, Kind, Signature
+from .entries import KINDS, Kind, Signature, kernel, table
 
 DTYPES = ("float64", "float32")  # types of kernels' numbers
 SINGLES, BATCHES = "singles", "batches"  # halves of the C of all kernels: for one state, and on vectors for several
@@ -23,92 +23,80 @@ SINGLES, BATCHES = "singles", "batches"  # halves of the C of all kernels: for o
 
 TOLD = ("constraint", "constraint_jacobian", "constraint_bias", "constrained_drives")  # what errors of loops tell
 
-OWN_KERNELS: Mapping[str, Signature] = {
-    "mass_matrix": Signature(("q",), "matrix", "Mass matrix M(q), eq. (11).", symmetric=True),
-    "bias_force": Signature(("q", "v"), "vector", "Coriolis and centrifugal terms, eq. (12) contracted."),
-    "generalized_force": Signature(("q", "v"), "vector", "Springs, dampers, gravity: Q_P + Q_G, eqs. (13), (14)."),
-    "external_force": Signature(
-        ("q", "wrench"),
-        "vector",
-        "Q_F of eq. (14), its moment term corrected; base axes.",
-    ),
-    "residual": Signature(("q", "v", "a", "u"), "vector", "M a + bias - Q - u, eq. (5) unexpanded; zero on a motion."),
-    "inverse_dynamics": Signature(
-        ("q", "v", "a"),
-        "vector",
+OWN_KERNELS: Mapping[str, Signature] = table(
+    kernel("mass_matrix(q) -> matrix", "Mass matrix M(q), eq. (11).", symmetric=True),
+    kernel("bias_force(q, v) -> vector", "Coriolis and centrifugal terms, eq. (12) contracted."),
+    kernel("generalized_force(q, v) -> vector", "Springs, dampers, gravity: Q_P + Q_G, eqs. (13), (14)."),
+    kernel("external_force(q, wrench) -> vector", "Q_F of eq. (14), its moment term corrected; base axes."),
+    kernel("residual(q, v, a, u) -> vector", "M a + bias - Q - u, eq. (5) unexpanded; zero on a motion."),
+    kernel(
+        "inverse_dynamics(q, v, a) -> vector",
         "The drives u that make the residual zero.",
         closed=("constrained_drives",),
         beside=("tree_inverse_dynamics", "inverse_dynamics_under_load", *TOLD),
     ),
-    "tree_inverse_dynamics": Signature(
-        ("q", "v", "a"), "vector", "The drives u that make the residual zero, loops cut.", needs="constraints"
+    kernel(
+        "tree_inverse_dynamics(q, v, a) -> vector",
+        "The drives u that make the residual zero, loops cut.",
+        needs="constraints",
     ),
-    "constrained_drives": Signature(
-        ("q", "v", "a", "u"),
-        "driving",
+    kernel(
+        "constrained_drives(q, v, a, u) -> driving",
         "Drives of a motion beside forces u, multipliers, g, J v, J a, J_dot v, forces left and needed.",
         needs="constraints",
     ),
-    "inverse_dynamics_under_load": Signature(
-        ("q", "v", "a", "u"),
-        "vector",
+    kernel(
+        "inverse_dynamics_under_load(q, v, a, u) -> vector",
         "The drives that make a motion beside forces u.",
         "composed",
         calls=("constrained_drives",),
         needs="constraints",
     ),
-    "forward_dynamics": Signature(
-        ("q", "v", "u"),
-        "vector",
+    kernel(
+        "forward_dynamics(q, v, u) -> vector",
         "Accelerations under the drives u.",
         solves=True,
         closed=("constrained_dynamics",),
         beside=("tree_forward_dynamics", *TOLD),
     ),
-    "tree_forward_dynamics": Signature(
-        ("q", "v", "u"), "vector", "Accelerations under the drives u, loops cut.", solves=True, needs="constraints"
+    kernel(
+        "tree_forward_dynamics(q, v, u) -> vector",
+        "Accelerations under the drives u, loops cut.",
+        solves=True,
+        needs="constraints",
     ),
-    "constrained_dynamics": Signature(
-        ("q", "v", "u"),
-        "constrained",
+    kernel(
+        "constrained_dynamics(q, v, u) -> constrained",
         "Accelerations under the drives u, multipliers, g and J v; whatever the gaps are.",
         solves=True,
         needs="constraints",
         beside=("following",),  # charts, along which it is integrated
     ),
-    "constraint_forces": Signature(
-        ("q", "v", "u"),
-        "constraints",
+    kernel(
+        "constraint_forces(q, v, u) -> constraints",
         "Multipliers of the constraint under the drives u.",
         "composed",
         calls=("constrained_dynamics",),
         solves=True,
         needs="constraints",
     ),
-    "settling": Signature(
-        ("q", "v"),
-        "settling",
+    kernel(
+        "settling(q, v) -> settling",
         "Changes of q and v towards the nearest closed state, by the kinetic energy, and g.",
         solves=True,
         needs="constraints",
     ),
-    "following": Signature(
-        ("q", "v", "a", "chart"),
-        "following",
+    kernel(
+        "following(q, v, a, chart) -> following",
         "A state whose dependent coordinates, rates and accelerations keep the loops closed, as a chart chooses them.",
         "composed",
         calls=("constraint", "constraint_jacobian", "constraint_bias"),
         needs="constraints",
         vectors=False,
     ),
-    "residual_jacobian": Signature(
-        ("q", "v", "a"),
-        "derivatives",
-        "Derivatives of the residual by q, v and a: three matrices.",
-    ),
-    "forward_dynamics_jacobian": Signature(
-        ("q", "v", "u"),
-        "derivatives",
+    kernel("residual_jacobian(q, v, a) -> derivatives", "Derivatives of the residual by q, v and a: three matrices."),
+    kernel(
+        "forward_dynamics_jacobian(q, v, u) -> derivatives",
         "Derivatives of the accelerations by q, v and u: three matrices.",
         "composed",
         calls=("forward_dynamics", "residual_jacobian"),
@@ -116,137 +104,129 @@ OWN_KERNELS: Mapping[str, Signature] = {
         solves=True,
         beside=("tree_forward_dynamics_jacobian", *TOLD),
     ),
-    "tree_forward_dynamics_jacobian": Signature(
-        ("q", "v", "u"),
-        "derivatives",
+    kernel(
+        "tree_forward_dynamics_jacobian(q, v, u) -> derivatives",
         "Derivatives of the accelerations by q, v and u, loops cut: three matrices.",
         "composed",
         calls=("tree_forward_dynamics", "residual_jacobian"),
         solves=True,
         needs="constraints",
     ),
-    "coriolis_matrix": Signature(("q", "v"), "matrix", "Coriolis matrix C(q, v) with C v = bias and M_dot = C + C^T."),
-    "christoffel": Signature(
-        ("q",),
-        "tensor",
+    kernel("coriolis_matrix(q, v) -> matrix", "Coriolis matrix C(q, v) with C v = bias and M_dot = C + C^T."),
+    kernel(
+        "christoffel(q) -> tensor",
         "Christoffel symbols of the first kind, the tensor C of eq. (12).",
         columns_of="coriolis_matrix",
         mapped=True,
     ),
-    "kinematics": Signature(
-        ("q",),
-        "kinematics",
+    kernel(
+        "kinematics(q) -> kinematics",
         "Frames [R | X], bodies' origins, coordinates' axes; eqs. (1)-(3).",
         "frames",
-        functions={
-            "frame_pose": Signature(("q",), "pose", "Pose A_0k of a frame in the base; eqs. (1) and (2)."),
-            "frame_jacobian": Signature(
-                ("q",),
-                "jacobian",
+        functions=table(
+            kernel("frame_pose(q) -> pose", "Pose A_0k of a frame in the base; eqs. (1) and (2)."),
+            kernel(
+                "frame_jacobian(q) -> jacobian",
                 "Velocity of a frame's origin (3 rows) and angular velocity (3 rows) per coordinate rate, base axes.",
             ),
-        },
+        ),
     ),
-    "energy": Signature(("q", "v"), "pair", "Kinetic energy, eq. (4), and potential energy of gravity and springs."),
-    "reactions": Signature(
-        ("q", "v", "a"),
-        "reactions",
+    kernel("energy(q, v) -> pair", "Kinetic energy, eq. (4), and potential energy of gravity and springs."),
+    kernel(
+        "reactions(q, v, a) -> reactions",
         "Force and moment on each joint's child link, moved joint's axes.",
         closed=("tree_reactions", "constrained_drives", "closing_reactions"),
         beside=("tree_reactions", "reactions_under_load", *TOLD),
     ),
-    "tree_reactions": Signature(
-        ("q", "v", "a"),
-        "reactions",
+    kernel(
+        "tree_reactions(q, v, a) -> reactions",
         "Force and moment on each joint's child link, moved joint's axes, loops cut.",
         needs="constraints",
     ),
-    "reactions_under_load": Signature(
-        ("q", "v", "a", "u"),
-        "reactions",
+    kernel(
+        "reactions_under_load(q, v, a, u) -> reactions",
         "The reactions where forces u act beside the drives, without their own part.",
         "composed",
         calls=("tree_reactions", "constrained_drives", "closing_reactions"),
         needs="constraints",
     ),
-    "loop_reactions": Signature(
-        ("q", "v", "a"),
-        "loop_reactions",
+    kernel(
+        "loop_reactions(q, v, a) -> loop_reactions",
         "Force and moment of each cut joint on its second link, cut frame there.",
         closed=("constrained_drives", "loop_wrenches"),
         needs="loops",
         beside=("loop_reactions_under_load", *TOLD),
     ),
-    "loop_reactions_under_load": Signature(
-        ("q", "v", "a", "u"),
-        "loop_reactions",
+    kernel(
+        "loop_reactions_under_load(q, v, a, u) -> loop_reactions",
         "The same where forces u act beside the drives.",
         "composed",
         calls=("constrained_drives", "loop_wrenches"),
         needs="cuts",
     ),
-    "external_reactions": Signature(
-        ("q", "wrench"), "reactions", "What external wrenches add to the reactions, moved joint's axes."
+    kernel(
+        "external_reactions(q, wrench) -> reactions", "What external wrenches add to the reactions, moved joint's axes."
     ),
-    "regressor": Signature(
-        ("q", "v", "a"),
-        "regressor",
-        "Y of inverse dynamics without springs and dampers, u = Y theta; loops cut.",
+    kernel(
+        "regressor(q, v, a) -> regressor", "Y of inverse dynamics without springs and dampers, u = Y theta; loops cut."
     ),
-    "euler_cosines": Signature(("q",), "joints", "Cosine of beta of every joint with three angles, 1 for the others."),
-    "constraint": Signature(
-        ("q",), "constraints", "Constraint g(q) of the cut joints; zero where loops are closed.", needs="constraints"
+    kernel("euler_cosines(q) -> joints", "Cosine of beta of every joint with three angles, 1 for the others."),
+    kernel(
+        "constraint(q) -> constraints",
+        "Constraint g(q) of the cut joints; zero where loops are closed.",
+        needs="constraints",
     ),
-    "constraint_jacobian": Signature(
-        ("q",), "constraint_rows", "Jacobian J = dg/dq of the constraint.", needs="constraints"
-    ),
-    "constraint_bias": Signature(("q", "v"), "constraints", "J_dot v: g_ddot = J a + J_dot v.", needs="constraints"),
-    "coupling_forces": Signature(
-        ("q", "v", "a"),
-        "couplings",
+    kernel("constraint_jacobian(q) -> constraint_rows", "Jacobian J = dg/dq of the constraint.", needs="constraints"),
+    kernel("constraint_bias(q, v) -> constraints", "J_dot v: g_ddot = J a + J_dot v.", needs="constraints"),
+    kernel(
+        "coupling_forces(q, v, a) -> couplings",
         "Force on each follower of a rigid coupling that a motion takes.",
         needs="followers",
     ),
-    "external_coupling_forces": Signature(
-        ("q", "wrench"), "couplings", "What external wrenches add to the couplings' forces.", needs="followers"
+    kernel(
+        "external_coupling_forces(q, wrench) -> couplings",
+        "What external wrenches add to the couplings' forces.",
+        needs="followers",
     ),
-    "cut_poses": Signature(
-        ("q",), "cut_poses", "Per loop the cut frame on its second link seen from that on its first.", needs="loops"
+    kernel(
+        "cut_poses(q) -> cut_poses",
+        "Per loop the cut frame on its second link seen from that on its first.",
+        needs="loops",
     ),
-    "spring_forces": Signature(
-        ("q", "v"), "spring_pairs", "Per spring between two points its length and tension.", needs="springs"
+    kernel(
+        "spring_forces(q, v) -> spring_pairs", "Per spring between two points its length and tension.", needs="springs"
     ),
-    "spring_jacobian": Signature(
-        ("q",), "spring_rows", "Derivatives of the springs' lengths by q: moment arms.", needs="springs"
+    kernel(
+        "spring_jacobian(q) -> spring_rows", "Derivatives of the springs' lengths by q: moment arms.", needs="springs"
     ),
-    "cut_forces": Signature(
-        ("q", "v"),
-        "law_pairs",
+    kernel(
+        "cut_forces(q, v) -> law_pairs",
         "Per coordinate of a cut joint with a force, and elastic coupling, its deviation and what resists it.",
         needs="laws",
     ),
-    "cut_jacobian": Signature(
-        ("q",), "law_rows", "Derivatives by q of the deviations of cut joints and elastic couplings.", needs="laws"
+    kernel(
+        "cut_jacobian(q) -> law_rows",
+        "Derivatives by q of the deviations of cut joints and elastic couplings.",
+        needs="laws",
     ),
-    "element_forces": Signature(
-        ("q", "v"),
-        "element_pairs",
+    kernel(
+        "element_forces(q, v) -> element_pairs",
         "Per coordinate of a force element between two links its value and what resists it.",
         needs="elements",
     ),
-    "element_jacobian": Signature(
-        ("q",), "element_rows", "Derivatives by q of the coordinates of force elements.", needs="elements"
+    kernel(
+        "element_jacobian(q) -> element_rows",
+        "Derivatives by q of the coordinates of force elements.",
+        needs="elements",
     ),
-    "spring_stiffness": Signature(
-        ("q",),
-        "matrix",
+    kernel(
+        "spring_stiffness(q) -> matrix",
         "What the springs between points stiffen at most: sum of k (dd/dq)^T dd/dq.",
         symmetric=True,
         needs="springs",
     ),
-    "rollout": Signature(
-        ("q", "v", "u"),
-        "vector",
+    kernel(
+        "rollout(q, v, u) -> vector",
         "Many steps of one integration.",
         "rollout",
         calls=("forward_dynamics", "implicit_step"),
@@ -254,16 +234,15 @@ OWN_KERNELS: Mapping[str, Signature] = {
         closed=("constrained_dynamics", "implicit_step", "settling"),
         solves=True,
     ),
-    "adaptive_rollout": Signature(
-        ("q", "v", "u"),
-        "vector",
+    kernel(
+        "adaptive_rollout(q, v, u) -> vector",
         "Integration with error control.",
         "adaptive",
         calls=("forward_dynamics", "stage_factors", "stage_solution"),  # a stage's, with the factors of a step
         closed=("constrained_dynamics", "stage_factors", "stage_solution", "settling"),
         solves=True,
     ),
-}
+)
 
 DERIVATIVES: Mapping[str, Signature] = differentiated(OWN_KERNELS)  # there only if they are asked for
 KERNELS: Mapping[str, Signature] = {**OWN_KERNELS, **DERIVATIVES, **GRADIENTS}
@@ -272,54 +251,38 @@ LOOP_KERNELS = tuple(
     name for name, signature in OWN_KERNELS.items() if signature.needs in ("loops", "constraints", "cuts")
 )
 
-PARTS: Mapping[str, Signature] = {  # programs that only other kernels call
-    "closing_derivatives": Signature(
-        ("q", "v", "a", "multipliers"),
-        "closing",
+PARTS: Mapping[str, Signature] = table(  # programs that only other kernels call
+    kernel(
+        "closing_derivatives(q, v, a, multipliers) -> closing",
         "Per loop J, the derivatives of J a + J_dot v by q and v, and of J^T lambda by q, where they may not vanish.",
     ),
-    "closing_reactions": Signature(
-        ("q", "multipliers"), "reactions", "What the tree's joints bear of the forces in the cuts."
+    kernel("closing_reactions(q, multipliers) -> reactions", "What the tree's joints bear of the forces in the cuts."),
+    kernel(
+        "loop_wrenches(q, v, multipliers) -> loop_reactions", "Force and moment of each cut joint on its second link."
     ),
-    "loop_wrenches": Signature(
-        ("q", "v", "multipliers"), "loop_reactions", "Force and moment of each cut joint on its second link."
-    ),
-    "implicit_step": Signature(
-        ("q", "v", "u", "added", "dt"),
-        "vector",
+    kernel(
+        "implicit_step(q, v, u, added, dt) -> vector",
         "(M + dt B + dt^2 K + added) a = u - bias - K (q + dt v) - B v: accelerations of a linearly implicit step.",
     ),
-    "stage_factors": Signature(
-        ("q", "v", "kp", "kd", "times"),
-        "kept",
+    kernel(
+        "stage_factors(q, v, kp, kd, times) -> kept",
         "Factors of M + c B + c^2 K, for the stages of a Rosenbrock method.",
     ),
-    "stage_solution": Signature(
-        ("kept", "rates", "shifts"), "vector", "w of (M + c B + c^2 K) w = -((c B + c^2 K) rates + c K shifts)."
+    kernel(
+        "stage_solution(kept, rates, shifts) -> vector",
+        "w of (M + c B + c^2 K) w = -((c B + c^2 K) rates + c K shifts).",
     ),
-}
+)
 
 SIGNATURES: Mapping[str, Signature] = {**KERNELS, **PARTS, **BACKWARDS}
 
 TURNED = (  # programs that know how joints are turned, which integrations call
-    "forward_dynamics",
-    "forward_dynamics_jacobian",
-    "implicit_step",
-    "stage_factors",
-    "stage_solution",
-    "inverse_dynamics",
-    "mass_matrix",
-    "residual_jacobian",
-    "external_force",
+    *("forward_dynamics", "forward_dynamics_jacobian", "implicit_step", "stage_factors", "stage_solution"),
+    *("inverse_dynamics", "mass_matrix", "residual_jacobian", "external_force"),
 )
 CLOSED_TURNED = (  # more of them where there are constraints
-    "constrained_dynamics",
-    "settling",
-    "residual",
-    "constraint",
-    "constraint_jacobian",
-    "constraint_bias",
-    "closing_derivatives",
+    *("constrained_dynamics", "settling", "residual"),
+    *("constraint", "constraint_jacobian", "constraint_bias", "closing_derivatives"),
 )
 
 

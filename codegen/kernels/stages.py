@@ -28,9 +28,10 @@ from ..program.ir import Program, finish
 from ..program.passes import PARAMETERS, run_passes
 from ..solve.rows import Row, elastic_row
 from ..tree.composite import Rows
-from ..tree.spatial import Scalar, along
-from .closed import eliminated, pivot_outputs, with_rows
-from .constraint_rows import gaps, general_rank
+from ..tree.spatial import ZERO, Scalar, along
+from .accelerations import solved_accelerations
+from .closed import eliminated
+from .constraint_rows import gaps
 from .derivation import Derivation, Outputs
 
 LATE = ("rates", "shifts")
@@ -60,7 +61,7 @@ class _Stage(ImplicitShare):
         super().__init__(d.q, d.v, 0.0)
         self.d = d
         self.c, self.square = d.graph.input("times", 0), d.graph.input("times", 1)
-        self.rates, self.shifts = self._inputs("rates"), self._inputs("shifts")
+        self.rates, self.shifts = d.inputs("rates"), d.inputs("shifts")
         for x in (self.rates, self.shifts):
             d.followers.follow(x)
         self.own = [_Slope(0.0, 0.0)] * d.model.size
@@ -68,12 +69,6 @@ class _Stage(ImplicitShare):
         self.beside: Rows = {}
         self.slopes: dict[int, Scalar] = {}
         self.directions: list[tuple[Arms, _Slope]] = []
-
-    def _inputs(self, name: str) -> list[Scalar]:
-        found: list[Scalar] = [0.0] * self.d.model.size
-        for place, i in enumerate(self.d.own):
-            found[i] = self.d.graph.input(name, place)
-        return found
 
     def push(self, i: int, force: Scalar) -> None:
         raise NotImplementedError("stages take no forces of elements")
@@ -149,12 +144,11 @@ def stage(d: Derivation) -> Outputs:
         rows.append(elastic_row(arms, slope.whole))
     given = frozenset(d.model.prescribed)
     drives: list[Scalar] = [0.0 if i in given else -1.0 * force for i, force in enumerate(here.forces)]
-    rest, coupled = replace(d.bound, gravity=(0.0, 0.0, 0.0)), bool(rows)
+    rest, coupled = replace(d.bound, gravity=ZERO), bool(rows)
     tree, pivots = eliminated(
         d, here.armature, drives, d.still, here.slopes, bound=rest, coupled=coupled, beside=here.beside
     )
-    rank = general_rank(d.described) if d.described.constraints else None
-    return {**d.motion(with_rows(d, tree, rows, rank)[0] if rows else tree.free), **pivot_outputs(d, pivots)}
+    return solved_accelerations(d, tree, pivots, rows)
 
 
 def derive_stage(d: Derivation) -> dict[str, Program]:

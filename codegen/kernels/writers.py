@@ -14,28 +14,19 @@ from ..tree.composite import coriolis_matrix
 from ..tree.kinematics import body_poses, external_rows, frame_poses, weight_energy
 from ..tree.recursion import Wrench, inertial_rows, kinetic_energy
 from ..tree.regressor import INERTIAL, armatures, inertial_columns
-from ..tree.spatial import Scalar, is_zero
+from ..tree.spatial import ZERO, Scalar, is_zero
 from .acceleration_slopes import SLOPES, residual_slopes
 from .accelerations import CONSTRAINED, SETTLING, SOLVERS, Way, implicit_step
 from .bodies import axes_of
-from .closed_motion import closing_derivatives, closing_reactions, drives, loop_reactions, loop_wrenches
+from .closed_motion import closing_derivatives, closing_reactions, drives, loop_reactions, loop_wrenches, wrench_outputs
 from .constraint_rows import gaps
 from .derivation import Derivation, Outputs, vector
 from .signatures import CLOSURE_KERNELS, element_rows
 
-DESCRIPTION_FRAMES = (
-    "reactions",
-    "tree_reactions",
-    "closing_reactions",
-    "loop_reactions",
-    "loop_wrenches",
-    "kinematics",
-    "external_force",
-    "external_reactions",
-    "external_coupling_forces",
-    "regressor",
-    *CLOSURE_KERNELS,
-)  # report, or are asked, in the description's frames
+DESCRIPTION_FRAMES = (  # report, or are asked, in the description's frames
+    *("reactions", "tree_reactions", "closing_reactions", "loop_reactions", "loop_wrenches", "kinematics"),
+    *("external_force", "external_reactions", "external_coupling_forces", "regressor", *CLOSURE_KERNELS),
+)
 
 
 def _mass_matrix(d: Derivation) -> Outputs:
@@ -44,35 +35,15 @@ def _mass_matrix(d: Derivation) -> Outputs:
     return vector([whole.get((i, j), 0.0) for i in d.own for j in d.own])
 
 
-def _bias_force(d: Derivation) -> Outputs:
-    return d.vector(inertial_rows(d.model, d.bound, d.joints, d.v, d.still, (0.0, 0.0, 0.0), d.graph.note)[0])
-
-
 def _generalized_force(d: Derivation) -> Outputs:
     weights = inertial_rows(d.model, d.bound, d.joints, d.still, d.still, d.bound.gravity)[0]
     springs = d.forces(d.v)
     return d.vector([-(weight + spring) for weight, spring in zip(weights, springs, strict=True)])
 
 
-def _external_force(d: Derivation) -> Outputs:
-    return d.vector(_external(d)[0])
-
-
-def _external_reactions(d: Derivation) -> Outputs:
-    return vector([-x for wrench in _external(d)[1] for x in (*wrench.force, *wrench.moment)])
-
-
 def _external(d: Derivation) -> tuple[list[Scalar], list[Wrench]]:
     wrenches = [[d.graph.input("wrench", 6 * k + i) for i in range(6)] for k in range(len(d.model.links))]
     return external_rows(d.model, d.bound, d.joints, wrenches)
-
-
-def _residual(d: Derivation) -> Outputs:
-    return d.vector([row - drive for row, drive in zip(d.dynamics(d.v, d.a), d.u, strict=True)])
-
-
-def _inverse_dynamics(d: Derivation) -> Outputs:
-    return d.vector(d.dynamics(d.v, d.a))
 
 
 def _residual_jacobian(d: Derivation) -> Outputs:
@@ -88,10 +59,6 @@ def _euler_cosines(d: Derivation) -> Outputs:
             for body, joint in zip(d.model.bodies, d.joints, strict=True)
         ]
     )
-
-
-def _coriolis_matrix(d: Derivation) -> Outputs:
-    return d.matrices(coriolis_matrix(d.model, d.bound, d.joints, d.v, d.graph.note))
 
 
 def _christoffel(d: Derivation) -> Outputs:
@@ -141,7 +108,7 @@ def _reactions(d: Derivation) -> Outputs:
     for element in d.elements:
         for k, held in element.wrenches(d.v):
             total[k] = total[k] + held
-    return vector([x for wrench in total for x in (*wrench.force, *wrench.moment)])
+    return wrench_outputs(total)
 
 
 def _regressor(d: Derivation) -> Outputs:
@@ -158,26 +125,6 @@ def _regressor(d: Derivation) -> Outputs:
             values.extend(here)
         values.extend(d.a[i] if i == row else led.get(i, 0.0) * d.a[i] for i in driven)
     return vector(values)
-
-
-def _constraint(d: Derivation) -> Outputs:
-    return vector([gap.value for gap in gaps(d, d.still)])
-
-
-def _constraint_jacobian(d: Derivation) -> Outputs:
-    return d.rows([gap.arms for gap in gaps(d, d.still)])
-
-
-def _constraint_bias(d: Derivation) -> Outputs:
-    return vector([gap.bias for gap in gaps(d, d.v)])
-
-
-def _coupling_forces(d: Derivation) -> Outputs:
-    return _coupled(d, d.dynamics(d.v, d.a))
-
-
-def _external_coupling_forces(d: Derivation) -> Outputs:
-    return _coupled(d, [-1.0 * x for x in _external(d)[0]])
 
 
 def _coupled(d: Derivation, needed: Sequence[Scalar]) -> Outputs:
@@ -207,14 +154,6 @@ def _of_element(family: type[ForceElement], kernel: str) -> Callable[[Derivation
     return write
 
 
-def _element_forces(d: Derivation) -> Outputs:
-    return vector([x for one in _deflections(d) for x in (one.value, one.force)])
-
-
-def _element_jacobian(d: Derivation) -> Outputs:
-    return d.rows([one.arms for one in _deflections(d)])
-
-
 def _deflections(d: Derivation) -> list[Deflection]:
     """Coordinates of all force elements, in the order of ``element_rows``."""
     by_name = {one.name: one for element in d.elements for one in element.deflections(d.v)}
@@ -223,16 +162,16 @@ def _deflections(d: Derivation) -> list[Deflection]:
 
 WRITERS: Mapping[str, Callable[[Derivation], Outputs]] = {
     "mass_matrix": _mass_matrix,
-    "bias_force": _bias_force,
+    "bias_force": lambda d: d.vector(inertial_rows(d.model, d.bound, d.joints, d.v, d.still, ZERO, d.graph.note)[0]),
     "generalized_force": _generalized_force,
-    "external_force": _external_force,
-    "external_reactions": _external_reactions,
-    "residual": _residual,
-    "inverse_dynamics": _inverse_dynamics,
-    "tree_inverse_dynamics": _inverse_dynamics,
+    "external_force": lambda d: d.vector(_external(d)[0]),
+    "external_reactions": lambda d: wrench_outputs([x.scaled(-1.0) for x in _external(d)[1]]),
+    "residual": lambda d: d.vector([row - drive for row, drive in zip(d.dynamics(d.v, d.a), d.u, strict=True)]),
+    "inverse_dynamics": lambda d: d.vector(d.dynamics(d.v, d.a)),
+    "tree_inverse_dynamics": lambda d: d.vector(d.dynamics(d.v, d.a)),
     "constrained_drives": drives,
     "residual_jacobian": _residual_jacobian,
-    "coriolis_matrix": _coriolis_matrix,
+    "coriolis_matrix": lambda d: d.matrices(coriolis_matrix(d.model, d.bound, d.joints, d.v, d.graph.note)),
     "christoffel": _christoffel,
     "kinematics": _kinematics,
     "energy": _energy,
@@ -244,15 +183,15 @@ WRITERS: Mapping[str, Callable[[Derivation], Outputs]] = {
     "loop_reactions": loop_reactions,
     "loop_wrenches": loop_wrenches,
     "euler_cosines": _euler_cosines,
-    "constraint": _constraint,
-    "constraint_jacobian": _constraint_jacobian,
-    "constraint_bias": _constraint_bias,
-    "coupling_forces": _coupling_forces,
-    "external_coupling_forces": _external_coupling_forces,
+    "constraint": lambda d: vector([gap.value for gap in gaps(d, d.still)]),
+    "constraint_jacobian": lambda d: d.rows([gap.arms for gap in gaps(d, d.still)]),
+    "constraint_bias": lambda d: vector([gap.bias for gap in gaps(d, d.v)]),
+    "coupling_forces": lambda d: _coupled(d, d.dynamics(d.v, d.a)),
+    "external_coupling_forces": lambda d: _coupled(d, [-1.0 * x for x in _external(d)[0]]),
     "cut_poses": _cut_poses,
     "implicit_step": implicit_step,
-    "element_forces": _element_forces,
-    "element_jacobian": _element_jacobian,
+    "element_forces": lambda d: vector([x for one in _deflections(d) for x in (one.value, one.force)]),
+    "element_jacobian": lambda d: d.rows([one.arms for one in _deflections(d)]),
     **{kernel: _of_element(family, kernel) for family in ELEMENTS for kernel in family.KERNELS},
 }
 

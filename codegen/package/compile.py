@@ -21,6 +21,7 @@ import sysconfig
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cache
+from importlib.machinery import EXTENSION_SUFFIXES
 from pathlib import Path
 from typing import Any
 
@@ -40,13 +41,9 @@ FLAGS = (OPTIMISED, "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off"
 NATIVE = ("-march=native", "-ffp-contract=fast")
 LONG = 1500  # values of a program; compilers that look for vectors in so many lines find ones that wait for their parts
 NO_VECTORS = "-fno-tree-slp-vectorize"
-CARRIED = (
-    "errors.py",
-    "names.py",
-    "runtime/*.py",
-    "runtime/stepping/*.py",
-    "runtime/*.[ch]",
-)  # of eomgen, copied to its places in a package
+# Files of eomgen that are copied to their places in a package
+CARRIED = ("errors.py", "names.py", "runtime/*.py", "runtime/stepping/*.py", "runtime/*.[ch]")
+PACKAGE = "package/package.py.jinja"  # template of the Python of a package
 WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic")
 
 
@@ -139,11 +136,7 @@ def compile_flags(
     """Flags of a kernel's own C: ours, then those of $CFLAGS, then those that the call gives.
 
     Args:
-        compiler: with the flags of the environment.
-        native: for this very processor.
-        further: flags of the call.
         level: of processors, where the code is not native.
-        quick: with less work for the compiler.
 
     Raises:
         BuildError: a flag asks for arithmetic that is not IEEE's, or a response file cannot be read.
@@ -182,11 +175,12 @@ def toolchain(compiler: Compiler, flags: Sequence[str]) -> dict[str, Any]:
 
 def dependencies(source: Source, compiler: Compiler, flags: Sequence[str]) -> dict[str, Any]:
     """Everything that a package depends on, by names, as plain values of JSON."""
+    template = environment().get_template(PACKAGE).filename
     return {
         **toolchain(compiler, flags),
         "source": asdict(source),
         "cffi": cffi.__version__,
-        "package": [path.read_text(encoding="utf-8") for path in (Path(__file__), _template())],
+        "package": [Path(str(x)).read_text(encoding="utf-8") for x in (__file__, template)],
         "carried": {name: path.read_text(encoding="utf-8") for name, path in carried_files().items()},
     }
 
@@ -209,16 +203,10 @@ def carried_files() -> dict[str, Path]:
     return {path.relative_to(root).as_posix(): path for pattern in CARRIED for path in sorted(root.glob(pattern))}
 
 
-def _template() -> Path:
-    return Path(str(environment().get_template("package/package.py.jinja").filename))
-
-
 def write_package(source: Source, compiler: Compiler, flags: Sequence[str], folder: Path, level: str = BASE) -> None:
     """Write and compile the package of a kernel into an empty folder of its own.
 
     Args:
-        source, compiler, flags: what is compiled and how.
-        folder: of the package.
         level: of processors that the flags are for, or "native".
 
     Raises:
@@ -228,7 +216,7 @@ def write_package(source: Source, compiler: Compiler, flags: Sequence[str], fold
     (folder / f"{name}.h").write_text(source.header, encoding="ascii")
     (folder / f"{name}.c").write_text(source.code, encoding="ascii")
     (folder / f"{name}.json").write_text(source.meta, encoding="ascii")
-    package = environment().get_template("package/package.py.jinja").render(name=name, version=__version__, level=level)
+    package = environment().get_template(PACKAGE).render(name=name, version=__version__, level=level)
     (folder / "__init__.py").write_text(package, encoding="ascii")
     for place, original in carried_files().items():
         (folder / place).parent.mkdir(exist_ok=True)
@@ -265,7 +253,8 @@ def _build_api(source: Source, compiler: Compiler, flags: Sequence[str], folder:
     # -O0: the wrapper passes pointers on, and optimising it takes longer than many a kernel
     jobs.append([*compile_c, "-O0", *compiler.flags, *include, str(wrapper), "-o", str(objects[-1])])
     run_all(jobs)
-    link_shared(compiler, objects, folder / f"_{name}{_suffix()}")
+    suffix = ".abi3.so" if ".abi3.so" in EXTENSION_SUFFIXES else EXTENSION_SUFFIXES[0]
+    link_shared(compiler, objects, folder / f"_{name}{suffix}")
     shutil.rmtree(work)
 
 
@@ -296,12 +285,6 @@ def _build_abi(source: Source, compiler: Compiler, flags: Sequence[str], folder:
     only = _only(source.half, source) if source.half else ()
     command = [*compiler.command, "-fPIC", *_first_flags(source), *flags, *only, *shared_flags(), code, "-o", library]
     run_all([[*command, *compiler.link_flags, "-lm"]])
-
-
-def _suffix() -> str:
-    from importlib.machinery import EXTENSION_SUFFIXES
-
-    return ".abi3.so" if ".abi3.so" in EXTENSION_SUFFIXES else EXTENSION_SUFFIXES[0]
 
 
 def shared_flags() -> tuple[str, ...]:

@@ -25,7 +25,8 @@ def extension_key(compiler: Compiler) -> str | None:
     """Hash of all that the module depends on, NumPy's version among it; None where it cannot be compiled."""
     if _headers() is None:
         return None
-    return key_of({**toolchain(compiler, FLAGS), "numpy": np.__version__, **_sources(), "own": _text(__file__)})
+    own = Path(__file__).read_text(encoding="utf-8")
+    return key_of({**toolchain(compiler, FLAGS), "numpy": np.__version__, **_sources(), "own": own})
 
 
 def write_extension(compiler: Compiler, folder: Path) -> None:
@@ -55,7 +56,3 @@ def _sources() -> dict[str, str]:
     """The module's files, by name."""
     folder = importlib.resources.files("eomgen.runtime")
     return {name: (folder / name).read_text(encoding="ascii") for name in (FILE, *HEADERS)}
-
-
-def _text(file: str) -> str:
-    return Path(file).read_text(encoding="utf-8")

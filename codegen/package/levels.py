@@ -46,12 +46,7 @@ class Compiling(Protocol):
 
 
 def possible_levels(compiler: Compiling, flags: Sequence[str] = ()) -> tuple[str, ...]:
-    """Levels that a compiler makes code for; the base alone where its command or flags choose a processor themselves.
-
-    Args:
-        compiler: with the flags of the environment.
-        flags: further ones.
-    """
+    """Levels that a compiler makes code for; the base alone where its command or flags choose a processor."""
     words = (*compiler.command[1:], *compiler.flags, *flags)
     chosen = any(word.startswith(_CHOOSING) and word not in _OURS for word in words)
     if chosen or not (_GCC in compiler.version or _CLANG in compiler.version):

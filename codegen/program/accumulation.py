@@ -32,10 +32,7 @@ class _Weighed:
     def __init__(self, edges: Sequence[Mapping[int, bool]], inner: set[int]) -> None:
         self.arguments = [dict(found) for found in edges]
         self.inner = set(inner)
-        self.users: list[set[int]] = [set() for _ in edges]
-        for value, found in enumerate(edges):
-            for argument in found:
-                self.users[argument].add(value)
+        self.users = _users(edges)
 
     def copy(self) -> _Weighed:
         return _Weighed(self.arguments, self.inner)
@@ -155,22 +152,25 @@ def _without_zeros(found: Mapping[Any, Value]) -> Partials:
 
 def _cheapest_order(edges: Sequence[Mapping[int, Value]], inner: set[int]) -> list[int]:
     """Values in an order that takes few products."""
-    start = _Weighed([{i: _is_unit(weight) for i, weight in found.items()} for found in edges], inner)
+    is_unit = [{i: not isinstance(x, Node) and abs(x) == 1.0 for i, x in found.items()} for found in edges]
+    start = _Weighed(is_unit, inner)
     order, _ = start.least_products(TAIL)
     tails = start.copy().from_the_last(), start.least_products(0)
     return order + min(tails, key=lambda tail: tail[1])[0]
 
 
-def _is_unit(weight: Value) -> bool:
-    return not isinstance(weight, Node) and abs(weight) == 1.0
-
-
-def _accumulate(graph: Graph, edges: list[dict[int, Value]], order: Sequence[int]) -> None:
-    """Eliminate values in this order: write the products and sums, and leave the edges between the others."""
+def _users(edges: Sequence[Mapping[int, Any]]) -> list[set[int]]:
+    """Per value those that use it."""
     users: list[set[int]] = [set() for _ in edges]
     for value, found in enumerate(edges):
         for argument in found:
             users[argument].add(value)
+    return users
+
+
+def _accumulate(graph: Graph, edges: list[dict[int, Value]], order: Sequence[int]) -> None:
+    """Eliminate values in this order: write the products and sums, and leave the edges between the others."""
+    users = _users(edges)
     for value in order:
         arguments, edges[value] = edges[value], {}
         for user in sorted(users[value]):

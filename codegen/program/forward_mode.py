@@ -13,7 +13,7 @@ import math
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
-from .ir import GATE, Graph, Instruction, Node, Program, Value, finish
+from .ir import GATE, Graph, Instruction, Node, Program, Value, finish, needed
 from .operations import OPERATIONS
 
 
@@ -25,7 +25,6 @@ def tangent(
     Args:
         program: of which all outputs are differentiated but pivots, which say whether there are others, and stay.
         rates: names of the input arrays that move, with the name of the input array of their rates.
-        name: of the program that is made.
         lengths: of the first numbers of arrays that move, where others do not.
     """
     graph = Graph()
@@ -62,14 +61,8 @@ def gradients(graph: Graph, values: Sequence[Value], inputs: Sequence[Node]) -> 
 
     What many of the derivatives share is written once.
     """
-    needed: set[int] = set()
-    waiting = [value.index for value in values if isinstance(value, Node)]
-    while waiting:
-        index = waiting.pop()
-        if index not in needed:
-            needed.add(index)
-            waiting += graph.instructions[index].args
-    order, columns = sorted(needed), []
+    wanted = needed(graph.instructions, [value.index for value in values if isinstance(value, Node)])
+    order, columns = [index for index, is_needed in enumerate(wanted) if is_needed], []
     for moved in inputs:
         rates: dict[int, Value] = {moved.index: 1.0}
         for index in order:

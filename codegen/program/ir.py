@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -100,7 +100,7 @@ class Graph:
     def sincos(self, x: Value) -> tuple[Value, Value]:
         """Sine and cosine of x."""
         if isinstance(x, Node):
-            number = self._number(x)
+            number = self.number(x)
             if number is None:
                 return self._node("sin", (x.index,)), self._node("cos", (x.index,))
             x = number
@@ -111,7 +111,7 @@ class Graph:
         operation, first = CALLS[op], args[0]
         if operation.idempotent and len({(x.index,) if isinstance(x, Node) else x for x in args}) == 1:
             return first
-        numbers = [self._number(x) if isinstance(x, Node) else float(x) for x in args]
+        numbers = [self.number(x) if isinstance(x, Node) else float(x) for x in args]
         known = [x for x in numbers if x is not None]
         found = operation.compute(*known) if len(known) == len(args) else None
         if found is not None:
@@ -265,11 +265,11 @@ class Graph:
         return self._binary("mul", self.constant(factor), x)
 
     def _binary(self, op: str, x: Node, y: Node) -> Value:
-        a, b = self._number(x), self._number(y)
+        a, b = self.number(x), self.number(y)
         found = None if a is None or b is None else OPERATIONS[op].compute(a, b)
         return self._node(op, (x.index, y.index)) if found is None else found
 
-    def _number(self, x: Node) -> float | None:
+    def number(self, x: Node) -> float | None:
         """The number of a constant node, or None."""
         found = self.instructions[x.index]
         return float(found.leaf) if found.op == "const" else None
@@ -329,12 +329,28 @@ def first_values(program: Program) -> list[bool]:
         gated = instruction.op == "choose" and instruction.args[0] == program.outputs[GATE, 0]
         needs_gate[index] = gated or any(needs_gate[arg] for arg in instruction.args)
     wanted |= {index for key, index in program.outputs.items() if not needs_gate[index]}
-    found = [index in wanted for index in range(len(program.instructions))]
+    return needed(program.instructions, wanted)
+
+
+def needed(instructions: Sequence[Instruction], wanted: Iterable[int]) -> list[bool]:
+    """Say of every value whether some of them need it, themselves among them."""
+    found = [False] * len(instructions)
+    for index in wanted:
+        found[index] = True
     for index in range(len(found) - 1, -1, -1):
         if found[index]:
-            for arg in program.instructions[index].args:
+            for arg in instructions[index].args:
                 found[arg] = True
     return found
+
+
+def reordered(program: Program, order: Sequence[int], notes: Mapping[int, str]) -> Program:
+    """The program with its values in another order, and with these notes."""
+    number = {index: place for place, index in enumerate(order)}
+    moved = (program.instructions[index] for index in order)
+    instructions = tuple(Instruction(x.op, tuple([number[arg] for arg in x.args]), x.leaf) for x in moved)
+    outputs = {key: number[index] for key, index in program.outputs.items()}
+    return Program(program.name, instructions, outputs, {number[index]: text for index, text in notes.items()})
 
 
 def gate_between(program: Program) -> Program:
@@ -342,13 +358,7 @@ def gate_between(program: Program) -> Program:
     early = first_values(program)
     if all(early):
         return program
-    order = sorted(range(len(early)), key=lambda index: not early[index])
-    number = {index: place for place, index in enumerate(order)}
-    moved = (program.instructions[index] for index in order)
-    instructions = tuple(Instruction(x.op, tuple([number[arg] for arg in x.args]), x.leaf) for x in moved)
-    outputs = {key: number[index] for key, index in program.outputs.items()}
-    notes = {number[index]: text for index, text in program.notes.items()}
-    return Program(program.name, instructions, outputs, notes)
+    return reordered(program, sorted(range(len(early)), key=lambda index: not early[index]), program.notes)
 
 
 def finish(graph: Graph, name: str, outputs: Mapping[tuple[str, int], Value]) -> Program:
@@ -366,13 +376,7 @@ def select(
     notes: Mapping[int, str],
 ) -> Program:
     """The instructions that the outputs need, renumbered; notes move to the next instruction that stays."""
-    alive = [False] * len(instructions)
-    for index in outputs.values():
-        alive[index] = True
-    for index in range(len(instructions) - 1, -1, -1):
-        if alive[index]:
-            for arg in instructions[index].args:
-                alive[arg] = True
+    alive = needed(instructions, outputs.values())
     renumbered = [-1] * len(instructions)
     kept: list[Instruction] = []
     kept_notes: dict[int, str] = {}
@@ -423,27 +427,17 @@ def evaluate(
     its kind; of floats where there are none.
     """
     values: list[Any] = []
-    for instruction in program.instructions:
-        args = [values[arg] for arg in instruction.args]
-        values.append(_apply(instruction, args, inputs, sincos, calls))
+    for op, args, leaf in program.instructions:
+        if op == "const":
+            value = leaf
+        elif op == "input":
+            value = inputs[leaf[0]][leaf[1]]
+        elif op in ("sin", "cos"):
+            value = sincos(values[args[0]])[op == "cos"]
+        else:
+            value = (calls.get(op) or VALUES[op])(*[values[arg] for arg in args])
+        values.append(value)
     return {key: values[index] for key, index in program.outputs.items()}
-
-
-def _apply(
-    instruction: Instruction,
-    args: list[Any],
-    inputs: Mapping[str, Sequence[Any]],
-    sincos: Callable[[Any], tuple[Any, Any]],
-    calls: Mapping[str, Callable[..., Any]],
-) -> Any:
-    op = instruction.op
-    if op == "const":
-        return instruction.leaf
-    if op == "input":
-        return inputs[instruction.leaf[0]][instruction.leaf[1]]
-    if op in ("sin", "cos"):
-        return sincos(args[0])[op == "cos"]
-    return (calls.get(op) or VALUES[op])(*args)
 
 
 def users(program: Program) -> list[int]:

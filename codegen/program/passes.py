@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from .ir import Graph, Instruction, Node, Program, Value, finish, gate_between, select, users, verify
+from .ir import Graph, Instruction, Node, Program, Value, finish, gate_between, reordered, select, users, verify
 from .operations import CALLS
 
 PARAMETERS = "p"  # the input array of run-time parameters
@@ -168,20 +168,14 @@ def _rebuilt(program: Program, plans: Mapping[int, list[_Group]]) -> Program:
             made.append(graph.insert(op, tuple([made[arg].index for arg in args]), leaf))
             continue
         made.append(value if isinstance(value, Node) else graph.constant(value))
-        if _number(made[index]) is not None:
+        if graph.number(made[index]) is not None:
             folded.add(index)
     return finish(graph, program.name, {key: made[index] for key, index in program.outputs.items()})
 
 
-def _number(node: Node) -> float | None:
-    """The number of a constant, None of anything else."""
-    found = node.graph.instructions[node.index]
-    return float(found.leaf) if found.op == "const" else None
-
-
 def _folded(graph: Graph, op: str, nodes: Sequence[Node]) -> Value:
     """A value written anew, because one of its arguments has turned out to be a number."""
-    numbers = [_number(node) for node in nodes]
+    numbers = [graph.number(node) for node in nodes]
     args: list[Value] = [node if x is None else x for node, x in zip(nodes, numbers, strict=True)]
     if op in ("sin", "cos"):
         return graph.sincos(args[0])[op == "cos"]
@@ -219,10 +213,7 @@ def on_demand(program: Program) -> Program:
                 waiting.append((value, True))
                 args = program.instructions[value].args
                 waiting += [(arg, False) for arg in reversed(args) if not is_placed[arg]]
-    number = {value: place for place, value in enumerate(order)}
-    found = (program.instructions[value] for value in order)
-    instructions = tuple(Instruction(x.op, tuple([number[arg] for arg in x.args]), x.leaf) for x in found)
-    return verify(Program(program.name, instructions, {key: number[x] for key, x in program.outputs.items()}))
+    return verify(reordered(program, order, {}))
 
 
 def hoist_parameters(programs: Sequence[Program], parameters: int) -> tuple[Program, list[Program]]:

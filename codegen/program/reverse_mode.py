@@ -22,7 +22,6 @@ def adjoint(program: Program, seed: str, wanted: Mapping[str, int], name: str) -
         seed: name of the input array of weights, one for each output.
         wanted: names of the input arrays that the gradient is taken by, with their lengths; their derivatives are
             written one array behind the other.
-        name: of the program that is made.
     """
     graph = Graph()
     values = copied(graph, program)

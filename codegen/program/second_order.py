@@ -16,8 +16,6 @@ def hessian(first: Program, wanted: Mapping[str, int], name: str) -> Program:
 
     Args:
         first: the program of its first derivatives, which ``adjoint`` makes.
-        wanted: as of ``adjoint``.
-        name: of the program that is made.
     """
     graph = Graph()
     values = copied(graph, first)

@@ -79,7 +79,6 @@ def share(program: Program, goals: Mapping[tuple[str, int], Goal], parents: Sequ
     """Program -> Shares: a value belongs to the last node that is in front of all that need it.
 
     Args:
-        program: what it writes.
         goals: per output of the program; one without is left out.
         parents: per node, -1 of the root, which is the first; parents come before their children.
         leaves: so many nodes at the end are no part of others' runs.

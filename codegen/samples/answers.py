@@ -48,7 +48,8 @@ class _Samples:
         setup = self.arithmetic.run(self.equations.setup, {"p": with_copies(self.found["p"].T)}).get("h")
         if setup is None:
             setup = np.zeros((0, with_copies(self.found["p"].T).shape[1]), self.arithmetic.dtype)
-        self._store("setup", setup, None, self.equations.setup, certain=self._has_no_turns(self.equations.setup))
+        no_turns = all(i.op not in ("sin", "cos") for i in self.equations.setup.instructions)
+        self._store("setup", setup, None, self.equations.setup, certain=no_turns)
         self.found["h"] = self.h = setup[:, 0]
         numbers = sorted({0, len(self.model.frames) // 2, len(self.model.frames) - 1})
         for function in functions(self.equations.kernels):
@@ -124,7 +125,3 @@ class _Samples:
         found[free] = np.inf
         self.found["effort"] = found.T[:_RESTING]
         return found
-
-    @staticmethod
-    def _has_no_turns(program: Program) -> bool:
-        return all(i.op not in ("sin", "cos") for i in program.instructions)

@@ -5,7 +5,8 @@ Arrays have lanes behind their own axes.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from ..joint.zeros import zero_map
 from ..kernels.blocks import row_blocks
 from ..kernels.bodies import jacobian_columns
 from ..kernels.constraint_rows import deriving_precision
-from ..solve.factorised import coordinate_parents
+from ..solve.factorised import coordinates_in_front
 from ..solve.rows import Precision
 from .arithmetic import Array
 
@@ -45,24 +46,18 @@ def christoffel(model: Model, run: Run, inputs: Mapping[str, Array]) -> tuple[Ar
     return np.concatenate(found), np.zeros(lanes, np.int64)
 
 
-def christoffel_places(model: Model) -> Array:
-    """Places of the tensor's entries that are sampled; a loop in C writes them all."""
-    places = np.arange(model.size**3).reshape((model.size,) * 3)
-    return np.concatenate([places[:, :, k].ravel() for k in _columns(model)])
-
-
 def _columns(model: Model) -> list[int]:
     return sorted({0, model.size // 2, model.size - 1})
+
+
+def christoffel_places(model: Model) -> Array:
+    """Places of the tensor's entries that are sampled; a loop in C writes them all."""
+    return np.concatenate([np.arange(k, model.size**3, model.size) for k in _columns(model)])
 
 
 def forward_dynamics_jacobian(model: Model, run: Run, inputs: Mapping[str, Array]) -> tuple[Array, Array]:
     """Derivatives of the accelerations: those of the residual, solved with M = L^T D L along the branches."""
     return _closed_derivatives(model, run, inputs) if model.constraints else _of_tree(model, run, "forward_dynamics")
-
-
-def tree_forward_dynamics_jacobian(model: Model, run: Run, inputs: Mapping[str, Array]) -> tuple[Array, Array]:
-    """The same of the open tree of a robot with loops."""
-    return _of_tree(model, run, "tree_forward_dynamics")
 
 
 def _of_tree(model: Model, run: Run, accelerations: str) -> tuple[Array, Array]:
@@ -95,8 +90,8 @@ def _closed_derivatives(model: Model, run: Run, inputs: Mapping[str, Array]) -> 
     x: Array = out.transpose(1, 0, 2, 3).reshape(n, 3 * n, lanes)
     pushed = J.copy()
     pushed[:, list(model.prescribed)] = 0.0
-    kinds = _kinds(model, pushed)
-    kept = [r for r, kind in enumerate(kinds) if kind is not None]
+    kinds = [kind for block in row_blocks(model) for kind in block.kinds]
+    kept = [r for r, row in enumerate(pushed) if (row != 0.0).any()]
     J, pushed, right = J[kept], pushed[kept], right[kept]
     Y = back(pushed.transpose(1, 0, 2).copy())
     right = right.reshape(len(kept), 3 * n, lanes)
@@ -117,12 +112,6 @@ def _closed_derivatives(model: Model, run: Run, inputs: Mapping[str, Array]) -> 
     out = x.reshape(n, 3, n, lanes).transpose(1, 0, 2, 3)
     status = np.where(status != 0, status, own)
     return out.reshape(-1, lanes), _with_gaps(model, found[n + m :], status, inputs["v"])
-
-
-def _kinds(model: Model, J: Array) -> list[tuple[str, bool] | None]:
-    """Kinds of the rows (m, n, lanes) as ``row_kinds`` has them; None of one that vanishes in all states."""
-    kinds = [kind for block in row_blocks(model) for kind in block.kinds]
-    return [kind if (row != 0.0).any() else None for kind, row in zip(kinds, J, strict=True)]
 
 
 def _multipliers(A: Array, right: Array, kinds: Sequence[object], precision: Precision) -> Array:
@@ -167,7 +156,7 @@ def _solved(model: Model, out: Array) -> tuple[Array, Callable[[Array], Array], 
     out[:2, known] = 0.0
     M[known], M[:, known] = 0.0, 0.0
     M[known, known] = 1.0
-    scale, chains = M[range(n), range(n)].copy(), _chains(model)
+    scale, chains = M[range(n), range(n)].copy(), coordinates_in_front(model)
     for k in reversed(range(n)):
         for place, i in enumerate(chains[k]):
             factor = M[k, i] / M[k, k]
@@ -194,28 +183,11 @@ def _solved(model: Model, out: Array) -> tuple[Array, Callable[[Array], Array], 
     return out, back, status_of(np.stack([pivot, scale], axis=1).reshape(2 * n, lanes))
 
 
-def _chains(model: Model) -> list[list[int]]:
-    """Coordinates in front of each one, the nearest first."""
-    parents = coordinate_parents(model)
-
-    def before(k: int) -> Iterator[int]:
-        while (k := parents[k]) >= 0:
-            yield k
-
-    return [list(before(k)) for k in range(model.size)]
-
-
-def forward_dynamics(model: Model, run: Run, inputs: Mapping[str, Array]) -> tuple[Array, Array]:
-    """Accelerations with the loops closed, and whether they are."""
+def _constrained(model: Model, run: Run, inputs: Mapping[str, Array], *, forces: bool) -> tuple[Array, Array]:
+    """Accelerations or multipliers with the loops closed, and whether they are."""
     found, status = run("constrained_dynamics")
-    return found[: model.size], _with_gaps(model, found[model.size + len(model.constraints) :], status, inputs["v"])
-
-
-def constraint_forces(model: Model, run: Run, inputs: Mapping[str, Array]) -> tuple[Array, Array]:
-    """Multipliers, and whether the loops are closed."""
-    found, status = run("constrained_dynamics")
-    m = len(model.constraints)
-    return found[model.size : model.size + m], _with_gaps(model, found[model.size + m :], status, inputs["v"])
+    a, multipliers, gaps = np.split(found, [model.size, model.size + len(model.constraints)])
+    return multipliers if forces else a, _with_gaps(model, gaps, status, inputs["v"])
 
 
 def following(model: Model, run: Run, inputs: Mapping[str, Array]) -> tuple[Array, Array]:
@@ -292,77 +264,59 @@ def _first(status: Array, reason: int, values: Array, scale: Array) -> Array:
     return found
 
 
-def _driving(model: Model, run: Run, inputs: Mapping[str, Array], *, loaded: bool) -> tuple[Array, Array]:
-    """Run constrained_drives, and say whether its drives make the motion."""
+def _driven(
+    of: Callable[[Run, Array, Array], Array], model: Model, run: Run, inputs: Mapping[str, Array], *, loaded: bool
+) -> tuple[Array, Array]:
+    """Answer with drives and multipliers of constrained_drives, and say whether these drives make the motion."""
     n, m = model.size, len(model.constraints)
     found = run("constrained_drives", **({} if loaded else {"u": np.zeros_like(inputs["u"])}))[0]
-    pull, bias, left, needed = np.split(found[n + 3 * m :], [m, 2 * m, 2 * m + n])
-    status = _with_gaps(model, found[n + m : n + 3 * m], np.zeros(found.shape[1], np.int64), inputs["v"])
+    u, multipliers, gaps, pull, bias, left, needed = np.split(found, np.cumsum([n, m, 2 * m, m, m, n]))
+    status = _with_gaps(model, gaps, np.zeros(found.shape[1], np.int64), inputs["v"])
     status = _first(status, 1 + n + 2 * m, pull + bias, _largest(inputs["a"], bias))
-    return found, _first(status, 1 + n + 3 * m, left, _largest(needed))
+    return of(run, u, multipliers), _first(status, 1 + n + 3 * m, left, _largest(needed))
 
 
-def _drives(loaded: bool) -> Composed:
-    def answer(model: Model, run: Run, inputs: Mapping[str, Array]) -> tuple[Array, Array]:
-        found, status = _driving(model, run, inputs, loaded=loaded)
-        return found[: model.size], status
-
-    return answer
+def _reactions(run: Run, u: Array, multipliers: Array) -> Array:
+    return np.asarray(run("tree_reactions")[0] + run("closing_reactions", multipliers=multipliers)[0])
 
 
-def _reactions(loaded: bool) -> Composed:
-    def answer(model: Model, run: Run, inputs: Mapping[str, Array]) -> tuple[Array, Array]:
-        found, status = _driving(model, run, inputs, loaded=loaded)
-        multipliers = found[model.size : model.size + len(model.constraints)]
-        return run("tree_reactions")[0] + run("closing_reactions", multipliers=multipliers)[0], status
-
-    return answer
-
-
-def _loop_reactions(loaded: bool) -> Composed:
-    def answer(model: Model, run: Run, inputs: Mapping[str, Array]) -> tuple[Array, Array]:
-        found, status = _driving(model, run, inputs, loaded=loaded)
-        multipliers = found[model.size : model.size + len(model.constraints)]
-        return run("loop_wrenches", multipliers=multipliers)[0], status
-
-    return answer
+DRIVEN: Mapping[str, Callable[[Run, Array, Array], Array]] = {
+    "inverse_dynamics": lambda run, u, multipliers: u,
+    "reactions": _reactions,
+    "loop_reactions": lambda run, u, multipliers: run("loop_wrenches", multipliers=multipliers)[0],
+}
 
 
 COMPOSED: Mapping[str, Composed] = {
     "christoffel": christoffel,
-    "constraint_forces": constraint_forces,
+    "constraint_forces": partial(_constrained, forces=True),
     "following": following,
-    "forward_dynamics": forward_dynamics,
+    "forward_dynamics": partial(_constrained, forces=False),
     "forward_dynamics_jacobian": forward_dynamics_jacobian,
-    "tree_forward_dynamics_jacobian": tree_forward_dynamics_jacobian,
-    "inverse_dynamics": _drives(loaded=False),
-    "inverse_dynamics_under_load": _drives(loaded=True),
-    "reactions": _reactions(loaded=False),
-    "reactions_under_load": _reactions(loaded=True),
-    "loop_reactions": _loop_reactions(loaded=False),
-    "loop_reactions_under_load": _loop_reactions(loaded=True),
+    "tree_forward_dynamics_jacobian": lambda model, run, _: _of_tree(model, run, "tree_forward_dynamics"),
+    **{name: partial(_driven, of, loaded=False) for name, of in DRIVEN.items()},
+    **{f"{name}_under_load": partial(_driven, of, loaded=True) for name, of in DRIVEN.items()},
 }
 PLACES: Mapping[str, Callable[[Model], Array]] = {"christoffel": christoffel_places}  # of answers that are not whole
 
 
-def frame_pose(model: Model, k: Array, frame: int) -> Array:
+def _frame_pose(model: Model, k: Array, frame: int) -> Array:
     """Pose (16, lanes) of a frame from what the program of frames writes."""
     last = np.zeros((4, k.shape[1]), k.dtype)
     last[3] = 1.0
     return np.concatenate([k[12 * frame : 12 * frame + 12], last])
 
 
-def frame_jacobian(model: Model, k: Array, frame: int) -> Array:
+def _frame_jacobian(model: Model, k: Array, frame: int) -> Array:
     """Jacobian (6 n, lanes) of a frame from what the program of frames writes."""
-    n = model.size
-    out = np.zeros((6, n, k.shape[1]), k.dtype)
+    out = np.zeros((6, model.size, k.shape[1]), k.dtype)
     for s, column in jacobian_columns(model, k, frame).items():
         for i, entry in enumerate(column):
             out[i, s] = entry
-    return out.reshape(6 * n, -1)
+    return out.reshape(6 * model.size, -1)
 
 
 FRAMED: Mapping[str, Callable[[Model, Array, int], Array]] = {
-    "frame_pose": frame_pose,
-    "frame_jacobian": frame_jacobian,
+    "frame_pose": _frame_pose,
+    "frame_jacobian": _frame_jacobian,
 }

@@ -26,8 +26,6 @@ def telling_lanes(
     Args:
         programs: those with angles are left out.
         inputs: arrays (size, lanes) by name.
-        arithmetic: which programs run in.
-        count: of lanes that are wanted.
     """
     shown = [
         x for program in programs if _is_plain(program, inputs, arithmetic) for x in _shown(program, inputs, arithmetic)

@@ -6,14 +6,12 @@ as any good library does; then all that computes them has the same bits.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from ..kernels.derived import is_direction
 from ..kernels.equations import Equations
 from ..kernels.signatures import SIGNATURES, shapes
-from ..program.ir import Instruction, Program
+from ..program.ir import Instruction, Program, select
 from .arithmetic import Arithmetic, Array, polynomials
 from .rounding import telling_lanes
 from .stored import ROUNDED, STATES
@@ -122,20 +120,7 @@ def _other_coordinates(equations: Equations, q: Array, rng: np.random.Generator)
 def _angles(equations: Equations) -> set[Angle]:
     """Instructions of all angles whose sines are taken, one for each."""
     return {
-        _cone(program.instructions, index)
+        select("angle", program.instructions, {("out", 0): index}, {}).instructions
         for program in equations.programs.values()
         for index in {i.args[0] for i in program.instructions if i.op in ("sin", "cos")}
     }
-
-
-def _cone(instructions: Sequence[Instruction], top: int) -> Angle:
-    """Instructions that one value needs, in order."""
-    needed, waiting = {top}, [top]
-    while waiting:
-        for arg in instructions[waiting.pop()].args:
-            if arg not in needed:
-                needed.add(arg)
-                waiting.append(arg)
-    places = {index: place for place, index in enumerate(sorted(needed))}
-    found = (instructions[index] for index in places)
-    return tuple(Instruction(i.op, tuple(places[arg] for arg in i.args), i.leaf) for i in found)

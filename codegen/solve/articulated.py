@@ -6,8 +6,23 @@ from dataclasses import dataclass
 
 from ..tree.composite import rotated_block
 from ..tree.frozen_joints import JointGeometry, Rotation, unit
-from ..tree.recursion import ZERO, Wrench, rotational_inertia
-from ..tree.spatial import Mat, PseudoInertia, Scalar, Vec, add, cross, matmul, matvec, scale, transpose
+from ..tree.recursion import Wrench, rotational_inertia
+from ..tree.spatial import (
+    ZERO,
+    Mat,
+    PseudoInertia,
+    Scalar,
+    Vec,
+    add,
+    cross,
+    mat3,
+    matmul,
+    matvec,
+    scale,
+    sum_mat,
+    transpose,
+    vec3,
+)
 
 NOTHING: Mat = (ZERO, ZERO, ZERO)
 
@@ -33,8 +48,7 @@ class Articulated:
 
 def inertia_tensor(J: Mat) -> Mat:
     """I = tr(J) 1 - J."""
-    columns = [rotational_inertia(PseudoInertia(J, ZERO, 0.0), unit(axis)) for axis in range(3)]
-    return (columns[0], columns[1], columns[2])
+    return mat3(rotational_inertia(PseudoInertia(J, ZERO, 0.0), unit(axis)) for axis in range(3))
 
 
 def gyroscopic_moment(J: Mat, w: Vec) -> Vec:
@@ -79,11 +93,6 @@ def rows_scaled(x: Vec, S: Mat) -> Mat:
     return (scale(x[0], S[0]), scale(x[1], S[1]), scale(x[2], S[2]))
 
 
-def sum_mat(R: Mat, S: Mat) -> Mat:
-    """R + S."""
-    return (add(R[0], S[0]), add(R[1], S[1]), add(R[2], S[2]))
-
-
 def symmetric(S: Mat) -> Mat:
     """The upper half of a matrix that is symmetric but for round-off, twice."""
     return (S[0], (S[0][1], S[1][1], S[1][2]), (S[0][2], S[1][2], S[2][2]))
@@ -91,8 +100,7 @@ def symmetric(S: Mat) -> Mat:
 
 def less(S: Mat, x: Vec, y: Vec) -> Mat:
     """S - x y^T."""
-    rows = [add(S[i], scale(-1.0 * x[i], y)) for i in range(3)]
-    return (rows[0], rows[1], rows[2])
+    return mat3(add(S[i], scale(-1.0 * x[i], y)) for i in range(3))
 
 
 def with_row(inertia: Articulated, row: int, entries: Wrench, held: Scalar) -> Articulated:
@@ -109,18 +117,13 @@ def with_row(inertia: Articulated, row: int, entries: Wrench, held: Scalar) -> A
         A[axis] = list(entries.moment)
         for i in range(3):
             A[i][axis], C[i][axis] = entries.moment[i], entries.force[i]
-    L_left, C_left, A_left = (
-        ((S[0][0], S[0][1], S[0][2]), (S[1][0], S[1][1], S[1][2]), (S[2][0], S[2][1], S[2][2])) for S in (L, C, A)
-    )
-    p = Wrench((force[0], force[1], force[2]), (moment[0], moment[1], moment[2]))
-    return Articulated(L_left, C_left, A_left, p)
+    return Articulated(mat3(L), mat3(C), mat3(A), Wrench(vec3(force), vec3(moment)))
 
 
 def turned(turn: Rotation, inertia: Articulated) -> Articulated:
     """Turn articulated inertia and force from the axes behind a rotation to those in front of it."""
     L, C, A = (rotated_block(turn, block) for block in (inertia.L, inertia.C, inertia.A))
-    p = Wrench(matvec(turn.matrix, inertia.p.force), matvec(turn.matrix, inertia.p.moment))
-    return Articulated(L, C, A, p)
+    return Articulated(L, C, A, inertia.p.turned(turn.matrix))
 
 
 def to_parent(inertia: Articulated, joint: JointGeometry) -> Articulated:
@@ -130,11 +133,8 @@ def to_parent(inertia: Articulated, joint: JointGeometry) -> Articulated:
     force, moment = matvec(R, inertia.p.force), matvec(R, inertia.p.moment)
     p = joint.offset
     L, A = symmetric(L), symmetric(A)
-    moved = tuple(add(C[i], scale(-1.0, cross(L[i], p))) for i in range(3))
-    C_new: Mat = (moved[0], moved[1], moved[2])
+    moved = mat3(add(C[i], scale(-1.0, cross(L[i], p))) for i in range(3))
     Ct = transpose(C)
-    first = tuple(add(A[i], scale(-1.0, cross(Ct[i], p))) for i in range(3))
-    columns = [cross(p, column) for column in transpose(C_new)]
-    second = transpose((columns[0], columns[1], columns[2]))
-    A_new = symmetric(sum_mat((first[0], first[1], first[2]), second))
-    return Articulated(L, C_new, A_new, Wrench(force, add(moment, cross(p, force))))
+    first = mat3(add(A[i], scale(-1.0, cross(Ct[i], p))) for i in range(3))
+    second = transpose(mat3(cross(p, column) for column in transpose(moved)))
+    return Articulated(L, moved, symmetric(sum_mat(first, second)), Wrench(force, add(moment, cross(p, force))))

@@ -15,8 +15,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from ..tree.frozen_joints import JointGeometry, unit
-from ..tree.recursion import NO_WRENCH, ZERO, Wrench
-from ..tree.spatial import Scalar, Vec, add, dot, is_zero, matvec, scale
+from ..tree.recursion import NO_WRENCH, Wrench
+from ..tree.spatial import ZERO, Scalar, Vec, dot, matvec, scale
 from .articulated import Articulated, inverse_or_zero, less, symmetric, with_row
 from .rows import Entries
 
@@ -107,31 +107,24 @@ def eliminate_coupled(
     passed: list[Wrench] = []
     for i, column in enumerate(columns):
         for j, before in enumerate(passed):
-            column = _plus(column, -1.0 * factors[i][j], before)
+            column = column.plus(-1.0 * factors[i][j], before)
         passed.append(column)
         L = symmetric(less(L, scale(inverses[i], column.force), column.force))
         C = less(C, scale(inverses[i], column.force), column.moment)
         A = symmetric(less(A, scale(inverses[i], column.moment), column.moment))
-        p = _plus(p, settled[i], column)
-    gains = [Wrench(scale(y, x.force), scale(y, x.moment)) for x, y in zip(passed, inverses, strict=True)]
+        p = p.plus(settled[i], column)
+    gains = [x.scaled(y) for x, y in zip(passed, inverses, strict=True)]
     for i in range(m - 1, -1, -1):
         for j in range(i + 1, m):
-            gains[i] = _plus(gains[i], -1.0 * factors[j][i], gains[j])
+            gains[i] = gains[i].plus(-1.0 * factors[j][i], gains[j])
     rest = Articulated(L, C, A, p)
     for i, x in enumerate(directions):
         if x.row is not None:
             row, held = NO_WRENCH, drives[i]
             for j in range(m):
-                row, held = _plus(row, K[i][j], gains[j]), held - K[i][j] * free[j]
+                row, held = row.plus(K[i][j], gains[j]), held - K[i][j] * free[j]
             rest = with_row(rest, x.row, row, held)
     return Coupled(directions, matrix, columns, gains, free, factors, pivots, inverses), rest
-
-
-def _plus(one: Wrench, factor: Scalar, other: Wrench) -> Wrench:
-    """one + factor other."""
-    if is_zero(factor):
-        return one
-    return Wrench(add(one.force, scale(factor, other.force)), add(one.moment, scale(factor, other.moment)))
 
 
 def _factored(D: Sequence[Sequence[Scalar]]) -> tuple[list[list[Scalar]], list[Scalar]]:

@@ -21,8 +21,8 @@ from eomgen.robot.model import FIXED_BODY, Model
 
 from ..tree.bound import Bound
 from ..tree.frozen_joints import JointGeometry, unit
-from ..tree.recursion import NO_WRENCH, ZERO, Acceleration, Note, Wrench, acceleration, no_note
-from ..tree.spatial import Mat, Scalar, Vec, add, cross, dot, is_zero, matmul, matvec, scale, transpose
+from ..tree.recursion import NO_WRENCH, Acceleration, Note, Wrench, acceleration, no_note
+from ..tree.spatial import ZERO, Mat, Scalar, Vec, add, cross, dot, is_zero, matmul, matvec, scale, sum_mat, transpose
 from .articulated import (
     NOTHING,
     Articulated,
@@ -33,7 +33,6 @@ from .articulated import (
     inverse_or_zero,
     less,
     rows_scaled,
-    sum_mat,
     symmetric,
     to_parent,
     turned,
@@ -42,7 +41,7 @@ from .articulated import (
 from .coupled import Coupled, directions_of, eliminate_coupled
 from .free_bodies import FreeBodies, Speeds
 
-NO_SLOPES: Mapping[tuple[int, int], Scalar] = MappingProxyType({})
+NO_COUPLINGS: Mapping[tuple[int, int], Scalar] = MappingProxyType({})
 
 
 @dataclass(frozen=True)
@@ -81,7 +80,7 @@ class Elimination:
         note: Note = no_note,
         *,
         coupled: bool = False,
-        slopes: Mapping[tuple[int, int], Scalar] = NO_SLOPES,
+        slopes: Mapping[tuple[int, int], Scalar] = NO_COUPLINGS,
     ) -> None:
         """Eliminate all joints.
 
@@ -214,9 +213,9 @@ class Elimination:
         self.pivots[index] = (pivot, self.sizes[k][row // 3] + armature)
         inverse = inverse_or_zero(pivot)
         free = (self.drives[index] - here) * inverse
-        scaled = Wrench(scale(inverse, gain.force), scale(inverse, gain.moment))
+        scaled = gain.scaled(inverse)
         self.steps[k].append(_Step(index, row, free, scaled, inverse))
-        p = inertia.p + Wrench(scale(free, gain.force), scale(free, gain.moment))
+        p = inertia.p + gain.scaled(free)
         left = Articulated(
             symmetric(less(inertia.L, scaled.force, gain.force)),
             less(inertia.C, scaled.force, gain.moment),
@@ -224,8 +223,7 @@ class Elimination:
             p,
         )
         share = armature * inverse  # of its own row, that is all that the armature leaves
-        row_left = Wrench(scale(share, gain.force), scale(share, gain.moment))
-        return with_row(left, row, row_left, self.drives[index] - armature * free)
+        return with_row(left, row, gain.scaled(share), self.drives[index] - armature * free)
 
     def _eliminate_translations(self, k: int, inertia: Articulated) -> Articulated:
         """Three translations with armatures D at once: one division, and no chain of three.

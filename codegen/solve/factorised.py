@@ -12,6 +12,7 @@ from eomgen.robot.model import Model, with_offset_angles
 from ..tree.composite import Rows
 from ..tree.spatial import Scalar
 from .articulated import inverse_or_zero
+from .rows import Response
 
 
 def coordinate_parents(model: Model) -> list[int]:
@@ -109,9 +110,12 @@ class Factors:
                 x[k] = x[k] - self.factors[k, i] * x[i]
         return x
 
+    def respond(self, push: list[Scalar], response: Response) -> Response:
+        """Eliminate drives, (n,): what they leave at the pivots."""
+        for index, left in enumerate(self.back(push)):
+            response.put(index, left, left * self.inverse[index])
+        return response
 
-def solve(model: Model, matrix: Rows, right: Sequence[Scalar]) -> tuple[list[Scalar], list[Scalar]]:
-    """x of M x = right, and the pivots D."""
-    found = Factors(model, matrix)
-    left = found.back(list(right))
-    return found.forward([x * inverse for x, inverse in zip(left, found.inverse, strict=True)]), found.pivots
+    def solve(self, right: Sequence[Scalar]) -> list[Scalar]:
+        """x of M x = right."""
+        return self.forward([x * inverse for x, inverse in zip(self.back(list(right)), self.inverse, strict=True)])

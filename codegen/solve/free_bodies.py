@@ -24,8 +24,22 @@ from eomgen.robot.value import COORDINATES
 
 from ..tree.bound import Bound
 from ..tree.frozen_joints import JointGeometry, unit
-from ..tree.recursion import ZERO, Acceleration, Wrench, acceleration
-from ..tree.spatial import Mat, PseudoInertia, Scalar, Vec, add, cross, dot, is_zero, matvec, scale, transpose
+from ..tree.recursion import Acceleration, Wrench, acceleration
+from ..tree.spatial import (
+    ZERO,
+    Mat,
+    PseudoInertia,
+    Scalar,
+    Vec,
+    add,
+    cross,
+    dot,
+    is_zero,
+    matvec,
+    scale,
+    transpose,
+    vec3,
+)
 from .articulated import (
     NOTHING,
     Articulated,
@@ -125,11 +139,8 @@ class FreeBodies:
         """Solve body k under the load of what hangs on it; the inertia that its parent feels, in the joint's axes."""
         joint, first, H = self.joints[k], self.model.bodies[k].first, self.bound.bodies[k].inertia
         held, moment, inverse_cosine = self._moments(k, self.drives)
-        force = (self.drives[first], self.drives[first + 1], self.drives[first + 2])
-        push = force
-        for turn in joint.rotations:
-            push = matvec(transpose(turn.matrix), push)
-        left = add(push, scale(-1.0, load.force))  # m times the acceleration of the centre of mass
+        force = vec3(self.drives[first : first + 3])
+        left = add(joint.inwards(force), scale(-1.0, load.force))  # m times the acceleration of the centre of mass
         com, J = about_com(H)
         turning = add(gyroscopic_moment(J, speeds.behind[-1]), cross(com, left))
         in_body = matvec(transpose(joint.rotations[-1].matrix), held)
@@ -245,7 +256,6 @@ class FreeBodies:
         """Answer drives and a load at rest, where no body is coupled to another by an armature.
 
         Args:
-            push: drives, (n,).
             load: of what hangs on the body, at its origin in its axes.
 
         Returns:
@@ -254,11 +264,8 @@ class FreeBodies:
         """
         joint, first, body = self.joints[k], self.model.bodies[k].first, self.solved[k]
         held, moment, _ = self._moments(k, push)
-        force: Vec = (push[first], push[first + 1], push[first + 2])
-        pushed = force
-        for turn in joint.rotations:
-            pushed = matvec(transpose(turn.matrix), pushed)
-        left = add(pushed, scale(-1.0, load.force))
+        force = vec3(push[first : first + 3])
+        left = add(joint.inwards(force), scale(-1.0, load.force))
         in_body = matvec(transpose(joint.rotations[-1].matrix), held)
         torque = add(in_body, scale(-1.0, add(load.moment, cross(body.com, left))))
         specific = scale(inverse_or_zero(self.bound.bodies[k].inertia.mass), left)
@@ -272,16 +279,11 @@ class FreeBodies:
             parent: acceleration at the joint's frame and w_dot of the parent, the joint's axes.
         """
         joint, first, (carried, turning) = self.joints[k], self.model.bodies[k].first, parent
-        alpha, beta, gamma = joint.rotations
+        alpha, _, gamma = joint.rotations
         a = add(specific, scale(-1.0, cross(rate, self.solved[k].com)))
-        along = a
-        for turn in reversed(joint.rotations):
-            along = matvec(turn.matrix, along)
-        found[first : first + 3] = add(along, scale(-1.0, carried))
-        turned, (x, y, z) = matvec(transpose(alpha.matrix), turning), matvec(gamma.matrix, rate)
-        angles = self._angles(k, (x, y, z), turned)
-        for turn, value in zip((alpha, beta, gamma), angles, strict=True):
-            found[turn.index] = value
+        found[first : first + 3] = add(joint.outwards(a), scale(-1.0, carried))
+        turned = matvec(transpose(alpha.matrix), turning)
+        self._write_angles(k, matvec(gamma.matrix, rate), turned, found)
         return a
 
     def release(self, k: int, parent: Acceleration, speeds: Speeds) -> tuple[Vec, Vec]:
@@ -299,34 +301,25 @@ class FreeBodies:
             for psi in self.own[child]:
                 d = add(d, scale(self.psi[psi.index], self.answers[psi.index]))
         a = add(body.specific, scale(-1.0, matvec(acceleration(speeds.behind[-1], d, ZERO).U, body.com)))
-        self._release_angles(k, d, turning, speeds)
-        along = a
-        for turn in reversed(joint.rotations):
-            along = matvec(turn.matrix, along)
+        alpha, _, gamma = joint.rotations
+        in_front, behind = self._drifts(k, speeds)
+        turned = add(matvec(transpose(alpha.matrix), turning), in_front)
+        self._write_angles(k, add(matvec(gamma.matrix, d), scale(-1.0, behind)), turned, self.accelerations)
+        along = joint.outwards(a)
         carried = matvec(back, add(parent.origin, matvec(parent.U, joint.offset)))
         for index, axis in joint.translations:
             carried = add(carried, cross(scale(2.0, speeds.joint), unit(axis, self.v[index])))
         self.accelerations[first : first + 3] = add(along, scale(-1.0, carried))
         return a, d
 
-    def _release_angles(self, k: int, d: Vec, turning: Vec, speeds: Speeds) -> None:
-        """Accelerations of the angles from w_dot of the body, and of its parent in the joint's axes."""
-        alpha, beta, gamma = self.joints[k].rotations
-        in_front, behind = self._drifts(k, speeds)
-        carried = add(matvec(transpose(alpha.matrix), turning), in_front)
-        angles = self._angles(k, add(matvec(gamma.matrix, d), scale(-1.0, behind)), carried)
-        for turn, value in zip((alpha, beta, gamma), angles, strict=True):
-            self.accelerations[turn.index] = value
-
-    def _angles(self, k: int, own: Vec, carried: Vec) -> Vec:
+    def _write_angles(self, k: int, own: Vec, carried: Vec, found: list[Scalar]) -> None:
         """Accelerations of the angles from w_dot of the body and of its parent, in the axes behind beta and alpha."""
-        beta, (x, y, z), t = self.joints[k].rotations[1], own, self.solved[k].inverse_cosine
+        alpha, beta, gamma = self.joints[k].rotations
+        (x, y, z), t = own, self.solved[k].inverse_cosine
         # cos(beta) (carried_x + alpha_ddot) = x + sin(beta) carried_z
-        return (
-            (x + beta.sin * carried[2]) * t - carried[0],
-            y - carried[1],
-            z - (beta.sin * x + carried[2]) * t,
-        )
+        found[alpha.index] = (x + beta.sin * carried[2]) * t - carried[0]
+        found[beta.index] = y - carried[1]
+        found[gamma.index] = z - (beta.sin * x + carried[2]) * t
 
 
 def about_com(H: PseudoInertia) -> tuple[Vec, Mat]:
@@ -336,11 +329,7 @@ def about_com(H: PseudoInertia) -> tuple[Vec, Mat]:
 
 
 def bodies_apart(model: Model, bound: Bound, *, alone: bool = False, coupled: Container[int] = ()) -> list[bool]:
-    """Find the bodies behind six coordinates whose children, all of that kind too, hand on no mass.
-
-    Args:
-        alone, coupled: as of ``FreeBodies``.
-    """
+    """Find the bodies behind six coordinates whose children, all of that kind too, hand on no mass."""
     free, given = [False] * len(model.bodies), frozenset(model.prescribed)
     for k in range(len(model.bodies) - 1, -1, -1):
         body = model.bodies[k]

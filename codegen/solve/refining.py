@@ -107,12 +107,9 @@ def refined(
     """Solve for the accelerations of a tree with rigid rows.
 
     Args:
-        rows: what is wanted of the accelerations.
         pushing: the rows with arms of coordinates alone whose motion is not given.
         gaps: by which the rows' constraints are open, m or numbers.
-        rates: of the coordinates, (n,).
         rank: of the rows, but at singular poses; None where that is not known.
-        dtype: of the numbers that C computes with.
         call: (name, *arguments) -> value of an operation that is no arithmetic.
     """
     responses = [tree.respond(row) for row in pushing]

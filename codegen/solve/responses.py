@@ -7,14 +7,14 @@ nor a body behind them moves are not visited.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import Protocol
 
 from eomgen.robot.model import FIXED_BODY
 
-from ..tree.frozen_joints import unit
-from ..tree.recursion import NO_WRENCH, ZERO, Wrench
-from ..tree.spatial import Scalar, Vec, add, along, cross, dot, is_zero, matvec, scale, transpose
+from ..tree.frozen_joints import JointGeometry, unit
+from ..tree.recursion import NO_WRENCH, Wrench, through_joint_back
+from ..tree.spatial import ZERO, Scalar, Vec, add, along, cross, dot, is_zero, matvec, scale, transpose, vec3
 from .coupled import Coupled
 from .elimination import Elimination
 from .factorised import Factors
@@ -22,26 +22,33 @@ from .rotors import Rotors
 from .rows import Entries, Response, Row, Sparse
 
 
-class Tree(Protocol):
-    """A tree whose accelerations under its own drives are known, and that answers further ones."""
+class Tree(ABC):
+    """A tree whose accelerations under its own drives, ``free``, are known, and that answers further ones."""
 
+    free: Sequence[Scalar]
+
+    @abstractmethod
     def respond(self, row: Row) -> Response:
         """Eliminate drives along a row: what they leave at the pivots."""
 
+    @abstractmethod
+    def changes(self, more: Mapping[int, Scalar]) -> list[Scalar]:
+        """Accelerations, (n,), of a sum of responses alone: ``more`` is what these leave, divided."""
+
     def pivots(self) -> list[Entries]:
         """Entries at the pivots of every body's joint, by pairs of coordinates; none where that is not known."""
+        return []
 
     def along(self, row: Row, response: Response) -> Scalar:
         """J a_free."""
+        return row.along(self.free)
 
     def accelerations(self, more: Mapping[int, Scalar]) -> list[Scalar]:
-        """Accelerations, (n,), with a sum of responses added: ``more`` is what these leave, divided."""
-
-    def changes(self, more: Mapping[int, Scalar]) -> list[Scalar]:
-        """Accelerations, (n,), of a sum of responses alone."""
+        """Accelerations, (n,), with a sum of responses added."""
+        return [own + added for own, added in zip(self.free, self.changes(more), strict=True)]
 
 
-class FactorisedTree:
+class FactorisedTree(Tree):
     """A tree by its mass matrix, M = L^T D L."""
 
     def __init__(self, factors: Factors, right: Sequence[Scalar]) -> None:
@@ -49,32 +56,20 @@ class FactorisedTree:
         self.factors, self.left = factors, factors.back(list(right))
 
     def respond(self, row: Row) -> Response:
-        """Eliminate drives along a row: what they leave at the pivots."""
-        push = [row.arms.get(i, 0.0) for i in range(len(self.left))]
-        response = Response()
-        for index, left in enumerate(self.factors.back(push)):
-            response.put(index, left, left * self.factors.inverse[index])
-        return response
-
-    def pivots(self) -> list[Entries]:
-        """Do without: such trees are small."""
-        return []
+        return self.factors.respond([row.arms.get(i, 0.0) for i in range(len(self.left))], Response())
 
     def along(self, row: Row, response: Response) -> Scalar:
-        """J a_free."""
         return along(response.free, self.left)
 
     def accelerations(self, more: Mapping[int, Scalar]) -> list[Scalar]:
-        """Accelerations, (n,), with a sum of responses added."""
         inverse = self.factors.inverse
         return self.factors.forward([x * inverse[i] + more.get(i, 0.0) for i, x in enumerate(self.left)])
 
     def changes(self, more: Mapping[int, Scalar]) -> list[Scalar]:
-        """Accelerations, (n,), of a sum of responses alone."""
         return self.factors.forward([more.get(i, 0.0) for i in range(len(self.left))])
 
 
-class EliminatedTree:
+class EliminatedTree(Tree):
     """A tree whose joints are eliminated one after the other, and its motors before them."""
 
     def __init__(self, rotors: Rotors, tree: Elimination, free: Sequence[Scalar]) -> None:
@@ -82,7 +77,6 @@ class EliminatedTree:
         self.rotors, self.tree, self.free, self.model = rotors, tree, free, tree.model
 
     def respond(self, row: Row) -> Response:
-        """Eliminate drives along a row: what they leave at the pivots."""
         response, tree, model = Response(), self.tree, self.model
         push: list[Scalar] = [0.0] * model.size
         for index, arm in row.arms.items():
@@ -95,9 +89,9 @@ class EliminatedTree:
             at_joint = self._through(k, push, loads[k], response)
             parent, joint = model.bodies[k].parent, tree.joints[k]
             if parent != FIXED_BODY:
-                force = matvec(joint.turn, at_joint.force)
-                moment = add(matvec(joint.turn, at_joint.moment), cross(joint.offset, force))
-                loads[parent] = loads[parent] + Wrench(force, moment)
+                loads[parent] = loads[parent] + through_joint_back(
+                    at_joint, JointGeometry(joint.turn, joint.offset, (), ()), []
+                )
         return response
 
     def _through(self, k: int, push: Sequence[Scalar], load: Wrench, response: Response) -> Wrench:
@@ -111,8 +105,7 @@ class EliminatedTree:
                 response.put(turn.index, own, free)
             return passed
         for turn in reversed(joint.rotations):
-            load = self._past(k, turn.index, push, load, response)
-            load = Wrench(matvec(turn.matrix, load.force), matvec(turn.matrix, load.moment))
+            load = self._past(k, turn.index, push, load, response).turned(turn.matrix)
         if k in tree.together:
             load = self._past_together(tree.together[k], push, load, response)
         if k in tree.blocks:
@@ -129,18 +122,18 @@ class EliminatedTree:
         axis, is_force = step.row % 3, step.row < 3
         left = push[index] - (load.force if is_force else load.moment)[axis]
         response.put(index, left, left * step.inverse)
-        force = list(add(load.force, scale(left, step.gain.force)))
-        moment = list(add(load.moment, scale(left, step.gain.moment)))
+        passed = load.plus(left, step.gain)
+        force, moment = list(passed.force), list(passed.moment)
         held = push[index] - self.tree.bound.armature[index] * (left * step.inverse)
         (force if is_force else moment)[axis] = held
-        return Wrench((force[0], force[1], force[2]), (moment[0], moment[1], moment[2]))
+        return Wrench(vec3(force), vec3(moment))
 
     def _past_together(self, joint: Coupled, push: Sequence[Scalar], load: Wrench, response: Response) -> Wrench:
         """The load in front of coordinates that slopes couple."""
         left = [push[x.index] - x.of(load) for x in joint.directions]
         for x, own, free, column in zip(joint.directions, left, joint.solve(left), joint.columns, strict=True):
             response.put(x.index, own, free)
-            load = load + Wrench(scale(free, column.force), scale(free, column.moment))
+            load = load + column.scaled(free)
         return load
 
     def _past_block(self, k: int, push: Sequence[Scalar], load: Wrench, response: Response) -> Wrench:
@@ -152,11 +145,10 @@ class EliminatedTree:
         for i in range(3):
             response.put(first + i, left[i], free[i])
         armature = self.tree.bound.armature
-        held = tuple(drives[i] - armature[first + i] * free[i] for i in range(3))
-        return Wrench((held[0], held[1], held[2]), add(load.moment, matvec(transpose(block.coupling), free)))
+        held = vec3(drives[i] - armature[first + i] * free[i] for i in range(3))
+        return Wrench(held, add(load.moment, matvec(transpose(block.coupling), free)))
 
     def pivots(self) -> list[Entries]:
-        """Entries at the pivots of every body's joint, by pairs of coordinates."""
         found: list[Entries] = []
         for k, joint in enumerate(self.tree.joints):
             if self.tree.free[k]:
@@ -172,16 +164,7 @@ class EliminatedTree:
             found.append(here)
         return found
 
-    def along(self, row: Row, response: Response) -> Scalar:
-        """J a_free."""
-        return row.along(self.free)
-
-    def accelerations(self, more: Mapping[int, Scalar]) -> list[Scalar]:
-        """Accelerations, (n,), with a sum of responses added."""
-        return [own + added for own, added in zip(self.free, self.changes(more), strict=True)]
-
     def changes(self, more: Mapping[int, Scalar]) -> list[Scalar]:
-        """Accelerations, (n,), of a sum of responses alone."""
         found: list[Scalar] = [0.0] * self.model.size
         bodies: list[tuple[Vec, Vec]] = []
         for k, body in enumerate(self.model.bodies):

@@ -139,8 +139,6 @@ class RowSystem:
         """Write and factor the matrix.
 
         Args:
-            rows, responses: of each row.
-            precision: of the numbers.
             pivots: per body what stands at the pivots of its joint, by pairs of coordinates.
         """
         self.rows, self.precision = rows, precision
@@ -262,11 +260,7 @@ class RowSystem:
         return dict(zip(self.order, x, strict=True))
 
     def multipliers(self, missing: Callable[[int], Scalar]) -> list[Scalar]:
-        """lambda of all rows, that of an elastic one beside the force that acts in the drives already.
-
-        Args:
-            missing: right - J a_free of row r.
-        """
+        """lambda of all rows, of elastic ones beside the force in the drives; ``missing(r)`` is right - J a_free."""
         return self.solved({r: missing(r) for r in self.kept}, self.precision.refinements).multipliers
 
     def solved(self, right: Sparse, refinements: int) -> Solved:

@@ -16,16 +16,20 @@ from eomgen.errors import InputError
 from eomgen.names import component_name, joint_of
 from eomgen.robot.elements import KINDS
 from eomgen.robot.geometry import IDENTITY, snap
+from eomgen.robot.joint_damping import JointDamping
+from eomgen.robot.journals import Radial
 from eomgen.robot.laws import JOINT_DAMPING, RADIAL, given_laws
 from eomgen.robot.model import FIXED_BODY, Model, turned_name
 from eomgen.robot.value import ANGULAR, COORDINATES, INERTIA_KEYS, LINEAR, MOTOR, Coordinate, Joint, Placement, loaded
 
 from .spatial import (
+    ZERO,
     Mat,
     Pose,
     PseudoInertia,
     Scalar,
     Vec,
+    about,
     add,
     along,
     congruence,
@@ -92,20 +96,11 @@ class BoundElement:
 
 
 @dataclass(frozen=True)
-class BoundJournal:
-    """A journal in a bearing: the joint's name, indices of its coordinates by their names, and ``Radial.law``.
+class BoundJointLaw:
+    """A joint's own law, ``Radial.law`` or ``JointDamping.law``: its name, indices of its coordinates by their names.
 
-    Of a cut joint ``index`` are places among those of its coordinates that it feels.
+    Of a cut joint ``index`` are places among those of its coordinates that its journal feels.
     """
-
-    joint: str
-    index: Mapping[str, int]
-    numbers: Mapping[str, Scalar]
-
-
-@dataclass(frozen=True)
-class BoundDamping:
-    """Damping of a joint's own motion: its name, indices of its coordinates by their names, ``JointDamping.law``."""
 
     joint: str
     index: Mapping[str, int]
@@ -149,16 +144,16 @@ class Bound:
     laws: tuple[BoundLaw, ...]
     armature: tuple[Scalar, ...]
     angle_offsets: tuple[Scalar, ...]
-    at_rest: Vec = (0.0, 0.0, 0.0)
+    at_rest: Vec = ZERO
     cuts: Cuts = ()
     transmissions: Mapping[int, BoundTransmission] = field(default_factory=dict)
     elements: Mapping[str, tuple[BoundElement, ...]] = field(default_factory=dict)
     cut_offsets: tuple[tuple[Scalar, ...], ...] = ()
     cut_laws: Mapping[tuple[int, str], BoundLaw] = field(default_factory=dict)
     couplings: tuple[BoundCoupling, ...] = ()
-    journals: tuple[BoundJournal, ...] = ()
-    cut_journals: Mapping[int, BoundJournal] = field(default_factory=dict)
-    joint_damping: tuple[BoundDamping, ...] = ()
+    journals: tuple[BoundJointLaw, ...] = ()
+    cut_journals: Mapping[int, BoundJointLaw] = field(default_factory=dict)
+    joint_damping: tuple[BoundJointLaw, ...] = ()
 
 
 def bind(
@@ -166,30 +161,28 @@ def bind(
     value: Callable[[str, float], Scalar],
     sincos: Callable[[Scalar], tuple[Scalar, Scalar]],
 ) -> Bound:
-    """Bodies of the model with every number passed through ``value(name, number)``.
+    """Bind bodies of the model with every number passed through ``value(name, number)``.
 
     Args:
-        model: the tree.
         value: turns a named number into a scalar.
         sincos: sine and cosine of a scalar (used for rotations whose angles are parameters).
     """
     binder = _Binder(model, value, sincos)
     robot = model.robot
-    poses: dict[str, tuple[int, Pose]] = {robot.base: (FIXED_BODY, Pose(IDENTITY, (0.0, 0.0, 0.0)))}
+    poses: dict[str, tuple[int, Pose]] = {robot.base: (FIXED_BODY, Pose(IDENTITY, ZERO))}
     placements: list[Pose] = []
     for joint in robot.joints:
         body, parent = poses[joint.parent]
-        placed = parent @ binder.placement(f"joints.{joint.name}", joint.placement)
-        axes, back = Pose(joint.axis_turn, (0.0, 0.0, 0.0)), Pose(transpose(joint.axis_turn), (0.0, 0.0, 0.0))
+        placed = parent @ binder.placed(f"joints.{joint.name}.placement", joint.placement)
+        axes, back = Pose(joint.axis_turn, ZERO), Pose(transpose(joint.axis_turn), ZERO)
         if joint.coordinates:
             placements.append(binder.turned(joint, placed @ axes @ binder.shift(joint)))
             poses[joint.child] = (len(placements) - 1, back)
-        elif binder.has_offset(joint):
+        elif any(f"joints.{joint.name}.offset.{name}" in model.parameters for name in COORDINATES):
             poses[joint.child] = (body, placed @ axes @ binder.shift(joint) @ binder.turn(joint) @ back)
         else:
             poses[joint.child] = (body, placed)
-    zero = PseudoInertia(((0.0,) * 3,) * 3, (0.0,) * 3, 0.0)
-    inertias = [zero] * len(placements)
+    inertias = [PseudoInertia((ZERO,) * 3, ZERO, 0.0)] * len(placements)
     coms: dict[str, tuple[int, Vec]] = {}
     for link in robot.links:
         body, pose = poses[link.name]
@@ -197,28 +190,24 @@ def bind(
             inertia, com = binder.pseudo_inertia(link.name)
             inertias[body] = inertias[body] + congruence(pose, inertia)
             coms[link.name] = (body, add(matvec(pose.rotation, com), pose.origin))
-    bodies = tuple(BoundBody(p, h) for p, h in zip(placements, inertias, strict=True))
     laws, armature = binder.laws()
-    offsets, cuts = binder.angle_offsets(), binder.cuts(poses)
-    frames, between = binder.frames(poses), binder.transmissions()
     return Bound(
-        binder.gravity(),
-        bodies,
-        frames,
-        coms,
-        laws,
-        armature,
-        offsets,
-        at_rest=(0.0, 0.0, 0.0),
-        cuts=cuts,
-        transmissions=between,
+        bodies=tuple(BoundBody(p, h) for p, h in zip(placements, inertias, strict=True)),
+        coms=coms,
+        laws=laws,
+        armature=armature,
+        angle_offsets=binder.angle_offsets(),
+        cuts=binder.cuts(poses),
+        frames=binder.frames(poses),
+        transmissions=binder.transmissions(),
+        gravity=binder.triple("gravity", robot.gravity),
         elements={table: binder.elements(table, poses) for table in KINDS},
         cut_offsets=binder.cut_offsets(),
         cut_laws=binder.cut_laws(),
         couplings=binder.couplings(),
-        journals=binder.journals(),
+        journals=binder.joint_laws(RADIAL, lambda joint: joint.radial),
         cut_journals=binder.cut_journals(),
-        joint_damping=binder.joint_damping(),
+        joint_damping=binder.joint_laws(JOINT_DAMPING, lambda joint: joint.damping),
     )
 
 
@@ -236,9 +225,6 @@ class _Binder:
         number = joint.offset[COORDINATES.index(name)] or 0.0
         return self.value(f"joints.{joint.name}.offset.{name}", number)
 
-    def has_offset(self, joint: Joint) -> bool:
-        return any(f"joints.{joint.name}.offset.{name}" in self.model.parameters for name in COORDINATES)
-
     def shift(self, joint: Joint) -> Pose:
         """The offsets of x, y and z: they come first, so that they belong to the placement."""
         return Pose(IDENTITY, vec3(self.offset(joint, name) for name in LINEAR))
@@ -252,15 +238,12 @@ class _Binder:
         if is_zero(c):
             return placement
         own = 1.0 - c
-        return placement @ Pose(((own, 0.0, c), (c, own, 0.0), (0.0, c, own)), (0.0, 0.0, 0.0))
+        return placement @ Pose(((own, 0.0, c), (c, own, 0.0), (0.0, c, own)), ZERO)
 
     def turn(self, joint: Joint) -> Pose:
         """The offsets of the angles of a joint that does not move, Rx Ry Rz."""
-        (sa, ca), (sb, cb), (sc, cc) = (self._turn(self.offset(joint, name)) for name in ANGULAR)
-        about_x: Mat = ((1.0, 0.0, 0.0), (0.0, ca, -sa), (0.0, sa, ca))
-        about_y: Mat = ((cb, 0.0, sb), (0.0, 1.0, 0.0), (-sb, 0.0, cb))
-        about_z: Mat = ((cc, -sc, 0.0), (sc, cc, 0.0), (0.0, 0.0, 1.0))
-        return Pose(matmul(matmul(about_x, about_y), about_z), (0.0, 0.0, 0.0))
+        x, y, z = (about(axis, *self._turn(self.offset(joint, name))) for axis, name in enumerate(ANGULAR))
+        return Pose(matmul(matmul(x, y), z), ZERO)
 
     def angle_offsets(self) -> tuple[Scalar, ...]:
         """Constant offsets of the angles, 0 for translations, one per coordinate.
@@ -279,12 +262,6 @@ class _Binder:
             for joint in self.model.robot.joints
             for name in joint.all_coordinates
         )
-
-    def gravity(self) -> Vec:
-        return self.triple("gravity", self.model.robot.gravity)
-
-    def placement(self, owner: str, given: Placement) -> Pose:
-        return self.placed(f"{owner}.placement", given)
 
     def placed(self, prefix: str, given: Placement) -> Pose:
         """The pose of a placement whose numbers have names that begin so."""
@@ -310,10 +287,8 @@ class _Binder:
         link = self.model.robot.link(name)
         mass = self.value(f"links.{name}.mass", link.mass)
         com = self.triple(f"links.{name}.com", link.com)
-        xx, yy, zz, xy, xz, yz = (
-            self.value(f"links.{name}.inertia.{key}", number)
-            for key, number in zip(INERTIA_KEYS, link.inertia, strict=True)
-        )
+        numbers = dict(zip(INERTIA_KEYS, link.inertia, strict=True))
+        xx, yy, zz, xy, xz, yz = self._values(f"links.{name}.inertia", numbers).values()
         about_com = (
             ((yy + zz - xx) * 0.5, -xy, -xz),
             (-xy, (xx + zz - yy) * 0.5, -yz),
@@ -327,7 +302,7 @@ class _Binder:
         found = dict(poses)
         for frame in self.model.robot.frames:
             body, pose = poses[frame.link]
-            found[frame.name] = (body, pose @ self.placement(f"frames.{frame.name}", frame.placement))
+            found[frame.name] = (body, pose @ self.placed(f"frames.{frame.name}.placement", frame.placement))
         return {name: found[name] for name in self.model.frames}
 
     def cuts(self, poses: dict[str, tuple[int, Pose]]) -> Cuts:
@@ -343,13 +318,11 @@ class _Binder:
 
     def cut_offsets(self) -> tuple[tuple[Scalar, ...], ...]:
         """Offsets that the six coordinates of each cut joint keep to."""
-        return tuple(
-            tuple(
-                self.value(f"loops.{loop.name}.offset.{name}", number or 0.0)
-                for name, number in zip(COORDINATES, loop.offset, strict=True)
-            )
-            for loop in self.model.robot.loops
-        )
+        found = []
+        for loop in self.model.robot.loops:
+            numbers = {name: number or 0.0 for name, number in zip(COORDINATES, loop.offset, strict=True)}
+            found.append(tuple(self._values(f"loops.{loop.name}.offset", numbers).values()))
+        return tuple(found)
 
     def cut_laws(self) -> dict[tuple[int, str], BoundLaw]:
         """Forces of cut joints' coordinates."""
@@ -380,38 +353,25 @@ class _Binder:
                 found.append(BoundCoupling(arms, offset, self._bound_law(prefix, coupling.law)))
         return tuple(found)
 
-    def journals(self) -> tuple[BoundJournal, ...]:
-        """Journals in bearings, in the order of their joints."""
+    def joint_laws(self, key: str, given: Callable[[Joint], Radial | JointDamping | None]) -> tuple[BoundJointLaw, ...]:
+        """Laws that joints have under a key, in the order of the joints: their journals, or their damping."""
         found = []
         for body in self.model.bodies:
-            given = self.model.robot.joint(body.joint).radial
-            if given is not None:
-                prefix = f"joints.{body.joint}.{RADIAL}"
-                numbers = self._values(prefix, given.law())
-                found.append(BoundJournal(body.joint, dict(zip(body.active, body.indices, strict=True)), numbers))
+            law = given(self.model.robot.joint(body.joint))
+            if law is not None:
+                numbers = self._values(f"joints.{body.joint}.{key}", law.law())
+                found.append(BoundJointLaw(body.joint, dict(zip(body.active, body.indices, strict=True)), numbers))
         return tuple(found)
 
-    def cut_journals(self) -> dict[int, BoundJournal]:
+    def cut_journals(self) -> dict[int, BoundJointLaw]:
         """Journals in bearings of cut joints."""
         found = {}
         for number, loop in enumerate(self.model.robot.loops):
             if loop.radial is not None:
-                prefix = f"loops.{loop.name}.{RADIAL}"
-                numbers = self._values(prefix, loop.radial.law())
+                numbers = self._values(f"loops.{loop.name}.{RADIAL}", loop.radial.law())
                 index = {name: place for place, name in enumerate(loop.radial.felt)}
-                found[number] = BoundJournal(loop.name, index, numbers)
+                found[number] = BoundJointLaw(loop.name, index, numbers)
         return found
-
-    def joint_damping(self) -> tuple[BoundDamping, ...]:
-        """Damping of joints' own motions, in the order of the joints."""
-        found = []
-        for body in self.model.bodies:
-            given = self.model.robot.joint(body.joint).damping
-            if given is not None:
-                prefix = f"joints.{body.joint}.{JOINT_DAMPING}"
-                numbers = self._values(prefix, given.law())
-                found.append(BoundDamping(body.joint, dict(zip(body.active, body.indices, strict=True)), numbers))
-        return tuple(found)
 
     def _values(self, prefix: str, law: Mapping[str, float]) -> dict[str, Scalar]:
         """Numbers of a law, where they stand among the parameters."""
@@ -435,7 +395,7 @@ class _Binder:
                 at = self.placed(name, end) if isinstance(end, Placement) else Pose(IDENTITY, self.triple(name, end))
                 ends.append((body, pose @ at))
             given = {**dict.fromkeys(KINDS[table].ALWAYS, 0.0), **element.law()}
-            numbers = {key: self.value(f"{element.prefix}.{key}", number) for key, number in given.items()}
+            numbers = self._values(element.prefix, given)
             found.append(BoundElement(element.name, element.links, (ends[0], ends[1]), numbers, element.knots()))
         return tuple(found)
 
@@ -467,16 +427,13 @@ class _Binder:
             name = self.model.coordinates[index]
             motor = self.model.robot.joint(joint_of(name)).motor
             assert motor is not None
-            prefix, spring = f"joints.{name}", motor.transmission
-            stiffness = 0.0 if _is_bent(spring) else self.value(f"{prefix}.stiffness", spring.stiffness or 0.0)
-            damping = self.value(f"{prefix}.damping", spring.damping or 0.0)
-            inverse = 1.0 / self.value(f"{prefix}.ratio", motor.ratio)
-            law = BoundLaw(stiffness, damping, self._law(prefix, spring), _knots(spring))
+            law = self._bound_law(f"joints.{name}", motor.transmission)
+            inverse = 1.0 / self.value(f"joints.{name}.ratio", motor.ratio)
             found[index] = BoundTransmission(principal, inverse, law)
         return found
 
     def _law(self, prefix: str, given: Coordinate) -> dict[str, Scalar]:
-        law = {key: self.value(f"{prefix}.{key}", number) for key, number in given.law().items()}
+        law = self._values(prefix, given.law())
         if _is_bent(given):
             law["stiffness"] = self.value(f"{prefix}.stiffness", given.stiffness or 0.0)
         return law

@@ -10,12 +10,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from eomgen.robot.geometry import IDENTITY
 from eomgen.robot.model import FIXED_BODY, Model
 
 from .bound import Bound
 from .frozen_joints import JointGeometry, Rotation, unit
 from .recursion import Note, Velocity, Wrench, no_note, rotational_inertia, through_joint_back, velocities
 from .spatial import (
+    ZERO,
     Mat,
     Pose,
     PseudoInertia,
@@ -25,9 +27,12 @@ from .spatial import (
     congruence,
     cross,
     dot,
+    mat3,
     matmul,
     matvec,
     scale,
+    sum_mat,
+    trace,
     transpose,
 )
 
@@ -135,14 +140,11 @@ def _whole_rotations(model: Model, joints: Sequence[JointGeometry]) -> dict[int,
 def front(joint: JointGeometry, index: int) -> JointGeometry:
     """The joint's steps up to and with the coordinate, the coordinate's own rotation undone already."""
     rotations = tuple(
-        Rotation(turn.index, turn.axis, 0.0, 1.0, _IDENTITY) if turn.index == index else turn
+        Rotation(turn.index, turn.axis, 0.0, 1.0, IDENTITY) if turn.index == index else turn
         for turn in joint.rotations
         if turn.index <= index
     )
     return JointGeometry(joint.turn, joint.offset, joint.translations, rotations)
-
-
-_IDENTITY: Mat = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 def rotated(turn: Rotation, H: PseudoInertia) -> PseudoInertia:
@@ -167,17 +169,16 @@ def rotated_block(turn: Rotation, S: Mat) -> Mat:
         (axis, a): c * S[axis][a] - s * S[axis][b],
         (axis, b): s * S[axis][a] + c * S[axis][b],
     }
-    rows = [(entries[i, 0], entries[i, 1], entries[i, 2]) for i in range(3)]
-    return (rows[0], rows[1], rows[2])
+    return mat3([entries[i, j] for j in range(3)] for i in range(3))
 
 
-def turned_block(R: Mat, S: Mat) -> Mat:
-    """R S R^T for a constant rotation, elementary where it is about one axis."""
+def _about_one_axis(R: Mat) -> Rotation | None:
+    """A constant rotation as one about an axis, where it is one."""
     for axis in range(3):
         a, b = (axis + 1) % 3, (axis + 2) % 3
         if all(R[axis][j] == (j == axis) and R[j][axis] == (j == axis) for j in range(3)):
-            return rotated_block(Rotation(-1, axis, R[b][a], R[a][a], R), S)
-    return matmul(matmul(R, S), transpose(R))
+            return Rotation(-1, axis, R[b][a], R[a][a], R)
+    return None
 
 
 def to_parent(H: PseudoInertia, joint: JointGeometry) -> PseudoInertia:
@@ -187,11 +188,8 @@ def to_parent(H: PseudoInertia, joint: JointGeometry) -> PseudoInertia:
 
 def turned(R: Mat, H: PseudoInertia) -> PseudoInertia:
     """X H X^T for a constant rotation, elementary where it is about one axis."""
-    for axis in range(3):
-        a, b = (axis + 1) % 3, (axis + 2) % 3
-        if all(R[axis][j] == (j == axis) and R[j][axis] == (j == axis) for j in range(3)):
-            return rotated(Rotation(-1, axis, R[b][a], R[a][a], R), H)
-    return congruence(Pose(R, (0.0, 0.0, 0.0)), H)
+    turn = _about_one_axis(R)
+    return congruence(Pose(R, ZERO), H) if turn is None else rotated(turn, H)
 
 
 def shifted(H: PseudoInertia, p: Vec) -> PseudoInertia:
@@ -203,8 +201,7 @@ def shifted(H: PseudoInertia, p: Vec) -> PseudoInertia:
         entries[i, i] = J[i][i] + p[i] * (h[i] + moved[i])
         for j in range(i + 1, 3):
             entries[i, j] = entries[j, i] = J[i][j] + p[i] * h[j] + moved[i] * p[j]
-    second = tuple(tuple(entries[i, j] for j in range(3)) for i in range(3))
-    return PseudoInertia(second, moved, H.mass)  # type: ignore[arg-type]
+    return PseudoInertia(mat3([entries[i, j] for j in range(3)] for i in range(3)), moved, H.mass)
 
 
 @dataclass(frozen=True)
@@ -215,14 +212,13 @@ class Momentum:
     linear: Vec
 
     def __add__(self, other: Momentum) -> Momentum:
-        a, b, c = (add(x, y) for x, y in zip(self.block, other.block, strict=True))
-        return Momentum((a, b, c), add(self.linear, other.linear))
+        return Momentum(sum_mat(self.block, other.block), add(self.linear, other.linear))
 
 
 def momentum(H: PseudoInertia, W: Velocity) -> Momentum:
     """H W^T of one body: rows J_i x-skewed by w plus mc_i v, and the linear momentum."""
-    a, b, c = (add(cross(W.rate, H.second[i]), scale(H.first[i], W.origin)) for i in range(3))
-    return Momentum((a, b, c), add(cross(W.rate, H.first), scale(H.mass, W.origin)))
+    block = mat3(add(cross(W.rate, H.second[i]), scale(H.first[i], W.origin)) for i in range(3))
+    return Momentum(block, add(cross(W.rate, H.first), scale(H.mass, W.origin)))
 
 
 def rotated_momentum(turn: Rotation, G: Momentum) -> Momentum:
@@ -232,14 +228,10 @@ def rotated_momentum(turn: Rotation, G: Momentum) -> Momentum:
 
 def momentum_to_parent(G: Momentum, joint: JointGeometry) -> Momentum:
     """G from the joint's axes (translations included) to the parent body."""
-    R = joint.turn
-    return shifted_momentum(Momentum(turned_block(R, G.block), matvec(R, G.linear)), joint.offset)
-
-
-def shifted_momentum(G: Momentum, p: Vec) -> Momentum:
-    """G about an origin that is p away."""
-    a, b, c = (add(G.block[i], scale(p[i], G.linear)) for i in range(3))
-    return Momentum((a, b, c), G.linear)
+    R, p, turn = joint.turn, joint.offset, _about_one_axis(joint.turn)
+    block = matmul(matmul(R, G.block), transpose(R)) if turn is None else rotated_block(turn, G.block)
+    linear = matvec(R, G.linear)
+    return Momentum(mat3(add(block[i], scale(p[i], linear)) for i in range(3)), linear)
 
 
 @dataclass(frozen=True)
@@ -285,13 +277,13 @@ def _contributions(
     found = []
     for turn, W in reversed(list(zip(joint.rotations, before, strict=False))):
         H, G = rotated(turn, H), rotated_momentum(turn, G)
-        e, trace = unit(turn.axis), G.block[0][0] + G.block[1][1] + G.block[2][2]
+        e, spin = unit(turn.axis), trace(G.block)
         rate, shift = cross(W.rate, e), cross(W.origin, e)  # N_v = [W, D_v]
         moment = add(rotational_inertia(H, rate), cross(H.first, shift))
-        moment = add(moment, add(scale(trace, e), scale(-1.0, _row_times(e, G.block))))
+        moment = add(moment, add(scale(spin, e), scale(-1.0, matvec(transpose(G.block), e))))
         force = add(add(cross(rate, H.first), scale(H.mass, shift)), cross(e, G.linear))
         row = Wrench(cross(e, H.first), rotational_inertia(H, e))
-        couple = add(scale(trace, e), scale(-1.0, matvec(G.block, e)))
+        couple = add(scale(spin, e), scale(-1.0, matvec(G.block, e)))
         found.append((turn.index, _Coordinate(Wrench(force, moment), row, couple)))
     for index, axis in joint.translations:
         e = unit(axis)
@@ -300,11 +292,6 @@ def _contributions(
         row = Wrench(scale(H.mass, e), cross(H.first, e))
         found.append((index, _Coordinate(column, row, cross(G.linear, e))))
     return found, H, G
-
-
-def _row_times(e: Vec, block: Mat) -> Vec:
-    """block^T e."""
-    return matvec(transpose(block), e)
 
 
 def _read_coordinate(
@@ -317,7 +304,7 @@ def _read_coordinate(
     entries: Rows,
 ) -> None:
     """Column ``index`` of C at and above coordinate ``index``, and row ``index`` above it."""
-    read: list[Scalar] = [None] * model.size
+    read, ignored = ([None] * model.size for _ in range(2))
     column, row, couple = contribution.column, contribution.row, contribution.couple
     joint, body = front(joints[k], index), k
     while True:
@@ -326,7 +313,7 @@ def _read_coordinate(
             if other < index:
                 entries[index, other] = value
         column = through_joint_back(column, joint, read)
-        row = through_joint_back(row, joint, [None] * model.size)
+        row = through_joint_back(row, joint, ignored)
         body = model.bodies[body].parent
         if body == FIXED_BODY:
             break
@@ -343,8 +330,7 @@ def _read_against_rates(
     values: dict[int, Scalar] = {}
     force, moment = row.force, row.moment
     for turn, W in reversed(list(zip(joint.rotations, before, strict=False))):
-        force, moment = matvec(turn.matrix, force), matvec(turn.matrix, moment)
-        couple = matvec(turn.matrix, couple)
+        force, moment, couple = (matvec(turn.matrix, x) for x in (force, moment, couple))
         e = unit(turn.axis)
         values[turn.index] = dot(moment, cross(W.rate, e)) + dot(force, cross(W.origin, e)) + dot(couple, e)
     for index, axis in joint.translations:

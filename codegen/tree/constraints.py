@@ -19,9 +19,24 @@ from .bound import Bound
 from .frozen_joints import JointGeometry
 from .kinematics import BASE_POSE, through_joint
 from .recursion import Wrench
-from .spatial import Mat, Pose, Scalar, Vec, add, cross, dot, is_zero, matmul, matvec, scale, transpose
+from .spatial import (
+    ZERO,
+    Pose,
+    Scalar,
+    Vec,
+    about,
+    add,
+    cross,
+    dot,
+    is_zero,
+    mat3,
+    matmul,
+    matvec,
+    scale,
+    subtract,
+    transpose,
+)
 
-ZERO: Vec = (0.0, 0.0, 0.0)
 Turn = Callable[[Scalar], tuple[Scalar, Scalar]]
 
 
@@ -129,7 +144,7 @@ class FramePair:
 
     def pose(self) -> Pose:
         """Frame b seen from frame a."""
-        R: Mat = tuple(tuple(dot(e, f) for f in self.axes_b) for e in self.axes_a)  # type: ignore[assignment]
+        R = mat3([dot(e, f) for f in self.axes_b] for e in self.axes_a)
         return Pose(R, matvec(self.axes_a, self.distance))
 
     def arms(self, directions: Sequence[Direction]) -> list[dict[int, Scalar]]:
@@ -162,11 +177,7 @@ class Closure(FramePair):
     """The two sides of a loop: the frames of its cut joint."""
 
     def __init__(self, model: Model, bound: Bound, joints: Sequence[JointGeometry], number: int, sincos: Turn) -> None:
-        """Follow both sides of the loop of that number.
-
-        Args:
-            sincos: sine and cosine of a scalar.
-        """
+        """Follow both sides of the loop of that number."""
         self.number, self.name = number, model.robot.loops[number].name
         super().__init__(model, joints, bound.cuts[number], f"loops.{self.name}")
         self.parts: tuple[Component, ...] = rigid_parts(model.robot.loops[number])
@@ -256,21 +267,7 @@ def closures(model: Model, bound: Bound, joints: Sequence[JointGeometry], sincos
         yield Closure(model, bound, joints, number, sincos)
 
 
-def about(axis: int, sine: Scalar, cosine: Scalar) -> Mat:
-    """Rotation matrix about x, y or z."""
-    if axis == 0:
-        return ((1.0, 0.0, 0.0), (0.0, cosine, -1.0 * sine), (0.0, sine, cosine))
-    if axis == 1:
-        return ((cosine, 0.0, sine), (0.0, 1.0, 0.0), (-1.0 * sine, 0.0, cosine))
-    return ((cosine, -1.0 * sine, 0.0), (sine, cosine, 0.0), (0.0, 0.0, 1.0))
-
-
 def common_body(model: Model, a: int, b: int) -> int:
     """The last body that carries bodies a and b, or FIXED_BODY."""
     behind = set(model.ancestors(a))
     return next((k for k in model.ancestors(b) if k in behind), FIXED_BODY)
-
-
-def subtract(a: Vec, b: Vec) -> Vec:
-    """a - b."""
-    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])

@@ -27,7 +27,6 @@ from .bound import Bound
 from .composite import Momentum, Rows, front, momentum, momentum_to_parent, rotated, rotated_momentum, to_parent
 from .frozen_joints import JointGeometry, unit
 from .recursion import (
-    ZERO,
     Acceleration,
     Note,
     Velocity,
@@ -38,7 +37,7 @@ from .recursion import (
     rotational_inertia,
     through_joint_back,
 )
-from .spatial import Mat, PseudoInertia, Scalar, Vec, add, cross, dot, matvec, scale, transpose
+from .spatial import ZERO, PseudoInertia, Scalar, Vec, add, cross, dot, matvec, scale, trace, transpose
 
 
 @dataclass(frozen=True)
@@ -177,14 +176,14 @@ def _readings(here: Composite, joint: JointGeometry, moving: _Moving) -> tuple[l
     """Every coordinate's reading in the axes in front of it, and the composite in the joint's axes."""
     found = []
     for turn, tangent in reversed(list(zip(joint.rotations, moving.rotations, strict=True))):
-        force, moment = matvec(turn.matrix, here.P.force), matvec(turn.matrix, here.P.moment)
-        here = Composite(rotated(turn, here.H), rotated_momentum(turn, here.G), Wrench(force, moment))
-        H, G, P, e = here.H, here.G, here.P, tangent.axis
+        P = here.P.turned(turn.matrix)
+        here = Composite(rotated(turn, here.H), rotated_momentum(turn, here.G), P)
+        H, G, e = here.H, here.G, tangent.axis
         row = Wrench(cross(e, H.first), rotational_inertia(H, e))
         by_v = _inertial(H, tangent.twice) + Wrench(cross(e, G.linear), _turning(G, e))
         by_q = _inertial(H, tangent.Z) + Wrench(cross(tangent.X[0], G.linear), _turning(G, tangent.X[0]))
         by_q = by_q + Wrench(cross(e, P.force), cross(e, P.moment))
-        couple = add(scale(_trace(G.block), e), scale(-1.0, matvec(G.block, e)))
+        couple = add(scale(trace(G.block), e), scale(-1.0, matvec(G.block, e)))
         found.append((turn.index, _Reading(row, couple, by_q, by_v)))
     for tangent in moving.translations:
         H, G, P, e = here.H, here.G, here.P, tangent.axis
@@ -203,11 +202,7 @@ def _inertial(H: PseudoInertia, Y: tuple[Vec, Vec]) -> Wrench:
 
 def _turning(G: Momentum, x: Vec) -> Vec:
     """Moment of skew(x) G: (tr 1 - block^T) x for the transposed block that G holds."""
-    return add(scale(_trace(G.block), x), scale(-1.0, matvec(transpose(G.block), x)))
-
-
-def _trace(S: Mat) -> Scalar:
-    return S[0][0] + S[1][1] + S[2][2]
+    return add(scale(trace(G.block), x), scale(-1.0, matvec(transpose(G.block), x)))
 
 
 def _behind(here: Composite, joint: JointGeometry) -> Composite:
@@ -251,8 +246,7 @@ def _read_row(row: Wrench, couple: Vec, joint: JointGeometry, moving: _Moving, i
     force, moment = row.force, row.moment
     tangents = {tangent.index: tangent for tangent in moving.rotations}
     for turn in reversed(joint.rotations):
-        force, moment = matvec(turn.matrix, force), matvec(turn.matrix, moment)
-        couple = matvec(turn.matrix, couple)
+        force, moment, couple = (matvec(turn.matrix, x) for x in (force, moment, couple))
         if turn.index < index:
             j = tangents[turn.index]
             found.by_q[index, j.index] = dot(moment, j.Z[0]) + dot(force, j.Z[1]) + dot(couple, j.X[0])

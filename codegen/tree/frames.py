@@ -18,7 +18,7 @@ from eomgen.robot.geometry import IDENTITY
 from eomgen.robot.model import Model
 
 from .bound import Bound, BoundBody, BoundElement, Cuts
-from .spatial import Mat, Pose, Scalar, add, congruence, dot, matmul, matvec, scale, transpose
+from .spatial import ZERO, Mat, Pose, Scalar, about, add, congruence, dot, mat3, matmul, matvec, scale, transpose
 
 AXIS = 2  # the principal axis
 ROUND_OFF = 2e-15  # entries of a turned placement that miss 0, 1 or -1 by less are meant to be these
@@ -47,7 +47,7 @@ def choose_frames(model: Model, bound: Bound) -> Bound:
         if "gamma" in body.active:
             angle = _best_turn(bodies, children) if children else _turn_onto_x(bound, bodies, k)
             if angle:
-                by = Pose(_about_z(angle), (0.0, 0.0, 0.0))
+                by = Pose(_about_z(angle), ZERO)
                 _move(bodies, k, children, by, placed=False)
                 elements, cuts = _elements_moved(elements, k, by), _cuts_moved(cuts, k, by)
                 offsets[body.indices[-1]] += angle
@@ -58,8 +58,7 @@ def choose_frames(model: Model, bound: Bound) -> Bound:
 
 
 def _about_z(angle: float) -> Mat:
-    s, c = math.sin(angle), math.cos(angle)
-    return ((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0))
+    return about(AXIS, math.sin(angle), math.cos(angle))
 
 
 def _clean(x: float) -> float:
@@ -70,9 +69,8 @@ def _clean(x: float) -> float:
 
 def _turned(pose: Pose, angle: float) -> Pose:
     """The pose with its frame turned about its z."""
-    turned = (pose @ Pose(_about_z(angle), (0.0, 0.0, 0.0))).rotation
-    rows = [(_clean(a), _clean(b), _clean(c)) for a, b, c in turned]
-    return Pose((rows[0], rows[1], rows[2]), pose.origin)
+    turned = (pose @ Pose(_about_z(angle), ZERO)).rotation
+    return Pose(mat3(map(_clean, row) for row in turned), pose.origin)
 
 
 def _move(bodies: list[BoundBody], k: int, children: Sequence[int], by: Pose, *, placed: bool) -> None:
@@ -83,9 +81,9 @@ def _move(bodies: list[BoundBody], k: int, children: Sequence[int], by: Pose, *,
     for child in children:
         moved = back @ bodies[child].placement
         if not placed:
-            x, y, z = moved.origin
-            size = ROUND_OFF * math.hypot(x, y)
-            x, y = (0.0 if abs(component) <= size else component for component in (x, y))
+            *across, z = moved.origin
+            size = ROUND_OFF * math.hypot(*across)
+            x, y = (0.0 if abs(component) <= size else component for component in across)
             moved = Pose(_turned(moved, 0.0).rotation, (x, y, z))
         bodies[child] = replace(bodies[child], placement=moved)
 
@@ -106,7 +104,7 @@ def _elements_moved(
         if end[0] != k:
             return end
         origin = matvec(back, add(end[1].origin, scale(-1.0, by.origin)))
-        turned = _cleaned(Pose(matmul(back, end[1].rotation), (0.0, 0.0, 0.0))).rotation
+        turned = _cleaned(Pose(matmul(back, end[1].rotation), ZERO)).rotation
         return k, Pose(turned, origin)
 
     return {
@@ -153,7 +151,7 @@ def _last_angle(R: Mat) -> float:
     """c of R = Rz(a) Rx(b) Rz(c), less what right angles may stay (they cost nothing); 0 where nothing is gained."""
     c = math.atan2(R[2][0], R[2][1]) if R[2][0] or R[2][1] else math.atan2(R[1][0], R[0][0])
     c -= round(c / (math.pi / 2)) * (math.pi / 2)
-    turned = _turned(Pose(R, (0.0, 0.0, 0.0)), -c).rotation
+    turned = _turned(Pose(R, ZERO), -c).rotation
     return c if _entries(turned) < _entries(R) else 0.0
 
 
@@ -176,8 +174,8 @@ def _best_turn(bodies: list[BoundBody], children: Sequence[int]) -> float:
     def cost(angle: float) -> float:
         back, total = _about_z(-angle), 0.5 * (angle != 0.0)
         for pose in poses:
-            R = _turned(Pose(back, (0.0, 0.0, 0.0)) @ pose, 0.0).rotation
-            R = _turned(Pose(R, (0.0, 0.0, 0.0)), -_last_angle(R)).rotation
+            R = _turned(Pose(back, ZERO) @ pose, 0.0).rotation
+            R = _turned(Pose(R, ZERO), -_last_angle(R)).rotation
             x, y, _ = (dot(row, pose.origin) for row in back)
             size = ROUND_OFF * math.hypot(x, y)
             total += VECTORS * (_entries(R) + (abs(x) > size) + (abs(y) > size))
@@ -191,7 +189,7 @@ def _turn_onto_x(bound: Bound, bodies: list[BoundBody], k: int) -> float:
     first = bodies[k].inertia.first
     if not all(isinstance(x, float) for x in first):
         coms = [com for body, com in bound.coms.values() if body == k]
-        first = coms[0] if len(coms) == 1 else (0.0, 0.0, 0.0)
+        first = coms[0] if len(coms) == 1 else ZERO
     x, y, _ = first
     plain = isinstance(x, float) and isinstance(y, float)
     return math.atan2(y, x) if plain and x != 0.0 and y != 0.0 else 0.0

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import reduce
 
 from eomgen.robot.model import Model
 
 from ..joint.facts import FrozenStep
 from ..joint.kept import KEPT
 from .bound import Bound
-from .spatial import Mat, Scalar, Vec, add, matvec
+from .spatial import ZERO, Mat, Scalar, Vec, add, mat3, matvec, transpose, vec3
 
 
 def freeze(coordinate: str) -> FrozenStep:
@@ -45,12 +46,18 @@ class JointGeometry:
     translations: tuple[tuple[int, int], ...]
     rotations: tuple[Rotation, ...]
 
+    def inwards(self, x: Vec) -> Vec:
+        """A vector of the axes in front of all rotations in those behind them."""
+        return reduce(lambda y, turn: matvec(transpose(turn.matrix), y), self.rotations, x)
+
+    def outwards(self, x: Vec) -> Vec:
+        """A vector of the axes behind all rotations in those in front of them."""
+        return reduce(lambda y, turn: matvec(turn.matrix, y), reversed(self.rotations), x)
+
 
 def unit(axis: int, length: Scalar = 1.0) -> Vec:
     """Vector along an axis."""
-    entries: list[Scalar] = [0.0, 0.0, 0.0]
-    entries[axis] = length
-    return (entries[0], entries[1], entries[2])
+    return vec3(length if i == axis else 0.0 for i in range(3))
 
 
 def geometry(
@@ -63,7 +70,7 @@ def geometry(
     joints = []
     for body, numbers in zip(model.bodies, bound.bodies, strict=True):
         steps = [(index, freeze(name)) for index, name in zip(body.indices, body.active, strict=True)]
-        shift: Vec = (0.0, 0.0, 0.0)
+        shift = ZERO
         rotations = []
         for index, frozen in steps:
             if frozen.is_rotation:
@@ -79,5 +86,4 @@ def geometry(
 
 
 def _evaluate(frozen: FrozenStep, sin: Scalar, cos: Scalar) -> Mat:
-    a, b, c = (tuple(one + s * sin + co * cos for one, s, co in row) for row in frozen.rotation)
-    return ((a[0], a[1], a[2]), (b[0], b[1], b[2]), (c[0], c[1], c[2]))
+    return mat3([one + s * sin + co * cos for one, s, co in row] for row in frozen.rotation)

@@ -4,20 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from eomgen.robot.geometry import IDENTITY
 from eomgen.robot.model import FIXED_BODY, Model
 
 from .bound import Bound
 from .frozen_joints import JointGeometry
-from .recursion import Wrench, collect
-from .spatial import Pose, Scalar, Vec, add, cross, dot, matmul, matvec, transpose
+from .recursion import NO_WRENCH, Wrench, collect
+from .spatial import ZERO, Pose, Scalar, Vec, add, cross, dot, matmul, matvec, transpose, vec3
 
-BASE_POSE = Pose(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)), (0.0, 0.0, 0.0))
+BASE_POSE = Pose(IDENTITY, ZERO)
 
 
 def body_poses(model: Model, joints: Sequence[JointGeometry]) -> tuple[list[Pose], list[Vec]]:
     """A_0k of every body, and the unit axis of every coordinate in base axes."""
     poses: list[Pose] = []
-    axes: list[Vec] = [(0.0, 0.0, 0.0)] * model.size
+    axes: list[Vec] = [ZERO] * model.size
     for body, joint in zip(model.bodies, joints, strict=True):
         pose, found = through_joint(BASE_POSE if body.parent == FIXED_BODY else poses[body.parent], joint)
         poses.append(pose)
@@ -59,14 +60,12 @@ def external_rows(
         n rows, and per body what is given to it and all that hangs on it, at its origin in its axes.
     """
     poses, _ = body_poses(model, joints)
-    at_bodies = [Wrench((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))] * len(model.bodies)
+    at_bodies = [NO_WRENCH] * len(model.bodies)
     for link, given in zip(model.links, wrenches, strict=True):
         body, com = bound.coms[link]
         back = transpose(poses[body].rotation)
-        force = matvec(back, (given[0], given[1], given[2]))
-        moment = matvec(back, (given[3], given[4], given[5]))
-        arm = Wrench(force, add(moment, cross(com, force)))
-        at_bodies[body] = at_bodies[body] + arm
+        force, moment = matvec(back, vec3(given[:3])), matvec(back, vec3(given[3:]))
+        at_bodies[body] = at_bodies[body] + Wrench(force, add(moment, cross(com, force)))
     return collect(model, joints, at_bodies)
 
 

@@ -16,9 +16,23 @@ from eomgen.robot.model import FIXED_BODY, Model
 
 from .bound import Bound
 from .frozen_joints import JointGeometry, unit
-from .spatial import Mat, PseudoInertia, Scalar, Vec, add, cross, dot, matvec, scale, transpose
+from .spatial import (
+    ZERO,
+    Mat,
+    PseudoInertia,
+    Scalar,
+    Vec,
+    add,
+    cross,
+    dot,
+    is_zero,
+    mat3,
+    matvec,
+    scale,
+    transpose,
+    vec3,
+)
 
-ZERO: Vec = (0.0, 0.0, 0.0)
 Note = Callable[[str], None]
 
 
@@ -46,6 +60,20 @@ class Wrench:
 
     def __add__(self, other: Wrench) -> Wrench:
         return Wrench(add(self.force, other.force), add(self.moment, other.moment))
+
+    def scaled(self, factor: Scalar) -> Wrench:
+        """The wrench times a number."""
+        return Wrench(scale(factor, self.force), scale(factor, self.moment))
+
+    def plus(self, factor: Scalar, other: Wrench) -> Wrench:
+        """The wrench and another one times a number."""
+        if is_zero(factor):
+            return self
+        return Wrench(add(self.force, scale(factor, other.force)), add(self.moment, scale(factor, other.moment)))
+
+    def turned(self, rotation: Mat) -> Wrench:
+        """The wrench in other axes."""
+        return Wrench(matvec(rotation, self.force), matvec(rotation, self.moment))
 
 
 NO_WRENCH = Wrench(ZERO, ZERO)
@@ -95,14 +123,13 @@ def _through_turn(
     (w, d, origin), back = at_joint, transpose(turn.matrix)
     i, j, k = (turn.axis + 1) % 3, (turn.axis + 2) % 3, turn.axis
     w = add(matvec(back, w), unit(k, v[turn.index]))
-    axis = tuple(row[k] for row in joint.turn)
+    axis = vec3(row[k] for row in joint.turn)
     column = matvec(back, matvec(transpose(joint.turn), matvec(parent.U, axis)))
     across = {i: w[j] * w[k] - column[j], j: column[i] - w[i] * w[k], k: d[k] + a[turn.index]}
     moving = acceleration(w, (across[0], across[1], across[2]), matvec(back, origin))
     U = [list(row) for row in moving.U]
     U[i][k], U[j][k] = column[i], column[j]
-    a_row, b_row, c_row = ((row[0], row[1], row[2]) for row in U)
-    return replace(moving, U=(a_row, b_row, c_row))
+    return replace(moving, U=mat3(U))
 
 
 def accelerations(

@@ -19,8 +19,8 @@ from eomgen.robot.value import MOTOR
 from .bound import Bound, bind
 from .composite import turned
 from .frozen_joints import JointGeometry, unit
-from .recursion import ZERO, Acceleration, Note, accelerations, no_note
-from .spatial import Mat, Scalar, Vec, add, cross, dot, matmul, matvec, transpose
+from .recursion import Acceleration, Note, accelerations, no_note
+from .spatial import ZERO, Mat, Scalar, Vec, add, cross, dot, matmul, matvec, transpose
 
 INERTIAL = ("m", "mx", "my", "mz", "ixx", "ixy", "ixz", "iyy", "iyz", "izz")  # of a link, in the order of columns
 Motion = tuple[Vec, Vec]  # per unit rate of a coordinate: angular velocity, velocity of a frame's origin
@@ -33,11 +33,8 @@ def regressor_names(model: Model) -> tuple[str, ...]:
     ("joint1.motor.inertia"), and those that are given one.
     """
     links = [component_name(body.name, key) for body in model.bodies for key in INERTIAL]
-    return (*links, *map(_armature_name, armatures(model)))
-
-
-def _armature_name(coordinate: str) -> str:
-    return component_name(coordinate, "inertia" if kind_of(coordinate) == MOTOR else "armature")
+    ends = ((name, "inertia" if kind_of(name) == MOTOR else "armature") for name in armatures(model))
+    return (*links, *(component_name(name, end) for name, end in ends))
 
 
 def armatures(model: Model) -> tuple[str, ...]:
@@ -78,9 +75,7 @@ def inertial_columns(
     """Per body, by the index of every coordinate in front of it, the ten entries of that row of Y.
 
     Args:
-        model, joints, v, a: as of ``inertial_rows``.
         bound: with the description's frames.
-        note: takes comments.
     """
     motions: list[Mapping[int, Motion]] = []
     columns: list[dict[int, list[Scalar]]] = []
@@ -113,12 +108,7 @@ class _LinkWrenches:
     """
 
     def __init__(self, K: Acceleration, axes: Mat) -> None:
-        """The wrenches of a link.
-
-        Args:
-            K: of its body's frame.
-            axes: the link's axes as columns, in the body's.
-        """
+        """Take K of the body's frame, and the link's axes as columns in the body's."""
         self._back = transpose(axes)
         self.a = matvec(self._back, K.origin)
         self.U = U = matmul(matmul(self._back, K.U), axes)

@@ -13,7 +13,7 @@ from eomgen.robot.model import FIXED_BODY, Model
 
 from .bound import Bound, BoundBody
 from .frozen_joints import freeze
-from .spatial import PseudoInertia, add, congruence
+from .spatial import PseudoInertia, add, congruence, mat3, vec3
 
 
 def regroup(model: Model, bound: Bound) -> Bound:
@@ -35,16 +35,12 @@ def regroup(model: Model, bound: Bound) -> Bound:
 def split(H: PseudoInertia, active: tuple[str, ...]) -> tuple[PseudoInertia, PseudoInertia]:
     """H as (what may move to the parent, what stays) for a joint with these active coordinates."""
     steps = [freeze(name) for name in active]
-    axes = {0, 1, 2}
-    for turn in steps:
-        if turn.is_rotation:
-            axes &= {turn.axis}
-    with_mass = all(turn.is_rotation for turn in steps)
+    axes = {0, 1, 2}.intersection(*({step.axis} for step in steps if step.is_rotation))
+    with_mass = all(step.is_rotation for step in steps)
 
     def parts(inside: bool) -> PseudoInertia:
-        second = tuple(tuple(H.second[i][j] if ({i, j} <= axes) == inside else 0.0 for j in range(3)) for i in range(3))
-        first = tuple(H.first[i] if (i in axes and with_mass) == inside else 0.0 for i in range(3))
-        mass = H.mass if with_mass == inside else 0.0
-        return PseudoInertia(second, first, mass)  # type: ignore[arg-type]
+        second = mat3([H.second[i][j] if ({i, j} <= axes) == inside else 0.0 for j in range(3)] for i in range(3))
+        first = vec3(H.first[i] if (i in axes and with_mass) == inside else 0.0 for i in range(3))
+        return PseudoInertia(second, first, H.mass if with_mass == inside else 0.0)
 
     return parts(True), parts(False)

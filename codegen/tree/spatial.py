@@ -10,6 +10,8 @@ Scalar = Any  # float, sympy.Expr or ir.Node
 Vec = tuple[Scalar, Scalar, Scalar]
 Mat = tuple[Vec, Vec, Vec]
 
+ZERO: Vec = (0.0, 0.0, 0.0)
+
 
 @dataclass(frozen=True)
 class PseudoInertia:
@@ -23,11 +25,7 @@ class PseudoInertia:
     mass: Scalar
 
     def __add__(self, other: PseudoInertia) -> PseudoInertia:
-        second = tuple(
-            tuple(a + b for a, b in zip(r, s, strict=True)) for r, s in zip(self.second, other.second, strict=True)
-        )
-        first = tuple(a + b for a, b in zip(self.first, other.first, strict=True))
-        return PseudoInertia(mat3(second), vec3(first), self.mass + other.mass)
+        return PseudoInertia(sum_mat(self.second, other.second), add(self.first, other.first), self.mass + other.mass)
 
 
 @dataclass(frozen=True)
@@ -69,6 +67,11 @@ def add(a: Vec, b: Vec) -> Vec:
     return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
 
 
+def subtract(a: Vec, b: Vec) -> Vec:
+    """a - b."""
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
+
+
 def scale(factor: Scalar, a: Vec) -> Vec:
     """factor a."""
     return (factor * a[0], factor * a[1], factor * a[2])
@@ -90,6 +93,25 @@ def along(arms: Mapping[int, Scalar], x: Sequence[Scalar] | Mapping[int, Scalar]
 def cross(a: Vec, b: Vec) -> Vec:
     """a x b."""
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+
+
+def sum_mat(R: Mat, S: Mat) -> Mat:
+    """R + S."""
+    return (add(R[0], S[0]), add(R[1], S[1]), add(R[2], S[2]))
+
+
+def trace(S: Mat) -> Scalar:
+    """Sum of the diagonal."""
+    return S[0][0] + S[1][1] + S[2][2]
+
+
+def about(axis: int, sine: Scalar, cosine: Scalar) -> Mat:
+    """Rotation matrix about x, y or z."""
+    if axis == 0:
+        return ((1.0, 0.0, 0.0), (0.0, cosine, -sine), (0.0, sine, cosine))
+    if axis == 1:
+        return ((cosine, 0.0, sine), (0.0, 1.0, 0.0), (-sine, 0.0, cosine))
+    return ((cosine, -sine, 0.0), (sine, cosine, 0.0), (0.0, 0.0, 1.0))
 
 
 def transpose(R: Mat) -> Mat:

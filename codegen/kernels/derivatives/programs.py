@@ -17,12 +17,7 @@ from .whole import Derive, whole_program
 
 
 def derive_derivative(model: Model, kernel: str, derive: Derive) -> Program:
-    """The program of one entry of DERIVATIVES.
-
-    Args:
-        kernel: its name.
-        derive: gives the program of one entry of the tables by its name.
-    """
+    """Derive the program of one entry of DERIVATIVES; ``derive`` gives that of any entry of the tables."""
     signature, size = SIGNATURES[kernel], shapes(model)
     if signature.kind == "tangent":
         rates = {array: f"d{array}" for array in signature.reads if f"d{array}" in signature.reads}

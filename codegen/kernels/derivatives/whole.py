@@ -86,7 +86,6 @@ def whole_program(model: Model, function: str, derive: Derive) -> Program:
 
     Args:
         function: a kernel, or one of OF_FRAMES.
-        derive: gives the program of one entry of the tables by its name.
     """
     ways = {**OF_FRAMES, **(CLOSED if model.constraints else {})}
     if function not in ways:

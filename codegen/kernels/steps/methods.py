@@ -128,12 +128,7 @@ _W643_ERROR = np.array(
     ]
 )
 
-W643 = Rosenbrock(
-    alpha=_W643_ALPHA,
-    gamma=_W643_GAMMA,
-    b=_W643_B,
-    embedded=_W643_B - _W643_ERROR,
-)
+W643 = Rosenbrock(_W643_ALPHA, _W643_GAMMA, _W643_B, embedded=_W643_B - _W643_ERROR)
 RK4 = RungeKutta(
     a=_triangle([[], [0.5], [0.0, 0.5], [0.0, 0.0, 1.0]]),
     b=np.array([1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0]),

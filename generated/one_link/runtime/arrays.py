@@ -1,7 +1,4 @@
-"""Arrays on their way to the C of a kernel and back: shapes, dtypes, leading axes, and numbers that are not finite.
-
-A generated package carries a copy of this file, which imports NumPy and its neighbours and nothing else.
-"""
+"""Arrays on their way to the C of a kernel and back: shapes, dtypes, leading axes, and numbers that are not finite."""
 
 from __future__ import annotations
 
@@ -34,13 +31,7 @@ BY_COORDINATE = {  # how many of the last axes of a result are coordinates
 
 
 class Arrays:
-    """Checks of a kernel's arguments and results, and the errors that name what is wrong with them.
-
-    Attributes:
-        dtype: the kernel's.
-        coordinates: names of the coordinates.
-        links: names of the links that wrenches act on.
-    """
+    """Checks of a kernel's arguments and results, and the errors that name what is wrong with them."""
 
     def __init__(self, raw: RawKernel, coordinates: tuple[str, ...], links: tuple[str, ...]) -> None:
         self.dtype, self.coordinates, self.links, self._shapes = raw.dtype, coordinates, links, raw.shapes
@@ -49,12 +40,6 @@ class Arrays:
 
     def taken(self, label: str, value: ArrayLike, shape: tuple[int, ...], checks: bool) -> tuple[Array, Lead]:
         """A value as a C-contiguous array of the kernel's dtype, and the axes in front of a state's.
-
-        Args:
-            label: the argument's name.
-            value: what was given for it.
-            shape: its shape for one state.
-            checks: whether NaN and infinity are refused.
 
         Raises:
             ArrayError: another shape, a number that the dtype cannot hold exactly, or NaN or infinity.
@@ -87,9 +72,6 @@ class Arrays:
 
         Args:
             label: its name; one of WRENCHES has rows of links, everything else numbers of coordinates.
-            array: of that shape, or (..., *shape).
-            shape: (n,); (steps, n); or (links, 6).
-            place: what follows the number, such as " at t = 1 s".
 
         Raises:
             ArrayError: there is such a number; coordinate, state and step of the first one are named.
@@ -107,9 +89,6 @@ class Arrays:
         """The error that says that finite numbers led to a result that is not: which entry, and the largest number.
 
         Args:
-            function: whose result it is.
-            result: of that shape, or (..., *shape).
-            shape: of a state's result.
             given: label and array of every argument; of a batch the rows of states, or the state that stands for all.
         """
         where = tuple(int(i) for i in np.argwhere(~np.isfinite(result))[0])
@@ -136,8 +115,6 @@ class Arrays:
         """The array to write to.
 
         Args:
-            out: what was given for it.
-            shape: of the result.
             arrays: what is read meanwhile.
 
         Raises:
@@ -223,9 +200,6 @@ def is_finite(array: Array) -> bool:
 def joint_lead(label: str, own: Lead, lead: Lead) -> Lead:
     """Leading axes of a result whose arguments have ``own`` and ``lead``, by NumPy's rules.
 
-    Args:
-        label: the argument with ``own``.
-
     Raises:
         ArrayError: they do not go together.
     """
@@ -243,7 +217,6 @@ def rows_of(array: Array, shape: tuple[int, ...], lead: Lead) -> Array:
 
     Args:
         array: (..., *shape), its leading axes go together with ``lead``.
-        shape: for one state.
         lead: the leading axes of the result, at least one.
     """
     own = array.shape[: array.ndim - len(shape)]

@@ -1,6 +1,6 @@
 """What kernels have by name: the matrix coefficients of eqs. (10)-(12), inertial parameters, gears, followers.
 
-A generated package carries a copy of this file.  What vanishes identically stands in its metadata.
+What vanishes identically stands in a package's metadata.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""From arrays to the C of a kernel and back: what is called how, and what an error says.
-
-A generated package carries a copy of this file, which imports NumPy and its neighbours and nothing else.
-"""
+"""From arrays to the C of a kernel and back: what is called how, and what an error says."""
 
 from __future__ import annotations
 
@@ -33,15 +30,7 @@ ELIMINATED = (
 
 
 class Calls:
-    """Checked calls of a raw kernel's functions, by their names.
-
-    Attributes:
-        raw: the functions.
-        parameters: the run-time parameters that calls take.
-        arrays: checks of arguments and results.
-        coordinates: names of the coordinates, for messages.
-        prescribed: names of the coordinates whose motion is given.
-    """
+    """Checked calls of a raw kernel's functions, by their names."""
 
     def __init__(
         self, raw: RawKernel, parameters: Parameters, arrays: Arrays, prescribed: tuple[str, ...] = ()
@@ -68,18 +57,9 @@ class Calls:
         return f"{TREE}{name}" if self.raw.libraries.meta.get("constraints") else name
 
     def run_with_wrench(
-        self,
-        name: str,
-        out: Array | None,
-        values: Sequence[ArrayLike],
-        wrench: ArrayLike | None,
+        self, name: str, out: Array | None, values: Sequence[ArrayLike], wrench: ArrayLike | None
     ) -> Array:
-        """A function's result with what wrenches add to it, as ``WRENCHED`` says.
-
-        Args:
-            name, out, values: as of ``run``.
-            wrench: external wrenches, (..., links, 6), or None.
-        """
+        """A function's result with what wrenches add to it, as ``WRENCHED`` says."""
         if wrench is None:
             return self.run(name, out, values)
         part, sign, _ = WRENCHED[name]
@@ -108,8 +88,6 @@ class Calls:
         """Check the arrays, call the C, and say what went wrong.
 
         Args:
-            name: a function of ``raw``.
-            out: array to write to, or None.
             values: what it reads, for one state or many; their leading axes go together as NumPy broadcasts.
             extra: the number of a frame, for a function that takes one.
             lead: leading axes that the result has at least.
@@ -157,13 +135,7 @@ class Calls:
         return result
 
     def _rows(self, labels: Sequence[str], arrays: Sequence[Array], lead: Lead) -> tuple[list[Array], list[int]]:
-        """Arguments as rows of states, and how many numbers apart two states lie: 0 where one stands for all.
-
-        Args:
-            labels: of the arguments.
-            arrays: whose leading axes go together with ``lead``.
-            lead: the leading axes of the result.
-        """
+        """Arguments as rows of states, and how many numbers apart two states lie: 0 where one stands for all."""
         rows, steps = [], []
         for label, array in zip(labels, arrays, strict=True):
             shape = self.raw.shapes[label]
@@ -222,12 +194,9 @@ class Calls:
         """Call the C for a state, or for a batch in as many threads as there shall be.
 
         Args:
-            function: of ``raw``.
             arrays: what it reads, C-contiguous and of the kernel's dtype.
             steps: how many numbers apart the states of each array lie, 0 where one is the same for all.
-            extra: the number of a frame, for a function that takes one.
             count: the number of states, None for a single one.
-            result: what it writes.
 
         Returns:
             -1, or state * ``raw.statuses`` + i of the first failure.
@@ -260,11 +229,6 @@ class Calls:
     def array(self, label: str, value: ArrayLike, shape: tuple[int, ...]) -> tuple[Array, Lead]:
         """A value as a C-contiguous array of the kernel's dtype, and the axes in front of a state's.
 
-        Args:
-            label: the argument's name.
-            value: what was given for it.
-            shape: its shape for one state.
-
         Raises:
             ArrayError: another shape, a number that the dtype cannot hold exactly, or NaN or infinity (see ``checks``).
         """
@@ -277,8 +241,6 @@ class Calls:
         where the kernel cannot compute a mass matrix, the coordinate at which elimination fails.
 
         Args:
-            name: the function.
-            coordinate: index of the coordinate at which elimination fails.
             place: what follows the coordinates' names, such as " in state 3".
             q: coordinates in that state, (n,), where they are known.
         """

@@ -1,7 +1,4 @@
-"""Loops of a mechanism: their constraint, and coordinates and rates that close them, for one state or many at once.
-
-A generated package carries a copy of this file.
-"""
+"""Loops of a mechanism: their constraint, and coordinates and rates that close them, for one state or many at once."""
 
 from __future__ import annotations
 

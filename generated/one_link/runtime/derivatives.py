@@ -1,7 +1,4 @@
-"""Exact derivatives of a kernel's functions: along directions, of weighted results, and by run-time parameters.
-
-A generated package carries a copy of this file.
-"""
+"""Exact derivatives of a kernel's functions: along directions, of weighted results, and by run-time parameters."""
 
 from __future__ import annotations
 
@@ -18,6 +15,7 @@ from ..names import nearest_or_all, show
 from .arrays import flag, names_in
 from .calls import Calls
 from .compiled_code import CompiledCode
+from .opened import LOADED
 from .parameters import Parameters
 from .raw import Array
 
@@ -27,14 +25,8 @@ KINDS = (ADJOINT, TANGENT, HESSIAN, f"{BY_PARAMETERS}{ADJOINT}", f"{BY_PARAMETER
 COTANGENT = "cotangent"
 FRAMED = ("poses", "jacobians")  # results of all frames at once
 CLOSED = (  # functions that refuse states in which loops are open
-    "inverse_dynamics",
-    "inverse_dynamics_under_load",
-    "forward_dynamics",
-    "constraint_forces",
-    "reactions",
-    "reactions_under_load",
-    "loop_reactions",
-    "loop_reactions_under_load",
+    *("forward_dynamics", "constraint_forces"),
+    *(f"{name}{end}" for name in ("inverse_dynamics", "reactions", "loop_reactions") for end in ("", LOADED)),
 )
 
 

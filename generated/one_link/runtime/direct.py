@@ -56,19 +56,12 @@ class State:
 
     Attributes:
         values: of the parameters, and behind them how joints are turned; replaced as a whole and never written to.
-        checks: whether NaN and infinity are refused.
-        threads: how many threads share a batch.
     """
 
     def __init__(
         self, values: Array, make: Callable[[Array], Setup] = Setup, checks: bool = True, threads: int = 1
     ) -> None:
-        """A state.
-
-        Args:
-            values, checks, threads: see above.
-            make: gives ``setup`` of values.
-        """
+        """Keep values, and what makes ``setup`` of them."""
         self.values, self.checks, self.threads = values, checks, threads
         self._make, self._lock = make, threading.Lock()
         self._setup: Setup | None = None
@@ -124,12 +117,7 @@ class Face:
     """
 
     def __init__(self, module: ModuleType | None = None, *, expected: bool = False) -> None:
-        """A face with this module.
-
-        Args:
-            module: the module, or None.
-            expected: whether a module is still to come.
-        """
+        """Keep a module, or none; ``expected``: whether one is still to come."""
         self.module, self._expected, self._lock = module, expected, threading.Lock()
         self._waiting: weakref.WeakSet[Any] = weakref.WeakSet()
 
@@ -174,8 +162,6 @@ def functions(
     which may have compiled it.
 
     Args:
-        module: the extension module.
-        raw: the functions.
         methods: of a kernel, by name; those that call no function are left out.
         frames: names of the frames by their numbers.
         loops: whether the robot has loops, so that methods with ``cut`` are plain only where it is False.

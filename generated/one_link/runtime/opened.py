@@ -1,7 +1,4 @@
-"""What closed mechanisms refuse, as errors say it: loops that are open or opening, and drives that do not hold them.
-
-A generated package carries a copy of this file.
-"""
+"""What closed mechanisms refuse, as errors say it: loops that are open or opening, and drives that do not hold them."""
 
 from __future__ import annotations
 
@@ -30,12 +27,9 @@ def loop_error(raw: RawKernel, name: str, reason: int, place: str, given: Mappin
     """The error that says why a function refuses a state of a closed mechanism, or a motion.
 
     Args:
-        raw: the functions.
-        name: the function.
         reason: behind those of the coordinates' pivots, as ``RawKernel.statuses`` counts them.
         place: what follows, such as " in state 3".
         given: what the function got, for that state alone.
-        ask: about that state.
     """
     name = name.removesuffix(LOADED)
     tree = "" if name in WHOLE else ", or cut=True for the open tree"
@@ -90,7 +84,6 @@ def singular_loop(raw: RawKernel, jacobian: Array, elsewhere: Array) -> str:
     """Say which loop is at a singular pose, and what is allowed.
 
     Args:
-        raw: the functions.
         jacobian: of the constraint there, (m, n).
         elsewhere: at any other state, which shows the rows that vanish in all of them, (m, n).
     """
@@ -111,7 +104,6 @@ def left_open(raw: RawKernel, gaps: NDArray[Any], what: str, allowed: str, per: 
     """The error that names the loop with the greatest of the gaps.
 
     Args:
-        raw: the functions.
         gaps: of all components of the constraint, (constraints,): m or rad, or their derivatives by time.
         what, allowed: what is wrong with the loop, and what would not be.
         per: "" or the unit of time that the gaps are by, such as "/s".

@@ -1,7 +1,4 @@
-"""Long work in pieces that take milliseconds, so that Ctrl-C ends it, and what threads share of it.
-
-A generated package carries a copy of this file.
-"""
+"""Long work in pieces that take milliseconds, so that Ctrl-C ends it, and what threads share of it."""
 
 from __future__ import annotations
 
@@ -44,7 +41,7 @@ def shared(work: Work, count: int, threads: int) -> int:
     if threads < 2:
         return next((failed for failed in work(0, count) if failed >= 0), -1)
     crew = _Crew(work, [count * i // threads for i in range(threads + 1)])
-    crew.work_in(_pool(threads))
+    crew.work_in(_pool(os.getpid(), threads))
     return min((failed for failed in crew.failures if failed >= 0), default=-1)
 
 
@@ -101,10 +98,6 @@ class _Crew:
 
 
 @functools.cache
-def _pool_of(process: int, threads: int) -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(threads, "eomgen")
-
-
-def _pool(threads: int) -> ThreadPoolExecutor:
+def _pool(process: int, threads: int) -> ThreadPoolExecutor:
     """Threads that wait for batches; a forked process gets its own."""
-    return _pool_of(os.getpid(), threads)
+    return ThreadPoolExecutor(threads, "eomgen")

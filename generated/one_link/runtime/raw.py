@@ -1,7 +1,4 @@
-"""The functions of a compiled module as they are: pointers go in, a status comes out, nothing is checked.
-
-A generated package carries a copy of this file.
-"""
+"""The functions of a compiled module as they are: pointers go in, a status comes out, nothing is checked."""
 
 from __future__ import annotations
 
@@ -25,12 +22,7 @@ FFI = _cffi_backend.FFI()  # knows C's own types; pointers of all libraries are 
 POINTERS = {"float64": "double[]", "float32": "float[]"}
 DERIVED = ("tangent", "adjoint", "hessian", "gradient")  # kinds of functions that differentiate others
 SETUP = "parameters"  # among operations: of what depends on parameters alone
-FRAMES, ROLLOUT, ADAPTIVE, GRADIENT = (
-    "frames",
-    "rollout",
-    "adaptive",
-    "gradient",
-)  # kinds of functions that are called otherwise than all others
+FRAMES, ROLLOUT, ADAPTIVE, GRADIENT = "frames", "rollout", "adaptive", "gradient"  # kinds with calls of their own
 WEIGHTS = {"mul": 1, "add": 1, "div": 5, "sincos": 25}  # times of operations beside each other
 BATCH = "_batch"  # behind the name of what works on several states
 ENDINGS = ("h", "c", "json")  # of the files that a kernel's package has beside its libraries
@@ -146,11 +138,7 @@ class Library:
         return int(FFI.cast("intptr_t", self.ffi.addressof(self.lib, f"{self.name}_{name}")))
 
     def compute(self, values: Array) -> Array:
-        """Compute from the values of the parameters what the functions read: (hoisted,), or one number for none.
-
-        Args:
-            values: in the order of the parameters; behind them a number for each joint that turns freely.
-        """
+        """Compute from the values of the parameters what the functions read: (hoisted,), or one number for none."""
         computed = np.zeros(max(self.hoisted, 1), self.dtype)
         self._setup(self._view(values if values.size else np.zeros(1, self.dtype)), self._view(computed))
         return computed
@@ -222,20 +210,10 @@ class Operations(Mapping[str, Mapping[str, int]]):
 
 
 class OneLibrary:
-    """All functions in one compiled module.
-
-    Attributes:
-        meta: what its package says of it.
-    """
+    """All functions in one compiled module."""
 
     def __init__(self, ffi: Any, lib: Any, meta: Mapping[str, Any], read: Callable[[str], str] | None = None) -> None:
-        """The library of a package.
-
-        Args:
-            ffi, lib: cffi's objects of the module.
-            meta: what its package says of it.
-            read: gives the text of a file of the package.
-        """
+        """Take a package's library by cffi's objects and its metadata; ``read`` gives the text of a file of it."""
         self.meta, self._library, self._read = meta, Library(ffi, lib, meta), read
 
     def library(self, kernel: str, function: str = "") -> Library:
@@ -299,7 +277,10 @@ class RawKernel:
         self.turning_room: int = turning["room"]
         self.ffi = FFI
         self.view = partial(FFI.from_buffer, POINTERS[meta["dtype"]])
-        known = [_function(libraries, name, entry) for name, entry in meta["functions"].items()]
+        known = [
+            RawFunction(name, entry["kernel"], entry["kind"], tuple(entry["reads"]), entry["writes"], libraries)
+            for name, entry in meta["functions"].items()
+        ]
         self.rollout: RawFunction | None = next((x for x in known if x.kind == ROLLOUT), None)
         self.adaptive: RawFunction | None = next((x for x in known if x.kind == ADAPTIVE), None)
         self.gradients: Mapping[str, RawFunction] = {x.name: x for x in known if x.kind == GRADIENT}
@@ -349,11 +330,6 @@ class RawKernel:
             return self.libraries.source(file)
         except (OSError, KeyError):
             raise BuildError(f"{file} is not in the kernel's package any more; build the kernel again") from None
-
-
-def _function(libraries: Libraries, name: str, entry: Mapping[str, Any]) -> RawFunction:
-    """A function of the libraries, by what metadata says of it."""
-    return RawFunction(name, entry["kernel"], entry["kind"], tuple(entry["reads"]), entry["writes"], libraries)
 
 
 class Setup:

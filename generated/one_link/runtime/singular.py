@@ -1,7 +1,4 @@
-"""Which coordinates a mass matrix that cannot be inverted fails at.
-
-A generated package carries a copy of this file.
-"""
+"""Which coordinates a mass matrix that cannot be inverted fails at."""
 
 from __future__ import annotations
 
@@ -37,7 +34,6 @@ def null_coordinates(M: Array, names: Sequence[str], limit: float = VANISHED) ->
 
     Args:
         M: a mass matrix, (m, m).
-        names: of its coordinates, m.
         limit: scaled eigenvalues below it are zero; the smallest one always is.
     """
     values, vectors = scaled_eigenvalues(M)
@@ -53,7 +49,6 @@ def singular_place(found: Sequence[str], q: Array, names: Sequence[str]) -> tupl
     Args:
         found: ``null_coordinates``, or what stands for them.
         q: coordinates in that state, (n,), m or rad.
-        names: of all coordinates, n.
     """
     values = dict(zip(names, q.tolist(), strict=True))
     for name in found:

@@ -1,7 +1,4 @@
-"""A kernel's compiled code: how kernels are made, copied and pickled, their parameters, threads and checks.
-
-A generated package carries a copy of this file.
-"""
+"""A kernel's compiled code: how kernels are made, copied and pickled, their parameters, threads and checks."""
 
 from __future__ import annotations
 

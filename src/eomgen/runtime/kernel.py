@@ -1,7 +1,4 @@
-"""The NumPy face of a compiled module.
-
-A generated package carries a copy of this file, which imports NumPy and its neighbours and nothing else.
-"""
+"""The NumPy face of a compiled module."""
 
 from __future__ import annotations
 
@@ -321,13 +318,7 @@ class Kernel(Differentiation, LoopClosure, NamedViews, Rollouts):
         return self.calls.run("loop_reactions_under_load", out, (q, v, a, self.external_force(q, wrench)))
 
     def _driving(
-        self,
-        name: str,
-        out: Array | None,
-        values: tuple[ArrayLike, ...],
-        wrench: ArrayLike | None,
-        *,
-        cut: bool,
+        self, name: str, out: Array | None, values: tuple[ArrayLike, ...], wrench: ArrayLike | None, *, cut: bool
     ) -> Array:
         """Compute what a motion takes, with its loops closed or cut; see ``Calls.run_with_wrench``."""
         if flag("cut", cut) or not self.constraints:

@@ -1,7 +1,6 @@
 """Levels of processors that a package has binaries for, and the best one that the processor at hand runs.
 
 All levels give the same bits where the compiler may not fuse products with sums, which is so unless it was asked to.
-A generated package carries a copy of this file.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""Run-time parameters of a compiled kernel, by name.
-
-A generated package carries a copy of this file.
-"""
+"""Run-time parameters of a compiled kernel, by name."""
 
 from __future__ import annotations
 
@@ -34,11 +31,7 @@ class Parameters(MutableMapping[str, float]):
 
     @classmethod
     def of(cls, raw: RawKernel, values: Mapping[str, float], least: Mapping[str, float]) -> Parameters:
-        """Parameters of a compiled module, whose order is that of the values.
-
-        Args:
-            least: the least value of each parameter that has one.
-        """
+        """Parameters of a compiled module, in the order of the values; ``least``: the least of those that have one."""
         slots = {name: slot for slot, name in enumerate(values)}
         state = State(np.array([*values.values(), *(0.0 for _ in raw.turning)], raw.dtype))
         return cls(raw, slots, least, float(np.finfo(raw.dtype).max), state)

@@ -3,8 +3,6 @@
 A joint that turns freely has the rotation Rx(alpha) Ry(beta) Rz(gamma) after its translations.  Seen from axes that
 are so many places on, y, z and x (1) or z, x and y (2) in the place of x, y and z, the same rotation has other angles,
 whose beta is far from +-90 degrees where the first one's is near.  Both have one angular velocity in the body's axes.
-
-A generated package carries a copy of this file.
 """
 
 from __future__ import annotations
@@ -39,8 +37,6 @@ def other_angles(places: int, angles: Array, near: Array) -> Array:
     """The angles of the same rotations seen from axes so many places on, (T, 3), each next to the ones before it.
 
     Args:
-        places: 1 or 2.
-        angles: (T, 3).
         near: the ones before the first, (3,).
     """
     both, found = both_ways(rotation(angles), places), np.empty_like(angles)
@@ -76,30 +72,18 @@ def angle_rates(angles: Array, spin: Array) -> Array:
     return np.stack([first, s * x + c * y, z - np.sin(angles[..., 1]) * first], axis=-1)
 
 
-def other_rates(angles: Array, other: Array, rates: Array) -> Array:
-    """Rates of the other angles of the same rotations, (..., 3).
-
-    Args:
-        angles, other: of the same rotations, (..., 3).
-        rates: of ``angles``, (..., 3).
-    """
-    return angle_rates(other, body_rates(angles, rates))
-
-
 def seen(states: Array, joints: Places, places: int, near: Array) -> Array:
     """States with the axes of joints so many places on; angles next to those of the state before.
 
     Args:
         states: q and v, (T, 2n).
-        joints: which.
-        places: ON or BACK.
         near: q before the first, (n,).
     """
     n, found = near.size, np.array(states)
     for first, origin in joints:
         angles, rates = slice(first, first + 3), slice(n + first, n + first + 3)
         found[:, angles] = other_angles(places, states[:, angles], near[angles])
-        found[:, rates] = other_rates(states[:, angles], found[:, angles], states[:, rates])
+        found[:, rates] = angle_rates(found[:, angles], body_rates(states[:, angles], states[:, rates]))
         for begin in () if origin < 0 else (origin, n + origin):
             found[:, begin : begin + 3] = np.roll(states[:, begin : begin + 3], -places, axis=-1)
     return found

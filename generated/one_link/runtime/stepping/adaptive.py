@@ -1,11 +1,8 @@
-"""Integration with error control in C: samples at equal times, what the steps were, and why a motion ended early.
-
-A generated package carries a copy of this file.
-"""
+"""Integration with error control in C: samples at equal times, what the steps were, and why a motion ended early."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
@@ -17,7 +14,7 @@ from ..calls import Calls
 from ..opened import stays_open
 from ..pieces import OPERATIONS, ROUND, shared
 from ..raw import FFI, Array, Library, RawFunction
-from .given_loads import clipped_loads, place_given, read_loads
+from .given_loads import clipped_loads, count_of, place_given, read_loads
 from .loads import WORKS, LoadData, Packed, Side
 from .options import ADAPTIVE, ErrorControl, LoadedStepOptions
 from .rollouts import SHARE, Given, Inputs, Rollout, read_given, room_for
@@ -41,8 +38,8 @@ class _Motion:
 
     calls: Calls
     function: RawFunction
-    at: tuple[Array, Array]
-    stored: tuple[Array, Array]
+    at: Sequence[Array]
+    stored: Sequence[Array]
     progress: Any
     given: Given
     control: ErrorControl
@@ -96,7 +93,7 @@ def adaptive_rollout(calls: Calls, inputs: Inputs, options: LoadedStepOptions) -
         data = clipped_loads(calls, data, inputs.control.effort)
     if works and calls.raw.turning:
         raise InputError(f"rollout: works: {', '.join(calls.raw.turning)} turns freely; allowed: other joints")
-    count = _count(inputs.count(), data)
+    count = count_of(inputs.count(), data)
     times = options.times(calls, count)
     control = options.error_control(calls, function.where(batch=count is not None).meta)
     given, samples = read_given(calls, inputs, times.size - 1, count), times.size - 1
@@ -114,32 +111,14 @@ def adaptive_rollout(calls: Calls, inputs: Inputs, options: LoadedStepOptions) -
     worked = room_for(calls, (states, samples + 1, len(WORKS)), "fewer samples", np.float64) if works else None
     for state, rows in enumerate(worked if worked is not None else ()):
         progress[state].works = FFI.from_buffer("double[]", rows)
-    motion = _Motion(
-        calls,
-        function,
-        (at[0], at[1]),
-        (room[0], room[1]),
-        progress,
-        given,
-        control,
-        np.zeros((states, calls.raw.turning_room), calls.dtype),
-        times,
-        _packed(library, calls, data, single=single, works=works),
-    )
+    turned = np.zeros((states, calls.raw.turning_room), calls.dtype)
+    packed = _packed(library, calls, data, single=single, works=works)
+    motion = _Motion(calls, function, at, room, progress, given, control, turned, times, packed)
     shared(motion.pieces, states, min(calls.threads, states // SHARE))
     for state in range(states):
         if progress[state].reason != DONE:
             raise _stopped(motion, state)
     return _result(motion, worked)
-
-
-def _count(count: int | None, loads: LoadData | list[LoadData] | None) -> int | None:
-    """Number of states with that of their loads, if each has its own; None for a single one."""
-    if not isinstance(loads, list):
-        return count
-    if count not in (None, 1) and len(loads) not in (1, count):
-        raise ArrayError(f"rollout: {len(loads)} states in loads, but {count} in other arrays")
-    return max(count or 1, len(loads))
 
 
 def _packed(

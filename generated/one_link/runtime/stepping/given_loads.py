@@ -1,7 +1,4 @@
-"""Loads as users give them, data or objects that have some, read and checked before C follows them.
-
-A generated package carries a copy of this file.
-"""
+"""Loads as users give them, data or objects that have some, read and checked before C follows them."""
 
 from __future__ import annotations
 
@@ -35,7 +32,6 @@ def loads_of(calls: Calls, drive: Any = None, wrench: Any = None, prescribed: An
     """Loads of what ``integrate`` takes by these names, and ``rollout``.
 
     Args:
-        calls: of the robot's kernel.
         drive: a DriveData, or an object whose ``load_data()`` gives it.
         wrench: LinkWrenches, an object whose ``load_data()`` gives them, or wrenches that stay, (links, 6).
         prescribed: Waves, or an object whose ``load_data()`` gives them.
@@ -79,7 +75,6 @@ def read_loads(calls: Calls, given: Any) -> LoadData | list[LoadData]:
     """Loads of a rollout: of all states, or a list with those of each.
 
     Args:
-        calls: of the robot's kernel.
         given: LoadData, a mapping from names of ``KEYS`` to what ``loads_of`` takes, or a sequence of these.
 
     Raises:
@@ -105,6 +100,19 @@ def _read(calls: Calls, given: Any) -> LoadData:
         )
     check_loads(calls, given)
     return given
+
+
+def count_of(states: int | None, loads: LoadData | Sequence[LoadData] | None) -> int | None:
+    """Number of states with that of their loads, if each has its own; None for a single one.
+
+    Raises:
+        ArrayError: another number of loads than of states.
+    """
+    if loads is None or isinstance(loads, LoadData):
+        return states
+    if states not in (None, 1) and len(loads) not in (1, states):
+        raise ArrayError(f"rollout: {len(loads)} states in loads, but {states} in other arrays")
+    return max(states or 1, len(loads))
 
 
 def clipped_loads(calls: Calls, loads: LoadData | list[LoadData], effort: Array | None) -> LoadData | list[LoadData]:
@@ -252,8 +260,6 @@ def place_back(calls: Calls, loads: LoadData, q: Array, v: Array, slopes: Sequen
     """Go back from derivatives by a placed state, (n,) each, which become zero where its motions are given.
 
     Args:
-        calls: of the robot's kernel.
-        loads: of the state.
         q, v: the derivatives, which are written to.
         slopes: of the coefficients of each track's signal, what theirs are added to.
     """

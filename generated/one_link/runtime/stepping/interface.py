@@ -1,7 +1,4 @@
-"""Rollouts as methods of kernels: integration over many steps in C, and its derivatives.
-
-A generated package carries a copy of this file.
-"""
+"""Rollouts as methods of kernels: integration over many steps in C, and its derivatives."""
 
 from __future__ import annotations
 

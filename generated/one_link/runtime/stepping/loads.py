@@ -1,7 +1,4 @@
-"""Loads over time as data that the C of a kernel follows: signals, drives by a program, wrenches, prescribed motions.
-
-A generated package carries a copy of this file.
-"""
+"""Loads over time as data that a kernel's C follows: signals, drives by a program, wrenches, prescribed motions."""
 
 from __future__ import annotations
 
@@ -239,7 +236,6 @@ def jump_times(loads: LoadData, *, every: bool = False) -> Array:
     """Times at which loads or their rates jump, s, increasing: steps with error control end there.
 
     Args:
-        loads: the data.
         every: whether all knots of signals count, as they do for derivatives by their coefficients: one changes its
             piece alone.
     """
@@ -316,9 +312,7 @@ class Packed:
     """Loads as C takes them; whatever it points to lives as long as this object.
 
     Args:
-        library: of the function that reads them.
         calls: of the robot's kernel, with "frame_pose" and "external_force" where there are wrenches.
-        loads: the data.
         many: whether many states are moved at a time, so that a model of the robot is asked for many, too.
         works: whether works are integrated, see ``WORKS``; the kernel must have what ``work_kernels`` names.
         slopes: which derivatives of the kernel's functions and the model's go with them, of ``BACK`` or ``ALONG``.
@@ -380,17 +374,15 @@ class Packed:
         self._kept.append(found)
         return found
 
-    def _numbers(self, values: ArrayLike) -> Any:
-        """Pointer to numbers of double precision."""
-        found = FFI.from_buffer("double[]", np.array(values, dtype=np.float64).ravel())
+    def _numbers(self, values: ArrayLike, kind: type[np.generic] = np.float64) -> Any:
+        """Pointer to numbers of double precision, or to whole ones."""
+        name = "double[]" if kind is np.float64 else "int[]"
+        found = FFI.from_buffer(name, np.array(values, dtype=kind).ravel())
         self._kept.append(found)
         return found
 
     def _places(self, values: ArrayLike) -> Any:
-        """Pointer to whole numbers."""
-        found = FFI.from_buffer("int[]", np.array(values, dtype=np.intc).ravel())
-        self._kept.append(found)
-        return found
+        return self._numbers(values, np.intc)
 
     def _signal(self, signal: Signal) -> Any:
         pieces, powers, columns = signal.coefficients.shape
@@ -522,10 +514,8 @@ class Side:
     """Loads of many states as C takes them side by side; whatever they point to lives as long as this object.
 
     Args:
-        library: of the function that reads them.
         calls: of the robot's kernel, or, if states differ in parameters, of that of each.
         loads: the data for each state; one, or one object, that all share is packed once.
-        works: whether works are integrated.
 
     Attributes:
         pointer: to ``NAME_loads``.

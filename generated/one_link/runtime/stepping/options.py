@@ -1,7 +1,4 @@
-"""Options of rollouts as records: which steps are taken, and what a joint controller does.
-
-A generated package carries a copy of this file.
-"""
+"""Options of rollouts as records: which steps are taken, and what a joint controller does."""
 
 from __future__ import annotations
 
@@ -90,7 +87,6 @@ class StepOptions:
         """Return dt (s), steps and every as a kernel takes them.
 
         Args:
-            calls: of the kernel.
             count: of states, None for a single one.
 
         Raises:
@@ -124,7 +120,6 @@ class StepOptions:
         """Return the method with tolerances of every coordinate and rate, in the kernel's dtype.
 
         Args:
-            calls: of the kernel.
             meta: of the library with its steps, which knows the sizes of coordinates.
 
         Raises:
@@ -150,12 +145,7 @@ class StepOptions:
 
 @dataclass(frozen=True)
 class LoadedStepOptions(StepOptions):
-    """Steps of a rollout with what else acts over time, which is for error control alone.
-
-    Attributes:
-        loads: as of ``Kernel.rollout``.
-        works: whether works are integrated, too.
-    """
+    """Steps of a rollout with what else acts over time, which is for error control alone."""
 
     loads: Any = None
     works: bool = False

@@ -1,7 +1,4 @@
-"""What rollouts of all methods are given, states, drives over time, a controller's gains, and what they return.
-
-A generated package carries a copy of this file.
-"""
+"""What rollouts of all methods are given, states, drives over time, a controller's gains, and what they return."""
 
 from __future__ import annotations
 
@@ -114,8 +111,6 @@ def read_given(calls: Calls, inputs: Inputs, rows: int, count: int | None) -> Gi
     """Read states, drives and a controller of a rollout.
 
     Args:
-        calls: of the calls.
-        inputs: what is read.
         rows: how many drives there may be one after the other.
         count: of states, None for a single one.
 

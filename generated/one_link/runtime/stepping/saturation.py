@@ -1,7 +1,4 @@
-"""Drives that push no harder than their efforts: which these are, and where they cannot be clipped.
-
-A generated package carries a copy of this file.
-"""
+"""Drives that push no harder than their efforts: which these are, and where they cannot be clipped."""
 
 from __future__ import annotations
 
@@ -25,7 +22,6 @@ def efforts_of(calls: Calls, saturate: Saturate) -> Array | None:
     """Return the greatest forces of drives, (n,), N or N m, infinite where there is none; None where none is clipped.
 
     Args:
-        calls: of the robot's kernel.
         saturate: True for the efforts of the description, a mapping from coordinates to efforts, or efforts, (n,),
             infinite where there is no limit; False or None for none.
 

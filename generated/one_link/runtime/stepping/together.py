@@ -1,7 +1,4 @@
-"""Many states on their way in C side by side, each under loads, parameters and tolerances of its own.
-
-A generated package carries a copy of this file.
-"""
+"""Many states on their way in C side by side, each under loads, parameters and tolerances of its own."""
 
 from __future__ import annotations
 
@@ -28,7 +25,6 @@ class Together:
     Args:
         calls: of kernels of one code, one for each state, with "adaptive_rollout" and what the loads ask for.
         loads: the data for each state; where they are one object, all states share it.
-        times: of the samples, s, (T,).
         q, v: the states at the first time, (states, n).
         control: the method, or AUTO: then each state has its own alternation; tolerances, of which atol has a row for
             each state, (states, 2n).
@@ -37,8 +33,7 @@ class Together:
         samples: q and v, (2, states, T, n), as far as the states got; NaN behind.
         state: q and v that were reached, (2, states, n).
         progress: of every state, in C; its ``reason`` is DONE, or what ended it, or 0 before.
-        evaluations: of accelerations, by state.
-        spans: how much time each method led on by, s, by state.
+        evaluations, spans: as of ``Loaded``, by state.
     """
 
     def __init__(

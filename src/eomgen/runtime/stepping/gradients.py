@@ -1,7 +1,4 @@
-"""Gradients of sums over the states of a rollout: its steps once more in C, and back through them.
-
-A generated package carries a copy of this file.
-"""
+"""Gradients of sums over the states of a rollout: its steps once more in C, and back through them."""
 
 from __future__ import annotations
 
@@ -73,16 +70,11 @@ class Way:
     """The way of one state there and back.
 
     Args:
-        calls: of the calls.
-        function: of the kernel that goes back by this method.
         method: one of WAYS.
         acts: the drives and loads, for the function's library, and slopes, what derivatives by them are added to.
-        steps: that it takes.
         room: how many numbers may be kept.
 
     Attributes:
-        steps: as given.
-        slopes: as given.
         is_kept: whether all states are kept on the way there.
     """
 
@@ -132,7 +124,6 @@ class Way:
         """The samples, (samples, n) each; None where a state is not finite, or has no accelerations.
 
         Args:
-            q, v: where it begins, (n,).
             room: so many numbers, which are kept for the way back.
         """
         told = tuple(np.empty((self.steps.told.size, self._calls.n), self._calls.dtype) for _ in range(2))
@@ -320,10 +311,7 @@ def taken_steps(
     """A motion, times of its samples, s, and the steps of each state; None for one that does not get to its end.
 
     Args:
-        calls: of the calls.
         kind: of the function that takes the steps, "gradient", which goes back, or "sensitivity".
-        inputs, options: of the rollout.
-        acting: loads, if there are some.
     """
     function, count = _step_function(calls, options.method, kind), inputs.count()
     count = count if acting is None else acting.count(count)

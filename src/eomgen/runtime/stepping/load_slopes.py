@@ -1,7 +1,4 @@
-"""Loads of motions that are differentiated, and what derivatives by their numbers add up to.
-
-A generated package carries a copy of this file.
-"""
+"""Loads of motions that are differentiated, and what derivatives by their numbers add up to."""
 
 from __future__ import annotations
 
@@ -11,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import ArrayError, InputError
+from ...errors import InputError
 from ..calls import Calls
 from ..raw import FFI, Library
-from .given_loads import clipped_loads, place_back, place_given, read_loads
+from .given_loads import clipped_loads, count_of, place_back, place_given, read_loads
 from .loads import LoadData, Packed, Signal, Slopes, jump_times
 
 Array = NDArray[np.float64]
@@ -24,10 +21,8 @@ class Acting:
     """Loads of all states, or of each of them, in motions that are differentiated.
 
     Args:
-        calls: of the kernel.
         kind: of the motion's function, "gradient" or "sensitivity".
         given: as of ``Kernel.rollout``.
-        effort: greatest forces of drives, (n,), or none.
 
     Raises:
         InputError: loads that are not allowed, or a mechanism's drives, through which C has no derivatives.
@@ -57,16 +52,8 @@ class Acting:
         return found
 
     def count(self, states: int | None) -> int | None:
-        """Number of states with that of their loads; None for a single one.
-
-        Raises:
-            ArrayError: another number of loads than of states.
-        """
-        if self.is_shared:
-            return states
-        if states not in (None, 1) and len(self._each) not in (1, states):
-            raise ArrayError(f"rollout: {len(self._each)} states in loads, but {states} in other arrays")
-        return max(states or 1, len(self._each))
+        """Number of states with that of their loads, see ``count_of``."""
+        return count_of(states, None if self.is_shared else self._each)
 
     def of(self, state: int) -> LoadData:
         """The loads of a state."""

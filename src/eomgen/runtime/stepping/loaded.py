@@ -1,7 +1,4 @@
-"""One state on its way in C under loads that are data, by one method or by two in turn.
-
-A generated package carries a copy of this file.
-"""
+"""One state on its way in C under loads that are data, by one method or by two in turn."""
 
 from __future__ import annotations
 
@@ -63,7 +60,6 @@ class Loaded:
 
     Args:
         calls: of the kernel, with "adaptive_rollout" and what the loads ask for.
-        loads: the data.
         times: of the samples, s, (T,).
         q, v: the state at the first time, (n,).
         control: the method, or AUTO, and its tolerances.
@@ -77,7 +73,6 @@ class Loaded:
         works: of ``loads.WORKS``, (T, 4), J, as far as ``done`` says; None if they are not integrated.
         evaluations: of accelerations.
         spans: how much time each method led on by, s.
-        loads: the data as C takes it.
     """
 
     def __init__(

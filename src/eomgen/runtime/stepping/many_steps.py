@@ -1,7 +1,4 @@
-"""Many steps of fixed length in one call of C: shapes of drives and targets, threads, and what went wrong.
-
-A generated package carries a copy of this file.
-"""
+"""Many steps of fixed length in one call of C: shapes of drives and targets, threads, and what went wrong."""
 
 from __future__ import annotations
 

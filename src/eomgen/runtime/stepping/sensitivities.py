@@ -1,12 +1,8 @@
-"""Derivatives of a rollout's states along directions: steps in C that carry them forwards.
-
-A generated package carries a copy of this file.
-"""
+"""Derivatives of a rollout's states along directions: steps in C that carry them forwards."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -33,7 +29,6 @@ class Directions:
     """Rates of the state at the beginning, of drives and of parameters, a row for each direction.
 
     Attributes:
-        count: of directions.
         starts: rates of q and v, (directions, n) each.
         named: of each direction the parameter that it is of and how large that is, or None and 1.
     """
@@ -42,11 +37,9 @@ class Directions:
         """Directions that are given, then one of each parameter.
 
         Args:
-            calls: of the calls.
             motion: whose function reads them.
             rows: of drives.
             along: rates by names of MOVING.
-            slots: of parameters.
 
         Raises:
             InputError: another name, or no direction.
@@ -101,82 +94,96 @@ def rollout_sensitivity(
     lead = (motion.states, times.size)
     shapes: list[tuple[int, ...]] = [(*lead, calls.n)] * 2 + [(*lead, directions.count, calls.n)] * 2
     found = [room_for(calls, shape, "fewer samples") for shape in shapes]
-    number = WAYS[options.method][1]
     for state, steps in enumerate(taken):
-        if steps is None or not _carry(motion, state, steps, number, directions, [x[state] for x in found]):
+        own = [x[state] for x in found]
+        carried = None if steps is None else _Carried(motion, state, steps, WAYS[options.method][1], directions)
+        if carried is None or not carried.carry(own):
             raise stopped(calls, inputs, options, loads)
-        parts = parts_of(steps.stiffness)
+        parts = parts_of(carried.steps.stiffness)
         if parts is not None:
-            _refuse_stiff(motion, state, steps, parts, number, directions, [x[state] for x in found])
+            carried.refuse_stiff(parts, own)
     results = [x[0] if motion.is_single else x for x in found]
     if out is not None:
         results = _written(calls, out, results)
     return (results[0], results[1]), (results[2], results[3])
 
 
-def _refuse_stiff(
-    motion: Motion,
-    state: int,
-    steps: Steps,
-    parts: Array,
-    number: int,
-    directions: Directions,
-    found: Sequence[Array],
-) -> None:
-    """InputError where derivatives are not those of several steps, ``parts``, in the place of each.
+class _Carried:
+    """A state with its derivatives along directions; ``number`` is that of the method among those of the function."""
 
-    These begin where it does, so that motions that are sensitive go the same way; other arguments as of ``_carry``.
-    """
-    calls, library = motion.calls, motion.function.library
-    acts = motion.drive(library, state), motion.loads(library, state, ALONG)
-    shapes = [(parts.max() + 1, *x.shape[1:]) for x in found]
-    room, aside = ([np.empty(shape, calls.dtype) for shape in shapes] for _ in range(2))
-    fine, finer, firsts = [np.zeros_like(x) for x in found[2:]], steps.split(parts), np.cumsum([0, *parts])
-    for own, first in zip(room, (*motion.start(state), *directions.starts), strict=True):
-        own[0] = first
-    motion.rest(room[2][0], room[3][0], state)
-    for k, count in enumerate([*parts, 0]):
-        for samples, own in zip(fine, room[2:], strict=True):
-            samples[steps.told == k] = own[0]
-        if count == 0:
-            break
-        for own, first in zip(aside, room, strict=True):
-            own[0] = first[0]
-        _step(motion, acts, finer, firsts[k], count, number, directions, room)
-        _step(motion, acts, steps, k, 1, number, directions, aside)
-        for own, end in zip(room, (*(x[1] for x in aside[:2]), *(x[count].copy() for x in room[2:])), strict=True):
-            own[0] = end
-    pairs = []
-    for d, (name, size) in enumerate(directions.named):
-        whole, other = (np.concatenate([x[0][:, d], x[1][:, d]]) for x in (found[2:], fine))
-        pairs.append(Pair(f"direction {d}" if name is None else name, whole, other, size))
-    largest = max(float(np.abs(x).max()) for x in found[:2])
-    refuse_different("rollout_sensitivity", pairs, largest, [parts])
+    def __init__(self, motion: Motion, state: int, steps: Steps, number: int, directions: Directions) -> None:
+        self.motion, self.state, self.steps, self.number, self.directions = motion, state, steps, number, directions
+        library = motion.function.library
+        self.acts = motion.drive(library, state), motion.loads(library, state, ALONG)
 
+    def _room(self, length: int, found: Sequence[Array]) -> list[Array]:
+        """Room for q, v and their derivatives before the first of some steps and behind each; those before are set."""
+        room = [np.empty((length + 1, *x.shape[1:]), self.motion.calls.dtype) for x in found]
+        for own, first in zip(room, (*self.motion.start(self.state), *self.directions.starts), strict=True):
+            own[0] = first
+        self.motion.rest(room[2][0], room[3][0], self.state)
+        return room
 
-def _step(
-    motion: Motion,
-    acts: tuple[Any, Any],
-    steps: Steps,
-    begin: int,
-    count: int,
-    number: int,
-    directions: Directions,
-    room: Sequence[Array],
-) -> int:
-    """Take so many steps from ``begin`` on: status of C.
+    def refuse_stiff(self, parts: Array, found: Sequence[Array]) -> None:
+        """InputError where derivatives are not those of several steps, ``parts``, in the place of each.
 
-    Args:
-        acts: drives and loads of the state.
-        room: q, v and their derivatives before the first and behind each, which are written.
-        motion, steps, number, directions: as of ``_carry``.
-    """
-    view, function, end = motion.calls.raw.view, motion.function, begin + count
-    times = FFI.from_buffer("double[]", steps.times[begin : end + 1])
-    rows = FFI.from_buffer("long long[]", steps.rows[begin:end])
-    given = count, view(steps.dt[begin:end]), times, rows, number, directions.count, directions.rates
-    setup = motion.calls.parameters.setup.pointer(function.library)
-    return int(function.code(setup, *acts, *given, *(view(x.reshape(-1)) for x in room)))
+        These begin where it does, so that motions that are sensitive go the same way.
+        """
+        steps, room, aside = self.steps, *(self._room(parts.max(), found) for _ in range(2))
+        fine, finer, firsts = [np.zeros_like(x) for x in found[2:]], steps.split(parts), np.cumsum([0, *parts])
+        for k, count in enumerate([*parts, 0]):
+            for samples, own in zip(fine, room[2:], strict=True):
+                samples[steps.told == k] = own[0]
+            if count == 0:
+                break
+            for own, first in zip(aside, room, strict=True):
+                own[0] = first[0]
+            self._step(finer, firsts[k], count, room)
+            self._step(steps, k, 1, aside)
+            for own, end in zip(room, (*(x[1] for x in aside[:2]), *(x[count].copy() for x in room[2:])), strict=True):
+                own[0] = end
+        pairs = []
+        for d, (name, size) in enumerate(self.directions.named):
+            whole, other = (np.concatenate([x[0][:, d], x[1][:, d]]) for x in (found[2:], fine))
+            pairs.append(Pair(f"direction {d}" if name is None else name, whole, other, size))
+        largest = max(float(np.abs(x).max()) for x in found[:2])
+        refuse_different("rollout_sensitivity", pairs, largest, [parts])
+
+    def _step(self, steps: Steps, begin: int, count: int, room: Sequence[Array]) -> int:
+        """Take so many steps from ``begin`` on, and write to the room: status of C."""
+        view, function, end = self.motion.calls.raw.view, self.motion.function, begin + count
+        times = FFI.from_buffer("double[]", steps.times[begin : end + 1])
+        rows = FFI.from_buffer("long long[]", steps.rows[begin:end])
+        along = self.directions
+        given = count, view(steps.dt[begin:end]), times, rows, self.number, along.count, along.rates
+        setup = self.motion.calls.parameters.setup.pointer(function.library)
+        return int(function.code(setup, *self.acts, *given, *(view(x.reshape(-1)) for x in room)))
+
+    def carry(self, found: Sequence[Array]) -> bool:
+        """Take the steps part by part; False where one is not finite, or has no accelerations.
+
+        Args:
+            found: samples of q, v and their derivatives, which are written.
+
+        Raises:
+            ArrayError: a derivative is not finite, where the states are.
+        """
+        calls, steps = self.motion.calls, self.steps
+        length = min(max(PART // (calls.n * (self.directions.count + 1)), SHORTEST), steps.dt.size)
+        room = self._room(length, found)
+        for begin in range(0, steps.dt.size, length):
+            end = min(begin + length, steps.dt.size)
+            status = self._step(steps, begin, end - begin, room)
+            if status >= 0 or not all(np.isfinite(x[: end - begin + 1]).all() for x in room[:2]):
+                return False
+            if calls.checks:
+                rates = [x[: end - begin + 1] for x in room[2:]]
+                _refuse_not_finite(calls, self.directions, steps.times[begin:], rates)
+            here = (steps.told >= begin) & (steps.told <= end)
+            for samples, own in zip(found, room, strict=True):
+                samples[here] = own[steps.told[here] - begin]
+                own[0] = own[end - begin]
+        return True
 
 
 def _arrays(calls: Calls, along: Mapping[str, ArrayLike], rows: int) -> dict[str, Array]:
@@ -199,51 +206,8 @@ def _arrays(calls: Calls, along: Mapping[str, ArrayLike], rows: int) -> dict[str
     return found
 
 
-def _carry(
-    motion: Motion, state: int, steps: Steps, number: int, directions: Directions, found: Sequence[Array]
-) -> bool:
-    """Take the steps of a state part by part; False where one is not finite, or has no accelerations.
-
-    Raises:
-        ArrayError: a derivative is not finite, where the states are.
-
-    Args:
-        motion: of all states.
-        state: which of them.
-        steps: that it takes.
-        number: of the method among those of the function.
-        directions: that derivatives are taken along.
-        found: samples of q, v and their derivatives, which are written.
-    """
-    calls, library = motion.calls, motion.function.library
-    n, count = calls.n, directions.count
-    acts = motion.drive(library, state), motion.loads(library, state, ALONG)
-    length = min(max(PART // (n * (count + 1)), SHORTEST), steps.dt.size)
-    room = [np.empty((length + 1, *x.shape[1:]), calls.dtype) for x in found]
-    for own, first in zip(room, (*motion.start(state), *directions.starts), strict=True):
-        own[0] = first
-    motion.rest(room[2][0], room[3][0], state)
-    for begin in range(0, steps.dt.size, length):
-        end = min(begin + length, steps.dt.size)
-        status = _step(motion, acts, steps, begin, end - begin, number, directions, room)
-        if status >= 0 or not all(np.isfinite(x[: end - begin + 1]).all() for x in room[:2]):
-            return False
-        if calls.checks:
-            _refuse_not_finite(calls, directions, steps.times[begin:], [x[: end - begin + 1] for x in room[2:]])
-        here = (steps.told >= begin) & (steps.told <= end)
-        for samples, own in zip(found, room, strict=True):
-            samples[here] = own[steps.told[here] - begin]
-            own[0] = own[end - begin]
-    return True
-
-
 def _refuse_not_finite(calls: Calls, directions: Directions, times: Array, rates: Sequence[Array]) -> None:
-    """Name the first derivative that is not finite, where all states of the motion are.
-
-    Args:
-        times: of the states, s.
-        rates: derivatives of q and v, (states, directions, n) each.
-    """
+    """Name the first derivative by q or v, (states, directions, n) each, that is not finite where the states are."""
     for label, by in zip("qv", rates, strict=True):
         bad = np.argwhere(~np.isfinite(by))
         if bad.size:

@@ -5,8 +5,6 @@ step is seen in its error, and the next one is shorter.  Derivatives count the l
 without end.  C tells of every step how far it is from that limit; where one is near it, derivatives are taken once more
 along the same motion, with several steps, which are stable, in the place of each such one, and both must be of one
 size.  Motions that are sensitive by themselves have derivatives that grow, too, in steps of any length alike.
-
-A generated package carries a copy of this file.
 """
 
 from __future__ import annotations
@@ -50,7 +48,6 @@ def refuse_different(function: str, pairs: Iterable[Pair], largest: float, parts
     """Refuse derivatives that are not those of finer steps.
 
     Args:
-        function: whose they are, for the message.
         pairs: of both, by what they are taken by.
         largest: size of what they are taken of.
         parts: of every state with steps that are split, how many there are in the place of each.
