@@ -198,7 +198,7 @@ def _excite(options: argparse.Namespace) -> None:
     for frame, *texts in options.box:
         if frame in boxes:
             raise InputError(f"box: {frame!r} is given twice; allowed: once")
-        corner = _numbers("box", frame, texts)
+        corner = reals(f"box: {frame}", texts)
         boxes[frame] = [corner[:3], corner[3:]]
     robot = read_robot(options)
     with stage_bar("exciting") as report:
@@ -208,7 +208,7 @@ def _excite(options: argparse.Namespace) -> None:
             options,
             **limits,
             terms=options.terms or TERMS,
-            ranges={name: _numbers("range", name, ends) for name, *ends in options.range},
+            ranges={name: reals(f"range: {name}", ends) for name, *ends in options.range},
             boxes=boxes,
             half_spaces=_rows("half-space", options.half_space),
             clear_of=_rows("clear-of", options.clear_of),
@@ -245,13 +245,9 @@ def _outputs(paths: Sequence[Path]) -> Path:
 def _rows(label: str, given: Sequence[Sequence[str]]) -> list[tuple[str, list[float], float]]:
     rows = []
     for frame, *texts in given:
-        *vector, number = _numbers(label, frame, texts)
+        *vector, number = reals(f"{label}: {frame}", texts)
         rows.append((frame, vector, number))
     return rows
-
-
-def _numbers(label: str, name: str, texts: Sequence[str]) -> list[float]:
-    return reals(f"{label}: {name}", texts)
 
 
 COMMANDS = (
