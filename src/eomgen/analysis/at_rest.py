@@ -22,12 +22,8 @@ STEPS = 400
 CLOSED = 1e-12  # m, or sine of an angle: a loop that is closed
 ROUND_OFF = 1e-10  # of a pose that somebody else has closed
 LONGEST = 0.5  # m or rad, of a step
-FIRST, GROWTH, LAST, SHORTEST = (
-    1e-2,
-    5.0,
-    1e14,
-    1e-12,
-)  # s^2, pseudo-time: a force on a mass m moves it by force / m times this
+# s^2, pseudo-time: a force on a mass m moves it by force / m times this
+FIRST, GROWTH, LAST, SHORTEST = 1e-2, 5.0, 1e14, 1e-12
 SMALL = 1e-11  # of a coordinate's size: round-off
 POSE = 1e-14  # m or rad, or of the largest coordinate: round-off of the pose, which stiff coordinates pass on to others
 

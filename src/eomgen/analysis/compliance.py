@@ -177,9 +177,7 @@ def _rigid(arm: HeldRobot, report: StageReport) -> Kernel:
         return arm.kernel
     rigid = arm.robot.rigid()
     kernel = build(rigid, kernels=("kinematics", *mechanism_kernels(rigid)), progress=report)
-    for name, value in arm.kernel.parameters.items():
-        if name in kernel.parameters:
-            kernel.parameters[name] = value
+    kernel.parameters.update({name: x for name, x in arm.kernel.parameters.items() if name in kernel.parameters})
     return kernel
 
 

@@ -15,7 +15,7 @@ from ..runtime.kernel import Kernel
 from ..runtime.opened import left_open
 from ..state.vectors import state_vector
 from .at_rest import closed
-from .holding import Fixation, notes_of_play
+from .holding import notes_of_play
 from .options import HeldRobot
 from .tangent_system import LinearSystem, MotionState, constraint_hessian, load_force, moving_basis, reduced, tangent
 
@@ -53,13 +53,8 @@ def moving_system(arm: HeldRobot, q: Array, v: ArrayLike, a: ArrayLike | None, u
         acceleration[free] = np.linalg.solve(M[np.ix_(free, free)], missing[free])
     forces = kernel.inverse_dynamics(q, rates, acceleration, cut=True) - dead
     found = tangent(kernel, q, rates, acceleration, arm.loads)
-    state = MotionState(q, rates, acceleration, forces)
-    return reduced(kernel, state, found, _unsaid(arm), tuple(notes_of_play(kernel, q)))
-
-
-def _unsaid(arm: HeldRobot) -> Fixation:
-    """The fixation without its notes, which are about rest."""
-    return replace(arm.fixation, notes=())
+    state, unsaid = MotionState(q, rates, acceleration, forces), replace(arm.fixation, notes=())  # those are about rest
+    return reduced(kernel, state, found, unsaid, tuple(notes_of_play(kernel, q)))
 
 
 def _closed_system(arm: HeldRobot, q: Array, v: Array, given: Array, *, is_drive: bool) -> LinearSystem:
@@ -96,8 +91,8 @@ def _closed_system(arm: HeldRobot, q: Array, v: Array, given: Array, *, is_drive
     u[held] = (needed - J.T @ multipliers)[held]
     found = tangent(kernel, q, v, a, arm.loads, multipliers)
     bending = _jacobian_rates(arm, q, v, a)
-    state = MotionState(q, v, a, u)
-    return reduced(kernel, state, found, _unsaid(arm), tuple(notes_of_play(kernel, q)), bending)
+    state, unsaid = MotionState(q, v, a, u), replace(fixation, notes=())  # those are about rest
+    return reduced(kernel, state, found, unsaid, tuple(notes_of_play(kernel, q)), bending)
 
 
 def _accelerations(kernel: Kernel, q: Array, v: Array, J: Array, bias: Array, forces: Array, moving: Mask) -> Array:
@@ -122,8 +117,7 @@ def _jacobian_rates(arm: HeldRobot, q: Array, v: Array, a: Array) -> tuple[Array
     """
     kernel = arm.kernel
     beside = build(arm.robot, kernels=("constraint_bias_tangent",))
-    for name, value in kernel.parameters.items():
-        beside.parameters[name] = value
+    beside.parameters.update(kernel.parameters)
     H, along = constraint_hessian(kernel, q), np.eye(kernel.n)
     states, rates = (np.tile(x, (kernel.n, 1)) for x in (q, v))
     by_q = beside.jvp("constraint_bias", (states, rates), (along, np.zeros_like(along))).T

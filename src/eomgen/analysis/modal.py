@@ -92,9 +92,26 @@ def modes_along(
 
 def modes_of(system: LinearSystem, robot: str, frame: str) -> Modes:
     """The modes of a linear system; ``robot`` is the robot's name, ``frame`` a frame's."""
+    eigenvalues, shapes, undamped, resolution = _solved(system)
+    return Modes(
+        robot=robot,
+        coordinates=system.kernel.coordinates,
+        q=system.q,
+        eigenvalues=eigenvalues,
+        shapes=shapes,
+        frame=frame,
+        frame_shapes=shapes @ system.kernel.frame_jacobian(system.q, frame).T,
+        undamped=undamped,
+        resolution=resolution,
+        notes=system.notes,
+    )
+
+
+def _solved(system: LinearSystem) -> tuple[Complex, Complex, Array, float]:
+    """Eigenvalues, shapes, undamped frequencies and resolution, as ``Modes`` has them."""
     m = len(system.independent)
     if not m:
-        return _modes(system, robot, frame, np.zeros(0, complex), np.zeros((0, system.kernel.n), complex), np.zeros(0))
+        return np.zeros(0, complex), np.zeros((0, system.kernel.n), complex), np.zeros(0), 0.0
     L: Array = np.asarray(np.linalg.cholesky(system.M))
     S, B = (np.linalg.solve(L, np.linalg.solve(L, part).T).T for part in (system.K, system.D))
     state = np.block([[np.zeros((m, m)), np.eye(m)], [-S, -B]])
@@ -113,30 +130,7 @@ def modes_of(system: LinearSystem, robot: str, frame: str) -> Modes:
     values[np.argsort(np.abs(values), kind="stable")[: rigid.shape[1]]] = 0.0
     found = np.concatenate([np.zeros(rigid.shape[1]), s[chosen]])
     undamped = np.sign(values) * np.sqrt(np.abs(values)) / (2.0 * np.pi)
-    return _modes(system, robot, frame, found, shapes, undamped, np.sqrt(ROUND_OFF * m) * weight / (2.0 * np.pi))
-
-
-def _modes(
-    system: LinearSystem,
-    robot: str,
-    frame: str,
-    eigenvalues: Complex,
-    shapes: Complex,
-    undamped: Array,
-    resolution: float = 0.0,
-) -> Modes:
-    return Modes(
-        robot=robot,
-        coordinates=system.kernel.coordinates,
-        q=system.q,
-        eigenvalues=eigenvalues,
-        shapes=shapes,
-        frame=frame,
-        frame_shapes=shapes @ system.kernel.frame_jacobian(system.q, frame).T,
-        undamped=undamped,
-        resolution=float(resolution),
-        notes=system.notes,
-    )
+    return found, shapes, undamped, float(np.sqrt(ROUND_OFF * m) * weight / (2.0 * np.pi))
 
 
 def _rigid(system: LinearSystem, L: Array) -> tuple[Array, int]:

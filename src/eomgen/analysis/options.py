@@ -107,8 +107,7 @@ def kernel_of(
     if kernel is None:
         cuts = ("cut_forces", "cut_jacobian") if build_model(robot).cut_laws else ()
         kernel = build(robot, kernels=(*KERNELS, *mechanism_kernels(robot), *cuts), progress=progress or no_report)
-        for name, value in (parameters or {}).items():
-            kernel.parameters[name] = value
+        kernel.parameters.update(parameters or {})
         return kernel
     if parameters:
         raise InputError("parameters and kernel are both given; allowed: one of them (a kernel has its own parameters)")

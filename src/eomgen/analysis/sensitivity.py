@@ -46,9 +46,7 @@ def offset_sensitivity(
     whole = replace(whole, name=robot.name[:44] + "_six", joints=joints, tunable=())
     kernel = build(whole, kernels=("kinematics",))
     own = build_model(robot).coordinates
-    for name, value in (parameters or {}).items():
-        if name in kernel.parameters:
-            kernel.parameters[name] = value
+    kernel.parameters.update({name: value for name, value in (parameters or {}).items() if name in kernel.parameters})
     given = np.asarray(q, dtype=np.float64)
     if given.shape[-1:] != (len(own),) or given.ndim > 2:
         raise ArrayError(f"q: expected shape ({len(own)},) or (N, {len(own)}), got {given.shape}")

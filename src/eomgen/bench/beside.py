@@ -226,11 +226,6 @@ def _call_from_python(kernel: Kernel, name: str, inputs: Mapping[str, Array], ro
     return with_checks, without
 
 
-def _extra(function: RawFunction) -> tuple[int, ...]:
-    """Arguments that a function takes before its result: the number of the first frame, or nothing."""
-    return (0,) if function.is_framed else ()
-
-
 def processor_name() -> str:
     """The processor's name, as the machine gives it."""
     info = Path("/proc/cpuinfo")
@@ -343,7 +338,8 @@ def compare(kernel: Kernel, yardstick: Yardstick, inputs: Mapping[str, Array]) -
 def _call(kernel: Kernel, function: RawFunction, arrays: Sequence[Array], out: Array) -> int:
     """Call a function for one state through C alone, so that a status comes back instead of an exception."""
     view, setup = kernel.raw.view, kernel.parameters.setup
-    return int(function.code(setup.pointer(function.library), *map(view, arrays), *_extra(function), view(out)))
+    first_frame = (0,) if function.is_framed else ()
+    return int(function.code(setup.pointer(function.library), *map(view, arrays), *first_frame, view(out)))
 
 
 def _measure(

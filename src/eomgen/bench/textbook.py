@@ -12,10 +12,10 @@ from __future__ import annotations
 
 import re
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from pycparser import c_ast, c_generator, c_parser
@@ -29,6 +29,9 @@ from ..robot.geometry import IDENTITY, ZERO
 from ..robot.model import Model
 from ..robot.value import COORDINATES
 from .clock import DECLARATIONS, Stopwatch
+
+if TYPE_CHECKING:
+    from ..codegen.tree.bound import Bound
 
 _DECLARATIONS = """
 extern long operations[4];
@@ -69,26 +72,9 @@ def newton_euler(model: Model) -> str:
     from ..codegen.tree.bound import bind
 
     bound = bind(model, lambda _, number: number, _sincos)
-    if model.cut_laws:
-        names = ", ".join(component_name(owner, name) if name else owner for owner, name, _ in model.cut_laws)
-        raise InputError(f"bench: {names}: the textbook's algorithms know no forces between links of a loop")
-    if bound.transmissions:
-        names = ", ".join(model.coordinates[i] for i in bound.transmissions)
-        raise InputError(f"bench: {names}: the textbook's algorithms know no motors behind transmissions")
-    bent = [i for i, law in enumerate(bound.laws) if law.numbers]
-    if bent:
-        names = ", ".join(model.coordinates[i] for i in bent)
-        raise InputError(f"bench: {names}: the textbook's algorithms know linear springs and dampers only")
-    if bound.journals:
-        names = ", ".join(journal.joint for journal in bound.journals)
-        raise InputError(f"bench: {names}: the textbook's algorithms know no journals in bearings")
-    if bound.joint_damping:
-        names = ", ".join(damping.joint for damping in bound.joint_damping)
-        raise InputError(f"bench: {names}: the textbook's algorithms know damping of coordinates, none of joints")
-    for table, elements in bound.elements.items():
-        if elements:
-            names = ", ".join(element.name for element in elements)
-            raise InputError(f"bench: {names}: the textbook's algorithms know no {KINDS[table].SHORT}")
+    for what, names in _unknown(model, bound):
+        if names:
+            raise InputError(f"bench: {', '.join(names)}: the textbook's algorithms know {what}")
     links: list[dict[str, str]] = []
     for body, numbers in zip(model.bodies, bound.bodies, strict=True):
         for index, coordinate in zip(body.indices, body.active, strict=True):
@@ -114,6 +100,19 @@ def newton_euler(model: Model) -> str:
             offsets=any(bound.angle_offsets),
         )
     )
+
+
+def _unknown(model: Model, bound: Bound) -> Iterator[tuple[str, list[str]]]:
+    """Say what the textbook's algorithms know in place of something, and which parts of a robot are that."""
+    cuts = [component_name(owner, name) if name else owner for owner, name, _ in model.cut_laws]
+    yield "no forces between links of a loop", cuts
+    yield "no motors behind transmissions", [model.coordinates[i] for i in bound.transmissions]
+    bent = [model.coordinates[i] for i, law in enumerate(bound.laws) if law.numbers]
+    yield "linear springs and dampers only", bent
+    yield "no journals in bearings", [journal.joint for journal in bound.journals]
+    yield "damping of coordinates, none of joints", [damping.joint for damping in bound.joint_damping]
+    for table, elements in bound.elements.items():
+        yield f"no {KINDS[table].SHORT}", [element.name for element in elements]
 
 
 def _sincos(angle: float) -> tuple[float, float]:

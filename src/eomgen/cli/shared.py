@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
+from inspect import signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
@@ -215,6 +216,12 @@ def can_be_left_out(what: str) -> Iterator[None]:
         say(f"note: {what} left out: {error}", sys.stderr)
 
 
+def keywords(function: Callable[..., Any], options: argparse.Namespace, **converted: Any) -> dict[str, Any]:
+    """Values of the options that have the names of a function's keywords, and ``converted`` in place of the others."""
+    named = [item.name for item in signature(function).parameters.values() if item.kind is item.KEYWORD_ONLY]
+    return {**{name: value for name, value in vars(options).items() if name in named}, **converted}
+
+
 def add_page(parser: argparse.ArgumentParser) -> None:
     """The option --report of commands about measurements."""
     parser.add_argument("--report", type=Path, metavar="FILE", help="write a page about it, with figures and tables")
@@ -227,6 +234,11 @@ def pages_written(options: argparse.Namespace, found: Any) -> list[Path]:
     from ..pictures.measured.kinds import page_of
 
     return [page_of(found).save(options.report)]
+
+
+def show_measured(options: argparse.Namespace, found: Any, written: Sequence[Path] = ()) -> None:
+    """Print a result of measurements as ``show_files`` does, and write its page where --report asks for it."""
+    show_files(options, found.lines(), found.as_dict(), [*written, *pages_written(options, found)])
 
 
 def check_output(options: argparse.Namespace, *endings: str) -> None:
@@ -307,8 +319,8 @@ def state_options(options: argparse.Namespace, report: StageReport) -> dict[str,
     """
     return {
         "drives": options.drives,
-        "kp": _gains("kp", options.kp),
-        "kd": _gains("kd", options.kd),
+        "kp": gains("kp", options.kp),
+        "kd": gains("kd", options.kd),
         "held": options.held,
         "loads": {row[0]: [_number("load", value) for value in row[1:]] for row in options.load} or None,
         "frame": options.frame,
@@ -358,7 +370,8 @@ def coordinate_values(label: str, texts: Sequence[str] | None) -> list[float] | 
     return [_number(label, text) for text in texts]
 
 
-def _gains(label: str, texts: Sequence[str] | None) -> float | dict[str, float] | None:
+def gains(label: str, texts: Sequence[str] | None) -> float | dict[str, float] | None:
+    """One number for all, numbers by name, or None where no texts are given; errors as of ``coordinate_values``."""
     found = coordinate_values(label, texts)
     if isinstance(found, list):
         if len(found) != 1:

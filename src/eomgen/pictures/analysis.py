@@ -16,7 +16,7 @@ from ..description import RobotLike, as_robot
 from ..errors import InputError
 from ..names import show
 from .scene import Array, capsules, extent, link_poses, placed
-from .style import COLORS, PROGRAM_COLOR, TOOL_COLOR, canvas, literal, title_of
+from .style import COLORS, PROGRAM_COLOR, TOOL_COLOR, canvas, literal, set_space
 
 CYCLE = tuple(color for colors in COLORS.values() for color in colors.values())
 COLUMNS = 3  # of shapes beside each other
@@ -32,7 +32,7 @@ def plot_tracks(
     Raises:
         InputError: Matplotlib is not installed, the ending is none of FIGURE_ENDINGS, or the file cannot be written.
     """
-    with canvas(6.4, 4.8, path) as figure:
+    with canvas(6.4, 4.8, path, f"{tracked.modes[0].robot}: the lowest modes along the path") as figure:
         upper, lower = figure.subplots(2, 1, sharex=True, gridspec_kw={"top": 0.9, "bottom": 0.1, "left": 0.11})
         frequencies, ratios = tracked.values("frequencies"), tracked.values("damping_ratios")
         over = np.arange(len(frequencies)) if times is None else times
@@ -43,7 +43,6 @@ def plot_tracks(
         upper.set_ylabel("natural frequency, Hz")
         lower.set_ylabel("damping ratio, %")
         lower.set_xlabel("pose along the path" if times is None else "time, s")
-        title_of(figure, f"{tracked.modes[0].robot}: the lowest modes along the path")
     return Path(path)
 
 
@@ -82,7 +81,7 @@ def plot_mode_shapes(found: Modes, robot: RobotLike, path: Path | str, *, most: 
 
     rest, size = drawn(found.q), extent(robot)
     rows = -(-shown // COLUMNS)
-    with canvas(7.4, 0.3 + 2.2 * rows, path) as figure:
+    with canvas(7.4, 0.3 + 2.2 * rows, path, f"{found.robot}: shapes of the lowest modes") as figure:
         for k in range(shown):
             shape = found.shapes[k].real
             step = 1e-6 / max(float(np.abs(shape).max()), 1e-300)
@@ -93,15 +92,10 @@ def plot_mode_shapes(found: Modes, robot: RobotLike, path: Path | str, *, most: 
             _draw_lines(axes, rest, PROGRAM_COLOR, 0.8)
             _draw_lines(axes, (rest - moved)[moves], CYCLE[3], 0.8)
             _draw_lines(axes, (rest + moved)[moves], CYCLE[0], 1.4)
-            middle, half = 0.5 * (rest.min((0, 1)) + rest.max((0, 1))), 0.55 * float(np.ptp(rest, axis=(0, 1)).max())
-            for name, center in zip("xyz", middle, strict=True):
-                getattr(axes, f"set_{name}lim")(center - half, center + half)
-            axes.set_box_aspect((1.0, 1.0, 1.0), zoom=1.4)
+            set_space(axes, rest, 0.55, 1.4, (22.0, -58.0))
             axes.set_axis_off()
-            axes.view_init(elev=22.0, azim=-58.0)
             axes.set_title(f"{k + 1}: {found.frequencies[k]:.4g} Hz", y=0.98)
         figure.subplots_adjust(left=0.0, right=1.0, bottom=0.0, top=1.0 - 0.35 / figure.get_figheight(), wspace=0.0)
-        title_of(figure, f"{found.robot}: shapes of the lowest modes")
     return Path(path)
 
 
@@ -114,7 +108,7 @@ def plot_response(found: Response, path: Path | str, *, most: int = len(CYCLE)) 
     """Size and phase of the largest responses over frequency; returns the path, errors as of ``plot_tracks``."""
     pairs = [(y, x) for y in found.outputs for x in found.inputs if np.abs(found.of(y, x)).max() > 0.0]
     pairs = sorted(pairs, key=lambda pair: -float(np.abs(found.of(*pair)).max()))[:most]
-    with canvas(6.4, 4.8, path) as figure:
+    with canvas(6.4, 4.8, path, f"{found.robot}: frequency response") as figure:
         upper, lower = figure.subplots(2, 1, sharex=True, gridspec_kw={"top": 0.9, "bottom": 0.1, "left": 0.13})
         for k, (y, x) in enumerate(pairs):
             H, color = found.of(y, x), CYCLE[k % len(CYCLE)]
@@ -129,14 +123,13 @@ def plot_response(found: Response, path: Path | str, *, most: int = len(CYCLE)) 
         lower.set_ylabel("phase, deg")
         lower.set_yticks([-180, -90, 0, 90, 180])
         lower.set_xlabel("frequency, Hz")
-        title_of(figure, f"{found.robot}: frequency response")
     return Path(path)
 
 
 def plot_budget(found: Budget, path: Path | str, *, most: int = 6) -> Path:
     """The largest contributions to the displacement over time; returns the path, errors as of ``plot_tracks``."""
     rows = found.table()[:-1][:most]
-    with canvas(6.4, 3.8, path) as figure:
+    with canvas(6.4, 3.8, path, f"{found.robot}: contributions to the displacement of {found.frame}") as figure:
         axes = figure.add_axes((0.11, 0.13, 0.86, 0.74))
         axes.plot(
             found.t, 1e6 * np.linalg.norm(found.deviation[:, :3], axis=1), color=TOOL_COLOR, label=literal(found.frame)
@@ -149,13 +142,12 @@ def plot_budget(found: Budget, path: Path | str, *, most: int = 6) -> Path:
         axes.set_xlabel("time, s")
         axes.set_ylabel("displacement, um")
         axes.legend(ncols=2)
-        title_of(figure, f"{found.robot}: contributions to the displacement of {found.frame}")
     return Path(path)
 
 
 def plot_compliance(found: ComplianceMap, path: Path | str) -> Path:
     """The compliance in the softest direction over the plane; returns the path, errors as of ``plot_tracks``."""
-    with canvas(5.6, 4.4, path) as figure:
+    with canvas(5.6, 4.4, path, f"{found.robot}: static compliance of {found.frame}") as figure:
         axes = figure.add_axes((0.12, 0.12, 0.74, 0.76))
         corner, last = found.points[0, 0], found.points[-1, -1]
         edges = found.points[-1, 0] - corner, found.points[0, -1] - corner
@@ -170,7 +162,6 @@ def plot_compliance(found: ComplianceMap, path: Path | str) -> Path:
         axes.set_xlabel(f"from {_place(corner)} along {_place(edges[0])}, m")
         axes.set_ylabel(f"towards {_place(last)}, m")
         figure.colorbar(drawn, ax=axes, label="compliance in the softest direction, um/N")
-        title_of(figure, f"{found.robot}: static compliance of {found.frame}")
     return Path(path)
 
 

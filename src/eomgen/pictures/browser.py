@@ -76,7 +76,8 @@ class View:
             InputError: viser is not installed, the robot is missing or another one, the tolerance is of another
                 robot or not along a motion, or the port is none.
         """
-        viser = _viser()
+        with optional_import("viser", "the view needs"):
+            import viser
         if not 1 <= port <= 65535:
             raise InputError(f"port: {port}; allowed: a whole number from 1 to 65535")
         self._result, self._robot = result, simulated_robot(result, robot)
@@ -335,9 +336,3 @@ def _segments(path: Array) -> Array:
 def _plain(text: str) -> str:
     """A text that Markdown and HTML leave as it is."""
     return "".join(letter if letter.isalnum() or letter in " .,:;+-=/" else f"&#{ord(letter)};" for letter in text)
-
-
-def _viser() -> Any:
-    with optional_import("viser", "the view needs"):
-        import viser
-    return viser

@@ -12,7 +12,7 @@ from ..errors import InputError
 from ..robot.coordinates import index_of, unit_of
 from ..simulation.balance import TERMS
 from ..simulation.result import SimulationResult
-from .style import COLORS, PROGRAM_COLOR, TOOL_COLOR, canvas, literal, mark_end, scale_of, ticker, title_of
+from .style import COLORS, PROGRAM_COLOR, TOOL_COLOR, canvas, literal, mark_end, panel_grid, scale_of, ticker
 
 ACROSS = 3
 WORK_COLORS = dict(
@@ -37,11 +37,8 @@ def plot_tracking(result: SimulationResult, path: Path | str) -> Path:
     rows = 2 * -(-len(names) // across)
     width, height = max(4.4, 2.45 * across), 1.3 * rows + 0.75
     reality = result.trajectory.q[:, index_of(result.trajectory.coordinates, names)]
-    with canvas(width, height, path) as figure:
-        place = {"left": 0.62 / width, "right": 1.0 - 0.2 / width, "top": 1.0 - 0.72 / height, "bottom": 0.4 / height}
-        panels = figure.subplots(
-            rows, across, sharex=True, squeeze=False, gridspec_kw={**place, "hspace": 0.36, "wspace": 0.34}
-        )
+    with canvas(width, height, path, f"{result.robot}: driven coordinates against their program") as figure:
+        panels = panel_grid(figure, rows, across, head=0.72, hspace=0.36, wspace=0.34)
         for k in range(rows // 2 * across):
             upper, lower = panels[k // across * 2, k % across], panels[k // across * 2 + 1, k % across]
             if k >= len(names):
@@ -52,7 +49,6 @@ def plot_tracking(result: SimulationResult, path: Path | str) -> Path:
             last = k + across >= len(names)
             lower.tick_params(labelbottom=last)
             lower.set_xlabel("time, s" if last else "")
-        title_of(figure, f"{result.robot}: driven coordinates against their program")
         handles = panels[0, 0].get_lines()[:2]
         figure.legend(
             handles,
@@ -91,7 +87,7 @@ def plot_energy(result: SimulationResult, path: Path | str) -> Path:
     balance, t = result.balance, result.trajectory.t
     if balance is None:
         raise InputError(f"the result of {result.robot} was written by an eomgen without an energy balance")
-    with canvas(6.4, 4.4, path) as figure:
+    with canvas(6.4, 4.4, path, f"{result.robot}: energy and work") as figure:
         place = {"left": 0.11, "right": 0.76, "top": 0.9, "bottom": 0.11, "height_ratios": (2.6, 1.0), "hspace": 0.22}
         upper, lower = figure.subplots(2, 1, sharex=True, gridspec_kw=place)
         factor, unit = scale_of(np.concatenate([balance.work, balance.energy - balance.energy[0]], axis=1), "J")
@@ -111,5 +107,4 @@ def plot_energy(result: SimulationResult, path: Path | str) -> Path:
         share = f"at most {balance.relative_residue:.1g}\nof the largest term"
         lower.text(1.03, 0.95, share, transform=lower.transAxes, va="top")
         figure.align_ylabels()
-        title_of(figure, f"{result.robot}: energy and work")
     return Path(path)

@@ -14,7 +14,7 @@ from ..arrays import Array
 from ..errors import InputError
 from ..simulation.result import SimulationResult, simulated_robot
 from ..state.journals import JournalContact, contacts_of
-from .style import COLORS, PROGRAM_COLOR, TOOL_COLOR, canvas, literal, scale_of, title_of
+from .style import COLORS, PROGRAM_COLOR, TOOL_COLOR, canvas, literal, panel_grid, scale_of
 
 ACROSS = 3
 ENDS = {0: "", 1: ", end towards +z", -1: ", end towards -z"}
@@ -40,16 +40,14 @@ def plot_journals(result: SimulationResult, path: Path | str) -> Path:
     across = min(ACROSS, len(places))
     rows = -(-len(places) // across)
     width, height = max(3.0, 2.45 * across), 2.5 * rows + 0.3
-    with canvas(width, height, path) as figure:
-        place = {"left": 0.62 / width, "right": 1.0 - 0.15 / width, "top": 1.0 - 0.5 / height, "bottom": 0.4 / height}
-        panels = figure.subplots(rows, across, squeeze=False, gridspec_kw={**place, "hspace": 0.36, "wspace": 0.34})
+    with canvas(width, height, path, f"{result.robot}: journals in their bearings") as figure:
+        panels = panel_grid(figure, rows, across, head=0.5, right=0.15, sharex=False, hspace=0.36, wspace=0.34)
         for k, panel in enumerate(panels.ravel()):
             if k >= len(places):
                 panel.set_visible(False)
                 continue
             draw_journal(panel, places[k].centre(result.trajectory.q), places[k].clearance)
             panel.set_title(literal(places[k].name + ENDS[places[k].end]), loc="left", pad=3.0)
-        title_of(figure, f"{result.robot}: journals in their bearings")
     return Path(path)
 
 

@@ -55,7 +55,7 @@ def report_of(
     figures = figures_of(result, found, missing, modes=modes, progress=progress)
     tables = [_coordinate_table(found), *_body_tables(found)] if found else [_motion_table(result)]
     tables.append(_rotation_table(result))
-    tables += _scenario_tables(result.scenario)
+    tables.append(Table("Scenario, SI units", ("key", "value"), tuple(_entries("", result.scenario))))
     if result.balance is not None:
         tables.append(_balance_table(result))
     else:
@@ -171,11 +171,6 @@ def _rotation_table(result: SimulationResult) -> Table:
         rows.append((joint, *(", ".join(f"{x:.6f}" for x in quaternion) for quaternion in ends)))
     head = ("joint", "at the start, (w, x, y, z)", "at the end, (w, x, y, z)")
     return Table("Rotations of joints, unit quaternions", head, tuple(rows))
-
-
-def _scenario_tables(scenario: Mapping[str, Any]) -> Iterator[Table]:
-    rows = tuple(_entries("", scenario))
-    yield Table("Scenario, SI units", ("key", "value"), rows)
 
 
 def _entries(where: str, value: Any) -> Iterator[tuple[str, str]]:

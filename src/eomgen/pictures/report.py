@@ -48,9 +48,9 @@ class Report:
     title: str
     summary: tuple[str, ...]
     warnings: tuple[str, ...]
-    missing: tuple[str, ...]
-    figures: tuple[Figure, ...]
-    tables: tuple[Table, ...]
+    missing: tuple[str, ...] = ()
+    figures: tuple[Figure, ...] = ()
+    tables: tuple[Table, ...] = ()
 
     def html(self) -> str:
         """One page that refers to nothing outside of it."""
@@ -71,28 +71,14 @@ class Report:
         return write_atomically(Path(path), lambda stream: stream.write(text))
 
 
-@dataclass(frozen=True)
-class Drawing:
-    """A figure to draw: its name and caption, and what draws it into a file of a given path."""
-
-    name: str
-    caption: str
-    draw: Callable[[Path], object]
-
-
-def drawn(drawings: Iterable[Drawing]) -> tuple[Figure, ...]:
-    """Figures as elements of a page.
+def drawn(found: Any, drawings: Iterable[tuple[str, str, Callable[[Any, Path], Path]]]) -> tuple[Figure, ...]:
+    """Figures of a result as elements of a page, by their names, captions and what draws them into a file.
 
     Raises:
         InputError: Matplotlib is not installed.
     """
     with tempfile.TemporaryDirectory(prefix="eomgen-") as folder:
-        found = []
-        for drawing in drawings:
-            path = Path(folder) / f"{drawing.name}.svg"
-            drawing.draw(path)
-            found.append(figure_of(path, drawing.caption))
-        return tuple(found)
+        return tuple(figure_of(draw(found, Path(folder) / f"{name}.svg"), caption) for name, caption, draw in drawings)
 
 
 def figure_of(path: Path, caption: str) -> Figure:

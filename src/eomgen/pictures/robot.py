@@ -17,7 +17,7 @@ from ..pipeline.stages import build
 from ..robot.model import build_model
 from ..robot.value import Robot
 from .scene import Array, capsule_mesh, capsules, extent, link_poses, placed, spring_lines
-from .style import PROGRAM_COLOR, TOOL_COLOR, canvas, literal, title_of
+from .style import PROGRAM_COLOR, TOOL_COLOR, canvas, set_space
 
 LINK_COLORS = ("#999999", "#0072b2", "#d55e00", "#009e73", "#e69f00", "#cc79a7", "#56b4e9")  # the base, then in turn
 SPRING_COLOR = "#117733"
@@ -53,7 +53,7 @@ def plot_robot(robot: RobotLike, path: Path | str, pose: Mapping[str, float] | N
         kernel = build(robot, kernels=closing_kernels(robot))
         q = closed(kernel, q, np.isin(names, list(pose or ())))
     poses = link_poses(robot, names, q)
-    with canvas(4.2, 4.0, path) as figure:
+    with canvas(4.2, 4.0, path, robot.name) as figure:
         axes = figure.add_axes((0.0, 0.02, 0.96, 0.9), projection="3d")
         points = [_draw_links(axes, robot, poses), _draw_joints(axes, robot, poses)]
         for ends in spring_lines(robot, poses):
@@ -61,8 +61,10 @@ def plot_robot(robot: RobotLike, path: Path | str, pose: Mapping[str, float] | N
             points.append(ends)
         for frame in robot.frames:
             axes.scatter(*poses[frame.name][:3, 3], color=TOOL_COLOR, s=18, depthshade=False, zorder=20)
-        _frame_axes(axes, np.concatenate(points))
-        title_of(figure, literal(robot.name))
+        seen = np.concatenate(points)
+        extents = np.ptp(seen, axis=0)
+        view = (62.0, -75.0) if extents[2] < FLAT * extents.max() else (22.0, -58.0)
+        set_space(axes, seen, 0.52, 0.95, view, -4.0)
     return Path(path)
 
 
@@ -107,16 +109,3 @@ def _draw_joints(axes: Any, robot: Robot, poses: Mapping[str, Array]) -> Array:
         axes.plot(*line.T, color=PROGRAM_COLOR, linewidth=0.9, zorder=5)
         ends.append(line)
     return np.concatenate(ends)
-
-
-def _frame_axes(axes: Any, points: Array) -> None:
-    """Equal scales around all points, labels in m."""
-    low, high = points.min(axis=0), points.max(axis=0)
-    middle, half = 0.5 * (low + high), 0.52 * float((high - low).max())
-    for name, center in zip("xyz", middle, strict=True):
-        getattr(axes, f"set_{name}lim")(center - half, center + half)
-        getattr(axes, f"set_{name}label")(f"{name}, m", labelpad=-4.0)
-    axes.tick_params(pad=-2.0)
-    axes.set_box_aspect((1.0, 1.0, 1.0), zoom=0.95)
-    plane = float(high[2] - low[2]) < FLAT * float((high - low).max())
-    axes.view_init(elev=62.0 if plane else 22.0, azim=-75.0 if plane else -58.0)

@@ -17,7 +17,7 @@ from ..robot.coordinates import unit_of
 from ..simulation.result import SimulationResult
 from .energy import plot_energy, plot_tracking
 from .journals import plot_journals, result_journals
-from .style import COLORS, PROGRAM_COLOR, TOOL_COLOR, canvas, literal, mark_end, scale_of, ticker, title_of
+from .style import COLORS, PROGRAM_COLOR, TOOL_COLOR, canvas, literal, mark_end, panel_grid, scale_of, set_space, ticker
 
 SHOWN_PART = 0.25  # a magnified deviation is about this part of the path's extent
 WHISKERS = 25
@@ -56,7 +56,7 @@ def plot_tool(result: SimulationResult, path: Path | str) -> Path:
     Raises:
         InputError: see ``plot_result``.
     """
-    with canvas(7.4, 4.6, path) as figure:
+    with canvas(7.4, 4.6, path, f"{result.robot}: {result.tool} against its program") as figure:
         grid = figure.add_gridspec(3, 2, width_ratios=(1.1, 1.0), left=0.01, right=0.975, top=0.885, bottom=0.095)
         grid.update(wspace=0.24, hspace=0.18)
         _draw_path(figure.add_subplot(grid[:, 0], projection="3d"), result)
@@ -64,7 +64,6 @@ def plot_tool(result: SimulationResult, path: Path | str) -> Path:
         middle, lower = (figure.add_subplot(grid[row, 1], sharex=upper) for row in (1, 2))
         _draw_tool_deviation(upper, middle, lower, result)
         figure.align_ylabels()
-        title_of(figure, f"{result.robot}: {result.tool} against its program")
     return Path(path)
 
 
@@ -88,11 +87,8 @@ def plot_deviations(result: SimulationResult, path: Path | str) -> Path:
     columns = len(colors) + 1 if width > 6.0 else 3
     head = 0.55 + 0.17 * -(-(len(colors) + 1) // columns)
     height = 1.35 * rows + head + 0.03
-    with canvas(width, height, path) as figure:
-        grid = {"left": 0.62 / width, "right": 1.0 - 0.2 / width, "top": 1.0 - head / height, "bottom": 0.4 / height}
-        panels = figure.subplots(
-            rows, across, sharex=True, squeeze=False, gridspec_kw={**grid, "hspace": 0.32, "wspace": 0.3}
-        )
+    with canvas(width, height, path, f"{result.robot}: deviations in the joints") as figure:
+        panels = panel_grid(figure, rows, across, head=head, hspace=0.32, wspace=0.3)
         for row, line in enumerate(drawn):
             for column, panel in enumerate(panels[row]):
                 if column >= len(line):
@@ -102,7 +98,6 @@ def plot_deviations(result: SimulationResult, path: Path | str) -> Path:
                 last = all(column >= len(below) for below in drawn[row + 1 :])
                 panel.tick_params(labelbottom=last)
                 panel.set_xlabel("time, s" if last else "")
-        title_of(figure, f"{result.robot}: deviations in the joints")
         _legend(figure, colors, columns)
     return Path(path)
 
@@ -125,15 +120,9 @@ def _draw_path(axes: Any, result: SimulationResult) -> None:
     axes.plot(*shown.T, color=TOOL_COLOR, label=f"tool, deviation x {factor:g}")
     axes.scatter(*program[0], color=PROGRAM_COLOR, s=14, marker="o", label="start", depthshade=False)
     axes.scatter(*program[-1], color=PROGRAM_COLOR, s=18, marker="s", label="goal", depthshade=False)
-    both = np.concatenate([program, shown])
-    middle, half = 0.5 * (both.min(axis=0) + both.max(axis=0)), 0.52 * float(np.ptp(both, axis=0).max())
-    for name, center in zip("xyz", middle, strict=True):
-        getattr(axes, f"set_{name}lim")(center - half, center + half)
-        getattr(axes, f"set_{name}label")(f"{name}, m", labelpad=-3.0)
-        getattr(axes, f"{name}axis").set_major_locator(ticker().MaxNLocator(4, steps=[1, 2, 5, 10], prune="both"))
-    axes.tick_params(pad=-2.0)
-    axes.set_box_aspect((1.0, 1.0, 1.0), zoom=0.98)
-    axes.view_init(elev=24.0, azim=-52.0)
+    set_space(axes, np.concatenate([program, shown]), 0.52, 0.98, (24.0, -52.0), -3.0)
+    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+        axis.set_major_locator(ticker().MaxNLocator(4, steps=[1, 2, 5, 10], prune="both"))
     axes.legend(loc="upper left", bbox_to_anchor=(0.02, 1.06), ncols=2, handlelength=1.8)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..robot.model import Model
-from .style import COLORS, canvas, literal, title_of
+from .style import COLORS, canvas, literal
 
 COUNT_COLORS = "viridis"
 SURVIVES = "#222222"
@@ -28,7 +28,7 @@ def plot_zeros(model: Model, path: Path | str) -> Path:
     from ..codegen.joint.zeros import zero_map
 
     zeros = zero_map(model)
-    with canvas(7.4, 4.6, path) as figure:
+    with canvas(7.4, 4.6, path, f"{model.name}: what does not vanish identically") as figure:
         grid = figure.add_gridspec(1, 3, width_ratios=(1.0, 1.0, 0.05), left=0.09, right=0.93, top=0.84, bottom=0.3)
         grid.update(wspace=0.28)
         left, right, bar = (figure.add_subplot(grid[0, k]) for k in range(3))
@@ -46,7 +46,6 @@ def plot_zeros(model: Model, path: Path | str) -> Path:
             _mark_joints(axes, model)
             axes.set_ylabel("s", rotation=0.0)
             axes.set_xlabel("v", loc="right")
-        title_of(figure, f"{model.name}: what does not vanish identically")
     return Path(path)
 
 

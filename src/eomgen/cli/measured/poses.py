@@ -15,11 +15,11 @@ from ..shared import (
     add_robot,
     as_seed,
     check_output,
-    pages_written,
+    keywords,
     read_robot,
     real,
     saved_or_drawn,
-    show_files,
+    show_measured,
     stage_bar,
     whole,
 )
@@ -87,23 +87,9 @@ def _calibrate(options: argparse.Namespace) -> None:
     check_output(options, ".npz")
     robot = read_robot(options)
     with stage_bar("calibrating") as report:
-        found = calibrate(
-            robot,
-            options.poses,
-            frames=frames,
-            rotation=options.rotation,
-            noise=options.noise,
-            covariance=read_covariances(options.covariance),
-            loss=options.loss,
-            folds=folds,
-            fixed=options.fixed,
-            stiffness=options.stiffness,
-            drives=options.drives,
-            variant=options.variant,
-            confidence=options.confidence,
-            force=options.force,
-            progress=report,
-        )
+        covariance = read_covariances(options.covariance)
+        given = keywords(calibrate, options, frames=frames, folds=folds, covariance=covariance, progress=report)
+        found = calibrate(robot, options.poses, **given)
     written, refused = [], None
     for path, write in ((options.toml, found.to_toml), (options.urdf, found.to_urdf)):
         try:
@@ -112,8 +98,7 @@ def _calibrate(options: argparse.Namespace) -> None:
             refused = refused or error
             if found.is_explained:
                 raise
-    written += saved_or_drawn(options, found, plot_calibration)
-    show_files(options, found.lines(), found.as_dict(), written + pages_written(options, found))
+    show_measured(options, found, written + saved_or_drawn(options, found, plot_calibration))
     if refused is not None:
         raise refused
 
@@ -189,34 +174,20 @@ def _poses(options: argparse.Namespace) -> None:
             raise InputError(f"range: {name}: {' '.join(ends)!r}; allowed: two numbers") from None
     robot = read_robot(options)
     with stage_bar("choosing poses") as report:
-        found = poses(
-            robot,
-            count=options.count,
-            frame=options.frame,
-            measure=options.measure,
+        given = keywords(
+            poses,
+            options,
             frames=_attached(options.attach),
             ranges=ranges,
             boxes=_boxes(options.box),
-            reach=options.reach,
-            device=options.device,
-            angle=options.angle,
-            axis=options.axis,
-            criterion=options.criterion,
             workspace=_boxes(options.workspace),
-            after=options.after,
-            rotation=options.rotation,
-            fit=options.fit,
-            noise=options.noise,
-            fixed=options.fixed,
-            stiffness=options.stiffness,
-            candidates=options.candidates,
-            seed=options.seed,
             progress=report,
         )
+        found = poses(robot, **given)
     written = []
     if options.output is not None:
         written.append((found.save if options.output.suffix == ".json" else found.to_csv)(options.output))
-    show_files(options, found.lines(), found.as_dict(), written + pages_written(options, found))
+    show_measured(options, found, written)
 
 
 def _attached(texts: Sequence[str]) -> dict[str, str]:

@@ -5,9 +5,8 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterator, Mapping
-from functools import partial
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 
@@ -26,15 +25,12 @@ def write_program(result: Any, target: Path) -> list[Path]:
     tables = {own: result.corrected, wanted: result.program}
     texts: dict[Path, Iterator[str]] = {path: _sample_lines(result, samples) for path, samples in tables.items()}
     texts[target] = _scenario_lines(result.scenario, own.name, wanted.name, target.parent)
-    written = []
-    for path, lines in texts.items():
-        data = ("\n".join(lines) + "\n").encode("utf-8")
-        written.append(write_atomically(path, partial(_put, data)))
-    return written
+    return [_written(path, lines) for path, lines in texts.items()]
 
 
-def _put(data: bytes, stream: BinaryIO) -> None:
-    stream.write(data)
+def _written(path: Path, lines: Iterator[str]) -> Path:
+    data = ("\n".join(lines) + "\n").encode("utf-8")
+    return write_atomically(path, lambda stream: stream.write(data))
 
 
 def _sample_lines(result: Any, samples: Array) -> Iterator[str]:

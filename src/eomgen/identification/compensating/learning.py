@@ -40,8 +40,6 @@ class Learnt:
     Attributes:
         wanted: correction of the program's samples that another iteration would take, (T, m), whatever limits say.
         taken: the correction, (T, m); limits have taken what leads beyond them.
-        motion: simulation with it.
-        reach: what changes of the program do along it, at and between the samples.
         history: weighted rms of the error that can be undone, m, of every simulation that came to its end, the first
             without correction.
         intervals: between the knots of the best one.
@@ -49,8 +47,6 @@ class Learnt:
 
     wanted: Array
     taken: Array
-    motion: SimulationResult
-    reach: Reach
     history: tuple[float, ...]
     intervals: int
 
@@ -74,7 +70,6 @@ class _Point:
     x: Array
     taken: Array
     motion: SimulationResult
-    reach: Reach
     cost: float
     step: Array
 
@@ -113,7 +108,7 @@ def learn(setting: Setting, iterations: int, report: Progress) -> Learnt:
         report((tried + 1) / (iterations + 1), f"simulation {tried + 1}: {left}")
         search.go_on()
     best, wanted = search.best, search.basis.values @ (search.best.x + search.best.step)
-    return Learnt(wanted, best.taken, best.motion, best.reach, tuple(search.history), search.intervals)
+    return Learnt(wanted, best.taken, tuple(search.history), search.intervals)
 
 
 class _Search:
@@ -195,7 +190,7 @@ def _point(setting: Setting, basis: Basis, x: Array, motion: SimulationResult, t
     left = reach.reached(error)
     cost = float(np.sqrt((left**2).sum(axis=1).mean()))
     step = _commanded(setting, basis, basis.fit(reach.undoing(error)[::2]), motion)
-    return _Point(x, taken, motion, reach, cost, step)
+    return _Point(x, taken, motion, cost, step)
 
 
 def _commanded(setting: Setting, basis: Basis, change: Array, motion: SimulationResult) -> Array:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -68,7 +68,8 @@ class Setting:
 
     def with_program(self, samples: Array) -> Assembly:
         """The assembly whose program goes through samples, (T, m)."""
-        return reprogrammed(self.assembly, Spline(self.t, samples, at_rest=False))
+        program, drive = Spline(self.t, samples, at_rest=False), cast("Any", self.assembly.drive)
+        return replace(self.assembly, program=program, drive=replace(drive, motion=program))
 
     def run(self, samples: Array | None, parameters: Mapping[str, float] | None = None) -> SimulationResult:
         """The simulation of a program through samples, (T, m), or of the one as it was.
@@ -85,12 +86,6 @@ class Setting:
             kernel = assembly.kernel.with_parameters(parameters)
             assembly = replace(with_kernel(assembly, self.robot, self.scenario, kernel), until=None)
         return simulated(self.robot, self.scenario, assembly, self.frame)
-
-
-def reprogrammed(assembly: Assembly, program: Any) -> Assembly:
-    """The same assembly with another program."""
-    drive: Any = assembly.drive
-    return replace(assembly, program=program, drive=replace(drive, motion=program))
 
 
 def simulated(robot: Robot, scenario: Scenario, assembly: Assembly, frame: str) -> SimulationResult:

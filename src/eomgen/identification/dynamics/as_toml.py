@@ -13,10 +13,11 @@ from ...errors import DescriptionError, InputError
 from ...files import check_ending, write_atomically
 from ...forms.toml_text import parse_toml
 from ...names import joint_of, kind_of, split_component
-from ...robot.value import INERTIA_KEYS, MOTOR, Friction, Joint, Link, Robot
+from ...robot.value import INERTIA_KEYS, MOTOR, Joint, Link, Robot
 from ..calibration.as_toml import block_of, numbers_text, own_text, relative_path, replace_line, unwritable
 
 _CLOSE = 1e-12  # by how much what was written may be off when it is read again
+_KEYS = {"armature": "armature", "viscous": "damping", "offset": "preload"}  # of a coordinate, by the terms sought
 HEAD = (
     "# Identified.  Links have the mass (kg), the centre of mass (m, link's frame) and the inertia (kg m^2, about the",
     "# centre of mass, link's axes) of bodies that are near to the description and have the base parameters below,",
@@ -116,8 +117,7 @@ def _put_coordinate(robot: Robot, joint: Joint, kind: str, keys: set[str], body:
             table = dict(read) if isinstance(read, Mapping) else {}
         except DescriptionError:
             raise unwritable(robot, f"{joint.name}.{kind}") from None
-    found = _motor_numbers(joint, keys) if kind == MOTOR else _coordinate_numbers(joint, kind, keys)
-    for key, value in found.items():
+    for key, value in _numbers(joint, kind, keys).items():
         table.pop(key, None)
         if value is not None:
             table[key] = value
@@ -128,38 +128,20 @@ def _put_coordinate(robot: Robot, joint: Joint, kind: str, keys: set[str], body:
         replace_line(body, block, kind, line, robot)
 
 
-def _coordinate_numbers(joint: Joint, kind: str, keys: set[str]) -> dict[str, Any]:
-    given = joint.coordinates[kind]
-    found: dict[str, Any] = {}
-    if "armature" in keys:
-        found["armature"] = given.armature
-    if "viscous" in keys:
-        found["damping"] = given.damping
-    if "offset" in keys:
-        found["preload"] = given.preload
-    if "dry" in keys or "viscous" in keys:
-        found["friction"] = _friction_table(given.friction)
+def _numbers(joint: Joint, kind: str, keys: set[str]) -> dict[str, Any]:
+    """Numbers of a coordinate or motor that were found, by their keys in a description; None where there is none."""
+    if kind == MOTOR:
+        assert joint.motor is not None
+        friction, spring = joint.motor.friction, joint.motor.transmission
+        numbers = {"inertia": joint.motor.inertia, "stiffness": spring.stiffness, "damping": spring.damping}
+        found: dict[str, Any] = {key: value for key, value in numbers.items() if key in keys}
+    else:
+        given = joint.coordinates[kind]
+        found, friction = {key: getattr(given, key) for term, key in _KEYS.items() if term in keys}, given.friction
+    if keys & {"dry", "viscous"}:
+        own = None if friction is None else {key: value for key, value in vars(friction).items() if value is not None}
+        found["friction"] = own
     return found
-
-
-def _motor_numbers(joint: Joint, keys: set[str]) -> dict[str, Any]:
-    motor = joint.motor
-    assert motor is not None
-    found: dict[str, Any] = {}
-    if "inertia" in keys:
-        found["inertia"] = motor.inertia
-    for key in ("stiffness", "damping"):
-        if key in keys:
-            found[key] = getattr(motor.transmission, key)
-    if "dry" in keys or "viscous" in keys:
-        found["friction"] = _friction_table(motor.friction)
-    return found
-
-
-def _friction_table(friction: Friction | None) -> dict[str, float] | None:
-    if friction is None:
-        return None
-    return {key: value for key, value in vars(friction).items() if value is not None}
 
 
 def _inline(value: Any) -> str:

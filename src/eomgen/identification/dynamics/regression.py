@@ -26,7 +26,7 @@ STRICT = 0.3  # of that, where small deflections are sought beside accelerations
 REWEIGHTED = 4  # times that weights follow the residuals
 RESTING = 0.02  # of the rms of a rate: below it a drive stands still
 NOISES = 3.0  # deviations of a rate's noise below which it stands still, too
-LEFT = 0.25  # of all rows that a filter must leave
+LEFT = 0.25  # of the rows of every drive that a filter must leave
 PIECE = 2000  # samples at a time whose columns are in memory
 SIZES = {"stiffness": 1e5, "damping": 1e2}  # N m/rad, N m s/rad: deflections are small, and no round-off
 CLEAR = 0.2  # of a column's square: what noise must leave of it for a parameter to be told
@@ -149,10 +149,6 @@ class Data:
         """Forces of the rows, (T, r), behind the filter, of drives at all coordinates."""
         return self.relations.forces(self._narrow(u) if self._narrow else u)[:, self.known]
 
-    def keep(self, base: BaseParameters) -> None:
-        """Go on with some of the combinations alone."""
-        self.base = base
-
     def at(self, sought: Sought, state: State) -> Data:
         """The same data with present values of what forces are not linear in."""
         found = copy(self)
@@ -208,10 +204,6 @@ class Data:
         counts = np.cumsum(np.vstack([np.zeros((1, self.resting.shape[1])), self.resting]), axis=0)
         return np.asarray(counts[2 * half + 1 :] == counts[: -2 * half - 1])
 
-    def share(self, half: int) -> float:
-        """How much of all rows a filter leaves; of the drive with the fewest."""
-        return float(self.kept(half).mean(axis=0).min(initial=1.0))
-
     def column_noise(self, half: int, count: int) -> Array:
         """Give variances of what white noise of the motion adds to columns of transmissions, (r, count), 0 elsewhere.
 
@@ -265,7 +257,7 @@ def best_of(data: Data, widths: Sequence[int]) -> Solution:
             f"{data.motion.source}: {samples} samples; a filter of half width {min(widths)} needs at least"
             f" {least_samples(first + min(widths))}"
         )
-    found = [Solution.of(data, half) for half in fitting if data.share(half) >= LEFT]
+    found = [Solution.of(data, half) for half in fitting if data.kept(half).mean(axis=0).min(initial=1.0) >= LEFT]
     if not found:
         raise InputError(
             f"{data.motion.source}: drives stand still too often between {samples} samples; allowed: motions that"

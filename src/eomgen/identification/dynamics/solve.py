@@ -115,7 +115,7 @@ def identify(  # noqa: PLR0913
     shown, warnings = data.shown(base)
     warnings = spoilt + warnings
     if len(shown) < len(base):
-        data.keep(shown)
+        data.base = shown
     width = best_of(data, widths).half
     asked = _further(data, terms, shape or "")
     (data, best, sought, state), more, curves = shaped(data, asked, width)

@@ -162,7 +162,7 @@ def _ranges(
     """Ends of all coordinates: those given, or limits; what is assumed is noted."""
     ends = np.array([principal_limits(robot, name) for name in names], dtype=np.float64)
     for name, values in given.items():
-        ends[_place("ranges", name, names)] = _vector(f"ranges: {name}", values, 2)
+        ends[_place("ranges", name, names)] = _array(f"ranges: {name}", values, (2,))
     for i, name in enumerate(names):
         is_open = ~np.isfinite(ends[i])
         if is_open.any():
@@ -227,10 +227,6 @@ def _positive(label: str, given: Any) -> float:
     if not (is_usable(value) and value > 0.0):
         raise InputError(f"{label}: {value:g}; allowed: a number above 0, from {SMALLEST:g} to {LARGEST:g}")
     return value
-
-
-def _vector(label: str, given: Any, size: int) -> Array:
-    return _array(label, given, (size,))
 
 
 def _array(label: str, given: Any, shape: tuple[int, ...]) -> Array:

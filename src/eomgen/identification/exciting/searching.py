@@ -74,11 +74,6 @@ class Search:
         whole[:, :, self.index] = rows @ x.T
         return whole[0], whole[1], whole[2]
 
-    def back(self, rows: Array, gradient: Course) -> Array:
-        """A gradient by the motion as one by its numbers, (m, 2 N - 1)."""
-        own = np.stack(gradient)[:, :, self.index]
-        return np.asarray(np.einsum("stm,stp->mp", own, rows))
-
     def series(self, x: Array) -> FourierSeries:
         """The motion with these numbers."""
         found = x @ self.combined.T
@@ -148,8 +143,8 @@ def objective(
     total, slope = smooth_criterion(kind, information(W))
     gradient = telling.gradient(course, 2.0 * (W @ slope))
     hindered, back = barrier(search.held, course, narrowed)
-    both = tuple(a + weight * b for a, b in zip(gradient, back, strict=True))
-    return total + weight * hindered, search.back(search.coarse, (both[0], both[1], both[2]))
+    both = np.stack([a + weight * b for a, b in zip(gradient, back, strict=True)])[:, :, search.index]
+    return total + weight * hindered, np.asarray(np.einsum("stm,stp->mp", both, search.coarse))
 
 
 def _scale(search: Search) -> Array:

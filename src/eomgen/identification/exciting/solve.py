@@ -99,7 +99,10 @@ def excite(  # noqa: PLR0913
     """
     robot, report = as_robot(robot), progress or no_report
     samples = _samples(duration, harmonics, step)
-    _check(criterion, starts, seed)
+    if criterion not in CRITERIA:
+        raise InputError(f"criterion: {show(criterion)}; allowed: {', '.join(CRITERIA)}")
+    _whole("starts", starts, 1, RANDOMS)
+    _whole("seed", seed, 0)
     names = moving_coordinates(robot)
     if kernel is None:
         kernel = build(moving_robot(robot), kernels=KERNELS, progress=report)
@@ -217,13 +220,6 @@ def _samples(duration: float, harmonics: int, step: float) -> int:
     if samples > MOST_NUMBERS:
         raise InputError(f"step: {step:g} s makes {samples} samples; allowed: up to {MOST_NUMBERS}")
     return samples
-
-
-def _check(criterion: str, starts: int, seed: int) -> None:
-    if criterion not in CRITERIA:
-        raise InputError(f"criterion: {show(criterion)}; allowed: {', '.join(CRITERIA)}")
-    _whole("starts", starts, 1, RANDOMS)
-    _whole("seed", seed, 0)
 
 
 def _whole(label: str, value: Any, least: int, most: int | None = None) -> None:

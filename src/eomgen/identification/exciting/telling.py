@@ -49,10 +49,6 @@ class Telling:
             course: the motion.
             smooth: whether dry friction turns round over ``turning`` instead of at once.
         """
-        return self._weighted(self._own(course, smooth=smooth))
-
-    def _own(self, course: Course, *, smooth: bool) -> Array:
-        """Columns of the combinations in SI units, (T, m, b)."""
         q, v, a = course
         Y = np.asarray(self.kernel.regressor(q, v, a))[:, self.index]
         found = np.zeros((*Y.shape[:2], len(self.base)))
@@ -60,10 +56,7 @@ class Telling:
         found[..., inner] = Y[..., outer]
         for term, column, row in self._rubbing:
             found[:, row, column] = self._friction(term, v[:, self.index[row]], row, smooth=smooth)[0]
-        return found
-
-    def _weighted(self, columns: Array) -> Array:
-        return np.asarray(columns / self.noise[:, np.newaxis] * self.sizes)
+        return np.asarray(found / self.noise[:, np.newaxis] * self.sizes)
 
     def gradient(self, course: Course, weights: Array) -> Course:
         """Derivatives of the sum of weighted smooth columns by the course, weights (T, m, b)."""

@@ -10,7 +10,6 @@ import numpy as np
 
 from ...errors import UnknownNameError
 from ...names import component_name, parameter_name
-from ...optional import optional_import
 from ...results.kinds import Kind, Saved, declare, read
 from ...shown import Shown
 from ...tabular import Rows, TableColumn, Tabular
@@ -48,17 +47,6 @@ class FittedCoordinate:
     damping: Estimate | None
     noise: float
     owner: str = "joints"
-
-
-def interval_of(
-    value: float, variance: float, freedoms: int, confidence: float, described: float, width: float, unexplained: float
-) -> Estimate:
-    """A value with its interval, by Student's t with so many degrees of freedom; the rest as in ``Estimate``."""
-    with optional_import("SciPy", "fit needs"):
-        from scipy.stats import t as student
-    quantile, error = float(student.ppf(0.5 + confidence / 2, freedoms)), float(np.sqrt(variance))
-    low, high = value - quantile * error, value + quantile * error
-    return Estimate(value, error, low, high, described, width, unexplained)
 
 
 def doubts(entry: FittedCoordinate) -> list[str]:

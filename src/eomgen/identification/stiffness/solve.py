@@ -34,6 +34,7 @@ from ...motion.files import MeasuredMotion, measured_motion
 from ...motion.measured_numbers import answers_in_numbers
 from ...motion.smoothing import Differentiator, bell, filtered, noise_deviation
 from ...names import component_name, listed, nearest, parameter_name, split_component
+from ...optional import optional_import
 from ...pipeline.closing import mechanism_kernels
 from ...pipeline.stages import build
 from ...progress import StageReport
@@ -45,7 +46,7 @@ from ..arrays import Array
 from ..closing import closed_motion
 from ..estimating import FIRST, HALF_WIDTHS, SIGNAL, block_count, even_step, least_samples
 from ..relations import refuse_followers
-from .result import KEYS, Estimate, FitResult, FittedCoordinate, doubts, interval_of
+from .result import KEYS, Estimate, FitResult, FittedCoordinate, doubts
 
 INDEPENDENT = 1e-10  # of the greatest eigenvalue of the scaled normal equations: below it a direction is undetermined
 SHARE = 1e-4  # of a parameter in an undetermined direction: with less it is determined
@@ -439,9 +440,12 @@ def _solve(system: _System, half: int, width: int) -> _Solution:
 
 def _estimate(solution: _Solution, place: int, confidence: float, described: float, step: float) -> Estimate:
     """A parameter with its interval, by Student's t."""
-    value, variance = float(solution.values[place]), float(solution.variances[place])
-    width = 2 * solution.half * step
-    return interval_of(value, variance, solution.freedoms, confidence, described, width, solution.unexplained)
+    with optional_import("SciPy", "fit needs"):
+        from scipy.stats import t as student
+    quantile = float(student.ppf(0.5 + confidence / 2, solution.freedoms))
+    value, error = float(solution.values[place]), float(np.sqrt(float(solution.variances[place])))
+    low, high = value - quantile * error, value + quantile * error
+    return Estimate(value, error, low, high, described, 2 * solution.half * step, solution.unexplained)
 
 
 def _notes(motion: MeasuredMotion) -> tuple[str, ...]:

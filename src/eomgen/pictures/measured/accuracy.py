@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from ...identification.iso_9283.result import AccuracyResult
-from ..report import Drawing, Report, Table, drawn
-from ..style import COLORS, canvas, literal, scale_of, title_of
+from ..report import Report, Table, drawn
+from ..style import COLORS, canvas, literal, scale_of
 from .tables import columns_of, table
 
 CYCLE = tuple(color for colors in COLORS.values() for color in colors.values())
@@ -24,7 +24,7 @@ def accuracy_page(found: AccuracyResult) -> Report:
             "Attained positions less the command with a circle of the repeatability about each barycentre; along paths"
             " the offset of the barycentre and the repeatability."
         )
-        figures.append(Drawing("accuracy", text, lambda path: plot_accuracy(found, path)))
+        figures.append(("accuracy", text, plot_accuracy))
     tables = list[Table]()
     for title, rows in found.tables().items():
         if len(rows) > 1:
@@ -34,26 +34,29 @@ def accuracy_page(found: AccuracyResult) -> Report:
         title=f"{found.robot or found.frame}: accuracy by ISO 9283",
         summary=(f"frame {found.frame}, {found.source}", f"load: {found.load}", f"rate: {found.rate}"),
         warnings=found.notes,
-        missing=(),
-        figures=drawn(figures),
+        figures=drawn(found, figures),
         tables=tuple(tables),
     )
 
 
 def plot_accuracy(found: AccuracyResult, path: Path | str) -> Path:
-    """Attained positions less the command, with a circle of the repeatability about each barycentre, and the offset of
-    the barycentre and the repeatability along paths; of the first six of each.  Returns the path.
+    """Draw attained positions less the command, with a circle of the repeatability about each barycentre, and the
+    offset of the barycentre and the repeatability along paths; of the first six of each.  Returns the path.
 
     Raises:
-        InputError: Matplotlib is not installed, the ending is none of FIGURE_ENDINGS, or the file cannot be written.
+        InputError: see ``style.canvas``.
     """
-    with canvas(6.4, 3.4 * (bool(found.poses) + bool(found.paths)), path) as figure:
+    with canvas(
+        6.4,
+        3.4 * (bool(found.poses) + bool(found.paths)),
+        path,
+        f"{found.robot or found.frame}: accuracy by ISO 9283, {found.source}",
+    ) as figure:
         rows = figure.subfigures(bool(found.poses) + bool(found.paths), 1, squeeze=False)[:, 0].tolist()
         if found.poses:
             _poses(found, rows.pop(0))
         if found.paths:
             _paths(found, rows.pop(0))
-        title_of(figure, f"{found.robot or found.frame}: accuracy by ISO 9283, {found.source}")
     return Path(path)
 
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from ...identification.calibration.result import CalibrationResult
 from ...identification.calibration.variants import VARIANTS
-from ..report import Drawing, Report, Table, drawn
-from ..style import COLORS, PROGRAM_COLOR, canvas, literal, scale_of, title_of
+from ..report import Report, Table, drawn
+from ..style import COLORS, PROGRAM_COLOR, canvas, literal, scale_of
 from .tables import merged_table, number, table, weak_table
 
 _KINDS = (("position", "m"), ("orientation", "rad"))
@@ -24,21 +24,16 @@ def calibration_page(found: CalibrationResult) -> Report:
     lines = [f"{found.rows} poses of {found.source}" if found.source else f"{found.rows} poses"]
     lines += [f"rank {found.rank}, {found.rank_above_noise} combinations above the noise; values of {found.variant!r}"]
     lines += found.summary_lines()
-    figures = [
-        Drawing(
-            "residuals", "Rms of residuals per axis by variant, fitted and held out.", lambda x: _residuals(found, x)
-        )
-    ]
+    figures = [("residuals", "Rms of residuals per axis by variant, fitted and held out.", plot_calibration)]
     if _changed(found):
         text = f"Changes from the description, with {100 * found.confidence:g} % intervals; what merges is left out."
-        figures.append(Drawing("changes", text, lambda path: plot_changes(found, path)))
+        figures.append(("changes", text, plot_changes))
     mistrusted = [(str(row), f"{weight:.2f}") for row, weight in found.mistrusted]
     return Report(
         title=f"{found.robot}: calibration by {found.rows} poses",
         summary=tuple(lines),
         warnings=found.notes,
-        missing=(),
-        figures=drawn(figures),
+        figures=drawn(found, figures),
         tables=(
             _residual_table(found),
             _value_table(found),
@@ -81,24 +76,15 @@ def _value_table(found: CalibrationResult) -> Table:
     return Table("Values", head, rows)
 
 
-def _residuals(found: CalibrationResult, path: Path) -> Path:
-    return plot_calibration(found, path)
-
-
 def plot_calibration(found: CalibrationResult, path: Path | str) -> Path:
-    """Rms of residuals per axis by variant, a panel for positions and one for orientations; returns the path.
-
-    Raises:
-        InputError: Matplotlib is not installed, the ending is none of FIGURE_ENDINGS, or the file cannot be written.
-    """
+    """Draw rms of residuals by variant, of positions and orientations; returns the path, errors as of ``canvas``."""
     kinds = [entry for entry in _KINDS if entry[0] in found.residuals["full"]["fitted"]]
-    with canvas(3.6 * len(kinds), 3.0, path) as figure:
+    with canvas(3.6 * len(kinds), 3.0, path, f"{found.robot}: rms of residuals of {found.rows} poses") as figure:
         room = {"top": 0.86, "bottom": 0.12, "left": 0.22 / len(kinds), "right": 0.98, "wspace": 0.3}
         panels = figure.subplots(1, len(kinds), squeeze=False, gridspec_kw=room)
         for axes, (kind, unit) in zip(panels[0], kinds, strict=True):
             _bars(found, axes, kind, unit)
         panels[0][0].legend(loc="upper right")
-        title_of(figure, f"{found.robot}: rms of residuals of {found.rows} poses")
     return Path(path)
 
 
@@ -119,20 +105,16 @@ def _bars(found: CalibrationResult, axes: Any, kind: str, unit: str) -> None:
 def plot_changes(found: CalibrationResult, path: Path | str) -> Path:
     """Changes of what is identifiable from the description with intervals, lengths and angles; returns the path.
 
-    Of each unit those are drawn that are changed by most of their intervals.
-
-    Raises:
-        InputError: Matplotlib is not installed, the ending is none of FIGURE_ENDINGS, or the file cannot be written.
+    Of each unit those are drawn that are changed by most of their intervals.  Errors as of ``canvas``.
     """
     panels = _changed(found)
     rows = max(len(places) for places in panels.values())
-    with canvas(3.7 * len(panels), 1.1 + _ROW * rows, path) as figure:
+    with canvas(3.7 * len(panels), 1.1 + _ROW * rows, path, f"{found.robot}: changes from the description") as figure:
         top, bottom = 1.0 - 0.35 / (1.1 + _ROW * rows), 0.5 / (1.1 + _ROW * rows)
         room = {"top": top, "bottom": bottom, "left": 0.52 / len(panels), "right": 0.98, "wspace": 1.1}
         drawn_on = figure.subplots(1, len(panels), squeeze=False, gridspec_kw=room)[0]
         for axes, (unit, places) in zip(drawn_on, panels.items(), strict=True):
             _intervals(found, axes, unit, places)
-        title_of(figure, f"{found.robot}: changes from the description")
     return Path(path)
 
 

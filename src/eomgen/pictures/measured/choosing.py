@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from ...identification.choosing.result import PosesResult
-from ..report import Drawing, Report, drawn
-from ..style import COLORS, canvas, literal, title_of
+from ..report import Report, drawn
+from ..style import COLORS, canvas, row_panel
 from .tables import merged_table, number, table, weak_table
 
 _ROW = 0.24  # inches of a coordinate
@@ -27,8 +27,7 @@ def poses_page(found: PosesResult) -> Report:
         title=f"{found.robot}: {len(found.q)} poses to measure",
         summary=tuple(found.summary_lines()),
         warnings=found.notes,
-        missing=(),
-        figures=drawn([Drawing("poses", text, lambda path: plot_poses(found, path))]),
+        figures=drawn(found, [("poses", text, plot_poses)]),
         tables=(
             *table("Poses in the order to measure them, m and rad", ("pose", *found.coordinates), poses),
             *table("Expected standard deviations", ("quantity", "std. deviation", "unit"), told),
@@ -39,25 +38,18 @@ def poses_page(found: PosesResult) -> Report:
 
 
 def plot_poses(found: PosesResult, path: Path | str) -> Path:
-    """A strip for each coordinate with the values of the poses, from the least to the greatest; returns the path.
-
-    Raises:
-        InputError: Matplotlib is not installed, the ending is none of FIGURE_ENDINGS, or the file cannot be written.
-    """
+    """Draw a strip for each coordinate with its least to greatest values; returns the path, errors as of ``canvas``."""
     height = 1.0 + _ROW * len(found.coordinates)
     low, high = found.q.min(axis=0), found.q.max(axis=0)
     share = (found.q - low) / np.where(high > low, high - low, 1.0)
     age = np.linspace(1.0, 0.25, len(found.q))
-    with canvas(6.4, height, path) as figure:
-        axes = figure.add_axes((0.22, 0.45 / height, 0.74, 1.0 - 0.8 / height))
-        rows = np.arange(len(found.coordinates))[::-1]
+    with canvas(6.4, height, path, f"{found.robot}: chosen poses") as figure:
+        axes, rows = row_panel(figure, found.coordinates, 0.22, 0.74)
         for k, row in enumerate(rows):
             axes.scatter(share[:, k], np.full(len(share), row), s=14.0, alpha=age, color=COLORS["m"]["x"])
             axes.annotate(f"{low[k]:.3g}", (0.0, row), (-4, 6), textcoords="offset points", ha="left")
             axes.annotate(f"{high[k]:.3g}", (1.0, row), (4, 6), textcoords="offset points", ha="right")
-        axes.set_yticks(rows, [literal(name) for name in found.coordinates])
         axes.set_ylim(-0.6, len(rows) - 0.2)
         axes.set_xticks([])
         axes.set_xlabel("from the least to the greatest value, m or rad")
-        title_of(figure, f"{found.robot}: chosen poses")
     return Path(path)

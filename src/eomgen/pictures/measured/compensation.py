@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from ...identification.compensating.result import AXES, CompensationResult
-from ..report import Drawing, Report, drawn
-from ..style import COLORS, canvas, scale_of, title_of
+from ..report import Report, drawn
+from ..style import COLORS, canvas, scale_of
 from .tables import number, table
 
 _PARTS = ("before", "after", "beyond")
@@ -43,8 +43,7 @@ def compensation_page(found: CompensationResult) -> Report:
             f"directions that can be corrected: {found.rank[0]} to {found.rank[1]}",
         ),
         warnings=found.notes,
-        missing=(),
-        figures=drawn([Drawing("errors", text, lambda path: plot_compensation(found, path))]),
+        figures=drawn(found, [("errors", text, plot_compensation)]),
         tables=(
             *table("Errors of the tool, um and urad", head, errors),
             *table("Largest corrections, m or rad", ("coordinate", "correction"), corrections),
@@ -59,10 +58,10 @@ def plot_compensation(found: CompensationResult, path: Path | str) -> Path:
     """The tool's errors over time along and about its axes, without the correction above and with it below.
 
     Raises:
-        InputError: Matplotlib is not installed, the ending is none of FIGURE_ENDINGS, or the file cannot be written.
+        InputError: see ``style.canvas``.
     """
     colors = tuple(COLORS["m"].values())
-    with canvas(6.8, 4.4, path) as figure:
+    with canvas(6.8, 4.4, path, f"{found.robot}: {found.frame} off its program, in its own axes") as figure:
         room = {"top": 0.88, "bottom": 0.12, "left": 0.1, "right": 0.98, "wspace": 0.3, "hspace": 0.2}
         panels = figure.subplots(2, 2, sharex=True, gridspec_kw=room)
         for row, (name, error) in zip(panels, (("before", found.before), ("after", found.after)), strict=True):
@@ -76,5 +75,4 @@ def plot_compensation(found: CompensationResult, path: Path | str) -> Path:
             panel.legend(loc="upper right")
         for panel in panels[1]:
             panel.set_xlabel("t, s")
-        title_of(figure, f"{found.robot}: {found.frame} off its program, in its own axes")
     return Path(path)

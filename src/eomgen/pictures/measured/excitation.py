@@ -8,8 +8,8 @@ import numpy as np
 
 from ...identification.exciting.result import ExciteResult
 from ...robot.coordinates import force_unit_of, unit_of
-from ..report import Drawing, Report, drawn
-from ..style import FULL_WIDTH, PROGRAM_COLOR, canvas, literal, title_of
+from ..report import Report, drawn
+from ..style import FULL_WIDTH, PROGRAM_COLOR, canvas, literal
 from .accuracy import CYCLE, MOST
 from .tables import number, table
 
@@ -37,8 +37,7 @@ def excitation_page(found: ExciteResult) -> Report:
             f"criterion {found.criterion}; median of {found.randoms} random motions, seed {found.seed}",
         ),
         warnings=found.notes,
-        missing=(),
-        figures=drawn([Drawing("motion", text, lambda path: plot_excitation(found, path))]),
+        figures=drawn(found, [("motion", text, plot_excitation)]),
         tables=(
             *table("Beside others", ("", "this motion", "its start", "random"), compared),
             *table("Limits", ("of", "unit", "least", "greatest", "allowed from", "to", "used, %"), limits),
@@ -53,14 +52,13 @@ def excitation_page(found: ExciteResult) -> Report:
 
 def plot_excitation(found: ExciteResult, path: Path | str) -> Path:
     """Positions, rates and drives over the period with their limits, a row for each of the first six coordinates;
-    returns the path.
-
-    Raises:
-        InputError: Matplotlib is not installed, the ending is none of FIGURE_ENDINGS, or the file cannot be written.
+    returns the path, errors as of ``style.canvas``.
     """
     shown = found.coordinates[:MOST]
     height = 1.0 + 0.95 * len(shown)
-    with canvas(FULL_WIDTH, height, path) as figure:
+    with canvas(
+        FULL_WIDTH, height, path, f"{found.robot}: a motion that excites {len(found.base)} base parameters"
+    ) as figure:
         room = {"top": 1.0 - 0.5 / height, "bottom": 0.42 / height, "left": 0.1, "right": 0.985, "wspace": 0.32}
         panels = figure.subplots(len(shown), 3, sharex=True, squeeze=False, gridspec_kw=room)
         for i, (name, row) in enumerate(zip(shown, panels, strict=True)):
@@ -76,7 +74,6 @@ def plot_excitation(found: ExciteResult, path: Path | str) -> Path:
             row[0].set_ylabel(f"{literal(name)}\n{unit}")
         for panel in panels[-1]:
             panel.set_xlabel("time, s")
-        title_of(figure, f"{found.robot}: a motion that excites {len(found.base)} base parameters")
     return Path(path)
 
 

@@ -11,12 +11,13 @@ from ...identification.from_motion import ForcesResult
 from ...identification.stiffness.result import KEYS, Estimate, FitResult
 from ...names import component_name
 from ...robot.coordinates import force_unit_of
-from ..report import Drawing, Report, drawn
-from ..style import COLORS, PROGRAM_COLOR, canvas, literal, title_of
+from ..report import Report, drawn
+from ..style import COLORS, PROGRAM_COLOR, bars_in_pairs, canvas, literal, row_panel
 from .tables import number, table
 
 _ROW = 0.22  # inches of a parameter, or of a drive
 _MOST = 40
+_PARTS = ("fitted", "held out")
 _DRIVES, _SAMPLES = 6, 2000  # of drives over time, and of each
 
 
@@ -39,14 +40,13 @@ def fit_page(found: FitResult) -> Report:
     ]
     head = ("parameter", "value, SI", "std. error", f"{share} from", f"{share} to", "described", "filter, s")
     text = f"Found over described, with {share} intervals."
-    figures = [Drawing("fit", text, lambda path: plot_fit(found, path))] if _drawn(estimates) else []
+    figures = [("fit", text, plot_fit)] if _drawn(estimates) else []
     noise = [(entry.coordinate, number(entry.noise, 1.0, 3)) for entry in found.fitted]
     return Report(
         title=f"{found.robot}: stiffness and damping by least squares",
         summary=(f"{len(rows)} parameters of {len(found.fitted)} coordinates",),
         warnings=(*found.warnings, *found.notes),
-        missing=(),
-        figures=drawn(figures),
+        figures=drawn(found, figures),
         tables=(
             *table("Stiffness and damping", (*head, "unexplained, %"), rows),
             *table("Noise of the coordinates", ("coordinate", "std. deviation, m or rad"), noise),
@@ -65,8 +65,6 @@ def forces_page(found: ForcesResult) -> Report:
         title=f"{found.robot}: forces of a measured motion",
         summary=(f"{len(found.t)} samples, {len(rows)} coordinates",),
         warnings=found.notes,
-        missing=(),
-        figures=(),
         tables=(*table("Largest values over time", ("coordinate", "unit", *found.parts), rows),),
     )
 
@@ -83,26 +81,18 @@ def _drawn(estimates: dict[str, Estimate]) -> list[str]:
 
 
 def plot_fit(found: FitResult, path: Path | str) -> Path:
-    """Fitted over described values with their intervals; returns the path.
-
-    Raises:
-        InputError: Matplotlib is not installed, the ending is none of FIGURE_ENDINGS, or the file cannot be written.
-    """
+    """Fitted over described values with their intervals; returns the path, errors as of ``canvas``."""
     estimates = _estimates(found)
     names = _drawn(estimates)
-    with canvas(6.4, 1.0 + _ROW * len(names), path) as figure:
-        height = 1.0 + _ROW * len(names)
-        axes = figure.add_axes((0.28, 0.45 / height, 0.69, 1.0 - 0.8 / height))
-        rows = np.arange(len(names))[::-1]
+    with canvas(6.4, 1.0 + _ROW * len(names), path, f"{found.robot}: stiffness and damping") as figure:
+        axes, rows = row_panel(figure, names, 0.28, 0.69)
         values = np.array([[x.low, x.value, x.high] for x in (estimates[name] for name in names)]).reshape(-1, 3)
         values /= np.array([[estimates[name].described] for name in names]).reshape(-1, 1)
         axes.axvline(1.0, color=PROGRAM_COLOR, linewidth=0.9)
         half = np.abs(np.diff(values, axis=1)).T
         axes.errorbar(values[:, 1], rows, xerr=half, fmt="o", markersize=3.0, capsize=2.0, color=COLORS["m"]["x"])
-        axes.set_yticks(rows, [literal(name) for name in names])
         axes.grid(visible=False, axis="y")
         axes.set_xlabel("found over described")
-        title_of(figure, f"{found.robot}: stiffness and damping")
     return Path(path)
 
 
@@ -124,17 +114,16 @@ def identify_page(found: IdentifyResult) -> Report:
     head = ("drive", "unit", "fitted", "held out", "fitted, % of the drive's rms", "held out, %", "samples")
     single = [(name, number(value)) for name, value in found.parameters.items()]
     text = "Rms of what is left of each drive over the drive's own, fitted and held out."
-    figures = [Drawing("drives", text, lambda path: plot_identified(found, path))]
+    figures = [("drives", text, plot_identified)]
     if found.t.size:
         text = "Drives as measured and by what was identified, and what is left where it counts."
-        figures.append(Drawing("over_time", text, lambda path: plot_identification(found, path)))
+        figures.append(("over_time", text, plot_identification))
     others = [(name, number(x.value), number(x.deviation, 1.0, 2), x.unit) for name, x in found.further.items()]
     return Report(
         title=f"{found.base.robot}: {len(found.base)} base parameters",
         summary=(f"{len(found.residuals)} drives, filter of {number(found.width, 1.0, 3)} s",),
         warnings=(*found.warnings, *found.notes),
-        missing=(),
-        figures=drawn(figures if drives else []),
+        figures=drawn(found, figures if drives else []),
         tables=(
             *table("Residuals of drives, rms", head, drives),
             *table("Base parameters, SI units", ("parameter", "value", "std. deviation", "described"), rows),
@@ -145,37 +134,26 @@ def identify_page(found: IdentifyResult) -> Report:
 
 
 def plot_identified(found: IdentifyResult, path: Path | str) -> Path:
-    """Residuals of each drive over its rms, fitted and held out; returns the path.
-
-    Raises:
-        InputError: Matplotlib is not installed, the ending is none of FIGURE_ENDINGS, or the file cannot be written.
-    """
-    shares = 100.0 * np.array([x.relative for x in found.residuals.values()])
-    height = 1.1 + _ROW * len(shares)
-    with canvas(6.4, height, path) as figure:
-        axes = figure.add_axes((0.2, 0.45 / height, 0.77, 1.0 - 0.8 / height))
-        rows = np.arange(len(shares))[::-1]
-        for column, (label, axis) in enumerate((("fitted", "x"), ("held out", "y"))):
-            axes.barh(rows + 0.2 - 0.4 * column, shares[:, column], 0.38, color=COLORS["m"][axis], label=label)
-        axes.set_yticks(rows, [literal(name) for name in found.residuals])
-        axes.grid(visible=False, axis="y")
-        axes.set_xlabel("rms of the residual over that of the drive, %")
-        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2)
-        title_of(figure, f"{found.base.robot}: what base parameters leave of the drives")
-    return Path(path)
+    """Residuals of each drive over its rms, fitted and held out; returns the path, errors as of ``canvas``."""
+    shares = {part: [100.0 * x.relative[k] for x in found.residuals.values()] for k, part in enumerate(_PARTS)}
+    title = f"{found.base.robot}: what base parameters leave of the drives"
+    label = "rms of the residual over that of the drive, %"
+    return bars_in_pairs(path, title, list(found.residuals), shares, label, left=0.2, row=_ROW)
 
 
 def plot_identification(found: IdentifyResult, path: Path | str) -> Path:
     """Measured and fitted drives over time, and what is left where it counts, of the first six; returns the path.
 
     Raises:
-        InputError: Matplotlib is not installed, the ending is none of FIGURE_ENDINGS, or the file cannot be written.
+        InputError: see ``style.canvas``.
     """
     names = list(found.residuals)[:_DRIVES]
     every = max(1, len(found.t) // _SAMPLES)
     t, drives, fitted = found.t[::every], found.drives[::every], found.fitted[::every]
     left = np.where(found.kept[::every], drives - fitted, np.nan)
-    with canvas(6.4, 1.0 + 1.5 * len(names), path) as figure:
+    with canvas(
+        6.4, 1.0 + 1.5 * len(names), path, f"{found.base.robot}: drives, measured and by what was identified"
+    ) as figure:
         height = 1.0 + 1.5 * len(names)
         room = {"top": 1.0 - 0.45 / height, "bottom": 0.55 / height, "left": 0.12, "right": 0.98, "hspace": 0.25}
         panels = figure.subplots(len(names), 1, sharex=True, squeeze=False, gridspec_kw=room)[:, 0]
@@ -186,5 +164,4 @@ def plot_identification(found: IdentifyResult, path: Path | str) -> Path:
             axes.set_ylabel(f"{literal(name)}, {force_unit_of(name)}")
         panels[0].legend(loc="upper right", ncols=3)
         panels[-1].set_xlabel("t, s")
-        title_of(figure, f"{found.base.robot}: drives, measured and by what was identified")
     return Path(path)

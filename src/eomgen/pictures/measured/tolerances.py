@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from ...identification.tolerances.result import PARTS, ToleranceResult
-from ..report import Drawing, Report, drawn
-from ..style import COLORS, FULL_WIDTH, PROGRAM_COLOR, canvas, literal, title_of
+from ..report import Report, drawn
+from ..style import COLORS, FULL_WIDTH, PROGRAM_COLOR, bars_in_pairs, canvas
 from .tables import number, table
 
 _MOST = 20  # contributions that are drawn
@@ -20,14 +20,12 @@ _UNITS = ("mm", "mrad")
 
 def tolerance_page(found: ToleranceResult) -> Report:
     """A page about what tolerances make of a tool's pose: regions, worst cases, and what they come from."""
-    figures = [
-        Drawing("shares", "Shares of the variance by contribution.", lambda path: plot_shares(found, path)),
-    ]
+    figures = [("shares", "Shares of the variance by contribution.", plot_shares)]
     if len(found.q) > 1:
         text = f"What holds the deviation with {100 * found.confidence:g} % at each pose, and its worst case."
-        figures.append(Drawing("regions", text, lambda path: plot_regions(found, path)))
+        figures.append(("regions", text, plot_regions))
         text = "Where the poses are, by the radius of their region, with the ellipses of the largest ones exaggerated."
-        figures.append(Drawing("map", text, lambda path: plot_tolerance(found, path)))
+        figures.append(("map", text, plot_tolerance))
     count = len(found.q)
     return Report(
         title=f"{found.robot}, {found.frame}: accuracy by {len(found.names)} tolerances",
@@ -37,8 +35,7 @@ def tolerance_page(found: ToleranceResult) -> Report:
             f"the exact model is off a linear one by {100 * found.nonlinearity:.2g} % of the worst case",
         ),
         warnings=found.notes,
-        missing=(),
-        figures=drawn(figures),
+        figures=drawn(found, figures),
         tables=(*table("Accuracy", *_accuracy(found)), *table("Contributions", *_contributions(found))),
     )
 
@@ -70,30 +67,16 @@ def _contributions(found: ToleranceResult) -> tuple[tuple[str, ...], list[tuple[
 
 
 def plot_shares(found: ToleranceResult, path: Path | str) -> Path:
-    """Shares of the variance of position and orientation by contribution, the largest ones; returns the path.
-
-    Raises:
-        InputError: Matplotlib is not installed, the ending is none of FIGURE_ENDINGS, or the file cannot be written.
-    """
+    """Draw the largest shares of the variance by contribution; returns the path, errors as of ``canvas``."""
     chosen = found.by_share[:_MOST].tolist()
-    height = 1.1 + _ROW * len(chosen)
-    with canvas(6.4, height, path) as figure:
-        axes = figure.add_axes((0.32, 0.45 / height, 0.65, 1.0 - 0.8 / height))
-        rows = np.arange(len(chosen))[::-1]
-        for column, (part, axis) in enumerate(zip(PARTS, "xy", strict=True)):
-            values = 100.0 * found.shares[part][chosen]
-            axes.barh(rows + 0.2 - 0.4 * column, values, 0.38, color=COLORS["m"][axis], label=part)
-        axes.set_yticks(rows, [literal(found.names[k]) for k in chosen])
-        axes.grid(visible=False, axis="y")
-        axes.set_xlabel("share of the variance, %")
-        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2)
-        title_of(figure, f"{found.robot}: what the deviation of {found.frame} comes from")
-    return Path(path)
+    shares = {part: 100.0 * found.shares[part][chosen] for part in PARTS}
+    names, title = [found.names[k] for k in chosen], f"{found.robot}: what the deviation of {found.frame} comes from"
+    return bars_in_pairs(path, title, names, shares, "share of the variance, %", left=0.32, row=_ROW)
 
 
 def plot_tolerance(found: ToleranceResult, path: Path | str) -> Path:
     """A map of the frame's poses from above and from the side, coloured by the radius of the region of position, with
-    exaggerated outlines of the ellipsoids of some; returns the path, errors as of ``plot_shares``.
+    exaggerated outlines of the ellipsoids of some; returns the path, errors as of ``canvas``.
     """
     places, radius = 1e3 * found.positions, 1e3 * found.radius[PARTS[0]]
     half, axes = found.ellipsoids()
@@ -102,7 +85,9 @@ def plot_tolerance(found: ToleranceResult, path: Path | str) -> Path:
     around = np.linspace(0.0, 2.0 * np.pi, 61)
     circle = np.stack([np.cos(around), np.sin(around)])
     chosen = np.argsort(-radius, kind="stable")[:_OUTLINES]
-    with canvas(FULL_WIDTH, 3.6, path) as figure:
+    with canvas(
+        FULL_WIDTH, 3.6, path, f"{found.robot}: regions of {found.frame}, outlines times {factor:.3g}"
+    ) as figure:
         room = {"top": 0.88, "bottom": 0.14, "left": 0.09, "right": 0.86, "wspace": 0.3}
         panels = figure.subplots(1, 2, gridspec_kw=room)
         for panel, (i, j) in zip(panels, ((0, 1), (0, 2)), strict=True):
@@ -117,15 +102,14 @@ def plot_tolerance(found: ToleranceResult, path: Path | str) -> Path:
             panel.set_ylabel(f"{'xyz'[j]}, mm")
         bar = figure.colorbar(drawn_points, cax=figure.add_axes((0.885, 0.14, 0.02, 0.74)))
         bar.set_label(f"{100 * found.confidence:g} % within, mm")
-        title_of(figure, f"{found.robot}: regions of {found.frame}, outlines times {factor:.3g}")
     return Path(path)
 
 
 def plot_regions(found: ToleranceResult, path: Path | str) -> Path:
-    """Radii of regions and worst cases over poses, or time; returns the path, errors as of ``plot_shares``."""
+    """Radii of regions and worst cases over poses, or time; returns the path, errors as of ``canvas``."""
     over = np.arange(len(found.q)) if found.t is None else found.t
     style = "." if found.t is None else "-"
-    with canvas(6.4, 4.4, path) as figure:
+    with canvas(6.4, 4.4, path, f"{found.robot}: deviation of {found.frame} by tolerances") as figure:
         panels = figure.subplots(2, 1, sharex=True, gridspec_kw={"top": 0.91, "bottom": 0.11, "left": 0.11})
         for panel, part, unit in zip(panels, PARTS, _UNITS, strict=True):
             label = f"{100 * found.confidence:g} % within"
@@ -136,5 +120,4 @@ def plot_regions(found: ToleranceResult, path: Path | str) -> Path:
             panel.set_ylabel(f"{part}, {unit}")
         panels[0].legend()
         panels[1].set_xlabel("pose" if found.t is None else "time, s")
-        title_of(figure, f"{found.robot}: deviation of {found.frame} by tolerances")
     return Path(path)
