@@ -8,12 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
+from eomgen.robot.parameter_names import CUT_BEARINGS
 from eomgen.robot.value import COORDINATES
 
+from ..tree.constraints import Closure
 from ..tree.recursion import Wrench
 from ..tree.spatial import Scalar, is_zero
-from .cuts import ElasticLoopCoordinate, ElasticLoopCoordinates
+from .cuts import ElasticLoopCoordinates
+from .elastic_coordinates import ElasticCoordinate
 from .element import ForceElement, ImplicitShare, Slopes, Turn
 from .journals import BearingContact, places
 
@@ -25,7 +29,7 @@ class LoopBearingContact:
     """A contact in coordinates of a cut joint, ``felt`` in their order, with the tree's indices in its arms."""
 
     touch: BearingContact
-    felt: Sequence[ElasticLoopCoordinate]
+    felt: Sequence[ElasticCoordinate]
 
     def ahead(self, dt: Scalar) -> LoopBearingContact:
         """The contact where the rates lead to after dt, with the derivatives that it has here."""
@@ -49,17 +53,16 @@ class LoopBearingContact:
         return tuple(self._of_tree({k: arm[axis] for k, arm in first.items()}) for axis in (0, 1))  # type: ignore[return-value]
 
     def wrenches(self) -> Iterator[tuple[int, Wrench]]:
-        """Wrenches of the tree's joints that hold the resisting forces, as of ``ElasticLoopCoordinate``."""
+        """Wrenches of the tree's joints that hold the resisting forces, as of ``ElasticCoordinate``."""
         for k, force in self.touch.rows().items():
             yield from self.felt[k].wrenches(force)
 
     def on_second(self) -> Iterator[tuple[int, Wrench]]:
         """The loop's number and the wrench on its second link, force by force, in the common body's axes."""
         for k, force in self.touch.rows().items():
-            own = self.felt[k]
-            assert own.closure is not None
-            assert own.direction is not None
-            yield own.closure.number, own.direction.wrench(-1.0 * force)
+            pair = self.felt[k].pair
+            assert isinstance(pair, Closure)
+            yield pair.number, self.felt[k].on_second(force)
 
     def _of_tree(self, rows: Mapping[int, Scalar]) -> Arms:
         found: Arms = {}
@@ -72,13 +75,15 @@ class LoopBearingContact:
 class LoopBearingContacts(ForceElement):
     """The contacts of all journals of cut joints."""
 
+    FAMILY: ClassVar[str] = CUT_BEARINGS
+
     def contacts(self, v: Sequence[Scalar]) -> list[LoopBearingContact]:
         """Give the contacts at the velocities v."""
         at, found = self.at, list[LoopBearingContact]()
         if not at.bound.cut_journals:
             return found
         members = ElasticLoopCoordinates(at).members
-        by_place = {(own.closure.number, own.name): own for own in members if own.closure is not None}
+        by_place = {(own.pair.number, own.name): own for own in members if isinstance(own.pair, Closure)}
         for number, journal in at.bound.cut_journals.items():
             felt = [by_place[number, name] for name in journal.index]
             rates = [own.rate(v) for own in felt]
@@ -124,7 +129,7 @@ class LoopBearingContacts(ForceElement):
                 yield from ((i, cut.touch.journal.numbers["stiffness"] * (arm * arm)) for i, arm in arms.items())
 
 
-def _turn(own: ElasticLoopCoordinate, offsets: Sequence[Scalar], sincos: Turn) -> tuple[Scalar, Scalar]:
+def _turn(own: ElasticCoordinate, offsets: Sequence[Scalar], sincos: Turn) -> tuple[Scalar, Scalar]:
     """Sine and cosine of an angle's deviation; (0, 1) of what is none."""
     if own.turn is None:
         return 0.0, 1.0

@@ -15,8 +15,10 @@ from typing import Any
 from eomgen.errors import InputError
 from eomgen.names import component_name, joint_of
 from eomgen.robot.elements import KINDS
+from eomgen.robot.elements.joint_damping import JOINT_DAMPING
+from eomgen.robot.elements.journal import RADIAL
 from eomgen.robot.geometry import IDENTITY, snap
-from eomgen.robot.laws import JOINT_DAMPING, RADIAL, given_laws
+from eomgen.robot.laws import given_laws
 from eomgen.robot.model import FIXED_BODY, Model, turned_name
 from eomgen.robot.value import ANGULAR, COORDINATES, INERTIA_KEYS, LINEAR, MOTOR, Coordinate, Joint, Placement, loaded
 
@@ -92,20 +94,11 @@ class BoundElement:
 
 
 @dataclass(frozen=True)
-class BoundJournal:
-    """A journal in a bearing: the joint's name, indices of its coordinates by their names, and ``Radial.law``.
+class BoundJointElement:
+    """A force element of a joint as a whole: its name, indices of its coordinates by their names, ``JointElement.law``.
 
     Of a cut joint ``index`` are places among those of its coordinates that it feels.
     """
-
-    joint: str
-    index: Mapping[str, int]
-    numbers: Mapping[str, Scalar]
-
-
-@dataclass(frozen=True)
-class BoundDamping:
-    """Damping of a joint's own motion: its name, indices of its coordinates by their names, ``JointDamping.law``."""
 
     joint: str
     index: Mapping[str, int]
@@ -156,9 +149,9 @@ class Bound:
     cut_offsets: tuple[tuple[Scalar, ...], ...] = ()
     cut_laws: Mapping[tuple[int, str], BoundLaw] = field(default_factory=dict)
     couplings: tuple[BoundCoupling, ...] = ()
-    journals: tuple[BoundJournal, ...] = ()
-    cut_journals: Mapping[int, BoundJournal] = field(default_factory=dict)
-    joint_damping: tuple[BoundDamping, ...] = ()
+    journals: tuple[BoundJointElement, ...] = ()
+    cut_journals: Mapping[int, BoundJointElement] = field(default_factory=dict)
+    joint_damping: tuple[BoundJointElement, ...] = ()
 
 
 def bind(
@@ -216,9 +209,9 @@ def bind(
         cut_offsets=binder.cut_offsets(),
         cut_laws=binder.cut_laws(),
         couplings=binder.couplings(),
-        journals=binder.journals(),
+        journals=binder.joint_elements(RADIAL),
         cut_journals=binder.cut_journals(),
-        joint_damping=binder.joint_damping(),
+        joint_damping=binder.joint_elements(JOINT_DAMPING),
     )
 
 
@@ -380,38 +373,26 @@ class _Binder:
                 found.append(BoundCoupling(arms, offset, self._bound_law(prefix, coupling.law)))
         return tuple(found)
 
-    def journals(self) -> tuple[BoundJournal, ...]:
-        """Journals in bearings, in the order of their joints."""
+    def joint_elements(self, table: str) -> tuple[BoundJointElement, ...]:
+        """Force elements of joints as wholes, of the kind that has this table, in the order of the joints."""
         found = []
         for body in self.model.bodies:
-            given = self.model.robot.joint(body.joint).radial
+            given = self.model.robot.joint(body.joint).elements.get(table)
             if given is not None:
-                prefix = f"joints.{body.joint}.{RADIAL}"
-                numbers = self._values(prefix, given.law())
-                found.append(BoundJournal(body.joint, dict(zip(body.active, body.indices, strict=True)), numbers))
+                numbers = self._values(f"joints.{body.joint}.{table}", given.law())
+                index = dict(zip(body.active, body.indices, strict=True))
+                found.append(BoundJointElement(body.joint, index, numbers))
         return tuple(found)
 
-    def cut_journals(self) -> dict[int, BoundJournal]:
+    def cut_journals(self) -> dict[int, BoundJointElement]:
         """Journals in bearings of cut joints."""
         found = {}
         for number, loop in enumerate(self.model.robot.loops):
             if loop.radial is not None:
-                prefix = f"loops.{loop.name}.{RADIAL}"
-                numbers = self._values(prefix, loop.radial.law())
+                numbers = self._values(f"loops.{loop.name}.{RADIAL}", loop.radial.law())
                 index = {name: place for place, name in enumerate(loop.radial.felt)}
-                found[number] = BoundJournal(loop.name, index, numbers)
+                found[number] = BoundJointElement(loop.name, index, numbers)
         return found
-
-    def joint_damping(self) -> tuple[BoundDamping, ...]:
-        """Damping of joints' own motions, in the order of the joints."""
-        found = []
-        for body in self.model.bodies:
-            given = self.model.robot.joint(body.joint).damping
-            if given is not None:
-                prefix = f"joints.{body.joint}.{JOINT_DAMPING}"
-                numbers = self._values(prefix, given.law())
-                found.append(BoundDamping(body.joint, dict(zip(body.active, body.indices, strict=True)), numbers))
-        return tuple(found)
 
     def _values(self, prefix: str, law: Mapping[str, float]) -> dict[str, Scalar]:
         """Numbers of a law, where they stand among the parameters."""
@@ -467,11 +448,8 @@ class _Binder:
             name = self.model.coordinates[index]
             motor = self.model.robot.joint(joint_of(name)).motor
             assert motor is not None
-            prefix, spring = f"joints.{name}", motor.transmission
-            stiffness = 0.0 if _is_bent(spring) else self.value(f"{prefix}.stiffness", spring.stiffness or 0.0)
-            damping = self.value(f"{prefix}.damping", spring.damping or 0.0)
-            inverse = 1.0 / self.value(f"{prefix}.ratio", motor.ratio)
-            law = BoundLaw(stiffness, damping, self._law(prefix, spring), _knots(spring))
+            inverse = 1.0 / self.value(f"joints.{name}.ratio", motor.ratio)
+            law = self._bound_law(f"joints.{name}", motor.transmission)
             found[index] = BoundTransmission(principal, inverse, law)
         return found
 

@@ -18,8 +18,7 @@ from eomgen.export.fmu.variables import UNITS, parameter_unit
 from eomgen.export.mujoco import left_out, mjcf
 from eomgen.pictures import plot_journals, plot_result, report_of
 from eomgen.pipeline.costs import RobotInfo
-from eomgen.robot.journals import Radial, SlidingFriction
-from eomgen.robot.laws import IN_BEARINGS
+from eomgen.robot.elements.journal import Radial, SlidingFriction
 from eomgen.robot.model import build_model
 from eomgen.robot.parameter_names import least_of, number_of
 from eomgen.robot.record import record_of, robot_of
@@ -110,7 +109,7 @@ def test_a_journal_is_read_and_kept() -> None:
 def test_numbers_have_texts_units_and_ranges() -> None:
     robot = robot_from_toml(SHAFT)
     page = (ROOT / "docs" / "description.md").read_text(encoding="utf-8")
-    for key, number in IN_BEARINGS.items():
+    for key, number in Radial.NUMBERS.items():
         name = f"joints.pin.radial.{key}"
         assert number.about
         assert f"`{key.rpartition('.')[2]}`" in page or f"{key.rpartition('.')[2]} " in page

@@ -24,7 +24,7 @@ from pycparser import c_ast, c_generator, c_parser
 from .._version import __version__
 from ..errors import InputError
 from ..names import component_name
-from ..robot.elements import KINDS
+from ..robot.elements import JOINT_ELEMENTS, KINDS
 from ..robot.geometry import IDENTITY, ZERO
 from ..robot.model import Model
 from ..robot.value import COORDINATES
@@ -81,12 +81,9 @@ def newton_euler(model: Model) -> str:
     if bent:
         names = ", ".join(model.coordinates[i] for i in bent)
         raise InputError(f"bench: {names}: the textbook's algorithms know linear springs and dampers only")
-    if bound.journals:
-        names = ", ".join(journal.joint for journal in bound.journals)
-        raise InputError(f"bench: {names}: the textbook's algorithms know no journals in bearings")
-    if bound.joint_damping:
-        names = ", ".join(damping.joint for damping in bound.joint_damping)
-        raise InputError(f"bench: {names}: the textbook's algorithms know damping of coordinates, none of joints")
+    for table, kind in JOINT_ELEMENTS.items():
+        if names := ", ".join(joint.name for joint in model.robot.joints if table in joint.elements):
+            raise InputError(f"bench: {names}: the textbook's algorithms know {kind.BEYOND}")
     for table, elements in bound.elements.items():
         if elements:
             names = ", ".join(element.name for element in elements)

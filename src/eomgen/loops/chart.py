@@ -24,7 +24,6 @@ Array = NDArray[np.float64]
 
 CLOSED, NEARLY = 1e-12, 1e-11  # m, or sine of an angle: what is met, and what round-off may leave of it
 ROUNDS = 15
-FARTHEST = 0.5  # m or rad, from where linear extrapolation leads: beyond it may be another way to close the loops
 STEEP = 8.0  # of dependent coordinates by independent ones, each over its size: another chart may be better
 BETTER = 0.5  # of the steepness: what another chart must come below
 

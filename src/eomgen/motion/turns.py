@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ArrayError
 from ..names import show
+from ..state.vectors import as_floats
 from .splines import Spline
 
 Array = NDArray[np.float64]
@@ -89,10 +90,7 @@ def rotation_matrices(label: str, value: ArrayLike, lead: Sequence[int] = ()) ->
     Raises:
         ArrayError: another shape, or axes that are not orthogonal, of length 1 and right-handed.
     """
-    try:
-        found = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        found = np.zeros(0)
+    found = as_floats(value)
     if found.shape != (*lead, 3, 3) or not np.isfinite(found).all():
         wanted = ", ".join(map(str, (*lead, 3, 3)))
         raise ArrayError(f"{label}: got {show(type(value).__name__)}; allowed: rotations, finite numbers ({wanted})")

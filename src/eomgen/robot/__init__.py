@@ -5,9 +5,9 @@ Uses forms; it knows neither files nor kernels.
 
 from .bounds import Limits
 from .elements import Bushing, LinkElement
+from .elements.joint_damping import JointDamping
+from .elements.journal import Radial, SlidingFriction
 from .geometry import IDENTITY, ZERO, Matrix, Vector, rotation_from_rpy, snap
-from .joint_damping import JointDamping
-from .journals import Radial, SlidingFriction
 from .model import Model, build_model
 from .record import record_of, robot_hash, robot_of
 from .value import (
