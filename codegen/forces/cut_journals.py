@@ -37,7 +37,7 @@ class LoopBearingContact:
 
     def rows(self) -> Arms:
         """Resisting forces by the tree's coordinates."""
-        return self._of_tree(self.touch.rows())
+        return self.of_tree(self.touch.rows())
 
     def moved_by(self) -> list[int]:
         """Indices of the coordinates on which its forces depend."""
@@ -45,26 +45,10 @@ class LoopBearingContact:
 
     def directions(self, dt: Scalar, square: Scalar) -> list[tuple[Arms, Scalar]]:
         """Directions of the tree's coordinates in which there are slopes, and these, as of ``BearingContact``."""
-        return [(self._of_tree(arms), slope) for arms, slope in self.touch.directions(dt, square)]
+        return [(self.of_tree(arms), slope) for arms, slope in self.touch.directions(dt, square)]
 
-    def arms(self) -> tuple[Arms, Arms]:
-        """Derivatives of its place along x and along y by the tree's coordinates."""
-        first = self.touch.place.first
-        return tuple(self._of_tree({k: arm[axis] for k, arm in first.items()}) for axis in (0, 1))  # type: ignore[return-value]
-
-    def wrenches(self) -> Iterator[tuple[int, Wrench]]:
-        """Wrenches of the tree's joints that hold the resisting forces, as of ``ElasticCoordinate``."""
-        for k, force in self.touch.rows().items():
-            yield from self.felt[k].wrenches(force)
-
-    def on_second(self) -> Iterator[tuple[int, Wrench]]:
-        """The loop's number and the wrench on its second link, force by force, in the common body's axes."""
-        for k, force in self.touch.rows().items():
-            pair = self.felt[k].pair
-            assert isinstance(pair, Closure)
-            yield pair.number, self.felt[k].on_second(force)
-
-    def _of_tree(self, rows: Mapping[int, Scalar]) -> Arms:
+    def of_tree(self, rows: Mapping[int, Scalar]) -> Arms:
+        """Rows by the cut joint's coordinates as rows by those of the tree."""
         found: Arms = {}
         for k, value in rows.items():
             for i, arm in self.felt[k].arms.items():
@@ -92,6 +76,11 @@ class LoopBearingContacts(ForceElement):
                 found.append(LoopBearingContact(BearingContact(journal, place, rates, at.functions), felt))
         return found
 
+    def _forces(self, v: Sequence[Scalar]) -> Iterator[tuple[ElasticCoordinate, Scalar]]:
+        """Coordinates of cut joints with the forces that resist them, contact by contact."""
+        for cut in self.contacts(v):
+            yield from ((cut.felt[k], force) for k, force in cut.touch.rows().items())
+
     def resist(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Scalar]]:
         """Give the contacts' forces."""
         for cut in self.contacts(v):
@@ -103,13 +92,14 @@ class LoopBearingContacts(ForceElement):
 
     def wrenches(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Wrench]]:
         """Give what joints hold of the contacts' forces."""
-        for cut in self.contacts(v):
-            yield from cut.wrenches()
+        for own, force in self._forces(v):
+            yield from own.wrenches(force)
 
     def wrenches_in_cuts(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Wrench]]:
         """Give the forces on the loops' second links."""
-        for cut in self.contacts(v):
-            yield from cut.on_second()
+        for own, force in self._forces(v):
+            assert isinstance(own.pair, Closure)
+            yield own.pair.number, own.on_second(force)
 
     def add_slopes(self, slopes: Slopes) -> None:
         """Add derivatives, differentiating the graph."""
@@ -125,8 +115,9 @@ class LoopBearingContacts(ForceElement):
     def stiffnesses(self) -> Iterator[tuple[int, Scalar]]:
         """Give the stiffness of all contacts as if they touched along x and along y."""
         for cut in self.contacts(self.at.still):
-            for arms in cut.arms():
-                yield from ((i, cut.touch.journal.numbers["stiffness"] * (arm * arm)) for i, arm in arms.items())
+            k, first = cut.touch.journal.numbers["stiffness"], cut.touch.place.first
+            for arms in [cut.of_tree({i: arm[axis] for i, arm in first.items()}) for axis in (0, 1)]:
+                yield from ((i, k * (arm * arm)) for i, arm in arms.items())
 
 
 def _turn(own: ElasticCoordinate, offsets: Sequence[Scalar], sincos: Turn) -> tuple[Scalar, Scalar]:

@@ -172,7 +172,7 @@ def bind(
     placements: list[Pose] = []
     for joint in robot.joints:
         body, parent = poses[joint.parent]
-        placed = parent @ binder.placement(f"joints.{joint.name}", joint.placement)
+        placed = parent @ binder.placed(f"joints.{joint.name}.placement", joint.placement)
         axes, back = Pose(joint.axis_turn, (0.0, 0.0, 0.0)), Pose(transpose(joint.axis_turn), (0.0, 0.0, 0.0))
         if joint.coordinates:
             placements.append(binder.turned(joint, placed @ axes @ binder.shift(joint)))
@@ -195,14 +195,13 @@ def bind(
     offsets, cuts = binder.angle_offsets(), binder.cuts(poses)
     frames, between = binder.frames(poses), binder.transmissions()
     return Bound(
-        binder.gravity(),
+        binder.triple("gravity", robot.gravity),
         bodies,
         frames,
         coms,
         laws,
         armature,
         offsets,
-        at_rest=(0.0, 0.0, 0.0),
         cuts=cuts,
         transmissions=between,
         elements={table: binder.elements(table, poses) for table in KINDS},
@@ -273,12 +272,6 @@ class _Binder:
             for name in joint.all_coordinates
         )
 
-    def gravity(self) -> Vec:
-        return self.triple("gravity", self.model.robot.gravity)
-
-    def placement(self, owner: str, given: Placement) -> Pose:
-        return self.placed(f"{owner}.placement", given)
-
     def placed(self, prefix: str, given: Placement) -> Pose:
         """The pose of a placement whose numbers have names that begin so."""
         rotation: Mat = given.rotation
@@ -320,7 +313,7 @@ class _Binder:
         found = dict(poses)
         for frame in self.model.robot.frames:
             body, pose = poses[frame.link]
-            found[frame.name] = (body, pose @ self.placement(f"frames.{frame.name}", frame.placement))
+            found[frame.name] = (body, pose @ self.placed(f"frames.{frame.name}.placement", frame.placement))
         return {name: found[name] for name in self.model.frames}
 
     def cuts(self, poses: dict[str, tuple[int, Pose]]) -> Cuts:
@@ -416,7 +409,7 @@ class _Binder:
                 at = self.placed(name, end) if isinstance(end, Placement) else Pose(IDENTITY, self.triple(name, end))
                 ends.append((body, pose @ at))
             given = {**dict.fromkeys(KINDS[table].ALWAYS, 0.0), **element.law()}
-            numbers = {key: self.value(f"{element.prefix}.{key}", number) for key, number in given.items()}
+            numbers = self._values(element.prefix, given)
             found.append(BoundElement(element.name, element.links, (ends[0], ends[1]), numbers, element.knots()))
         return tuple(found)
 
@@ -454,7 +447,7 @@ class _Binder:
         return found
 
     def _law(self, prefix: str, given: Coordinate) -> dict[str, Scalar]:
-        law = {key: self.value(f"{prefix}.{key}", number) for key, number in given.law().items()}
+        law = self._values(prefix, given.law())
         if _is_bent(given):
             law["stiffness"] = self.value(f"{prefix}.stiffness", given.stiffness or 0.0)
         return law

@@ -45,7 +45,7 @@ from .elements import read_element
 from .floating import float_base
 from .forces import joint_elements, read_coordinate, read_motor
 from .keys import ROBOT
-from .loops import read_coupling, read_loop, read_placement
+from .loops import read_coupling, read_loop, read_offset, read_placement
 from .options import ReadKeywords, ReadOptions
 from .stops import asked_stops, joint_stops, stop_all, stop_numbers
 
@@ -331,7 +331,7 @@ def _joint(name: str, entry: Table, draft: Draft, folder: Path | None) -> Joint:
             motor = replace(motor, prescribed=True)
         else:
             coordinates[key] = replace(coordinates.get(key, Coordinate()), prescribed=True)
-    placement, offset = _placement(entry, old.placement), _offset(entry, old)
+    placement, offset = _placement(entry, old.placement), read_offset(entry, old.offset)
     turn = old.axis_turn
     made = _range(entry, Joint(name, parent, child, kind, placement, turn, coordinates, None, offset, motor), old)
     coordinates = dict(made.coordinates)
@@ -350,14 +350,6 @@ def _motor(entry: Table, kind: str, coordinates: dict[str, Coordinate], folder: 
     if found is not None:
         table.fail(found[1], found[0])
     return motor
-
-
-def _offset(entry: Table, old: Joint) -> tuple[float | None, ...]:
-    table = entry.table("offset")
-    if table is None:
-        return old.offset
-    given = (table.number(key) if key in table else None for key in COORDINATES)
-    return tuple(before if new is None else new for before, new in zip(old.offset, given, strict=True))
 
 
 def _beside(table: Table, folder: Path | None) -> Callable[[str], str]:

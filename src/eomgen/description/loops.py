@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from ..forms.keys import ByName
@@ -32,22 +32,16 @@ def read_loop(name: str, entry: Table, beside: Callable[[Table], ReadText]) -> L
     assert kind is not None
     tables = {key: table for key in COORDINATES if (table := entry.table(key)) is not None}
     coordinates = {key: read_coordinate(table, Coordinate(), beside(table)) for key, table in tables.items()}
-    made = Loop(name, (links[0], links[1]), kind, _placements(entry), coordinates, _offset(entry))
-    return replace(made, **joint_elements(entry, coordinates))
+    made = Loop(name, (links[0], links[1]), kind, coordinates=coordinates, offset=read_offset(entry))
+    first, second = map(read_placement, entry.value("placements", Pair)) if "placements" in entry else made.placements
+    return replace(made, placements=(first, second), **joint_elements(entry, coordinates))
 
 
-def _offset(entry: Table) -> tuple[float | None, ...]:
+def read_offset(entry: Table, old: Sequence[float | None] = (None,) * len(COORDINATES)) -> tuple[float | None, ...]:
+    """The offsets of a joint or cut joint: the old ones with what its table ``offset`` overrides."""
     table = entry.table("offset")
-    return tuple(None if table is None or key not in table else table.number(key) for key in COORDINATES)
-
-
-def _placements(entry: Table) -> tuple[Placement, Placement]:
-    """The cut joint's frame on both links; a placement that is left out is the link's own frame."""
-    tables: list[Table] | None = entry.value("placements", Pair)
-    if tables is None:
-        return Placement(), Placement()
-    first, second = (read_placement(table) for table in tables)
-    return first, second
+    given = [None if table is None or key not in table else table.number(key) for key in COORDINATES]
+    return tuple(before if new is None else new for before, new in zip(old, given, strict=True))
 
 
 def read_placement(table: Table) -> Placement:

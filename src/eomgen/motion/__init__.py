@@ -38,22 +38,13 @@ __all__ = [
 ]
 
 _MODULES = {
-    "Harmonic": "point_to_point",
-    "MeasuredMotion": "files",
-    "PointToPoint": "point_to_point",
-    "Program": "point_to_point",
-    "Spline": "splines",
-    "Standstill": "splines",
-    "TimeTable": "timetable",
-    "ToolCircle": "tool_path",
-    "ToolLine": "tool_path",
-    "ToolPath": "tool_path",
-    "ToolSpline": "tool_path",
-    "default_motion": "ends",
+    **dict.fromkeys(("default_motion", "principal_limits"), "ends"),
+    **dict.fromkeys(("MeasuredMotion", "motion_from_columns", "read_motion"), "files"),
+    **dict.fromkeys(("Harmonic", "PointToPoint", "Program"), "point_to_point"),
     "inverse_kinematics": "poses",
-    "motion_from_columns": "files",
-    "principal_limits": "ends",
-    "read_motion": "files",
+    **dict.fromkeys(("Spline", "Standstill"), "splines"),
+    "TimeTable": "timetable",
+    **dict.fromkeys(("ToolCircle", "ToolLine", "ToolPath", "ToolSpline"), "tool_path"),
 }
 
 

@@ -42,7 +42,6 @@ class Number:
         unit: of translations and of rotations.
         least: the least value, None where any will do.
         needed: what the message says is allowed where it is missing; empty where it may be.
-        idle: the value that takes its force away, None where that is no matter of this number.
         default: its value by the law's other numbers, None where nothing follows from them.
     """
 
@@ -51,11 +50,10 @@ class Number:
     unit: tuple[str, ...]
     least: float | None = 0.0
     needed: str = ""
-    idle: float | None = 0.0
     default: Callable[[Values], float | None] | None = None
 
 
-divisor = partial(Number, least=SMALLEST, idle=None)  # a number that something is divided by
+divisor = partial(Number, least=SMALLEST)  # a number that something is divided by
 
 
 def by_key(*numbers: Number) -> Mapping[str, Number]:
@@ -185,7 +183,7 @@ ARMATURE = "armature"
 BASIC = (
     Number("stiffness", "linear spring", STIFFNESS),
     Number("damping", "linear damper", DAMPING),
-    Number(ARMATURE, "inertia of a drive, added to the diagonal of the mass matrix", INERTIA, idle=None),
+    Number(ARMATURE, "inertia of a drive, added to the diagonal of the mass matrix", INERTIA),
 )
 _LAWS = (
     Law(
@@ -224,7 +222,6 @@ _LAWS = (
                 LENGTH,
                 least=SMALLEST,
                 needed="a deviation in m or rad, greater than 0",
-                idle=1e9,  # exp(s / scale) stays finite, whatever s
             ),
         ),
         is_spring=True,
@@ -237,7 +234,7 @@ _LAWS = (
     Law(
         name="clearance",
         numbers=(
-            Number("clearance", "half the gap in which no spring acts; with stiffness", LENGTH, idle=None),
+            Number("clearance", "half the gap in which no spring acts; with stiffness", LENGTH),
             Number(
                 "restitution_damping",
                 "multiplies a contact's force by 1 + restitution_damping * rate of its penetration; with clearance",
@@ -277,7 +274,7 @@ _LAWS = (
                 "of what the joint's springs, contacts and dampers carry across it; adds to coulomb",
                 ("1", "1"),
             ),
-            Number("friction.radius", "at which a turn rubs; with coefficient", ("m", "m"), idle=None),
+            Number("friction.radius", "at which a turn rubs; with coefficient", ("m", "m")),
         ),
         is_spring=False,
         stiffness=None,
@@ -300,8 +297,8 @@ _LAWS = (
                 ("s/m", "s/rad"),
             ),
             divisor("stops.smoothing", "over which a stop sets in; default 1e-4", LENGTH, default=lambda given: ONSET),
-            Number("stops.lower", "where the lower stop is; none without", LENGTH, least=None, idle=None),
-            Number("stops.upper", "where the upper stop is; none without", LENGTH, least=None, idle=None),
+            Number("stops.lower", "where the lower stop is; none without", LENGTH, least=None),
+            Number("stops.upper", "where the upper stop is; none without", LENGTH, least=None),
         ),
         is_spring=False,
         stiffness=None,

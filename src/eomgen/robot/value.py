@@ -52,18 +52,28 @@ def _below(table: str, numbers: Iterable[tuple[str, float | None]]) -> Numbers:
     yield from ((f"{table}.{key}", value) for key, value in numbers)
 
 
-def _elements(owner: Joint | Loop) -> dict[str, JointElement]:
-    """Give the force elements of a joint as a whole, or of a cut one, by their tables."""
-    found: dict[str, JointElement | None] = {table: getattr(owner, table, None) for table in JOINT_ELEMENTS}
-    return {table: element for table, element in found.items() if element is not None}
-
-
 class _Picklable:
     """A record whose fields may be mapping proxies, which cannot be pickled."""
 
     def __reduce__(self) -> tuple[object, ...]:
         values = (dict(x) if isinstance(x, MappingProxyType) else x for x in vars(self).values())
         return type(self), tuple(values)
+
+
+class _Jointed(_Picklable):
+    """A joint or a cut one: coordinates in canonical order, and force elements of it as a whole."""
+
+    coordinates: Mapping[str, Coordinate]
+
+    def __post_init__(self) -> None:
+        given = {name: self.coordinates[name] for name in COORDINATES if name in self.coordinates}
+        object.__setattr__(self, "coordinates", MappingProxyType(given))
+
+    @property
+    def elements(self) -> dict[str, JointElement]:
+        """Force elements of the joint as a whole, by their tables."""
+        found: dict[str, JointElement | None] = {table: getattr(self, table, None) for table in JOINT_ELEMENTS}
+        return {table: element for table, element in found.items() if element is not None}
 
 
 @dataclass(frozen=True)
@@ -193,11 +203,6 @@ class Coordinate(_Picklable):
         return replace(self, **fields, friction=Friction.of(rubbing) if rubbing else None, further=kept)
 
 
-def _in_order(coordinates: Mapping[str, Coordinate]) -> Mapping[str, Coordinate]:
-    """The six coordinates, as many as there are, in canonical order and frozen."""
-    return MappingProxyType({name: coordinates[name] for name in COORDINATES if name in coordinates})
-
-
 def carriers(name: str, coordinates: Mapping[str, Coordinate]) -> tuple[str, ...]:
     """Names of a joint's coordinates whose springs, contacts and dampers press on one that rubs.
 
@@ -287,7 +292,7 @@ class Link:
 
 
 @dataclass(frozen=True)
-class Joint(_Picklable):
+class Joint(_Jointed):
     """A joint: where it is, which of its six coordinates are active (canonical order), and their properties.
 
     offset: constants in the order of COORDINATES (m, rad) that are added to the six coordinates, active or not, before
@@ -311,18 +316,10 @@ class Joint(_Picklable):
     radial: Radial | None = field(default=None, metadata=LATER)
     damping: JointDamping | None = field(default=None, metadata=LATER)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "coordinates", _in_order(self.coordinates))
-
     @property
     def all_coordinates(self) -> dict[str, Coordinate]:
         """Active coordinates and, behind them, the motor's: those of q, in its order."""
         return {**self.coordinates, **({MOTOR: self.motor.rotor} if self.motor else {})}
-
-    @property
-    def elements(self) -> dict[str, JointElement]:
-        """Force elements of the joint as a whole, by their tables."""
-        return _elements(self)
 
     def numbers(self) -> Numbers:
         """Give all numbers that may be parameters, by their names below the joint's; None where one is not given."""
@@ -394,7 +391,7 @@ class Frame:
 
 
 @dataclass(frozen=True)
-class Loop(_Picklable):
+class Loop(_Jointed):
     """A joint that is cut: its type (``cuts.CUTS``) and its frame on each of the two links that it joins.
 
     Its six coordinates are those of the second frame as seen from the first, T(x, y, z) . Rx(alpha) . Ry(beta) .
@@ -411,14 +408,6 @@ class Loop(_Picklable):
     coordinates: Mapping[str, Coordinate] = field(default_factory=dict, hash=False, metadata=LATER)
     offset: tuple[float | None, ...] = field(default=(None,) * 6, metadata=LATER)
     radial: Radial | None = field(default=None, metadata=LATER)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "coordinates", _in_order(self.coordinates))
-
-    @property
-    def elements(self) -> dict[str, JointElement]:
-        """Force elements of the cut joint as a whole, by their tables."""
-        return _elements(self)
 
     def numbers(self) -> Numbers:
         """Give all numbers that may be parameters, by their names below the loop's; None where one is not given."""

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eomgen.names import listed, show
-from eomgen.robot.value import Coupling, Loop, Placement
+from eomgen.robot.value import Coupling, Loop
 
 from .bodies import Bodies, Names, Place
 from .defaults import Defaults
@@ -109,13 +109,9 @@ def _loop(item: Item, name: str, bodies: Bodies) -> Loop:
     (first, at_first), (second, at_second) = ends
     if first.link == second.link:
         item.fail(f"both ends are on {show(first.link)}; allowed: two different bodies")
-    placements = (_placed(at_first, kind), _placed(at_second, kind))
-    return Loop(name, (first.link, second.link), kind, placements)
-
-
-def _placed(pose: Pose, kind: str) -> Placement:
-    """The cut joint's frame; of a ball without a turn, which does not matter."""
-    return Pose(np.eye(3), pose.xyz).placement() if kind == "spherical" else pose.placement()
+    if kind == "spherical":  # how its frames are turned does not matter
+        at_first, at_second = Pose(np.eye(3), at_first.xyz), Pose(np.eye(3), at_second.xyz)
+    return Loop(name, (first.link, second.link), kind, (at_first.placement(), at_second.placement()))
 
 
 def _site(item: Item, key: str, bodies: Bodies) -> tuple[Place, Pose]:

@@ -60,7 +60,6 @@ class Radial(JointElement):
             "radial gap, the bearing's radius less the journal's",
             ("m",),
             needed="the radial gap in m, at least 0",
-            idle=None,
         ),
         Number("stiffness", "of each contact, greater than 0", ("N/m",), needed="a stiffness in N/m, above 0"),
         divisor(

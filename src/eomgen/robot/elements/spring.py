@@ -39,7 +39,7 @@ class Spring(LinkElement):
     KIND: ClassVar[str] = "spring"
     ALWAYS: ClassVar[tuple[str, ...]] = ("free_length", "stiffness", "damping")
     NUMBERS: ClassVar[Mapping[str, Number]] = by_key(
-        Number("free_length", "length without force; default 0", ("m",), idle=None),
+        Number("free_length", "length without force; default 0", ("m",)),
         Number("stiffness", "force per elongation", ("N/m",)),
         Number("damping", "force per rate of the length", ("N s/m",)),
         divisor("smoothing", "over which a cable's tension sets in; default free_length / 10000", ("m",)),
