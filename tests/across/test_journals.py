@@ -106,6 +106,15 @@ def test_a_journal_is_read_and_kept() -> None:
     assert "radial" not in record_of(bare)["joints"][0]
 
 
+def test_a_rigid_robot_keeps_a_journal_that_still_turns_alone() -> None:
+    """Its friction asks for gamma, which a rigid prismatic joint does not have."""
+    moved = SHAFT.replace('"revolute"', '"prismatic"').replace("x = {}\ny = {}\n", "x = {}\ny = {}\ngamma = {}\n")
+    robot = robot_from_toml(moved + 'prescribed = ["x", "y"]\n')
+    held = robot.rigid()
+    assert list(build_model(held).coordinates) == ["pin.x", "pin.y", "pin.z"]
+    assert (robot.joints[0].radial is None, held.joints[0].radial) == (False, None)
+
+
 def test_numbers_have_texts_units_and_ranges() -> None:
     robot = robot_from_toml(SHAFT)
     page = (ROOT / "docs" / "description.md").read_text(encoding="utf-8")
