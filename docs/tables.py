@@ -1,4 +1,4 @@
-"""Write the generated parts of committed pages, and what is kept of a joint: python docs/tables.py.
+"""Write the generated parts of committed pages: python docs/tables.py.
 
 With --check: status 1 if they differ instead.
 """
@@ -14,7 +14,6 @@ from pathlib import Path
 import eomgen
 from eomgen import limits
 from eomgen.cli.entry import COMMANDS
-from eomgen.codegen.joint.freezing import derived_facts, text_of
 from eomgen.codegen.kernels.equations import derive
 from eomgen.pipeline.costs import robot_info
 from eomgen.robot.model import build_model
@@ -24,7 +23,6 @@ sys.path[:0] = [str(ROOT), str(ROOT / "docs")]  # for benchmarks and generators
 
 from generators import rooms  # noqa: E402
 
-KEPT = "codegen/joint/kept.py"
 ROBOTS = ("one_link", "puma560", "ur5", "puma560_elastic")
 DIFFERENTIATED = ("inverse_dynamics", "forward_dynamics")
 KERNELS = ("inverse_dynamics", "mass_matrix", "forward_dynamics", "bias_force", "generalized_force")
@@ -142,8 +140,7 @@ def filled(page: str) -> str:
 
 def main() -> int:
     differ = False
-    texts = {KEPT: text_of(derived_facts())}
-    for page, wanted in (texts | {page: filled(page) for page in PARTS}).items():
+    for page, wanted in {page: filled(page) for page in PARTS}.items():
         now = (ROOT / page).read_text(encoding="utf-8")
         differ |= now != wanted
         if "--check" not in sys.argv[1:] and now != wanted:

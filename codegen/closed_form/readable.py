@@ -17,8 +17,8 @@ from sympy.simplify.fu import TR10i
 from eomgen.errors import InputError
 from eomgen.names import parameter_path, split_component
 from eomgen.robot.coordinates import force_unit_of, unit_of
-from eomgen.robot.laws import IN_MOTION, JOINT_DAMPING
-from eomgen.robot.model import Model, parameter_values
+from eomgen.robot.elements.joint_damping import JOINT_DAMPING, JointDamping
+from eomgen.robot.model import Model
 from eomgen.robot.value import ANGULAR, MOTOR
 
 from ..kernels.constraint_rows import Rank, rank_at_home
@@ -284,7 +284,7 @@ def _parameters(model: Model) -> Iterator[tuple[str, Letter]]:
     Numbers of forces beyond linear springs and dampers stay numbers, and so do those of couplings.
     """
     turning = {joint.name for joint in model.robot.joints if joint.type == "revolute"}
-    for name, value in parameter_values(model.robot):
+    for name, value in model.robot.numbers():
         if value is None or value == 0.0:
             continue
         parts = parameter_path(name)
@@ -300,7 +300,7 @@ def _parameters(model: Model) -> Iterator[tuple[str, Letter]]:
         if kind in ("xyz", "rpy"):
             detail = "xyz"[int(detail)]
         if parts[0] == "joints" and parts[2] == JOINT_DAMPING:
-            detail, unit = parts[3], IN_MOTION[parts[3]].unit[0]
+            detail, unit = parts[3], JointDamping.NUMBERS[parts[3]].unit[0]
         elif of_motor:
             unit = _motor_unit(kind, owner in turning)
         elif detail in ANGULAR:
@@ -326,7 +326,7 @@ def _owner(component: str) -> str:
 
 
 def _greek(name: str) -> str:
-    if name == MOTOR or name in IN_MOTION:
+    if name == MOTOR or name in JointDamping.NUMBERS:
         return f"\\mathrm{{{name}}}"
     return f"\\{name}" if name in ANGULAR else name
 

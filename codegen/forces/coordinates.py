@@ -3,6 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import ClassVar
+
+from eomgen.names import kind_of
+from eomgen.robot.parameter_names import JOINTS
+from eomgen.robot.value import MOTOR
 
 from ..tree.spatial import Scalar
 from .element import ForceElement, ImplicitShare, Slopes
@@ -11,6 +16,13 @@ from .laws import Effect, effect, load_of, pressing
 
 class CoordinateLaws(ForceElement):
     """Springs, dampers and laws of all coordinates, those of motors at their shafts."""
+
+    FAMILY: ClassVar[str] = JOINTS
+
+    @classmethod
+    def has(cls, family: str, owner: str) -> bool:
+        """Tell whether numbers are those of coordinates and no motor's."""
+        return super().has(family, owner) and kind_of(owner) != MOTOR
 
     def resist(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Scalar]]:
         """Give -Q_P."""

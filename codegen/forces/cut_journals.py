@@ -8,12 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
+from eomgen.robot.parameter_names import CUT_BEARINGS
 from eomgen.robot.value import COORDINATES
 
+from ..tree.constraints import Closure
 from ..tree.recursion import Wrench
 from ..tree.spatial import Scalar, is_zero
-from .cuts import ElasticLoopCoordinate, ElasticLoopCoordinates
+from .cuts import ElasticLoopCoordinates
+from .elastic_coordinates import ElasticCoordinate
 from .element import ForceElement, ImplicitShare, Slopes, Turn
 from .journals import BearingContact, places
 
@@ -25,7 +29,7 @@ class LoopBearingContact:
     """A contact in coordinates of a cut joint, ``felt`` in their order, with the tree's indices in its arms."""
 
     touch: BearingContact
-    felt: Sequence[ElasticLoopCoordinate]
+    felt: Sequence[ElasticCoordinate]
 
     def ahead(self, dt: Scalar) -> LoopBearingContact:
         """The contact where the rates lead to after dt, with the derivatives that it has here."""
@@ -33,7 +37,7 @@ class LoopBearingContact:
 
     def rows(self) -> Arms:
         """Resisting forces by the tree's coordinates."""
-        return self._of_tree(self.touch.rows())
+        return self.of_tree(self.touch.rows())
 
     def moved_by(self) -> list[int]:
         """Indices of the coordinates on which its forces depend."""
@@ -41,27 +45,10 @@ class LoopBearingContact:
 
     def directions(self, dt: Scalar, square: Scalar) -> list[tuple[Arms, Scalar]]:
         """Directions of the tree's coordinates in which there are slopes, and these, as of ``BearingContact``."""
-        return [(self._of_tree(arms), slope) for arms, slope in self.touch.directions(dt, square)]
+        return [(self.of_tree(arms), slope) for arms, slope in self.touch.directions(dt, square)]
 
-    def arms(self) -> tuple[Arms, Arms]:
-        """Derivatives of its place along x and along y by the tree's coordinates."""
-        first = self.touch.place.first
-        return tuple(self._of_tree({k: arm[axis] for k, arm in first.items()}) for axis in (0, 1))  # type: ignore[return-value]
-
-    def wrenches(self) -> Iterator[tuple[int, Wrench]]:
-        """Wrenches of the tree's joints that hold the resisting forces, as of ``ElasticLoopCoordinate``."""
-        for k, force in self.touch.rows().items():
-            yield from self.felt[k].wrenches(force)
-
-    def on_second(self) -> Iterator[tuple[int, Wrench]]:
-        """The loop's number and the wrench on its second link, force by force, in the common body's axes."""
-        for k, force in self.touch.rows().items():
-            own = self.felt[k]
-            assert own.closure is not None
-            assert own.direction is not None
-            yield own.closure.number, own.direction.wrench(-1.0 * force)
-
-    def _of_tree(self, rows: Mapping[int, Scalar]) -> Arms:
+    def of_tree(self, rows: Mapping[int, Scalar]) -> Arms:
+        """Rows by the cut joint's coordinates as rows by those of the tree."""
         found: Arms = {}
         for k, value in rows.items():
             for i, arm in self.felt[k].arms.items():
@@ -72,13 +59,15 @@ class LoopBearingContact:
 class LoopBearingContacts(ForceElement):
     """The contacts of all journals of cut joints."""
 
+    FAMILY: ClassVar[str] = CUT_BEARINGS
+
     def contacts(self, v: Sequence[Scalar]) -> list[LoopBearingContact]:
         """Give the contacts at the velocities v."""
         at, found = self.at, list[LoopBearingContact]()
         if not at.bound.cut_journals:
             return found
         members = ElasticLoopCoordinates(at).members
-        by_place = {(own.closure.number, own.name): own for own in members if own.closure is not None}
+        by_place = {(own.pair.number, own.name): own for own in members if isinstance(own.pair, Closure)}
         for number, journal in at.bound.cut_journals.items():
             felt = [by_place[number, name] for name in journal.index]
             rates = [own.rate(v) for own in felt]
@@ -86,6 +75,11 @@ class LoopBearingContacts(ForceElement):
             for place in places(journal, [own.s for own in felt], turns.__getitem__):
                 found.append(LoopBearingContact(BearingContact(journal, place, rates, at.functions), felt))
         return found
+
+    def _forces(self, v: Sequence[Scalar]) -> Iterator[tuple[ElasticCoordinate, Scalar]]:
+        """Coordinates of cut joints with the forces that resist them, contact by contact."""
+        for cut in self.contacts(v):
+            yield from ((cut.felt[k], force) for k, force in cut.touch.rows().items())
 
     def resist(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Scalar]]:
         """Give the contacts' forces."""
@@ -98,13 +92,14 @@ class LoopBearingContacts(ForceElement):
 
     def wrenches(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Wrench]]:
         """Give what joints hold of the contacts' forces."""
-        for cut in self.contacts(v):
-            yield from cut.wrenches()
+        for own, force in self._forces(v):
+            yield from own.wrenches(force)
 
     def wrenches_in_cuts(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Wrench]]:
         """Give the forces on the loops' second links."""
-        for cut in self.contacts(v):
-            yield from cut.on_second()
+        for own, force in self._forces(v):
+            assert isinstance(own.pair, Closure)
+            yield own.pair.number, own.on_second(force)
 
     def add_slopes(self, slopes: Slopes) -> None:
         """Add derivatives, differentiating the graph."""
@@ -120,11 +115,12 @@ class LoopBearingContacts(ForceElement):
     def stiffnesses(self) -> Iterator[tuple[int, Scalar]]:
         """Give the stiffness of all contacts as if they touched along x and along y."""
         for cut in self.contacts(self.at.still):
-            for arms in cut.arms():
-                yield from ((i, cut.touch.journal.numbers["stiffness"] * (arm * arm)) for i, arm in arms.items())
+            k, first = cut.touch.journal.numbers["stiffness"], cut.touch.place.first
+            for arms in [cut.of_tree({i: arm[axis] for i, arm in first.items()}) for axis in (0, 1)]:
+                yield from ((i, k * (arm * arm)) for i, arm in arms.items())
 
 
-def _turn(own: ElasticLoopCoordinate, offsets: Sequence[Scalar], sincos: Turn) -> tuple[Scalar, Scalar]:
+def _turn(own: ElasticCoordinate, offsets: Sequence[Scalar], sincos: Turn) -> tuple[Scalar, Scalar]:
     """Sine and cosine of an angle's deviation; (0, 1) of what is none."""
     if own.turn is None:
         return 0.0, 1.0

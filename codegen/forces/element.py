@@ -9,7 +9,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 from eomgen.robot.model import Model
 
@@ -24,6 +24,7 @@ from ..tree.spatial import Scalar
 from .laws import Effect
 from .scalar_functions import Functions
 
+Member = TypeVar("Member")
 POLE = 1e-7  # cosine of beta, below which alpha and gamma turn about one axis
 
 Arms = Mapping[int, Scalar]  # derivatives of one value by coordinates, by their indices
@@ -96,12 +97,18 @@ class ImplicitShare(ABC):
     """Shares of elements in M + c D + c^2 K of an implicit method, and in the forces on its right side.
 
     q, v: where forces are taken, (n,) each; ``ahead`` is how long velocities have led there, 0 in stages.
-    members: what families have made there, by family, so that it is made once.
     """
 
     def __init__(self, q: Sequence[Scalar], v: Sequence[Scalar], ahead: Scalar) -> None:
         self.q, self.v, self.ahead = q, v, ahead
-        self.members: dict[ForceElement, Any] = {}
+        self._made: dict[ForceElement, Any] = {}
+
+    def made(self, element: ForceElement, make: Callable[[Sequence[Scalar]], list[Member]]) -> list[Member]:
+        """Give what an element makes of the velocities, made once."""
+        if element not in self._made:
+            self._made[element] = make(self.v)
+        found: list[Member] = self._made[element]
+        return found
 
     @abstractmethod
     def push(self, i: int, force: Scalar) -> None:
@@ -139,10 +146,16 @@ class ForceElement(ABC):
     Resisting forces are what the drives must overcome: minus generalized forces.
     """
 
+    FAMILY: ClassVar[str]  # of its numbers, one of ``robot.parameter_names.FAMILIES``
     KERNELS: ClassVar[Kernels] = {}  # which tell of this family alone
 
     def __init__(self, setting: Setting) -> None:
         self.at = setting
+
+    @classmethod
+    def has(cls, family: str, owner: str) -> bool:
+        """Tell whether numbers of that family and owner, as of ``element_places``, are those of its forces."""
+        return family == cls.FAMILY
 
     @abstractmethod
     def resist(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Scalar]]:

@@ -14,8 +14,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
-from eomgen.robot.joint_damping import MOVED
+from eomgen.robot.elements.joint_damping import MOVED
+from eomgen.robot.parameter_names import MOTIONS
 
 from ..tree.composite import Rows
 from ..tree.spatial import Scalar
@@ -68,6 +70,8 @@ class Damper:
 
 class JointDampers(ForceElement):
     """Dampings of all joints' own motions."""
+
+    FAMILY: ClassVar[str] = MOTIONS
 
     @cached_property
     def dampers(self) -> list[Damper]:

@@ -17,11 +17,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
-from eomgen.robot.journals import CROSSWISE, TILTING, TURNING
+from eomgen.robot.elements.journal import CROSSWISE, TILTING, TURNING
 from eomgen.robot.laws import SMALLEST
+from eomgen.robot.parameter_names import BEARINGS
 
-from ..tree.bound import BoundJointLaw
+from ..tree.bound import BoundJointElement
 from ..tree.composite import Rows
 from ..tree.spatial import Scalar
 from .element import ForceElement, ImplicitShare, Slopes, add_to
@@ -43,26 +45,25 @@ class Place:
 
     def rate(self, v: Sequence[Scalar]) -> Pair:
         """c_dot."""
-        x: Scalar = 0.0
-        y: Scalar = 0.0
-        for i, (by_x, by_y) in self.first.items():
-            x, y = x + by_x * v[i], y + by_y * v[i]
-        return x, y
+        return _moved(self.first, v)
 
     def bent(self, j: int, v: Sequence[Scalar]) -> Pair:
         """Derivative of c_dot by the coordinate j."""
-        x: Scalar = 0.0
-        y: Scalar = 0.0
-        for (one, k), (by_x, by_y) in self.second.items():
-            if one == j:
-                x, y = x + by_x * v[k], y + by_y * v[k]
-        return x, y
+        return _moved({k: arm for (one, k), arm in self.second.items() if one == j}, v)
+
+
+def _moved(arms: Mapping[int, Pair], v: Sequence[Scalar]) -> Pair:
+    x: Scalar = 0.0
+    y: Scalar = 0.0
+    for i, (by_x, by_y) in arms.items():
+        x, y = x + by_x * v[i], y + by_y * v[i]
+    return x, y
 
 
 class BearingContact:
     """A contact at the rates v."""
 
-    def __init__(self, journal: BoundJointLaw, place: Place, v: Sequence[Scalar], f: Functions) -> None:
+    def __init__(self, journal: BoundJointElement, place: Place, v: Sequence[Scalar], f: Functions) -> None:
         self.journal, self.place, self.v, self.f = journal, place, v, f
         x, y = place.at
         e = f.sqrt(x * x + y * y + REST * REST)
@@ -163,6 +164,8 @@ class BearingContact:
 class BearingContacts(ForceElement):
     """The contacts of all journals of joints in their bearings."""
 
+    FAMILY: ClassVar[str] = BEARINGS
+
     def contacts(self, v: Sequence[Scalar]) -> list[BearingContact]:
         """Give the contacts at the velocities v, each journal with a comment in front of its values."""
         at, found = self.at, list[BearingContact]()
@@ -187,13 +190,13 @@ class BearingContacts(ForceElement):
 
     def advance(self, share: ImplicitShare) -> None:
         """Push the forces where the velocities lead to."""
-        for one in [one.ahead(share.ahead) for one in self._made(share)]:
+        for one in [one.ahead(share.ahead) for one in share.made(self, self.contacts)]:
             for i, force in one.rows().items():
                 share.push(i, force)
 
     def add_blocks(self, share: ImplicitShare) -> None:
         """Add the contacts' slopes."""
-        for one in self._made(share):
+        for one in share.made(self, self.contacts):
             share.in_joint(one.ahead(share.ahead).slopes)
 
     def stiffnesses(self) -> Iterator[tuple[int, Scalar]]:
@@ -205,12 +208,6 @@ class BearingContacts(ForceElement):
     def _turn(self, i: int) -> tuple[Scalar, Scalar]:
         return self.at.sincos(self.at.q[i])
 
-    def _made(self, share: ImplicitShare) -> list[BearingContact]:
-        if self not in share.members:
-            share.members[self] = self.contacts(share.v)
-        found: list[BearingContact] = share.members[self]
-        return found
-
 
 def dot(one: Pair, other: Pair) -> Scalar:
     """Scalar product."""
@@ -218,7 +215,7 @@ def dot(one: Pair, other: Pair) -> Scalar:
 
 
 def places(
-    journal: BoundJointLaw, q: Sequence[Scalar], sincos: Callable[[int], tuple[Scalar, Scalar]]
+    journal: BoundJointElement, q: Sequence[Scalar], sincos: Callable[[int], tuple[Scalar, Scalar]]
 ) -> Iterator[Place]:
     """The points that may touch: the middle, or both ends, that towards positive z first.
 

@@ -47,15 +47,7 @@ class Effect:
     by_load: Scalar = 0.0
 
     def __add__(self, other: Effect) -> Effect:
-        return Effect(
-            self.force + other.force,
-            self.by_s + other.by_s,
-            self.by_v + other.by_v,
-            self.energy + other.energy,
-            self.rubs + other.rubs,
-            self.drag + other.drag,
-            self.by_load + other.by_load,
-        )
+        return Effect(*(x + y for x, y in zip(vars(self).values(), vars(other).values(), strict=True)))
 
     @property
     def by_rate(self) -> Scalar:

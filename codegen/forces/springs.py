@@ -58,16 +58,6 @@ class Pull:
     energy: Scalar
 
 
-@dataclass(frozen=True)
-class Along:
-    """Terms of a spring in a linearly implicit step: T, dL/dq, and the slopes of T by elongation and rate."""
-
-    tension: Scalar
-    arms: dict[int, Scalar]
-    by_e: Scalar
-    by_rate: Scalar
-
-
 class PointSpring:
     """One spring: its vector d, and g and H as above."""
 
@@ -117,15 +107,14 @@ class PointSpring:
         e = L - self.spring.numbers["free_length"]
         return L, tension(self.spring.numbers, self.spring.knots, e, self.rate() / L, self.f).force
 
-    def along(self, dt: Scalar) -> Along:
-        """T and its slopes at the elongation that the rate leads to after dt."""
+    def ahead(self, dt: Scalar) -> tuple[dict[int, Scalar], Effect]:
+        """dL/dq, and T with its slopes at the elongation that the rate leads to after dt."""
         L, f = self.length(), self.f
         inverse = 1.0 / L
         rate = self.rate() * inverse
         e = L - self.spring.numbers["free_length"] + dt * rate
         T = tension(self.spring.numbers, self.spring.knots, e, rate, f)
-        arms = {index: value * inverse for index, value in self.g.items()}
-        return Along(T.force, arms, T.by_s, T.by_v)
+        return {index: value * inverse for index, value in self.g.items()}, T
 
     def hessian(self) -> Rows:
         """H."""
@@ -186,6 +175,8 @@ def _arms(side: Side, sign: float, own: Vec, other: Vec) -> Iterator[Arm]:
 class PointSprings(ForceElement):
     """All springs, dampers and cables between points of two links."""
 
+    FAMILY: ClassVar[str] = Spring.TABLE
+
     def lengths_and_tensions(self, v: Sequence[Scalar]) -> list[Scalar]:
         """Give the length (m) and the tension (N) of every spring."""
         return [x for spring in self.springs(v) for x in spring.forces()]
@@ -212,7 +203,7 @@ class PointSprings(ForceElement):
     def springs(self, v: Sequence[Scalar]) -> list[PointSpring]:
         """Give the springs at the velocities v, each with a comment in front of its values."""
         at, found = self.at, list[PointSpring]()
-        for spring in at.bound.elements[Spring.TABLE]:
+        for spring in at.bound.elements[self.FAMILY]:
             at.note(f"{spring.name}: between {spring.links[0]} and {spring.links[1]}")
             found.append(PointSpring(at.model, spring, at.joints, v, at.functions))
         return found
@@ -239,23 +230,17 @@ class PointSprings(ForceElement):
 
     def advance(self, share: ImplicitShare) -> None:
         """Push the tensions where their rates lead to, in the directions that the springs have."""
-        for pull in [spring.along(share.ahead) for spring in self._made(share)]:
-            for i, arm in pull.arms.items():
-                share.push(i, pull.tension * arm)
+        for arms, T in [spring.ahead(share.ahead) for spring in share.made(self, self.springs)]:
+            for i, arm in arms.items():
+                share.push(i, T.force * arm)
 
     def add_rows(self, share: ImplicitShare) -> None:
         """Add the tensions' slopes."""
-        for spring in self._made(share):
-            pull = spring.along(share.ahead)
-            share.along(pull.arms, Effect(by_s=pull.by_e, by_v=pull.by_rate))
+        for spring in share.made(self, self.springs):
+            arms, T = spring.ahead(share.ahead)
+            share.along(arms, Effect(by_s=T.by_s, by_v=T.by_v))
 
     def stiffnesses(self) -> Iterator[tuple[int, Scalar]]:
         """Give the diagonal of what the springs stiffen at most."""
         for spring in self.springs(self.at.still):
             yield from ((i, value) for (i, j), value in spring.stiffness().items() if i == j)
-
-    def _made(self, share: ImplicitShare) -> list[PointSpring]:
-        if self not in share.members:
-            share.members[self] = self.springs(share.v)
-        found: list[PointSpring] = share.members[self]
-        return found

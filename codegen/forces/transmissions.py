@@ -8,6 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import ClassVar
+
+from eomgen.names import kind_of
+from eomgen.robot.parameter_names import JOINTS
+from eomgen.robot.value import MOTOR
 
 from ..tree.bound import BoundTransmission
 from ..tree.spatial import Scalar
@@ -33,6 +38,13 @@ Deflected = tuple[int, BoundTransmission, TransmissionDeflection]  # the motor, 
 
 class Transmissions(ForceElement):
     """Springs and dampers between all motors and the coordinates that they drive."""
+
+    FAMILY: ClassVar[str] = JOINTS
+
+    @classmethod
+    def has(cls, family: str, owner: str) -> bool:
+        """Tell whether numbers are those of a motor's table."""
+        return super().has(family, owner) and kind_of(owner) == MOTOR
 
     def resist(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Scalar]]:
         """Give the forces on motors and joints."""

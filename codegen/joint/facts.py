@@ -8,6 +8,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from eomgen.robot.value import LINEAR
+
 LEMMA_7 = "lemma (7): two translations"
 SHARPER = "sharper lemma: nothing downstream turns a translation"
 
@@ -32,6 +34,11 @@ class ZeroPair:
     second: str
     same_joint: bool
     reason: str
+
+
+def lemma_of(first: str, second: str) -> str:
+    """Name the lemma about a pair of coordinates."""
+    return LEMMA_7 if first in LINEAR and second in LINEAR else SHARPER
 
 
 @dataclass(frozen=True)

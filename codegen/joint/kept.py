@@ -1,54 +1,40 @@
-"""What one joint is, as plain values.
+"""Facts about one joint as plain values, so that builds do without SymPy: what ``lemmas`` derives and proves.
 
-Written by ``make tables`` from what ``lemmas`` derives and proves; do not edit.  A test derives all of it again.
+A test derives and proves all of it again, and compares.
 """
 
 from __future__ import annotations
 
+from itertools import combinations, combinations_with_replacement, product
 from types import MappingProxyType
 
-from .facts import LEMMA_7, SHARPER, Facts, FrozenStep, ZeroPair
+from eomgen.robot.value import ANGULAR, COORDINATES, LINEAR
+
+from .facts import Facts, FrozenStep, ZeroPair, lemma_of
 
 ZERO, ONE, SINE, MINUS, COSINE = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, 1.0)
-
-
-def _pairs(first: str, others: str, same_joint: bool, reason: str) -> tuple[ZeroPair, ...]:
-    return tuple(ZeroPair(first, second, same_joint, reason) for second in others.split())
-
+_STILL = ((ONE, ZERO, ZERO), (ZERO, ONE, ZERO), (ZERO, ZERO, ONE))
 
 KEPT = Facts(
     steps=MappingProxyType(
         {
-            "x": FrozenStep(False, 0, ((ONE, ZERO, ZERO), (ZERO, ONE, ZERO), (ZERO, ZERO, ONE))),
-            "y": FrozenStep(False, 1, ((ONE, ZERO, ZERO), (ZERO, ONE, ZERO), (ZERO, ZERO, ONE))),
-            "z": FrozenStep(False, 2, ((ONE, ZERO, ZERO), (ZERO, ONE, ZERO), (ZERO, ZERO, ONE))),
+            "x": FrozenStep(False, 0, _STILL),
+            "y": FrozenStep(False, 1, _STILL),
+            "z": FrozenStep(False, 2, _STILL),
             "alpha": FrozenStep(True, 0, ((ONE, ZERO, ZERO), (ZERO, COSINE, MINUS), (ZERO, SINE, COSINE))),
             "beta": FrozenStep(True, 1, ((COSINE, ZERO, SINE), (ZERO, ONE, ZERO), (MINUS, ZERO, COSINE))),
             "gamma": FrozenStep(True, 2, ((COSINE, MINUS, ZERO), (SINE, COSINE, ZERO), (ZERO, ZERO, ONE))),
         }
     ),
-    zero_pairs=(
-        *_pairs("x", "x y z", True, LEMMA_7),
-        *_pairs("x", "alpha beta gamma", True, SHARPER),
-        *_pairs("y", "y z", True, LEMMA_7),
-        *_pairs("y", "alpha beta gamma", True, SHARPER),
-        *_pairs("z", "z", True, LEMMA_7),
-        *_pairs("z", "alpha beta gamma", True, SHARPER),
-        *_pairs("x", "x y z", False, LEMMA_7),
-        *_pairs("x", "alpha beta gamma", False, SHARPER),
-        *_pairs("y", "x y z", False, LEMMA_7),
-        *_pairs("y", "alpha beta gamma", False, SHARPER),
-        *_pairs("z", "x y z", False, LEMMA_7),
-        *_pairs("z", "alpha beta gamma", False, SHARPER),
+    zero_pairs=tuple(
+        ZeroPair(first, second, same, lemma_of(first, second))
+        for same, pairs in (
+            (True, combinations_with_replacement(COORDINATES, 2)),
+            (False, product(COORDINATES, repeat=2)),
+        )
+        for first, second in pairs
+        if first in LINEAR
     ),
-    orthogonal=(
-        ("x", "y"),
-        ("x", "z"),
-        ("y", "z"),
-    ),
-    coaxial=(
-        ("x", "alpha"),
-        ("y", "beta"),
-        ("z", "gamma"),
-    ),
+    orthogonal=tuple(combinations(LINEAR, 2)),
+    coaxial=tuple(zip(LINEAR, ANGULAR, strict=True)),
 )

@@ -22,7 +22,7 @@ import sympy as sp
 from eomgen.errors import InternalError
 from eomgen.robot.value import ANGULAR, COORDINATES, LINEAR
 
-from .facts import LEMMA_7, SHARPER, ZeroPair
+from .facts import LEMMA_7, SHARPER, ZeroPair, lemma_of
 
 Matrix = Any  # sympy.ImmutableMatrix: SymPy's matrices carry no usable types
 
@@ -105,10 +105,10 @@ def prove_second_derivative_zeros() -> tuple[ZeroPair, ...]:
     found = []
     for s, w in combinations_with_replacement(COORDINATES, 2):
         if derivatives.second[s, w].is_zero_matrix:
-            found.append(ZeroPair(s, w, True, _lemma_of(s, w)))
+            found.append(ZeroPair(s, w, True, lemma_of(s, w)))
     for s, w in product(COORDINATES, repeat=2):
         if (derivatives.first[s] * between * derivatives.first[w]).is_zero_matrix:
-            found.append(ZeroPair(s, w, False, _lemma_of(s, w)))
+            found.append(ZeroPair(s, w, False, lemma_of(s, w)))
     pairs = tuple(found)
     _check_complete(pairs)
     return pairs
@@ -237,10 +237,6 @@ def _skew(a: Matrix) -> Matrix:
 
 def _trace(product: Matrix) -> Any:
     return sum(product[i, i] for i in range(4))
-
-
-def _lemma_of(s: str, w: str) -> str:
-    return LEMMA_7 if s in LINEAR and w in LINEAR else SHARPER
 
 
 def _check_complete(pairs: tuple[ZeroPair, ...]) -> None:

@@ -15,10 +15,10 @@ from typing import Any
 from eomgen.errors import InputError
 from eomgen.names import component_name, joint_of
 from eomgen.robot.elements import KINDS
+from eomgen.robot.elements.joint_damping import JOINT_DAMPING
+from eomgen.robot.elements.journal import RADIAL
 from eomgen.robot.geometry import IDENTITY, snap
-from eomgen.robot.joint_damping import JointDamping
-from eomgen.robot.journals import Radial
-from eomgen.robot.laws import JOINT_DAMPING, RADIAL, given_laws
+from eomgen.robot.laws import given_laws
 from eomgen.robot.model import FIXED_BODY, Model, turned_name
 from eomgen.robot.value import ANGULAR, COORDINATES, INERTIA_KEYS, LINEAR, MOTOR, Coordinate, Joint, Placement, loaded
 
@@ -96,8 +96,8 @@ class BoundElement:
 
 
 @dataclass(frozen=True)
-class BoundJointLaw:
-    """A joint's own law, ``Radial.law`` or ``JointDamping.law``: its name, indices of its coordinates by their names.
+class BoundJointElement:
+    """A force element of a joint as a whole: its name, indices of its coordinates by their names, ``JointElement.law``.
 
     Of a cut joint ``index`` are places among those of its coordinates that its journal feels.
     """
@@ -151,9 +151,9 @@ class Bound:
     cut_offsets: tuple[tuple[Scalar, ...], ...] = ()
     cut_laws: Mapping[tuple[int, str], BoundLaw] = field(default_factory=dict)
     couplings: tuple[BoundCoupling, ...] = ()
-    journals: tuple[BoundJointLaw, ...] = ()
-    cut_journals: Mapping[int, BoundJointLaw] = field(default_factory=dict)
-    joint_damping: tuple[BoundJointLaw, ...] = ()
+    journals: tuple[BoundJointElement, ...] = ()
+    cut_journals: Mapping[int, BoundJointElement] = field(default_factory=dict)
+    joint_damping: tuple[BoundJointElement, ...] = ()
 
 
 def bind(
@@ -205,9 +205,9 @@ def bind(
         cut_offsets=binder.cut_offsets(),
         cut_laws=binder.cut_laws(),
         couplings=binder.couplings(),
-        journals=binder.joint_laws(RADIAL, lambda joint: joint.radial),
+        journals=binder.joint_elements(RADIAL),
         cut_journals=binder.cut_journals(),
-        joint_damping=binder.joint_laws(JOINT_DAMPING, lambda joint: joint.damping),
+        joint_damping=binder.joint_elements(JOINT_DAMPING),
     )
 
 
@@ -353,24 +353,25 @@ class _Binder:
                 found.append(BoundCoupling(arms, offset, self._bound_law(prefix, coupling.law)))
         return tuple(found)
 
-    def joint_laws(self, key: str, given: Callable[[Joint], Radial | JointDamping | None]) -> tuple[BoundJointLaw, ...]:
-        """Laws that joints have under a key, in the order of the joints: their journals, or their damping."""
+    def joint_elements(self, table: str) -> tuple[BoundJointElement, ...]:
+        """Force elements of joints as wholes, of the kind that has this table, in the order of the joints."""
         found = []
         for body in self.model.bodies:
-            law = given(self.model.robot.joint(body.joint))
-            if law is not None:
-                numbers = self._values(f"joints.{body.joint}.{key}", law.law())
-                found.append(BoundJointLaw(body.joint, dict(zip(body.active, body.indices, strict=True)), numbers))
+            given = self.model.robot.joint(body.joint).elements.get(table)
+            if given is not None:
+                numbers = self._values(f"joints.{body.joint}.{table}", given.law())
+                index = dict(zip(body.active, body.indices, strict=True))
+                found.append(BoundJointElement(body.joint, index, numbers))
         return tuple(found)
 
-    def cut_journals(self) -> dict[int, BoundJointLaw]:
+    def cut_journals(self) -> dict[int, BoundJointElement]:
         """Journals in bearings of cut joints."""
         found = {}
         for number, loop in enumerate(self.model.robot.loops):
             if loop.radial is not None:
                 numbers = self._values(f"loops.{loop.name}.{RADIAL}", loop.radial.law())
                 index = {name: place for place, name in enumerate(loop.radial.felt)}
-                found[number] = BoundJointLaw(loop.name, index, numbers)
+                found[number] = BoundJointElement(loop.name, index, numbers)
         return found
 
     def _values(self, prefix: str, law: Mapping[str, float]) -> dict[str, Scalar]:

@@ -18,8 +18,7 @@ from eomgen.export.fmu.variables import UNITS, parameter_unit
 from eomgen.export.mujoco import left_out, mjcf
 from eomgen.pictures import plot_journals, plot_result, report_of
 from eomgen.pipeline.costs import RobotInfo
-from eomgen.robot.journals import Radial, SlidingFriction
-from eomgen.robot.laws import IN_BEARINGS
+from eomgen.robot.elements.journal import Radial, SlidingFriction
 from eomgen.robot.model import build_model
 from eomgen.robot.parameter_names import least_of, number_of
 from eomgen.robot.record import record_of, robot_of
@@ -107,10 +106,19 @@ def test_a_journal_is_read_and_kept() -> None:
     assert "radial" not in record_of(bare)["joints"][0]
 
 
+def test_a_rigid_robot_keeps_a_journal_that_still_turns_alone() -> None:
+    """Its friction asks for gamma, which a rigid prismatic joint does not have."""
+    moved = SHAFT.replace('"revolute"', '"prismatic"').replace("x = {}\ny = {}\n", "x = {}\ny = {}\ngamma = {}\n")
+    robot = robot_from_toml(moved + 'prescribed = ["x", "y"]\n')
+    held = robot.rigid()
+    assert list(build_model(held).coordinates) == ["pin.x", "pin.y", "pin.z"]
+    assert (robot.joints[0].radial is None, held.joints[0].radial) == (False, None)
+
+
 def test_numbers_have_texts_units_and_ranges() -> None:
     robot = robot_from_toml(SHAFT)
     page = (ROOT / "docs" / "description.md").read_text(encoding="utf-8")
-    for key, number in IN_BEARINGS.items():
+    for key, number in Radial.NUMBERS.items():
         name = f"joints.pin.radial.{key}"
         assert number.about
         assert f"`{key.rpartition('.')[2]}`" in page or f"{key.rpartition('.')[2]} " in page

@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation
 from eomgen.errors import InputError, IntegrationStopped, UnknownNameError
 from eomgen.integration import integrate
 from eomgen.robot import build_model
-from eomgen.robot.joint_damping import JointDamping
-from eomgen.robot.journals import Radial
+from eomgen.robot.elements.joint_damping import JointDamping
+from eomgen.robot.elements.journal import Radial
 from eomgen.robot.value import Coordinate, Joint, Link, Placement, Robot
 from tests.support.builds import Build
 from tests.support.small_robots import free_body, held_body

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from eomgen.robot.journals import Radial, SlidingFriction
+from eomgen.robot.elements.journal import Radial, SlidingFriction
 from eomgen.robot.model import build_model
 from eomgen.robot.value import COORDINATES, Coordinate, Robot
 from tests.oracles.force_laws import smooth

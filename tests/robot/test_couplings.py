@@ -86,6 +86,8 @@ def test_parameters_by_name() -> None:
     assert set(units.values()) <= UNITS.keys()
     assert least_of("couplings.gear2.friction.coulomb") == 0.0
     assert least_of("couplings.gear1.ratio.a.gamma") is None
+    elastic = read('of = "b.gamma"\nto = { "a.gamma" = -2.0 }\nstiffness = 5.0\ndamping = 0.1')
+    assert parameter_unit(elastic, "couplings.gear1.damping") == "N.m.s/rad"
     plain = build_model(read('of = "b.gamma"\nto = { "a.gamma" = -2.0 }'))
     assert not [name for name in plain.parameters if name.startswith("couplings.")]
 

@@ -10,7 +10,7 @@ import numpy as np
 
 import eomgen
 from eomgen.robot.geometry import IDENTITY
-from eomgen.robot.model import Model, build_model, parameter_values
+from eomgen.robot.model import Model, build_model
 from eomgen.robot.value import ANGULAR, COORDINATES, LINEAR, Coordinate, Link, Placement, Robot
 from tests.oracles.force_laws import random_coordinate, resistance, with_laws
 from tests.oracles.pinocchio_models import PinocchioOracle
@@ -80,7 +80,7 @@ def _types(robot: Robot) -> list[str]:
 
 
 def _every_number(robot: Robot) -> Robot:
-    names = tuple(name for name, value in parameter_values(robot) if value is not None and ".armature" not in name)
+    names = tuple(name for name, value in robot.numbers() if value is not None and ".armature" not in name)
     return replace(robot, tunable=names)
 
 

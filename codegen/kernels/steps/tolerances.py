@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 
 import numpy as np
 
 from eomgen.arrays import Array
 from eomgen.errors import InputError
 from eomgen.names import joint_of
+from eomgen.robot.laws import stiffness_of
 from eomgen.robot.model import Model
 from eomgen.robot.parameter_names import CUTS, JOINTS, element_places
-from eomgen.robot.sizes import deviation_sizes, table_stiffnesses
+from eomgen.robot.sizes import deviation_sizes
 
 from ...forces.element import POLE
 from ...program.ir import evaluate, finish
@@ -39,16 +40,17 @@ def rubbing_parameters(model: Model) -> list[tuple[int, str]]:
     return [(i, names[x["friction.smoothing"]]) for i, x in acting if "friction.smoothing" in x]
 
 
-def _tables(model: Model) -> Mapping[str, Mapping[str, float]]:
-    """Numbers of the forces of all coordinates, those that follow others among them."""
-    values = list(model.parameters.values())
+def _table_stiffnesses(model: Model, names: Sequence[str]) -> Array:
+    """Stiffnesses of the tables of coordinates, or of what follows them, by their names."""
+    values, curves = list(model.parameters.values()), knots(model)
     places = element_places(model.robot, model.parameters)[JOINTS]
-    return {name: {key: values[place] for key, place in own.items()} for name, own in places.items()}
+    tables = {name: {key: values[place] for key, place in own.items()} for name, own in places.items()}
+    return np.array([stiffness_of(tables.get(name, {}), curves.get(name, ())) for name in names])
 
 
 def _own_stiffness(model: Model) -> Array:
     """Stiffness of each coordinate's table; a transmission holds its motor and its joint."""
-    given = table_stiffnesses(_tables(model), model.coordinates, knots(model))  # those of followers stand beside
+    given = _table_stiffnesses(model, model.coordinates)  # those of followers stand beside
     found = given.copy()
     for index, principal in model.motors.items():
         motor = model.robot.joint(joint_of(model.coordinates[index])).motor
@@ -62,10 +64,10 @@ def _at_home(model: Model) -> tuple[Array, Array]:
     """The diagonal of M at home, and that of what springs between points and in cut joints stiffen there."""
     d = Derivation(model)
     _refuse_poles(d)
-    n, curves = model.size, knots(model)
+    n = model.size
     M = d.followers.symmetric(d.matrix()) if d.followers else d.matrix()
     stiff = [0.0] * d.model.size
-    tables = table_stiffnesses(_tables(model), tuple(model.followers), curves)
+    tables = _table_stiffnesses(model, tuple(model.followers))
     for name, k in zip(model.followers, tables.tolist(), strict=True):
         stiff[d.model.coordinates.index(name)] = k
     for element in d.elements:

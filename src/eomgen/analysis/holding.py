@@ -147,7 +147,7 @@ def pose_of(robot: Robot, kernel: Kernel, pose: PoseLike | None) -> Array:
 
 def floating(kernel: Kernel, q: Array) -> tuple[str, ...]:
     """Names of the coordinates that touch no end of their clearance at q, (n,), and of journals that do not."""
-    gaps, names = clearances(kernel), acting(kernel)
+    gaps, names = clearances(law_numbers(kernel)), acting(kernel)
     there = deflections(kernel) @ q
     there[kernel.n :] += kernel.follower_matrix()[1]
     inside = np.abs(there) <= [gaps.get(name, -1.0) for name in names]

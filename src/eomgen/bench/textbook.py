@@ -24,7 +24,7 @@ from .._version import __version__
 from ..arrays import Array
 from ..errors import InputError
 from ..names import component_name
-from ..robot.elements import KINDS
+from ..robot.elements import JOINT_ELEMENTS, KINDS
 from ..robot.geometry import IDENTITY, ZERO
 from ..robot.model import Model
 from ..robot.value import COORDINATES
@@ -109,8 +109,8 @@ def _unknown(model: Model, bound: Bound) -> Iterator[tuple[str, list[str]]]:
     yield "no motors behind transmissions", [model.coordinates[i] for i in bound.transmissions]
     bent = [model.coordinates[i] for i, law in enumerate(bound.laws) if law.numbers]
     yield "linear springs and dampers only", bent
-    yield "no journals in bearings", [journal.joint for journal in bound.journals]
-    yield "damping of coordinates, none of joints", [damping.joint for damping in bound.joint_damping]
+    for table, kind in JOINT_ELEMENTS.items():
+        yield kind.BEYOND, [joint.name for joint in model.robot.joints if table in joint.elements]
     for table, elements in bound.elements.items():
         yield f"no {KINDS[table].SHORT}", [element.name for element in elements]
 

@@ -8,7 +8,7 @@ from typing import NoReturn
 
 from ..errors import DescriptionError
 from ..names import listed, nearest, show
-from ..robot.elements import KINDS, LinkElement
+from ..robot.elements import LinkElement
 from ..robot.geometry import Vector
 from ..robot.value import BASE, Coupling, Frame, Joint, Link, Loop
 
@@ -43,7 +43,7 @@ class Draft:
     frames: dict[str, Frame] = field(default_factory=dict)
     loops: dict[str, Loop] = field(default_factory=dict)
     couplings: dict[str, Coupling] = field(default_factory=dict)
-    elements: dict[str, dict[str, LinkElement]] = field(default_factory=lambda: {table: {} for table in KINDS})
+    elements: dict[str, LinkElement] = field(default_factory=dict)
     ranges: dict[str, tuple[float, float]] | None = None
     unstopped: list[str] = field(default_factory=list)
     driven: tuple[str, ...] | None = None
@@ -65,6 +65,20 @@ class Draft:
             spot(self.xml_source, place) if name in self.foreign else ""
             for name, place in zip(names, found, strict=True)
         ]
+
+    @property
+    def pairs(self) -> dict[str, tuple[str, str]]:
+        """The links that each loop and force element joins, by the place of this key."""
+        found = {f"loops.{name}.links": loop.links for name, loop in self.loops.items()}
+        return found | {f"{element.prefix}.links": element.links for element in self.elements.values()}
+
+    def check_ends(self) -> None:
+        """DescriptionError if a frame, loop or force element is on a link that does not exist."""
+        for frame in self.frames.values():
+            self.check_link(frame.link, f"frames.{frame.name}.link")
+        for where, links in self.pairs.items():
+            for place, link in enumerate(links):
+                self.check_link(link, f"{where}.{place}")
 
     def check_link(self, name: str, where: str) -> None:
         """DescriptionError unless ``name`` is the base or a link."""

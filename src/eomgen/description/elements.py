@@ -8,7 +8,6 @@ from ..forms.keys import Key, Listed
 from ..forms.tables import Pair, Table
 from ..names import show
 from ..robot.elements import KINDS, LinkElement
-from .draft import Draft
 from .forces import ReadText, read_curve
 from .loops import read_placement
 
@@ -48,11 +47,3 @@ def _value(entry: Table, key: str, form: Key, read_text: ReadText) -> Any:
     if isinstance(form, Pair):
         return tuple(read_placement(table) for table in value)
     return tuple(value) if isinstance(form, Listed) else value
-
-
-def check_elements(draft: Draft) -> None:
-    """DescriptionError if a force element names a link that does not exist."""
-    for elements in draft.elements.values():
-        for element in elements.values():
-            for place, link in enumerate(element.links):
-                draft.check_link(link, f"{element.prefix}.links.{place}")

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from typing import Any
 
 from ..forms.keys import Number
+from ..forms.plain import value_of
 from ..forms.tables import Sub, Table
 from ..names import show
 from ..robot.bounds import LIMIT_KEYS, Limits
-from ..robot.journals import Radial, SlidingFriction, radial_conflict
-from ..robot.laws import GAUSSIAN, RADIAL
+from ..robot.elements import JOINT_ELEMENTS
+from ..robot.laws import GAUSSIAN
 from ..robot.rules import ROTORS, conflict
 from ..robot.value import Coordinate, Curve, Motor
 from .keys import COORDINATE
@@ -80,29 +82,29 @@ def _limits(table: Table, old: Limits | None) -> Limits | None:
     return replace(old or Limits(), **given)
 
 
-def journal(entry: Table, coordinates: Mapping[str, Coordinate]) -> Radial | None:
-    """The journal in the bearing of a joint, or of a cut one, that has these coordinates; None if there is none.
+def joint_elements(entry: Table, coordinates: Mapping[str, Coordinate]) -> dict[str, Any]:
+    """The force elements of a joint as a whole, or of a cut one, that has these coordinates, by their keys.
 
     Raises:
-        DescriptionError: a number is missing or out of range, or the coordinates do not go with it.
+        DescriptionError: a number is missing or out of range, or the coordinates do not go with an element.
     """
-    table = entry.table(RADIAL)
-    if table is None:
-        return None
-    radial = _read_radial(table)
-    found = radial_conflict(radial, coordinates)
-    if found is not None:
-        table.fail(found[1], found[0])
-    return radial
+    found: dict[str, Any] = {}
+    for key, kind in JOINT_ELEMENTS.items():
+        table = entry.table(key) if key in entry.keys else None
+        if table is not None:
+            found[key] = value_of(kind, _numbers_in(table), table.where)
+            refused = found[key].conflict(coordinates)
+            if refused is not None:
+                table.fail(refused[1], refused[0])
+    return found
 
 
-def _read_radial(table: Table) -> Radial:
-    """The journal of a table of the keys ``RADIAL_FORM``."""
-    numbers = {key: table.number(key) for key, kind in table.keys.items() if isinstance(kind, Number)}
-    rubbing = table.table("friction")
-    sliding = {} if rubbing is None else {key: rubbing.number(key) for key in rubbing.keys}
-    friction = None if rubbing is None else SlidingFriction(**sliding)  # type: ignore[arg-type]
-    return Radial(**numbers, friction=friction)  # type: ignore[arg-type]
+def _numbers_in(table: Table) -> dict[str, Any]:
+    """The numbers of a table and of the tables in it."""
+    read: dict[str, Any] = {key: table.number(key) for key, form in table.keys.items() if isinstance(form, Number)}
+    inner = {key: table.table(key) for key, form in table.keys.items() if isinstance(form, Sub)}
+    read |= {key: _numbers_in(below) for key, below in inner.items() if below is not None}
+    return {key: value for key, value in read.items() if value is not None}
 
 
 def _inner_numbers(table: Table, name: str) -> dict[str, float]:

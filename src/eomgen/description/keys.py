@@ -27,7 +27,7 @@ from ..names import IDENTIFIER_RULE, ROBOT_RULE
 from ..robot import laws
 from ..robot.coordinates import UNITS
 from ..robot.cuts import CUTS
-from ..robot.elements import KINDS, LinkElement
+from ..robot.elements import JOINT_ELEMENTS, KINDS, JointElement, LinkElement
 from ..robot.geometry import Placement, Vector
 from ..robot.inertia_policy import POLICIES
 from ..robot.laws import POINTS
@@ -136,22 +136,27 @@ MOTOR_FORM = Form(
         "role": Choice("free, or prescribed: a motor that keeps to its angle", words=ROLES),
     }
 )
-_SLIDING = "friction."
-RADIAL_FORM = Form(
-    {
-        **{key: _number(given) for key, given in laws.IN_BEARINGS.items() if not key.startswith(_SLIDING)},
-        "friction": Sub(
-            "dry friction of the contact: coefficient, radius, smoothing",
-            inner=Form(
-                {
-                    key.removeprefix(_SLIDING): _number(given)
-                    for key, given in laws.IN_BEARINGS.items()
-                    if key.startswith(_SLIDING)
-                }
-            ),
-        ),
+
+
+def _joint_elements(owner: str) -> dict[str, Key]:
+    """The tables of force elements of joints as wholes, or of cut ones, "loops"."""
+    return {
+        table: Sub(kind.ABOUT[owner], kind.UNITS[0], inner=_element_numbers(kind))
+        for table, kind in JOINT_ELEMENTS.items()
+        if owner in kind.FAMILIES
     }
-)
+
+
+def _element_numbers(kind: type[JointElement]) -> Form:
+    """The keys of such a table: numbers, then tables of those whose names have two parts."""
+    found: dict[str, Key] = {}
+    inner: dict[str, dict[str, Key]] = {}
+    for key, given in kind.NUMBERS.items():
+        table, _, name = key.rpartition(".")
+        (inner.setdefault(table, {}) if table else found)[name] = _number(given)
+    return Form(found | {table: Sub(kind.ABOUT[table], inner=Form(keys)) for table, keys in inner.items()})
+
+
 PLACEMENT = Form(
     {
         "xyz": vector("origin", "m"),
@@ -207,13 +212,7 @@ JOINT = Form(
             for key, axis in _AXES.items()
         },
         MOTOR: Sub("a motor behind an elastic gear drives the principal coordinate", inner=MOTOR_FORM),
-        laws.RADIAL: Sub(
-            "contact of a journal, which moves along x and y, in a round bearing", "m, N/m", inner=RADIAL_FORM
-        ),
-        laws.JOINT_DAMPING: Sub(
-            "damping of the joint's own motion, alike in all directions, beside that of its coordinates",
-            inner=Form({key: _number(given) for key, given in laws.IN_MOTION.items()}),
-        ),
+        **_joint_elements("joints"),
         "limits": Numbers("lower and upper limit of the principal coordinate, in short", "m or rad", count=2),
         "stops": Sub("contacts at the limits: stiffness, damping, restitution_damping, smoothing", inner=STOPS),
         "prescribed": Strings("coordinates whose motion is given", words=(*COORDINATES, MOTOR)),
@@ -243,11 +242,7 @@ LOOP = Form(
             )
             for key, axis in _AXES.items()
         },
-        laws.RADIAL: Sub(
-            "contact of the second link's journal, whose x and y have tables, in a round bearing of the first one",
-            "m, N/m",
-            inner=RADIAL_FORM,
-        ),
+        **_joint_elements("loops"),
         "offset": _OFFSET,
     }
 )

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..errors import DescriptionError, InputError
 from ..forms.keys import ByName
@@ -19,11 +19,9 @@ from ..forms.toml_place import located
 from ..forms.toml_text import parse_toml, read_text
 from ..names import listed, nearest, show, show_path
 from ..robot.bounds import Limits, limits_conflict
-from ..robot.elements import Element, Spring
+from ..robot.elements import KINDS, Element, Spring
 from ..robot.geometry import ZERO
 from ..robot.inertia_policy import POLICIES, Judged, apply_inertia_policy, link_sizes
-from ..robot.joint_damping import JointDamping, damping_conflict
-from ..robot.laws import JOINT_DAMPING
 from ..robot.mechanism import mechanism_conflict
 from ..robot.parameter_names import expand_tunable
 from ..robot.rules import motor_conflict, unmoved
@@ -42,13 +40,12 @@ from ..robot.value import (
     Robot,
 )
 from .builtin import BUILTIN, builtin_robots
-from .couplings import read_coupling
 from .draft import Draft, ordered_joints
-from .elements import check_elements, read_element
+from .elements import read_element
 from .floating import float_base
-from .forces import journal, read_coordinate, read_motor
+from .forces import joint_elements, read_coordinate, read_motor
 from .keys import ROBOT
-from .loops import check_loops, read_loop, read_placement
+from .loops import read_coupling, read_loop, read_offset, read_placement
 from .options import ReadKeywords, ReadOptions
 from .stops import asked_stops, joint_stops, stop_all, stop_numbers
 
@@ -218,9 +215,12 @@ def _robot_from_table(top: Table, draft: Draft, folder: Path | None, options: Re
         draft.loops[name] = read_loop(name, entry, lambda table: _beside(table, folder))
     for name, entry in top.entries("couplings"):
         draft.couplings[name] = read_coupling(name, entry, _beside(entry, folder))
-    for key, elements in draft.elements.items():
+    for key in KINDS:
         for name, entry in top.entries(key):
-            elements[name] = read_element(key, name, entry, _beside(entry, folder))
+            if name in draft.elements:
+                earlier = draft.elements[name].TABLE
+                entry.fail(f"the name {name!r} is taken by an earlier entry of [[{earlier}]]; allowed: unique names")
+            draft.elements[name] = read_element(key, name, entry, _beside(entry, folder))
     draft.driven = tuple(top.strings("driven")) if "driven" in top else draft.driven
     draft.home = top.value("home", ByName) or draft.home
     _settle_base(draft)
@@ -331,14 +331,13 @@ def _joint(name: str, entry: Table, draft: Draft, folder: Path | None) -> Joint:
             motor = replace(motor, prescribed=True)
         else:
             coordinates[key] = replace(coordinates.get(key, Coordinate()), prescribed=True)
-    placement, offset = _placement(entry, old.placement), _offset(entry, old)
+    placement, offset = _placement(entry, old.placement), read_offset(entry, old.offset)
     turn = old.axis_turn
     made = _range(entry, Joint(name, parent, child, kind, placement, turn, coordinates, None, offset, motor), old)
     coordinates = dict(made.coordinates)
     if "stops" in entry:
         coordinates[PRINCIPAL.get(kind, "")] = joint_stops(entry, kind, coordinates, made.range)
-    radial, damping = journal(entry, coordinates), _damping(entry, coordinates)
-    return replace(made, coordinates=coordinates, radial=radial, damping=damping)
+    return replace(made, coordinates=coordinates, **joint_elements(entry, coordinates))
 
 
 def _motor(entry: Table, kind: str, coordinates: dict[str, Coordinate], folder: Path | None) -> Motor | None:
@@ -351,26 +350,6 @@ def _motor(entry: Table, kind: str, coordinates: dict[str, Coordinate], folder: 
     if found is not None:
         table.fail(found[1], found[0])
     return motor
-
-
-def _damping(entry: Table, coordinates: dict[str, Coordinate]) -> JointDamping | None:
-    """The damping of the joint's own motion."""
-    table = entry.table(JOINT_DAMPING)
-    if table is None:
-        return None
-    damping = JointDamping(**{key: table.number(key) for key in table.keys})
-    found = damping_conflict(damping, coordinates)
-    if found is not None:
-        table.fail(found[1], found[0])
-    return damping
-
-
-def _offset(entry: Table, old: Joint) -> tuple[float | None, ...]:
-    table = entry.table("offset")
-    if table is None:
-        return old.offset
-    given = (table.number(key) if key in table else None for key in COORDINATES)
-    return tuple(before if new is None else new for before, new in zip(old.offset, given, strict=True))
 
 
 def _beside(table: Table, folder: Path | None) -> Callable[[str], str]:
@@ -439,27 +418,21 @@ def _settle_base(draft: Draft) -> None:
         for name, frame in draft.frames.items():
             if frame.link == BASE:
                 draft.frames[name] = Frame(name, root, frame.placement)
-        for name, loop in draft.loops.items():
-            first, second = (root if link == BASE else link for link in loop.links)
-            draft.loops[name] = replace(loop, links=(first, second))
-        for elements in draft.elements.values():
-            for name, element in elements.items():
-                first, second = (root if link == BASE else link for link in element.links)
-                elements[name] = replace(element, links=(first, second))
+        between: tuple[dict[str, Any], ...] = (draft.loops, draft.elements)
+        for parts in between:
+            for name, part in parts.items():
+                parts[name] = replace(part, links=tuple(root if link == BASE else link for link in part.links))
 
 
 def _finish(draft: Draft, policy: str | None, tunable: list[str]) -> Robot:
     """Draft -> Robot: the checks that need the whole description."""
     joints = ordered_joints(draft)
-    for frame in draft.frames.values():
-        draft.check_link(frame.link, f"frames.{frame.name}.link")
-    check_loops(draft)
-    check_elements(draft)
+    draft.check_ends()
     if not any(joint.coordinates for joint in joints):
         draft.fail("joints", "no joint has a coordinate, so nothing moves; allowed: at least one joint that moves")
     _check_pairs(draft, joints)
     links, notes = _bodies(draft, joints, policy)
-    elements = [element for table in draft.elements.values() for element in table.values()]
+    elements = draft.elements.values()
     robot = Robot(
         name=draft.name,
         gravity=draft.gravity,
@@ -487,9 +460,7 @@ def _check_pairs(draft: Draft, joints: Sequence[Joint]) -> None:
     carrier = {draft.base: draft.base}
     for joint in joints:
         carrier[joint.child] = joint.child if joint.coordinates else carrier[joint.parent]
-    pairs = [(f"loops.{name}.links", loop.links) for name, loop in draft.loops.items()]
-    pairs += [(f"{x.prefix}.links", x.links) for elements in draft.elements.values() for x in elements.values()]
-    for where, (first, second) in pairs:
+    for where, (first, second) in draft.pairs.items():
         if carrier[first] == carrier[second]:
             draft.fail(where, unmoved(first, second))
 

@@ -1,15 +1,17 @@
-"""Reading of [[loops]]: joints that are cut, so that the rest of the robot is a tree."""
+"""Reading of [[loops]], joints that are cut so that the rest is a tree, and [[couplings]] of coordinates."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
+from ..forms.keys import ByName
 from ..forms.tables import Pair, Table
 from ..names import show
 from ..robot.geometry import ZERO
-from ..robot.value import COORDINATES, Coordinate, Loop, Placement
-from .draft import Draft
-from .forces import ReadText, journal, read_coordinate
+from ..robot.value import COORDINATES, Coordinate, Coupling, Loop, Placement
+from .forces import ReadText, joint_elements, read_coordinate
+from .keys import CUT_COORDINATE
 
 
 def read_loop(name: str, entry: Table, beside: Callable[[Table], ReadText]) -> Loop:
@@ -30,22 +32,16 @@ def read_loop(name: str, entry: Table, beside: Callable[[Table], ReadText]) -> L
     assert kind is not None
     tables = {key: table for key in COORDINATES if (table := entry.table(key)) is not None}
     coordinates = {key: read_coordinate(table, Coordinate(), beside(table)) for key, table in tables.items()}
-    offset, radial = _offset(entry), journal(entry, coordinates)
-    return Loop(name, (links[0], links[1]), kind, _placements(entry), coordinates, offset, radial)
+    made = Loop(name, (links[0], links[1]), kind, coordinates=coordinates, offset=read_offset(entry))
+    first, second = map(read_placement, entry.value("placements", Pair)) if "placements" in entry else made.placements
+    return replace(made, placements=(first, second), **joint_elements(entry, coordinates))
 
 
-def _offset(entry: Table) -> tuple[float | None, ...]:
+def read_offset(entry: Table, old: Sequence[float | None] = (None,) * len(COORDINATES)) -> tuple[float | None, ...]:
+    """The offsets of a joint or cut joint: the old ones with what its table ``offset`` overrides."""
     table = entry.table("offset")
-    return tuple(None if table is None or key not in table else table.number(key) for key in COORDINATES)
-
-
-def _placements(entry: Table) -> tuple[Placement, Placement]:
-    """The cut joint's frame on both links; a placement that is left out is the link's own frame."""
-    tables: list[Table] | None = entry.value("placements", Pair)
-    if tables is None:
-        return Placement(), Placement()
-    first, second = (read_placement(table) for table in tables)
-    return first, second
+    given = [None if table is None or key not in table else table.number(key) for key in COORDINATES]
+    return tuple(before if new is None else new for before, new in zip(old, given, strict=True))
 
 
 def read_placement(table: Table) -> Placement:
@@ -54,8 +50,13 @@ def read_placement(table: Table) -> Placement:
     return Placement(xyz) if rpy is None else Placement.from_rpy(xyz, rpy)
 
 
-def check_loops(draft: Draft) -> None:
-    """DescriptionError if a loop names a link that does not exist."""
-    for loop in draft.loops.values():
-        for place, link in enumerate(loop.links):
-            draft.check_link(link, f"loops.{loop.name}.links.{place}")
+def read_coupling(name: str, entry: Table, read_text: ReadText) -> Coupling:
+    """One entry of [[couplings]], of the keys ``COUPLING``; ``read_text`` and errors as ``read_coordinate``."""
+    entry.require()
+    given = {key: value for key, value in entry.values.items() if key in CUT_COORDINATE.keys}
+    law = None
+    if given:
+        inner = CUT_COORDINATE.read(given, entry.where, entry.source, entry.path)
+        law = read_coordinate(inner, Coordinate(), read_text)
+    ratios: dict[str, float] = entry.value("to", ByName)
+    return Coupling(name, entry.text("of") or "", ratios, entry.number("offset"), law)

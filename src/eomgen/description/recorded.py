@@ -7,14 +7,11 @@ from typing import Any
 
 from ..errors import DescriptionError
 from ..robot.checks import check_parts
-from ..robot.elements import KINDS
 from ..robot.model import build_model
 from ..robot.parameter_names import expand_tunable
 from ..robot.record import robot_of
 from ..robot.value import Robot
 from .draft import Draft, ordered_joints
-from .elements import check_elements
-from .loops import check_loops
 
 
 def robot_from_record(record: Mapping[str, Any], source: str) -> Robot:
@@ -46,7 +43,7 @@ def _check(robot: Robot) -> None:
         frames={frame.name: frame for frame in robot.frames},
         loops={loop.name: loop for loop in robot.loops},
         couplings={coupling.name: coupling for coupling in robot.couplings},
-        elements={kind: {x.name: x for x in robot.link_elements if kind == x.TABLE} for kind in KINDS},
+        elements={element.name: element for element in robot.link_elements},
     )
     ordered_joints(draft)
     reached = {robot.base}
@@ -54,9 +51,6 @@ def _check(robot: Robot) -> None:
         if joint.parent not in reached:
             draft.fail(f"joints.{joint.name}", "it comes before the joint of its parent; allowed: from the base on")
         reached.add(joint.child)
-    for frame in robot.frames:
-        draft.check_link(frame.link, f"frames.{frame.name}.link")
-    check_loops(draft)
-    check_elements(draft)
+    draft.check_ends()
     build_model(robot)
     expand_tunable(robot, robot.tunable)

@@ -15,7 +15,6 @@ from ..limits import LARGEST, MOST_ENTRIES
 from ..names import component_name, is_robot_name, listed, nearest, show, to_robot_name, unique_identifiers
 from ..robot.bounds import Limits
 from ..robot.geometry import IDENTITY, ZERO, Matrix, Vector, axis_turn, turn_inertia
-from ..robot.geometry import rotation_from_rpy as rpy_matrix
 from ..robot.laws import SMOOTHING
 from ..robot.value import COORDINATES, PRINCIPAL, Coordinate, Coupling, Friction, Joint, Link, Placement
 from .draft import Draft, spot
@@ -275,8 +274,7 @@ class _Reader:
         xyz = self._vector(origin, "xyz", where, ZERO)
         if "rpy" not in origin.attrib:
             return Placement(xyz)
-        rpy = self._vector(origin, "rpy", where, ZERO)
-        return Placement(xyz, rpy_matrix(rpy), rpy)
+        return Placement.from_rpy(xyz, self._vector(origin, "rpy", where, ZERO))
 
     def _only(self, element: Element, tag: str, where: str) -> Element | None:
         """The child element of that tag; None if there is none."""

@@ -22,9 +22,8 @@ NUMBER = re.compile(r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?")  # f
 
 _LONGEST = 400  # of what other programs say
 
-_BLANKS = re.compile(r"[ \t\r\n]*")
 _VISIBLE = re.compile(r"[^\r\n]")
-_COMMENT_OR_INSTRUCTION = re.compile(r"<!--.*?-->|<\?.*?\?>", re.DOTALL)
+_NO_ELEMENT = re.compile(r"[ \t\r\n]+|<!--.*?-->|<\?.*?\?>", re.DOTALL)  # blanks, a comment, or an instruction
 _PREFIXED = re.compile(r"""[\s</][^\s<>/=:"']+:[^\s<>/=:"']""")  # perhaps a name with a prefix
 _XMLNS = "xmlns:"
 _NEED_NONE = frozenset(("xml", "xmlns"))  # prefixes that need no declaration
@@ -164,19 +163,11 @@ def _late_declarations(text: str) -> list[tuple[int, int]]:
     """Begin and end of each <?xml ...?> in front of the first element, but for one at the very beginning."""
     found: list[tuple[int, int]] = []
     at = 0
-    while True:
-        at = _skipped(_BLANKS, text, at)
-        begin = at
-        at = _skipped(_COMMENT_OR_INSTRUCTION, text, begin)
-        if at == begin:
-            return found
+    while match := _NO_ELEMENT.match(text, at):
+        begin, at = match.span()
         if begin > 0 and text.startswith("<?xml", begin) and text[begin + 5].isspace():
             found.append((begin, at))
-
-
-def _skipped(pattern: re.Pattern[str], text: str, at: int) -> int:
-    match = pattern.match(text, at)
-    return at if match is None else match.end()
+    return found
 
 
 def _undeclared_prefixes(xml: Xml) -> list[str]:

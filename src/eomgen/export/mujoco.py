@@ -29,7 +29,7 @@ from ..robot.bounds import Limits
 from ..robot.coordinates import coordinate_names
 from ..robot.geometry import IDENTITY
 from ..robot.inertia_policy import link_sizes, lowest_moments, second_moments
-from ..robot.laws import RADIAL, given_laws
+from ..robot.laws import given_laws
 from ..robot.value import (
     ANGULAR,
     COORDINATES,
@@ -156,10 +156,10 @@ def left_out(robot: Robot) -> list[str]:
             found += [f"{where}.{what}" for what in (*_unknown(joint.motor.transmission), *_unknown(joint.motor.rotor))]
             if joint.motor.transmission.preload:
                 found.append(f"{where}.preload: left out")
-        if joint.radial is not None:
-            found.append(f"joints.{joint.name}.{RADIAL}: left out")
-    for element in robot.link_elements:
-        found += [f"{element.prefix}{what}" for what in element.mujoco_lacks()]
+        for table, element in joint.elements.items():
+            found += [f"joints.{joint.name}.{table}{what}" for what in element.mujoco_lacks()]
+    for between in robot.link_elements:
+        found += [f"{between.prefix}{what}" for what in between.mujoco_lacks()]
     return found
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from ..names import component_name
-from ..robot.laws import JOINT_DAMPING
+from ..robot.elements.joint_damping import JOINT_DAMPING
 from ..robot.value import ANGULAR, COORDINATES, Coordinate, Joint, Robot
 from ..state.turning import quaternions
 

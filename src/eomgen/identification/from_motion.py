@@ -34,9 +34,9 @@ from ..robot.parameter_names import JOINTS
 from ..robot.value import ANGULAR, Robot
 from ..runtime.kernel import Kernel
 from ..shown import Shown
-from ..state.joint_damping import damping_forces
+from ..state.elements import damping_forces
 from ..state.motors import deflections
-from ..state.springs import coordinate_numbers
+from ..state.springs import law_numbers
 from ..state.turning import quaternion_columns
 from ..tabular import Rows, TableColumn, Tabular
 from .arrays import Array
@@ -310,7 +310,7 @@ def forces(
         notes.append(f"not in the file, they follow from the others: {', '.join(following)}")
     drive = np.asarray(kernel.inverse_dynamics(q, v, a))
     rows = deflections(kernel)
-    numbers = (coordinate_numbers(kernel, key) for key in KEYS)
+    numbers = (np.array([given.get(key, 0.0) for given in law_numbers(kernel).values()]) for key in KEYS)
     off = np.concatenate([np.zeros(kernel.n), kernel.follower_matrix()[1]])  # of followers, where coordinates are 0
     pairs_of = zip((q, v), (off, 0.0 * off), numbers, strict=True)
     spring, damper = (-((x @ rows.T + shift) * k) @ rows for x, shift, k in pairs_of)

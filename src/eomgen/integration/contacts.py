@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -10,9 +10,10 @@ import numpy as np
 
 from ..arrays import Array
 from ..runtime.kernel import Kernel
+from ..state.elements import Numbers
 from ..state.journals import JournalContact, cut_contacts, cut_deviations, journal_contacts
 from ..state.motors import acting, deflections
-from ..state.springs import clearances, cut_clearances, cut_stops, stops
+from ..state.springs import clearances, cut_numbers, law_numbers, stops
 from .cubics import Cubics
 from .until import Until
 
@@ -68,10 +69,10 @@ class _End:
     kind: str
 
 
-def _ends(gaps: Mapping[str, float], places: Mapping[str, tuple[float, float]]) -> list[_End]:
+def _ends(numbers: Numbers) -> list[_End]:
     """Both ends of clearances, then of stops those that there are."""
-    found = [_End(name, side, gap, CLEARANCE) for name, gap in gaps.items() for side in (1, -1)]
-    for name, (lower, upper) in places.items():
+    found = [_End(name, side, gap, CLEARANCE) for name, gap in clearances(numbers).items() for side in (1, -1)]
+    for name, (lower, upper) in stops(numbers).items():
         found += [_End(name, side, side * x, STOP) for side, x in ((1, upper), (-1, lower)) if np.isfinite(x)]
     return found
 
@@ -80,7 +81,7 @@ class CoordinateEnds(Ends):
     """Ends of the tree's coordinates, and of transmissions' deflections; a motor's stops are those of its shaft."""
 
     def __init__(self, kernel: Kernel) -> None:
-        self.ends = _ends(clearances(kernel), stops(kernel))
+        self.ends = _ends(law_numbers(kernel))
         deflected, names = deflections(kernel), acting(kernel)
         followed, offsets = kernel.follower_matrix()
         own, shifts = np.vstack([np.eye(kernel.n), followed]), np.concatenate([np.zeros(kernel.n), offsets])
@@ -103,7 +104,7 @@ class CutEnds(Ends):
 
     def __init__(self, kernel: Kernel) -> None:
         self._kernel = kernel
-        self.ends = _ends(cut_clearances(kernel), cut_stops(kernel)) if kernel.cut_laws else []
+        self.ends = _ends(cut_numbers(kernel))
         self._index = [kernel.cut_laws.index(end.name) for end in self.ends]
         self._sides = np.array([end.side for end in self.ends])
         self._places = np.array([end.place for end in self.ends])

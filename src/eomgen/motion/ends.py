@@ -40,18 +40,15 @@ def limits_beside(robot: Robot, coordinates: Sequence[str], driven: Container[st
         driven: those that may be moved.
         q: where the others stay, (n,).
     """
-    follow = _rigid_coordinates(robot) if robot.is_closed else set()
+    follow: set[str] = set()
+    if robot.is_closed:
+        model = build_model(robot.rigid())
+        follow = {name for i, name in enumerate(model.coordinates) if i not in model.prescribed}
     found = [
         principal_limits(robot, name) if name in driven else (-np.inf, np.inf) if name in follow else (x, x)
         for name, x in zip(coordinates, q.tolist(), strict=True)
     ]
     return np.array(found)
-
-
-def _rigid_coordinates(robot: Robot) -> set[str]:
-    """Names of the coordinates of the rigid robot that are not prescribed."""
-    model = build_model(robot.rigid())
-    return {name for i, name in enumerate(model.coordinates) if i not in model.prescribed}
 
 
 def _limits(robot: Robot, coordinate: str) -> tuple[tuple[float, float], bool]:

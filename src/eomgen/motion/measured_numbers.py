@@ -25,6 +25,7 @@ Result = TypeVar("Result")
 
 ALLOWED = f"a finite number of magnitude up to {LARGEST:g}"
 ALLOWED_DIVISOR = f"a positive number from {1.0 / LARGEST:g} to {LARGEST:g}"
+_ALIKE = "SI units, and standard deviations and weights of similar size"
 SHORTEST = 1e-12  # s between two samples: less is no measurement, and rates of what changes there would overflow
 
 
@@ -80,21 +81,17 @@ def answers_in_numbers(argument: str) -> Callable[[Callable[Arguments, Result]],
 
         @wraps(function)
         def analysed(*arguments: Arguments.args, **options: Arguments.kwargs) -> Result:
+            def refusal(what: str) -> InputError:
+                source = _source(signature.bind(*arguments, **options).arguments.get(argument))
+                return InputError(f"{source}: {what}; allowed: {_ALIKE}")
+
             try:
                 result = function(*arguments, **options)
             except np.linalg.LinAlgError as error:
-                source = _source(signature.bind(*arguments, **options).arguments.get(argument))
-                raise InputError(
-                    f"{source}: numbers differ too much in size for double precision ({error}); allowed: SI units,"
-                    " and standard deviations and weights of similar size"
-                ) from None
+                raise refusal(f"numbers differ too much in size for double precision ({error})") from None
             for name, value in _numbers_of(result.as_dict(), ""):  # type: ignore[attr-defined]
                 if not isfinite(value):
-                    source = _source(signature.bind(*arguments, **options).arguments.get(argument))
-                    raise InputError(
-                        f"{source}: {name} comes out as {value}: numbers are too large, or differ too much in size;"
-                        " allowed: SI units, and standard deviations and weights of similar size"
-                    )
+                    raise refusal(f"{name} comes out as {value}: numbers are too large, or differ too much in size")
             return result
 
         return analysed

@@ -15,7 +15,7 @@ from ..robot.model import program_coordinates, tool_of
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
 from ..state.motors import turn_motors
-from ..state.vectors import prescribed_mask
+from ..state.vectors import as_floats, prescribed_mask
 from .ends import default_ends, limits_beside
 from .reaching import Target, search, within_limits
 from .tool_path import unreached
@@ -94,10 +94,7 @@ def _frame(kernel: Kernel, robot: Robot | None, frame: str | None) -> str:
 
 def _targets(tool: str, pose: ArrayLike) -> tuple[list[Target], tuple[int, ...]]:
     """Every pose or point that is asked for, and their leading axes."""
-    try:
-        given = np.array(pose, dtype=np.float64)
-    except (TypeError, ValueError):
-        given = np.zeros(0)
+    given = as_floats(pose)
     if given.ndim and given.shape[-1] == 3 and np.isfinite(given).all():
         return [Target(tool, point) for point in given.reshape(-1, 3)], given.shape[:-1]
     whole = given.ndim > 1 and given.shape[-2:] == (4, 4) and np.isfinite(given).all()
@@ -114,20 +111,13 @@ def _targets(tool: str, pose: ArrayLike) -> tuple[list[Target], tuple[int, ...]]
 
 def _starts(kernel: Kernel, robot: Robot | None, guess: ArrayLike | None, lead: Sequence[int]) -> Array:
     """A guess for each pose, (N, n)."""
-    if guess is None:
-        middle = np.zeros(kernel.n)
-        if robot is not None:
-            names = program_coordinates(robot)
-            start, goal = default_ends(robot, names)
-            begun = dict(zip(names, start if robot.is_closed else (start + goal) / 2, strict=True))
-            begun |= leading_home(robot)
-            middle = np.array([begun.get(name, 0.0) for name in kernel.coordinates])
-        given = middle
-    else:
-        try:
-            given = np.array(guess, dtype=np.float64)
-        except (TypeError, ValueError):
-            given = np.zeros(0)
+    given = np.zeros(kernel.n) if guess is None else as_floats(guess)
+    if guess is None and robot is not None:
+        names = program_coordinates(robot)
+        start, goal = default_ends(robot, names)
+        begun = dict(zip(names, start if robot.is_closed else (start + goal) / 2, strict=True))
+        begun |= leading_home(robot)
+        given = np.array([begun.get(name, 0.0) for name in kernel.coordinates])
     whole = (*lead, kernel.n)
     if given.shape not in ((kernel.n,), whole) or not np.isfinite(given).all():
         raise ArrayError(f"guess: got shape {given.shape}; allowed: finite numbers ({kernel.n},) or {whole}")
@@ -142,10 +132,7 @@ def _between(kernel: Kernel, robot: Robot | None, driven: set[str], start: Array
         found = limits_beside(robot, kernel.coordinates, driven, start)
         stays = stays | (found[:, 0] == found[:, 1])
     if not isinstance(limits, bool):
-        try:
-            found = np.array(limits, dtype=np.float64)
-        except (TypeError, ValueError):
-            found = np.zeros(0)
+        found = as_floats(limits)
         if found.shape != (kernel.n, 2) or not (found[:, 0] <= found[:, 1]).all():
             raise ArrayError(f"limits: got shape {found.shape}; allowed: ({kernel.n}, 2), lower and upper ones")
     elif not limits:

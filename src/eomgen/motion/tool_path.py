@@ -15,6 +15,7 @@ from ..names import show
 from ..optional import optional_import
 from ..runtime.kernel import Kernel
 from ..runtime.stepping.loads import Signal
+from ..state.vectors import as_floats
 from .point_to_point import PointToPoint
 from .reaching import Reached, Target, binding, point_text, reach, search, within_limits
 from .splines import Spline, spline_signal
@@ -361,10 +362,7 @@ def unreached(
 
 
 def space_point(label: str, value: ArrayLike) -> Array:
-    try:
-        point = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        point = np.zeros(0)
+    point = as_floats(value)
     if point.shape != (3,) or not np.isfinite(point).all():
         raise ArrayError(f"{label}: {value!r}; allowed: three finite numbers, m")
     return point

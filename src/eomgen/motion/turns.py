@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from ..arrays import Array
 from ..errors import ArrayError
 from ..names import show
+from ..state.vectors import as_floats
 from .splines import Spline
 
 TURNS = 1e-6  # that a rotation's R R^T may be off the identity: some decimals of a text
@@ -88,10 +89,7 @@ def rotation_matrices(label: str, value: ArrayLike, lead: Sequence[int] = ()) ->
     Raises:
         ArrayError: another shape, or axes that are not orthogonal, of length 1 and right-handed.
     """
-    try:
-        found = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        found = np.zeros(0)
+    found = as_floats(value)
     if found.shape != (*lead, 3, 3) or not np.isfinite(found).all():
         wanted = ", ".join(map(str, (*lead, 3, 3)))
         raise ArrayError(f"{label}: got {show(type(value).__name__)}; allowed: rotations, finite numbers ({wanted})")

@@ -13,7 +13,7 @@ from ..names import component_name
 from ..pipeline.costs import RobotInfo, robot_info
 from ..progress import Progress, no_progress
 from ..robot.coordinates import UNITS
-from ..robot.laws import JOINT_DAMPING, RADIAL, number_texts
+from ..robot.laws import number_texts
 from ..robot.model import build_model
 from ..robot.value import MOTOR, PRINCIPAL, Coordinate, Robot
 from ..simulation.balance import TERMS
@@ -115,14 +115,9 @@ def _coordinate_table(robot: Robot) -> Table:
             label = component_name(joint.name, name)
             unit = UNITS[name]
             rows.append((label, joint.type, ends, unit, _number(spring.stiffness), _number(spring.damping), role, law))
-        if joint.radial is not None:
-            law = ", ".join(number_texts(joint.radial.law()))
-            rows.append((component_name(joint.name, RADIAL), joint.type, ends, "m", "", "", "journal", law))
-        if joint.damping is not None:
-            law = ", ".join(number_texts(joint.damping.law()))
-            rows.append(
-                (component_name(joint.name, JOINT_DAMPING), joint.type, ends, "", "", "", "joint's damping", law)
-            )
+        for table, element in joint.elements.items():
+            label, law = component_name(joint.name, table), ", ".join(number_texts(element.law()))
+            rows.append((label, joint.type, ends, element.UNITS[1], "", "", element.ROLE, law))
     head = ("coordinate", "joint", "links", "unit", "stiffness", "damping", "role", "further")
     return Table("Joints and coordinates", head, tuple(rows))
 

@@ -11,9 +11,9 @@ from ..names import component_name, listed
 from ..progress import StageReport, no_report
 from ..robot.bounds import limit_texts
 from ..robot.coordinates import UNITS, unit_of
-from ..robot.laws import JOINT_DAMPING, RADIAL, number_texts
+from ..robot.laws import number_texts
 from ..robot.model import Model, build_model
-from ..robot.value import CUT_NUMBERS, MOTOR, PRINCIPAL, Coordinate, Coupling
+from ..robot.value import CUT_NUMBERS, MOTOR, PRINCIPAL, Coordinate, Coupling, Joint, Loop
 from .mobility import Mobility
 
 
@@ -35,6 +35,7 @@ class RobotInfo:
     def as_dict(self) -> dict[str, Any]:
         """Plain values, for JSON."""
         model = self.model
+        owners: tuple[Joint | Loop, ...] = (*model.robot.joints, *model.robot.loops)
         return {
             "name": model.name,
             "source": model.robot.source,
@@ -60,12 +61,7 @@ class RobotInfo:
             "limits": {x: given.numbers() for x in model.coordinates if (given := model.robot.limits_of(x))},
             "mobility": None if self.mobility is None else self.mobility.as_dict(),
             "mass": self._mass(),
-            "journals": {
-                component_name(name, RADIAL): radial.law()
-                for name, radial in [(x.name, x.radial) for x in model.robot.joints]
-                + [(x.name, x.radial) for x in model.robot.loops]
-                if radial
-            },
+            "journals": {component_name(x.name, x.radial.TABLE): x.radial.law() for x in owners if x.radial},
             "joint_damping": {joint.name: joint.damping.law() for joint in model.robot.joints if joint.damping},
             "springs": [x.as_dict() for x in model.robot.springs],
             **({"elements": [x.as_dict() for x in model.robot.elements]} if model.robot.elements else {}),
@@ -116,12 +112,8 @@ class RobotInfo:
                     further.insert(0, f"drives {body.joint}.{PRINCIPAL[joint.type]}, ratio {motor.ratio:.6g}")
                 further += limit_texts(joint.limits_of(name), UNITS[name])
                 lines += [f"  {', '.join(further)}"] if further else []
-            if joint.radial is not None:
-                lines.append(f"{component_name(joint.name, RADIAL)}: {', '.join(number_texts(joint.radial.law()))}")
-            if joint.damping is not None:
-                lines.append(
-                    f"{component_name(joint.name, JOINT_DAMPING)}: {', '.join(number_texts(joint.damping.law()))}"
-                )
+            for table, element in joint.elements.items():
+                lines.append(f"{component_name(joint.name, table)}: {', '.join(number_texts(element.law()))}")
         return lines
 
     def _loop_lines(self) -> list[str]:
@@ -131,7 +123,7 @@ class RobotInfo:
         for loop in loops:
             lines.append(f"loop {loop.name}: {loop.type} joint between {loop.links[0]} and {loop.links[1]}, cut")
             lines += [f"  {name} [{UNITS[name]}]: {_law_text(given)}" for name, given in loop.coordinates.items()]
-            lines += [f"  {RADIAL}: {', '.join(number_texts(loop.radial.law()))}"] if loop.radial else []
+            lines += [f"  {table}: {', '.join(number_texts(x.law()))}" for table, x in loop.elements.items()]
         lines += [_coupling_line(coupling) for coupling in self.model.robot.couplings]
         if not lines:
             return []

@@ -9,15 +9,15 @@ with imports_when_used(globals()):
     from .bounds import Limits as Limits
     from .elements import Bushing as Bushing
     from .elements import LinkElement as LinkElement
+    from .elements.joint_damping import JointDamping as JointDamping
+    from .elements.journal import Radial as Radial
+    from .elements.journal import SlidingFriction as SlidingFriction
     from .geometry import IDENTITY as IDENTITY
     from .geometry import ZERO as ZERO
     from .geometry import Matrix as Matrix
     from .geometry import Vector as Vector
     from .geometry import rotation_from_rpy as rotation_from_rpy
     from .geometry import snap as snap
-    from .joint_damping import JointDamping as JointDamping
-    from .journals import Radial as Radial
-    from .journals import SlidingFriction as SlidingFriction
     from .model import Model as Model
     from .model import build_model as build_model
     from .record import record_of as record_of

@@ -11,9 +11,7 @@ from typing import NoReturn
 from ..errors import DescriptionError
 from ..names import show
 from .bounds import limits_conflict
-from .elements import KINDS
 from .geometry import Matrix, Placement
-from .model import parameter_values
 from .parameter_names import least_of
 from .value import COORDINATES, JOINT_TYPES, PRINCIPAL, Joint, Robot
 
@@ -26,15 +24,12 @@ def check_parts(robot: Robot) -> None:
     Raises:
         DescriptionError: with the place, what came and what is allowed.
     """
-    named: dict[str, list[str]] = {
-        kind: [item.name for item in getattr(robot, kind)]
-        for kind in ("links", "joints", "frames", "loops", "couplings")
-    }
-    named |= {kind: [x.name for x in robot.link_elements if kind == x.TABLE] for kind in KINDS}
-    for kind, names in named.items():
-        seen = {robot.base} if kind == "links" else set[str]()
-        for name in names:
-            if name in seen:
+    kinds = ("links", "joints", "frames", "loops", "couplings")
+    groups = [[(kind, item.name) for item in getattr(robot, kind)] for kind in kinds]
+    for group in (*groups, [(element.TABLE, element.name) for element in robot.link_elements]):
+        seen = set[str]()
+        for kind, name in group:
+            if name in seen or (kind == "links" and name == robot.base):
                 _fail(robot, kind, f"the name {show(name)} is there twice; allowed: unique names")
             seen.add(name)
     for joint in robot.joints:
@@ -45,7 +40,7 @@ def check_parts(robot: Robot) -> None:
     for where, rotation in _rotations(robot):
         if not _turns(rotation):
             _fail(robot, where, "the axes are no rotation; allowed: orthogonal axes of length 1, right-handed")
-    for name, value in parameter_values(robot):
+    for name, value in robot.numbers():
         least = least_of(name)
         if value is not None and least is not None and value < least:
             _fail(robot, name, f"got {show(value)}; allowed: a number that is at least {least:g}")
@@ -81,13 +76,10 @@ def _rotations(robot: Robot) -> Iterator[tuple[str, Matrix]]:
 
 
 def _turns(rotation: Matrix) -> bool:
-    a, b, c = rotation
-    for i, row in enumerate(rotation):
-        for j, other in enumerate(rotation):
-            if abs(sum(x * y for x, y in zip(row, other, strict=True)) - (i == j)) > _TURNED:
-                return False
-    cross = (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
-    return sum(x * y for x, y in zip(cross, c, strict=True)) > 0.0
+    import numpy as np
+
+    R = np.array(rotation)
+    return bool(np.abs(R @ R.T - np.eye(3)).max() <= _TURNED and np.linalg.det(R) > 0.0)
 
 
 def _fail(robot: Robot, where: str, message: str) -> NoReturn:

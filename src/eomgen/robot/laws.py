@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from types import MappingProxyType
 
@@ -41,7 +42,6 @@ class Number:
         unit: of translations and of rotations.
         least: the least value, None where any will do.
         needed: what the message says is allowed where it is missing; empty where it may be.
-        idle: the value that takes its force away, None where that is no matter of this number.
         default: its value by the law's other numbers, None where nothing follows from them.
     """
 
@@ -50,8 +50,15 @@ class Number:
     unit: tuple[str, ...]
     least: float | None = 0.0
     needed: str = ""
-    idle: float | None = 0.0
     default: Callable[[Values], float | None] | None = None
+
+
+divisor = partial(Number, least=SMALLEST)  # a number that something is divided by
+
+
+def by_key(*numbers: Number) -> Mapping[str, Number]:
+    """Give the numbers by their keys."""
+    return MappingProxyType({number.key: number for number in numbers})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -172,10 +179,11 @@ def _steepest(k: float, given: Values, knots: Sequence[float]) -> float:
     return max(k, *((high - low) / (b - a) for (low, high), (a, b) in pairs))
 
 
+ARMATURE = "armature"
 BASIC = (
     Number("stiffness", "linear spring", STIFFNESS),
     Number("damping", "linear damper", DAMPING),
-    Number("armature", "inertia of a drive, added to the diagonal of the mass matrix", INERTIA, idle=None),
+    Number(ARMATURE, "inertia of a drive, added to the diagonal of the mass matrix", INERTIA),
 )
 _LAWS = (
     Law(
@@ -214,7 +222,6 @@ _LAWS = (
                 LENGTH,
                 least=SMALLEST,
                 needed="a deviation in m or rad, greater than 0",
-                idle=1e9,  # exp(s / scale) stays finite, whatever s
             ),
         ),
         is_spring=True,
@@ -227,18 +234,16 @@ _LAWS = (
     Law(
         name="clearance",
         numbers=(
-            Number("clearance", "half the gap in which no spring acts; with stiffness", LENGTH, idle=None),
+            Number("clearance", "half the gap in which no spring acts; with stiffness", LENGTH),
             Number(
                 "restitution_damping",
                 "multiplies a contact's force by 1 + restitution_damping * rate of its penetration; with clearance",
                 ("s/m", "s/rad"),
             ),
-            Number(
+            divisor(
                 "smoothing",
                 "over which a contact sets in; with clearance, default clearance / 20",
                 LENGTH,
-                least=SMALLEST,
-                idle=None,
                 default=lambda given: max(SHARE * given["clearance"], SMALLEST) if given["clearance"] else None,
             ),
         ),
@@ -255,27 +260,13 @@ _LAWS = (
         numbers=(
             Number("friction.coulomb", "force that resists any motion; 0 where there is a coefficient", FORCE),
             Number("friction.static", "force from rest, at least coulomb; with stribeck", FORCE),
-            Number(
-                "friction.stribeck",
-                "rate over which static friction falls to coulomb; with static",
-                RATE,
-                least=SMALLEST,
-                idle=None,
-            ),
-            Number(
-                f"friction.{GAUSSIAN}",
-                'the same of a curve with shape = "gaussian"',
-                RATE,
-                least=SMALLEST,
-                idle=None,
-            ),
+            divisor("friction.stribeck", "rate over which static friction falls to coulomb; with static", RATE),
+            divisor(f"friction.{GAUSSIAN}", 'the same of a curve with shape = "gaussian"', RATE),
             Number("friction.viscous", "force per rate", DAMPING),
-            Number(
+            divisor(
                 "friction.smoothing",
                 "rate over which friction turns round; default 4e-8, or 1e-6 stribeck if that is less",
                 RATE,
-                least=SMALLEST,
-                idle=None,
                 default=_friction_smoothing,
             ),
             Number(
@@ -283,7 +274,7 @@ _LAWS = (
                 "of what the joint's springs, contacts and dampers carry across it; adds to coulomb",
                 ("1", "1"),
             ),
-            Number("friction.radius", "at which a turn rubs; with coefficient", ("m", "m"), idle=None),
+            Number("friction.radius", "at which a turn rubs; with coefficient", ("m", "m")),
         ),
         is_spring=False,
         stiffness=None,
@@ -305,16 +296,9 @@ _LAWS = (
                 "multiplies what a stop's stiffness pushes back by 1 + restitution_damping * rate of the penetration",
                 ("s/m", "s/rad"),
             ),
-            Number(
-                "stops.smoothing",
-                "over which a stop sets in; default 1e-4",
-                LENGTH,
-                least=SMALLEST,
-                idle=None,
-                default=lambda given: ONSET,
-            ),
-            Number("stops.lower", "where the lower stop is; none without", LENGTH, least=None, idle=None),
-            Number("stops.upper", "where the upper stop is; none without", LENGTH, least=None, idle=None),
+            divisor("stops.smoothing", "over which a stop sets in; default 1e-4", LENGTH, default=lambda given: ONSET),
+            Number("stops.lower", "where the lower stop is; none without", LENGTH, least=None),
+            Number("stops.upper", "where the upper stop is; none without", LENGTH, least=None),
         ),
         is_spring=False,
         stiffness=None,
@@ -345,68 +329,7 @@ _LAWS = (
     ),
 )
 LAWS: Mapping[str, Law] = MappingProxyType({law.name: law for law in _LAWS})
-NUMBERS: Mapping[str, Number] = MappingProxyType({number.key: number for law in _LAWS for number in law.numbers})
-
-RADIAL = "radial"  # a joint's table of its journal
-IN_BEARINGS: Mapping[str, Number] = MappingProxyType(  # of a journal in a round bearing
-    {
-        number.key: number
-        for number in (
-            Number(
-                "clearance",
-                "radial gap, the bearing's radius less the journal's",
-                ("m",),
-                needed="the radial gap in m, at least 0",
-                idle=None,
-            ),
-            Number("stiffness", "of each contact, greater than 0", ("N/m",), needed="a stiffness in N/m, above 0"),
-            Number(
-                "length",
-                "of the bearing, which then touches at both ends; default one contact, in the middle",
-                ("m",),
-                least=SMALLEST,
-                idle=None,
-            ),
-            Number(
-                "restitution_damping",
-                "multiplies a contact's force by 1 + restitution_damping * rate of its penetration",
-                ("s/m",),
-            ),
-            Number(
-                "smoothing",
-                "over which a contact sets in; default clearance / 20",
-                ("m",),
-                least=SMALLEST,
-                idle=None,
-            ),
-            Number(
-                "friction.coefficient",
-                "friction along the tangent per normal force",
-                ("1",),
-                needed="a number that is at least 0",
-            ),
-            Number("friction.radius", "of the journal; with it the rate of gamma slides, too", ("m",)),
-            Number(
-                "friction.smoothing",
-                f"rate over which friction turns round; default {SMOOTHING:g}",
-                ("m/s",),
-                least=SMALLEST,
-                idle=None,
-            ),
-        )
-    }
-)
-
-JOINT_DAMPING = "damping"  # a joint's table of the damping of its own motion
-IN_MOTION: Mapping[str, Number] = MappingProxyType(  # of a joint, whatever its coordinates
-    {
-        number.key: number
-        for number in (
-            Number("linear", "times the velocity of the joint's origin", ("N s/m",)),
-            Number("angular", "times the joint's angular velocity", ("N m s/rad",)),
-        )
-    }
-)
+NUMBERS: Mapping[str, Number] = by_key(*(number for law in _LAWS for number in law.numbers))
 
 
 def given_laws(numbers: Values) -> Iterator[Law]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import NoReturn
 
 from ..errors import DescriptionError, UnknownNameError
 from ..names import (
@@ -27,26 +28,11 @@ from ..names import (
 )
 from ..once import kept
 from .cuts import CUTS, rigid_parts
-from .joint_damping import damping_conflict
-from .journals import radial_conflict
-from .laws import JOINT_DAMPING, RADIAL
+from .laws import ARMATURE, Conflict
 from .mechanism import coordinate_of, drive_of, leading_coordinate, leading_home, mechanism_conflict
+from .parameter_names import number_of
 from .rules import conflict, cut_conflict, motor_conflict, unmoved
-from .value import (
-    ANGULAR,
-    COORDINATE_NUMBERS,
-    COORDINATES,
-    CUT_NUMBERS,
-    INERTIA_KEYS,
-    MOTOR,
-    PRINCIPAL,
-    Coordinate,
-    Coupling,
-    Joint,
-    Loop,
-    Placement,
-    Robot,
-)
+from .value import ANGULAR, COORDINATES, MOTOR, PRINCIPAL, Coordinate, Coupling, Joint, Loop, Robot
 
 FIXED_BODY = -1  # what hangs on the base without a moving joint
 
@@ -161,7 +147,7 @@ class Model:
             (coupling.name, "", coupling.law)
             for coupling in self.robot.couplings
             if coupling.law is not None
-            and any(("couplings", coupling.name, key.partition(".")[0]) in known for key in _law_keys(coupling))
+            and any(("couplings", coupling.name, key.partition(".")[0]) in known for key in coupling.law.numbers())
         ]
         return (*(item for item in cut if ("loops", *item[:2]) in known), *coupled)
 
@@ -292,21 +278,16 @@ def build_model(robot: Robot, *, with_followers: bool = False) -> Model:
             if parent != FIXED_BODY:
                 links[parent].append(joint.child)
     if not bodies:
-        raise DescriptionError(
-            "the robot has no active coordinate; give at least one joint a type other than fixed, or a deviation",
-            where="joints",
-            source=robot.source or robot.name,
-        )
+        allowed = "give at least one joint a type other than fixed, or a deviation"
+        _refuse(robot, "joints", f"the robot has no active coordinate; {allowed}")
     _check_loops(robot, body_of)
     _check_elements(robot, body_of)
-    _check_mechanism(robot)
+    found = mechanism_conflict(robot)
+    if found is not None:
+        _refuse(robot, *found)
     if not coordinates:
-        raise DescriptionError(
-            f"nothing is left to move: rigid couplings hold all coordinates ({listed(followers)}); allowed: couplings"
-            " that leave one",
-            where="couplings",
-            source=robot.source or robot.name,
-        )
+        held = f"rigid couplings hold all coordinates ({listed(followers)})"
+        _refuse(robot, "couplings", f"nothing is left to move: {held}; allowed: couplings that leave one")
     merged = tuple(
         Body(body.joint, body.parent, body.first, body.active, tuple(names))
         for body, names in zip(bodies, links, strict=True)
@@ -352,37 +333,19 @@ def _check_names(robot: Robot) -> None:
 def _check_loops(robot: Robot, body_of: Mapping[str, int]) -> None:
     """Refuse a loop that nothing can open or close, and what no reader has seen."""
     for loop in robot.loops:
+        where = f"loops.{loop.name}"
         if loop.type not in CUTS:
-            raise DescriptionError(
-                f"got {show(loop.type)}; allowed: {', '.join(CUTS)}",
-                where=f"loops.{loop.name}.type",
-                source=robot.source or robot.name,
-            )
-        _check_pair(robot, body_of, loop.links, f"loops.{loop.name}.links")
-        conflicts = {name: cut_conflict(given) for name, given in loop.coordinates.items()}
-        if loop.radial is not None:
-            conflicts[RADIAL] = radial_conflict(loop.radial, loop.coordinates)
-        for name, found in conflicts.items():
-            if found is not None:
-                where = ".".join(filter(None, ("loops", loop.name, name, found[0])))
-                raise DescriptionError(found[1], where=where, source=robot.source or robot.name)
+            _refuse(robot, f"{where}.type", f"got {show(loop.type)}; allowed: {', '.join(CUTS)}")
+        _check_pair(robot, body_of, loop.links, f"{where}.links")
+        found = {name: cut_conflict(given) for name, given in loop.coordinates.items()}
+        _refuse_first(robot, where, found | _element_conflicts(loop))
 
 
 def _check_elements(robot: Robot, body_of: Mapping[str, int]) -> None:
     """Refuse a force element that nothing moves, and what no reader has seen."""
     for element in robot.link_elements:
         _check_pair(robot, body_of, element.links, f"{element.prefix}.links")
-        found = element.conflict()
-        if found is not None:
-            where = ".".join(filter(None, (element.prefix, found[0])))
-            raise DescriptionError(found[1], where=where, source=robot.source or robot.name)
-
-
-def _check_mechanism(robot: Robot) -> None:
-    """Refuse drives, a home and couplings that do not go with the coordinates."""
-    found = mechanism_conflict(robot)
-    if found is not None:
-        raise DescriptionError(found[1], where=found[0], source=robot.source or robot.name)
+        _refuse_first(robot, element.prefix, {"": element.conflict()})
 
 
 def _check_pair(robot: Robot, body_of: Mapping[str, int], links: tuple[str, str], where: str) -> None:
@@ -390,13 +353,9 @@ def _check_pair(robot: Robot, body_of: Mapping[str, int], links: tuple[str, str]
     first, second = links
     for name in links:
         if name not in body_of:
-            raise DescriptionError(
-                f"got {show(name)}; allowed: {', '.join(body_of)}",
-                where=where,
-                source=robot.source or robot.name,
-            )
+            _refuse(robot, where, f"got {show(name)}; allowed: {', '.join(body_of)}")
     if body_of[first] == body_of[second]:
-        raise DescriptionError(unmoved(first, second), where=where, source=robot.source or robot.name)
+        _refuse(robot, where, unmoved(first, second))
 
 
 def _check_forces(robot: Robot) -> None:
@@ -405,117 +364,35 @@ def _check_forces(robot: Robot) -> None:
         found = {name: conflict(given) for name, given in joint.coordinates.items()}
         if joint.motor is not None:
             found[MOTOR] = motor_conflict(joint.motor, joint.type, joint.coordinates)
-        if joint.radial is not None:
-            found[RADIAL] = radial_conflict(joint.radial, joint.coordinates)
-        if joint.damping is not None:
-            found[JOINT_DAMPING] = damping_conflict(joint.damping, joint.coordinates)
-        for name, refused in found.items():
-            if refused is not None:
-                where = ".".join(filter(None, ("joints", joint.name, name, refused[0])))
-                raise DescriptionError(refused[1], where=where, source=robot.source or robot.name)
+        _refuse_first(robot, f"joints.{joint.name}", found | _element_conflicts(joint))
+
+
+def _element_conflicts(owner: Joint | Loop) -> dict[str, Conflict | None]:
+    return {table: element.conflict(owner.coordinates) for table, element in owner.elements.items()}
+
+
+def _refuse_first(robot: Robot, where: str, conflicts: Mapping[str, Conflict | None]) -> None:
+    """Refuse the first conflict of those by their tables below a place."""
+    for table, found in conflicts.items():
+        if found is not None:
+            _refuse(robot, ".".join(filter(None, (where, table, found[0]))), found[1])
+
+
+def _refuse(robot: Robot, where: str, message: str) -> NoReturn:
+    raise DescriptionError(message, where=where, source=robot.source or robot.name)
 
 
 def _parameters(robot: Robot) -> dict[str, float]:
-    """Run-time parameters: gravity, every stiffness, damping and offset that is given, and what ``tunable`` lists."""
-    values = dict(parameter_values(robot))
+    """Run-time parameters: gravity, offsets and numbers of forces that are given, and what ``tunable`` lists."""
 
     def always(name: str) -> bool:
-        path = parameter_path(name)
-        return path[0] == "gravity" or (
-            path[0] in ("joints", "loops", "couplings")
-            and (path[-1] in ("stiffness", "damping") or path[2] == "offset")
-        )
+        kind, *path = parameter_path(name)
+        number = number_of(name)
+        return kind == "gravity" or "offset" in path[1:2] or (number is not None and number.key != ARMATURE)
 
-    chosen = {name for name, value in values.items() if value is not None and always(name)}
-    for joint in robot.joints:
-        for name, given in joint.coordinates.items():
-            chosen.update(f"joints.{joint.name}.{name}.{key}" for key in given.law())
-        if joint.motor is not None:
-            laws = (*joint.motor.transmission.law(), *joint.motor.rotor.law())
-            chosen.update(f"joints.{joint.name}.{MOTOR}.{key}" for key in laws)
-        if joint.radial is not None:
-            chosen.update(f"joints.{joint.name}.{RADIAL}.{key}" for key in joint.radial.law())
-        if joint.damping is not None:
-            chosen.update(f"joints.{joint.name}.{JOINT_DAMPING}.{key}" for key in joint.damping.law())
-    for loop in robot.loops:
-        for name, given in loop.coordinates.items():
-            chosen.update(f"loops.{loop.name}.{name}.{key}" for key in given.law())
-        if loop.radial is not None:
-            chosen.update(f"loops.{loop.name}.{RADIAL}.{key}" for key in loop.radial.law())
-    for coupling in robot.couplings:
-        chosen.update(f"couplings.{coupling.name}.{key}" for key in (coupling.law.law() if coupling.law else ()))
-    for element in robot.link_elements:
-        chosen.update(f"{element.prefix}.{key}" for key in element.law())
-    chosen.update(robot.tunable)
+    values = dict(robot.numbers())
+    chosen = {name for name, value in values.items() if value is not None and always(name)}.union(robot.tunable)
     return {name: value or 0.0 for name, value in values.items() if name in chosen}
-
-
-def parameter_values(robot: Robot) -> Iterator[tuple[str, float | None]]:
-    """Every number of the description that may be a parameter, by its name; None where none is given."""
-    for axis, value in zip("xyz", robot.gravity, strict=True):
-        yield f"gravity.{axis}", value
-    for link in robot.links:
-        yield f"links.{link.name}.mass", link.mass
-        for axis, value in zip("xyz", link.com, strict=True):
-            yield f"links.{link.name}.com.{axis}", value
-        for key, value in zip(INERTIA_KEYS, link.inertia, strict=True):
-            yield f"links.{link.name}.inertia.{key}", value
-    for joint in robot.joints:
-        yield from _joint_values(joint)
-    for frame in robot.frames:
-        yield from _pose_values(f"frames.{frame.name}.placement", frame.placement)
-    for loop in robot.loops:
-        yield from _loop_values(loop)
-    for coupling in robot.couplings:
-        for key, number in coupling.numbers().items():
-            yield f"couplings.{coupling.name}.{key}", number
-    for element in robot.link_elements:
-        yield from ((f"{element.prefix}.{key}", value) for key, value in element.numbers())
-
-
-def _joint_values(joint: Joint) -> Iterator[tuple[str, float | None]]:
-    for name in COORDINATES:
-        if name in joint.coordinates:
-            for key in COORDINATE_NUMBERS:
-                yield f"joints.{joint.name}.{name}.{key}", getattr(joint.coordinates[name], key)
-            for key, value in joint.coordinates[name].law().items():
-                yield f"joints.{joint.name}.{name}.{key}", value
-    if joint.motor is not None:
-        for key, number in joint.motor.numbers().items():
-            yield f"joints.{joint.name}.{MOTOR}.{key}", number
-    if joint.radial is not None:
-        for key, number in joint.radial.law().items():
-            yield f"joints.{joint.name}.{RADIAL}.{key}", number
-    if joint.damping is not None:
-        for key, number in joint.damping.law().items():
-            yield f"joints.{joint.name}.{JOINT_DAMPING}.{key}", number
-    for name, offset in zip(COORDINATES, joint.offset, strict=True):
-        yield f"joints.{joint.name}.offset.{name}", offset
-    yield from _pose_values(f"joints.{joint.name}.placement", joint.placement)
-
-
-def _law_keys(coupling: Coupling) -> Iterator[str]:
-    """Names of the numbers of an elastic coupling's forces, below its own."""
-    return (key for key in coupling.numbers() if key != "offset" and not key.startswith("ratio."))
-
-
-def _loop_values(loop: Loop) -> Iterator[tuple[str, float | None]]:
-    for name, coordinate in loop.coordinates.items():
-        for key in CUT_NUMBERS:
-            yield f"loops.{loop.name}.{name}.{key}", getattr(coordinate, key)
-        for key, value in coordinate.law().items():
-            yield f"loops.{loop.name}.{name}.{key}", value
-    if loop.radial is not None:
-        for key, number in loop.radial.law().items():
-            yield f"loops.{loop.name}.{RADIAL}.{key}", number
-    for name, offset in zip(COORDINATES, loop.offset, strict=True):
-        yield f"loops.{loop.name}.offset.{name}", offset
-    for place, placement in enumerate(loop.placements):
-        yield from _pose_values(f"loops.{loop.name}.placements.{place}", placement)
-
-
-def _pose_values(name: str, placement: Placement) -> Iterator[tuple[str, float | None]]:
-    yield from ((f"{name}.{key}", value) for key, value in placement.numbers())
 
 
 def program_coordinates(robot: Robot) -> tuple[str, ...]:

@@ -4,24 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import groupby
 from types import MappingProxyType
 from typing import NoReturn
 
 from ..errors import DescriptionError
 from ..names import nearest, parameter_name, parameter_path, show
-from .elements import KINDS, Spring
-from .laws import BASIC, IN_BEARINGS, IN_MOTION, JOINT_DAMPING, NUMBERS, RADIAL, Number
-from .value import (
-    COORDINATE_NUMBERS,
-    COORDINATES,
-    CUT_NUMBERS,
-    INERTIA_KEYS,
-    LINEAR,
-    MOTOR,
-    Loop,
-    Placement,
-    Robot,
-)
+from .elements import JOINT_ELEMENTS, KINDS, Spring
+from .laws import BASIC, NUMBERS, Number
+from .value import COORDINATES, MOTOR, Robot
 
 FORMS = (
     "gravity[.x], links.LINK.mass, links.LINK.com[.x], links.LINK.inertia[.xx], "
@@ -38,8 +29,13 @@ FORMS = (
 Places = dict[str, dict[str, dict[str, int]]]  # of numbers in parameters, by family, owner, and name in its table
 JOINTS, CUTS, BEARINGS, CUT_BEARINGS, MOTIONS = "coordinates", "cut_laws", "bearings", "cut_bearings", "joint_damping"
 LINES = Spring.TABLE
-FAMILIES = (JOINTS, CUTS, BEARINGS, CUT_BEARINGS, MOTIONS, *KINDS)  # of forces
 _OF_COORDINATES: Mapping[str, Number] = MappingProxyType({**{number.key: number for number in BASIC}, **NUMBERS})
+FAMILIES: Mapping[str, Mapping[str, Number]] = MappingProxyType(  # of forces, with their numbers
+    {JOINTS: _OF_COORDINATES, CUTS: _OF_COORDINATES}
+    | {family: x.NUMBERS for x in JOINT_ELEMENTS.values() for family in x.FAMILIES.values()}
+    | {table: x.NUMBERS for table, x in KINDS.items()}
+)
+_OF_JOINTS = ("offset", "placement")
 _LONG = 1000  # characters of a name that no parameter has which are looked at for a hint
 
 
@@ -52,54 +48,10 @@ class Parameter:
 
 
 def parameters(robot: Robot) -> Iterator[Parameter]:
-    """Every number that could be a run-time parameter, in the order of the description."""
-    for axis in LINEAR:
-        yield Parameter(("gravity", axis))
-    for link in robot.links:
-        yield Parameter(("links", link.name, "mass"))
-        for axis in LINEAR:
-            yield Parameter(("links", link.name, "com", axis))
-        for key in INERTIA_KEYS:
-            yield Parameter(("links", link.name, "inertia", key))
-    for joint in robot.joints:
-        for name, value in zip(COORDINATES, joint.offset, strict=True):
-            yield Parameter(("joints", joint.name, "offset", name), value is not None)
-        yield from _placement(("joints", joint.name, "placement"), joint.placement)
-        for name, coordinate in joint.coordinates.items():
-            for key in COORDINATE_NUMBERS:
-                yield Parameter(("joints", joint.name, name, key), getattr(coordinate, key) is not None)
-            for key in coordinate.law():
-                yield Parameter(("joints", joint.name, name, *parameter_path(key)))
-        for key, value in (joint.motor.numbers() if joint.motor else {}).items():
-            yield Parameter(("joints", joint.name, MOTOR, *parameter_path(key)), value is not None)
-        for key in joint.radial.law() if joint.radial else ():
-            yield Parameter(("joints", joint.name, RADIAL, *parameter_path(key)))
-        for key in joint.damping.law() if joint.damping else ():
-            yield Parameter(("joints", joint.name, JOINT_DAMPING, key))
-    for frame in robot.frames:
-        yield from _placement(("frames", frame.name, "placement"), frame.placement)
-    for loop in robot.loops:
-        yield from _of_loop(loop)
-    for coupling in robot.couplings:
-        for key, number in coupling.numbers().items():
-            yield Parameter(("couplings", coupling.name, *parameter_path(key)), number is not None)
-    for element in robot.link_elements:
-        for key, value in element.numbers():
-            yield Parameter((element.TABLE, element.name, *parameter_path(key)), value is not None)
-
-
-def _of_loop(loop: Loop) -> Iterator[Parameter]:
-    for name, coordinate in loop.coordinates.items():
-        for key in CUT_NUMBERS:
-            yield Parameter(("loops", loop.name, name, key), getattr(coordinate, key) is not None)
-        for key in coordinate.law():
-            yield Parameter(("loops", loop.name, name, *parameter_path(key)))
-    for key in loop.radial.law() if loop.radial else ():
-        yield Parameter(("loops", loop.name, RADIAL, *parameter_path(key)))
-    for name, value in zip(COORDINATES, loop.offset, strict=True):
-        yield Parameter(("loops", loop.name, "offset", name), value is not None)
-    for place, placement in enumerate(loop.placements):
-        yield from _placement(("loops", loop.name, "placements", str(place)), placement)
+    """Every number that could be a run-time parameter, a joint's offset and placement in front of its forces."""
+    found = (Parameter(parameter_path(name), value is not None) for name, value in robot.numbers())
+    for _, owned in groupby(found, lambda item: item.path[:2]):
+        yield from sorted(owned, key=lambda item: item.path[0] == "joints" and item.path[2] not in _OF_JOINTS)
 
 
 def element_places(robot: Robot, names: Iterable[str]) -> Places:
@@ -128,14 +80,8 @@ def _element_of(path: tuple[str, ...]) -> tuple[str, tuple[str, ...], tuple[str,
         return CUTS if kind == "couplings" else kind, path[1:2], path[2:]
     if kind in ("joints", "loops") and part in (*COORDINATES, MOTOR):
         return {"joints": JOINTS, "loops": CUTS}[kind], path[1:3], path[3:]
-    tables = {("joints", RADIAL): BEARINGS, ("loops", RADIAL): CUT_BEARINGS, ("joints", JOINT_DAMPING): MOTIONS}
-    return (tables[kind, part], path[1:2], path[3:]) if (kind, part) in tables else None
-
-
-def _placement(owner: tuple[str, ...], placement: Placement) -> Iterator[Parameter]:
-    for key in ("xyz", "rpy") if placement.rpy is not None else ("xyz",):
-        for index in "012":
-            yield Parameter((*owner, key, index))
+    family = JOINT_ELEMENTS[part].FAMILIES.get(kind) if part in JOINT_ELEMENTS else None
+    return None if family is None else (family, path[1:2], path[3:])
 
 
 def expand_tunable(robot: Robot, patterns: Sequence[str]) -> tuple[str, ...]:
@@ -220,16 +166,11 @@ def _refuse(robot: Robot, pattern: str, known: Sequence[Parameter]) -> NoReturn:
 
 def number_of(parameter: str) -> Number | None:
     """Give the table's number that a run-time parameter is; None of what is no force."""
-    kind, *path = parameter_path(parameter)
-    if kind not in ("joints", "loops", "couplings", *KINDS):
+    element = _element_of(parameter_path(parameter))
+    if element is None:
         return None
-    if kind in ("joints", "loops") and path[1] == RADIAL:
-        return IN_BEARINGS.get(parameter_name(*path[2:]))
-    if kind == "joints" and path[1] == JOINT_DAMPING:
-        return IN_MOTION.get(parameter_name(*path[2:]))
-    key = parameter_name(*path[2 if kind in ("joints", "loops") else 1 :])
-    table = KINDS[kind].NUMBERS if kind in KINDS else _OF_COORDINATES
-    return table.get(key) or table.get(key.partition(".")[0])
+    family, _, key = element
+    return FAMILIES[family].get(parameter_name(*key)) or FAMILIES[family].get(parameter_name(*key[:1]))
 
 
 def least_of(parameter: str) -> float | None:

@@ -2,27 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-
 import numpy as np
 
 from ..arrays import Array
-from .laws import stiffness_of
 
 REFERENCE_ACCELERATION = 10.0  # m/s^2, rad/s^2: about 1 g; what it does to a spring is the size of its deviation
-
-
-def table_stiffnesses(
-    numbers: Mapping[str, Mapping[str, float]], coordinates: Sequence[str], knots: Mapping[str, Sequence[float]]
-) -> Array:
-    """Give the stiffness of every coordinate's own table, (n,), N/m or N m/rad; of a motor's its transmission's.
-
-    Args:
-        numbers: of the coordinates' forces, by coordinate and by their names in the table of laws.
-        coordinates: names, such as "elbow.alpha".
-        knots: deviations of measured curves, by coordinate.
-    """
-    return np.array([stiffness_of(numbers.get(name, {}), knots.get(name, ())) for name in coordinates])
 
 
 def deviation_sizes(stiffness: Array, inertia: Array) -> tuple[Array, Array]:

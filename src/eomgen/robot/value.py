@@ -10,7 +10,7 @@ where ``axis_turn`` is the identity unless the description is an URDF, whose joi
 from __future__ import annotations
 
 import math
-from collections.abc import Container, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
@@ -19,25 +19,16 @@ from ..names import NAME_LENGTH, html_table, joint_of, kind_of, split_component
 from ..once import kept
 from .bounds import Limits
 from .cuts import CUTS
-from .elements import KINDS, Element, LinkElement
+from .elements import JOINT_ELEMENTS, Element, JointElement, LinkElement
+from .elements.joint_damping import JointDamping
+from .elements.journal import Radial
 from .elements.spring import Spring as Spring
 from .geometry import ANGULAR as ANGULAR
 from .geometry import COORDINATES as COORDINATES
 from .geometry import IDENTITY, Matrix, Vector
 from .geometry import LINEAR as LINEAR
 from .geometry import Placement as Placement
-from .joint_damping import JointDamping
-from .journals import Radial
-from .laws import (
-    BASIC,
-    GAUSSIAN,
-    JOINT_DAMPING,
-    NUMBERS,
-    RADIAL,
-    SHAPES,
-    defaults,
-    given_laws,
-)
+from .laws import BASIC, GAUSSIAN, NUMBERS, SHAPES, defaults, given_laws
 from .laws import Curve as Curve
 
 ACROSS: Mapping[str, tuple[str, ...]] = MappingProxyType(  # translations across a coordinate's axis
@@ -51,6 +42,38 @@ CUT_NUMBERS = ("stiffness", "damping")  # those of a cut joint's, which moves no
 INERTIA_KEYS = ("xx", "yy", "zz", "xy", "xz", "yz")
 BASE = "base"
 LATER: Mapping[str, bool] = MappingProxyType({"later": True})  # marks fields that older records do not have
+
+
+Numbers = Iterator[tuple[str, float | None]]  # by names of parameters below an owner's; None where one is not given
+
+
+def _below(table: str, numbers: Iterable[tuple[str, float | None]]) -> Numbers:
+    """Give numbers by their names with that of the table in front."""
+    yield from ((f"{table}.{key}", value) for key, value in numbers)
+
+
+class _Picklable:
+    """A record whose fields may be mapping proxies, which cannot be pickled."""
+
+    def __reduce__(self) -> tuple[object, ...]:
+        values = (dict(x) if isinstance(x, MappingProxyType) else x for x in vars(self).values())
+        return type(self), tuple(values)
+
+
+class _Jointed(_Picklable):
+    """A joint or a cut one: coordinates in canonical order, and force elements of it as a whole."""
+
+    coordinates: Mapping[str, Coordinate]
+
+    def __post_init__(self) -> None:
+        given = {name: self.coordinates[name] for name in COORDINATES if name in self.coordinates}
+        object.__setattr__(self, "coordinates", MappingProxyType(given))
+
+    @property
+    def elements(self) -> dict[str, JointElement]:
+        """Force elements of the joint as a whole, by their tables."""
+        found: dict[str, JointElement | None] = {table: getattr(self, table, None) for table in JOINT_ELEMENTS}
+        return {table: element for table, element in found.items() if element is not None}
 
 
 @dataclass(frozen=True)
@@ -97,7 +120,7 @@ class Friction:
 
 
 @dataclass(frozen=True)
-class Coordinate:
+class Coordinate(_Picklable):
     """Properties of one active coordinate; None means that the description does not give the value.
 
     stiffness: N/m or N m/rad, damping: N s/m or N m s/rad (eq. 13), armature: kg or kg m^2, added to the
@@ -137,10 +160,6 @@ class Coordinate:
                 further[key] = value
         object.__setattr__(self, "further", MappingProxyType(further))
 
-    def __reduce__(self) -> tuple[object, ...]:
-        values = (dict(value) if name == "further" else value for name, value in vars(self).items())
-        return (Coordinate, tuple(values))  # a mapping proxy cannot be pickled
-
     @property
     def carries(self) -> bool:
         """Whether springs, contacts or dampers of the coordinate carry a force."""
@@ -151,6 +170,10 @@ class Coordinate:
     def has_stiffness(self) -> bool:
         """Whether anything that is given counts as a stiffness."""
         return bool(self.stiffness) or any(law.stiffness for law in given_laws(self.law()))
+
+    def numbers(self, keys: Sequence[str] = COORDINATE_NUMBERS) -> dict[str, float | None]:
+        """Give numbers by the names of parameters, of ``COORDINATE_NUMBERS`` some; None where one is not given."""
+        return {key: getattr(self, key) for key in keys} | self.law()
 
     def law(self) -> dict[str, float]:
         """Numbers beyond stiffness, damping and armature, by their names: "cubic", "friction.coulomb", "curve.0"."""
@@ -178,11 +201,6 @@ class Coordinate:
         fields |= {key: kept.pop(key, getattr(self, key)) for key in COORDINATE_NUMBERS}
         rubbing = {key[9:]: kept.pop(key) for key in NUMBERS if key.startswith("friction.") and key in kept}
         return replace(self, **fields, friction=Friction.of(rubbing) if rubbing else None, further=kept)
-
-
-def _in_order(coordinates: Mapping[str, Coordinate]) -> Mapping[str, Coordinate]:
-    """The six coordinates, as many as there are, in canonical order and frozen."""
-    return MappingProxyType({name: coordinates[name] for name in COORDINATES if name in coordinates})
 
 
 def carriers(name: str, coordinates: Mapping[str, Coordinate]) -> tuple[str, ...]:
@@ -215,7 +233,7 @@ def _unloaded(coordinates: Mapping[str, Coordinate]) -> dict[str, Coordinate]:
 
 
 @dataclass(frozen=True)
-class Motor:
+class Motor(_Picklable):
     """A motor behind a gear and a spring: one more coordinate of its joint, the rotor's angle, rad at its shaft.
 
     inertia: of the rotor about its own axis, kg m^2.  ratio: of the gear, rad of the motor per rad (or m) of the
@@ -240,10 +258,6 @@ class Motor:
     def __post_init__(self) -> None:
         object.__setattr__(self, "further", self.rotor.further)
 
-    def __reduce__(self) -> tuple[object, ...]:
-        values = (dict(value) if name == "further" else value for name, value in vars(self).items())
-        return (Motor, tuple(values))  # a mapping proxy cannot be pickled
-
     @property
     def rotor(self) -> Coordinate:
         """Coordinate properties of the rotor alone; its inertia as an armature."""
@@ -257,9 +271,8 @@ class Motor:
 
     def numbers(self) -> dict[str, float | None]:
         """Numbers by the names of parameters: "inertia", "stiffness", "friction.coulomb"; None where not given."""
-        spring = self.transmission
-        own = {"inertia": self.inertia, "ratio": self.ratio, "stiffness": spring.stiffness, "damping": spring.damping}
-        return {**own, **spring.law(), **self.rotor.law()}
+        own = {"inertia": self.inertia, "ratio": self.ratio}
+        return {**own, **self.transmission.numbers(CUT_NUMBERS), **self.rotor.law()}
 
 
 @dataclass(frozen=True)
@@ -271,9 +284,15 @@ class Link:
     com: Vector
     inertia: tuple[float, float, float, float, float, float]
 
+    def numbers(self) -> Numbers:
+        """Give all numbers by the names of parameters: "mass", "com.x"."""
+        yield "mass", self.mass
+        yield from _below("com", zip(LINEAR, self.com, strict=True))
+        yield from _below("inertia", zip(INERTIA_KEYS, self.inertia, strict=True))
+
 
 @dataclass(frozen=True)
-class Joint:
+class Joint(_Jointed):
     """A joint: where it is, which of its six coordinates are active (canonical order), and their properties.
 
     offset: constants in the order of COORDINATES (m, rad) that are added to the six coordinates, active or not, before
@@ -297,17 +316,21 @@ class Joint:
     radial: Radial | None = field(default=None, metadata=LATER)
     damping: JointDamping | None = field(default=None, metadata=LATER)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "coordinates", _in_order(self.coordinates))
-
-    def __reduce__(self) -> tuple[object, ...]:
-        values = (dict(value) if name == "coordinates" else value for name, value in vars(self).items())
-        return (Joint, tuple(values))  # a mapping proxy cannot be pickled
-
     @property
     def all_coordinates(self) -> dict[str, Coordinate]:
         """Active coordinates and, behind them, the motor's: those of q, in its order."""
         return {**self.coordinates, **({MOTOR: self.motor.rotor} if self.motor else {})}
+
+    def numbers(self) -> Numbers:
+        """Give all numbers that may be parameters, by their names below the joint's; None where one is not given."""
+        for name, given in self.coordinates.items():
+            yield from _below(name, given.numbers().items())
+        if self.motor is not None:
+            yield from _below(MOTOR, self.motor.numbers().items())
+        for table, element in self.elements.items():
+            yield from _below(table, element.law().items())
+        yield from _below("offset", zip(COORDINATES, self.offset, strict=True))
+        yield from _below("placement", self.placement.numbers())
 
     def limits_of(self, name: str) -> Limits:
         """Return the limits of a coordinate of the joint, or of its motor's; an empty one where it has none."""
@@ -351,9 +374,8 @@ class Joint:
             given = kept[name]
             armature = (given.armature or 0.0) + self.motor.inertia * self.motor.ratio**2
             kept[name] = replace(given, armature=armature, prescribed=given.prescribed or self.motor.prescribed)
-        radial = self.radial if all(name in kept for name in touching) else None
-        damping = self.damping.left_with(kept) if self.damping else None
-        made = replace(self, coordinates=_unloaded(kept), motor=None, radial=radial, damping=damping)
+        left: dict[str, Any] = {table: element.left_with(kept) for table, element in self.elements.items()}
+        made = replace(self, coordinates=_unloaded(kept), motor=None, **left)
         if self.motor is None or self.motor.limits is None:
             return made
         return made.with_limits(name, self.limits_of(name).within(self.motor.limits.behind(self.motor.ratio)))
@@ -369,7 +391,7 @@ class Frame:
 
 
 @dataclass(frozen=True)
-class Loop:
+class Loop(_Jointed):
     """A joint that is cut: its type (``cuts.CUTS``) and its frame on each of the two links that it joins.
 
     Its six coordinates are those of the second frame as seen from the first, T(x, y, z) . Rx(alpha) . Ry(beta) .
@@ -387,23 +409,26 @@ class Loop:
     offset: tuple[float | None, ...] = field(default=(None,) * 6, metadata=LATER)
     radial: Radial | None = field(default=None, metadata=LATER)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "coordinates", _in_order(self.coordinates))
-
-    def __reduce__(self) -> tuple[object, ...]:
-        values = (dict(value) if name == "coordinates" else value for name, value in vars(self).items())
-        return (Loop, tuple(values))  # a mapping proxy cannot be pickled
+    def numbers(self) -> Numbers:
+        """Give all numbers that may be parameters, by their names below the loop's; None where one is not given."""
+        for name, given in self.coordinates.items():
+            yield from _below(name, given.numbers(CUT_NUMBERS).items())
+        for table, element in self.elements.items():
+            yield from _below(table, element.law().items())
+        yield from _below("offset", zip(COORDINATES, self.offset, strict=True))
+        for place, placement in enumerate(self.placements):
+            yield from _below(f"placements.{place}", placement.numbers())
 
     def rigid(self) -> Loop:
         """The loop with every coordinate that its type blocks rigid."""
         blocked = [part.name for part in CUTS[self.type]]
         kept = {name: given for name, given in self.coordinates.items() if name not in blocked}
-        radial = self.radial if self.radial and all(name in kept for name in self.radial.felt) else None
-        return replace(self, coordinates=_unloaded(kept), radial=radial)
+        left: dict[str, Any] = {table: element.left_with(kept) for table, element in self.elements.items()}
+        return replace(self, coordinates=_unloaded(kept), **left)
 
 
 @dataclass(frozen=True)
-class Coupling:
+class Coupling(_Picklable):
     """Coordinates that move together: value(of) = sum of ratio * value(coordinate) + offset.
 
     of: the name of a coordinate; to: ratios by the names of others, in the unit of ``of`` per theirs; none where
@@ -422,17 +447,11 @@ class Coupling:
     def __post_init__(self) -> None:
         object.__setattr__(self, "to", MappingProxyType(dict(self.to)))
 
-    def __reduce__(self) -> tuple[object, ...]:
-        values = (dict(value) if name == "to" else value for name, value in vars(self).items())
-        return (Coupling, tuple(values))  # a mapping proxy cannot be pickled
-
     def numbers(self) -> dict[str, float | None]:
         """Numbers by the names of parameters: "ratio.finger1.gamma", "offset", "stiffness"; None where not given."""
         found: dict[str, float | None] = {f"ratio.{name}": ratio for name, ratio in self.to.items()}
         found["offset"] = self.offset
-        if self.law is not None:
-            found |= {key: getattr(self.law, key) for key in CUT_NUMBERS} | self.law.law()
-        return found
+        return found | (self.law.numbers(CUT_NUMBERS) if self.law else {})
 
     def rigid(self, moving: Container[str]) -> Coupling | None:
         """The coupling without its spring where only some coordinates move and others are 0; None if none is left."""
@@ -489,18 +508,8 @@ def _in_loops(robot: Robot) -> set[str]:
     return {name for loop in robot.loops for name in path(loop.links[0]) ^ path(loop.links[1])}
 
 
-def _lost_numbers(kind: str, old: Sequence[Joint | Loop], new: Sequence[Joint | Loop]) -> set[str]:
-    """Names of the numbers of laws that coordinates of joints or loops have no more."""
-    return {
-        f"{kind}.{before.name}.{name}.{key}"
-        for before, after in zip(old, new, strict=True)
-        for name, given in after.coordinates.items()
-        for key in before.coordinates[name].law().keys() - given.law().keys()
-    }
-
-
 @dataclass(frozen=True)
-class Robot:
+class Robot(_Picklable):
     """A validated robot.  Links exclude the base; ``base`` is the base link's name in the description.
 
     joints are in depth-first order; ``loops`` are the joints that close it, cut; ``springs`` act between points of
@@ -530,10 +539,6 @@ class Robot:
     def __post_init__(self) -> None:
         object.__setattr__(self, "home", MappingProxyType(dict(self.home)))
 
-    def __reduce__(self) -> tuple[object, ...]:
-        values = (dict(value) if name == "home" else value for name, value in vars(self).items())
-        return (Robot, tuple(values))  # a mapping proxy cannot be pickled
-
     def _repr_html_(self) -> str:
         """A small table, for notebooks."""
         rows = {
@@ -555,6 +560,22 @@ class Robot:
     def link_elements(self) -> tuple[LinkElement, ...]:
         """All force elements between two links, springs first."""
         return (*self.springs, *self.elements)
+
+    def numbers(self) -> Numbers:
+        """Give every number of the description that may be a parameter, by its name; None where none is given."""
+        yield from _below("gravity", zip(LINEAR, self.gravity, strict=True))
+        for link in self.links:
+            yield from _below(f"links.{link.name}", link.numbers())
+        for joint in self.joints:
+            yield from _below(f"joints.{joint.name}", joint.numbers())
+        for frame in self.frames:
+            yield from _below(f"frames.{frame.name}.placement", frame.placement.numbers())
+        for loop in self.loops:
+            yield from _below(f"loops.{loop.name}", loop.numbers())
+        for coupling in self.couplings:
+            yield from _below(f"couplings.{coupling.name}", coupling.numbers().items())
+        for element in self.link_elements:
+            yield from _below(element.prefix, element.numbers())
 
     def link(self, name: str) -> Link:
         """The link of that name; KeyError if there is none."""
@@ -625,21 +646,6 @@ class Robot:
             carrier[joint.child] = joint.child if joint.coordinates else carrier[joint.parent]
         springs = tuple(s for s in self.springs if carrier[s.links[0]] != carrier[s.links[1]])
         elements = tuple(x for x in self.elements if carrier[x.links[0]] != carrier[x.links[1]])
-        active = {f"joints.{j.name}.{c}." for j in joints for c in j.coordinates}
-        active |= {f"loops.{loop.name}.{c}." for loop in loops for c in loop.coordinates}
-        active |= {f"loops.{loop.name}.{RADIAL}." for loop in loops if loop.radial is not None}
-        active |= {f"{element.prefix}." for element in (*springs, *elements)}
-        active |= {f"joints.{j.name}.{RADIAL}." for j in joints if j.radial is not None}
-        active |= {f"joints.{j.name}.{JOINT_DAMPING}.{key}" for j in joints if j.damping for key in j.damping.law()}
-        own = (*COORDINATES, MOTOR, RADIAL, JOINT_DAMPING)
-        gone = tuple(
-            name
-            for name in self.tunable
-            if (name.partition(".")[0] in KINDS or name.split(".")[2:3] in [[key] for key in own])
-            and not any(name.startswith(prefix) for prefix in active)
-        )
-        lost = _lost_numbers("joints", self.joints, joints) | _lost_numbers("loops", self.loops, loops)
-        tunable = tuple(name for name in self.tunable if name not in gone and name not in lost)
         moving = {f"{joint.name}.{name}" for joint in joints for name in joint.coordinates}
         drives = {f"{j.name}.{MOTOR}": f"{j.name}.{PRINCIPAL[j.type]}" for j in self.joints if j.motor is not None}
         driven = None if self.driven is None else dict.fromkeys(drives.get(name, name) for name in self.driven)
@@ -649,21 +655,18 @@ class Robot:
             if stiff is not None:
                 fits = first_contradiction((*couplings, stiff)) is None
                 couplings += (stiff if fits else coupling,)
-        known = {f"couplings.{x.name}.{key}" for x in couplings for key in x.numbers()}
-        tunable = tuple(name for name in tunable if name in known or not name.startswith("couplings."))
-        tunable = tuple(name for name in tunable if not (name.startswith("joints.") and ".stops." in name))
         made = replace(self, name=self.name[:42] + "_rigid", joints=tuple(joints), loops=tuple(loops))
         more = replace(made, couplings=couplings).followers.keys() - self.followers.keys()  # are coordinates here, too
-        couplings = tuple(replace(x, is_constraint=True) if x.law is None and x.of in more else x for x in couplings)
-        return replace(
+        made = replace(
             made,
-            tunable=tunable,
             springs=springs,
             elements=elements,
             driven=None if driven is None else tuple(name for name in driven if name in moving),
             home={name: value for name, value in self.home.items() if name in moving},
-            couplings=couplings,
+            couplings=tuple(replace(x, is_constraint=True) if not x.law and x.of in more else x for x in couplings),
         )
+        left = {name for name, _ in made.numbers()}
+        return replace(made, tunable=tuple(name for name in self.tunable if name in left))
 
     def with_coordinates(self, coordinates: Mapping[str, Mapping[str, Coordinate]]) -> Robot:
         """The same robot with these coordinates (by joint, then by name) added to the active ones."""

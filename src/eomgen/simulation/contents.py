@@ -31,7 +31,7 @@ from ..names import (
 )
 from ..results.stored import Stored
 from ..robot.coordinates import UNITS, rotating_joints, unit_of
-from ..robot.laws import RADIAL
+from ..robot.elements.journal import RADIAL
 from .balance import TERMS
 
 _LARGEST_SUM = LARGEST_FOUND**2  # of energies: a motion that diverged has large ones

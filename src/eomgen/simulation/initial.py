@@ -19,7 +19,7 @@ from ..robot.value import Robot
 from ..runtime.kernel import Kernel
 from ..scenario.value import Scenario
 from ..state.motors import shafts, turn_motors
-from ..state.springs import clearances, journals_in_play, stiffnesses
+from ..state.springs import clearances, journals_in_play, law_numbers, stiffnesses
 from .assembly import Assembly, by_coordinate, names_in_scenarios
 from .loads import loaded_parameters
 
@@ -94,7 +94,7 @@ def _loose(robot: Robot, assembly: Assembly) -> tuple[str, ...]:
     moved = {*kernel.prescribed, *(motors.get(name, name) for name in assembly.driven)}
     if robot.is_closed:  # which hold what has no stiffness
         moved |= {name for name, k in zip(kernel.coordinates, stiffnesses(kernel), strict=True) if k == 0.0}
-    played = {kernel.motors.get(name, name) for name in clearances(kernel)} | journals_in_play(kernel)
+    played = {kernel.motors.get(name, name) for name in clearances(law_numbers(kernel))} | journals_in_play(kernel)
     for name, row in zip(kernel.follower_names, kernel.follower_matrix()[0], strict=True):
         played |= {kernel.coordinates[i] for i in np.flatnonzero(row)} if name in played else set()
     return tuple(

@@ -39,7 +39,7 @@ from ..robot.model import build_model, tool_of
 from ..robot.value import MOTOR, Robot
 from ..runtime.kernel import Kernel
 from ..scenario.value import Integrator, Scenario, Section
-from ..state.springs import stops
+from ..state.springs import law_numbers, stops
 from .assembly import BANDWIDTH, Assembly, assemble
 from .initial import initial_state
 from .result import SimulationResult
@@ -276,7 +276,7 @@ def _beyond_stops(kernel: Kernel, q: Array) -> Iterator[str]:
     """Lines about coordinates that start beyond a stop."""
     places = dict(zip(kernel.coordinates, q.tolist(), strict=True))
     places |= {name: float(place) for name, (place, _) in kernel.followers(q).items()}
-    for name, (lower, upper) in stops(kernel).items():
+    for name, (lower, upper) in stops(law_numbers(kernel)).items():
         place, unit = places[name], unit_of(name)
         if not lower <= place <= upper:
             side, stop = ("upper", upper) if place > upper else ("lower", lower)

@@ -9,13 +9,12 @@ import numpy as np
 
 from ..arrays import Array
 from ..names import component_name
-from ..robot.journals import CROSSWISE, TILTING
-from ..robot.laws import RADIAL
+from ..robot.elements.journal import CROSSWISE, RADIAL, TILTING
 from ..robot.parameter_names import BEARINGS, CUT_BEARINGS
 from ..runtime.kernel import Kernel
 from .elements import element_numbers
 
-Numbers = Mapping[str, Mapping[str, float]]  # by joints, then by their names in ``laws.IN_BEARINGS``
+Numbers = Mapping[str, Mapping[str, float]]  # by joints, then by their names in ``Radial.NUMBERS``
 
 
 @dataclass(frozen=True)
@@ -94,19 +93,18 @@ def cut_deviations(kernel: Kernel, q: Array) -> Array:
 
 def cut_stiffness(kernel: Kernel, q: Array) -> Array:
     """Stiffness matrix of the journals of cut joints at q where all touch along x and along y, (n, n)."""
-    total, contacts = np.zeros((kernel.n, kernel.n)), cut_contacts(kernel)
-    if contacts:
-        s, J = cut_deviations(kernel, q), np.asarray(kernel.cut_jacobian(q))
-        for contact in contacts:
-            rows = contact.arms(s) @ J[list(contact.index)]
-            total += contact.stiffness * (rows.T @ rows)
-    return total
+    contacts = cut_contacts(kernel)
+    if not contacts:
+        return np.zeros((kernel.n, kernel.n))
+    return _stiffness(contacts, cut_deviations(kernel, q), np.asarray(kernel.cut_jacobian(q)))
 
 
 def journal_stiffness(kernel: Kernel) -> Array:
     """Stiffness matrix of all journals where all of their contacts touch along x and along y, (n, n)."""
-    total = np.zeros((kernel.n, kernel.n))
-    for contact in journal_contacts(kernel):
-        arms = contact.arms(np.zeros(kernel.n))
-        total[np.ix_(contact.index, contact.index)] += contact.stiffness * (arms.T @ arms)
-    return total
+    return _stiffness(journal_contacts(kernel), np.zeros(kernel.n), np.eye(kernel.n))
+
+
+def _stiffness(contacts: Sequence[JournalContact], s: Array, J: Array) -> Array:
+    """The same of contacts in deviations s, whose derivatives by q are J."""
+    rows = [(contact.stiffness, contact.arms(s) @ J[list(contact.index)]) for contact in contacts]
+    return sum((k * (row.T @ row) for k, row in rows), np.zeros((J.shape[1],) * 2))

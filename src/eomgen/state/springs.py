@@ -13,8 +13,7 @@ from ..robot.laws import contact_stiffness_of, has_springs, rate_slope_of, stiff
 from ..robot.parameter_names import CUTS, JOINTS, LINES
 from ..runtime.kernel import Kernel
 from ..runtime.raw import Setup
-from .elements import element_numbers, element_slopes
-from .joint_damping import damping_diagonal
+from .elements import Numbers, damping_diagonal, element_numbers, element_slopes
 from .journals import cut_contacts, cut_stiffness, journal_contacts, journal_stiffness
 from .motors import acting, deflections
 from .vectors import V_STEP, prescribed_mask
@@ -40,7 +39,8 @@ def stiffness_matrix(kernel: Kernel) -> Array:
     setup = kernel.parameters.setup
     found = _matrices.get(setup)
     if found is None:
-        own = sizes.table_stiffnesses(law_numbers(kernel), acting(kernel), kernel.knots)
+        numbers = law_numbers(kernel).items()
+        own = np.array([stiffness_of(given, kernel.knots.get(name, ())) for name, given in numbers])
         rows = deflections(kernel)
         found = np.asarray(rows.T @ (own[:, None] * rows)) + journal_stiffness(kernel)
         found.flags.writeable = False
@@ -77,11 +77,8 @@ def any_spring(kernel: Kernel) -> bool:
 
     A stop is one, too: what rests on it swings as on a spring.
     """
-    if any(contact_stiffness_of(given) for given in (*law_numbers(kernel).values(), *cut_numbers(kernel).values())):
-        return True
-    if any(has_springs(given, kernel.knots.get(name, ())) for name, given in law_numbers(kernel).items()):
-        return True
-    if any(has_springs(given, kernel.knots.get(name, ())) for name, given in cut_numbers(kernel).items()):
+    tables = (*law_numbers(kernel).items(), *cut_numbers(kernel).items())
+    if any(contact_stiffness_of(given) or has_springs(given, kernel.knots.get(name, ())) for name, given in tables):
         return True
     if any(contact.stiffness for contact in (*journal_contacts(kernel), *cut_contacts(kernel))):
         return True
@@ -112,13 +109,13 @@ def fastest_rates(kernel: Kernel, q: Array, least: float = 0.0) -> tuple[float, 
     return float(np.sqrt(swing)), slowing
 
 
-def law_numbers(kernel: Kernel) -> dict[str, dict[str, float]]:
+def law_numbers(kernel: Kernel) -> Numbers:
     """Numbers of the forces of each of ``acting`` as the kernel has them now, by their names in the table of laws."""
     found = element_numbers(kernel, JOINTS)
     return {name: found.get(name, {}) for name in acting(kernel)}
 
 
-def cut_numbers(kernel: Kernel) -> dict[str, dict[str, float]]:
+def cut_numbers(kernel: Kernel) -> Numbers:
     """The same of cut joints' coordinates and elastic couplings, by the names in ``Kernel.cut_laws``."""
     found = element_numbers(kernel, CUTS)
     return {name: found.get(name, {}) for name in kernel.cut_laws}
@@ -141,37 +138,23 @@ def rubbing_rates(kernel: Kernel, q: Array) -> Array:
     Coarser ones would step over a rest, and never find it.
     """
     found, known = np.full(kernel.n, np.inf), smoothings(kernel)
-    for i, name in enumerate(kernel.coordinates):
-        found[i] = known.get(name, np.inf)
-    matrix, names = kernel.follower_matrix()[0], acting(kernel)[kernel.n :]
-    for name, row in zip(names, matrix, strict=True):
-        found[row != 0.0] = np.minimum(found[row != 0.0], known.get(name, np.inf))
-    for name, row in zip(kernel.cut_laws, kernel.cut_jacobian(q) if kernel.cut_laws else (), strict=True):
+    rows = [*np.eye(kernel.n), *kernel.follower_matrix()[0], *(kernel.cut_jacobian(q) if kernel.cut_laws else ())]
+    for name, row in zip((*acting(kernel), *kernel.cut_laws), rows, strict=True):
         found[row != 0.0] = np.minimum(found[row != 0.0], known.get(name, np.inf))
     return np.asarray(np.maximum(found, SHARPEST))
 
 
-def clearances(kernel: Kernel) -> dict[str, float]:
-    """Half the gap of every coordinate with a clearance, m or rad, by its name; of a transmission by the motor's."""
-    return {name: given["clearance"] for name, given in law_numbers(kernel).items() if "clearance" in given}
+def clearances(numbers: Numbers) -> dict[str, float]:
+    """Half the gap of everything with a clearance, m or rad, by its name; of a transmission by the motor's.
+
+    Args:
+        numbers: as of ``law_numbers`` or ``cut_numbers``.
+    """
+    return {name: given["clearance"] for name, given in numbers.items() if "clearance" in given}
 
 
-def cut_clearances(kernel: Kernel) -> dict[str, float]:
-    """The same of cut joints' coordinates and elastic couplings, by the names in ``Kernel.cut_laws``."""
-    return {name: given["clearance"] for name, given in cut_numbers(kernel).items() if "clearance" in given}
-
-
-def stops(kernel: Kernel) -> dict[str, tuple[float, float]]:
-    """Where the stops of every coordinate are that has some, m or rad, by its name; infinite on a side without."""
-    return _stops(law_numbers(kernel))
-
-
-def cut_stops(kernel: Kernel) -> dict[str, tuple[float, float]]:
-    """The same of cut joints' coordinates and elastic couplings, by the names in ``Kernel.cut_laws``."""
-    return _stops(cut_numbers(kernel))
-
-
-def _stops(numbers: dict[str, dict[str, float]]) -> dict[str, tuple[float, float]]:
+def stops(numbers: Numbers) -> dict[str, tuple[float, float]]:
+    """Where the stops are of everything that has some, m or rad, by its name; infinite on a side without."""
     return {
         name: (given.get("stops.lower", -np.inf), given.get("stops.upper", np.inf))
         for name, given in numbers.items()
@@ -210,11 +193,6 @@ def line_rates(kernel: Kernel, q: Array, least: float = 0.0, *, touching: bool =
         stiffness = stiffness + rows.T @ (k[:, None] * rows) + cut_stiffness(kernel, q)
         slowing = slowing + rows.T @ (c[:, None] * rows)
     return np.asarray(stiffness), np.asarray(slowing)
-
-
-def coordinate_numbers(kernel: Kernel, key: str) -> Array:
-    """A parameter of each of ``acting``, such as "damping"; 0 where there is none."""
-    return np.array([given.get(key, 0.0) for given in law_numbers(kernel).values()])
 
 
 def coordinate_sizes(kernel: Kernel, q: Array) -> tuple[Array, Array]:

@@ -23,6 +23,14 @@ def prescribed_mask(kernel: Kernel) -> Mask:
     return np.array([name in kernel.prescribed for name in kernel.coordinates])
 
 
+def as_floats(value: ArrayLike) -> Array:
+    """The value as a new array of floats; an empty one, of shape (0,), where it is none."""
+    try:
+        return np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        return np.zeros(0)
+
+
 def state_vector(label: str, value: ArrayLike, coordinates: tuple[str, ...]) -> Array:
     """The value as a vector of one finite number per coordinate, a copy.
 

@@ -23,7 +23,7 @@ from sympy.physics.mechanics import (
 from eomgen.codegen.closed_form.trace import closed_form
 from eomgen.codegen.kernels.equations import derive
 from eomgen.codegen.program.ir import evaluate
-from eomgen.robot.model import build_model, parameter_values
+from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
 from tests.oracles.lagrange import LagrangeOracle
 from tests.oracles.paper_example import equal, gravity, length, m, one_link, stiffness
@@ -158,7 +158,7 @@ def test_symbols_for_every_parameter() -> None:
     robot = random_robot(3, joints=(1, 2), max_size=3)
     model = build_model(robot)
     general, plain = closed_form(model, symbolic_parameters=True), closed_form(model)
-    numbers = dict(parameter_values(robot))
+    numbers = dict(robot.numbers())
     assert f"links.{robot.links[0].name}.mass" in general.parameters
     swap = {symbol: numbers[name] for name, symbol in general.parameters.items()}
     s = random_state(robot, 3)
@@ -209,7 +209,7 @@ def test_angles_of_a_placement_as_symbols() -> None:
     form = closed_form(build_model(replace(robot, tunable=tuple(names))), symbolic_parameters=True)
     assert {str(symbol) for symbol in form.potential.free_symbols} & set(names)
     assert all(symbol.is_real for symbol in form.parameters.values())
-    s, numbers = random_state(robot, 1), dict(parameter_values(robot))
+    s, numbers = random_state(robot, 1), dict(robot.numbers())
     at = dict(zip([*form.q, *form.v, *form.a, *form.u], [*s.q, *s.v, *s.a, *s.u], strict=True))
     found = _numbers(form.residual, {symbol: numbers[name] for name, symbol in form.parameters.items()} | at)
     assert relative_error(found, closed_form(build_model(robot)).function("residual")(s.q, s.v, s.a, s.u)) < 1e-12

@@ -143,6 +143,11 @@ def test_a_pole_is_named(built: Build) -> None:
             '[[bushings]]\nname = "mount"\nlinks = ["base", "upper"]\n' + NUMBERS + "[[bushings]]",
             "unique",
         ),
+        (
+            "[[bushings]]",
+            '[[springs]]\nname = "mount"\nlinks = ["base", "fore"]\nstiffness = 1.0\n[[bushings]]',
+            r"the name 'mount' is taken by an earlier entry of \[\[springs\]\]; allowed: unique names",
+        ),
         ("stiffness =", "stifness =", r"stifness.* did you mean 'stiffness'"),
     ],
 )

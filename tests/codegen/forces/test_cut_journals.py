@@ -22,7 +22,7 @@ from eomgen.export.mujoco import left_out
 from eomgen.integration import integrate
 from eomgen.integration.plan import why_stiff
 from eomgen.pipeline.costs import RobotInfo
-from eomgen.robot.journals import Radial, SlidingFriction
+from eomgen.robot.elements.journal import Radial, SlidingFriction
 from eomgen.robot.model import build_model
 from eomgen.robot.parameter_names import least_of
 from eomgen.robot.record import record_of, robot_of

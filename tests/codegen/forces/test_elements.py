@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from eomgen.codegen.forces.coordinates import CoordinateLaws
-from eomgen.codegen.forces.element import ForceElement, Slopes
+from eomgen.codegen.forces.element import ForceElement, ImplicitShare, Slopes, add_to
 from eomgen.codegen.forces.elements import ELEMENTS
 from eomgen.codegen.forces.joint_damping import JointDampers
+from eomgen.codegen.forces.laws import Effect
 from eomgen.codegen.kernels.accelerations import implicit_step
 from eomgen.codegen.kernels.derivation import Derivation, Outputs, vector
 from eomgen.codegen.program.ir import evaluate, finish
 from eomgen.description.load import robot_from_toml
 from eomgen.robot.parameter_names import element_places
-from eomgen.state.joint_damping import damping_diagonal
+from eomgen.state.elements import damping_diagonal
 from eomgen.state.journals import cut_contacts, journal_contacts
 from tests.support.builds import Build
 from tests.support.every_element import ROBOTS, drawn, robot_with
@@ -132,20 +134,10 @@ def test_every_number_is_a_parameter(families: Sequence[type[ForceElement]], see
 
 def acts(forces: Forces, owner: str, key: str) -> bool:
     """Whether a number belongs to the families that are looked at: others have dampers of their own beside them."""
-    alone = {type(element).__name__ for element in forces.elements}
-    family = next(
-        x for x, owners in element_places(forces.model.robot, forces.model.parameters).items() if owner in owners
-    )
-    of = {
-        "coordinates": {"Transmissions"} if owner.endswith(".motor") else {"CoordinateLaws"},
-        "cut_laws": {"ElasticLoopCoordinates"},
-        "bearings": {"BearingContacts"},
-        "cut_bearings": {"LoopBearingContacts"},
-        "joint_damping": {"JointDampers"},
-        "springs": {"PointSprings"},
-        "bushings": {"Bushings"},
-    }
-    return bool(alone & of[family])
+    places = element_places(forces.model.robot, forces.model.parameters)
+    family = next(x for x, owners in places.items() if owner in owners)
+    assert sum(x.has(family, owner) for x in ELEMENTS) == 1
+    return any(element.has(family, owner) for element in forces.elements)
 
 
 @EVERY
@@ -203,6 +195,70 @@ def test_an_implicit_step_is_its_linear_system(families: Sequence[type[ForceElem
     explicit = np.linalg.solve(mass, -bias)
     assert np.abs(found - explicit).max() <= 1e-4 * max(1.0, np.abs(explicit).max())
     assert np.abs(with_slopes - explicit).max() > 1e-6
+
+
+class Dense(ImplicitShare):
+    """Shares of elements in a dense matrix, c D + c^2 K with c = dt, and in a vector of forces."""
+
+    def __init__(self, d: Derivation) -> None:
+        self.d, self.dt, self.square = d, d.graph.input("dt", 0), d.graph.input("dt", 1)
+        super().__init__([q + self.dt * v for q, v in zip(d.q, d.v, strict=True)], d.v, self.dt)
+        self.forces: list[Any] = [0.0] * d.model.size
+        self.matrix: dict[tuple[int, int], Any] = {}
+
+    def push(self, i: int, force: Any) -> None:
+        self.forces[i] = self.forces[i] + force
+
+    def rank_one(self, arms: Mapping[int, Any], slope: Any) -> None:
+        for i, one in arms.items():
+            for j, other in arms.items():
+                add_to(self.matrix, (i, j), slope * (one * other))
+
+    def on_coordinate(self, i: int, stiffness: Any, damping: Any) -> None:
+        self.rank_one({i: 1.0}, self.dt * damping + self.square * stiffness)
+
+    def bend(self, i: int, law: Effect) -> None:
+        self.rank_one({i: 1.0}, law.ahead(self.dt, self.square, self.d.functions))
+
+    def in_joint(self, slopes: Callable[[Any, Any], Mapping[tuple[int, int], Any]]) -> None:
+        for (i, j), slope in slopes(self.dt, self.square).items():
+            for key in {(i, j), (j, i)}:
+                add_to(self.matrix, key, slope)
+
+    def in_transmission(self, motor: int, linear: Effect, law: Effect) -> None:
+        between = self.d.bound.transmissions[motor]
+        slope = self.dt * linear.by_v + self.square * linear.by_s + law.ahead(self.dt, self.square, self.d.functions)
+        self.rank_one({motor: between.inverse_ratio, between.principal: -1.0}, slope)
+
+    def along(self, arms: Mapping[int, Any], law: Effect) -> None:
+        self.along_all(
+            {i: law.force * arm for i, arm in arms.items()}, lambda *c: [(arms, law.ahead(*c, self.d.functions))]
+        )
+
+    def along_all(self, rows: Mapping[int, Any], directions: Callable[[Any, Any], Sequence[Any]]) -> None:
+        for i, force in rows.items():
+            self.push(i, force)
+        for arms, slope in directions(self.dt, self.square):
+            self.rank_one(arms, slope)
+
+
+@EVERY
+@pytest.mark.parametrize("seed", seeds(1, 2, 6))
+def test_an_implicit_step_is_a_dense_system(families: Sequence[type[ForceElement]], seed: int) -> None:
+    """(M + dt D + dt^2 K) a = -inertial terms - forces, assembled as a dense matrix and solved by NumPy."""
+    forces, dt = Forces(families, seed), 0.05
+    found, mass, bias = stepped(forces, dt)
+    share, n = Dense(forces.d), forces.n
+    for element in forces.d.elements:
+        for add in (element.advance, element.add_diagonal, element.add_blocks, element.add_rows):
+            add(share)
+    entries = [share.matrix.get((i, j), 0.0) for i in range(n) for j in range(n)]
+    numbers = forces.run(vector([*entries, *share.forces, *forces.d.forces(forces.d.v)]), dt=np.array([dt, dt * dt]))
+    slopes, ahead, here = numbers[: n * n].reshape(n, n), numbers[n * n : -n], numbers[-n:]
+    assert np.abs(slopes - slopes.T).max() <= 1e-12 * np.abs(slopes).max()
+    assert np.linalg.eigvalsh(slopes).min() >= -1e-12 * np.abs(slopes).max()
+    expected = np.linalg.solve(mass + slopes, here - bias - ahead)
+    assert np.abs(found - expected).max() <= 1e-9 * np.abs(expected).max()
 
 
 @pytest.mark.parametrize("seed", seeds(3, 2, 6))

@@ -22,14 +22,13 @@ from eomgen.export.fmu.variables import UNITS, parameter_unit
 from eomgen.integration.plan import choose_method
 from eomgen.pictures import report_of
 from eomgen.pipeline.costs import RobotInfo
-from eomgen.robot.joint_damping import JointDamping
-from eomgen.robot.laws import IN_MOTION
+from eomgen.robot.elements.joint_damping import JointDamping
 from eomgen.robot.model import build_model
 from eomgen.robot.parameter_names import least_of, number_of
 from eomgen.robot.record import record_of, robot_of
 from eomgen.robot.value import ANGULAR, COORDINATES, LINEAR, Coordinate, Robot
 from eomgen.scenario.load import scenario_from_toml
-from eomgen.state.joint_damping import damping_diagonal, damping_forces
+from eomgen.state.elements import damping_diagonal, damping_forces
 from tests.oracles.complex_step import complex_steps
 from tests.support.builds import Build
 from tests.support.closeness import close
@@ -264,7 +263,7 @@ def test_it_is_read_kept_and_named() -> None:
     wrong = replace(robot, joints=(replace(robot.joints[0], damping=JointDamping(angular=np.nan)),))
     with pytest.raises(DescriptionError, match=r"joints\.root\.damping\.angular: got nan"):
         build_model(wrong)
-    for key, number in IN_MOTION.items():
+    for key, number in JointDamping.NUMBERS.items():
         name = f"joints.root.damping.{key}"
         assert number_of(name) is number
         assert least_of(name) == 0.0

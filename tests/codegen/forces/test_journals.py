@@ -19,7 +19,7 @@ from eomgen.codegen.kernels.operation_counts import operations
 from eomgen.codegen.program.ir import evaluate
 from eomgen.integration.plan import choose_method
 from eomgen.integration.solve import integrate
-from eomgen.robot.journals import Radial, SlidingFriction
+from eomgen.robot.elements.journal import Radial, SlidingFriction
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Coordinate, Joint, Link, Robot
 from tests.oracles.complex_step import complex_steps

@@ -19,7 +19,7 @@ from eomgen.integration.steps import fixed_step
 from eomgen.pipeline.costs import robot_info
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Coordinate, Coupling, Joint, Link, Loop, Motor, Robot
-from eomgen.state.springs import coordinate_sizes, stiffnesses, stops
+from eomgen.state.springs import coordinate_sizes, law_numbers, stiffnesses, stops
 from tests.codegen.forces.test_laws import slider
 from tests.oracles.force_laws import resistance, stored
 from tests.support.builds import Build
@@ -143,7 +143,7 @@ def test_one_end_is_open(built: Build) -> None:
     kernel = built(stopped("upper_alone", lower=None), *NAMES, "generalized_force")
     assert kernel.generalized_force([-100.0], [-5.0]) == 0.0
     assert kernel.generalized_force([0.3], [0.0])[0] < 0.0
-    assert stops(kernel) == {"rail.z": (-np.inf, 0.2)}
+    assert stops(law_numbers(kernel)) == {"rail.z": (-np.inf, 0.2)}
     found = integrate(kernel, np.zeros(1), np.array([-2.0]), 1.0)
     assert found.contacts == ()
     assert not any("lower" in name for name in kernel.parameters)

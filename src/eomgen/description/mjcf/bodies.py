@@ -94,6 +94,7 @@ class Site:
 class Bodies:
     """Reads bodies into the draft.  ``sites`` are those with names, by these, and ``places`` such bodies.
 
+    written: gets the element of each link and joint.
     coordinates: what the file's hinges and slides became, by their names, and its value in the reference position.
     ranges: limits within which MuJoCo keeps coordinates, by their names here.
     """
@@ -335,18 +336,4 @@ def _joint(name: str, parent: str, child: str, group: Group, place: Pose) -> Joi
     for key, joint in moving.items():
         lower, upper = joint.limits or (None, None)
         made = made.with_limits(key, Limits(lower, upper, effort=joint.effort))
-    return made
-
-
-def read_bodies(
-    root: Element,
-    reading: Reading,
-    defaults: Defaults,
-    rules: Rules,
-    flags: Mapping[str, bool],
-    written: dict[str, Element],
-) -> Bodies:
-    """Read all bodies of the file into the draft; ``written`` gets the element of each link and joint."""
-    made = Bodies(reading, defaults, rules, flags, written)
-    made.read(root)
     return made

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eomgen.names import show
-from eomgen.robot.joint_damping import JointDamping
+from eomgen.robot.elements.joint_damping import JointDamping
 from eomgen.robot.value import Coordinate, Friction
 
 from .defaults import Defaults

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from eomgen.names import listed, nearest, show
-from eomgen.robot.value import Coupling, Loop, Placement
+from eomgen.names import listed, show
+from eomgen.robot.value import Coupling, Loop
 
 from .bodies import Bodies, Names, Place
 from .defaults import Defaults
@@ -83,27 +83,16 @@ def _kept(start: dict[str, float], couplings: Iterable[Coupling]) -> dict[str, f
 
 def _coupling(item: Item, name: str, bodies: Bodies) -> Coupling:
     """y - y0 = a + b (x - x0) with the joints' positions y and x in the reference position."""
-    of, start = _joint(item, "joint1", bodies)
+    what = "hinge or slide of that name"
+    of, start = item.named("joint1", bodies.coordinates, what)
     given = item.numbers("polycoef", 1, 5)
     a, b, *further = (*given, *_IDENTITY[len(given) :])
     if any(further):
         item.fail(f"polycoef is {show(item.values['polycoef'])}; allowed: a constant and a linear term")
     if "joint2" not in item:
         return Coupling(name, of, {}, start + a)
-    other, begin = _joint(item, "joint2", bodies)
+    other, begin = item.named("joint2", bodies.coordinates, what)
     return Coupling(name, of, {other: b}, (start + a - b * begin) or None)
-
-
-def _joint(item: Item, key: str, bodies: Bodies) -> tuple[str, float]:
-    """The coordinate of a hinge or slide, and its value in the reference position."""
-    text = item.values.get(key, "")
-    if text not in bodies.coordinates:
-        known = list(bodies.coordinates)
-        item.fail(
-            f"{key} is {show(text)}, and there is no hinge or slide of that name{nearest(text, known)} (allowed:"
-            f" {listed(known)})"
-        )
-    return bodies.coordinates[text]
 
 
 def _loop(item: Item, name: str, bodies: Bodies) -> Loop:
@@ -120,41 +109,26 @@ def _loop(item: Item, name: str, bodies: Bodies) -> Loop:
     (first, at_first), (second, at_second) = ends
     if first.link == second.link:
         item.fail(f"both ends are on {show(first.link)}; allowed: two different bodies")
-    placements = (_placed(at_first, kind), _placed(at_second, kind))
-    return Loop(name, (first.link, second.link), kind, placements)
-
-
-def _placed(pose: Pose, kind: str) -> Placement:
-    """The cut joint's frame; of a ball without a turn, which does not matter."""
-    return Pose(np.eye(3), pose.xyz).placement() if kind == "spherical" else pose.placement()
+    if kind == "spherical":  # how its frames are turned does not matter
+        at_first, at_second = Pose(np.eye(3), at_first.xyz), Pose(np.eye(3), at_second.xyz)
+    return Loop(name, (first.link, second.link), kind, (at_first.placement(), at_second.placement()))
 
 
 def _site(item: Item, key: str, bodies: Bodies) -> tuple[Place, Pose]:
-    text = item.values.get(key, "")
-    if text not in bodies.sites:
-        known = list(bodies.sites)
-        item.fail(f"{key} is {show(text)}, and there is no such site{nearest(text, known)} (allowed: {listed(known)})")
-    site = bodies.sites[text]
+    site = item.named(key, bodies.sites, "such site")
     return site.body, Pose(site.rotation, site.xyz)
 
 
 def _meeting(item: Item, bodies: Bodies, given: Pose | None) -> list[tuple[Place, Pose]]:
     """The bodies, with a pose in body1 and what it is in body2 in the reference position; body2 there where None."""
-    first, second = _body(item, "body1", bodies), _body(item, "body2", bodies)
+    first = item.named("body1", bodies.places, "such body")
+    second = item.named("body2", bodies.places, "such body", "world")
     across = _inverse(first.reference) @ second.reference
     if given is None:
         return [(first, across), (second, HERE)]
     if item.element.tag == "weld":
         return [(first, given), (second, HERE)]
     return [(first, given), (second, _inverse(across) @ given)]  # the anchor of a ball
-
-
-def _body(item: Item, key: str, bodies: Bodies) -> Place:
-    text = item.values.get(key, "world" if key == "body2" else "")
-    if text not in bodies.places:
-        known = list(bodies.places)
-        item.fail(f"{key} is {show(text)}, and there is no such body{nearest(text, known)} (allowed: {listed(known)})")
-    return bodies.places[text]
 
 
 def _relative(item: Item) -> Pose | None:

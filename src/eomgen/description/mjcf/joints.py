@@ -13,8 +13,8 @@ from itertools import combinations
 
 import numpy as np
 
+from eomgen.robot.elements.joint_damping import JointDamping
 from eomgen.robot.geometry import axis_turn
-from eomgen.robot.joint_damping import JointDamping
 from eomgen.robot.value import ANGULAR, COORDINATES, LINEAR, PRINCIPAL, Coordinate
 
 from .values import Array, Pose, about, tidy, triple

@@ -24,7 +24,7 @@ from eomgen.robot.geometry import ZERO
 from ..draft import Draft
 from ..xml_text import Xml, parse_xml
 from .actuators import read_efforts
-from .bodies import read_bodies
+from .bodies import Bodies
 from .defaults import Defaults
 from .equalities import read_equalities
 from .geoms import Rules
@@ -136,7 +136,8 @@ def _read(root: Element, reading: Reading, written: dict[str, Element]) -> None:
     flags = _option(root, reading)
     _refuse(root, reading)
     defaults = Defaults(reading, root)
-    bodies = read_bodies(root, reading, defaults, rules, flags, written)
+    bodies = Bodies(reading, defaults, rules, flags, written)
+    bodies.read(root)
     read_tendons(root, reading, defaults, bodies, flags)
     read_equalities(root, reading, defaults, bodies, written)
     read_efforts(root, reading, defaults, bodies)

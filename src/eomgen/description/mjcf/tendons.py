@@ -41,10 +41,9 @@ def read_tendons(
             spring = _spring(item, text, bodies, flags)
             name = names.of[text] if text else names.fresh("tendon")
             if spring is not None:
-                springs = reading.draft.elements[Spring.TABLE]
-                if name in springs:
+                if name in reading.draft.elements:
                     item.fail("there are two tendons of this name; allowed: unique names")
-                springs[name] = Spring(name, *spring)
+                reading.draft.elements[name] = Spring(name, *spring)
 
 
 def _spring(item: Item, text: str, bodies: Bodies, flags: Mapping[str, bool]) -> tuple | None:  # type: ignore[type-arg]

@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, NoReturn, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eomgen.errors import DescriptionError
 from eomgen.limits import LARGEST
-from eomgen.names import nearest, show
+from eomgen.names import listed, nearest, show
 from eomgen.robot.geometry import Matrix, Vector, snap
 from eomgen.robot.value import Placement
 
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
 
 Array = NDArray[np.float64]
+Named = TypeVar("Named")
 TURNS = ("axisangle", "xyaxes", "zaxis", "euler")  # what MuJoCo takes before a quat
 ORIENTATIONS = ("quat", *TURNS)
 _SMALL = 1e-12  # shortest direction
@@ -164,6 +165,14 @@ class Item:
         if value not in allowed:
             self.fail(f"{key} is {show(value)}{self._from(key)}; allowed: {', '.join(allowed)}")
         return value
+
+    def named(self, key: str, known: Mapping[str, Named], what: str, default: str = "") -> Named:
+        """The part under the name that an attribute gives; ``what``: "such site", say, for messages."""
+        text = self.values.get(key, default)
+        if text not in known:
+            message = f"{key} is {show(text)}, and there is no {what}{nearest(text, known)}"
+            self.fail(f"{message} (allowed: {listed(known)})")
+        return known[text]
 
     def flag(self, key: str, default: bool = False) -> bool:
         """true or false."""

@@ -14,9 +14,8 @@ from dataclasses import dataclass
 from eomgen.names import joint_of, parameter_name, parameter_path
 from eomgen.robot.coordinates import FORCES, force_unit_of, unit_of
 from eomgen.robot.elements import KINDS
-from eomgen.robot.laws import BASIC, JOINT_DAMPING, NUMBERS, RADIAL
 from eomgen.robot.model import FIXED_BODY, Model
-from eomgen.robot.parameter_names import least_of, number_of
+from eomgen.robot.parameter_names import FAMILIES, least_of, number_of
 from eomgen.robot.rules import ROTORS
 from eomgen.robot.value import LINEAR, MOTOR, PRINCIPAL, Robot
 from eomgen.runtime.stepping.options import LEAST
@@ -42,12 +41,12 @@ def exponents(name: str) -> dict[str, int]:
     return {base: exponent for base, exponent in found.items() if exponent}
 
 
-_OF_LAWS = (unit_name(unit) for number in (*BASIC, *NUMBERS.values()) for unit in number.unit)
+_OF_FORCES = (unit_name(unit) for table in FAMILIES.values() for number in table.values() for unit in number.unit)
 UNITS: Mapping[str, Mapping[str, int]] = {
     name: exponents(name)
     for name in (
         *("1", "s", "m", "rad", "m/s", "rad/s", "m/s2", "rad/s2", "kg", "kg.m2", "N", "N.m", "J", "N/m", "N.m/rad"),
-        *("N.s/m", "N.m.s/rad", "N/m3", "N.m/rad3", "s/m", "s/rad", "rad/m", "m/rad", *_OF_LAWS),
+        *("N.s/m", "N.m.s/rad", "N/m3", "N.m/rad3", "s/m", "s/rad", "rad/m", "m/rad", *_OF_FORCES),
     )
 }
 STEP = "solver.step"
@@ -250,14 +249,10 @@ def parameter_unit(robot: Robot, name: str) -> str:
     if parts[0] == "links":
         return {"mass": "kg", "com": "m", "inertia": "kg.m2"}[parts[2]]
     number = number_of(name)
-    if number is not None and parts[2] in (RADIAL, JOINT_DAMPING):
-        return unit_name(number.unit[0])
-    if parts[0] in KINDS and "rpy" not in parts[2:]:
-        return "m" if number is None else unit_name(number.unit[0])
     if parts[0] == "couplings":
         return _coupling_unit(robot, parts)
-    if parts[2] in ("placement", "placements"):
-        return "m" if "xyz" in parts[3:5] else "rad"
+    if parts[2] in ("placement", "placements") or (number is None and parts[0] in KINDS):
+        return "rad" if "rpy" in parts[3:5] else "m"
     if parts[2] == "offset":
         return "m" if parts[3] in LINEAR else "rad"
     of_motor = parts[0] == "joints" and parts[2] == MOTOR
@@ -265,4 +260,4 @@ def parameter_unit(robot: Robot, name: str) -> str:
     if number is None:  # of a motor
         return {"inertia": "kg.m2", "ratio": "rad/m" if linear else "1"}[parts[3]]
     at_shaft = parts[2] == MOTOR and parts[3] in ROTORS
-    return unit_name(number.unit[0 if linear and not at_shaft else 1])
+    return unit_name(number.unit[0 if linear and not at_shaft else -1])

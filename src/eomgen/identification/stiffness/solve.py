@@ -38,7 +38,7 @@ from ...optional import optional_import
 from ...pipeline.closing import mechanism_kernels
 from ...pipeline.stages import build
 from ...progress import StageReport
-from ...robot.model import Model, build_model, parameter_values
+from ...robot.model import Model, build_model
 from ...robot.value import MOTOR, PRINCIPAL, Robot
 from ...runtime.kernel import Kernel
 from ...state.springs import cut_numbers, law_numbers
@@ -105,7 +105,7 @@ def fit(
         systems = iter([_together(kernel, model, motion, moved, sought)] if sought else [])
     else:
         systems = _alone(kernel, motion, moved, sought, noise)
-    described, fitted, open_names = dict(parameter_values(robot)), list[FittedCoordinate](), list[str]()
+    described, fitted, open_names = dict(robot.numbers()), list[FittedCoordinate](), list[str]()
     for system in systems:
         able = [half for half in HALF_WIDTHS if len(motion.t) >= least_samples(FIRST + half)]
         solutions = [_solve(system, half, moved.half + half) for half in able]
@@ -250,7 +250,7 @@ def _sought(
 
     Of a tree's deviations both parameters are fitted; elsewhere those that are described, or asked for.
     """
-    numbers, known = dict(parameter_values(model.robot)), (*kernel.coordinates, *kernel.cut_laws)
+    numbers, known = dict(model.robot.numbers()), (*kernel.coordinates, *kernel.cut_laws)
     for name in asked:
         if name not in known:
             raise UnknownNameError(f"coordinates: {name!r} is unknown{nearest(name, known)}")

@@ -1,4 +1,7 @@
-"""Force elements between two links, one file a kind: numbers, units, ranges and texts.  Kinds are listed here."""
+"""Force elements of joints and between two links, one file a kind: numbers, units, ranges and texts.
+
+Kinds are listed here.
+"""
 
 from __future__ import annotations
 
@@ -6,9 +9,13 @@ from collections.abc import Mapping
 
 from .bushing import Bushing
 from .element import LinkElement
+from .joint_damping import JointDamping
+from .joint_element import JointElement
+from .journal import Radial
 from .spring import Spring
 
-__all__ = ["KINDS", "Bushing", "Element", "LinkElement", "Spring"]
+__all__ = ["JOINT_ELEMENTS", "KINDS", "Bushing", "Element", "JointElement", "LinkElement", "Spring"]
 
 Element = Bushing  # kinds that ``Robot.elements`` holds; springs have a field of their own
 KINDS: Mapping[str, type[LinkElement]] = {kind.TABLE: kind for kind in (Spring, Bushing)}
+JOINT_ELEMENTS: Mapping[str, type[JointElement]] = {kind.TABLE: kind for kind in (Radial, JointDamping)}

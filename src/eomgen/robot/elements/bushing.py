@@ -10,7 +10,7 @@ from typing import ClassVar
 
 from ...limits import LARGEST
 from ..geometry import ANGULAR, COORDINATES, Placement, Vector
-from ..laws import DAMPING, STIFFNESS, Number
+from ..laws import DAMPING, STIFFNESS, Number, by_key
 from .element import LinkElement, Slopes
 
 _UNITS = {"stiffness": STIFFNESS, "damping": DAMPING}
@@ -34,12 +34,12 @@ class Bushing(LinkElement):
     TITLE: ClassVar[str] = "springs and dampers of six coordinates between frames of two links"
     SHORT: ClassVar[str] = "bushings"
     KIND: ClassVar[str] = "bushing"
-    NUMBERS: ClassVar[Mapping[str, Number]] = MappingProxyType(
-        {
-            f"{key}.{name}": Number(f"{key}.{name}", f"{key} along {name}", (units[name in ANGULAR],))
+    NUMBERS: ClassVar[Mapping[str, Number]] = by_key(
+        *(
+            Number(f"{key}.{name}", f"{key} along {name}", (units[name in ANGULAR],))
             for key, units in _UNITS.items()
             for name in COORDINATES
-        }
+        )
     )
     ABOUT: ClassVar[Mapping[str, str]] = MappingProxyType(
         {

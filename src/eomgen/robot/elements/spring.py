@@ -8,19 +8,10 @@ from types import MappingProxyType
 from typing import ClassVar
 
 from ..geometry import ZERO, Placement, Vector
-from ..laws import SMALLEST, Curve, Number, curve_conflict
+from ..laws import SMALLEST, Curve, Number, by_key, curve_conflict, divisor
 from .element import LinkElement, Slopes
 
 TAUT = 1e-4  # of a cable's free length over which its tension sets in: a tenth of steel's strain at 200 MPa
-_SMOOTHING = "over which a cable's tension sets in; default free_length / 10000"
-_CURVE = "measured points [[elongation, force], ...], or a CSV file of two columns; in the place of stiffness"
-_NUMBERS = (
-    Number("free_length", "length without force; default 0", ("m",), idle=None),
-    Number("stiffness", "force per elongation", ("N/m",)),
-    Number("damping", "force per rate of the length", ("N s/m",)),
-    Number("smoothing", _SMOOTHING, ("m",), least=SMALLEST, idle=None),
-    Number("curve", _CURVE, ("N",), least=None),
-)
 
 
 @dataclass(frozen=True)
@@ -47,7 +38,18 @@ class Spring(LinkElement):
     SHORT: ClassVar[str] = "springs between points"
     KIND: ClassVar[str] = "spring"
     ALWAYS: ClassVar[tuple[str, ...]] = ("free_length", "stiffness", "damping")
-    NUMBERS: ClassVar[Mapping[str, Number]] = MappingProxyType({number.key: number for number in _NUMBERS})
+    NUMBERS: ClassVar[Mapping[str, Number]] = by_key(
+        Number("free_length", "length without force; default 0", ("m",)),
+        Number("stiffness", "force per elongation", ("N/m",)),
+        Number("damping", "force per rate of the length", ("N s/m",)),
+        divisor("smoothing", "over which a cable's tension sets in; default free_length / 10000", ("m",)),
+        Number(
+            "curve",
+            "measured points [[elongation, force], ...], or a CSV file of two columns; in the place of stiffness",
+            ("N",),
+            least=None,
+        ),
+    )
     ABOUT: ClassVar[Mapping[str, str]] = MappingProxyType(
         {
             "points": "its ends in the links' frames; default their origins",
