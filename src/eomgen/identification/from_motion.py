@@ -253,7 +253,7 @@ def _sizes(found: ForcesResult) -> dict[str, int]:
     return {"T": len(found.t), **{letter: len(of) for letter, of in names.items()}}
 
 
-KIND = declare(
+declare(
     Kind(
         "forces",
         ForcesResult,

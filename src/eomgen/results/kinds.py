@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from .contents import FORMAT, JSON, META, NPZ, Contents, plain_of, read_json, wr
 from .stored import ALLOWED, REQUIRED, Stored, stored_fields
 
 Result = TypeVar("Result", bound="Saved")
+Read = TypeVar("Read", bound="Saved", covariant=True)
 
 KINDS: dict[str, Kind[Any]] = {}  # by the names that files say
 _NO_NUMBER = re.compile(r"(?<![\w.])(?:nan|inf)(?![\w.])")
@@ -50,6 +51,12 @@ class Saved:
             InputError: another ending than that of its kind (.npz or .json), or the file cannot be written.
         """
         return write(self, path)
+
+
+class Loader(Protocol[Read]):
+    """A function that reads results of one kind."""
+
+    def __call__(self, path: Path | str) -> Read: ...
 
 
 @dataclass(frozen=True)
@@ -105,10 +112,20 @@ def _is_array(kind: Any, stored: Stored | None) -> bool:
     return stored is not None and (is_array or stored.of is str)
 
 
-def declare(kind: Kind[Result]) -> Kind[Result]:
-    """Let files say that they are of a kind, and return it."""
+def declare(kind: Kind[Result]) -> Loader[Result]:
+    """Let files say that they are of a kind, and return the function that reads them."""
     KINDS[kind.name] = kind
-    return kind
+
+    def load(path: Path | str) -> Result:
+        return read(kind, path)
+
+    load.__name__ = load.__qualname__ = f"load_{kind.name}"
+    load.__doc__ = f"""Read the result that ``{kind.result.__name__}.save`` wrote.
+
+    Raises:
+        InputError: the file cannot be read, or is no such result; says what in it is wrong.
+    """
+    return load
 
 
 def write(result: Saved, path: Path | str) -> Path:

@@ -15,7 +15,7 @@ from ...motion.measured_numbers import ALLOWED_DIVISOR, is_divisor
 from ...names import kind_of, listed, nearest_or_all, show, split_component
 from ...optional import optional_import
 from ...results.contents import Contents, plain_fields
-from ...results.kinds import Kind, Saved, declare, read
+from ...results.kinds import Kind, Saved, declare
 from ...results.stored import Stored
 from ...robot.coordinates import UNITS
 from ...robot.value import Robot
@@ -365,7 +365,7 @@ def _is_whole(residuals: Residuals) -> bool:
     )
 
 
-KIND = declare(
+load_calibration = declare(
     Kind(
         "calibration",
         CalibrationResult,
@@ -377,12 +377,4 @@ KIND = declare(
         is_finite=False,
     )
 )
-
-
-def load_calibration(path: Path | str) -> CalibrationResult:
-    """Read the result that ``CalibrationResult.save`` wrote.
-
-    Raises:
-        InputError: the file cannot be read, or is no calibration.
-    """
-    return read(KIND, path)
+"""Read the result that ``CalibrationResult.save`` wrote; InputError says what in the file is wrong."""

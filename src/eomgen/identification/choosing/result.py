@@ -15,7 +15,7 @@ from ...errors import InputError
 from ...files import check_ending, write_atomically
 from ...names import component_name, show
 from ...results.contents import plain_fields
-from ...results.kinds import Kind, Saved, declare, read
+from ...results.kinds import Kind, Saved, declare
 from ...results.stored import Stored
 from ...robot.coordinates import MOTIONS
 from ...shown import Shown
@@ -162,13 +162,5 @@ def _sizes(found: PosesResult) -> dict[str, int]:
     return {"n": len(found.coordinates), "P": len(found.names)}
 
 
-KIND = declare(Kind("poses", PosesResult, ending=".json", sizes=_sizes, check=_check))
-
-
-def load_poses(path: Path | str) -> PosesResult:
-    """Read the result that ``PosesResult.save`` wrote.
-
-    Raises:
-        InputError: the file cannot be read, or is no such result; says what in it is wrong.
-    """
-    return read(KIND, path)
+load_poses = declare(Kind("poses", PosesResult, ending=".json", sizes=_sizes, check=_check))
+"""Read the result that ``PosesResult.save`` wrote; InputError says what in the file is wrong."""

@@ -16,7 +16,7 @@ from ...files import check_ending, write_atomically
 from ...motion.files import SUFFIXES
 from ...names import show_path
 from ...results.contents import Contents
-from ...results.kinds import Kind, Saved, declare, read
+from ...results.kinds import Kind, Saved, declare
 from ...results.stored import ALLOWED, Stored
 from ...shown import Shown
 from ..arrays import Array
@@ -250,7 +250,7 @@ _SERIES = {
     "sines": Stored(("m", "h"), "m, rad"),
     "cosines": Stored(("m", "h"), "m, rad"),
 }
-KIND = declare(
+load_excitation = declare(
     Kind(
         "excitation",
         ExciteResult,
@@ -263,12 +263,4 @@ KIND = declare(
         is_finite=False,
     )
 )
-
-
-def load_excitation(path: Path | str) -> ExciteResult:
-    """Read the result that ``ExciteResult.save`` wrote.
-
-    Raises:
-        InputError: the file cannot be read, or is no such file.
-    """
-    return read(KIND, path)
+"""Read the result that ``ExciteResult.save`` wrote; InputError says what in the file is wrong."""

@@ -115,12 +115,7 @@ def from_files(
 
 def _read(path: File) -> _Rows:
     if path.suffix == ".csv":
-        try:
-            columns, lines = read_csv(path, rule=COLUMNS)
-        except (OSError, ValueError) as error:  # ValueError: a path with a NUL
-            if isinstance(error, InputError):
-                raise
-            raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+        columns, lines = read_csv(path, rule=COLUMNS)
         return _Rows(str(path), columns, lambda row: f"{path}: line {lines[row]}")
     if path.suffix != ".npz":
         raise InputError(f"{show(str(path))}: is no measured file; allowed: a path that ends in .csv or .npz")

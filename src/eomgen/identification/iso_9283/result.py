@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,7 @@ import numpy as np
 from ...errors import InputError
 from ...forms.plain import value_of
 from ...results.contents import Contents
-from ...results.kinds import Kind, Saved, declare, read
+from ...results.kinds import Kind, Saved, declare
 from ...shown import Shown
 from ...tabular import Rows, TableColumn, Tabular
 from ..arrays import Array
@@ -370,16 +369,10 @@ def _read(file: Contents) -> AccuracyResult:
     return found
 
 
-KIND = declare(Kind("accuracy", AccuracyResult, ending=".json", record=lambda _: {"standard": STANDARD}, read=_read))
-
-
-def load_accuracy(path: Path | str) -> AccuracyResult:
-    """Read the figures that ``AccuracyResult.save`` wrote.
-
-    Raises:
-        InputError: the file cannot be read, or is no such file; says what in it is wrong.
-    """
-    return read(KIND, path)
+load_accuracy = declare(
+    Kind("accuracy", AccuracyResult, ending=".json", record=lambda _: {"standard": STANDARD}, read=_read)
+)
+"""Read the result that ``AccuracyResult.save`` wrote; InputError says what in the file is wrong."""
 
 
 def _angles(of: str, kind: str, turned: Vector | None, turning: Vector | None) -> Iterator[tuple[str, str, float, str]]:

@@ -23,7 +23,7 @@ from ...motion.measured_numbers import ALLOWED, answers_in_numbers, within_limit
 from ...names import component_name, joint_of, kind_of, listed, nearest_or_all, show
 from ...progress import StageReport, no_report
 from ...results.contents import Contents
-from ...results.kinds import Kind, declare, read
+from ...results.kinds import Kind, declare
 from ...robot.model import Model, build_model, tool_of
 from ...robot.record import record_of
 from ...robot.value import COORDINATES, MOTOR, PRINCIPAL, Robot
@@ -478,7 +478,7 @@ def _read(file: Contents) -> ToleranceResult:
     return replace(found, t=t)
 
 
-KIND = declare(
+load_tolerance = declare(
     Kind(
         "tolerance",
         ToleranceResult,
@@ -490,13 +490,4 @@ KIND = declare(
         is_finite=False,
     )
 )
-
-
-def load_tolerance(path: Path | str) -> ToleranceResult:
-    """Read the result that ``ToleranceResult.save`` wrote, computed anew from what was asked.
-
-    Raises:
-        InputError: the file cannot be read, or is no such result.
-        DescriptionError: its robot or its table cannot be.
-    """
-    return read(KIND, path)
+"""Read the result that ``ToleranceResult.save`` wrote; InputError says what in the file is wrong."""
