@@ -12,17 +12,15 @@ from numpy.typing import NDArray
 from ...errors import InputError, UnknownNameError
 from ...motion.csv_columns import read_csv
 from ...motion.measured_numbers import checked_numbers
-from ...motion.turns import rotation_of
 from ...names import component_name, listed, nearest, show, split_component
 from ...npz import read_npz
 from ..arrays import Array, Places
+from ..geometry.poses import QUATERNION, ROTATIONS, TURNED
+from ..geometry.rotations import FOUR, READINGS
 from .attained import Measured, Path, Pose, Record
 
 AXES = ("x", "y", "z")
-TURNS = ("rx", "ry", "rz")
-QUATERNION = ("qw", "qx", "qy", "qz")
 COMMAND = "command"  # F.command.x: the command beside what was attained
-ROTATIONS = ("rotvector", "rpy", "quaternion")
 COLUMNS = "pose or path (its number), cycle, t, F.x, F.y, F.z (m), F.rx, F.ry, F.rz (rad), F.command.x and its like"
 SAME = 1e-9  # m or rad: by less than that commands are the same
 _UNIT = 1e-3  # by which the length of a quaternion may differ from 1
@@ -67,35 +65,24 @@ def from_files(
     tables = [_read(path) for path in paths]
     given = None if command is None else _read(command)
     frame = _frame(tables[0], frame)
-    poses: dict[int, _Gathered] = {}
-    ways: dict[int, _Gathered] = {}
-    notes: list[str] = []
+    found: dict[str, dict[int, _Gathered]] = {"pose": {}, "path": {}}
     for table in tables:
-        kinds = [kind for kind in ("pose", "path") if kind in table.columns]
+        kinds = [kind for kind in found if kind in table.columns]
         if len(kinds) != 1:
             got = "both columns, pose and path" if kinds else "no column pose or path"
             raise table.fail(f"has {got}; allowed: {COLUMNS}, with one of the two")
         records = _records(table, frame, rotation)
-        before = [label for item in (*poses.values(), *ways.values()) for label in item.cycles]
-        _gather(
-            table,
-            kinds[0],
-            records,
-            _commands(table, given, kinds[0], frame, rotation),
-            poses if kinds == ["pose"] else ways,
-            max(before) if before else None,
-        )
-    if given is not None:
-        for kind, found in (("pose", poses), ("path", ways)):
-            if kind in given.columns and found:
-                unused = sorted(set(_numbers(given, kind).tolist()) - set(found))
-                notes += [f"{kind} {number} is commanded and was never measured" for number in unused]
-    made = [_pose(number, gathered) for number, gathered in sorted(poses.items())]
-    paths_found = [_path(number, gathered) for number, gathered in sorted(ways.items())]
-    recorded = [*(pose.cycles for pose in made), *(path.cycles for path in paths_found)]
-    lacking = any(record.rotation is None for cycles in recorded for record in cycles)
-    if lacking:
-        wanted = ", ".join(component_name(frame, key) for key in TURNS)
+        commands = _commands(table, given, kinds[0], frame, rotation)
+        before = [label for items in found.values() for item in items.values() for label in item.cycles]
+        _gather(table, kinds[0], records, commands, found[kinds[0]], max(before, default=None))
+    notes: list[str] = []
+    for kind, items in found.items():
+        if given is not None and kind in given.columns and items:
+            unused = sorted(set(_numbers(given, kind).tolist()) - set(items))
+            notes += [f"{kind} {number} is commanded and was never measured" for number in unused]
+    records_found = [record for items in found.values() for item in items.values() for record in item.cycles.values()]
+    if any(record.rotation is None for record in records_found):
+        wanted = ", ".join(component_name(frame, key) for key in TURNED)
         notes.append(f"no orientation was measured ({wanted}): figures are of positions alone")
     return Measured(
         source="measured",
@@ -103,8 +90,8 @@ def from_files(
         frame=frame,
         load="",
         rate="",
-        poses=tuple(made),
-        paths=tuple(paths_found),
+        poses=tuple(_pose(number, gathered) for number, gathered in sorted(found["pose"].items())),
+        paths=tuple(_path(number, gathered) for number, gathered in sorted(found["path"].items())),
         exact=False,
         notes=tuple(notes),
     )
@@ -163,12 +150,11 @@ def _numbers(table: _Rows, name: str) -> NDArray[np.int64]:
 def _records(table: _Rows, owner: str, rotation: str) -> tuple[Array, Array | None]:
     """Positions (N, 3) and rotations (N, 3, 3) or None of an owner's columns."""
     position = np.stack([table.columns[component_name(owner, axis)] for axis in AXES], axis=1)
-    keys = QUATERNION if rotation == "quaternion" else TURNS
+    keys, others = (QUATERNION, TURNED) if rotation == "quaternion" else (TURNED, QUATERNION)
     names = [component_name(owner, key) for key in keys]
     missing = [name for name in names if name not in table.columns]
-    other = [component_name(owner, key) for key in (TURNS if rotation == "quaternion" else QUATERNION)]
     if missing:
-        found = [name for name in (*names, *other) if name in table.columns]
+        found = [name for key in (*keys, *others) if (name := component_name(owner, key)) in table.columns]
         if found:
             raise table.fail(
                 f"has {listed(found)} and not {listed(missing)}; allowed: all of {listed(names)} (rotation:"
@@ -176,24 +162,13 @@ def _records(table: _Rows, owner: str, rotation: str) -> tuple[Array, Array | No
             )
         return position, None
     angles = np.stack([table.columns[name] for name in names], axis=1)
-    if rotation == "rotvector":
-        return position, rotation_of(angles)
-    if rotation == "rpy":
-        x, y, z = (rotation_of(angles[:, i : i + 1] * np.eye(3)[i]) for i in range(3))
-        return position, np.asarray(z @ y @ x)
-    return position, _by_quaternions(table, angles)
-
-
-def _by_quaternions(table: _Rows, quaternion: Array) -> Array:
-    size = np.linalg.norm(quaternion, axis=1)
-    bad = np.flatnonzero(np.abs(size - 1.0) > _UNIT)
-    if bad.size:
-        raise table.fail(f"a quaternion of length {size[bad[0]]:g}; allowed: 1", int(bad[0]))
-    w, vector = quaternion[:, 0] / size, quaternion[:, 1:] / size[:, np.newaxis]
-    sine = np.linalg.norm(vector, axis=1)
-    safe = np.where(sine > 0.0, sine, 1.0)
-    angle = 2.0 * np.arctan2(sine, w)
-    return rotation_of(vector * (np.where(sine > 0.0, angle / safe, 2.0))[:, np.newaxis])
+    if rotation == "quaternion":
+        size = np.linalg.norm(angles, axis=1)
+        bad = np.flatnonzero(np.abs(size - 1.0) > _UNIT)
+        if bad.size:
+            raise table.fail(f"a quaternion of length {size[bad[0]]:g}; allowed: 1", int(bad[0]))
+        return position, FOUR[rotation](angles)
+    return position, READINGS[rotation](angles)
 
 
 # Cycles

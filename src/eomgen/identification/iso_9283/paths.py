@@ -37,7 +37,7 @@ def path_figures(path: Path, match: str) -> PathFigures:
             f"path {path.name}: no point is passed by all cycles; allowed: paths that follow their command (match:"
             " sample compares row by row)"
         )
-    spread = path_scatter(command.position[kept], attained[:, kept])
+    accuracy, repeatability = path_scatter(command.position[kept], attained[:, kept])
     length = arc(command.position)
     turned = turning = None
     if turns is not None:
@@ -50,17 +50,17 @@ def path_figures(path: Path, match: str) -> PathFigures:
         length=float(length[-1]),
         points=int(kept.sum()),
         left_out=int((~kept).sum()),
-        accuracy=float(spread.accuracy.max()),
-        repeatability=float(spread.repeatability.max()),
-        accuracy_at=float(along[spread.accuracy.argmax()]),
-        repeatability_at=float(along[spread.repeatability.argmax()]),
+        accuracy=float(accuracy.max()),
+        repeatability=float(repeatability.max()),
+        accuracy_at=float(along[accuracy.argmax()]),
+        repeatability_at=float(along[repeatability.argmax()]),
         turned=turned,
         turning=turning,
         speed=_speed(path),
         corners=corner_figures(path, _without_rests(path.command)),
         along=tuple(along.tolist()),
-        offsets=tuple(spread.accuracy.tolist()),
-        scatters=tuple(spread.repeatability.tolist()),
+        offsets=tuple(accuracy.tolist()),
+        scatters=tuple(repeatability.tolist()),
     )
 
 

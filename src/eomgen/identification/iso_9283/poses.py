@@ -10,7 +10,7 @@ import numpy as np
 from ...errors import InputError, UnknownNameError
 from ...names import listed, nearest, show
 from .attained import Pose
-from .formulas import deviations, distance_scatter, scatter, stabilization, turns_from
+from .formulas import deviations, scatter, stabilization, turns_from
 from .result import DistanceFigures, PoseFigures, StopFigures, vector
 from .variations import same_command
 
@@ -69,24 +69,25 @@ def distance_figures(poses: Sequence[Pose], pairs: Sequence[tuple[str, str]] | N
 
 
 def _distance(one: Pose, other: Pose, both: Sequence[int]) -> DistanceFigures:
+    """Distance of two poses in the cycles that they have in common, by their labels: clause 7.3."""
     rows = [[pose.labels.index(label) for label in both] for pose in (one, other)]
-    ends = [pose.attained[row] for pose, row in zip((one, other), rows, strict=True)]
-    spread = distance_scatter(np.array([one.position, other.position]), np.stack(ends, axis=1))
+    wanted, found = other.position - one.position, other.attained[rows[1]] - one.attained[rows[0]]
+    length, lengths = float(np.linalg.norm(wanted)), np.linalg.norm(found, axis=1)
     turned = turning = None
     first, last = one.attained_rotation, other.attained_rotation
     if one.rotation is not None and other.rotation is not None and first is not None and last is not None:
         angles = np.abs(turns_from(first[rows[0]], last[rows[1]]))
-        wanted = np.abs(turns_from(one.rotation, other.rotation))
-        turned, turning = vector(angles.mean(axis=0) - wanted), vector(3.0 * deviations(angles))
+        commanded = np.abs(turns_from(one.rotation, other.rotation))
+        turned, turning = vector(angles.mean(axis=0) - commanded), vector(3.0 * deviations(angles))
     return DistanceFigures(
         poses=(one.name, other.name),
         cycles=len(both),
-        command=spread.command,
-        mean=spread.mean,
-        accuracy=spread.accuracy,
-        repeatability=spread.repeatability,
-        by_axis=vector(spread.by_axis),
-        by_axis_repeatability=vector(spread.by_axis_repeatability),
+        command=length,
+        mean=float(lengths.mean()),
+        accuracy=float(lengths.mean()) - length,
+        repeatability=3.0 * float(deviations(lengths)),
+        by_axis=vector(np.abs(found).mean(axis=0) - np.abs(wanted)),
+        by_axis_repeatability=vector(3.0 * deviations(np.abs(found))),
         turned=turned,
         turning=turning,
     )

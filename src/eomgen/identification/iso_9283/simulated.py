@@ -11,8 +11,9 @@ from ...errors import InputError
 from ...names import show
 from ...simulation.result import SimulationResult
 from ..arrays import Array
+from ..geometry.rotations import vectors_of
 from .attained import Measured, Path, Pose, Record
-from .formulas import rotation_vectors, speeds
+from .formulas import speeds
 
 SAME = 1e-9  # m, rad or s: by less than that programs and times are the same
 _ALLOWED = "; allowed: results of one program"
@@ -86,7 +87,7 @@ def _check_same(first: SimulationResult, name: str, result: SimulationResult, la
             f" or other times between{_ALLOWED} at the same times"
         )
     off = np.linalg.norm(result.program_pose[:, :3, 3] - first.program_pose[:, :3, 3], axis=1)
-    turned = np.linalg.norm(rotation_vectors(_relative(first.program_pose, result.program_pose)), axis=1)
+    turned = np.linalg.norm(vectors_of(_relative(first.program_pose, result.program_pose)), axis=1)
     if max(off.max(), turned.max()) > SAME:
         i = int(np.maximum(off, turned).argmax())
         raise InputError(
@@ -102,7 +103,7 @@ def _relative(one: Array, other: Array) -> Array:
 def _rests(program: Array) -> list[tuple[int, int]]:
     """First and last sample of each rest of the program that follows upon a motion; the last sample always is one."""
     steps = np.linalg.norm(np.diff(program[:, :3, 3], axis=0), axis=1)
-    turns = np.linalg.norm(rotation_vectors(_relative(program[:-1], program[1:])), axis=1)
+    turns = np.linalg.norm(vectors_of(_relative(program[:-1], program[1:])), axis=1)
     changes = np.maximum(steps, turns)
     moving = changes > max(SAME, _CREEPING * changes.max(initial=0.0))  # from each sample to the next
     last, departures = len(program) - 1, np.flatnonzero(moving)

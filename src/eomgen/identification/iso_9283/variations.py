@@ -9,7 +9,7 @@ import numpy as np
 from ...names import listed
 from ..arrays import Array
 from .attained import Pose, Record
-from .formulas import arc, greatest_differences
+from .formulas import arc
 from .result import PoseFigures, VariationFigures, vector
 
 DIRECTIONS = 3  # that the standard has, each normal to the others
@@ -53,7 +53,7 @@ def _variation(group: Sequence[PoseFigures]) -> VariationFigures:
         poses=tuple(item.name for item in group),
         cycles=min(item.cycles for item in group),
         position=float(np.linalg.norm(barycentres[:, np.newaxis] - barycentres, axis=2).max()),
-        turned=vector(greatest_differences(np.array(turned))) if len(turned) == len(group) else None,
+        turned=vector(np.ptp(np.array(turned), axis=0)) if len(turned) == len(group) else None,
     )
 
 

@@ -490,4 +490,4 @@ load_tolerance = declare(
         is_finite=False,
     )
 )
-"""Read the result that ``ToleranceResult.save`` wrote; InputError says what in the file is wrong."""
+"""Read the result that ``ToleranceResult.save`` wrote, computed anew; InputError says what in the file is wrong."""
