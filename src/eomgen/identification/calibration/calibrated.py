@@ -12,7 +12,7 @@ from ...names import component_name, parameter_name
 from ...robot.value import COORDINATES, MOTOR, Frame, Joint, Loop, Placement, Robot
 from ..arrays import Array
 from ..geometry.error_model import FRAMES, JOINTS, LOOPS, SECOND, TILT
-from ..geometry.rotations import pose_from
+from ..geometry.rotations import pose_from, pose_of
 from ..geometry.stations import Chain, matrix_of
 
 OF_LINK = "_calibrated"  # behind the name of a link whose frame was measured: its placement is a frame of its own
@@ -105,6 +105,5 @@ def _joint(joint: Joint, values: Mapping[str, float]) -> Joint:
 
 def _tilted(joint: Joint, tilt: tuple[float, float, float]) -> Array:
     """Placement of a joint whose first axis is tilted about its own x, y and z, (4, 4)."""
-    turn = np.eye(4)
-    turn[:3, :3] = joint.axis_turn
+    turn = pose_of(joint.axis_turn)
     return np.asarray(matrix_of(joint.placement) @ turn @ pose_from(np.array([0.0, 0.0, 0.0, *tilt])) @ turn.T)

@@ -7,6 +7,7 @@ from functools import partial
 from itertools import product
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ...motion.turns import rotation_of, vector_of
 from ..arrays import Array
@@ -75,10 +76,14 @@ def coordinates_of(pose: Array) -> Array:
 
 def pose_from(values: Array) -> Array:
     """T(x, y, z) Rx(alpha) Ry(beta) Rz(gamma), (4, 4), of its six coordinates, (6,), m and rad: eq. (3)."""
-    pose = np.eye(4)
-    pose[:3, 3] = values[:3]
     angles = np.asarray(values[3:], dtype=np.float64)
-    pose[:3, :3] = about_axis(0, angles[0]) @ about_axis(1, angles[1]) @ about_axis(2, angles[2])
+    return pose_of(about_axis(0, angles[0]) @ about_axis(1, angles[1]) @ about_axis(2, angles[2]), values[:3])
+
+
+def pose_of(rotation: ArrayLike, position: ArrayLike = 0.0) -> Array:
+    """Pose, (4, 4), of a rotation, (3, 3), and a position, (3,), m."""
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation, position
     return pose
 
 
