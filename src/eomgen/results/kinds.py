@@ -154,7 +154,7 @@ def read(kind: Kind[Result], path: Path | str) -> Result:
     """
     contents = contents_of(kind, path)
     with damage_named(path, kind.what or kind.name):
-        found: Any = (kind.read or _reader(kind))(contents)
+        found: Any = kind.read(contents) if kind.read else _of_declared(kind, contents)
         _check_arrays(kind, found, str(path))
         kind.check(found, str(path))
         if kind.is_finite:
@@ -207,16 +207,13 @@ def bare_kind(path: Path | str) -> str | None:
     return next((kind.name for kind in KINDS.values() if kind.is_bare and names == set(kind.arrays)), None)
 
 
-def _reader(kind: Kind[Result]) -> Callable[[Contents], Result]:
-    def read_fields(contents: Contents) -> Result:
+def _of_declared(kind: Kind[Result], contents: Contents) -> Result:
+    """Make a result of the fields that are declared."""
+    if kind.ending != JSON:
         return kind.result(**fields_of(kind, contents), **kind.rebuild(contents))
-
-    def read_text(contents: Contents) -> Result:
-        found: Any = value_of(kind.result, contents.plain, contents.path)
-        result: Result = replace(found, **{name: np.array(getattr(found, name), np.float64) for name in kind.arrays})
-        return result
-
-    return read_text if kind.ending == JSON else read_fields
+    found: Any = value_of(kind.result, contents.plain, contents.path)
+    result: Result = replace(found, **{name: np.array(getattr(found, name), np.float64) for name in kind.arrays})
+    return result
 
 
 def fields_of(kind: Kind[Any], contents: Contents) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from ..geometry.error_model import PLACEMENT, drive_terms
 from ..geometry.observations import at_rows
 from ..geometry.poses import MeasuredPoses
 from ..geometry.solve import HIDDEN, Fit, Problem, fitted, whitened
-from .drives import best_group, extended
+from .drives import best_group, with_columns
 from .serial import Serial, serial_of
 
 CHANCE = 1e-3  # that a row is called off, or a pattern is named, where there is nothing
@@ -139,14 +139,8 @@ def _patterns(problem: Problem, fit: Fit, white: Array, U: Array, inflation: flo
     """
     known = {problem.model.quantities[i].name for i in problem.active}
     groups = [group for group in drive_terms(problem.model.chain, problem.rows) if group[0].name not in known]
-    terms = tuple(term for group in groups for term in group)
-    whole = extended(problem, terms)
-    r, A = at_rows(whole.model, whole.rows, whole.seen, np.concatenate([fit.x, np.zeros(len(terms))]))
-    S = whitened(whole, fit, r, A)[1]
-    columns, first = [_drift_columns(problem, S)], len(fit.x)
-    for group in groups:
-        columns.append(S[:, first : first + len(group)])
-        first += len(group)
+    _, S, columns = with_columns(problem, fit, groups)
+    columns.insert(0, _drift_columns(problem, S))
     left = white - U @ (U.T @ white)
     freedoms, tried, found = fit.freedoms, len(columns), list[Pattern]()
     open_groups = list(range(len(columns)))

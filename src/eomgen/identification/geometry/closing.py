@@ -5,7 +5,7 @@ g(q, p) = 0,    dq = -G_q^+ G_p dp    where q are passive coordinates and p ever
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -130,10 +130,7 @@ class Closing:
 
 def held_by_loops(model: Model, chain: Chain, closing: Closing, places: Sequence[Place]) -> list[Place]:
     """Places of some whose deflections passive coordinates cannot take up: loops share them among several."""
-    closing = replace(closing, kept=())
-    constants, bases = constants_of(chain, model.robot, 1), np.eye(4)[np.newaxis]
-    home = closing.closed(chain, _home(chain, model, 1) + constants, constants, bases, 4 * _LAST)
-    G = closing.slopes(chain, located(chain, home, bases))[0]
+    G = _home_slopes(model, chain, replace(closing, kept=()))
     ks, cs = np.array(closing.passive, dtype=np.intp).reshape(-1, 2).T
     free = G[:, ks, cs]
     G[sum(len(rigid_parts(loop)) for loop in closing.robot.loops) :] = 0.0  # couplings are between drives' sides
@@ -185,12 +182,10 @@ def closing_of(model: Model, chain: Chain, read: Sequence[Place], source: str) -
 
 def _independent(model: Model, chain: Chain, closing: Closing) -> Closing:
     """The same with independent constraints alone, and with drives that say where everything is; see closing_of."""
-    constants = constants_of(chain, model.robot, 1)
-    bases = np.eye(4)[np.newaxis]
-    home = _home(chain, model, 1) + constants
-    at = located(chain, closing.closed(chain, home, constants, bases, 4 * _LAST), bases)
-    slopes = closing.slopes(chain, at)[0]
-    places = [(k, c) for k, s in enumerate(chain.stations) if s.joint for c in _active(s.joint.coordinates)]
+    slopes = _home_slopes(model, chain, closing)
+    places = [
+        (k, COORDINATES.index(name)) for k, s in enumerate(chain.stations) if s.joint for name in s.joint.coordinates
+    ]
     ks, cs = np.array(places, dtype=np.intp).T
     G = slopes[:, ks, cs]
     kept = tuple(sorted(independent_columns(G.T, rank_of(G))))
@@ -203,8 +198,11 @@ def _independent(model: Model, chain: Chain, closing: Closing) -> Closing:
     return replace(closing, kept=kept)
 
 
-def _active(coordinates: Iterable[str]) -> list[int]:
-    return [COORDINATES.index(name) for name in coordinates]
+def _home_slopes(model: Model, chain: Chain, closing: Closing) -> Array:
+    """Derivatives of the constraints where they close from home on, (m, S, 6)."""
+    constants, bases = constants_of(chain, model.robot, 1), np.eye(4)[np.newaxis]
+    home = closing.closed(chain, _home(chain, model, 1) + constants, constants, bases, 4 * _LAST)
+    return np.asarray(closing.slopes(chain, located(chain, home, bases))[0])
 
 
 def constants_of(chain: Chain, robot: Robot, count: int) -> Array:

@@ -9,8 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import InputError
-from ...names import show
 from ..arrays import Array, Mask, Places
 from .error_model import ErrorModel, Rows
 from .observations import Observations, at_rows
@@ -103,12 +101,7 @@ def fitted(
         sigma: standard deviations of all numbers, (M,), which then stay; by default those known, others estimated.
         loss: one of LOSSES: samples count the less, the more they are off.
         trust: weights of all numbers, (M,), where there is no loss; 1 if not given.
-
-    Raises:
-        InputError: another loss.
     """
-    if loss is not None and loss not in LOSSES:
-        raise InputError(f"loss: {show(loss)}; allowed: {', '.join(LOSSES)}, or none")
     seen = problem.seen
     kept = np.arange(seen.group.size) if problem.kept is None else problem.kept
     estimated = np.zeros(seen.group.size, dtype=bool) if sigma is not None else np.isnan(seen.sigma)

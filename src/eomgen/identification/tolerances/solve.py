@@ -34,7 +34,7 @@ from ..geometry.stations import Chain, chain_of, matrix_of
 from .contributions import Contribution, Exact, contributions_of, model_of
 from .correlations import groups_of, plain_correlations, read_correlations, root_of
 from .regions import mixed_quantiles, quantile_of_normal, radii, worst_deviations, worst_directions
-from .result import PARTS, ToleranceResult, shares_of
+from .result import PARTS, ToleranceResult, check_whole, shares_of
 from .table import CORRELATIONS, Table, Tolerance, read_table
 from .vertices import farthest
 
@@ -47,7 +47,6 @@ EVEN = 0.3  # of a variance: one even distribution that a sum is no longer norma
 _LINE = 1e-12  # of the greatest variance: no motion across
 _EVERY = 20  # poses at which the linear prediction is compared
 _SOFTEST = 0.2  # of a stiffness: its greatest standard deviation
-_COLUMNS = {"position": slice(0, 3), "orientation": slice(3, 6)}
 
 
 @answers_in_numbers("table")
@@ -162,9 +161,8 @@ def _given_poses(model: Model, names: Sequence[str], poses: ArrayLike | Mapping[
 
 
 def _random_poses(robot: Robot, names: Sequence[str], count: int, seed: int) -> Array:
-    for label, value, low, high in (("random", count, 1, MOST_POSES), ("seed", seed, 0, 2**63)):
-        if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not low <= value <= high:
-            raise InputError(f"{label}: {show(value)}; allowed: a whole number from {low} to {high}")
+    check_whole("random", count, 1, MOST_POSES)
+    check_whole("seed", seed, 0, 2**63)
     limits = []
     for name in names:
         given = robot.joint(joint_of(name)).limits
@@ -255,24 +253,23 @@ def _result(
     correlated = groups_of(correlation)
     apart = scaled @ root_of(correlation) if correlated else scaled  # by independent numbers of variance 1
     covariance = apart @ apart.transpose(0, 2, 1)
-    blocks = {part: covariance[:, at, at] for part, at in _COLUMNS.items()}
+    blocks = {part: covariance[:, at, at] for part, at in PARTS.items()}
     report("looking for worst cases")
-    ends = {part: [farthest(row[at]) for row in reach] for part, at in _COLUMNS.items()}
+    ends = {part: [farthest(row[at]) for row in reach] for part, at in PARTS.items()}
     lengths = {part: np.array([length for length, _ in found]) for part, found in ends.items()}
     worst_pose = int(lengths["position"].argmax())
     signs = ends["position"][worst_pose][1]
     report("comparing with the exact model")
     exact_worst = _at_vertices(exact, reach[worst_pose, :3], bounds, signs, worst_pose)
     off, bent = _nonlinear(exact, S, bounds, ends, lengths)
-    shares = {part: shares_of(scaled[:, _COLUMNS[part]], correlation) for part in PARTS}
+    shares = {part: shares_of(scaled[:, at], correlation) for part, at in PARTS.items()}
     is_even = np.array([entry.bound is not None for entry, _, _ in entries])
     directions = {
-        part: _directions(blocks[part], apart[:, at], reach[:, at], is_even, confidence)
-        for part, at in _COLUMNS.items()
+        part: _directions(blocks[part], apart[:, at], reach[:, at], is_even, confidence) for part, at in PARTS.items()
     }
     spheres = {
         part: _held(directions[part], blocks[part], apart[:, at], reach[:, at], is_even, lengths[part], confidence)
-        for part, at in _COLUMNS.items()
+        for part, at in PARTS.items()
     }
     notes = []
     if off > LINEAR:
@@ -422,7 +419,7 @@ def _nonlinear(
             [np.diag(bounds), -np.diag(bounds), *((s * bounds)[:, np.newaxis] for v in vertices for s in (v, -v))]
         )
         left = exact.motions(y, np.full(y.shape[1], pose, dtype=np.intp)) - (S[pose] @ y).T
-        for part, at in _COLUMNS.items():
+        for part, at in PARTS.items():
             whole = float(lengths[part].max())
             if whole > 0.0:
                 off = np.linalg.norm(left[:, at], axis=1) / whole
