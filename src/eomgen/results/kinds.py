@@ -16,9 +16,10 @@ from pathlib import Path
 from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..files import check_ending
+from ..files import check_ending, write_csv
 from ..forms.plain import field_types, value_of
 from ..names import show
 from ..npz import COMPLEX, read_npz
@@ -51,6 +52,28 @@ class Saved:
             InputError: another ending than that of its kind (.npz or .json), or the file cannot be written.
         """
         return write(self, path)
+
+
+class SavedColumns(Saved):
+    """Base of results that are tables of columns, too."""
+
+    def columns(self) -> dict[str, NDArray[np.float64]]:
+        """Columns by their names, (N,) each."""
+        raise NotImplementedError
+
+    def save(self, path: Path | str) -> Path:
+        """Write ``columns`` as .csv (numbers round-trip), or the result as .npz, and return the path.
+
+        ``eomgen.load_result`` reads an .npz.
+
+        Raises:
+            InputError: another ending, or the file cannot be written.
+        """
+        target = check_ending(path, ".csv", NPZ)
+        if target.suffix == NPZ:
+            return write(self, target)
+        columns = self.columns()
+        return write_csv(target, [columns, *zip(*(map(repr, x.tolist()) for x in columns.values()), strict=True)])
 
 
 class Loader(Protocol[Read]):
