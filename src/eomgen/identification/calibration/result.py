@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
@@ -235,7 +235,7 @@ class CalibrationResult(Shown, Tabular, Saved):
         """Plain values, for JSON."""
         return {
             **plain_fields(self, "frames", "model", "x", "covariance", "source"),
-            **{name: _plain(getattr(self, name)) for name in ("values", "described", "deviations")},
+            **{name: _known(getattr(self, name)) for name in ("values", "described", "deviations")},
             "weak": [{"direction": text, "deviation": value} for text, value in self.weak],
             "gain": None if self.gain is None else _gain_values(self.gain),
             "gains": {name: {kind: _gain_values(x) for kind, x in of.items()} for name, of in self.gains.items()},
@@ -313,8 +313,8 @@ def _gain_values(gain: Gain) -> dict[str, Any]:
     return {**vars(gain), "is_significant": gain.is_significant}
 
 
-def _plain(values: Sequence[float] | Array) -> list[float | None]:
-    return [float(value) if np.isfinite(value) else None for value in values]
+def _known(values: Array) -> list[float | None]:
+    return [value if np.isfinite(value) else None for value in values.tolist()]
 
 
 def _shown(value: float, name: str) -> str:

@@ -42,10 +42,6 @@ class Closing:
     couplings: tuple[tuple[Place, tuple[tuple[Place, float], ...], float], ...]
     kept: tuple[int, ...] = ()
 
-    def gaps(self, chain: Chain, at: Located, values: Array, constants: Array) -> Array:
-        """g of all loops and couplings, (N, m), m and rad; ``constants``: offsets in the values, (N, S, 6)."""
-        return self.residuals(chain, at, values - constants)
-
     def residuals(self, chain: Chain, at: Located, q: Array) -> Array:
         """g of all loops and couplings, (N, m), m and rad, by coordinates without offsets, (N, S, 6)."""
         found = []
@@ -100,7 +96,7 @@ class Closing:
         ks, cs = np.array(self.passive, dtype=np.intp).T
         for _ in range(steps):
             at = located(chain, found, bases)
-            g = self.gaps(chain, at, found, constants)
+            g = self.residuals(chain, at, found - constants)
             if np.abs(g).max() < 1e-14:
                 break
             G = self.slopes(chain, at)[:, :, ks, cs]
@@ -244,7 +240,7 @@ def closed_readings(chain: Chain, closing: Closing, model: Model, readings: Arra
         found = start + share * (readings - start) + constants
         found[:, ks, cs] = before
         found = closing.closed(chain, found, constants, bases, _LAST if share == 1.0 else _EACH)
-    gaps = np.abs(closing.gaps(chain, located(chain, found, bases), found, constants)).max(axis=1)
+    gaps = np.abs(closing.residuals(chain, located(chain, found, bases), found - constants)).max(axis=1)
     bad = np.flatnonzero(~(gaps < CLOSED))
     if bad.size:
         raise InputError(f"{places[int(bad[0])]}: the loops of {model.name} do not close there (by {gaps[bad[0]]:.2g})")

@@ -104,15 +104,12 @@ class Observations:
 
     def whiten(self, values: Array, sigma: Array) -> Array:
         """Numbers, (M,) or (M, P), in units of their standard deviations ``sigma``, (M,)."""
-        scale = np.sqrt(self.weight) / sigma
-        scaled = values * (scale if values.ndim == 1 else scale[:, np.newaxis])
+        columns = values.reshape(len(values), -1)
+        scaled = columns * (np.sqrt(self.weight) / sigma)[:, np.newaxis]
         for places, factor in self.mixed:
             root = np.sqrt(self.weight[places[:, :1]])
-            if values.ndim == 1:
-                scaled[places] = root * (factor @ values[places][..., np.newaxis])[..., 0]
-            else:
-                scaled[places] = root[..., np.newaxis] * (factor @ values[places])
-        return np.asarray(scaled)
+            scaled[places] = root[..., np.newaxis] * (factor @ columns[places])
+        return np.asarray(scaled.reshape(values.shape))
 
     def part(self, kept: Mask) -> Places:
         """Places of the numbers whose rows are kept, (R,) of the file."""

@@ -79,7 +79,7 @@ def blank_frame(frame: str, rows: int) -> Measured:
     )
 
 
-def rows_at(table: Table, kept: Places) -> Table:
+def rows_at(table: Table, kept: Places | Mask) -> Table:
     """Some rows of a dataclass: of its fields that are arrays, and of tables of arrays."""
     found: dict[str, Any] = {}
     for name, value in vars(table).items():

@@ -15,7 +15,7 @@ from ...motion.measured_numbers import checked_numbers
 from ...names import component_name, listed, nearest, show, split_component
 from ...npz import read_npz
 from ..arrays import Array, Places
-from ..geometry.poses import QUATERNION, ROTATIONS, TURNED
+from ..geometry.poses import QUATERNION, ROTATIONS, TURNED, rows_at
 from ..geometry.rotations import FOUR, READINGS
 from .attained import Measured, Path, Pose, Record
 
@@ -71,10 +71,10 @@ def from_files(
         if len(kinds) != 1:
             got = "both columns, pose and path" if kinds else "no column pose or path"
             raise table.fail(f"has {got}; allowed: {COLUMNS}, with one of the two")
-        records = _records(table, frame, rotation)
+        record = _record(table, frame, rotation)
         commands = _commands(table, given, kinds[0], frame, rotation)
         before = [label for items in found.values() for item in items.values() for label in item.cycles]
-        _gather(table, kinds[0], records, commands, found[kinds[0]], max(before, default=None))
+        _gather(table, kinds[0], record, commands, found[kinds[0]], max(before, default=None))
     notes: list[str] = []
     for kind, items in found.items():
         if given is not None and kind in given.columns and items:
@@ -147,8 +147,9 @@ def _numbers(table: _Rows, name: str) -> NDArray[np.int64]:
     return values.astype(np.int64)
 
 
-def _records(table: _Rows, owner: str, rotation: str) -> tuple[Array, Array | None]:
-    """Positions (N, 3) and rotations (N, 3, 3) or None of an owner's columns."""
+def _record(table: _Rows, owner: str, rotation: str) -> Record:
+    """All rows of an owner's columns: times, positions and rotations, as far as they are there."""
+    t = table.columns.get("t")
     position = np.stack([table.columns[component_name(owner, axis)] for axis in AXES], axis=1)
     keys, others = (QUATERNION, TURNED) if rotation == "quaternion" else (TURNED, QUATERNION)
     names = [component_name(owner, key) for key in keys]
@@ -160,15 +161,15 @@ def _records(table: _Rows, owner: str, rotation: str) -> tuple[Array, Array | No
                 f"has {listed(found)} and not {listed(missing)}; allowed: all of {listed(names)} (rotation:"
                 f" {rotation}), or none"
             )
-        return position, None
+        return Record(t, position, None)
     angles = np.stack([table.columns[name] for name in names], axis=1)
     if rotation == "quaternion":
         size = np.linalg.norm(angles, axis=1)
         bad = np.flatnonzero(np.abs(size - 1.0) > _UNIT)
         if bad.size:
             raise table.fail(f"a quaternion of length {size[bad[0]]:g}; allowed: 1", int(bad[0]))
-        return position, FOUR[rotation](angles)
-    return position, READINGS[rotation](angles)
+        return Record(t, position, FOUR[rotation](angles))
+    return Record(t, position, READINGS[rotation](angles))
 
 
 # Cycles
@@ -199,8 +200,7 @@ def _commands(table: _Rows, given: _Rows | None, kind: str, frame: str, rotation
         _frame(given, frame)
         if kind not in given.columns:
             raise given.fail(f"has no column {kind}, which {table.source} has; allowed: with it")
-    position, rotations = _records(source, owner, rotation)
-    t = source.columns.get("t")
+    whole = _record(source, owner, rotation)
     known = None if given is None else _numbers(given, kind)
     rows_of = {} if known is None else {int(known[rows[0]]): rows for rows in _groups(known)}
 
@@ -209,9 +209,7 @@ def _commands(table: _Rows, given: _Rows | None, kind: str, frame: str, rotation
         if chosen is None:
             assert given is not None
             raise given.fail(f"has no command of {kind} {number}, which {table.source} has; allowed: one for each")
-        return Record(
-            None if t is None else t[chosen], position[chosen], None if rotations is None else rotations[chosen]
-        )
+        return rows_at(whole, chosen)
 
     return commands
 
@@ -219,13 +217,13 @@ def _commands(table: _Rows, given: _Rows | None, kind: str, frame: str, rotation
 def _gather(
     table: _Rows,
     kind: str,
-    records: tuple[Array, Array | None],
+    record: Record,
     commands: _Commands,
     into: dict[int, _Gathered],
     last: int | None,
 ) -> None:
     """Sort the rows of a file by pose or path and by cycle; ``last`` is the number of the last cycle of other files."""
-    numbers, (position, rotation), t = _numbers(table, kind), records, table.columns.get("t")
+    numbers = _numbers(table, kind)
     cycle = _cycles(table, kind, numbers)
     if last is not None:
         cycle = cycle + (last + 1 - cycle.min())
@@ -236,8 +234,7 @@ def _gather(
         command = commands(number, rows)
         gathered = into.setdefault(number, _Gathered(command, {}))
         _check_command(table, kind, what, gathered.command, command, int(rows[0]))
-        turned = None if rotation is None else rotation[rows]
-        gathered.cycles[label] = Record(None if t is None else t[rows], position[rows], turned)
+        gathered.cycles[label] = rows_at(record, rows)
 
 
 def _groups(*keys: NDArray[np.int64]) -> list[Places]:

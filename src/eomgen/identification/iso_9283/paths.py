@@ -6,6 +6,7 @@ import numpy as np
 
 from ...errors import InputError
 from ..arrays import Array, Mask, Places
+from ..geometry.poses import rows_at
 from .attained import Path, Record
 from .corners import corner_figures
 from .formulas import STEADY, arc, at_planes, between, deviations, path_scatter, speeds, tangents, turns_from
@@ -67,9 +68,7 @@ def path_figures(path: Path, match: str) -> PathFigures:
 def _without_rests(command: Record) -> Record:
     """The command without points that repeat the one before: a path's tangent is there nowhere."""
     steps = np.linalg.norm(np.diff(command.position, axis=0), axis=1)
-    kept = np.concatenate([[True], steps > 0.0])
-    t, rotation = command.t, command.rotation
-    return Record(None if t is None else t[kept], command.position[kept], None if rotation is None else rotation[kept])
+    return rows_at(command, np.concatenate([[True], steps > 0.0]))
 
 
 def _by_planes(path: Path, command: Record) -> tuple[Array, Array | None, Mask]:

@@ -253,7 +253,6 @@ def _result(
     correlated = groups_of(correlation)
     apart = scaled @ root_of(correlation) if correlated else scaled  # by independent numbers of variance 1
     covariance = apart @ apart.transpose(0, 2, 1)
-    blocks = {part: covariance[:, at, at] for part, at in PARTS.items()}
     report("looking for worst cases")
     ends = {part: [farthest(row[at]) for row in reach] for part, at in PARTS.items()}
     lengths = {part: np.array([length for length, _ in found]) for part, found in ends.items()}
@@ -264,11 +263,8 @@ def _result(
     off, bent = _nonlinear(exact, S, bounds, ends, lengths)
     shares = {part: shares_of(scaled[:, at], correlation) for part, at in PARTS.items()}
     is_even = np.array([entry.bound is not None for entry, _, _ in entries])
-    directions = {
-        part: _directions(blocks[part], apart[:, at], reach[:, at], is_even, confidence) for part, at in PARTS.items()
-    }
-    spheres = {
-        part: _held(directions[part], blocks[part], apart[:, at], reach[:, at], is_even, lengths[part], confidence)
+    regions = {
+        part: _regions(covariance[:, at, at], apart[:, at], reach[:, at], is_even, lengths[part], confidence)
         for part, at in PARTS.items()
     }
     notes = []
@@ -284,7 +280,7 @@ def _result(
             " of each, as if they were not"
         )
     notes += _of_bounds(entries, shares)
-    for part, (_, ended) in spheres.items():
+    for part, (_, _, ended) in regions.items():
         if ended:
             notes.append(
                 f"{part}: at {ended} of {len(q)} poses the region of normal numbers passes what bounds allow, and ends"
@@ -307,8 +303,8 @@ def _result(
         sensitivities=S,
         covariance=covariance,
         confidence=float(confidence),
-        radius={part: found for part, (found, _) in spheres.items()},
-        direction=directions,
+        radius={part: found for part, (_, found, _) in regions.items()},
+        direction={part: least for part, (least, _, _) in regions.items()},
         worst=np.abs(reach).sum(axis=2),
         farthest=lengths,
         worst_pose=worst_pose,
@@ -321,55 +317,40 @@ def _result(
     )
 
 
-def _directions(covariance: Array, scaled: Array, reach: Array, is_even: Mask, confidence: float) -> Array:
-    """Half intervals, (N,), along the directions in which a part of the motion is greatest.
+def _regions(
+    covariance: Array, scaled: Array, reach: Array, is_even: Mask, farthest_of_all: Array, confidence: float
+) -> tuple[Array, Array, int]:
+    """Half intervals along the directions in which a part of the motion is greatest, radii of regions, (N,) each.
+
+    Radii are those of normal numbers between two bounds that hold for every distribution: no sphere is smaller than the
+    interval along one direction, and none need be larger than the farthest that even numbers reach with the sphere of
+    the normal ones around it.  Where all motion is along one line the interval is the sphere.
 
     Args:
         covariance: of the part, (N, 3, 3).
         scaled, reach: sensitivities times standard deviations, correlated ones by independent numbers, and times
             bounds, (N, 3, K).
         is_even: which quantities are even within their bounds, (K,); the others are normal.
-        confidence: probability of the intervals.
-    """
-    if not is_even.any():
-        return np.asarray(quantile_of_normal(confidence) * worst_deviations(covariance))
-    along = worst_directions(covariance)[:, np.newaxis]
-    normal, even = (along @ scaled[..., ~is_even])[:, 0], (along @ reach[..., is_even])[:, 0]
-    return mixed_quantiles(np.linalg.norm(normal, axis=1), even, confidence)
-
-
-def _held(
-    least: Array,
-    covariance: Array,
-    scaled: Array,
-    reach: Array,
-    is_even: Mask,
-    farthest_of_all: Array,
-    confidence: float,
-) -> tuple[Array, int]:
-    """Radii of regions, (N,), and at how many poses they end at what bounds allow.
-
-    They are those of normal numbers between two bounds that hold for every distribution: no sphere is smaller than the
-    interval along one direction, and none need be larger than the farthest that even numbers reach with the sphere of
-    the normal ones around it.  Where all motion is along one line the interval is the sphere.
-
-    Args:
-        least: half intervals along the greatest direction, (N,).
-        covariance, scaled, reach, is_even, confidence: as of ``_directions``.
         farthest_of_all: greatest displacements with all at their bounds, (N,).
+        confidence: probability of intervals and regions.
+
+    Returns:
+        also at how many poses regions end at what bounds allow.
     """
     found = radii(covariance, confidence)
     if not is_even.any():
-        return found, 0
-    normal = scaled[..., ~is_even]
+        return np.asarray(quantile_of_normal(confidence) * worst_deviations(covariance)), found, 0
+    normal, even = scaled[..., ~is_even], reach[..., is_even]
+    along = worst_directions(covariance)[:, np.newaxis]
+    least = mixed_quantiles(np.linalg.norm((along @ normal)[:, 0], axis=1), (along @ even)[:, 0], confidence)
     most = farthest_of_all
     if not is_even.all():
-        within = np.array([farthest(row)[0] for row in reach[..., is_even]])
+        within = np.array([farthest(row)[0] for row in even])
         most = within + radii(normal @ normal.transpose(0, 2, 1), confidence)
     variances = np.linalg.eigvalsh(covariance)
     on_a_line = variances[:, 1] <= _LINE * variances[:, 2]
     ended = (found > most * (1.0 + 1e-12)) & ~on_a_line
-    return np.where(on_a_line, least, np.minimum(np.maximum(found, least), most)), int(ended.sum())
+    return least, np.where(on_a_line, least, np.minimum(np.maximum(found, least), most)), int(ended.sum())
 
 
 def _of_bounds(entries: Sequence[tuple[Tolerance, float, float]], shares: Mapping[str, Array]) -> Iterator[str]:
