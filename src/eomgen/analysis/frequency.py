@@ -117,11 +117,7 @@ class Response(Shown, Tabular, SavedColumns):
         return columns
 
 
-def _sizes(found: Response) -> dict[str, int]:
-    return {"inputs": len(found.inputs), "outputs": len(found.outputs), "n": len(found.coordinates)}
-
-
-declare(Kind("response", Response, sizes=_sizes, is_bare=True, is_finite=False))
+declare(Kind("response", Response, is_bare=True, is_finite=False))
 
 
 def response(

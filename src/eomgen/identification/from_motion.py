@@ -18,7 +18,7 @@ from ..errors import InputError
 from ..motion.files import MeasuredMotion, measured_motion
 from ..motion.measured_numbers import answers_in_numbers
 from ..motion.smoothing import local_polynomials
-from ..names import component_name
+from ..names import component_name, split_component
 from ..pipeline.closing import mechanism_kernels
 from ..pipeline.stages import build
 from ..progress import StageReport
@@ -74,8 +74,8 @@ class ForcesResult(Shown, Tabular, SavedColumns):
 
     robot: str
     t: Annotated[Array, Stored(("T",), "s")]
-    coordinates: tuple[str, ...]
-    joints: tuple[str, ...]
+    coordinates: Annotated[tuple[str, ...], Stored(("n",))]
+    joints: Annotated[tuple[str, ...], Stored(("j",))]
     measured: tuple[str, ...]
     q: Annotated[Array, Stored(("T", "n"), "m, rad")]
     v: Annotated[Array, Stored(("T", "n"), "m/s, rad/s")]
@@ -86,11 +86,11 @@ class ForcesResult(Shown, Tabular, SavedColumns):
     damper: Annotated[Array, Stored(("T", "n"), "N, N m")]
     line: Annotated[Array, Stored(("T", "n"), "N, N m")]
     closing: Annotated[Array, Stored(("T", "n"), "N, N m")]
-    springs: tuple[str, ...]
+    springs: Annotated[tuple[str, ...], Stored(("s",))]
     lengths: Annotated[Array, Stored(("T", "s"), "m")]
     tensions: Annotated[Array, Stored(("T", "s"), "N")]
     reactions: Annotated[Array, Stored(("T", "j", 6), "N, N m")]
-    loops: tuple[str, ...]
+    loops: Annotated[tuple[str, ...], Stored(("l",))]
     loop_reactions: Annotated[Array, Stored(("T", "l", 6), "N, N m")]
     is_closed: bool
     notes: tuple[str, ...]
@@ -169,15 +169,9 @@ class ForcesResult(Shown, Tabular, SavedColumns):
 
         Cut joints by the name of their loop.  Springs between two points: SPRING.length, SPRING.tension.
         """
-        found = {"t": self.t}
-        for i, name in enumerate(self.coordinates):
-            for part in self.parts:
-                found[f"{name}.{part}"] = getattr(self, part)[:, i]
-        for i, name in enumerate(self.springs):
-            found |= {f"{name}.length": self.lengths[:, i], f"{name}.tension": self.tensions[:, i]}
-        for name, wrench in self.supports.items():
-            found |= {f"{name}.reaction.{axis}": wrench[:, i] for i, axis in enumerate(FORCES)}
-        return found
+        forces = (*self.parts, "length", "tension", "reaction")
+        columns = [column for column in self.as_rows().columns if split_component(column.name)[1] in forces]
+        return {"t": self.t, **{name: values for column in columns for name, values in column.flat()}}
 
     def _peak(self, values: Array) -> dict[str, float]:
         place = int(np.abs(values).argmax())
@@ -222,11 +216,6 @@ def _rebuild(file: Contents) -> dict[str, Array]:
     }
 
 
-def _sizes(found: ForcesResult) -> dict[str, int]:
-    names = {"n": found.coordinates, "s": found.springs, "j": found.joints, "l": found.loops}
-    return {"T": len(found.t), **{letter: len(of) for letter, of in names.items()}}
-
-
 declare(
     Kind(
         "forces",
@@ -235,7 +224,6 @@ declare(
         rebuilt=(*_PARTS, "lengths", "tensions", "reactions", "loop_reactions"),
         record=ForcesResult.columns,
         rebuild=_rebuild,
-        sizes=_sizes,
     )
 )
 

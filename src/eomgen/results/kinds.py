@@ -95,7 +95,8 @@ class Kind(Generic[Result]):
         record: gives what these are rebuilt from: plain values, and arrays, by names.
         rebuild: gives these fields, by name, of a file.
         read: makes a whole result of a file where that is more than fields; else they are read as they are declared.
-        sizes: gives sizes of a result by the letters of shapes; the first array that has any other says how many.
+        sizes: gives sizes of a result by the letters of shapes, beside those that tuples of names have; the first array
+            that has any other says how many.
         check: refuses a result whose values do not go together; it has the file's name for messages.
         is_finite: whether all numbers are finite that the result's lines show.
         is_bare: whether files of older versions have arrays alone.
@@ -260,7 +261,8 @@ def fields_of(kind: Kind[Any], contents: Contents) -> dict[str, Any]:
 
 def _check_arrays(kind: Kind[Any], found: Any, path: str) -> None:
     """Refuse arrays of other shapes than are declared, and numbers in them that are not allowed."""
-    sizes = dict(kind.sizes(found))
+    tuples = [(x.shape[0], getattr(found, name)) for name, x in kind.stored.items() if len(x.shape) == 1]
+    sizes = {str(letter): len(names) for letter, names in tuples if isinstance(names, tuple)} | dict(kind.sizes(found))
     for name, stored in kind.stored.items():
         array = getattr(found, name)
         if isinstance(array, np.ndarray) and array is not stored.otherwise:

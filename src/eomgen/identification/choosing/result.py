@@ -61,7 +61,7 @@ class PosesResult(Shown, Tabular, Saved):
     """
 
     robot: str
-    coordinates: tuple[str, ...]
+    coordinates: Annotated[tuple[str, ...], Stored(("n",))]
     q: Annotated[Array, Stored(("N", "n"), "m, rad")]
     frames: tuple[str, ...]
     measure: str
@@ -74,7 +74,7 @@ class PosesResult(Shown, Tabular, Saved):
     size: int
     rank: int
     rank_above_noise: int
-    names: tuple[str, ...]
+    names: Annotated[tuple[str, ...], Stored(("P",))]
     deviations: Annotated[Array, Stored(("P",), "SI")]
     units: tuple[str, ...]
     merged: Mapping[str, str]
@@ -154,9 +154,5 @@ def _check(found: PosesResult, path: str) -> None:
         raise InputError(f"{path}: criterion: {show(found.criterion)}; allowed: {', '.join(_ABOUT)}")
 
 
-def _sizes(found: PosesResult) -> dict[str, int]:
-    return {"n": len(found.coordinates), "P": len(found.names)}
-
-
-load_poses = declare(Kind("poses", PosesResult, ending=".json", sizes=_sizes, check=_check))
+load_poses = declare(Kind("poses", PosesResult, ending=".json", check=_check))
 """Read the result that ``PosesResult.save`` wrote; InputError says what in the file is wrong."""

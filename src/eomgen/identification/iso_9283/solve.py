@@ -19,11 +19,9 @@ from ...sweep.plan import Plan
 from .attained import Measured
 from .measured import from_files
 from .paths import MATCHES, path_figures
-from .poses import distance_figures, pose_figures, stop_figures
+from .poses import distance_figures, pose_figures, stop_figures, variation_figures
 from .result import STANDARD, AccuracyResult, PathFigures, PoseFigures
-from .samples import from_plan
-from .simulated import from_simulations
-from .variations import variation_figures
+from .simulated import from_plan, from_simulations
 
 POSES, CYCLES, PATH_CYCLES = 5, 30, 10  # that the standard asks for
 TRAJECTORY, SWEEP = "trajectory.npz", "sweep.json"
