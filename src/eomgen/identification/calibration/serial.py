@@ -59,7 +59,7 @@ def serial_of(seen: Observations, series: NDArray[np.int64], white: Array, U: Ar
     """
     steps = tuple(_sequences(seen, series))
     pairs = sum(int((d == 1.0).sum()) * places.shape[1] for places, d in steps)
-    if pairs < _FEW or white.size <= U.shape[1] + 1:
+    if pairs < _FEW or white.size <= U.shape[1] + 1 or not white.any():  # a loss may leave no number any weight
         return None
     found = float(white @ _neighbours(steps, white[:, np.newaxis])[:, 0]) / float(white @ white)
     LU = _neighbours(steps, U)
