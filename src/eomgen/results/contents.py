@@ -83,7 +83,7 @@ def write_npz(path: Path | str, plain: Mapping[str, Any], arrays: Mapping[str, A
     Raises:
         InputError: the file cannot be written.
     """
-    members: dict[str, Any] = {**arrays, META: np.array(json.dumps(plain, default=plain_value))}
+    members: dict[str, Any] = {**arrays, META: np.array(json.dumps(plain, default=_plain))}
     return write_atomically(Path(path), lambda stream: np.savez_compressed(stream, **members))
 
 
@@ -95,19 +95,10 @@ def write_json(path: Path | str, plain: Mapping[str, Any]) -> Path:
     """
     target = check_ending(path, JSON)
     try:
-        text = json.dumps(plain, indent=1, default=plain_value, allow_nan=False)
+        text = json.dumps(plain, indent=1, default=_plain, allow_nan=False)
     except ValueError:
         raise InputError(f"{show_path(str(target))}: the result has numbers that are not finite") from None
     return write_atomically(target, lambda stream: stream.write(text.encode("ascii")))
-
-
-def plain_value(value: Any) -> Any:
-    """Return an array as a list, a dataclass or a mapping as a dict."""
-    if isinstance(value, np.ndarray):
-        return value.tolist()
-    if is_dataclass(value):
-        return {field.name: getattr(value, field.name) for field in fields(value)}
-    return dict(value)
 
 
 def plain_fields(result: Any, *left_out: str) -> dict[str, Any]:

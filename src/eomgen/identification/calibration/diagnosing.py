@@ -7,7 +7,6 @@ them.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -231,9 +230,3 @@ def _pattern_note(pattern: Pattern) -> str:
         why = "no drive has that much: is the column of that joint read rightly, its sense, unit and order?"
         return f"residuals show {pattern.name}, about {pattern.size:.2g} ({chance}): {why}"
     return f"residuals show {pattern.name}, about {pattern.size:.2g} ({chance}); --drives (drives=True) fits it"
-
-
-def diagnosis_values(found: Diagnosis) -> dict[str, Any]:
-    """Plain values, for JSON."""
-    outlying = [{"row": row, "size": size} for row, size in found.outlying]
-    return {**vars(found), "outlying": outlying, "patterns": [vars(pattern) for pattern in found.patterns]}

@@ -27,7 +27,7 @@ from ..geometry.error_model import ErrorModel, Rows
 from ..geometry.observations import ENCODER, ORIENTATION, POSITION
 from .as_toml import Found, write_toml
 from .as_urdf import write_urdf
-from .diagnosing import Diagnosis, diagnosis_values
+from .diagnosing import Diagnosis
 from .identifiability import merged_rows
 from .model_record import model_from_record, record_of_model
 from .predicting import readings_from, refuse_open
@@ -240,7 +240,10 @@ class CalibrationResult(Shown, Tabular, Saved):
             "gain": None if self.gain is None else _gain_values(self.gain),
             "gains": {name: {kind: _gain_values(x) for kind, x in of.items()} for name, of in self.gains.items()},
             "mistrusted": [{"row": row, "weight": weight} for row, weight in self.mistrusted],
-            "diagnosis": diagnosis_values(self.diagnosis),
+            "diagnosis": {
+                **plain_fields(self.diagnosis),
+                "outlying": [{"row": row, "size": size} for row, size in self.diagnosis.outlying],
+            },
         }
 
     def lines(self) -> list[str]:
