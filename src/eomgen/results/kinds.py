@@ -144,6 +144,7 @@ def declare(kind: Kind[Result]) -> Loader[Result]:
         return read(kind, path)
 
     load.__name__ = load.__qualname__ = f"load_{kind.name}"
+    load.__annotations__["return"] = kind.result.__name__
     load.__doc__ = f"""Read the result that ``{kind.result.__name__}.save`` wrote.
 
     Raises:
