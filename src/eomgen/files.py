@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import csv
 import errno
 import glob
+import io
 import os
 import stat
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -103,6 +105,18 @@ def write_atomically(target: Path, write: Callable[[Any], None]) -> Path:
     except OSError as error:
         raise InputError(f"{plain_path(target)} cannot be written: {error.strerror or error}") from None
     return target
+
+
+def write_csv(target: Path, rows: Iterable[Iterable[Any]], comments: Iterable[str] = ()) -> Path:
+    """Write rows of a table, the first one its header, behind lines of comments, and return the path.
+
+    Raises:
+        InputError: the folder or the file cannot be written.
+    """
+    text = io.StringIO()
+    text.writelines(f"# {line}\n" for line in comments)
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return write_atomically(target, lambda stream: stream.write(text.getvalue().encode("utf-8")))
 
 
 def _remove_leftovers(target: Path) -> None:

@@ -15,9 +15,10 @@ import eomgen
 from eomgen.cli import entry as cli
 from eomgen.errors import InputError
 from eomgen.identification import AccuracyResult, accuracy, load_accuracy
+from eomgen.identification.geometry.rotations import vectors_of
 from eomgen.identification.iso_9283.attained import Measured, Pose, Record
 from eomgen.identification.iso_9283.attained import Path as Way
-from eomgen.identification.iso_9283.formulas import rotation_vectors, scatter, stabilization
+from eomgen.identification.iso_9283.formulas import scatter, stabilization
 from eomgen.identification.iso_9283.solve import figures_of
 from eomgen.motion.turns import rotation_of, vector_of
 from eomgen.pictures import plot_accuracy
@@ -113,7 +114,7 @@ def test_many_rotations_have_the_vectors_of_each() -> None:
     angles = np.concatenate([[0.0, 1e-9, 1e-5, np.pi - 1e-9, np.pi], rng.uniform(0.0, np.pi, 40)])
     axes = rng.normal(size=(45, 3))
     rotations = rotation_of(angles[:, np.newaxis] * axes / np.linalg.norm(axes, axis=1)[:, np.newaxis])
-    np.testing.assert_allclose(rotation_vectors(rotations), [vector_of(one) for one in rotations], atol=1e-14)
+    np.testing.assert_allclose(vectors_of(rotations), [vector_of(one) for one in rotations], atol=1e-14)
 
 
 def test_normal_scatter_has_the_expected_figures() -> None:

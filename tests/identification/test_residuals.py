@@ -220,6 +220,16 @@ def test_as_many_numbers_as_unknowns_check_nothing(tmp_path: Path) -> None:
     assert any(note.startswith("nothing can be checked") for note in known.notes)
 
 
+def test_a_loss_may_leave_no_number_any_weight() -> None:
+    """Known noise that is far too small, and a loss that drops what is far off: nothing is left to correlate."""
+    made = trial(chain(4, "RR"), 3, 30)
+    columns = {name: made.columns[name] for name in ("joint1.gamma", "joint2.gamma", "tcp.x", "tcp.y", "tcp.z")}
+    columns["tcp.x"] = np.zeros(30)
+    found = found_of(made, columns, noise=(1e-4, 1e-4), loss="tukey")
+    assert [weight for _, weight in found.mistrusted] == [0.0] * 30
+    assert found.diagnosis.correlation == 0.0
+
+
 # Files
 
 

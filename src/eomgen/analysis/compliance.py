@@ -91,11 +91,7 @@ class ComplianceMap(Shown, Saved):
         return lines + [f"note: {note}" for note in self.notes]
 
 
-def _sizes(found: ComplianceMap) -> dict[str, int]:
-    return {"n": len(found.coordinates)}
-
-
-declare(Kind("compliance_map", ComplianceMap, sizes=_sizes, is_bare=True, is_finite=False))
+declare(Kind("compliance_map", ComplianceMap, is_bare=True, is_finite=False))
 
 
 def compliance_map(

@@ -6,11 +6,8 @@ i w and -w^2 times that.  ``h1`` estimates the same from signals over time.
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -19,10 +16,9 @@ from numpy.typing import ArrayLike, NDArray
 from ..arrays import Array
 from ..description import RobotLike
 from ..errors import ArrayError, InputError
-from ..files import check_ending, write_atomically
 from ..optional import optional_import
 from ..progress import StageReport
-from ..results.kinds import Kind, Saved, declare, write
+from ..results.kinds import Kind, SavedColumns, declare
 from ..results.stored import Stored
 from ..robot.coordinates import force_unit_of
 from ..shown import Shown
@@ -41,7 +37,7 @@ Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Response(Shown, Tabular, Saved):
+class Response(Shown, Tabular, SavedColumns):
     """Frequency responses about a state of rest.
 
     Attributes:
@@ -113,31 +109,16 @@ class Response(Shown, Tabular, Saved):
                 lines.append(f"{y:<24}{x:<24}{size[k]:>12.4g}{self.frequencies[k]:>12.5g}  {self.unit(y, x)}")
         return lines + [f"note: {note}" for note in self.notes]
 
-    def save(self, path: Path | str) -> Path:
-        """Write the responses as .npz (frequencies, H, names) or .csv (real and imaginary parts), and return the path.
-
-        Raises:
-            InputError: another ending, or the file cannot be written.
-        """
-        target = check_ending(path, ".csv", ".npz")
-        if target.suffix == ".npz":
-            return write(self, target)
+    def columns(self) -> dict[str, Array]:
+        """Columns of a table by name, (F,) each: frequency, OUTPUT/INPUT.real and OUTPUT/INPUT.imag."""
         columns = {"frequency": self.frequencies}
         for y in self.outputs:
             for x in self.inputs:
                 columns |= {f"{y}/{x}.real": self.of(y, x).real, f"{y}/{x}.imag": self.of(y, x).imag}
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(columns)
-        writer.writerows(zip(*(map(repr, values.tolist()) for values in columns.values()), strict=True))
-        return write_atomically(target, lambda stream: stream.write(text.getvalue().encode("ascii")))
+        return columns
 
 
-def _sizes(found: Response) -> dict[str, int]:
-    return {"inputs": len(found.inputs), "outputs": len(found.outputs), "n": len(found.coordinates)}
-
-
-declare(Kind("response", Response, sizes=_sizes, is_bare=True, is_finite=False))
+declare(Kind("response", Response, is_bare=True, is_finite=False))
 
 
 def response(

@@ -92,12 +92,7 @@ class StateSpace(Shown, Saved):
         return lines + [f"note: {note}" for note in self.notes]
 
 
-def _sizes(found: StateSpace) -> dict[str, int]:
-    names = {name: len(getattr(found, name)) for name in ("states", "inputs", "outputs")}
-    return {**names, "n": len(found.coordinates)}
-
-
-declare(Kind("state_space", StateSpace, sizes=_sizes, is_bare=True, is_finite=False))
+declare(Kind("state_space", StateSpace, is_bare=True, is_finite=False))
 
 
 def linearize(  # noqa: PLR0913

@@ -6,9 +6,7 @@ them.  ``forces`` evaluates the equations of motion; ``fit`` finds parameters (`
 
 from __future__ import annotations
 
-import csv
-import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -17,16 +15,15 @@ import numpy as np
 
 from ..description import RobotLike, as_robot
 from ..errors import InputError
-from ..files import check_ending, write_atomically
 from ..motion.files import MeasuredMotion, measured_motion
 from ..motion.measured_numbers import answers_in_numbers
 from ..motion.smoothing import local_polynomials
-from ..names import component_name
+from ..names import component_name, split_component
 from ..pipeline.closing import mechanism_kernels
 from ..pipeline.stages import build
 from ..progress import StageReport
 from ..results.contents import Contents
-from ..results.kinds import Kind, Saved, declare, write
+from ..results.kinds import Kind, SavedColumns, declare
 from ..results.stored import Stored
 from ..robot.coordinates import FORCES, force_unit_of, index_of, unit_of
 from ..robot.model import build_model
@@ -48,7 +45,7 @@ WINDOW, DEGREE = 11, 4
 
 
 @dataclass(frozen=True, kw_only=True)
-class ForcesResult(Shown, Tabular, Saved):
+class ForcesResult(Shown, Tabular, SavedColumns):
     """Forces of a measured motion.
 
     In every coordinate required = drive + spring + damper + line + closing: what accelerates the links against gravity,
@@ -77,8 +74,8 @@ class ForcesResult(Shown, Tabular, Saved):
 
     robot: str
     t: Annotated[Array, Stored(("T",), "s")]
-    coordinates: tuple[str, ...]
-    joints: tuple[str, ...]
+    coordinates: Annotated[tuple[str, ...], Stored(("n",))]
+    joints: Annotated[tuple[str, ...], Stored(("j",))]
     measured: tuple[str, ...]
     q: Annotated[Array, Stored(("T", "n"), "m, rad")]
     v: Annotated[Array, Stored(("T", "n"), "m/s, rad/s")]
@@ -89,11 +86,11 @@ class ForcesResult(Shown, Tabular, Saved):
     damper: Annotated[Array, Stored(("T", "n"), "N, N m")]
     line: Annotated[Array, Stored(("T", "n"), "N, N m")]
     closing: Annotated[Array, Stored(("T", "n"), "N, N m")]
-    springs: tuple[str, ...]
+    springs: Annotated[tuple[str, ...], Stored(("s",))]
     lengths: Annotated[Array, Stored(("T", "s"), "m")]
     tensions: Annotated[Array, Stored(("T", "s"), "N")]
     reactions: Annotated[Array, Stored(("T", "j", 6), "N, N m")]
-    loops: tuple[str, ...]
+    loops: Annotated[tuple[str, ...], Stored(("l",))]
     loop_reactions: Annotated[Array, Stored(("T", "l", 6), "N, N m")]
     is_closed: bool
     notes: tuple[str, ...]
@@ -163,61 +160,32 @@ class ForcesResult(Shown, Tabular, Saved):
         for name, row in facts["coordinates"].items():
             label = f"{name} [{force_unit_of(name)}]"
             lines.append(f"{label:<28}" + "".join(f"{entry['value']:>12.4g}" for entry in row.values()))
-        lines += self._spring_lines(facts.get("springs", {}))
-        lines += ["", f"{'support reaction':<28}{'force [N]':>12}{'at [s]':>10}{'moment [N m]':>14}{'at [s]':>10}"]
-        for name, row in facts["reactions"].items():
-            force, moment = row["force"], row["moment"]
-            lines.append(
-                f"{name:<28}{force['value']:>12.4g}{force['at']:>10.4g}{moment['value']:>14.4g}{moment['at']:>10.4g}"
-            )
+        lines += _peak_lines("spring between points", {"tension": "N", "length": "m"}, facts.get("springs", {}))
+        lines += _peak_lines("support reaction", {"force": "N", "moment": "N m"}, facts["reactions"])
         return lines + ["", *(f"note: {note}" for note in self.notes)]
-
-    def _spring_lines(self, facts: dict[str, Any]) -> list[str]:
-        if not facts:
-            return []
-        lines = ["", f"{'spring between points':<28}{'tension [N]':>12}{'at [s]':>10}{'length [m]':>14}{'at [s]':>10}"]
-        for name, row in facts.items():
-            pull, length = row["tension"], row["length"]
-            lines.append(
-                f"{name:<28}{pull['value']:>12.4g}{pull['at']:>10.4g}{length['value']:>14.4g}{length['at']:>10.4g}"
-            )
-        return lines
 
     def columns(self) -> dict[str, Array]:
         """Forces over time by name, (T,) each: t, NAME.required, NAME.drive, ..., JOINT.reaction.fx, ...
 
         Cut joints by the name of their loop.  Springs between two points: SPRING.length, SPRING.tension.
         """
-        found = {"t": self.t}
-        for i, name in enumerate(self.coordinates):
-            for part in self.parts:
-                found[f"{name}.{part}"] = getattr(self, part)[:, i]
-        for i, name in enumerate(self.springs):
-            found |= {f"{name}.length": self.lengths[:, i], f"{name}.tension": self.tensions[:, i]}
-        for name, wrench in self.supports.items():
-            found |= {f"{name}.reaction.{axis}": wrench[:, i] for i, axis in enumerate(FORCES)}
-        return found
-
-    def save(self, path: Path | str) -> Path:
-        """Write ``columns`` as .csv (numbers round-trip) or .npz, and return the path.
-
-        An .npz has the motion and the names, too, so that ``eomgen.load_result`` reads it.
-
-        Raises:
-            InputError: another ending, or the file cannot be written.
-        """
-        target, columns = check_ending(path, ".csv", ".npz"), self.columns()
-        if target.suffix == ".npz":
-            return write(self, target)
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(columns)
-        writer.writerows(zip(*(map(repr, values.tolist()) for values in columns.values()), strict=True))
-        return write_atomically(target, lambda stream: stream.write(text.getvalue().encode("ascii")))
+        forces = (*self.parts, "length", "tension", "reaction")
+        columns = [column for column in self.as_rows().columns if split_component(column.name)[1] in forces]
+        return {"t": self.t, **{name: values for column in columns for name, values in column.flat()}}
 
     def _peak(self, values: Array) -> dict[str, float]:
         place = int(np.abs(values).argmax())
         return {"value": float(values[place]), "at": float(self.t[place])}
+
+
+def _peak_lines(title: str, units: Mapping[str, str], facts: Mapping[str, Any]) -> list[str]:
+    """Lines of a table of two largest values of each, with their times; none where there are none."""
+    (one, unit), (other, its_unit) = units.items()
+    lines = ["", f"{title:<28}{f'{one} [{unit}]':>12}{'at [s]':>10}{f'{other} [{its_unit}]':>14}{'at [s]':>10}"]
+    for name, row in facts.items():
+        a, b = row[one], row[other]
+        lines.append(f"{name:<28}{a['value']:>12.4g}{a['at']:>10.4g}{b['value']:>14.4g}{b['at']:>10.4g}")
+    return lines if facts else []
 
 
 _COLUMN = Stored(("T",), "N, N m")
@@ -248,12 +216,7 @@ def _rebuild(file: Contents) -> dict[str, Array]:
     }
 
 
-def _sizes(found: ForcesResult) -> dict[str, int]:
-    names = {"n": found.coordinates, "s": found.springs, "j": found.joints, "l": found.loops}
-    return {"T": len(found.t), **{letter: len(of) for letter, of in names.items()}}
-
-
-KIND = declare(
+declare(
     Kind(
         "forces",
         ForcesResult,
@@ -261,7 +224,6 @@ KIND = declare(
         rebuilt=(*_PARTS, "lengths", "tensions", "reactions", "loop_reactions"),
         record=ForcesResult.columns,
         rebuild=_rebuild,
-        sizes=_sizes,
     )
 )
 

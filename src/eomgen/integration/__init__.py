@@ -7,7 +7,7 @@ from ..lazily import imports_when_used
 
 with imports_when_used(globals()):
     from .contacts import Contact as Contact
-    from .plan import METHODS as METHODS
+    from .methods import METHODS as METHODS
     from .plan import choose_method as choose_method
     from .resting import Rest as Rest
     from .resting import rests as rests

@@ -44,17 +44,19 @@ def read_csv(
         blanks: whether a cell may be empty, which is NaN then.
 
     Raises:
-        OSError: the file cannot be opened, or is larger.
-        InputError: with the file, line and column, what came and what is allowed.
+        InputError: the file cannot be opened, or is larger; or with line and column, what came and what is allowed.
     """
-    with open_regular(path, _MOST_BYTES) as stream:
-        _look_over(stream, plain_path(path))
-        stream.seek(0)
-        text = io.TextIOWrapper(stream, encoding="utf-8-sig", newline="")
-        reader = _Reader(path, rule, blanks)
-        while lines := text.readlines(4 * _BLOCK):
-            reader.take(lines)
-        return reader.columns()
+    try:
+        with open_regular(path, _MOST_BYTES) as stream:
+            _look_over(stream, plain_path(path))
+            stream.seek(0)
+            text = io.TextIOWrapper(stream, encoding="utf-8-sig", newline="")
+            reader = _Reader(path, rule, blanks)
+            while lines := text.readlines(4 * _BLOCK):
+                reader.take(lines)
+            return reader.columns()
+    except (OSError, ValueError) as error:  # ValueError: a path with a NUL
+        raise InputError(f"{plain_path(path)}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
 
 
 def _look_over(stream: BinaryIO, path: str) -> None:

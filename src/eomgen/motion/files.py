@@ -67,12 +67,7 @@ def read_motion(path: Path | str, coordinates: Sequence[str]) -> MeasuredMotion:
 
 def read_columns(path: Path) -> tuple[dict[str, Array], NDArray[np.int32] | None]:
     """Columns (T,) of a .csv or .npz by name, and the line of each row of a .csv; errors as ``read_motion``."""
-    try:
-        return read_csv(path) if path.suffix == ".csv" else (_read_npz(path), None)
-    except (OSError, ValueError) as error:  # ValueError: a path with a NUL
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    return read_csv(path) if path.suffix == ".csv" else (_read_npz(path), None)
 
 
 def measured_motion(robot: str, motion: MeasuredMotion | Path | str, coordinates: tuple[str, ...]) -> MeasuredMotion:

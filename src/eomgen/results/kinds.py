@@ -13,12 +13,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..files import check_ending
+from ..files import check_ending, write_csv
 from ..forms.plain import field_types, value_of
 from ..names import show
 from ..npz import COMPLEX, read_npz
@@ -26,6 +27,7 @@ from .contents import FORMAT, JSON, META, NPZ, Contents, plain_of, read_json, wr
 from .stored import ALLOWED, REQUIRED, Stored, stored_fields
 
 Result = TypeVar("Result", bound="Saved")
+Read = TypeVar("Read", bound="Saved", covariant=True)
 
 KINDS: dict[str, Kind[Any]] = {}  # by the names that files say
 _NO_NUMBER = re.compile(r"(?<![\w.])(?:nan|inf)(?![\w.])")
@@ -52,6 +54,34 @@ class Saved:
         return write(self, path)
 
 
+class SavedColumns(Saved):
+    """Base of results that are tables of columns, too."""
+
+    def columns(self) -> dict[str, NDArray[np.float64]]:
+        """Columns by their names, (N,) each."""
+        raise NotImplementedError
+
+    def save(self, path: Path | str) -> Path:
+        """Write ``columns`` as .csv (numbers round-trip), or the result as .npz, and return the path.
+
+        ``eomgen.load_result`` reads an .npz.
+
+        Raises:
+            InputError: another ending, or the file cannot be written.
+        """
+        target = check_ending(path, ".csv", NPZ)
+        if target.suffix == NPZ:
+            return write(self, target)
+        columns = self.columns()
+        return write_csv(target, [columns, *zip(*(map(repr, x.tolist()) for x in columns.values()), strict=True)])
+
+
+class Loader(Protocol[Read]):
+    """A function that reads results of one kind."""
+
+    def __call__(self, path: Path | str) -> Read: ...
+
+
 @dataclass(frozen=True)
 class Kind(Generic[Result]):
     """A kind of result, as its files say it.
@@ -65,7 +95,8 @@ class Kind(Generic[Result]):
         record: gives what these are rebuilt from: plain values, and arrays, by names.
         rebuild: gives these fields, by name, of a file.
         read: makes a whole result of a file where that is more than fields; else they are read as they are declared.
-        sizes: gives sizes of a result by the letters of shapes; the first array that has any other says how many.
+        sizes: gives sizes of a result by the letters of shapes, beside those that tuples of names have; the first array
+            that has any other says how many.
         check: refuses a result whose values do not go together; it has the file's name for messages.
         is_finite: whether all numbers are finite that the result's lines show.
         is_bare: whether files of older versions have arrays alone.
@@ -105,10 +136,21 @@ def _is_array(kind: Any, stored: Stored | None) -> bool:
     return stored is not None and (is_array or stored.of is str)
 
 
-def declare(kind: Kind[Result]) -> Kind[Result]:
-    """Let files say that they are of a kind, and return it."""
+def declare(kind: Kind[Result]) -> Loader[Result]:
+    """Let files say that they are of a kind, and return the function that reads them."""
     KINDS[kind.name] = kind
-    return kind
+
+    def load(path: Path | str) -> Result:
+        return read(kind, path)
+
+    load.__name__ = load.__qualname__ = f"load_{kind.name}"
+    load.__annotations__["return"] = kind.result.__name__
+    load.__doc__ = f"""Read the result that ``{kind.result.__name__}.save`` wrote.
+
+    Raises:
+        InputError: the file cannot be read, or is no such result; says what in it is wrong.
+    """
+    return load
 
 
 def write(result: Saved, path: Path | str) -> Path:
@@ -137,7 +179,7 @@ def read(kind: Kind[Result], path: Path | str) -> Result:
     """
     contents = contents_of(kind, path)
     with damage_named(path, kind.what or kind.name):
-        found: Any = (kind.read or _reader(kind))(contents)
+        found: Any = kind.read(contents) if kind.read else _of_declared(kind, contents)
         _check_arrays(kind, found, str(path))
         kind.check(found, str(path))
         if kind.is_finite:
@@ -190,16 +232,13 @@ def bare_kind(path: Path | str) -> str | None:
     return next((kind.name for kind in KINDS.values() if kind.is_bare and names == set(kind.arrays)), None)
 
 
-def _reader(kind: Kind[Result]) -> Callable[[Contents], Result]:
-    def read_fields(contents: Contents) -> Result:
+def _of_declared(kind: Kind[Result], contents: Contents) -> Result:
+    """Make a result of the fields that are declared."""
+    if kind.ending != JSON:
         return kind.result(**fields_of(kind, contents), **kind.rebuild(contents))
-
-    def read_text(contents: Contents) -> Result:
-        found: Any = value_of(kind.result, contents.plain, contents.path)
-        result: Result = replace(found, **{name: np.array(getattr(found, name), np.float64) for name in kind.arrays})
-        return result
-
-    return read_text if kind.ending == JSON else read_fields
+    found: Any = value_of(kind.result, contents.plain, contents.path)
+    result: Result = replace(found, **{name: np.array(getattr(found, name), np.float64) for name in kind.arrays})
+    return result
 
 
 def fields_of(kind: Kind[Any], contents: Contents) -> dict[str, Any]:
@@ -223,7 +262,8 @@ def fields_of(kind: Kind[Any], contents: Contents) -> dict[str, Any]:
 
 def _check_arrays(kind: Kind[Any], found: Any, path: str) -> None:
     """Refuse arrays of other shapes than are declared, and numbers in them that are not allowed."""
-    sizes = dict(kind.sizes(found))
+    tuples = [(x.shape[0], getattr(found, name)) for name, x in kind.stored.items() if len(x.shape) == 1]
+    sizes = {str(letter): len(names) for letter, names in tuples if isinstance(names, tuple)} | dict(kind.sizes(found))
     for name, stored in kind.stored.items():
         array = getattr(found, name)
         if isinstance(array, np.ndarray) and array is not stored.otherwise:

@@ -30,7 +30,7 @@ class Stored:
     """Declare how files hold a field of a result, as in ``q: Annotated[Array, Stored(("T", "n"), "m, rad")]``.
 
     Attributes:
-        shape: numbers, and letters that stand for one size in all fields of a result.
+        shape: numbers, and letters that stand for one size in all fields of a result; of names, how many there are.
         unit: of its numbers; "" where they have none.
         of: type of its entries: float, int, bool, complex or str.
         largest: magnitude of its numbers; infinity allows all but NaN.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,11 +17,12 @@ from ...errors import DescriptionError, InputError
 from ...files import check_ending, write_atomically
 from ...forms.toml_text import read_text
 from ...names import parameter_name, show_path
-from ...robot.coordinates import UNITS
-from ...robot.value import COORDINATES, Joint, Robot
+from ...robot.value import COORDINATES, Joint, Placement, Robot
 from ..geometry.error_model import BASE, FRAMES, JOINTS, LOOPS, SECOND, TILT
 from ..geometry.stations import Chain, matrix_of
 from .calibrated import OF_LINK, calibrated_robot, offset_of, placement_of, placements, second_of, stiffness_of, tilt_of
+
+Numbers = Callable[[Robot], Iterator[tuple[str, Sequence[float | None]]]]  # by name
 
 _CLOSE = 1e-12  # by how much what was written may be off when it is read again
 HEAD = (
@@ -48,6 +49,11 @@ class Found:
         """The robot with all of it."""
         return calibrated_robot(self.robot, self.chain, self.links, self.values)
 
+    def said(self, *name: str) -> str:
+        """Return standard deviations as comments have them: of a name's six components, as far as they were found."""
+        keys = [parameter_name(*name, kind) for kind in COORDINATES]
+        return "+- " + ", ".join(deviation_text(self.deviations[key]) for key in keys if key in self.deviations)
+
 
 def write_toml(found: Found, target: Path) -> Path:
     """Write the description with what was found, and return the path.
@@ -56,21 +62,13 @@ def write_toml(found: Found, target: Path) -> Path:
         InputError: see ``CalibrationResult.to_toml``.
     """
     check_ending(target, ".toml")
-    text = toml_text(found, target.parent)
-    _compare(found, text, target)
-    return write_atomically(target, lambda stream: stream.write(text.encode("utf-8")))
+    return write_compared((found.robot, found.calibrated), toml_text(found, target.parent), target, _numbers)
 
 
 def toml_text(found: Found, folder: Path) -> str:
     """The text for a file in that folder."""
-    robot, source = found.robot, Path(found.robot.source)
-    if not robot.source:
-        raise InputError(f"{robot.name}: has no description to write into; allowed: a robot that was read from a file")
-    lines = [*HEAD, *_comments(found)]
-    if source.suffix in (".urdf", ".xml"):
-        body = [f'name = "{robot.name}"', f'urdf = "{relative_path(source, folder)}"', ""]
-    else:
-        body = own_text(robot, source, folder)
+    robot, lines = found.robot, [*HEAD, *_comments(found)]
+    body = body_of(robot, folder)
     for joint in robot.joints:
         _put_joint(found, joint, body, robot)
     for loop in robot.loops:
@@ -81,19 +79,34 @@ def toml_text(found: Found, folder: Path) -> str:
             _put_second(found, loop.name, body)
     own = {robot.base, *(link.name for link in robot.links)}
     for name, link, pose in placements(found.links, found.values):
-        placed = placement_of(pose)
-        rpy = placed.rpy or (0.0, 0.0, 0.0)
-        text = f"placement = {{ xyz = {numbers_text(placed.xyz)}, rpy = {numbers_text(rpy)} }}"
-        keys = [parameter_name(FRAMES, name, kind) for kind in UNITS if kind != "motor"]
-        comment = "# +- " + ", ".join(deviation_text(found.deviations[key]) for key in keys)
+        line = f"placement = {_table(placement_of(pose))}  # {found.said(FRAMES, name)}"
         new = name + OF_LINK if name in own else name
         block = block_of(body, "frames", new)
         if block is None:
-            body += ["", "[[frames]]", f'name = "{new}"', f'link = "{link}"', f"{text}  {comment}"]
+            body += ["", "[[frames]]", f'name = "{new}"', f'link = "{link}"', line]
         else:
-            replace_line(body, block, "placement", f"{text}  {comment}", robot)
+            replace_line(body, block, "placement", line, robot)
+    return headed(lines, body)
+
+
+def body_of(robot: Robot, folder: Path, *more: str) -> list[str]:
+    """Lines for a file in that folder that say what the robot's own does: these, or a URDF to refine, with more lines.
+
+    Raises:
+        InputError: the robot was read from no file, or from one of another format.
+    """
+    source = Path(robot.source)
+    if not robot.source:
+        raise InputError(f"{robot.name}: has no description to write into; allowed: a robot that was read from a file")
+    if source.suffix in (".urdf", ".xml"):
+        return [f'name = "{robot.name}"', f'urdf = "{relative_path(source, folder)}"', *more, ""]
+    return own_text(robot, source, folder)
+
+
+def headed(head: Sequence[str], body: Sequence[str]) -> str:
+    """The text of a file: lines for its head, which come behind that of editors, and its body."""
     first = 1 if body and body[0].startswith("#:schema") else 0
-    return "\n".join([*body[:first], *lines, *body[first:]]) + "\n"
+    return "\n".join([*body[:first], *head, *body[first:]]) + "\n"
 
 
 def own_text(robot: Robot, source: Path, folder: Path) -> list[str]:
@@ -157,10 +170,8 @@ def _put_offset(found: Found, table: str, name: str, offset: Mapping[str, float]
     if block is None:
         raise unwritable(found.robot, name)
     values = ", ".join(f"{kind} = {value!r}" for kind, value in offset.items())
-    said = ", ".join(
-        f"{deviation_text(found.deviations[parameter_name(table, name, 'offset', kind)])}" for kind in offset
-    )
-    replace_line(body, block, "offset", f"offset = {{ {values} }}  # +- {said}", found.robot)
+    line = f"offset = {{ {values} }}  # {found.said(table, name, 'offset')}"
+    replace_line(body, block, "offset", line, found.robot)
 
 
 def _put_placement(found: Found, joint: Joint, body: list[str]) -> None:
@@ -170,13 +181,11 @@ def _put_placement(found: Found, joint: Joint, body: list[str]) -> None:
     dh = [i for i in range(*block) if re.match(r"\s*dh\s*=", body[i])]
     for i in reversed(dh):
         del body[i]
-    placed = found.calibrated.joint(joint.name).placement
-    table = f"{{ xyz = {numbers_text(placed.xyz)}, rpy = {numbers_text(placed.rpy or (0.0, 0.0, 0.0))} }}"
-    names = [parameter_name(JOINTS, joint.name, TILT, kind) for kind in COORDINATES[3:]]
-    said = ", ".join(deviation_text(found.deviations[name]) for name in names if name in found.deviations)
+    table = _table(found.calibrated.joint(joint.name).placement)
     block = block_of(body, JOINTS, joint.name)
     assert block is not None
-    replace_line(body, block, "placement", f"placement = {table}  # tilt of its axis +- {said}", found.robot)
+    line = f"placement = {table}  # tilt of its axis {found.said(JOINTS, joint.name, TILT)}"
+    replace_line(body, block, "placement", line, found.robot)
 
 
 def _put_second(found: Found, name: str, body: list[str]) -> None:
@@ -185,15 +194,13 @@ def _put_second(found: Found, name: str, body: list[str]) -> None:
     if block is None:
         raise unwritable(found.robot, name)
     loop = next(loop for loop in found.calibrated.loops if loop.name == name)
-    tables = []
-    for placement in loop.placements:
-        placed = placement_of(matrix_of(placement))
-        rpy = placed.rpy or (0.0, 0.0, 0.0)
-        tables.append(f"{{ xyz = {numbers_text(placed.xyz)}, rpy = {numbers_text(rpy)} }}")
-    keys = [parameter_name(LOOPS, name, SECOND, kind) for kind in COORDINATES]
-    said = ", ".join(deviation_text(found.deviations[key]) for key in keys if key in found.deviations)
-    line = f"placements = [{', '.join(tables)}]  # the second +- {said}"
+    tables = ", ".join(_table(placement_of(matrix_of(placement))) for placement in loop.placements)
+    line = f"placements = [{tables}]  # the second {found.said(LOOPS, name, SECOND)}"
     replace_line(body, block, "placements", line, found.robot)
+
+
+def _table(placement: Placement) -> str:
+    return f"{{ xyz = {numbers_text(placement.xyz)}, rpy = {numbers_text(placement.rpy or (0.0, 0.0, 0.0))} }}"
 
 
 def block_of(body: Sequence[str], table: str, name: str) -> tuple[int, int] | None:
@@ -219,29 +226,35 @@ def replace_line(body: list[str], block: tuple[int, int], key: str, line: str, r
     body.insert(name + 1, line)
 
 
-def _compare(found: Found, text: str, target: Path) -> None:
-    """InputError where the text does not say what it should: it is read again."""
-    wanted = found.calibrated
+def _numbers(robot: Robot) -> Iterator[tuple[str, Sequence[float | None]]]:
+    """Numbers of a description that a calibration changes, by the joints' names."""
+    for joint in robot.joints:
+        found = (joint.coordinates.get(kind) for kind in COORDINATES)
+        stiffness = (given.stiffness if given else None for given in found)
+        yield joint.name, (*joint.offset, *stiffness, *matrix_of(joint.placement).ravel().tolist())
+    for loop in robot.loops:
+        yield loop.name, (*loop.offset, *np.ravel([matrix_of(placement) for placement in loop.placements]).tolist())
+
+
+def write_compared(found: tuple[Robot, Robot], text: str, target: Path, numbers: Numbers) -> Path:
+    """Write a text, which is read again and compared with what was found, and return the path.
+
+    found: the robot as it was described, and as it was found.  numbers: that are compared, by names for messages.
+
+    Raises:
+        InputError: the text says something else, or the file cannot be written.
+    """
+    described, wanted = found
     try:
         read = robot_from_toml(text, source=str(target), folder=target.parent, inertia="warn")
     except DescriptionError as error:
-        raise InputError(f"{found.robot.name}: what was found makes no robot: {error}") from None
-    for joint, other in zip(wanted.joints, read.joints, strict=False):
-        pairs = [(a or 0.0, b or 0.0) for a, b in zip(joint.offset, other.offset, strict=True)]
-        pairs += [
-            (x.stiffness or 0.0, other.coordinates[kind].stiffness or 0.0) for kind, x in joint.coordinates.items()
-        ]
-        pairs += [*zip(joint.placement.xyz, other.placement.xyz, strict=True)]
-        rows = zip(joint.placement.rotation, other.placement.rotation, strict=True)
-        pairs += [pair for a, b in rows for pair in zip(a, b, strict=True)]
-        if joint.name != other.name or any(abs(a - b) > _CLOSE * max(1.0, abs(a)) for a, b in pairs):
-            raise unwritable(found.robot, joint.name)
-    for loop, again in zip(wanted.loops, read.loops, strict=False):
-        pairs = [(a or 0.0, b or 0.0) for a, b in zip(loop.offset, again.offset, strict=True)]
-        for placed, read_back in zip(loop.placements, again.placements, strict=True):
-            pairs += zip(matrix_of(placed).ravel().tolist(), matrix_of(read_back).ravel().tolist(), strict=True)
-        if loop.name != again.name or any(abs(a - b) > _CLOSE * max(1.0, abs(a)) for a, b in pairs):
-            raise unwritable(found.robot, loop.name)
+        raise InputError(f"{described.name}: what was found makes no robot: {error}") from None
+    for (name, ours), (other, theirs) in zip(numbers(wanted), numbers(read), strict=False):
+        pairs = [(a or 0.0, b or 0.0) for a, b in zip(ours, theirs, strict=False)]
+        far = any(abs(a - b) > _CLOSE * max(1.0, abs(a)) for a, b in pairs)
+        if far or name != other or len(ours) != len(theirs):
+            raise unwritable(described, name)
+    return write_atomically(target, lambda stream: stream.write(text.encode("utf-8")))
 
 
 def deviation_text(value: float) -> str:

@@ -17,7 +17,7 @@ from ...names import unique_identifiers
 from ...robot.bounds import Limits
 from ...robot.value import PRINCIPAL, Joint, Robot
 from ..arrays import Array
-from ..geometry.rotations import pose_from
+from ..geometry.rotations import pose_from, pose_of
 from ..geometry.stations import matrix_of
 from .as_toml import HEAD, Found
 from .calibrated import OF_LINK, calibrated_robot, placements
@@ -40,7 +40,9 @@ def write_urdf(found: Found, target: Path) -> Path:
     check_ending(target, ".urdf")
     from xml.etree import ElementTree
 
-    root = _from_source(found) if Path(found.robot.source).suffix in (".urdf", ".xml") else _plain(found.robot)
+    source = Path(found.robot.source)
+    is_urdf = source.suffix in (".urdf", ".xml")
+    root = parse_xml(read_text(source, str(source)), str(source)).root if is_urdf else _plain(found.robot)
     robot = calibrated_robot(found.robot, found.chain, found.links, found.values)
     elements = [element for element in root.findall("joint") if element.get("name")]
     names = unique_identifiers([str(element.get("name")) for element in elements])
@@ -59,29 +61,18 @@ def write_urdf(found: Found, target: Path) -> Path:
     return write_atomically(target, lambda stream: stream.write(text.encode("utf-8")))
 
 
-def _from_source(found: Found) -> Element:
-    source = Path(found.robot.source)
-    return parse_xml(read_text(source, str(source)), str(source)).root
-
-
 def _set_origin(element: Element, joint: Joint) -> None:
     """Origin and axis of a joint with its offsets in them."""
-    turn, offset = np.eye(4), np.array([value or 0.0 for value in joint.offset])
-    turn[:3, :3] = joint.axis_turn
+    turn, offset = pose_of(joint.axis_turn), np.array([value or 0.0 for value in joint.offset])
     pose = matrix_of(joint.placement) @ turn @ pose_from(offset) @ turn.T
     if not offset.any() and element.find("origin") is not None:
         return
-    origin = element.find("origin")
-    origin = _child(element, "origin") if origin is None else origin
-    origin.set("xyz", _numbers(pose[:3, 3]))
-    origin.set("rpy", _numbers(rpy_of(pose[:3, :3])))
+    _put(element, "origin", xyz=_numbers(pose[:3, 3]), rpy=_numbers(rpy_of(pose[:3, :3])))
     if joint.type in PRINCIPAL:
         along = turn[:3, :3] @ np.array([0.0, 0.0, 1.0])
         if joint.type == "prismatic":  # moves along z before it turns
             along = turn[:3, :3] @ pose_from(offset)[:3, :3].T @ np.array([0.0, 0.0, 1.0])
-        axis = element.find("axis")
-        axis = _child(element, "axis") if axis is None else axis
-        axis.set("xyz", _numbers(along))
+        _put(element, "axis", xyz=_numbers(along))
 
 
 def _add_frames(root: Element, found: Found, robot: Robot) -> None:
@@ -92,15 +83,11 @@ def _add_frames(root: Element, found: Found, robot: Robot) -> None:
         new = name + OF_LINK if name in own else name
         if new in taken:
             raise InputError(f"{robot.name}: the URDF has a link {new!r} already; allowed: another name of the frame")
-        _child(root, "link").set("name", new)
-        joint = _child(root, "joint")
-        joint.set("name", f"{new}_joint")
-        joint.set("type", "fixed")
-        _child(joint, "parent").set("link", link)
-        _child(joint, "child").set("link", new)
-        origin = _child(joint, "origin")
-        origin.set("xyz", _numbers(pose[:3, 3]))
-        origin.set("rpy", _numbers(rpy_of(pose[:3, :3])))
+        _add(root, "link", name=new)
+        joint = _add(root, "joint", name=f"{new}_joint", type="fixed")
+        _add(joint, "parent", link=link)
+        _add(joint, "child", link=new)
+        _add(joint, "origin", xyz=_numbers(pose[:3, 3]), rpy=_numbers(rpy_of(pose[:3, :3])))
 
 
 def _plain(robot: Robot) -> Element:
@@ -108,16 +95,15 @@ def _plain(robot: Robot) -> Element:
     from xml.etree.ElementTree import Element
 
     root = Element("robot", {"name": robot.name})
-    _child(root, "link").set("name", robot.base)
+    _add(root, "link", name=robot.base)
     for link in robot.links:
-        element = _child(root, "link")
-        element.set("name", link.name)
+        element = _add(root, "link", name=link.name)
         if link.mass > 0.0:
-            inertial = _child(element, "inertial")
-            _child(inertial, "origin").set("xyz", _numbers(np.array(link.com)))
-            _child(inertial, "mass").set("value", repr(link.mass))
+            inertial = _add(element, "inertial")
+            _add(inertial, "origin", xyz=_numbers(np.array(link.com)))
+            _add(inertial, "mass", value=repr(link.mass))
             moments = dict(zip(("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), map(repr, link.inertia), strict=True))
-            _child(inertial, "inertia").attrib.update(moments)
+            _add(inertial, "inertia", **moments)
     for joint in robot.joints:
         kind = PRINCIPAL.get(joint.type)
         further = [name for name in joint.coordinates if name != kind and joint.type != "free"]
@@ -125,27 +111,31 @@ def _plain(robot: Robot) -> Element:
             raise InputError(
                 f"{robot.name}: {joint.name}.{further[0]} is active; allowed in an URDF: principal coordinates alone"
             )
-        element = _child(root, "joint")
-        element.set("name", joint.name)
         limits = joint.limits_of(kind) if kind is not None else Limits()
         bounded = any(map(math.isfinite, limits.range))
-        element.set("type", _TYPES[joint.type] if bounded or joint.type != "revolute" else "continuous")
-        _child(element, "parent").set("link", joint.parent)
-        _child(element, "child").set("link", joint.child)
-        if kind is not None:
+        word = _TYPES[joint.type] if bounded or joint.type != "revolute" else "continuous"
+        element = _add(root, "joint", name=joint.name, type=word)
+        _add(element, "parent", link=joint.parent)
+        _add(element, "child", link=joint.child)
+        if kind is not None and (limits or joint.type == "prismatic"):
             low, high = limits.range
             drive = {"effort": repr(limits.effort or _NONE), "velocity": repr(limits.velocity or _NONE)}
             if bounded or joint.type == "prismatic":
                 drive |= {"lower": repr(max(low, -_FAR)), "upper": repr(min(high, _FAR))}
-            if limits or joint.type == "prismatic":
-                _child(element, "limit").attrib.update(drive)
+            _add(element, "limit", **drive)
     return root
 
 
-def _child(parent: Element, tag: str) -> Element:
+def _add(parent: Element, tag: str, **attributes: str) -> Element:
     from xml.etree.ElementTree import SubElement
 
-    return SubElement(parent, tag)
+    return SubElement(parent, tag, attributes)
+
+
+def _put(parent: Element, tag: str, **attributes: str) -> None:
+    """Set attributes of the child of that tag, which is added where there is none."""
+    child = parent.find(tag)
+    (_add(parent, tag) if child is None else child).attrib.update(attributes)
 
 
 def _numbers(values: Array) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +12,7 @@ from ...names import component_name, parameter_name
 from ...robot.value import COORDINATES, MOTOR, Frame, Joint, Loop, Placement, Robot
 from ..arrays import Array
 from ..geometry.error_model import FRAMES, JOINTS, LOOPS, SECOND, TILT
-from ..geometry.rotations import pose_from
+from ..geometry.rotations import pose_from, pose_of
 from ..geometry.stations import Chain, matrix_of
 
 OF_LINK = "_calibrated"  # behind the name of a link whose frame was measured: its placement is a frame of its own
@@ -34,34 +34,39 @@ def calibrated_robot(robot: Robot, chain: Chain, links: Mapping[str, str], value
     return replace(robot, joints=joints, frames=tuple(frames.values()), loops=loops)
 
 
+def six_of(values: Mapping[str, float], *name: str) -> list[float | None]:
+    """Values of the six components of a name, such as ("joints", "joint1", "offset"); None of what was not found."""
+    return [values.get(parameter_name(*name, kind)) for kind in COORDINATES]
+
+
 def placements(links: Mapping[str, str], values: Mapping[str, float]) -> Iterator[tuple[str, str, Array]]:
     """Name, link and pose on it, (4, 4), of every measured frame whose placement was found."""
     for name, link in links.items():
-        keys = [parameter_name(FRAMES, name, kind) for kind in COORDINATES]
-        if all(key in values for key in keys):
-            yield name, link, pose_from(np.array([values[key] for key in keys]))
+        found = six_of(values, FRAMES, name)
+        if None not in found:
+            yield name, link, _pose(found)
 
 
 def offset_of(joint: Joint | Loop, values: Mapping[str, float]) -> dict[str, float]:
     """Offsets of a joint, or of one that is cut, by its coordinates, m and rad: those that were found."""
-    owner = JOINTS if isinstance(joint, Joint) else LOOPS
-    keys = {kind: parameter_name(owner, joint.name, "offset", kind) for kind in COORDINATES}
-    return {kind: values[key] for kind, key in keys.items() if key in values}
+    found = six_of(values, JOINTS if isinstance(joint, Joint) else LOOPS, joint.name, "offset")
+    return {kind: value for kind, value in zip(COORDINATES, found, strict=True) if value is not None}
 
 
-def tilt_of(joint: Joint, values: Mapping[str, float]) -> tuple[float, float, float] | None:
-    """Angles of a joint's first axis about its own x, y and z, rad, in front of it; None where they were not found."""
-    found = [values.get(parameter_name(JOINTS, joint.name, TILT, kind)) for kind in COORDINATES[3:]]
-    alpha, beta, gamma = (value or 0.0 for value in found)
-    return None if found == [None] * 3 else (alpha, beta, gamma)
+def tilt_of(joint: Joint, values: Mapping[str, float]) -> Array | None:
+    """Rotation of a joint's first axis about its own x, y and z as a pose, (4, 4); None where it was not found."""
+    found = six_of(values, JOINTS, joint.name, TILT)
+    return None if found == [None] * 6 else _pose(found)
 
 
 def second_of(loop: Loop, values: Mapping[str, float]) -> Array | None:
     """Pose of a cut joint's frame on its second link, (4, 4), with what was found; None where nothing was."""
-    found = [values.get(parameter_name(LOOPS, loop.name, SECOND, kind)) for kind in COORDINATES]
-    if not any(found):
-        return None
-    return np.asarray(matrix_of(loop.placements[1]) @ pose_from(np.array([value or 0.0 for value in found])))
+    found = six_of(values, LOOPS, loop.name, SECOND)
+    return np.asarray(matrix_of(loop.placements[1]) @ _pose(found)) if any(found) else None
+
+
+def _pose(six: Sequence[float | None]) -> Array:
+    return pose_from(np.array([value or 0.0 for value in six]))
 
 
 def stiffness_of(joint: Joint, values: Mapping[str, float]) -> dict[str, float]:
@@ -103,8 +108,7 @@ def _joint(joint: Joint, values: Mapping[str, float]) -> Joint:
     return replace(joint, offset=offset, coordinates=coordinates, motor=motor, placement=placement)
 
 
-def _tilted(joint: Joint, tilt: tuple[float, float, float]) -> Array:
+def _tilted(joint: Joint, tilt: Array) -> Array:
     """Placement of a joint whose first axis is tilted about its own x, y and z, (4, 4)."""
-    turn = np.eye(4)
-    turn[:3, :3] = joint.axis_turn
-    return np.asarray(matrix_of(joint.placement) @ turn @ pose_from(np.array([0.0, 0.0, 0.0, *tilt])) @ turn.T)
+    turn = pose_of(joint.axis_turn)
+    return np.asarray(matrix_of(joint.placement) @ turn @ tilt @ turn.T)

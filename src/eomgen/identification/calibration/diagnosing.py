@@ -7,7 +7,6 @@ them.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -17,7 +16,7 @@ from ..geometry.error_model import PLACEMENT, drive_terms
 from ..geometry.observations import at_rows
 from ..geometry.poses import MeasuredPoses
 from ..geometry.solve import HIDDEN, Fit, Problem, fitted, whitened
-from .drives import best_group, extended
+from .drives import best_group, with_columns
 from .serial import Serial, serial_of
 
 CHANCE = 1e-3  # that a row is called off, or a pattern is named, where there is nothing
@@ -139,14 +138,8 @@ def _patterns(problem: Problem, fit: Fit, white: Array, U: Array, inflation: flo
     """
     known = {problem.model.quantities[i].name for i in problem.active}
     groups = [group for group in drive_terms(problem.model.chain, problem.rows) if group[0].name not in known]
-    terms = tuple(term for group in groups for term in group)
-    whole = extended(problem, terms)
-    r, A = at_rows(whole.model, whole.rows, whole.seen, np.concatenate([fit.x, np.zeros(len(terms))]))
-    S = whitened(whole, fit, r, A)[1]
-    columns, first = [_drift_columns(problem, S)], len(fit.x)
-    for group in groups:
-        columns.append(S[:, first : first + len(group)])
-        first += len(group)
+    _, S, columns = with_columns(problem, fit, groups)
+    columns.insert(0, _drift_columns(problem, S))
     left = white - U @ (U.T @ white)
     freedoms, tried, found = fit.freedoms, len(columns), list[Pattern]()
     open_groups = list(range(len(columns)))
@@ -237,9 +230,3 @@ def _pattern_note(pattern: Pattern) -> str:
         why = "no drive has that much: is the column of that joint read rightly, its sense, unit and order?"
         return f"residuals show {pattern.name}, about {pattern.size:.2g} ({chance}): {why}"
     return f"residuals show {pattern.name}, about {pattern.size:.2g} ({chance}); --drives (drives=True) fits it"
-
-
-def diagnosis_values(found: Diagnosis) -> dict[str, Any]:
-    """Plain values, for JSON."""
-    outlying = [{"row": row, "size": size} for row, size in found.outlying]
-    return {**vars(found), "outlying": outlying, "patterns": [vars(pattern) for pattern in found.patterns]}

@@ -51,6 +51,18 @@ def extended(problem: Problem, group: tuple[Quantity, ...]) -> Problem:
     )
 
 
+def with_columns(
+    problem: Problem, fit: Fit, groups: Sequence[tuple[Quantity, ...]]
+) -> tuple[Array, Array, list[Array]]:
+    """Whitened differences, (M,), and sensitivities, (M, P), of a fit, and columns of further quantities by group."""
+    terms = tuple(term for group in groups for term in group)
+    whole = extended(problem, terms)
+    r, A = at_rows(whole.model, whole.rows, whole.seen, np.concatenate([fit.x, np.zeros(len(terms))]))
+    white, S = whitened(whole, fit, r, A)
+    ends = np.cumsum([len(fit.x), *(len(group) for group in groups)])
+    return white, S, [S[:, first:last] for first, last in itertools.pairwise(ends.tolist())]
+
+
 @dataclass(frozen=True)
 class Explained:
     """The group of columns that explains most: its index, probability by chance, values, and a basis of it, (M, k)."""
@@ -96,15 +108,9 @@ def best_group(
 
 def _best(problem: Problem, fit: Fit, groups: list[tuple[Quantity, ...]]) -> tuple[int, float] | None:
     """Index of the most significant group and its probability by chance; None if none is significant."""
-    terms = tuple(term for group in groups for term in group)
-    whole = extended(problem, terms)
-    x = np.concatenate([fit.x, np.zeros(len(terms))])
-    r, A = at_rows(whole.model, whole.rows, whole.seen, x)
-    white, S = whitened(whole, fit, r, A)
+    white, S, columns = with_columns(problem, fit, groups)
     U, values, _ = np.linalg.svd(S[:, problem.active], full_matrices=False)
     U = U[:, values > 1e-9 * values[0]]
-    ends = np.cumsum([len(fit.x), *(len(group) for group in groups)])
-    columns = [S[:, first:last] for first, last in itertools.pairwise(ends.tolist())]
     best = best_group(white - U @ (U.T @ white), U, columns, fit.freedoms)
     if best is None or best.probability * len(groups) >= CHANCE:
         return None

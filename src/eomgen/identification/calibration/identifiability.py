@@ -113,7 +113,7 @@ def _merged(problem: Problem, quantities: Sequence[Quantity], S: Array) -> dict[
     for i, others in zip(found, partners, strict=True):
         quantity = quantities[i]
         if not others:
-            texts[quantity.name] = _why_unseen(quantity)
+            texts[quantity.name] = _NO_LOAD if quantity.kind == COMPLIANCE else _UNSEEN
             continue
         with_ = ", ".join(quantities[k].name for k in others[:_NAMED])
         more = f" and {len(others) - _NAMED} more" if len(others) > _NAMED else ""
@@ -159,10 +159,6 @@ def _dependent(S: Array) -> tuple[list[int], list[list[int]]]:
         order = np.argsort(-parts)
         partners.append([kept[k] for k in order if parts[k] > _PART * parts[order[0]]])
     return found, partners
-
-
-def _why_unseen(quantity: Quantity) -> str:
-    return _NO_LOAD if quantity.kind == COMPLIANCE else _UNSEEN
 
 
 def _reason(model: ErrorModel, quantity: Quantity, others: Sequence[Quantity]) -> str:

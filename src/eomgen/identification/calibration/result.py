@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
@@ -15,7 +15,7 @@ from ...motion.measured_numbers import ALLOWED_DIVISOR, is_divisor
 from ...names import kind_of, listed, nearest_or_all, show, split_component
 from ...optional import optional_import
 from ...results.contents import Contents, plain_fields
-from ...results.kinds import Kind, Saved, declare, read
+from ...results.kinds import Kind, Saved, declare
 from ...results.stored import Stored
 from ...robot.coordinates import UNITS
 from ...robot.value import Robot
@@ -27,7 +27,7 @@ from ..geometry.error_model import ErrorModel, Rows
 from ..geometry.observations import ENCODER, ORIENTATION, POSITION
 from .as_toml import Found, write_toml
 from .as_urdf import write_urdf
-from .diagnosing import Diagnosis, diagnosis_values
+from .diagnosing import Diagnosis
 from .identifiability import merged_rows
 from .model_record import model_from_record, record_of_model
 from .predicting import readings_from, refuse_open
@@ -235,12 +235,15 @@ class CalibrationResult(Shown, Tabular, Saved):
         """Plain values, for JSON."""
         return {
             **plain_fields(self, "frames", "model", "x", "covariance", "source"),
-            **{name: _plain(getattr(self, name)) for name in ("values", "described", "deviations")},
+            **{name: _known(getattr(self, name)) for name in ("values", "described", "deviations")},
             "weak": [{"direction": text, "deviation": value} for text, value in self.weak],
             "gain": None if self.gain is None else _gain_values(self.gain),
             "gains": {name: {kind: _gain_values(x) for kind, x in of.items()} for name, of in self.gains.items()},
             "mistrusted": [{"row": row, "weight": weight} for row, weight in self.mistrusted],
-            "diagnosis": diagnosis_values(self.diagnosis),
+            "diagnosis": {
+                **plain_fields(self.diagnosis),
+                "outlying": [{"row": row, "size": size} for row, size in self.diagnosis.outlying],
+            },
         }
 
     def lines(self) -> list[str]:
@@ -313,8 +316,8 @@ def _gain_values(gain: Gain) -> dict[str, Any]:
     return {**vars(gain), "is_significant": gain.is_significant}
 
 
-def _plain(values: Sequence[float] | Array) -> list[float | None]:
-    return [float(value) if np.isfinite(value) else None for value in values]
+def _known(values: Array) -> list[float | None]:
+    return [value if np.isfinite(value) else None for value in values.tolist()]
 
 
 def _shown(value: float, name: str) -> str:
@@ -365,7 +368,7 @@ def _is_whole(residuals: Residuals) -> bool:
     )
 
 
-KIND = declare(
+load_calibration = declare(
     Kind(
         "calibration",
         CalibrationResult,
@@ -377,12 +380,4 @@ KIND = declare(
         is_finite=False,
     )
 )
-
-
-def load_calibration(path: Path | str) -> CalibrationResult:
-    """Read the result that ``CalibrationResult.save`` wrote.
-
-    Raises:
-        InputError: the file cannot be read, or is no calibration.
-    """
-    return read(KIND, path)
+"""Read the result that ``CalibrationResult.save`` wrote; InputError says what in the file is wrong."""

@@ -59,9 +59,9 @@ def serial_of(seen: Observations, series: NDArray[np.int64], white: Array, U: Ar
     """
     steps = tuple(_sequences(seen, series))
     pairs = sum(int((d == 1.0).sum()) * places.shape[1] for places, d in steps)
-    if pairs < _FEW or white.size <= U.shape[1] + 1:
+    if pairs < _FEW or white.size <= U.shape[1] + 1 or not white.any():  # a loss may leave no number any weight
         return None
-    found = _shared(steps, white, white) / float(white @ white)
+    found = float(white @ _neighbours(steps, white[:, np.newaxis])[:, 0]) / float(white @ white)
     LU = _neighbours(steps, U)
     taken = U.T @ LU
 
@@ -130,7 +130,3 @@ def _neighbours(steps: tuple[tuple[Places, Array], ...], X: Array) -> Array:
         found[places[at]] += 0.5 * X[places[at - 1]]
         found[places[at - 1]] += 0.5 * X[places[at]]
     return found
-
-
-def _shared(steps: tuple[tuple[Places, Array], ...], a: Array, b: Array) -> float:
-    return float(a @ _neighbours(steps, b[:, np.newaxis])[:, 0])

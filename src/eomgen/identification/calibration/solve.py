@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...description import RobotLike, as_robot
-from ...errors import ArrayError, InputError, UnknownNameError
-from ...motion.measured_numbers import ALLOWED_DIVISOR, answers_in_numbers, is_divisor
-from ...names import component_name, is_identifier, listed, nearest_or_all, parameter_name, show, split_component
+from ...errors import InputError, UnknownNameError
+from ...motion.measured_numbers import answers_in_numbers
+from ...names import component_name, is_identifier, listed, nearest_or_all, show, split_component
 from ...optional import optional_import
 from ...progress import StageReport, no_report
 from ...robot.model import build_model
@@ -24,17 +24,17 @@ from ..arrays import Array
 from ..geometry.closing import Closing, closed_readings, closing_of, held_by_loops
 from ..geometry.error_model import (
     COMPLIANCE,
-    JOINTS,
     OFFSET,
     PLACEMENT,
     SIZES,
     ZERO,
     ErrorModel,
     Quantity,
+    compliances_of,
     quantities_of,
     rows_of,
 )
-from ..geometry.observations import ENCODER, ORIENTATION, POSITION, Block, at_rows, observations_of
+from ..geometry.observations import ENCODER, ORIENTATION, POSITION, Block, at_rows, observations_of, two_divisors
 from ..geometry.placing import placed
 from ..geometry.poses import MeasuredPoses, read_poses
 from ..geometry.rotations import coordinates_of, pose_from
@@ -142,8 +142,8 @@ def calibrate(  # noqa: PLR0913
         raise InputError(f"confidence: {confidence!r}; allowed: a number between 0 and 1")
     report("reading poses")
     if not isinstance(poses, MeasuredPoses):
-        columns, named = readable_columns(robot), tuple(task.links)
-        poses = read_poses(poses, columns, named, rotation=rotation, encoders=robot.is_closed)
+        columns = build_model(robot).coordinates
+        poses = read_poses(poses, columns, tuple(task.links), rotation=rotation, encoders=robot.is_closed)
     problem, start = problem_of(task, poses, careful=True)
     units, notes = at_once(poses), list[str]()
     suspicion = suspicion_of(poses, problem.model.chain, problem.rows)
@@ -234,11 +234,6 @@ def _widened(problem: Problem, fit: Fit, serial: Serial) -> Array:
     r, A = at_rows(problem.model, problem.rows, problem.seen, fit.x)
     S = whitened(problem, fit, r, A)[1] / problem.model.sizes
     return serial.widened(fit.covariance, S, estimated=bool(np.isnan(problem.seen.sigma).any()))
-
-
-def readable_columns(robot: Robot) -> tuple[str, ...]:
-    """Names of coordinates that a file may have: those of the robot, motors among them."""
-    return build_model(robot).coordinates
 
 
 def links_of(robot: Robot, frames: Mapping[str, str]) -> dict[str, tuple[str, Array]]:
@@ -356,31 +351,16 @@ def _columns(robot: Robot, chain: Chain, poses: MeasuredPoses) -> dict[str, tupl
 
 
 def _compliances(task: Task, chain: Chain, poses: MeasuredPoses, closing: Closing | None) -> list[Quantity]:
-    """Compliances of deviations and transmissions, in m/N and rad/(N m); their names are those of the stiffness.
-
-    Of closed mechanisms those whose deflections the loops let happen.
+    """Compliances that are fitted; of closed mechanisms those whose deflections the loops let happen.
 
     Raises:
         InputError: a coordinate that is asked for follows from the loops, or is held by them.
     """
-    found: list[Quantity] = []
     names = [component_name(s.name, kind) for s in chain.stations if s.joint for kind in COORDINATES]
     for name in task.stiffness:
         if name not in names:
             raise UnknownNameError(f"stiffness: there is no coordinate {name!r}{nearest_or_all(name, names)}")
-    for k, station in enumerate(chain.stations):
-        joint = station.joint
-        if joint is None:
-            continue
-        for c, kind in enumerate(COORDINATES):
-            name, given = component_name(joint.name, kind), joint.coordinates.get(kind)
-            described = 0.0 if given is None or c == station.principal else given.stiffness or 0.0
-            if c == station.principal and joint.motor and component_name(joint.name, MOTOR) in poses.coordinates:
-                name, described = component_name(joint.name, MOTOR), joint.motor.transmission.stiffness or 0.0
-            if described > 0.0 or component_name(joint.name, kind) in task.stiffness:
-                nominal = 1.0 / described if described > 0.0 else 0.0
-                key = parameter_name(JOINTS, name, "stiffness")
-                found.append(Quantity(key, COMPLIANCE, k, c, "force", nominal, nominal))
+    found = list(compliances_of(chain, poses.coordinates, task.stiffness))
     return found if closing is None else _free_ones(task, chain, closing, found)
 
 
@@ -604,11 +584,6 @@ def _one_of(label: str, value: str | None, allowed: Sequence[str | None]) -> str
     return value
 
 
-def two_sizes(sizes: Sequence[float]) -> tuple[float, float]:
-    try:
-        values = np.array(sizes, dtype=np.float64)
-    except (TypeError, ValueError):
-        values = np.zeros(0)
-    if values.shape != (2,) or not is_divisor(values).all():
-        raise ArrayError(f"sizes: {show(str(sizes))}; allowed: of the reach and rad, each {ALLOWED_DIVISOR}")
-    return float(values[0]), float(values[1])
+def two_sizes(sizes: ArrayLike) -> tuple[float, float]:
+    """Expected sizes of offsets: of the reach, and rad; ArrayError if they are none."""
+    return two_divisors("sizes", sizes, "of the reach and rad")

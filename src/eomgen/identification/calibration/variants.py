@@ -178,13 +178,9 @@ def _part(problem: Problem, *kinds: str) -> Problem:
 
 def _prior(problem: Problem, size: float) -> Array:
     """Standard deviations of all quantities, (P,): of bases and of frames that are attached there is no prior."""
-    model = problem.model
-    free = np.array([q.kind == PLACEMENT and q.size > 0.5 * _large(problem, q.coordinate) for q in model.quantities])
+    model, large = problem.model, (problem.model.chain.reach, 1.0)  # of lengths and angles
+    free = np.array([q.kind == PLACEMENT and q.size > 0.5 * large[q.coordinate // 3] for q in model.quantities])
     return np.where(free, _WIDE * model.sizes, size * model.sizes)
-
-
-def _large(problem: Problem, coordinate: int) -> float:
-    return problem.model.chain.reach if coordinate < 3 else 1.0
 
 
 def _chosen_prior(problem: Problem, fit: Fit, folds: Sequence[Mask], kept: Places | None = None) -> float:

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Mapping
 from dataclasses import dataclass
-from io import StringIO
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 
 from ...errors import InputError
-from ...files import check_ending, write_atomically
+from ...files import check_ending, write_csv
 from ...names import component_name, show
 from ...results.contents import plain_fields
-from ...results.kinds import Kind, Saved, declare, read
+from ...results.kinds import Kind, Saved, declare
 from ...results.stored import Stored
 from ...robot.coordinates import MOTIONS
 from ...shown import Shown
@@ -63,7 +61,7 @@ class PosesResult(Shown, Tabular, Saved):
     """
 
     robot: str
-    coordinates: tuple[str, ...]
+    coordinates: Annotated[tuple[str, ...], Stored(("n",))]
     q: Annotated[Array, Stored(("N", "n"), "m, rad")]
     frames: tuple[str, ...]
     measure: str
@@ -76,7 +74,7 @@ class PosesResult(Shown, Tabular, Saved):
     size: int
     rank: int
     rank_above_noise: int
-    names: tuple[str, ...]
+    names: Annotated[tuple[str, ...], Stored(("P",))]
     deviations: Annotated[Array, Stored(("P",), "SI")]
     units: tuple[str, ...]
     merged: Mapping[str, str]
@@ -101,14 +99,12 @@ class PosesResult(Shown, Tabular, Saved):
         parts = {POSE: MOTIONS, DISTANCE: ("distance",)}.get(self.measure, MOTIONS[:3])
         empty = [component_name(frame, part) for frame in self.frames for part in parts]
         more = ["series"] if self.series else []
-        text = StringIO()
-        text.write(f"# Poses to measure of {self.robot}, the ones that tell most first; fill in the empty columns.\n")
-        text.write("# Coordinates in m and rad; what is measured in m, turns as rotation vectors, rad.\n")
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow([*self.coordinates, *empty, *more])
-        for row in self.q.tolist():
-            writer.writerow([*row, *("" for _ in empty), *(self.series for _ in more)])
-        return write_atomically(target, lambda stream: stream.write(text.getvalue().encode("ascii")))
+        comments = (
+            f"Poses to measure of {self.robot}, the ones that tell most first; fill in the empty columns.",
+            "Coordinates in m and rad; what is measured in m, turns as rotation vectors, rad.",
+        )
+        rows = [[*row, *("" for _ in empty), *(self.series for _ in more)] for row in self.q.tolist()]
+        return write_csv(target, [[*self.coordinates, *empty, *more], *rows], comments)
 
     def as_rows(self) -> TableRows:
         """A row per pose: its coordinates, m or rad."""
@@ -158,17 +154,5 @@ def _check(found: PosesResult, path: str) -> None:
         raise InputError(f"{path}: criterion: {show(found.criterion)}; allowed: {', '.join(_ABOUT)}")
 
 
-def _sizes(found: PosesResult) -> dict[str, int]:
-    return {"n": len(found.coordinates), "P": len(found.names)}
-
-
-KIND = declare(Kind("poses", PosesResult, ending=".json", sizes=_sizes, check=_check))
-
-
-def load_poses(path: Path | str) -> PosesResult:
-    """Read the result that ``PosesResult.save`` wrote.
-
-    Raises:
-        InputError: the file cannot be read, or is no such result; says what in it is wrong.
-    """
-    return read(KIND, path)
+load_poses = declare(Kind("poses", PosesResult, ending=".json", check=_check))
+"""Read the result that ``PosesResult.save`` wrote; InputError says what in the file is wrong."""

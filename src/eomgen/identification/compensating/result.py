@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from ...errors import InputError
-from ...results.kinds import Kind, Saved, declare, read
+from ...results.kinds import Kind, Saved, declare
 from ...results.stored import Stored
 from ...scenario.recorded import scenario_from_record
 from ...scenario.value import Scenario
@@ -216,7 +216,7 @@ def _check(found: CompensationResult, path: str) -> None:
         raise InputError(f"{path}: array t does not increase; allowed: increasing times")
 
 
-KIND = declare(
+load_compensation = declare(
     Kind(
         "compensation",
         CompensationResult,
@@ -229,12 +229,4 @@ KIND = declare(
         check=_check,
     )
 )
-
-
-def load_compensation(path: Path | str) -> CompensationResult:
-    """Read the result that ``CompensationResult.save`` wrote.
-
-    Raises:
-        InputError: the file cannot be read, or is no compensation.
-    """
-    return read(KIND, path)
+"""Read the result that ``CompensationResult.save`` wrote; InputError says what in the file is wrong."""

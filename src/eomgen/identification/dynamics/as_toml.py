@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ...description.load import robot_from_toml
-from ...errors import DescriptionError, InputError
-from ...files import check_ending, write_atomically
+from ...errors import DescriptionError
+from ...files import check_ending
 from ...forms.toml_text import parse_toml
 from ...names import joint_of, kind_of, split_component
 from ...robot.value import INERTIA_KEYS, MOTOR, Joint, Link, Robot
-from ..calibration.as_toml import block_of, numbers_text, own_text, relative_path, replace_line, unwritable
+from ..calibration.as_toml import block_of, body_of, headed, numbers_text, replace_line, unwritable, write_compared
 
-_CLOSE = 1e-12  # by how much what was written may be off when it is read again
 _KEYS = {"armature": "armature", "viscous": "damping", "offset": "preload"}  # of a coordinate, by the terms sought
 HEAD = (
     "# Identified.  Links have the mass (kg), the centre of mass (m, link's frame) and the inertia (kg m^2, about the",
@@ -42,20 +40,12 @@ def write_toml(robot: Robot, parameters: Mapping[str, float], comments: Sequence
     """
     check_ending(target, ".toml")
     text = toml_text(robot, parameters, comments, target.parent)
-    _compare(robot, text, target)
-    return write_atomically(target, lambda stream: stream.write(text.encode("utf-8")))
+    return write_compared((robot, robot), text, target, _numbers)
 
 
 def toml_text(robot: Robot, parameters: Mapping[str, float], comments: Sequence[str], folder: Path) -> str:
     """The text for a file in that folder."""
-    source = Path(robot.source)
-    if not robot.source:
-        raise InputError(f"{robot.name}: has no description to write into; allowed: a robot that was read from a file")
-    is_urdf = source.suffix in (".urdf", ".xml")
-    if is_urdf:
-        body = [f'name = "{robot.name}"', f'urdf = "{relative_path(source, folder)}"', 'inertia = "warn"', ""]
-    else:
-        body = own_text(robot, source, folder)
+    body = body_of(robot, folder, 'inertia = "warn"')
     owners = {split_component(name)[0] for name in parameters}
     if owners.intersection(link.name for link in robot.links):
         for link in robot.links:
@@ -67,8 +57,7 @@ def toml_text(robot: Robot, parameters: Mapping[str, float], comments: Sequence[
                 split_component(name)[1] for name in parameters if split_component(name)[0] == f"{joint.name}.{kind}"
             }
             _put_coordinate(robot, joint, kind, keys, body)
-    first = 1 if body and body[0].startswith("#:schema") else 0
-    return "\n".join([*body[:first], *HEAD, *comments, *body[first:]]) + "\n"
+    return headed([*HEAD, *comments], body)
 
 
 def _is_refined(body: Sequence[str]) -> bool:
@@ -153,19 +142,10 @@ def _inline(value: Any) -> str:
     return repr(value) if isinstance(value, float) else json.dumps(value)
 
 
-def _compare(robot: Robot, text: str, target: Path) -> None:
-    """InputError where the text does not say what it should: it is read again."""
-    try:
-        read = robot_from_toml(text, source=str(target), folder=target.parent, inertia="warn")
-    except DescriptionError as error:
-        raise InputError(f"{robot.name}: what was found makes no robot: {error}") from None
-    for link, other in zip(robot.links, read.links, strict=False):
-        pairs = [(link.mass, other.mass), *zip(link.com, other.com, strict=True)]
-        pairs += [*zip(link.inertia, other.inertia, strict=True)]
-        if link.name != other.name or any(abs(a - b) > _CLOSE * max(1.0, abs(a)) for a, b in pairs):
-            raise unwritable(robot, link.name)
-    for joint, same in zip(robot.joints, read.joints, strict=False):
+def _numbers(robot: Robot) -> Iterator[tuple[str, Sequence[float | None]]]:
+    """Numbers of a description that an identification changes, by names of links and coordinates."""
+    for link in robot.links:
+        yield link.name, (link.mass, *link.com, *link.inertia)
+    for joint in robot.joints:
         for kind, given in joint.coordinates.items():
-            one, two = ({**x.law(), "d": x.damping, "a": x.armature} for x in (given, same.coordinates[kind]))
-            if any(abs((one[key] or 0.0) - (two.get(key) or 0.0)) > _CLOSE for key in one):
-                raise unwritable(robot, f"{joint.name}.{kind}")
+            yield f"{joint.name}.{kind}", (given.damping, given.armature, *given.law().values())

@@ -11,7 +11,7 @@ import numpy as np
 from ...description.recorded import robot_from_record
 from ...errors import InputError
 from ...results.contents import Contents
-from ...results.kinds import Kind, Saved, declare, read
+from ...results.kinds import Kind, Saved, declare
 from ...results.stored import Stored
 from ...robot.coordinates import force_unit_of
 from ...robot.record import record_of
@@ -177,7 +177,7 @@ def _sizes(found: IdentifyResult) -> dict[str, int]:
 
 
 _MATRIX = Stored(("b", "p"), "SI")
-KIND = declare(
+load_identification = declare(
     Kind(
         "identification",
         IdentifyResult,
@@ -187,15 +187,7 @@ KIND = declare(
         sizes=_sizes,
     )
 )
-
-
-def load_identification(path: Path | str) -> IdentifyResult:
-    """Read the result that ``IdentifyResult.save`` wrote.
-
-    Raises:
-        InputError: the file cannot be read, or is no identification.
-    """
-    return read(KIND, path)
+"""Read the result that ``IdentifyResult.save`` wrote; InputError says what in the file is wrong."""
 
 
 _UNITS = {"m": "kg", "mx": "kg m", "my": "kg m", "mz": "kg m", "inertia": "kg m^2"}

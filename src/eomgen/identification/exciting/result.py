@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import csv
 import json
 from dataclasses import dataclass
-from io import StringIO
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 
 from ...errors import InputError
-from ...files import check_ending, write_atomically
+from ...files import check_ending, write_atomically, write_csv
 from ...motion.files import SUFFIXES
 from ...names import show_path
 from ...results.contents import Contents
-from ...results.kinds import Kind, Saved, declare, read
+from ...results.kinds import Kind, Saved, declare
 from ...results.stored import ALLOWED, Stored
 from ...shown import Shown
 from ..arrays import Array
@@ -161,13 +159,12 @@ class ExciteResult(Shown, Saved):
             InputError: another ending, or the file cannot be written.
         """
         target = check_ending(path, ".csv")
-        text = StringIO()
-        text.write(f"# Motion of {self.robot} that excites its base parameters: s, m and rad, N and N m.\n")
-        text.write("# Drives are computed from the description; measured ones take their place.\n")
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(["t", *(name + suffix for suffix in SUFFIXES for name in self.coordinates)])
-        writer.writerows(np.column_stack([self.t, self.q, self.v, self.a, self.u]).tolist())
-        return write_atomically(target, lambda stream: stream.write(text.getvalue().encode("ascii")))
+        comments = (
+            f"Motion of {self.robot} that excites its base parameters: s, m and rad, N and N m.",
+            "Drives are computed from the description; measured ones take their place.",
+        )
+        names = ["t", *(name + suffix for suffix in SUFFIXES for name in self.coordinates)]
+        return write_csv(target, [names, *np.column_stack([self.t, self.q, self.v, self.a, self.u]).tolist()], comments)
 
     def to_scenario(self, path: Path | str, motion: Path | str) -> Path:
         """Write a scenario of the motion under computed torque, and return its path.
@@ -250,7 +247,7 @@ _SERIES = {
     "sines": Stored(("m", "h"), "m, rad"),
     "cosines": Stored(("m", "h"), "m, rad"),
 }
-KIND = declare(
+load_excitation = declare(
     Kind(
         "excitation",
         ExciteResult,
@@ -263,12 +260,4 @@ KIND = declare(
         is_finite=False,
     )
 )
-
-
-def load_excitation(path: Path | str) -> ExciteResult:
-    """Read the result that ``ExciteResult.save`` wrote.
-
-    Raises:
-        InputError: the file cannot be read, or is no such file.
-    """
-    return read(KIND, path)
+"""Read the result that ``ExciteResult.save`` wrote; InputError says what in the file is wrong."""

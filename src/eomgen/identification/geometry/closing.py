@@ -5,7 +5,7 @@ g(q, p) = 0,    dq = -G_q^+ G_p dp    where q are passive coordinates and p ever
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -41,10 +41,6 @@ class Closing:
     passive: tuple[Place, ...]
     couplings: tuple[tuple[Place, tuple[tuple[Place, float], ...], float], ...]
     kept: tuple[int, ...] = ()
-
-    def gaps(self, chain: Chain, at: Located, values: Array, constants: Array) -> Array:
-        """g of all loops and couplings, (N, m), m and rad; ``constants``: offsets in the values, (N, S, 6)."""
-        return self.residuals(chain, at, values - constants)
 
     def residuals(self, chain: Chain, at: Located, q: Array) -> Array:
         """g of all loops and couplings, (N, m), m and rad, by coordinates without offsets, (N, S, 6)."""
@@ -100,7 +96,7 @@ class Closing:
         ks, cs = np.array(self.passive, dtype=np.intp).T
         for _ in range(steps):
             at = located(chain, found, bases)
-            g = self.gaps(chain, at, found, constants)
+            g = self.residuals(chain, at, found - constants)
             if np.abs(g).max() < 1e-14:
                 break
             G = self.slopes(chain, at)[:, :, ks, cs]
@@ -130,10 +126,7 @@ class Closing:
 
 def held_by_loops(model: Model, chain: Chain, closing: Closing, places: Sequence[Place]) -> list[Place]:
     """Places of some whose deflections passive coordinates cannot take up: loops share them among several."""
-    closing = replace(closing, kept=())
-    constants, bases = constants_of(chain, model.robot, 1), np.eye(4)[np.newaxis]
-    home = closing.closed(chain, _home(chain, model, 1) + constants, constants, bases, 4 * _LAST)
-    G = closing.slopes(chain, located(chain, home, bases))[0]
+    G = _home_slopes(model, chain, replace(closing, kept=()))
     ks, cs = np.array(closing.passive, dtype=np.intp).reshape(-1, 2).T
     free = G[:, ks, cs]
     G[sum(len(rigid_parts(loop)) for loop in closing.robot.loops) :] = 0.0  # couplings are between drives' sides
@@ -185,12 +178,10 @@ def closing_of(model: Model, chain: Chain, read: Sequence[Place], source: str) -
 
 def _independent(model: Model, chain: Chain, closing: Closing) -> Closing:
     """The same with independent constraints alone, and with drives that say where everything is; see closing_of."""
-    constants = constants_of(chain, model.robot, 1)
-    bases = np.eye(4)[np.newaxis]
-    home = _home(chain, model, 1) + constants
-    at = located(chain, closing.closed(chain, home, constants, bases, 4 * _LAST), bases)
-    slopes = closing.slopes(chain, at)[0]
-    places = [(k, c) for k, s in enumerate(chain.stations) if s.joint for c in _active(s.joint.coordinates)]
+    slopes = _home_slopes(model, chain, closing)
+    places = [
+        (k, COORDINATES.index(name)) for k, s in enumerate(chain.stations) if s.joint for name in s.joint.coordinates
+    ]
     ks, cs = np.array(places, dtype=np.intp).T
     G = slopes[:, ks, cs]
     kept = tuple(sorted(independent_columns(G.T, rank_of(G))))
@@ -203,8 +194,11 @@ def _independent(model: Model, chain: Chain, closing: Closing) -> Closing:
     return replace(closing, kept=kept)
 
 
-def _active(coordinates: Iterable[str]) -> list[int]:
-    return [COORDINATES.index(name) for name in coordinates]
+def _home_slopes(model: Model, chain: Chain, closing: Closing) -> Array:
+    """Derivatives of the constraints where they close from home on, (m, S, 6)."""
+    constants, bases = constants_of(chain, model.robot, 1), np.eye(4)[np.newaxis]
+    home = closing.closed(chain, _home(chain, model, 1) + constants, constants, bases, 4 * _LAST)
+    return np.asarray(closing.slopes(chain, located(chain, home, bases))[0])
 
 
 def constants_of(chain: Chain, robot: Robot, count: int) -> Array:
@@ -246,7 +240,7 @@ def closed_readings(chain: Chain, closing: Closing, model: Model, readings: Arra
         found = start + share * (readings - start) + constants
         found[:, ks, cs] = before
         found = closing.closed(chain, found, constants, bases, _LAST if share == 1.0 else _EACH)
-    gaps = np.abs(closing.gaps(chain, located(chain, found, bases), found, constants)).max(axis=1)
+    gaps = np.abs(closing.residuals(chain, located(chain, found, bases), found - constants)).max(axis=1)
     bad = np.flatnonzero(~(gaps < CLOSED))
     if bad.size:
         raise InputError(f"{places[int(bad[0])]}: the loops of {model.name} do not close there (by {gaps[bad[0]]:.2g})")

@@ -46,12 +46,7 @@ def _numbers(path: Path, frame: str, matrix: Array) -> Array:
 
 
 def _from_csv(path: Path) -> Mapping[str, Array]:
-    try:
-        columns, _ = read_csv(path, rule=COVARIANCE_RULE)
-    except (OSError, ValueError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    columns, _ = read_csv(path, rule=COVARIANCE_RULE)
     names = list(columns)
     frame = split_component(names[0])[0]
     size = len(names)

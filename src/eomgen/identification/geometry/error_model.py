@@ -8,7 +8,7 @@ its compliance, the reading itself of a gain, and so on.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ...names import component_name, parameter_name
 from ...robot.coordinates import UNITS
 from ...robot.cuts import rigid_parts
-from ...robot.value import COORDINATES, Robot
+from ...robot.value import COORDINATES, MOTOR, Robot
 from ..arrays import Array, Places
 from .closing import Closing
 from .poses import MeasuredPoses, rows_at
@@ -288,6 +288,27 @@ def _placements(chain: Chain, frames: Sequence[str], size: tuple[float, float]) 
         for c, name in enumerate(COORDINATES):
             key = parameter_name(FRAMES, frame, name)
             yield Quantity(key, PLACEMENT, chain.tools[frame], c, "one", 0.0, size[c // 3])
+
+
+def compliances_of(
+    chain: Chain, motors: Container[str] | None = None, others: Container[str] = ()
+) -> Iterator[Quantity]:
+    """Compliances of deviations and transmissions, in m/N and rad/(N m), by the names of the described stiffness.
+
+    motors: names of those whose transmissions count; None: all.  others: coordinates without a stiffness that count.
+    """
+    for k, station in enumerate(chain.stations):
+        joint = station.joint
+        for c, kind in enumerate(COORDINATES if joint else ()):
+            assert joint is not None
+            name, given = component_name(joint.name, kind), joint.coordinates.get(kind)
+            key, stiffness = name, None if given is None or c == station.principal else given.stiffness
+            motor = component_name(joint.name, MOTOR)
+            if c == station.principal and joint.motor and (motors is None or motor in motors):
+                key, stiffness = motor, joint.motor.transmission.stiffness
+            if stiffness or name in others:
+                nominal = 1.0 / stiffness if stiffness else 0.0
+                yield Quantity(parameter_name(JOINTS, key, "stiffness"), COMPLIANCE, k, c, "force", nominal, nominal)
 
 
 def drive_terms(chain: Chain, rows: Rows) -> Iterator[tuple[Quantity, ...]]:

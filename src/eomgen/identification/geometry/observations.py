@@ -104,15 +104,12 @@ class Observations:
 
     def whiten(self, values: Array, sigma: Array) -> Array:
         """Numbers, (M,) or (M, P), in units of their standard deviations ``sigma``, (M,)."""
-        scale = np.sqrt(self.weight) / sigma
-        scaled = values * (scale if values.ndim == 1 else scale[:, np.newaxis])
+        columns = values.reshape(len(values), -1)
+        scaled = columns * (np.sqrt(self.weight) / sigma)[:, np.newaxis]
         for places, factor in self.mixed:
             root = np.sqrt(self.weight[places[:, :1]])
-            if values.ndim == 1:
-                scaled[places] = root * (factor @ values[places][..., np.newaxis])[..., 0]
-            else:
-                scaled[places] = root[..., np.newaxis] * (factor @ values[places])
-        return np.asarray(scaled)
+            scaled[places] = root[..., np.newaxis] * (factor @ columns[places])
+        return np.asarray(scaled.reshape(values.shape))
 
     def part(self, kept: Mask) -> Places:
         """Places of the numbers whose rows are kept, (R,) of the file."""
@@ -182,21 +179,14 @@ def observations_of(
 
 
 def _blocks(poses: MeasuredPoses, measured: Measured) -> list[Block]:
-    found = []
-    there = np.isfinite(measured.position).all(axis=1)
-    turned = np.isfinite(measured.orientation).all(axis=(1, 2))
-    if there.any():
-        found.append(Block(measured.frame, POSITION, np.flatnonzero(there), measured.position[there]))
-    if turned.any():
-        found.append(Block(measured.frame, ORIENTATION, np.flatnonzero(turned), measured.orientation[turned]))
-    if np.isfinite(measured.distance).any():
-        rows = np.flatnonzero(np.isfinite(measured.distance))
-        found.append(Block(measured.frame, DISTANCE, rows, measured.distance[rows]))
     follows = np.concatenate([[False], poses.series[1:] == poses.series[:-1]])
-    between = np.flatnonzero(np.isfinite(measured.travel) & follows)
-    if between.size:
-        found.append(Block(measured.frame, TRAVEL, between, measured.travel[between]))
-    return found
+    parts = (
+        (POSITION, measured.position, np.isfinite(measured.position).all(axis=1)),
+        (ORIENTATION, measured.orientation, np.isfinite(measured.orientation).all(axis=(1, 2))),
+        (DISTANCE, measured.distance, np.isfinite(measured.distance)),
+        (TRAVEL, measured.travel, np.isfinite(measured.travel) & follows),
+    )
+    return [Block(measured.frame, kind, np.flatnonzero(rows), x[rows]) for kind, x, rows in parts if rows.any()]
 
 
 def _sigma(poses: MeasuredPoses, measured: Measured, block: Block, usual: Sequence[float]) -> Array:
@@ -226,12 +216,17 @@ def _sigma(poses: MeasuredPoses, measured: Measured, block: Block, usual: Sequen
 
 def usual_noise(noise: ArrayLike) -> tuple[float, float]:
     """Standard deviations of lengths (m) and of turns (rad); ArrayError if they are none."""
+    return two_divisors("noise", noise, "m and rad")
+
+
+def two_divisors(label: str, given: ArrayLike, units: str) -> tuple[float, float]:
+    """Two numbers that can be divided by; ArrayError if they are none, with the label."""
     try:
-        values = np.array(noise, dtype=np.float64)
+        values = np.array(given, dtype=np.float64)
     except (TypeError, ValueError):
         values = np.zeros(0)
     if values.shape != (2,) or not is_divisor(values).all():
-        raise ArrayError(f"noise: {show(str(noise))}; allowed: m and rad, each {ALLOWED_DIVISOR}")
+        raise ArrayError(f"{label}: {show(str(given))}; allowed: {units}, each {ALLOWED_DIVISOR}")
     return float(values[0]), float(values[1])
 
 

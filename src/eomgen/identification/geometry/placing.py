@@ -10,7 +10,7 @@ import numpy as np
 from ..arrays import Array
 from .error_model import ErrorModel, Rows
 from .observations import DISTANCE, ORIENTATION, POSITION, Observations
-from .rotations import nearest_rotation
+from .rotations import nearest_rotation, pose_of
 from .stations import located
 
 _RANK = 1e-8  # of the greatest singular value: what does not show is left at 0
@@ -94,19 +94,13 @@ def _seen(model: ErrorModel, rows: Rows, seen: Observations, frame: str, number:
     return _Seen(at.R[carrier], at.p[carrier], values[POSITION], values[ORIENTATION], values[DISTANCE])
 
 
-def _pose(R: Array, p: Array) -> Array:
-    found = np.eye(4)
-    found[:3, :3], found[:3, 3] = R, p
-    return found
-
-
 def _base(about: _Seen, tool: Array) -> Array:
     """The base before the device where the frame's place on its link is known."""
     R, p = about.R @ tool[:3, :3], about.p + about.R @ tool[:3, 3]
     there, turned = np.isfinite(about.position[:, 0]), np.isfinite(about.turned[:, 0, 0])
     if not there.any():
         if turned.any():
-            return _pose(nearest_rotation(np.einsum("nij,nkj->ik", about.turned[turned], R[turned])), np.zeros(3))
+            return pose_of(nearest_rotation(np.einsum("nij,nkj->ik", about.turned[turned], R[turned])), np.zeros(3))
         return _from_distances(p, about.distance)
     middle, where = p[there].mean(axis=0), about.position[there].mean(axis=0)
     M = np.einsum("ni,nj->ij", about.position[there] - where, p[there] - middle)
@@ -114,7 +108,7 @@ def _base(about: _Seen, tool: Array) -> Array:
         spread = max(float(np.mean((p[there] - middle) ** 2)), 1e-12)
         M = M / spread + np.einsum("nij,nkj->ik", about.turned[turned], R[turned])
     turn = nearest_rotation(M)
-    return _pose(turn, where - turn @ middle)
+    return pose_of(turn, where - turn @ middle)
 
 
 def _from_distances(p: Array, distance: Array) -> Array:
@@ -124,7 +118,7 @@ def _from_distances(p: Array, distance: Array) -> Array:
         return np.eye(4)
     A = np.hstack([2.0 * p[there], np.ones((there.sum(), 1))])
     origin = np.linalg.lstsq(A, (p[there] ** 2).sum(axis=1) - distance[there] ** 2, rcond=_RANK)[0][:3]
-    return _pose(np.eye(3), -origin)
+    return pose_of(np.eye(3), -origin)
 
 
 def _tool(about: _Seen, base: Array) -> Array:
@@ -137,7 +131,7 @@ def _tool(about: _Seen, base: Array) -> Array:
     if there.any():
         off = about.position[there] - base[:3, 3] - about.p[there] @ base[:3, :3].T
         origin = np.einsum("nji,nj->ni", R[there], off).mean(axis=0)
-    return _pose(turn, origin)
+    return pose_of(turn, origin)
 
 
 def _both(about: _Seen) -> tuple[Array, Array]:
@@ -164,9 +158,9 @@ def _both(about: _Seen) -> tuple[Array, Array]:
         t, c = found[:3], found[3:]
     elif np.isfinite(about.distance).any():
         c = -_from_distances(about.p, about.distance)[:3, 3]
-    base = _pose(Q.T, -Q.T @ c)
+    base = pose_of(Q.T, -Q.T @ c)
     turn = _tool(about, base)[:3, :3] if turned.any() else np.eye(3)
-    return base, _pose(turn, t)
+    return base, pose_of(turn, t)
 
 
 def _turn_of_base(R: Array, measured: Array) -> Array:

@@ -79,7 +79,7 @@ def blank_frame(frame: str, rows: int) -> Measured:
     )
 
 
-def rows_at(table: Table, kept: Places) -> Table:
+def rows_at(table: Table, kept: Places | Mask) -> Table:
     """Some rows of a dataclass: of its fields that are arrays, and of tables of arrays."""
     found: dict[str, Any] = {}
     for name, value in vars(table).items():
@@ -151,16 +151,8 @@ def read_poses(
     source = Path(path)
     if source.suffix not in (".csv", ".npz"):
         raise InputError(f"poses: {show(str(path))}; allowed: a path that ends in .csv or .npz")
-    lines: NDArray[np.int32] | None = None
-    try:
-        if source.suffix == ".csv":
-            columns, lines = read_csv(source, rule=POSES_RULE, blanks=True)
-        else:
-            columns = {name: np.asarray(array) for name, array in read_npz(source).items()}
-    except (OSError, ValueError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"{source}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    is_csv = source.suffix == ".csv"
+    columns, lines = read_csv(source, rule=POSES_RULE, blanks=True) if is_csv else (read_npz(source), None)
     return poses_from_columns(
         columns, coordinates, frames, rotation=rotation, encoders=encoders, source=str(source), lines=lines
     )

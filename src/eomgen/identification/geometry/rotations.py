@@ -7,11 +7,13 @@ from functools import partial
 from itertools import product
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from ...motion.turns import rotation_of
+from ...motion.turns import rotation_of, vector_of
 from ..arrays import Array
 
 _SMALL = 1e-7  # sine of an angle below which it is the angle
+_SERIES = 1e-4  # sine of an angle below which a series takes the place of a quotient
 _NEARLY_HALF = -0.99  # cosine from which on the axis is read off the symmetric part
 
 
@@ -42,24 +44,17 @@ def from_quaternions(values: Array) -> Array:
 
 
 def vectors_of(rotations: Array) -> Array:
-    """Rotation vectors, (N, 3), rad, of rotations, (N, 3, 3); lengths from 0 to pi."""
-    skew = 0.5 * np.stack(
-        [
-            rotations[:, 2, 1] - rotations[:, 1, 2],
-            rotations[:, 0, 2] - rotations[:, 2, 0],
-            rotations[:, 1, 0] - rotations[:, 0, 1],
-        ],
-        axis=1,
-    )
-    sine, cosine = np.linalg.norm(skew, axis=1), 0.5 * (np.trace(rotations, axis1=1, axis2=2) - 1.0)
-    angle = np.arctan2(sine, cosine)
-    found = skew * np.where(sine > _SMALL, angle / np.maximum(sine, _SMALL), 1.0)[:, np.newaxis]
-    for k in np.flatnonzero(cosine < _NEARLY_HALF):
-        squares = 0.5 * (rotations[k] + rotations[k].T) - cosine[k] * np.eye(3)
-        axis = squares[int(np.diagonal(squares).argmax())]
-        axis = axis / np.linalg.norm(axis)
-        found[k] = angle[k] * (-axis if axis @ skew[k] < 0.0 else axis)
-    return np.asarray(found)
+    """Rotation vectors, (..., 3), rad, of rotations, (..., 3, 3); lengths from 0 to pi."""
+    flat = rotations.reshape(-1, 3, 3)
+    skew = [flat[:, 2, 1] - flat[:, 1, 2], flat[:, 0, 2] - flat[:, 2, 0], flat[:, 1, 0] - flat[:, 0, 1]]
+    axis = 0.5 * np.stack(skew, axis=1)
+    sine, cosine = np.linalg.norm(axis, axis=1), 0.5 * (np.trace(flat, axis1=1, axis2=2) - 1.0)
+    small = sine <= _SERIES
+    factor = np.where(small, 1.0 + sine**2 / 6.0, np.arctan2(sine, cosine) / np.where(small, 1.0, sine))
+    found = factor[:, np.newaxis] * axis
+    for i in np.flatnonzero(cosine <= _NEARLY_HALF).tolist():
+        found[i] = vector_of(flat[i])
+    return np.asarray(found.reshape(rotations.shape[:-1]))
 
 
 def nearest_rotation(matrix: Array) -> Array:
@@ -81,10 +76,14 @@ def coordinates_of(pose: Array) -> Array:
 
 def pose_from(values: Array) -> Array:
     """T(x, y, z) Rx(alpha) Ry(beta) Rz(gamma), (4, 4), of its six coordinates, (6,), m and rad: eq. (3)."""
-    pose = np.eye(4)
-    pose[:3, 3] = values[:3]
     angles = np.asarray(values[3:], dtype=np.float64)
-    pose[:3, :3] = about_axis(0, angles[0]) @ about_axis(1, angles[1]) @ about_axis(2, angles[2])
+    return pose_of(about_axis(0, angles[0]) @ about_axis(1, angles[1]) @ about_axis(2, angles[2]), values[:3])
+
+
+def pose_of(rotation: ArrayLike, position: ArrayLike = 0.0) -> Array:
+    """Pose, (4, 4), of a rotation, (3, 3), and a position, (3,), m."""
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation, position
     return pose
 
 

@@ -9,8 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import InputError
-from ...names import show
 from ..arrays import Array, Mask, Places
 from .error_model import ErrorModel, Rows
 from .observations import Observations, at_rows
@@ -103,12 +101,7 @@ def fitted(
         sigma: standard deviations of all numbers, (M,), which then stay; by default those known, others estimated.
         loss: one of LOSSES: samples count the less, the more they are off.
         trust: weights of all numbers, (M,), where there is no loss; 1 if not given.
-
-    Raises:
-        InputError: another loss.
     """
-    if loss is not None and loss not in LOSSES:
-        raise InputError(f"loss: {show(loss)}; allowed: {', '.join(LOSSES)}, or none")
     seen = problem.seen
     kept = np.arange(seen.group.size) if problem.kept is None else problem.kept
     estimated = np.zeros(seen.group.size, dtype=bool) if sigma is not None else np.isnan(seen.sigma)
@@ -116,7 +109,7 @@ def fitted(
     trust = np.ones(seen.group.size) if trust is None else trust
     r, A = at_rows(problem.model, problem.rows, seen, x)
     if estimated.any():
-        deviations = _first_sigma(seen, r, estimated, deviations, kept)
+        deviations = _scaled(seen, deviations, estimated, r, trust, kept, trust[kept], _median_size)
     for round_number in range(_ROUNDS):
         x, r, A, linear = _descend(problem, x, r, A, deviations, trust, kept)
         before = deviations.copy(), trust.copy()
@@ -124,8 +117,8 @@ def fitted(
         if loss is not None:
             trust = _trust(seen, r, deviations, LOSSES[loss], kept, bool(estimated.any()))
         if estimated.any():
-            scale = _robust_sigma if loss is not None else _estimated_sigma
-            deviations = scale(seen, r, leverage, trust, estimated, deviations, kept)
+            scale = _robust_size if loss is not None else _rms_size
+            deviations = _scaled(seen, deviations, estimated, r, trust, kept, leverage, scale)
         moved = np.abs(np.log(deviations / before[0])).max(), np.abs(trust - before[1]).max()
         if max(moved) < _SETTLED or (round_number and not estimated.any() and loss is None):
             break
@@ -148,9 +141,9 @@ def roughly(problem: Problem, x: Array, steps: int = ROUGH) -> Array:
     """Values, (P,), near enough to begin a fit with: all noise that is not known is that of what is left at x."""
     seen = problem.seen
     r, A = at_rows(problem.model, problem.rows, seen, x)
-    places = np.arange(seen.group.size)
-    sigma = _first_sigma(seen, r, np.isnan(seen.sigma), seen.sigma, places)
-    return _descend(problem, x, r, A, sigma, np.ones(places.size), places, steps)[0]
+    places, ones = np.arange(seen.group.size), np.ones(seen.group.size)
+    sigma = _scaled(seen, seen.sigma, np.isnan(seen.sigma), r, ones, places, ones, _median_size)
+    return _descend(problem, x, r, A, sigma, ones, places, steps)[0]
 
 
 def refitted(problem: Problem, fit: Fit, kept: Places, steps: int = 4) -> Array:
@@ -244,67 +237,52 @@ def _covariance(problem: Problem, linear: _Linear) -> Array:
     return found
 
 
-def _first_sigma(seen: Observations, r: Array, estimated: Mask, sigma: Array, kept: Places) -> Array:
-    """Noise to begin with where it is not known: the size of what is not explained yet, block by block."""
-    found = np.array(sigma)
-    for group in range(len(seen.blocks)):
-        places = kept[seen.group[kept] == group]
-        if places.size and estimated[places[0]]:
-            size = _MAD * np.median(np.abs(r[places]) * np.sqrt(seen.weight[places]))
-            found[seen.group == group] = max(float(size), _FLOOR)
-    return found
-
-
-def _estimated_sigma(
+def _scaled(
     seen: Observations,
-    r: Array,
-    leverage: Array,
-    trust: Array,
-    estimated: Mask,
     sigma: Array,
+    estimated: Mask,
+    r: Array,
+    trust: Array,
     kept: Places,
+    leverage: Array,
+    scale: Callable[[Array, Array, Array, Array], float | None],
 ) -> Array:
-    """Standard deviations where they are not known: one for each block, by its share of the degrees of freedom."""
+    """Standard deviations, (M,): where they are not known, one for each block, by a scale of its numbers that count.
+
+    scale: of differences, their weights of information, weights by the loss, and leverages; None: it stays as it is.
+    """
     found = np.array(sigma)
     for group in range(len(seen.blocks)):
         inside = seen.group[kept] == group
         places = kept[inside]
-        if not places.size or not estimated[places[0]]:
-            continue
-        freedoms = float(trust[places].sum() - leverage[inside].sum())
-        if freedoms > 0.5:
-            square = float((trust[places] * seen.weight[places] * r[places] ** 2).sum()) / freedoms
-            found[seen.group == group] = max(float(np.sqrt(square)), _FLOOR)
+        if places.size and estimated[places[0]]:
+            size = scale(r[places], seen.weight[places], trust[places], leverage[inside])
+            if size is not None:
+                found[seen.group == group] = max(size, _FLOOR)
     return found
 
 
-def _robust_sigma(
-    seen: Observations,
-    r: Array,
-    leverage: Array,
-    trust: Array,
-    estimated: Mask,
-    sigma: Array,
-    kept: Places,
-) -> Array:
-    """Standard deviations where they are not known, block by block, that outliers do not enlarge.
+def _median_size(r: Array, weight: Array, trust: Array, leverage: Array) -> float:
+    """Noise to begin with: the size of what is not explained yet."""
+    return _MAD * float(np.median(np.abs(r) * np.sqrt(weight)))
+
+
+def _rms_size(r: Array, weight: Array, trust: Array, leverage: Array) -> float | None:
+    """Noise by a block's share of the degrees of freedom."""
+    freedoms = float(trust.sum() - leverage.sum())
+    return float(np.sqrt(float((trust * weight * r**2).sum()) / freedoms)) if freedoms > 0.5 else None
+
+
+def _robust_size(r: Array, weight: Array, trust: Array, leverage: Array) -> float:
+    """Noise that outliers do not enlarge.
 
     The median of the magnitudes (MAD) says what is near; the root of the mean square of that is the estimate, with what
     the tails of a normal distribution lack.  A weighted mean square would grow with every outlier's size.
     """
-    found = np.array(sigma)
-    loose = np.sqrt(np.maximum(1.0 - np.minimum(leverage / np.maximum(trust[kept], 1e-6), 1.0), _LOOSE))
-    for group in range(len(seen.blocks)):
-        inside = seen.group[kept] == group
-        places = kept[inside]
-        if not places.size or not estimated[places[0]]:
-            continue
-        size = np.abs(r[places]) * np.sqrt(seen.weight[places]) / loose[inside]
-        usual = max(_MAD * float(np.median(size)), _FLOOR)
-        near = size <= _NEAR * usual
-        square = float((size[near] ** 2).mean()) / _OF_NEAR
-        found[seen.group == group] = max(float(np.sqrt(square)), _FLOOR)
-    return found
+    loose = np.sqrt(np.maximum(1.0 - np.minimum(leverage / np.maximum(trust, 1e-6), 1.0), _LOOSE))
+    size = np.abs(r) * np.sqrt(weight) / loose
+    near = size <= _NEAR * max(_MAD * float(np.median(size)), _FLOOR)
+    return float(np.sqrt(float((size[near] ** 2).mean()) / _OF_NEAR))
 
 
 def _trust(

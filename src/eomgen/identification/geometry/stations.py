@@ -15,7 +15,7 @@ import numpy as np
 
 from ...robot.value import COORDINATES, PRINCIPAL, Joint, Placement, Robot
 from ..arrays import Array
-from .rotations import pose_from
+from .rotations import pose_from, pose_of
 
 
 @dataclass(frozen=True)
@@ -95,8 +95,7 @@ def chain_of(robot: Robot, frames: Mapping[str, tuple[str, Array]]) -> Chain:
     where: dict[str, tuple[int, Array]] = {robot.base: (0, np.eye(4))}
     for joint in robot.joints:
         parent, pose = where[joint.parent]
-        turn = np.eye(4)
-        turn[:3, :3] = joint.axis_turn
+        turn = pose_of(joint.axis_turn)
         before = pose @ matrix_of(joint.placement) @ turn
         offset = np.array([value or 0.0 for value in joint.offset])
         if joint.coordinates:
@@ -152,9 +151,7 @@ def _with_masses(robot: Robot, stations: Sequence[Station], where: Mapping[str, 
 
 def matrix_of(placement: Placement) -> Array:
     """A placement as a pose, (4, 4)."""
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = placement.rotation, placement.xyz
-    return pose
+    return pose_of(placement.rotation, placement.xyz)
 
 
 def located(chain: Chain, values: Array, bases: Array) -> Located:

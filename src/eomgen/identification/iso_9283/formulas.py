@@ -6,11 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...motion.turns import vector_of
 from ..arrays import Array, Places
+from ..geometry.rotations import vectors_of
 
-_SMALL = 1e-4  # sine of an angle, below which a series takes the place of a quotient
-_NEARLY_HALF = -0.99  # cosine of an angle from which on the axis is read off the symmetric part
 STEADY = 0.99  # of the greatest commanded speed, from which on a path's speed is looked at
 
 
@@ -45,52 +43,12 @@ def deviations(values: Array) -> Array:
     return np.asarray(values.std(axis=0, ddof=1))
 
 
-def rotation_vectors(rotations: Array) -> Array:
-    """Rotation vectors, (..., 3), rad, of rotations, (..., 3, 3)."""
-    flat = rotations.reshape(-1, 3, 3)
-    skew = [flat[:, 2, 1] - flat[:, 1, 2], flat[:, 0, 2] - flat[:, 2, 0], flat[:, 1, 0] - flat[:, 0, 1]]
-    axis = 0.5 * np.stack(skew, axis=1)
-    sine, cosine = np.linalg.norm(axis, axis=1), 0.5 * (np.trace(flat, axis1=1, axis2=2) - 1.0)
-    small = sine <= _SMALL
-    factor = np.where(small, 1.0 + sine**2 / 6.0, np.arctan2(sine, cosine) / np.where(small, 1.0, sine))
-    found = factor[:, np.newaxis] * axis
-    for i in np.flatnonzero(cosine <= _NEARLY_HALF).tolist():
-        found[i] = vector_of(flat[i])
-    return np.asarray(found.reshape(rotations.shape[:-1]))
-
-
 def turns_from(command: Array, attained: Array) -> Array:
     """Angles a, b, c about the axes of the base by which attained axes are turned from the commanded ones, (..., 3).
 
     They are the components of the rotation vector of R R_c^T, so that no pose is a pole.
     """
-    return rotation_vectors(attained @ np.swapaxes(command, -1, -2))
-
-
-@dataclass(frozen=True)
-class DistanceScatter:
-    """Distances between two poses, attained against commanded: accuracy AD, repeatability RD = 3 S."""
-
-    command: float
-    mean: float
-    accuracy: float
-    repeatability: float
-    by_axis: Array  # AD of x, y and z, (3,)
-    by_axis_repeatability: Array
-
-
-def distance_scatter(command: Array, attained: Array) -> DistanceScatter:
-    """Distances between commanded positions, (2, 3), and attained ones, (n, 2, 3): clause 7.3."""
-    wanted, found = command[1] - command[0], attained[:, 1] - attained[:, 0]
-    length, lengths = float(np.linalg.norm(wanted)), np.linalg.norm(found, axis=1)
-    return DistanceScatter(
-        command=length,
-        mean=float(lengths.mean()),
-        accuracy=float(lengths.mean()) - length,
-        repeatability=3.0 * float(deviations(lengths)),
-        by_axis=np.abs(found).mean(axis=0) - np.abs(wanted),
-        by_axis_repeatability=3.0 * deviations(np.abs(found)),
-    )
+    return vectors_of(attained @ np.swapaxes(command, -1, -2))
 
 
 def stabilization(t: Array, positions: Array, attained: Array, band: float) -> tuple[float, float]:
@@ -182,23 +140,15 @@ def between(values: Array, places: Array) -> Array:
     return np.asarray(values[low] + part * (values[high] - values[low]))
 
 
-@dataclass(frozen=True)
-class PathScatter:
-    """Attained points of a path, (n, m, 3), against the commanded ones: distances by point, (m,), m.
+def path_scatter(command: Array, attained: Array) -> tuple[Array, Array]:
+    """Attained points of a path, (n, m, 3), against the commanded ones, (m, 3): distances by point, (m,) each, m.
 
-    accuracy: of the barycentre to the command.  repeatability: l-bar + 3 S_l.
+    Clauses 8.2 and 8.3, whose figures are the greatest of each: that of the barycentre to the command, l-bar + 3 S_l.
     """
-
-    accuracy: Array
-    repeatability: Array
-
-
-def path_scatter(command: Array, attained: Array) -> PathScatter:
-    """Clauses 8.2 and 8.3: the figures are the greatest of each."""
     barycentre = attained.mean(axis=0)
     distances = np.linalg.norm(attained - barycentre, axis=2)
     accuracy = np.linalg.norm(barycentre - command, axis=1)
-    return PathScatter(accuracy, np.asarray(distances.mean(axis=0) + 3.0 * deviations(distances)))
+    return accuracy, np.asarray(distances.mean(axis=0) + 3.0 * deviations(distances))
 
 
 def speeds(t: Array, positions: Array) -> Array:
@@ -206,11 +156,6 @@ def speeds(t: Array, positions: Array) -> Array:
     if len(t) < 2:
         return np.zeros(len(t))
     return np.asarray(np.linalg.norm(np.gradient(positions, t, axis=0), axis=1))
-
-
-def greatest_differences(values: Array) -> Array:
-    """Greatest differences between rows, column by column, (k,), of (n, k)."""
-    return np.asarray(np.ptp(values, axis=0))
 
 
 def distance_to_path(point: Array, path: Array) -> float:

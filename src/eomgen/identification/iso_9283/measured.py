@@ -12,17 +12,15 @@ from numpy.typing import NDArray
 from ...errors import InputError, UnknownNameError
 from ...motion.csv_columns import read_csv
 from ...motion.measured_numbers import checked_numbers
-from ...motion.turns import rotation_of
 from ...names import component_name, listed, nearest, show, split_component
 from ...npz import read_npz
 from ..arrays import Array, Places
+from ..geometry.poses import QUATERNION, ROTATIONS, TURNED, rows_at
+from ..geometry.rotations import FOUR, READINGS
 from .attained import Measured, Path, Pose, Record
 
 AXES = ("x", "y", "z")
-TURNS = ("rx", "ry", "rz")
-QUATERNION = ("qw", "qx", "qy", "qz")
 COMMAND = "command"  # F.command.x: the command beside what was attained
-ROTATIONS = ("rotvector", "rpy", "quaternion")
 COLUMNS = "pose or path (its number), cycle, t, F.x, F.y, F.z (m), F.rx, F.ry, F.rz (rad), F.command.x and its like"
 SAME = 1e-9  # m or rad: by less than that commands are the same
 _UNIT = 1e-3  # by which the length of a quaternion may differ from 1
@@ -67,35 +65,24 @@ def from_files(
     tables = [_read(path) for path in paths]
     given = None if command is None else _read(command)
     frame = _frame(tables[0], frame)
-    poses: dict[int, _Gathered] = {}
-    ways: dict[int, _Gathered] = {}
-    notes: list[str] = []
+    found: dict[str, dict[int, _Gathered]] = {"pose": {}, "path": {}}
     for table in tables:
-        kinds = [kind for kind in ("pose", "path") if kind in table.columns]
+        kinds = [kind for kind in found if kind in table.columns]
         if len(kinds) != 1:
             got = "both columns, pose and path" if kinds else "no column pose or path"
             raise table.fail(f"has {got}; allowed: {COLUMNS}, with one of the two")
-        records = _records(table, frame, rotation)
-        before = [label for item in (*poses.values(), *ways.values()) for label in item.cycles]
-        _gather(
-            table,
-            kinds[0],
-            records,
-            _commands(table, given, kinds[0], frame, rotation),
-            poses if kinds == ["pose"] else ways,
-            max(before) if before else None,
-        )
-    if given is not None:
-        for kind, found in (("pose", poses), ("path", ways)):
-            if kind in given.columns and found:
-                unused = sorted(set(_numbers(given, kind).tolist()) - set(found))
-                notes += [f"{kind} {number} is commanded and was never measured" for number in unused]
-    made = [_pose(number, gathered) for number, gathered in sorted(poses.items())]
-    paths_found = [_path(number, gathered) for number, gathered in sorted(ways.items())]
-    recorded = [*(pose.cycles for pose in made), *(path.cycles for path in paths_found)]
-    lacking = any(record.rotation is None for cycles in recorded for record in cycles)
-    if lacking:
-        wanted = ", ".join(component_name(frame, key) for key in TURNS)
+        record = _record(table, frame, rotation)
+        commands = _commands(table, given, kinds[0], frame, rotation)
+        before = [label for items in found.values() for item in items.values() for label in item.cycles]
+        _gather(table, kinds[0], record, commands, found[kinds[0]], max(before, default=None))
+    notes: list[str] = []
+    for kind, items in found.items():
+        if given is not None and kind in given.columns and items:
+            unused = sorted(set(_numbers(given, kind).tolist()) - set(items))
+            notes += [f"{kind} {number} is commanded and was never measured" for number in unused]
+    records_found = [record for items in found.values() for item in items.values() for record in item.cycles.values()]
+    if any(record.rotation is None for record in records_found):
+        wanted = ", ".join(component_name(frame, key) for key in TURNED)
         notes.append(f"no orientation was measured ({wanted}): figures are of positions alone")
     return Measured(
         source="measured",
@@ -103,8 +90,8 @@ def from_files(
         frame=frame,
         load="",
         rate="",
-        poses=tuple(made),
-        paths=tuple(paths_found),
+        poses=tuple(_pose(number, gathered) for number, gathered in sorted(found["pose"].items())),
+        paths=tuple(_path(number, gathered) for number, gathered in sorted(found["path"].items())),
         exact=False,
         notes=tuple(notes),
     )
@@ -115,12 +102,7 @@ def from_files(
 
 def _read(path: File) -> _Rows:
     if path.suffix == ".csv":
-        try:
-            columns, lines = read_csv(path, rule=COLUMNS)
-        except (OSError, ValueError) as error:  # ValueError: a path with a NUL
-            if isinstance(error, InputError):
-                raise
-            raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+        columns, lines = read_csv(path, rule=COLUMNS)
         return _Rows(str(path), columns, lambda row: f"{path}: line {lines[row]}")
     if path.suffix != ".npz":
         raise InputError(f"{show(str(path))}: is no measured file; allowed: a path that ends in .csv or .npz")
@@ -165,40 +147,29 @@ def _numbers(table: _Rows, name: str) -> NDArray[np.int64]:
     return values.astype(np.int64)
 
 
-def _records(table: _Rows, owner: str, rotation: str) -> tuple[Array, Array | None]:
-    """Positions (N, 3) and rotations (N, 3, 3) or None of an owner's columns."""
+def _record(table: _Rows, owner: str, rotation: str) -> Record:
+    """All rows of an owner's columns: times, positions and rotations, as far as they are there."""
+    t = table.columns.get("t")
     position = np.stack([table.columns[component_name(owner, axis)] for axis in AXES], axis=1)
-    keys = QUATERNION if rotation == "quaternion" else TURNS
+    keys, others = (QUATERNION, TURNED) if rotation == "quaternion" else (TURNED, QUATERNION)
     names = [component_name(owner, key) for key in keys]
     missing = [name for name in names if name not in table.columns]
-    other = [component_name(owner, key) for key in (TURNS if rotation == "quaternion" else QUATERNION)]
     if missing:
-        found = [name for name in (*names, *other) if name in table.columns]
+        found = [name for key in (*keys, *others) if (name := component_name(owner, key)) in table.columns]
         if found:
             raise table.fail(
                 f"has {listed(found)} and not {listed(missing)}; allowed: all of {listed(names)} (rotation:"
                 f" {rotation}), or none"
             )
-        return position, None
+        return Record(t, position, None)
     angles = np.stack([table.columns[name] for name in names], axis=1)
-    if rotation == "rotvector":
-        return position, rotation_of(angles)
-    if rotation == "rpy":
-        x, y, z = (rotation_of(angles[:, i : i + 1] * np.eye(3)[i]) for i in range(3))
-        return position, np.asarray(z @ y @ x)
-    return position, _by_quaternions(table, angles)
-
-
-def _by_quaternions(table: _Rows, quaternion: Array) -> Array:
-    size = np.linalg.norm(quaternion, axis=1)
-    bad = np.flatnonzero(np.abs(size - 1.0) > _UNIT)
-    if bad.size:
-        raise table.fail(f"a quaternion of length {size[bad[0]]:g}; allowed: 1", int(bad[0]))
-    w, vector = quaternion[:, 0] / size, quaternion[:, 1:] / size[:, np.newaxis]
-    sine = np.linalg.norm(vector, axis=1)
-    safe = np.where(sine > 0.0, sine, 1.0)
-    angle = 2.0 * np.arctan2(sine, w)
-    return rotation_of(vector * (np.where(sine > 0.0, angle / safe, 2.0))[:, np.newaxis])
+    if rotation == "quaternion":
+        size = np.linalg.norm(angles, axis=1)
+        bad = np.flatnonzero(np.abs(size - 1.0) > _UNIT)
+        if bad.size:
+            raise table.fail(f"a quaternion of length {size[bad[0]]:g}; allowed: 1", int(bad[0]))
+        return Record(t, position, FOUR[rotation](angles))
+    return Record(t, position, READINGS[rotation](angles))
 
 
 # Cycles
@@ -229,8 +200,7 @@ def _commands(table: _Rows, given: _Rows | None, kind: str, frame: str, rotation
         _frame(given, frame)
         if kind not in given.columns:
             raise given.fail(f"has no column {kind}, which {table.source} has; allowed: with it")
-    position, rotations = _records(source, owner, rotation)
-    t = source.columns.get("t")
+    whole = _record(source, owner, rotation)
     known = None if given is None else _numbers(given, kind)
     rows_of = {} if known is None else {int(known[rows[0]]): rows for rows in _groups(known)}
 
@@ -239,9 +209,7 @@ def _commands(table: _Rows, given: _Rows | None, kind: str, frame: str, rotation
         if chosen is None:
             assert given is not None
             raise given.fail(f"has no command of {kind} {number}, which {table.source} has; allowed: one for each")
-        return Record(
-            None if t is None else t[chosen], position[chosen], None if rotations is None else rotations[chosen]
-        )
+        return rows_at(whole, chosen)
 
     return commands
 
@@ -249,13 +217,13 @@ def _commands(table: _Rows, given: _Rows | None, kind: str, frame: str, rotation
 def _gather(
     table: _Rows,
     kind: str,
-    records: tuple[Array, Array | None],
+    record: Record,
     commands: _Commands,
     into: dict[int, _Gathered],
     last: int | None,
 ) -> None:
     """Sort the rows of a file by pose or path and by cycle; ``last`` is the number of the last cycle of other files."""
-    numbers, (position, rotation), t = _numbers(table, kind), records, table.columns.get("t")
+    numbers = _numbers(table, kind)
     cycle = _cycles(table, kind, numbers)
     if last is not None:
         cycle = cycle + (last + 1 - cycle.min())
@@ -266,8 +234,7 @@ def _gather(
         command = commands(number, rows)
         gathered = into.setdefault(number, _Gathered(command, {}))
         _check_command(table, kind, what, gathered.command, command, int(rows[0]))
-        turned = None if rotation is None else rotation[rows]
-        gathered.cycles[label] = Record(None if t is None else t[rows], position[rows], turned)
+        gathered.cycles[label] = rows_at(record, rows)
 
 
 def _groups(*keys: NDArray[np.int64]) -> list[Places]:

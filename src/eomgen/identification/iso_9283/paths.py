@@ -6,6 +6,7 @@ import numpy as np
 
 from ...errors import InputError
 from ..arrays import Array, Mask, Places
+from ..geometry.poses import rows_at
 from .attained import Path, Record
 from .corners import corner_figures
 from .formulas import STEADY, arc, at_planes, between, deviations, path_scatter, speeds, tangents, turns_from
@@ -37,7 +38,7 @@ def path_figures(path: Path, match: str) -> PathFigures:
             f"path {path.name}: no point is passed by all cycles; allowed: paths that follow their command (match:"
             " sample compares row by row)"
         )
-    spread = path_scatter(command.position[kept], attained[:, kept])
+    accuracy, repeatability = path_scatter(command.position[kept], attained[:, kept])
     length = arc(command.position)
     turned = turning = None
     if turns is not None:
@@ -50,26 +51,24 @@ def path_figures(path: Path, match: str) -> PathFigures:
         length=float(length[-1]),
         points=int(kept.sum()),
         left_out=int((~kept).sum()),
-        accuracy=float(spread.accuracy.max()),
-        repeatability=float(spread.repeatability.max()),
-        accuracy_at=float(along[spread.accuracy.argmax()]),
-        repeatability_at=float(along[spread.repeatability.argmax()]),
+        accuracy=float(accuracy.max()),
+        repeatability=float(repeatability.max()),
+        accuracy_at=float(along[accuracy.argmax()]),
+        repeatability_at=float(along[repeatability.argmax()]),
         turned=turned,
         turning=turning,
         speed=_speed(path),
         corners=corner_figures(path, _without_rests(path.command)),
         along=tuple(along.tolist()),
-        offsets=tuple(spread.accuracy.tolist()),
-        scatters=tuple(spread.repeatability.tolist()),
+        offsets=tuple(accuracy.tolist()),
+        scatters=tuple(repeatability.tolist()),
     )
 
 
 def _without_rests(command: Record) -> Record:
     """The command without points that repeat the one before: a path's tangent is there nowhere."""
     steps = np.linalg.norm(np.diff(command.position, axis=0), axis=1)
-    kept = np.concatenate([[True], steps > 0.0])
-    t, rotation = command.t, command.rotation
-    return Record(None if t is None else t[kept], command.position[kept], None if rotation is None else rotation[kept])
+    return rows_at(command, np.concatenate([[True], steps > 0.0]))
 
 
 def _by_planes(path: Path, command: Record) -> tuple[Array, Array | None, Mask]:

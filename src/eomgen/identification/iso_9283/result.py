@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,7 @@ import numpy as np
 from ...errors import InputError
 from ...forms.plain import value_of
 from ...results.contents import Contents
-from ...results.kinds import Kind, Saved, declare, read
+from ...results.kinds import Kind, Saved, declare
 from ...shown import Shown
 from ...tabular import Rows, TableColumn, Tabular
 from ..arrays import Array
@@ -240,18 +239,20 @@ class AccuracyResult(Shown, Tabular, Saved):
         for pose in self.poses:
             of = f"pose {pose.name}"
             yield of, "AP_p", pose.accuracy, "m"
-            yield from ((of, f"AP_{axis}", x, "m") for axis, x in zip("xyz", pose.offset, strict=True))
+            yield from _by_axis(of, "AP", pose.offset, "m")
             yield of, "RP_l", pose.repeatability, "m"
-            yield from _angles(of, "P", pose.turned, pose.turning)
+            yield from _by_axis(of, "AP", pose.turned)
+            yield from _by_axis(of, "RP", pose.turning)
         for variation in self.variations:
             of = f"poses {' and '.join(variation.poses)}"
             yield of, "vAP_p", variation.position, "m"
-            yield from ((of, f"vAP_{axis}", x, "rad") for axis, x in zip("abc", variation.turned or (), strict=False))
+            yield from _by_axis(of, "vAP", variation.turned)
         for path in self.paths:
             of = f"path {path.name}"
             yield of, "AT_p", path.accuracy, "m"
             yield of, "RT_p", path.repeatability, "m"
-            yield from _angles(of, "T", path.turned, path.turning)
+            yield from _by_axis(of, "AT", path.turned)
+            yield from _by_axis(of, "RT", path.turning)
             if path.speed is not None:
                 yield of, "AV", path.speed.accuracy, "1"
                 yield of, "RV", path.speed.repeatability, "1"
@@ -263,9 +264,10 @@ class AccuracyResult(Shown, Tabular, Saved):
             of = f"poses {' and '.join(distance.poses)}"
             yield of, "AD_p", distance.accuracy, "m"
             yield of, "RD_p", distance.repeatability, "m"
-            for letter, values in (("A", distance.by_axis), ("R", distance.by_axis_repeatability)):
-                yield from ((of, f"{letter}D_{axis}", x, "m") for axis, x in zip("xyz", values, strict=True))
-            yield from _angles(of, "D", distance.turned, distance.turning)
+            yield from _by_axis(of, "AD", distance.by_axis, "m")
+            yield from _by_axis(of, "RD", distance.by_axis_repeatability, "m")
+            yield from _by_axis(of, "AD", distance.turned)
+            yield from _by_axis(of, "RD", distance.turning)
         for stop in self.stops:
             yield f"pose {stop.pose}", "t", stop.time, "s"
             yield f"pose {stop.pose}", "OV", stop.overshoot, "m"
@@ -282,84 +284,34 @@ class AccuracyResult(Shown, Tabular, Saved):
     def tables(self) -> dict[str, Sequence[tuple[str, ...]]]:
         """Rows of texts by what they are of, the first with what is in the columns: lengths in mm, angles in mrad."""
         return {
-            "Poses": self._pose_rows(),
-            "Reached from several directions": self._variation_rows(),
-            "Paths": self._path_rows(),
-            "Corners": self._corner_rows(),
-            "Distances": self._distance_rows(),
-            "Stops": self._stop_rows(),
+            "Poses": [
+                ("pose", "cycles", "AP mm", "RP mm", "AP a b c mrad", "RP a b c mrad"),
+                *((x.name, str(x.cycles), *_accuracy_texts(x)) for x in self.poses),
+            ],
+            "Reached from several directions": [
+                ("poses", "cycles", "vAP mm", "vAP a b c mrad"),
+                *(
+                    (" - ".join(x.poses), str(x.cycles), _milli(x.position), _angle_text(x.turned))
+                    for x in self.variations
+                ),
+            ],
+            "Paths": [
+                ("path", "cycles", "AT mm", "RT mm", "AT a b c mrad", "RT a b c mrad", "AV %", "RV %", "FV mm/s"),
+                *((x.name, str(x.cycles), *_accuracy_texts(x), *_speed_texts(x.speed)) for x in self.paths),
+            ],
+            "Corners": [
+                ("corner of path", "at mm", "turn deg", "cycles", "CR mm", "CO mm"),
+                *((path.name, *_corner_texts(corner)) for path in self.paths for corner in path.corners),
+            ],
+            "Distances": [
+                ("poses", "cycles", "distance mm", "AD mm", "RD mm"),
+                *((" - ".join(x.poses), str(x.cycles), *_distance_texts(x)) for x in self.distances),
+            ],
+            "Stops": [
+                ("stop", "cycles", "band mm", "stabilization s", "overshoot mm"),
+                *((x.pose, str(x.cycles), _milli(x.band), f"{x.time:.4g}", _milli(x.overshoot)) for x in self.stops),
+            ],
         }
-
-    def _pose_rows(self) -> Sequence[tuple[str, ...]]:
-        head = ("pose", "cycles", "AP mm", "RP mm", "AP a b c mrad", "RP a b c mrad")
-        return [head] + [
-            (
-                item.name,
-                str(item.cycles),
-                _milli(item.accuracy),
-                _milli(item.repeatability),
-                _angle_text(item.turned),
-                _angle_text(item.turning),
-            )
-            for item in self.poses
-        ]
-
-    def _path_rows(self) -> Sequence[tuple[str, ...]]:
-        head = ("path", "cycles", "AT mm", "RT mm", "AT a b c mrad", "RT a b c mrad", "AV %", "RV %", "FV mm/s")
-        return [head] + [
-            (
-                item.name,
-                str(item.cycles),
-                _milli(item.accuracy),
-                _milli(item.repeatability),
-                _angle_text(item.turned),
-                _angle_text(item.turning),
-                *_speed_texts(item.speed),
-            )
-            for item in self.paths
-        ]
-
-    def _variation_rows(self) -> Sequence[tuple[str, ...]]:
-        head = ("poses", "cycles", "vAP mm", "vAP a b c mrad")
-        return [head] + [
-            (" - ".join(item.poses), str(item.cycles), _milli(item.position), _angle_text(item.turned))
-            for item in self.variations
-        ]
-
-    def _corner_rows(self) -> Sequence[tuple[str, ...]]:
-        head = ("corner of path", "at mm", "turn deg", "cycles", "CR mm", "CO mm")
-        return [head] + [
-            (
-                item.name,
-                f"{1e3 * corner.along:.6g}",
-                f"{np.rad2deg(corner.angle):.3g}",
-                str(corner.cycles),
-                _milli(corner.rounding),
-                _milli(corner.overshoot),
-            )
-            for item in self.paths
-            for corner in item.corners
-        ]
-
-    def _distance_rows(self) -> Sequence[tuple[str, ...]]:
-        head = ("poses", "cycles", "distance mm", "AD mm", "RD mm")
-        return [head] + [
-            (
-                " - ".join(item.poses),
-                str(item.cycles),
-                f"{1e3 * item.command:.6g}",
-                f"{1e3 * item.accuracy:+.4g}",
-                _milli(item.repeatability),
-            )
-            for item in self.distances
-        ]
-
-    def _stop_rows(self) -> Sequence[tuple[str, ...]]:
-        head = ("stop", "cycles", "band mm", "stabilization s", "overshoot mm")
-        return [head] + [
-            (item.pose, str(item.cycles), _milli(item.band), f"{item.time:.4g}", _milli(item.overshoot))
-            for item in self.stops
-        ]
 
 
 def _read(file: Contents) -> AccuracyResult:
@@ -370,22 +322,15 @@ def _read(file: Contents) -> AccuracyResult:
     return found
 
 
-KIND = declare(Kind("accuracy", AccuracyResult, ending=".json", record=lambda _: {"standard": STANDARD}, read=_read))
+load_accuracy = declare(
+    Kind("accuracy", AccuracyResult, ending=".json", record=lambda _: {"standard": STANDARD}, read=_read)
+)
+"""Read the result that ``AccuracyResult.save`` wrote; InputError says what in the file is wrong."""
 
 
-def load_accuracy(path: Path | str) -> AccuracyResult:
-    """Read the figures that ``AccuracyResult.save`` wrote.
-
-    Raises:
-        InputError: the file cannot be read, or is no such file; says what in it is wrong.
-    """
-    return read(KIND, path)
-
-
-def _angles(of: str, kind: str, turned: Vector | None, turning: Vector | None) -> Iterator[tuple[str, str, float, str]]:
-    for letter, values in (("A", turned), ("R", turning)):
-        for axis, value in zip("abc", values or (), strict=False):
-            yield of, f"{letter}{kind}_{axis}", value, "rad"
+def _by_axis(of: str, symbol: str, values: Vector | None, unit: str = "rad") -> Iterator[tuple[str, str, float, str]]:
+    for axis, value in zip("xyz" if unit == "m" else "abc", values or (), strict=False):
+        yield of, f"{symbol}_{axis}", value, unit
 
 
 def _table(rows: Sequence[tuple[str, ...]]) -> list[str]:
@@ -403,7 +348,20 @@ def _angle_text(angles: Vector | None) -> str:
     return "" if angles is None else " ".join(f"{1e3 * x:.3g}" for x in angles)
 
 
-def _speed_texts(speed: SpeedFigures | None) -> tuple[str, str, str]:
-    if speed is None:
+def _accuracy_texts(x: PoseFigures | PathFigures) -> tuple[str, ...]:
+    return _milli(x.accuracy), _milli(x.repeatability), _angle_text(x.turned), _angle_text(x.turning)
+
+
+def _speed_texts(x: SpeedFigures | None) -> tuple[str, str, str]:
+    if x is None:
         return "", "", ""
-    return f"{1e2 * speed.accuracy:+.3g}", f"{1e2 * speed.repeatability:.3g}", f"{1e3 * speed.fluctuation:.3g}"
+    return f"{1e2 * x.accuracy:+.3g}", f"{1e2 * x.repeatability:.3g}", f"{1e3 * x.fluctuation:.3g}"
+
+
+def _corner_texts(x: CornerFigures) -> tuple[str, ...]:
+    angle = f"{np.rad2deg(x.angle):.3g}"
+    return f"{1e3 * x.along:.6g}", angle, str(x.cycles), _milli(x.rounding), _milli(x.overshoot)
+
+
+def _distance_texts(x: DistanceFigures) -> tuple[str, ...]:
+    return f"{1e3 * x.command:.6g}", f"{1e3 * x.accuracy:+.4g}", _milli(x.repeatability)

@@ -1,22 +1,31 @@
-"""Poses and paths of simulated motions: results of one program are the cycles, rests of its tool are the poses."""
+"""Poses and paths of simulated motions, results or samples of a plan: the cycles of a program whose rests are poses."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path as File
 from typing import Any
 
 import numpy as np
 
-from ...errors import InputError
+from ...description import RobotLike
+from ...errors import EomgenError, InputError
 from ...names import show
+from ...progress import Progress
 from ...simulation.result import SimulationResult
+from ...sweep.plan import Plan
 from ..arrays import Array
+from ..geometry.rotations import vectors_of
 from .attained import Measured, Path, Pose, Record
-from .formulas import rotation_vectors, speeds
+from .formulas import speeds
 
 SAME = 1e-9  # m, rad or s: by less than that programs and times are the same
 _ALLOWED = "; allowed: results of one program"
 _FEWEST = 3  # points of a path
+MOST_SAMPLES = 10_000  # whose whole motions are held at once
+_TOGETHER = 16  # samples that are done at once
+_RECORD = ("tool_deviation_max",)  # so that motions have the tool's pose
 _CREEPING = 1e-5  # of the greatest step of a program between two samples, below which it rests
 
 
@@ -86,7 +95,7 @@ def _check_same(first: SimulationResult, name: str, result: SimulationResult, la
             f" or other times between{_ALLOWED} at the same times"
         )
     off = np.linalg.norm(result.program_pose[:, :3, 3] - first.program_pose[:, :3, 3], axis=1)
-    turned = np.linalg.norm(rotation_vectors(_relative(first.program_pose, result.program_pose)), axis=1)
+    turned = np.linalg.norm(vectors_of(_relative(first.program_pose, result.program_pose)), axis=1)
     if max(off.max(), turned.max()) > SAME:
         i = int(np.maximum(off, turned).argmax())
         raise InputError(
@@ -102,7 +111,7 @@ def _relative(one: Array, other: Array) -> Array:
 def _rests(program: Array) -> list[tuple[int, int]]:
     """First and last sample of each rest of the program that follows upon a motion; the last sample always is one."""
     steps = np.linalg.norm(np.diff(program[:, :3, 3], axis=0), axis=1)
-    turns = np.linalg.norm(rotation_vectors(_relative(program[:-1], program[1:])), axis=1)
+    turns = np.linalg.norm(vectors_of(_relative(program[:-1], program[1:])), axis=1)
     changes = np.maximum(steps, turns)
     moving = changes > max(SAME, _CREEPING * changes.max(initial=0.0))  # from each sample to the next
     last, departures = len(program) - 1, np.flatnonzero(moving)
@@ -138,3 +147,47 @@ def _notes(results: Sequence[SimulationResult], poses: Sequence[Pose]) -> list[s
         if len(record.t) > 2 and (speed := float(speeds(record.t, record.position)[-1])) > 1e-4:
             notes.append(f"pose {pose.name}: the tool still moves at {speed:.2g} m/s when it is looked at")
     return notes
+
+
+def from_plan(
+    robot: RobotLike, scenario: str | File | Mapping[str, Any], plan: Plan, frame: str | None, progress: Progress
+) -> Measured:
+    """Simulate the samples of a plan; what is commanded is the program of the nominal robot.
+
+    Raises:
+        InputError: plan, scenario and robot do not fit, there are too many samples, all of them fail, or what is
+            commanded differs between them.
+    """
+    from ...sweep.driver import prepare
+    from ...sweep.job import SampleRunner
+
+    progress(0.0, "preparing")
+    job, design, _ = prepare(robot, scenario, replace(plan, record=_RECORD))
+    count = len(design)
+    if not 2 <= count <= MOST_SAMPLES:
+        raise InputError(f"{plan.source or 'plan'}: has {count} samples; allowed: 2 to {MOST_SAMPLES}")
+    runner = SampleRunner(job)
+    motions: list[SimulationResult] = []
+    labels: list[str] = []
+    failed: dict[int, EomgenError] = {}
+    for begin in range(0, count, _TOGETHER):
+        chosen = range(begin, min(begin + _TOGETHER, count))
+        for i, motion in zip(chosen, runner.motions([design.values(i) for i in chosen]), strict=True):
+            if isinstance(motion, EomgenError):
+                failed[i] = motion
+            else:
+                motions.append(motion)
+                labels.append(f"sample {i}")
+        progress(chosen[-1] / count, f"{chosen[-1] + 1} of {count} samples")
+    if len(motions) < 2:
+        number, error = next(iter(failed.items()))
+        raise InputError(f"{plan.source or 'plan'}: {len(failed)} of {count} samples fail; sample {number}: {error}")
+    found = from_simulations(motions, labels, frame, "samples of a plan")
+    varied = ", ".join(entry.parameter or f"scenario {entry.scenario}" for entry in plan.vary)
+    notes = [
+        f"cycles are samples of a plan that varies {varied}: their scatter is that of these numbers,"
+        " between robots where they stay the same in a robot"
+    ]
+    notes += [f"{len(failed)} of {count} samples failed and are left out"] if failed else []
+    load = load_of(job.scenario().as_dict())
+    return replace(found, load=load, notes=(*notes, *found.notes))

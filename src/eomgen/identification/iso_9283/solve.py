@@ -19,11 +19,9 @@ from ...sweep.plan import Plan
 from .attained import Measured
 from .measured import from_files
 from .paths import MATCHES, path_figures
-from .poses import distance_figures, pose_figures, stop_figures
+from .poses import distance_figures, pose_figures, stop_figures, variation_figures
 from .result import STANDARD, AccuracyResult, PathFigures, PoseFigures
-from .samples import from_plan
-from .simulated import from_simulations
-from .variations import variation_figures
+from .simulated import from_plan, from_simulations
 
 POSES, CYCLES, PATH_CYCLES = 5, 30, 10  # that the standard asks for
 TRAJECTORY, SWEEP = "trajectory.npz", "sweep.json"
@@ -151,7 +149,8 @@ def figures_of(
     paths = tuple(path_figures(path, match) for path in found.paths)
     variations, directions = variation_figures(found.poses, poses)
     stops, unsettled = stop_figures(found.poses, poses, band)
-    notes = [*_standard(found), *_exactly(found), *found.notes, *_convention(found, match), *_far(poses, paths)]
+    exactly = ["the simulation repeats itself exactly: RP and RT are 0 and say nothing of the robot"] * found.exact
+    notes = [*_standard(found), *exactly, *found.notes, *_convention(found, match), *_far(poses, paths)]
     return AccuracyResult(
         source=found.source,
         robot=found.robot,
@@ -184,23 +183,15 @@ def _check_cycles(found: Measured) -> None:
 def _standard(found: Measured) -> list[str]:
     """Say what the standard asks for and is not there: figures then follow its formulas and are not its figures."""
     lacks = []
-    if found.poses:
-        cycles = min(len(pose.cycles) for pose in found.poses)
-        if cycles < CYCLES or len(found.poses) < POSES:
-            lacks.append(f"{CYCLES} cycles at {POSES} poses (here {cycles} at {len(found.poses)})")
-    if found.paths:
-        cycles = min(len(path.cycles) for path in found.paths)
-        if cycles < PATH_CYCLES:
-            lacks.append(f"{PATH_CYCLES} cycles of a path (here {cycles})")
+    cycles = min((len(pose.cycles) for pose in found.poses), default=CYCLES)
+    if found.poses and (cycles < CYCLES or len(found.poses) < POSES):
+        lacks.append(f"{CYCLES} cycles at {POSES} poses (here {cycles} at {len(found.poses)})")
+    cycles = min((len(path.cycles) for path in found.paths), default=PATH_CYCLES)
+    if cycles < PATH_CYCLES:
+        lacks.append(f"{PATH_CYCLES} cycles of a path (here {cycles})")
     if not lacks:
         return []
     return [f"{STANDARD} asks for {' and '.join(lacks)}: the figures follow its formulas and are not those of it"]
-
-
-def _exactly(found: Measured) -> list[str]:
-    if not found.exact:
-        return []
-    return ["the simulation repeats itself exactly: RP and RT are 0 and say nothing of the robot"]
 
 
 def _convention(found: Measured, match: str) -> list[str]:

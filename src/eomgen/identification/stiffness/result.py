@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, fields
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ...errors import UnknownNameError
 from ...names import component_name, parameter_name
-from ...results.kinds import Kind, Saved, declare, read
+from ...results.kinds import Kind, Saved, declare
 from ...shown import Shown
 from ...tabular import Rows, TableColumn, Tabular
 
@@ -129,13 +128,5 @@ class FitResult(Shown, Tabular, Saved):
         return lines
 
 
-KIND = declare(Kind("fit", FitResult, ending=".json"))
-
-
-def load_fit(path: Path | str) -> FitResult:
-    """Read the result that ``FitResult.save`` wrote.
-
-    Raises:
-        InputError: the file cannot be read, or is no such result; says what in it is wrong.
-    """
-    return read(KIND, path)
+load_fit = declare(Kind("fit", FitResult, ending=".json"))
+"""Read the result that ``FitResult.save`` wrote; InputError says what in the file is wrong."""

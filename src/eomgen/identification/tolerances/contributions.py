@@ -10,12 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...names import component_name, parameter_name
+from ...names import parameter_name
 from ...robot.coordinates import UNITS
-from ...robot.value import COORDINATES, MOTOR, Robot
+from ...robot.value import COORDINATES, Robot
 from ..arrays import Array, Places
 from ..geometry.closing import Closing
-from ..geometry.error_model import COMPLIANCE, DRIVE, JOINTS, ErrorModel, Quantity, Rows, quantities_of
+from ..geometry.error_model import COMPLIANCE, DRIVE, JOINTS, ErrorModel, Quantity, Rows, compliances_of, quantities_of
 from ..geometry.rotations import vectors_of
 from ..geometry.stations import Chain, Station
 
@@ -43,27 +43,9 @@ def model_of(robot: Robot, chain: Chain, closing: Closing | None) -> ErrorModel:
     known = dict.fromkeys(chain.tools, True)
     quantities = list(quantities_of(robot, chain, [0], known))
     if closing is None:
-        quantities += _compliances(chain)
+        quantities += compliances_of(chain)
     quantities += _drives(chain)
     return ErrorModel(robot, chain, tuple(quantities), {0: np.eye(4)}, closing)
-
-
-def _compliances(chain: Chain) -> Iterator[Quantity]:
-    """Compliances of all described stiffnesses, of deviations and transmissions, by the names of the stiffness."""
-    for k, station in enumerate(chain.stations):
-        joint = station.joint
-        if joint is None:
-            continue
-        for c, kind in enumerate(COORDINATES):
-            given = joint.coordinates.get(kind)
-            name, stiffness = component_name(joint.name, kind), 0.0
-            if c == station.principal and joint.motor is not None:
-                name, stiffness = component_name(joint.name, MOTOR), joint.motor.transmission.stiffness or 0.0
-            elif c != station.principal and given is not None:
-                stiffness = given.stiffness or 0.0
-            if stiffness > 0.0:
-                key = parameter_name(JOINTS, name, "stiffness")
-                yield Quantity(key, COMPLIANCE, k, c, "force", 1.0 / stiffness, 1.0 / stiffness)
 
 
 def _drives(chain: Chain) -> Iterator[Quantity]:

@@ -22,7 +22,7 @@ from .correlations import groups_of, plain_correlations, root_of
 from .regions import ellipsoids
 from .table import Tolerance
 
-PARTS = ("position", "orientation")
+PARTS = {"position": slice(0, 3), "orientation": slice(3, 6)}  # components of a motion
 _MOST_DRAWN = 10_000_000
 _SHOWN = 12  # contributions in the text
 _NOTHING = 1e-12  # of the variances without their signs: round-off
@@ -128,13 +128,9 @@ class ToleranceResult(Shown, Tabular, Saved):
         Raises:
             InputError: the count, the pose or the seed cannot be used.
         """
-        for label, value, low, high in (
-            ("count", count, 1, _MOST_DRAWN),
-            ("pose", pose, 0, len(self.q) - 1),
-            ("seed", seed, 0, 2**63),
-        ):
-            if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not low <= value <= high:
-                raise InputError(f"{label}: {show(value)}; allowed: a whole number from {low} to {high}")
+        check_whole("count", count, 1, _MOST_DRAWN)
+        check_whole("pose", pose, 0, len(self.q) - 1)
+        check_whole("seed", seed, 0, 2**63)
         rng = np.random.default_rng(seed)
         drawn = np.empty((len(self.names), count))
         is_normal = np.array([given.bound is None for given in self.tolerances])
@@ -168,16 +164,13 @@ class ToleranceResult(Shown, Tabular, Saved):
         return allocated(
             self.names,
             self.units,
-            np.array([self.bounds[k] if t.bound is not None else self.deviations[k] for k, t in self._numbered()]),
+            np.where([given.bound is not None for given in self.tolerances], self.bounds, self.deviations),
             self.sensitivities[:, :3] * self.deviations,
             np.array([given.cost for given in self.tolerances]),
             np.array([given.is_fixed for given in self.tolerances]),
             accuracy,
             self.confidence,
         )
-
-    def _numbered(self) -> list[tuple[int, Tolerance]]:
-        return list(enumerate(self.tolerances))
 
     def as_rows(self) -> TableRows:
         """A row per quantity: standard deviation, bound, shares of variance."""
@@ -229,10 +222,15 @@ class ToleranceResult(Shown, Tabular, Saved):
 
 
 def _at(part: str) -> slice:
-    """Components of a part of a pose."""
     if part not in PARTS:
         raise InputError(f"part: {show(part)}; allowed: {', '.join(PARTS)}")
-    return slice(0, 3) if part == PARTS[0] else slice(3, 6)
+    return PARTS[part]
+
+
+def check_whole(label: str, value: Any, low: int, high: int) -> None:
+    """InputError if a value is no whole number within limits."""
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not low <= value <= high:
+        raise InputError(f"{label}: {show(value)}; allowed: a whole number from {low} to {high}")
 
 
 def shares_of(scaled: Array, correlation: Array) -> Array:

@@ -23,7 +23,7 @@ from ...motion.measured_numbers import ALLOWED, answers_in_numbers, within_limit
 from ...names import component_name, joint_of, kind_of, listed, nearest_or_all, show
 from ...progress import StageReport, no_report
 from ...results.contents import Contents
-from ...results.kinds import Kind, declare, read
+from ...results.kinds import Kind, declare
 from ...robot.model import Model, build_model, tool_of
 from ...robot.record import record_of
 from ...robot.value import COORDINATES, MOTOR, PRINCIPAL, Robot
@@ -34,7 +34,7 @@ from ..geometry.stations import Chain, chain_of, matrix_of
 from .contributions import Contribution, Exact, contributions_of, model_of
 from .correlations import groups_of, plain_correlations, read_correlations, root_of
 from .regions import mixed_quantiles, quantile_of_normal, radii, worst_deviations, worst_directions
-from .result import PARTS, ToleranceResult, shares_of
+from .result import PARTS, ToleranceResult, check_whole, shares_of
 from .table import CORRELATIONS, Table, Tolerance, read_table
 from .vertices import farthest
 
@@ -47,7 +47,6 @@ EVEN = 0.3  # of a variance: one even distribution that a sum is no longer norma
 _LINE = 1e-12  # of the greatest variance: no motion across
 _EVERY = 20  # poses at which the linear prediction is compared
 _SOFTEST = 0.2  # of a stiffness: its greatest standard deviation
-_COLUMNS = {"position": slice(0, 3), "orientation": slice(3, 6)}
 
 
 @answers_in_numbers("table")
@@ -162,9 +161,8 @@ def _given_poses(model: Model, names: Sequence[str], poses: ArrayLike | Mapping[
 
 
 def _random_poses(robot: Robot, names: Sequence[str], count: int, seed: int) -> Array:
-    for label, value, low, high in (("random", count, 1, MOST_POSES), ("seed", seed, 0, 2**63)):
-        if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not low <= value <= high:
-            raise InputError(f"{label}: {show(value)}; allowed: a whole number from {low} to {high}")
+    check_whole("random", count, 1, MOST_POSES)
+    check_whole("seed", seed, 0, 2**63)
     limits = []
     for name in names:
         given = robot.joint(joint_of(name)).limits
@@ -255,24 +253,19 @@ def _result(
     correlated = groups_of(correlation)
     apart = scaled @ root_of(correlation) if correlated else scaled  # by independent numbers of variance 1
     covariance = apart @ apart.transpose(0, 2, 1)
-    blocks = {part: covariance[:, at, at] for part, at in _COLUMNS.items()}
     report("looking for worst cases")
-    ends = {part: [farthest(row[at]) for row in reach] for part, at in _COLUMNS.items()}
+    ends = {part: [farthest(row[at]) for row in reach] for part, at in PARTS.items()}
     lengths = {part: np.array([length for length, _ in found]) for part, found in ends.items()}
     worst_pose = int(lengths["position"].argmax())
     signs = ends["position"][worst_pose][1]
     report("comparing with the exact model")
     exact_worst = _at_vertices(exact, reach[worst_pose, :3], bounds, signs, worst_pose)
     off, bent = _nonlinear(exact, S, bounds, ends, lengths)
-    shares = {part: shares_of(scaled[:, _COLUMNS[part]], correlation) for part in PARTS}
+    shares = {part: shares_of(scaled[:, at], correlation) for part, at in PARTS.items()}
     is_even = np.array([entry.bound is not None for entry, _, _ in entries])
-    directions = {
-        part: _directions(blocks[part], apart[:, at], reach[:, at], is_even, confidence)
-        for part, at in _COLUMNS.items()
-    }
-    spheres = {
-        part: _held(directions[part], blocks[part], apart[:, at], reach[:, at], is_even, lengths[part], confidence)
-        for part, at in _COLUMNS.items()
+    regions = {
+        part: _regions(covariance[:, at, at], apart[:, at], reach[:, at], is_even, lengths[part], confidence)
+        for part, at in PARTS.items()
     }
     notes = []
     if off > LINEAR:
@@ -287,7 +280,7 @@ def _result(
             " of each, as if they were not"
         )
     notes += _of_bounds(entries, shares)
-    for part, (_, ended) in spheres.items():
+    for part, (_, _, ended) in regions.items():
         if ended:
             notes.append(
                 f"{part}: at {ended} of {len(q)} poses the region of normal numbers passes what bounds allow, and ends"
@@ -310,8 +303,8 @@ def _result(
         sensitivities=S,
         covariance=covariance,
         confidence=float(confidence),
-        radius={part: found for part, (found, _) in spheres.items()},
-        direction=directions,
+        radius={part: found for part, (_, found, _) in regions.items()},
+        direction={part: least for part, (least, _, _) in regions.items()},
         worst=np.abs(reach).sum(axis=2),
         farthest=lengths,
         worst_pose=worst_pose,
@@ -324,55 +317,40 @@ def _result(
     )
 
 
-def _directions(covariance: Array, scaled: Array, reach: Array, is_even: Mask, confidence: float) -> Array:
-    """Half intervals, (N,), along the directions in which a part of the motion is greatest.
+def _regions(
+    covariance: Array, scaled: Array, reach: Array, is_even: Mask, farthest_of_all: Array, confidence: float
+) -> tuple[Array, Array, int]:
+    """Half intervals along the directions in which a part of the motion is greatest, radii of regions, (N,) each.
+
+    Radii are those of normal numbers between two bounds that hold for every distribution: no sphere is smaller than the
+    interval along one direction, and none need be larger than the farthest that even numbers reach with the sphere of
+    the normal ones around it.  Where all motion is along one line the interval is the sphere.
 
     Args:
         covariance: of the part, (N, 3, 3).
         scaled, reach: sensitivities times standard deviations, correlated ones by independent numbers, and times
             bounds, (N, 3, K).
         is_even: which quantities are even within their bounds, (K,); the others are normal.
-        confidence: probability of the intervals.
-    """
-    if not is_even.any():
-        return np.asarray(quantile_of_normal(confidence) * worst_deviations(covariance))
-    along = worst_directions(covariance)[:, np.newaxis]
-    normal, even = (along @ scaled[..., ~is_even])[:, 0], (along @ reach[..., is_even])[:, 0]
-    return mixed_quantiles(np.linalg.norm(normal, axis=1), even, confidence)
-
-
-def _held(
-    least: Array,
-    covariance: Array,
-    scaled: Array,
-    reach: Array,
-    is_even: Mask,
-    farthest_of_all: Array,
-    confidence: float,
-) -> tuple[Array, int]:
-    """Radii of regions, (N,), and at how many poses they end at what bounds allow.
-
-    They are those of normal numbers between two bounds that hold for every distribution: no sphere is smaller than the
-    interval along one direction, and none need be larger than the farthest that even numbers reach with the sphere of
-    the normal ones around it.  Where all motion is along one line the interval is the sphere.
-
-    Args:
-        least: half intervals along the greatest direction, (N,).
-        covariance, scaled, reach, is_even, confidence: as of ``_directions``.
         farthest_of_all: greatest displacements with all at their bounds, (N,).
+        confidence: probability of intervals and regions.
+
+    Returns:
+        also at how many poses regions end at what bounds allow.
     """
     found = radii(covariance, confidence)
     if not is_even.any():
-        return found, 0
-    normal = scaled[..., ~is_even]
+        return np.asarray(quantile_of_normal(confidence) * worst_deviations(covariance)), found, 0
+    normal, even = scaled[..., ~is_even], reach[..., is_even]
+    along = worst_directions(covariance)[:, np.newaxis]
+    least = mixed_quantiles(np.linalg.norm((along @ normal)[:, 0], axis=1), (along @ even)[:, 0], confidence)
     most = farthest_of_all
     if not is_even.all():
-        within = np.array([farthest(row)[0] for row in reach[..., is_even]])
+        within = np.array([farthest(row)[0] for row in even])
         most = within + radii(normal @ normal.transpose(0, 2, 1), confidence)
     variances = np.linalg.eigvalsh(covariance)
     on_a_line = variances[:, 1] <= _LINE * variances[:, 2]
     ended = (found > most * (1.0 + 1e-12)) & ~on_a_line
-    return np.where(on_a_line, least, np.minimum(np.maximum(found, least), most)), int(ended.sum())
+    return least, np.where(on_a_line, least, np.minimum(np.maximum(found, least), most)), int(ended.sum())
 
 
 def _of_bounds(entries: Sequence[tuple[Tolerance, float, float]], shares: Mapping[str, Array]) -> Iterator[str]:
@@ -422,7 +400,7 @@ def _nonlinear(
             [np.diag(bounds), -np.diag(bounds), *((s * bounds)[:, np.newaxis] for v in vertices for s in (v, -v))]
         )
         left = exact.motions(y, np.full(y.shape[1], pose, dtype=np.intp)) - (S[pose] @ y).T
-        for part, at in _COLUMNS.items():
+        for part, at in PARTS.items():
             whole = float(lengths[part].max())
             if whole > 0.0:
                 off = np.linalg.norm(left[:, at], axis=1) / whole
@@ -478,7 +456,7 @@ def _read(file: Contents) -> ToleranceResult:
     return replace(found, t=t)
 
 
-KIND = declare(
+load_tolerance = declare(
     Kind(
         "tolerance",
         ToleranceResult,
@@ -490,13 +468,4 @@ KIND = declare(
         is_finite=False,
     )
 )
-
-
-def load_tolerance(path: Path | str) -> ToleranceResult:
-    """Read the result that ``ToleranceResult.save`` wrote, computed anew from what was asked.
-
-    Raises:
-        InputError: the file cannot be read, or is no such result.
-        DescriptionError: its robot or its table cannot be.
-    """
-    return read(KIND, path)
+"""Read the result that ``ToleranceResult.save`` wrote, computed anew; InputError says what in the file is wrong."""

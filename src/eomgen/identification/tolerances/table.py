@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -57,7 +57,11 @@ class Table:
 
     def refused(self, keys: Sequence[str], where: str, message: str) -> DescriptionError:
         """The error of what has these keys, with its line in the file."""
-        return _refused(self.source, self.text, keys, where, message)
+        where = where if where.isascii() and where.isprintable() else ascii(where)
+        error = DescriptionError(message, where=where, source=self.source, path=tuple(keys))
+        if self.text:
+            locate(error, self.text, parse_toml(self.text, self.source))
+        return error
 
 
 def read_table(given: Mapping[str, Any] | Path | str, known: Sequence[str]) -> Table:
@@ -80,19 +84,19 @@ def read_table(given: Mapping[str, Any] | Path | str, known: Sequence[str]) -> T
             raise DescriptionError(f"the table {show(source)} is no .toml file; allowed: a path that ends in .toml")
         text = read_text(path, source, ".toml file")
         values = parse_toml(text, source)
-    correlations = values.pop(CORRELATIONS, ())
+    table = Table((), source, text, values.pop(CORRELATIONS, ()))
     found: dict[str, Tolerance] = {}
     exact: set[str] = set()
-    for keys, entry in _entries(values, (), source, text):
+    for keys, entry in _entries(table, values, ()):
         name = ".".join(keys)
         names = meant(name, known)
         if not names:
             allowed = f"{nearest(name, known)}; allowed: {listed(known)}"
-            raise _refused(source, text, keys, name, f"there is no such quantity{allowed}")
-        read = _read(entry, keys, source, text)
+            raise table.refused(keys, name, f"there is no such quantity{allowed}")
+        read = _read(table, entry, keys)
         for one in names:
             if "*" not in name and one in exact:
-                raise _refused(source, text, keys, name, "is there twice; allowed: once")
+                raise table.refused(keys, name, "is there twice; allowed: once")
             if "*" not in name or one not in exact:
                 found[one] = Tolerance(one, **read)
         exact |= set() if "*" in name else {name}
@@ -100,20 +104,20 @@ def read_table(given: Mapping[str, Any] | Path | str, known: Sequence[str]) -> T
         raise DescriptionError(f"no quantity is named; allowed: {listed(known)}", source=source)
     if len(found) > MOST:
         raise DescriptionError(f"{len(found)} quantities are named; allowed: up to {MOST}", source=source)
-    return Table(tuple(found[name] for name in known if name in found), source, text, correlations)
+    return replace(table, entries=tuple(found[name] for name in known if name in found))
 
 
 def _entries(
-    values: Mapping[str, Any], before: tuple[str, ...], source: str, text: str
+    table: Table, values: Mapping[str, Any], before: tuple[str, ...]
 ) -> Iterator[tuple[tuple[str, ...], Mapping[str, Any]]]:
     """Names, in the keys that the file has them by, and their tables."""
     for key, value in values.items():
         keys = (*before, str(key))
         if not isinstance(value, Mapping):
             message = f"{show(value)}; allowed: a table such as {{ deviation = 1e-5 }} or {{ bound = 1e-5 }}"
-            raise _refused(source, text, keys, ".".join(keys), message)
+            raise table.refused(keys, ".".join(keys), message)
         if value and all(isinstance(inner, Mapping) for inner in value.values()):
-            yield from _entries(value, keys, source, text)
+            yield from _entries(table, value, keys)
         else:
             yield keys, value
 
@@ -126,12 +130,12 @@ def meant(name: str, known: Sequence[str]) -> list[str]:
     return [one for one in known if pattern.fullmatch(one)]
 
 
-def _read(entry: Mapping[str, Any], keys: Sequence[str], source: str, text: str) -> dict[str, Any]:
+def _read(table: Table, entry: Mapping[str, Any], keys: Sequence[str]) -> dict[str, Any]:
     """Keywords of a Tolerance."""
     name = ".".join(keys)
 
     def refuse(key: str, message: str) -> DescriptionError:
-        return _refused(source, text, (*keys, key), f"{name}.{key}", message)
+        return table.refused((*keys, key), f"{name}.{key}", message)
 
     for key in entry:
         if key not in KEYS:
@@ -139,7 +143,7 @@ def _read(entry: Mapping[str, Any], keys: Sequence[str], source: str, text: str)
     given = [key for key in _SIZES if key in entry]
     if len(given) != 1:
         message = f"has {' and '.join(given) or 'neither deviation nor bound'}; allowed: one of deviation, bound"
-        raise _refused(source, text, keys, name, message)
+        raise table.refused(keys, name, message)
     found: dict[str, Any] = {}
     for key in (*given, *(("cost",) if "cost" in entry else ())):
         value = entry[key]
@@ -158,11 +162,3 @@ def _read(entry: Mapping[str, Any], keys: Sequence[str], source: str, text: str)
             raise refuse(key, f"{show(value)}; allowed: true or false")
         found[field] = value
     return found
-
-
-def _refused(source: str, text: str, keys: Sequence[str], where: str, message: str) -> DescriptionError:
-    where = where if where.isascii() and where.isprintable() else ascii(where)
-    error = DescriptionError(message, where=where, source=source, path=tuple(keys))
-    if text:
-        locate([error], text, parse_toml(text, source))
-    return error

@@ -78,7 +78,7 @@ def plot_tolerance(found: ToleranceResult, path: Path | str) -> Path:
     """A map of the frame's poses from above and from the side, coloured by the radius of the region of position, with
     exaggerated outlines of the ellipsoids of some; returns the path, errors as of ``canvas``.
     """
-    places, radius = 1e3 * found.positions, 1e3 * found.radius[PARTS[0]]
+    places, radius = 1e3 * found.positions, 1e3 * found.radius["position"]
     half, axes = found.ellipsoids()
     extent = max(float(np.ptp(places, axis=0).max()), 1e-3)
     factor = _ELLIPSE * extent / max(1e3 * float(half.max()), 1e-12)
