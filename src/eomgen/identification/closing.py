@@ -6,14 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..arrays import RANK, rank_of
+from ..arrays import RANK, Array, Mask, rank_of
 from ..errors import InputError
 from ..names import listed
 from ..robot.model import Model
 from ..runtime.kernel import Kernel
 from ..state.springs import stiffnesses
 from ..state.vectors import prescribed_mask
-from .arrays import Array, Mask
 
 STRIDE = 16  # samples between those that are closed one after the other; the others are closed at once, from them
 

@@ -19,10 +19,10 @@ from typing import Any
 
 import numpy as np
 
+from ..arrays import Array
 from ..names import joint_of, kind_of, split_component
 from ..robot.model import build_model
 from ..robot.value import MOTOR, Coordinate, Friction, Joint, Link, Motor, Robot
-from .arrays import Array
 from .identifiable import BaseParameters
 
 INERTIAL = ("m", "mx", "my", "mz", "ixx", "ixy", "ixz", "iyy", "iyz", "izz")

@@ -13,6 +13,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
+from ..arrays import Array
 from ..description import RobotLike, as_robot
 from ..errors import InputError
 from ..motion.files import MeasuredMotion, measured_motion
@@ -36,7 +37,6 @@ from ..state.motors import deflections
 from ..state.springs import law_numbers
 from ..state.turning import quaternion_columns
 from ..tabular import Rows, TableColumn, Tabular
-from .arrays import Array
 from .closing import closed_motion
 from .rotating import rotation_derivatives
 from .stiffness.result import KEYS

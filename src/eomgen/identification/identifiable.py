@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..arrays import Array, Index, Mask
 from ..description import RobotLike, as_robot
 from ..errors import InputError
 from ..names import component_name, show
@@ -20,7 +21,6 @@ from ..pipeline.stages import build
 from ..results.contents import Contents
 from ..runtime.kernel import Kernel
 from ..shown import Shown
-from .arrays import Array, Mask, Places
 from .relations import Relations, refuse_followers, relations_of, tree_relations
 
 TERMS = ("links", "rotors", "viscous", "dry", "offset")
@@ -55,7 +55,7 @@ class BaseParameters(Shown):
     robot: str
     terms: tuple[str, ...]
     parameters: tuple[str, ...]
-    chosen: Places
+    chosen: Index
     matrix: Array
     names: tuple[str, ...]
     without_effect: tuple[str, ...]
@@ -93,7 +93,7 @@ class BaseParameters(Shown):
         return {name: getattr(self, name) for name in _TEXTS}
 
     @staticmethod
-    def from_texts(table: Contents, chosen: Places, matrix: Array) -> BaseParameters:
+    def from_texts(table: Contents, chosen: Index, matrix: Array) -> BaseParameters:
         """Return base parameters from a file's table of texts, and numbers as of the attributes.
 
         Raises:
@@ -207,7 +207,7 @@ def with_formulas(
     robot: str,
     terms: Sequence[str],
     names: tuple[str, ...],
-    chosen: Places,
+    chosen: Index,
     matrix: Array,
     relations: Relations | None,
 ) -> BaseParameters:
@@ -237,8 +237,8 @@ def parameter_names(kernel: Kernel, terms: Collection[str], relations: Relations
     return tuple(found)
 
 
-def inertial_places(kernel: Kernel, terms: Collection[str], relations: Relations | None) -> Places:
-    """Places of the kernel's columns that are sought: of links that are not known, and of armatures."""
+def inertial_places(kernel: Kernel, terms: Collection[str], relations: Relations | None) -> Index:
+    """Index of the kernel's columns that are sought: of links that are not known, and of armatures."""
     names, links = kernel.regressor_names, 10 * len(kernel.joints)
     known = relations.known if relations else frozenset()
     of_links = [i for i in range(links) if LINKS in terms and names[i].rpartition(".")[0] not in known]
@@ -299,14 +299,14 @@ def _check_terms(terms: Collection[str]) -> None:
         raise InputError(f"terms: none are given; allowed: one or more of {', '.join(LINEAR)}")
 
 
-def regrouped(W: Array) -> tuple[Places, Array]:
+def regrouped(W: Array) -> tuple[Index, Array]:
     """Columns that depend on no columns before them, and what the others are of these.
 
     Args:
         W: (samples, p), the columns of all parameters, stacked.
 
     Returns:
-        Places of b independent columns, and (b, p): W is W[:, places] times it, but for round-off.  Whole numbers
+        Index of b independent columns, and (b, p): W is W[:, places] times it, but for round-off.  Whole numbers
         are meant to be so.
     """
     lengths = np.linalg.norm(W, axis=0)

@@ -6,8 +6,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from ..arrays import Array
 from ..robot.value import Joint
-from .arrays import Array
 
 _ROUND = 4.0 * np.pi  # rad: joints without limits turn no further
 

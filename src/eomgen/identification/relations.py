@@ -12,13 +12,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..arrays import Array, Mask
 from ..errors import InputError
 from ..motion.files import MeasuredMotion
 from ..names import joint_of, listed, nearest, show
 from ..robot.model import Model, build_model
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
-from .arrays import Array, Mask
 
 OFF = 0.05  # of the rms of a coordinate: by so much measured ones contradict a coupling
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..arrays import Array
 from ..motion.smoothing import local_polynomials
 from ..runtime.turning import angle_rates, body_rates
 from ..state.turning import angle_accelerations, nearest_angles, quaternions
-from .arrays import Array
 
 
 def rotation_derivatives(

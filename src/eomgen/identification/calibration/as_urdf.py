@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...arrays import Array
 from ...description.xml_text import parse_xml
 from ...errors import InputError
 from ...files import check_ending, write_atomically
@@ -16,7 +17,6 @@ from ...motion.turns import rpy_of
 from ...names import unique_identifiers
 from ...robot.bounds import Limits
 from ...robot.value import PRINCIPAL, Joint, Robot
-from ..arrays import Array
 from ..geometry.rotations import pose_from, pose_of
 from ..geometry.stations import matrix_of
 from .as_toml import HEAD, Found

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...arrays import Array
 from ...optional import optional_import
-from ..arrays import Array
 from ..geometry.error_model import PLACEMENT, drive_terms
 from ..geometry.observations import at_rows
 from ..geometry.poses import MeasuredPoses

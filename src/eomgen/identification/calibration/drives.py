@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...arrays import Array
 from ...optional import optional_import
 from ...progress import StageReport
-from ..arrays import Array
 from ..geometry.error_model import Quantity, drive_terms
 from ..geometry.observations import at_rows
 from ..geometry.solve import Fit, Problem, fitted, whitened

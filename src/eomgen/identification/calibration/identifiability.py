@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...arrays import Array
 from ...errors import InputError
-from ..arrays import Array
 from ..geometry.error_model import COMPLIANCE, PLACEMENT, ErrorModel, Quantity, Rows
 from ..geometry.observations import ORIENTATION, Block, Observations, at_rows
 from ..geometry.solve import Fit, Problem, algebraic_rank, normed_triangle, whitened

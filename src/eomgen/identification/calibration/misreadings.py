@@ -12,9 +12,9 @@ from itertools import combinations
 
 import numpy as np
 
+from ...arrays import Array
 from ...errors import InputError
 from ...names import kind_of
-from ..arrays import Array
 from ..geometry.observations import ORIENTATION, POSITION, at_rows
 from ..geometry.poses import Measured, MeasuredPoses
 from ..geometry.rotations import FOUR, READINGS

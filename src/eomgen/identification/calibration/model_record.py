@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ...arrays import Array
 from ...description.recorded import robot_from_record
 from ...errors import InputError
 from ...names import listed, show
@@ -15,7 +16,6 @@ from ...results.contents import Contents
 from ...robot.model import build_model
 from ...robot.record import record_of
 from ...robot.value import COORDINATES
-from ..arrays import Array
 from ..geometry.closing import closing_of
 from ..geometry.error_model import COMPLIANCE, DRIVE, OFFSET, PLACEMENT, ZERO, ErrorModel, Quantity
 from ..geometry.stations import chain_of

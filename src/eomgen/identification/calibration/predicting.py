@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...arrays import Array
 from ...errors import ArrayError, InputError
 from ...robot.model import build_model
 from ...robot.value import COORDINATES
-from ..arrays import Array
 from ..geometry.closing import CLOSED, closed_readings
 from ..geometry.error_model import ErrorModel, State
 

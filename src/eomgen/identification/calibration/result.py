@@ -10,6 +10,7 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ...arrays import Array
 from ...errors import InputError, UnknownNameError
 from ...motion.measured_numbers import ALLOWED_DIVISOR, is_divisor
 from ...names import kind_of, listed, nearest_or_all, show, split_component
@@ -22,7 +23,6 @@ from ...robot.value import Robot
 from ...shown import Shown
 from ...tabular import Rows as TableRows
 from ...tabular import TableColumn, Tabular
-from ..arrays import Array
 from ..geometry.error_model import ErrorModel, Rows
 from ..geometry.observations import ENCODER, ORIENTATION, POSITION
 from .as_toml import Found, write_toml

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array, Places
+from ...arrays import Array, Index
 from ..geometry.observations import Observations
 
 _ERRORS = 3.0  # standard errors of a correlation that is none
@@ -35,7 +35,7 @@ class Serial:
     rho: float
     freedoms: float
     scale: float
-    steps: tuple[tuple[Places, Array], ...]
+    steps: tuple[tuple[Index, Array], ...]
 
     @property
     def effective(self) -> float:
@@ -82,7 +82,7 @@ def serial_of(seen: Observations, series: NDArray[np.int64], white: Array, U: Ar
     return None if high < _LEAST else _at(high, steps, U, white.size)
 
 
-def _at(rho: float, steps: tuple[tuple[Places, Array], ...], U: Array, many: int) -> Serial:
+def _at(rho: float, steps: tuple[tuple[Index, Array], ...], U: Array, many: int) -> Serial:
     """Effective degrees of freedom: those of a chi-square with the mean and variance of the sum of squares."""
     RU = correlated(steps, rho, U)
     of_R = U.T @ RU
@@ -92,7 +92,7 @@ def _at(rho: float, steps: tuple[tuple[Places, Array], ...], U: Array, many: int
     return Serial(rho, max(left**2 / max(variance, 1e-300), 1.0), (many - U.shape[1]) / max(left, 1e-300), steps)
 
 
-def correlated(steps: tuple[tuple[Places, Array], ...], rho: float, X: Array) -> Array:
+def correlated(steps: tuple[tuple[Index, Array], ...], rho: float, X: Array) -> Array:
     """R X, (M, k), with R_ij = rho^(distance in rows) between numbers of one sequence, else 0."""
     found = np.array(X)
     for places, distance in steps:
@@ -109,8 +109,8 @@ def correlated(steps: tuple[tuple[Places, Array], ...], rho: float, X: Array) ->
     return found
 
 
-def _sequences(seen: Observations, series: NDArray[np.int64]) -> Iterator[tuple[Places, Array]]:
-    """Places of a block's numbers, (R, width), and how far rows are behind the one before, infinite in a new series."""
+def _sequences(seen: Observations, series: NDArray[np.int64]) -> Iterator[tuple[Index, Array]]:
+    """Index of a block's numbers, (R, width), and how far rows are behind the one before, infinite in a new series."""
     first = 0
     for block in seen.blocks:
         many = block.rows.size * block.width
@@ -122,7 +122,7 @@ def _sequences(seen: Observations, series: NDArray[np.int64]) -> Iterator[tuple[
         yield places, distance
 
 
-def _neighbours(steps: tuple[tuple[Places, Array], ...], X: Array) -> Array:
+def _neighbours(steps: tuple[tuple[Index, Array], ...], X: Array) -> Array:
     """L X, (M, k), with 1/2 between numbers of neighbouring rows of one sequence, else 0."""
     found = np.zeros_like(X)
     for places, distance in steps:

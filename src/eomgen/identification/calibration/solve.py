@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ...arrays import Array
 from ...description import RobotLike, as_robot
 from ...errors import InputError, UnknownNameError
 from ...motion.measured_numbers import answers_in_numbers
@@ -20,7 +21,6 @@ from ...optional import optional_import
 from ...progress import StageReport, no_report
 from ...robot.model import build_model
 from ...robot.value import COORDINATES, MOTOR, Robot
-from ..arrays import Array
 from ..geometry.closing import Closing, closed_readings, closing_of, held_by_loops
 from ..geometry.error_model import (
     COMPLIANCE,

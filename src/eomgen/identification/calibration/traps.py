@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ...arrays import Array, Index
 from ...errors import InputError
-from ..arrays import Array, Places
 from ..geometry.error_model import Rows
 from ..geometry.observations import ORIENTATION, POSITION, Observations
 from ..geometry.poses import MeasuredPoses
@@ -96,7 +96,7 @@ def odd_angles(poses: MeasuredPoses, chain: Chain, rows: Rows) -> str:
     return odd_angles_of(poses.source, turning)
 
 
-def correlation_within(seen: Observations, fit: Fit, groups: Places) -> tuple[float, float, float]:
+def correlation_within(seen: Observations, fit: Fit, groups: Index) -> tuple[float, float, float]:
     """Correlation of residuals that were measured at once, its standard error if there is none, and how many they are.
 
     groups: number of what was measured at once of every number, (M,).
@@ -127,12 +127,12 @@ def correlation_within(seen: Observations, fit: Fit, groups: Places) -> tuple[fl
     )
 
 
-def _axis(seen: Observations) -> Places:
+def _axis(seen: Observations) -> Index:
     """Which of a block's components every number is, (M,)."""
     return np.concatenate([np.tile(np.arange(block.width), block.rows.size) for block in seen.blocks])
 
 
-def at_once(poses: MeasuredPoses) -> Places:
+def at_once(poses: MeasuredPoses) -> Index:
     """Number, from 0, of what was measured at once, of every row: by ``body``, or where nothing moved between rows."""
     if poses.body is not None:
         return np.unique(poses.body, return_inverse=True)[1].reshape(-1).astype(np.intp)
@@ -140,7 +140,7 @@ def at_once(poses: MeasuredPoses) -> Places:
     return np.concatenate([[0], np.cumsum(moved)]).astype(np.intp)
 
 
-def design_effect(poses: MeasuredPoses, seen: Observations, fit: Fit, units: Places) -> tuple[float, Sequence[str]]:
+def design_effect(poses: MeasuredPoses, seen: Observations, fit: Fit, units: Index) -> tuple[float, Sequence[str]]:
     """By how much variances grow because points were measured together, and a note that says so."""
     rho, error, many = correlation_within(seen, fit, units[seen.row])
     if many <= 1.0 or rho < _TOGETHER * error or rho < 0.05:

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...arrays import Array, Index, Mask
 from ...errors import InputError
 from ...names import show
 from ...optional import optional_import
 from ...progress import StageReport
-from ..arrays import Array, Mask, Places
 from ..geometry.error_model import PLACEMENT, ZERO
 from ..geometry.observations import ORIENTATION, POSITION, at_rows
 from ..geometry.solve import ROUGH, Fit, Problem, fitted, refitted, roughly, whitened
@@ -64,7 +64,7 @@ class Variants:
 
 
 def variants_of(
-    problem: Problem, start: Array, loss: str | None, units: Places, folds: int, confidence: float, report: StageReport
+    problem: Problem, start: Array, loss: str | None, units: Index, folds: int, confidence: float, report: StageReport
 ) -> Variants:
     """Fit all variants and hold out poses.
 
@@ -149,7 +149,7 @@ def medians_of(problem: Problem, found: Variants, variant: str) -> Rms:
     return medians
 
 
-def fold_rows(units: Places, folds: int) -> list[Mask]:
+def fold_rows(units: Index, folds: int) -> list[Mask]:
     """Rows of every fold, (R,) each: parts of the units one behind the other, as even as possible."""
     many = int(units.max()) + 1
     count = min(folds, many)
@@ -183,7 +183,7 @@ def _prior(problem: Problem, size: float) -> Array:
     return np.where(free, _WIDE * model.sizes, size * model.sizes)
 
 
-def _chosen_prior(problem: Problem, fit: Fit, folds: Sequence[Mask], kept: Places | None = None) -> float:
+def _chosen_prior(problem: Problem, fit: Fit, folds: Sequence[Mask], kept: Index | None = None) -> float:
     """Size of the prior that predicts held-out numbers best, by the problem linearised at a fit of all.
 
     kept: places of the numbers that count; others are not looked at.
@@ -234,7 +234,7 @@ def _together(folds: Sequence[Mask], most: int) -> list[Mask]:
     return [np.any([folds[k] for k in part], axis=0) for part in parts]
 
 
-def _gains(problem: Problem, held: Mapping[str, Array], trust: Array, units: Places, confidence: float) -> Gains:
+def _gains(problem: Problem, held: Mapping[str, Array], trust: Array, units: Index, confidence: float) -> Gains:
     """By how much variants are better than placement alone where they have not looked, by variant and kind."""
     kinds = problem.seen.kinds
     found: dict[str, dict[str, Gain]] = {}
@@ -249,7 +249,7 @@ def _gains(problem: Problem, held: Mapping[str, Array], trust: Array, units: Pla
     return {name: gains for name, gains in found.items() if gains}
 
 
-def _gain(before: Array, after: Array, trust: Array, unit: Places, inside: Mask, confidence: float) -> Gain | None:
+def _gain(before: Array, after: Array, trust: Array, unit: Index, inside: Mask, confidence: float) -> Gain | None:
     """Ratio of the rms of two sets of held-out differences, (M,); its interval by the jackknife over units."""
     with optional_import("SciPy", "calibrate needs"):
         from scipy.special import stdtrit

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..arrays import Array, Places
+from ...arrays import Array, Index
 from .information import Criterion, Information, inverse
 
 CLOSE = 1e-3  # gap: of the p-th root of the determinant, or of the squared error
@@ -42,7 +42,7 @@ def bound_of(information: Information, criterion: Criterion, count: int) -> tupl
     return best, gap
 
 
-def _revived(weights: Array, slopes: Array, many: int) -> tuple[Array, Places]:
+def _revived(weights: Array, slopes: Array, many: int) -> tuple[Array, Index]:
     """Weights without those that are next to nothing, and with a little for the candidate that would tell most."""
     usual = float(weights @ slopes)
     kept = np.where((weights > _GONE / many) | (slopes > usual), weights, 0.0)

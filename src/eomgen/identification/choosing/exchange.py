@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..arrays import Places
+from ...arrays import Index
 from .information import Criterion, Information, added, inverse, removed
 
 ENOUGH = 0.95  # of the bound
@@ -17,7 +17,7 @@ _GAIN = 1e-9  # of the function's gain, below which an exchange is none
 
 def chosen_by(
     information: Information, criterion: Criterion, count: int, possible: float, rng: np.random.Generator
-) -> Places:
+) -> Index:
     """Indices of the chosen candidates, each once, the ones that tell most first.
 
     possible: the bound; while less than ENOUGH of it is reached, exchanges begin anew with random candidates.
@@ -35,7 +35,7 @@ def chosen_by(
     return best[_greedy(replace(information, Y=information.Y[best]), criterion, count)]
 
 
-def _greedy(information: Information, criterion: Criterion, count: int) -> Places:
+def _greedy(information: Information, criterion: Criterion, count: int) -> Index:
     """The candidate that gains most, again and again."""
     covariance, left, found = inverse(information.start), np.arange(len(information.Y)), list[int]()
     for _ in range(count):
@@ -46,7 +46,7 @@ def _greedy(information: Information, criterion: Criterion, count: int) -> Place
     return np.array(found, dtype=np.intp)
 
 
-def _exchanged(information: Information, criterion: Criterion, chosen: Places) -> Places:
+def _exchanged(information: Information, criterion: Criterion, chosen: Index) -> Index:
     """The chosen ones with each replaced by the best candidate, until none is better."""
     found = chosen.copy()
     free = np.ones(len(information.Y), dtype=bool)

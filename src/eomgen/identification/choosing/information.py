@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Array
+from ...arrays import Array
 
 DETERMINANT, ERROR = "D", "V"
 CRITERIA = (DETERMINANT, ERROR)

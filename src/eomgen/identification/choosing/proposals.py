@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from ...arrays import Array
 from ...errors import InputError
 from ...names import listed, show
-from ..arrays import Array
 from ..geometry.poses import Measured, MeasuredPoses, blank_frame
 from ..geometry.stations import Chain, located
 from .sampling import Ranges

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
+from ...arrays import Array
 from ...errors import InputError
 from ...files import check_ending, write_csv
 from ...names import component_name, show
@@ -19,7 +20,6 @@ from ...robot.coordinates import MOTIONS
 from ...shown import Shown
 from ...tabular import Rows as TableRows
 from ...tabular import TableColumn, Tabular
-from ..arrays import Array
 from ..calibration.identifiability import merged_rows
 from .information import DETERMINANT
 from .proposals import DISTANCE, POSE

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ...arrays import Array, Mask
 from ...errors import ArrayError, InputError, UnknownNameError
 from ...names import component_name, nearest_or_all, show
 from ...robot.value import COORDINATES, Robot
-from ..arrays import Array, Mask
 from ..geometry.stations import Chain, Located, located
 
 AXES = ("x", "y", "z", "-x", "-y", "-z")

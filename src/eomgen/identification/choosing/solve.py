@@ -12,13 +12,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ...arrays import Array, Index
 from ...description import RobotLike, as_robot
 from ...errors import InputError, UnknownNameError
 from ...motion.exceeding import excess_notes, excesses
 from ...names import nearest_or_all, show
 from ...progress import StageReport, no_report
 from ...robot.model import build_model, tool_of
-from ..arrays import Array, Places
 from ..calibration.identifiability import Identifiable, identifiable
 from ..calibration.result import CalibrationResult, load_calibration
 from ..calibration.solve import Task, links_of, problem_of, two_sizes
@@ -277,7 +277,7 @@ def _refuse_too_few(offer: _Offer, count: int, numbers: int) -> None:
         )
 
 
-def _shown(task: Task, offer: _Offer, chosen: Places) -> Identifiable:
+def _shown(task: Task, offer: _Offer, chosen: Index) -> Identifiable:
     """Ranks, merged quantities and weak directions of the chosen poses with those before."""
     kept = np.concatenate([np.arange(offer.first), offer.first + chosen])
     problem, x = problem_of(task, offer.poses.part(kept), careful=False)

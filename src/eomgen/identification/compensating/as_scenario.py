@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from ...arrays import Array
 from ...files import check_ending, write_atomically
 from ...motion.splines import Spline
 from ...robot.coordinates import FORCES
 from ...robot.value import INERTIA_KEYS
 from ...scenario.value import Integrator, Payload, Scenario, Section, Wrench
-from ..arrays import Array
 
 
 def write_program(result: Any, target: Path) -> list[Path]:

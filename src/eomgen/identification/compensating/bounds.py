@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...arrays import Array, Mask
 from ...motion.splines import Spline
-from ..arrays import Array, Mask
 from .setting import Setting
 
 KNEE = 0.8  # of the room to a limit, up to which a correction stays what it is

@@ -12,11 +12,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ...arrays import Array
 from ...errors import IntegrationError
 from ...progress import Progress
 from ...simulation.controls import JointPD
 from ...simulation.result import SimulationResult
-from ..arrays import Array
 from .bounds import within_limits
 from .reach import Reach, in_tool_axes, tool_error
 from .setting import Setting, places_of

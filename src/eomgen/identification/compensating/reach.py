@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..arrays import Array
+from ...arrays import Array
 from ..geometry.rotations import vectors_of
 
 DAMPING = 1e-2  # of the greatest singular value: directions that need more of the drives are left where they are

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ...arrays import Array
 from ...errors import IntegrationError
 from ...motion.splines import Spline
 from ...progress import Progress
@@ -16,7 +17,6 @@ from ...simulation.assembly import names_in_scenarios
 from ...simulation.initial import initial_state
 from ...simulation.loads import loaded_parameters
 from ...state.equilibrium import static_equilibrium
-from ..arrays import Array
 from .bounds import within_limits
 from .reach import Reach, in_tool_axes, tool_error
 from .setting import Setting, places_of

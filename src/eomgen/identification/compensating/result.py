@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
+from ...arrays import Array
 from ...errors import InputError
 from ...results.kinds import Kind, Saved, declare
 from ...results.stored import Stored
@@ -16,7 +17,6 @@ from ...scenario.recorded import scenario_from_record
 from ...scenario.value import Scenario
 from ...shown import Shown
 from ...tabular import Rows, TableColumn, Tabular
-from ..arrays import Array
 from .as_scenario import write_program
 
 AXES = ("x", "y", "z", "rx", "ry", "rz")  # of the tool: displacements along them and turns about them

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from ...arrays import Array
 from ...errors import InputError, IntegrationError
 from ...progress import Progress
-from ..arrays import Array
 from .reach import tool_error
 from .result import Variant, sizes
 from .setting import Setting

@@ -8,6 +8,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from ...arrays import Array, Index, Mask
 from ...motion.ends import principal_limits
 from ...motion.splines import Spline
 from ...progress import no_progress
@@ -19,7 +20,6 @@ from ...simulation.assembly import Assembly, with_kernel
 from ...simulation.controls import JointPD
 from ...simulation.result import SimulationResult
 from ...simulation.run import run_assembly
-from ..arrays import Array, Mask, Places
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +45,7 @@ class Setting:
     assembly: Assembly
     t: Array
     original: Array
-    index: Places
+    index: Index
     limits: Array
     rates: Array
     weights: Array
@@ -130,7 +130,7 @@ def setting_of(
     )
 
 
-def places_of(kernel: Kernel, setting: Setting) -> tuple[Places, Array]:
+def places_of(kernel: Kernel, setting: Setting) -> tuple[Index, Array]:
     """Coordinates that follow a program rigidly, k of them: driven ones and their motors.
 
     Returns:

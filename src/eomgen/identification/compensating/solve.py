@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ...arrays import Array
 from ...description import RobotLike, as_robot
 from ...errors import InputError
 from ...integration.steps import output_times
@@ -22,7 +23,6 @@ from ...scenario.value import Initial, Scenario, Section
 from ...simulation.assembly import BANDWIDTH, Assembly, assemble, names_in_scenarios
 from ...simulation.result import SimulationResult
 from ...state.motors import shafts
-from ..arrays import Array
 from .bounds import held_back, within_limits
 from .learning import error_of, learn, reach_along
 from .resting import at_rest

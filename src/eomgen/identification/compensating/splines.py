@@ -6,8 +6,8 @@ from functools import cached_property
 
 import numpy as np
 
+from ...arrays import Array
 from ...optional import optional_import
-from ..arrays import Array
 
 DEGREE = 5
 

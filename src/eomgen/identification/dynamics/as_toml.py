@@ -40,7 +40,7 @@ def write_toml(robot: Robot, parameters: Mapping[str, float], comments: Sequence
     """
     check_ending(target, ".toml")
     text = toml_text(robot, parameters, comments, target.parent)
-    return write_compared((robot, robot), text, target, _numbers)
+    return write_compared((robot, robot), text, target, _changed)
 
 
 def toml_text(robot: Robot, parameters: Mapping[str, float], comments: Sequence[str], folder: Path) -> str:
@@ -142,7 +142,7 @@ def _inline(value: Any) -> str:
     return repr(value) if isinstance(value, float) else json.dumps(value)
 
 
-def _numbers(robot: Robot) -> Iterator[tuple[str, Sequence[float | None]]]:
+def _changed(robot: Robot) -> Iterator[tuple[str, Sequence[float | None]]]:
     """Numbers of a description that an identification changes, by names of links and coordinates."""
     for link in robot.links:
         yield link.name, (link.mass, *link.com, *link.inertia)

@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...arrays import Array
 from ...names import component_name
 from ...robot.coordinates import force_unit_of, unit_of
-from ..arrays import Array
 from ..identifiable import regrouped
 from .result import Further
 
@@ -179,7 +179,7 @@ class Sought:
 
 
 def told_apart(R: Array, base: int) -> tuple[int, ...]:
-    """Places of the drives whose gains can be told from base parameters and from gains before them.
+    """Index of the drives whose gains can be told from base parameters and from gains before them.
 
     Args:
         R: triangle of the columns of base parameters and of the gains of all drives, by what some values of the former

@@ -9,12 +9,12 @@ from functools import partial
 
 import numpy as np
 
+from ...arrays import Array, Index, Mask
 from ...errors import InputError
 from ...motion.files import MeasuredMotion
 from ...motion.smoothing import Differentiator, bell, filtered, noise_deviation
 from ...names import component_name
 from ...runtime.kernel import Kernel
-from ..arrays import Array, Mask, Places
 from ..estimating import FIRST, block_count, least_samples
 from ..identifiable import TRANSMISSIONS, BaseParameters, columns, inertial_places, regrouped, with_formulas
 from .further import FRACTIONS, GAINS, NEIGHBOURS, SHAPES, STRIBECK, Sought, State, told_apart
@@ -431,7 +431,7 @@ class Solution:
     covariance: Array
     fitted: Array
     held_out: Array
-    counts: Places
+    counts: Index
     noise_share: Array
 
     @classmethod

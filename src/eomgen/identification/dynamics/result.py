@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
+from ...arrays import Array, Mask
 from ...description.recorded import robot_from_record
 from ...errors import InputError
 from ...results.contents import Contents
@@ -17,7 +18,6 @@ from ...robot.coordinates import force_unit_of
 from ...robot.record import record_of
 from ...robot.value import Robot
 from ...shown import Shown
-from ..arrays import Array, Mask
 from ..identifiable import BaseParameters
 from .as_toml import write_toml
 

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from ...arrays import Array, Mask
 from ...description import RobotLike, as_robot
 from ...errors import InputError
 from ...motion.files import MeasuredMotion, measured_motion
@@ -28,7 +29,6 @@ from ...progress import StageReport
 from ...robot.model import build_model
 from ...robot.value import MOTOR, Friction, Robot
 from ...runtime.kernel import Kernel
-from ..arrays import Array, Mask
 from ..consistent import doubt, nearest_bodies, with_parameters
 from ..estimating import HALF_WIDTHS, even_step
 from ..identifiable import LINEAR, TERMS, TRANSMISSIONS, BaseParameters, combinations, parameter_names

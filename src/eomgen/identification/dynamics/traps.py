@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from ...arrays import Array, Mask
 from ...errors import InputError
 from ...motion.files import MeasuredMotion
 from ...motion.smoothing import Differentiator
 from ...names import component_name
 from ...robot.value import ANGULAR, PRINCIPAL, Robot
-from ..arrays import Array, Mask
 from ..estimating import FIRST
 from ..odd_angles import odd_angles_of
 from .regression import Data, Solution

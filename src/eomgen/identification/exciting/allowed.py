@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ...arrays import Array
 from ...errors import ArrayError, InputError, UnknownNameError
 from ...limits import LARGEST, SMALLEST, is_usable
 from ...motion.ends import principal_limits
@@ -16,7 +17,6 @@ from ...names import joint_of, listed, nearest_or_all, show
 from ...robot.coordinates import unit_of
 from ...robot.mechanism import leading_home
 from ...robot.value import Robot
-from ..arrays import Array
 
 Amounts = float | Mapping[str, float]
 

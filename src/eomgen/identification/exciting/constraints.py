@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...arrays import Array, Index
 from ...robot.coordinates import force_unit_of, unit_of
 from ...runtime.kernel import Kernel
-from ..arrays import Array, Places
 from .allowed import Limits, Region
 
 Course = tuple[Array, Array, Array]  # coordinates, rates and accelerations of all coordinates, (T, n) each
@@ -47,7 +47,7 @@ class _Direct(Held):
     """Coordinates, rates or accelerations themselves; order: 0, 1 or 2."""
 
     order: int
-    index: Places
+    index: Index
 
     def values(self, course: Course) -> Array:
         return np.asarray(course[self.order][:, self.index])
@@ -63,7 +63,7 @@ class _Drives(Held):
     """Drives without dry friction, between limits that leave room for it, whichever way it acts."""
 
     kernel: Kernel
-    index: Places
+    index: Index
 
     def values(self, course: Course) -> Array:
         return np.asarray(self.kernel.inverse_dynamics(*course))[:, self.index]

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..arrays import Array
+from ...arrays import Array
 
 Function = Callable[[Array], tuple[float, Array]]  # its value and gradient
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ...arrays import Array
 from ...shown import Shown
-from ..arrays import Array
 
 
 @dataclass(frozen=True, eq=False)  # arrays have no one truth

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ...arrays import Array, Index
 from ...errors import InputError
-from ..arrays import Array, Places
 from .allowed import Limits
 from .constraints import Course, Held, barrier, widths
 from .descending import descended
@@ -19,7 +19,7 @@ LED = 10  # of these, the nearest ones
 STEPS = 100  # on the way, at most
 
 
-def standing(limits: Limits, held: Sequence[Held], n: int, index: Places, rng: np.random.Generator) -> Array:
+def standing(limits: Limits, held: Sequence[Held], n: int, index: Index, rng: np.random.Generator) -> Array:
     """Poses in which a robot may stand, (P, m).
 
     Args:

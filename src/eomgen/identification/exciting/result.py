@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
+from ...arrays import Array
 from ...errors import InputError
 from ...files import check_ending, write_atomically, write_csv
 from ...motion.files import SUFFIXES
@@ -17,7 +18,6 @@ from ...results.contents import Contents
 from ...results.kinds import Kind, Saved, declare
 from ...results.stored import ALLOWED, Stored
 from ...shown import Shown
-from ..arrays import Array
 from ..identifiable import BaseParameters
 from .fourier import FourierSeries
 from .telling import CRITERIA

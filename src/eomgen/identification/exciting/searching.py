@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..arrays import Array, Places
+from ...arrays import Array, Index
 from .allowed import Limits
 from .constraints import Course, Held, barrier, beyond
 from .descending import descended
@@ -47,7 +47,7 @@ class Search:
     harmonics: int
     held: tuple[Held, ...]
     n: int
-    index: Places
+    index: Index
 
     @cached_property
     def combined(self) -> Array:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ...arrays import Array, Index
 from ...description import RobotLike, as_robot
 from ...errors import InputError
 from ...limits import LARGEST, SMALLEST, is_usable
@@ -23,7 +24,6 @@ from ...robot.coordinates import force_unit_of
 from ...robot.model import build_model
 from ...robot.value import PRINCIPAL, Robot
 from ...runtime.kernel import Kernel
-from ..arrays import Array, Places
 from ..dynamics.solve import without_sought
 from ..estimating import FIRST, least_samples
 from ..identifiable import TERMS, BaseParameters, combinations
@@ -279,7 +279,7 @@ def _telling(
     return Telling(kernel, base, search.index, deviation, sizes, turning), notes if unknown else []
 
 
-def _rms(values: Sequence[Array], index: Places) -> Array:
+def _rms(values: Sequence[Array], index: Index) -> Array:
     """Median over motions of the rms over time, (m,)."""
     return np.asarray(np.median([np.sqrt((x[:, index] ** 2).mean(axis=0)) for x in values], axis=0))
 

@@ -7,9 +7,9 @@ from functools import cached_property
 
 import numpy as np
 
+from ...arrays import Array, Index
 from ...names import component_name
 from ...runtime.kernel import Kernel
-from ..arrays import Array, Places
 from ..identifiable import FRICTION, BaseParameters
 from .constraints import Course
 
@@ -37,7 +37,7 @@ class Telling:
 
     kernel: Kernel
     base: BaseParameters
-    index: Places
+    index: Index
     noise: Array
     sizes: Array
     turning: Array
@@ -83,7 +83,7 @@ class Telling:
         return v / root, self.turning[row] ** 2 / root**3
 
     @cached_property
-    def _inertial(self) -> tuple[Places, Places]:
+    def _inertial(self) -> tuple[Index, Index]:
         """Numbers of the combinations that begin with an inertial parameter, and of its regressor's columns."""
         known = {name: k for k, name in enumerate(self.kernel.regressor_names)}
         names = [self.base.parameters[j] for j in self.base.chosen]

@@ -10,13 +10,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...arrays import RANK, independent_columns, rank_of
+from ...arrays import RANK, Array, independent_columns, rank_of
 from ...errors import InputError
 from ...names import component_name, joint_of, kind_of, listed
 from ...robot.cuts import rigid_parts
 from ...robot.model import Model
 from ...robot.value import COORDINATES, MOTOR, PRINCIPAL, Robot
-from ..arrays import Array
 from .stations import Chain, Located, cross, jacobian, located
 
 Place = tuple[int, int]  # station and coordinate
@@ -125,7 +124,7 @@ class Closing:
 
 
 def held_by_loops(model: Model, chain: Chain, closing: Closing, places: Sequence[Place]) -> list[Place]:
-    """Places of some whose deflections passive coordinates cannot take up: loops share them among several."""
+    """Index of some whose deflections passive coordinates cannot take up: loops share them among several."""
     G = _home_slopes(model, chain, replace(closing, kept=()))
     ks, cs = np.array(closing.passive, dtype=np.intp).reshape(-1, 2).T
     free = G[:, ks, cs]

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ...arrays import Array
 from ...errors import ArrayError, InputError
 from ...motion.csv_columns import read_csv
 from ...motion.measured_numbers import ALLOWED_DIVISOR, checked_numbers, is_divisor
 from ...names import listed, show, split_component
 from ...npz import read_npz
 from ...robot.coordinates import MOTIONS
-from ..arrays import Array
 
 COVARIANCE_RULE = "columns F.x F.y F.z, or these and F.rx F.ry F.rz, of a frame F, and as many lines as columns"
 _SYMMETRIC = 1e-9  # relative: by more than that sides differ

@@ -14,11 +14,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arrays import Array, Index
 from ...names import component_name, parameter_name
 from ...robot.coordinates import UNITS
 from ...robot.cuts import rigid_parts
 from ...robot.value import COORDINATES, MOTOR, Robot
-from ..arrays import Array, Places
 from .closing import Closing
 from .poses import MeasuredPoses, rows_at
 from .stations import Chain, Located, Station, forces_on, jacobian, located
@@ -76,7 +76,7 @@ class Rows:
     direction: Array
     temperature: Array | None
 
-    def part(self, chosen: Places) -> Rows:
+    def part(self, chosen: Index) -> Rows:
         """The same of some of the rows."""
         return rows_at(self, chosen)
 
@@ -112,7 +112,7 @@ class ErrorModel:
     def _tool(self, frame: str) -> Station:
         return self.chain.stations[self.chain.tools[frame]]
 
-    def indices(self, *kinds: str) -> Places:
+    def indices(self, *kinds: str) -> Index:
         """Indices of the quantities of these kinds."""
         return np.array([i for i, quantity in enumerate(self.quantities) if quantity.kind in kinds], dtype=np.intp)
 

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...arrays import Array, Index, Mask
 from ...errors import ArrayError, InputError
 from ...motion.measured_numbers import ALLOWED_DIVISOR, is_divisor
 from ...names import listed, show
 from ...robot.coordinates import MOTIONS
-from ..arrays import Array, Mask, Places
 from .covariances import matrices_of, whitening_factor
 from .error_model import ErrorModel, Rows, State
 from .poses import Measured, MeasuredPoses
@@ -32,7 +32,7 @@ class Block:
 
     frame: str
     kind: str
-    rows: Places
+    rows: Index
     values: Array
     place: tuple[int, int] = (0, 0)
 
@@ -58,12 +58,12 @@ class Observations:
     """
 
     blocks: tuple[Block, ...]
-    group: Places
-    row: Places
-    sample: Places
+    group: Index
+    row: Index
+    sample: Index
     sigma: Array
     weight: Array
-    mixed: tuple[tuple[Places, Array], ...]
+    mixed: tuple[tuple[Index, Array], ...]
 
     @property
     def kinds(self) -> NDArray[np.str_]:
@@ -111,8 +111,8 @@ class Observations:
             scaled[places] = root[..., np.newaxis] * (factor @ columns[places])
         return np.asarray(scaled.reshape(values.shape))
 
-    def part(self, kept: Mask) -> Places:
-        """Places of the numbers whose rows are kept, (R,) of the file."""
+    def part(self, kept: Mask) -> Index:
+        """Index of the numbers whose rows are kept, (R,) of the file."""
         return np.flatnonzero(kept[self.row])
 
 
@@ -145,7 +145,7 @@ def observations_of(
         InputError: a standard deviation is missing in some rows, a covariance is none.
     """
     usual = (np.nan, np.nan) if noise is None else usual_noise(noise)
-    blocks, sigma, sample = list[Block](), list[Array](), list[Places]()
+    blocks, sigma, sample = list[Block](), list[Array](), list[Index]()
     first = 0
     starts: dict[tuple[str, str], tuple[int, Block]] = {}
     for k, (frame, measured) in enumerate(poses.frames.items()):
@@ -232,8 +232,8 @@ def two_divisors(label: str, given: ArrayLike, units: str) -> tuple[float, float
 
 def _mixed(
     poses: MeasuredPoses, frame: str, value: ArrayLike, starts: Mapping[tuple[str, str], tuple[int, Block]]
-) -> tuple[Places, Array, Array]:
-    """Places of a frame's numbers that a covariance is of, inverse Cholesky factors, and standard deviations."""
+) -> tuple[Index, Array, Array]:
+    """Index of a frame's numbers that a covariance is of, inverse Cholesky factors, and standard deviations."""
     if (frame, POSITION) not in starts:
         known = [name for name, kind in starts if kind == POSITION]
         raise InputError(f"covariance: {show(frame)} has no measured position; allowed: {listed(known)}")

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..arrays import Array
+from ...arrays import Array
 from .error_model import ErrorModel, Rows
 from .observations import DISTANCE, ORIENTATION, POSITION, Observations
 from .rotations import nearest_rotation, pose_of

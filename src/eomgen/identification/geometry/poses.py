@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arrays import Array, Index, Mask
 from ...errors import InputError
 from ...motion.csv_columns import read_csv
 from ...motion.measured_numbers import ALLOWED_DIVISOR, checked_numbers, is_divisor
@@ -17,7 +18,6 @@ from ...names import listed, nearest, show, split_component
 from ...npz import read_npz
 from ...robot.coordinates import FORCES, MOTIONS
 from ...shown import Shown
-from ..arrays import Array, Mask, Places
 from .rotations import FOUR, READINGS
 
 Table = TypeVar("Table")
@@ -79,7 +79,7 @@ def blank_frame(frame: str, rows: int) -> Measured:
     )
 
 
-def rows_at(table: Table, kept: Places | Mask) -> Table:
+def rows_at(table: Table, kept: Index | Mask) -> Table:
     """Some rows of a dataclass: of its fields that are arrays, and of tables of arrays."""
     found: dict[str, Any] = {}
     for name, value in vars(table).items():
@@ -116,7 +116,7 @@ class MeasuredPoses(Shown):
     source: str = "poses"
     lines: NDArray[np.int32] | None = None
 
-    def part(self, kept: Places) -> MeasuredPoses:
+    def part(self, kept: Index) -> MeasuredPoses:
         """The same of some of the rows."""
         return rows_at(replace(self, frames={name: rows_at(m, kept) for name, m in self.frames.items()}), kept)
 

@@ -9,8 +9,8 @@ from itertools import product
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ...arrays import Array
 from ...motion.turns import rotation_of, vector_of
-from ..arrays import Array
 
 _SMALL = 1e-7  # sine of an angle below which it is the angle
 _SERIES = 1e-4  # sine of an angle below which a series takes the place of a quotient

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array, Mask, Places
+from ...arrays import Array, Index, Mask
 from .error_model import ErrorModel, Rows
 from .observations import Observations, at_rows
 
@@ -47,9 +47,9 @@ class Problem:
     model: ErrorModel
     rows: Rows
     seen: Observations
-    active: Places
+    active: Index
     prior: Array | None = None
-    kept: Places | None = None
+    kept: Index | None = None
 
 
 @dataclass(frozen=True)
@@ -146,7 +146,7 @@ def roughly(problem: Problem, x: Array, steps: int = ROUGH) -> Array:
     return _descend(problem, x, r, A, sigma, ones, places, steps)[0]
 
 
-def refitted(problem: Problem, fit: Fit, kept: Places, steps: int = 4) -> Array:
+def refitted(problem: Problem, fit: Fit, kept: Index, steps: int = 4) -> Array:
     """Values, (P,), fitted to some of the numbers alone, from a fit of all: its noise and weights stay."""
     part = replace(problem, kept=kept)
     r, A = at_rows(problem.model, problem.rows, problem.seen, fit.x)
@@ -165,7 +165,7 @@ def _weighed(seen: Observations, values: Array, sigma: Array, trust: Array) -> A
 
 
 def _descend(
-    problem: Problem, x: Array, r: Array, A: Array, sigma: Array, trust: Array, kept: Places, steps: int = _STEPS
+    problem: Problem, x: Array, r: Array, A: Array, sigma: Array, trust: Array, kept: Index, steps: int = _STEPS
 ) -> tuple[Array, Array, Array, _Linear]:
     """Values, differences and sensitivities at the least sum of squares near x, and the problem linearised there.
 
@@ -204,7 +204,7 @@ def _descend(
     return x, r, A, linear
 
 
-def _linear(problem: Problem, r: Array, A: Array, x: Array, sigma: Array, trust: Array, kept: Places) -> _Linear:
+def _linear(problem: Problem, r: Array, A: Array, x: Array, sigma: Array, trust: Array, kept: Index) -> _Linear:
     """The problem linearised at x, in the directions that show: above round-off and above noise.
 
     A prior is a row for each quantity; it holds all directions, so that none is hidden.
@@ -243,7 +243,7 @@ def _scaled(
     estimated: Mask,
     r: Array,
     trust: Array,
-    kept: Places,
+    kept: Index,
     leverage: Array,
     scale: Callable[[Array, Array, Array, Array], float | None],
 ) -> Array:
@@ -286,7 +286,7 @@ def _robust_size(r: Array, weight: Array, trust: Array, leverage: Array) -> floa
 
 
 def _trust(
-    seen: Observations, r: Array, sigma: Array, loss: Callable[[Array], Array], kept: Places, rescaled: bool
+    seen: Observations, r: Array, sigma: Array, loss: Callable[[Array], Array], kept: Index, rescaled: bool
 ) -> Array:
     """Weights of all numbers, (M,), one for each sample, by its size beside the noise, or beside the usual sample."""
     white = seen.whiten(r, sigma) ** 2

@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...arrays import Array
 from ...robot.value import COORDINATES, PRINCIPAL, Joint, Placement, Robot
-from ..arrays import Array
 from .rotations import pose_from, pose_of
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Array
+from ...arrays import Array
 from .attained import Path, Record
 from .formulas import arc, at_planes, between, corner_overshoot, distance_to_path
 from .result import CornerFigures

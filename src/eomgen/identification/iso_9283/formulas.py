@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Array, Places
+from ...arrays import Array, Index
 from ..geometry.rotations import vectors_of
 
 STEADY = 0.99  # of the greatest commanded speed, from which on a path's speed is looked at
@@ -98,8 +98,8 @@ def arc(points: Array) -> Array:
     return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
 
 
-def at_planes(points: Array, along: Array, near: Places, attained: Array) -> Array:
-    """Places at which an attained path goes through the normal planes of the commanded one.
+def at_planes(points: Array, along: Array, near: Index, attained: Array) -> Array:
+    """Index at which an attained path goes through the normal planes of the commanded one.
 
     Args:
         points, along: of the commanded path, (m, 3) and its unit tangents.

@@ -9,12 +9,12 @@ from pathlib import Path as File
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arrays import Array, Index
 from ...errors import InputError, UnknownNameError
 from ...motion.csv_columns import read_csv
 from ...motion.measured_numbers import checked_numbers
 from ...names import component_name, listed, nearest, show, split_component
 from ...npz import read_npz
-from ..arrays import Array, Places
 from ..geometry.poses import QUATERNION, ROTATIONS, TURNED, rows_at
 from ..geometry.rotations import FOUR, READINGS
 from .attained import Measured, Path, Pose, Record
@@ -183,7 +183,7 @@ class _Gathered:
     cycles: dict[int, Record]
 
 
-_Commands = Callable[[int, Places], Record]
+_Commands = Callable[[int, Index], Record]
 
 
 def _commands(table: _Rows, given: _Rows | None, kind: str, frame: str, rotation: str) -> _Commands:
@@ -204,7 +204,7 @@ def _commands(table: _Rows, given: _Rows | None, kind: str, frame: str, rotation
     known = None if given is None else _numbers(given, kind)
     rows_of = {} if known is None else {int(known[rows[0]]): rows for rows in _groups(known)}
 
-    def commands(number: int, rows: Places) -> Record:
+    def commands(number: int, rows: Index) -> Record:
         chosen = rows_of.get(number) if given is not None else rows
         if chosen is None:
             assert given is not None
@@ -237,7 +237,7 @@ def _gather(
         gathered.cycles[label] = rows_at(record, rows)
 
 
-def _groups(*keys: NDArray[np.int64]) -> list[Places]:
+def _groups(*keys: NDArray[np.int64]) -> list[Index]:
     """Rows that have the same keys, in their order; groups by rising keys, the first key first."""
     order = np.lexsort(keys[::-1])
     changes = np.logical_or.reduce([np.diff(key[order]) != 0 for key in keys])
@@ -257,7 +257,7 @@ def _cycles(table: _Rows, kind: str, numbers: NDArray[np.int64]) -> NDArray[np.i
     return cycle
 
 
-def _check_rows(table: _Rows, kind: str, what: str, rows: Places) -> None:
+def _check_rows(table: _Rows, kind: str, what: str, rows: Index) -> None:
     t = table.columns.get("t")
     if t is None:
         if kind == "pose" and len(rows) > 1:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...arrays import Array, Index, Mask
 from ...errors import InputError
-from ..arrays import Array, Mask, Places
 from ..geometry.poses import rows_at
 from .attained import Path, Record
 from .corners import corner_figures
@@ -89,7 +89,7 @@ def _by_planes(path: Path, command: Record) -> tuple[Array, Array | None, Mask]:
     return np.stack(positions), whole, kept
 
 
-def _near(command: Record, record: Record, share: Array) -> Places:
+def _near(command: Record, record: Record, share: Array) -> Index:
     """Samples of a cycle that are about where the points of the command are: at the same time, or share of the way."""
     if command.t is not None and record.t is not None:
         found = np.searchsorted(record.t - record.t[0], command.t - command.t[0])

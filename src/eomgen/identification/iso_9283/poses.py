@@ -7,9 +7,9 @@ from itertools import pairwise
 
 import numpy as np
 
+from ...arrays import Array
 from ...errors import InputError, UnknownNameError
 from ...names import listed, nearest, show
-from ..arrays import Array
 from .attained import Pose, Record
 from .formulas import arc, deviations, scatter, stabilization, turns_from
 from .result import DistanceFigures, PoseFigures, StopFigures, VariationFigures, vector

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from ...arrays import Array
 from ...errors import InputError
 from ...forms.plain import value_of
 from ...results.contents import Contents
 from ...results.kinds import Kind, Saved, declare
 from ...shown import Shown
 from ...tabular import Rows, TableColumn, Tabular
-from ..arrays import Array
 
 Vector = tuple[float, float, float]
 

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from ...arrays import Array
 from ...description import RobotLike
 from ...errors import EomgenError, InputError
 from ...names import show
 from ...progress import Progress
 from ...simulation.result import SimulationResult
 from ...sweep.plan import Plan
-from ..arrays import Array
 from ..geometry.rotations import vectors_of
 from .attained import Measured, Path, Pose, Record
 from .formulas import speeds

@@ -27,7 +27,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...arrays import RANK
+from ...arrays import RANK, Array
 from ...description import RobotLike, as_robot
 from ...errors import InputError, UnknownNameError
 from ...motion.files import MeasuredMotion, measured_motion
@@ -42,7 +42,6 @@ from ...robot.model import Model, build_model
 from ...robot.value import MOTOR, PRINCIPAL, Robot
 from ...runtime.kernel import Kernel
 from ...state.springs import cut_numbers, law_numbers
-from ..arrays import Array
 from ..closing import closed_motion
 from ..estimating import FIRST, HALF_WIDTHS, SIGNAL, block_count, even_step, least_samples
 from ..relations import refuse_followers

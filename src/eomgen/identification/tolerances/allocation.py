@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 
+from ...arrays import Array, Mask
 from ...errors import InputError
 from ...limits import LARGEST, is_usable
 from ...names import listed, show
 from ...results.contents import plain_fields
 from ...shown import Shown
-from ..arrays import Array, Mask
 from .regions import radii
 
 _ROUNDS = 20  # of the ratio between radius and trace, which changes little

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...arrays import Array, Index
 from ...names import parameter_name
 from ...robot.coordinates import UNITS
 from ...robot.value import COORDINATES, Robot
-from ..arrays import Array, Places
 from ..geometry.closing import Closing
 from ..geometry.error_model import COMPLIANCE, DRIVE, JOINTS, ErrorModel, Quantity, Rows, compliances_of, quantities_of
 from ..geometry.rotations import vectors_of
@@ -122,7 +122,7 @@ class Exact:
                 x[i] = 1.0 / (one.described + off) if one.is_stiffness and one.described else x[i] + factor * off
         return x
 
-    def poses(self, y: Array, chosen: Places) -> tuple[Array, Array]:
+    def poses(self, y: Array, chosen: Index) -> tuple[Array, Array]:
         """Rotation (M, 3, 3) and position (M, 3), m, of the tool, with deviations (K, M), at the poses ``chosen``."""
         R, p = np.empty((len(chosen), 3, 3)), np.empty((len(chosen), 3))
         for first in range(0, len(chosen), CHUNK):
@@ -131,7 +131,7 @@ class Exact:
             R[part], p[part] = found.R[self.tool], found.p[self.tool]
         return R, p
 
-    def motions(self, y: Array, chosen: Places) -> Array:
+    def motions(self, y: Array, chosen: Index) -> Array:
         """Displacement (m) and rotation vector (rad) of the tool, (M, 6), base axes; arguments as of ``poses``."""
         which, places = np.unique(chosen, return_inverse=True)
         R0, p0 = self.poses(np.zeros((len(self.contributions), len(which))), which)

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from ...arrays import Array, Index
 from ...errors import DescriptionError
 from ...names import listed, nearest, show
-from ..arrays import Array, Places
 from .table import CORRELATIONS, MOST, Table, meant
 
 KEYS = ("names", "coefficient", "matrix")
@@ -48,7 +48,7 @@ def read_correlations(table: Table) -> Array:
     return found
 
 
-def groups_of(correlation: Array) -> list[Places]:
+def groups_of(correlation: Array) -> list[Index]:
     """Indices of quantities that are correlated with each other, directly or by others, by groups of at least two."""
     linked = correlation != 0.0
     left = set(np.flatnonzero(linked.sum(axis=1) > 1).tolist())

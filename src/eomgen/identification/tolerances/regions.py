@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...arrays import Array
 from ...optional import optional_import
-from ..arrays import Array
 
 _NODES = 32  # directions in a quarter of the plane
 _ROUND = 1e-6  # a r below which D(a r) / a is r

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ...arrays import Array, Index
 from ...errors import InputError, UnknownNameError
 from ...names import listed, nearest_or_all, show
 from ...results.contents import plain_fields
@@ -15,7 +16,6 @@ from ...robot.coordinates import MOTIONS
 from ...shown import Shown
 from ...tabular import Rows as TableRows
 from ...tabular import TableColumn, Tabular
-from ..arrays import Array, Places
 from .allocation import Allocation, allocated
 from .contributions import Exact
 from .correlations import groups_of, plain_correlations, root_of
@@ -115,7 +115,7 @@ class ToleranceResult(Shown, Tabular, Saved):
         return float(self.shares[part][self.names.index(name)])
 
     @property
-    def by_share(self) -> Places:
+    def by_share(self) -> Index:
         """Indices of the quantities, (K,), the greatest share first, of position or orientation, whatever its sign."""
         largest = np.maximum(*(np.abs(self.shares[part]) for part in PARTS))
         return np.argsort(-largest, kind="stable")
@@ -148,7 +148,7 @@ class ToleranceResult(Shown, Tabular, Saved):
 
     @property
     def positions(self) -> Array:
-        """Places of the frame at the poses, without what is off, (N, 3), m, in the base frame."""
+        """Index of the frame at the poses, without what is off, (N, 3), m, in the base frame."""
         return self.exact.poses(np.zeros((len(self.names), len(self.q))), np.arange(len(self.q)))[1]
 
     def allocate(self, accuracy: float) -> Allocation:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ...arrays import Array, Mask
 from ...description import RobotLike, as_robot
 from ...description.recorded import robot_from_record
 from ...errors import ArrayError, InputError, UnknownNameError
@@ -27,7 +28,6 @@ from ...results.kinds import Kind, declare
 from ...robot.model import Model, build_model, tool_of
 from ...robot.record import record_of
 from ...robot.value import COORDINATES, MOTOR, PRINCIPAL, Robot
-from ..arrays import Array, Mask
 from ..geometry.closing import closed_readings, closing_of
 from ..geometry.error_model import Rows
 from ..geometry.stations import Chain, chain_of, matrix_of

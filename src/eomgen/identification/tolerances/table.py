@@ -60,7 +60,7 @@ class Table:
         where = where if where.isascii() and where.isprintable() else ascii(where)
         error = DescriptionError(message, where=where, source=self.source, path=tuple(keys))
         if self.text:
-            locate(error, self.text, parse_toml(self.text, self.source))
+            locate([error], self.text, parse_toml(self.text, self.source))
         return error
 
 

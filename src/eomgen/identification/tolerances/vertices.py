@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..arrays import Array
+from ...arrays import Array
 
 _FLAT = 1e-12  # of the greatest product: on the facet
 
