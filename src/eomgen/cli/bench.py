@@ -23,10 +23,9 @@ def _bench(options: argparse.Namespace) -> None:
 
 COMMANDS = (
     Command(
-        "bench",
-        "operation counts and times beside a Newton-Euler algorithm in C",
         _add_bench,
         _bench,
-        (("bench ur5", "operation counts and times beside Newton-Euler"),),
+        "operation counts and times beside a Newton-Euler algorithm in C",
+        {"bench ur5": "operation counts and times beside Newton-Euler"},
     ),
 )

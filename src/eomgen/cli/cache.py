@@ -38,10 +38,9 @@ def _cache(options: argparse.Namespace) -> None:
 
 COMMANDS = (
     Command(
-        "cache",
-        "where compiled kernels are kept, how many, how large",
         _add_cache,
         _cache,
-        (("cache --clear", "remove compiled kernels"),),
+        "where compiled kernels are kept, how many, how large",
+        {"cache --clear": "remove compiled kernels"},
     ),
 )

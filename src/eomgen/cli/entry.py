@@ -25,7 +25,6 @@ from . import (
     pictures,
     robots,
     simulate,
-    small_motions,
     states,
     structures,
     sweep,
@@ -38,7 +37,7 @@ INTERRUPTED = 130
 
 _GROUPS = (  # in the order of eomgen --help
     *(robots, files, equations, simulate, measured, structures, states),
-    *(small_motions, sweep, export, pictures, live, bench, cache),
+    *(sweep, export, pictures, live, bench, cache),
 )
 COMMANDS: tuple[Command, ...] = tuple(command for group in _GROUPS for command in group.COMMANDS)
 NAMES = tuple(command.name for command in COMMANDS)
@@ -105,7 +104,9 @@ def make_parser(names: Collection[str] = NAMES) -> argparse.ArgumentParser:
 def _examples() -> str:
     """Text below the list of commands: each command's examples, and what a ROBOT is."""
     lines = [
-        f"{f'  eomgen {words}':<{EXAMPLE_WIDTH}}   {what}" for command in COMMANDS for words, what in command.examples
+        f"{f'  eomgen {words}':<{EXAMPLE_WIDTH}}   {what}"
+        for command in COMMANDS
+        for words, what in command.examples.items()
     ]
     robot = "ROBOT is the name of a built-in robot, or the path of a .toml, .urdf, .xacro or .xml (MJCF) file."
     return "\n".join(["examples:", *lines, "", robot, ""])

@@ -84,21 +84,19 @@ def _generate(options: argparse.Namespace) -> None:
 
 COMMANDS = (
     Command(
-        "derive",
-        "closed-form equations of a small robot, for a reader",
         _add_derive,
         _derive,
-        (("derive one_link --latex", "equations in closed form, for small robots"),),
+        "closed-form equations of a small robot, for a reader",
+        {"derive one_link --latex": "equations in closed form, for small robots"},
     ),
     Command(
-        "generate",
-        "write and compile an importable package",
         _add_generate,
         _generate,
-        (
-            ("generate arm.toml -o generated", "write and compile generated/arm, then: import arm"),
-            ("generate arm.toml --cmake", "the same, with a CMake package and a header for C++17"),
-            ("generate arm.toml --wheel", "a wheel of it, which pip installs where eomgen is not"),
-        ),
+        "write and compile an importable package",
+        {
+            "generate arm.toml -o generated": "write and compile generated/arm, then: import arm",
+            "generate arm.toml --cmake": "the same, with a CMake package and a header for C++17",
+            "generate arm.toml --wheel": "a wheel of it, which pip installs where eomgen is not",
+        },
     ),
 )

@@ -123,15 +123,14 @@ def _export(options: argparse.Namespace) -> None:
 
 COMMANDS = (
     Command(
-        "export",
-        "write the robot for other tools",
         _add_export,
         _export,
-        (
-            ("export arm.toml --fmu -o out", "functional mock-up units of FMI 2.0 and 3.0"),
-            ("export arm.toml --mjcf -o arm.xml", "the same robot for MuJoCo"),
-            ("export arm.toml --wasm -o out", "its kernel for browsers"),
-            ("export arm.toml --arrays -o arm.py", "its equations on arrays of NumPy or JAX"),
-        ),
+        "write the robot for other tools",
+        {
+            "export arm.toml --fmu -o out": "functional mock-up units of FMI 2.0 and 3.0",
+            "export arm.toml --mjcf -o arm.xml": "the same robot for MuJoCo",
+            "export arm.toml --wasm -o out": "its kernel for browsers",
+            "export arm.toml --arrays -o arm.py": "its equations on arrays of NumPy or JAX",
+        },
     ),
 )

@@ -62,24 +62,21 @@ def _schema(options: argparse.Namespace) -> None:
 
 COMMANDS = (
     Command(
-        "new",
-        "write a commented description to begin with",
         _add_new,
         _new,
-        (("new arm", "write arm.toml, a commented description to begin with"),),
+        "write a commented description to begin with",
+        {"new arm": "write arm.toml, a commented description to begin with"},
     ),
     Command(
-        "check",
-        "check descriptions, scenarios and plans without generating anything",
         _add_check,
         _check,
-        (("check arm.toml", "is it right? every error with file:line:column"),),
+        "check descriptions, scenarios and plans without generating anything",
+        {"check arm.toml": "is it right? every error with file:line:column"},
     ),
     Command(
-        "schema",
-        "print the JSON Schema of a file format, for editors",
         _add_schema,
         _schema,
-        (("schema robot", "JSON Schema, with which editors complete and check"),),
+        "print the JSON Schema of a file format, for editors",
+        {"schema robot": "JSON Schema, with which editors complete and check"},
     ),
 )

@@ -54,14 +54,13 @@ def _page(options: argparse.Namespace, name: str) -> Path:
 
 COMMANDS = (
     Command(
-        "live",
-        "a robot in the browser, simulated there",
         _add_live,
         _live,
-        (
-            ("live puma560_elastic", "a page in which it moves, by its own equations"),
-            ("live puma560 --scenario puma560_circle", "as a scenario says"),
-            ("live out", "a simulated motion, and what comes after it"),
-        ),
+        "a robot in the browser, simulated there",
+        {
+            "live puma560_elastic": "a page in which it moves, by its own equations",
+            "live puma560 --scenario puma560_circle": "as a scenario says",
+            "live out": "a simulated motion, and what comes after it",
+        },
     ),
 )

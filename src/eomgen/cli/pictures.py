@@ -120,24 +120,13 @@ def _view(options: argparse.Namespace) -> None:
 
 COMMANDS = (
     Command(
-        "plot",
-        "figures of a result for print",
-        _add_plot,
-        _plot,
-        (("plot out --format pdf", "figures of a result for print"),),
+        _add_plot, _plot, "figures of a result for print", {"plot out --format pdf": "figures of a result for print"}
     ),
     Command(
-        "report",
-        "one page about a result, with figures and tables",
         _add_report,
         _report,
-        (("report out", "one page about a result: out/report.html"),),
+        "one page about a result, with figures and tables",
+        {"report out": "one page about a result: out/report.html"},
     ),
-    Command(
-        "view",
-        "a result in space, in the browser",
-        _add_view,
-        _view,
-        (("view out", "the result in space, in the browser"),),
-    ),
+    Command(_add_view, _view, "a result in space, in the browser", {"view out": "the result in space, in the browser"}),
 )

@@ -49,19 +49,11 @@ def _info(options: argparse.Namespace) -> None:
 
 
 COMMANDS = (
+    Command(add_json, _robots, "list the built-in robots", {"robots": "the built-in robots"}, description=""),
     Command(
-        "robots",
-        "list the built-in robots",
-        add_json,
-        _robots,
-        (("robots", "the built-in robots"),),
-        description="",
-    ),
-    Command(
-        "info",
-        "what a robot is made of, and what its equations cost",
         _add_info,
         _info,
-        (("info puma560_elastic", "coordinates, parameters, zero blocks, operation counts"),),
+        "what a robot is made of, and what its equations cost",
+        {"info puma560_elastic": "coordinates, parameters, zero blocks, operation counts"},
     ),
 )

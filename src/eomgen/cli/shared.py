@@ -31,20 +31,23 @@ _DIGITS = 18  # of whole numbers, so that 64 bits hold them
 class Command:
     """A command of ``eomgen``.
 
-    name: the word that calls it.
-    help: one line about it, in the list of all commands.
     add_arguments: adds its arguments to its parser; imports what their choices are taken from.
-    run: does it; imports what it needs.
+    run: does it; imports what it needs; named as the command, behind a _.
+    help: one line about it, in the list of all commands.
     examples: lines of the epilog of ``eomgen --help``: the words behind ``eomgen``, and what they do.
     description: text of its own ``--help``; by default ``help`` as a sentence.
     """
 
-    name: str
-    help: str
     add_arguments: Callable[[argparse.ArgumentParser], None]
     run: Callable[[argparse.Namespace], None]
-    examples: tuple[tuple[str, str], ...]
+    help: str
+    examples: Mapping[str, str]
     description: str | None = None
+
+    @property
+    def name(self) -> str:
+        """The word that calls it."""
+        return self.run.__name__.removeprefix("_")
 
 
 class OldName(argparse.Action):

@@ -77,13 +77,12 @@ def _simulate(options: argparse.Namespace) -> None:
 
 COMMANDS = (
     Command(
-        "simulate",
-        "run a programmed motion of all coordinates",
         _add_simulate,
         _simulate,
-        (
-            ("simulate puma560_elastic -o out", "programmed motion; trajectory.npz and plots"),
-            ("simulate arm.toml --scenario s.toml", "motions, drives, wrenches, payloads of a scenario file"),
-        ),
+        "run a programmed motion of all coordinates",
+        {
+            "simulate puma560_elastic -o out": "programmed motion; trajectory.npz and plots",
+            "simulate arm.toml --scenario s.toml": "motions, drives, wrenches, payloads of a scenario file",
+        },
     ),
 )

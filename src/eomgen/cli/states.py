@@ -1,4 +1,4 @@
-"""Commands about a robot at rest: deflection, modes."""
+"""Commands about a state: deflection, modes, response, linearize; and budget for a simulation's small deviations."""
 
 from __future__ import annotations
 
@@ -9,7 +9,10 @@ from typing import TYPE_CHECKING, Any
 from ..errors import InputError
 from .shared import (
     Command,
+    add_json,
+    add_result,
     add_robot,
+    add_robot_of_result,
     add_state,
     coordinate_values,
     progress_bar,
@@ -114,19 +117,150 @@ def _poses_along(robot: Robot, options: argparse.Namespace) -> Any:
     return poses
 
 
+def _add_ports(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--input", nargs="+", metavar="NAME", help="drives (joint1.gamma) and components of wrenches (tcp.fx, tcp.mz)"
+    )
+    parser.add_argument(
+        "--to", nargs="+", metavar="NAME", dest="output_of", help="coordinates (joint1.x) and motions (tcp.x, tcp.rz)"
+    )
+    parser.add_argument(
+        "--kind",
+        choices=("displacement", "velocity", "acceleration"),
+        default="displacement",
+        help="what of them (displacement)",
+    )
+
+
+def _add_response(parser: argparse.ArgumentParser) -> None:
+    add_robot(parser)
+    add_state(parser)
+    _add_ports(parser)
+    parser.add_argument(
+        "--frequencies", nargs=2, type=real, default=(1.0, 500.0), metavar="HZ", help="from, to (1 500)"
+    )
+    parser.add_argument("--points", type=whole, default=400, metavar="N", help="frequencies (400)")
+    parser.add_argument("--linear", action="store_true", help="equal distances instead of equal ratios")
+    parser.add_argument("-o", "--output", type=Path, help=".csv or .npz, or a figure .svg, .pdf or .png")
+
+
+def _response(options: argparse.Namespace) -> None:
+    import numpy as np
+
+    from ..analysis.frequency import response
+    from ..robot.model import tool_of
+
+    robot = read_robot(options)
+    low, high, count = options.frequencies[0], options.frequencies[1], options.points
+    if not (0.0 < low < high < np.inf and count >= 2):
+        raise InputError(f"frequencies: {low:g} to {high:g} Hz at {count} points; allowed: 0 < from < to, 2 or more")
+    spaced = np.linspace if options.linear else np.geomspace
+    with stage_bar("responding") as report:
+        about = state_options(options, report)
+        frame = tool_of(robot, about.pop("frame"), "frame")
+        inputs = options.input or [f"{frame}.f{axis}" for axis in "xyz"]
+        outputs = options.output_of or [f"{frame}.{axis}" for axis in "xyz"]
+        pose = coordinate_values("pose", options.pose)
+        found = response(robot, inputs, outputs, spaced(low, high, count), pose, kind=options.kind, **about)
+    show_result(options, found)
+    write_result(options, "plot_response", found, endings=(".csv", ".npz"))
+
+
+def _add_linearize(parser: argparse.ArgumentParser) -> None:
+    add_robot(parser)
+    add_state(parser, drives="free")
+    _add_ports(parser)
+    parser.add_argument("--along", type=Path, metavar="RESULT", help="of a simulation: about its motion at --time")
+    parser.add_argument("--time", type=real, default=0.0, metavar="S", help="of the motion, the nearest sample (0)")
+    parser.add_argument("-o", "--output", type=Path, help="write all matrices and names, .npz")
+
+
+def _linearize(options: argparse.Namespace) -> None:
+    from ..analysis.matrices import linearize
+
+    robot = read_robot(options)
+    with stage_bar("linearising") as report:
+        about = state_options(options, report)
+        state: dict[str, Any] = {"pose": coordinate_values("pose", options.pose)}
+        if options.along is not None:
+            if options.pose is not None:
+                raise InputError("pose and along are both given; allowed: one of them")
+            state = _state_at(options.along, options.time)
+        found = linearize(robot, **state, inputs=options.input, outputs=options.output_of, kind=options.kind, **about)
+    if options.output is not None:
+        found.save(options.output)
+    show_result(options, found)
+
+
+def _state_at(path: Path, time: float) -> dict[str, Any]:
+    """Coordinates, rates and drives of a result at the sample nearest to a time."""
+    import numpy as np
+
+    from ..simulation.result import load_result
+
+    motion = load_result(result_path(path)).trajectory
+    if not motion.t[0] <= time <= motion.t[-1]:
+        raise InputError(f"time: {time:g} s; allowed: {motion.t[0]:g} to {motion.t[-1]:g} s")
+    k = int(np.abs(motion.t - time).argmin())
+    return {
+        "pose": dict(zip(motion.coordinates, motion.q[k].tolist(), strict=True)),
+        "v": motion.v[k],
+        "u": motion.u[k],
+    }
+
+
+def _add_budget(parser: argparse.ArgumentParser) -> None:
+    add_result(parser)
+    add_robot_of_result(parser, "the built-in one of the result's name")
+    parser.add_argument("--frame", help="frame or link to look at (that of the result)")
+    add_json(parser)
+    parser.add_argument("-o", "--output", type=Path, help="figure: .svg, .pdf or .png")
+
+
+def _budget(options: argparse.Namespace) -> None:
+    from ..analysis.tool_budget import budget
+    from ..description.builtin import builtin_robots
+    from ..simulation.result import load_result
+
+    result = load_result(result_path(options.result))
+    if options.robot is None:
+        if result.robot not in builtin_robots():
+            raise InputError(f"robot: {options.result} is of {result.robot}, which is not built in; give --robot")
+        options.robot = result.robot
+    found = budget(result, read_robot(options), frame=options.frame)
+    show_result(options, found)
+    write_result(options, "plot_budget", found)
+
+
 COMMANDS = (
     Command(
-        "deflection",
-        "static deflection and stiffness of a frame under load",
         _add_deflection,
         _deflection,
-        (("deflection arm.toml --load tcp 0 0 -50 0 0 0", "static deflection and stiffness of a frame"),),
+        "static deflection and stiffness of a frame under load",
+        {"deflection arm.toml --load tcp 0 0 -50 0 0 0": "static deflection and stiffness of a frame"},
     ),
     Command(
-        "modes",
-        "eigenfrequencies, damping and mode shapes at a pose or on a path",
         _add_modes,
         _modes,
-        (("modes arm.toml --drives locked", "eigenfrequencies, damping, mode shapes at a pose"),),
+        "eigenfrequencies, damping and mode shapes at a pose or on a path",
+        {"modes arm.toml --drives locked": "eigenfrequencies, damping, mode shapes at a pose"},
+    ),
+    Command(
+        _add_response,
+        _response,
+        "frequency response from drives and wrenches to what moves",
+        {"response arm.toml --input tcp.fx --to tcp.x": "frequency response"},
+    ),
+    Command(
+        _add_linearize,
+        _linearize,
+        "A, B, C, D about a state of rest or a motion",
+        {"linearize arm.toml -o arm.npz": "A, B, C, D about a state of rest or a motion"},
+    ),
+    Command(
+        _add_budget,
+        _budget,
+        "what each coordinate contributes to a simulated tool's deviation",
+        {"budget out/trajectory.npz": "what each coordinate contributes to the tool's deviation"},
     ),
 )

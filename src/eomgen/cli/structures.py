@@ -34,10 +34,9 @@ def _compare(options: argparse.Namespace) -> None:
 
 COMMANDS = (
     Command(
-        "compare",
-        "alternative robots for one task",
         _add_compare,
         _compare,
-        (("compare arm.toml other.toml", "drives, reactions, tool deviations for one task"),),
+        "alternative robots for one task",
+        {"compare arm.toml other.toml": "drives, reactions, tool deviations for one task"},
     ),
 )

@@ -95,15 +95,9 @@ def _executor(options: argparse.Namespace) -> Iterator[Any]:
 
 COMMANDS = (
     Command(
-        "sweep",
-        "a scenario for many values of parameters and of its numbers",
         _add_sweep,
         _sweep,
-        (
-            (
-                "sweep arm.toml --scenario s.toml --plan p.toml -o out",
-                "the scenario for many values of its numbers",
-            ),
-        ),
+        "a scenario for many values of parameters and of its numbers",
+        {"sweep arm.toml --scenario s.toml --plan p.toml -o out": "the scenario for many values of its numbers"},
     ),
 )

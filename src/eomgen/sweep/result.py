@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
@@ -16,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..arrays import Array
 from ..errors import InputError, UnknownNameError
-from ..files import write_atomically
+from ..files import write_atomically, write_csv
 from ..motion.exceeding import SHOWN
 from ..names import nearest, show
 from ..optional import optional_import
@@ -169,11 +167,7 @@ class SweepResult(Shown, Tabular):
         rows = self.as_rows()
         columns = {"index": self.index, **{column.name: column.values for column in rows.columns}}
         if path.suffix == ".csv":
-            text = io.StringIO()
-            writer = csv.writer(text, lineterminator="\n")
-            writer.writerow(columns)
-            writer.writerows(zip(*(values.tolist() for values in columns.values()), strict=True))
-            return write_atomically(path, lambda stream: stream.write(text.getvalue().encode()))
+            return write_csv(path, [columns, *zip(*(values.tolist() for values in columns.values()), strict=True)])
         if path.suffix != ".parquet":
             raise InputError(f"{path}: the suffix {path.suffix!r} is no table; allowed: .csv, .parquet")
         with optional_import("pyarrow", "Parquet needs", ".csv works without"):

@@ -201,32 +201,24 @@ def _numbers(label: str, texts: list[str] | None) -> dict[str, float] | None:
 
 COMMANDS = (
     Command(
-        "accuracy",
-        "accuracy and repeatability by ISO 9283, of simulations and of measured files",
         _add_accuracy,
         _accuracy,
-        (
-            ("accuracy out/cycle1 out/cycle2", "ISO 9283: accuracy and repeatability of poses and paths"),
-            ("accuracy measured.csv --commands poses.csv", "the same of measured files"),
-        ),
+        "accuracy and repeatability by ISO 9283, of simulations and of measured files",
+        {
+            "accuracy out/cycle1 out/cycle2": "ISO 9283: accuracy and repeatability of poses and paths",
+            "accuracy measured.csv --commands poses.csv": "the same of measured files",
+        },
     ),
     Command(
-        "tolerance",
-        "accuracy of a tool by the tolerances of joints, links and stiffness",
         _add_tolerance,
         _tolerance,
-        (("tolerance arm.toml tolerances.toml --random 200", "how accurate the tool is, and what makes it so"),),
+        "accuracy of a tool by the tolerances of joints, links and stiffness",
+        {"tolerance arm.toml tolerances.toml --random 200": "how accurate the tool is, and what makes it so"},
     ),
     Command(
-        "compensate",
-        "a corrected program with which the elastic robot's tool goes where it should",
         _add_compensate,
         _compensate,
-        (
-            (
-                "compensate arm.toml --scenario s.toml --toml new.toml",
-                "a program that brings the tool where it should be",
-            ),
-        ),
+        "a corrected program with which the elastic robot's tool goes where it should",
+        {"compensate arm.toml --scenario s.toml --toml new.toml": "a program that brings the tool where it should be"},
     ),
 )

@@ -252,34 +252,30 @@ def _rows(label: str, given: Sequence[Sequence[str]]) -> list[tuple[str, list[fl
 
 COMMANDS = (
     Command(
-        "forces",
-        "forces and reactions that belong to a measured motion",
         _add_forces,
         _forces,
-        (("forces arm.toml measured.csv", "drives, springs, dampers, reactions of a measured motion"),),
+        "forces and reactions that belong to a measured motion",
+        {"forces arm.toml measured.csv": "drives, springs, dampers, reactions of a measured motion"},
     ),
     Command(
-        "fit",
-        "stiffness and damping from a measured motion and known drives",
         _add_fit,
         _fit,
-        (("fit arm.toml measured.csv", "stiffness and damping from motion and known drives"),),
+        "stiffness and damping from a measured motion and known drives",
+        {"fit arm.toml measured.csv": "stiffness and damping from motion and known drives"},
     ),
     Command(
-        "identify",
-        "masses, inertias and friction from a measured motion and its drives",
         _add_identify,
         _identify,
-        (
-            ("identify arm.toml measured.csv", "base parameters of links, rotors and friction, with residuals"),
-            ("identify arm.toml measured.csv --toml better.toml", "the description with bodies that have them"),
-        ),
+        "masses, inertias and friction from a measured motion and its drives",
+        {
+            "identify arm.toml measured.csv": "base parameters of links, rotors and friction, with residuals",
+            "identify arm.toml measured.csv --toml better.toml": "the description with bodies that have them",
+        },
     ),
     Command(
-        "excite",
-        "a motion within limits that shows masses, inertias and friction to identify",
         _add_excite,
         _excite,
-        (("excite arm.toml --rates 2 -o motion.csv", "a motion that identify finds most from, within limits"),),
+        "a motion within limits that shows masses, inertias and friction to identify",
+        {"excite arm.toml --rates 2 -o motion.csv": "a motion that identify finds most from, within limits"},
     ),
 )

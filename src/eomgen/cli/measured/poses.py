@@ -213,17 +213,15 @@ def _whole(label: str, text: str) -> int:
 
 COMMANDS = (
     Command(
-        "calibrate",
-        "offsets, placements and stiffness from measured poses",
         _add_calibrate,
         _calibrate,
-        (("calibrate arm.toml poses.csv --toml better.toml", "offsets and placements from measured poses"),),
+        "offsets, placements and stiffness from measured poses",
+        {"calibrate arm.toml poses.csv --toml better.toml": "offsets and placements from measured poses"},
     ),
     Command(
-        "poses",
-        "poses to measure, so that calibrate finds most",
         _add_poses,
         _poses,
-        (("poses arm.toml --count 30 -o plan.csv", "poses to measure, by what they tell"),),
+        "poses to measure, so that calibrate finds most",
+        {"poses arm.toml --count 30 -o plan.csv": "poses to measure, by what they tell"},
     ),
 )
