@@ -144,6 +144,7 @@ def number_context(equations: Equations, dtype: str, meta: Mapping[str, Any]) ->
         "sizes": {key: int(np.prod(shape)) for key, shape in shapes(model).items()},
         "setup": define_setup(equations.setup, model.name, scalar),
         "programs": definitions,
+        "equations_of_robot": {"": {program.name for program in whole}},
         "solving": any(definition.has_pivots for definition in definitions),
         "composed": _templates(_composed(equations)),
         "looped": [function for function in looped if not function.is_rollout],
@@ -169,8 +170,9 @@ def _stage_shares(matrix: Array) -> list[str]:
 def _methods(equations: Equations, scalar: Scalar) -> dict[str, Any]:
     """Tables of the template of steps with error control."""
     size = kept_size(equations)
+    rubs = any(name.endswith("friction.smoothing") for name in equations.model.parameters)
     if not size:
-        return {}
+        return {"kept_size": 0, "rubs": rubs}
 
     def numbers(values: Array) -> str:
         return ", ".join(map(scalar.literal, values.tolist()))
@@ -187,7 +189,7 @@ def _methods(equations: Equations, scalar: Scalar) -> dict[str, Any]:
     return {
         "gauss": {key: ", ".join(map(repr, values)) for key, values in GAUSS.items()},
         "kept_size": size,
-        "rubs": any(name.endswith("friction.smoothing") for name in equations.model.parameters),
+        "rubs": rubs,
         "look": LOOK,
         "least_part": LEAST_PART,
         "rosenbrock": {
@@ -339,7 +341,7 @@ def _tables(model: Model) -> dict[str, Any]:
 def lane_context(equations: Equations, dtype: str) -> dict[str, Any]:
     """Names that mean something else in C for several states at a time, where a number is a vector of states."""
     model, together = equations.model, batched(equations)
-    apart = any(KERNELS[name].kind == "adaptive" or (bool(model.turning) and _rolls(name)) for name in together)
+    apart = any(_rolls(name) for name in together)
     lanes = SCALARS[dtype].lanes(apart=apart)
     wanted = {program for name in together for program in calls_of(equations, name)}
     programs = [
@@ -365,6 +367,7 @@ def lane_context(equations: Equations, dtype: str) -> dict[str, Any]:
         "zero": lanes.whole(zero),
         "statuses_of_a_step": f"{statuses(model)} * LANES",
         "programs": definitions,
+        "equations_of_robot": {"_lanes": {p.name for p in programs if p.name not in packings or p.name in called}},
         "packings": packings,
         "unpacked": [(name, SIGNATURES[name]) for name in packings if name in called],
         "solving": any(definition.has_pivots for definition in definitions),

@@ -46,6 +46,7 @@ CARRIED = (
     "runtime/*.py",
     "runtime/stepping/*.py",
     "runtime/*.[ch]",
+    "clib/*.[ch]",
 )  # of eomgen, copied to its places in a package
 WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic")
 
