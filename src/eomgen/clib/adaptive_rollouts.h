@@ -42,7 +42,7 @@ EOM_LOCAL void F(stop_lane)(F(integration) *restrict it, int l)
 }
 
 /* Begin with states at their beginning, or go on where progress is. */
-EOM_LOCAL void F(begin_lanes)(F(integration) *restrict it, const EOM(inputs) *restrict inputs, size_t inputs_step, int here)
+EOM_LOCAL void F(begin_motion)(F(integration) *restrict it, const EOM(inputs) *restrict inputs, size_t inputs_step, int here)
 {
     const EOM(drive) *const drive = it->problem.motion.drive;
     const int n = N_OF(it->problem.motion.robot->sizes);
@@ -122,7 +122,7 @@ EOM_LOCAL void F(choose_lengths)(F(integration) *restrict it, REAL *restrict dt)
 }
 
 /* Judge lanes' steps by their errors; with closed loops their ends are assembled. */
-EOM_LOCAL void F(judge_lanes)(F(integration) *restrict it, REAL *restrict work)
+EOM_LOCAL void F(judge_steps)(F(integration) *restrict it, REAL *restrict work)
 {
     const F(motion) *const motion = &it->problem.motion;
     const double order = (it->method == 1) ? 0.2 : 0.25;
@@ -311,7 +311,7 @@ EOM_LOCAL void F(adapt)(const F(robot) *restrict robot, const REAL *restrict h, 
     it.problem.clock.here = here;
     F(carve_integration)(sizes, &it, &work);
     it.step.x = x;
-    F(begin_lanes)(&it, inputs, inputs_step, here);
+    F(begin_motion)(&it, inputs, inputs_step, here);
     for (int l = 0; l < (int)WIDTH; ++l) {
         const long long own = F(tolerance_of)(&it, l)->most;
         most = (own > most) ? own : most;
@@ -332,7 +332,7 @@ EOM_LOCAL void F(adapt)(const F(robot) *restrict robot, const REAL *restrict h, 
             F(tsit5_step)(&it.problem, dt, &it.step, F(tolerance_of)(&it, 0), estimate, work);
         }
         if (inputs != NULL) { F(put_prescribed_ends)(&it.problem, &it.step, work.input); }
-        F(judge_lanes)(&it, work.state);
+        F(judge_steps)(&it, work.state);
         const int inside = F(prepare_inside)(&it, dt, work);
         for (int l = 0; l < (int)WIDTH; ++l) {
             if (it.taken[l] == 0) { continue; }
