@@ -294,7 +294,7 @@ EOM_LOCAL void F(rate)(const F(problem) *restrict problem, double share, int sta
 }
 
 /* Take one stage of the Rosenbrock method, a linear system with the step's matrix, from the rate dx there; part: (stages, 2 n). */
-EOM_LOCAL void F(rosenbrock_stage)(const F(problem) *restrict problem, int stage, const REAL *restrict factors, REAL time, REAL inverse, const REAL *restrict dx, REAL *restrict part, REAL *restrict right, REAL *restrict w)
+EOM_INLINE void F(rosenbrock_stage)(const F(problem) *restrict problem, int stage, const REAL *restrict factors, REAL time, REAL inverse, const REAL *restrict dx, REAL *restrict part, REAL *restrict right, REAL *restrict w)
 {
     const int n = N_OF(problem->motion.robot->sizes);
     const int apart = PADDED_TO_BLOCKS(2 * n);
@@ -371,6 +371,7 @@ EOM_LOCAL void F(rosenbrock_step)(const F(problem) *restrict problem, REAL dt, c
     F(rosenbrock_stage)(problem, 0, step->factors, times[0], inverse, step->dx, part, right, w);
     if (power != NULL) { (void)memcpy(&power[EOM_WORKS * (int)WIDTH], power, (size_t)EOM_WORKS * (size_t)WIDTH * sizeof *power); }
     F(rosenbrock_stage)(problem, 1, step->factors, times[0], inverse, step->dx, part, right, w);
+    UNROLL(4)
     for (int stage = 2; stage < ROSENBROCK_STAGES; ++stage) {
         F(accumulate)(2 * n, stage, eom_rosenbrock_a[stage], part, apart, step->x, step->x_end);
         if (robot->sizes->has_redundant_rows != 0) { (void)F(assemble)(robot, h, step->x_end, &step->x_end[n], work.state); } /* redundant rows answer to violations */
@@ -412,6 +413,7 @@ EOM_LOCAL void F(tsit5_step)(const F(problem) *restrict problem, REAL dt, const 
     REAL *restrict const last = &dx[(TSIT5_STAGES - 1) * apart];
     work.state = &dx[TSIT5_STAGES * apart];
     F(copy)(2 * n, step->dx, dx);
+    UNROLL(6)
     for (int stage = 1; stage < TSIT5_STAGES; ++stage) {
         F(advance)(2 * n, stage, eom_tsit5_a[stage], dt, dx, apart, step->x, step->x_end);
         if (robot->sizes->has_redundant_rows != 0) { (void)F(assemble)(robot, problem->motion.h, step->x_end, &step->x_end[n], work.state); } /* redundant rows answer to violations */

@@ -36,5 +36,14 @@
 #define EOM_PUBLIC
 #endif
 
+#if defined(__GNUC__)
+#define EOM_INLINE static inline __attribute__((unused))
+#define EOM_PRAGMA(words) _Pragma(#words)
+#define UNROLL(times) EOM_PRAGMA(GCC unroll times)
+#else
+#define EOM_INLINE static
+#define UNROLL(times)
+#endif
+
 #define EOM_LOOK 2000        /* steps and rejections between two looks at whether they lead anywhere */
 #define EOM_LEAST_PART 1e-07 /* of the duration by which they do */
