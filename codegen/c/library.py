@@ -24,7 +24,7 @@ def library_types(dtype: str) -> str:
     files = library_files()
     text = "\n".join(files[f"{FOLDER}/{name}"] for name in _TYPES)
     text = re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL).replace("\\\n", "")
-    text = re.sub(r"^#.*$", "", text, flags=re.MULTILINE)
     prefix, scalar = ("eomf", "float") if dtype == "float32" else ("eom", "double")
     text = re.sub(r"\bEOM\((\w+)\)", rf"{prefix}_\1", text).replace("EOM_SCALAR", scalar)
-    return re.sub(r"\n\s*\n+", "\n", re.sub(r"[ \t]+$", "", text, flags=re.MULTILINE)).lstrip()
+    lines = (line.rstrip() for line in text.splitlines() if not line.startswith("#"))
+    return "\n".join(line for line in lines if line) + "\n"

@@ -13,8 +13,8 @@ from typing import Any
 from eomgen.memory import without_collection
 
 from ..kernels.equations import Equations
-from .library import library_types
 from .contexts import header_context, lane_context, number_context
+from .library import library_types
 from .metadata import kernel_metadata
 from .source import Source, environment
 

@@ -146,7 +146,6 @@ def _files(
 ) -> dict[str, bytes]:
     """Files of the unit but its binary, by their paths; ``begin``: its solver's parameter and its home."""
     from eomgen.codegen.c.contexts import turned_context
-    from eomgen.codegen.c.library import library_files
 
     from .variables import make_layout
     from .xml import Unit, build_description, model_description
@@ -172,13 +171,17 @@ def _files(
         f"fmi{version}.{end}": f"fmu/fmi{version}.{end}" for end in "hc"
     }
     texts = _rendered(kinds, {**context, "token": ""})
-    library = library_files() if "clib/" in source.header else {}
-    token = _token([source.header, source.code, *texts.values(), *library.values()])
+    token = _token([*source.files.values(), *texts.values()])
     texts = _rendered(kinds, {**context, "token": token})
-    code = {f"{name}.h": source.header, f"{name}.c": source.code}
-    code |= {f"{name}_{key}": text for key, text in texts.items()}
-    unit = Unit(name, token, layout, sorted(file for file in code if file.endswith(".c")), bool(model.constraints))
-    files = {f"sources/{file}": text.encode("ascii") for file, text in {**code, **library}.items()}
+    code = source.files | {f"{name}_{key}": text for key, text in texts.items()}
+    unit = Unit(
+        name,
+        token,
+        layout,
+        sorted(file for file in code if file.endswith(".c") and "/" not in file),
+        bool(model.constraints),
+    )
+    files = {f"sources/{file}": text.encode("ascii") for file, text in code.items()}
     files["modelDescription.xml"] = model_description(unit, version)
     if version == 3:
         files["sources/buildDescription.xml"] = build_description(unit)

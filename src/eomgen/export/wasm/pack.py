@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from eomgen._version import __version__
-from eomgen.codegen.c.library import library_files
 from eomgen.codegen.c.scalar_types import SCALARS
 from eomgen.codegen.c.source import Source, environment
 from eomgen.codegen.kernels.interface import turning_joints
@@ -145,8 +144,8 @@ def _rigid(robot: Robot, progress: StageReport) -> Source:
 
 def _sources(source: Source, rigid: Source | None, context: Mapping[str, Any]) -> dict[str, str]:
     """Files of C by name: of the robot, of the rigid one that drives know, and what JavaScript calls around them."""
-    found = {f"{x.name}{end}": text for x in (source, rigid) if x for end, text in ((".h", x.header), (".c", x.code))}
-    return {**library_files(), **found, f"{source.name}_wasm.c": _filled("wasm/calls.c.jinja", context)}
+    found = {place: text for x in (source, rigid) if x for place, text in x.files.items()}
+    return {**found, f"{source.name}_wasm.c": _filled("wasm/calls.c.jinja", context)}
 
 
 def _exported(meta: Mapping[str, Any]) -> list[str]:
