@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from eomgen._version import __version__
-from eomgen.arrays import Array
 from eomgen.robot.cuts import CUTS
 from eomgen.robot.model import Model
 
@@ -22,7 +21,7 @@ from ..kernels.derived import GRADIENTS
 from ..kernels.equations import Equations
 from ..kernels.interface import turning_joints
 from ..kernels.signatures import KERNELS, SIGNATURES, SINGLES, Function, by_kind, functions, shapes
-from ..kernels.steps.methods import GAUSS, LEAST_PART, LOOK, RK4, TSIT5, W643
+from ..kernels.steps.methods import RK4, TSIT5, W643
 from ..program.operations import CALLS
 from ..solve.factorised import coordinate_parents
 from .definitions import define, define_setup, define_share
@@ -145,6 +144,7 @@ def number_context(equations: Equations, dtype: str, meta: Mapping[str, Any]) ->
         "sizes": {key: int(np.prod(shape)) for key, shape in shapes(model).items()},
         "setup": define_setup(equations.setup, model.name, scalar),
         "programs": definitions,
+        "equations_of_robot": {"": {program.name for program in whole}},
         "solving": any(definition.has_pivots for definition in definitions),
         "composed": _templates(_composed(equations)),
         "looped": [function for function in looped if not function.is_rollout],
@@ -156,64 +156,9 @@ def number_context(equations: Equations, dtype: str, meta: Mapping[str, Any]) ->
         "shares": _shares(equations, scalar),
         **_tables(model),
         **_closing_tables(equations, dtype),
-        **_methods(equations, scalar),
-        **_gradients(equations, scalar),
-    }
-
-
-def _stage_shares(matrix: Array) -> list[str]:
-    """Shares of a step at which stages are; the end is exactly 1: what begins there again has the same bits."""
-    shares = [math.fsum(row) for row in matrix.tolist()]
-    return [repr(1.0 if math.isclose(share, 1.0, rel_tol=1e-12) else share) for share in shares]
-
-
-def _methods(equations: Equations, scalar: Scalar) -> dict[str, Any]:
-    """Tables of the template of steps with error control."""
-    size = kept_size(equations)
-    if not size:
-        return {}
-
-    def numbers(values: Array) -> str:
-        return ", ".join(map(scalar.literal, values.tolist()))
-
-    def rows(matrix: Array) -> str:
-        return ", ".join(f"{{ {numbers(row)} }}" for row in matrix)
-
-    def terms(values: Array) -> list[tuple[int, str]]:
-        return [(k, scalar.literal(value)) for k, value in enumerate(values.tolist()) if value]
-
-    ahead, back, weight, wrong = W643.transformed()
-    between, longer = TSIT5.between, len(TSIT5.error) - len(W643.b)  # both methods have as many weights of errors
-    assert between is not None
-    return {
-        "gauss": {key: ", ".join(map(repr, values)) for key, values in GAUSS.items()},
-        "kept_size": size,
-        "rubs": any(name.endswith("friction.smoothing") for name in equations.model.parameters),
-        "look": LOOK,
-        "least_part": LEAST_PART,
-        "rosenbrock": {
-            "stages": len(weight),
-            "diagonal": scalar.literal(W643.diagonal),
-            "ahead": rows(ahead),
-            "back": rows(back),
-            "weight": numbers(weight),
-            "ahead_of": [terms(row) for row in ahead],
-            "back_of": [terms(row) for row in back],
-            "weight_of": terms(weight),
-            "wrong_of": terms(wrong),
-            "shares": _stage_shares(W643.alpha),
-            "worked": ", ".join(map(repr, W643.b.tolist())),
-            "doubted": ", ".join(map(repr, np.pad(W643.b - W643.embedded, (0, longer)).tolist())),
-        },
-        "tsit5": {
-            "stages": len(TSIT5.b),
-            "ahead_of": [terms(row) for row in TSIT5.a],
-            "wrong_of": terms(TSIT5.error),
-            "shares": _stage_shares(TSIT5.a),
-            "doubted": ", ".join(map(repr, TSIT5.error.tolist())),
-            "degree": between.shape[1],
-            "worked": ", ".join(f"{{ {', '.join(map(repr, row))} }}" for row in between.tolist()),
-        },
+        "kept_size": kept_size(equations),
+        "rubs": any(name.endswith("friction.smoothing") for name in model.parameters),
+        **_gradients(equations),
     }
 
 
@@ -227,18 +172,9 @@ def kept_of_a_step(model: Model) -> dict[str, int]:
     return {name: model.size * number for name, number in each.items()}
 
 
-def _gradients(equations: Equations, scalar: Scalar) -> dict[str, Any]:
-    """Tables of the templates of gradients, and how many numbers of a step they keep."""
-    most, tables = max(len(RK4.b), len(TSIT5.b) - 1), []
-    for a, b in ((RK4.a, RK4.b), (TSIT5.a[:-1, :-1], TSIT5.b[:-1])):
-        rows = np.zeros((most + 1, most))
-        rows[: len(b), : len(b)], rows[len(b), : len(b)] = a, b
-        numbers = (", ".join(map(scalar.literal, row)) for row in rows.tolist())
-        tables.append(f"{{ {', '.join(f'{{ {row} }}' for row in numbers)} }}")
-    shares = (", ".join([*_stage_shares(a), *["1.0"] * (most - len(a))]) for a in (RK4.a, TSIT5.a[:-1]))
-    explicit = {"tables": ", ".join(tables), "shares": ", ".join(f"{{ {row} }}" for row in shares)}
+def _gradients(equations: Equations) -> dict[str, Any]:
+    """Names that templates of gradients use, and how many numbers of a step they keep."""
     return {
-        "explicit": {"stages": most, "counts": f"{len(RK4.b)}, {len(TSIT5.b) - 1}", **explicit},
         "kept_numbers": kept_of_a_step(equations.model),
         "ways": list(dict.fromkeys(name.split("_")[0] for name in equations.kernels if name in GRADIENTS)),
         "texts": {name: KERNELS[name].text for name in GRADIENTS},
@@ -335,7 +271,7 @@ def _tables(model: Model) -> dict[str, Any]:
 def lane_context(equations: Equations, dtype: str) -> dict[str, Any]:
     """Names that mean something else in C for several states at a time, where a number is a vector of states."""
     model, together = equations.model, batched(equations)
-    apart = any(KERNELS[name].kind == "adaptive" or (bool(model.turning) and _rolls(name)) for name in together)
+    apart = any(_rolls(name) for name in together)
     lanes = SCALARS[dtype].lanes(apart=apart)
     wanted = {program for name in together for program in calls_of(equations, name)}
     programs = [
@@ -361,6 +297,7 @@ def lane_context(equations: Equations, dtype: str) -> dict[str, Any]:
         "zero": lanes.whole(zero),
         "statuses_of_a_step": f"{statuses(model)} * LANES",
         "programs": definitions,
+        "equations_of_robot": {"_lanes": {p.name for p in programs if p.name not in packings or p.name in called}},
         "packings": packings,
         "unpacked": [(name, SIGNATURES[name]) for name in packings if name in called],
         "solving": any(definition.has_pivots for definition in definitions),

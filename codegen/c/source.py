@@ -8,6 +8,8 @@ from functools import cache
 
 import jinja2
 
+from .library import FOLDER, library_files
+
 
 @dataclass(frozen=True)
 class Source:
@@ -26,6 +28,12 @@ class Source:
     longest: int
     cdefs: Mapping[str, str]
     half: str = ""
+
+    @property
+    def files(self) -> dict[str, str]:
+        """Header, code and the library that they include, by their places in one folder."""
+        library = library_files() if f'"{FOLDER}/' in self.header else {}
+        return {f"{self.name}.h": self.header, f"{self.name}.c": self.code, **library}
 
     def only(self, half: str) -> Source:
         """The same to compile one half alone: "singles" or "batches", or both without a name."""

@@ -14,6 +14,7 @@ from eomgen.memory import without_collection
 
 from ..kernels.equations import Equations
 from .contexts import header_context, lane_context, number_context
+from .library import library_types
 from .metadata import kernel_metadata
 from .source import Source, environment
 
@@ -30,10 +31,11 @@ def render(equations: Equations, dtype: str, *, batches: bool = True) -> Source:
     code = _fill("kernel/kernel.c.jinja", context)
     if batches:
         code += _fill("kernel/batches.c.jinja", {**context, **lane_context(equations, dtype)})
-    cdefs = {half: _fill(DECLARATIONS, {**names, "declared": own}) for half, own in meta["halves"].items()}
+    types = library_types(dtype) if names["rolls"] or names["adapts"] or names["gradients"] else ""
+    cdefs = {half: types + _fill(DECLARATIONS, {**names, "declared": own}) for half, own in meta["halves"].items()}
     lengths = [len(program.instructions) for program in equations.programs.values()]
     text = json.dumps(meta, indent=1) + "\n"
-    cdef, longest = _fill(DECLARATIONS, names), max(lengths, default=0)
+    cdef, longest = types + _fill(DECLARATIONS, names), max(lengths, default=0)
     return Source(equations.model.name, header, _tidy(code), cdef, text, sum(lengths), longest, cdefs)
 
 

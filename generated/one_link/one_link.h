@@ -48,6 +48,8 @@
 
 #include <stddef.h>
 
+#include "clib/eom.h"
+
 #define ONE_LINK_DOF 2
 #define ONE_LINK_LINKS 1
 #define ONE_LINK_FRAMES 3
@@ -136,135 +138,20 @@ int one_link_frame_pose(const double *h, const double *q, int frame, double *out
 int one_link_frame_jacobian(const double *h, const double *q, int frame, double *out);
 long long one_link_frame_pose_batch(size_t count, const double *h, const double *q, size_t q_step, int frame, double *out);
 long long one_link_frame_jacobian_batch(size_t count, const double *h, const double *q, size_t q_step, int frame, double *out);
-typedef struct {
-    const double *u;
-    size_t u_state;
-    size_t u_step;
-    const double *kp;
-    const double *kd;
-    const double *target;
-    size_t target_state;
-    size_t target_step;
-    const double *effort;
-} one_link_drive;
-typedef struct one_link_signal {
-    const double *knot;
-    const double *coefficient;
-    const struct one_link_signal *profile;
-    int pieces;
-    int degree;
-    int columns;
-} one_link_signal;
-typedef struct {
-    const one_link_signal *signal;
-    const int *place;
-} one_link_track;
-typedef struct {
-    one_link_track program;
-    const double *ratio;
-    const double *kp;
-    const double *kd;
-} one_link_control;
-typedef struct {
-    int (*inverse_dynamics)(const double *h, const double *q, const double *v, const double *a, double *out);
-    const double *h;
-    long long (*inverse_dynamics_batch)(size_t count, const double *h, const double *q, size_t q_step, const double *v, size_t v_step, const double *a, size_t a_step, double *out);
-    const double *batch_h;
-    const int *place;
-    const double *ratio;
-    const int *column;
-    const int *given;
-    int (*back)(const double *h, const double *q, const double *v, const double *a, const double *weights, double *out);
-    const double *back_h;
-    int (*along)(const double *h, const double *q, const double *v, const double *a, const double *dq, const double *dv, const double *da, double *out);
-    const double *along_h;
-    double bandwidth;
-    int size;
-    int holds;
-} one_link_model;
-typedef struct {
-    const int *place;
-    const double *wave;
-    const one_link_track *tracks;
-    int size;
-    int count;
-} one_link_given;
-typedef struct {
-    const one_link_signal *signal;
-    double t0;
-    double t1;
-    double arm[3];
-    int link;
-    int frame;
-    int turns;
-} one_link_wrench;
-typedef struct {
-    int (*generalized_force)(const double *h, const double *q, const double *v, double *out);
-    const double *passive_h;
-    int (*needed)(const double *h, const double *q, const double *v, const double *a, double *out);
-    const double *needed_h;
-} one_link_work;
-typedef struct {
-    double first;
-    double last;
-    const one_link_work *work;
-    const one_link_track *torque;
-    const one_link_control *control;
-    const one_link_model *model;
-    const one_link_given *given;
-    const one_link_wrench *wrench;
-    size_t wrenches;
-    const double *stop;
-    size_t stops;
-    int (*frame_pose)(const double *h, const double *q, int frame, double *out);
-    const double *frame_h;
-    int (*external_force)(const double *h, const double *q, const double *wrench, double *out);
-    const double *force_h;
-    int (*force_back)(const double *h, const double *q, const double *wrench, const double *weights, double *out);
-    const double *force_back_h;
-    int (*pose_back)(const double *h, const double *q, const double *weights, double *out);
-    const double *pose_back_h;
-    int (*force_along)(const double *h, const double *q, const double *wrench, const double *dq, const double *dwrench, double *out);
-    const double *force_along_h;
-    int (*force_by)(const double *h, const double *q, const double *wrench, const double *dp, double *out);
-    const double *force_by_h;
-    int (*pose_along)(const double *h, const double *q, const double *dq, double *out);
-    const double *pose_along_h;
-    int (*pose_by)(const double *h, const double *q, const double *dp, double *out);
-    const double *pose_by_h;
-    const double *effort;
-} one_link_loads;
+typedef eom_drive one_link_drive;
+typedef eom_spline one_link_signal;
+typedef eom_track one_link_track;
+typedef eom_tracking one_link_control;
+typedef eom_computed_torque one_link_model;
+typedef eom_prescribed one_link_given;
+typedef eom_wrench one_link_wrench;
+typedef eom_energy_balance one_link_work;
+typedef eom_inputs one_link_loads;
 long long one_link_rollout(const double *h, const double *q, const double *v, const one_link_drive *drive, double dt, size_t steps, size_t every, int method, double *q_out, double *v_out);
 long long one_link_rollout_batch(size_t count, const double *h, const double *q, size_t q_step, const double *v, size_t v_step, const one_link_drive *drive, double dt, size_t steps, size_t every, int method, double *q_out, double *v_out);
-typedef struct {
-    double rtol;
-    const double *atol;
-    long long most;
-} one_link_tolerance;
-typedef struct {
-    double t;
-    double next;
-    double largest;
-    double smallest;
-    double looked;
-    double excess;
-    double work[4];
-    double *works;
-    long long steps;
-    long long rejected;
-    long long counted;
-    size_t sample;
-    int refused;
-    int reason;
-} one_link_progress;
-typedef struct {
-    double *t;
-    double *q;
-    double *v;
-    double *stiffness;
-    size_t room;
-    size_t count;
-} one_link_record;
+typedef eom_tolerance one_link_tolerance;
+typedef eom_progress one_link_progress;
+typedef eom_record one_link_record;
 int one_link_adaptive_rollout(const double *h, const one_link_drive *drive, const one_link_loads *loads, const one_link_tolerance *allowed, const double *times, size_t samples, int method, double *q, double *v, double *q_out, double *v_out, one_link_progress *progress, one_link_record *record);
 void one_link_loaded(size_t count, const one_link_loads *loads, const double *times, double *q, double *v, double *u);
 void one_link_adaptive_rollout_batch(size_t count, const size_t *place, const double *h, size_t h_step, const one_link_drive *drive, const one_link_loads *loads, size_t loads_step, const one_link_tolerance *allowed, size_t allowed_step, const double *times, size_t samples, int method, double *q, double *v, double *q_out, double *v_out, one_link_progress *progress);

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eomgen.codegen.c.source import Source
+from tests.support.c_sources import write_source
 
 Array = NDArray[Any]
 STATES = 19  # no multiple of any number of lanes
@@ -328,8 +329,7 @@ def inputs_of(source: Source, spread: Array, seed: int = 1) -> dict[str, Array]:
 
 def write_driver(source: Source, inputs: Mapping[str, Array], folder: Path) -> None:
     """Source, main.c and input.bin."""
-    (folder / f"{source.name}.h").write_text(source.header, encoding="ascii")
-    (folder / f"{source.name}.c").write_text(source.code, encoding="ascii")
+    write_source(source, folder)
     (folder / "main.c").write_text(driver_text(source), encoding="ascii")
     (folder / "input.bin").write_bytes(b"".join(array.tobytes() for array in inputs.values()))
 

@@ -25,6 +25,13 @@ def elastic_tree() -> Robot:
     return replace(robot, name="elastic_tree", tunable=tunable)
 
 
+def write_source(source: Source, folder: Path) -> None:
+    """Write header, code and the library that they include into a folder."""
+    for place, text in source.files.items():
+        (folder / place).parent.mkdir(exist_ok=True)
+        (folder / place).write_text(text, encoding="ascii")
+
+
 def source_of(robot: Robot, dtype: str = "float64") -> Source:
     return render(derive_equations(build_model(robot)), dtype)
 

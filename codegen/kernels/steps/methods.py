@@ -20,13 +20,6 @@ from numpy.typing import NDArray
 
 from eomgen.arrays import Array
 
-LOOK = 2000  # steps and rejections between two looks at whether they lead anywhere, twenty times what an impact takes
-GAUSS = {  # rule of five points on [0, 1], exact for polynomials of degree 9
-    "nodes": (0.04691007703066802, 0.23076534494715845, 0.5, 0.7692346550528415, 0.9530899229693319),
-    "weights": (0.11846344252809454, 0.23931433524968324, 0.2844444444444444, 0.23931433524968324, 0.11846344252809454),
-}
-LEAST_PART = 1e-7  # of the duration by which they do; with less all of it would take 2e10 of them, that is days
-
 
 @dataclass(frozen=True)
 class Rosenbrock:

@@ -14,6 +14,7 @@ from functools import cache
 from pathlib import Path
 
 ROOMS = ("eomgen.codegen", "eomgen.templates")
+LIBRARY = "clib"  # folder of the C library that generated C includes
 _INSIDE = tuple(f"{room}." for room in ROOMS)
 _IMPORT = re.compile(
     r"^[ \t]*(?:from[ \t]+([.\w]+)[ \t]+import[ \t]+(\([^)]*\)|[^\n#]*)|import[ \t]+([\w., \t]+))", re.M
@@ -43,6 +44,8 @@ def _contents() -> dict[str, tuple[str, bytes]]:
             found[name] = path, _read(path)
             if name.endswith(".py"):
                 waiting.append((f"eomgen/{name}".removesuffix(".py").removesuffix("/__init__").replace("/", "."), name))
+    for name in sorted(_listing(LIBRARY)):
+        found[f"{LIBRARY}/{name}"] = _path(f"{LIBRARY}/{name}"), _read(_path(f"{LIBRARY}/{name}"))
     seen = {module for module, _ in waiting}
     while waiting:
         module, file = waiting.pop()

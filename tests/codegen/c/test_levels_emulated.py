@@ -28,6 +28,7 @@ from eomgen.pipeline.stages import Options, make_source
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
 from eomgen.runtime.levels import supported
+from tests.support.c_sources import write_source
 from tests.support.processors import needs_levels
 from tests.support.random_robots import random_robot
 
@@ -91,8 +92,8 @@ def program(robot: Robot, folder: Path) -> tuple[Path, bytes]:
         single="\n".join(single),
         batch="\n".join(batch),
     )
-    for file, content in ((f"{robot.name}.h", source.header), (f"{robot.name}.c", source.code), ("main.c", text)):
-        (folder / file).write_text(content, encoding="ascii")
+    write_source(source, folder)
+    (folder / "main.c").write_text(text, encoding="ascii")
     arrays = [values if values.size else np.zeros(1), *(given[name] for name in read)]
     return folder / f"{robot.name}.c", b"".join(np.ascontiguousarray(array, np.float64).tobytes() for array in arrays)
 

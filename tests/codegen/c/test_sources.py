@@ -34,7 +34,7 @@ from eomgen.robot.value import COORDINATES, Coordinate, Robot
 from tests.oracles.force_laws import with_laws
 from tests.support.builds import Build
 from tests.support.c_project import WARNINGS
-from tests.support.c_sources import check_symbols, elastic_tree, source_of
+from tests.support.c_sources import check_symbols, elastic_tree, source_of, write_source
 from tests.support.random_robots import random_robot
 from tests.support.small_robots import free_body
 from tests.support.soak import soaked
@@ -112,8 +112,7 @@ def compiled(compiler: str, *arguments: str | Path) -> None:
 @pytest.mark.parametrize("name", soaked(ROBOTS, QUICK))
 def test_no_compiler_warns(name: str, dtype: str, tmp_path: Path) -> None:
     source = source_of_robot(name, dtype)
-    (tmp_path / f"{name}.h").write_text(source.header, encoding="ascii")
-    (tmp_path / f"{name}.c").write_text(source.code, encoding="ascii")
+    write_source(source, tmp_path)
     small = name in ("one_link", "worn_joint", "free_body")
     assert name == "worn_joint" or ("_part1(" in source.code) != small
     ways = [("gcc", ["-O1"]), ("clang", ["-O0"]), ("gcc", ["-O0", "-DEOMGEN_VECTOR=0"])]
@@ -132,8 +131,7 @@ def test_no_compiler_warns(name: str, dtype: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["one_link", pytest.param("worn_tree", marks=pytest.mark.soak)])
 def test_no_compiler_warns_of_vectors(name: str, flags: tuple[str, ...], tmp_path: Path) -> None:
     source = source_of_robot(name)
-    (tmp_path / f"{name}.h").write_text(source.header, encoding="ascii")
-    (tmp_path / f"{name}.c").write_text(source.code, encoding="ascii")
+    write_source(source, tmp_path)
     if "x86" not in platform.machine():
         flags = flags[-1:] if flags[0].startswith("-D") else ()
     for compiler in ("gcc", "clang"):
@@ -153,8 +151,7 @@ def test_no_heap_and_no_static_state(name: str) -> None:
 def test_header_in_cpp(tmp_path: Path) -> None:
     """A C++ program includes the header, twice, and links with the C."""
     source = source_of(eomgen.load_robot("one_link"))
-    (tmp_path / "one_link.h").write_text(source.header, encoding="ascii")
-    (tmp_path / "one_link.c").write_text(source.code, encoding="ascii")
+    write_source(source, tmp_path)
     (tmp_path / "main.cpp").write_text(
         """
         #include "one_link.h"

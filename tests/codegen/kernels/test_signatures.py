@@ -35,8 +35,8 @@ OF_A_KIND: dict[str, Callable[[str, Signature], bool]] = {
     "hessian": lambda name, entry: is_derivative(name, entry),
     "frames": lambda name, entry: name in WRITERS and bool(entry.functions) and is_written(name),
     "composed": lambda name, entry: entry.calls and set(entry.calls) >= set(entry.counts) and is_written(name),
-    "rollout": lambda name, entry: entry.calls and set(entry.calls) >= set(entry.counts) and is_written(name),
-    "adaptive": lambda name, entry: entry.calls and set(entry.calls) >= set(entry.counts) and is_written(name),
+    "rollout": lambda name, entry: entry.calls and set(entry.calls) >= set(entry.counts),
+    "adaptive": lambda name, entry: entry.calls and set(entry.calls) >= set(entry.counts),
     "gradient": lambda name, entry: entry.calls and set(entry.calls) >= set(entry.counts) and is_written(name),
 }
 

@@ -170,12 +170,12 @@ def _files(
     }
     kinds = {f"{stem}.{end}": f"fmu/{stem}.{end}" for stem in ("unit", f"fmi{version}") for end in "hc"}
     texts = _rendered(kinds, {**context, "token": ""})
-    digest = hashlib.sha256(json.dumps([source.header, source.code, *texts.values()]).encode()).digest()
+    digest = hashlib.sha256(json.dumps([*source.files.values(), *texts.values()]).encode()).digest()
     token = f"{{{uuid.UUID(bytes=digest[:16])}}}"  # a GUID that the same sources have again, and no others
     texts = _rendered(kinds, {**context, "token": token})
-    code = {f"{name}.h": source.header, f"{name}.c": source.code}
-    code |= {f"{name}_{key}": text for key, text in texts.items()}
-    unit = Unit(name, token, layout, sorted(file for file in code if file.endswith(".c")), bool(model.constraints))
+    code = source.files | {f"{name}_{key}": text for key, text in texts.items()}
+    compiled = sorted(file for file in code if file.endswith(".c") and "/" not in file)
+    unit = Unit(name, token, layout, compiled, bool(model.constraints))
     files = {f"sources/{file}": text.encode("ascii") for file, text in code.items()}
     files["modelDescription.xml"] = model_description(unit, version)
     if version == 3:
@@ -253,7 +253,9 @@ def _compiled(
     check_compiler(compiler, compile_flags(compiler, False, flags))
     for path, content in files.items():
         if path.startswith("sources/"):
-            (work / Path(path).name).write_bytes(content)
+            place = work / path.removeprefix("sources/")
+            place.parent.mkdir(exist_ok=True)
+            place.write_bytes(content)
     include = ("-iquote", str(work), "-DFMI3_OVERRIDE_FUNCTION_PREFIX", "-fPIC", "-fvisibility=hidden")
     codes = sorted(work.glob("*.c"))
     objects = [code.with_suffix(".o") for code in codes]

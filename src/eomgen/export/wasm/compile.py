@@ -58,8 +58,9 @@ def compile_wasm(sources: Mapping[str, str], exported: Sequence[str], *, long: b
     def make(folder: Path) -> None:
         with tempfile.TemporaryDirectory() as work:
             for name, text in sources.items():
+                Path(work, name).parent.mkdir(exist_ok=True)
                 Path(work, name).write_text(text, encoding="ascii")
-            codes = [str(Path(work, name)) for name in sources if name.endswith(".c")]
+            codes = [str(Path(work, name)) for name in sources if name.endswith(".c") and "/" not in name]
             run_all([[*command, *flags, *codes, "-o", str(folder / MODULE), "-lm"]])
         (folder / MODULE).chmod(0o600)
 

@@ -360,7 +360,9 @@ class Packed:
         passive, *needed = work_kernels(self._calls)
         fields["generalized_force"], fields["passive_h"] = self._function(self._calls, passive)
         for name in needed:
-            fields["needed"], fields["needed_h"] = self._function(self._calls, name)
+            fields["residual" if name == "residual" else "needed"], fields["needed_h"] = self._function(
+                self._calls, name
+            )
         return self._new("work", **fields)
 
     def drives(self, times: Array, q: Array, v: Array) -> Array:

@@ -1,0 +1,30 @@
+"""The C library that robots' code includes: its files, and its types as cffi reads them."""
+
+from __future__ import annotations
+
+import importlib.resources
+import re
+from functools import cache
+
+FOLDER = "clib"  # of eomgen, and beside a robot's file
+_TYPES = ("eom.h", "eom_types.h")
+
+
+@cache
+def library_files() -> dict[str, str]:
+    """Read the library's files, by their places beside a robot's file ("clib/eom.h"), sorted."""
+    folder = importlib.resources.files("eomgen").joinpath(FOLDER)
+    names = sorted(path.name for path in folder.iterdir() if path.name.endswith((".c", ".h")))
+    return {f"{FOLDER}/{name}": folder.joinpath(name).read_text(encoding="ascii") for name in names}
+
+
+@cache
+def library_types(dtype: str) -> str:
+    """Declare the library's types in one precision, "float64" or "float32", without preprocessor and comments."""
+    files = library_files()
+    text = "\n".join(files[f"{FOLDER}/{name}"] for name in _TYPES)
+    text = re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL).replace("\\\n", "")
+    prefix, scalar = ("eomf", "float") if dtype == "float32" else ("eom", "double")
+    text = re.sub(r"\bEOM\((\w+)\)", rf"{prefix}_\1", text).replace("EOM_SCALAR", scalar)
+    lines = (line.rstrip() for line in text.splitlines() if not line.startswith("#"))
+    return "\n".join(line for line in lines if line) + "\n"

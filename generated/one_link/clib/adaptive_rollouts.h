@@ -1,0 +1,355 @@
+/* adaptive_rollouts.h: from sample to sample by steps whose length the error controls, of one state, or of one in every lane. */
+
+/* An integration that goes on: what it is of, its step, where it is, and what lanes do. */
+typedef struct {
+    F(problem) problem;
+    F(step) step;
+    REAL *u;
+    REAL *target;
+    const EOM(tolerance) *allowed;
+    size_t allowed_step;
+    const size_t *place;
+    const double *times;
+    size_t samples;
+    EOM_SCALAR *q_out;
+    EOM_SCALAR *v_out;
+    eom_progress *progress;
+    double duration;
+    double length[WIDTH];
+    int going[WIDTH];
+    int lands[WIDTH];  /* whether a lane's step ends at a sample or at a jump */
+    int halts[WIDTH];  /* whether inputs jump there */
+    int taken[WIDTH];
+    int known[WIDTH];  /* whether dx has the rates at the beginning */
+    int left;          /* lanes that go on */
+    int method;
+    int held;          /* whether drives are the same from sample to sample */
+    int dense;         /* whether samples lie within steps */
+    int works;
+} F(integration);
+
+/* Tolerances of a lane. */
+EOM_LOCAL const EOM(tolerance) *F(tolerance_of)(const F(integration) *restrict it, int l)
+{
+    return &it->allowed[it->place[l] * it->allowed_step];
+}
+
+/* End a lane in this call. */
+EOM_LOCAL void F(stop_lane)(F(integration) *restrict it, int l)
+{
+    it->going[l] = 0;
+    it->left -= 1;
+}
+
+/* Begin with states at their beginning, or go on where progress is. */
+EOM_LOCAL void F(begin_motion)(F(integration) *restrict it, const EOM(inputs) *restrict inputs, size_t inputs_step, int here)
+{
+    const EOM(drive) *const drive = it->problem.motion.drive;
+    const int n = N_OF(it->problem.motion.robot->sizes);
+    const size_t stride = (it->samples + 1U) * (size_t)n;
+    it->left = 0;
+    for (int l = 0; l < (int)WIDTH; ++l) {
+        eom_progress *const p = &it->progress[it->place[l]];
+        it->going[l] = ((l < here) && (p->reason == 0)) ? 1 : 0;
+        it->length[l] = it->duration;
+        it->lands[l] = 0;
+        it->halts[l] = 0;
+        it->known[l] = 0;
+        it->left += it->going[l];
+        it->problem.clock.inputs[l] = (inputs == NULL) ? NULL : &inputs[it->place[l] * inputs_step];
+        F(hold)(drive, n, it->place[l], ((p->sample > 0U) && (p->sample <= it->samples)) ? (p->sample - 1U) : 0U, l, it->u, it->target);
+        if ((it->going[l] != 0) && (p->sample == 0U)) {
+            for (int i = 0; i < n; ++i) {
+                it->q_out[it->place[l] * stride + (size_t)i] = LANE_OF(it->step.x[i], l);
+                it->v_out[it->place[l] * stride + (size_t)i] = LANE_OF(it->step.x[n + i], l);
+            }
+            if (p->works != NULL) { (void)memcpy(p->works, p->work, sizeof p->work); }
+            p->sample = 1U;
+            p->t = it->times[0];
+            p->looked = it->times[0];
+        }
+    }
+}
+
+/* Look where lanes are, and when their inputs jump next; lanes that have taken their steps of this call end.  Whether the rates
+ * of one that goes on are not known. */
+EOM_LOCAL int F(look_at_clock)(F(integration) *restrict it, long long pass)
+{
+    F(clock) *const clock = &it->problem.clock;
+    const double end = it->times[it->samples];
+    int fresh = 0;
+    for (int l = 0; l < (int)WIDTH; ++l) {
+        const eom_progress *const p = &it->progress[it->place[l]];
+        const EOM(inputs) *const inputs = clock->inputs[l];
+        if ((it->going[l] != 0) && (pass >= F(tolerance_of)(it, l)->most)) { F(stop_lane)(it, l); }
+        clock->begin[l] = p->t;
+        clock->step[l] = 0.0;
+        clock->end[l] = p->t;
+        clock->after[l] = p->t;
+        clock->before[l] = p->t;
+        clock->stop[l] = HUGE_VAL;
+        if ((inputs != NULL) && (inputs->stops > 0U)) {
+            const size_t count = eom_stops_until(inputs->stop, inputs->stops, p->t);
+            if (count < inputs->stops) { clock->stop[l] = inputs->stop[count]; }
+            if (eom_jumps_at(inputs->stop, inputs->stops, p->t) != 0) { clock->after[l] = p->t + 1e-7 * (((clock->stop[l] < end) ? clock->stop[l] : end) - p->t); }
+        }
+        if ((it->going[l] != 0) && (it->known[l] == 0)) { fresh = 1; }
+    }
+    return fresh;
+}
+
+/* Choose the lengths of lanes' next steps, which end at samples where these are no dense output, and at jumps. */
+EOM_LOCAL void F(choose_lengths)(F(integration) *restrict it, REAL *restrict dt)
+{
+    F(clock) *const clock = &it->problem.clock;
+    for (int l = 0; l < (int)WIDTH; ++l) {
+        eom_progress *const p = &it->progress[it->place[l]];
+        it->known[l] = 1;
+        if (it->going[l] == 0) { continue; }
+        if (!(p->next > 0.0)) { p->next = F(first_step)(&it->problem.motion, F(tolerance_of)(it, l), l, &it->step); }
+        double goal = (it->dense != 0) ? it->times[it->samples] : it->times[p->sample];
+        const int stops = (clock->stop[l] <= goal) ? 1 : 0;
+        if (stops != 0) { goal = clock->stop[l]; }
+        const double rest = goal - p->t;
+        it->lands[l] = (p->next * 1.000001 >= rest) ? 1 : 0;
+        it->length[l] = (it->lands[l] != 0) ? rest : ((2.0 * p->next > rest) ? (0.5 * rest) : p->next);
+        clock->step[l] = it->length[l];
+        clock->end[l] = (it->lands[l] != 0) ? goal : (p->t + it->length[l]);
+        it->halts[l] = ((it->lands[l] != 0) && (stops != 0)) ? 1 : 0;
+        clock->before[l] = (it->halts[l] != 0) ? (clock->end[l] - 1e-3 * it->length[l]) : clock->end[l];
+        LANE_OF(*dt, l) = (EOM_SCALAR)it->length[l];
+    }
+}
+
+/* Judge lanes' steps by their errors; with closed loops their ends are assembled. */
+EOM_LOCAL void F(judge_steps)(F(integration) *restrict it, REAL *restrict work)
+{
+    const F(motion) *const motion = &it->problem.motion;
+    const double order = (it->method == 1) ? 0.2 : 0.25;
+    for (int l = 0; l < (int)WIDTH; ++l) {
+        eom_progress *const p = &it->progress[it->place[l]];
+        int where = 0;
+        it->taken[l] = 0;
+        if (it->going[l] == 0) { continue; }
+        const double excess = F(error_norm)(motion, F(tolerance_of)(it, l), l, &it->step, &where);
+        it->taken[l] = F(judge)(p, excess, order, it->length[l], it->duration, where);
+        if (p->reason != 0) {
+            it->taken[l] = 0;
+            F(stop_lane)(it, l);
+        }
+    }
+    if (M_OF(motion->robot->sizes) > 0) {
+        it->left -= F(assemble_ends)(motion, it->length, it->duration, it->going, it->taken, &it->step, it->place, it->progress, work);
+    }
+}
+
+/* Prepare what lies within steps of the Rosenbrock method where a sample or doubtful works ask for it.  Whether any does. */
+EOM_LOCAL int F(prepare_inside)(F(integration) *restrict it, REAL dt, F(workspace) work)
+{
+    const EOM(sizes) *const sizes = it->problem.motion.robot->sizes;
+    int inside = 0;
+    for (int l = 0; (M_OF(sizes) == 0) && (it->method != 1) && (l < (int)WIDTH); ++l) {
+        const eom_progress *const p = &it->progress[it->place[l]];
+        if (it->taken[l] == 0) { continue; }
+        if ((it->dense != 0) && (it->times[p->sample] < it->problem.clock.end[l])) { inside = 1; }
+        if ((it->works != 0) && (F(works_are_doubtful)(it->problem.clock.power, p->work, l, it->method, it->length[l], F(tolerance_of)(it, l)->rtol) != 0)) { inside = 1; }
+    }
+    if (inside != 0) {
+        if (sizes->has_friction == 0) { F(rate)(&it->problem, 1.0, END_STAGE, it->step.x_end, it->step.dx_end, work); }
+        F(bend_of_step)(&it->problem, dt, &it->step, work.state);
+    }
+    return inside;
+}
+
+/* Store the samples that a lane's step has come to, with works up to there; share is that up to which doubtful works are
+ * integrated. */
+EOM_LOCAL double F(store_samples)(F(integration) *restrict it, int l, double began, int doubtful, const double *restrict works_began, F(workspace) work)
+{
+    const F(problem) *const problem = &it->problem;
+    const EOM(sizes) *const sizes = problem->motion.robot->sizes;
+    const int n = N_OF(sizes);
+    const double length = it->length[l];
+    const size_t first = it->place[l] * (it->samples + 1U);
+    eom_progress *const p = &it->progress[it->place[l]];
+    double share = 0.0;
+    while ((p->sample <= it->samples) && (((it->lands[l] != 0) || (it->dense != 0)) && (it->times[p->sample] <= p->t))) {
+        EOM_SCALAR *const q_row = &it->q_out[(first + p->sample) * (size_t)n];
+        EOM_SCALAR *const v_row = &it->v_out[(first + p->sample) * (size_t)n];
+        double *const work_row = (p->works == NULL) ? NULL : &p->works[p->sample * EOM_WORKS];
+        const double time = it->times[p->sample];
+        const int inside = ((it->dense != 0) && (time < p->t)) ? 1 : 0;
+        if (doubtful != 0) {
+            const double until = (time < p->t) ? ((time - began) / length) : 1.0;
+            F(integrate_works)(problem, l, it->method, share, until, F(tolerance_of)(it, l)->rtol, &it->step, p->work, work);
+            share = until;
+        }
+        if (inside != 0) {
+            F(dense_output)((time - began) / length, length, n, l, it->method, &it->step, q_row, v_row);
+        } else {
+            if ((it->halts[l] != 0) && (M_OF(sizes) == 0)) { F(put_prescribed)(problem, l, eom_instant_of(p->t), it->step.x_end, work.input); }
+            for (int i = 0; i < n; ++i) {
+                q_row[i] = LANE_OF(it->step.x_end[i], l);
+                v_row[i] = LANE_OF(it->step.x_end[n + i], l);
+            }
+        }
+        if ((work_row != NULL) && (inside != 0) && (doubtful == 0)) {
+            F(works_between)((time - began) / length, length, l, it->method, problem->clock.power, works_began, p->work, work_row);
+        } else if (work_row != NULL) {
+            (void)memcpy(work_row, p->work, sizeof p->work);
+        } else {
+            /* no works are asked for */
+        }
+        if (ROTATIONS_OF(sizes) > 0) { F(describe_row)(sizes, problem->motion.charts, l, q_row, v_row, work.state); }
+        p->sample += 1U;
+        if ((it->held == 0) && (p->sample <= it->samples)) {
+            F(hold)(problem->motion.drive, n, it->place[l], p->sample - 1U, l, it->u, it->target);
+            it->known[l] = 0;
+        }
+    }
+    return share;
+}
+
+/* Record a step of a lane. */
+EOM_LOCAL void F(record_step)(F(integration) *restrict it, int l, double stiffness, EOM(record) *restrict record, REAL *restrict work)
+{
+    const F(motion) *const motion = &it->problem.motion;
+    const int n = N_OF(motion->robot->sizes);
+    EOM_SCALAR *const q = &record->q[record->count * (size_t)n];
+    EOM_SCALAR *const v = &record->v[record->count * (size_t)n];
+    record->t[record->count] = it->progress[it->place[l]].t;
+    if (record->stiffness != NULL) { record->stiffness[record->count] = stiffness; }
+    for (int i = 0; i < n; ++i) {
+        q[i] = LANE_OF(it->step.x[i], l);
+        v[i] = LANE_OF(it->step.x[n + i], l);
+    }
+    if (ROTATIONS_OF(motion->robot->sizes) > 0) { F(describe_row)(motion->robot->sizes, motion->charts, l, q, v, work); }
+    record->count += 1U;
+}
+
+/* Go on from the end of a lane's step. */
+EOM_LOCAL void F(accept_step)(F(integration) *restrict it, int l, int inside, F(workspace) work)
+{
+    const EOM(sizes) *const sizes = it->problem.motion.robot->sizes;
+    const int n = N_OF(sizes);
+    const int closed = (M_OF(sizes) > 0) ? 1 : 0;
+    const double length = it->length[l];
+    const double rtol = F(tolerance_of)(it, l)->rtol;
+    eom_progress *const p = &it->progress[it->place[l]];
+    double *const power = it->problem.clock.power;
+    const double began = p->t;
+    double works_began[EOM_WORKS];
+    const int doubtful = ((it->works != 0) && (closed == 0)) ? F(works_are_doubtful)(power, p->work, l, it->method, length, rtol) : 0;
+    it->known[l] = ((closed == 0) && (it->halts[l] == 0) && ((sizes->has_friction != 0) || (it->method == 1) || (inside != 0))) ? 1 : 0;
+    (void)memcpy(works_began, p->work, sizeof works_began);
+    for (int w = 0; (it->works != 0) && (doubtful == 0) && (w < EOM_WORKS); ++w) { p->work[w] += F(work_of_step)(power, w, l, it->method, length, 1.0); }
+    p->steps += 1;
+    p->t = it->problem.clock.end[l];
+    if (length > p->largest) { p->largest = length; }
+    if ((p->steps == 1) || (length < p->smallest)) { p->smallest = length; }
+    const double share = F(store_samples)(it, l, began, doubtful, works_began, work);
+    if ((doubtful != 0) && (share < 1.0)) { F(integrate_works)(&it->problem, l, it->method, share, 1.0, rtol, &it->step, p->work, work); }
+    if ((closed == 0) && (it->halts[l] != 0)) { F(put_prescribed)(&it->problem, l, eom_instant_of(p->t), it->step.x_end, work.input); }
+    for (int i = 0; i < n; ++i) {
+        LANE_OF(it->step.x[i], l) = LANE_OF(it->step.x_end[i], l);
+        LANE_OF(it->step.x[n + i], l) = LANE_OF(it->step.x_end[n + i], l);
+        LANE_OF(it->step.dx[i], l) = LANE_OF(it->step.x_end[n + i], l); /* prescribed motions are in it */
+        LANE_OF(it->step.dx[n + i], l) = LANE_OF(it->step.dx_end[n + i], l);
+    }
+    for (int w = 0; (it->works != 0) && (closed == 0) && (w < EOM_WORKS); ++w) { power[w * (int)WIDTH + l] = power[(END_STAGE * EOM_WORKS + w) * (int)WIDTH + l]; }
+}
+
+/* Take room for an integration from a workspace. */
+EOM_LOCAL void F(carve_integration)(const EOM(sizes) *restrict sizes, F(integration) *restrict it, F(workspace) *restrict work)
+{
+    const int pair = PADDED_TO_BLOCKS(2 * N_OF(sizes));
+    const int rates = PADDED_TO_BLOCKS(2 * N_OF(sizes) + 3 * M_OF(sizes));
+    it->u = work->state;
+    it->target = &it->u[PADDED_TO_BLOCKS(N_OF(sizes))];
+    it->step.x_end = &it->target[PADDED_TO_BLOCKS(N_OF(sizes))];
+    it->step.error = &it->step.x_end[pair];
+    it->step.bend = &it->step.error[pair];
+    it->step.dx = &it->step.bend[PADDED_TO_BLOCKS(N_OF(sizes))];
+    it->step.dx_end = &it->step.dx[rates];
+    it->step.factors = &it->step.dx_end[rates];
+    work->state = &it->step.factors[PADDED_TO_BLOCKS(sizes->factors)];
+    it->problem.u = it->u;
+    it->problem.target = it->target;
+    (void)memset(it->u, 0, (size_t)(work->state - it->u) * sizeof *it->u);
+}
+
+/* Go on with up to WIDTH states, those at place, from where their progress is, each by steps of its own; at most so many in
+ * this call.  The numbers at place behind the ones that are here are those of one of them.  x = (q, v). */
+EOM_LOCAL void F(adapt)(const F(robot) *restrict robot, const REAL *restrict h, const EOM(drive) *restrict drive, const EOM(inputs) *restrict inputs, size_t inputs_step, const EOM(tolerance) *restrict allowed, size_t allowed_step, const size_t *restrict place, int here, const double *restrict times, size_t samples, int method, REAL *restrict x, EOM_SCALAR *restrict q_out, EOM_SCALAR *restrict v_out, eom_progress *restrict progress, EOM(record) *restrict record, F(workspace) work)
+{
+    const EOM(sizes) *const sizes = robot->sizes;
+    const int n = N_OF(sizes);
+    F(integration) it;
+    F(charts) charts;
+    REAL dt = WHOLE((EOM_SCALAR)1.0);
+    double power[STAGES_WITH_POWERS * EOM_WORKS * WIDTH];
+    double stiffness = 0.0;
+    double *const estimate = ((record == NULL) || (record->stiffness == NULL)) ? NULL : &stiffness;
+    long long most = 0;
+    it.problem.motion.robot = robot;
+    it.problem.motion.h = h;
+    it.problem.motion.charts = NULL;
+    it.problem.motion.drive = drive;
+    it.allowed = allowed;
+    it.allowed_step = allowed_step;
+    it.place = place;
+    it.times = times;
+    it.samples = samples;
+    it.q_out = q_out;
+    it.v_out = v_out;
+    it.progress = progress;
+    it.duration = times[samples] - times[0];
+    it.method = method;
+    it.held = ((drive->u_step == 0U) && (drive->target_step == 0U)) ? 1 : 0;
+    it.dense = ((it.held != 0) && (M_OF(sizes) == 0)) ? 1 : 0;
+    it.works = ((ROTATIONS_OF(sizes) == 0) && (inputs != NULL) && (inputs->work != NULL)) ? 1 : 0;
+    it.problem.clock.power = (it.works == 0) ? NULL : power;
+    it.problem.clock.here = here;
+    F(carve_integration)(sizes, &it, &work);
+    it.step.x = x;
+    F(begin_motion)(&it, inputs, inputs_step, here);
+    for (int l = 0; l < (int)WIDTH; ++l) {
+        const long long own = F(tolerance_of)(&it, l)->most;
+        most = (own > most) ? own : most;
+    }
+    if (ROTATIONS_OF(sizes) > 0) {
+        F(carve_charts)(sizes, &charts, &work);
+        it.problem.motion.charts = &charts;
+        it.problem.motion.h = charts.h;
+        F(begin_charts)(sizes, h, drive->kp, drive->kd, &charts, x, &x[n]);
+        F(resume_charts)(sizes, drive, place, &charts, x, &x[n]);
+    }
+    for (long long pass = 0; (it.left > 0) && (pass < most) && ((record == NULL) || (record->count < record->room)); ++pass) {
+        if (F(look_at_clock)(&it, pass) != 0) { F(rate)(&it.problem, 0.0, 0, x, it.step.dx, work); }
+        F(choose_lengths)(&it, &dt);
+        if (method == 0) {
+            F(rosenbrock_step)(&it.problem, dt, &it.step, work);
+        } else {
+            F(tsit5_step)(&it.problem, dt, &it.step, F(tolerance_of)(&it, 0), estimate, work);
+        }
+        if (inputs != NULL) { F(put_prescribed_ends)(&it.problem, &it.step, work.input); }
+        F(judge_steps)(&it, work.state);
+        const int inside = F(prepare_inside)(&it, dt, work);
+        for (int l = 0; l < (int)WIDTH; ++l) {
+            if (it.taken[l] == 0) { continue; }
+            F(accept_step)(&it, l, inside, work);
+            if (record != NULL) { F(record_step)(&it, l, stiffness, record, work.state); }
+            if (progress[place[l]].sample > samples) {
+                progress[place[l]].reason = 1;
+                F(stop_lane)(&it, l);
+            }
+        }
+        if ((ROTATIONS_OF(sizes) > 0) && (F(change_charts)(sizes, &charts, x, &x[n]) != 0)) {
+            for (int l = 0; l < (int)WIDTH; ++l) { it.known[l] = 0; }
+        }
+    }
+    if (ROTATIONS_OF(sizes) > 0) {
+        F(keep_charts)(sizes, drive, place, (size_t)here, &charts, x, &x[n]);
+        F(describe)(sizes, &charts, x, &x[n], it.step.x_end, &it.step.x_end[n]);
+        (void)memcpy(x, it.step.x_end, (size_t)(2 * n) * sizeof *x);
+    }
+}

@@ -1,0 +1,77 @@
+/* closed_loops.h: states of mechanisms whose loops stay assembled; of one state or of one in every lane. */
+
+/* Move a state to the nearest assembled one, in the metric of the kinetic energy: steps of Newton's method until what loops
+ * violate before a step is round-off.  Velocities follow in that last step: at a violating state redundant rows block what is
+ * free.  A lane that fails stays where it is, and takes the numbers of another one from then on: no lane's bits depend on what
+ * happens in another.  0, or what the projection said, or 1 + n + r where constraint r stays violated; 2 n + 3 m more per lane.
+ * work: 4 n + m + hoisted. */
+EOM_LOCAL int F(assemble)(const F(robot) *restrict robot, const REAL *restrict h, REAL *restrict q, REAL *restrict v, REAL *restrict work)
+{
+    const EOM(sizes) *const sizes = robot->sizes;
+    const int n = N_OF(sizes);
+    const int m = M_OF(sizes);
+    const int statuses = 2 * n + 3 * m;
+    REAL *const change = work;
+    REAL *const q_here = &change[2 * n + m];
+    REAL *const v_here = &q_here[n];
+    REAL *const h_here = &v_here[n];
+    const REAL *parameters = h;
+    int settled[WIDTH] = { 0 };
+    int failed[WIDTH] = { 0 };
+    int left = (int)WIDTH;
+    int pass = 0;
+    (void)memcpy(q_here, q, (size_t)n * sizeof *q);
+    (void)memcpy(v_here, v, (size_t)n * sizeof *v);
+    while ((left > 0) && (pass < 12)) {
+        const int status = robot->settling(parameters, q_here, v_here, change);
+        if (status != 0) {
+            const int said = (WIDTH > 1) ? ((status - 1) / statuses) : 0;
+            int one = 0;
+            int other = 0;
+            while (failed[one] != 0) { ++one; } /* the lane that those follow which have failed */
+            const int lane = (failed[said] == 0) ? said : one;
+            failed[lane] = 1 + ((WIDTH > 1) ? ((status - 1) % statuses) : (status - 1));
+            left -= (settled[lane] != 0) ? 0 : 1;
+            settled[lane] = 1;
+            while ((other < (int)WIDTH) && (failed[other] != 0)) { ++other; }
+            if (other == (int)WIDTH) { break; }
+            if (parameters == h) {
+                (void)memcpy(h_here, h, (size_t)sizes->hoisted * sizeof *h);
+                parameters = h_here;
+            }
+            for (int l = 0; l < (int)WIDTH; ++l) {
+                if (failed[l] == 0) { continue; }
+                for (int i = 0; i < n; ++i) {
+                    LANE_OF(q_here[i], l) = LANE_OF(q_here[i], other);
+                    LANE_OF(v_here[i], l) = LANE_OF(v_here[i], other);
+                }
+                for (int i = 0; i < sizes->hoisted; ++i) { LANE_OF(h_here[i], l) = LANE_OF(h_here[i], other); }
+            }
+            continue;
+        }
+        for (int l = 0; l < (int)WIDTH; ++l) {
+            if (settled[l] != 0) { continue; }
+            settled[l] = 1;
+            for (int r = 2 * n; r < 2 * n + m; ++r) {
+                if (!(EOM_MATH(fabs)(LANE_OF(change[r], l)) <= sizes->closed_gap)) { settled[l] = 0; }
+            }
+            left -= settled[l];
+            for (int i = 0; i < n; ++i) {
+                LANE_OF(q[i], l) += LANE_OF(change[i], l);
+                LANE_OF(q_here[i], l) = LANE_OF(q[i], l);
+                if ((settled[l] != 0) || (pass == 11)) {
+                    LANE_OF(v[i], l) += LANE_OF(change[n + i], l);
+                    LANE_OF(v_here[i], l) = LANE_OF(v[i], l);
+                }
+            }
+        }
+        ++pass;
+    }
+    for (int l = 0; l < (int)WIDTH; ++l) {
+        if (failed[l] != 0) { return failed[l] + l * statuses; }
+        for (int r = 0; (r < m) && (settled[l] == 0); ++r) {
+            if (!(EOM_MATH(fabs)(LANE_OF(change[2 * n + r], l)) <= sizes->open_gap)) { return 1 + n + r + l * statuses; }
+        }
+    }
+    return 0;
+}

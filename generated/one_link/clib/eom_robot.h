@@ -1,0 +1,56 @@
+/* eom_robot.h: a robot as the library knows it, and functions that integrate its motion; eom.h includes it for each precision. */
+
+/* Sizes of a robot, and what is particular about it. */
+typedef struct {
+    int n;          /* coordinates */
+    int m;          /* constraints of closed loops; 0 for a tree */
+    int hoisted;    /* numbers h that setup makes of the parameters, at least 1 */
+    int parameters; /* numbers that setup takes */
+    int factors;    /* numbers that stage_factors hands to stage_solution, at least 1 */
+    int wrench;     /* 6 per link */
+    int gaps;       /* constraints of a computed torque model's loops, at most */
+    int rotations;  /* joints of three rotations that change charts */
+    int has_friction;         /* Coulomb friction: the error counts what the end's own matrix leaves */
+    int has_redundant_rows;   /* states of stages are assembled, too */
+    const int *is_prescribed; /* n, or NULL */
+    const int *angles_at;     /* first angle of each joint of three rotations */
+    const int *origin_at;     /* its x, or -1 */
+    EOM_SCALAR closed_gap;    /* m or rad: constraint violation that is round-off */
+    EOM_SCALAR open_gap;      /* m or rad: more of it is none */
+    void (*setup)(const EOM_SCALAR *p, EOM_SCALAR *h); /* NULL without rotations: behind parameters, which of them are turned */
+} EOM(sizes);
+
+/* Equations of a robot, of one state in each argument, or of a state in every lane: number i of state l at x[i][l].  They return
+ * 0, or 1 + the number of the pivot that vanishes; statuses of lane l are 2 n + 3 m higher per lane, n for a tree.
+ * forward_dynamics writes n accelerations, with closed loops 3 m numbers behind them; settling n changes of q, n of v and m
+ * violations.  stage_factors, stage_solution: M + time D + time^2 K of a stage, times = (time, time^2), and the solution w by
+ * which accelerations differ from right, of changes of velocities shifts. */
+typedef struct {
+    const EOM(sizes) *sizes;
+    EOM_EQUATIONS(EOM_SCALAR);
+} EOM(robot);
+
+/* Room for numbers: scalars for one state, or lanes for several; doubles; and integers. */
+typedef struct {
+    EOM_SCALAR *state; /* EOM_STATE_ROOM */
+    double *input;     /* EOM_INPUT_ROOM */
+    int *index;        /* EOM_INDEX_ROOM */
+} EOM(workspace);
+
+#if !defined(EOM_N)
+/* Take steps of length dt, s, from q and v; every so many states are stored.  method 0: the classical Runge-Kutta method of order
+ * 4; 1: the linearly implicit Euler method.  -1, or step * statuses + i of the first failure. */
+long long EOM(integrate_fixed)(const EOM(robot) *robot, const EOM_SCALAR *h, const EOM_SCALAR *q, const EOM_SCALAR *v, const EOM(drive) *drive, EOM_SCALAR dt, size_t steps, size_t every, int method, EOM_SCALAR *q_out, EOM_SCALAR *v_out, EOM(workspace) work);
+
+/* Go from sample to sample, at samples + 1 times, by steps with error control.  method 0: a Rosenbrock method of order 4(3) for
+ * stiff equations; 1: the explicit pair of Tsitouras of order 5(4).  Returns progress->reason. */
+int EOM(integrate_adaptive)(const EOM(robot) *robot, const EOM_SCALAR *h, const EOM(drive) *drive, const EOM(inputs) *inputs, const EOM(tolerance) *allowed, const double *times, size_t samples, int method, EOM_SCALAR *q, EOM_SCALAR *v, EOM_SCALAR *q_out, EOM_SCALAR *v_out, eom_progress *progress, EOM(record) *record, EOM(workspace) work);
+
+/* The same for count states, one after the other, those at place, or the first ones. */
+long long EOM(integrate_fixed_one_by_one)(const EOM(robot) *robot, size_t count, const EOM_SCALAR *h, const EOM_SCALAR *q, size_t q_step, const EOM_SCALAR *v, size_t v_step, const EOM(drive) *drive, EOM_SCALAR dt, size_t steps, size_t every, int method, EOM_SCALAR *q_out, EOM_SCALAR *v_out, EOM(workspace) work);
+void EOM(integrate_adaptive_one_by_one)(const EOM(robot) *robot, size_t count, const size_t *place, const EOM_SCALAR *h, size_t h_step, const EOM(drive) *drive, const EOM(inputs) *inputs, size_t inputs_step, const EOM(tolerance) *allowed, size_t allowed_step, const double *times, size_t samples, int method, EOM_SCALAR *q, EOM_SCALAR *v, EOM_SCALAR *q_out, EOM_SCALAR *v_out, eom_progress *progress, EOM(workspace) work);
+
+/* Write the drives of inputs at times, (count, n), with accelerations of prescribed coordinates, whose positions and velocities are
+ * put into q and v. */
+void EOM(inputs_over_time)(const EOM(sizes) *sizes, size_t count, const EOM(inputs) *inputs, const double *times, EOM_SCALAR *q, EOM_SCALAR *v, EOM_SCALAR *u, double *work, int *index);
+#endif

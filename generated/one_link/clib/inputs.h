@@ -1,0 +1,28 @@
+/* inputs.h: what is the same for one state and for many: inputs over time, methods, and models of computed torque. */
+#ifndef EOM_INPUTS_H
+#define EOM_INPUTS_H
+#include "eom.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "precision.h"
+#include "signals.h"
+#include "methods.h"
+
+#define ROTATION(name) eom_##name
+#define ROTATION_SCALAR double
+#define ROTATION_MATH(function) function
+#include "rotations.h"
+#if defined(EOM_SINGLE)
+#undef ROTATION
+#undef ROTATION_SCALAR
+#undef ROTATION_MATH
+#define ROTATION(name) eomf_##name
+#define ROTATION_SCALAR float
+#define ROTATION_MATH(function) function##f
+#include "rotations.h"
+#endif
+#include "computed_torque.h"
+
+#endif

@@ -1,0 +1,49 @@
+/* precision.h: names and numbers of one precision: of double precision, or with EOM_SINGLE of single precision; and sizes, of the
+ * robot, or with EOM_N, EOM_M and EOM_ROTATIONS known when this is compiled. */
+#if defined(EOM_SINGLE)
+#define EOM(name) eomf_##name
+#define EOM_SCALAR float
+#define EOM_MATH(function) function##f
+#define EOM_ROUND_OFF 1.1920929e-07F
+#define C(x) x##F
+#else
+#define EOM(name) eom_##name
+#define EOM_SCALAR double
+#define EOM_MATH(function) function
+#define EOM_ROUND_OFF 2.220446049250313e-16
+#define C(x) x
+#endif
+
+#if defined(EOM_N)
+#define N_OF(sizes) EOM_N
+#define M_OF(sizes) EOM_M
+#define ROTATIONS_OF(sizes) EOM_ROTATIONS
+#else
+#define N_OF(sizes) ((sizes)->n)
+#define M_OF(sizes) ((sizes)->m)
+#define ROTATIONS_OF(sizes) ((sizes)->rotations)
+#endif
+#define PADDED_TO_BLOCKS(n) (((n) + BLOCK - 1) / BLOCK * BLOCK)
+
+#if defined(__GNUC__)
+#define EOM_LOCAL static __attribute__((unused))
+#else
+#define EOM_LOCAL static
+#endif
+#if defined(EOM_N)
+#define EOM_PUBLIC EOM_LOCAL
+#else
+#define EOM_PUBLIC
+#endif
+
+#if defined(__GNUC__)
+#define EOM_INLINE static inline __attribute__((unused))
+#define EOM_PRAGMA(words) _Pragma(#words)
+#define UNROLL(times) EOM_PRAGMA(GCC unroll times)
+#else
+#define EOM_INLINE static
+#define UNROLL(times)
+#endif
+
+#define EOM_LOOK 2000        /* steps and rejections between two looks at whether they lead anywhere */
+#define EOM_LEAST_PART 1e-07 /* of the duration by which they do */

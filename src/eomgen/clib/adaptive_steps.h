@@ -1,0 +1,717 @@
+/* adaptive_steps.h: steps whose length the error controls, of one state, or of one in every lane with steps of its own. */
+
+/* Where lanes are in their steps: from when on, how long and to when, with times inside beside both ends where inputs jump
+ * there, the next such time, and by which inputs, NULL for all or for none; powers of all stages, W, number w of stage s of lane
+ * l at [(s * EOM_WORKS + w) * WIDTH + l], where works are asked for. */
+typedef struct {
+    const EOM(inputs) *inputs[WIDTH];
+    double *power;
+    double begin[WIDTH];
+    double step[WIDTH];
+    double end[WIDTH];
+    double after[WIDTH];
+    double before[WIDTH];
+    double stop[WIDTH];
+    int here;
+} F(clock);
+
+/* What steps are of: a motion, its forces and targets, and where its lanes are. */
+typedef struct {
+    F(motion) motion;
+    const REAL *u;
+    const REAL *target;
+    F(clock) clock;
+} F(problem);
+
+/* A step: states x = (q, v) at its beginning and at its end, their rates dx = (v, a), its error, factors of its matrix, and
+ * what bends its polynomial. */
+typedef struct {
+    REAL *x;
+    REAL *dx;
+    REAL *x_end;
+    REAL *dx_end;
+    REAL *error;
+    REAL *factors;
+    REAL *bend; /* n */
+} F(step);
+
+/* The time at a share of a lane's step; at its ends, and of stages outside, with one that is inside. */
+EOM_LOCAL eom_instant F(instant_at)(const F(clock) *restrict clock, int l, double share)
+{
+    eom_instant at;
+    at.t = ((share < 1.0) || (share > 1.0)) ? (clock->begin[l] + share * clock->step[l]) : clock->end[l];
+    at.beside = (share > 0.0) ? ((share < 1.0) ? at.t : clock->before[l]) : clock->after[l];
+    return at;
+}
+
+/* Forces of computed torque: what a model of the robot, if lanes have one, answers to 3 n numbers each. */
+EOM_LOCAL void F(ask_model)(const F(clock) *restrict clock, int n, const double *restrict asked, double *restrict force, double *restrict work, int *restrict index)
+{
+#if defined(EOM_LANES_HERE)
+    const eom_computed_torque *const first = (clock->inputs[0]->control == NULL) ? NULL : clock->inputs[0]->model;
+    int alike = ((first != NULL) && (first->inverse_dynamics_batch != NULL)) ? 1 : 0;
+    for (int l = 1; l < clock->here; ++l) {
+        const eom_computed_torque *const model = (clock->inputs[l]->control == NULL) ? NULL : clock->inputs[l]->model;
+        alike = ((alike != 0) && (model != NULL) && (model->inverse_dynamics_batch == first->inverse_dynamics_batch) && (model->batch_h == first->batch_h)) ? 1 : 0;
+    }
+    if (alike != 0) {
+        const size_t apart = 3U * (size_t)n;
+        (void)first->inverse_dynamics_batch((size_t)clock->here, first->batch_h, asked, apart, &asked[n], apart, &asked[2 * n], apart, work);
+        for (int l = 0; l < clock->here; ++l) {
+            for (int i = 0; i < first->size; ++i) { force[l * n + i] = work[l * first->size + i]; }
+        }
+        return;
+    }
+#endif
+    for (int l = 0; l < clock->here; ++l) {
+        const eom_computed_torque *const model = (clock->inputs[l]->control == NULL) ? NULL : clock->inputs[l]->model;
+        const double *const own = &asked[3 * n * l];
+        if (model == NULL) { continue; }
+        if (model->mechanism != NULL) {
+            eom_drive_forces(model, own, &own[n], &own[2 * n], &force[n * l], work, index);
+        } else {
+            (void)model->inverse_dynamics(model->h, own, &own[n], &own[2 * n], &force[n * l]);
+        }
+    }
+}
+
+/* Add what inputs do at a share of lanes' steps to the forces, and put prescribed motions into q and v; powers are a stage's.
+ * Where joints change charts all is as described, and wrenches come later. */
+EOM_LOCAL void F(add_inputs)(const F(problem) *restrict problem, double share, int stage, REAL *restrict q, REAL *restrict v, REAL *restrict force, REAL *restrict slope, F(workspace) work)
+{
+    const EOM(sizes) *const sizes = problem->motion.robot->sizes;
+    const F(clock) *const clock = &problem->clock;
+    const int n = N_OF(sizes);
+    double *const own = work.input;
+    double *const rate = &own[WIDTH * n];
+    double *const u = &rate[WIDTH * n];
+    double *const given = &u[WIDTH * n];
+    double *const asked = &given[WIDTH * n];
+    double *const answer = &asked[3 * WIDTH * n];
+    double *const inside = &answer[WIDTH * n];
+    double *const pushed = &inside[n];
+    double *const rest = &pushed[n];
+    EOM_SCALAR *const scratch = (EOM_SCALAR *)(void *)work.state;
+    eom_instant t[WIDTH];
+    int moved = 0;
+#if defined(EOM_LANES_HERE) && !defined(EOM_SINGLE)
+    scatter(q, NULL, (size_t)clock->here, 0, n, (size_t)n, own);
+    scatter(v, NULL, (size_t)clock->here, 0, n, (size_t)n, rate);
+    scatter(force, NULL, (size_t)clock->here, 0, n, (size_t)n, u);
+#else
+    for (int l = 0; l < clock->here; ++l) {
+        for (int i = 0; i < n; ++i) {
+            own[l * n + i] = (double)LANE_OF(q[i], l);
+            rate[l * n + i] = (double)LANE_OF(v[i], l);
+            u[l * n + i] = (double)LANE_OF(force[i], l);
+        }
+    }
+#endif
+    for (int l = 0; l < clock->here; ++l) {
+        t[l] = F(instant_at)(clock, l, share);
+        eom_inputs_at(clock->inputs[l], n, t[l], &own[l * n], &rate[l * n], &u[l * n], &given[l * n], &asked[3 * l * n], rest);
+    }
+    F(ask_model)(clock, n, asked, answer, rest, work.index);
+    for (int l = 0; l < clock->here; ++l) {
+        const EOM(inputs) *const inputs = clock->inputs[l];
+        eom_finish_drives(inputs, n, &given[l * n], &answer[l * n], &u[l * n], inside);
+        if (slope != NULL) {
+            for (int i = 0; i < n; ++i) { LANE_OF(slope[i], l) = (inputs->effort == NULL) ? (EOM_SCALAR)1.0 : (EOM_SCALAR)inside[i]; }
+        }
+        if (ROTATIONS_OF(sizes) == 0) {
+            (void)memset(pushed, 0, (size_t)n * sizeof *pushed);
+            if (inputs->wrenches > 0U) { eom_wrench_forces(sizes, inputs, HERE_OF(problem->motion.h), t[l], &own[l * n], pushed, scratch); }
+            if (clock->power != NULL) {
+                double power[EOM_WORKS];
+                eom_powers_at(sizes, inputs->work, &own[l * n], &rate[l * n], &u[l * n], pushed, power, scratch);
+                for (int w = 0; w < EOM_WORKS; ++w) { clock->power[(stage * EOM_WORKS + w) * (int)WIDTH + l] = power[w]; }
+            }
+            if (inputs->wrenches > 0U) { eom_add_forces(sizes, pushed, &u[l * n]); }
+        }
+        if (inputs->given != NULL) { moved = 1; }
+    }
+#if defined(EOM_LANES_HERE) && !defined(EOM_SINGLE)
+    gather(u, (size_t)n, (size_t)clock->here, 0, n, force);
+    if (moved != 0) {
+        gather(own, (size_t)n, (size_t)clock->here, 0, n, q);
+        gather(rate, (size_t)n, (size_t)clock->here, 0, n, v);
+    }
+#else
+    for (int l = 0; l < clock->here; ++l) {
+        for (int i = 0; i < n; ++i) {
+            LANE_OF(force[i], l) = (EOM_SCALAR)u[l * n + i];
+            if (moved != 0) {
+                LANE_OF(q[i], l) = (EOM_SCALAR)own[l * n + i];
+                LANE_OF(v[i], l) = (EOM_SCALAR)rate[l * n + i];
+            }
+        }
+    }
+#endif
+}
+
+/* Add forces of inputs at a share of lanes' steps, as described, to those on the coordinates that there are. */
+EOM_LOCAL void F(add_turned_inputs)(const F(problem) *restrict problem, double share, REAL *restrict q, REAL *restrict v, REAL *restrict force, REAL *restrict slope, F(workspace) work)
+{
+    const EOM(sizes) *const sizes = problem->motion.robot->sizes;
+    const F(charts) *const charts = problem->motion.charts;
+    const F(clock) *const clock = &problem->clock;
+    const int n = N_OF(sizes);
+    REAL *const q_told = work.state;
+    REAL *const v_told = &q_told[n];
+    double *const own = work.input;
+    double *const here = &own[n];
+    double *const u = &here[n];
+    double *const pushed = &u[n];
+    work.state += 2 * n;
+    F(describe_near)(sizes, charts, q, v, q_told, v_told);
+    F(add_inputs)(problem, share, 0, q_told, v_told, force, slope, work);
+    for (int l = 0; l < clock->here; ++l) {
+        const eom_prescribed *const given = clock->inputs[l]->given;
+        for (int k = 0; (given != NULL) && (k < given->size); ++k) {
+            const int i = given->place[k];
+            LANE_OF(q[i], l) = LANE_OF(q_told[i], l);
+            LANE_OF(v[i], l) = LANE_OF(v_told[i], l);
+        }
+    }
+    F(turn_forces)(sizes, charts, q, force);
+    for (int l = 0; l < clock->here; ++l) {
+        if (clock->inputs[l]->wrenches == 0U) { continue; }
+        for (int i = 0; i < n; ++i) {
+            own[i] = (double)LANE_OF(q_told[i], l);
+            here[i] = (double)LANE_OF(q[i], l);
+            u[i] = (double)LANE_OF(force[i], l);
+        }
+        F(turned_wrench_forces)(sizes, clock->inputs[l], HERE_OF(problem->motion.h), F(instant_at)(clock, l, share), own, here, &charts->is_turned[l * ROTATIONS_OF(sizes)], pushed, (EOM_SCALAR *)(void *)work.state);
+        eom_add_forces(sizes, pushed, u);
+        for (int i = 0; i < n; ++i) { LANE_OF(force[i], l) = (EOM_SCALAR)u[i]; }
+    }
+}
+
+/* Put prescribed motions of a lane at a time into x = (q, v).  work: 6 n. */
+EOM_LOCAL void F(put_prescribed)(const F(problem) *restrict problem, int l, eom_instant at, REAL *restrict x, double *restrict work)
+{
+    const int n = N_OF(problem->motion.robot->sizes);
+    const eom_prescribed *const given = (problem->clock.inputs[l] == NULL) ? NULL : problem->clock.inputs[l]->given;
+    if (given == NULL) { return; }
+    eom_prescribed_at(given, n, at, work, &work[n], &work[2 * n], &work[3 * n]);
+    for (int k = 0; k < given->size; ++k) {
+        const int i = given->place[k];
+        LANE_OF(x[i], l) = (EOM_SCALAR)work[k];
+        LANE_OF(x[n + i], l) = (EOM_SCALAR)work[n + k];
+    }
+}
+
+/* Put prescribed motions at the ends of lanes' steps into q and v: as steps come to them, or where loops are closed as they go
+ * on from there; they have no error. */
+EOM_LOCAL void F(put_prescribed_ends)(const F(problem) *restrict problem, const F(step) *restrict step, double *restrict work)
+{
+    const int n = N_OF(problem->motion.robot->sizes);
+    const int closed = (M_OF(problem->motion.robot->sizes) > 0) ? 1 : 0;
+    for (int l = 0; l < problem->clock.here; ++l) {
+        const eom_prescribed *const given = (problem->clock.inputs[l] == NULL) ? NULL : problem->clock.inputs[l]->given;
+        F(put_prescribed)(problem, l, (closed != 0) ? eom_instant_of(problem->clock.end[l]) : F(instant_at)(&problem->clock, l, 1.0), step->x_end, work);
+        for (int k = 0; (given != NULL) && (k < given->size); ++k) {
+            const int i = given->place[k];
+            LANE_OF(step->error[i], l) = (EOM_SCALAR)0.0;
+            LANE_OF(step->error[n + i], l) = (EOM_SCALAR)0.0;
+        }
+    }
+}
+
+/* Power of what moves prescribed coordinates: what the motion takes, less what drives and wrenches give; loops give none. */
+EOM_LOCAL void F(power_of_prescribed)(const F(problem) *restrict problem, int stage, const REAL *restrict q, const REAL *restrict v, const REAL *restrict a, EOM_SCALAR *restrict work)
+{
+    const int n = N_OF(problem->motion.robot->sizes);
+    EOM_SCALAR *const own = work;
+    EOM_SCALAR *const rate = &own[n];
+    EOM_SCALAR *const second = &rate[n];
+    EOM_SCALAR *const needed = &second[n];
+    EOM_SCALAR *const none = &needed[n];
+    for (int l = 0; l < problem->clock.here; ++l) {
+        const EOM(energy_balance) *const balance = problem->clock.inputs[l]->work;
+        double *const power = &problem->clock.power[stage * EOM_WORKS * (int)WIDTH + l];
+        for (int i = 0; i < n; ++i) {
+            own[i] = LANE_OF(q[i], l);
+            rate[i] = LANE_OF(v[i], l);
+            second[i] = LANE_OF(a[i], l);
+            none[i] = (EOM_SCALAR)0.0;
+        }
+        if (balance->residual != NULL) {
+            (void)balance->residual(balance->needed_h, own, rate, second, none, needed);
+        } else {
+            (void)balance->needed(balance->needed_h, own, rate, second, needed);
+        }
+        double moving = -power[0] - power[2 * (int)WIDTH];
+        for (int i = 0; i < n; ++i) { moving += (double)needed[i] * (double)rate[i]; }
+        power[(int)WIDTH] = moving;
+    }
+}
+
+/* Whether drives saturate at limits. */
+EOM_LOCAL int F(saturates)(const F(problem) *restrict problem)
+{
+    const EOM(inputs) *const inputs = problem->clock.inputs[0];
+    return ((inputs != NULL) ? (inputs->effort != NULL) : (problem->motion.drive->effort != NULL)) ? 1 : 0;
+}
+
+/* Forces u + kp (target - q) - kd v and those of inputs, drives within their limits; slope, if it is not NULL, becomes 0 where
+ * these saturate, else 1. */
+EOM_LOCAL void F(forces)(const F(problem) *restrict problem, double share, int stage, REAL *restrict q, REAL *restrict v, REAL *restrict force, REAL *restrict slope, F(workspace) work)
+{
+    const EOM(drive) *const drive = problem->motion.drive;
+    const EOM(sizes) *const sizes = problem->motion.robot->sizes;
+    const EOM(inputs) *const inputs = problem->clock.inputs[0];
+    const int n = N_OF(sizes);
+    int gained = 0; /* gains act on joints that stay in their angles, and come first where the sum saturates */
+    F(copy)(n, problem->u, force);
+    if (ROTATIONS_OF(sizes) > 0) {
+        if (inputs != NULL) {
+            gained = F(saturates)(problem);
+            for (int i = 0; (gained != 0) && (drive->kp != NULL) && (i < n); ++i) { force[i] += drive->kp[i] * (problem->target[i] - q[i]) - drive->kd[i] * v[i]; }
+            F(add_turned_inputs)(problem, share, q, v, force, slope, work);
+        } else {
+            F(turn_forces)(sizes, problem->motion.charts, q, force);
+        }
+    }
+    if ((gained == 0) && (drive->kp != NULL)) {
+        for (int i = 0; i < n; ++i) { force[i] += drive->kp[i] * (problem->target[i] - q[i]) - drive->kd[i] * v[i]; }
+    }
+    if ((inputs == NULL) && (drive->effort != NULL)) { F(saturate)(drive, n, force, slope); }
+    if ((ROTATIONS_OF(sizes) == 0) && (inputs != NULL)) { F(add_inputs)(problem, share, stage, q, v, force, slope, work); }
+}
+
+/* The rate (v, a) of a state (q, v) at a share of the step; what cannot be solved is seen in the error that it makes. */
+EOM_LOCAL void F(rate)(const F(problem) *restrict problem, double share, int stage, REAL *restrict x, REAL *restrict dx, F(workspace) work)
+{
+    const F(robot) *const robot = problem->motion.robot;
+    const int n = N_OF(robot->sizes);
+    REAL *restrict const force = work.state;
+    work.state += PADDED_TO_BLOCKS(n);
+    F(forces)(problem, share, stage, x, &x[n], force, NULL, work);
+    (void)robot->forward_dynamics(problem->motion.h, x, &x[n], force, &dx[n]);
+    for (int i = 0; i < n; ++i) { dx[i] = x[n + i]; }
+    if ((robot->sizes->is_prescribed != NULL) && (problem->clock.power != NULL)) { F(power_of_prescribed)(problem, stage, x, &x[n], &dx[n], (EOM_SCALAR *)(void *)work.state); }
+}
+
+/* Take one stage of the Rosenbrock method, a linear system with the step's matrix, from the rate dx there; part: (stages, 2 n). */
+EOM_INLINE void F(rosenbrock_stage)(const F(problem) *restrict problem, int stage, const REAL *restrict factors, REAL time, REAL inverse, const REAL *restrict dx, REAL *restrict part, REAL *restrict right, REAL *restrict w)
+{
+    const int n = N_OF(problem->motion.robot->sizes);
+    const int apart = PADDED_TO_BLOCKS(2 * n);
+    REAL *restrict const own = &part[stage * apart];
+    if (stage == 0) {
+        F(copy)(2 * n, dx, right);
+    } else {
+        F(advance)(2 * n, stage, eom_rosenbrock_c[stage], inverse, part, apart, dx, right);
+    }
+    (void)problem->motion.robot->stage_solution(problem->motion.h, factors, &right[n], right, w);
+    for (int i = 0; i < n; ++i) {
+        own[n + i] = time * (right[n + i] + w[i]);
+        own[i] = time * (own[n + i] + right[i]);
+    }
+}
+
+/* Gains of drives and of tracking control, by coordinate and lane, none where drives saturate.  work: as of forces, and 4 n. */
+EOM_LOCAL void F(gains)(const F(problem) *restrict problem, const REAL *restrict x, REAL *restrict kp, REAL *restrict kd, F(workspace) work)
+{
+    const EOM(drive) *const drive = problem->motion.drive;
+    const EOM(sizes) *const sizes = problem->motion.robot->sizes;
+    const int n = N_OF(sizes);
+    for (int i = 0; i < n; ++i) {
+        kp[i] = (drive->kp == NULL) ? WHOLE((EOM_SCALAR)0.0) : WHOLE(drive->kp[i]);
+        kd[i] = (drive->kp == NULL) ? WHOLE((EOM_SCALAR)0.0) : WHOLE(drive->kd[i]);
+    }
+    for (int l = 0; (l < problem->clock.here) && (problem->clock.inputs[0] != NULL); ++l) {
+        const eom_tracking *const control = problem->clock.inputs[l]->control;
+        if ((control == NULL) || (control->kp == NULL)) { continue; }
+        for (int k = 0; k < control->program.signal->columns; ++k) {
+            const double ratio = control->ratio[k] * control->ratio[k];
+            const int place = control->program.place[k];
+            const int i = (ROTATIONS_OF(sizes) > 0) ? F(place_of_gain)(sizes, problem->motion.charts, l, place) : place;
+            if (i < 0) { continue; } /* gains of angles that are turned act on none: any matrix will do */
+            LANE_OF(kp[i], l) += (EOM_SCALAR)(control->kp[k] / ratio);
+            LANE_OF(kd[i], l) += (EOM_SCALAR)(control->kd[k] / ratio);
+        }
+    }
+    if (F(saturates)(problem) != 0) { /* what saturates does not answer to the state */
+        REAL *restrict const x_here = work.state;
+        REAL *restrict const slope = &x_here[PADDED_TO_BLOCKS(2 * n)];
+        REAL *restrict const force = &slope[PADDED_TO_BLOCKS(n)];
+        work.state = &force[PADDED_TO_BLOCKS(n)];
+        F(copy)(2 * n, x, x_here);
+        F(forces)(problem, 0.0, INSIDE_STAGE, x_here, &x_here[n], force, slope, work);
+        for (int i = 0; i < n; ++i) {
+            kp[i] *= slope[i];
+            kd[i] *= slope[i];
+        }
+    }
+}
+
+/* Take a step of the Rosenbrock method from the rate at its beginning: its end, with friction the rate there, and its error. */
+EOM_LOCAL void F(rosenbrock_step)(const F(problem) *restrict problem, REAL dt, const F(step) *restrict step, F(workspace) work)
+{
+    const F(robot) *const robot = problem->motion.robot;
+    const REAL *const h = problem->motion.h;
+    double *const power = problem->clock.power;
+    const int n = N_OF(robot->sizes);
+    const int apart = PADDED_TO_BLOCKS(2 * n);
+    const REAL inverse = WHOLE((EOM_SCALAR)1.0) / dt;
+    REAL times[2];
+    REAL *restrict const kp = work.state;
+    REAL *restrict const kd = &kp[n];
+    REAL *restrict const w = &kp[apart];
+    REAL *restrict const right = &w[PADDED_TO_BLOCKS(n)];
+    REAL *restrict const part = &right[apart];                   /* (stages, 2 n) */
+    REAL *restrict const dx = &part[ROSENBROCK_STAGES * apart]; /* 2 n + 3 m */
+    work.state = &dx[PADDED_TO_BLOCKS(2 * n + 3 * M_OF(robot->sizes))];
+    times[0] = eom_rosenbrock_diagonal * dt;
+    times[1] = times[0] * times[0];
+    F(gains)(problem, step->x, kp, kd, work);
+    (void)robot->stage_factors(h, step->x, &step->x[n], kp, kd, times, step->factors);
+    F(rosenbrock_stage)(problem, 0, step->factors, times[0], inverse, step->dx, part, right, w);
+    if (power != NULL) { (void)memcpy(&power[EOM_WORKS * (int)WIDTH], power, (size_t)EOM_WORKS * (size_t)WIDTH * sizeof *power); }
+    F(rosenbrock_stage)(problem, 1, step->factors, times[0], inverse, step->dx, part, right, w);
+    UNROLL(4)
+    for (int stage = 2; stage < ROSENBROCK_STAGES; ++stage) {
+        F(accumulate)(2 * n, stage, eom_rosenbrock_a[stage], part, apart, step->x, step->x_end);
+        if (robot->sizes->has_redundant_rows != 0) { (void)F(assemble)(robot, h, step->x_end, &step->x_end[n], work.state); } /* redundant rows answer to violations */
+        F(rate)(problem, eom_rosenbrock_shares[stage], stage, step->x_end, dx, work);
+        F(rosenbrock_stage)(problem, stage, step->factors, times[0], inverse, dx, part, right, w);
+    }
+    F(accumulate)(2 * n, ROSENBROCK_STAGES, eom_rosenbrock_b, part, apart, step->x, step->x_end);
+    F(weigh)(2 * n, ROSENBROCK_STAGES, eom_rosenbrock_error, part, apart, step->error);
+    if (robot->sizes->has_friction != 0) {
+        /* Friction that lets go within the step holds in its matrix, and both orders agree: what the end's own matrix leaves of
+         * the difference between the end's rates and those of the last stage counts, too. */
+        const int last = ROSENBROCK_STAGES - 1;
+        F(rate)(problem, 1.0, END_STAGE, step->x_end, step->dx_end, work);
+        (void)robot->stage_factors(h, step->x_end, &step->x_end[n], kp, kd, times, step->factors);
+        F(advance)(2 * n, last, eom_rosenbrock_c[last], inverse, part, apart, step->dx_end, right);
+        for (int i = 0; i < 2 * n; ++i) { right[i] = times[0] * right[i] - part[last * apart + i]; }
+        (void)robot->stage_solution(h, step->factors, &right[n], right, w);
+        for (int i = 0; i < n; ++i) {
+            const REAL v_left = right[n + i] + w[i];
+            const REAL q_left = right[i] + times[0] * v_left;
+            for (int l = 0; l < (int)WIDTH; ++l) {
+                if (fabs((double)LANE_OF(step->error[i], l)) < fabs((double)LANE_OF(q_left, l))) { LANE_OF(step->error[i], l) = LANE_OF(q_left, l); }
+                if (fabs((double)LANE_OF(step->error[n + i], l)) < fabs((double)LANE_OF(v_left, l))) { LANE_OF(step->error[n + i], l) = LANE_OF(v_left, l); }
+            }
+        }
+    }
+}
+
+/* Take a step of the explicit method from the rate at its beginning: its end, the rate there, and its error.  The last two stages
+ * are at the same time: where stiffness is not NULL, it becomes the step times what the difference of their accelerations is of
+ * that of their velocities, by the tolerances, of the first lane (E. Hairer, G. Wanner, "Solving Ordinary Differential Equations
+ * II", section IV.2). */
+EOM_LOCAL void F(tsit5_step)(const F(problem) *restrict problem, REAL dt, const F(step) *restrict step, const EOM(tolerance) *restrict allowed, double *restrict stiffness, F(workspace) work)
+{
+    const F(robot) *const robot = problem->motion.robot;
+    const int n = N_OF(robot->sizes);
+    const int apart = PADDED_TO_BLOCKS(2 * n + 3 * M_OF(robot->sizes));
+    REAL *restrict const dx = work.state; /* (stages, 2 n + 3 m) */
+    REAL *restrict const last = &dx[(TSIT5_STAGES - 1) * apart];
+    work.state = &dx[TSIT5_STAGES * apart];
+    F(copy)(2 * n, step->dx, dx);
+    UNROLL(6)
+    for (int stage = 1; stage < TSIT5_STAGES; ++stage) {
+        F(advance)(2 * n, stage, eom_tsit5_a[stage], dt, dx, apart, step->x, step->x_end);
+        if (robot->sizes->has_redundant_rows != 0) { (void)F(assemble)(robot, problem->motion.h, step->x_end, &step->x_end[n], work.state); } /* redundant rows answer to violations */
+        F(rate)(problem, eom_tsit5_shares[stage], stage, step->x_end, &dx[stage * apart], work);
+    }
+    F(copy)(2 * n, last, step->dx_end);
+    F(weigh)(2 * n, TSIT5_STAGES, eom_tsit5_error, dx, apart, step->error);
+    for (int i = 0; i < 2 * n; ++i) { step->error[i] = dt * step->error[i]; }
+    if (stiffness != NULL) {
+        const REAL *const before = &dx[(TSIT5_STAGES - 2) * apart];
+        double change = 0.0;
+        double moved = 0.0;
+        for (int i = 0; i < n; ++i) {
+            const double size = (double)allowed->atol[n + i] + allowed->rtol * fabs((double)LANE_OF(step->x_end[n + i], 0));
+            const REAL change_v = last[n + i] - before[n + i];
+            const REAL change_q = last[i] - before[i];
+            const double by_a = (double)LANE_OF(change_v, 0) / size;
+            const double by_v = (double)LANE_OF(change_q, 0) / size;
+            change += by_a * by_a;
+            moved += by_v * by_v;
+        }
+        *stiffness = (moved > 0.0) ? (problem->clock.step[0] * sqrt(change / moved)) : HUGE_VAL; /* nothing is known of it at rest */
+    }
+}
+
+/* Hold drives and targets that act from a sample on, in a lane. */
+EOM_LOCAL void F(hold)(const EOM(drive) *restrict drive, int n, size_t state, size_t sample, int l, REAL *restrict u, REAL *restrict target)
+{
+    const EOM_SCALAR *const row = &drive->u[state * drive->u_state + sample * drive->u_step];
+    (void)l;
+    for (int i = 0; i < n; ++i) {
+        LANE_OF(u[i], l) = row[i];
+        if (drive->kp != NULL) { LANE_OF(target[i], l) = drive->target[state * drive->target_state + sample * drive->target_step + (size_t)i]; }
+    }
+}
+
+/* The place among the tolerances of number i of a lane's state. */
+EOM_LOCAL int F(place_of)(const F(motion) *restrict motion, int l, int i)
+{
+    const EOM(sizes) *const sizes = motion->robot->sizes;
+    return (ROTATIONS_OF(sizes) > 0) ? F(described_place)(sizes, motion->charts, l, i) : i;
+}
+
+/* The greatest error of a lane's step beside what is allowed, and which number of the state has it; NaN counts as too great. */
+EOM_LOCAL double F(error_norm)(const F(motion) *restrict motion, const EOM(tolerance) *restrict allowed, int l, const F(step) *restrict step, int *restrict where)
+{
+    double worst = 0.0;
+    *where = 0;
+    for (int i = 0; i < 2 * N_OF(motion->robot->sizes); ++i) {
+        const double begin = fabs((double)LANE_OF(step->x[i], l));
+        const double end = fabs((double)LANE_OF(step->x_end[i], l));
+        const int place = F(place_of)(motion, l, i);
+        if (!(end < HUGE_VAL)) {
+            *where = place;
+            return HUGE_VAL;
+        }
+        const double size = (double)allowed->atol[place] + allowed->rtol * ((begin > end) ? begin : end);
+        const double ratio = fabs((double)LANE_OF(step->error[i], l)) / size;
+        if (!(ratio <= worst)) {
+            worst = ratio;
+            *where = place;
+            if (!(ratio < HUGE_VAL)) { return HUGE_VAL; }
+        }
+    }
+    return worst;
+}
+
+/* A first step, s, from the sizes of the state and of its change. */
+EOM_LOCAL double F(first_step)(const F(motion) *restrict motion, const EOM(tolerance) *restrict allowed, int l, const F(step) *restrict step)
+{
+    double size = 0.0;
+    double change = 0.0;
+    for (int i = 0; i < 2 * N_OF(motion->robot->sizes); ++i) {
+        const int place = F(place_of)(motion, l, i);
+        const double x = fabs((double)LANE_OF(step->x[i], l));
+        const double rate = fabs((double)LANE_OF(step->dx[i], l));
+        const double least = (double)allowed->atol[place] + allowed->rtol * x;
+        if (x / least > size) { size = x / least; }
+        if (rate / least > change) { change = rate / least; }
+    }
+    return ((size < 1e-5) || !(change > 1e-5)) ? 1e-6 : (0.01 * size / change);
+}
+
+/* What powers of a lane's stages make of a step, J: whole, or up to a share of the explicit one. */
+EOM_LOCAL double F(work_of_step)(const double *restrict power, int work, int l, int method, double step, double share)
+{
+    double sum = 0.0;
+    for (int stage = 0; stage < ((method == 1) ? TSIT5_STAGES : ROSENBROCK_STAGES); ++stage) {
+        double weight = 0.0;
+        if (method == 1) {
+            for (int k = TSIT5_DEGREE - 1; k >= 0; --k) { weight = share * (weight + eom_tsit5_works[stage][k]); }
+        } else {
+            weight = eom_rosenbrock_works[stage];
+        }
+        sum += weight * power[(stage * EOM_WORKS + work) * (int)WIDTH + l];
+    }
+    return step * sum;
+}
+
+/* What accelerations at both ends of a step of the Rosenbrock method say of velocities in between that coordinates and
+ * velocities there do not, as its matrix damps that: accelerations of stiff coordinates are full of their errors.  work: 4 n. */
+EOM_LOCAL void F(bend_of_step)(const F(problem) *restrict problem, REAL dt, const F(step) *restrict step, REAL *restrict work)
+{
+    const int n = N_OF(problem->motion.robot->sizes);
+    const REAL time = eom_rosenbrock_diagonal * dt;
+    REAL *restrict const right = work;
+    REAL *restrict const shifts = &right[n];
+    REAL *restrict const w = &shifts[n];
+    for (int i = 0; i < n; ++i) {
+        const REAL change = step->x_end[n + i] - step->x[n + i];
+        shifts[i] = WHOLE((EOM_SCALAR)0.0);
+        right[i] = (dt * (step->dx[n + i] + step->dx_end[n + i]) - change - change) / time;
+    }
+    (void)problem->motion.robot->stage_solution(problem->motion.h, step->factors, right, shifts, w);
+    for (int i = 0; i < n; ++i) { step->bend[i] = time * (right[i] + w[i]); }
+}
+
+/* Dense output, a lane's state at a share of its step: of the explicit method the polynomial of degree 5 with its coordinates,
+ * velocities and accelerations, of the other one the cubic without the latter, and what is bent. */
+EOM_LOCAL void F(dense_output)(double share, double length, int n, int l, int method, const F(step) *restrict step, EOM_SCALAR *restrict q_out, EOM_SCALAR *restrict v_out)
+{
+    const double s = share;
+    (void)l;
+    for (int i = 0; i < n; ++i) {
+        const double q0 = (double)LANE_OF(step->x[i], l);
+        const double d = (double)LANE_OF(step->x_end[i], l) - q0;
+        const double v0 = length * (double)LANE_OF(step->x[n + i], l);
+        const double v1 = length * (double)LANE_OF(step->x_end[n + i], l);
+        double c2 = 3.0 * d - 2.0 * v0 - v1;
+        double c3 = v0 + v1 - 2.0 * d;
+        double c4 = 0.0;
+        double c5 = 0.0;
+        if (method == 1) {
+            const double a0 = 0.5 * length * length * (double)LANE_OF(step->dx[n + i], l);
+            const double a1 = 0.5 * length * length * (double)LANE_OF(step->dx_end[n + i], l);
+            c2 = a0;
+            c3 = 10.0 * d - 6.0 * v0 - 4.0 * v1 - 3.0 * a0 + a1;
+            c4 = -15.0 * d + 8.0 * v0 + 7.0 * v1 + 3.0 * a0 - 2.0 * a1;
+            c5 = 6.0 * d - 3.0 * (v0 + v1) - a0 + a1;
+        } else {
+            c4 = 0.25 * length * (double)LANE_OF(step->bend[i], l);
+            c2 += c4;
+            c3 -= 2.0 * c4;
+        }
+        const double place = q0 + s * (v0 + s * (c2 + s * (c3 + s * (c4 + s * c5))));
+        const double rate = (v0 + s * (2.0 * c2 + s * (3.0 * c3 + s * (4.0 * c4 + s * 5.0 * c5)))) / length;
+        q_out[i] = (EOM_SCALAR)place;
+        v_out[i] = (EOM_SCALAR)rate;
+    }
+}
+
+/* Works of a lane at a share of its step, J: of the explicit method by its own weights there, of the other one on the cubic with
+ * powers at both ends. */
+EOM_LOCAL void F(works_between)(double share, double length, int l, int method, const double *restrict power, const double *restrict begin, const double *restrict end, double *restrict out)
+{
+    for (int w = 0; w < EOM_WORKS; ++w) {
+        const double d = end[w] - begin[w];
+        const double p0 = length * power[w * (int)WIDTH + l];
+        const double p1 = length * power[(END_STAGE * EOM_WORKS + w) * (int)WIDTH + l];
+        if (method == 1) {
+            out[w] = begin[w] + F(work_of_step)(power, w, l, method, length, share);
+        } else {
+            out[w] = begin[w] + share * (p0 + share * (3.0 * d - 2.0 * p0 - p1 + share * (p0 + p1 - 2.0 * d)));
+        }
+    }
+}
+
+/* Whether powers change too much within a lane's step for its stages to say what works are: the motion, of prescribed
+ * coordinates, say, or of a mass that moves freely, may be without an error nevertheless. */
+EOM_LOCAL int F(works_are_doubtful)(const double *restrict power, const double *restrict works, int l, int method, double length, double rtol)
+{
+    int doubtful = 0;
+    for (int w = 0; w < EOM_WORKS; ++w) {
+        double error = 0.0;
+        double top = 0.0;
+        for (int stage = 0; stage < ((method == 1) ? TSIT5_STAGES : ROSENBROCK_STAGES); ++stage) {
+            const double here = power[(stage * EOM_WORKS + w) * (int)WIDTH + l];
+            error += eom_work_errors[method][stage] * here;
+            if (fabs(here) > top) { top = fabs(here); }
+        }
+        if (length * fabs(error) > 10.0 * rtol * (fabs(works[w]) + length * top)) { doubtful = 1; }
+    }
+    return doubtful;
+}
+
+/* Add works of a lane between two shares of its step, J, by Gauss's rule along its dense output, on halves until that changes
+ * little. */
+EOM_LOCAL void F(integrate_works)(const F(problem) *restrict problem, int l, int method, double from, double to, double rtol, const F(step) *restrict step, double *restrict works, F(workspace) work)
+{
+    const int n = N_OF(problem->motion.robot->sizes);
+    const double length = problem->clock.step[l];
+    const double *const power = &problem->clock.power[INSIDE_STAGE * EOM_WORKS * (int)WIDTH + l];
+    REAL *const x_here = work.state;
+    REAL *const dx_here = &x_here[PADDED_TO_BLOCKS(2 * n)];
+    EOM_SCALAR *const own = (EOM_SCALAR *)(void *)&dx_here[PADDED_TO_BLOCKS(2 * n + 3 * M_OF(problem->motion.robot->sizes))];
+    double last[EOM_WORKS];
+    double sum[EOM_WORKS];
+    int settled = 0;
+    work.state = (REAL *)(void *)own + PADDED_TO_BLOCKS(2 * n);
+    (void)memset(last, 0, sizeof last);
+    for (int pieces = 1; (pieces <= 64) && (settled == 0); pieces *= 2) {
+        const double part = (to - from) / (double)pieces;
+        double top[EOM_WORKS];
+        (void)memset(sum, 0, sizeof sum);
+        (void)memset(top, 0, sizeof top);
+        for (int k = 0; k < 5 * pieces; ++k) {
+            const int piece = k / 5;
+            const double share = from + part * ((double)piece + eom_gauss_nodes[k % 5]);
+            F(dense_output)(share, length, n, l, method, step, own, &own[n]);
+            for (int i = 0; i < 2 * n; ++i) {
+                x_here[i] = step->x_end[i];
+                LANE_OF(x_here[i], l) = own[i];
+            }
+            F(rate)(problem, share, INSIDE_STAGE, x_here, dx_here, work);
+            for (int w = 0; w < EOM_WORKS; ++w) {
+                const double here = length * power[w * (int)WIDTH];
+                sum[w] += part * eom_gauss_weights[k % 5] * here;
+                if (fabs(here) > top[w]) { top[w] = fabs(here); }
+            }
+        }
+        settled = (pieces > 1) ? 1 : 0;
+        for (int w = 0; w < EOM_WORKS; ++w) {
+            if (fabs(sum[w] - last[w]) > rtol * (fabs(works[w]) + (to - from) * top[w])) { settled = 0; }
+            last[w] = sum[w];
+        }
+    }
+    for (int w = 0; w < EOM_WORKS; ++w) { works[w] += last[w]; }
+}
+
+/* Whether a step is taken, and the length of the next one, by proportional-integral control; where a lane ends without a
+ * motion, its reason. */
+EOM_LOCAL int F(judge)(eom_progress *restrict p, double excess, double order, double length, double duration, int where)
+{
+    const int taken = (excess <= 1.0) ? 1 : 0;
+    double factor = 0.9 * pow(excess, -order);
+    if ((taken != 0) && (excess > 0.0)) { factor *= pow(excess, 0.06) * pow((p->excess > 0.0) ? p->excess : 1e-4, 0.08); }
+    factor = (factor > 5.0) ? 5.0 : ((factor < 0.2) ? 0.2 : factor);
+    if (taken == 0) {
+        p->rejected += 1;
+        p->refused = 1;
+        p->next = length * factor;
+        if (p->next <= 1e-14 * duration) { p->reason = 2 + where; }
+    } else {
+        if ((p->refused != 0) && (factor > 1.0)) { factor = 1.0; }
+        p->refused = 0;
+        p->excess = (excess > 1e-4) ? excess : 1e-4;
+        if ((p->next < length * factor) || !(length < p->next)) { p->next = length * factor; }
+    }
+    if (p->steps + p->rejected >= p->counted + EOM_LOOK) { /* work that leads nowhere is no motion */
+        if (p->t - p->looked < EOM_LEAST_PART * duration) { p->reason = 2 + where; }
+        p->looked = p->t;
+        p->counted = p->steps + p->rejected;
+    }
+    return taken;
+}
+
+/* Assemble the states that lanes have come to; one that cannot be is tried again, shorter, and the others are assembled from
+ * where they were, so that no lane's bits depend on another.  Lanes that came to none follow one that did.  How many have ended. */
+EOM_LOCAL int F(assemble_ends)(const F(motion) *restrict motion, const double *restrict length, double duration, int *restrict going, int *restrict taken, const F(step) *restrict step, const size_t *restrict place, eom_progress *restrict progress, REAL *restrict work)
+{
+    const EOM(sizes) *const sizes = motion->robot->sizes;
+    const int n = N_OF(sizes);
+    const int statuses = 2 * n + 3 * M_OF(sizes);
+    REAL *const x_try = work;
+    REAL *const h_try = &x_try[2 * n];
+    REAL *const rest = &h_try[sizes->hoisted];
+    int ended = 0;
+    int opened = 1;
+    while (opened != 0) {
+        int one = -1;
+        for (int l = 0; l < (int)WIDTH; ++l) {
+            if ((taken[l] != 0) && (one < 0)) { one = l; }
+        }
+        opened = 0;
+        if (one >= 0) {
+            (void)memcpy(x_try, step->x_end, (size_t)(2 * n) * sizeof *x_try);
+            (void)memcpy(h_try, motion->h, (size_t)sizes->hoisted * sizeof *h_try);
+            for (int l = 0; l < (int)WIDTH; ++l) {
+                for (int i = 0; (i < 2 * n) && (taken[l] == 0); ++i) { LANE_OF(x_try[i], l) = LANE_OF(step->x_end[i], one); }
+                for (int i = 0; (i < sizes->hoisted) && (taken[l] == 0); ++i) { LANE_OF(h_try[i], l) = LANE_OF(motion->h[i], one); }
+            }
+            opened = F(assemble)(motion->robot, h_try, x_try, &x_try[n], rest);
+            if (opened == 0) { (void)memcpy(step->x_end, x_try, (size_t)(2 * n) * sizeof *x_try); }
+        }
+        if (opened != 0) {
+            const int said = (WIDTH > 1) ? ((opened - 1) / statuses) : one;
+            const int l = (taken[said] != 0) ? said : one;
+            eom_progress *const p = &progress[place[l]];
+            taken[l] = 0;
+            p->rejected += 1;
+            p->refused = 1;
+            p->next = 0.25 * length[l];
+            if (p->next <= 1e-14 * duration) {
+                p->reason = 2 + 2 * n + (opened - 1) % statuses;
+                going[l] = 0;
+                ended += 1;
+            }
+        }
+    }
+    return ended;
+}

@@ -1,0 +1,356 @@
+/* charts.h: joints of three rotations.  Where their angles are nearly singular, the axes y, z and x of their frame take the
+ * place of x, y and z, and they have other angles; what is stored and told is as the robot is described.  Of one state or of one
+ * in every lane: included once for each. */
+
+/* Charts of the states of all lanes. */
+typedef struct {
+    REAL *h;             /* as joints are turned */
+    EOM_SCALAR *told;    /* (WIDTH, 3 rotations), angles as described */
+    EOM_SCALAR *scratch; /* parameters + rotations + hoisted */
+    int *is_turned;      /* (WIDTH, rotations) */
+    int *stays;          /* rotations: a controller acts on its angles */
+} F(charts);
+
+/* Take room for charts from a workspace. */
+EOM_LOCAL void F(carve_charts)(const EOM(sizes) *restrict sizes, F(charts) *restrict charts, F(workspace) *restrict work)
+{
+    const int count = ROTATIONS_OF(sizes);
+    charts->h = work->state;
+    work->state += sizes->hoisted;
+    charts->told = (EOM_SCALAR *)(void *)work->state;
+    work->state += 3 * count;
+    charts->scratch = (EOM_SCALAR *)(void *)work->state;
+    work->state += sizes->parameters + count + sizes->hoisted;
+    charts->is_turned = work->index;
+    work->index += (int)WIDTH * count;
+    charts->stays = work->index;
+    work->index += count;
+}
+
+/* Rates of the other angles of the same rotation: both have one angular velocity in the body's axes. */
+EOM_LOCAL void F(other_rates)(const EOM_SCALAR *restrict angle, const EOM_SCALAR *restrict other, EOM_SCALAR *restrict rate)
+{
+    const EOM_SCALAR cb = EOM_MATH(cos)(angle[1]);
+    const EOM_SCALAR sg = EOM_MATH(sin)(angle[2]);
+    const EOM_SCALAR cg = EOM_MATH(cos)(angle[2]);
+    const EOM_SCALAR x = cb * cg * rate[0] + sg * rate[1];
+    const EOM_SCALAR y = cg * rate[1] - cb * sg * rate[0];
+    const EOM_SCALAR z = EOM_MATH(sin)(angle[1]) * rate[0] + rate[2];
+    const EOM_SCALAR s = EOM_MATH(sin)(other[2]);
+    const EOM_SCALAR c = EOM_MATH(cos)(other[2]);
+    EOM_SCALAR across = EOM_MATH(cos)(other[1]);
+    if (EOM_MATH(fabs)(across) < EOM_ROUND_OFF) { across = EOM_ROUND_OFF; }
+    rate[0] = (c * x - s * y) / across;
+    rate[1] = s * x + c * y;
+    rate[2] = z - EOM_MATH(sin)(other[1]) * rate[0];
+}
+
+/* Read three numbers of a lane from a place on. */
+EOM_LOCAL void F(take)(const REAL *restrict x, int l, int first, EOM_SCALAR *restrict y)
+{
+    (void)l;
+    for (int i = 0; i < 3; ++i) { y[i] = LANE_OF(x[first + i], l); }
+}
+
+/* Write three numbers of a lane, those so many places on first. */
+EOM_LOCAL void F(give)(const EOM_SCALAR *restrict y, int l, int first, int places, REAL *restrict x)
+{
+    (void)l;
+    for (int i = 0; i < 3; ++i) { LANE_OF(x[first + i], l) = y[(i + places) % 3]; }
+}
+
+/* Change a joint's coordinates and velocities to axes so many places on; the angles become other. */
+EOM_LOCAL void F(change_axes)(const EOM(sizes) *restrict sizes, int joint, int places, int l, const EOM_SCALAR *restrict angle, const EOM_SCALAR *restrict other, REAL *restrict q, REAL *restrict v)
+{
+    const int at = sizes->angles_at[joint];
+    const int origin = sizes->origin_at[joint];
+    EOM_SCALAR rate[3];
+    F(take)(v, l, at, rate);
+    F(other_rates)(angle, other, rate);
+    F(give)(other, l, at, 0, q);
+    F(give)(rate, l, at, 0, v);
+    if (origin >= 0) {
+        F(take)(q, l, origin, rate);
+        F(give)(rate, l, origin, places, q);
+        F(take)(v, l, origin, rate);
+        F(give)(rate, l, origin, places, v);
+    }
+}
+
+/* Compute h of a lane, as its joints are turned now. */
+EOM_LOCAL void F(set_up)(const EOM(sizes) *restrict sizes, F(charts) *restrict charts, int l)
+{
+    EOM_SCALAR *const p = charts->scratch;
+    EOM_SCALAR *const h = &p[sizes->parameters + ROTATIONS_OF(sizes)];
+    for (int i = 0; i < sizes->parameters; ++i) { p[i] = LANE_OF(charts->h[i], l); }
+    for (int k = 0; k < ROTATIONS_OF(sizes); ++k) { p[sizes->parameters + k] = (charts->is_turned[l * ROTATIONS_OF(sizes) + k] != 0) ? (EOM_SCALAR)1.0 : (EOM_SCALAR)0.0; }
+    sizes->setup(p, h);
+    for (int i = 0; i < sizes->hoisted; ++i) { LANE_OF(charts->h[i], l) = h[i]; }
+}
+
+/* Turn the joints whose angles are nearly singular; angles of turned ones are followed as described, turn by turn.  Whether any
+ * has changed. */
+EOM_LOCAL int F(change_charts)(const EOM(sizes) *restrict sizes, F(charts) *restrict charts, REAL *restrict q, REAL *restrict v)
+{
+    int any = 0;
+    for (int l = 0; l < (int)WIDTH; ++l) {
+        int changed = 0;
+        for (int k = 0; k < ROTATIONS_OF(sizes); ++k) {
+            int *const is_turned = &charts->is_turned[l * ROTATIONS_OF(sizes) + k];
+            const int was_turned = *is_turned;
+            EOM_SCALAR *const told = &charts->told[3 * (l * ROTATIONS_OF(sizes) + k)];
+            EOM_SCALAR angle[3];
+            EOM_SCALAR other[3] = { (EOM_SCALAR)0.0, (EOM_SCALAR)0.0, (EOM_SCALAR)0.0 };
+            F(take)(q, l, sizes->angles_at[k], angle);
+            const int is_singular = ((EOM_MATH(fabs)(angle[1]) > (EOM_SCALAR)1.0) && (EOM_MATH(fabs)(EOM_MATH(cos)(angle[1])) < (EOM_SCALAR)0.5)) ? 1 : 0;
+            if (charts->stays[k] != 0) { continue; }
+            if (was_turned != 0) { EOM(other_angles)(2, angle, told); }
+            if (is_singular == 0) { continue; }
+            if (was_turned == 0) { EOM(other_angles)(1, angle, other); }
+            for (int i = 0; i < 3; ++i) {
+                if (was_turned != 0) { other[i] = told[i]; } else { told[i] = angle[i]; }
+            }
+            F(change_axes)(sizes, k, (was_turned != 0) ? 2 : 1, l, angle, other, q, v);
+            *is_turned = (was_turned != 0) ? 0 : 1;
+            changed = 1;
+        }
+        if (changed != 0) {
+            F(set_up)(sizes, charts, l);
+            any = 1;
+        }
+    }
+    return any;
+}
+
+/* Write q and v as described, angles as they were last told. */
+EOM_LOCAL void F(describe)(const EOM(sizes) *restrict sizes, const F(charts) *restrict charts, const REAL *restrict q, const REAL *restrict v, REAL *restrict q_told, REAL *restrict v_told)
+{
+    (void)memcpy(q_told, q, (size_t)N_OF(sizes) * sizeof *q);
+    (void)memcpy(v_told, v, (size_t)N_OF(sizes) * sizeof *v);
+    for (int l = 0; l < (int)WIDTH; ++l) {
+        for (int k = 0; k < ROTATIONS_OF(sizes); ++k) {
+            const int joint = l * ROTATIONS_OF(sizes) + k;
+            EOM_SCALAR angle[3];
+            if (charts->is_turned[joint] == 0) { continue; }
+            F(take)(q, l, sizes->angles_at[k], angle);
+            F(change_axes)(sizes, k, 2, l, angle, &charts->told[3 * joint], q_told, v_told);
+        }
+    }
+}
+
+/* Write q and v as described, of a state between those at which charts change. */
+EOM_LOCAL void F(describe_near)(const EOM(sizes) *restrict sizes, const F(charts) *restrict charts, const REAL *restrict q, const REAL *restrict v, REAL *restrict q_told, REAL *restrict v_told)
+{
+    (void)memcpy(q_told, q, (size_t)N_OF(sizes) * sizeof *q);
+    (void)memcpy(v_told, v, (size_t)N_OF(sizes) * sizeof *v);
+    for (int l = 0; l < (int)WIDTH; ++l) {
+        for (int k = 0; k < ROTATIONS_OF(sizes); ++k) {
+            const int joint = l * ROTATIONS_OF(sizes) + k;
+            EOM_SCALAR angle[3];
+            EOM_SCALAR told[3];
+            if (charts->is_turned[joint] == 0) { continue; }
+            for (int i = 0; i < 3; ++i) { told[i] = charts->told[3 * joint + i]; }
+            F(take)(q, l, sizes->angles_at[k], angle);
+            EOM(other_angles)(2, angle, told);
+            F(change_axes)(sizes, k, 2, l, angle, told, q_told, v_told);
+        }
+    }
+}
+
+/* Write a row of a lane as described; its angles follow those of the row before.  work: 2 n. */
+EOM_LOCAL void F(describe_row)(const EOM(sizes) *restrict sizes, F(charts) *restrict charts, int l, EOM_SCALAR *restrict q_row, EOM_SCALAR *restrict v_row, REAL *restrict work)
+{
+    const int n = N_OF(sizes);
+    REAL *const q = work;
+    REAL *const v = &work[n];
+    for (int i = 0; i < n; ++i) {
+        q[i] = WHOLE(q_row[i]);
+        v[i] = WHOLE(v_row[i]);
+    }
+    for (int k = 0; k < ROTATIONS_OF(sizes); ++k) {
+        const int joint = l * ROTATIONS_OF(sizes) + k;
+        EOM_SCALAR angle[3];
+        EOM_SCALAR *const told = &charts->told[3 * joint];
+        if (charts->is_turned[joint] == 0) { continue; }
+        F(take)(q, l, sizes->angles_at[k], angle);
+        EOM(other_angles)(2, angle, told);
+        F(change_axes)(sizes, k, 2, l, angle, told, q, v);
+    }
+    for (int i = 0; i < n; ++i) {
+        q_row[i] = LANE_OF(q[i], l);
+        v_row[i] = LANE_OF(v[i], l);
+    }
+}
+
+/* Make forces on described coordinates forces on those that there are: of the same power. */
+EOM_LOCAL void F(turn_forces)(const EOM(sizes) *restrict sizes, const F(charts) *restrict charts, const REAL *restrict q, REAL *restrict u)
+{
+    for (int l = 0; l < (int)WIDTH; ++l) {
+        for (int k = 0; k < ROTATIONS_OF(sizes); ++k) {
+            const int joint = l * ROTATIONS_OF(sizes) + k;
+            const int at = sizes->angles_at[k];
+            const int origin = sizes->origin_at[k];
+            EOM_SCALAR angle[3];
+            EOM_SCALAR told[3];
+            EOM_SCALAR force[3];
+            if (charts->is_turned[joint] == 0) { continue; }
+            if (origin >= 0) {
+                F(take)(u, l, origin, force);
+                F(give)(force, l, origin, 1, u);
+            }
+            F(take)(u, l, at, force);
+            if ((force[0] == (EOM_SCALAR)0.0) && (force[1] == (EOM_SCALAR)0.0) && (force[2] == (EOM_SCALAR)0.0)) { continue; }
+            F(take)(q, l, at, angle);
+            for (int i = 0; i < 3; ++i) { told[i] = charts->told[3 * joint + i]; }
+            EOM(other_angles)(2, angle, told);
+            const EOM_SCALAR s = EOM_MATH(sin)(told[2]);
+            const EOM_SCALAR c = EOM_MATH(cos)(told[2]);
+            const EOM_SCALAR sg = EOM_MATH(sin)(angle[2]);
+            const EOM_SCALAR cg = EOM_MATH(cos)(angle[2]);
+            EOM_SCALAR across = EOM_MATH(cos)(told[1]);
+            if (EOM_MATH(fabs)(across) < EOM_ROUND_OFF) { across = EOM_ROUND_OFF; }
+            across = (force[0] - EOM_MATH(sin)(told[1]) * force[2]) / across;
+            const EOM_SCALAR x = c * across + s * force[1];
+            const EOM_SCALAR y = c * force[1] - s * across;
+            force[0] = EOM_MATH(cos)(angle[1]) * (cg * x - sg * y) + EOM_MATH(sin)(angle[1]) * force[2];
+            force[1] = sg * x + cg * y;
+            F(give)(force, l, at, 0, u);
+        }
+    }
+}
+
+/* Begin where q and v are, h as described; joints with a gain of a controller stay as they are. */
+EOM_LOCAL void F(begin_charts)(const EOM(sizes) *restrict sizes, const REAL *restrict h, const EOM_SCALAR *kp, const EOM_SCALAR *kd, F(charts) *restrict charts, REAL *restrict q, REAL *restrict v)
+{
+    for (int i = 0; i < sizes->hoisted; ++i) { charts->h[i] = h[i]; }
+    for (int k = 0; k < ROTATIONS_OF(sizes); ++k) {
+        const int at = sizes->angles_at[k];
+        const int origin = sizes->origin_at[k];
+        const int begin = (origin < 0) ? at : origin;
+        const int end = (kp == NULL) ? begin : (at + 3);
+        charts->stays[k] = 0;
+        for (int i = begin; i < end; ++i) {
+            if ((kp[i] > (EOM_SCALAR)0.0) || (kd[i] > (EOM_SCALAR)0.0)) { charts->stays[k] = 1; }
+        }
+        for (int l = 0; l < (int)WIDTH; ++l) {
+            charts->is_turned[l * ROTATIONS_OF(sizes) + k] = 0;
+            F(take)(q, l, at, &charts->told[3 * (l * ROTATIONS_OF(sizes) + k)]);
+        }
+    }
+    (void)F(change_charts)(sizes, charts, q, v);
+}
+
+/* Numbers that a state keeps of its charts. */
+EOM_LOCAL size_t F(kept_of_charts)(const EOM(sizes) *restrict sizes)
+{
+    (void)sizes;
+    return (size_t)(1 + 4 * ROTATIONS_OF(sizes) + 2 * N_OF(sizes));
+}
+
+/* Go on where a rollout has ended that kept its charts, if one has. */
+EOM_LOCAL void F(resume_charts)(const EOM(sizes) *restrict sizes, const EOM(drive) *restrict drive, const size_t *restrict place, F(charts) *restrict charts, REAL *restrict q, REAL *restrict v)
+{
+    const int count = ROTATIONS_OF(sizes);
+    const size_t size = F(kept_of_charts)(sizes);
+    if ((drive->turned == NULL) || !(drive->turned[place[0] * size] > (EOM_SCALAR)0.0)) { return; }
+    for (int l = 0; l < (int)WIDTH; ++l) {
+        const EOM_SCALAR *const kept = &drive->turned[place[l] * size + 1U];
+        for (int k = 0; k < count; ++k) { charts->is_turned[l * count + k] = (kept[k] > (EOM_SCALAR)0.0) ? 1 : 0; }
+        for (int i = 0; i < 3 * count; ++i) { charts->told[3 * l * count + i] = kept[count + i]; }
+        for (int i = 0; i < N_OF(sizes); ++i) {
+            LANE_OF(q[i], l) = kept[4 * count + i];
+            LANE_OF(v[i], l) = kept[4 * count + N_OF(sizes) + i];
+        }
+        F(set_up)(sizes, charts, l);
+    }
+}
+
+/* Keep where a rollout ends, for one that goes on from there. */
+EOM_LOCAL void F(keep_charts)(const EOM(sizes) *restrict sizes, const EOM(drive) *restrict drive, const size_t *restrict place, size_t here, const F(charts) *restrict charts, const REAL *restrict q, const REAL *restrict v)
+{
+    const int count = ROTATIONS_OF(sizes);
+    if (drive->turned == NULL) { return; }
+    for (int l = 0; l < (int)here; ++l) {
+        EOM_SCALAR *const kept = &drive->turned[place[l] * F(kept_of_charts)(sizes)];
+        kept[0] = (EOM_SCALAR)1.0;
+        for (int k = 0; k < count; ++k) { kept[1 + k] = (charts->is_turned[l * count + k] != 0) ? (EOM_SCALAR)1.0 : (EOM_SCALAR)0.0; }
+        for (int i = 0; i < 3 * count; ++i) { kept[1 + count + i] = charts->told[3 * l * count + i]; }
+        for (int i = 0; i < N_OF(sizes); ++i) {
+            kept[1 + 4 * count + i] = LANE_OF(q[i], l);
+            kept[1 + 4 * count + N_OF(sizes) + i] = LANE_OF(v[i], l);
+        }
+    }
+}
+
+/* The place among a lane's of a described coordinate: the axes of turned joints have moved on by one; -1 of their angles. */
+EOM_LOCAL int F(place_of_gain)(const EOM(sizes) *restrict sizes, const F(charts) *restrict charts, int l, int i)
+{
+    int place = i;
+    for (int k = 0; k < ROTATIONS_OF(sizes); ++k) {
+        const int angle = i - sizes->angles_at[k];
+        const int axis = i - sizes->origin_at[k];
+        if (charts->is_turned[l * ROTATIONS_OF(sizes) + k] == 0) { continue; }
+        if ((angle >= 0) && (angle < 3)) { place = -1; }
+        if ((sizes->origin_at[k] >= 0) && (axis >= 0) && (axis < 3)) { place = i - axis + (axis + 2) % 3; }
+    }
+    return place;
+}
+
+/* Which number of a described state stands at a place of a lane's. */
+EOM_LOCAL int F(described_place)(const EOM(sizes) *restrict sizes, const F(charts) *restrict charts, int l, int i)
+{
+    int place = i;
+    for (int k = 0; k < ROTATIONS_OF(sizes); ++k) {
+        const int origin = sizes->origin_at[k];
+        const int axis = i % N_OF(sizes) - origin;
+        if ((charts->is_turned[l * ROTATIONS_OF(sizes) + k] != 0) && (origin >= 0) && (axis >= 0) && (axis < 3)) { place = i - axis + (axis + 1) % 3; }
+    }
+    return place;
+}
+
+/* Generalized forces of wrenches on the coordinates that there are; q as described, q_here as joints are turned.  Forces on the
+ * coordinates of a joint are those of a state in which it is turned or not; other joints do not matter.  work: 5 n + wrench. */
+EOM_LOCAL void F(turned_wrench_forces)(const EOM(sizes) *restrict sizes, const EOM(inputs) *restrict inputs, const EOM_SCALAR *here, eom_instant at, const double *restrict q, const double *restrict q_here, const int *restrict is_turned, double *restrict force, EOM_SCALAR *restrict work)
+{
+    const int n = N_OF(sizes);
+    const int count = ROTATIONS_OF(sizes);
+    EOM_SCALAR *const own = work;
+    EOM_SCALAR *const pushed = &work[n];
+    EOM_SCALAR *const other = &work[2 * n];
+    EOM_SCALAR *const total = &work[3 * n];
+    int turned = 0;
+    for (int k = 0; k < count; ++k) { turned += is_turned[k]; }
+    for (int i = 0; i < n; ++i) { own[i] = (EOM_SCALAR)q[i]; }
+    eom_wrenches_at(inputs, sizes->wrench, at, own, total);
+    if (inputs->force_h == NULL) {
+        for (int i = 0; i < n; ++i) { own[i] = (EOM_SCALAR)q_here[i]; }
+        (void)inputs->external_force(here, own, total, pushed);
+        turned = 0;
+    } else if (turned < count) {
+        (void)inputs->external_force(inputs->force_h, own, total, pushed);
+    } else {
+        (void)here;
+    }
+    if (turned > 0) {
+        for (int i = 0; i < n; ++i) { own[i] = (EOM_SCALAR)q_here[i]; }
+        for (int k = 0; k < count; ++k) {
+            const int angles = sizes->angles_at[k];
+            const int origin = sizes->origin_at[k];
+            double near[3] = { 0.0, 0.0, 0.0 };
+            if (is_turned[k] != 0) { continue; }
+            eom_other_angles(1, &q[angles], near);
+            for (int i = 0; i < 3; ++i) {
+                own[angles + i] = (EOM_SCALAR)near[i];
+                if (origin >= 0) { own[origin + i] = (EOM_SCALAR)q[origin + (i + 1) % 3]; }
+            }
+        }
+        (void)inputs->external_force(inputs->force_turned, own, total, other);
+        for (int k = 0; k < count; ++k) {
+            const int begin = (sizes->origin_at[k] < 0) ? sizes->angles_at[k] : sizes->origin_at[k];
+            if (is_turned[k] != 0) { continue; }
+            for (int i = begin; i < sizes->angles_at[k] + 3; ++i) { other[i] = pushed[i]; }
+        }
+        (void)memcpy(pushed, other, (size_t)n * sizeof *pushed);
+    }
+    for (int i = 0; i < n; ++i) { force[i] = (double)pushed[i]; }
+}

@@ -1,0 +1,146 @@
+/* fixed_steps.h: steps of fixed length, of one state or of one in every lane. */
+
+/* A motion: a robot, its numbers h as joints are turned, how they are, and its drives. */
+typedef struct {
+    const F(robot) *robot;
+    const REAL *h;
+    F(charts) *charts; /* NULL without joints of three rotations */
+    const EOM(drive) *drive;
+} F(motion);
+
+/* Saturate drives at their limits; slope, if it is not NULL, becomes 0 where they do, else 1. */
+EOM_LOCAL void F(saturate)(const EOM(drive) *restrict drive, int n, REAL *restrict u, REAL *restrict slope)
+{
+    for (int l = 0; l < (int)WIDTH; ++l) {
+        for (int i = 0; i < n; ++i) {
+            const EOM_SCALAR most = drive->effort[i];
+            const EOM_SCALAR x = LANE_OF(u[i], l);
+            const int over = ((x > most) || (x < -most)) ? 1 : 0;
+            if (slope != NULL) { LANE_OF(slope[i], l) = (over != 0) ? (EOM_SCALAR)0.0 : (EOM_SCALAR)1.0; }
+            if (over != 0) { LANE_OF(u[i], l) = (x > most) ? most : -most; }
+        }
+    }
+}
+
+/* Forces u + kp (target - q - ahead v) - kd v of drives at a step, saturated; slope as of saturate.  work: n. */
+EOM_LOCAL void F(held_forces)(const F(motion) *restrict motion, size_t state, size_t here, size_t step, const REAL *restrict q, const REAL *restrict v, EOM_SCALAR ahead, REAL *restrict u, REAL *restrict slope, REAL *restrict work)
+{
+    const EOM(drive) *const drive = motion->drive;
+    const EOM(sizes) *const sizes = motion->robot->sizes;
+    const int n = N_OF(sizes);
+    F(load)(&drive->u[state * drive->u_state + step * drive->u_step], drive->u_state, here, n, u);
+    if (ROTATIONS_OF(sizes) > 0) { F(turn_forces)(sizes, motion->charts, q, u); }
+    if (drive->kp != NULL) {
+        F(load)(&drive->target[state * drive->target_state + step * drive->target_step], drive->target_state, here, n, work);
+        for (int i = 0; i < n; ++i) { u[i] += drive->kp[i] * (work[i] - q[i] - ahead * v[i]) - drive->kd[i] * v[i]; }
+    }
+    if (drive->effort != NULL) { F(saturate)(drive, n, u, slope); }
+}
+
+/* Take a step of the classical Runge-Kutta method of order 4 for the state x = (q, v), drives held. */
+EOM_LOCAL int F(rk4_step)(const F(motion) *restrict motion, size_t state, size_t here, size_t step, EOM_SCALAR dt, REAL *restrict x, REAL *restrict work)
+{
+    static const EOM_SCALAR part[4] = { (EOM_SCALAR)0.5, (EOM_SCALAR)0.5, (EOM_SCALAR)1.0, (EOM_SCALAR)0.0 };
+    static const EOM_SCALAR weight[4] = { (EOM_SCALAR)1.0, (EOM_SCALAR)2.0, (EOM_SCALAR)2.0, (EOM_SCALAR)1.0 };
+    const F(robot) *const robot = motion->robot;
+    const int n = N_OF(robot->sizes);
+    REAL *restrict const u = work;
+    REAL *restrict const x_here = &u[PADDED_TO_BLOCKS(n)];
+    REAL *restrict const sum = &x_here[PADDED_TO_BLOCKS(2 * n)];
+    REAL *restrict const a = &sum[PADDED_TO_BLOCKS(2 * n)]; /* n + 3 m, as what loops violate stands behind it */
+    REAL *restrict const rest = &a[n + 3 * M_OF(robot->sizes)];
+    F(copy)(2 * n, x, x_here);
+    for (int i = 0; i < 2 * n; ++i) { sum[i] = WHOLE((EOM_SCALAR)0.0); }
+    for (int stage = 0; stage < 4; ++stage) {
+        if ((robot->sizes->has_redundant_rows != 0) && (stage > 0)) { /* redundant rows answer to violations */
+            const int opened = F(assemble)(robot, motion->h, x_here, &x_here[n], rest);
+            if (opened != 0) { return opened; }
+        }
+        F(held_forces)(motion, state, here, step, x_here, &x_here[n], (EOM_SCALAR)0.0, u, NULL, rest);
+        const int status = robot->forward_dynamics(motion->h, x_here, &x_here[n], u, a);
+        if (status != 0) { return status; }
+        for (int i = 0; i < n; ++i) {
+            sum[i] += weight[stage] * x_here[n + i];
+            sum[n + i] += weight[stage] * a[i];
+            x_here[i] = x[i] + part[stage] * dt * x_here[n + i];
+            x_here[n + i] = x[n + i] + part[stage] * dt * a[i];
+        }
+    }
+    for (int i = 0; i < 2 * n; ++i) { x[i] += dt / (EOM_SCALAR)6.0 * sum[i]; }
+    return 0;
+}
+
+/* Take a step of the linearly implicit Euler method: springs, dampers and the controller at its end, all else at its beginning. */
+EOM_LOCAL int F(implicit_euler_step)(const F(motion) *restrict motion, size_t state, size_t here, size_t step, EOM_SCALAR dt, REAL *restrict x, REAL *restrict work)
+{
+    const EOM(drive) *const drive = motion->drive;
+    const int n = N_OF(motion->robot->sizes);
+    REAL *const q = x;
+    REAL *const v = &x[n];
+    REAL *restrict const u = work;
+    REAL *restrict const a = &work[n];
+    REAL *restrict const added = &work[2 * n];
+    REAL *restrict const slope = &work[3 * n];
+    REAL times[2];
+    times[0] = WHOLE(dt);
+    times[1] = WHOLE(dt * dt);
+    for (int i = 0; i < n; ++i) {
+        added[i] = (drive->kp == NULL) ? WHOLE((EOM_SCALAR)0.0) : WHOLE(dt * (drive->kd[i] + dt * drive->kp[i]));
+    }
+    F(held_forces)(motion, state, here, step, q, v, dt, u, slope, &work[4 * n]);
+    for (int i = 0; (drive->effort != NULL) && (i < n); ++i) { added[i] *= slope[i]; }
+    const int status = motion->robot->implicit_step(motion->h, q, v, u, added, times, a);
+    if (status != 0) { return status; }
+    for (int i = 0; i < n; ++i) {
+        v[i] += dt * a[i];
+        q[i] += dt * v[i];
+    }
+    return 0;
+}
+
+/* Take steps from one state to the next; every so many are stored.  -1, or step * (statuses in a call) + what the step said. */
+EOM_LOCAL long long F(steps)(const F(robot) *restrict robot, const REAL *restrict h, const EOM(drive) *restrict drive, size_t state, size_t here, EOM_SCALAR dt, size_t steps, size_t every, int method, REAL *restrict x, EOM_SCALAR *restrict q_out, EOM_SCALAR *restrict v_out, F(workspace) work)
+{
+    const EOM(sizes) *const sizes = robot->sizes;
+    const int n = N_OF(sizes);
+    const int statuses = n + ((M_OF(sizes) > 0) ? (3 * M_OF(sizes) + n) : 0);
+    const long long statuses_of_a_step = (long long)statuses * (long long)WIDTH;
+    const size_t stride = (steps / every + 1U) * (size_t)n;
+    F(charts) charts;
+    F(motion) motion;
+    REAL *told = x;
+    size_t place[WIDTH];
+    motion.robot = robot;
+    motion.h = h;
+    motion.charts = NULL;
+    motion.drive = drive;
+    F(store)(x, here, stride, n, q_out);
+    F(store)(&x[n], here, stride, n, v_out);
+    if (ROTATIONS_OF(sizes) > 0) {
+        for (size_t l = 0; l < (size_t)WIDTH; ++l) { place[l] = state + ((l < here) ? l : (here - 1U)); }
+        F(carve_charts)(sizes, &charts, &work);
+        told = work.state;
+        work.state += 2 * n;
+        motion.charts = &charts;
+        motion.h = charts.h;
+        F(begin_charts)(sizes, h, drive->kp, drive->kd, &charts, x, &x[n]);
+        F(resume_charts)(sizes, drive, place, &charts, x, &x[n]);
+    }
+    for (size_t step = 0; step < steps; ++step) {
+        const int status = (method == 0) ? F(rk4_step)(&motion, state, here, step, dt, x, work.state)
+                                         : F(implicit_euler_step)(&motion, state, here, step, dt, x, work.state);
+        if (status != 0) { return (long long)step * statuses_of_a_step + status - 1; }
+        if (M_OF(sizes) > 0) {
+            const int opened = F(assemble)(robot, motion.h, x, &x[n], work.state);
+            if (opened != 0) { return (long long)step * statuses_of_a_step + opened - 1; }
+        }
+        if (ROTATIONS_OF(sizes) > 0) { (void)F(change_charts)(sizes, &charts, x, &x[n]); }
+        if ((step + 1U) % every == 0U) {
+            if (ROTATIONS_OF(sizes) > 0) { F(describe)(sizes, &charts, x, &x[n], told, &told[n]); }
+            F(store)(told, here, stride, n, &q_out[(step + 1U) / every * (size_t)n]);
+            F(store)(&told[n], here, stride, n, &v_out[(step + 1U) / every * (size_t)n]);
+        }
+    }
+    if (ROTATIONS_OF(sizes) > 0) { F(keep_charts)(sizes, drive, place, here, &charts, x, &x[n]); }
+    return -1;
+}

@@ -1,0 +1,119 @@
+/* integrate.c: integration of one state; compile it once, or include it in a robot's file that defines EOM_N. */
+#include "inputs.h"
+
+#include "state_one.h"
+
+/* Read a state. */
+EOM_LOCAL void EOM(load)(const EOM_SCALAR *restrict x, size_t step, size_t here, int n, EOM_SCALAR *restrict y)
+{
+    (void)step;
+    (void)here;
+    (void)memcpy(y, x, (size_t)n * sizeof *y);
+}
+
+/* Write a state. */
+EOM_LOCAL void EOM(store)(const EOM_SCALAR *restrict x, size_t here, size_t stride, int n, EOM_SCALAR *restrict y)
+{
+    (void)here;
+    (void)stride;
+    (void)memcpy(y, x, (size_t)n * sizeof *x);
+}
+
+#include "combinations.h"
+#include "charts.h"
+#include "closed_loops.h"
+#include "fixed_steps.h"
+#include "adaptive_steps.h"
+#include "adaptive_rollouts.h"
+
+EOM_PUBLIC long long EOM(integrate_fixed)(const EOM(robot) *restrict robot, const EOM_SCALAR *restrict h, const EOM_SCALAR *restrict q, const EOM_SCALAR *restrict v, const EOM(drive) *restrict drive, EOM_SCALAR dt, size_t steps, size_t every, int method, EOM_SCALAR *restrict q_out, EOM_SCALAR *restrict v_out, EOM(workspace) work)
+{
+    const int n = N_OF(robot->sizes);
+    EOM_SCALAR *const x = work.state;
+    work.state += PADDED_TO_BLOCKS(2 * n);
+    (void)memcpy(x, q, (size_t)n * sizeof *q);
+    (void)memcpy(&x[n], v, (size_t)n * sizeof *v);
+    return EOM(steps)(robot, h, drive, 0, 1, dt, steps, every, method, x, q_out, v_out, work);
+}
+
+EOM_PUBLIC int EOM(integrate_adaptive)(const EOM(robot) *restrict robot, const EOM_SCALAR *restrict h, const EOM(drive) *restrict drive, const EOM(inputs) *restrict inputs, const EOM(tolerance) *restrict allowed, const double *restrict times, size_t samples, int method, EOM_SCALAR *restrict q, EOM_SCALAR *restrict v, EOM_SCALAR *restrict q_out, EOM_SCALAR *restrict v_out, eom_progress *restrict progress, EOM(record) *restrict record, EOM(workspace) work)
+{
+    const int n = N_OF(robot->sizes);
+    const size_t place = 0;
+    EOM_SCALAR *const x = work.state;
+    work.state += PADDED_TO_BLOCKS(2 * n);
+    (void)memcpy(x, q, (size_t)n * sizeof *q);
+    (void)memcpy(&x[n], v, (size_t)n * sizeof *v);
+    EOM(adapt)(robot, h, drive, inputs, 0, allowed, 0, &place, 1, times, samples, method, x, q_out, v_out, progress, record, work);
+    (void)memcpy(q, x, (size_t)n * sizeof *q);
+    (void)memcpy(v, &x[n], (size_t)n * sizeof *v);
+    return progress->reason;
+}
+
+/* work: 14 n and what computed torque takes; index: 2 n. */
+EOM_PUBLIC void EOM(inputs_over_time)(const EOM(sizes) *restrict sizes, size_t count, const EOM(inputs) *restrict inputs, const double *restrict times, EOM_SCALAR *restrict q, EOM_SCALAR *restrict v, EOM_SCALAR *restrict u, double *restrict work, int *restrict index)
+{
+    const int n = N_OF(sizes);
+    double *const own = work;
+    double *const rate = &own[n];
+    double *const force = &rate[n];
+    double *const given = &force[n];
+    double *const asked = &given[n];
+    double *const answer = &asked[3 * n];
+    double *const rest = &answer[n];
+    EOM(clock) clock;
+    (void)sizes;
+    clock.inputs[0] = inputs;
+    clock.here = 1;
+    for (size_t k = 0; k < count; ++k) {
+        EOM_SCALAR *const q_row = &q[k * (size_t)n];
+        EOM_SCALAR *const v_row = &v[k * (size_t)n];
+        EOM_SCALAR *const u_row = &u[k * (size_t)n];
+        for (int i = 0; i < n; ++i) {
+            own[i] = (double)q_row[i];
+            rate[i] = (double)v_row[i];
+            force[i] = 0.0;
+        }
+        eom_inputs_at(inputs, n, eom_instant_of(times[k]), own, rate, force, given, asked, rest);
+        EOM(ask_model)(&clock, n, asked, answer, rest, index);
+        eom_finish_drives(inputs, n, given, answer, force, NULL);
+        for (int i = 0; i < n; ++i) {
+            q_row[i] = (EOM_SCALAR)own[i];
+            v_row[i] = (EOM_SCALAR)rate[i];
+            u_row[i] = (EOM_SCALAR)force[i];
+        }
+    }
+}
+
+/* Integrate count states as integrate_fixed does, one after the other. */
+EOM_PUBLIC long long EOM(integrate_fixed_one_by_one)(const EOM(robot) *restrict robot, size_t count, const EOM_SCALAR *restrict h, const EOM_SCALAR *restrict q, size_t q_step, const EOM_SCALAR *restrict v, size_t v_step, const EOM(drive) *restrict drive, EOM_SCALAR dt, size_t steps, size_t every, int method, EOM_SCALAR *restrict q_out, EOM_SCALAR *restrict v_out, EOM(workspace) work)
+{
+    const int n = N_OF(robot->sizes);
+    const size_t statuses = (size_t)(n + ((M_OF(robot->sizes) > 0) ? (3 * M_OF(robot->sizes) + n) : 0));
+    const size_t stride = (steps / every + 1U) * (size_t)n;
+    EOM_SCALAR *const x = work.state;
+    work.state += PADDED_TO_BLOCKS(2 * n);
+    for (size_t i = 0; i < count; ++i) {
+        (void)memcpy(x, &q[i * q_step], (size_t)n * sizeof *q);
+        (void)memcpy(&x[n], &v[i * v_step], (size_t)n * sizeof *v);
+        const long long failed = EOM(steps)(robot, h, drive, i, 1, dt, steps, every, method, x, &q_out[i * stride], &v_out[i * stride], work);
+        if (failed >= 0) { return (long long)(i * steps * statuses) + failed; }
+    }
+    return -1;
+}
+
+/* Integrate count states as integrate_adaptive does, one after the other, those at place, or the first ones. */
+EOM_PUBLIC void EOM(integrate_adaptive_one_by_one)(const EOM(robot) *restrict robot, size_t count, const size_t *restrict place, const EOM_SCALAR *restrict h, size_t h_step, const EOM(drive) *restrict drive, const EOM(inputs) *restrict inputs, size_t inputs_step, const EOM(tolerance) *restrict allowed, size_t allowed_step, const double *restrict times, size_t samples, int method, EOM_SCALAR *restrict q, EOM_SCALAR *restrict v, EOM_SCALAR *restrict q_out, EOM_SCALAR *restrict v_out, eom_progress *restrict progress, EOM(workspace) work)
+{
+    const int n = N_OF(robot->sizes);
+    EOM_SCALAR *const x = work.state;
+    work.state += PADDED_TO_BLOCKS(2 * n);
+    for (size_t i = 0; i < count; ++i) {
+        const size_t k = (place == NULL) ? i : place[i];
+        (void)memcpy(x, &q[k * (size_t)n], (size_t)n * sizeof *q);
+        (void)memcpy(&x[n], &v[k * (size_t)n], (size_t)n * sizeof *v);
+        EOM(adapt)(robot, &h[k * h_step], drive, inputs, inputs_step, allowed, allowed_step, &k, 1, times, samples, method, x, q_out, v_out, progress, NULL, work);
+        (void)memcpy(&q[k * (size_t)n], x, (size_t)n * sizeof *q);
+        (void)memcpy(&v[k * (size_t)n], &x[n], (size_t)n * sizeof *v);
+    }
+}

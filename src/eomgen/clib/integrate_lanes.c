@@ -1,0 +1,97 @@
+/* integrate_lanes.c: integration of many states, one in every lane of a vector; included behind the types of lanes.h. */
+#include "inputs.h"
+
+#include "state_lanes.h"
+
+/* Equations of a state in every lane. */
+typedef struct {
+    const EOM(sizes) *sizes;
+    EOM_EQUATIONS(lanes);
+} EOM(robot_lanes);
+
+/* Room for numbers of all lanes. */
+typedef struct {
+    lanes *state;
+    double *input;
+    int *index;
+} EOM(workspace_lanes);
+
+/* Read a state in every lane. */
+EOM_LOCAL void EOM(load_lanes)(const EOM_SCALAR *restrict x, size_t step, size_t here, int n, lanes *restrict y)
+{
+    gather(x, step, here, 0, n, y);
+}
+
+/* Write the states of lanes. */
+EOM_LOCAL void EOM(store_lanes)(const lanes *restrict x, size_t here, size_t stride, int n, EOM_SCALAR *restrict y)
+{
+    scatter(x, NULL, here, 0, n, stride, y);
+}
+
+#define EOM_LANES_HERE
+#include "combinations.h"
+#include "charts.h"
+#include "closed_loops.h"
+#include "fixed_steps.h"
+#include "adaptive_steps.h"
+#include "adaptive_rollouts.h"
+#undef EOM_LANES_HERE
+
+/* Integrate count states as integrate_fixed does, LANES at a time; what one of them does changes no bit of another.  -1, or
+ * (state * steps + step) * statuses + i of the first failure. */
+EOM_PUBLIC long long EOM(integrate_fixed_batch)(const EOM(robot_lanes) *restrict robot, size_t count, const EOM_SCALAR *restrict h, const EOM_SCALAR *restrict q, size_t q_step, const EOM_SCALAR *restrict v, size_t v_step, const EOM(drive) *restrict drive, EOM_SCALAR dt, size_t steps, size_t every, int method, EOM_SCALAR *restrict q_out, EOM_SCALAR *restrict v_out, EOM(workspace_lanes) work)
+{
+    const int n = N_OF(robot->sizes);
+    const long long statuses = n + ((M_OF(robot->sizes) > 0) ? (3 * M_OF(robot->sizes) + n) : 0);
+    const size_t stride = (steps / every + 1U) * (size_t)n;
+    lanes *const h_lanes = work.state;
+    lanes *const x = &h_lanes[robot->sizes->hoisted];
+    work.state = &x[2 * n];
+    for (int i = 0; i < robot->sizes->hoisted; ++i) { h_lanes[i] = ALL(h[i]); }
+    for (size_t i = 0; i < count; i += LANES) {
+        const size_t here = (count - i < LANES) ? (count - i) : LANES;
+        gather(&q[i * q_step], q_step, here, 0, n, x);
+        gather(&v[i * v_step], v_step, here, 0, n, &x[n]);
+        const long long failed = EOM(steps_lanes)(robot, h_lanes, drive, i, here, dt, steps, every, method, x, &q_out[i * stride], &v_out[i * stride], work);
+        if (failed >= 0) {
+            const long long step = failed / (statuses * (long long)LANES);
+            const long long place = failed % (statuses * (long long)LANES);
+            return (((long long)i + place / statuses) * (long long)steps + step) * statuses + place % statuses;
+        }
+    }
+    return -1;
+}
+
+/* Integrate count states as integrate_adaptive does, each by steps of its own, those at place, or the first ones. */
+EOM_PUBLIC void EOM(integrate_adaptive_batch)(const EOM(robot_lanes) *restrict robot, size_t count, const size_t *restrict place, const EOM_SCALAR *restrict h, size_t h_step, const EOM(drive) *restrict drive, const EOM(inputs) *restrict inputs, size_t inputs_step, const EOM(tolerance) *restrict allowed, size_t allowed_step, const double *restrict times, size_t samples, int method, EOM_SCALAR *restrict q, EOM_SCALAR *restrict v, EOM_SCALAR *restrict q_out, EOM_SCALAR *restrict v_out, eom_progress *restrict progress, EOM(workspace_lanes) work)
+{
+    const int n = N_OF(robot->sizes);
+    const size_t row = (size_t)n * sizeof *q;
+    lanes *const h_lanes = work.state;
+    lanes *const x = &h_lanes[robot->sizes->hoisted];
+    EOM_SCALAR *const q_rows = (EOM_SCALAR *)(void *)&x[2 * n]; /* (LANES, n) */
+    EOM_SCALAR *const v_rows = &q_rows[(size_t)n * LANES];
+    work.state = &x[4 * n];
+    for (size_t i = 0; i < count; i += LANES) {
+        const size_t here = (count - i < LANES) ? (count - i) : LANES;
+        size_t at[LANES];
+        for (size_t l = 0; l < LANES; ++l) {
+            const size_t k = i + ((l < here) ? l : 0U);
+            at[l] = (place == NULL) ? k : place[k];
+            (void)memcpy(&q_rows[l * (size_t)n], &q[at[l] * (size_t)n], row);
+            (void)memcpy(&v_rows[l * (size_t)n], &v[at[l] * (size_t)n], row);
+            if ((h_step != 0U) || (i == 0U)) {
+                for (int j = 0; j < robot->sizes->hoisted; ++j) { LANE(h_lanes[j], l) = h[at[l] * h_step + (size_t)j]; }
+            }
+        }
+        gather(q_rows, (size_t)n, LANES, 0, n, x);
+        gather(v_rows, (size_t)n, LANES, 0, n, &x[n]);
+        EOM(adapt_lanes)(robot, h_lanes, drive, inputs, inputs_step, allowed, allowed_step, at, (int)here, times, samples, method, x, q_out, v_out, progress, NULL, work);
+        scatter(x, NULL, LANES, 0, n, (size_t)n, q_rows);
+        scatter(&x[n], NULL, LANES, 0, n, (size_t)n, v_rows);
+        for (size_t l = 0; l < here; ++l) {
+            (void)memcpy(&q[at[l] * (size_t)n], &q_rows[l * (size_t)n], row);
+            (void)memcpy(&v[at[l] * (size_t)n], &v_rows[l * (size_t)n], row);
+        }
+    }
+}

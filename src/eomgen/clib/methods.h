@@ -1,0 +1,104 @@
+/* methods.h: coefficients of the methods with error control; rows are stages, and C() makes numbers of the precision of states. */
+
+enum { TSIT5_STAGES = 7, ROSENBROCK_STAGES = 6, END_STAGE = 6, INSIDE_STAGE = 7, STAGES_WITH_POWERS = 8, TSIT5_DEGREE = 4 };
+
+/* Ch. Tsitouras, "Runge-Kutta pairs of order 5(4) satisfying only the first column simplifying assumption", Computers and
+ * Mathematics with Applications 62 (2011) 770: the last stage is at the end of the step. */
+
+static const EOM_SCALAR eom_tsit5_a[TSIT5_STAGES][TSIT5_STAGES] = {
+    { C(0.0) },
+    { C(0.161) },
+    { C(-0.008480655492356989), C(0.335480655492357) },
+    { C(2.8971530571054935), C(-6.359448489975075), C(4.3622954328695815) },
+    { C(5.325864828439257), C(-11.748883564062828), C(7.4955393428898365), C(-0.09249506636175525) },
+    { C(5.86145544294642), C(-12.92096931784711), C(8.159367898576159), C(-0.071584973281401), C(-0.028269050394068383) },
+    { C(0.09646076681806523), C(0.01), C(0.4798896504144996), C(1.379008574103742), C(-3.290069515436081), C(2.324710524099774) },
+};
+
+static const EOM_SCALAR eom_tsit5_error[TSIT5_STAGES] = { C(-0.001780011052225771), C(-0.0008164344596567469), C(0.007880878010261995), C(-0.1447110071732629), C(0.5823571654525552), C(-0.45808210592918697), C(0.015151515151515152) };
+
+static const double eom_tsit5_shares[TSIT5_STAGES] = { 0.0, 0.161, 0.327, 0.8999999999999999, 0.9800255409045104, 1.0, 1.0 };
+
+/* Weights of powers of the share of a step in work integrals. */
+static const double eom_tsit5_works[TSIT5_STAGES][TSIT5_DEGREE] = {
+    { 1.0, -2.763706197274826, 2.9132554618219126, -1.0530884977290216 },
+    { 0.0, 0.1317, -0.2234, 0.1017 },
+    { 0.0, 3.9302962368947516, -5.941033872131505, 2.490627285651253 },
+    { 0.0, -12.411077166933676, 30.33818863028232, -16.548102889244902 },
+    { 0.0, 37.50931341651104, -88.1789048947664, 47.37952196281928 },
+    { 0.0, -27.896526289197286, 65.09189467479366, -34.87065786149661 },
+    { 0.0, 1.5, -4.0, 2.5 },
+};
+
+/* A W-method of six stages and order 4(3), in the variables that spare products with the matrix (E. Hairer, G. Wanner, "Solving
+ * Ordinary Differential Equations II", section IV.7). */
+
+static const EOM_SCALAR eom_rosenbrock_diagonal = C(0.3032708221029452);
+
+static const EOM_SCALAR eom_rosenbrock_a[ROSENBROCK_STAGES][ROSENBROCK_STAGES] = {
+    { C(0.0) },
+    { C(0.0) },
+    { C(1.9577095275421397), C(0.09624753940753493) },
+    { C(-12.640540988794982), C(11.47406531595545), C(-2.184901588069644) },
+    { C(45.22669571531797), C(-34.051994120856214), C(9.233342776456102), C(-2.585735849637662) },
+    { C(44.59618164199451), C(-35.304949600239034), C(9.10972197560695), C(-2.286091141567749), C(0.18287548796164538) },
+};
+
+static const EOM_SCALAR eom_rosenbrock_c[ROSENBROCK_STAGES][ROSENBROCK_STAGES] = {
+    { C(0.0) },
+    { C(-1.8485366682621636) },
+    { C(-17.631601587128756), C(10.558804728186503) },
+    { C(43.65182054686954), C(-40.087802443765035), C(10.279818576010475) },
+    { C(-105.84058964242176), C(89.65494156265976), C(-24.593504310310063), C(8.468103283975356) },
+    { C(-132.02707597161847), C(97.96337774644046), C(-31.303025590584195), C(9.868030987977615), C(-1.7691899740810053) },
+};
+
+static const EOM_SCALAR eom_rosenbrock_b[ROSENBROCK_STAGES] = { C(44.59618164199451), C(-35.304949600239034), C(9.10972197560695), C(-2.286091141567749), C(0.1828754879616454), C(1.0) };
+
+static const EOM_SCALAR eom_rosenbrock_error[ROSENBROCK_STAGES] = { C(0.7641522361446427), C(-0.6573679684815938), C(0.14144711229099638), C(-0.01754850566540496), C(-0.030774661879316458), C(0.08701562938055106) };
+
+static const double eom_rosenbrock_shares[ROSENBROCK_STAGES] = { 0.0, 0.0, 0.6065416442058904, -0.35634633722581177, 1.1568159026419864, 1.0 };
+
+static const double eom_rosenbrock_works[ROSENBROCK_STAGES] = { 2.66325806659267, -2.291088688834055, 0.49297789757946875, -0.0611608486626099, -0.10725724877841863, 0.3032708221029452 };
+
+/* Errors of work integrals: of the Rosenbrock method, of the explicit one. */
+static const double eom_work_errors[2][TSIT5_STAGES] = {
+    { 0.16149752429294262, -0.18684096907609637, 0.00912393277044904, 0.013322280951927667, -0.023492070397267834, 0.02638930145804491, 0.0 },
+    { -0.001780011052225771, -0.0008164344596567469, 0.007880878010261995, -0.1447110071732629, 0.5823571654525552, -0.45808210592918697, 0.015151515151515152 },
+};
+
+/* Gauss's rule of five nodes on [0, 1]. */
+static const double eom_gauss_nodes[5] = { 0.04691007703066802, 0.23076534494715845, 0.5, 0.7692346550528415, 0.9530899229693319 };
+static const double eom_gauss_weights[5] = { 0.11846344252809454, 0.23931433524968324, 0.2844444444444444, 0.23931433524968324, 0.11846344252809454 };
+
+/* Explicit methods in steps that are differentiated: the classical Runge-Kutta method, and Tsitouras' without its last stage.
+ * Behind the rows of the stages stands the step's own. */
+enum { EXPLICIT_STAGES = 6 };
+
+static const EOM_SCALAR eom_explicit_a[2][EXPLICIT_STAGES + 1][EXPLICIT_STAGES] = {
+    {
+        { C(0.0) },
+        { C(0.5) },
+        { C(0.0), C(0.5) },
+        { C(0.0), C(0.0), C(1.0) },
+        { C(0.16666666666666666), C(0.3333333333333333), C(0.3333333333333333), C(0.16666666666666666) },
+        { C(0.0) },
+        { C(0.0) },
+    },
+    {
+        { C(0.0) },
+        { C(0.161) },
+        { C(-0.008480655492356989), C(0.335480655492357) },
+        { C(2.8971530571054935), C(-6.359448489975075), C(4.3622954328695815) },
+        { C(5.325864828439257), C(-11.748883564062828), C(7.4955393428898365), C(-0.09249506636175525) },
+        { C(5.86145544294642), C(-12.92096931784711), C(8.159367898576159), C(-0.071584973281401), C(-0.028269050394068383) },
+        { C(0.09646076681806523), C(0.01), C(0.4798896504144996), C(1.379008574103742), C(-3.290069515436081), C(2.324710524099774) },
+    },
+};
+
+static const int eom_explicit_stages[2] = { 4, 6 };
+
+static const double eom_explicit_shares[2][EXPLICIT_STAGES] = {
+    { 0.0, 0.5, 0.5, 1.0, 1.0, 1.0 },
+    { 0.0, 0.161, 0.327, 0.8999999999999999, 0.9800255409045104, 1.0 },
+};
