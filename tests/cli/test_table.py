@@ -50,7 +50,7 @@ def test_help_lists_the_commands_in_order(capsys: pytest.CaptureFixture[str]) ->
 def test_examples_are_understood(name: str) -> None:
     (command,) = (command for command in entry.COMMANDS if command.name == name)
     assert command.examples
-    for words, what in command.examples:
+    for words, what in command.examples.items():
         options = entry.make_parser().parse_args(shlex.split(words))
         assert options.run is command.run
         assert what

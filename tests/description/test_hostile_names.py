@@ -26,7 +26,7 @@ from eomgen.scenario.load import scenario_from_toml
 from eomgen.sweep.plan import plan_from_toml
 from tests.support.builds import Build
 from tests.support.c_project import WARNINGS
-from tests.support.c_sources import source_of
+from tests.support.c_sources import source_of, write_source
 from tests.support.description_samples import ARM
 from tests.support.fuzzing import check_message, check_robot
 from tests.support.hostile import WORDS, XML, hostile_name
@@ -174,8 +174,7 @@ def check_urdf_names(seeds: range) -> tuple[Robot, Source]:
 
 
 def compiles(source: Source, folder: Path, *flags: str) -> None:
-    for text, suffix in ((source.header, "h"), (source.code, "c")):
-        (folder / f"{source.name}.{suffix}").write_text(text, encoding="ascii")
+    write_source(source, folder)
     command = ["cc", *(flags or ("-std=c99",)), *WARNINGS, "-O0", "-c", f"{source.name}.c", "-o", os.devnull]
     found = subprocess.run(command, cwd=folder, capture_output=True, text=True)
     assert (found.returncode, found.stderr) == (0, "")

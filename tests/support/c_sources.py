@@ -43,6 +43,8 @@ def check_symbols(library: Path, source: Source) -> None:
     libm = {"sin", "cos", "sincos", "sinf", "cosf", "sincosf", "sqrt", "sqrtf", "exp", "expf", "atan2", "atan2f"}
     libm |= {"round", "roundf", "pow"}
     compilers_own = {"memset", "memcpy", "memmove", "_GLOBAL_OFFSET_TABLE_", "__stack_chk_fail"}
+    sections = subprocess.run(["objdump", "-t", library], capture_output=True, text=True, check=True).stdout
+    constant = {line.split()[-1] for line in sections.splitlines() if " .data.rel.ro" in line}  # but for relocation
     for kind, name in found:
-        assert kind in "TtUrR", (kind, name)  # no data, no bss
+        assert kind in "TtUrR" or name in constant, (kind, name)  # no data, no bss
         assert name in libm | compilers_own if kind == "U" else kind != "T" or name.startswith(f"{source.name}_")
