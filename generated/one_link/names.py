@@ -12,10 +12,11 @@ from collections.abc import Iterable, Mapping, Sequence
 NAME_LENGTH = 128
 ROBOT_LENGTH = 48
 IDENTIFIER = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
-ROBOT_NAME = re.compile(r"[a-z][a-z0-9_]*")
+ROBOT_NAME = re.compile(r"(?!eomf?(_|$))[a-z][a-z0-9_]*")  # these begin names of the C library
 IDENTIFIER_RULE = f"a letter or _, then letters, digits or _, at most {NAME_LENGTH} characters"
 ROBOT_RULE = (
-    f"a lower-case letter, then lower-case letters, digits or _, at most {ROBOT_LENGTH} characters, no Python keyword"
+    f"a lower-case letter, then lower-case letters, digits or _, at most {ROBOT_LENGTH} characters, no Python keyword,"
+    " and not eom or eomf before a _ or alone"
 )
 _SHOWN = 60  # characters of somebody else's text in a message
 _ESCAPED = 84  # and how many they may become when they are escaped
