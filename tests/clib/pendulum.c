@@ -1,0 +1,81 @@
+/* A pendulum written by hand: m l^2 a = u - m g l sin(q) - d v, behind the library's table of functions. */
+#include "eom.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+enum { MASS, LENGTH, GRAVITY, DAMPING, NUMBERS };
+
+static int forward_dynamics(const double *h, const double *q, const double *v, const double *u, double *a)
+{
+    const double inertia = h[MASS] * h[LENGTH] * h[LENGTH];
+    a[0] = (u[0] - h[MASS] * h[GRAVITY] * h[LENGTH] * sin(q[0]) - h[DAMPING] * v[0]) / inertia;
+    return 0;
+}
+
+/* (M + time D + time^2 K) a = u - ... of a step: dampers and the controller, whose part is added, at its end. */
+static int implicit_step(const double *h, const double *q, const double *v, const double *u, const double *added, const double *times, double *a)
+{
+    const double inertia = h[MASS] * h[LENGTH] * h[LENGTH];
+    a[0] = (u[0] - h[MASS] * h[GRAVITY] * h[LENGTH] * sin(q[0]) - h[DAMPING] * v[0]) / (inertia + times[0] * h[DAMPING] + added[0]);
+    return 0;
+}
+
+/* Factors of a stage: M, and M + time D + time^2 K, with gravity's stiffness and the controller's gains. */
+static int stage_factors(const double *h, const double *q, const double *v, const double *kp, const double *kd, const double *times, double *factors)
+{
+    const double inertia = h[MASS] * h[LENGTH] * h[LENGTH];
+    (void)v;
+    factors[0] = h[DAMPING] + kd[0];
+    factors[1] = h[MASS] * h[GRAVITY] * h[LENGTH] * cos(q[0]) + kp[0];
+    factors[2] = inertia;
+    factors[3] = times[0];
+    factors[4] = inertia + times[0] * factors[0] + times[1] * factors[1];
+    return 0;
+}
+
+/* What is to be added to right, so that the stage solves M x = M right - (time D + time^2 K) x - time K shifts. */
+static int stage_solution(const double *h, const double *factors, const double *right, const double *shifts, double *w)
+{
+    const double time = factors[3];
+    (void)h;
+    w[0] = (factors[2] * right[0] - time * factors[1] * shifts[0]) / factors[4] - right[0];
+    return 0;
+}
+
+int main(int count, char **words)
+{
+    static const double h[NUMBERS] = { 1.5, 0.8, 9.81, 0.05 };
+    eom_sizes sizes;
+    eom_drive drive;
+    double state[EOM_STATE_ROOM(1, 0, NUMBERS, 5, 6, 0, 0) + 1], input[EOM_INPUT_ROOM(1, 1, 0) + 1];
+    int index[EOM_INDEX_ROOM(1, 1, 0) + 1];
+    const double none = 0.0, q = 1.2, v = 0.3;
+    double q_out[11], v_out[11], atol[2] = { 1e-9, 1e-9 }, times[11];
+    memset(&sizes, 0, sizeof sizes);
+    memset(&drive, 0, sizeof drive);
+    sizes.n = 1;
+    sizes.hoisted = NUMBERS;
+    sizes.factors = 5;
+    sizes.wrench = 6;
+    drive.u = &none;
+    state[sizeof state / sizeof *state - 1] = input[sizeof input / sizeof *input - 1] = 4.0;
+    index[sizeof index / sizeof *index - 1] = 4;
+    const eom_robot robot = { &sizes, forward_dynamics, implicit_step, stage_factors, stage_solution, NULL };
+    const eom_workspace work = { state, input, index };
+    const int method = (count > 1) ? words[1][0] - '0' : 0;
+    for (int k = 0; k < 11; ++k) times[k] = 0.1 * k;
+    if (method < 2) {
+        if (eom_integrate_fixed(&robot, h, &q, &v, &drive, 1e-4, 10000, 1000, method, q_out, v_out, work) != -1) return 1;
+    } else {
+        const eom_tolerance allowed = { 1e-9, atol, 1000000 };
+        eom_progress progress;
+        double q_here = q, v_here = v;
+        memset(&progress, 0, sizeof progress);
+        if (eom_integrate_adaptive(&robot, h, &drive, NULL, &allowed, times, 10, method - 2, &q_here, &v_here, q_out, v_out, &progress, NULL, work) != 1) return 2;
+    }
+    if (state[sizeof state / sizeof *state - 1] != 4.0 || input[sizeof input / sizeof *input - 1] != 4.0 || index[sizeof index / sizeof *index - 1] != 4) return 3;
+    for (int k = 0; k < 11; ++k) printf("%.17g %.17g\n", q_out[k], v_out[k]);
+    return 0;
+}

@@ -1,0 +1,150 @@
+"""The C library without a robot: its tables, a pendulum written by hand, its warnings."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+
+import eomgen
+from eomgen.codegen.c.library import library_files, library_types
+from eomgen.codegen.kernels.steps.methods import RK4, TSIT5, W643
+
+LIBRARY = Path(eomgen.__path__[0], "clib")
+HERE = Path(__file__).parent
+EXAMPLE = Path(__file__).parents[2] / "examples" / "pendulum.c"
+WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror")
+METHODS = ("rk4", "implicit", "rosenbrock", "tsit5")
+WITHIN = {"rk4": 1e-12, "implicit": 2e-4, "rosenbrock": 1e-8, "tsit5": 2e-9}  # rad, rad/s
+Array = NDArray[np.float64]
+
+
+def table(name: str) -> Array:
+    """Numbers of a table of methods.h, (rows, numbers), zeros where rows are shorter."""
+    text = library_files()["clib/methods.h"]
+    found = re.search(rf"\b{name}(?:\[[^\]]*\])* = (\{{.*?\}});|\b{name} = (.*?);", text, re.S)
+    assert found, name
+    inner = found.group(1) or found.group(2)
+    rows = re.findall(r"\{([^{}]*)\}", inner) or [inner]
+    numbers = [[float(x) for x in re.findall(r"-?\d+\.\d+(?:e[-+]?\d+)?", row)] for row in rows]
+    width = max(map(len, numbers))
+    return np.array([row + [0.0] * (width - len(row)) for row in numbers])
+
+
+def test_tables_are_those_of_the_methods() -> None:
+    """What C integrates with are the coefficients whose order conditions are tested."""
+    ahead, back, weight, wrong = W643.transformed()
+    n = len(weight)
+    assert np.array_equal(table("eom_tsit5_a"), TSIT5.a[:, : table("eom_tsit5_a").shape[1]])
+    assert np.array_equal(table("eom_tsit5_error")[0], TSIT5.error)
+    assert np.array_equal(table("eom_tsit5_works"), TSIT5.between)
+    assert table("eom_rosenbrock_diagonal")[0, 0] == W643.diagonal
+    assert np.array_equal(table("eom_rosenbrock_a"), ahead[:, : n - 1])
+    assert np.array_equal(table("eom_rosenbrock_c"), back[:, : n - 1])
+    assert np.array_equal(table("eom_rosenbrock_b")[0], weight)
+    assert np.array_equal(table("eom_rosenbrock_error")[0], wrong)
+    assert np.array_equal(table("eom_rosenbrock_works")[0], W643.b)
+    doubted = table("eom_work_errors")
+    assert np.array_equal(doubted, [[*(W643.b - W643.embedded), 0.0], TSIT5.error])
+    explicit = table("eom_explicit_a")
+    classical, tsitouras = explicit[:7], explicit[7:]
+    assert np.array_equal(classical[:5, :4], [*RK4.a, RK4.b])
+    assert not classical[5:].any()
+    assert np.array_equal(tsitouras[:6, :6], TSIT5.a[:-1, :-1])
+    assert np.array_equal(tsitouras[6, :6], TSIT5.b[:-1])
+
+
+def test_shares_of_stages_are_sums_of_their_rows() -> None:
+    for name, a in (("tsit5", TSIT5.a), ("rosenbrock", W643.alpha)):
+        assert table(f"eom_{name}_shares")[0] == pytest.approx(a.sum(axis=1), abs=1e-15)
+
+
+def test_the_rule_of_gauss_is_exact_for_polynomials_of_degree_9() -> None:
+    nodes, weights = (table(f"eom_gauss_{name}")[0] for name in ("nodes", "weights"))
+    for degree in range(10):
+        assert weights @ nodes**degree == pytest.approx(1.0 / (degree + 1), rel=1e-14)
+    assert abs(weights @ nodes**10 - float(Fraction(1, 11))) > 1e-8
+
+
+def compiled(source: Path, folder: Path, *flags: str, compiler: str = "gcc") -> Path:
+    """The program of a file and the library."""
+    program = folder / "program"
+    command = [compiler, *WARNINGS, "-O1", *flags, f"-I{LIBRARY}", str(source), str(LIBRARY / "integrate.c")]
+    done = subprocess.run([*command, "-o", str(program), "-lm"], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return program
+
+
+@pytest.fixture(scope="module")
+def reference() -> Array:
+    """The pendulum's motion by SciPy, (11, 2)."""
+    m, length, g, d = 1.5, 0.8, 9.81, 0.05
+
+    def rate(_: float, y: Array) -> list[float]:
+        return [y[1], (-m * g * length * np.sin(y[0]) - d * y[1]) / (m * length**2)]
+
+    times = np.linspace(0.0, 1.0, 11)
+    solved = solve_ivp(rate, (0.0, 1.0), [1.2, 0.3], "DOP853", times, rtol=1e-13, atol=1e-14)
+    return np.asarray(solved.y.T)
+
+
+@pytest.fixture(scope="module")
+def pendulum(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return compiled(HERE / "pendulum.c", tmp_path_factory.mktemp("pendulum"), "-fsanitize=address,undefined")
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_pendulum_written_by_hand(method: str, pendulum: Path, reference: Array) -> None:
+    """Every method goes where SciPy goes, dense output with it, and nothing is written behind its room."""
+    command = [str(pendulum), str(METHODS.index(method))]
+    said = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    motion = np.array([[float(x) for x in line.split()] for line in said.splitlines()])
+    assert np.abs(motion - reference).max() <= WITHIN[method]
+
+
+def test_the_example_runs(tmp_path: Path) -> None:
+    """The page's pendulum: undamped, so its energy stays."""
+    said = subprocess.run([str(compiled(EXAMPLE, tmp_path))], capture_output=True, text=True, check=True).stdout
+    page = (Path(__file__).parents[2] / "docs" / "library.md").read_text(encoding="utf-8")
+    assert EXAMPLE.read_text(encoding="utf-8") in page
+    assert said in page
+    rows = np.array([[float(x) for x in re.findall(r"-?\d+\.\d+", line)] for line in said.splitlines()[1:]])
+    energy = 0.5 * 0.8 * rows[:, 2] ** 2 - 9.81 * np.cos(rows[:, 1])
+    assert energy == pytest.approx(energy[0], abs=1e-7)
+
+
+@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+@pytest.mark.parametrize("flags", [(), ("-DEOM_SINGLE",), ("-DEOM_N=3", "-DEOM_M=0", "-DEOM_ROTATIONS=0")])
+def test_no_compiler_warns(compiler: str, flags: tuple[str, ...], tmp_path: Path) -> None:
+    if shutil.which(compiler) is None:
+        pytest.skip(f"{compiler} is not installed")
+    command = [compiler, *WARNINGS, "-O2", *flags, "-c", str(LIBRARY / "integrate.c"), "-o", str(tmp_path / "x.o")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+def test_types_that_cffi_reads_have_the_compilers_sizes(dtype: str, tmp_path: Path) -> None:
+    """The declarations for cffi lay structures out as the headers do."""
+    import cffi
+
+    prefix = "eomf" if dtype == "float32" else "eom"
+    names = ["eom_spline", "eom_track", "eom_tracking", "eom_computed_torque", "eom_prescribed", "eom_wrench"]
+    names += ["eom_progress", *(f"{prefix}_{x}" for x in ("drive", "inputs", "tolerance", "record", "slopes", "rates"))]
+    ffi = cffi.FFI()
+    ffi.cdef(library_types(dtype))
+    prints = "".join(f'    printf("%zu\\n", sizeof({name}));\n' for name in names)
+    (tmp_path / "sizes.c").write_text(
+        f'#include "eom.h"\n#include <stdio.h>\nint main(void)\n{{\n{prints}    return 0;\n}}\n'
+    )
+    command = ["gcc", f"-I{LIBRARY}", str(tmp_path / "sizes.c"), "-o", str(tmp_path / "sizes")]
+    subprocess.run(command, check=True)
+    said = subprocess.run([str(tmp_path / "sizes")], capture_output=True, text=True, check=True).stdout.split()
+    assert [int(x) for x in said] == [ffi.sizeof(name) for name in names]
