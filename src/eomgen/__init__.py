@@ -16,6 +16,7 @@ from ._version import __version__
 from .errors import (
     ArrayError,
     BuildError,
+    DerivationError,
     DescriptionError,
     EomgenError,
     EomgenWarning,
@@ -81,6 +82,7 @@ __all__ = [
     "ArrayError",
     "BuildError",
     "Coordinate",
+    "DerivationError",
     "DescriptionError",
     "EomgenError",
     "EomgenWarning",
