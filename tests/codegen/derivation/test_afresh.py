@@ -134,7 +134,7 @@ def test_a_wrong_constant_in_a_program_stops(kernel: str) -> None:
     assert set(derive_afresh(model, equations=equations).compared) == {*CHECKED} - {"generalized_force"}
     program = equations.programs[kernel]
     changed = [_changed(program, i) for i, x in enumerate(program.instructions) if x.op == "const"]
-    state = dict.fromkeys("qvau", [0.3, 0.4, -0.5, 0.7, 1.0, 0.2])
+    state = {key: [0.3, 0.4, -0.5, 0.7, 1.0, 0.2] for key in "qvau"}
     state["h"] = list(evaluate(equations.setup, {"p": list(model.parameters.values())}).values())
     right = evaluate(program, state)
 
