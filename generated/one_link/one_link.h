@@ -42,6 +42,19 @@
  *   rollout              22     15      2      1
  *   adaptive_rollout     36     23      3      2
  *   parameters            2      1      0      0
+ *
+ * Derived afresh by SymPy 1.14.0, joint by joint; terms tr(dA/ds H dA^T) and tr(dA/ds H d2A^T):
+ * M, eq. (11), entries s <= v: 3
+ *           3  survive
+ * C, eq. (12), entries v <= w: 6
+ *           2  lemma (7): the second derivative by two translations vanishes
+ *           2  sharper lemma: nothing at or after a joint turns its translations
+ *           1  antisymmetry: C_i,jk = -C_k,ij for j <= min(i, k), so C_i,ji = 0
+ *           1  survive
+ *           1  of them independent up to sign by the antisymmetry
+ *           1  when coaxial pairs of two joints are exchanged as well
+ * Programs that agree with them at a random rational point: mass_matrix, bias_force, coriolis_matrix,
+ * christoffel, inverse_dynamics, residual, forward_dynamics
  */
 #ifndef EOMGEN_ONE_LINK_H
 #define EOMGEN_ONE_LINK_H

@@ -44,6 +44,7 @@ def _add_generate(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--cmake", action="store_true", help="with a C++17 header, a CMake package, a pkg-config file")
     parser.add_argument("--ros2", action="store_true", help="that, and a package of ROS 2 that simulates the robot")
     parser.add_argument("--wheel", action="store_true", help="write a wheel, which pip installs without eomgen")
+    parser.add_argument("--report", type=Path, metavar="FILE", help="write the derivation, .html or .tex")
     parser.add_argument(
         "--kernels",
         action="extend",
@@ -68,9 +69,9 @@ def _generate(options: argparse.Namespace) -> None:
 
     robot = read_robot(options)
     chosen = Options(tuple(options.kernels), options.dtype, options.native, level=options.level)
-    if options.wheel and (options.cmake or options.ros2 or options.native):
+    if options.wheel and (options.cmake or options.ros2 or options.native or options.report):
         raise InputError(
-            "--wheel stands without --cmake, --ros2 and --native; allowed: with --dtype, --level, --kernels"
+            "--wheel stands without --cmake, --ros2, --native and --report; allowed: with --dtype, --level, --kernels"
         )
     if note := check_module_name(robot.name):
         say(f"note: {note}", sys.stderr)
@@ -78,8 +79,11 @@ def _generate(options: argparse.Namespace) -> None:
         if options.wheel:
             show_written([export_wheel(robot, options.output, chosen, progress=report)])
             return
-        target = generate(robot, options.output, chosen, cmake=options.cmake, ros2=options.ros2, progress=report)
+        wanted = {"cmake": options.cmake, "ros2": options.ros2, "report": options.report}
+        target = generate(robot, options.output, chosen, **wanted, progress=report)
     say(str(target))
+    if options.report is not None:
+        show_written([options.report])
 
 
 COMMANDS = (
@@ -96,6 +100,7 @@ COMMANDS = (
         {
             "generate arm.toml -o generated": "write and compile generated/arm, then: import arm",
             "generate arm.toml --cmake": "the same, with a CMake package and a header for C++17",
+            "generate arm.toml --report derivation.html": "the same, and which terms survive, joint by joint",
             "generate arm.toml --wheel": "a wheel of it, which pip installs where eomgen is not",
         },
     ),

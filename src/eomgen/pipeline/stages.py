@@ -8,7 +8,8 @@
     check_package    package            package     it answers samples of the equations as they do
     load_kernel      package            Kernel      the NumPy face
 
-The first three are skipped when the cache holds their source, the next two when it holds their package.
+The first three are skipped when the cache holds their source, the next two when it holds their package.  Where it is
+asked for, ``derive_afresh`` derives the joints anew beside the compiler, and compares; no cache spares that.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import json
 import os
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -27,7 +29,7 @@ from .._version import __version__
 from ..codegen.kernels.signatures import DTYPES, KERNELS, OWN_KERNELS, available, with_beside
 from ..description import RobotLike, as_robot
 from ..errors import EomgenWarning, InputError
-from ..files import read_regular
+from ..files import check_ending, read_regular, write_atomically
 from ..names import plain_path, show
 from ..progress import StageReport, no_report
 from ..robot.model import build_model
@@ -45,6 +47,7 @@ from .on_demand import OnDemand, one_library
 
 if TYPE_CHECKING:
     from ..codegen.c.source import Source
+    from ..codegen.derivation.afresh import Derived
     from ..codegen.package.compile import Compiler
 
 KERNEL_NAMES = tuple(KERNELS)
@@ -104,6 +107,7 @@ def build(
     native: bool = False,
     flags: Sequence[str] = (),
     level: str = "",
+    derive: bool = False,
     progress: StageReport = no_report,
 ) -> Kernel:
     """Derive, render and compile the robot's equations of motion, or load them from the cache.
@@ -113,6 +117,8 @@ def build(
         kernels: names of KERNEL_NAMES that are built at once, in one library; "all" for all but derivatives.  Without
             names each kernel is built when it is first called.
         dtype, native, flags, level: see Options.
+        derive: derive the joints with SymPy now, beside the compiler, and compare what is kept of them, the terms that
+            are dropped and the programs, at random rational points; without it builds rely on the tests that did so.
         progress: called with a line of text when a stage begins, also when that is later; without one a terminal sees
             a line for every kernel that is built later.
 
@@ -120,12 +126,30 @@ def build(
         InputError: an option is unknown, or a level that this processor does not run.
         BuildError: no compiler, a compiler that fails or whose binary computes something else than the equations, a
             cache that cannot be written; from the call of a kernel where that is what builds it.
+        DerivationError: what ``derive`` compares differs.
     """
     robot, whole = as_robot(robot), kernels == "all"
     options = Options(() if whole else tuple(kernels), dtype, native, tuple(flags), level=level)
-    if not (whole or options.kernels):
-        return _on_demand(robot, options, progress)
-    return _at_once(robot, options, progress)
+    with ThreadPoolExecutor(1, "eomgen derivation") as beside:
+        at_once = whole or options.kernels
+        if derive and at_once:  # first, so that the derivation is beside the compiler, and not beside another one
+            make_source(robot, _with_beside(robot, options), progress)
+        derived = _begin_derivation(beside, robot, options) if derive else None
+        kernel = _at_once(robot, options, progress) if at_once else _on_demand(robot, options, progress)
+        if derived is not None:
+            derived.result()
+    return kernel
+
+
+def _begin_derivation(beside: ThreadPoolExecutor, robot: Robot, options: Options) -> Future[Derived]:
+    """Derive a robot's joints with SymPy in a thread, and compare; the result raises DerivationError."""
+
+    def work() -> Derived:
+        from ..codegen.derivation.afresh import derive_afresh
+
+        return derive_afresh(build_model(robot), options.kernels, options.dtype)
+
+    return beside.submit(work)
 
 
 def _at_once(robot: Robot, options: Options, progress: StageReport = no_report) -> Kernel:
@@ -213,12 +237,16 @@ def generate(
     *,
     cmake: bool = False,
     ros2: bool = False,
+    report: Path | str | None = None,
     progress: StageReport = no_report,
 ) -> Path:
     """Write the importable package ``folder/<robot.name>`` and return its path.
 
     It has binaries for all levels of processors, those of further levels in folders of their own, and loads the best
     one that runs where it is imported.  Binaries of levels beyond this processor are compiled, but not tried.
+
+    Beside the compiler SymPy derives the robot's joints anew.  What is kept of joints, the terms of eqs. (11) and (12)
+    that are dropped, and the programs are compared with that; the header says what was derived.
 
     A package of an earlier generation there is replaced in one step; a folder that holds anything else is refused.
 
@@ -228,21 +256,31 @@ def generate(
         options: see Options.
         cmake: write a header for C++17, a CMake project, a pkg-config file and a gateway for MATLAB, too.
         ros2: write them, and a package of ROS 2 in the folder ``ros2``, which simulates the robot.
+        report: file to write the derivation to, .html or .tex: joint matrices, surviving terms, and of small robots
+            the closed form.
         progress: called with a line of text when a stage begins.
 
     Raises:
         InputError: the target exists and is not a generated package, the folder cannot be written, the robot is named
-            as a module that Python or the package needs, or ROS 2 is asked for without the kernel ``rollout``.
-        BuildError: see ``build``.
+            as a module that Python or the package needs, ROS 2 is asked for without the kernel ``rollout``, or the
+            report has another ending.
+        BuildError, DerivationError: see ``build``.
     """
     from ..codegen.package.compile import find_compiler
 
     robot, folder = as_robot(robot), Path(folder)
+    page = None if report is None else check_ending(report, ".html", ".tex", label="report")
     hidden = check_module_name(robot.name)
     if hidden:
         warnings.warn(hidden, EomgenWarning, stacklevel=2)
     options = _with_beside(robot, options or Options())
-    files = _files_of_levels(robot, options, progress)
+    with ThreadPoolExecutor(1, "eomgen derivation") as beside:
+        make_source(robot, options, progress)  # first, so that the derivation is beside the compiler alone
+        found = _begin_derivation(beside, robot, options)
+        files = _files_of_levels(robot, options, progress)
+        derived = found.result()
+    header = f"{robot.name}.h"
+    files = {**files, header: derived.in_header(files[header].decode("ascii")).encode("ascii")}
     target = folder / robot.name
     _check_target(target, target)
     try:
@@ -256,6 +294,10 @@ def generate(
             put_folder(private, target, lambda place: _check_target(place, target))
     except OSError as error:
         raise InputError(f"{target} cannot be written: {error.strerror or error}") from None
+    if page is not None:
+        from ..codegen.derivation.report import report as report_of
+
+        write_atomically(page, lambda stream: stream.write(report_of(derived, page.suffix).encode()))
     return target
 
 

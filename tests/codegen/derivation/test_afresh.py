@@ -1,0 +1,160 @@
+"""Derivations afresh: what SymPy derives of random robots is what is kept and rendered, and nothing else passes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from eomgen.codegen.derivation.afresh import derive_afresh
+from eomgen.codegen.derivation.fresh import derive_blocks
+from eomgen.codegen.derivation.generic_terms import check_zeros
+from eomgen.codegen.derivation.programs import CHECKED
+from eomgen.codegen.forces.element import ForceElement
+from eomgen.codegen.joint.facts import SHARPER, Facts, ZeroPair
+from eomgen.codegen.joint.kept import KEPT
+from eomgen.codegen.joint.zeros import zero_map
+from eomgen.codegen.kernels.equations import Equations, derive_equations
+from eomgen.codegen.program.ir import Program, evaluate
+from eomgen.description.load import load_robot, robot_from_toml
+from eomgen.errors import DerivationError
+from eomgen.robot.model import build_model
+from eomgen.robot.value import Robot
+from tests.support.elastic_robots import elastic_robot
+from tests.support.every_element import ROBOTS, robot_with
+from tests.support.random_followers import with_followers
+from tests.support.random_motors import with_motors
+from tests.support.random_robots import random_robot, seeds, with_offsets, with_random_loops
+
+KINDS: dict[str, Callable[[int], Robot]] = {
+    "trees of all coordinates": lambda seed: random_robot(
+        seed, tree=True, types=("revolute", "prismatic", "fixed", "free")
+    ),
+    "spherical joints": lambda seed: random_robot(seed, counts=(3, 1, 3), types=("fixed", "revolute")),
+    "six elastic coordinates": lambda seed: elastic_robot(seed, 3, tree=True),
+    "offsets": lambda seed: with_offsets(random_robot(seed, joints=(2, 4)), seed),
+    "followers": lambda seed: with_followers(random_robot(seed, joints=(3, 4)), seed, tuned=True),
+    "motors": lambda seed: with_motors(random_robot(seed, types=("revolute", "prismatic")), seed),
+    "loops": lambda seed: with_random_loops(random_robot(seed, joints=(2, 4)), seed, ["revolute", "spherical"]),
+}
+LEAST = {"mass_matrix", "bias_force", "coriolis_matrix", "residual"}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("seed", seeds(2, 1, 12))
+def test_random_robots(kind: str, seed: int) -> None:
+    """Programs agree, no term that is dropped is there, and none that survives vanishes for generic numbers."""
+    found = derive_afresh(build_model(KINDS[kind](seed)))
+    assert set(found.compared) >= LEAST
+    assert found.vanishing == 0
+
+
+@pytest.mark.parametrize("family", ROBOTS, ids=lambda family: family.__name__)
+def test_all_forces(family: type[ForceElement]) -> None:
+    found = derive_afresh(build_model(robot_from_toml(robot_with(family))))
+    assert set(found.compared) >= LEAST
+
+
+def test_float32_and_chosen_kernels() -> None:
+    model = build_model(load_robot("one_link"))
+    assert derive_afresh(model, ("mass_matrix",), "float32").compared == ("mass_matrix",)
+    assert derive_afresh(model, ("kinematics",)).zeros is not None
+
+
+def test_lines_are_those_of_the_zero_map() -> None:
+    found = derive_afresh(build_model(load_robot("puma560_elastic")))
+    assert found.zeros is not None
+    assert (found.zeros.christoffel.total, found.zeros.christoffel.survivors) == (23976, 10602)
+    text = found.in_header("/* x.h\n */\nint x;\n")
+    assert text.startswith("/* x.h\n *\n * Derived afresh by SymPy ")
+    assert text.endswith("\n */\nint x;\n")
+    assert all(line in text for line in found.zeros.lines())
+    assert text.isascii()
+    assert text == derive_afresh(found.model).in_header("/* x.h\n */\nint x;\n")
+
+
+def wrong_step(facts: Facts) -> Facts:
+    rows = [list(row) for row in facts.steps["gamma"].rotation]
+    rows[0][1] = (0.0, 1.0, 0.0)  # sin instead of -sin
+    steps = {**facts.steps, "gamma": replace(facts.steps["gamma"], rotation=tuple(map(tuple, rows)))}
+    return replace(facts, steps=steps)
+
+
+def one_zero_more(facts: Facts) -> Facts:
+    return replace(facts, zero_pairs=(*facts.zero_pairs, ZeroPair("gamma", "gamma", True, SHARPER)))
+
+
+def one_zero_less(facts: Facts) -> Facts:
+    gone = ZeroPair("x", "gamma", False, SHARPER)
+    return replace(facts, zero_pairs=tuple(pair for pair in facts.zero_pairs if pair != gone))
+
+
+def another_coaxial(facts: Facts) -> Facts:
+    return replace(facts, coaxial=(*facts.coaxial, ("x", "gamma")))
+
+
+@pytest.mark.parametrize(
+    ("change", "block", "place"),
+    [
+        (wrong_step, "step of gamma", "row 1, column 2"),
+        (one_zero_more, "zeros of second derivatives", "gamma, gamma"),
+        (one_zero_less, "zeros of second derivatives", "x, gamma"),
+        (another_coaxial, "coaxial pairs", "x, gamma"),
+    ],
+)
+def test_a_wrong_entry_of_the_kept_table_stops(change: Callable[[Facts], Facts], block: str, place: str) -> None:
+    with pytest.raises(DerivationError) as error:
+        derive_afresh(build_model(load_robot("one_link")), kept=change(KEPT))
+    assert (error.value.joint, error.value.block) == ("joint1", block)
+    assert error.value.place.startswith(place)
+    assert all(word in str(error.value) for word in ("joint1", block, place))
+
+
+def test_a_dropped_term_that_does_not_vanish_stops() -> None:
+    """An entry of M or C that survives is taken for one that a lemma drops."""
+    model = build_model(load_robot("puma560"))
+    blocks, zeros = derive_blocks(model), zero_map(model)
+    for tally, name in ((zeros.mass_matrix, "mass_matrix"), (zeros.christoffel, "christoffel")):
+        mask = tally.mask.copy()
+        key = tuple(np.argwhere(mask)[-1])
+        mask[key] = False
+        wrong = replace(zeros, **{name: replace(tally, mask=mask)})
+        with pytest.raises(DerivationError, match="does not vanish") as error:
+            check_zeros(model, model, blocks, wrong)
+        assert error.value.place == "; ".join(model.coordinates[i] for i in key)
+
+
+@pytest.mark.parametrize("kernel", CHECKED)
+def test_a_wrong_constant_in_a_program_stops(kernel: str) -> None:
+    """A number that is off by 1e-6 of itself is refused with the kernel's name."""
+    model = build_model(load_robot("ur5"))
+    equations = derive_equations(model, CHECKED)
+    assert set(derive_afresh(model, equations=equations).compared) == {*CHECKED} - {"generalized_force"}
+    program = equations.programs[kernel]
+    changed = [_changed(program, i) for i, x in enumerate(program.instructions) if x.op == "const"]
+    state = {key: [0.3, 0.4, -0.5, 0.7, 1.0, 0.2] for key in "qvau"}
+    state["h"] = list(evaluate(equations.setup, {"p": list(model.parameters.values())}).values())
+    right = evaluate(program, state)
+
+    def effect(other: Program) -> float:
+        return max(abs(value - right[key]) for key, value in evaluate(other, state).items())
+
+    wrong = max(changed, key=effect)
+    with pytest.raises(DerivationError) as error:
+        derive_afresh(model, equations=_with(equations, wrong))
+    assert error.value.block == (kernel if kernel != "generalized_force" else "inverse_dynamics")
+    assert error.value.joint in [body.joint for body in model.bodies]
+    assert error.value.place
+
+
+def _changed(program: Program, place: int) -> Program:
+    """Give a program whose constant at a place is larger by 1e-6 of itself."""
+    instructions = list(program.instructions)
+    instructions[place] = instructions[place]._replace(leaf=instructions[place].leaf * (1 + 1e-6))
+    return replace(program, instructions=tuple(instructions))
+
+
+def _with(equations: Equations, program: Program) -> Equations:
+    return replace(equations, programs={**equations.programs, program.name: program})
