@@ -25,7 +25,7 @@ WIDTH = 110  # of lines in a header
 
 @dataclass(frozen=True)
 class Derived:
-    """What was derived and compared.
+    """Result of a derivation: what was derived and compared.
 
     model: the tree, with followers as coordinates.  blocks: of its kinds of joints, by their active coordinates.
     zeros: of its M and C; None of more than MOST_COUNTED coordinates.  vanishing: terms that survive and were zero.

@@ -101,7 +101,7 @@ def _pairs(pairs: Sequence[tuple[int, int]]) -> str:
     return "; ".join(f"({first}, {_ranges([second for _, second in row])})" for first, row in rows)
 
 
-def report(derived: Derived, ending: str) -> str:
+def render_report(derived: Derived, ending: str) -> str:
     """Write a derivation as a page (".html") or as a document of LaTeX (".tex")."""
     style = ending.removeprefix(".")
     printer = _mathml if style == "html" else _latex

@@ -145,7 +145,7 @@ class InternalError(EomgenError):
 
 
 class DerivationError(InternalError):
-    """What SymPy derives of a robot is not what the generator keeps, drops or renders.
+    """Raised where what SymPy derives of a robot is not what the generator keeps, drops or renders.
 
     Attributes:
         joint: its name; empty where no joint of the robot has it.

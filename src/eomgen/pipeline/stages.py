@@ -295,9 +295,9 @@ def generate(
     except OSError as error:
         raise InputError(f"{target} cannot be written: {error.strerror or error}") from None
     if page is not None:
-        from ..codegen.derivation.report import report as report_of
+        from ..codegen.derivation.report import render_report
 
-        write_atomically(page, lambda stream: stream.write(report_of(derived, page.suffix).encode()))
+        write_atomically(page, lambda stream: stream.write(render_report(derived, page.suffix).encode()))
     return target
 
 

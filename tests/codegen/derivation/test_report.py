@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from eomgen.codegen.derivation.afresh import Derived, derive_afresh
-from eomgen.codegen.derivation.report import report, terms
+from eomgen.codegen.derivation.report import render_report, terms
 from eomgen.description.load import load_robot
 from eomgen.names import component_name
 from eomgen.robot.model import build_model
@@ -56,7 +56,7 @@ def test_all_surviving_terms_are_named_once(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["one_link", "puma560_elastic"])
 def test_pages_close_what_they_open(name: str) -> None:
-    text, open_tags = report(derived(name), ".html"), list[str]()
+    text, open_tags = render_report(derived(name), ".html"), list[str]()
 
     class Reader(HTMLParser):
         def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
@@ -75,7 +75,7 @@ def test_pages_close_what_they_open(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["one_link", "puma560_elastic"])
 def test_latex(name: str, tmp_path: Path) -> None:
-    text = report(derived(name), ".tex")
+    text = render_report(derived(name), ".tex")
     begun, ended = (re.findall(rf"\\{word}{{(\w+\*?)}}", text) for word in ("begin", "end"))
     assert sorted(begun) == sorted(ended)
     assert text.count("{") == text.count("}")
