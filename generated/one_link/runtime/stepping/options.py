@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
@@ -72,10 +72,10 @@ class StepOptions:
             known = ", ".join((*FIXED, *ADAPTIVE))
             raise InputError(f"rollout: method {show(self.method)} is unknown; allowed: {known}")
         own, others = self.own[:: -1 if self.is_adaptive else 1]
-        defaults = {item.name: item.default for item in fields(self)}
         for name in self.of_fixed_steps if self.is_adaptive else self.of_error_control:
             value = getattr(self, name)
-            if value is not None and not (isinstance(value, int) and value == defaults[name]):
+            default = self.__dataclass_fields__[name].default
+            if value is not None and not (isinstance(value, int) and value == default):
                 raise InputError(f"rollout: {name} is given; allowed: {own} with method={self.method!r}, not {others}")
 
     @property
@@ -92,7 +92,8 @@ class StepOptions:
         Raises:
             InputError: one of them is not allowed.
         """
-        steps, every = (whole_number(name, getattr(self, name), _most(calls, count)) for name in ("steps", "every"))
+        most = _most(calls, count)
+        steps, every = whole_number("steps", self.steps, most), whole_number("every", self.every, most)
         dt, least = as_number(self.dt), float(np.finfo(calls.dtype).tiny)
         if not least <= dt <= LONGEST:
             allowed = f"a number from {least:.3g}, the least above 0 that {calls.dtype} holds, to {LONGEST:g}"
@@ -154,7 +155,8 @@ class LoadedStepOptions(StepOptions):
     own: ClassVar[tuple[str, str]] = (StepOptions.own[0], "duration, samples, tolerances, loads and works")
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "works", flag("rollout: works", self.works))
+        if self.works is not False:
+            object.__setattr__(self, "works", flag("rollout: works", self.works))
         super().__post_init__()
 
 

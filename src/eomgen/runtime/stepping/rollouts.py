@@ -89,9 +89,10 @@ class Given:
         """Fields of a drive for C, from a state and a step on; the pointers must be kept alive."""
         view, found = calls.raw.view, dict[str, Any]()
         for name, (array, of_state, of_step) in zip(("u", "target"), self.drives, strict=False):
-            here = view(array.reshape(-1)[state * of_state + step * of_step :])
-            found |= {name: here, f"{name}_state": of_state, f"{name}_step": of_step}
-        found |= zip(("kp", "kd"), map(view, self.gains), strict=False)
+            found[name] = view(array.reshape(-1)[state * of_state + step * of_step :])
+            found[f"{name}_state"], found[f"{name}_step"] = of_state, of_step
+        if self.gains:
+            found["kp"], found["kd"] = map(view, self.gains)
         if self.effort is not None:
             found["effort"] = view(self.effort)
         return found
