@@ -17,7 +17,7 @@ from .bodies import share_among_bodies
 from .derivation import Derivation
 from .derivatives.programs import derive_derivative
 from .signatures import KERNELS, SIGNATURES, available, knows_turns
-from .stages import STAGES, derive_stage
+from .stages import PAIR_STAGES, STAGES, derive_pair_stage, derive_stage
 from .writers import DESCRIPTION_FRAMES, WAYS, WRITERS
 
 DIVISION = 8  # a division takes about as long as so many products
@@ -99,6 +99,8 @@ def derive_equations(model: Model, kernels: Sequence[str] = (), dtype: str = "fl
                 continue
             if program in STAGES:
                 raw |= derive_stage(Derivation(model, dtype=dtype, turned=True))
+            elif program in PAIR_STAGES:
+                raw |= derive_pair_stage(Derivation(model, dtype=dtype, turned=True))
             elif program in WAYS:
                 raw[program], choices[program] = derive_cheapest(model, program, dtype=dtype)
             else:
@@ -134,6 +136,8 @@ def _derived(model: Model, kernel: str, dtype: str, found: dict[str, Program]) -
         return {kernel: derive_cheapest(model, kernel, dtype=dtype)[0]}
     if kernel in STAGES:
         return derive_stage(Derivation(model, dtype=dtype, turned=True))
+    if kernel in PAIR_STAGES:
+        return derive_pair_stage(Derivation(model, dtype=dtype, turned=True))
     if SIGNATURES[kernel].derivative_of:
         return {kernel: derive_derivative(model, kernel, lambda name: derive(model, name, dtype, found))}
     regrouped, turned = kernel not in DESCRIPTION_FRAMES, knows_turns(kernel, model)

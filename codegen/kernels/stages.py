@@ -10,10 +10,13 @@ that is u_v = c (r + w) and u_q = c (u_v + s) with
     (M + c B + c^2 K) w = -((c B + c^2 K) r + c K s):
 
 nothing is multiplied by M, and the matrix is that of a linearly implicit step, whose elimination does not depend on r
-and s.  Of a W-method (T. Steihaug, A. Wolfbrandt, "An Attempt to Avoid Exact Jacobian and Nonlinear Equations in the
-Numerical Solution of Stiff Differential Equations", Mathematics of Computation 33, 1979) the order does not depend on
-A; so falling slopes, friction's too, and those of friction by its load are left out, and directions of loops and
-springs are those of the step's beginning.
+and s.  Fully implicit Runge-Kutta methods ask for the same with a complex c, too (E. Hairer, G. Wanner, "Solving
+Ordinary Differential Equations II", section IV.8): these programs are on pairs of real numbers.
+
+Of a W-method (T. Steihaug, A. Wolfbrandt, "An Attempt to Avoid Exact Jacobian and Nonlinear Equations in the Numerical
+Solution of Stiff Differential Equations", Mathematics of Computation 33, 1979) the order does not depend on A, nor does
+what Newton's iterations converge to; so falling slopes, friction's too, and those of friction by its load are left out,
+and directions of loops and springs are those of the step's beginning.
 """
 
 from __future__ import annotations
@@ -23,6 +26,7 @@ from dataclasses import dataclass, replace
 
 from ..forces.element import Arms, ImplicitShare
 from ..forces.laws import Effect
+from ..program.complex_pairs import on_pairs
 from ..program.cutting import cut
 from ..program.ir import Program, finish
 from ..program.passes import PARAMETERS, run_passes
@@ -37,6 +41,7 @@ from .derivation import Derivation, Outputs
 LATE = ("rates", "shifts")
 KEPT = "kept"
 STAGES = ("stage_factors", "stage_solution")
+PAIR_STAGES = ("pair_factors", "pair_solution")
 
 
 @dataclass(frozen=True)
@@ -123,9 +128,25 @@ class _Stage(ImplicitShare):
         return _Slope(f.max(found.whole, 0.0) + self.c * f.max(law.rubs, 0.0), rises * found.by_shift)
 
 
-def stage(d: Derivation) -> Outputs:
+class _PairStage(_Stage):
+    """The same with a complex c, whose size and its square are ``spans``.
+
+    A law rises or falls by these, as real numbers alone are more or less than 0.
+    """
+
+    def __init__(self, d: Derivation) -> None:
+        super().__init__(d)
+        self.size, self.size_square = d.graph.input("spans", 0), d.graph.input("spans", 1)
+
+    def _rising(self, law: Effect) -> _Slope:
+        found, f = self._linear(law.by_s, law.by_v), self.d.functions
+        rises = f.step(self.size * law.by_v + self.size_square * law.by_s)
+        return _Slope(rises * found.whole + self.c * f.max(law.rubs, 0.0), rises * found.by_shift)
+
+
+def stage(d: Derivation, kind: type[_Stage] = _Stage) -> Outputs:
     """w, (n,), and the pivots."""
-    here, driven = _Stage(d), frozenset(d.model.driven)
+    here, driven = kind(d), frozenset(d.model.driven)
     for element in d.elements:
         element.add_diagonal(here)
     for place, i in enumerate(d.own):
@@ -156,3 +177,13 @@ def derive_stage(d: Derivation) -> dict[str, Program]:
     whole = run_passes(finish(d.graph, "stage", stage(d)))
     pair = cut(whole, LATE, (PARAMETERS,), KEPT)
     return {name: replace(part, name=name) for name, part in zip(STAGES, pair, strict=True)}
+
+
+def derive_pair_stage(d: Derivation) -> dict[str, Program]:
+    """The same with a complex c, for complex rates and shifts, imaginary parts behind real ones."""
+    whole, n = finish(d.graph, "stage", stage(d, _PairStage)), len(d.own)
+    pairs = run_passes(on_pairs(whole, {"times": 2, "rates": n, "shifts": n}, dropped=("pivot",)))
+    return {
+        name: replace(part, name=name)
+        for name, part in zip(PAIR_STAGES, cut(pairs, LATE, (PARAMETERS,), KEPT), strict=True)
+    }

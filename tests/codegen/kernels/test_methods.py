@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import pytest
 
 import eomgen
 from eomgen.codegen.kernels.equations import derive
-from eomgen.codegen.kernels.stages import STAGES
+from eomgen.codegen.kernels.stages import PAIR_STAGES, STAGES
 from eomgen.codegen.kernels.steps.methods import TSIT5, W643, Array, Rosenbrock
 from eomgen.codegen.program.ir import evaluate
 from eomgen.robot.model import build_model
@@ -144,6 +144,73 @@ def check_stage(robot: Robot, built: Build) -> None:
     expected = np.zeros(n)
     expected[free] = np.linalg.solve((kernel.mass_matrix(s.q) + slope)[grid], right[free])
     assert np.abs([found["out", i] for i in range(n)] - expected).max() <= 1e-11 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize(
+    "robot",
+    [random_robot(1450, joints=(1, 3), types=("revolute", "prismatic", "free")), geared_robot(1452, (1, 3))],
+    ids=["springs", "motors"],
+)
+def test_a_complex_stage_solves_with_springs_and_dampers(robot: Robot, built: Build) -> None:
+    """The same system with a complex c, rates and shifts, by the whole matrix."""
+    check_pair_stage(robot, built, prescribed=False)
+
+
+def test_what_is_prescribed_has_no_complex_change(built: Build) -> None:
+    robot = some_prescribed(random_robot(1453, joints=(2, 3), types=("revolute", "prismatic")), 1453)
+    check_pair_stage(robot, built, prescribed=True)
+
+
+def check_pair_stage(robot: Robot, built: Build, *, prescribed: bool) -> None:
+    kernel, rng = built(robot, "mass_matrix"), np.random.default_rng(5)
+    s = motor_state(robot, 5) if any(joint.motor for joint in robot.joints) else random_state(robot, 5)
+    model, n, c = build_model(robot), kernel.n, 0.02 - 0.03j
+    parts = rng.uniform(-1.0, 1.0, (6, n))
+    kp, kd = np.abs(parts[:2])
+    rates, shifts = parts[2] + 1j * parts[3], parts[4] + 1j * parts[5]
+    free = np.array([name not in kernel.prescribed for name in kernel.coordinates])
+    assert free.all() != prescribed
+    acting = np.isin(np.arange(n), model.driven)
+    times, p = (c.real, (c * c).real, c.imag, (c * c).imag), list(model.parameters.values())
+    spans = (abs(c), abs(c * c))
+    first, second = (derive(model, name) for name in PAIR_STAGES)
+    kept = evaluate(first, {"q": s.q, "v": s.v, "kp": kp, "kd": kd, "times": times, "spans": spans, "p": p})
+    values = [kept["out", i] for i in range(sum(key[0] == "out" for key in kept))]
+    given = {"rates": [*rates.real, *rates.imag], "shifts": [*shifts.real, *shifts.imag]}
+    found = evaluate(second, {"kept": values, **given, "p": p})
+    K = stiffness_matrix(kernel) + np.diag(np.where(acting, kp, 0.0))
+    B = damping_matrix(kernel) + np.diag(np.where(acting, kd, 0.0))
+    slope = c * B + c * c * K
+    right = -(slope @ rates + c * K @ shifts)
+    grid = np.ix_(free, free)
+    expected = np.zeros(n, complex)
+    expected[free] = np.linalg.solve((kernel.mass_matrix(s.q) + slope)[grid], right[free])
+    here = np.array([complex(found["out", i], found["out", n + i]) for i in range(n)])
+    assert np.abs(here - expected).max() <= 1e-11 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("name", ["worn_arm", "balanced_arm", "andrews"])
+def test_a_complex_stage_is_the_real_one_where_its_numbers_are_real(name: str) -> None:
+    """Laws, frictions and loops among them: with a real c, rates and shifts imaginary parts vanish."""
+    model = build_model(eomgen.load_robot(name))
+    s, n, c = random_state(model.robot, 7), model.size, 0.02
+    rng, p = np.random.default_rng(7), list(model.parameters.values())
+    rates, shifts = rng.uniform(-1.0, 1.0, (2, n))
+    none = np.zeros(n)
+    given = {"q": s.q, "v": s.v, "kp": none, "kd": none, "p": p}
+
+    def solved(names: tuple[str, str], times: Sequence[float], imaginary: Sequence[float]) -> list[float]:
+        first, second = (derive(model, name) for name in names)
+        kept = evaluate(first, {**given, "times": times, "spans": (c, c * c)})
+        values = [kept["out", i] for i in range(sum(key[0] == "out" for key in kept))]
+        late = {"rates": [*rates, *imaginary], "shifts": [*shifts, *imaginary]}
+        found = evaluate(second, {"kept": values, **late, "p": p})
+        return [found["out", i] for i in range(len(found))]
+
+    pairs = np.array(solved(PAIR_STAGES, (c, c * c, 0.0, 0.0), none))
+    real = np.array(solved(STAGES, (c, c * c), ()))
+    assert np.abs(pairs[:n] - real).max() <= 1e-11 * np.abs(real).max()
+    assert np.abs(pairs[n:]).max() <= 1e-13 * np.abs(real).max()
 
 
 def test_a_step_computes_its_factors_once() -> None:
