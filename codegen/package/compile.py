@@ -175,13 +175,22 @@ def toolchain(compiler: Compiler, flags: Sequence[str]) -> dict[str, Any]:
 
 def dependencies(source: Source, compiler: Compiler, flags: Sequence[str]) -> dict[str, Any]:
     """Everything that a package depends on, by names, as plain values of JSON."""
-    template = environment().get_template(PACKAGE).filename
     return {
         **toolchain(compiler, flags),
         "source": asdict(source),
         "cffi": cffi.__version__,
-        "package": [Path(str(x)).read_text(encoding="utf-8") for x in (__file__, template)],
-        "carried": {name: path.read_text(encoding="utf-8") for name, path in carried_files().items()},
+        **_hashes(),
+    }
+
+
+@cache
+def _hashes() -> dict[str, dict[str, str]]:
+    """Hashes, by name, of the files that put a package together, and of those that it carries, read once."""
+    own = {"compile.py": Path(__file__), PACKAGE: Path(str(environment().get_template(PACKAGE).filename))}
+    kinds = {"package": own, "carried": carried_files()}
+    return {
+        kind: {name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in files.items()}
+        for kind, files in kinds.items()
     }
 
 

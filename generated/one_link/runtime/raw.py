@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 from typing import Any, Protocol
 
 import _cffi_backend
@@ -81,7 +81,7 @@ class RawFunction:
         """Where its code for one state is; ``Setup`` has what that reads of the parameters."""
         return self.where()
 
-    @property
+    @cached_property
     def operations(self) -> int:
         """Operations of a call, or of a step of a rollout, at most: multiplications and additions, or what takes as
         long.

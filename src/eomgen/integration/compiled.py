@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from ..arrays import Array
@@ -83,7 +81,7 @@ def compiled_states(
 
 def per_step(control: ErrorControl) -> ErrorControl:
     """Return the method with tolerances of each step of a motion that has these ones as a whole."""
-    return replace(control, rtol=PART * control.rtol, atol=PART * np.maximum(control.atol, 1e-30))
+    return ErrorControl(control.method, PART * control.rtol, PART * np.maximum(control.atol, 1e-30))
 
 
 def _moved(

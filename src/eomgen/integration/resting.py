@@ -39,16 +39,16 @@ def rests(kernel: Kernel, t: Array, q: Array, v: Array) -> tuple[Rest, ...]:
         t: times, (T,), s.
         q, v: coordinates and rates, (T, n).
     """
+    known, found = smoothings(kernel), list[Rest]()
+    if not known or t.size < 2:
+        return ()
     numbers = {name: given for name, given in law_numbers(kernel).items() if name not in kernel.prescribed}
     names = [name for name, given in numbers.items() if _is_dry(given)]
     cut = [name for name, given in cut_numbers(kernel).items() if _is_dry(given)]
-    if not (names or cut) or t.size < 2:
-        return ()
     rates = v[:, [kernel.coordinates.index(name) for name in names]]
     if cut:
         rows = kernel.cut_jacobian(q)[:, [kernel.cut_laws.index(name) for name in cut]]
         rates = np.hstack([rates, np.einsum("tij,tj->ti", rows, v)])
-    known, found = smoothings(kernel), []
     for name, column in zip((*names, *cut), rates.T, strict=True):
         slow = np.abs(column) <= NEAR * max(known[name], SMOOTHING)
         edges = np.flatnonzero(np.diff(np.concatenate([[False], slow, [False]])))

@@ -6,7 +6,7 @@ SciPy and SUNDIALS are imported when an integration with one of their methods be
 from __future__ import annotations
 
 import time
-from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -177,15 +177,14 @@ def integrate_by(
             samples.end(reached)
             system.counts["ended_at"] = reached.t
 
-    def described(motion: Trajectory) -> Trajectory:
-        margins = system.margins(motion.q)
+    def described(t: Array, q: Array, v: Array) -> dict[str, Any]:
+        margins = system.margins(q)
         near = {}
         if margins is not None:
-            near = {"margin": float(margins.min()), "margin_at": float(motion.t[int(margins.argmin())])}
-        info = {**system.about(motion.q, motion.v), **near, "wall_s": time.perf_counter() - began}
+            near = {"margin": float(margins.min()), "margin_at": float(t[int(margins.argmin())])}
+        info = {**system.about(q, v), **near, "wall_s": time.perf_counter() - began}
         method = plan.leading(system.counts, float(times[-1] - times[0]))
-        held = rests(kernel, motion.t, motion.q, motion.v)
-        return replace(motion, method=method, info=info, contacts=tuple(watch.found), rests=held)
+        return {"method": method, "info": info, "contacts": tuple(watch.found), "rests": rests(kernel, t, q, v)}
 
     return trajectory_of(system, samples, run_until, described)
 

@@ -111,9 +111,15 @@ def motion_columns(motion: Trajectory) -> dict[str, tuple[str, Array]]:
 
 
 def trajectory_of(
-    system: System, samples: Samples, run: Callable[[], None], described: Callable[[Trajectory], Trajectory]
+    system: System,
+    samples: Samples,
+    run: Callable[[], None],
+    described: Callable[[Array, Array, Array], Mapping[str, Any]],
 ) -> Trajectory:
-    """The trajectory of the samples that ``run`` fills, to which ``described`` adds what is said of it.
+    """The trajectory of the samples that ``run`` fills.
+
+    Args:
+        described: ``described(t, q, v)`` gives the fields that say how the motion came about, by their names.
 
     Raises:
         IntegrationStopped: from ``run``, or because forces at a sample are not finite; with the trajectory until then.
@@ -125,15 +131,18 @@ def trajectory_of(
     except IntegrationStopped as error:
         stop = error
         times, states = samples.until(error)
-    motion, trouble = _with_forces(system, times, states)
-    last = motion.t.size - 1
+    rows, trouble = _with_forces(system, times, states)
+    last = rows["t"].size - 1
     if trouble is not None and stop is None:
         if last < 0:
             raise trouble
         system.trouble = trouble
         reason = "the forces cannot be evaluated at the next sample"
         stop = system.ended(reason, float(times[last]), states[last], states[last])
-    trajectory = described(motion) if last >= 0 else None
+    trajectory = None
+    if last >= 0:
+        about = described(rows["t"], rows["q"], rows["v"])
+        trajectory = Trajectory(**rows, coordinates=system.kernel.coordinates, **about)
     if stop is not None:
         stop.trajectory = trajectory
         raise stop from (stop.__cause__ or trouble)
@@ -141,8 +150,8 @@ def trajectory_of(
     return trajectory
 
 
-def _with_forces(system: System, times: Array, states: Array) -> tuple[Trajectory, ArrayError | None]:
-    """The motion with drives, energies and works as far as these are finite, and why no further."""
+def _with_forces(system: System, times: Array, states: Array) -> tuple[dict[str, Any], ArrayError | None]:
+    """Fields of the motion with drives, energies and works as far as these are finite, and why no further."""
     n = system.n
     q, v = np.ascontiguousarray(states[:, :n]), np.ascontiguousarray(states[:, n:])
     u, trouble = system.forces_over(times, q, v)
@@ -153,5 +162,4 @@ def _with_forces(system: System, times: Array, states: Array) -> tuple[Trajector
         end = int(bad.argmax())
         trouble = ArrayError(f"energy: {energy[end].tolist()} J at t = {times[end]:.6g} s; numbers must be finite")
     rows: dict[str, Any] = {"t": times, "q": q, "v": v, "u": u, "energy": energy, "works": system.works_until(len(q))}
-    rows = {name: None if x is None else x[:end] for name, x in rows.items()}
-    return Trajectory(**rows, coordinates=system.kernel.coordinates, method=""), trouble
+    return {name: None if x is None else x[:end] for name, x in rows.items()}, trouble

@@ -123,8 +123,9 @@ def cut_numbers(kernel: Kernel) -> Numbers:
 
 def smoothings(kernel: Kernel) -> dict[str, float]:
     """The rates over which frictions turn round, m/s or rad/s, by coordinate, cut joints and couplings too."""
-    given = {**law_numbers(kernel), **cut_numbers(kernel)}
-    return {name: x["friction.smoothing"] for name, x in given.items() if "friction.smoothing" in x}
+    values, key = kernel.parameters.state.values, "friction.smoothing"
+    laws = {**kernel.elements.get(JOINTS, {}), **kernel.elements.get(CUTS, {})}
+    return {name: float(values[places[key]]) for name, places in laws.items() if key in places}
 
 
 def rate_step(kernel: Kernel) -> float:
@@ -138,6 +139,8 @@ def rubbing_rates(kernel: Kernel, q: Array) -> Array:
     Coarser ones would step over a rest, and never find it.
     """
     found, known = np.full(kernel.n, np.inf), smoothings(kernel)
+    if not known:
+        return found
     rows = [*np.eye(kernel.n), *kernel.follower_matrix()[0], *(kernel.cut_jacobian(q) if kernel.cut_laws else ())]
     for name, row in zip((*acting(kernel), *kernel.cut_laws), rows, strict=True):
         found[row != 0.0] = np.minimum(found[row != 0.0], known.get(name, np.inf))

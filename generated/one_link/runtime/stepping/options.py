@@ -63,19 +63,18 @@ class StepOptions:
     rtol: float = 1e-6
     atol: ArrayLike | None = None
 
-    of_fixed_steps: ClassVar[tuple[str, ...]] = ("dt", "steps", "every")
-    of_error_control: ClassVar[tuple[str, ...]] = ("duration", "samples", "atol")
+    of_fixed_steps: ClassVar[Mapping[str, Any]] = {"dt": None, "steps": None, "every": 1}
+    of_error_control: ClassVar[Mapping[str, Any]] = {"duration": None, "samples": None, "atol": None}
     own: ClassVar[tuple[str, str]] = ("dt, steps and every", "duration, samples and tolerances")
 
     def __post_init__(self) -> None:
         if not isinstance(self.method, str) or (self.method not in FIXED and self.method not in ADAPTIVE):
             known = ", ".join((*FIXED, *ADAPTIVE))
             raise InputError(f"rollout: method {show(self.method)} is unknown; allowed: {known}")
-        own, others = self.own[:: -1 if self.is_adaptive else 1]
-        for name in self.of_fixed_steps if self.is_adaptive else self.of_error_control:
+        for name, default in (self.of_fixed_steps if self.is_adaptive else self.of_error_control).items():
             value = getattr(self, name)
-            default = self.__dataclass_fields__[name].default
-            if value is not None and not (isinstance(value, int) and value == default):
+            if value is not default and value is not None and not (isinstance(value, int) and value == default):
+                own, others = self.own[:: -1 if self.is_adaptive else 1]
                 raise InputError(f"rollout: {name} is given; allowed: {own} with method={self.method!r}, not {others}")
 
     @property
@@ -151,7 +150,7 @@ class LoadedStepOptions(StepOptions):
     loads: Any = None
     works: bool = False
 
-    of_error_control: ClassVar[tuple[str, ...]] = (*StepOptions.of_error_control, "loads", "works")
+    of_error_control: ClassVar[Mapping[str, Any]] = {**StepOptions.of_error_control, "loads": None, "works": False}
     own: ClassVar[tuple[str, str]] = (StepOptions.own[0], "duration, samples, tolerances, loads and works")
 
     def __post_init__(self) -> None:

@@ -37,8 +37,7 @@ class Rollout(tuple[Array, Array]):
     def of(cls, q: Array, v: Array, **figures: Any) -> Rollout:
         """q and v with the attributes, by name."""
         found = cls((q, v))
-        for name, figure in figures.items():
-            setattr(found, name, figure)
+        vars(found).update(figures)
         return found
 
 
@@ -58,13 +57,15 @@ class Inputs:
             ArrayError: arrays of different numbers of states.
         """
         sizes = {}
-        for label, value in (("q0", self.q0), ("v0", self.v0), ("u", self.u), ("target", self.control.target)):
-            shape = shape_of(value) if value is not None else ()
-            if len(shape) == (2 if label in ("q0", "v0") else 3):
+        given = ("q0", self.q0, 2), ("v0", self.v0, 2), ("u", self.u, 3), ("target", self.control.target, 3)
+        for label, value, axes in given:
+            if value is not None and len(shape := shape_of(value)) == axes:
                 sizes[label] = shape[0]
+        if not sizes:
+            return None
         if len({size for size in sizes.values() if size != 1}) > 1:
             raise ArrayError(f"rollout: {', '.join(f'{size} states in {label}' for label, size in sizes.items())}")
-        return max(sizes.values()) if sizes else None
+        return max(sizes.values())
 
 
 @dataclass(frozen=True)
@@ -131,7 +132,7 @@ def read_given(calls: Calls, inputs: Inputs, rows: int, count: int | None) -> Gi
 def shape_of(value: ArrayLike) -> tuple[int, ...]:
     """Shape of an array-like; () for rows of different lengths, which are refused where they are converted."""
     try:
-        return np.shape(value)
+        return value.shape if isinstance(value, np.ndarray) else np.shape(value)
     except ValueError:
         return ()
 
@@ -144,13 +145,13 @@ def _start(calls: Calls, label: str, value: ArrayLike, count: int | None) -> tup
 
 def _over_time(calls: Calls, label: str, value: ArrayLike, steps: int, count: int | None) -> tuple[Array, int, int]:
     """The value, and how far apart its numbers of two states and of two steps are."""
-    n = calls.n
-    if len(shape_of(value)) == 3:
+    n, shape = calls.n, shape_of(value)
+    if len(shape) == 3:
         array, states = _rows(calls, label, value, (steps, n))
         if states not in (1, count):
             raise ArrayError(f"{label}: {states} states, but {count} in other arrays")
         return array, steps * n if states == count else 0, n
-    if count is None and shape_of(value) == (steps, n):
+    if count is None and shape == (steps, n):
         return calls.array(label, value, (steps, n))[0], 0, n
     array, rows = _rows(calls, label, value, (n,))
     if rows is None:
