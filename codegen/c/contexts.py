@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -28,7 +27,8 @@ from .definitions import define, define_setup, define_share
 from .lanes import SQUARES, batched, calls_of, kept_size, pack
 from .scalar_types import SCALARS, TURNS, Scalar
 
-LITERALS = {"zero": 0.0, "half": 0.5, "one": 1.0, "two": 2.0, "six": 6.0, "pi": math.pi}  # of templates
+LITERALS = {"zero": 0.0, "half": 0.5, "one": 1.0}  # of templates
+LIBRARY = {"float64": "eom", "float32": "eomf"}  # what names of the library begin with
 PIVOT_LIMITS = {"float64": 1e-12, "float32": 1e-5}  # a pivot below so much of its scale counts as vanished
 OPEN_GAPS = {"float64": 1e-9, "float32": 1e-5}  # m or rad, and per second of a rate of 1: more is not round-off
 CLOSED_GAPS = {"float64": 1e-11, "float32": 2e-6}  # m or rad, from which one more projection leaves round-off
@@ -56,6 +56,7 @@ def header_context(equations: Equations, dtype: str, meta: Mapping[str, Any], ba
         "version": __version__,
         "dtype": dtype,
         "real": SCALARS[dtype].name,
+        "eom": LIBRARY[dtype],
         "n": model.size,
         "m": len(model.constraints),
         "statuses": statuses(model),
@@ -79,16 +80,6 @@ def header_context(equations: Equations, dtype: str, meta: Mapping[str, Any], ba
     }
 
 
-def turned_context(model: Model) -> dict[str, Any]:
-    """Names that ``composed/turned.c.jinja`` uses, in double precision and for one state."""
-    return {
-        "turning": list(turning_joints(model)["joints"].values()),
-        "parameters": list(model.parameters),
-        "literals": literals("float64"),
-        "whole": SCALARS["float64"].whole,
-    }
-
-
 def _closed_functions(equations: Equations) -> list[str]:
     """Functions in which loops are closed; their programs beside them, which look at no gap, close them as well."""
     closing = {*CHECKED, "settling"}
@@ -108,8 +99,7 @@ def _functions(public: list[Function]) -> dict[str, Any]:
 
 def literals(dtype: str) -> dict[str, str]:
     """Numbers of templates as C."""
-    numbers = {**LITERALS, "round_off": float(np.finfo(dtype).eps)}
-    return {name: SCALARS[dtype].literal(number) for name, number in numbers.items()}
+    return {name: SCALARS[dtype].literal(number) for name, number in LITERALS.items()}
 
 
 def number_context(equations: Equations, dtype: str, meta: Mapping[str, Any]) -> dict[str, Any]:
@@ -137,9 +127,7 @@ def number_context(equations: Equations, dtype: str, meta: Mapping[str, Any]) ->
         "closed_gap": scalar.literal(CLOSED_GAPS[dtype]),
         "met_gap": scalar.literal(MET_GAPS[dtype]),
         "left_gap": scalar.literal(LEFT * MET_GAPS[dtype]),
-        "falling": scalar.literal(0.7),
-        "tenth": scalar.literal(0.1),
-        "checks": _checks(equations, _composed(equations)),
+        "closing": _closing_files(equations, _composed(equations)),
         "statuses_of_a_step": str(statuses(model)),
         "sizes": {key: int(np.prod(shape)) for key, shape in shapes(model).items()},
         "setup": define_setup(equations.setup, model.name, scalar),
@@ -237,9 +225,12 @@ def _composed(equations: Equations) -> list[str]:
     return by_kind(name for name in own if not _rolls(name))
 
 
-def _checks(equations: Equations, composed: Iterable[str]) -> set[str]:
-    """Programs whose gaps templates of these kernels look at."""
-    return {program for name in composed for program in equations.calls.get(name, ()) if program in CHECKED}
+def _closing_files(equations: Equations, composed: Iterable[str]) -> list[str]:
+    """Files of the library that templates of these kernels call."""
+    named = list(composed)
+    checks = any(program in CHECKED for name in named for program in equations.calls.get(name, ()))
+    files = {"constraint_checks.h": checks, "dependent_coordinates.h": "following" in named}
+    return [file for file, wanted in files.items() if wanted]
 
 
 def _rolls(kernel: str) -> bool:
@@ -303,7 +294,7 @@ def lane_context(equations: Equations, dtype: str) -> dict[str, Any]:
         "solving": any(definition.has_pivots for definition in definitions),
         "shares": _shares(equations, lanes) if equations.shares.keys() & set(together) else None,
         "composed": _templates(composed),
-        "checks": _checks(equations, composed),
+        "closing": _closing_files(equations, composed),
         "framed": _templates(name for name in together if KERNELS[name].kind == "frames"),
         **public,
         "squares": SQUARES[dtype],

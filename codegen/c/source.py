@@ -32,7 +32,7 @@ class Source:
     @property
     def files(self) -> dict[str, str]:
         """Header, code and the library that they include, by their places in one folder."""
-        library = library_files() if f'"{FOLDER}/' in self.header else {}
+        library = library_files() if f'"{FOLDER}/' in self.code else {}
         return {f"{self.name}.h": self.header, f"{self.name}.c": self.code, **library}
 
     def only(self, half: str) -> Source:

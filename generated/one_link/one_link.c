@@ -735,7 +735,7 @@ long long one_link_rollout(const double *restrict h, const double *restrict q, c
     int index[EOM_INDEX_ROOM(2, 1, 0)];
     const eom_workspace work = { state, input, index };
 
-    return eom_integrate_fixed(&one_link_robot, h, q, v, drive, dt, steps, every, method, q_out, v_out, work);
+    return eom_integrate_fixed(&one_link_robot, h, q, v, drive, NULL, 0.0, dt, steps, every, method, q_out, v_out, work);
 }
 
 /* One state over all samples, or as far as allowed->most steps lead: q, v and progress are where it goes on then. */

@@ -67,7 +67,7 @@ int main(int count, char **words)
     const int method = (count > 1) ? words[1][0] - '0' : 0;
     for (int k = 0; k < 11; ++k) times[k] = 0.1 * k;
     if (method < 2) {
-        if (eom_integrate_fixed(&robot, h, &q, &v, &drive, 1e-4, 10000, 1000, method, q_out, v_out, work) != -1) return 1;
+        if (eom_integrate_fixed(&robot, h, &q, &v, &drive, NULL, 0.0, 1e-4, 10000, 1000, method, q_out, v_out, work) != -1) return 1;
     } else {
         const eom_tolerance allowed = { 1e-9, atol, 1000000 };
         eom_progress progress;

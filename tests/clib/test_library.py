@@ -109,6 +109,45 @@ def test_a_pendulum_written_by_hand(method: str, pendulum: Path, reference: Arra
     assert np.abs(motion - reference).max() <= WITHIN[method]
 
 
+@pytest.fixture(scope="module")
+def shaken(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return compiled(HERE / "shaken_pendulum.c", tmp_path_factory.mktemp("shaken"), "-fsanitize=address,undefined")
+
+
+@pytest.fixture(scope="module")
+def shaken_reference() -> Array:
+    """Cart and angle at 0.5 s, their velocities, by SciPy; the torque jumps at 0.25 s."""
+    m, length, g, d = 1.5, 0.8, 9.81, 0.05
+
+    def rate(t: float, y: Array) -> list[float]:
+        torque = 2.0 + t if y[2] < 0.5 else -3.0 + 0.5 * (t - 0.25)
+        u = torque + (3.0 * (0.1 + 0.3 * t - y[0] / 2.0) + 0.2 * (0.3 - y[1] / 2.0)) / 2.0
+        u += length * (np.cos(y[0]) + 2.0 * np.sin(y[0]))
+        acceleration = -0.05 * 7.0**2 * np.sin(7.0 * t)
+        moments = u - m * g * length * np.sin(y[0]) - d * y[1] - m * length * np.cos(y[0]) * acceleration
+        return [y[1], moments / (m * length**2), 0.0]
+
+    y = [0.4, -0.2]
+    for piece, span in enumerate([(0.0, 0.25), (0.25, 0.5)]):
+        y = solve_ivp(rate, span, [*y[:2], float(piece)], "DOP853", rtol=1e-13, atol=1e-14).y[:, -1].tolist()
+    return np.array([0.05 * np.sin(3.5), y[0], 0.35 * np.cos(3.5), y[1]])
+
+
+@pytest.mark.parametrize(("method", "order", "within"), [("rk4", 4, 1e-8), ("implicit", 1, 2e-2)])
+def test_fixed_steps_under_inputs(
+    method: str, order: int, within: float, shaken: Path, shaken_reference: Array
+) -> None:
+    """Steps converge to SciPy's motion at their order under a prescribed motion, a torque, control and a wrench."""
+    errors = []
+    for steps in (100, 200):
+        command = [str(shaken), str(METHODS.index(method)), str(steps)]
+        said = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+        errors.append(np.abs(np.array(said.split(), dtype=np.float64) - shaken_reference))
+    assert errors[1].max() <= within
+    assert errors[1][[0, 2]].max() <= 1e-15
+    assert 0.8 * 2**order <= errors[0].max() / errors[1].max() <= 1.25 * 2**order
+
+
 def test_the_example_runs(tmp_path: Path) -> None:
     """The page's pendulum: undamped, so its energy stays."""
     said = subprocess.run([str(compiled(EXAMPLE, tmp_path))], capture_output=True, text=True, check=True).stdout

@@ -1,27 +1,5 @@
 /* fixed_steps.h: steps of fixed length, of one state or of one in every lane. */
 
-/* A motion: a robot, its numbers h as joints are turned, how they are, and its drives. */
-typedef struct {
-    const F(robot) *robot;
-    const REAL *h;
-    F(charts) *charts; /* NULL without joints of three rotations */
-    const EOM(drive) *drive;
-} F(motion);
-
-/* Saturate drives at their limits; slope, if it is not NULL, becomes 0 where they do, else 1. */
-EOM_LOCAL void F(saturate)(const EOM(drive) *restrict drive, int n, REAL *restrict u, REAL *restrict slope)
-{
-    for (int l = 0; l < (int)WIDTH; ++l) {
-        for (int i = 0; i < n; ++i) {
-            const EOM_SCALAR most = drive->effort[i];
-            const EOM_SCALAR x = LANE_OF(u[i], l);
-            const int over = ((x > most) || (x < -most)) ? 1 : 0;
-            if (slope != NULL) { LANE_OF(slope[i], l) = (over != 0) ? (EOM_SCALAR)0.0 : (EOM_SCALAR)1.0; }
-            if (over != 0) { LANE_OF(u[i], l) = (x > most) ? most : -most; }
-        }
-    }
-}
-
 /* Forces u + kp (target - q - ahead v) - kd v of drives at a step, saturated; slope as of saturate.  work: n. */
 EOM_LOCAL void F(held_forces)(const F(motion) *restrict motion, size_t state, size_t here, size_t step, const REAL *restrict q, const REAL *restrict v, EOM_SCALAR ahead, REAL *restrict u, REAL *restrict slope, REAL *restrict work)
 {
@@ -37,26 +15,63 @@ EOM_LOCAL void F(held_forces)(const F(motion) *restrict motion, size_t state, si
     if (drive->effort != NULL) { F(saturate)(drive, n, u, slope); }
 }
 
-/* Take a step of the classical Runge-Kutta method of order 4 for the state x = (q, v), drives held. */
-EOM_LOCAL int F(rk4_step)(const F(motion) *restrict motion, size_t state, size_t here, size_t step, EOM_SCALAR dt, REAL *restrict x, REAL *restrict work)
+/* Begin a step at a time, with the row of drives that it holds, where there are inputs; at its ends signals are asked a little
+ * inside where they jump there. */
+EOM_LOCAL void F(begin_fixed_step)(F(problem) *restrict problem, size_t state, size_t step, double begin, double end, REAL *restrict u, REAL *restrict target)
 {
+    F(clock) *const clock = &problem->clock;
+    const EOM(inputs) *const inputs = clock->inputs[0];
+    const EOM(drive) *const drive = problem->motion.drive;
+    const int n = N_OF(problem->motion.robot->sizes);
+    const size_t here = (size_t)clock->here;
+    const double aside = 1e-3 * (end - begin);
+    const double near = 1e-3 * aside; /* sums of steps are not quite where signals jump */
+    double after = begin;
+    double before = end;
+    if (inputs->stops > 0U) {
+        if (eom_stops_until(inputs->stop, inputs->stops, begin + near) > eom_stops_until(inputs->stop, inputs->stops, begin - near)) { after = begin + aside; }
+        if (eom_stops_until(inputs->stop, inputs->stops, end + near) > eom_stops_until(inputs->stop, inputs->stops, end - near)) { before = end - aside; }
+    }
+    for (int l = 0; l < (int)WIDTH; ++l) {
+        clock->begin[l] = begin;
+        clock->step[l] = end - begin;
+        clock->end[l] = end;
+        clock->after[l] = after;
+        clock->before[l] = before;
+    }
+    F(load)(&drive->u[state * drive->u_state + step * drive->u_step], drive->u_state, here, n, u);
+    if (drive->kp != NULL) { F(load)(&drive->target[state * drive->target_state + step * drive->target_step], drive->target_state, here, n, target); }
+    problem->u = u;
+    problem->target = target;
+}
+
+/* Take a step of the classical Runge-Kutta method of order 4 for the state x = (q, v), drives held, inputs as they are at each
+ * stage. */
+EOM_LOCAL int F(rk4_step)(const F(problem) *restrict problem, size_t state, size_t step, EOM_SCALAR dt, REAL *restrict x, F(workspace) work)
+{
+    static const double share[4] = { 0.0, 0.5, 0.5, 1.0 };
     static const EOM_SCALAR part[4] = { (EOM_SCALAR)0.5, (EOM_SCALAR)0.5, (EOM_SCALAR)1.0, (EOM_SCALAR)0.0 };
     static const EOM_SCALAR weight[4] = { (EOM_SCALAR)1.0, (EOM_SCALAR)2.0, (EOM_SCALAR)2.0, (EOM_SCALAR)1.0 };
+    const F(motion) *const motion = &problem->motion;
     const F(robot) *const robot = motion->robot;
     const int n = N_OF(robot->sizes);
-    REAL *restrict const u = work;
+    REAL *restrict const u = work.state;
     REAL *restrict const x_here = &u[PADDED_TO_BLOCKS(n)];
     REAL *restrict const sum = &x_here[PADDED_TO_BLOCKS(2 * n)];
     REAL *restrict const a = &sum[PADDED_TO_BLOCKS(2 * n)]; /* n + 3 m, as what loops violate stands behind it */
-    REAL *restrict const rest = &a[n + 3 * M_OF(robot->sizes)];
+    work.state = &a[n + 3 * M_OF(robot->sizes)];
     F(copy)(2 * n, x, x_here);
     for (int i = 0; i < 2 * n; ++i) { sum[i] = WHOLE((EOM_SCALAR)0.0); }
     for (int stage = 0; stage < 4; ++stage) {
         if ((robot->sizes->has_redundant_rows != 0) && (stage > 0)) { /* redundant rows answer to violations */
-            const int opened = F(assemble)(robot, motion->h, x_here, &x_here[n], rest);
+            const int opened = F(assemble)(robot, motion->h, x_here, &x_here[n], work.state);
             if (opened != 0) { return opened; }
         }
-        F(held_forces)(motion, state, here, step, x_here, &x_here[n], (EOM_SCALAR)0.0, u, NULL, rest);
+        if (problem->clock.inputs[0] == NULL) {
+            F(held_forces)(motion, state, (size_t)problem->clock.here, step, x_here, &x_here[n], (EOM_SCALAR)0.0, u, NULL, work.state);
+        } else {
+            F(forces)(problem, share[stage], 0, x_here, &x_here[n], u, NULL, work);
+        }
         const int status = robot->forward_dynamics(motion->h, x_here, &x_here[n], u, a);
         if (status != 0) { return status; }
         for (int i = 0; i < n; ++i) {
@@ -70,25 +85,40 @@ EOM_LOCAL int F(rk4_step)(const F(motion) *restrict motion, size_t state, size_t
     return 0;
 }
 
-/* Take a step of the linearly implicit Euler method: springs, dampers and the controller at its end, all else at its beginning. */
-EOM_LOCAL int F(implicit_euler_step)(const F(motion) *restrict motion, size_t state, size_t here, size_t step, EOM_SCALAR dt, REAL *restrict x, REAL *restrict work)
+/* Take a step of the linearly implicit Euler method: springs, dampers and controllers at its end, all else at its beginning;
+ * inputs are those of its end, where velocities lead until then. */
+EOM_LOCAL int F(implicit_euler_step)(const F(problem) *restrict problem, size_t state, size_t step, EOM_SCALAR dt, REAL *restrict x, F(workspace) work)
 {
+    const F(motion) *const motion = &problem->motion;
     const EOM(drive) *const drive = motion->drive;
     const int n = N_OF(motion->robot->sizes);
     REAL *const q = x;
     REAL *const v = &x[n];
-    REAL *restrict const u = work;
-    REAL *restrict const a = &work[n];
-    REAL *restrict const added = &work[2 * n];
-    REAL *restrict const slope = &work[3 * n];
+    REAL *restrict const u = work.state;
+    REAL *restrict const a = &u[PADDED_TO_BLOCKS(n)];
+    REAL *restrict const added = &a[PADDED_TO_BLOCKS(n)];
+    REAL *restrict const slope = &added[n];
     REAL times[2];
+    work.state = &slope[n];
     times[0] = WHOLE(dt);
     times[1] = WHOLE(dt * dt);
-    for (int i = 0; i < n; ++i) {
-        added[i] = (drive->kp == NULL) ? WHOLE((EOM_SCALAR)0.0) : WHOLE(dt * (drive->kd[i] + dt * drive->kp[i]));
+    if (problem->clock.inputs[0] == NULL) {
+        for (int i = 0; i < n; ++i) { added[i] = (drive->kp == NULL) ? WHOLE((EOM_SCALAR)0.0) : WHOLE(dt * (drive->kd[i] + dt * drive->kp[i])); }
+        F(held_forces)(motion, state, (size_t)problem->clock.here, step, q, v, dt, u, slope, work.state);
+        for (int i = 0; (drive->effort != NULL) && (i < n); ++i) { added[i] *= slope[i]; }
+    } else {
+        REAL *restrict const x_end = work.state;
+        work.state = &x_end[PADDED_TO_BLOCKS(2 * n)];
+        F(control_gains)(problem, added, slope);
+        for (int i = 0; i < n; ++i) {
+            added[i] = dt * (slope[i] + dt * added[i]);
+            slope[i] = WHOLE((EOM_SCALAR)1.0);
+            x_end[i] = q[i] + dt * v[i];
+            x_end[n + i] = v[i];
+        }
+        F(forces)(problem, 1.0, 0, x_end, &x_end[n], u, slope, work);
+        for (int i = 0; i < n; ++i) { added[i] *= slope[i]; }
     }
-    F(held_forces)(motion, state, here, step, q, v, dt, u, slope, &work[4 * n]);
-    for (int i = 0; (drive->effort != NULL) && (i < n); ++i) { added[i] *= slope[i]; }
     const int status = motion->robot->implicit_step(motion->h, q, v, u, added, times, a);
     if (status != 0) { return status; }
     for (int i = 0; i < n; ++i) {
@@ -98,8 +128,9 @@ EOM_LOCAL int F(implicit_euler_step)(const F(motion) *restrict motion, size_t st
     return 0;
 }
 
-/* Take steps from one state to the next; every so many are stored.  -1, or step * (statuses in a call) + what the step said. */
-EOM_LOCAL long long F(steps)(const F(robot) *restrict robot, const REAL *restrict h, const EOM(drive) *restrict drive, size_t state, size_t here, EOM_SCALAR dt, size_t steps, size_t every, int method, REAL *restrict x, EOM_SCALAR *restrict q_out, EOM_SCALAR *restrict v_out, F(workspace) work)
+/* Take steps from one state to the next, from a time on where there are inputs; every so many are stored.  -1, or step *
+ * (statuses in a call) + what the step said. */
+EOM_LOCAL long long F(steps)(const F(robot) *restrict robot, const REAL *restrict h, const EOM(drive) *restrict drive, const EOM(inputs) *restrict inputs, double first, size_t state, size_t here, EOM_SCALAR dt, size_t steps, size_t every, int method, REAL *restrict x, EOM_SCALAR *restrict q_out, EOM_SCALAR *restrict v_out, F(workspace) work)
 {
     const EOM(sizes) *const sizes = robot->sizes;
     const int n = N_OF(sizes);
@@ -107,13 +138,24 @@ EOM_LOCAL long long F(steps)(const F(robot) *restrict robot, const REAL *restric
     const long long statuses_of_a_step = (long long)statuses * (long long)WIDTH;
     const size_t stride = (steps / every + 1U) * (size_t)n;
     F(charts) charts;
-    F(motion) motion;
+    F(problem) problem;
+    F(motion) *const motion = &problem.motion;
     REAL *told = x;
+    REAL *u = NULL;
+    REAL *target = NULL;
     size_t place[WIDTH];
-    motion.robot = robot;
-    motion.h = h;
-    motion.charts = NULL;
-    motion.drive = drive;
+    motion->robot = robot;
+    motion->h = h;
+    motion->charts = NULL;
+    motion->drive = drive;
+    problem.clock.power = NULL;
+    problem.clock.here = (int)here;
+    for (int l = 0; l < (int)WIDTH; ++l) { problem.clock.inputs[l] = inputs; }
+    if (inputs != NULL) {
+        u = work.state;
+        target = &u[PADDED_TO_BLOCKS(n)];
+        work.state = &target[PADDED_TO_BLOCKS(n)];
+    }
     F(store)(x, here, stride, n, q_out);
     F(store)(&x[n], here, stride, n, v_out);
     if (ROTATIONS_OF(sizes) > 0) {
@@ -121,17 +163,20 @@ EOM_LOCAL long long F(steps)(const F(robot) *restrict robot, const REAL *restric
         F(carve_charts)(sizes, &charts, &work);
         told = work.state;
         work.state += 2 * n;
-        motion.charts = &charts;
-        motion.h = charts.h;
+        motion->charts = &charts;
+        motion->h = charts.h;
         F(begin_charts)(sizes, h, drive->kp, drive->kd, &charts, x, &x[n]);
         F(resume_charts)(sizes, drive, place, &charts, x, &x[n]);
     }
     for (size_t step = 0; step < steps; ++step) {
-        const int status = (method == 0) ? F(rk4_step)(&motion, state, here, step, dt, x, work.state)
-                                         : F(implicit_euler_step)(&motion, state, here, step, dt, x, work.state);
+        if (inputs != NULL) { F(begin_fixed_step)(&problem, state, step, first + (double)step * (double)dt, first + (double)(step + 1U) * (double)dt, u, target); }
+        const int status = (method == 0) ? F(rk4_step)(&problem, state, step, dt, x, work) : F(implicit_euler_step)(&problem, state, step, dt, x, work);
         if (status != 0) { return (long long)step * statuses_of_a_step + status - 1; }
+        for (int l = 0; (inputs != NULL) && (l < (int)here); ++l) {
+            F(put_prescribed)(&problem, l, (M_OF(sizes) > 0) ? eom_instant_of(problem.clock.end[l]) : F(instant_at)(&problem.clock, l, 1.0), x, work.input);
+        }
         if (M_OF(sizes) > 0) {
-            const int opened = F(assemble)(robot, motion.h, x, &x[n], work.state);
+            const int opened = F(assemble)(robot, motion->h, x, &x[n], work.state);
             if (opened != 0) { return (long long)step * statuses_of_a_step + opened - 1; }
         }
         if (ROTATIONS_OF(sizes) > 0) { (void)F(change_charts)(sizes, &charts, x, &x[n]); }

@@ -32,6 +32,7 @@ EOM_LOCAL void EOM(store_lanes)(const lanes *restrict x, size_t here, size_t str
 #include "combinations.h"
 #include "charts.h"
 #include "closed_loops.h"
+#include "forces.h"
 #include "fixed_steps.h"
 #include "adaptive_steps.h"
 #include "adaptive_rollouts.h"
@@ -52,7 +53,7 @@ EOM_PUBLIC long long EOM(integrate_fixed_batch)(const EOM(robot_lanes) *restrict
         const size_t here = (count - i < LANES) ? (count - i) : LANES;
         gather(&q[i * q_step], q_step, here, 0, n, x);
         gather(&v[i * v_step], v_step, here, 0, n, &x[n]);
-        const long long failed = EOM(steps_lanes)(robot, h_lanes, drive, i, here, dt, steps, every, method, x, &q_out[i * stride], &v_out[i * stride], work);
+        const long long failed = EOM(steps_lanes)(robot, h_lanes, drive, NULL, 0.0, i, here, dt, steps, every, method, x, &q_out[i * stride], &v_out[i * stride], work);
         if (failed >= 0) {
             const long long step = failed / (statuses * (long long)LANES);
             const long long place = failed % (statuses * (long long)LANES);

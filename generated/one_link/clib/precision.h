@@ -1,5 +1,7 @@
 /* precision.h: names and numbers of one precision: of double precision, or with EOM_SINGLE of single precision; and sizes, of the
  * robot, or with EOM_N, EOM_M and EOM_ROTATIONS known when this is compiled. */
+#ifndef EOM_PRECISION_H
+#define EOM_PRECISION_H
 #if defined(EOM_SINGLE)
 #define EOM(name) eomf_##name
 #define EOM_SCALAR float
@@ -47,3 +49,5 @@
 
 #define EOM_LOOK 2000        /* steps and rejections between two looks at whether they lead anywhere */
 #define EOM_LEAST_PART 1e-07 /* of the duration by which they do */
+
+#endif

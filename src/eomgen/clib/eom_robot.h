@@ -39,14 +39,16 @@ typedef struct {
 
 #if !defined(EOM_N)
 /* Take steps of length dt, s, from q and v; every so many states are stored.  method 0: the classical Runge-Kutta method of order
- * 4; 1: the linearly implicit Euler method.  -1, or step * statuses + i of the first failure. */
-long long EOM(integrate_fixed)(const EOM(robot) *robot, const EOM_SCALAR *h, const EOM_SCALAR *q, const EOM_SCALAR *v, const EOM(drive) *drive, EOM_SCALAR dt, size_t steps, size_t every, int method, EOM_SCALAR *q_out, EOM_SCALAR *v_out, EOM(workspace) work);
+ * 4; 1: the linearly implicit Euler method.  Inputs, or NULL, act beside the drives, the first step being from the time first
+ * on, s; prescribed coordinates begin where their motions are then.  -1, or step * statuses + i of the first failure. */
+long long EOM(integrate_fixed)(const EOM(robot) *robot, const EOM_SCALAR *h, const EOM_SCALAR *q, const EOM_SCALAR *v, const EOM(drive) *drive, const EOM(inputs) *inputs, double first, EOM_SCALAR dt, size_t steps, size_t every, int method, EOM_SCALAR *q_out, EOM_SCALAR *v_out, EOM(workspace) work);
 
 /* Go from sample to sample, at samples + 1 times, by steps with error control.  method 0: a Rosenbrock method of order 4(3) for
  * stiff equations; 1: the explicit pair of Tsitouras of order 5(4).  Returns progress->reason. */
 int EOM(integrate_adaptive)(const EOM(robot) *robot, const EOM_SCALAR *h, const EOM(drive) *drive, const EOM(inputs) *inputs, const EOM(tolerance) *allowed, const double *times, size_t samples, int method, EOM_SCALAR *q, EOM_SCALAR *v, EOM_SCALAR *q_out, EOM_SCALAR *v_out, eom_progress *progress, EOM(record) *record, EOM(workspace) work);
 
-/* The same for count states, one after the other, those at place, or the first ones. */
+/* The same for count states, one after the other, without inputs where steps are of fixed length, else those at place, or the
+ * first ones. */
 long long EOM(integrate_fixed_one_by_one)(const EOM(robot) *robot, size_t count, const EOM_SCALAR *h, const EOM_SCALAR *q, size_t q_step, const EOM_SCALAR *v, size_t v_step, const EOM(drive) *drive, EOM_SCALAR dt, size_t steps, size_t every, int method, EOM_SCALAR *q_out, EOM_SCALAR *v_out, EOM(workspace) work);
 void EOM(integrate_adaptive_one_by_one)(const EOM(robot) *robot, size_t count, const size_t *place, const EOM_SCALAR *h, size_t h_step, const EOM(drive) *drive, const EOM(inputs) *inputs, size_t inputs_step, const EOM(tolerance) *allowed, size_t allowed_step, const double *times, size_t samples, int method, EOM_SCALAR *q, EOM_SCALAR *v, EOM_SCALAR *q_out, EOM_SCALAR *v_out, eom_progress *progress, EOM(workspace) work);
 

@@ -22,18 +22,19 @@ EOM_LOCAL void EOM(store)(const EOM_SCALAR *restrict x, size_t here, size_t stri
 #include "combinations.h"
 #include "charts.h"
 #include "closed_loops.h"
+#include "forces.h"
 #include "fixed_steps.h"
 #include "adaptive_steps.h"
 #include "adaptive_rollouts.h"
 
-EOM_PUBLIC long long EOM(integrate_fixed)(const EOM(robot) *restrict robot, const EOM_SCALAR *restrict h, const EOM_SCALAR *restrict q, const EOM_SCALAR *restrict v, const EOM(drive) *restrict drive, EOM_SCALAR dt, size_t steps, size_t every, int method, EOM_SCALAR *restrict q_out, EOM_SCALAR *restrict v_out, EOM(workspace) work)
+EOM_PUBLIC long long EOM(integrate_fixed)(const EOM(robot) *restrict robot, const EOM_SCALAR *restrict h, const EOM_SCALAR *restrict q, const EOM_SCALAR *restrict v, const EOM(drive) *restrict drive, const EOM(inputs) *restrict inputs, double first, EOM_SCALAR dt, size_t steps, size_t every, int method, EOM_SCALAR *restrict q_out, EOM_SCALAR *restrict v_out, EOM(workspace) work)
 {
     const int n = N_OF(robot->sizes);
     EOM_SCALAR *const x = work.state;
     work.state += PADDED_TO_BLOCKS(2 * n);
     (void)memcpy(x, q, (size_t)n * sizeof *q);
     (void)memcpy(&x[n], v, (size_t)n * sizeof *v);
-    return EOM(steps)(robot, h, drive, 0, 1, dt, steps, every, method, x, q_out, v_out, work);
+    return EOM(steps)(robot, h, drive, inputs, first, 0, 1, dt, steps, every, method, x, q_out, v_out, work);
 }
 
 EOM_PUBLIC int EOM(integrate_adaptive)(const EOM(robot) *restrict robot, const EOM_SCALAR *restrict h, const EOM(drive) *restrict drive, const EOM(inputs) *restrict inputs, const EOM(tolerance) *restrict allowed, const double *restrict times, size_t samples, int method, EOM_SCALAR *restrict q, EOM_SCALAR *restrict v, EOM_SCALAR *restrict q_out, EOM_SCALAR *restrict v_out, eom_progress *restrict progress, EOM(record) *restrict record, EOM(workspace) work)
@@ -96,7 +97,7 @@ EOM_PUBLIC long long EOM(integrate_fixed_one_by_one)(const EOM(robot) *restrict 
     for (size_t i = 0; i < count; ++i) {
         (void)memcpy(x, &q[i * q_step], (size_t)n * sizeof *q);
         (void)memcpy(&x[n], &v[i * v_step], (size_t)n * sizeof *v);
-        const long long failed = EOM(steps)(robot, h, drive, i, 1, dt, steps, every, method, x, &q_out[i * stride], &v_out[i * stride], work);
+        const long long failed = EOM(steps)(robot, h, drive, NULL, 0.0, i, 1, dt, steps, every, method, x, &q_out[i * stride], &v_out[i * stride], work);
         if (failed >= 0) { return (long long)(i * steps * statuses) + failed; }
     }
     return -1;

@@ -89,7 +89,7 @@ def export_fmu(
     home = closed_home(robot, progress)
     solver = _solver(robot, method, rtol, step, progress)
     kernels = CLOSED_KERNELS if build_model(robot).constraints else KERNELS
-    stepping = {"implicit": ("rollout",), "rk4": ()}.get(method, ("adaptive_rollout",))
+    stepping = ("adaptive_rollout",) if method in ADAPTIVE else ("rollout",)
     options = Options((*kernels, *stepping), batches=False)
     files = _files(robot, options, version, method, (solver, home), progress)
     with tempfile.TemporaryDirectory() as work:
@@ -143,14 +143,14 @@ def _files(
     progress: StageReport,
 ) -> dict[str, bytes]:
     """Files of the unit but its binary, by their paths; ``begin``: its solver's parameter and its home."""
-    from eomgen.codegen.c.contexts import turned_context
+    from eomgen.codegen.kernels.interface import turning_joints
 
     from .variables import make_layout
     from .xml import Unit, build_description, model_description
 
     model, source = build_model(robot), make_source(robot, options, progress)
     layout = make_layout(model, *begin)
-    name, meta = robot.name, json.loads(source.meta)
+    name, meta, turning = robot.name, json.loads(source.meta), turning_joints(model)
     context = {
         "at": layout.at,
         "variables": layout.variables,
@@ -161,12 +161,15 @@ def _files(
         "version": __version__,
         "n": model.size,
         "hoisted": meta["hoisted"],
+        "m": len(model.constraints),
+        "dynamics": "constrained_dynamics" if model.constraints else "forward_dynamics",
+        "links": len(model.links),
+        "parameters": len(model.parameters),
+        "turning": len(turning["joints"]),
+        "turned_size": turning["room"],
         "prescribed": model.prescribed,
         "method": method,
         **_stepping(model, method, meta),
-        **_closing(model),
-        **turned_context(model),
-        "redundant": meta.get("redundant", False),
     }
     kinds = {f"{stem}.{end}": f"fmu/{stem}.{end}" for stem in ("unit", f"fmi{version}") for end in "hc"}
     texts = _rendered(kinds, {**context, "token": ""})
@@ -174,7 +177,7 @@ def _files(
     token = f"{{{uuid.UUID(bytes=digest[:16])}}}"  # a GUID that the same sources have again, and no others
     texts = _rendered(kinds, {**context, "token": token})
     code = source.files | {f"{name}_{key}": text for key, text in texts.items()}
-    compiled = sorted(file for file in code if file.endswith(".c") and "/" not in file)
+    compiled = sorted(file for file in code if _is_compiled(name, file))
     unit = Unit(name, token, layout, compiled, bool(model.constraints))
     files = {f"sources/{file}": text.encode("ascii") for file, text in code.items()}
     files["modelDescription.xml"] = model_description(unit, version)
@@ -187,37 +190,17 @@ def _stepping(model: Model, method: str, meta: Mapping[str, Any]) -> dict[str, o
     """Names that ``fmu/adaptive.c.jinja`` uses; ``meta`` is that of the source."""
     if method not in ADAPTIVE:
         return {"adaptive": False}
-    from eomgen.codegen.kernels.interface import turning_joints
     from eomgen.codegen.kernels.steps.tolerances import rubbing_parameters
 
     return {
         "adaptive": True,
         "sizes": [repr(float(size)) for size in meta["sizes"]],
         "rubbing": [(i, list(model.parameters).index(name)) for i, name in rubbing_parameters(model)],
-        "links": len(model.links),
-        "turned_size": turning_joints(model)["room"],
         "cost": [repr(float(COST[name])) for name in sorted(STEPPERS, key=STEPPERS.__getitem__)],
         "trial": TRIAL,
         "few": FEW,
         "many": MANY,
         "most": 2**62,
-    }
-
-
-def _closing(model: Model) -> dict[str, object]:
-    """Names that ``composed/settle.c.jinja`` and the unit use of loops."""
-    from eomgen.codegen.c.contexts import CLOSED_GAPS, OPEN_GAPS
-
-    dtype = "float64"
-    return {
-        "m": len(model.constraints),
-        "real": "double",
-        "scalar": "double",
-        "shared": "double",
-        "suffix": "",
-        "literal_suffix": "",
-        "open_gap": repr(OPEN_GAPS[dtype]),
-        "closed_gap": repr(CLOSED_GAPS[dtype]),
     }
 
 
@@ -242,6 +225,11 @@ def binary_path(name: str, version: int, system: str, machine: str) -> str:
     return f"binaries/{folder}/{name}.{ending}"
 
 
+def _is_compiled(name: str, file: str) -> bool:
+    """Whether a file is compiled by itself; the unit's C includes the robot's."""
+    return file.endswith(".c") and "/" not in file and file != f"{name}.c"
+
+
 def _compiled(
     name: str, files: Mapping[str, bytes], version: int, work: Path, flags: Sequence[str]
 ) -> tuple[str, bytes]:
@@ -257,7 +245,7 @@ def _compiled(
             place.parent.mkdir(exist_ok=True)
             place.write_bytes(content)
     include = ("-iquote", str(work), "-DFMI3_OVERRIDE_FUNCTION_PREFIX", "-fPIC", "-fvisibility=hidden")
-    codes = sorted(work.glob("*.c"))
+    codes = [work / file for file in sorted(path.name for path in work.iterdir()) if _is_compiled(name, file)]
     objects = [code.with_suffix(".o") for code in codes]
     compile_c = [*compiler.command, "-c", *WARNINGS, *include, *compile_flags(compiler, False, flags)]
     run_all([[*compile_c, str(code), "-o", str(made)] for code, made in zip(codes, objects, strict=True)])

@@ -1,0 +1,53 @@
+/* constraint_checks.h: whether states of a closed mechanism, and what drives it, satisfy its constraints; of one state or of one
+ * in every lane.  Statuses of lane l are 2 n + 3 m higher per lane. */
+
+/* The larger of a number and of the sizes of numbers of a lane. */
+EOM_LOCAL EOM_SCALAR F(largest)(int count, const REAL *restrict x, int l, EOM_SCALAR than)
+{
+    EOM_SCALAR largest = than;
+    (void)l;
+    for (int i = 0; i < count; ++i) {
+        const EOM_SCALAR size = EOM_MATH(fabs)(LANE_OF(x[i], l));
+        if (size > largest) { largest = size; }
+    }
+    return largest;
+}
+
+/* Check constraint violations, m of them, and their rates, as many, which may be the greater the faster a state is.  0, or
+ * 1 + n + r where constraint r is violated, and m more where it is opening. */
+EOM_LOCAL int F(check_constraints)(int n, int m, EOM_SCALAR allowed, const REAL *restrict v, const REAL *restrict violation)
+{
+    for (int l = 0; l < (int)WIDTH; ++l) {
+        const EOM_SCALAR fastest = F(largest)(n, v, l, (EOM_SCALAR)1.0);
+        for (int r = 0; r < 2 * m; ++r) {
+            const EOM_SCALAR scale = (r < m) ? (EOM_SCALAR)1.0 : fastest;
+            if (!(EOM_MATH(fabs)(LANE_OF(violation[r], l)) <= scale * allowed)) { return 1 + n + r + l * (2 * n + 3 * m); }
+        }
+    }
+    return 0;
+}
+
+/* Check that drives make a motion; found is that of constrained_drives: drives, multipliers, violations and their rates, then
+ * second derivatives of the constraint that accelerations make and that velocities make, forces that no drive gives, and those
+ * that are needed.  0, or a status of check_constraints, or 1 + n + 2 m + r where constraint r opens at the accelerations, or
+ * 1 + n + 3 m + i where coordinate i needs a force that no drive gives. */
+EOM_LOCAL int F(check_drives)(int n, int m, EOM_SCALAR allowed, const REAL *restrict v, const REAL *restrict a, const REAL *restrict found)
+{
+    const REAL *const driven = &found[n + 3 * m];
+    const REAL *const bias = &found[n + 4 * m];
+    const REAL *const left = &found[n + 5 * m];
+    const REAL *const needed = &found[2 * n + 5 * m];
+    const int status = F(check_constraints)(n, m, allowed, v, &found[n + m]);
+    if (status != 0) { return status; }
+    for (int l = 0; l < (int)WIDTH; ++l) {
+        const EOM_SCALAR fastest = F(largest)(m, bias, l, F(largest)(n, a, l, (EOM_SCALAR)1.0));
+        const EOM_SCALAR largest = F(largest)(n, needed, l, (EOM_SCALAR)1.0);
+        for (int r = 0; r < m; ++r) {
+            if (!(EOM_MATH(fabs)(LANE_OF(driven[r], l) + LANE_OF(bias[r], l)) <= fastest * allowed)) { return 1 + n + 2 * m + r + l * (2 * n + 3 * m); }
+        }
+        for (int i = 0; i < n; ++i) {
+            if (!(EOM_MATH(fabs)(LANE_OF(left[i], l)) <= largest * allowed)) { return 1 + n + 3 * m + i + l * (2 * n + 3 * m); }
+        }
+    }
+    return 0;
+}

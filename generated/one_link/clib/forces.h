@@ -1,0 +1,289 @@
+/* forces.h: forces on coordinates in a step: held drives and their control, and inputs over time; of one state or of one in
+ * every lane. */
+
+/* A motion: a robot, its numbers h as joints are turned, how they are, and its drives. */
+typedef struct {
+    const F(robot) *robot;
+    const REAL *h;
+    F(charts) *charts; /* NULL without joints of three rotations */
+    const EOM(drive) *drive;
+} F(motion);
+
+/* Where lanes are in their steps: from when on, how long and to when, with times inside beside both ends where inputs jump
+ * there, the next such time, and by which inputs, NULL for all or for none; powers of all stages, W, number w of stage s of lane
+ * l at [(s * EOM_WORKS + w) * WIDTH + l], where works are asked for. */
+typedef struct {
+    const EOM(inputs) *inputs[WIDTH];
+    double *power;
+    double begin[WIDTH];
+    double step[WIDTH];
+    double end[WIDTH];
+    double after[WIDTH];
+    double before[WIDTH];
+    double stop[WIDTH];
+    int here;
+} F(clock);
+
+/* What steps are of: a motion, its forces and targets, and where its lanes are. */
+typedef struct {
+    F(motion) motion;
+    const REAL *u;
+    const REAL *target;
+    F(clock) clock;
+} F(problem);
+
+/* Saturate drives at their limits; slope, if it is not NULL, becomes 0 where they do, else 1. */
+EOM_LOCAL void F(saturate)(const EOM(drive) *restrict drive, int n, REAL *restrict u, REAL *restrict slope)
+{
+    for (int l = 0; l < (int)WIDTH; ++l) {
+        for (int i = 0; i < n; ++i) {
+            const EOM_SCALAR most = drive->effort[i];
+            const EOM_SCALAR x = LANE_OF(u[i], l);
+            const int over = ((x > most) || (x < -most)) ? 1 : 0;
+            if (slope != NULL) { LANE_OF(slope[i], l) = (over != 0) ? (EOM_SCALAR)0.0 : (EOM_SCALAR)1.0; }
+            if (over != 0) { LANE_OF(u[i], l) = (x > most) ? most : -most; }
+        }
+    }
+}
+
+/* The time at a share of a lane's step; at its ends, and of stages outside, with one that is inside. */
+EOM_LOCAL eom_instant F(instant_at)(const F(clock) *restrict clock, int l, double share)
+{
+    eom_instant at;
+    at.t = ((share < 1.0) || (share > 1.0)) ? (clock->begin[l] + share * clock->step[l]) : clock->end[l];
+    at.beside = (share > 0.0) ? ((share < 1.0) ? at.t : clock->before[l]) : clock->after[l];
+    return at;
+}
+
+/* Forces of computed torque: what a model of the robot, if lanes have one, answers to 3 n numbers each. */
+EOM_LOCAL void F(ask_model)(const F(clock) *restrict clock, int n, const double *restrict asked, double *restrict force, double *restrict work, int *restrict index)
+{
+#if defined(EOM_LANES_HERE)
+    const eom_computed_torque *const first = (clock->inputs[0]->control == NULL) ? NULL : clock->inputs[0]->model;
+    int alike = ((first != NULL) && (first->inverse_dynamics_batch != NULL)) ? 1 : 0;
+    for (int l = 1; l < clock->here; ++l) {
+        const eom_computed_torque *const model = (clock->inputs[l]->control == NULL) ? NULL : clock->inputs[l]->model;
+        alike = ((alike != 0) && (model != NULL) && (model->inverse_dynamics_batch == first->inverse_dynamics_batch) && (model->batch_h == first->batch_h)) ? 1 : 0;
+    }
+    if (alike != 0) {
+        const size_t apart = 3U * (size_t)n;
+        (void)first->inverse_dynamics_batch((size_t)clock->here, first->batch_h, asked, apart, &asked[n], apart, &asked[2 * n], apart, work);
+        for (int l = 0; l < clock->here; ++l) {
+            for (int i = 0; i < first->size; ++i) { force[l * n + i] = work[l * first->size + i]; }
+        }
+        return;
+    }
+#endif
+    for (int l = 0; l < clock->here; ++l) {
+        const eom_computed_torque *const model = (clock->inputs[l]->control == NULL) ? NULL : clock->inputs[l]->model;
+        const double *const own = &asked[3 * n * l];
+        if (model == NULL) { continue; }
+        if (model->mechanism != NULL) {
+            eom_drive_forces(model, own, &own[n], &own[2 * n], &force[n * l], work, index);
+        } else {
+            (void)model->inverse_dynamics(model->h, own, &own[n], &own[2 * n], &force[n * l]);
+        }
+    }
+}
+
+/* Add what inputs do at a share of lanes' steps to the forces, and put prescribed motions into q and v; powers are a stage's.
+ * Where joints change charts all is as described, and wrenches come later. */
+EOM_LOCAL void F(add_inputs)(const F(problem) *restrict problem, double share, int stage, REAL *restrict q, REAL *restrict v, REAL *restrict force, REAL *restrict slope, F(workspace) work)
+{
+    const EOM(sizes) *const sizes = problem->motion.robot->sizes;
+    const F(clock) *const clock = &problem->clock;
+    const int n = N_OF(sizes);
+    double *const own = work.input;
+    double *const rate = &own[WIDTH * n];
+    double *const u = &rate[WIDTH * n];
+    double *const given = &u[WIDTH * n];
+    double *const asked = &given[WIDTH * n];
+    double *const answer = &asked[3 * WIDTH * n];
+    double *const inside = &answer[WIDTH * n];
+    double *const pushed = &inside[n];
+    double *const rest = &pushed[n];
+    EOM_SCALAR *const scratch = (EOM_SCALAR *)(void *)work.state;
+    eom_instant t[WIDTH];
+    int moved = 0;
+#if defined(EOM_LANES_HERE) && !defined(EOM_SINGLE)
+    scatter(q, NULL, (size_t)clock->here, 0, n, (size_t)n, own);
+    scatter(v, NULL, (size_t)clock->here, 0, n, (size_t)n, rate);
+    scatter(force, NULL, (size_t)clock->here, 0, n, (size_t)n, u);
+#else
+    for (int l = 0; l < clock->here; ++l) {
+        for (int i = 0; i < n; ++i) {
+            own[l * n + i] = (double)LANE_OF(q[i], l);
+            rate[l * n + i] = (double)LANE_OF(v[i], l);
+            u[l * n + i] = (double)LANE_OF(force[i], l);
+        }
+    }
+#endif
+    for (int l = 0; l < clock->here; ++l) {
+        t[l] = F(instant_at)(clock, l, share);
+        eom_inputs_at(clock->inputs[l], n, t[l], &own[l * n], &rate[l * n], &u[l * n], &given[l * n], &asked[3 * l * n], rest);
+    }
+    F(ask_model)(clock, n, asked, answer, rest, work.index);
+    for (int l = 0; l < clock->here; ++l) {
+        const EOM(inputs) *const inputs = clock->inputs[l];
+        eom_finish_drives(inputs, n, &given[l * n], &answer[l * n], &u[l * n], inside);
+        if (slope != NULL) {
+            for (int i = 0; i < n; ++i) { LANE_OF(slope[i], l) = (inputs->effort == NULL) ? (EOM_SCALAR)1.0 : (EOM_SCALAR)inside[i]; }
+        }
+        if (ROTATIONS_OF(sizes) == 0) {
+            (void)memset(pushed, 0, (size_t)n * sizeof *pushed);
+            if (inputs->wrenches > 0U) { eom_wrench_forces(sizes, inputs, HERE_OF(problem->motion.h), t[l], &own[l * n], pushed, scratch); }
+            if (clock->power != NULL) {
+                double power[EOM_WORKS];
+                eom_powers_at(sizes, inputs->work, &own[l * n], &rate[l * n], &u[l * n], pushed, power, scratch);
+                for (int w = 0; w < EOM_WORKS; ++w) { clock->power[(stage * EOM_WORKS + w) * (int)WIDTH + l] = power[w]; }
+            }
+            if (inputs->wrenches > 0U) { eom_add_forces(sizes, pushed, &u[l * n]); }
+        }
+        if (inputs->given != NULL) { moved = 1; }
+    }
+#if defined(EOM_LANES_HERE) && !defined(EOM_SINGLE)
+    gather(u, (size_t)n, (size_t)clock->here, 0, n, force);
+    if (moved != 0) {
+        gather(own, (size_t)n, (size_t)clock->here, 0, n, q);
+        gather(rate, (size_t)n, (size_t)clock->here, 0, n, v);
+    }
+#else
+    for (int l = 0; l < clock->here; ++l) {
+        for (int i = 0; i < n; ++i) {
+            LANE_OF(force[i], l) = (EOM_SCALAR)u[l * n + i];
+            if (moved != 0) {
+                LANE_OF(q[i], l) = (EOM_SCALAR)own[l * n + i];
+                LANE_OF(v[i], l) = (EOM_SCALAR)rate[l * n + i];
+            }
+        }
+    }
+#endif
+}
+
+/* Add forces of inputs at a share of lanes' steps, as described, to those on the coordinates that there are. */
+EOM_LOCAL void F(add_turned_inputs)(const F(problem) *restrict problem, double share, REAL *restrict q, REAL *restrict v, REAL *restrict force, REAL *restrict slope, F(workspace) work)
+{
+    const EOM(sizes) *const sizes = problem->motion.robot->sizes;
+    const F(charts) *const charts = problem->motion.charts;
+    const F(clock) *const clock = &problem->clock;
+    const int n = N_OF(sizes);
+    REAL *const q_told = work.state;
+    REAL *const v_told = &q_told[n];
+    double *const own = work.input;
+    double *const here = &own[n];
+    double *const u = &here[n];
+    double *const pushed = &u[n];
+    work.state += 2 * n;
+    F(describe_near)(sizes, charts, q, v, q_told, v_told);
+    F(add_inputs)(problem, share, 0, q_told, v_told, force, slope, work);
+    for (int l = 0; l < clock->here; ++l) {
+        const eom_prescribed *const given = clock->inputs[l]->given;
+        for (int k = 0; (given != NULL) && (k < given->size); ++k) {
+            const int i = given->place[k];
+            LANE_OF(q[i], l) = LANE_OF(q_told[i], l);
+            LANE_OF(v[i], l) = LANE_OF(v_told[i], l);
+        }
+    }
+    F(turn_forces)(sizes, charts, q, force);
+    for (int l = 0; l < clock->here; ++l) {
+        if (clock->inputs[l]->wrenches == 0U) { continue; }
+        for (int i = 0; i < n; ++i) {
+            own[i] = (double)LANE_OF(q_told[i], l);
+            here[i] = (double)LANE_OF(q[i], l);
+            u[i] = (double)LANE_OF(force[i], l);
+        }
+        F(turned_wrench_forces)(sizes, clock->inputs[l], HERE_OF(problem->motion.h), F(instant_at)(clock, l, share), own, here, &charts->is_turned[l * ROTATIONS_OF(sizes)], pushed, (EOM_SCALAR *)(void *)work.state);
+        eom_add_forces(sizes, pushed, u);
+        for (int i = 0; i < n; ++i) { LANE_OF(force[i], l) = (EOM_SCALAR)u[i]; }
+    }
+}
+
+/* Put prescribed motions of a lane at a time into x = (q, v).  work: 6 n. */
+EOM_LOCAL void F(put_prescribed)(const F(problem) *restrict problem, int l, eom_instant at, REAL *restrict x, double *restrict work)
+{
+    const int n = N_OF(problem->motion.robot->sizes);
+    const eom_prescribed *const given = (problem->clock.inputs[l] == NULL) ? NULL : problem->clock.inputs[l]->given;
+    if (given == NULL) { return; }
+    eom_prescribed_at(given, n, at, work, &work[n], &work[2 * n], &work[3 * n]);
+    for (int k = 0; k < given->size; ++k) {
+        const int i = given->place[k];
+        LANE_OF(x[i], l) = (EOM_SCALAR)work[k];
+        LANE_OF(x[n + i], l) = (EOM_SCALAR)work[n + k];
+    }
+}
+
+/* Whether drives saturate at limits. */
+EOM_LOCAL int F(saturates)(const F(problem) *restrict problem)
+{
+    const EOM(inputs) *const inputs = problem->clock.inputs[0];
+    return ((inputs != NULL) ? (inputs->effort != NULL) : (problem->motion.drive->effort != NULL)) ? 1 : 0;
+}
+
+/* Forces u + kp (target - q) - kd v and those of inputs, drives within their limits; slope, if it is not NULL, becomes 0 where
+ * these saturate, else 1. */
+EOM_LOCAL void F(forces)(const F(problem) *restrict problem, double share, int stage, REAL *restrict q, REAL *restrict v, REAL *restrict force, REAL *restrict slope, F(workspace) work)
+{
+    const EOM(drive) *const drive = problem->motion.drive;
+    const EOM(sizes) *const sizes = problem->motion.robot->sizes;
+    const EOM(inputs) *const inputs = problem->clock.inputs[0];
+    const int n = N_OF(sizes);
+    int gained = 0; /* gains act on joints that stay in their angles, and come first where the sum saturates */
+    F(copy)(n, problem->u, force);
+    if (ROTATIONS_OF(sizes) > 0) {
+        if (inputs != NULL) {
+            gained = F(saturates)(problem);
+            for (int i = 0; (gained != 0) && (drive->kp != NULL) && (i < n); ++i) { force[i] += drive->kp[i] * (problem->target[i] - q[i]) - drive->kd[i] * v[i]; }
+            F(add_turned_inputs)(problem, share, q, v, force, slope, work);
+        } else {
+            F(turn_forces)(sizes, problem->motion.charts, q, force);
+        }
+    }
+    if ((gained == 0) && (drive->kp != NULL)) {
+        for (int i = 0; i < n; ++i) { force[i] += drive->kp[i] * (problem->target[i] - q[i]) - drive->kd[i] * v[i]; }
+    }
+    if ((inputs == NULL) && (drive->effort != NULL)) { F(saturate)(drive, n, force, slope); }
+    if ((ROTATIONS_OF(sizes) == 0) && (inputs != NULL)) { F(add_inputs)(problem, share, stage, q, v, force, slope, work); }
+}
+
+/* Gains of drives and of tracking control, by coordinate and lane, whether drives saturate or not. */
+EOM_LOCAL void F(control_gains)(const F(problem) *restrict problem, REAL *restrict kp, REAL *restrict kd)
+{
+    const EOM(drive) *const drive = problem->motion.drive;
+    const EOM(sizes) *const sizes = problem->motion.robot->sizes;
+    const int n = N_OF(sizes);
+    for (int i = 0; i < n; ++i) {
+        kp[i] = (drive->kp == NULL) ? WHOLE((EOM_SCALAR)0.0) : WHOLE(drive->kp[i]);
+        kd[i] = (drive->kp == NULL) ? WHOLE((EOM_SCALAR)0.0) : WHOLE(drive->kd[i]);
+    }
+    for (int l = 0; (l < problem->clock.here) && (problem->clock.inputs[0] != NULL); ++l) {
+        const eom_tracking *const control = problem->clock.inputs[l]->control;
+        if ((control == NULL) || (control->kp == NULL)) { continue; }
+        for (int k = 0; k < control->program.signal->columns; ++k) {
+            const double ratio = control->ratio[k] * control->ratio[k];
+            const int place = control->program.place[k];
+            const int i = (ROTATIONS_OF(sizes) > 0) ? F(place_of_gain)(sizes, problem->motion.charts, l, place) : place;
+            if (i < 0) { continue; } /* gains of angles that are turned act on none: any matrix will do */
+            LANE_OF(kp[i], l) += (EOM_SCALAR)(control->kp[k] / ratio);
+            LANE_OF(kd[i], l) += (EOM_SCALAR)(control->kd[k] / ratio);
+        }
+    }
+}
+
+/* Gains of drives and of tracking control, by coordinate and lane, none where drives saturate.  work: as of forces, and 4 n. */
+EOM_LOCAL void F(gains)(const F(problem) *restrict problem, const REAL *restrict x, REAL *restrict kp, REAL *restrict kd, F(workspace) work)
+{
+    const int n = N_OF(problem->motion.robot->sizes);
+    F(control_gains)(problem, kp, kd);
+    if (F(saturates)(problem) != 0) { /* what saturates does not answer to the state */
+        REAL *restrict const x_here = work.state;
+        REAL *restrict const slope = &x_here[PADDED_TO_BLOCKS(2 * n)];
+        REAL *restrict const force = &slope[PADDED_TO_BLOCKS(n)];
+        work.state = &force[PADDED_TO_BLOCKS(n)];
+        F(copy)(2 * n, x, x_here);
+        F(forces)(problem, 0.0, INSIDE_STAGE, x_here, &x_here[n], force, slope, work);
+        for (int i = 0; i < n; ++i) {
+            kp[i] *= slope[i];
+            kd[i] *= slope[i];
+        }
+    }
+}
