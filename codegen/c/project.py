@@ -14,6 +14,7 @@ from typing import Any
 from eomgen._version import __version__
 
 from ..kernels.signatures import Function, functions
+from .library import public_headers
 from .scalar_types import SCALARS
 from .source import environment
 
@@ -50,6 +51,7 @@ def project_files(meta: Mapping[str, Any], flags: Sequence[str]) -> dict[str, st
         "numeric_version": _numeric(__version__),
         "flags": quoted("SHELL:" + shlex.join([IEEE, *(flag for flag in flags if flag not in LEVELS)])),
         "level": level,
+        "library_headers": public_headers(),
     }
     templates = {
         "CMakeLists.txt": "package/CMakeLists.txt.jinja",

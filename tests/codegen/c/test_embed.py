@@ -268,6 +268,18 @@ def test_a_version_that_does_not_fit_is_refused(tmp_path: Path) -> None:
         assert answer.stderr.split() == [eomgen.__version__, fits]
 
 
+def test_headers_that_a_header_includes_are_installed_with_it(tmp_path: Path) -> None:
+    """CMake installs the robot's header and all that it includes, which users alone would miss."""
+    folder = generate("one_link", tmp_path, options=Options(("rollout",), level=BASE), cmake=True)
+    project = (folder / "CMakeLists.txt").read_text(encoding="utf-8")
+    seen = ["one_link.h"]
+    for header in seen:
+        included = re.findall(r'^#include "(.+)"$', (folder / header).read_text(encoding="utf-8"), re.M)
+        seen += [place for name in included if (place := f"{Path(header).parent / name}") not in seen]
+    assert len(seen) > 1
+    assert set(seen) <= set(" ".join(re.findall(r"foreach\(header (.*?)\)", project)).split())
+
+
 def test_generate_without_cmake_is_as_before(tmp_path: Path) -> None:
     """Neither the cached package nor a plain one holds any of it; the text is the same from one time to the next."""
     robot, options = eomgen.load_robot("one_link"), ALONE

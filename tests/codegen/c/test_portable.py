@@ -100,9 +100,12 @@ def single() -> cache.Entry:
 
 
 def unpacked(package: cache.Entry, folder: Path) -> Path:
-    for ending in ("c", "h"):
-        (folder / f"puma560.{ending}").write_bytes(package.files[f"puma560.{ending}"])
-    return folder / "puma560.c"
+    """Write a package's C and headers into a folder; its own .c, which stands for all."""
+    sources = {name: data for name, data in package.files.items() if name.endswith((".c", ".h"))}
+    for name, data in sources.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(data)
+    return next(folder / name for name in sources if name.endswith(".c") and "/" not in name)
 
 
 TARGETS = {
@@ -119,12 +122,11 @@ def test_other_systems(target: str, dtype: str, tmp_path: Path) -> None:
     """A shared library for it, without a warning."""
     options = Options((), dtype, flags=("-O0",))
     package = make_package(eomgen.load_robot("one_link"), options)
-    for name in ("one_link.c", "one_link.h"):
-        (tmp_path / name).write_bytes(package.files[name])
+    source = unpacked(package, tmp_path)
     special, magic, at, machine = TARGETS[target]
     out = tmp_path / "library"
     flags = [*WARNINGS, "-Werror", *FLAGS, *([special] if special else []), "-shared"]
-    run([*ZIG, "-target", target, *flags, str(tmp_path / "one_link.c"), "-o", str(out), "-lm"])
+    run([*ZIG, "-target", target, *flags, str(source), "-o", str(out), "-lm"])
     found = out.read_bytes()
     assert found.startswith(magic)
     if at is None:
