@@ -8,6 +8,7 @@ import subprocess
 import sys
 import tempfile
 from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
 
 import eomgen
@@ -41,17 +42,20 @@ def violations(cppcheck: str, robot: str) -> Counter[str]:
     What cppcheck finds besides stands under the name that it has there.
     """
     source = make_source(eomgen.load_robot(robot), Options((), "float32", batches=False))
-    return found_in(cppcheck, source.header, source.code, robot)
+    return found_in(cppcheck, source.files, robot)
 
 
-def found_in(cppcheck: str, header: str, code: str, name: str) -> Counter[str]:
-    """How often each rule is violated in a header and a source, to be called ``name``.h and ``name``.c."""
+def found_in(cppcheck: str, files: Mapping[str, str], name: str) -> Counter[str]:
+    """How often each rule is violated in ``name``.h and ``name``.c, beside what they include; texts by place."""
     with tempfile.TemporaryDirectory() as folder:
-        for end, text in (("h", header), ("c", code)):
-            (Path(folder) / f"{name}.{end}").write_text(text, encoding="ascii")
+        for place, text in files.items():
+            (Path(folder) / place).parent.mkdir(exist_ok=True)
+            (Path(folder) / place).write_text(text, encoding="ascii")
         words = [cppcheck, *OPTIONS, f"{name}.c"]
         done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=True)
-    return Counter(line.split()[0].removeprefix("misra-c2012-") for line in done.stderr.splitlines() if line)
+    found = [line.split()[:2] for line in done.stderr.splitlines() if line]
+    own = (f"{name}.h:", f"{name}.c:")
+    return Counter(rule.removeprefix("misra-c2012-") for rule, place in found if place.startswith(own))
 
 
 def argued(page: str) -> dict[str, str]:

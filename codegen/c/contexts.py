@@ -21,15 +21,14 @@ from ..kernels.equations import Equations
 from ..kernels.interface import turning_joints
 from ..kernels.signatures import KERNELS, SIGNATURES, SINGLES, Function, by_kind, functions, shapes
 from ..kernels.steps.methods import RK4, TSIT5, W643
-from ..program.operations import CALLS
 from ..solve.factorised import coordinate_parents
 from .definitions import define, define_setup, define_share
-from .lanes import SQUARES, batched, calls_of, kept_size, pack
-from .scalar_types import SCALARS, TURNS, Scalar
+from .lanes import batched, calls_of, kept_size, pack
+from .scalar_types import SCALARS, Scalar
 
 LITERALS = {"zero": 0.0, "half": 0.5, "one": 1.0}  # of templates
 LIBRARY = {"float64": "eom", "float32": "eomf"}  # what names of the library begin with
-PIVOT_LIMITS = {"float64": 1e-12, "float32": 1e-5}  # a pivot below so much of its scale counts as vanished
+PIVOT_LIMITS = {"float64": 1e-12, "float32": 1e-5}  # EOM_VANISHED of clib/precision.h
 OPEN_GAPS = {"float64": 1e-9, "float32": 1e-5}  # m or rad, and per second of a rate of 1: more is not round-off
 CLOSED_GAPS = {"float64": 1e-11, "float32": 2e-6}  # m or rad, from which one more projection leaves round-off
 MET_GAPS = {"float64": 1e-12, "float32": 2e-6}  # m, or sine of an angle: a constraint that is met
@@ -108,20 +107,22 @@ def number_context(equations: Equations, dtype: str, meta: Mapping[str, Any]) ->
     programs = equations.programs.values()
     public = [name for name in equations.kernels if SIGNATURES[name].kind != "frames"]
     whole = [program for program in programs if program.name not in equations.shares]
-    definitions = [define(program, model.name, scalar, public=program.name in public) for program in whole]
+    singular = f"singular({model.size}, pivot)"
+    definitions = [
+        define(program, model.name, scalar, singular=singular, public=program.name in public) for program in whole
+    ]
     looped = [x for x in functions(equations.kernels) if f"{x.name}_batch" in meta["halves"][SINGLES]]
     return {
         "scalar": scalar.name,
         "shared": scalar.name,
         "suffix": "",
         "linkage": "",
-        "bytes": np.dtype(dtype).itemsize,
+        "singular": singular,
         "literal_suffix": scalar.suffix,
         "literals": literals(dtype),
         "one": scalar.literal(1.0),
         "zero": scalar.literal(0.0),
         "whole": scalar.whole,
-        "pivot_limit": scalar.literal(PIVOT_LIMITS[dtype]),
         "open_gap": scalar.literal(OPEN_GAPS[dtype]),
         "redundant": meta.get("redundant", False),
         "closed_gap": scalar.literal(CLOSED_GAPS[dtype]),
@@ -133,14 +134,10 @@ def number_context(equations: Equations, dtype: str, meta: Mapping[str, Any]) ->
         "setup": define_setup(equations.setup, model.name, scalar),
         "programs": definitions,
         "equations_of_robot": {"": {program.name for program in whole}},
-        "solving": any(definition.has_pivots for definition in definitions),
         "composed": _templates(_composed(equations)),
         "looped": [function for function in looped if not function.is_rollout],
         "rollout_is_looped": any(function.kind == "rollout" for function in looped),
         "adaptive_is_looped": any(function.kind == "adaptive" for function in looped),
-        "turn": TURNS[dtype],
-        "turns": any(i.op in ("sin", "cos") for program in programs for i in program.instructions),
-        "called": {i.op for program in (equations.setup, *programs) for i in program.instructions} & set(CALLS),
         "shares": _shares(equations, scalar),
         **_tables(model),
         **_closing_tables(equations, dtype),
@@ -271,9 +268,10 @@ def lane_context(equations: Equations, dtype: str) -> dict[str, Any]:
     public = _functions(functions(together))
     names = {function.name for function in public["functions"]}
     packings = {p.name: packing for p in programs if p.name in names and (packing := pack(p)) is not None}
+    singular = f"singular_lanes({model.size}, {statuses(model)}, pivot)"
+    alone = {name: packing.program for name, packing in packings.items()}
     definitions = [
-        define(packings[p.name].program if p.name in packings else p, model.name, lanes, packed=p.name in packings)
-        for p in programs
+        define(alone.get(p.name, p), model.name, lanes, singular=singular, packed=p.name in packings) for p in programs
     ]
     called = {program for name in together for program in equations.calls.get(name, ())}
     composed = by_kind(name for name in together if name in equations.calls and not _rolls(name))
@@ -283,6 +281,7 @@ def lane_context(equations: Equations, dtype: str) -> dict[str, Any]:
         "shared": lanes.shared,
         "suffix": "_lanes",
         "linkage": "static ",
+        "singular": singular,
         "whole": lanes.whole,
         "one": lanes.whole(one),
         "zero": lanes.whole(zero),
@@ -291,13 +290,11 @@ def lane_context(equations: Equations, dtype: str) -> dict[str, Any]:
         "equations_of_robot": {"_lanes": {p.name for p in programs if p.name not in packings or p.name in called}},
         "packings": packings,
         "unpacked": [(name, SIGNATURES[name]) for name in packings if name in called],
-        "solving": any(definition.has_pivots for definition in definitions),
         "shares": _shares(equations, lanes) if equations.shares.keys() & set(together) else None,
         "composed": _templates(composed),
         "closing": _closing_files(equations, composed),
         "framed": _templates(name for name in together if KERNELS[name].kind == "frames"),
         **public,
-        "squares": SQUARES[dtype],
     }
 
 

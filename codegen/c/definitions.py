@@ -57,16 +57,18 @@ class Definition:
     has_gate: bool = False
 
 
-def define(program: Program, robot: str, scalar: Scalar, *, public: bool = False, packed: bool = False) -> Definition:
+def define(
+    program: Program, robot: str, scalar: Scalar, *, singular: str = "0", public: bool = False, packed: bool = False
+) -> Definition:
     """A kernel's program on numbers, or on vectors with one state in every lane where ``scalar`` is such a vector.
 
     Args:
+        singular: the status of pivots, as C.
         packed: whether the program writes its different results alone, ``lanes.pack``.
     """
     lanes = scalar.spread
     pivots = any(array == "pivot" for array, _ in program.outputs)
-    status = f"{robot}_failed{'_lanes' if lanes else ''}(pivot)" if pivots else "0"
-    function = write_function(program, scalar, ending=f"return {status};")
+    function = write_function(program, scalar, ending=f"return {singular if pivots else 0};")
     name = f"{robot}_{program.name}{'_packed' if packed else '_lanes' if lanes else ''}"
     return _definition(function, name, scalar, _turns(function, scalar), "" if public and not lanes else "static ")
 

@@ -1,8 +1,7 @@
-"""Several states at a time, one in every lane of a vector: which kernels fit, what repeats, squares that turn over."""
+"""Several states at a time, one in every lane of a vector: which kernels fit, and what repeats."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,7 +11,6 @@ from ..kernels.signatures import BATCHES, KERNELS, SIGNATURES, SINGLES, function
 from ..program.ir import Program
 from .statements import handed_on, split, trig_values
 
-VECTORS = (16, 32, 64)  # bytes of a vector
 PACKED, LEAST = 0.75, 100  # different numbers of a result are kept alone where they are no more, of so many at least
 LANE_VALUES = 8192  # values that a kernel for several states may keep on the stack: 512 KB of the longest vectors
 
@@ -94,45 +92,3 @@ def pack(program: Program) -> Packing | None:
     others = {key: index for key, index in program.outputs.items() if key[0] != "out"}
     results = {("out", place): index for index, place in number.items()}
     return Packing(replace(program, outputs={**results, **others}), len(number), places)
-
-
-@dataclass(frozen=True)
-class Shuffle:
-    """A row that two rows make: names of the rows, and for every lane its place in both, one behind the other."""
-
-    row: str
-    first: str
-    second: str
-    lanes: tuple[int, ...]
-
-
-@dataclass(frozen=True)
-class Square:
-    """Shuffles that transpose a square of numbers, as many rows as a vector has lanes.
-
-    Blocks of 1, 2, 4 ... numbers swap across the diagonal, so that x0, x1, ... become ``rows``.
-    """
-
-    size: int
-    shuffles: tuple[Shuffle, ...]
-    rows: tuple[str, ...]
-
-
-def square(size: int) -> Square:
-    """The square of a vector with so many lanes, a power of two."""
-    shuffles, rows, distance = [], [f"x{i}" for i in range(size)], 1
-    while distance < size:
-        turned = [f"y{distance}_{i}" for i in range(size)]
-        for i in (i for i in range(size) if not i & distance):
-            j = i + distance
-            lower = tuple(size + lane - distance if lane & distance else lane for lane in range(size))
-            upper = tuple(size + lane if lane & distance else lane + distance for lane in range(size))
-            shuffles.append(Shuffle(turned[i], rows[i], rows[j], lower))
-            shuffles.append(Shuffle(turned[j], rows[i], rows[j], upper))
-        rows, distance = turned, 2 * distance
-    return Square(size, tuple(shuffles), tuple(rows))
-
-
-SQUARES: Mapping[str, tuple[Square, ...]] = {
-    dtype: tuple(square(width // np.dtype(dtype).itemsize) for width in VECTORS) for dtype in ("float64", "float32")
-}

@@ -8,7 +8,7 @@ from functools import cache
 
 import jinja2
 
-from .library import FOLDER, library_files
+from .library import library_files
 
 
 @dataclass(frozen=True)
@@ -32,8 +32,7 @@ class Source:
     @property
     def files(self) -> dict[str, str]:
         """Header, code and the library that they include, by their places in one folder."""
-        library = library_files() if f'"{FOLDER}/' in self.code else {}
-        return {f"{self.name}.h": self.header, f"{self.name}.c": self.code, **library}
+        return {f"{self.name}.h": self.header, f"{self.name}.c": self.code, **library_files()}
 
     def only(self, half: str) -> Source:
         """The same to compile one half alone: "singles" or "batches", or both without a name."""

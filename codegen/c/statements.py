@@ -59,7 +59,7 @@ def write_function(
     """Program -> statements of C.
 
     Args:
-        turning: take all sines and cosines at once in front (``turn`` of ``kernel/vectors.jinja``), not one by one.
+        turning: take all sines and cosines at once in front (``turn`` of ``clib/lanes.h``), not one by one.
         stops: of a run (``program.shares``), which ends there if nothing is wanted of what comes behind.
         ending: statement that ends the function where a gate is shut.
     """

@@ -22,7 +22,7 @@ class Operation:
             for sine and cosine, which are counted by their angles.
         value: its value, of floats; of arithmetic, for anything that has it.
         rate: (graph, x, y, dx) -> dy, where y is its value at the arguments x; None where it is always zero.
-        function: the function of ``vectors.jinja`` that C calls, for one number and with the suffix _lanes for a
+        function: the function of ``clib/lanes.h`` that C calls, for one number and with the suffix _lanes for a
             vector of them; empty where C has an operator, or a function of <math.h>.
         sympy: (sympy, *x) -> its expression, of a function; SymPy's module is given, so that programs import none.
         idempotent: whether op(x, x) is x.

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..c.scalar_types import TURNS
 from ..program.ir import Program
 from ..program.operations import VALUES
 from .stored import MEASURED, STATES
@@ -177,30 +176,3 @@ def _arrays(program: Program, values: Sequence[Any], lanes: int, dtype: np.dtype
     for (array, place), index in program.outputs.items():
         found[array][place] = values[index]
     return found
-
-
-def polynomials(angles: Array) -> tuple[Array, Array]:
-    """Sines and cosines as ``turn`` of ``kernel/vectors.jinja`` computes them, without fused multiply-adds."""
-    turn, real = TURNS[str(angles.dtype)], angles.dtype.type
-
-    def number(text: str) -> Any:
-        bare = text.rstrip("f") if real is np.float32 else text
-        return real(float.fromhex(bare) if "0x" in bare else float(bare))
-
-    def polynomial(coefficients: Sequence[str]) -> Any:
-        total = number(coefficients[-1])
-        for text in reversed(coefficients[:-1]):
-            total = number(text) + z * total
-        return total
-
-    shifted = angles * number(turn.per_quarter) + number(turn.shift)
-    quarters = shifted - number(turn.shift)
-    r = angles
-    for part in turn.quarter:
-        r = r - quarters * number(part)
-    z = r * r
-    s, c = r + r * z * polynomial(turn.sine), real(1.0) - z * (real(0.5) - z * polynomial(turn.cosine))
-    quarter = shifted.view(np.int64 if real is np.float64 else np.int32)
-    odd = (quarter & 1) != 0
-    sine, cosine = np.where(odd, c, s), np.where(odd, s, c)
-    return np.where(quarter & 2, -sine, sine), np.where((quarter + 1) & 2, -cosine, cosine)

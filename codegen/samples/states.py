@@ -12,8 +12,9 @@ from ..kernels.derived import is_direction
 from ..kernels.equations import Equations
 from ..kernels.signatures import SIGNATURES, shapes
 from ..program.ir import Instruction, Program, select
-from .arithmetic import Arithmetic, Array, polynomials
+from .arithmetic import Arithmetic, Array
 from .rounding import telling_lanes
+from .sines import polynomials
 from .stored import ROUNDED, STATES
 
 Angle = tuple[Instruction, ...]

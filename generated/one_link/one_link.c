@@ -15,65 +15,7 @@
 #define EOMGEN_PART static
 #endif
 
-#if !defined(EOMGEN_VECTOR) /* bytes of a vector; 0 for none; the few angles of one state fill no wide one */
-#if defined(__GNUC__) && defined(__AVX512F__) && !defined(EOMGEN_SINGLES_ONLY)
-#define EOMGEN_VECTOR 64
-#elif defined(__GNUC__) && defined(__AVX__)
-#define EOMGEN_VECTOR 32
-#elif defined(__GNUC__) && (defined(__SSE2__) || defined(__ARM_NEON))
-#define EOMGEN_VECTOR 16
-#else
-#define EOMGEN_VECTOR 0
-#endif
-#endif
-
-#if EOMGEN_VECTOR
-typedef double lanes __attribute__((vector_size(EOMGEN_VECTOR)));
-typedef long long bits __attribute__((vector_size(EOMGEN_VECTOR)));
-#define LANES (EOMGEN_VECTOR / 8)
-#define EOMGEN_HELPER static __attribute__((unused))
-#else
-typedef double lanes;
-#define LANES 1
-#define EOMGEN_HELPER static
-#endif
-#define PADDED(count) (((count) + LANES - 1) / LANES * LANES)
-
-/* Sines and cosines of count angles, a multiple of LANES; within 2.5 units in the last place.
- * The nearest multiple of pi/2 is taken off in parts, and the rest goes into the polynomials of
- * fdlibm (Sun Microsystems 1993).  Angles beyond 1e6 are left to the library. */
-EOMGEN_HELPER void turn(const double *restrict angle, size_t count, double *restrict sine, double *restrict cosine)
-{
-#if EOMGEN_VECTOR
-    bits far = { 0 };
-    long long any = 0;
-    for (size_t i = 0; i < count; i += LANES) {
-        lanes x;
-        (void)memcpy(&x, angle + i, sizeof x);
-        far |= (bits)(x > 1e6) | (bits)(x < -1e6);
-        const lanes shifted = x*0.63661977236758134308 + 0x1.8p52;
-        const lanes quarters = shifted - 0x1.8p52;
-        const lanes r = x - quarters*0x1.921fb544p+0 - quarters*0x1.0b4611a6p-34 - quarters*0x1.3198a2e037073p-69;
-        const lanes z = r*r;
-        const lanes s = r + r*z*(-1.66666666666666324348e-01 + z*(8.33333333332248946124e-03 + z*(-1.98412698298579493134e-04 + z*(2.75573137070700676789e-06 + z*(-2.50507602534068634195e-08 + z*1.58969099521155010221e-10)))));
-        const lanes c = 1.0 - z*(0.5 - z*(4.16666666666666019037e-02 + z*(-1.38888888888741095749e-03 + z*(2.48015872894767294178e-05 + z*(-2.75573143513906633035e-07 + z*(2.08757232129817482790e-09 + z*-1.13596475577881948265e-11))))));
-        const bits quarter = (bits)shifted, odd = (bits)((quarter & 1) != 0);
-        const bits s_bits = (odd & (bits)c) | (~odd & (bits)s), c_bits = (odd & (bits)s) | (~odd & (bits)c);
-        const bits s_signed = s_bits ^ ((quarter & 2) << 62), c_signed = c_bits ^ (((quarter + 1) & 2) << 62);
-        (void)memcpy(sine + i, &s_signed, sizeof s_signed);
-        (void)memcpy(cosine + i, &c_signed, sizeof c_signed);
-    }
-    for (int l = 0; l < LANES; ++l) { any |= far[l]; }
-    if (any == 0) { return; }
-#endif
-    for (size_t i = 0; i < count; ++i) {
-#if EOMGEN_VECTOR
-        if (angle[i] <= 1e6 && angle[i] >= -1e6) { continue; }
-#endif
-        sine[i] = sin(angle[i]);
-        cosine[i] = cos(angle[i]);
-    }
-}
+#include "clib/lanes.h"
 
 #if !defined(EOMGEN_BATCHES_ONLY) || defined(EOMGEN_SETUP)
 
@@ -94,15 +36,6 @@ void one_link_setup(const double *restrict p, double *restrict h)
 #endif
 
 #if !defined(EOMGEN_BATCHES_ONLY) /* one state at a time */
-
-/* 0, or 1 + i for the first coordinate i whose pivot vanishes beside its scale; NaN counts as vanished. */
-static int one_link_failed(const double *restrict pivot)
-{
-    for (int i = 0; i < 2; ++i) {
-        if (!(pivot[2 * i] > 1e-12 * pivot[2 * i + 1])) { return 1 + i; }
-    }
-    return 0;
-}
 
 /* Mass matrix M(q), eq. (11). */
 int one_link_mass_matrix(const double *restrict h, const double *restrict q, double *restrict out)
@@ -233,7 +166,7 @@ int one_link_forward_dynamics(const double *restrict h, const double *restrict q
     out[0] = t38;
     out[1] = 3.0*t27 + t31*t38;
 
-    return one_link_failed(pivot);
+    return singular(2, pivot);
 }
 
 /* Derivatives of the residual by q, v and a: three matrices. */
@@ -314,7 +247,7 @@ int one_link_forward_dynamics_jacobian(const double *restrict h, const double *r
     out[5] = t11*t82 - t86*t14;
     out[7] = t82*t14 - t86*t70;
 
-    return one_link_failed(pivot);
+    return singular(2, pivot);
 }
 
 /* Coriolis matrix C(q, v) with C v = bias and M_dot = C + C^T. */
@@ -492,7 +425,7 @@ static int one_link_implicit_step(const double *restrict h, const double *restri
     out[0] = t50;
     out[1] = t26 + 0.5*t25*(sine[0]*(t50 - h[0]) + h[1]*cosine[0]);
 
-    return one_link_failed(pivot);
+    return singular(2, pivot);
 }
 
 /* Factors of M + c B + c^2 K, for the stages of a Rosenbrock method. */
@@ -524,7 +457,7 @@ static int one_link_stage_factors(const double *restrict h, const double *restri
     pivot[1] = t5 + 1.0;
     out[7] = 1.0/t26;
 
-    return one_link_failed(pivot);
+    return singular(2, pivot);
 }
 
 /* w of (M + c B + c^2 K) w = -((c B + c^2 K) rates + c K shifts). */
@@ -761,311 +694,6 @@ void one_link_loaded(size_t count, const one_link_loads *restrict loads, const d
 
 #if !defined(EOMGEN_SINGLES_ONLY) /* several states at a time: the same statements on vectors, a state in every lane */
 
-#if EOMGEN_VECTOR
-#define LANE(x, l) ((x)[l])
-#define ALL(x) ((x) - (lanes){ 0.0 })
-#else
-#define LANE(x, l) (x)
-#define ALL(x) (x)
-#endif
-#define LINE (64 / 8) /* numbers that memory brings at once */
-#define AHEAD (LANES < 8 ? 8 : LANES) /* so many states later is what memory is asked for */
-#define MANY ((size_t)1 << 24) /* bytes of results: beyond that they hardly stay in a cache */
-
-#if EOMGEN_VECTOR && defined(__has_builtin)
-#if __has_builtin(__builtin_shufflevector)
-#define EOMGEN_TRANSPOSE
-#if LANES == 2
-/* A square of numbers turned over: LANES numbers of LANES states that lie step apart, a state in every lane of y.
- * If there are more, memory is asked for what lies ahead: it comes while these are computed. */
-static inline void turned(const double *restrict x, size_t step, int more, lanes *restrict y)
-{
-    lanes x0, x1;
-    memcpy(&x0, x + 0 * step, sizeof(lanes));
-    memcpy(&x1, x + 1 * step, sizeof(lanes));
-    if (more) {
-        __builtin_prefetch(x + (AHEAD + 0) * step, 0, 3);
-        __builtin_prefetch(x + (AHEAD + 1) * step, 0, 3);
-    }
-    const lanes y1_0 = __builtin_shufflevector(x0, x1, 0, 2);
-    const lanes y1_1 = __builtin_shufflevector(x0, x1, 1, 3);
-
-    y[0] = y1_0;
-    y[1] = y1_1;
-}
-
-/* The other way: number i of a state is x[place[i]], or x[i] without places. */
-static inline void turned_back(const lanes *restrict x, const unsigned short *restrict place, size_t step, int more, double *restrict y)
-{
-    if (more) {
-        __builtin_prefetch(y + (AHEAD + 0) * step, 0, 2);
-        __builtin_prefetch(y + (AHEAD + 1) * step, 0, 2);
-    }
-    const lanes x0 = x[place ? place[0] : 0], x1 = x[place ? place[1] : 1];
-    const lanes y1_0 = __builtin_shufflevector(x0, x1, 0, 2);
-    const lanes y1_1 = __builtin_shufflevector(x0, x1, 1, 3);
-
-    memcpy(y + 0 * step, &y1_0, sizeof(lanes));
-    memcpy(y + 1 * step, &y1_1, sizeof(lanes));
-}
-#endif
-#if LANES == 4
-/* A square of numbers turned over: LANES numbers of LANES states that lie step apart, a state in every lane of y.
- * If there are more, memory is asked for what lies ahead: it comes while these are computed. */
-static inline void turned(const double *restrict x, size_t step, int more, lanes *restrict y)
-{
-    lanes x0, x1, x2, x3;
-    memcpy(&x0, x + 0 * step, sizeof(lanes));
-    memcpy(&x1, x + 1 * step, sizeof(lanes));
-    memcpy(&x2, x + 2 * step, sizeof(lanes));
-    memcpy(&x3, x + 3 * step, sizeof(lanes));
-    if (more) {
-        __builtin_prefetch(x + (AHEAD + 0) * step, 0, 3);
-        __builtin_prefetch(x + (AHEAD + 1) * step, 0, 3);
-        __builtin_prefetch(x + (AHEAD + 2) * step, 0, 3);
-        __builtin_prefetch(x + (AHEAD + 3) * step, 0, 3);
-    }
-    const lanes y1_0 = __builtin_shufflevector(x0, x1, 0, 4, 2, 6);
-    const lanes y1_1 = __builtin_shufflevector(x0, x1, 1, 5, 3, 7);
-    const lanes y1_2 = __builtin_shufflevector(x2, x3, 0, 4, 2, 6);
-    const lanes y1_3 = __builtin_shufflevector(x2, x3, 1, 5, 3, 7);
-    const lanes y2_0 = __builtin_shufflevector(y1_0, y1_2, 0, 1, 4, 5);
-    const lanes y2_2 = __builtin_shufflevector(y1_0, y1_2, 2, 3, 6, 7);
-    const lanes y2_1 = __builtin_shufflevector(y1_1, y1_3, 0, 1, 4, 5);
-    const lanes y2_3 = __builtin_shufflevector(y1_1, y1_3, 2, 3, 6, 7);
-
-    y[0] = y2_0;
-    y[1] = y2_1;
-    y[2] = y2_2;
-    y[3] = y2_3;
-}
-
-/* The other way: number i of a state is x[place[i]], or x[i] without places. */
-static inline void turned_back(const lanes *restrict x, const unsigned short *restrict place, size_t step, int more, double *restrict y)
-{
-    if (more) {
-        __builtin_prefetch(y + (AHEAD + 0) * step, 0, 2);
-        __builtin_prefetch(y + (AHEAD + 1) * step, 0, 2);
-        __builtin_prefetch(y + (AHEAD + 2) * step, 0, 2);
-        __builtin_prefetch(y + (AHEAD + 3) * step, 0, 2);
-    }
-    const lanes x0 = x[place ? place[0] : 0], x1 = x[place ? place[1] : 1], x2 = x[place ? place[2] : 2], x3 = x[place ? place[3] : 3];
-    const lanes y1_0 = __builtin_shufflevector(x0, x1, 0, 4, 2, 6);
-    const lanes y1_1 = __builtin_shufflevector(x0, x1, 1, 5, 3, 7);
-    const lanes y1_2 = __builtin_shufflevector(x2, x3, 0, 4, 2, 6);
-    const lanes y1_3 = __builtin_shufflevector(x2, x3, 1, 5, 3, 7);
-    const lanes y2_0 = __builtin_shufflevector(y1_0, y1_2, 0, 1, 4, 5);
-    const lanes y2_2 = __builtin_shufflevector(y1_0, y1_2, 2, 3, 6, 7);
-    const lanes y2_1 = __builtin_shufflevector(y1_1, y1_3, 0, 1, 4, 5);
-    const lanes y2_3 = __builtin_shufflevector(y1_1, y1_3, 2, 3, 6, 7);
-
-    memcpy(y + 0 * step, &y2_0, sizeof(lanes));
-    memcpy(y + 1 * step, &y2_1, sizeof(lanes));
-    memcpy(y + 2 * step, &y2_2, sizeof(lanes));
-    memcpy(y + 3 * step, &y2_3, sizeof(lanes));
-}
-#endif
-#if LANES == 8
-/* A square of numbers turned over: LANES numbers of LANES states that lie step apart, a state in every lane of y.
- * If there are more, memory is asked for what lies ahead: it comes while these are computed. */
-static inline void turned(const double *restrict x, size_t step, int more, lanes *restrict y)
-{
-    lanes x0, x1, x2, x3, x4, x5, x6, x7;
-    memcpy(&x0, x + 0 * step, sizeof(lanes));
-    memcpy(&x1, x + 1 * step, sizeof(lanes));
-    memcpy(&x2, x + 2 * step, sizeof(lanes));
-    memcpy(&x3, x + 3 * step, sizeof(lanes));
-    memcpy(&x4, x + 4 * step, sizeof(lanes));
-    memcpy(&x5, x + 5 * step, sizeof(lanes));
-    memcpy(&x6, x + 6 * step, sizeof(lanes));
-    memcpy(&x7, x + 7 * step, sizeof(lanes));
-    if (more) {
-        __builtin_prefetch(x + (AHEAD + 0) * step, 0, 3);
-        __builtin_prefetch(x + (AHEAD + 1) * step, 0, 3);
-        __builtin_prefetch(x + (AHEAD + 2) * step, 0, 3);
-        __builtin_prefetch(x + (AHEAD + 3) * step, 0, 3);
-        __builtin_prefetch(x + (AHEAD + 4) * step, 0, 3);
-        __builtin_prefetch(x + (AHEAD + 5) * step, 0, 3);
-        __builtin_prefetch(x + (AHEAD + 6) * step, 0, 3);
-        __builtin_prefetch(x + (AHEAD + 7) * step, 0, 3);
-    }
-    const lanes y1_0 = __builtin_shufflevector(x0, x1, 0, 8, 2, 10, 4, 12, 6, 14);
-    const lanes y1_1 = __builtin_shufflevector(x0, x1, 1, 9, 3, 11, 5, 13, 7, 15);
-    const lanes y1_2 = __builtin_shufflevector(x2, x3, 0, 8, 2, 10, 4, 12, 6, 14);
-    const lanes y1_3 = __builtin_shufflevector(x2, x3, 1, 9, 3, 11, 5, 13, 7, 15);
-    const lanes y1_4 = __builtin_shufflevector(x4, x5, 0, 8, 2, 10, 4, 12, 6, 14);
-    const lanes y1_5 = __builtin_shufflevector(x4, x5, 1, 9, 3, 11, 5, 13, 7, 15);
-    const lanes y1_6 = __builtin_shufflevector(x6, x7, 0, 8, 2, 10, 4, 12, 6, 14);
-    const lanes y1_7 = __builtin_shufflevector(x6, x7, 1, 9, 3, 11, 5, 13, 7, 15);
-    const lanes y2_0 = __builtin_shufflevector(y1_0, y1_2, 0, 1, 8, 9, 4, 5, 12, 13);
-    const lanes y2_2 = __builtin_shufflevector(y1_0, y1_2, 2, 3, 10, 11, 6, 7, 14, 15);
-    const lanes y2_1 = __builtin_shufflevector(y1_1, y1_3, 0, 1, 8, 9, 4, 5, 12, 13);
-    const lanes y2_3 = __builtin_shufflevector(y1_1, y1_3, 2, 3, 10, 11, 6, 7, 14, 15);
-    const lanes y2_4 = __builtin_shufflevector(y1_4, y1_6, 0, 1, 8, 9, 4, 5, 12, 13);
-    const lanes y2_6 = __builtin_shufflevector(y1_4, y1_6, 2, 3, 10, 11, 6, 7, 14, 15);
-    const lanes y2_5 = __builtin_shufflevector(y1_5, y1_7, 0, 1, 8, 9, 4, 5, 12, 13);
-    const lanes y2_7 = __builtin_shufflevector(y1_5, y1_7, 2, 3, 10, 11, 6, 7, 14, 15);
-    const lanes y4_0 = __builtin_shufflevector(y2_0, y2_4, 0, 1, 2, 3, 8, 9, 10, 11);
-    const lanes y4_4 = __builtin_shufflevector(y2_0, y2_4, 4, 5, 6, 7, 12, 13, 14, 15);
-    const lanes y4_1 = __builtin_shufflevector(y2_1, y2_5, 0, 1, 2, 3, 8, 9, 10, 11);
-    const lanes y4_5 = __builtin_shufflevector(y2_1, y2_5, 4, 5, 6, 7, 12, 13, 14, 15);
-    const lanes y4_2 = __builtin_shufflevector(y2_2, y2_6, 0, 1, 2, 3, 8, 9, 10, 11);
-    const lanes y4_6 = __builtin_shufflevector(y2_2, y2_6, 4, 5, 6, 7, 12, 13, 14, 15);
-    const lanes y4_3 = __builtin_shufflevector(y2_3, y2_7, 0, 1, 2, 3, 8, 9, 10, 11);
-    const lanes y4_7 = __builtin_shufflevector(y2_3, y2_7, 4, 5, 6, 7, 12, 13, 14, 15);
-
-    y[0] = y4_0;
-    y[1] = y4_1;
-    y[2] = y4_2;
-    y[3] = y4_3;
-    y[4] = y4_4;
-    y[5] = y4_5;
-    y[6] = y4_6;
-    y[7] = y4_7;
-}
-
-/* The other way: number i of a state is x[place[i]], or x[i] without places. */
-static inline void turned_back(const lanes *restrict x, const unsigned short *restrict place, size_t step, int more, double *restrict y)
-{
-    if (more) {
-        __builtin_prefetch(y + (AHEAD + 0) * step, 0, 2);
-        __builtin_prefetch(y + (AHEAD + 1) * step, 0, 2);
-        __builtin_prefetch(y + (AHEAD + 2) * step, 0, 2);
-        __builtin_prefetch(y + (AHEAD + 3) * step, 0, 2);
-        __builtin_prefetch(y + (AHEAD + 4) * step, 0, 2);
-        __builtin_prefetch(y + (AHEAD + 5) * step, 0, 2);
-        __builtin_prefetch(y + (AHEAD + 6) * step, 0, 2);
-        __builtin_prefetch(y + (AHEAD + 7) * step, 0, 2);
-    }
-    const lanes x0 = x[place ? place[0] : 0], x1 = x[place ? place[1] : 1], x2 = x[place ? place[2] : 2], x3 = x[place ? place[3] : 3], x4 = x[place ? place[4] : 4], x5 = x[place ? place[5] : 5], x6 = x[place ? place[6] : 6], x7 = x[place ? place[7] : 7];
-    const lanes y1_0 = __builtin_shufflevector(x0, x1, 0, 8, 2, 10, 4, 12, 6, 14);
-    const lanes y1_1 = __builtin_shufflevector(x0, x1, 1, 9, 3, 11, 5, 13, 7, 15);
-    const lanes y1_2 = __builtin_shufflevector(x2, x3, 0, 8, 2, 10, 4, 12, 6, 14);
-    const lanes y1_3 = __builtin_shufflevector(x2, x3, 1, 9, 3, 11, 5, 13, 7, 15);
-    const lanes y1_4 = __builtin_shufflevector(x4, x5, 0, 8, 2, 10, 4, 12, 6, 14);
-    const lanes y1_5 = __builtin_shufflevector(x4, x5, 1, 9, 3, 11, 5, 13, 7, 15);
-    const lanes y1_6 = __builtin_shufflevector(x6, x7, 0, 8, 2, 10, 4, 12, 6, 14);
-    const lanes y1_7 = __builtin_shufflevector(x6, x7, 1, 9, 3, 11, 5, 13, 7, 15);
-    const lanes y2_0 = __builtin_shufflevector(y1_0, y1_2, 0, 1, 8, 9, 4, 5, 12, 13);
-    const lanes y2_2 = __builtin_shufflevector(y1_0, y1_2, 2, 3, 10, 11, 6, 7, 14, 15);
-    const lanes y2_1 = __builtin_shufflevector(y1_1, y1_3, 0, 1, 8, 9, 4, 5, 12, 13);
-    const lanes y2_3 = __builtin_shufflevector(y1_1, y1_3, 2, 3, 10, 11, 6, 7, 14, 15);
-    const lanes y2_4 = __builtin_shufflevector(y1_4, y1_6, 0, 1, 8, 9, 4, 5, 12, 13);
-    const lanes y2_6 = __builtin_shufflevector(y1_4, y1_6, 2, 3, 10, 11, 6, 7, 14, 15);
-    const lanes y2_5 = __builtin_shufflevector(y1_5, y1_7, 0, 1, 8, 9, 4, 5, 12, 13);
-    const lanes y2_7 = __builtin_shufflevector(y1_5, y1_7, 2, 3, 10, 11, 6, 7, 14, 15);
-    const lanes y4_0 = __builtin_shufflevector(y2_0, y2_4, 0, 1, 2, 3, 8, 9, 10, 11);
-    const lanes y4_4 = __builtin_shufflevector(y2_0, y2_4, 4, 5, 6, 7, 12, 13, 14, 15);
-    const lanes y4_1 = __builtin_shufflevector(y2_1, y2_5, 0, 1, 2, 3, 8, 9, 10, 11);
-    const lanes y4_5 = __builtin_shufflevector(y2_1, y2_5, 4, 5, 6, 7, 12, 13, 14, 15);
-    const lanes y4_2 = __builtin_shufflevector(y2_2, y2_6, 0, 1, 2, 3, 8, 9, 10, 11);
-    const lanes y4_6 = __builtin_shufflevector(y2_2, y2_6, 4, 5, 6, 7, 12, 13, 14, 15);
-    const lanes y4_3 = __builtin_shufflevector(y2_3, y2_7, 0, 1, 2, 3, 8, 9, 10, 11);
-    const lanes y4_7 = __builtin_shufflevector(y2_3, y2_7, 4, 5, 6, 7, 12, 13, 14, 15);
-
-    memcpy(y + 0 * step, &y4_0, sizeof(lanes));
-    memcpy(y + 1 * step, &y4_1, sizeof(lanes));
-    memcpy(y + 2 * step, &y4_2, sizeof(lanes));
-    memcpy(y + 3 * step, &y4_3, sizeof(lanes));
-    memcpy(y + 4 * step, &y4_4, sizeof(lanes));
-    memcpy(y + 5 * step, &y4_5, sizeof(lanes));
-    memcpy(y + 6 * step, &y4_6, sizeof(lanes));
-    memcpy(y + 7 * step, &y4_7, sizeof(lanes));
-}
-#endif
-#endif
-#endif
-
-/* Numbers of up to LANES states that lie step apart; the last one fills the lanes that are left.  more: whether there
- * are states so far ahead. */
-static void gather(const double *restrict x, size_t step, size_t here, int more, int size, lanes *restrict y)
-{
-    (void)more;
-#if defined(EOMGEN_TRANSPOSE)
-    if (size >= LANES && here == LANES) {
-        for (int i = 0; i < size; i += LANES) {
-            const int at = i + LANES <= size ? i : size - LANES; /* the last square overlaps the one before */
-            turned(x + at, step, more && i % LINE == 0, y + at);
-        }
-        return;
-    }
-    if (size >= LANES) {
-        for (int i = 0; i < size; i += LANES) {
-            const int at = i + LANES <= size ? i : size - LANES;
-            double rows[LANES * LANES];
-            for (size_t l = 0; l < LANES; ++l) memcpy(rows + l * LANES, x + (l < here ? l : here - 1) * step + at, sizeof(lanes));
-            turned(rows, LANES, 0, y + at);
-        }
-        return;
-    }
-#endif
-    const double *state[LANES];
-    for (size_t l = 0; l < LANES; ++l) state[l] = x + (l < here ? l : here - 1) * step;
-    for (int i = 0; i < size; ++i) {
-#if LANES == 2
-        y[i] = (lanes){ state[0][i], state[1][i] };
-#endif
-#if LANES == 4
-        y[i] = (lanes){ state[0][i], state[1][i], state[2][i], state[3][i] };
-#endif
-#if LANES == 8
-        y[i] = (lanes){ state[0][i], state[1][i], state[2][i], state[3][i], state[4][i], state[5][i], state[6][i], state[7][i] };
-#endif
-#if LANES == 1
-        y[i] = state[0][i];
-#endif
-    }
-}
-
-/* The other way: number i of a state is x[place[i]], or x[i] without places. */
-static inline void scatter(const lanes *restrict x, const unsigned short *restrict place, size_t here, int more, int size, size_t step, double *restrict y)
-{
-    (void)more;
-#if defined(EOMGEN_TRANSPOSE)
-    if (size >= LANES && here == LANES) {
-        const int past = place ? (int)((size_t)y / sizeof *y % LANES) : 0; /* behind the last whole vector of memory */
-        for (int i = 0; i < size; i += i == 0 ? LANES - past : LANES) {
-            const int at = i + LANES <= size ? i : size - LANES;
-            turned_back(place ? x : x + at, place ? place + at : NULL, step, more && (i + past) % LINE == 0, y + at);
-        }
-        return;
-    }
-    if (size >= LANES) {
-        for (int i = 0; i < size; i += LANES) {
-            const int at = i + LANES <= size ? i : size - LANES;
-            double rows[LANES * LANES];
-            turned_back(place ? x : x + at, place ? place + at : NULL, LANES, 0, rows);
-            for (size_t l = 0; l < here; ++l) memcpy(y + l * step + at, rows + l * LANES, sizeof(lanes));
-        }
-        return;
-    }
-#endif
-    for (int i = 0; i < size; ++i)
-        for (size_t l = 0; l < here; ++l) y[l * step + (size_t)i] = LANE(x[place ? place[i] : i], l);
-}
-
-/* What depends on parameters alone, the same in all lanes. */
-EOMGEN_HELPER void spread(const double *restrict h, lanes *restrict y)
-{
-    for (int i = 0; i < 7; ++i) y[i] = ALL(h[i]);
-}
-
-/* 0, or 1 + i + lane * 2 for the first lane with a pivot i that vanishes beside its scale. */
-static int one_link_failed_lanes(const lanes *restrict pivot)
-{
-#if EOMGEN_VECTOR
-    bits failed = { 0 };
-    long long any = 0;
-    for (int i = 0; i < 2; ++i) failed |= ~(bits)(pivot[2 * i] > 1e-12 * pivot[2 * i + 1]);
-    for (int l = 0; l < LANES; ++l) any |= failed[l];
-    if (any == 0) return 0;
-#endif
-    for (int l = 0; l < LANES; ++l)
-        for (int i = 0; i < 2; ++i)
-            if (!(LANE(pivot[2 * i], l) > 1e-12 * LANE(pivot[2 * i + 1], l))) return 1 + i + l * 2;
-    return 0;
-}
-
 /* Mass matrix M(q), eq. (11). */
 static int one_link_mass_matrix_lanes(const lanes *restrict h, const lanes *restrict q, lanes *restrict out)
 {
@@ -1188,7 +816,7 @@ static int one_link_forward_dynamics_lanes(const lanes *restrict h, const lanes 
     out[0] = t38;
     out[1] = 3.0*t27 + t31*t38;
 
-    return one_link_failed_lanes(pivot);
+    return singular_lanes(2, 2, pivot);
 }
 
 /* Derivatives of the residual by q, v and a: three matrices. */
@@ -1267,7 +895,7 @@ static int one_link_forward_dynamics_jacobian_lanes(const lanes *restrict h, con
     out[5] = t11*t82 - t86*t14;
     out[7] = t82*t14 - t86*t70;
 
-    return one_link_failed_lanes(pivot);
+    return singular_lanes(2, 2, pivot);
 }
 
 /* Coriolis matrix C(q, v) with C v = bias and M_dot = C + C^T. */
@@ -1438,7 +1066,7 @@ static int one_link_implicit_step_lanes(const lanes *restrict h, const lanes *re
     out[0] = t50;
     out[1] = t26 + 0.5*t25*(sine[0]*(t50 - h[0]) + h[1]*cosine[0]);
 
-    return one_link_failed_lanes(pivot);
+    return singular_lanes(2, 2, pivot);
 }
 
 /* Factors of M + c B + c^2 K, for the stages of a Rosenbrock method. */
@@ -1469,7 +1097,7 @@ static int one_link_stage_factors_lanes(const lanes *restrict h, const lanes *re
     pivot[1] = t5 + 1.0;
     out[7] = 1.0/t26;
 
-    return one_link_failed_lanes(pivot);
+    return singular_lanes(2, 2, pivot);
 }
 
 /* w of (M + c B + c^2 K) w = -((c B + c^2 K) rates + c K shifts). */
@@ -1491,7 +1119,7 @@ long long one_link_mass_matrix_batch(size_t count, const double *restrict h, con
 {
     lanes q_lanes[2], out_lanes[4];
     lanes h_lanes[7];
-    spread(h, h_lanes);
+    spread(7, h, h_lanes);
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
         const int more = count - i >= AHEAD + LANES;
@@ -1507,7 +1135,7 @@ long long one_link_bias_force_batch(size_t count, const double *restrict h, cons
 {
     lanes q_lanes[2], v_lanes[2], out_lanes[2];
     lanes h_lanes[7];
-    spread(h, h_lanes);
+    spread(7, h, h_lanes);
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
         const int more = count - i >= AHEAD + LANES;
@@ -1524,7 +1152,7 @@ long long one_link_generalized_force_batch(size_t count, const double *restrict 
 {
     lanes q_lanes[2], v_lanes[2], out_lanes[2];
     lanes h_lanes[7];
-    spread(h, h_lanes);
+    spread(7, h, h_lanes);
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
         const int more = count - i >= AHEAD + LANES;
@@ -1541,7 +1169,7 @@ long long one_link_external_force_batch(size_t count, const double *restrict h, 
 {
     lanes q_lanes[2], wrench_lanes[6], out_lanes[2];
     lanes h_lanes[7];
-    spread(h, h_lanes);
+    spread(7, h, h_lanes);
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
         const int more = count - i >= AHEAD + LANES;
@@ -1558,7 +1186,7 @@ long long one_link_residual_batch(size_t count, const double *restrict h, const 
 {
     lanes q_lanes[2], v_lanes[2], a_lanes[2], u_lanes[2], out_lanes[2];
     lanes h_lanes[7];
-    spread(h, h_lanes);
+    spread(7, h, h_lanes);
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
         const int more = count - i >= AHEAD + LANES;
@@ -1577,7 +1205,7 @@ long long one_link_inverse_dynamics_batch(size_t count, const double *restrict h
 {
     lanes q_lanes[2], v_lanes[2], a_lanes[2], out_lanes[2];
     lanes h_lanes[7];
-    spread(h, h_lanes);
+    spread(7, h, h_lanes);
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
         const int more = count - i >= AHEAD + LANES;
@@ -1595,7 +1223,7 @@ long long one_link_forward_dynamics_batch(size_t count, const double *restrict h
 {
     lanes q_lanes[2], v_lanes[2], u_lanes[2], out_lanes[2];
     lanes h_lanes[7];
-    spread(h, h_lanes);
+    spread(7, h, h_lanes);
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
         const int more = count - i >= AHEAD + LANES;
@@ -1613,7 +1241,7 @@ long long one_link_residual_jacobian_batch(size_t count, const double *restrict 
 {
     lanes q_lanes[2], v_lanes[2], a_lanes[2], out_lanes[12];
     lanes h_lanes[7];
-    spread(h, h_lanes);
+    spread(7, h, h_lanes);
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
         const int more = count - i >= AHEAD + LANES;
@@ -1631,7 +1259,7 @@ long long one_link_forward_dynamics_jacobian_batch(size_t count, const double *r
 {
     lanes q_lanes[2], v_lanes[2], u_lanes[2], out_lanes[12];
     lanes h_lanes[7];
-    spread(h, h_lanes);
+    spread(7, h, h_lanes);
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
         const int more = count - i >= AHEAD + LANES;
@@ -1649,7 +1277,7 @@ long long one_link_coriolis_matrix_batch(size_t count, const double *restrict h,
 {
     lanes q_lanes[2], v_lanes[2], out_lanes[4];
     lanes h_lanes[7];
-    spread(h, h_lanes);
+    spread(7, h, h_lanes);
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
         const int more = count - i >= AHEAD + LANES;
@@ -1666,7 +1294,7 @@ long long one_link_christoffel_batch(size_t count, const double *restrict h, con
 {
     lanes q_lanes[2], out_lanes[8];
     lanes h_lanes[7];
-    spread(h, h_lanes);
+    spread(7, h, h_lanes);
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
         const int more = count - i >= AHEAD + LANES;
@@ -1682,7 +1310,7 @@ long long one_link_energy_batch(size_t count, const double *restrict h, const do
 {
     lanes q_lanes[2], v_lanes[2], out_lanes[2];
     lanes h_lanes[7];
-    spread(h, h_lanes);
+    spread(7, h, h_lanes);
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
         const int more = count - i >= AHEAD + LANES;
@@ -1699,7 +1327,7 @@ long long one_link_reactions_batch(size_t count, const double *restrict h, const
 {
     lanes q_lanes[2], v_lanes[2], a_lanes[2], out_lanes[6];
     lanes h_lanes[7];
-    spread(h, h_lanes);
+    spread(7, h, h_lanes);
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
         const int more = count - i >= AHEAD + LANES;
@@ -1717,7 +1345,7 @@ long long one_link_external_reactions_batch(size_t count, const double *restrict
 {
     lanes q_lanes[2], wrench_lanes[6], out_lanes[6];
     lanes h_lanes[7];
-    spread(h, h_lanes);
+    spread(7, h, h_lanes);
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
         const int more = count - i >= AHEAD + LANES;
@@ -1734,7 +1362,7 @@ long long one_link_regressor_batch(size_t count, const double *restrict h, const
 {
     lanes q_lanes[2], v_lanes[2], a_lanes[2], out_lanes[22];
     lanes h_lanes[7];
-    spread(h, h_lanes);
+    spread(7, h, h_lanes);
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
         const int more = count - i >= AHEAD + LANES;
@@ -1752,7 +1380,7 @@ long long one_link_euler_cosines_batch(size_t count, const double *restrict h, c
 {
     lanes q_lanes[2], out_lanes[1];
     lanes h_lanes[7];
-    spread(h, h_lanes);
+    spread(7, h, h_lanes);
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
         const int more = count - i >= AHEAD + LANES;
@@ -1920,7 +1548,7 @@ long long one_link_frame_pose_batch(size_t count, const double *restrict h, cons
 {
     lanes q_lanes[2], out_lanes[16];
     lanes h_lanes[7];
-    spread(h, h_lanes);
+    spread(7, h, h_lanes);
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
         const int more = count - i >= AHEAD + LANES;
@@ -1935,7 +1563,7 @@ long long one_link_frame_jacobian_batch(size_t count, const double *restrict h, 
 {
     lanes q_lanes[2], out_lanes[12];
     lanes h_lanes[7];
-    spread(h, h_lanes);
+    spread(7, h, h_lanes);
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
         const int more = count - i >= AHEAD + LANES;
@@ -1987,7 +1615,7 @@ long long one_link_rollout_batch(size_t count, const double *restrict h, const d
     int index[EOM_INDEX_ROOM(2, LANES, 0)];
     const eom_workspace_lanes work = { state, input, index };
 
-    return eom_integrate_fixed_batch(&one_link_robot_lanes, count, h, q, q_step, v, v_step, drive, dt, steps, every, method, q_out, v_out, work);
+    return EOM_WIDE(integrate_fixed_batch)(&one_link_robot_lanes, count, h, q, q_step, v, v_step, drive, dt, steps, every, method, q_out, v_out, work);
 }
 
 /* Several states, each by steps of its own, those at ``place``, or the first ones: what one of them does changes no bit of
@@ -1999,7 +1627,7 @@ void one_link_adaptive_rollout_batch(size_t count, const size_t *restrict place,
     int index[EOM_INDEX_ROOM(2, LANES, 0)];
     const eom_workspace_lanes work = { state, input, index };
 
-    eom_integrate_adaptive_batch(&one_link_robot_lanes, count, place, h, h_step, drive, loads, loads_step, allowed, allowed_step, times, samples, method, q, v, q_out, v_out, progress, work);
+    EOM_WIDE(integrate_adaptive_batch)(&one_link_robot_lanes, count, place, h, h_step, drive, loads, loads_step, allowed, allowed_step, times, samples, method, q, v, q_out, v_out, progress, work);
 }
 
 #endif /* several states at a time */

@@ -169,6 +169,25 @@ def test_no_compiler_warns(compiler: str, flags: tuple[str, ...], tmp_path: Path
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+@pytest.mark.parametrize("vector", ["-DEOMGEN_VECTOR=0", "-mno-avx", "-mavx2", "-mavx512f"])
+@pytest.mark.parametrize("flags", [(), ("-DEOM_SINGLE",), ("-DEOM_N=3", "-DEOM_M=0", "-DEOM_ROTATIONS=0")])
+def test_no_compiler_warns_of_lanes(compiler: str, vector: str, flags: tuple[str, ...], tmp_path: Path) -> None:
+    """Without a robot, in every width, whose symbols say it."""
+    if shutil.which(compiler) is None:
+        pytest.skip(f"{compiler} is not installed")
+    source, made = str(LIBRARY / "integrate_lanes.c"), tmp_path / "x.o"
+    command = [compiler, *WARNINGS, "-O1", vector, *flags, "-c", source, "-o", str(made)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    names = subprocess.run(["nm", str(made)], capture_output=True, text=True, check=True).stdout
+    width = {"-DEOMGEN_VECTOR=0": 1, "-mno-avx": 2, "-mavx2": 4, "-mavx512f": 8}[vector]
+    prefix, width = ("eomf", width * 2 if width > 1 else 1) if "-DEOM_SINGLE" in flags else ("eom", width)
+    public = {line.split()[-1] for line in names.splitlines() if " T " in line}
+    expected = {f"{prefix}_integrate_{kind}_batch_x{width}" for kind in ("fixed", "adaptive")}
+    assert public == (set() if len(flags) == 3 else expected)
+
+
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
 def test_types_that_cffi_reads_have_the_compilers_sizes(dtype: str, tmp_path: Path) -> None:
     """The declarations for cffi lay structures out as the headers do."""

@@ -17,9 +17,10 @@ from eomgen.codegen.kernels.signatures import KERNELS
 from eomgen.codegen.package.compile import fuses, processor
 from eomgen.codegen.program.ir import Graph, finish
 from eomgen.codegen.samples.answers import samples
-from eomgen.codegen.samples.arithmetic import COPIES, Arithmetic, polynomials, spread
+from eomgen.codegen.samples.arithmetic import COPIES, Arithmetic, spread
 from eomgen.codegen.samples.composed import COMPOSED, FRAMED
 from eomgen.codegen.samples.rounding import telling_lanes
+from eomgen.codegen.samples.sines import polynomials
 from eomgen.codegen.samples.stored import MEASURED, ROUNDED, STATES, read_samples
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import BuildError
@@ -173,7 +174,8 @@ def test_a_compiler_that_changes_the_source_is_refused(
     change: str, empty_cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     text = f"""
-for word in "$@"; do case "$word" in */one_link.c) sed -i '{CHANGES[change]}' "$word";; esac; done"""
+for word in "$@"; do case "$word" in */one_link.c)
+sed -i '{CHANGES[change]}' "$word" "${{word%/*}}"/clib/lanes.h;; esac; done"""
     monkeypatch.setenv("CC", wrapper(tmp_path, text))
     with pytest.raises(BuildError, match="compute something else than their equations"):
         one_link()

@@ -1,5 +1,8 @@
-/* integrate_lanes.c: integration of many states, one in every lane of a vector; included behind the types of lanes.h. */
+/* integrate_lanes.c: integration of many states, one in every lane of a vector; compile it once per width of vectors, or
+ * include it in a robot's file that defines EOM_N. */
 #include "inputs.h"
+
+#include "lanes.h"
 
 #include "state_lanes.h"
 
@@ -40,7 +43,7 @@ EOM_LOCAL void EOM(store_lanes)(const lanes *restrict x, size_t here, size_t str
 
 /* Integrate count states as integrate_fixed does, LANES at a time; what one of them does changes no bit of another.  -1, or
  * (state * steps + step) * statuses + i of the first failure. */
-EOM_PUBLIC long long EOM(integrate_fixed_batch)(const EOM(robot_lanes) *restrict robot, size_t count, const EOM_SCALAR *restrict h, const EOM_SCALAR *restrict q, size_t q_step, const EOM_SCALAR *restrict v, size_t v_step, const EOM(drive) *restrict drive, EOM_SCALAR dt, size_t steps, size_t every, int method, EOM_SCALAR *restrict q_out, EOM_SCALAR *restrict v_out, EOM(workspace_lanes) work)
+EOM_PUBLIC long long EOM_WIDE(integrate_fixed_batch)(const EOM(robot_lanes) *restrict robot, size_t count, const EOM_SCALAR *restrict h, const EOM_SCALAR *restrict q, size_t q_step, const EOM_SCALAR *restrict v, size_t v_step, const EOM(drive) *restrict drive, EOM_SCALAR dt, size_t steps, size_t every, int method, EOM_SCALAR *restrict q_out, EOM_SCALAR *restrict v_out, EOM(workspace_lanes) work)
 {
     const int n = N_OF(robot->sizes);
     const long long statuses = n + ((M_OF(robot->sizes) > 0) ? (3 * M_OF(robot->sizes) + n) : 0);
@@ -64,7 +67,7 @@ EOM_PUBLIC long long EOM(integrate_fixed_batch)(const EOM(robot_lanes) *restrict
 }
 
 /* Integrate count states as integrate_adaptive does, each by steps of its own, those at place, or the first ones. */
-EOM_PUBLIC void EOM(integrate_adaptive_batch)(const EOM(robot_lanes) *restrict robot, size_t count, const size_t *restrict place, const EOM_SCALAR *restrict h, size_t h_step, const EOM(drive) *restrict drive, const EOM(inputs) *restrict inputs, size_t inputs_step, const EOM(tolerance) *restrict allowed, size_t allowed_step, const double *restrict times, size_t samples, int method, EOM_SCALAR *restrict q, EOM_SCALAR *restrict v, EOM_SCALAR *restrict q_out, EOM_SCALAR *restrict v_out, eom_progress *restrict progress, EOM(workspace_lanes) work)
+EOM_PUBLIC void EOM_WIDE(integrate_adaptive_batch)(const EOM(robot_lanes) *restrict robot, size_t count, const size_t *restrict place, const EOM_SCALAR *restrict h, size_t h_step, const EOM(drive) *restrict drive, const EOM(inputs) *restrict inputs, size_t inputs_step, const EOM(tolerance) *restrict allowed, size_t allowed_step, const double *restrict times, size_t samples, int method, EOM_SCALAR *restrict q, EOM_SCALAR *restrict v, EOM_SCALAR *restrict q_out, EOM_SCALAR *restrict v_out, eom_progress *restrict progress, EOM(workspace_lanes) work)
 {
     const int n = N_OF(robot->sizes);
     const size_t row = (size_t)n * sizeof *q;

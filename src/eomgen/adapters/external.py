@@ -6,9 +6,11 @@ array and derivative goes through a table of places.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import math
+import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -52,6 +54,7 @@ def external_library(
         InputError: the kernel is not one of float64.
         BuildError: its C is not there any more, or cannot be compiled.
     """
+    from ..codegen.c.library import FOLDER
     from ..codegen.package.compile import WARNINGS, compile_flags, find_compiler, link_shared, run_all, toolchain
     from ..codegen.package.probe import check_compiler
 
@@ -62,6 +65,7 @@ def external_library(
         function.require_second()
     kernel = kernel.together(*function.kernels, *(function.second if order == 2 else ()))
     header, code = (kernel.source(ending) for ending in ("h", "c"))
+    library = _library(kernel)
     wrapper = render(function, kernel, called, order)
     compiler = find_compiler()
     every = compile_flags(compiler, False, flags)
@@ -72,10 +76,14 @@ def external_library(
         check_compiler(compiler, every)
         (folder / f"{kernel.name}.h").write_text(header, encoding="ascii")
         (folder / f"{kernel.name}.c").write_text(code, encoding="ascii")
+        for place, text in library.items():
+            (folder / place).parent.mkdir(exist_ok=True)
+            (folder / place).write_text(text, encoding="ascii")
         source = str(folder / f"{kernel.name}.c")
         run_all([[*compile_c, "-DEOMGEN_SINGLES_ONLY", source, "-o", str(folder / "kernel.o")]])
+        shutil.rmtree(folder / FOLDER)
 
-    made = store.entry("objects", _key(own, header, code), compile_kernel)
+    made = store.entry("objects", _key(own, header, code, *library.values()), compile_kernel)
 
     def link(folder: Path) -> None:
         check_compiler(compiler, every)
@@ -89,7 +97,18 @@ def external_library(
         for made_here in objects:
             made_here.unlink()
 
-    return store.entry("externals", _key(own, header, code, wrapper), link)
+    return store.entry("externals", _key(own, header, code, wrapper, *library.values()), link)
+
+
+def _library(kernel: Kernel) -> dict[str, str]:
+    """Read the files of the C library that a kernel's C includes, those of its own package."""
+    from ..codegen.c.library import library_files
+
+    found = {}
+    for place in library_files():
+        with contextlib.suppress(OSError, KeyError):  # a package that another version wrote has other ones
+            found[place] = kernel.raw.libraries.source(place)
+    return found
 
 
 def _key(tools: dict[str, object], *texts: str) -> str:

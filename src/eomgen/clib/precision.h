@@ -7,12 +7,14 @@
 #define EOM_SCALAR float
 #define EOM_MATH(function) function##f
 #define EOM_ROUND_OFF 1.1920929e-07F
+#define EOM_VANISHED 1e-05F
 #define C(x) x##F
 #else
 #define EOM(name) eom_##name
 #define EOM_SCALAR double
 #define EOM_MATH(function) function
 #define EOM_ROUND_OFF 2.220446049250313e-16
+#define EOM_VANISHED 1e-12 /* of its scale: a pivot that is no larger has vanished */
 #define C(x) x
 #endif
 
@@ -49,5 +51,4 @@
 
 #define EOM_LOOK 2000        /* steps and rejections between two looks at whether they lead anywhere */
 #define EOM_LEAST_PART 1e-07 /* of the duration by which they do */
-
 #endif

@@ -60,7 +60,7 @@ def test_other_violations_are_seen(misra: ModuleType, cppcheck: str) -> None:
     """A rule that the templates keep is found where it is broken, and so is what cppcheck says itself."""
     header = "#ifndef BAD_H\n#define BAD_H\nint bad(int x);\n#endif\n"
     code = '#include "bad.h"\nint bad(int x)\n{\n    int y[2];\n    if (x) return y[x > 5 ? 5 : 0];\n    return 0;\n}\n'
-    found = misra.found_in(cppcheck, header, code, "bad")
+    found = misra.found_in(cppcheck, {"bad.h": header, "bad.c": code}, "bad")
     assert {"15.6", "14.4"} <= set(found)
     assert set(found) & {"uninitvar", "arrayIndexOutOfBoundsCond", "arrayIndexOutOfBounds"}
 

@@ -7,7 +7,7 @@ import re
 import pytest
 
 import eomgen
-from eomgen.codegen.c.lanes import SQUARES, pack, square
+from eomgen.codegen.c.lanes import pack
 from eomgen.codegen.c.sources import render
 from eomgen.codegen.kernels import acceleration_slopes
 from eomgen.codegen.kernels.equations import derive, derive_equations
@@ -61,15 +61,3 @@ def test_composed_kernels_find_every_result_in_its_place(monkeypatch: pytest.Mon
     only = render(derive_equations(model, ("forward_dynamics_jacobian",)), "float64").code
     assert "tree_residual_jacobian_packed(" not in only
     assert "tree_residual_jacobian_lanes(" in only
-
-
-def test_squares_turn_over() -> None:
-    for squares in SQUARES.values():
-        for each in squares:
-            size = each.size
-            rows = {f"x{i}": [(i, lane) for lane in range(size)] for i in range(size)}
-            for shuffle in each.shuffles:
-                both = rows[shuffle.first] + rows[shuffle.second]
-                rows[shuffle.row] = [both[lane] for lane in shuffle.lanes]
-            assert [rows[row] for row in each.rows] == [[(lane, i) for lane in range(size)] for i in range(size)]
-    assert square(1).rows == ("x0",)

@@ -12,29 +12,37 @@ import pytest
 from numpy.typing import NDArray
 
 import eomgen
-from eomgen.codegen.c.scalar_types import TURNS
-from eomgen.codegen.c.sources import render
-from eomgen.codegen.kernels.equations import derive_equations
 from eomgen.codegen.package.compile import FLAGS, processor
-from eomgen.robot.model import build_model
+from eomgen.codegen.samples.sines import COEFFICIENTS, polynomials
 
 VECTORS = [("-DEOMGEN_VECTOR=0",), (), ("-mavx2", "-mfma", "-ffp-contract=fast"), ("-mavx512f",)]
 SOME = [*VECTORS[:2], *(pytest.param(flags, marks=pytest.mark.soak) for flags in VECTORS[2:3]), *VECTORS[3:]]
 NEEDS = {"-mavx2": "avx2", "-mavx512f": "avx512f"}
+LIBRARY = Path(eomgen.__path__[0], "clib")
 CTYPES = {"float64": "double", "float32": "float"}
 
 
 def turn(dtype: str, flags: tuple[str, ...], angles: NDArray[np.floating], folder: Path) -> NDArray[np.floating]:
     """(2, count): sines, cosines."""
-    source = render(derive_equations(build_model(eomgen.load_robot("one_link")), ("mass_matrix",)), dtype)
     real = CTYPES[dtype]
     head = f"void test_turn(const {real} *angle, size_t count, {real} *sine, {real} *cosine)"
-    text = f"{source.code}\n{head};\n{head}\n{{\n    turn(angle, count, sine, cosine);\n}}\n"
-    (folder / "one_link.h").write_text(source.header, encoding="ascii")
+    single = "#define EOM_SINGLE\n" if dtype == "float32" else ""
+    text = f'{single}#include "lanes.h"\n{head};\n{head}\n{{\n    turn(angle, count, sine, cosine);\n}}\n'
     (folder / "turn.c").write_text(text, encoding="ascii")
     library = folder / "turn.so"
-    command = ["cc", "-shared", "-fPIC", *FLAGS, *flags, str(folder / "turn.c"), "-o", str(library), "-lm"]
-    subprocess.run(command, check=True)
+    command = [
+        "cc",
+        "-shared",
+        "-fPIC",
+        *FLAGS,
+        *flags,
+        f"-I{LIBRARY}",
+        str(folder / "turn.c"),
+        "-o",
+        str(library),
+        "-lm",
+    ]
+    subprocess.run([*command, "-lm"], check=True)
     ffi = cffi.FFI()
     ffi.cdef(f"{head};")
     out = np.zeros((2, len(angles)), dtype)
@@ -46,7 +54,7 @@ def turn(dtype: str, flags: tuple[str, ...], angles: NDArray[np.floating], folde
 def angles_of(dtype: str) -> NDArray[np.floating]:
     """Small and large ones, near multiples of pi/2, beyond the limit; a multiple of 16."""
     rng = np.random.default_rng(0)
-    limit = float(TURNS[dtype].limit.rstrip("f"))
+    limit = COEFFICIENTS[dtype].farthest
     quarters = np.arange(-300, 300) * (np.pi / 2)
     parts = [rng.uniform(-size, size, 400) for size in (1e-300 if dtype == "float64" else 1e-30, 1.0, 10.0, limit)]
     special = [0.0, -0.0, limit, -limit, np.nextafter(limit, np.inf), 1e7, -1e22 if dtype == "float64" else -1e10]
@@ -59,7 +67,7 @@ def angles_of(dtype: str) -> NDArray[np.floating]:
 def test_within_units_in_the_last_place(dtype: str, flags: tuple[str, ...], tmp_path: Path) -> None:
     if any(need not in processor().split() for flag, need in NEEDS.items() if flag in flags):
         pytest.skip(f"this processor knows no {flags[0]}")
-    angles, allowed = angles_of(dtype), float(TURNS[dtype].error)
+    angles, allowed = angles_of(dtype), COEFFICIENTS[dtype].error
     found = turn(dtype, flags, angles, tmp_path)
     with mpmath.workprec(1200):
         for values, function in zip(found, (mpmath.sin, mpmath.cos), strict=True):
@@ -78,3 +86,11 @@ def test_of_what_is_no_angle(tmp_path: Path) -> None:
     assert np.isnan(found[:, [3, 8]]).all()
     others = np.setdiff1d(np.arange(16), [3, 8])
     assert np.array_equal(found[:, others], alone[:, others])
+
+
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+def test_every_bit_is_that_of_the_polynomials(dtype: str, tmp_path: Path) -> None:
+    """Coefficients and order of operations are those of NumPy's arithmetic, step by step."""
+    angles = angles_of(dtype)
+    angles = np.resize(angles[np.abs(angles) <= COEFFICIENTS[dtype].farthest], angles.size)
+    assert np.array_equal(turn(dtype, (), angles, tmp_path), np.stack(polynomials(angles)))

@@ -15,7 +15,7 @@ from tests.support.processors import needs_levels, pretend
 
 GCC = Compiler(("cc",), "cc (Debian) 12.2.0\nCopyright (C) 2022 Free Software Foundation, Inc.")
 CLANG = Compiler((sys.executable, "-m", "ziglang", "cc", "-mcpu=baseline"), "clang version 19.1.7")
-WIDEST = {"v1": "__SSE2__", "v3": "__AVX2__", "v4": "__AVX512F__"}  # what templates/kernel/vectors.jinja looks at
+WIDEST = {"v1": "__SSE2__", "v3": "__AVX2__", "v4": "__AVX512F__"}  # what clib/lanes.h looks at
 
 
 @needs_levels
