@@ -375,6 +375,6 @@ def test_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsy
     assert "criterion D (determinant of the information): " in out
     assert "not identifiable:" in out
     assert cli.main([*words, "--range", "joint1", "a", "1"]) == 1
-    assert "range: joint1: 'a 1'; allowed: two numbers" in capsys.readouterr().err
+    assert "range: joint1: 'a' is not a number; allowed: " in capsys.readouterr().err
     assert cli.main([*words, "-o", "plan.npz"]) == 1
     assert "ends in .csv" in capsys.readouterr().err

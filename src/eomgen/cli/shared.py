@@ -225,6 +225,32 @@ def keywords(function: Callable[..., Any], options: argparse.Namespace, **conver
     return {**{name: value for name, value in vars(options).items() if name in named}, **converted}
 
 
+def add_rows(parser: argparse.ArgumentParser, option: str, columns: str, about: str, **options: Any) -> None:
+    """An option that may be given more than once, each time with a value for each of the columns "NAME LOW HIGH"."""
+    names = tuple(columns.split())
+    parser.add_argument(option, nargs=len(names), action="append", default=[], metavar=names, help=about, **options)
+
+
+def add_names(parser: argparse.ArgumentParser, option: str, name: str, about: str, **options: Any) -> None:
+    """An option with one value or more behind it, each of which ``name`` stands for; by default none."""
+    parser.add_argument(option, **{"nargs": "+", "default": (), "metavar": name, "help": about, **options})
+
+
+def add_choice(parser: argparse.ArgumentParser, option: str, choices: Sequence[str], about: str) -> None:
+    """An option that is one of some words, by default the first of them."""
+    parser.add_argument(option, choices=choices, default=choices[0], help=f"{about} ({choices[0]})")
+
+
+def add_ranges(parser: argparse.ArgumentParser) -> None:
+    """The option --range, which ``ranges_of`` reads."""
+    add_rows(parser, "--range", "NAME LOW HIGH", "of a coordinate, m or rad (its limits); more than once")
+
+
+def ranges_of(options: argparse.Namespace) -> dict[str, list[float]]:
+    """Least and greatest values of coordinates by --range; InputError of what is no number."""
+    return {name: reals(f"range: {name}", ends) for name, *ends in options.range}
+
+
 def add_page(parser: argparse.ArgumentParser) -> None:
     """The option --report of commands about measurements."""
     parser.add_argument("--report", type=Path, metavar="FILE", help="write a page about it, with figures and tables")
@@ -292,25 +318,15 @@ def add_state(
     parser: argparse.ArgumentParser, *, drives: str = "locked", choices: Sequence[str] = ("locked", "free", "pd")
 ) -> None:
     """Options that say about which state a robot is looked at, and --json."""
-    parser.add_argument(
-        "--pose", nargs="+", metavar="Q", help="principal coordinates, rad or m: all in order, or NAME=VALUE"
-    )
+    add_names(parser, "--pose", "Q", "principal coordinates, rad or m: all in order, or NAME=VALUE", default=None)
     parser.add_argument("--drives", choices=choices, default=drives, help=f"what drives do about the state ({drives})")
     parser.add_argument("--kp", nargs="+", metavar="K", help="gains of pd: one number, or NAME=VALUE")
     parser.add_argument("--kd", nargs="+", metavar="K", help="gains of pd by rates, the same way (0)")
     parser.add_argument("--held", nargs="*", metavar="NAME", help="coordinates that stay, instead of principal ones")
-    parser.add_argument(
-        "--load",
-        nargs=7,
-        action="append",
-        default=[],
-        metavar=("FRAME", "FX", "FY", "FZ", "MX", "MY", "MZ"),
-        help="dead force and moment at a frame or link, base axes, N and N m; more than once",
-    )
+    about = "dead force and moment at a frame or link, base axes, N and N m; more than once"
+    add_rows(parser, "--load", "FRAME FX FY FZ MX MY MZ", about)
     parser.add_argument("--frame", help="frame or link to look at (tcp, or the end of the robot)")
-    parser.add_argument(
-        "--set", nargs="+", default=[], metavar="NAME=VALUE", help="parameters, such as gravity.z=0", dest="parameters"
-    )
+    add_names(parser, "--set", "NAME=VALUE", "parameters, such as gravity.z=0", dest="parameters")
     add_json(parser)
 
 

@@ -11,6 +11,7 @@ from .shared import (
     TRAJECTORY,
     Command,
     add_json,
+    add_names,
     add_robot,
     can_be_left_out,
     progress_bar,
@@ -30,13 +31,8 @@ def _add_simulate(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--stream", metavar="FOLDER", help="write states there while they are integrated (Zarr)")
     parser.add_argument("--duration", type=real, metavar="S", help="duration in seconds (2)")
     parser.add_argument("--method", help=f"{', '.join(METHODS)} (auto)")
-    parser.add_argument(
-        "--goal",
-        type=real,
-        nargs="+",
-        metavar="Q",
-        help="goal of the principal coordinates, rad or m, joint by joint",
-    )
+    goal = "goal of the principal coordinates, rad or m, joint by joint"
+    add_names(parser, "--goal", "Q", goal, type=real, default=None)
     parser.add_argument("--no-plots", action="store_true", help="write the trajectory only")
     add_json(parser)
 

@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any
 from ..errors import InputError
 from .shared import (
     Command,
+    add_choice,
     add_json,
+    add_names,
     add_result,
     add_robot,
     add_robot_of_result,
@@ -118,18 +120,11 @@ def _poses_along(robot: Robot, options: argparse.Namespace) -> Any:
 
 
 def _add_ports(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--input", nargs="+", metavar="NAME", help="drives (joint1.gamma) and components of wrenches (tcp.fx, tcp.mz)"
-    )
-    parser.add_argument(
-        "--to", nargs="+", metavar="NAME", dest="output_of", help="coordinates (joint1.x) and motions (tcp.x, tcp.rz)"
-    )
-    parser.add_argument(
-        "--kind",
-        choices=("displacement", "velocity", "acceleration"),
-        default="displacement",
-        help="what of them (displacement)",
-    )
+    inputs = "drives (joint1.gamma) and components of wrenches (tcp.fx, tcp.mz)"
+    add_names(parser, "--input", "NAME", inputs, default=None)
+    motions = "coordinates (joint1.x) and motions (tcp.x, tcp.rz)"
+    add_names(parser, "--to", "NAME", motions, default=None, dest="output_of")
+    add_choice(parser, "--kind", ("displacement", "velocity", "acceleration"), "what of them")
 
 
 def _add_response(parser: argparse.ArgumentParser) -> None:

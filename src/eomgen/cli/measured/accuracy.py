@@ -9,10 +9,13 @@ from ...errors import InputError
 from ...files import check_ending
 from ..shared import (
     Command,
+    add_choice,
     add_json,
+    add_names,
     add_page,
     add_robot,
     add_robot_of_result,
+    add_rows,
     as_seed,
     check_output,
     coordinate_values,
@@ -45,26 +48,12 @@ def _add_accuracy(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--plan", metavar="FILE", help="of these samples: what changes from one to the next (.toml)")
     parser.add_argument("--commands", metavar="FILE", type=Path, help="commanded poses or paths of measured files")
     parser.add_argument("--frame", help="the frame to look at, where measured files have several")
-    parser.add_argument(
-        "--rotation",
-        choices=("rotvector", "rpy", "quaternion"),
-        default="rotvector",
-        help="of measured orientations (rotvector)",
-    )
-    parser.add_argument(
-        "--match",
-        choices=("plane", "sample"),
-        default="plane",
-        help="compare paths in planes normal to the commanded one, or sample by sample (plane)",
-    )
+    add_choice(parser, "--rotation", ("rotvector", "rpy", "quaternion"), "of measured orientations")
+    planes = "compare paths in planes normal to the commanded one, or sample by sample"
+    add_choice(parser, "--match", ("plane", "sample"), planes)
     parser.add_argument("--band", type=real, metavar="M", help="limit band of stabilization, m (the repeatability)")
-    parser.add_argument(
-        "--distance",
-        nargs=2,
-        action="append",
-        metavar=("POSE", "POSE"),
-        help="poses whose distance is looked at; more than once (each and the next one)",
-    )
+    between = "poses whose distance is looked at; more than once (each and the next one)"
+    add_rows(parser, "--distance", "POSE POSE", between)
     parser.add_argument("--load", default="", help="load of the test, in words (what simulations say)")
     parser.add_argument("--rate", default="", help="speed of the test, in words (what simulations say)")
     parser.add_argument("-o", "--output", type=Path, help="write all figures, .json")
@@ -84,7 +73,7 @@ def _accuracy(options: argparse.Namespace) -> None:
             robot=None if options.robot is None else read_robot(options),
             plan=None if options.plan is None else load_plan(options.plan),
             command=options.commands,
-            distances=None if options.distance is None else [(a, b) for a, b in options.distance],
+            distances=[(a, b) for a, b in options.distance] or None,
             progress=report,
         )
         found = accuracy(*options.results, **given)
@@ -146,12 +135,8 @@ def _add_compensate(parser: argparse.ArgumentParser) -> None:
         "--mode", default="dynamic", metavar="MODE", help="dynamic: by repeated simulation; static: states of rest"
     )
     parser.add_argument("--step", type=real, metavar="S", help="between samples (the scenario's output step)")
-    parser.add_argument(
-        "--weights",
-        nargs="+",
-        metavar="AXIS=W",
-        help="of errors along the tool's axes, x, y, z (1), and about them, rx, ry, rz (0.1 m/rad); 0: not corrected",
-    )
+    axes = "along the tool's axes, x, y, z (1), and about them, rx, ry, rz (0.1 m/rad)"
+    add_names(parser, "--weights", "AXIS=W", f"of errors {axes}; 0: not corrected", default=None)
     parser.add_argument(
         "--accelerations", action="store_true", help="static: what accelerates the masses bends the robot, too"
     )

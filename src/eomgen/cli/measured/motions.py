@@ -11,12 +11,16 @@ from ...files import FIGURE_ENDINGS
 from ..shared import (
     Command,
     add_json,
+    add_names,
     add_page,
+    add_ranges,
     add_robot,
+    add_rows,
     as_seed,
     check_output,
     gains,
     keywords,
+    ranges_of,
     read_robot,
     real,
     reals,
@@ -30,6 +34,7 @@ from ..shared import (
 
 _MOTION, _RESULT, _SCENARIO = ".csv", ".npz", ".toml"
 _ENDINGS = (_MOTION, _RESULT, _SCENARIO, *FIGURE_ENDINGS)
+_TERMS = "links, rotors, viscous, dry, offset"
 _AMOUNT = "one number, or NAME=VALUE"
 
 
@@ -58,7 +63,7 @@ def _forces(options: argparse.Namespace) -> None:
 
 def _add_fit(parser: argparse.ArgumentParser) -> None:
     _add_motion(parser)
-    parser.add_argument("--coordinates", nargs="+", default=(), metavar="NAME", help="those to fit (all that can be)")
+    add_names(parser, "--coordinates", "NAME", "those to fit (all that can be)")
     parser.add_argument("--confidence", type=real, default=0.95, metavar="P", help="of the intervals (0.95)")
     parser.add_argument("-o", "--output", type=Path, help="the result, .json")
     add_page(parser)
@@ -75,16 +80,9 @@ def _fit(options: argparse.Namespace) -> None:
 
 def _add_identify(parser: argparse.ArgumentParser) -> None:
     _add_motion(parser)
-    parser.add_argument(
-        "--terms",
-        nargs="+",
-        default=(),
-        metavar="TERM",
-        help="what is sought: links, rotors, viscous, dry, offset (all these), stribeck, gains, delay, transmissions",
-    )
-    parser.add_argument(
-        "--known", nargs="+", default=(), metavar="LINK", help="links whose numbers are known: gains need a measure"
-    )
+    further = "stribeck, gains, delay, transmissions"
+    add_names(parser, "--terms", "TERM", f"what is sought: {_TERMS} (all these), {further}")
+    add_names(parser, "--known", "LINK", "links whose numbers are known: gains need a measure")
     parser.add_argument(
         "--half",
         type=whole,
@@ -128,53 +126,20 @@ def _add_excite(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--criterion", default="D", metavar="NAME", help="D, or condition: the condition number of the regressor (D)"
     )
-    parser.add_argument(
-        "--terms",
-        nargs="+",
-        default=(),
-        metavar="TERM",
-        help="what is sought: links, rotors, viscous, dry, offset (all)",
-    )
-    parser.add_argument(
-        "--range",
-        nargs=3,
-        action="append",
-        default=[],
-        metavar=("NAME", "LOW", "HIGH"),
-        help="of a coordinate, m or rad (its limits); more than once",
-    )
-    parser.add_argument(
-        "--rates", nargs="+", metavar="V", help=f"greatest, rad/s or m/s: {_AMOUNT} (its limits, or 1 or 0.2)"
-    )
-    parser.add_argument("--accelerations", nargs="+", metavar="A", help=f"greatest, per s^2: {_AMOUNT} (any)")
-    parser.add_argument("--drives", nargs="+", metavar="U", help=f"greatest, N m or N: {_AMOUNT} (its limits)")
-    parser.add_argument(
-        "--box",
-        nargs=7,
-        action="append",
-        default=[],
-        metavar=("FRAME", "X0", "Y0", "Z0", "X1", "Y1", "Z1"),
-        help="where a frame or link stays, corners, m, base axes; more than once",
-    )
-    parser.add_argument(
-        "--half-space",
-        nargs=5,
-        action="append",
-        default=[],
-        metavar=("FRAME", "NX", "NY", "NZ", "D"),
-        help="a frame stays where n . p >= d, m, n as a unit vector; more than once",
-    )
-    parser.add_argument(
-        "--clear-of",
-        nargs=5,
-        action="append",
-        default=[],
-        metavar=("FRAME", "X", "Y", "Z", "R"),
-        help="a frame keeps that far from a point, m; more than once",
-    )
-    parser.add_argument(
-        "--noise", nargs="+", metavar="U", help=f"standard deviations of drives: {_AMOUNT} (1 %% of rms)"
-    )
+    add_names(parser, "--terms", "TERM", f"what is sought: {_TERMS} (all)")
+    add_ranges(parser)
+    for option, name, about in (
+        ("--rates", "V", f"greatest, rad/s or m/s: {_AMOUNT} (its limits, or 1 or 0.2)"),
+        ("--accelerations", "A", f"greatest, per s^2: {_AMOUNT} (any)"),
+        ("--drives", "U", f"greatest, N m or N: {_AMOUNT} (its limits)"),
+        ("--noise", "U", f"standard deviations of drives: {_AMOUNT} (1 %% of rms)"),
+    ):
+        add_names(parser, option, name, about, default=None)
+    corners = "where a frame or link stays, corners, m, base axes; more than once"
+    add_rows(parser, "--box", "FRAME X0 Y0 Z0 X1 Y1 Z1", corners)
+    half_space = "a frame stays where n . p >= d, m, n as a unit vector; more than once"
+    add_rows(parser, "--half-space", "FRAME NX NY NZ D", half_space)
+    add_rows(parser, "--clear-of", "FRAME X Y Z R", "a frame keeps that far from a point, m; more than once")
     parser.add_argument("--starts", type=whole, default=3, metavar="N", help="searches, of which the best counts (3)")
     parser.add_argument("--seed", type=as_seed, default=0, metavar="N", help="of random numbers (0)")
     parser.add_argument(
@@ -208,7 +173,7 @@ def _excite(options: argparse.Namespace) -> None:
             options,
             **limits,
             terms=options.terms or TERMS,
-            ranges={name: reals(f"range: {name}", ends) for name, *ends in options.range},
+            ranges=ranges_of(options),
             boxes=boxes,
             half_spaces=_rows("half-space", options.half_space),
             clear_of=_rows("clear-of", options.clear_of),

@@ -11,11 +11,15 @@ from ...files import check_ending
 from ..shared import (
     Command,
     add_json,
+    add_names,
     add_page,
+    add_ranges,
     add_robot,
+    add_rows,
     as_seed,
     check_output,
     keywords,
+    ranges_of,
     read_robot,
     real,
     saved_or_drawn,
@@ -24,46 +28,19 @@ from ..shared import (
     whole,
 )
 
+_CORNERS = "X0 Y0 Z0 X1 Y1 Z1"  # of a box
+
 
 def _add_calibrate(parser: argparse.ArgumentParser) -> None:
     add_robot(parser)
     parser.add_argument(
         "poses", metavar="POSES", type=Path, help=".csv or .npz: coordinates, what was measured of frames"
     )
-    parser.add_argument(
-        "--attach",
-        nargs="+",
-        default=[],
-        metavar="F=LINK",
-        help="a measured frame that the description does not have, and the link that it is on",
-    )
-    parser.add_argument(
-        "--rotation",
-        default="rotvector",
-        metavar="KIND",
-        help="of orientations: rotvector, rpy, quaternion (rotvector)",
-    )
-    parser.add_argument(
-        "--noise",
-        nargs=2,
-        type=real,
-        metavar=("M", "RAD"),
-        help="standard deviations of lengths and turns (estimated)",
-    )
-    parser.add_argument(
-        "--covariance",
-        nargs="+",
-        type=Path,
-        default=[],
-        metavar="FILE",
-        help="covariances of frames' errors, .csv or .npz: 3 x 3 of positions or 6 x 6 of poses, one or one per row",
-    )
+    _add_measuring(parser, "estimated")
+    sizes = "3 x 3 of positions or 6 x 6 of poses, one or one per row"
+    add_names(parser, "--covariance", "FILE", f"covariances of frames' errors, .csv or .npz: {sizes}", type=Path)
     parser.add_argument("--loss", metavar="NAME", help="huber, cauchy or tukey: mistrust what is far off (none)")
     parser.add_argument("--folds", default="10", metavar="N", help="parts that are held out in turn, loo, or 0 (10)")
-    parser.add_argument("--fixed", nargs="+", default=[], metavar="NAME", help="quantities that stay, or their owners")
-    parser.add_argument(
-        "--stiffness", nargs="+", default=[], metavar="NAME", help="coordinates that give way, such as joint2.gamma"
-    )
     parser.add_argument("--drives", action="store_true", help="look for gain, eccentricity, backlash, coupling, drift")
     parser.add_argument("--variant", default="full", metavar="NAME", help="whose values: placement, zeros, full, prior")
     parser.add_argument("--confidence", type=real, default=0.95, metavar="P", help="of the intervals (0.95)")
@@ -75,6 +52,18 @@ def _add_calibrate(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", type=Path, help="the result, .npz, or a figure .svg, .pdf or .png")
     add_page(parser)
     add_json(parser)
+
+
+def _add_measuring(parser: argparse.ArgumentParser, noise: str) -> None:
+    """Options of what is measured and what is sought; ``noise`` says what stands for noise that is not given."""
+    attached = "a measured frame that the description does not have, and the link that it is on"
+    add_names(parser, "--attach", "F=LINK", attached)
+    kinds = "of orientations: rotvector, rpy, quaternion (rotvector)"
+    parser.add_argument("--rotation", default="rotvector", metavar="KIND", help=kinds)
+    deviations = f"standard deviations of lengths and turns ({noise})"
+    parser.add_argument("--noise", nargs=2, type=real, metavar=("M", "RAD"), help=deviations)
+    add_names(parser, "--fixed", "NAME", "quantities that stay, or their owners")
+    add_names(parser, "--stiffness", "NAME", "coordinates that give way, such as joint2.gamma")
 
 
 def _calibrate(options: argparse.Namespace) -> None:
@@ -108,50 +97,18 @@ def _add_poses(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--count", type=whole, default=30, metavar="N", help="poses to choose (30)")
     parser.add_argument("--frame", nargs="+", metavar="F", help="frames to measure (tcp, or the end of the robot)")
     parser.add_argument("--measure", default="pose", metavar="WHAT", help="of them: pose, position, distance (pose)")
-    parser.add_argument(
-        "--attach", nargs="+", default=[], metavar="F=LINK", help="frames that the description does not have"
-    )
-    parser.add_argument(
-        "--range",
-        nargs=3,
-        action="append",
-        default=[],
-        metavar=("NAME", "LOW", "HIGH"),
-        help="of a coordinate, m or rad (its limits); more than once",
-    )
-    parser.add_argument(
-        "--box",
-        nargs=6,
-        type=real,
-        action="append",
-        metavar=("X0", "Y0", "Z0", "X1", "Y1", "Z1"),
-        help="where frames may be, corners, m, base axes; more than once: in one of them",
-    )
+    _add_measuring(parser, "that of --fit, or 5e-5 1e-4")
+    add_ranges(parser)
+    corners = "where frames may be, corners, m, base axes; more than once: in one of them"
+    add_rows(parser, "--box", _CORNERS, corners, type=real)
     parser.add_argument("--reach", nargs=2, type=real, metavar=("LOW", "HIGH"), help="distance from the base, m")
     parser.add_argument("--device", nargs=3, type=real, metavar=("X", "Y", "Z"), help="place of the device, m")
     parser.add_argument("--angle", type=real, metavar="RAD", help="between the frame's axis and the device, at most")
     parser.add_argument("--axis", default="z", metavar="AXIS", help="that axis: x, y, z, or --axis=-z (z)")
     parser.add_argument("--criterion", default="D", metavar="NAME", help="D, or V: error of the tool (D)")
-    parser.add_argument(
-        "--workspace",
-        nargs=6,
-        type=real,
-        action="append",
-        metavar=("X0", "Y0", "Z0", "X1", "Y1", "Z1"),
-        help="boxes where the tool's error counts (everywhere)",
-    )
+    add_rows(parser, "--workspace", _CORNERS, "boxes where the tool's error counts (everywhere)", type=real)
     parser.add_argument("--after", type=Path, metavar="POSES", help="poses that were measured already: they count")
-    parser.add_argument("--rotation", default="rotvector", metavar="KIND", help="of their orientations (rotvector)")
     parser.add_argument("--fit", type=Path, metavar="FILE", help="a calibration, .npz: its noise is taken")
-    parser.add_argument(
-        "--noise",
-        nargs=2,
-        type=real,
-        metavar=("M", "RAD"),
-        help="of lengths and turns (that of --fit, or 5e-5 1e-4)",
-    )
-    parser.add_argument("--fixed", nargs="+", default=[], metavar="NAME", help="quantities that stay, or their owners")
-    parser.add_argument("--stiffness", nargs="+", default=[], metavar="NAME", help="coordinates that give way")
     parser.add_argument("--candidates", type=whole, default=1000, metavar="N", help="poses to choose from (1000)")
     parser.add_argument("--seed", type=as_seed, default=0, metavar="N", help="of their random numbers (0)")
     parser.add_argument(
@@ -166,19 +123,13 @@ def _poses(options: argparse.Namespace) -> None:
 
     if options.output is not None:
         check_ending(options.output, ".csv", ".json")
-    ranges = {}
-    for name, *ends in options.range:
-        try:
-            ranges[name] = tuple(float(end) for end in ends)
-        except ValueError:
-            raise InputError(f"range: {name}: {' '.join(ends)!r}; allowed: two numbers") from None
     robot = read_robot(options)
     with stage_bar("choosing poses") as report:
         given = keywords(
             poses,
             options,
             frames=_attached(options.attach),
-            ranges=ranges,
+            ranges=ranges_of(options),
             boxes=_boxes(options.box),
             workspace=_boxes(options.workspace),
             progress=report,
@@ -200,8 +151,8 @@ def _attached(texts: Sequence[str]) -> dict[str, str]:
     return frames
 
 
-def _boxes(given: Sequence[Sequence[float]] | None) -> list[list[Sequence[float]]] | None:
-    return None if given is None else [[box[:3], box[3:]] for box in given]
+def _boxes(given: Sequence[Sequence[float]]) -> list[list[Sequence[float]]] | None:
+    return [[box[:3], box[3:]] for box in given] or None
 
 
 def _whole(label: str, text: str) -> int:
