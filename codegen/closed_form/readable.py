@@ -58,6 +58,11 @@ class Letter:
     value: float | None
     unit: str
 
+    @property
+    def said(self) -> str:
+        """What it stands for, its value and its unit."""
+        return f"{self.meaning}: {'' if self.value is None else f'{self.value!r} '}{self.unit}"
+
 
 @dataclass(frozen=True)
 class Component:
@@ -102,9 +107,7 @@ class ReadableClosedForm:
     def lines(self) -> list[str]:
         """Text: symbols, coefficients, equations."""
         lines = [f"{self.model.name}: closed form of the equations of motion", "", "symbols"]
-        for letter in self.letters:
-            value = f"{letter.value!r} " if letter.value is not None else ""
-            lines.append(f"  {letter.symbol} = {letter.meaning}: {value}{letter.unit}")
+        lines += [f"  {letter.symbol} = {letter.said}" for letter in self.letters]
         q = [str(symbol) for symbol in self.form.q]
         lines += ["", "coefficients of eqs. (11) and (12), M symmetric, C symmetric in the last two; others are zero"]
         lines += [f"  M[{q[s]}, {q[v]}] = {entry}" for (s, v), entry in self.mass_matrix.items()]
@@ -119,29 +122,40 @@ class ReadableClosedForm:
 
     def latex(self) -> str:
         """A LaTeX fragment for amsmath: the symbols as comments, then two align* environments, of loops three."""
+        text = [f"% {self.model.name}: closed form of the equations of motion, eqs. (10)-(12)"]
+        text += [f"% ${letter.latex}$ = {letter.said}" for letter in self.letters]
+        text += [f"% {note}" for note in self.notes()]
+        for block in self.equations():
+            rows = (f"{left} &= {right}" for left, right in block)
+            text += ["\\begin{align*}", " \\\\\n".join(rows), "\\end{align*}"]
+        return "\n".join(text)
+
+    def equations(self, **printing: Any) -> list[list[tuple[str, str]]]:
+        """Sides of all equations in LaTeX: of coefficients, of what closes the robot if anything does, of motion.
+
+        Args:
+            **printing: further settings of SymPy's printer.
+        """
         names = {letter.symbol: letter.latex for letter in self.letters}
         names |= {symbol: _latex_of(str(symbol)) for row in (self.form.v, self.form.a, self.form.u) for symbol in row}
 
         def show(expression: Expr) -> str:
-            return str(sp.latex(expression, symbol_names=names))
+            return str(sp.latex(expression, symbol_names=names, **printing))
 
-        text = [f"% {self.model.name}: closed form of the equations of motion, eqs. (10)-(12)"]
-        for letter in self.letters:
-            value = f"{letter.value!r} " if letter.value is not None else ""
-            text.append(f"% ${letter.latex}$ = {letter.meaning}: {value}{letter.unit}")
-        rows = [f"M_{{{self._place(key)}}} &= {show(entry)}" for key, entry in self.mass_matrix.items()]
-        rows += [f"C_{{{self._place(key)}}} &= {show(entry)}" for key, entry in self.christoffel.items()]
-        sides = [f"{show(left)} &= {show(right)}" for left, right in zip(self.left, self.force, strict=True)]
-        closing = [f"g_{{{_owner(part.name)}}} &= {show(part.value)} = 0" for part in self.constraint if part.arms]
+        rows = [(f"M_{{{self._place(key)}}}", show(entry)) for key, entry in self.mass_matrix.items()]
+        rows += [(f"C_{{{self._place(key)}}}", show(entry)) for key, entry in self.christoffel.items()]
+        sides = [(show(left), show(right)) for left, right in zip(self.left, self.force, strict=True)]
+        closing = [(f"g_{{{_owner(part.name)}}}", f"{show(part.value)} = 0") for part in self.constraint if part.arms]
         for part in self.constraint:
             for i, arm in part.arms.items():
                 slope = f"\\frac{{\\partial g_{{{_owner(part.name)}}}}}{{\\partial {names[self.form.q[i]]}}}"
-                closing.append(f"{slope} &= {show(arm)}")
-        text += [f"% g of {part.name} = {part.value} {DROPS_OUT}" for part in self.constraint if not part.arms]
-        text += [f"% {note}" for note in self._rank_notes()]
-        for block in (rows, closing, sides) if closing else (rows, sides):
-            text += ["\\begin{align*}", " \\\\\n".join(block), "\\end{align*}"]
-        return "\n".join(text)
+                closing.append((slope, show(arm)))
+        return [rows, closing, sides] if closing else [rows, sides]
+
+    def notes(self) -> list[str]:
+        """Lines about components of g that nothing moves, and about what is redundant at home."""
+        still = [f"g of {part.name} = {part.value} {DROPS_OUT}" for part in self.constraint if not part.arms]
+        return still + self._rank_notes()
 
     def _said(self, part: Component) -> str:
         """Print a component's value, and that it drops out if nothing moves it."""

@@ -121,7 +121,7 @@ def render_report(derived: Derived, ending: str) -> str:
         "motors": [name for name in model.coordinates if kind_of(name) not in COORDINATES],
         "blocks": [_block(model, blocks, printer) for blocks in derived.blocks.values()],
         "terms": list(terms(derived)),
-        "closed": _closed(derived, style),
+        "closed": _closed(derived),
     }
     return environment().get_template(f"derivation/report.{style}.jinja").render(names)
 
@@ -138,15 +138,26 @@ def _block(model: Any, blocks: Blocks, printer: Any) -> dict[str, Any]:
     }
 
 
-def _closed(derived: Derived, style: str) -> list[str]:
-    """Closed-form equations of a small robot; nothing where they cannot be read."""
+def _closed(derived: Derived) -> dict[str, Any]:
+    """Closed-form equations of a small robot, as text and for LaTeX; nothing where they cannot be read."""
     if derived.model.size > MOST_COORDINATES:
-        return []
+        return {}
     try:
         form: ReadableClosedForm = readable_closed_form(derived.model)
     except InputError:
-        return []
-    return form.lines() if style == "html" else form.latex().splitlines()
+        return {}
+    rows = [row for block in form.equations(long_frac_ratio=2) for row in block]
+    return {
+        "lines": form.lines(),
+        "letters": [(letter.latex, letter.said) for letter in form.letters],
+        "notes": form.notes(),
+        "equations": [tuple(map(_breakable, row)) for row in rows],
+    }
+
+
+def _breakable(text: str) -> str:
+    """Rewrite a formula for lines to end in it: TeX breaks sums in plain parentheses, none in those that grow."""
+    return text.replace("\\left(", "(").replace("\\right)", ")")
 
 
 def _latex(matrix: Any) -> str:

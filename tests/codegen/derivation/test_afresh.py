@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from eomgen.codegen.derivation import report
 from eomgen.codegen.derivation.afresh import derive_afresh
 from eomgen.codegen.derivation.fresh import derive_blocks
 from eomgen.codegen.derivation.generic_terms import check_zeros
@@ -22,6 +24,7 @@ from eomgen.description.load import load_robot, robot_from_toml
 from eomgen.errors import DerivationError
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
+from tests.support.derivation_reports import checked_latex, checked_page
 from tests.support.elastic_robots import elastic_robot
 from tests.support.every_element import ROBOTS, robot_with
 from tests.support.random_followers import with_followers
@@ -42,19 +45,29 @@ KINDS: dict[str, Callable[[int], Robot]] = {
 LEAST = {"mass_matrix", "bias_force", "coriolis_matrix", "residual"}
 
 
+@pytest.fixture
+def short(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Closed forms of reports end at two coordinates: others take seconds, and have tests of their own."""
+    monkeypatch.setattr(report, "MOST_COORDINATES", 2)
+
+
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("seed", seeds(2, 1, 12))
-def test_random_robots(kind: str, seed: int) -> None:
-    """Programs agree, no term that is dropped is there, and none that survives vanishes for generic numbers."""
+def test_random_robots(kind: str, seed: int, tmp_path: Path, short: None) -> None:
+    """Programs agree, no term that is dropped is there, and none that survives vanishes; reports are documents."""
     found = derive_afresh(build_model(KINDS[kind](seed)))
     assert set(found.compared) >= LEAST
     assert found.vanishing == 0
+    checked_page(found)
+    checked_latex(found, tmp_path)
 
 
 @pytest.mark.parametrize("family", ROBOTS, ids=lambda family: family.__name__)
-def test_all_forces(family: type[ForceElement]) -> None:
+def test_all_forces(family: type[ForceElement], tmp_path: Path, short: None) -> None:
     found = derive_afresh(build_model(robot_from_toml(robot_with(family))))
     assert set(found.compared) >= LEAST
+    checked_page(found)
+    checked_latex(found, tmp_path)
 
 
 def test_float32_and_chosen_kernels() -> None:
