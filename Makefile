@@ -12,7 +12,7 @@
 #   make tables   regenerate the tables in README.md and docs/architecture.md, and codegen/joint/kept.py
 #   make packages write the list of packages in pyproject.toml, after a folder of code was added, renamed or removed
 #   make schemas  regenerate the JSON Schemas in src/eomgen/schemas
-#   make misra    what MISRA C finds in generated code; writes its table into docs/coding_standards.md
+#   make misra    what MISRA C finds in generated code and in the C library; writes the tables of two pages in docs
 #   make wheel    build the source distribution and the wheel into dist/, and check what an index would show of them
 #   make release  build both, check versions, and try them in fresh environments of Python 3.10 to 3.13 (PYTHONS="3.11 3.12")
 #   make clean    remove what the commands above made

