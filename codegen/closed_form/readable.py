@@ -60,7 +60,7 @@ class Letter:
 
     @property
     def said(self) -> str:
-        """What it stands for, its value and its unit."""
+        """Say what it stands for, its value and its unit."""
         return f"{self.meaning}: {'' if self.value is None else f'{self.value!r} '}{self.unit}"
 
 
