@@ -4,10 +4,30 @@ from __future__ import annotations
 
 import importlib.resources
 import re
+from collections.abc import Iterable, Mapping
 from functools import cache
 
+from ..kernels.signatures import BATCHES, KERNELS
+
 FOLDER = "clib"  # of eomgen, and beside a robot's file
+LINKED = "EOM_LINKED"  # macro of robots' files that are linked with the library's objects
+PARTS: Mapping[str, tuple[str, str]] = {  # file of each part of the library, and the macro that compiles it alone
+    "fixed": ("integrate.c", "EOM_FIXED_ONLY"),
+    "adaptive": ("integrate.c", "EOM_ADAPTIVE_ONLY"),
+}
+_PART_OF = {"rollout": "fixed", "adaptive": "adaptive"}  # by kind of the kernels that call it
 _TYPES = ("eom.h", "eom_types.h")
+
+
+def parts_of(kernels: Iterable[str], half: str) -> tuple[str, ...]:
+    """Return the parts of the library that a half of the C of kernels is linked with.
+
+    None where the half includes what it needs of the library: that is gradients' C, and C for several states at a time.
+    """
+    kinds = {KERNELS[name].kind for name in kernels}
+    if half == BATCHES or "gradient" in kinds:
+        return ()
+    return tuple(part for kind, part in _PART_OF.items() if kind in kinds)
 
 
 @cache
@@ -31,9 +51,28 @@ def public_headers() -> tuple[str, ...]:
 @cache
 def library_types(dtype: str) -> str:
     """Declare the library's types in one precision, "float64" or "float32", without preprocessor and comments."""
-    files = library_files()
-    text = "\n".join(files[f"{FOLDER}/{name}"] for name in _TYPES)
-    text = re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL).replace("\\\n", "")
+    return _declared(dtype, _TYPES)
+
+
+@cache
+def library_functions(dtype: str) -> str:
+    """The same with robots, workspaces and the functions that integrate one state."""
+    real = "float" if dtype == "float32" else "double"
+    text = _declared(dtype, (*_TYPES, "eom_robot.h"))
+    equations = re.search(r"#define EOM_EQUATIONS\(real\)(.*)", _plain("eom.h"))
+    assert equations is not None
+    return re.sub(r"EOM_EQUATIONS\(\w+\)", re.sub(r"\breal\b", real, equations[1]), text)
+
+
+def _plain(name: str) -> str:
+    """A file without comments, continued lines joined."""
+    text = library_files()[f"{FOLDER}/{name}"]
+    return re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL).replace("\\\n", "")
+
+
+def _declared(dtype: str, names: Iterable[str]) -> str:
+    """Declarations of headers in one precision."""
+    text = "\n".join(map(_plain, names))
     prefix, scalar = ("eomf", "float") if dtype == "float32" else ("eom", "double")
     text = re.sub(r"\bEOM\((\w+)\)", rf"{prefix}_\1", text).replace("EOM_SCALAR", scalar)
     lines = (line.rstrip() for line in text.splitlines() if not line.startswith("#"))

@@ -18,7 +18,7 @@ import shutil
 import subprocess
 import sys
 import sysconfig
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cache
 from importlib.machinery import EXTENSION_SUFFIXES
@@ -32,6 +32,7 @@ from eomgen._version import __version__
 from eomgen.errors import BuildError
 from eomgen.runtime.levels import BASE
 
+from ..c.library import LINKED
 from ..c.source import Source, environment
 from .environment import check_flags, environment_words, expanded
 from .levels import fuses_unasked, level_flags
@@ -44,6 +45,7 @@ NO_VECTORS = "-fno-tree-slp-vectorize"
 # Files of eomgen that are copied to their places in a package
 CARRIED = ("errors.py", "names.py", "runtime/*.py", "runtime/stepping/*.py", "runtime/*.[ch]", "clib/*.[ch]")
 PACKAGE = "package/package.py.jinja"  # template of the Python of a package
+_LIBRARY = Path(__file__).with_name("library.py")  # how the objects are compiled that a package is linked with
 WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic")
 
 
@@ -186,7 +188,8 @@ def dependencies(source: Source, compiler: Compiler, flags: Sequence[str]) -> di
 @cache
 def _hashes() -> dict[str, dict[str, str]]:
     """Hashes, by name, of the files that put a package together, and of those that it carries, read once."""
-    own = {"compile.py": Path(__file__), PACKAGE: Path(str(environment().get_template(PACKAGE).filename))}
+    template = Path(str(environment().get_template(PACKAGE).filename))
+    own = {"compile.py": Path(__file__), "library.py": _LIBRARY, PACKAGE: template}
     kinds = {"package": own, "carried": carried_files()}
     return {
         kind: {name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in files.items()}
@@ -212,11 +215,32 @@ def carried_files() -> dict[str, Path]:
     return {path.relative_to(root).as_posix(): path for pattern in CARRIED for path in sorted(root.glob(pattern))}
 
 
-def write_package(source: Source, compiler: Compiler, flags: Sequence[str], folder: Path, level: str = BASE) -> None:
+@dataclass(frozen=True)
+class Linked:
+    """Objects of the C library that halves of a source are linked with instead of compiling it themselves.
+
+    Attributes:
+        halves: names of these halves of the source.
+        objects: gives the objects' content, and waits for it.
+    """
+
+    halves: Sequence[str] = ()
+    objects: Callable[[], Sequence[bytes]] = tuple
+
+
+def write_package(
+    source: Source,
+    compiler: Compiler,
+    flags: Sequence[str],
+    folder: Path,
+    level: str = BASE,
+    linked: Linked = Linked(),
+) -> None:
     """Write and compile the package of a kernel into an empty folder of its own.
 
     Args:
         level: of processors that the flags are for, or "native".
+        linked: what it is linked with; without it every half compiles what it needs of the library.
 
     Raises:
         BuildError: the compiler failed; the message holds its command and what it said.
@@ -232,9 +256,9 @@ def write_package(source: Source, compiler: Compiler, flags: Sequence[str], fold
         (folder / place).write_bytes(original.read_bytes())
     headers = _headers()
     if headers is None:
-        _build_abi(source, compiler, flags, folder)
+        _build_abi(source, compiler, flags, folder, linked)
     else:
-        _build_api(source, compiler, flags, folder, headers)
+        _build_api(source, compiler, flags, folder, headers, linked)
 
 
 def _headers() -> str | None:
@@ -243,28 +267,44 @@ def _headers() -> str | None:
     return folder if folder and Path(folder, "Python.h").exists() else None
 
 
-def _build_api(source: Source, compiler: Compiler, flags: Sequence[str], folder: Path, headers: str) -> None:
+def _build_api(
+    source: Source, compiler: Compiler, flags: Sequence[str], folder: Path, headers: str, linked: Linked
+) -> None:
     """cffi's API mode: its wrapper and the kernel, compiled side by side, linked into one extension module."""
     name, work = source.name, folder / "build"
     work.mkdir()
     ffi = cffi.FFI()
     ffi.cdef(source.cdef)
-    wrapper = work / f"_{name}.c"
+    wrapper, made = work / f"_{name}.c", work / "wrapper.o"
     make_c_source(ffi, f"_{name}", f'#include "{name}.h"', str(wrapper))  # emit_c_code prints to stdout
     include = ("-iquote", str(folder), "-I", headers)  # a robot may be named as a system header is
-    halves = [source.half] if source.half else list(source.cdefs)  # one source, compiled on two cores
-    objects = [work / f"{part}.o" for part in (*halves, "wrapper")]
-    compile_c, own = [*compiler.command, "-c", "-fPIC"], _first_flags(source)
-    jobs = [
-        [*compile_c, *own, *flags, *_only(half, source), str(folder / f"{name}.c"), "-o", str(target)]
-        for half, target in zip(halves, objects, strict=False)
-    ]
     # -O0: the wrapper passes pointers on, and optimising it takes longer than many a kernel
-    jobs.append([*compile_c, "-O0", *compiler.flags, *include, str(wrapper), "-o", str(objects[-1])])
-    run_all(jobs)
+    job = [*compiler.command, "-c", "-fPIC", "-O0", *compiler.flags, *include, str(wrapper), "-o", str(made)]
+    objects = [*_compile(source, compiler, flags, folder, linked, [job]), made]
     suffix = ".abi3.so" if ".abi3.so" in EXTENSION_SUFFIXES else EXTENSION_SUFFIXES[0]
     link_shared(compiler, objects, folder / f"_{name}{suffix}")
     shutil.rmtree(work)
+
+
+def _compile(
+    source: Source, compiler: Compiler, flags: Sequence[str], folder: Path, linked: Linked, beside: Sequence[list[str]]
+) -> list[Path]:
+    """Compile the halves of a source into objects, side by side; beside them whatever else; with objects to link."""
+    halves = [source.half] if source.half else list(source.cdefs)  # one source, compiled on two cores
+    objects = [folder / "build" / f"{part}.o" for part in halves]
+    jobs = [
+        [
+            *(*compiler.command, "-c", "-fPIC", *_first_flags(source), *flags, *_only(half, source)),
+            *((f"-D{LINKED}",) if half in linked.halves else ()),
+            *(str(folder / f"{source.name}.c"), "-o", str(target)),
+        ]
+        for half, target in zip(halves, objects, strict=True)
+    ]
+    run_all([*jobs, *beside])
+    for number, data in enumerate(linked.objects()):
+        objects.append(folder / "build" / f"library{number}.o")
+        objects[-1].write_bytes(data)
+    return objects
 
 
 def _first_flags(source: Source) -> tuple[str, ...]:
@@ -278,9 +318,10 @@ def _only(half: str, source: Source) -> tuple[str, ...]:
     return (f"-DEOMGEN_{half.upper()}_ONLY", *setup)
 
 
-def _build_abi(source: Source, compiler: Compiler, flags: Sequence[str], folder: Path) -> None:
+def _build_abi(source: Source, compiler: Compiler, flags: Sequence[str], folder: Path, linked: Linked) -> None:
     """cffi's ABI mode: a plain shared library, opened by a Python module."""
-    name = source.name
+    name, work = source.name, folder / "build"
+    work.mkdir()
     ffi = cffi.FFI()
     ffi.cdef(source.cdef)
     make_py_source(ffi, f"_{name}_types", str(folder / f"_{name}_types.py"))
@@ -290,10 +331,8 @@ def _build_abi(source: Source, compiler: Compiler, flags: Sequence[str], folder:
         f'lib = ffi.dlopen(str(Path(__file__).with_name("lib{name}.so")))\n'
     )
     (folder / f"_{name}.py").write_text(opened, encoding="ascii")
-    code, library = str(folder / f"{name}.c"), str(folder / f"lib{name}.so")
-    only = _only(source.half, source) if source.half else ()
-    command = [*compiler.command, "-fPIC", *_first_flags(source), *flags, *only, *shared_flags(), code, "-o", library]
-    run_all([[*command, *compiler.link_flags, "-lm"]])
+    link_shared(compiler, _compile(source, compiler, flags, folder, linked, []), folder / f"lib{name}.so")
+    shutil.rmtree(work)
 
 
 def shared_flags() -> tuple[str, ...]:

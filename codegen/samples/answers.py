@@ -108,8 +108,9 @@ class _Samples:
     def _store_steps(self, name: str, step: Callable[..., tuple[Array, Array]], programs: list[Program]) -> None:
         dt = self.arithmetic.dtype.type(_STEP[str(self.arithmetic.dtype)])
         u = clipped(self.inputs["u"], with_copies(self._efforts()))
-        ways = [step(method, self.run, self.inputs["q"], u, dt) for method in range(_METHODS)]
-        n, lanes = self.inputs["q"].shape
+        q = self.inputs["q"]
+        ways = [step(method, self.run, q, np.zeros_like(q), u, dt) for method in range(_METHODS)]
+        n, lanes = q.shape
         self._store(name, np.stack([way[0].reshape(2 * n, lanes) for way in ways]), None, *programs)
         for part in ("", " near"):
             self.found[name + part] = np.moveaxis(self.found[name + part][:_RESTING], 0, 1)

@@ -17,12 +17,11 @@ def clipped(u: Array, effort: Array) -> Array:
     return found
 
 
-def one_step(method: int, run: Run, q: Array, u: Array, dt: Any) -> tuple[Array, Array]:
-    """Coordinates and rates (2, n, lanes) after a step from rest without a controller, and the status of every lane.
+def one_step(method: int, run: Run, q: Array, v: Array, u: Array, dt: Any) -> tuple[Array, Array]:
+    """Coordinates and rates (2, n, lanes) after a step without a controller, and the status of every lane.
 
     Method 0 is the classical Runge-Kutta method, 1 the linearly implicit one.
     """
-    v = np.zeros_like(q)
     if method == 1:
         times = np.stack([np.broadcast_to(t, q.shape[1:]) for t in (dt, dt * dt)])
         a, status = run("implicit_step", q=q, v=v, u=u, added=np.zeros_like(q), dt=times)
@@ -39,24 +38,24 @@ def one_step(method: int, run: Run, q: Array, u: Array, dt: Any) -> tuple[Array,
     return np.stack([q + dt / one(6.0) * q_sum, v + dt / one(6.0) * v_sum]), status
 
 
-def one_adapted_step(method: int, run: Run, q: Array, u: Array, dt: Any) -> tuple[Array, Array]:
+def one_adapted_step(method: int, run: Run, q: Array, v: Array, u: Array, dt: Any) -> tuple[Array, Array]:
     """The same with error control that allows anything: method 0 is the Rosenbrock method, 1 the explicit pair.
 
     No status comes of it: what cannot be solved is seen in the error.
     """
-    found = _rosenbrock(run, q, u, dt) if method == 0 else _explicit(run, q, u, dt)
+    found = _rosenbrock(run, q, v, u, dt) if method == 0 else _explicit(run, q, v, u, dt)
     return found, np.zeros(q.shape[1], np.int64)
 
 
-def _rosenbrock(run: Run, q: Array, u: Array, dt: Any) -> Array:
+def _rosenbrock(run: Run, q: Array, v: Array, u: Array, dt: Any) -> Array:
     one, nothing = q.dtype.type, np.zeros_like(q)
     ahead, back, weight, _ = (x.astype(q.dtype) for x in W643.transformed())
     inverse, c = one(1.0) / dt, one(W643.diagonal) * dt
     times = np.stack([np.broadcast_to(t, q.shape[1:]) for t in (c, c * c)])
-    kept = run("stage_factors", q=q, v=nothing, kp=nothing, kd=nothing, times=times)[0]
+    kept = run("stage_factors", q=q, v=v, kp=nothing, kd=nothing, times=times)[0]
     parts: list[tuple[Array, Array]] = []
     for stage in range(len(weight)):
-        q_here, v_here, q_back, v_back = q, nothing, nothing, nothing
+        q_here, v_here, q_back, v_back = q, v, nothing, nothing
         for j, (x, y) in enumerate(parts):
             q_here, v_here = q_here + ahead[stage, j] * x, v_here + ahead[stage, j] * y
             q_back, v_back = q_back + back[stage, j] * x, v_back + back[stage, j] * y
@@ -64,21 +63,21 @@ def _rosenbrock(run: Run, q: Array, u: Array, dt: Any) -> Array:
         a = run("forward_dynamics", q=q_here, v=v_here, u=u)[0] + inverse * v_back
         v_part = c * (a + run("stage_solution", q=q, kept=kept, rates=a, shifts=shifts)[0])
         parts.append((c * (v_part + shifts), v_part))
-    q_end, v_end = q, nothing
+    q_end, v_end = q, v
     for j, (x, y) in enumerate(parts):
         q_end, v_end = q_end + weight[j] * x, v_end + weight[j] * y
     return np.stack([q_end, v_end])
 
 
-def _explicit(run: Run, q: Array, u: Array, dt: Any) -> Array:
+def _explicit(run: Run, q: Array, v: Array, u: Array, dt: Any) -> Array:
     ahead, nothing = TSIT5.a.astype(q.dtype), np.zeros_like(q)
     rates: list[tuple[Array, Array]] = []
-    q_here, v_here = q, nothing
+    q_here, v_here = q, v
     for stage in range(len(ahead)):
         q_sum, v_sum = nothing, nothing
         for j, (x, y) in enumerate(rates):
             q_sum, v_sum = q_sum + ahead[stage, j] * x, v_sum + ahead[stage, j] * y
         if stage:
-            q_here, v_here = q + dt * q_sum, dt * v_sum
+            q_here, v_here = q + dt * q_sum, v + dt * v_sum
         rates.append((v_here, run("forward_dynamics", q=q_here, v=v_here, u=u)[0]))
     return np.stack([q_here, v_here])

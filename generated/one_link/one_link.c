@@ -627,7 +627,9 @@ int one_link_frame_jacobian(const double *restrict h, const double *restrict q, 
     return 0;
 }
 
+#if !defined(EOM_LINKED) /* defined where the library's objects are linked; without it the library is compiled for this robot */
 #include "clib/integrate.c"
+#endif
 
 #ifndef EOMGEN_SIZES
 #define EOMGEN_SIZES

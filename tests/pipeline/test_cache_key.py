@@ -139,7 +139,8 @@ def test_the_parts_are_all_that_a_package_depends_on(source: Source) -> None:
     assert {"suffix", "python", "headers", "system", "machine", "library"} == set(parts["interface"])
     assert parts["carried"] == {name: sha256(EOMGEN / name) for name in compiling.carried_files()}
     assert {"errors.py", "names.py", "runtime/kernel.py"} < set(parts["carried"])
-    made = {"compile.py": Path(compiling.__file__), compiling.PACKAGE: EOMGEN / "templates" / compiling.PACKAGE}
+    made = {name: Path(compiling.__file__).with_name(name) for name in ("compile.py", "library.py")}
+    made[compiling.PACKAGE] = EOMGEN / "templates" / compiling.PACKAGE
     assert parts["package"] == {name: sha256(path) for name, path in made.items()}
 
 

@@ -1,4 +1,5 @@
-/* integrate.c: integration of one state; compile it once, or include it in a robot's file that defines EOM_N. */
+/* integrate.c: integration of one state; compile it once, or include it in a robot's file that defines EOM_N.  Compiled in parts
+ * it is one of steps of fixed length (EOM_FIXED_ONLY), and one of steps with error control (EOM_ADAPTIVE_ONLY). */
 #include "inputs.h"
 
 #include "state_one.h"
@@ -24,9 +25,12 @@ EOM_LOCAL void EOM(store)(const EOM_SCALAR *restrict x, size_t here, size_t stri
 #include "closed_loops.h"
 #include "forces.h"
 #include "fixed_steps.h"
+#if !defined(EOM_FIXED_ONLY)
 #include "adaptive_steps.h"
 #include "adaptive_rollouts.h"
+#endif
 
+#if !defined(EOM_ADAPTIVE_ONLY)
 EOM_PUBLIC long long EOM(integrate_fixed)(const EOM(robot) *restrict robot, const EOM_SCALAR *restrict h, const EOM_SCALAR *restrict q, const EOM_SCALAR *restrict v, const EOM(drive) *restrict drive, const EOM(inputs) *restrict inputs, double first, EOM_SCALAR dt, size_t steps, size_t every, int method, EOM_SCALAR *restrict q_out, EOM_SCALAR *restrict v_out, EOM(workspace) work)
 {
     const int n = N_OF(robot->sizes);
@@ -37,11 +41,39 @@ EOM_PUBLIC long long EOM(integrate_fixed)(const EOM(robot) *restrict robot, cons
     return EOM(steps)(robot, h, drive, inputs, first, 0, 1, dt, steps, every, method, x, q_out, v_out, work);
 }
 
+/* Integrate count states as integrate_fixed does, one after the other. */
+EOM_PUBLIC long long EOM(integrate_fixed_one_by_one)(const EOM(robot) *restrict robot, size_t count, const EOM_SCALAR *restrict h, const EOM_SCALAR *restrict q, size_t q_step, const EOM_SCALAR *restrict v, size_t v_step, const EOM(drive) *restrict drive, EOM_SCALAR dt, size_t steps, size_t every, int method, EOM_SCALAR *restrict q_out, EOM_SCALAR *restrict v_out, EOM(workspace) work)
+{
+    const int n = N_OF(robot->sizes);
+    const size_t statuses = (size_t)(n + ((M_OF(robot->sizes) > 0) ? (3 * M_OF(robot->sizes) + n) : 0));
+    const size_t stride = (steps / every + 1U) * (size_t)n;
+    EOM_SCALAR *const x = work.state;
+    work.state += PADDED_TO_BLOCKS(2 * n);
+    for (size_t i = 0; i < count; ++i) {
+        (void)memcpy(x, &q[i * q_step], (size_t)n * sizeof *q);
+        (void)memcpy(&x[n], &v[i * v_step], (size_t)n * sizeof *v);
+        const long long failed = EOM(steps)(robot, h, drive, NULL, 0.0, i, 1, dt, steps, every, method, x, &q_out[i * stride], &v_out[i * stride], work);
+        if (failed >= 0) { return (long long)(i * steps * statuses) + failed; }
+    }
+    return -1;
+}
+#endif
+
+#if !defined(EOM_FIXED_ONLY)
+/* Clear the room of a state: what stands behind the last coordinate of a block is computed with, and never looked at, and
+ * denormal numbers there cost time. */
+EOM_LOCAL void EOM(clear_room)(const EOM(sizes) *restrict sizes, EOM_SCALAR *restrict state)
+{
+    const int room = EOM_STATE_ROOM(sizes->n, sizes->m, sizes->hoisted, sizes->factors, sizes->wrench, sizes->parameters, sizes->rotations);
+    if (BLOCK > 1) { (void)memset(state, 0, (size_t)room * sizeof *state); }
+}
+
 EOM_PUBLIC int EOM(integrate_adaptive)(const EOM(robot) *restrict robot, const EOM_SCALAR *restrict h, const EOM(drive) *restrict drive, const EOM(inputs) *restrict inputs, const EOM(tolerance) *restrict allowed, const double *restrict times, size_t samples, int method, EOM_SCALAR *restrict q, EOM_SCALAR *restrict v, EOM_SCALAR *restrict q_out, EOM_SCALAR *restrict v_out, eom_progress *restrict progress, EOM(record) *restrict record, EOM(workspace) work)
 {
     const int n = N_OF(robot->sizes);
     const size_t place = 0;
     EOM_SCALAR *const x = work.state;
+    EOM(clear_room)(robot->sizes, work.state);
     work.state += PADDED_TO_BLOCKS(2 * n);
     (void)memcpy(x, q, (size_t)n * sizeof *q);
     (void)memcpy(&x[n], v, (size_t)n * sizeof *v);
@@ -86,28 +118,12 @@ EOM_PUBLIC void EOM(inputs_over_time)(const EOM(sizes) *restrict sizes, size_t c
     }
 }
 
-/* Integrate count states as integrate_fixed does, one after the other. */
-EOM_PUBLIC long long EOM(integrate_fixed_one_by_one)(const EOM(robot) *restrict robot, size_t count, const EOM_SCALAR *restrict h, const EOM_SCALAR *restrict q, size_t q_step, const EOM_SCALAR *restrict v, size_t v_step, const EOM(drive) *restrict drive, EOM_SCALAR dt, size_t steps, size_t every, int method, EOM_SCALAR *restrict q_out, EOM_SCALAR *restrict v_out, EOM(workspace) work)
-{
-    const int n = N_OF(robot->sizes);
-    const size_t statuses = (size_t)(n + ((M_OF(robot->sizes) > 0) ? (3 * M_OF(robot->sizes) + n) : 0));
-    const size_t stride = (steps / every + 1U) * (size_t)n;
-    EOM_SCALAR *const x = work.state;
-    work.state += PADDED_TO_BLOCKS(2 * n);
-    for (size_t i = 0; i < count; ++i) {
-        (void)memcpy(x, &q[i * q_step], (size_t)n * sizeof *q);
-        (void)memcpy(&x[n], &v[i * v_step], (size_t)n * sizeof *v);
-        const long long failed = EOM(steps)(robot, h, drive, NULL, 0.0, i, 1, dt, steps, every, method, x, &q_out[i * stride], &v_out[i * stride], work);
-        if (failed >= 0) { return (long long)(i * steps * statuses) + failed; }
-    }
-    return -1;
-}
-
 /* Integrate count states as integrate_adaptive does, one after the other, those at place, or the first ones. */
 EOM_PUBLIC void EOM(integrate_adaptive_one_by_one)(const EOM(robot) *restrict robot, size_t count, const size_t *restrict place, const EOM_SCALAR *restrict h, size_t h_step, const EOM(drive) *restrict drive, const EOM(inputs) *restrict inputs, size_t inputs_step, const EOM(tolerance) *restrict allowed, size_t allowed_step, const double *restrict times, size_t samples, int method, EOM_SCALAR *restrict q, EOM_SCALAR *restrict v, EOM_SCALAR *restrict q_out, EOM_SCALAR *restrict v_out, eom_progress *restrict progress, EOM(workspace) work)
 {
     const int n = N_OF(robot->sizes);
     EOM_SCALAR *const x = work.state;
+    EOM(clear_room)(robot->sizes, work.state);
     work.state += PADDED_TO_BLOCKS(2 * n);
     for (size_t i = 0; i < count; ++i) {
         const size_t k = (place == NULL) ? i : place[i];
@@ -118,3 +134,4 @@ EOM_PUBLIC void EOM(integrate_adaptive_one_by_one)(const EOM(robot) *restrict ro
         (void)memcpy(&v[k * (size_t)n], &x[n], (size_t)n * sizeof *v);
     }
 }
+#endif

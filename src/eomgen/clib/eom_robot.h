@@ -37,7 +37,7 @@ typedef struct {
     int *index;        /* EOM_INDEX_ROOM */
 } EOM(workspace);
 
-#if !defined(EOM_N)
+#if !defined(EOM_N) || defined(EOM_LINKED)
 /* Take steps of length dt, s, from q and v; every so many states are stored.  method 0: the classical Runge-Kutta method of order
  * 4; 1: the linearly implicit Euler method.  Inputs, or NULL, act beside the drives, the first step being from the time first
  * on, s; prescribed coordinates begin where their motions are then.  -1, or step * statuses + i of the first failure. */

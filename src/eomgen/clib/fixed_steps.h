@@ -143,7 +143,7 @@ EOM_LOCAL long long F(steps)(const F(robot) *restrict robot, const REAL *restric
     REAL *told = x;
     REAL *u = NULL;
     REAL *target = NULL;
-    size_t place[WIDTH];
+    size_t place[WIDTH] = { 0 };
     motion->robot = robot;
     motion->h = h;
     motion->charts = NULL;

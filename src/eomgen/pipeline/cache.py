@@ -25,7 +25,7 @@ from ..errors import BuildError
 MANIFEST = "manifest.json"
 _MOST_MANIFEST = 1 << 20  # bytes; a name and a hash of each file
 VARIABLE = "EOMGEN_CACHE_DIR"
-KINDS, LOCKS = ("sources", "packages", "objects", "externals", "extensions"), "locks"
+KINDS, LOCKS = ("sources", "packages", "objects", "externals", "extensions", "libraries"), "locks"
 PASSING = ("making-", "damaged-", "loading-")  # folders that live for one call
 PATIENCE = 900.0  # s, after which a process that holds a lock is no longer waited for
 DAY = 86400.0
@@ -62,7 +62,7 @@ def entry(kind: str, key: str, make: Callable[[Path], None]) -> Entry:
     """An entry, made by ``make(private folder)`` if it is missing or damaged.
 
     Args:
-        kind: "sources", "packages", "objects", "externals" or "extensions".
+        kind: one of KINDS.
         key: hexadecimal hash of what the entry depends on.
 
     Raises:

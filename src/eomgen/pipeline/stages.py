@@ -43,6 +43,7 @@ from .denormals import prepare, with_denormals
 from .folders import new_folder, put_folder
 from .generator_key import generator_hash
 from .importable import check_module_name
+from .library.objects import Libraries
 from .on_demand import OnDemand, one_library
 
 if TYPE_CHECKING:
@@ -363,15 +364,19 @@ def make_package(
     Raises:
         BuildError: see ``build``.
     """
+    from ..codegen.c.library import parts_of
     from ..codegen.package.compile import build_key, find_compiler, write_package
 
     compiler = compiler or find_compiler()
     direct_calls.begin(compiler)
-    derived = _derived(robot, options, progress)
-    source = _source(derived).only(half)
     flags = build_flags(options, compiler)
     level = NATIVE if options.native else options.level or build_level(options, compiler)
     tried = level == NATIVE or level in allowed_levels()
+    library = Libraries(compiler, flags, options.dtype, tried)
+    if store.find("sources", _source_key(robot, options)) is None:  # beside the derivation
+        library.begin(parts_of(options.kernels or OWN_KERNELS, half))
+    derived = _derived(robot, options, progress)
+    source = _source(derived).only(half)
     key = build_key(source, compiler, flags, tried=tried)
 
     def make(folder: Path) -> None:
@@ -379,7 +384,7 @@ def make_package(
 
         note = "" if tried else f" for {level}, which this processor cannot try"
         progress(f"compiling {source.statements} statements of C{note}")
-        write_package(source, compiler, flags, folder, level)
+        write_package(source, compiler, flags, folder, level, library.begin_for(source))
         if tried:
             made = store.unfinished("packages", key, folder)
             with_denormals(lambda: check_package(made, source, derived.files[_SAMPLES], compiler, flags))

@@ -1,0 +1,93 @@
+"""The C library's objects: compiled once for all robots, beside the first derivation, and kept in the cache."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ...errors import BuildError
+from .. import cache as store
+from ..denormals import with_denormals
+
+if TYPE_CHECKING:
+    from ...codegen.c.source import Source
+    from ...codegen.package.compile import Compiler, Linked
+
+KIND = "libraries"
+
+
+@dataclass(frozen=True)
+class Libraries:
+    """Parts of the library as a compiler and its flags make them.
+
+    Attributes:
+        compiler, flags: those of the kernels that are linked with them.
+        dtype: "float64" or "float32".
+        tried: whether this processor runs them, and can try them.
+    """
+
+    compiler: Compiler
+    flags: tuple[str, ...]
+    dtype: str
+    tried: bool = True
+
+    def begin(self, parts: Sequence[str]) -> Callable[[], list[bytes]]:
+        """Begin to compile what the cache does not have, each part in a thread.
+
+        Returns:
+            A function that waits for the objects and gives their content; it raises BuildError where the compiler
+            fails, or what it compiles computes something else than it should.
+        """
+        threads = [threading.Thread(target=self._try, args=(part,), daemon=True) for part in self._missing(parts)]
+        for thread in threads:
+            thread.start()
+
+        def objects() -> list[bytes]:
+            for thread in threads:
+                thread.join()
+            return [self._made(part) for part in parts]
+
+        return objects
+
+    def begin_for(self, source: Source) -> Linked:
+        """``begin`` with the parts that a source is linked with."""
+        from ...codegen.c.library import parts_of
+        from ...codegen.package.compile import Linked
+
+        kernels = json.loads(source.meta)["kernels"]
+        parts = {half: parts_of(kernels, half) for half in ([source.half] if source.half else source.cdefs)}
+        halves = [half for half, own in parts.items() if own]
+        return Linked(halves, self.begin(sorted({part for own in parts.values() for part in own})))
+
+    def _missing(self, parts: Sequence[str]) -> list[str]:
+        return [part for part in parts if store.find(KIND, self._key(part)) is None]
+
+    def _key(self, part: str) -> str:
+        from ...codegen.package.library import library_key
+
+        return library_key(self.compiler, self.flags, self.dtype, part, tried=self.tried)
+
+    def _made(self, part: str) -> bytes:
+        """The object of a part, made or from the cache."""
+        from ...codegen.package.library import OBJECT
+
+        key = self._key(part)
+        return store.entry(KIND, key, lambda folder: self._make(part, folder)).files[OBJECT]
+
+    def _make(self, part: str, folder: Path) -> None:
+        from ...codegen.package.library import write_library
+        from .check import check_library
+
+        write_library(self.compiler, self.flags, self.dtype, part, folder)
+        if self.tried:
+            with_denormals(lambda: check_library(self.compiler, self.flags, self.dtype, part, folder))
+
+    def _try(self, part: str) -> None:
+        """Fill the cache; what goes wrong is found again, and told, by who waits for the objects."""
+        with suppress(BuildError):
+            self._made(part)

@@ -1,0 +1,218 @@
+"""Objects of the C library: compiled once for all robots, examined, kept, and linked into each robot's library."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import eomgen
+from eomgen.codegen.c.library import LINKED, PARTS, parts_of
+from eomgen.codegen.kernels.signatures import BATCHES, SINGLES
+from eomgen.codegen.package.compile import Compiler, compile_flags, find_compiler, write_package
+from eomgen.codegen.package.library import OBJECT, library_command, library_flags, library_key, write_library
+from eomgen.errors import BuildError
+from eomgen.pipeline import cache
+from eomgen.pipeline.library.check import check_library
+from eomgen.pipeline.library.objects import KIND, Libraries
+from eomgen.pipeline.stages import Options, generate, load_kernel, make_source
+from tests.support.quick_builds import flip, logging_compiler, script, without_headers
+
+ROLLS = ("rollout", "adaptive_rollout")
+PLAIN = ("-O1", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math")
+CC = shutil.which("cc") or shutil.which("gcc") or "cc"
+Q, V, U = np.array([0.01, 0.5]), np.array([0.1, -0.2]), np.array([0.3, 0.4])
+
+
+def motions(kernel: eomgen.Kernel) -> list[bytes]:
+    """Motions by all methods, alone and of two states, to the bit."""
+    found = []
+    for q, v, u in ((Q, V, U), (np.array([Q, -Q]), np.array([V, V]), np.array([U, -U]))):
+        found += [
+            kernel.rollout(q, v, u, 1e-3, 20, method=method, kp=2.0, kd=0.1, target=Q) for method in ("rk4", "implicit")
+        ]
+        for method in ("rosenbrock", "tsit5"):
+            found.append(kernel.rollout(q, v, u, duration=0.3, samples=7, method=method, rtol=1e-5))
+    return [x.tobytes() for motion in found for x in motion]
+
+
+def compiles(log: Path) -> list[str]:
+    """Parts of the library that a compiler was asked for since the last time, sorted."""
+    lines, _ = log.read_text().splitlines(), log.write_text("")
+    return sorted(part for line in lines for part, (_, macro) in PARTS.items() if f"-D{macro}" in line)
+
+
+def test_it_is_compiled_once_for_all_robots(empty_cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    command, log = logging_compiler(tmp_path)
+    monkeypatch.setenv("CC", command)
+    flags = ("-O0",)
+    eomgen.build("one_link", kernels=("mass_matrix",), flags=flags)
+    assert compiles(log) == []
+    eomgen.build("one_link", kernels=("rollout",), flags=flags)
+    assert compiles(log) == ["fixed"]
+    eomgen.build("one_link", kernels=ROLLS, flags=flags)
+    assert compiles(log) == ["adaptive"]
+    eomgen.build("four_bar", kernels=ROLLS, flags=flags)
+    eomgen.build("one_link", flags=flags).rollout(Q, V, U, 1e-3, 2)
+    assert compiles(log) == []
+    eomgen.build("one_link", kernels=("rollout",), flags=("-O0", "-g"))
+    assert compiles(log) == ["fixed"]
+    eomgen.build("one_link", kernels=("rollout",), flags=flags, dtype="float32")
+    assert compiles(log) == ["fixed"]
+    kinds = [kind for kind, _, _ in cache.contents()]
+    assert kinds.count(KIND) == 4
+
+
+def test_both_ways_give_the_same_bits(tmp_path: Path) -> None:
+    """Compiled for the robot or for all, quickly or not."""
+    compiler = find_compiler()
+    source = make_source(eomgen.load_robot("one_link"), Options(ROLLS))
+    flags = compile_flags(compiler, False, ())
+    folder = tmp_path / "own"
+    folder.mkdir()
+    write_package(source, compiler, flags, folder)
+    own = load_kernel(cache.unfinished("packages", "0" * 64, folder), "one_link")
+    assert motions(own) == motions(eomgen.build("one_link", kernels=ROLLS, level="v1"))
+    assert motions(own) == motions(eomgen.build("one_link"))
+
+
+def test_a_robots_file_declares_it_and_holds_none_of_it(tmp_path: Path) -> None:
+    """Linked, a robot's object asks for the library's functions; those are seen by no other library."""
+    source = make_source(eomgen.load_robot("one_link"), Options(ROLLS))
+    for name, text in source.files.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text, encoding="ascii")
+    made = str(tmp_path / "robot.o")
+    command = [CC, "-O2", "-c", f"-D{LINKED}", "-DEOMGEN_SINGLES_ONLY", str(tmp_path / "one_link.c"), "-o", made]
+    subprocess.run(command, check=True)
+    said = subprocess.run(["nm", made], capture_output=True, text=True, check=True).stdout
+    asked = {line.split()[-1] for line in said.splitlines() if line.split()[-1].startswith("eom_")}
+    assert asked == {
+        "eom_integrate_fixed",
+        "eom_integrate_adaptive",
+        "eom_inputs_over_time",
+    }
+    package = generate("one_link", tmp_path / "out", Options(ROLLS, level="v1", flags=("-O0",)))
+    binary = next(path for path in package.iterdir() if path.name.startswith("_one_link."))
+    said = subprocess.run(["nm", "-D", str(binary)], capture_output=True, text=True, check=True).stdout
+    assert "one_link" in said
+    assert "eom_" not in said
+
+
+def test_without_headers(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    expected = motions(eomgen.build("one_link", kernels=ROLLS))
+    cache.clear()
+    without_headers(monkeypatch)
+    assert motions(eomgen.build("one_link", kernels=ROLLS, flags=("-O1",))) == expected
+
+
+def test_parts_of_halves() -> None:
+    """Gradients' C includes the library, and C for several states at a time."""
+    assert parts_of(("mass_matrix", "energy"), SINGLES) == ()
+    assert parts_of(("rollout", "energy"), SINGLES) == ("fixed",)
+    assert parts_of(ROLLS, SINGLES) == tuple(PARTS)
+    assert parts_of(ROLLS, BATCHES) == ()
+    assert parts_of(("rollout", "explicit_gradient"), SINGLES) == ()
+
+
+def test_keys_and_flags() -> None:
+    """A kernel that is compiled quickly is linked with what others are; all else that changes code changes the key."""
+    compiler = Compiler(("cc",), "1")
+    quick, full = (compile_flags(compiler, False, (), quick=quick) for quick in (True, False))
+    assert library_flags(quick) == library_flags(full)
+    key = library_key(compiler, full, "float64", "fixed", tried=True)
+    assert key == library_key(compiler, quick, "float64", "fixed", tried=True)
+    others = [
+        library_key(Compiler(("cc",), "2"), full, "float64", "fixed", tried=True),
+        library_key(compiler, (*full, "-O0"), "float64", "fixed", tried=True),
+        library_key(compiler, full, "float32", "fixed", tried=True),
+        library_key(compiler, full, "float64", "adaptive", tried=True),
+        library_key(compiler, full, "float64", "fixed", tried=False),
+    ]
+    assert len({key, *others}) == 6
+
+
+def test_a_damaged_object_is_made_again(empty_cache: Path) -> None:
+    library = Libraries(find_compiler(), PLAIN, "float64")
+    (first,) = library.begin(("fixed",))()
+    made = next((empty_cache / KIND).iterdir())
+    flip(made / OBJECT)
+    assert library.begin(("fixed",))() == [first]
+    assert (made / OBJECT).read_bytes() == first
+
+
+def test_an_object_is_not_examined_where_it_cannot_run(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(*_: object) -> None:
+        raise BuildError("examined")
+
+    monkeypatch.setattr("eomgen.pipeline.library.check.check_library", refused)
+    assert Libraries(find_compiler(), PLAIN, "float64", tried=False).begin(("fixed",))()
+    with pytest.raises(BuildError, match="examined"):
+        Libraries(find_compiler(), PLAIN, "float64").begin(("fixed",))()
+
+
+CHANGES = {  # of a file of the library, by part: what the examination must see
+    "fixed": {
+        "a weight": "fixed_steps.h s/(EOM_SCALAR)2.0, (EOM_SCALAR)2.0/(EOM_SCALAR)2.0, (EOM_SCALAR)2.5/",
+        "a part": "fixed_steps.h s/(EOM_SCALAR)0.5, (EOM_SCALAR)0.5/(EOM_SCALAR)0.5, (EOM_SCALAR)0.25/",
+        "the implicit step": "fixed_steps.h s/q\\[i\\] += dt \\* v\\[i\\]/q[i] += dt * a[i]/",
+        "a controller": "fixed_steps.h s/- ahead \\* v\\[i\\])/+ ahead * v[i])/",
+        "a limit": "forces.h s/(x > most) ? most : -most/(x > most) ? -most : most/",
+        "a step": "fixed_steps.h s/step < steps;/step + 1U < steps;/",
+    },
+    "adaptive": {
+        "a coefficient": "methods.h s/0\\.161\\b/0.1610000001/",
+        "a part of the implicit method": "adaptive_steps.h s/own\\[i\\] = time \\*/own[i] = inverse */",
+        "a gain": "forces.h s/- drive->kd\\[i\\] \\* v\\[i\\]/+ drive->kd[i] * v[i]/",
+        "dense output": "adaptive_steps.h s/c5 = 6\\.0 \\* d/c5 = 6.1 * d/",
+        "the cubic": "adaptive_steps.h s/double c3 = v0 + v1 - 2\\.0/double c3 = v0 + v1 - 2.1/",
+        "a signal": "signals.h s/spline->degree/(spline->degree - 1)/",
+        "error control": "adaptive_steps.h s/(excess <= 1\\.0)/(excess <= 1e6)/",
+        "a piece": "signals.h s/at\\.beside < knot\\[middle\\]/at.beside > knot[middle]/",
+    },
+}
+
+
+@pytest.mark.parametrize(("part", "change"), [(part, change) for part, own in CHANGES.items() for change in own])
+def test_a_library_that_computes_something_else_is_refused(part: str, change: str, tmp_path: Path) -> None:
+    file, edit = CHANGES[part][change].split(" ", 1)
+    text = f"""
+for word in "$@"; do case "$word" in */integrate.c) sed -i '{edit}' "$(dirname "$word")/{file}";; esac; done
+exec {CC} "$@\""""
+    folder = tmp_path / "made"
+    folder.mkdir()
+    compiler = Compiler((script(tmp_path / "cc-wrapper", text),), "")
+    write_library(compiler, PLAIN, "float64", part, folder)
+    with pytest.raises(BuildError, match="the compiled C library computes something else than its methods"):
+        check_library(compiler, PLAIN, "float64", part, folder)
+
+
+@pytest.mark.parametrize(  # single precision has all numbers of steps of fixed length
+    ("part", "added"),
+    [*((part, "-ffast-math") for part in PARTS), ("adaptive", "-fsingle-precision-constant")],
+)
+def test_a_compiler_that_adds_flags_is_refused(
+    part: str, added: str, empty_cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    command = script(tmp_path / "cc-wrapper", f'case "$*" in *clib*) set -- "$@" {added};; esac\nexec {CC} "$@"')
+    compiler = Compiler((command,), "")
+    with pytest.raises(BuildError) as error:
+        Libraries(compiler, PLAIN, "float64").begin((part,))()
+    assert "the compiled C library computes something else than its methods: " in str(error.value)
+    assert f"\n  {command} -c -fPIC " in str(error.value)
+    assert not [kind for kind, _, _ in cache.contents() if kind == KIND]
+    assert not list(empty_cache.glob("making-*"))
+
+
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize("part", PARTS)
+def test_no_compiler_warns(dtype: str, part: str, tmp_path: Path) -> None:
+    for name in ("gcc", "clang"):
+        if shutil.which(name) is not None:
+            (tmp_path / name).mkdir()
+            write_library(Compiler((name,), ""), (*PLAIN, "-O2", "-Werror"), dtype, part, tmp_path / name)
+            check_library(Compiler((name,), ""), PLAIN, dtype, part, tmp_path / name)
+    assert "-DEOM_SINGLE" in library_command(find_compiler(), (), "float32", part, tmp_path)
