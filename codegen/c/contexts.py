@@ -178,6 +178,7 @@ def _closing_tables(equations: Equations, dtype: str) -> dict[str, Any]:
     kept = [r for r, kind in enumerate(kinds) if kind >= 0]
     return {
         "blocks": blocks,
+        "block_widths": [len(block.columns) for block in blocks],
         "row_starts": [starts[owners[r]] for r in kept],
         "row_widths": [len(blocks[owners[r]].columns) for r in kept],
         "row_places": [kept.index(r) if r in kept else -1 for r in range(len(kinds))],
@@ -226,7 +227,12 @@ def _closing_files(equations: Equations, composed: Iterable[str]) -> list[str]:
     """Files of the library that templates of these kernels call."""
     named = list(composed)
     checks = any(program in CHECKED for name in named for program in equations.calls.get(name, ()))
-    files = {"constraint_checks.h": checks, "dependent_coordinates.h": "following" in named}
+    derivatives = any(name.endswith("forward_dynamics_jacobian") for name in named)
+    files = {
+        "constraint_checks.h": checks,
+        "dependent_coordinates.h": "following" in named,
+        "acceleration_derivatives.h": derivatives,
+    }
     return [file for file, wanted in files.items() if wanted]
 
 

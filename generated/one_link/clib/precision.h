@@ -42,10 +42,12 @@
 
 #if defined(__GNUC__)
 #define EOM_INLINE static inline __attribute__((unused))
+#define EOM_IN_PLACE static inline __attribute__((unused, always_inline)) /* where sizes are constants */
 #define EOM_PRAGMA(words) _Pragma(#words)
 #define UNROLL(times) EOM_PRAGMA(GCC unroll times)
 #else
 #define EOM_INLINE static
+#define EOM_IN_PLACE static
 #define UNROLL(times)
 #endif
 
