@@ -111,9 +111,9 @@ class Page {
     if (simulation.waves) {
       data.prescribed.names.forEach((name, i) => {
         if (data.prescribed.tracked.includes(i)) return;
-        const wave = simulation.waves.wave[i];
-        settings.define(`shake.${name}.amplitude`, wave[0], (value) => { wave[0] = value; });
-        settings.define(`shake.${name}.frequency`, wave[1] / (2 * Math.PI), (value) => { wave[1] = 2 * Math.PI * value; }, above(0));
+        const { waves } = simulation.waves;
+        settings.define(`shake.${name}.amplitude`, waves[4 * i], (value) => { waves[4 * i] = value; });
+        settings.define(`shake.${name}.frequency`, waves[4 * i + 1] / (2 * Math.PI), (value) => { waves[4 * i + 1] = 2 * Math.PI * value; }, above(0));
       });
     }
     settings.define("plot1", this.plots.has("tool") ? "tool" : "energy", () => this.drawPlots(), (key) => this.plots.has(key));

@@ -14,8 +14,8 @@ function pieceAt(knots, t) {
 /**
  * Values, rates and accelerations of a signal's columns at a time, s.
  *
- * signal: knots (pieces + 1, increasing), coefficients[piece][power][column] of t - knots[piece]; outside of its knots
- * it rests.  Where it has a profile, that one's only column stands in the place of time.
+ * signal: knots (pieces + 1, increasing), coefficients (pieces, degree + 1, columns), flat, of powers of t - knots[piece];
+ * outside of its knots it rests.  Where it has a profile, that one's only column stands in the place of time.
  */
 export function signalAt(signal, t) {
   if (signal.profile) {
@@ -26,29 +26,28 @@ export function signalAt(signal, t) {
   return polynomialAt(signal, t);
 }
 
-function polynomialAt({ knots, coefficients }, t) {
+function polynomialAt({ knots, coefficients, degree, columns }, t) {
   const first = knots[0], last = knots[knots.length - 1];
   const rests = t < first || t > last;
   const at = Math.min(Math.max(t, first), last);
-  const piece = pieceAt(knots, at);
-  const powers = coefficients[piece], x = at - knots[piece], columns = powers[0].length;
+  const piece = pieceAt(knots, at), x = at - knots[piece];
   const q = new Array(columns).fill(0), v = q.slice(), a = q.slice();
-  for (let power = powers.length - 1; power >= 0; power--) {
-    const row = powers[power];
+  for (let power = degree; power >= 0; power--) {
+    const row = (piece * (degree + 1) + power) * columns;
     for (let i = 0; i < columns; i++) {
       a[i] = a[i] * x + 2 * v[i];
       v[i] = v[i] * x + q[i];
-      q[i] = q[i] * x + row[i];
+      q[i] = q[i] * x + coefficients[row + i];
     }
   }
   return rests ? [q, v.fill(0), a.fill(0)] : [q, v, a];
 }
 
-/** Prescribed motions at a time: waves (amplitude, angular frequency, phase, offset), and signals in some places. */
-export function wavesAt({ wave, tracks = [] }, t) {
+/** Prescribed motions at a time: waves (amplitude, angular frequency, phase, offset, ...), and signals in some places. */
+export function wavesAt({ waves, tracks = [] }, t) {
   const q = [], v = [], a = [];
-  for (const [amplitude, rate, phase, offset] of wave) {
-    const angle = rate * t + phase;
+  for (let i = 0; i < waves.length; i += 4) {
+    const [amplitude, rate, phase, offset] = waves.slice(i, i + 4), angle = rate * t + phase;
     q.push(offset + amplitude * Math.sin(angle));
     v.push(amplitude * rate * Math.cos(angle));
     a.push(-amplitude * rate * rate * Math.sin(angle));

@@ -191,13 +191,13 @@ export class Simulation {
 
   /** Add the forces of wrenches, and of who pushes. */
   loads(u, t) {
-    const wrenches = (this.data.wrenches ?? []).filter((w) => w.t0 <= t && (w.t1 === null || t < w.t1));
+    const wrenches = (this.data.wrenches ?? []).filter(({ t0 = -Infinity, t1 = Infinity }) => t0 <= t && t < t1);
     if (this.drive === "target" || this.drive === "cycle") wrenches.length = 0;
     if (!wrenches.length && !this.push) return;
     const links = this.data.moving, wrench = new Float64Array(6 * links.length);
     for (const { link, signal, arm, turns } of wrenches) {
-      const row = signalAt(signal, t)[0], pose = this.kernel.framePose(this.q, links[link]);
-      this.put(wrench, link, turns ? turned(pose, row.slice(0, 3)) : row.slice(0, 3), turned(pose, arm),
+      const row = signalAt(signal, t)[0], pose = this.kernel.framePose(this.q, link);
+      this.put(wrench, links.indexOf(link), turns ? turned(pose, row.slice(0, 3)) : row.slice(0, 3), turned(pose, arm),
         turns ? turned(pose, row.slice(3)) : row.slice(3));
     }
     if (this.push) {

@@ -14,13 +14,14 @@ import numpy as np
 import pytest
 
 import eomgen
-from eomgen.export.live.acting import signal
 from eomgen.export.live.contents import contents_of
 from eomgen.export.live.page import live_page
+from eomgen.export.wasm.loads import as_json
 from eomgen.motion.point_to_point import PointToPoint
 from eomgen.motion.splines import Spline
 from eomgen.progress import no_progress
 from eomgen.robot.value import INERTIA_KEYS, Robot
+from eomgen.runtime.stepping.packed_inputs import plain_signal
 from eomgen.scenario.value import Section
 from eomgen.simulation.loads import joined
 from tests.support.browser import Page, open_page
@@ -90,7 +91,7 @@ def test_the_modules_of_the_page(tmp_path: Path) -> None:
 
     point, times = (0.4, 0.1, -0.1), [-0.5, 0.0, 0.2, 0.33, 0.7, 0.99, 1.0, 1.1, 2.0]
     given = {
-        "signals": [signal(program.as_signal()) for program in programs],
+        "signals": [as_json(plain_signal(program.as_signal())) for program in programs],
         "times": times,
         "values": parameters(link),
         "payload": {"link": "arm", "point": point, "most": 1.0},

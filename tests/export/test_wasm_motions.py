@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -93,6 +94,20 @@ def test_loads_over_time_act_as_in_python(tmp_path: Path) -> None:
     push = LinkWrench(0, Signal.constant([1.0, -2.0, 0.0, 0.0, 0.0, 0.5]), np.array([0.1, 0.2, 0.0]), 0.01, 0.03, True)
     loads = LoadData(DriveData(torque=torque, program=track, gains=gains), [push])
     state = np.array([1e-3, 0.1]), np.array([0.0, 0.2])
+    compare(tmp_path, kernel, loads, state, False, robot="one_link")
+
+
+@needs_node
+def test_drives_saturate_as_in_python(tmp_path: Path) -> None:
+    """Limits of drives go through JSON, infinite ones, too, and change the motion."""
+    kernel = eomgen.build("one_link")
+    program = Track(Signal.through([0.0, 0.05], [[0.0], [1.0]]), np.array([1]))
+    drive = DriveData(program=program, gains=Gains(np.array([300.0]), np.array([10.0])))
+    state = np.array([1e-3, 0.1]), np.array([0.0, 0.2])
+    loads, how = LoadData(replace(drive, effort=np.array([np.inf, 4.0]))), {"duration": 0.05, "samples": 5}
+    free = kernel.rollout(*state, **how, method="rosenbrock", loads=LoadData(drive))
+    saturated = kernel.rollout(*state, **how, method="rosenbrock", loads=loads)
+    assert np.abs(free[0] - saturated[0]).max() > 1e-4
     compare(tmp_path, kernel, loads, state, False, robot="one_link")
 
 

@@ -24,9 +24,10 @@ from eomgen.robot.model import tool_of
 from eomgen.robot.value import Coordinate, Robot
 from eomgen.runtime.stepping.given_loads import loads_of
 from eomgen.runtime.stepping.loaded import AUTO, Loaded
-from eomgen.runtime.stepping.loads import DriveData, LoadData, Packed, Signal, Track
+from eomgen.runtime.stepping.loads import DriveData, LoadData, Signal, Track
 from eomgen.runtime.stepping.options import ADAPTIVE as NUMBERS
 from eomgen.runtime.stepping.options import ErrorControl
+from eomgen.runtime.stepping.packed_inputs import Packed
 from eomgen.runtime.stepping.together import Together
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.assembly import Assembly, assemble

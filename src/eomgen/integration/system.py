@@ -11,7 +11,7 @@ from ..arrays import Array, Index
 from ..errors import ArrayError, InputError, IntegrationError, IntegrationStopped
 from ..runtime.kernel import Kernel
 from ..runtime.stepping.loaded import Loaded
-from ..runtime.stepping.loads import Packed
+from ..runtime.stepping.packed_inputs import Packed
 from ..state.springs import coordinate_sizes, rate_step, smoothings
 from ..state.vectors import Q_STEP, DriveFunction, MotionFunction, WrenchFunction, prescribed_mask
 from .advance import Advance

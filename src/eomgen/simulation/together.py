@@ -23,8 +23,9 @@ from ..robot.coordinates import index_of
 from ..robot.value import Robot
 from ..runtime.stepping import given_loads
 from ..runtime.stepping.adaptive import DONE
-from ..runtime.stepping.loads import LoadData, Packed
+from ..runtime.stepping.loads import LoadData
 from ..runtime.stepping.options import ErrorControl
+from ..runtime.stepping.packed_inputs import Packed
 from ..runtime.stepping.together import Together
 from ..scenario.value import Scenario
 from .assembly import Assembly

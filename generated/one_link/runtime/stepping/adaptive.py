@@ -15,8 +15,9 @@ from ..opened import stays_open
 from ..pieces import OPERATIONS, ROUND, shared
 from ..raw import FFI, Array, Library, RawFunction
 from .given_loads import clipped_loads, count_of, place_given, read_loads
-from .loads import WORKS, LoadData, Packed, Side
+from .loads import WORKS, LoadData
 from .options import ADAPTIVE, ErrorControl, LoadedStepOptions
+from .packed_inputs import Packed, Side
 from .rollouts import SHARE, Given, Inputs, Rollout, read_given, room_for
 
 STAGES = {"rosenbrock": 5, "tsit5": 6}  # evaluations of a step

@@ -12,7 +12,8 @@ from ...errors import InputError
 from ..calls import Calls
 from ..raw import FFI, Library
 from .given_loads import clipped_loads, count_of, place_back, place_given, read_loads
-from .loads import LoadData, Packed, Signal, Slopes, jump_times
+from .loads import LoadData, Signal, Slopes, jump_times
+from .packed_inputs import Packed
 
 Array = NDArray[np.float64]
 

@@ -11,8 +11,9 @@ from ..pieces import OPERATIONS
 from ..raw import FFI, Array
 from .adaptive import STAGES
 from .loaded import AUTO, TRIAL, Alternation
-from .loads import LoadData, Side
+from .loads import LoadData
 from .options import ADAPTIVE, ErrorControl
+from .packed_inputs import Side
 
 SIDE_BY_SIDE = 16  # states of a call that go equally far: as many as the widest vector has numbers
 

@@ -19,11 +19,13 @@ from ...robot.coordinates import index_of, unit_of
 from ...robot.mechanism import leading_home
 from ...robot.model import build_model, program_coordinates
 from ...robot.value import Robot
-from ...runtime.stepping.loads import LinkWrench, ModelDrive, Signal, Waves
+from ...runtime.stepping.loads import ModelDrive, Waves
+from ...runtime.stepping.packed_inputs import plain_given, plain_model, plain_signal, plain_track, plain_wrench
 from ...scenario.value import Initial, Scenario, Section
 from ...simulation.assembly import Assembly, assemble, rigid_kernels
 from ...simulation.initial import initial_state
 from ...simulation.loads import loaded_parameters
+from ..wasm.loads import as_json
 
 STIFF = 15.0  # rad/s: what gains of default drives make of the rigid robot
 CLOSED_PART = 0.35  # of a default motion, for mechanisms: far from where they are singular
@@ -124,7 +126,7 @@ def acting_on(
         "prescribed": None,
     }
     if data.torque is not None:
-        found["torque"] = {"signal": signal(data.torque.signal), "place": data.torque.place.tolist()}
+        found["torque"] = as_json(plain_track(data.torque))
         found["drive"] = "program"
     if data.program is not None:
         ratio = np.ones(len(assembly.driven)) if data.ratio is None else data.ratio
@@ -132,14 +134,15 @@ def acting_on(
         first = assembly.program.at(0.0)[0]
         gains = _gains_of(robot, data, assembly, first)
         found["drives"] = _drives(robot, assembly, data.program.place, ratio, gains, first)
-        found["program"] = signal(data.program.signal)
+        found["program"] = as_json(plain_signal(data.program.signal))
         found["drive"] = "target" if scenario.motion is None else "program"
         begin, goal = default_ends(robot, assembly.driven)
         goal = first + (CLOSED_PART if robot.is_closed else 1.0) * (goal - begin)
         found["cycle"] = {"start": first.tolist(), "goal": goal.tolist(), "duration": WAY, "pause": PAUSE}
         if data.model is not None:
             _add_model(found, data.model, assembly, q0, notes)
-    found["wrenches"] = [_wrench(x) for x in assembly.wrenches.load_data()] if assembly.wrenches else []
+    wrenches = assembly.wrenches.load_data() if assembly.wrenches else []
+    found["wrenches"] = as_json([plain_wrench(x, kernel.links) for x in wrenches])
     found["events"] = _events(robot, scenario)
     if assembly.prescribed is not None:
         found["prescribed"] = _given(assembly.prescribed.load_data(), kernel.coordinates, kernel.prescribed)
@@ -221,36 +224,8 @@ def _add_model(found: dict[str, Any], model: ModelDrive, assembly: Assembly, q0:
         notes.append(f"the mechanism has loops: in place of {what}, drives have gains and what holds it at the start")
         return
     rigid = model.calls
-    found["model"] = {
-        "place": np.asarray(model.place).tolist(),
-        "ratio": np.asarray(model.ratio, dtype=np.float64).tolist(),
-        "column": np.asarray(model.column).tolist(),
-        "given": np.asarray(model.given).tolist(),
-        "bandwidth": float(model.bandwidth or 0.0),
-        "driven": index_of(rigid.coordinates, assembly.driven).tolist(),
-    }
+    found["model"] = {**as_json(plain_model(model)), "driven": index_of(rigid.coordinates, assembly.driven).tolist()}
     found["compensates"] = True
-
-
-def signal(given: Signal) -> dict[str, Any]:
-    """A signal as JSON holds it."""
-    profile = None if given.profile is None else signal(given.profile)
-    return {
-        "knots": np.asarray(given.knots).tolist(),
-        "coefficients": np.asarray(given.coefficients).tolist(),
-        "profile": profile,
-    }
-
-
-def _wrench(given: LinkWrench) -> dict[str, Any]:
-    return {
-        "link": given.link,
-        "signal": signal(given.signal),
-        "arm": np.asarray(given.arm).tolist(),
-        "t0": float(given.t0) if np.isfinite(given.t0) else -1e300,
-        "t1": float(given.t1) if np.isfinite(given.t1) else None,
-        "turns": bool(given.turns),
-    }
 
 
 def _given(waves: Waves, coordinates: tuple[str, ...], names: tuple[str, ...]) -> dict[str, Any]:
@@ -259,9 +234,7 @@ def _given(waves: Waves, coordinates: tuple[str, ...], names: tuple[str, ...]) -
     most = [max(5.0 * abs(float(row[0])), 3.0 * SHAKE[unit]) for row, unit in zip(waves.wave, units, strict=True)]
     return {
         "names": list(names),
-        "place": index_of(coordinates, names).tolist(),
-        "wave": np.asarray(waves.wave).tolist(),
-        "tracks": [{"signal": signal(t.signal), "place": np.asarray(t.place).tolist()} for t in waves.tracks],
+        **as_json(plain_given(waves, index_of(coordinates, names).tolist())),
         "tracked": tracked,
         "units": units,
         "most": most,

@@ -27,6 +27,7 @@ from eomgen.robot.value import Robot
 from eomgen.runtime.stepping.options import ADAPTIVE, FIXED, LEAST
 
 from .compile import compile_wasm, wasm_command
+from .layout import checked_places, struct_table
 
 KERNELS = (
     *("forward_dynamics", "inverse_dynamics", "mass_matrix", "bias_force", "generalized_force", "external_force"),
@@ -157,6 +158,8 @@ def _context(robot: Robot, meta: Mapping[str, Any], rigid: Source | None) -> dic
         "n": len(meta["coordinates"]),
         "rolls": "rollout" in kinds,
         "adapts": "adaptive" in kinds,
+        "places": checked_places(meta["dtype"]) if "adaptive" in kinds else [],
+        "structs": struct_table(meta["dtype"]) if "adaptive" in kinds else "{}",
         "model": rigid.name if rigid else "",
         "pushed": {"external_force", "frame_pose"} <= meta["functions"].keys(),
         "turning": bool(meta.get("turning")),

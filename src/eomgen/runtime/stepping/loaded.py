@@ -11,8 +11,9 @@ from ..pieces import OPERATIONS
 from ..raw import FFI, Array
 from .adaptive import STAGES
 from .given_loads import check_loads
-from .loads import WORKS, LoadData, Packed
+from .loads import WORKS, LoadData
 from .options import ADAPTIVE, ErrorControl
+from .packed_inputs import Packed
 
 AUTO = "auto"  # both methods in turn
 COST = {"rosenbrock": 15, "tsit5": 6}  # of a step, in evaluations: the former factors and solves besides
