@@ -133,6 +133,19 @@ typedef struct {
     int reason; /* 0: goes on; 1: at its end; 2 + i: no step is short enough for number i of the state */
 } eom_progress;
 
+/* Automatic stiffness switching: which of the two methods with error control takes the next steps. */
+typedef struct {
+    double worth[2];  /* time that each led on by for its cost, s */
+    double led;       /* since its turn began, s */
+    long long taken;  /* steps since then, rejected too */
+    long long left;   /* until one is chosen anew */
+    int method;
+    int tried[2];
+    int settled;      /* whether one was found better, */
+    int better;       /* which, */
+    int length;       /* and for how many trials' lengths it goes on */
+} eom_switching;
+
 /* Sizes of a workspace: of scalars or lanes, of doubles, and of integers. */
 #define EOM_STATE_ROOM(n, m, hoisted, factors, wrench, parameters, rotations) (48 * (n) + 40 * (m) + 4 * (hoisted) + (factors) + (wrench) + (parameters) + 4 * (rotations) + 96)
 #define EOM_INPUT_ROOM(n, lanes, gaps) ((9 * (lanes) + 18) * (n) + (((gaps) > 0) ? ((n) * (n) + (gaps) * ((n) + 1)) : 0))

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -142,7 +143,7 @@ def plain_wrench(wrench: LinkWrench, links: Sequence[str]) -> Plain:
     """A wrench as plain values; it has a frame where it turns or has an arm."""
     link = links[wrench.link]
     found: Plain = {"link": link, "signal": plain_signal(wrench.signal), "arm": wrench.arm, "turns": wrench.turns}
-    found |= {key: t for key, t in (("t0", wrench.t0), ("t1", wrench.t1)) if np.isfinite(t)}
+    found |= {key: t for key, t in (("t0", wrench.t0), ("t1", wrench.t1)) if isfinite(t)}
     return {**found, "frame": link} if wrench.turns or np.any(wrench.arm) else found
 
 
@@ -154,7 +155,7 @@ def plain_inputs(calls: Calls, loads: LoadData, stops: Array | None = None) -> P
         stops: times at which steps end, s, increasing; those of ``jump_times`` if not given.
     """
     drive, found = loads.drive, Plain()
-    found |= {key: t for key, t in (("first", loads.first), ("last", loads.last)) if np.isfinite(t)}
+    found |= {key: t for key, t in (("first", loads.first), ("last", loads.last)) if isfinite(t)}
     if drive.effort is not None:
         found["effort"] = drive.effort
     if drive.torque is not None:
@@ -166,7 +167,8 @@ def plain_inputs(calls: Calls, loads: LoadData, stops: Array | None = None) -> P
     if loads.given is not None:
         found["given"] = plain_given(loads.given, [calls.coordinates.index(name) for name in calls.prescribed])
     if loads.wrenches:
-        found["wrenches"] = [plain_wrench(wrench, calls.raw.libraries.meta["links"]) for wrench in loads.wrenches]
+        links = calls.raw.libraries.meta["links"]
+        found["wrenches"] = [plain_wrench(wrench, links) for wrench in loads.wrenches]
     stops = jump_times(loads) if stops is None else stops
     return {**found, "stops": stops} if stops.size else found
 
@@ -215,32 +217,34 @@ class Packed:
         function(len(times), self.pointer, FFI.from_buffer("double[]", times), view(q), view(v), view(u))
         return u
 
-    def _fields(self, kind: str, plain: Plain) -> dict[str, Any]:
-        """Fields of a structure, as cffi initialises it."""
-        found = ((name, self._value(field, plain)) for name, field in STRUCTS[kind].items())
-        return {name: value for name, value in found if value is not None}
-
-    def _value(self, field: Field, plain: Plain) -> Any:
-        """The value of a field, or None where it stays zero."""
-        kind, more = field.kind, str(field.more)
-        if kind == "inline":
-            return self._fields(more, plain)
-        value = plain.get(field.key)
-        if kind == "count":
-            return (0 if value is None else len(value)) + int(field.more)
-        if kind == "absent":
-            return int(value is None)
-        if value is None:
-            return field.more if kind in ("real", "frame") else None
-        if kind in ("link", "frame"):
-            return list(self._calls.raw.libraries.meta[f"{kind}s"]).index(value)
-        if kind == "part":
-            return self._kept_new(f"eom_{more} *", self._fields(more, value))
-        if kind == "parts":
-            return self._kept_new(f"eom_{more}[]", [self._fields(more, own) for own in value]) if value else None
-        if kind in ("reals", "wholes"):
-            return self._numbers(value, np.intc if kind == "wholes" else np.float64)
-        return list(value) if kind == "vector" else value
+    def _fields(self, struct: str, plain: Plain) -> dict[str, Any]:
+        """Fields of a structure, as cffi initialises it; those that are left out stay zero."""
+        found: dict[str, Any] = {}
+        for name, field in STRUCTS[struct].items():
+            kind, more = field.kind, field.more
+            value = plain.get(field.key)
+            if kind == "inline":
+                found[name] = self._fields(str(more), plain)
+            elif kind == "absent":
+                found[name] = value is None
+            elif value is None:
+                if more and not isinstance(more, str):  # a number where there is no value
+                    found[name] = more
+            elif kind == "count":
+                found[name] = len(value) + int(more)
+            elif kind == "reals":
+                found[name] = self._numbers(value)
+            elif kind == "wholes":
+                found[name] = self._numbers(value, np.intc)
+            elif kind == "part":
+                found[name] = self._kept_new(f"eom_{more} *", self._fields(str(more), value))
+            elif kind == "parts":
+                found[name] = self._kept_new(f"eom_{more}[]", [self._fields(str(more), own) for own in value])
+            elif kind in ("link", "frame"):
+                found[name] = self._calls.raw.libraries.meta[f"{kind}s"].index(value)
+            else:
+                found[name] = list(value) if kind == "vector" else value
+        return found
 
     def _kept_new(self, kind: str, content: Any) -> Any:
         """A new value of a type of C, which lives as long as this object."""

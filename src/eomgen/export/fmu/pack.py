@@ -28,7 +28,6 @@ from eomgen.pipeline.stages import Options, make_source
 from eomgen.progress import StageReport, no_report
 from eomgen.robot.model import Model, build_model
 from eomgen.robot.value import Robot
-from eomgen.runtime.stepping.loaded import COST, FEW, MANY, TRIAL
 from eomgen.runtime.stepping.options import ADAPTIVE as STEPPERS
 
 from ...pipeline.closing import closed_home
@@ -196,10 +195,7 @@ def _stepping(model: Model, method: str, meta: Mapping[str, Any]) -> dict[str, o
         "adaptive": True,
         "sizes": [repr(float(size)) for size in meta["sizes"]],
         "rubbing": [(i, list(model.parameters).index(name)) for i, name in rubbing_parameters(model)],
-        "cost": [repr(float(COST[name])) for name in sorted(STEPPERS, key=STEPPERS.__getitem__)],
-        "trial": TRIAL,
-        "few": FEW,
-        "many": MANY,
+        "number": STEPPERS.get(method),
         "most": 2**62,
     }
 

@@ -40,11 +40,11 @@ def _fields(
         if function := re.search(r"\(\*(\w+)\)\(", text):
             yield function.group(1), POINTER, POINTER
             continue
-        plain = re.fullmatch(r"(?:const )?(?:struct )?(.+?) ?(\**)(?:const )?(\w+)(?:\[(\d+)\])?", text)
-        assert plain is not None, text
-        kind, pointer, name, count = plain.groups()
-        if pointer:
-            yield name, POINTER, POINTER
+        *words, declared = text.split()
+        kind = " ".join(word for word in words if word not in ("const", "struct"))
+        name, _, count = declared.rstrip("]").partition("[")
+        if name.startswith("*"):
+            yield name.lstrip("*"), POINTER, POINTER
         elif kind in SIZES:
             yield name, SIZES[kind] * int(count or 1), SIZES[kind]
         else:
