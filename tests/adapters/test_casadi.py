@@ -18,6 +18,7 @@ from eomgen.adapters.mappings import DifferentiableFunction, kernels_for
 from eomgen.errors import BuildError, InputError, UnknownNameError
 from eomgen.pipeline import cache
 from eomgen.robot.model import build_model
+from eomgen.runtime.levels import BASE
 from tests.support.adapter_samples import built_for, functions_of, sample, states
 from tests.support.builds import Build
 from tests.support.figures import Figures
@@ -174,7 +175,7 @@ def test_without_eomgen(built: Build, tmp_path: Path) -> None:
 def test_from_a_generated_package(built: Build, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its kernel knows where its C is; a kernel whose C is gone says so."""
     robot = eomgen.load_robot("one_link")
-    options = eomgen.pipeline.Options(kernels_for("frame_pose"), flags=("-O0",))
+    options = eomgen.pipeline.Options(kernels_for("frame_pose"), flags=("-O0",), level=BASE)
     package = eomgen.generate(robot, tmp_path, options)
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.delitem(sys.modules, package.name, raising=False)  # another test's package of this name

@@ -28,10 +28,10 @@ from eomgen.pictures.browser import View
 from eomgen.pictures.page import report_of
 from eomgen.pictures.robot import plot_robot
 from eomgen.pipeline.costs import robot_info
-from eomgen.pipeline.stages import Options
 from eomgen.scenario import scenario_from_toml
 from eomgen.simulation.result import simulated_robot
 from eomgen.sweep.driver import run
+from tests.support.quick_builds import ONE_LEVEL
 
 Call = Callable[[Any], object]
 
@@ -128,8 +128,7 @@ def test_functions_do_for_a_name_or_a_path_what_they_do_for_the_robot(given: str
     robot = eomgen.load_robot(like)
     kernel = eomgen.build(like, kernels=("mass_matrix",), flags=("-O0",))
     assert kernel.coordinates == eomgen.build(robot, kernels=("mass_matrix",), flags=("-O0",)).coordinates
-    quick = Options(("mass_matrix",), flags=("-O0",))
-    package = eomgen.generate(like, str(tmp_path / "out"), quick)
+    package = eomgen.generate(like, str(tmp_path / "out"), ONE_LEVEL)
     assert json.loads((package / f"{robot.name}.json").read_text())["coordinates"] == list(kernel.coordinates)
     texts = [eomgen.export_mjcf(x, tmp_path / "arm.xml", step=1e-3).read_text() for x in (like, robot)]
     assert texts[0] == texts[1]

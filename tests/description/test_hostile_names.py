@@ -20,7 +20,7 @@ from eomgen.description.load import robot_from_toml, robot_from_urdf
 from eomgen.errors import InputError
 from eomgen.names import is_identifier, is_robot_name
 from eomgen.pictures.shapes import mesh_path, urdf_shapes
-from eomgen.pipeline.stages import Options, generate
+from eomgen.pipeline.stages import generate
 from eomgen.robot.value import Robot
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.sweep.plan import plan_from_toml
@@ -31,6 +31,7 @@ from tests.support.description_samples import ARM
 from tests.support.fuzzing import check_message, check_robot
 from tests.support.hostile import WORDS, XML, hostile_name
 from tests.support.mutations import PLAN, SCENARIO, WORN, toml_string
+from tests.support.quick_builds import ONE_LEVEL
 from tests.support.soak import soaked
 
 NAMES = 10_000
@@ -218,7 +219,7 @@ def test_nothing_is_written_beside_the_output(name: str, tmp_path: Path, monkeyp
     monkeypatch.chdir(work)
     before = snapshot(tmp_path)
     robot = robot_from_urdf(urdf_of([name, "l", "m"]), inertia="project")
-    folder = generate(robot, work / "out", Options(("mass_matrix",), flags=("-O0",)))
+    folder = generate(robot, work / "out", ONE_LEVEL)
     new = snapshot(tmp_path) - before
     assert folder.parent == work / "out"
     assert folder.name == robot.name

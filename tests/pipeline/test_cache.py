@@ -24,12 +24,13 @@ from eomgen.description.load import robot_from_toml
 from eomgen.errors import BuildError, DescriptionError, InputError
 from eomgen.pipeline.cache import KINDS, VARIABLE, is_whole
 from eomgen.pipeline.stages import Options, cache_keys, generate, make_package
+from eomgen.runtime.levels import BASE
 from eomgen.scenario import keys as scenario_keys
 from eomgen.sweep import keys as plan_keys
 from tests.support.builds import Build
 from tests.support.quick_builds import (
     BUILD,
-    QUICK,
+    ONE_LEVEL,
     Q,
     answer,
     as_new_process,
@@ -309,7 +310,7 @@ def test_without_python_headers(empty_cache: Path, monkeypatch: pytest.MonkeyPat
     assert len(list((empty_cache / "packages").glob("*/libone_link.so"))) == 1
     assert np.array_equal(plain.mass_matrix(Q), expected.mass_matrix(Q))
     assert plain.forward_dynamics(Q, Q, Q).shape == (2,)
-    target = generate(eomgen.load_robot("one_link"), empty_cache / "out", Options(flags=("-O0",)))
+    target = generate(eomgen.load_robot("one_link"), empty_cache / "out", Options(flags=("-O0",), level=BASE))
     assert (target / "libone_link.so").exists()
     check_alone(target, expected.mass_matrix(Q))
 
@@ -342,7 +343,7 @@ def check_alone(package: Path, expected: np.ndarray) -> None:
 
 def test_generated_package_needs_numpy_and_cffi_alone(tmp_path: Path, built: Build) -> None:
     robot = eomgen.load_robot("one_link")
-    target = generate(robot, tmp_path / "out", Options(flags=("-O0",)))
+    target = generate(robot, tmp_path / "out", Options(flags=("-O0",), level=BASE))
     assert target == tmp_path / "out" / "one_link"
     assert not list(target.parent.glob(".making-*"))
     check_alone(target, built(robot).mass_matrix(Q))
@@ -350,24 +351,24 @@ def test_generated_package_needs_numpy_and_cffi_alone(tmp_path: Path, built: Bui
 
 def test_generating_again_replaces_and_foreign_folders_stay(tmp_path: Path) -> None:
     robot = eomgen.load_robot("one_link")
-    target = generate(robot, tmp_path, QUICK)
+    target = generate(robot, tmp_path, ONE_LEVEL)
     (target / "left_over.py").touch()
-    assert generate(robot, tmp_path, QUICK) == target
+    assert generate(robot, tmp_path, ONE_LEVEL) == target
     assert not (target / "left_over.py").exists()
     mine = tmp_path / "mine" / "one_link"
     mine.mkdir(parents=True)
     (mine / "thesis.txt").touch()
     (mine / "one_link.json").write_text('{"title": "mine"}')
     with pytest.raises(InputError, match=r"exists and is not a generated package; give another folder with -o"):
-        generate(robot, mine.parent, QUICK)
+        generate(robot, mine.parent, ONE_LEVEL)
     assert (mine / "thesis.txt").exists()
     file = tmp_path / "other" / "one_link"
     file.parent.mkdir()
     file.touch()
     with pytest.raises(InputError, match=r"exists and is not a generated package"):
-        generate(robot, file.parent, QUICK)
+        generate(robot, file.parent, ONE_LEVEL)
     with pytest.raises(InputError, match=r"cannot be written: "):
-        generate(robot, file, QUICK)
+        generate(robot, file, ONE_LEVEL)
 
 
 def test_loading_again_does_not_import_sympy(built: Build) -> None:

@@ -18,7 +18,7 @@ from eomgen.errors import BuildError
 from eomgen.pipeline import cache, direct_calls
 from eomgen.pipeline.direct_check import check_extension
 from eomgen.pipeline.stages import generate
-from tests.support.quick_builds import QUICK, answer, flip, python, without_headers
+from tests.support.quick_builds import ONE_LEVEL, answer, flip, python, without_headers
 
 CALLS = """
     import json, sys
@@ -38,7 +38,7 @@ BUILDS = """
 
 
 def test_a_package_has_the_module_and_does_without(tmp_path: Path) -> None:
-    package = generate("one_link", tmp_path, QUICK)
+    package = generate("one_link", tmp_path, ONE_LEVEL)
     made = next((package / "runtime").glob("_direct.*"))
     for name in (FILE, *HEADERS):
         assert (package / "runtime" / name).read_bytes() == Path(eomgen.__path__[0], "runtime", name).read_bytes()

@@ -15,7 +15,7 @@ from eomgen.errors import InputError
 from eomgen.pipeline import folders
 from eomgen.pipeline.folders import exchange, new_folder, put_folder
 from eomgen.pipeline.stages import generate
-from tests.support.quick_builds import QUICK
+from tests.support.quick_builds import ONE_LEVEL
 from tests.support.writers import look_until_done, release, start_writers
 
 
@@ -148,10 +148,10 @@ def test_a_package_is_generated_over_another_one(tmp_path: Path, monkeypatch: py
     if not has_exchange(tmp_path):
         pytest.skip("this file system cannot exchange folders")
     robot, seen = eomgen.load_robot("one_link"), []
-    target = generate(robot, tmp_path, QUICK)
+    target = generate(robot, tmp_path, ONE_LEVEL)
     before = target.stat().st_ino
     monkeypatch.setattr(folders, "_take_turns", lambda *args: seen.append(args))
-    assert generate(robot, tmp_path, QUICK) == target
+    assert generate(robot, tmp_path, ONE_LEVEL) == target
     assert not seen
     assert target.stat().st_ino != before
     assert [path.name for path in tmp_path.iterdir()] == ["one_link"]

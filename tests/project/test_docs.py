@@ -75,6 +75,7 @@ def hooks() -> ModuleType:
 )
 def test_blocks_run(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("CFLAGS", "-O0")  # changes no number that pages show
     monkeypatch.setattr(sys, "path", list(sys.path))
     before = set(sys.modules)
     (tmp_path / "examples").symlink_to(ROOT / "examples")

@@ -17,7 +17,7 @@ from eomgen.errors import InputError
 from eomgen.pipeline import cache
 from eomgen.pipeline.stages import Options, generate, load_kernel
 from eomgen.runtime.kernel import Kernel
-from tests.support.quick_builds import Q, answer, as_new_process, one_link, python
+from tests.support.quick_builds import ONE_LEVEL, Q, answer, as_new_process, one_link, python
 
 LOADS = """
     import json, pickle, sys
@@ -101,7 +101,7 @@ def test_a_generated_package_is_asked_for_by_its_name(
     filled_cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """In a process that has the package, and of eomgen nothing."""
-    generate(eomgen.load_robot("one_link"), tmp_path, Options(("mass_matrix",), flags=("-O0",)))
+    generate(eomgen.load_robot("one_link"), tmp_path, ONE_LEVEL)
     monkeypatch.syspath_prepend(str(tmp_path))
     for name in [name for name in sys.modules if name.split(".")[0] == "one_link"]:
         monkeypatch.delitem(sys.modules, name)

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import sysconfig
 import textwrap
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +17,11 @@ import pytest
 
 import eomgen
 from eomgen.pipeline.stages import Options
+from eomgen.runtime.levels import BASE
 
 Q = [0.2, 0.5]
 QUICK = Options(("mass_matrix",), flags=("-O0",))
+ONE_LEVEL = replace(QUICK, level=BASE)  # of packages with one binary
 BUILD = """
     import eomgen
     kernel = eomgen.build(eomgen.load_robot("one_link"), kernels=("mass_matrix",), flags=("-O0",))
