@@ -21,7 +21,7 @@ from .runtime import Kernel, OneLibrary, packaged
 
 
 def _read(name: str) -> str:
-    return _Path(__file__).with_name(name).read_text(encoding="ascii")
+    return _Path(__file__).parent.joinpath(name).read_text(encoding="ascii")
 
 
 _FACE = packaged()
