@@ -21,9 +21,10 @@ from eomgen.robot.value import ANGULAR, Coordinate, Joint, Link, Placement, Robo
 from eomgen.runtime.kernel import Kernel
 from eomgen.runtime.stepping.given_loads import loads_of
 from eomgen.runtime.stepping.loaded import Loaded
-from eomgen.runtime.stepping.loads import Gains, LinkWrench, Packed, Signal
+from eomgen.runtime.stepping.loads import Gains, LinkWrench, Signal
 from eomgen.runtime.stepping.options import ADAPTIVE as NUMBERS
 from eomgen.runtime.stepping.options import ErrorControl
+from eomgen.runtime.stepping.packed_inputs import Packed
 from eomgen.simulation.controls import JointPD, actuators
 from tests.support.builds import Build
 from tests.support.small_robots import free_body
