@@ -16,6 +16,7 @@
 #endif
 
 #include "clib/lanes.h"
+#include "clib/batches.h"
 
 #if !defined(EOMGEN_BATCHES_ONLY) || defined(EOMGEN_SETUP)
 
@@ -1119,279 +1120,167 @@ static int one_link_stage_solution_lanes(const lanes *restrict h, const lanes *r
 
 long long one_link_mass_matrix_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, double *restrict out)
 {
-    lanes q_lanes[2], out_lanes[4];
+    lanes q_lanes[2];
+    lanes out_lanes[4];
     lanes h_lanes[7];
     spread(7, h, h_lanes);
-    for (size_t i = 0; i < count; i += LANES) {
-        const size_t here = count - i < LANES ? count - i : LANES;
-        const int more = count - i >= AHEAD + LANES;
-        gather(q + i * q_step, q_step, here, more, 2, q_lanes);
-        const int status = one_link_mass_matrix_lanes(h_lanes, q_lanes, out_lanes);
-        scatter(out_lanes, NULL, here, more, 4, 4, out + i * 4);
-        if (status != 0) return (long long)i * 2 + status - 1;
-    }
-    return -1;
+    BY_LANES(2, READ_LANES(q, 2) , one_link_mass_matrix_lanes(h_lanes, q_lanes, out_lanes), WRITE_LANES(4))
 }
 
 long long one_link_bias_force_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, double *restrict out)
 {
-    lanes q_lanes[2], v_lanes[2], out_lanes[2];
+    lanes q_lanes[2];
+    lanes v_lanes[2];
+    lanes out_lanes[2];
     lanes h_lanes[7];
     spread(7, h, h_lanes);
-    for (size_t i = 0; i < count; i += LANES) {
-        const size_t here = count - i < LANES ? count - i : LANES;
-        const int more = count - i >= AHEAD + LANES;
-        gather(q + i * q_step, q_step, here, more, 2, q_lanes);
-        gather(v + i * v_step, v_step, here, more, 2, v_lanes);
-        const int status = one_link_bias_force_lanes(h_lanes, q_lanes, v_lanes, out_lanes);
-        scatter(out_lanes, NULL, here, more, 2, 2, out + i * 2);
-        if (status != 0) return (long long)i * 2 + status - 1;
-    }
-    return -1;
+    BY_LANES(2, READ_LANES(q, 2) READ_LANES(v, 2) , one_link_bias_force_lanes(h_lanes, q_lanes, v_lanes, out_lanes), WRITE_LANES(2))
 }
 
 long long one_link_generalized_force_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, double *restrict out)
 {
-    lanes q_lanes[2], v_lanes[2], out_lanes[2];
+    lanes q_lanes[2];
+    lanes v_lanes[2];
+    lanes out_lanes[2];
     lanes h_lanes[7];
     spread(7, h, h_lanes);
-    for (size_t i = 0; i < count; i += LANES) {
-        const size_t here = count - i < LANES ? count - i : LANES;
-        const int more = count - i >= AHEAD + LANES;
-        gather(q + i * q_step, q_step, here, more, 2, q_lanes);
-        gather(v + i * v_step, v_step, here, more, 2, v_lanes);
-        const int status = one_link_generalized_force_lanes(h_lanes, q_lanes, v_lanes, out_lanes);
-        scatter(out_lanes, NULL, here, more, 2, 2, out + i * 2);
-        if (status != 0) return (long long)i * 2 + status - 1;
-    }
-    return -1;
+    BY_LANES(2, READ_LANES(q, 2) READ_LANES(v, 2) , one_link_generalized_force_lanes(h_lanes, q_lanes, v_lanes, out_lanes), WRITE_LANES(2))
 }
 
 long long one_link_external_force_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict wrench, size_t wrench_step, double *restrict out)
 {
-    lanes q_lanes[2], wrench_lanes[6], out_lanes[2];
+    lanes q_lanes[2];
+    lanes wrench_lanes[6];
+    lanes out_lanes[2];
     lanes h_lanes[7];
     spread(7, h, h_lanes);
-    for (size_t i = 0; i < count; i += LANES) {
-        const size_t here = count - i < LANES ? count - i : LANES;
-        const int more = count - i >= AHEAD + LANES;
-        gather(q + i * q_step, q_step, here, more, 2, q_lanes);
-        gather(wrench + i * wrench_step, wrench_step, here, more, 6, wrench_lanes);
-        const int status = one_link_external_force_lanes(h_lanes, q_lanes, wrench_lanes, out_lanes);
-        scatter(out_lanes, NULL, here, more, 2, 2, out + i * 2);
-        if (status != 0) return (long long)i * 2 + status - 1;
-    }
-    return -1;
+    BY_LANES(2, READ_LANES(q, 2) READ_LANES(wrench, 6) , one_link_external_force_lanes(h_lanes, q_lanes, wrench_lanes, out_lanes), WRITE_LANES(2))
 }
 
 long long one_link_residual_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, const double *restrict a, size_t a_step, const double *restrict u, size_t u_step, double *restrict out)
 {
-    lanes q_lanes[2], v_lanes[2], a_lanes[2], u_lanes[2], out_lanes[2];
+    lanes q_lanes[2];
+    lanes v_lanes[2];
+    lanes a_lanes[2];
+    lanes u_lanes[2];
+    lanes out_lanes[2];
     lanes h_lanes[7];
     spread(7, h, h_lanes);
-    for (size_t i = 0; i < count; i += LANES) {
-        const size_t here = count - i < LANES ? count - i : LANES;
-        const int more = count - i >= AHEAD + LANES;
-        gather(q + i * q_step, q_step, here, more, 2, q_lanes);
-        gather(v + i * v_step, v_step, here, more, 2, v_lanes);
-        gather(a + i * a_step, a_step, here, more, 2, a_lanes);
-        gather(u + i * u_step, u_step, here, more, 2, u_lanes);
-        const int status = one_link_residual_lanes(h_lanes, q_lanes, v_lanes, a_lanes, u_lanes, out_lanes);
-        scatter(out_lanes, NULL, here, more, 2, 2, out + i * 2);
-        if (status != 0) return (long long)i * 2 + status - 1;
-    }
-    return -1;
+    BY_LANES(2, READ_LANES(q, 2) READ_LANES(v, 2) READ_LANES(a, 2) READ_LANES(u, 2) , one_link_residual_lanes(h_lanes, q_lanes, v_lanes, a_lanes, u_lanes, out_lanes), WRITE_LANES(2))
 }
 
 long long one_link_inverse_dynamics_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, const double *restrict a, size_t a_step, double *restrict out)
 {
-    lanes q_lanes[2], v_lanes[2], a_lanes[2], out_lanes[2];
+    lanes q_lanes[2];
+    lanes v_lanes[2];
+    lanes a_lanes[2];
+    lanes out_lanes[2];
     lanes h_lanes[7];
     spread(7, h, h_lanes);
-    for (size_t i = 0; i < count; i += LANES) {
-        const size_t here = count - i < LANES ? count - i : LANES;
-        const int more = count - i >= AHEAD + LANES;
-        gather(q + i * q_step, q_step, here, more, 2, q_lanes);
-        gather(v + i * v_step, v_step, here, more, 2, v_lanes);
-        gather(a + i * a_step, a_step, here, more, 2, a_lanes);
-        const int status = one_link_inverse_dynamics_lanes(h_lanes, q_lanes, v_lanes, a_lanes, out_lanes);
-        scatter(out_lanes, NULL, here, more, 2, 2, out + i * 2);
-        if (status != 0) return (long long)i * 2 + status - 1;
-    }
-    return -1;
+    BY_LANES(2, READ_LANES(q, 2) READ_LANES(v, 2) READ_LANES(a, 2) , one_link_inverse_dynamics_lanes(h_lanes, q_lanes, v_lanes, a_lanes, out_lanes), WRITE_LANES(2))
 }
 
 long long one_link_forward_dynamics_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, const double *restrict u, size_t u_step, double *restrict out)
 {
-    lanes q_lanes[2], v_lanes[2], u_lanes[2], out_lanes[2];
+    lanes q_lanes[2];
+    lanes v_lanes[2];
+    lanes u_lanes[2];
+    lanes out_lanes[2];
     lanes h_lanes[7];
     spread(7, h, h_lanes);
-    for (size_t i = 0; i < count; i += LANES) {
-        const size_t here = count - i < LANES ? count - i : LANES;
-        const int more = count - i >= AHEAD + LANES;
-        gather(q + i * q_step, q_step, here, more, 2, q_lanes);
-        gather(v + i * v_step, v_step, here, more, 2, v_lanes);
-        gather(u + i * u_step, u_step, here, more, 2, u_lanes);
-        const int status = one_link_forward_dynamics_lanes(h_lanes, q_lanes, v_lanes, u_lanes, out_lanes);
-        scatter(out_lanes, NULL, here, more, 2, 2, out + i * 2);
-        if (status != 0) return (long long)i * 2 + status - 1;
-    }
-    return -1;
+    BY_LANES(2, READ_LANES(q, 2) READ_LANES(v, 2) READ_LANES(u, 2) , one_link_forward_dynamics_lanes(h_lanes, q_lanes, v_lanes, u_lanes, out_lanes), WRITE_LANES(2))
 }
 
 long long one_link_residual_jacobian_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, const double *restrict a, size_t a_step, double *restrict out)
 {
-    lanes q_lanes[2], v_lanes[2], a_lanes[2], out_lanes[12];
+    lanes q_lanes[2];
+    lanes v_lanes[2];
+    lanes a_lanes[2];
+    lanes out_lanes[12];
     lanes h_lanes[7];
     spread(7, h, h_lanes);
-    for (size_t i = 0; i < count; i += LANES) {
-        const size_t here = count - i < LANES ? count - i : LANES;
-        const int more = count - i >= AHEAD + LANES;
-        gather(q + i * q_step, q_step, here, more, 2, q_lanes);
-        gather(v + i * v_step, v_step, here, more, 2, v_lanes);
-        gather(a + i * a_step, a_step, here, more, 2, a_lanes);
-        const int status = one_link_residual_jacobian_lanes(h_lanes, q_lanes, v_lanes, a_lanes, out_lanes);
-        scatter(out_lanes, NULL, here, more, 12, 12, out + i * 12);
-        if (status != 0) return (long long)i * 2 + status - 1;
-    }
-    return -1;
+    BY_LANES(2, READ_LANES(q, 2) READ_LANES(v, 2) READ_LANES(a, 2) , one_link_residual_jacobian_lanes(h_lanes, q_lanes, v_lanes, a_lanes, out_lanes), WRITE_LANES(12))
 }
 
 long long one_link_forward_dynamics_jacobian_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, const double *restrict u, size_t u_step, double *restrict out)
 {
-    lanes q_lanes[2], v_lanes[2], u_lanes[2], out_lanes[12];
+    lanes q_lanes[2];
+    lanes v_lanes[2];
+    lanes u_lanes[2];
+    lanes out_lanes[12];
     lanes h_lanes[7];
     spread(7, h, h_lanes);
-    for (size_t i = 0; i < count; i += LANES) {
-        const size_t here = count - i < LANES ? count - i : LANES;
-        const int more = count - i >= AHEAD + LANES;
-        gather(q + i * q_step, q_step, here, more, 2, q_lanes);
-        gather(v + i * v_step, v_step, here, more, 2, v_lanes);
-        gather(u + i * u_step, u_step, here, more, 2, u_lanes);
-        const int status = one_link_forward_dynamics_jacobian_lanes(h_lanes, q_lanes, v_lanes, u_lanes, out_lanes);
-        scatter(out_lanes, NULL, here, more, 12, 12, out + i * 12);
-        if (status != 0) return (long long)i * 2 + status - 1;
-    }
-    return -1;
+    BY_LANES(2, READ_LANES(q, 2) READ_LANES(v, 2) READ_LANES(u, 2) , one_link_forward_dynamics_jacobian_lanes(h_lanes, q_lanes, v_lanes, u_lanes, out_lanes), WRITE_LANES(12))
 }
 
 long long one_link_coriolis_matrix_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, double *restrict out)
 {
-    lanes q_lanes[2], v_lanes[2], out_lanes[4];
+    lanes q_lanes[2];
+    lanes v_lanes[2];
+    lanes out_lanes[4];
     lanes h_lanes[7];
     spread(7, h, h_lanes);
-    for (size_t i = 0; i < count; i += LANES) {
-        const size_t here = count - i < LANES ? count - i : LANES;
-        const int more = count - i >= AHEAD + LANES;
-        gather(q + i * q_step, q_step, here, more, 2, q_lanes);
-        gather(v + i * v_step, v_step, here, more, 2, v_lanes);
-        const int status = one_link_coriolis_matrix_lanes(h_lanes, q_lanes, v_lanes, out_lanes);
-        scatter(out_lanes, NULL, here, more, 4, 4, out + i * 4);
-        if (status != 0) return (long long)i * 2 + status - 1;
-    }
-    return -1;
+    BY_LANES(2, READ_LANES(q, 2) READ_LANES(v, 2) , one_link_coriolis_matrix_lanes(h_lanes, q_lanes, v_lanes, out_lanes), WRITE_LANES(4))
 }
 
 long long one_link_christoffel_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, double *restrict out)
 {
-    lanes q_lanes[2], out_lanes[8];
+    lanes q_lanes[2];
+    lanes out_lanes[8];
     lanes h_lanes[7];
     spread(7, h, h_lanes);
-    for (size_t i = 0; i < count; i += LANES) {
-        const size_t here = count - i < LANES ? count - i : LANES;
-        const int more = count - i >= AHEAD + LANES;
-        gather(q + i * q_step, q_step, here, more, 2, q_lanes);
-        const int status = one_link_christoffel_lanes(h_lanes, q_lanes, out_lanes);
-        scatter(out_lanes, NULL, here, more, 8, 8, out + i * 8);
-        if (status != 0) return (long long)i * 2 + status - 1;
-    }
-    return -1;
+    BY_LANES(2, READ_LANES(q, 2) , one_link_christoffel_lanes(h_lanes, q_lanes, out_lanes), WRITE_LANES(8))
 }
 
 long long one_link_energy_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, double *restrict out)
 {
-    lanes q_lanes[2], v_lanes[2], out_lanes[2];
+    lanes q_lanes[2];
+    lanes v_lanes[2];
+    lanes out_lanes[2];
     lanes h_lanes[7];
     spread(7, h, h_lanes);
-    for (size_t i = 0; i < count; i += LANES) {
-        const size_t here = count - i < LANES ? count - i : LANES;
-        const int more = count - i >= AHEAD + LANES;
-        gather(q + i * q_step, q_step, here, more, 2, q_lanes);
-        gather(v + i * v_step, v_step, here, more, 2, v_lanes);
-        const int status = one_link_energy_lanes(h_lanes, q_lanes, v_lanes, out_lanes);
-        scatter(out_lanes, NULL, here, more, 2, 2, out + i * 2);
-        if (status != 0) return (long long)i * 2 + status - 1;
-    }
-    return -1;
+    BY_LANES(2, READ_LANES(q, 2) READ_LANES(v, 2) , one_link_energy_lanes(h_lanes, q_lanes, v_lanes, out_lanes), WRITE_LANES(2))
 }
 
 long long one_link_reactions_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, const double *restrict a, size_t a_step, double *restrict out)
 {
-    lanes q_lanes[2], v_lanes[2], a_lanes[2], out_lanes[6];
+    lanes q_lanes[2];
+    lanes v_lanes[2];
+    lanes a_lanes[2];
+    lanes out_lanes[6];
     lanes h_lanes[7];
     spread(7, h, h_lanes);
-    for (size_t i = 0; i < count; i += LANES) {
-        const size_t here = count - i < LANES ? count - i : LANES;
-        const int more = count - i >= AHEAD + LANES;
-        gather(q + i * q_step, q_step, here, more, 2, q_lanes);
-        gather(v + i * v_step, v_step, here, more, 2, v_lanes);
-        gather(a + i * a_step, a_step, here, more, 2, a_lanes);
-        const int status = one_link_reactions_lanes(h_lanes, q_lanes, v_lanes, a_lanes, out_lanes);
-        scatter(out_lanes, NULL, here, more, 6, 6, out + i * 6);
-        if (status != 0) return (long long)i * 2 + status - 1;
-    }
-    return -1;
+    BY_LANES(2, READ_LANES(q, 2) READ_LANES(v, 2) READ_LANES(a, 2) , one_link_reactions_lanes(h_lanes, q_lanes, v_lanes, a_lanes, out_lanes), WRITE_LANES(6))
 }
 
 long long one_link_external_reactions_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict wrench, size_t wrench_step, double *restrict out)
 {
-    lanes q_lanes[2], wrench_lanes[6], out_lanes[6];
+    lanes q_lanes[2];
+    lanes wrench_lanes[6];
+    lanes out_lanes[6];
     lanes h_lanes[7];
     spread(7, h, h_lanes);
-    for (size_t i = 0; i < count; i += LANES) {
-        const size_t here = count - i < LANES ? count - i : LANES;
-        const int more = count - i >= AHEAD + LANES;
-        gather(q + i * q_step, q_step, here, more, 2, q_lanes);
-        gather(wrench + i * wrench_step, wrench_step, here, more, 6, wrench_lanes);
-        const int status = one_link_external_reactions_lanes(h_lanes, q_lanes, wrench_lanes, out_lanes);
-        scatter(out_lanes, NULL, here, more, 6, 6, out + i * 6);
-        if (status != 0) return (long long)i * 2 + status - 1;
-    }
-    return -1;
+    BY_LANES(2, READ_LANES(q, 2) READ_LANES(wrench, 6) , one_link_external_reactions_lanes(h_lanes, q_lanes, wrench_lanes, out_lanes), WRITE_LANES(6))
 }
 
 long long one_link_regressor_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, const double *restrict a, size_t a_step, double *restrict out)
 {
-    lanes q_lanes[2], v_lanes[2], a_lanes[2], out_lanes[22];
+    lanes q_lanes[2];
+    lanes v_lanes[2];
+    lanes a_lanes[2];
+    lanes out_lanes[22];
     lanes h_lanes[7];
     spread(7, h, h_lanes);
-    for (size_t i = 0; i < count; i += LANES) {
-        const size_t here = count - i < LANES ? count - i : LANES;
-        const int more = count - i >= AHEAD + LANES;
-        gather(q + i * q_step, q_step, here, more, 2, q_lanes);
-        gather(v + i * v_step, v_step, here, more, 2, v_lanes);
-        gather(a + i * a_step, a_step, here, more, 2, a_lanes);
-        const int status = one_link_regressor_lanes(h_lanes, q_lanes, v_lanes, a_lanes, out_lanes);
-        scatter(out_lanes, NULL, here, more, 22, 22, out + i * 22);
-        if (status != 0) return (long long)i * 2 + status - 1;
-    }
-    return -1;
+    BY_LANES(2, READ_LANES(q, 2) READ_LANES(v, 2) READ_LANES(a, 2) , one_link_regressor_lanes(h_lanes, q_lanes, v_lanes, a_lanes, out_lanes), WRITE_LANES(22))
 }
 
 long long one_link_euler_cosines_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, double *restrict out)
 {
-    lanes q_lanes[2], out_lanes[1];
+    lanes q_lanes[2];
+    lanes out_lanes[1];
     lanes h_lanes[7];
     spread(7, h, h_lanes);
-    for (size_t i = 0; i < count; i += LANES) {
-        const size_t here = count - i < LANES ? count - i : LANES;
-        const int more = count - i >= AHEAD + LANES;
-        gather(q + i * q_step, q_step, here, more, 2, q_lanes);
-        const int status = one_link_euler_cosines_lanes(h_lanes, q_lanes, out_lanes);
-        scatter(out_lanes, NULL, here, more, 1, 1, out + i * 1);
-        if (status != 0) return (long long)i * 2 + status - 1;
-    }
-    return -1;
+    BY_LANES(2, READ_LANES(q, 2) , one_link_euler_cosines_lanes(h_lanes, q_lanes, out_lanes), WRITE_LANES(1))
 }
 
 EOMGEN_PART void one_link_kinematics0_lanes(const lanes *restrict q, const lanes *restrict sine, const lanes *restrict cosine, int last, lanes *restrict origins, lanes *restrict axes, lanes *restrict kept)
@@ -1548,32 +1437,20 @@ static int one_link_frame_jacobian_lanes(const lanes *restrict h, const lanes *r
 
 long long one_link_frame_pose_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, int frame, double *restrict out)
 {
-    lanes q_lanes[2], out_lanes[16];
+    lanes q_lanes[2];
+    lanes out_lanes[16];
     lanes h_lanes[7];
     spread(7, h, h_lanes);
-    for (size_t i = 0; i < count; i += LANES) {
-        const size_t here = count - i < LANES ? count - i : LANES;
-        const int more = count - i >= AHEAD + LANES;
-        gather(q + i * q_step, q_step, here, more, 2, q_lanes);
-        one_link_frame_pose_lanes(h_lanes, q_lanes, frame, out_lanes);
-        scatter(out_lanes, NULL, here, more, 16, 16, out + i * 16);
-    }
-    return -1;
+    BY_LANES(2, READ_LANES(q, 2) , one_link_frame_pose_lanes(h_lanes, q_lanes, frame, out_lanes), WRITE_LANES(16))
 }
 
 long long one_link_frame_jacobian_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, int frame, double *restrict out)
 {
-    lanes q_lanes[2], out_lanes[12];
+    lanes q_lanes[2];
+    lanes out_lanes[12];
     lanes h_lanes[7];
     spread(7, h, h_lanes);
-    for (size_t i = 0; i < count; i += LANES) {
-        const size_t here = count - i < LANES ? count - i : LANES;
-        const int more = count - i >= AHEAD + LANES;
-        gather(q + i * q_step, q_step, here, more, 2, q_lanes);
-        one_link_frame_jacobian_lanes(h_lanes, q_lanes, frame, out_lanes);
-        scatter(out_lanes, NULL, here, more, 12, 12, out + i * 12);
-    }
-    return -1;
+    BY_LANES(2, READ_LANES(q, 2) , one_link_frame_jacobian_lanes(h_lanes, q_lanes, frame, out_lanes), WRITE_LANES(12))
 }
 
 #include "clib/integrate_lanes.c"

@@ -202,7 +202,7 @@ EOM_INLINE lanes exponential_lanes(lanes x) { return exponential(x); }
 
 /* Return 0, or 1 + i for the first of n coordinates whose pivot vanishes beside its scale, which stands behind it; what is no number
  * has vanished. */
-EOM_INLINE int singular(int n, const EOM_SCALAR *restrict pivot)
+EOM_LOCAL int singular(int n, const EOM_SCALAR *restrict pivot)
 {
     for (int i = 0; i < n; ++i) {
         if (!(pivot[2 * i] > EOM_VANISHED * pivot[2 * i + 1])) { return 1 + i; }
@@ -212,7 +212,7 @@ EOM_INLINE int singular(int n, const EOM_SCALAR *restrict pivot)
 
 #if !defined(EOMGEN_SINGLES_ONLY)
 /* Return 0, or 1 + i + l * statuses for the first lane l that has such a coordinate. */
-EOM_INLINE int singular_lanes(int n, int statuses, const lanes *restrict pivot)
+EOM_LOCAL int singular_lanes(int n, int statuses, const lanes *restrict pivot)
 {
 #if EOMGEN_VECTOR
     bits failed = { 0 };
