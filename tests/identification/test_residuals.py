@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from eomgen.errors import InputError
 from eomgen.identification import CalibrationResult, calibrate, load_calibration, poses_from_columns
+from eomgen.identification.calibration import diagnosing
 from eomgen.identification.calibration.serial import correlated, serial_of
 from eomgen.identification.geometry.error_model import DRIVE, Quantity
 from eomgen.identification.geometry.observations import observations_of
@@ -70,6 +72,21 @@ def test_a_row_that_is_off_is_named_by_row_and_line(tmp_path: Path) -> None:
         assert found.diagnosis.outlying[0][1] == pytest.approx(1000.0, rel=0.4)
         assert any("row 17 (line 20) by" in note for note in found.notes)
     assert not trial_of_nothing().diagnosis.outlying
+
+
+def test_round_off_of_exact_numbers_is_no_outlier(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Most residuals are 0, one is not; one that is off is named with a size that is a number."""
+    caught, look = [], diagnosing.outlying_rows
+    monkeypatch.setattr(diagnosing, "outlying_rows", lambda *given: caught.append(given) or look(*given))
+    made = trial(chain(1, "RRRRR"), 1, 50)
+    found_of(made, made.columns, noise=NOISE)
+    problem, fit = caught[0]
+    for off, rows in ((1e-16, ()), (1e-3, (int(problem.seen.row[0]),))):
+        residuals = np.zeros_like(fit.residuals)
+        residuals[0] = off
+        named = look(problem, replace(fit, residuals=residuals))
+        assert tuple(row for row, _ in named) == rows
+        assert np.isfinite([size for _, size in named]).all()
 
 
 def trial_of_nothing() -> CalibrationResult:

@@ -22,6 +22,7 @@ from .serial import Serial, serial_of
 CHANCE = 1e-3  # that a row is called off, or a pattern is named, where there is nothing
 DRIFT = "drift"
 _MAD = 1.4826  # standard deviation over the median of the magnitude, normal distribution
+_EXACT = 1e-9  # standard deviations: what is usually off by less is round-off of exact numbers, and no outlier
 _EFFICIENCY = 0.37  # of a standard deviation from the median of the magnitude
 _LITTLE = 5  # numbers more than unknowns, below which little is checked
 _LOOSE = 0.05  # least share of a number that a fit leaves open
@@ -111,7 +112,7 @@ def outlying_rows(problem: Problem, fit: Fit) -> tuple[tuple[int, float], ...]:
     white = seen.whiten(fit.residuals, fit.sigma) / np.sqrt(np.maximum(1.0 - fit.leverage, _LOOSE))
     for group in range(len(seen.blocks)):
         inside = seen.group == group
-        white[inside] /= max(_MAD * float(np.median(np.abs(white[inside]))), 1e-300)
+        white[inside] /= max(_MAD * float(np.median(np.abs(white[inside]))), _EXACT)
     samples, place = np.unique(seen.sample, return_inverse=True)
     squares, many = np.bincount(place, white**2), np.bincount(place)
     freedoms = max(_EFFICIENCY * fit.freedoms, 1.0)
