@@ -143,7 +143,8 @@ def number_context(equations: Equations, dtype: str, meta: Mapping[str, Any]) ->
         **_closing_tables(equations, dtype),
         "kept_size": kept_size(equations),
         "rubs": any(name.endswith("friction.smoothing") for name in model.parameters),
-        **_gradients(equations),
+        "kept_numbers": kept_of_a_step(model),
+        "texts": {name: KERNELS[name].text for name in GRADIENTS},
     }
 
 
@@ -155,15 +156,6 @@ def kept_of_a_step(model: Model) -> dict[str, int]:
     each = {"explicit_gradient": explicit, "implicit_gradient": int(closed), "rosenbrock_gradient": rosenbrock}
     each |= {name.replace("gradient", "sensitivity"): number for name, number in each.items()}
     return {name: model.size * number for name, number in each.items()}
-
-
-def _gradients(equations: Equations) -> dict[str, Any]:
-    """Names that templates of gradients use, and how many numbers of a step they keep."""
-    return {
-        "kept_numbers": kept_of_a_step(equations.model),
-        "ways": list(dict.fromkeys(name.split("_")[0] for name in equations.kernels if name in GRADIENTS)),
-        "texts": {name: KERNELS[name].text for name in GRADIENTS},
-    }
 
 
 def _closing_tables(equations: Equations, dtype: str) -> dict[str, Any]:

@@ -45,9 +45,9 @@ def _has_lanes(equations: Equations, name: str) -> bool:
 
 
 def kept_size(equations: Equations) -> int:
-    """Numbers that the factors of a step hand to its stages, at least one; 0 where there are no stages."""
+    """Numbers that the factors of a step hand to its stages; none where nothing is solved for."""
     program = equations.programs.get("stage_factors")
-    return max(1, sum(key[0] == "out" for key in program.outputs)) if program else 0
+    return sum(key[0] == "out" for key in program.outputs) if program else 0
 
 
 def calls_of(equations: Equations, name: str) -> tuple[str, ...]:

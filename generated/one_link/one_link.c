@@ -628,10 +628,6 @@ int one_link_frame_jacobian(const double *restrict h, const double *restrict q, 
     return 0;
 }
 
-#if !defined(EOM_LINKED) /* defined where the library's objects are linked; without it the library is compiled for this robot */
-#include "clib/integrate.c"
-#endif
-
 #ifndef EOMGEN_SIZES
 #define EOMGEN_SIZES
 static const eom_sizes one_link_sizes = {
@@ -662,6 +658,10 @@ static const eom_robot one_link_robot = {
     one_link_stage_solution,
     NULL
 };
+
+#if !defined(EOM_LINKED) /* defined where the library's objects are linked; without it the library is compiled for this robot */
+#include "clib/integrate.c"
+#endif
 
 /* One state over many steps. */
 long long one_link_rollout(const double *restrict h, const double *restrict q, const double *restrict v, const one_link_drive *restrict drive, double dt, size_t steps, size_t every, int method, double *restrict q_out, double *restrict v_out)

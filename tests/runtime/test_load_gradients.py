@@ -236,6 +236,33 @@ def test_loops(method: str, built: Build, monkeypatch: pytest.MonkeyPatch) -> No
         )
 
 
+def test_a_mechanism_whose_only_freedom_is_prescribed(built: Build, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Stages solve for nothing, and derivatives by what follows their factors are found all the same."""
+    frozen(monkeypatch)
+    robot = eomgen.load_robot("four_bar")
+    crank, *others = robot.joints
+    key, value = next(iter(crank.coordinates.items()))
+    crank = replace(crank, coordinates={**crank.coordinates, key: replace(value, prescribed=True)})
+    robot = replace(robot, driven=(), joints=(crank, *others))
+    beside = ("constraint", "constraint_jacobian", "mass_matrix", "cut_poses")
+    kernel = built(robot, *(x for x in ALL if x not in MODELS), *beside)
+    rng, case = np.random.default_rng(1), object.__new__(Case)
+    case.kernel, case.method, case.loss = kernel, "rosenbrock", Loss(3)
+    case.parameters = ("gravity.x", "gravity.y", "gravity.z")
+    case.q, case.u = kernel.close([0.5, 0.2, 1.2]), np.zeros(3)
+    case.v = kernel.close_rates(case.q, [1.0, 0.0, 0.0])
+    track = Track(signal(rng, 1, 0.1), np.array([0]))
+    case.loads = LoadData(given=Waves(np.array([[0.1, 8.0, 0.3, 0.5]]), [track]))
+    value, found = case.gradient()
+    assert [found[name] for name in case.parameters] == pytest.approx([0.0] * 3, abs=1e-12)  # what moves is given
+    assert found["gravity.z"] == 0.0  # across its plane
+    by, name = found["loads"]["prescribed.tracks[0]"], "prescribed.tracks[0]"
+    x = numbers(case.loads, name)
+    direction = rng.uniform(-1.0, 1.0, x.shape) * np.abs(x)
+    ends = [case.gradient(loads=put(case.loads, name, x + s * 1e-5 * direction))[0] for s in (1, -1)]
+    assert (by * direction).sum() == pytest.approx((ends[0] - ends[1]) / 2e-5, rel=1e-6, abs=1e-8 * abs(value))
+
+
 class Loaded(Evaluated):
     """Steps under forces, gains, a model and a wrench, all of them complex."""
 

@@ -6,7 +6,7 @@ typedef struct {
     int m;          /* constraints of closed loops; 0 for a tree */
     int hoisted;    /* numbers h that setup makes of the parameters, at least 1 */
     int parameters; /* numbers that setup takes */
-    int factors;    /* numbers that stage_factors hands to stage_solution, at least 1 */
+    int factors;    /* numbers that stage_factors hands to stage_solution */
     int wrench;     /* 6 per link */
     int gaps;       /* constraints of a computed torque model's loops, at most */
     int rotations;  /* joints of three rotations that change charts */
@@ -29,6 +29,36 @@ typedef struct {
     const EOM(sizes) *sizes;
     EOM_EQUATIONS(EOM_SCALAR);
 } EOM(robot);
+
+/* Derivatives of a robot's equations, for one state in each argument; one that is not differentiated needs none of them.
+ * Adjoints write the gradient of results, times weights, by the arguments in their order but for times, then by the parameters;
+ * tangents what results change by along rates of arguments, and dp of the parameters.  Explicit methods ask for those of
+ * forward_dynamics, the linearly implicit Euler method for those of implicit_step, the Rosenbrock method for those of
+ * forward_dynamics, stage_factors and stage_solution, and closed loops for those of settling. */
+typedef struct {
+    const EOM(robot) *robot;
+    int poses; /* numbers of the poses of all frames, 12 each; 0 without wrenches */
+    int (*forward_dynamics_adjoint)(const EOM_SCALAR *h, const EOM_SCALAR *q, const EOM_SCALAR *v, const EOM_SCALAR *u, const EOM_SCALAR *weights, EOM_SCALAR *out);
+    int (*implicit_step_adjoint)(const EOM_SCALAR *h, const EOM_SCALAR *q, const EOM_SCALAR *v, const EOM_SCALAR *u, const EOM_SCALAR *added, const EOM_SCALAR *times, const EOM_SCALAR *weights, EOM_SCALAR *out);
+    int (*stage_factors_adjoint)(const EOM_SCALAR *h, const EOM_SCALAR *q, const EOM_SCALAR *v, const EOM_SCALAR *kp, const EOM_SCALAR *kd, const EOM_SCALAR *times, const EOM_SCALAR *weights, EOM_SCALAR *out);
+    int (*stage_solution_adjoint)(const EOM_SCALAR *h, const EOM_SCALAR *factors, const EOM_SCALAR *right, const EOM_SCALAR *shifts, const EOM_SCALAR *weights, EOM_SCALAR *out);
+    int (*settling_adjoint)(const EOM_SCALAR *h, const EOM_SCALAR *q, const EOM_SCALAR *v, const EOM_SCALAR *weights, EOM_SCALAR *out);
+    int (*forward_dynamics_tangent)(const EOM_SCALAR *h, const EOM_SCALAR *q, const EOM_SCALAR *v, const EOM_SCALAR *u, const EOM_SCALAR *dq, const EOM_SCALAR *dv, const EOM_SCALAR *du, const EOM_SCALAR *dp, EOM_SCALAR *out);
+    int (*implicit_step_tangent)(const EOM_SCALAR *h, const EOM_SCALAR *q, const EOM_SCALAR *v, const EOM_SCALAR *u, const EOM_SCALAR *added, const EOM_SCALAR *times, const EOM_SCALAR *dq, const EOM_SCALAR *dv, const EOM_SCALAR *du, const EOM_SCALAR *dp, EOM_SCALAR *out);
+    int (*stage_factors_tangent)(const EOM_SCALAR *h, const EOM_SCALAR *q, const EOM_SCALAR *v, const EOM_SCALAR *kp, const EOM_SCALAR *kd, const EOM_SCALAR *times, const EOM_SCALAR *dq, const EOM_SCALAR *dv, const EOM_SCALAR *dp, EOM_SCALAR *out);
+    int (*stage_solution_tangent)(const EOM_SCALAR *h, const EOM_SCALAR *factors, const EOM_SCALAR *right, const EOM_SCALAR *shifts, const EOM_SCALAR *dfactors, const EOM_SCALAR *dright, const EOM_SCALAR *dshifts, const EOM_SCALAR *dp, EOM_SCALAR *out);
+    int (*settling_tangent)(const EOM_SCALAR *h, const EOM_SCALAR *q, const EOM_SCALAR *v, const EOM_SCALAR *dq, const EOM_SCALAR *dv, const EOM_SCALAR *dp, EOM_SCALAR *out);
+} EOM(robot_derivatives);
+
+/* Steps of a motion that is differentiated: lengths, s, and rows of drives, count of each, and with inputs times at which they
+ * begin, and at which the last one ends, s. */
+typedef struct {
+    const EOM_SCALAR *dt;
+    const double *times;
+    const long long *row;
+    size_t count;
+    int method; /* EOM_RK4, EOM_TSIT5, EOM_IMPLICIT_EULER or EOM_ROSENBROCK */
+} EOM(step_sequence);
 
 /* Room for numbers: scalars for one state, or lanes for several; doubles; and integers. */
 typedef struct {
@@ -55,4 +85,17 @@ void EOM(integrate_adaptive_one_by_one)(const EOM(robot) *robot, size_t count, c
 /* Write the drives of inputs at times, (count, n), with accelerations of prescribed coordinates, whose positions and velocities are
  * put into q and v. */
 void EOM(inputs_over_time)(const EOM(sizes) *sizes, size_t count, const EOM(inputs) *inputs, const double *times, EOM_SCALAR *q, EOM_SCALAR *v, EOM_SCALAR *u, double *work, int *index);
+
+/* Take steps from q and v in the first row on, (count + 1, n) each.  kept is NULL, or count times EOM_KEPT_NUMBERS, which spare
+ * rollout_gradient work.  Joints of three rotations keep their angles.  -1, or step * statuses + i of the first failure.
+ * work.state: EOM_SENSITIVITY_ROOM, work.input: EOM_SENSITIVITY_INPUT_ROOM. */
+long long EOM(rollout_states)(const EOM(robot_derivatives) *derivatives, const EOM_SCALAR *h, const EOM(drive) *drive, const EOM(inputs) *inputs, const EOM(step_sequence) *steps, EOM_SCALAR *q, EOM_SCALAR *v, EOM_SCALAR *kept, EOM(workspace) work);
+
+/* Go back through the steps of rollout_states: by_q and by_v hold derivatives of a sum by each state as it stands alone, and become
+ * those by the whole way from there on; slopes get what is added to them.  kept as of rollout_states. */
+void EOM(rollout_gradient)(const EOM(robot_derivatives) *derivatives, const EOM_SCALAR *h, const EOM(drive) *drive, const EOM(inputs) *inputs, const EOM(step_sequence) *steps, const EOM_SCALAR *q, const EOM_SCALAR *v, const EOM_SCALAR *kept, EOM_SCALAR *by_q, EOM_SCALAR *by_v, const EOM(slopes) *slopes, EOM(workspace) work);
+
+/* Take the same steps with rates along directions beside the states: dq and dv, (count + 1, directions, n), hold those of the
+ * first state, and get those at the end of each step. */
+long long EOM(rollout_sensitivity)(const EOM(robot_derivatives) *derivatives, const EOM_SCALAR *h, const EOM(drive) *drive, const EOM(inputs) *inputs, const EOM(step_sequence) *steps, size_t directions, const EOM(rates) *rates, EOM_SCALAR *q, EOM_SCALAR *v, EOM_SCALAR *dq, EOM_SCALAR *dv, EOM(workspace) work);
 #endif

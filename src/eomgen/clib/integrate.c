@@ -1,5 +1,6 @@
-/* integrate.c: integration of one state; compile it once, or include it in a robot's file that defines EOM_N.  Compiled in parts
- * it is one of steps of fixed length (EOM_FIXED_ONLY), and one of steps with error control (EOM_ADAPTIVE_ONLY). */
+/* integrate.c: integration of one state; compile it once, or include it in a robot's file that defines EOM_N, and with its
+ * derivatives EOM_DERIVATIVES.  Compiled in parts it is one of steps of fixed length (EOM_FIXED_ONLY), and one of steps with
+ * error control (EOM_ADAPTIVE_ONLY), both without derivatives. */
 #include "inputs.h"
 
 #include "state_one.h"
@@ -134,4 +135,8 @@ EOM_PUBLIC void EOM(integrate_adaptive_one_by_one)(const EOM(robot) *restrict ro
         (void)memcpy(&v[k * (size_t)n], &x[n], (size_t)n * sizeof *v);
     }
 }
+#endif
+
+#if defined(EOM_DERIVATIVES) || !(defined(EOM_N) || defined(EOM_FIXED_ONLY) || defined(EOM_ADAPTIVE_ONLY))
+#include "sensitivities.h"
 #endif

@@ -1,0 +1,182 @@
+/* sensitivities.h: derivatives of motions over many steps, backwards and forwards; of one state.  A robot's file that names its
+ * table, EOM_DERIVATIVES, may hand over NULL for it: then no address of an equation is taken, and compilers may inline it. */
+
+#include "interval_forces.h"
+#include "input_sensitivities.h"
+#include "step_sensitivities.h"
+#include "rosenbrock_sensitivities.h"
+
+/* How many numbers are kept of a step. */
+EOM_LOCAL size_t EOM(kept_of_step)(const EOM(sizes) *restrict sizes, int method)
+{
+    (void)sizes;
+    return (size_t)EOM_KEPT_NUMBERS(N_OF(sizes), M_OF(sizes), method);
+}
+
+/* Take a step, in front of assembly; kept becomes what is kept of it. */
+EOM_LOCAL int EOM(step_forward)(const EOM(interval) *restrict interval, const EOM_SCALAR *restrict q, const EOM_SCALAR *restrict v, EOM_SCALAR *restrict kept, EOM_SCALAR *restrict q_end, EOM_SCALAR *restrict v_end, EOM_SCALAR *restrict work)
+{
+    int status = 0;
+    if (interval->method == EOM_ROSENBROCK) {
+        status = EOM(rosenbrock_forward)(interval, q, v, kept, q_end, v_end, work);
+    } else if (interval->method == EOM_IMPLICIT_EULER) {
+        status = EOM(implicit_forward)(interval, q, v, kept, q_end, v_end, work);
+    } else {
+        status = EOM(explicit_forward)(interval, q, v, kept, q_end, v_end, work);
+    }
+    return status;
+}
+
+/* The end of a step with closed loops, in front of assembly, from what is kept of it. */
+EOM_LOCAL void EOM(step_end)(const EOM(interval) *restrict interval, const EOM_SCALAR *restrict q, const EOM_SCALAR *restrict v, const EOM_SCALAR *restrict kept, EOM_SCALAR *restrict q_end, EOM_SCALAR *restrict v_end)
+{
+    if (interval->method == EOM_ROSENBROCK) {
+        EOM(rosenbrock_state)(interval, ROSENBROCK_STAGES, q, v, kept, q_end, v_end);
+    } else if (interval->method == EOM_IMPLICIT_EULER) {
+        EOM(implicit_end)(interval, q, v, kept, q_end, v_end);
+    } else {
+        EOM(explicit_stage)(interval, eom_explicit_stages[interval->method], q, v, kept, &kept[EOM(size_of)(interval) * EXPLICIT_STAGES], q_end, v_end);
+    }
+}
+
+/* Go back from the end of a step, in front of assembly, to its beginning. */
+EOM_LOCAL void EOM(step_adjoint)(const EOM(interval) *restrict interval, const EOM_SCALAR *restrict q, const EOM_SCALAR *restrict v, const EOM_SCALAR *restrict kept, EOM_SCALAR *restrict to_q, EOM_SCALAR *restrict to_v, const EOM(slopes) *restrict slopes, EOM_SCALAR *restrict work)
+{
+    if (interval->method == EOM_ROSENBROCK) {
+        EOM(rosenbrock_adjoint)(interval, q, v, kept, to_q, to_v, slopes, work);
+    } else if (interval->method == EOM_IMPLICIT_EULER) {
+        EOM(implicit_adjoint)(interval, q, v, to_q, to_v, slopes, work);
+    } else {
+        EOM(explicit_adjoint)(interval, q, v, kept, to_q, to_v, slopes, work);
+    }
+}
+
+/* Carry rates along directions from the beginning of a step to its end, in front of assembly. */
+EOM_LOCAL void EOM(step_tangent)(const EOM(interval) *restrict interval, const EOM_SCALAR *restrict q, const EOM_SCALAR *restrict v, const EOM_SCALAR *restrict kept, size_t directions, const EOM(rates) *restrict rates, EOM_SCALAR *restrict dq, EOM_SCALAR *restrict dv, EOM_SCALAR *restrict work)
+{
+    if (interval->method == EOM_ROSENBROCK) {
+        EOM(rosenbrock_tangent)(interval, q, v, kept, directions, rates, dq, dv, work);
+    } else if (interval->method == EOM_IMPLICIT_EULER) {
+        EOM(implicit_tangent)(interval, q, v, directions, rates, dq, dv, work);
+    } else {
+        EOM(explicit_tangent)(interval, q, v, kept, directions, rates, dq, dv, work);
+    }
+}
+
+/* Put prescribed motions into the end of a step, if there are any. */
+EOM_INLINE void EOM(prescribe_end)(const EOM(interval) *restrict interval, EOM_SCALAR *restrict q_end, EOM_SCALAR *restrict v_end)
+{
+    const eom_prescribed *const given = EOM(prescribed_of)(interval);
+    if (given != NULL) { EOM(prescribe)(interval, given, eom_instant_of(interval->end), q_end, v_end); }
+}
+
+/* Go back from the end of a step into which prescribed motions were put. */
+EOM_INLINE void EOM(prescribe_end_adjoint)(const EOM(interval) *restrict interval, EOM_SCALAR *restrict to_q, EOM_SCALAR *restrict to_v, const EOM(slopes) *restrict slopes)
+{
+    const eom_prescribed *const given = EOM(prescribed_of)(interval);
+    if (given != NULL) { EOM(prescribe_adjoint)(interval, given, eom_instant_of(interval->end), to_q, to_v, slopes); }
+}
+
+/* What the failure of a step says of all steps. */
+EOM_LOCAL long long EOM(failure_of_step)(const EOM(sizes) *restrict sizes, size_t step, int status)
+{
+    const int statuses = N_OF(sizes) + ((M_OF(sizes) > 0) ? (3 * M_OF(sizes) + N_OF(sizes)) : 0);
+    (void)sizes;
+    return (long long)step * statuses + status - 1;
+}
+
+EOM_PUBLIC long long EOM(rollout_states)(const EOM(robot_derivatives) *restrict derivatives, const EOM_SCALAR *restrict h, const EOM(drive) *restrict drive, const EOM(inputs) *restrict inputs, const EOM(step_sequence) *restrict steps, EOM_SCALAR *restrict q, EOM_SCALAR *restrict v, EOM_SCALAR *restrict kept, EOM(workspace) work)
+{
+    const EOM(sizes) *const sizes = KNOWN(derivatives)->robot->sizes;
+    const size_t n = (size_t)N_OF(sizes);
+    const size_t size = EOM(kept_of_step)(sizes, steps->method);
+    EOM_SCALAR *const own = &work.state[EOM(forces_room)(derivatives)];
+    EOM_SCALAR *const rest = &own[size];
+    for (size_t k = 0; k < steps->count; ++k) {
+        EOM_SCALAR *const q_end = &q[(k + 1U) * n];
+        EOM_SCALAR *const v_end = &v[(k + 1U) * n];
+        const EOM(interval) interval = EOM(interval_of)(derivatives, h, drive, inputs, steps, k, work);
+        const int status = EOM(step_forward)(&interval, &q[k * n], &v[k * n], (kept == NULL) ? own : &kept[k * size], q_end, v_end, rest);
+        if (status != 0) { return EOM(failure_of_step)(sizes, k, status); }
+        EOM(prescribe_end)(&interval, q_end, v_end);
+        if (M_OF(sizes) > 0) {
+            const int opened = EOM(assemble)(KNOWN(derivatives)->robot, h, q_end, v_end, rest);
+            if (opened != 0) { return EOM(failure_of_step)(sizes, k, opened); }
+        }
+    }
+    return -1;
+}
+
+EOM_PUBLIC void EOM(rollout_gradient)(const EOM(robot_derivatives) *restrict derivatives, const EOM_SCALAR *restrict h, const EOM(drive) *restrict drive, const EOM(inputs) *restrict inputs, const EOM(step_sequence) *restrict steps, const EOM_SCALAR *restrict q, const EOM_SCALAR *restrict v, const EOM_SCALAR *restrict kept, EOM_SCALAR *restrict by_q, EOM_SCALAR *restrict by_v, const EOM(slopes) *restrict slopes, EOM(workspace) work)
+{
+    const EOM(sizes) *const sizes = KNOWN(derivatives)->robot->sizes;
+    const size_t n = (size_t)N_OF(sizes);
+    const size_t size = EOM(kept_of_step)(sizes, steps->method);
+    const int closed = (M_OF(sizes) > 0) ? 1 : 0;
+    EOM_SCALAR *const own = &work.state[EOM(forces_room)(derivatives)];
+    EOM_SCALAR *const q_end = &own[size];
+    EOM_SCALAR *const v_end = &q_end[n];
+    EOM_SCALAR *const to_q = &v_end[n];
+    EOM_SCALAR *const to_v = &to_q[n];
+    EOM_SCALAR *const rest = &to_v[n];
+    (void)memcpy(to_q, &by_q[steps->count * n], n * sizeof *to_q);
+    (void)memcpy(to_v, &by_v[steps->count * n], n * sizeof *to_v);
+    for (size_t behind = 0; behind < steps->count; ++behind) {
+        const size_t k = steps->count - 1U - behind;
+        const EOM_SCALAR *const q_here = &q[k * n];
+        const EOM_SCALAR *const v_here = &v[k * n];
+        const EOM(interval) interval = EOM(interval_of)(derivatives, h, drive, inputs, steps, k, work);
+        const EOM_SCALAR *stages = own;
+        if (kept == NULL) {
+            (void)EOM(step_forward)(&interval, q_here, v_here, own, q_end, v_end, rest);
+        } else {
+            stages = &kept[k * size];
+            if (closed != 0) { EOM(step_end)(&interval, q_here, v_here, stages, q_end, v_end); }
+        }
+        if (closed != 0) {
+            EOM(prescribe_end)(&interval, q_end, v_end);
+            EOM(assemble_adjoint)(&interval, q_end, v_end, to_q, to_v, slopes, rest);
+        }
+        EOM(prescribe_end_adjoint)(&interval, to_q, to_v, slopes);
+        EOM(step_adjoint)(&interval, q_here, v_here, stages, to_q, to_v, slopes, rest);
+        for (size_t i = 0; i < n; ++i) {
+            to_q[i] += by_q[k * n + i];
+            to_v[i] += by_v[k * n + i];
+            by_q[k * n + i] = to_q[i];
+            by_v[k * n + i] = to_v[i];
+        }
+    }
+}
+
+EOM_PUBLIC long long EOM(rollout_sensitivity)(const EOM(robot_derivatives) *restrict derivatives, const EOM_SCALAR *restrict h, const EOM(drive) *restrict drive, const EOM(inputs) *restrict inputs, const EOM(step_sequence) *restrict steps, size_t directions, const EOM(rates) *restrict rates, EOM_SCALAR *restrict q, EOM_SCALAR *restrict v, EOM_SCALAR *restrict dq, EOM_SCALAR *restrict dv, EOM(workspace) work)
+{
+    const EOM(sizes) *const sizes = KNOWN(derivatives)->robot->sizes;
+    const size_t n = (size_t)N_OF(sizes);
+    const size_t width = directions * n;
+    EOM_SCALAR *const own = &work.state[EOM(forces_room)(derivatives)];
+    EOM_SCALAR *const rest = &own[EOM(kept_of_step)(sizes, steps->method)];
+    for (size_t k = 0; k < steps->count; ++k) {
+        const EOM_SCALAR *const q_here = &q[k * n];
+        const EOM_SCALAR *const v_here = &v[k * n];
+        EOM_SCALAR *const q_end = &q[(k + 1U) * n];
+        EOM_SCALAR *const v_end = &v[(k + 1U) * n];
+        EOM_SCALAR *const dq_end = &dq[(k + 1U) * width];
+        EOM_SCALAR *const dv_end = &dv[(k + 1U) * width];
+        const EOM(interval) interval = EOM(interval_of)(derivatives, h, drive, inputs, steps, k, work);
+        const int status = EOM(step_forward)(&interval, q_here, v_here, own, q_end, v_end, rest);
+        if (status != 0) { return EOM(failure_of_step)(sizes, k, status); }
+        (void)memcpy(dq_end, &dq[k * width], width * sizeof *dq);
+        (void)memcpy(dv_end, &dv[k * width], width * sizeof *dv);
+        EOM(step_tangent)(&interval, q_here, v_here, own, directions, rates, dq_end, dv_end, rest);
+        EOM(prescribe_end)(&interval, q_end, v_end);
+        for (size_t d = 0; d < directions; ++d) {
+            EOM(prescribe_tangent)(&interval, &dq_end[d * n], &dv_end[d * n]);
+            if (M_OF(sizes) > 0) { EOM(assemble_tangent)(&interval, q_end, v_end, &rates->parameters[d * (size_t)sizes->parameters], &dq_end[d * n], &dv_end[d * n], rest); }
+        }
+        if (M_OF(sizes) > 0) {
+            const int opened = EOM(assemble)(KNOWN(derivatives)->robot, h, q_end, v_end, rest);
+            if (opened != 0) { return EOM(failure_of_step)(sizes, k, opened); }
+        }
+    }
+    return -1;
+}
