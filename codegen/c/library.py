@@ -7,27 +7,30 @@ import re
 from collections.abc import Iterable, Mapping
 from functools import cache
 
-from ..kernels.signatures import BATCHES, KERNELS
+from ..kernels.signatures import BATCHES, KERNELS, SINGLES
 
 FOLDER = "clib"  # of eomgen, and beside a robot's file
 LINKED = "EOM_LINKED"  # macro of robots' files that are linked with the library's objects
 PARTS: Mapping[str, tuple[str, str]] = {  # file of each part of the library, and the macro that compiles it alone
     "fixed": ("integrate.c", "EOM_FIXED_ONLY"),
     "adaptive": ("integrate.c", "EOM_ADAPTIVE_ONLY"),
+    "fixed_lanes": ("integrate_lanes.c", "EOM_FIXED_ONLY"),
+    "adaptive_lanes": ("integrate_lanes.c", "EOM_ADAPTIVE_ONLY"),
 }
 _PART_OF = {"rollout": "fixed", "adaptive": "adaptive"}  # by kind of the kernels that call it
 _TYPES = ("eom.h", "eom_types.h")
 
 
 def parts_of(kernels: Iterable[str], half: str) -> tuple[str, ...]:
-    """Return the parts of the library that a half of the C of kernels is linked with.
+    """Return the parts of the library that a half of the C of kernels is linked with, of both without a name.
 
-    None where the half includes what it needs of the library: that is gradients' C, and C for several states at a time.
+    None where the half includes what it needs of the library: that is the C of gradients, which calls its equations by
+    name.
     """
     kinds = {KERNELS[name].kind for name in kernels}
-    if half == BATCHES or "gradient" in kinds:
-        return ()
-    return tuple(part for kind, part in _PART_OF.items() if kind in kinds)
+    called = [part for kind, part in _PART_OF.items() if kind in kinds]
+    singles = called if half != BATCHES and "gradient" not in kinds else []
+    return (*singles, *(f"{part}_lanes" for part in called if half != SINGLES))
 
 
 @cache
@@ -56,9 +59,10 @@ def library_types(dtype: str) -> str:
 
 @cache
 def library_functions(dtype: str) -> str:
-    """The same with robots, workspaces and the functions that integrate one state."""
-    real = "float" if dtype == "float32" else "double"
-    text = _declared(dtype, (*_TYPES, "eom_robot.h"))
+    """The same with robots, workspaces and functions that integrate; lanes are pointers to their numbers."""
+    text = _declared(dtype, (*_TYPES, "eom_robot.h", "robot_lanes.h"))
+    real, prefix = ("float", "eomf") if dtype == "float32" else ("double", "eom")
+    text = re.sub(r"\blanes\b", real, re.sub(r"EOM_WIDE\((\w+)\)", rf"{prefix}_\1", text))
     equations = re.search(r"#define EOM_EQUATIONS\(real\)(.*)", _plain("eom.h"))
     assert equations is not None
     return re.sub(r"EOM_EQUATIONS\(\w+\)", re.sub(r"\breal\b", real, equations[1]), text)

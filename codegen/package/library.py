@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -31,7 +30,7 @@ def library_key(compiler: Compiler, flags: Sequence[str], dtype: str, part: str,
 
 
 def write_library(compiler: Compiler, flags: Sequence[str], dtype: str, part: str, folder: Path) -> None:
-    """Write a part of the library, compiled, into an empty folder.
+    """Write a part of the library, compiled, and beside it its sources into an empty folder.
 
     Raises:
         BuildError: the compiler failed; the message holds its command and what it said.
@@ -40,12 +39,16 @@ def write_library(compiler: Compiler, flags: Sequence[str], dtype: str, part: st
     for name, text in library_files().items():
         (folder / name).write_text(text, encoding="ascii")
     run_all([library_command(compiler, flags, dtype, part, folder)])
-    shutil.rmtree(folder / FOLDER)
+
+
+def precision_flags(dtype: str) -> tuple[str, ...]:
+    """Flags by which the library is of single precision."""
+    return ("-DEOM_SINGLE",) if dtype == "float32" else ()
 
 
 def library_command(compiler: Compiler, flags: Sequence[str], dtype: str, part: str, folder: Path) -> list[str]:
     """Give the command that compiles a part of the library in a folder."""
     file, macro = PARTS[part]
-    chosen = (f"-D{macro}", *(("-DEOM_SINGLE",) if dtype == "float32" else ()))
+    chosen = (f"-D{macro}", *precision_flags(dtype))
     code, target = str(folder / FOLDER / file), str(folder / OBJECT)
     return [*compiler.command, "-c", "-fPIC", *library_flags(flags), *chosen, code, "-o", target]

@@ -1453,7 +1453,11 @@ long long one_link_frame_jacobian_batch(size_t count, const double *restrict h, 
     BY_LANES(2, READ_LANES(q, 2) , one_link_frame_jacobian_lanes(h_lanes, q_lanes, frame, out_lanes), WRITE_LANES(12))
 }
 
+#if defined(EOM_LINKED)
+#include "clib/robot_lanes.h"
+#else
 #include "clib/integrate_lanes.c"
+#endif
 
 #ifndef EOMGEN_SIZES
 #define EOMGEN_SIZES

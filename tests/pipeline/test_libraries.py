@@ -42,7 +42,9 @@ def motions(kernel: eomgen.Kernel) -> list[bytes]:
 def compiles(log: Path) -> list[str]:
     """Parts of the library that a compiler was asked for since the last time, sorted."""
     lines, _ = log.read_text().splitlines(), log.write_text("")
-    return sorted(part for line in lines for part, (_, macro) in PARTS.items() if f"-D{macro}" in line)
+    return sorted(
+        part for line in lines for part, (file, macro) in PARTS.items() if f"-D{macro}" in line and f"/{file}" in line
+    )
 
 
 def test_it_is_compiled_once_for_all_robots(empty_cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -52,18 +54,18 @@ def test_it_is_compiled_once_for_all_robots(empty_cache: Path, tmp_path: Path, m
     eomgen.build("one_link", kernels=("mass_matrix",), flags=flags)
     assert compiles(log) == []
     eomgen.build("one_link", kernels=("rollout",), flags=flags)
-    assert compiles(log) == ["fixed"]
+    assert compiles(log) == ["fixed", "fixed_lanes"]
     eomgen.build("one_link", kernels=ROLLS, flags=flags)
-    assert compiles(log) == ["adaptive"]
+    assert compiles(log) == ["adaptive", "adaptive_lanes"]
     eomgen.build("four_bar", kernels=ROLLS, flags=flags)
     eomgen.build("one_link", flags=flags).rollout(Q, V, U, 1e-3, 2)
     assert compiles(log) == []
     eomgen.build("one_link", kernels=("rollout",), flags=("-O0", "-g"))
-    assert compiles(log) == ["fixed"]
-    eomgen.build("one_link", kernels=("rollout",), flags=flags, dtype="float32")
+    assert compiles(log) == ["fixed", "fixed_lanes"]
+    eomgen.build("one_link", flags=flags, dtype="float32").rollout(*(x.astype(np.float32) for x in (Q, V, U)), 1e-3, 2)
     assert compiles(log) == ["fixed"]
     kinds = [kind for kind, _, _ in cache.contents()]
-    assert kinds.count(KIND) == 4
+    assert kinds.count(KIND) == 7
 
 
 def test_both_ways_give_the_same_bits(tmp_path: Path) -> None:
@@ -110,12 +112,12 @@ def test_without_headers(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_parts_of_halves() -> None:
-    """Gradients' C includes the library, and C for several states at a time."""
-    assert parts_of(("mass_matrix", "energy"), SINGLES) == ()
+    """Gradients' C includes the library."""
+    assert parts_of(("mass_matrix", "energy"), "") == ()
     assert parts_of(("rollout", "energy"), SINGLES) == ("fixed",)
-    assert parts_of(ROLLS, SINGLES) == tuple(PARTS)
-    assert parts_of(ROLLS, BATCHES) == ()
-    assert parts_of(("rollout", "explicit_gradient"), SINGLES) == ()
+    assert parts_of(ROLLS, "") == tuple(PARTS)
+    assert parts_of(ROLLS, BATCHES) == ("fixed_lanes", "adaptive_lanes")
+    assert parts_of(("rollout", "explicit_gradient"), "") == ("fixed_lanes",)
 
 
 def test_keys_and_flags() -> None:
@@ -173,6 +175,16 @@ CHANGES = {  # of a file of the library, by part: what the examination must see
         "error control": "adaptive_steps.h s/(excess <= 1\\.0)/(excess <= 1e6)/",
         "a piece": "signals.h s/at\\.beside < knot\\[middle\\]/at.beside > knot[middle]/",
     },
+    "fixed_lanes": {
+        "a weight": "fixed_steps.h s/(EOM_SCALAR)2.0, (EOM_SCALAR)2.0/(EOM_SCALAR)2.0, (EOM_SCALAR)2.5/",
+        "a limit": "forces.h s/(x > most) ? most : -most/(x > most) ? -most : most/",
+        "a state": "integrate_lanes.c s/gather(&v\\[i \\* v_step\\]/gather(\\&v[0]/",
+    },
+    "adaptive_lanes": {
+        "a coefficient": "methods.h s/0\\.161\\b/0.1610000001/",
+        "a signal": "signals.h s/spline->degree/(spline->degree - 1)/",
+        "error control": "adaptive_steps.h s/(excess <= 1\\.0)/(excess <= 1e6)/",
+    },
 }
 
 
@@ -180,7 +192,7 @@ CHANGES = {  # of a file of the library, by part: what the examination must see
 def test_a_library_that_computes_something_else_is_refused(part: str, change: str, tmp_path: Path) -> None:
     file, edit = CHANGES[part][change].split(" ", 1)
     text = f"""
-for word in "$@"; do case "$word" in */integrate.c) sed -i '{edit}' "$(dirname "$word")/{file}";; esac; done
+for word in "$@"; do case "$word" in */integrate*.c) sed -i '{edit}' "$(dirname "$word")/{file}";; esac; done
 exec {CC} "$@\""""
     folder = tmp_path / "made"
     folder.mkdir()
@@ -192,7 +204,7 @@ exec {CC} "$@\""""
 
 @pytest.mark.parametrize(  # single precision has all numbers of steps of fixed length
     ("part", "added"),
-    [*((part, "-ffast-math") for part in PARTS), ("adaptive", "-fsingle-precision-constant")],
+    [("fixed", "-ffast-math"), ("adaptive", "-ffast-math"), ("adaptive", "-fsingle-precision-constant")],
 )
 def test_a_compiler_that_adds_flags_is_refused(
     part: str, added: str, empty_cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

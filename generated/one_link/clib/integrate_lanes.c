@@ -1,23 +1,11 @@
 /* integrate_lanes.c: integration of many states, one in every lane of a vector; compile it once per width of vectors, or
- * include it in a robot's file that defines EOM_N. */
+ * include it in a robot's file that defines EOM_N.  Compiled in parts it is one of steps of fixed length (EOM_FIXED_ONLY), and one
+ * of steps with error control (EOM_ADAPTIVE_ONLY). */
 #include "inputs.h"
 
-#include "lanes.h"
+#include "robot_lanes.h"
 
 #include "state_lanes.h"
-
-/* Equations of a state in every lane. */
-typedef struct {
-    const EOM(sizes) *sizes;
-    EOM_EQUATIONS(lanes);
-} EOM(robot_lanes);
-
-/* Room for numbers of all lanes. */
-typedef struct {
-    lanes *state;
-    double *input;
-    int *index;
-} EOM(workspace_lanes);
 
 /* Read a state in every lane. */
 EOM_LOCAL void EOM(load_lanes)(const EOM_SCALAR *restrict x, size_t step, size_t here, int n, lanes *restrict y)
@@ -37,12 +25,13 @@ EOM_LOCAL void EOM(store_lanes)(const lanes *restrict x, size_t here, size_t str
 #include "closed_loops.h"
 #include "forces.h"
 #include "fixed_steps.h"
+#if !defined(EOM_FIXED_ONLY)
 #include "adaptive_steps.h"
 #include "adaptive_rollouts.h"
+#endif
 #undef EOM_LANES_HERE
 
-/* Integrate count states as integrate_fixed does, LANES at a time; what one of them does changes no bit of another.  -1, or
- * (state * steps + step) * statuses + i of the first failure. */
+#if !defined(EOM_ADAPTIVE_ONLY)
 EOM_PUBLIC long long EOM_WIDE(integrate_fixed_batch)(const EOM(robot_lanes) *restrict robot, size_t count, const EOM_SCALAR *restrict h, const EOM_SCALAR *restrict q, size_t q_step, const EOM_SCALAR *restrict v, size_t v_step, const EOM(drive) *restrict drive, EOM_SCALAR dt, size_t steps, size_t every, int method, EOM_SCALAR *restrict q_out, EOM_SCALAR *restrict v_out, EOM(workspace_lanes) work)
 {
     const int n = N_OF(robot->sizes);
@@ -65,8 +54,9 @@ EOM_PUBLIC long long EOM_WIDE(integrate_fixed_batch)(const EOM(robot_lanes) *res
     }
     return -1;
 }
+#endif
 
-/* Integrate count states as integrate_adaptive does, each by steps of its own, those at place, or the first ones. */
+#if !defined(EOM_FIXED_ONLY)
 EOM_PUBLIC void EOM_WIDE(integrate_adaptive_batch)(const EOM(robot_lanes) *restrict robot, size_t count, const size_t *restrict place, const EOM_SCALAR *restrict h, size_t h_step, const EOM(drive) *restrict drive, const EOM(inputs) *restrict inputs, size_t inputs_step, const EOM(tolerance) *restrict allowed, size_t allowed_step, const double *restrict times, size_t samples, int method, EOM_SCALAR *restrict q, EOM_SCALAR *restrict v, EOM_SCALAR *restrict q_out, EOM_SCALAR *restrict v_out, eom_progress *restrict progress, EOM(workspace_lanes) work)
 {
     const int n = N_OF(robot->sizes);
@@ -99,3 +89,4 @@ EOM_PUBLIC void EOM_WIDE(integrate_adaptive_batch)(const EOM(robot_lanes) *restr
         }
     }
 }
+#endif

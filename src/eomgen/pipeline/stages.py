@@ -26,7 +26,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal
 
 from .._version import __version__
-from ..codegen.kernels.signatures import DTYPES, KERNELS, OWN_KERNELS, available, with_beside
+from ..codegen.kernels.signatures import DTYPES, KERNELS, OWN_KERNELS, SINGLES, available, with_beside
 from ..description import RobotLike, as_robot
 from ..errors import EomgenWarning, InputError
 from ..files import check_ending, read_regular, write_atomically
@@ -374,7 +374,7 @@ def make_package(
     tried = level == NATIVE or level in allowed_levels()
     library = Libraries(compiler, flags, options.dtype, tried)
     if store.find("sources", _source_key(robot, options)) is None:  # beside the derivation
-        library.begin(parts_of(options.kernels or OWN_KERNELS, half))
+        library.begin(parts_of(options.kernels or OWN_KERNELS, half if options.batches else SINGLES))
     derived = _derived(robot, options, progress)
     source = _source(derived).only(half)
     key = build_key(source, compiler, flags, tried=tried)

@@ -37,7 +37,11 @@ DENORMAL = {"float64": 2.0**-1040, "float32": 2.0**-140}
 FUNCTIONS: Mapping[str, tuple[str, ...]] = {
     "fixed": ("integrate_fixed", "integrate_fixed_one_by_one"),
     "adaptive": ("integrate_adaptive", "integrate_adaptive_one_by_one"),
+    "fixed_lanes": ("integrate_fixed_batch",),
+    "adaptive_lanes": ("integrate_adaptive_batch",),
 }
+ALIGNED = 64  # bytes, of vectors
+ROOM = 4096  # numbers, for each lane
 # A signal of one column that acts on the middle coordinate: a polynomial until half a second, rest from then on.
 KNOTS, PIECES, DRIVEN, SAMPLES = (0.0, 0.5, 2.0), ((0.4, -3.0, 11.0, 7.0), (-9.0, 0.0, 0.0, 0.0)), 1, 8
 WITHIN = {"float64": (1e-9, 2e-7), "float32": (1e-4, 6e-3)}  # tolerance of the motion, and its error
@@ -53,13 +57,18 @@ def check_library(compiler: Compiler, flags: tuple[str, ...], dtype: str, part: 
     from ...codegen.package.library import library_command
     from ...codegen.package.probe import in_new_thread, refusal
 
-    opened = _open(compiler, folder, part, dtype)
+    opened = _open(compiler, flags, folder, part, dtype)
 
     def work() -> str | None:
         with np.errstate(all="ignore"):
             examination = _Examination(*opened(), dtype, bits=not fuses(flags))
-            found = examination.of_fixed() if part == "fixed" else examination.of_adaptive()
-            return next(found, None)
+            asked = {
+                "fixed": examination.of_fixed,
+                "adaptive": examination.of_adaptive,
+                "fixed_lanes": examination.of_fixed_lanes,
+                "adaptive_lanes": examination.of_adaptive_lanes,
+            }
+            return next(asked[part](), None)
 
     wrong = in_new_thread(work)
     if wrong is not None:
@@ -67,22 +76,27 @@ def check_library(compiler: Compiler, flags: tuple[str, ...], dtype: str, part: 
         raise BuildError(refusal(reason, library_command(compiler, flags, dtype, part, folder)))
 
 
-def _open(compiler: Compiler, folder: Path, part: str, dtype: str) -> Callable[[], tuple[Any, dict[str, Any]]]:
+def _open(
+    compiler: Compiler, flags: tuple[str, ...], folder: Path, part: str, dtype: str
+) -> Callable[[], tuple[Any, dict[str, Any]]]:
     """Link a part into a shared library; a function that opens it gives cffi's object and functions by their names."""
-    from ...codegen.c.library import library_functions
+    from ...codegen.c.library import FOLDER, library_functions
     from ...codegen.package.compile import link_shared, run_all
-    from ...codegen.package.library import OBJECT
+    from ...codegen.package.library import HIDDEN, OBJECT, library_flags, precision_flags
 
     prefix, names = "eomf" if dtype == "float32" else "eom", FUNCTIONS[part]
-    own = [f"{prefix}_{name}" for name in names]
+    own = [f"EOM{'_WIDE' * part.endswith('_lanes')}({name})" for name in names]
     table = f"void (*eom_checked[{len(own)}])(void)"  # the functions themselves are hidden
     code, made, library = (folder / f"checked.{ending}" for ending in ("c", "o", "so"))
     declared = "".join(f"void {name}(void);\n" for name in own)
-    code.write_text(f"{declared}extern {table};\n{table} = {{ {', '.join(own)} }};\n", encoding="ascii")
-    run_all([[*compiler.command, "-c", "-fPIC", "-O0", *compiler.flags, str(code), "-o", str(made)]])
+    filled = f"extern {table};\n{table} = {{ {', '.join(own)} }};\n"
+    width = "extern int eom_checked_lanes;\nint eom_checked_lanes = LANES;\n"
+    code.write_text(f'#include "{FOLDER}/lanes.h"\n{declared}{filled}{width}', encoding="ascii")
+    chosen = [flag for flag in (*library_flags(flags), *precision_flags(dtype)) if flag != HIDDEN]
+    run_all([[*compiler.command, "-c", "-fPIC", *chosen, "-O0", str(code), "-o", str(made)]])
     link_shared(compiler, [made, folder / OBJECT], library)
     ffi, text = cffi.FFI(), library_functions(dtype)
-    ffi.cdef(f"{text}\nextern {table};")
+    ffi.cdef(f"{text}\nextern {table};\nextern int eom_checked_lanes;")
 
     def opened() -> tuple[Any, dict[str, Any]]:
         try:
@@ -94,6 +108,7 @@ def _open(compiler: Compiler, folder: Path, part: str, dtype: str) -> Callable[[
             result, arguments = re.findall(rf"^(.*) {prefix}_{name}\((.*)\);$", text, re.MULTILINE)[0]
             found[name] = ffi.cast(f"{result} (*)({arguments})", lib.eom_checked[place])
         found["library"] = lib  # which is open as long as this is kept
+        found["lanes"] = int(lib.eom_checked_lanes) if part.endswith("_lanes") else 0
         for path in (code, made, library):
             path.unlink()
         return ffi, found
@@ -158,12 +173,11 @@ class _Examination:
         self.ffi, self.functions, self.bits = ffi, functions, bits
         self.dtype, self.prefix = np.dtype(dtype), "eomf" if dtype == "float32" else "eom"
         self.real = "float" if dtype == "float32" else "double"
-        self.equations = _Equations(dtype)
+        self.equations, self.lanes = _Equations(dtype), functions["lanes"] or 1
+        self.suffix = "_lanes" if functions["lanes"] else ""
         self._kept: list[Any] = []  # what C points to
         self.robot = self._robot()
-        sizes = [self._new(f"{kind}[4096]") for kind in (self.real, "double", "int")]
-        self.ffi.buffer(sizes[0])[:] = b"\x01" * self.ffi.sizeof(sizes[0])  # room is given as it is
-        self.work = self._new(f"{self.prefix}_workspace *", sizes)[0]
+        self.work = self._new(f"{self.prefix}_workspace{self.suffix} *", self._rooms())[0]
         self.states = [
             tuple(np.array(x, self.dtype) * self.dtype.type(size or DENORMAL[dtype]) for x in (q, v, q[::-1]))
             for size, q, v in STATES
@@ -179,14 +193,23 @@ class _Examination:
         self._kept.append(array)
         return self.ffi.from_buffer(f"{'double' if array.dtype == np.float64 else 'float'}[]", array)
 
+    def _rooms(self) -> list[Any]:
+        """Room of a workspace as whoever calls has it: filled with anything, vectors where they may lie."""
+        bytes_of = {"scalar": self.dtype.itemsize, "double": 8, "int": 4}
+        filled = {kind: np.ones(size * ROOM * self.lanes + ALIGNED, np.uint8) for kind, size in bytes_of.items()}
+        rooms = [array[-array.ctypes.data % ALIGNED :] for array in filled.values()]
+        kinds = (self.real, "double", "int")
+        self._kept += rooms
+        return [self.ffi.cast(f"{kind} *", self.ffi.from_buffer(room)) for kind, room in zip(kinds, rooms, strict=True)]
+
     def _robot(self) -> Any:
         """The robot as the library knows it: its equations are called back."""
-        fields = {name: field.type for name, field in self.ffi.typeof(f"{self.prefix}_robot").fields}
+        fields = {name: field.type for name, field in self.ffi.typeof(f"{self.prefix}_robot{self.suffix}").fields}
         sizes = self._new(f"{self.prefix}_sizes *", {"n": N, "hoisted": 1, "factors": 2 * N + 1, "wrench": 6})
 
         def array(pointer: Any, size: int) -> Array:
-            data = self.ffi.buffer(pointer, size * self.dtype.itemsize)
-            return np.frombuffer(data, self.dtype).reshape(size, 1)
+            data = self.ffi.buffer(pointer, size * self.lanes * self.dtype.itemsize)
+            return np.frombuffer(data, self.dtype).reshape(size, self.lanes)
 
         def called(name: str, reads: Mapping[str, int], size: int) -> Any:
             def work(h: Any, *pointers: Any) -> int:
@@ -212,14 +235,15 @@ class _Examination:
             "implicit_step": called("implicit_step", {"q": N, "v": N, "u": N, "added": N, "dt": 2}, N),
             "stage_factors": called("stage_factors", {"q": N, "v": N, "kp": N, "kd": N, "times": 2}, 2 * N + 1),
         }
-        return self._new(f"{self.prefix}_robot *", table)
+        return self._new(f"{self.prefix}_robot{self.suffix} *", table)
 
     def _drive(self, u: Array, *, controlled: bool, effort: Array | None = None) -> Any:
         gains = {}
         if controlled:
-            own = zip(("kp", "kd", "target"), (KP, KD, TARGET), strict=True)
-            gains = {name: self._pointer(np.array(x, self.dtype)) for name, x in own}
-        return self._new(f"{self.prefix}_drive *", {"u": self._pointer(u), "effort": self._pointer(effort), **gains})
+            given = {"kp": KP, "kd": KD, "target": TARGET}
+            gains = {name: self._pointer(np.array(x, self.dtype)) for name, x in given.items()}
+        own = {"u": self._pointer(u), "u_state": N if len(u) > 1 and u.ndim > 1 else 0, "effort": self._pointer(effort)}
+        return self._new(f"{self.prefix}_drive *", {**own, **gains})
 
     def _cases(self) -> Iterator[tuple[int, int, bool, tuple[Array, Array, Array], Array | None]]:
         """Methods, numbers of states, whether there is a controller, states with drives, and their greatest sizes."""
@@ -252,6 +276,88 @@ class _Examination:
                 if code != -1:
                     yield f"{name} of method {method} fails with {code}"
                 yield from self._compared(f"{name} of method {method}", number, np.concatenate(out, axis=1), rows)
+
+    def of_fixed_lanes(self) -> Iterator[str]:
+        """Tell what is wrong with a few steps of fixed length of many states."""
+        from ...codegen.samples.steps import clipped, one_step
+
+        dt, h = self.dtype.type(STEP), self._pointer(np.zeros(1, self.dtype))
+        for method, controlled, (q, v, u), effort in self._many_cases():
+            drive = self._drive(u, controlled=controlled, effort=effort)
+            equations = _Equations(str(self.dtype), controlled=controlled)
+            held = u.T if effort is None else clipped(u.T, effort[:, np.newaxis])
+            moved, rows = (q.T, v.T), [np.concatenate([q, v], axis=1)]
+            for _ in range(STEPS):
+                moved = one_step(method, equations.run, *moved, held, dt)[0]  # type: ignore[assignment]
+                rows.append(np.concatenate([x.T for x in moved], axis=1))
+            out = np.zeros((2, len(q), STEPS + 1, N), self.dtype)
+            begin = (self.robot, len(q), h, self._pointer(q), N, self._pointer(v), N, drive)
+            how = (dt, STEPS, 1, method, *map(self._pointer, out), self.work)
+            code = self.functions["integrate_fixed_batch"](*begin, *how)
+            if code != -1:
+                yield f"steps of many states by method {method} fail with {code}"
+            wanted = np.stack(rows, axis=1)
+            for k, found in enumerate(np.concatenate(out, axis=2)):
+                yield from self._compared(f"a batch by method {method}", k % len(STATES), found, list(wanted[k]))
+
+    def of_adaptive_lanes(self) -> Iterator[str]:
+        """Tell what is wrong with steps with error control of many states: single ones, and motions."""
+        from ...codegen.samples.steps import clipped, one_adapted_step
+
+        dt, atol = self.dtype.type(STEP), np.full(2 * N, np.finfo(self.dtype).max, self.dtype)
+        for method, controlled, (q, v, u), effort in self._many_cases():
+            drive = self._drive(u, controlled=controlled, effort=effort)
+            equations = _Equations(str(self.dtype), controlled=controlled)
+            held = u.T if effort is None else clipped(u.T, effort[:, np.newaxis])
+            end = one_adapted_step(method, equations.run, q.T, v.T, held, dt)[0]
+            wanted = np.concatenate([x.T for x in end], axis=1)
+            out, steps = self._adapted_many(method, drive, (q, v), np.array([0.0, STEP]), (0.0, atol, [STEP] * len(q)))
+            if set(steps) != {1}:
+                yield f"a batch by method {method} takes {steps} steps for 1"
+            for k, found in enumerate(out):
+                rows = [np.concatenate([q[k], v[k]]), wanted[k]]
+                yield from self._compared(f"a batch by method {method}", k % len(STATES), found, rows)
+        rtol, near = WITHIN[str(self.dtype)]
+        times, inputs, wanted = self._motion()
+        count = 2 * self.lanes + 1
+        state = tuple(np.tile(x, (count, 1)) for x in self.states[0][:2])
+        first = [0.5 / (1.0 + k) for k in range(count)]  # so that lanes have steps of their own
+        drive, atol = self._drive(np.zeros((1, N), self.dtype), controlled=False), np.full(2 * N, rtol, self.dtype)
+        for method in (0, 1):
+            out, _ = self._adapted_many(method, drive, (state[0], state[1]), times, (rtol, atol, first), inputs)
+            error = np.abs(out - wanted)
+            if not (error <= near).all():
+                yield f"motions of many states by method {method} are {np.max(error):.3g} off"
+
+    def _many_cases(self) -> Iterator[tuple[int, bool, tuple[Array, Array, Array], Array | None]]:
+        """Methods, whether there is a controller, states with drives (count, n), and greatest sizes of drives."""
+        count = 2 * self.lanes + 1
+        q, v, u = (np.array([self.states[k % len(STATES)][i] for k in range(count)]) for i in range(3))
+        for method in (0, 1):
+            yield method, False, (q, v, u), None
+            yield method, True, (q, v, u), None
+            yield method, False, (q, v, u), np.abs(u[0]) * self.dtype.type(0.75)
+
+    def _adapted_many(
+        self,
+        method: int,
+        drive: Any,
+        state: tuple[Array, Array],
+        times: Array,
+        how: tuple[float, Array, list[float]],
+        inputs: Any = None,
+    ) -> tuple[Array, list[int]]:
+        """States (count, samples + 1, 2 n) at times, and how many steps they took; ``how`` with first steps of all."""
+        rtol, atol, first = how
+        count, (q, v) = len(first), (x.copy() for x in state)
+        out, h = np.zeros((2, count, len(times), N), self.dtype), self._pointer(np.zeros(1, self.dtype))
+        allowed = self._new(f"{self.prefix}_tolerance *", {"rtol": rtol, "atol": self._pointer(atol), "most": 100000})
+        progress = self._new("eom_progress[]", [{"next": x} for x in first])
+        given = self.ffi.NULL if inputs is None else inputs
+        begin = (self.robot, count, self.ffi.NULL, h, 0, drive, given, 0, allowed, 0, self._pointer(times))
+        last = (len(times) - 1, method, *map(self._pointer, (q, v, *out)), progress, self.work)
+        self.functions["integrate_adaptive_batch"](*begin, *last)
+        return np.concatenate(out, axis=2), [int(x.steps) for x in progress]
 
     def of_adaptive(self) -> Iterator[str]:
         """Tell what is wrong with steps with error control: single ones, and a motion with many."""
@@ -302,6 +408,17 @@ class _Examination:
         """A motion under a signal that jumps, from a first step that is too long on, with samples within steps."""
         rtol, near = WITHIN[str(self.dtype)]
         q, v, _ = self.states[0]
+        times, inputs, wanted = self._motion()
+        drive, atol = self._drive(np.zeros(N, self.dtype), controlled=False), np.full(2 * N, rtol, self.dtype)
+        for method in (0, 1):
+            found, _ = self._adapted("integrate_adaptive", method, drive, (q, v), times, (rtol, atol, 0.5), inputs)
+            error = np.abs(found - wanted)
+            if not (error <= near).all():
+                yield f"a motion by method {method} is {np.max(error):.3g} off"
+
+    def _motion(self) -> tuple[Array, Any, Array]:
+        """Times, the signal as inputs, and the motion (samples + 1, 2 n) from the first state on under it."""
+        q, v, _ = self.states[0]
         times = np.linspace(0.0, 1.0, SAMPLES + 1)
         knot, coefficient, stop = np.array(KNOTS), np.array(PIECES), np.array(KNOTS[1:2])
         spline = {"knot": self._pointer(knot), "coefficient": self._pointer(coefficient.ravel())}
@@ -309,13 +426,7 @@ class _Examination:
         torque = self._new("eom_track *", {"signal": signal, "place": self._new("int[1]", [DRIVEN])})
         jumps = {"stop": self._pointer(stop), "stops": 1}
         inputs = self._new(f"{self.prefix}_inputs *", {"first": 0.0, "last": 2.0, "torque": torque, **jumps})
-        drive = self._drive(np.zeros(N, self.dtype), controlled=False)
-        wanted, atol = _motion(q, v, times), np.full(2 * N, rtol, self.dtype)
-        for method in (0, 1):
-            found, _ = self._adapted("integrate_adaptive", method, drive, (q, v), times, (rtol, atol, 0.5), inputs)
-            error = np.abs(found - wanted)
-            if not (error <= near).all():
-                yield f"a motion by method {method} is {np.max(error):.3g} off"
+        return times, inputs, _motion(q, v, times)
 
     def _compared(self, what: str, number: int, found: Array, rows: list[Array]) -> Iterator[str]:
         """The first number that is wrong; with fused products numbers of ordinary size are looked at."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import threading
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -80,12 +81,14 @@ class Libraries:
         return store.entry(KIND, key, lambda folder: self._make(part, folder)).files[OBJECT]
 
     def _make(self, part: str, folder: Path) -> None:
+        from ...codegen.c.library import FOLDER
         from ...codegen.package.library import write_library
         from .check import check_library
 
         write_library(self.compiler, self.flags, self.dtype, part, folder)
         if self.tried:
             with_denormals(lambda: check_library(self.compiler, self.flags, self.dtype, part, folder))
+        shutil.rmtree(folder / FOLDER)
 
     def _try(self, part: str) -> None:
         """Fill the cache; what goes wrong is found again, and told, by who waits for the objects."""
