@@ -19,6 +19,7 @@ from eomgen.codegen.c.library import FOLDER, library_files
 from eomgen.pipeline.stages import Options, make_source
 
 ROBOTS = ("one_link", "puma560", "worn_arm", "four_bar")  # the smallest; an arm; with laws; with a loop
+FOR_ROBOTS = ("constraint_checks.h", "dependent_coordinates.h", "automatic_switching.h")  # beside integrate.c
 OPTIONS = (
     *("--addon=misra", "--enable=warning,style,performance,portability", "--std=c99", "--platform=arm32-wchar_t4"),
     *("-D__GNUC__=12", "-DEOMGEN_VECTOR=0", "--template={id} {file}:{line}:{column}", "--quiet"),
@@ -49,8 +50,10 @@ def violations(cppcheck: str, robot: str) -> Counter[str]:
 
 
 def in_library(cppcheck: str, *flags: str) -> Counter[str]:
-    """The same of the C library for one state, compiled by itself."""
-    return found_in(cppcheck, library_files(), f"{FOLDER}/integrate.c", (f"{FOLDER}/",), *flags)
+    """The same of the C library for one state, compiled by itself, and of what it has for robots' files and FMUs."""
+    files, place = library_files(), f"{FOLDER}/integrate.c"
+    more = "".join(f'#include "{name}"\n' for name in FOR_ROBOTS)
+    return found_in(cppcheck, {**files, place: files[place] + more}, place, (f"{FOLDER}/",), *flags)
 
 
 def found_in(cppcheck: str, files: Mapping[str, str], file: str, own: tuple[str, ...], *flags: str) -> Counter[str]:

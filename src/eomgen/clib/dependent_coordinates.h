@@ -102,8 +102,8 @@ EOM_LOCAL void EOM(follow_motion)(const EOM(constraint) *restrict constraint, in
 EOM_LOCAL void EOM(solve_dependent)(const EOM(constraint) *restrict constraint, int n, int m, const EOM_SCALAR *restrict h, const EOM_SCALAR *restrict q, const EOM_SCALAR *restrict v, const EOM_SCALAR *restrict a, const EOM_SCALAR *restrict chart, EOM_SCALAR *restrict out, EOM_SCALAR *restrict work, int *restrict index)
 {
     const EOM_SCALAR *const last = &chart[n + m + 1];
-    EOM_SCALAR *const J = &out[3 * n];
-    EOM_SCALAR *const g = &out[3 * n + m * n];
+    const EOM_SCALAR *const J = &out[3 * n];
+    const EOM_SCALAR *const g = &out[3 * n + m * n];
     EOM_SCALAR *const expected = work;
     int *const dependent = index;
     int *const row = &index[m];
