@@ -91,7 +91,7 @@ def _functions(public: list[Function]) -> dict[str, Any]:
         "functions": [function for function in public if not function.is_framed and not function.is_rollout],
         "frame_functions": [function for function in public if function.is_framed],
         "rolls": any(function.kind == "rollout" for function in public),
-        "adapts": any(function.kind == "adaptive" for function in public),
+        "adapts": [function.name for function in public if function.kind == "adaptive"],
         "gradients": [function.name for function in public if function.kind == "gradient"],
     }
 
@@ -137,11 +137,13 @@ def number_context(equations: Equations, dtype: str, meta: Mapping[str, Any]) ->
         "composed": _templates(_composed(equations)),
         "looped": [function for function in looped if not function.is_rollout],
         "rollout_is_looped": any(function.kind == "rollout" for function in looped),
-        "adaptive_is_looped": any(function.kind == "adaptive" for function in looped),
+        "adaptive_looped": [function.name for function in looped if function.kind == "adaptive"],
         "shares": _shares(equations, scalar),
         **_tables(model),
         **_closing_tables(equations, dtype),
         "kept_size": kept_size(equations),
+        "has_radau": "pair_factors" in equations.programs,
+        "pair_size": kept_size(equations, "pair_factors"),
         "rubs": any(name.endswith("friction.smoothing") for name in model.parameters),
         "kept_numbers": kept_of_a_step(model),
         "texts": {name: KERNELS[name].text for name in GRADIENTS},

@@ -18,7 +18,7 @@ LANE_VALUES = 8192  # values that a kernel for several states may keep on the st
 def batched(equations: Equations) -> list[str]:
     """Public kernels that work on several states at a time: those whose arrays fit the stack as vectors."""
     size = {key: int(np.prod(shape)) for key, shape in shapes(equations.model).items()}
-    size["kept"] = kept_size(equations)
+    size |= {"kept": kept_size(equations), "pair_kept": kept_size(equations, "pair_factors")}
 
     def values(name: str) -> int:
         signature = SIGNATURES[name]
@@ -32,6 +32,8 @@ def batched(equations: Equations) -> list[str]:
             apart = trig_values(program)
             return arrays + 3 * len(apart) + len(handed_on(program, split(program, apart)))
         own = len(equations.setup.outputs) if signature.kind == "adaptive" else 0  # every state's
+        if "pair_factors" in calls_of(equations, name):
+            own += radau_room(equations)
         return own + arrays + max(values(program) for program in calls_of(equations, name))
 
     public = [name for name in KERNELS if name in equations.kernels and _has_lanes(equations, name)]
@@ -44,10 +46,16 @@ def _has_lanes(equations: Equations, name: str) -> bool:
     return known.vectors and (name in equations.programs or composed or bool(known.closed))
 
 
-def kept_size(equations: Equations) -> int:
+def kept_size(equations: Equations, factors: str = "stage_factors") -> int:
     """Numbers that the factors of a step hand to its stages; none where nothing is solved for."""
-    program = equations.programs.get("stage_factors")
+    program = equations.programs.get(factors)
     return sum(key[0] == "out" for key in program.outputs) if program else 0
+
+
+def radau_room(equations: Equations) -> int:
+    """Numbers that steps of Radau IIA keep, about as ``EOM_RADAU_ROOM`` counts them."""
+    n, m = equations.model.size, len(equations.model.constraints)
+    return 56 * n + 15 * m + kept_size(equations) + 2 * kept_size(equations, "pair_factors")
 
 
 def calls_of(equations: Equations, name: str) -> tuple[str, ...]:

@@ -29,7 +29,7 @@ def kernel_metadata(equations: Equations, dtype: str, *, batches: bool = True) -
         "survivors": survivors(model) if mapped else {},
         "halves": halves(equations, batches=batches),
         **({"statuses": statuses(model)} if model.constraints else {}),
-        **(_sizes(model) if "adaptive_rollout" in equations.kernels else {}),
+        **(_sizes(model) if any(KERNELS[name].kind == "adaptive" for name in equations.kernels) else {}),
         **_kept(equations),
         **({"inertial": inertial_parameters(model)} if "regressor" in equations.kernels else {}),
         **({"redundant": is_redundant(model)} if "settling" in equations.programs else {}),

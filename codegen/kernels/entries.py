@@ -31,6 +31,7 @@ class Signature:
         composed one that stands in ``writers.WAYS``, too, only where none of these suits the robot.
     counts: of these the ones whose operations count as the kernel's; all if none is named.
     closed: the programs that its C calls where the robot has loops; they count, too.
+    by_request: whether it is there only if it is asked for, as derivatives are.
     derivative_of: the function that it differentiates, where the kind is "tangent", "adjoint", "hessian" or "gradient".
     by_parameters: whether that is by run-time parameters, too, which a robot must have for it.
     functions: what users call instead of it, where the kind is "frames".
@@ -53,6 +54,7 @@ class Signature:
     calls: tuple[str, ...] = ()
     counts: tuple[str, ...] = ()
     closed: tuple[str, ...] = ()
+    by_request: bool = False
     derivative_of: str = ""
     by_parameters: bool = False
     functions: Mapping[str, Signature] = field(default_factory=dict)

@@ -59,9 +59,9 @@ def derive_equations(model: Model, kernels: Sequence[str] = (), dtype: str = "fl
 
     Args:
         dtype: of the numbers that the C computes with; loops are solved for its precision.
-        kernels: names of KERNELS; all that there are for the model but derivatives if empty.  Those of springs between
-            points and of forces in cut joints come with any: they are small, and integrations choose method and step
-            by them.
+        kernels: names of KERNELS; all that there are for the model if empty, but derivatives and what is there by
+            request alone.  Those of springs between points and of forces in cut joints come with any: they are small,
+            and integrations choose method and step by them.
 
     Raises:
         InputError: a kernel of loops or springs is asked for, but the robot has none.
@@ -72,8 +72,9 @@ def derive_equations(model: Model, kernels: Sequence[str] = (), dtype: str = "fl
             raise InputError(
                 f"kernels: {name!r} is for robots with {NEEDS[KERNELS[name].needs]}, and {model.name} has none"
             )
-    wanted = kernels or [name for name in known if not KERNELS[name].derivative_of]
-    small = {name for name in known if KERNELS[name].needs in SMALL and not KERNELS[name].derivative_of}
+    usual = [name for name in known if not (KERNELS[name].derivative_of or KERNELS[name].by_request)]
+    wanted = kernels or usual
+    small = {name for name in usual if KERNELS[name].needs in SMALL}
     public = tuple(name for name in known if name in wanted or name in small)
     raw: dict[str, Program] = {}
     found: dict[str, Program] = {}  # what several derivatives are of

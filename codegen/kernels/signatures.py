@@ -242,6 +242,15 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         closed=("constrained_dynamics", "stage_factors", "stage_solution", "settling"),
         solves=True,
     ),
+    kernel(
+        "radau_rollout(q, v, u) -> vector",
+        "The same, by Radau IIA, too.",
+        "adaptive",
+        calls=("forward_dynamics", "stage_factors", "stage_solution", "pair_factors", "pair_solution"),
+        closed=("constrained_dynamics", "stage_factors", "stage_solution", "settling", "pair_factors", "pair_solution"),
+        solves=True,
+        by_request=True,
+    ),
 )
 
 DERIVATIVES: Mapping[str, Signature] = differentiated(OWN_KERNELS)  # there only if they are asked for
@@ -272,12 +281,21 @@ PARTS: Mapping[str, Signature] = table(  # programs that only other kernels call
         "stage_solution(kept, rates, shifts) -> vector",
         "w of (M + c B + c^2 K) w = -((c B + c^2 K) rates + c K shifts).",
     ),
+    kernel(
+        "pair_factors(q, v, kp, kd, pair_times, spans) -> pair_kept",
+        "Factors of M + c B + c^2 K with a complex c, for iterations of Radau IIA.",
+    ),
+    kernel(
+        "pair_solution(pair_kept, pair_rates, pair_shifts) -> pair_vector",
+        "w of (M + c B + c^2 K) w = -((c B + c^2 K) rates + c K shifts), imaginary parts behind real ones.",
+    ),
 )
 
 SIGNATURES: Mapping[str, Signature] = {**KERNELS, **PARTS, **BACKWARDS}
 
 TURNED = (  # programs that know how joints are turned, which integrations call
     *("forward_dynamics", "forward_dynamics_jacobian", "implicit_step", "stage_factors", "stage_solution"),
+    *("pair_factors", "pair_solution"),
     *("inverse_dynamics", "mass_matrix", "residual_jacobian", "external_force"),
 )
 CLOSED_TURNED = (  # more of them where there are constraints
@@ -373,6 +391,11 @@ def functions(names: Iterable[str]) -> list[Function]:
     return sorted(found, key=lambda function: (function.is_rollout, function.is_framed))
 
 
+def _pairs(n: int) -> dict[str, tuple[int, ...]]:
+    """Shapes of arrays of complex numbers."""
+    return {**dict.fromkeys(("pair_rates", "pair_shifts", "pair_vector"), (2 * n,)), "pair_times": (4,), "spans": (2,)}
+
+
 def shapes(model: Model, kernels: Collection[str] | None = None) -> dict[str, tuple[int, ...]]:
     """Shape of every array that kernels read and write; with their names, derivatives' arrays of these alone."""
     n = model.size
@@ -394,6 +417,7 @@ def shapes(model: Model, kernels: Collection[str] | None = None) -> dict[str, tu
     found: dict[str, tuple[int, ...]] = {
         **vectors,
         **(closing if m else {}),
+        **(_pairs(n) if kernels is None or "radau_rollout" in kernels else {}),
         **({"cut_poses": (loops, 4, 4), "loop_reactions": (loops, 6)} if loops else {}),
         **({"law_pairs": (laws, 2), "law_rows": (laws, n)} if laws else {}),
         **({"couplings": (len(model.followers),)} if model.followers else {}),

@@ -38,8 +38,8 @@ from .closed import eliminated
 from .constraint_rows import gaps
 from .derivation import Derivation, Outputs
 
-LATE = ("rates", "shifts")
-KEPT = "kept"
+ARRAYS = ("times", "rates", "shifts", "kept")
+PAIR_ARRAYS = ("pair_times", "pair_rates", "pair_shifts", "pair_kept")
 STAGES = ("stage_factors", "stage_solution")
 PAIR_STAGES = ("pair_factors", "pair_solution")
 
@@ -62,11 +62,14 @@ class _Slope:
 class _Stage(ImplicitShare):
     """Shares in the matrix of a stage, and the forces that its rates and shifts, (n,) each, make in it."""
 
+    arrays = ARRAYS
+
     def __init__(self, d: Derivation) -> None:
         super().__init__(d.q, d.v, 0.0)
         self.d = d
-        self.c, self.square = d.graph.input("times", 0), d.graph.input("times", 1)
-        self.rates, self.shifts = d.inputs("rates"), d.inputs("shifts")
+        times, rates, shifts, _ = self.arrays
+        self.c, self.square = d.graph.input(times, 0), d.graph.input(times, 1)
+        self.rates, self.shifts = d.inputs(rates), d.inputs(shifts)
         for x in (self.rates, self.shifts):
             d.followers.follow(x)
         self.own = [_Slope(0.0, 0.0)] * d.model.size
@@ -134,6 +137,8 @@ class _PairStage(_Stage):
     A law rises or falls by these, as real numbers alone are more or less than 0.
     """
 
+    arrays = PAIR_ARRAYS
+
     def __init__(self, d: Derivation) -> None:
         super().__init__(d)
         self.size, self.size_square = d.graph.input("spans", 0), d.graph.input("spans", 1)
@@ -174,16 +179,18 @@ def stage(d: Derivation, kind: type[_Stage] = _Stage) -> Outputs:
 
 def derive_stage(d: Derivation) -> dict[str, Program]:
     """Both programs of a stage, by their names: what one step computes once, and what each stage does with it."""
-    whole = run_passes(finish(d.graph, "stage", stage(d)))
-    pair = cut(whole, LATE, (PARAMETERS,), KEPT)
-    return {name: replace(part, name=name) for name, part in zip(STAGES, pair, strict=True)}
+    return _parts(run_passes(finish(d.graph, "stage", stage(d))), STAGES, ARRAYS)
 
 
 def derive_pair_stage(d: Derivation) -> dict[str, Program]:
     """The same with a complex c, for complex rates and shifts, imaginary parts behind real ones."""
     whole, n = finish(d.graph, "stage", stage(d, _PairStage)), len(d.own)
-    pairs = run_passes(on_pairs(whole, {"times": 2, "rates": n, "shifts": n}, dropped=("pivot",)))
-    return {
-        name: replace(part, name=name)
-        for name, part in zip(PAIR_STAGES, cut(pairs, LATE, (PARAMETERS,), KEPT), strict=True)
-    }
+    times, rates, shifts, _ = PAIR_ARRAYS
+    pairs = on_pairs(whole, {times: 2, rates: n, shifts: n}, dropped=("pivot",))
+    return _parts(run_passes(pairs), PAIR_STAGES, PAIR_ARRAYS)
+
+
+def _parts(whole: Program, names: Sequence[str], arrays: Sequence[str]) -> dict[str, Program]:
+    """What does not depend on rates and shifts, and what does."""
+    pair = cut(whole, arrays[1:3], (PARAMETERS,), arrays[3])
+    return {name: replace(part, name=name) for name, part in zip(names, pair, strict=True)}

@@ -18,7 +18,8 @@ from .stored import STATES, pack_samples
 
 _SAFETY = 16.0  # how much more than copies of a state differ is allowed
 _STEP = {"float64": 2.0**-60, "float32": 2.0**-40}  # s; coordinates stay what they are to the bit, and so their sines
-_METHODS = 2
+_METHODS = {"rollout": 2, "adaptive_rollout": 2, "radau_rollout": 3}  # the last of the last is iterated
+_ITERATED = 256.0  # how much more than others answers of iterations differ: increments are transformed and back
 _RESTING = 2  # states that steps are taken from
 
 
@@ -109,9 +110,14 @@ class _Samples:
         dt = self.arithmetic.dtype.type(_STEP[str(self.arithmetic.dtype)])
         u = clipped(self.inputs["u"], with_copies(self._efforts()))
         q = self.inputs["q"]
-        ways = [step(method, self.run, q, np.zeros_like(q), u, dt) for method in range(_METHODS)]
+        ways = [step(method, self.run, q, np.zeros_like(q), u, dt) for method in range(_METHODS[name])]
         n, lanes = q.shape
-        self._store(name, np.stack([way[0].reshape(2 * n, lanes) for way in ways]), None, *programs)
+        answers, certain = np.stack([way[0].reshape(2 * n, lanes) for way in ways]), None
+        if name == "radau_rollout":
+            certain = False
+        self._store(name, answers, None, *programs, certain=certain)
+        if certain is not None:
+            self.found[f"{name} near"] *= _ITERATED
         for part in ("", " near"):
             self.found[name + part] = np.moveaxis(self.found[name + part][:_RESTING], 0, 1)
         self.found[f"{name} status"] = np.stack([way[1][:_RESTING] for way in ways])

@@ -646,7 +646,8 @@ static const eom_sizes one_link_sizes = {
     NULL,
     1e-11,
     1e-09,
-    NULL
+    NULL,
+    0 /* complex factors */
 };
 #endif
 
@@ -656,6 +657,8 @@ static const eom_robot one_link_robot = {
     one_link_implicit_step,
     one_link_stage_factors,
     one_link_stage_solution,
+    NULL,
+    NULL,
     NULL
 };
 
@@ -1477,7 +1480,8 @@ static const eom_sizes one_link_sizes = {
     NULL,
     1e-11,
     1e-09,
-    NULL
+    NULL,
+    0 /* complex factors */
 };
 #endif
 
@@ -1487,6 +1491,8 @@ static const eom_robot_lanes one_link_robot_lanes = {
     one_link_implicit_step_lanes,
     one_link_stage_factors_lanes,
     one_link_stage_solution_lanes,
+    NULL,
+    NULL,
     NULL
 };
 

@@ -21,8 +21,8 @@ LIBRARY = Path(eomgen.__path__[0], "clib")
 HERE = Path(__file__).parent
 EXAMPLE = Path(__file__).parents[2] / "examples" / "pendulum.c"
 WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror")
-METHODS = ("rk4", "implicit", "rosenbrock", "tsit5")
-WITHIN = {"rk4": 1e-12, "implicit": 2e-4, "rosenbrock": 1e-8, "tsit5": 2e-9}  # rad, rad/s
+METHODS = ("rk4", "implicit", "rosenbrock", "tsit5", "radau")
+WITHIN = {"rk4": 1e-12, "implicit": 2e-4, "rosenbrock": 1e-8, "tsit5": 2e-9, "radau": 2e-9}  # rad, rad/s
 Array = NDArray[np.float64]
 
 
@@ -52,13 +52,41 @@ def test_tables_are_those_of_the_methods() -> None:
     assert np.array_equal(table("eom_rosenbrock_error")[0], wrong)
     assert np.array_equal(table("eom_rosenbrock_works")[0], W643.b)
     doubted = table("eom_work_errors")
-    assert np.array_equal(doubted, [[*(W643.b - W643.embedded), 0.0], TSIT5.error])
+    assert np.array_equal(doubted[:2], [[*(W643.b - W643.embedded), 0.0], TSIT5.error])
     explicit = table("eom_explicit_a")
     classical, tsitouras = explicit[:7], explicit[7:]
     assert np.array_equal(classical[:5, :4], [*RK4.a, RK4.b])
     assert not classical[5:].any()
     assert np.array_equal(tsitouras[:6, :6], TSIT5.a[:-1, :-1])
     assert np.array_equal(tsitouras[6, :6], TSIT5.b[:-1])
+
+
+def test_tables_of_radau_are_those_of_its_conditions() -> None:
+    """Collocation at Radau's points, by powers; eigenvalues of the inverse of its matrix; an error of order 5."""
+    nodes = table("eom_radau_shares")[0]
+    count, powers = len(nodes), np.arange(1, len(nodes) + 1)
+    collocation = np.polynomial.Polynomial([0.0] * (count - 1) + [1.0]) * np.polynomial.Polynomial([-1.0, 1.0]) ** count
+    assert np.abs(collocation.deriv(count - 1)(nodes)).max() <= 1e-11
+    a = (nodes[:, None] ** powers / powers) @ np.linalg.inv(nodes[:, None] ** (powers - 1))
+    for order in range(1, 2 * count):  # of quadrature, which makes it one of order 9 with collocation
+        assert a[-1] @ nodes ** (order - 1) == pytest.approx(1.0 / order, abs=1e-14)
+    real, pairs = table("eom_radau_real")[0, 0], table("eom_radau_pairs")
+    blocks = np.zeros((count, count))
+    blocks[0, 0] = real
+    for k, (alpha, beta) in enumerate(pairs):
+        blocks[1 + 2 * k : 3 + 2 * k, 1 + 2 * k : 3 + 2 * k] = [[alpha, -beta], [beta, alpha]]
+    ahead, back = table("eom_radau_ahead"), table("eom_radau_back")
+    assert np.abs(ahead @ back - np.eye(count)).max() <= 1e-14
+    assert np.abs(back @ blocks @ ahead - np.linalg.inv(a)).max() <= 1e-12
+    inside = table("eom_radau_inside")
+    assert np.abs((nodes[:, None] ** powers) @ inside - np.eye(count)).max() <= 1e-12
+    assert np.abs(table("eom_radau_works").sum(axis=1) - a[-1]).max() <= 1e-14
+    first, *wrong = table("eom_work_errors")[2][: count + 1]
+    assert first == pytest.approx(1.0 / real, rel=1e-15)
+    embedded = a[-1] + np.array(wrong)
+    for order in range(1, count + 1):
+        assert embedded @ nodes ** (order - 1) + first * (order == 1) == pytest.approx(1.0 / order, abs=1e-14)
+    assert np.abs(real * np.array(wrong) @ np.linalg.inv(a) - table("eom_radau_error")[0]).max() <= 1e-12
 
 
 def test_shares_of_stages_are_sums_of_their_rows() -> None:

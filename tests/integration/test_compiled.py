@@ -26,7 +26,7 @@ from eomgen.runtime.stepping.given_loads import loads_of
 from eomgen.runtime.stepping.loaded import AUTO, Loaded
 from eomgen.runtime.stepping.loads import DriveData, LoadData, Signal, Track
 from eomgen.runtime.stepping.options import ADAPTIVE as NUMBERS
-from eomgen.runtime.stepping.options import ErrorControl
+from eomgen.runtime.stepping.options import ErrorControl, rollout_of
 from eomgen.runtime.stepping.packed_inputs import Packed
 from eomgen.runtime.stepping.together import Together
 from eomgen.scenario.load import scenario_from_toml
@@ -323,8 +323,7 @@ def test_a_batch_under_loads_has_the_bits_of_its_states() -> None:
     assert assembly.prescribed is not None
     q[:, given], v[:, given] = assembly.prescribed(0.0)[:2]
     for method, number in NUMBERS.items():
-        function, view = kernel.raw.adaptive, kernel.raw.view
-        assert function is not None
+        function, view = kernel.raw.function(rollout_of(method)), kernel.raw.view
         library = function.where(batch=True)
         packed, at = Packed(library, kernel.calls, data), [q.copy(), v.copy()]
         stored, progress = np.empty((2, 5, times.size, n)), library.new_array("progress", 5)

@@ -23,7 +23,7 @@ from eomgen.runtime.stepping.given_loads import loads_of
 from eomgen.runtime.stepping.loaded import Loaded
 from eomgen.runtime.stepping.loads import Gains, LinkWrench, Signal
 from eomgen.runtime.stepping.options import ADAPTIVE as NUMBERS
-from eomgen.runtime.stepping.options import ErrorControl
+from eomgen.runtime.stepping.options import ErrorControl, rollout_of
 from eomgen.runtime.stepping.packed_inputs import Packed
 from eomgen.simulation.controls import JointPD, actuators
 from tests.support.builds import Build
@@ -36,7 +36,7 @@ Array = NDArray[np.float64]
 
 NEEDED = (
     *("forward_dynamics", "mass_matrix", "inverse_dynamics", "residual_jacobian", "energy", "kinematics"),
-    *("external_force", "adaptive_rollout"),
+    *("external_force", "adaptive_rollout", "radau_rollout"),
 )
 Q0, V0 = np.array([0.1, -0.2, 0.3, 0.3, 0.2, 0.1]), np.array([0.1, -0.2, 0.3, 2.0, 3.0, 1.0])
 DRIVE = np.array([0.1, 0.2, -0.1, 0.05, -0.02, 0.03])
@@ -218,8 +218,7 @@ def test_calls_go_on_to_the_bit_and_lanes_turn_apart(built: Build) -> None:
     q[0], v[0], q[1, 4], v[1] = Q0, V0, np.pi / 2, 0.0
     times, atol = np.linspace(0.0, 1.0, 6), np.full(2 * n, 1e-8)
     for method, number in NUMBERS.items():
-        function, view = kernel.raw.adaptive, kernel.raw.view
-        assert function is not None
+        function, view = kernel.raw.function(rollout_of(method)), kernel.raw.view
         library = function.where(batch=True)
         packed, at = Packed(library, kernel.calls, data), [q.copy(), v.copy()]
         stored, progress = np.empty((2, 5, times.size, n)), library.new_array("progress", 5)

@@ -251,7 +251,7 @@ def test_a_drive_that_fails_later(built: Build) -> None:
 @pytest.mark.parametrize(
     ("changes", "text"),
     [
-        ({"method": "euler"}, "method: 'euler' is unknown; allowed: auto, rosenbrock, tsit5, Radau"),
+        ({"method": "euler"}, "method: 'euler' is unknown; allowed: auto, rosenbrock, tsit5, radau, Radau"),
         ({"duration": 0.0}, "duration: 0.0 s"),
         ({"duration": np.nan}, "duration: nan s"),
         ({"output_step": -1.0}, "output_step: -1.0 s"),

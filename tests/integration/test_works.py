@@ -27,7 +27,7 @@ from tests.support.swinging import DAMPING, MASS, NEEDED, STIFFNESS, oscillator
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
-NAMES = (*NEEDED, "adaptive_rollout", "generalized_force", "external_force", "kinematics")
+NAMES = (*NEEDED, "adaptive_rollout", "radau_rollout", "generalized_force", "external_force", "kinematics")
 CLOSED = ("constrained_dynamics", "constraint", "constraint_jacobian", "residual", "cut_poses", "following")
 
 

@@ -33,7 +33,16 @@ from tests.support.soak import soaked
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
-NAMES = ("adaptive_rollout", "rollout", "forward_dynamics", "mass_matrix", "inverse_dynamics", "energy", "kinematics")
+NAMES = (
+    "adaptive_rollout",
+    "radau_rollout",
+    "rollout",
+    "forward_dynamics",
+    "mass_matrix",
+    "inverse_dynamics",
+    "energy",
+    "kinematics",
+)
 LOADED = (*NAMES, "generalized_force", "external_force")
 FORCE = np.array([3.0, -10.0, 20.0])  # N, of powers of t
 

@@ -18,13 +18,15 @@ typedef struct {
     EOM_SCALAR closed_gap;    /* m or rad: constraint violation that is round-off */
     EOM_SCALAR open_gap;      /* m or rad: more of it is none */
     void (*setup)(const EOM_SCALAR *p, EOM_SCALAR *h); /* NULL without rotations: behind parameters, which of them are turned */
+    int pair_factors;         /* numbers that pair_factors hands to pair_solution; 0 without them */
 } EOM(sizes);
 
 /* Equations of a robot, of one state in each argument, or of a state in every lane: number i of state l at x[i][l].  They return
  * 0, or 1 + the number of the pivot that vanishes; statuses of lane l are 2 n + 3 m higher per lane, n for a tree.
  * forward_dynamics writes n accelerations, with closed loops 3 m numbers behind them; settling n changes of q, n of v and m
  * violations.  stage_factors, stage_solution: M + time D + time^2 K of a stage, times = (time, time^2), and the solution w by
- * which accelerations differ from right, of changes of velocities shifts. */
+ * which accelerations differ from right, of changes of velocities shifts.  pair_factors, pair_solution: the same with a complex
+ * time, all imaginary parts behind the real ones, spans = (|time|, |time|^2); NULL where method 2 is not asked for. */
 typedef struct {
     const EOM(sizes) *sizes;
     EOM_EQUATIONS(EOM_SCALAR);
@@ -74,7 +76,8 @@ typedef struct {
 long long EOM(integrate_fixed)(const EOM(robot) *robot, const EOM_SCALAR *h, const EOM_SCALAR *q, const EOM_SCALAR *v, const EOM(drive) *drive, const EOM(inputs) *inputs, double first, EOM_SCALAR dt, size_t steps, size_t every, int method, EOM_SCALAR *q_out, EOM_SCALAR *v_out, EOM(workspace) work);
 
 /* Go from sample to sample, at samples + 1 times, by steps with error control.  method 0: a Rosenbrock method of order 4(3) for
- * stiff equations; 1: the explicit pair of Tsitouras of order 5(4).  Returns progress->reason. */
+ * stiff equations; 1: the explicit pair of Tsitouras of order 5(4); 2: Radau IIA of order 9 for stiff equations, with more room
+ * (EOM_RADAU_ROOM).  Returns progress->reason. */
 int EOM(integrate_adaptive)(const EOM(robot) *robot, const EOM_SCALAR *h, const EOM(drive) *drive, const EOM(inputs) *inputs, const EOM(tolerance) *allowed, const double *times, size_t samples, int method, EOM_SCALAR *q, EOM_SCALAR *v, EOM_SCALAR *q_out, EOM_SCALAR *v_out, eom_progress *progress, EOM(record) *record, EOM(workspace) work);
 
 /* The same for count states, one after the other, without inputs where steps are of fixed length, else those at place, or the

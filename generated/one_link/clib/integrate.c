@@ -28,6 +28,9 @@ EOM_LOCAL void EOM(store)(const EOM_SCALAR *restrict x, size_t here, size_t stri
 #include "fixed_steps.h"
 #if !defined(EOM_FIXED_ONLY)
 #include "adaptive_steps.h"
+#if defined(EOM_HAS_RADAU)
+#include "radau.h"
+#endif
 #include "adaptive_rollouts.h"
 #endif
 
@@ -63,9 +66,10 @@ EOM_PUBLIC long long EOM(integrate_fixed_one_by_one)(const EOM(robot) *restrict 
 #if !defined(EOM_FIXED_ONLY)
 /* Clear the room of a state: what stands behind the last coordinate of a block is computed with, and never looked at, and
  * denormal numbers there cost time. */
-EOM_LOCAL void EOM(clear_room)(const EOM(sizes) *restrict sizes, EOM_SCALAR *restrict state)
+EOM_LOCAL void EOM(clear_room)(const EOM(sizes) *restrict sizes, int method, EOM_SCALAR *restrict state)
 {
-    const int room = EOM_STATE_ROOM(sizes->n, sizes->m, sizes->hoisted, sizes->factors, sizes->wrench, sizes->parameters, sizes->rotations);
+    const int more = (method == 2) ? EOM_RADAU_ROOM(sizes->n, sizes->m, sizes->factors, sizes->pair_factors) : 0;
+    const int room = EOM_STATE_ROOM(sizes->n, sizes->m, sizes->hoisted, sizes->factors, sizes->wrench, sizes->parameters, sizes->rotations) + more;
     if (BLOCK > 1) { (void)memset(state, 0, (size_t)room * sizeof *state); }
 }
 
@@ -74,7 +78,7 @@ EOM_PUBLIC int EOM(integrate_adaptive)(const EOM(robot) *restrict robot, const E
     const int n = N_OF(robot->sizes);
     const size_t place = 0;
     EOM_SCALAR *const x = work.state;
-    EOM(clear_room)(robot->sizes, work.state);
+    EOM(clear_room)(robot->sizes, method, work.state);
     work.state += PADDED_TO_BLOCKS(2 * n);
     (void)memcpy(x, q, (size_t)n * sizeof *q);
     (void)memcpy(&x[n], v, (size_t)n * sizeof *v);
@@ -124,7 +128,7 @@ EOM_PUBLIC void EOM(integrate_adaptive_one_by_one)(const EOM(robot) *restrict ro
 {
     const int n = N_OF(robot->sizes);
     EOM_SCALAR *const x = work.state;
-    EOM(clear_room)(robot->sizes, work.state);
+    EOM(clear_room)(robot->sizes, method, work.state);
     work.state += PADDED_TO_BLOCKS(2 * n);
     for (size_t i = 0; i < count; ++i) {
         const size_t k = (place == NULL) ? i : place[i];

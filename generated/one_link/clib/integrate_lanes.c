@@ -27,6 +27,9 @@ EOM_LOCAL void EOM(store_lanes)(const lanes *restrict x, size_t here, size_t str
 #include "fixed_steps.h"
 #if !defined(EOM_FIXED_ONLY)
 #include "adaptive_steps.h"
+#if defined(EOM_HAS_RADAU)
+#include "radau.h"
+#endif
 #include "adaptive_rollouts.h"
 #endif
 #undef EOM_LANES_HERE

@@ -29,6 +29,10 @@
 #endif
 #define PADDED_TO_BLOCKS(n) (((n) + BLOCK - 1) / BLOCK * BLOCK)
 
+#if defined(EOM_RADAU) || !defined(EOM_N)
+#define EOM_HAS_RADAU /* a robot's file says whether it has the equations that the method asks for */
+#endif
+
 #if defined(__GNUC__)
 #define EOM_LOCAL static __attribute__((unused))
 #else

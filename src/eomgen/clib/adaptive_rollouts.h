@@ -4,6 +4,9 @@
 typedef struct {
     F(problem) problem;
     F(step) step;
+#if defined(EOM_HAS_RADAU)
+    F(radau) radau;
+#endif
     REAL *u;
     REAL *target;
     const EOM(tolerance) *allowed;
@@ -40,6 +43,10 @@ EOM_LOCAL void F(stop_lane)(F(integration) *restrict it, int l)
     it->going[l] = 0;
     it->left -= 1;
 }
+
+#if defined(EOM_HAS_RADAU)
+#include "radau_control.h"
+#endif
 
 /* Begin with states at their beginning, or go on where progress is. */
 EOM_LOCAL void F(begin_motion)(F(integration) *restrict it, const EOM(inputs) *restrict inputs, size_t inputs_step, int here)
@@ -132,7 +139,14 @@ EOM_LOCAL void F(judge_steps)(F(integration) *restrict it, REAL *restrict work)
         it->taken[l] = 0;
         if (it->going[l] == 0) { continue; }
         const double excess = F(error_norm)(motion, F(tolerance_of)(it, l), l, &it->step, &where);
-        it->taken[l] = F(judge)(p, excess, order, it->length[l], it->duration, where);
+#if defined(EOM_HAS_RADAU)
+        if (it->method == 2) {
+            it->taken[l] = F(judge_radau)(&it->radau, p, excess, l, it->length[l], it->duration, where);
+        } else
+#endif
+        {
+            it->taken[l] = F(judge)(p, excess, order, it->length[l], it->duration, where);
+        }
         if (p->reason != 0) {
             it->taken[l] = 0;
             F(stop_lane)(it, l);
@@ -148,7 +162,7 @@ EOM_LOCAL int F(prepare_inside)(F(integration) *restrict it, REAL dt, F(workspac
 {
     const EOM(sizes) *const sizes = it->problem.motion.robot->sizes;
     int inside = 0;
-    for (int l = 0; (M_OF(sizes) == 0) && (it->method != 1) && (l < (int)WIDTH); ++l) {
+    for (int l = 0; (M_OF(sizes) == 0) && (it->method == 0) && (l < (int)WIDTH); ++l) {
         const eom_progress *const p = &it->progress[it->place[l]];
         if (it->taken[l] == 0) { continue; }
         if ((it->dense != 0) && (it->times[p->sample] < it->problem.clock.end[l])) { inside = 1; }
@@ -239,7 +253,7 @@ EOM_LOCAL void F(accept_step)(F(integration) *restrict it, int l, int inside, F(
     const double began = p->t;
     double works_began[EOM_WORKS];
     const int doubtful = ((it->works != 0) && (closed == 0)) ? F(works_are_doubtful)(power, p->work, l, it->method, length, rtol) : 0;
-    it->known[l] = ((closed == 0) && (it->halts[l] == 0) && ((sizes->has_friction != 0) || (it->method == 1) || (inside != 0))) ? 1 : 0;
+    it->known[l] = ((closed == 0) && (it->halts[l] == 0) && (it->method != 2) && ((sizes->has_friction != 0) || (it->method == 1) || (inside != 0))) ? 1 : 0;
     (void)memcpy(works_began, p->work, sizeof works_began);
     for (int w = 0; (it->works != 0) && (doubtful == 0) && (w < EOM_WORKS); ++w) { p->work[w] += F(work_of_step)(power, w, l, it->method, length, 1.0); }
     p->steps += 1;
@@ -311,6 +325,13 @@ EOM_LOCAL void F(adapt)(const F(robot) *restrict robot, const REAL *restrict h, 
     it.problem.clock.here = here;
     F(carve_integration)(sizes, &it, &work);
     it.step.x = x;
+    it.step.inside = NULL;
+#if defined(EOM_HAS_RADAU)
+    if (method == 2) {
+        F(carve_radau)(sizes, &it.radau, &work);
+        it.step.inside = it.radau.inside;
+    }
+#endif
     F(begin_motion)(&it, inputs, inputs_step, here);
     for (int l = 0; l < (int)WIDTH; ++l) {
         const long long own = F(tolerance_of)(&it, l)->most;
@@ -323,30 +344,53 @@ EOM_LOCAL void F(adapt)(const F(robot) *restrict robot, const REAL *restrict h, 
         F(begin_charts)(sizes, h, drive->kp, drive->kd, &charts, x, &x[n]);
         F(resume_charts)(sizes, drive, place, &charts, x, &x[n]);
     }
+#if defined(EOM_HAS_RADAU)
+    if (method == 2) { F(resume_radau)(&it.problem, place, progress, &it.radau); }
+#endif
     for (long long pass = 0; (it.left > 0) && (pass < most) && ((record == NULL) || (record->count < record->room)); ++pass) {
         if (F(look_at_clock)(&it, pass) != 0) { F(rate)(&it.problem, 0.0, 0, x, it.step.dx, work); }
         F(choose_lengths)(&it, &dt);
         if (method == 0) {
             F(rosenbrock_step)(&it.problem, dt, &it.step, work);
+#if defined(EOM_HAS_RADAU)
+        } else if (method == 2) {
+            F(take_radau_step)(&it, dt, work);
+#endif
         } else {
             F(tsit5_step)(&it.problem, dt, &it.step, F(tolerance_of)(&it, 0), estimate, work);
         }
-        if (inputs != NULL) { F(put_prescribed_ends)(&it.problem, &it.step, work.input); }
+        if ((inputs != NULL) && (method != 2)) { F(put_prescribed_ends)(&it.problem, &it.step, work.input); }
         F(judge_steps)(&it, work.state);
+#if defined(EOM_HAS_RADAU)
+        if (method == 2) { F(keep_inside)(&it); }
+#endif
         const int inside = F(prepare_inside)(&it, dt, work);
         for (int l = 0; l < (int)WIDTH; ++l) {
             if (it.taken[l] == 0) { continue; }
             F(accept_step)(&it, l, inside, work);
+#if defined(EOM_HAS_RADAU)
+            if ((method == 2) && (it.halts[l] != 0)) { F(forget_radau)(n, &it.radau, l); }
+#endif
             if (record != NULL) { F(record_step)(&it, l, stiffness, record, work.state); }
             if (progress[place[l]].sample > samples) {
                 progress[place[l]].reason = 1;
                 F(stop_lane)(&it, l);
             }
         }
-        if ((ROTATIONS_OF(sizes) > 0) && (F(change_charts)(sizes, &charts, x, &x[n]) != 0)) {
+        if (ROTATIONS_OF(sizes) == 0) { continue; }
+#if defined(EOM_HAS_RADAU)
+        if (method == 2) { F(look_at_charts)(sizes, &charts, &it.radau, 0); }
+#endif
+        if (F(change_charts)(sizes, &charts, x, &x[n]) != 0) {
             for (int l = 0; l < (int)WIDTH; ++l) { it.known[l] = 0; }
+#if defined(EOM_HAS_RADAU)
+            if (method == 2) { F(look_at_charts)(sizes, &charts, &it.radau, 1); }
+#endif
         }
     }
+#if defined(EOM_HAS_RADAU)
+    if (method == 2) { F(keep_radau)(&it.problem, place, progress, &it.radau); }
+#endif
     if (ROTATIONS_OF(sizes) > 0) {
         F(keep_charts)(sizes, drive, place, (size_t)here, &charts, x, &x[n]);
         F(describe)(sizes, &charts, x, &x[n], it.step.x_end, &it.step.x_end[n]);

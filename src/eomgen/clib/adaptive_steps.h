@@ -1,7 +1,7 @@
 /* adaptive_steps.h: steps whose length the error controls, of one state, or of one in every lane with steps of its own. */
 
 /* A step: states x = (q, v) at its beginning and at its end, their rates dx = (v, a), its error, factors of its matrix, and
- * what bends its polynomial. */
+ * its polynomial, or what bends that. */
 typedef struct {
     REAL *x;
     REAL *dx;
@@ -9,7 +9,8 @@ typedef struct {
     REAL *dx_end;
     REAL *error;
     REAL *factors;
-    REAL *bend; /* n */
+    REAL *bend;         /* n */
+    const REAL *inside; /* of Radau IIA: coefficients of its polynomial, (stages, 2 n), from the first power on */
 } F(step);
 
 /* Put prescribed motions at the ends of lanes' steps into q and v: as steps come to them, or where loops are closed as they go
@@ -239,14 +240,22 @@ EOM_LOCAL double F(first_step)(const F(motion) *restrict motion, const EOM(toler
     return ((size < 1e-5) || !(change > 1e-5)) ? 1e-6 : (0.01 * size / change);
 }
 
-/* What powers of a lane's stages make of a step, J: whole, or up to a share of the explicit one. */
+/* Stages that have powers. */
+EOM_LOCAL int F(powered_stages)(int method)
+{
+    return (method == 1) ? TSIT5_STAGES : ((method == 2) ? (1 + RADAU_STAGES) : ROSENBROCK_STAGES);
+}
+
+/* What powers of a lane's stages make of a step, J: whole, or up to a share of one whose powers are a polynomial. */
 EOM_LOCAL double F(work_of_step)(const double *restrict power, int work, int l, int method, double step, double share)
 {
     double sum = 0.0;
-    for (int stage = 0; stage < ((method == 1) ? TSIT5_STAGES : ROSENBROCK_STAGES); ++stage) {
+    for (int stage = 0; stage < F(powered_stages)(method); ++stage) {
         double weight = 0.0;
         if (method == 1) {
             for (int k = TSIT5_DEGREE - 1; k >= 0; --k) { weight = share * (weight + eom_tsit5_works[stage][k]); }
+        } else if (method == 2) { /* the first one is no stage of its own */
+            for (int k = RADAU_STAGES - 1; (stage > 0) && (k >= 0); --k) { weight = share * (weight + eom_radau_works[stage - 1][k]); }
         } else {
             weight = eom_rosenbrock_works[stage];
         }
@@ -274,12 +283,24 @@ EOM_LOCAL void F(bend_of_step)(const F(problem) *restrict problem, REAL dt, cons
 }
 
 /* Dense output, a lane's state at a share of its step: of the explicit method the polynomial of degree 5 with its coordinates,
- * velocities and accelerations, of the other one the cubic without the latter, and what is bent. */
+ * velocities and accelerations, of the Rosenbrock method the cubic without the latter, and what is bent, of Radau IIA the one
+ * through its stages. */
 EOM_LOCAL void F(dense_output)(double share, double length, int n, int l, int method, const F(step) *restrict step, EOM_SCALAR *restrict q_out, EOM_SCALAR *restrict v_out)
 {
     const double s = share;
     (void)l;
-    for (int i = 0; i < n; ++i) {
+    for (int i = 0; (method == 2) && (i < n); ++i) {
+        double q = 0.0;
+        double v = 0.0;
+        for (int k = RADAU_STAGES - 1; k >= 0; --k) {
+            const REAL *const row = &step->inside[k * PADDED_TO_BLOCKS(2 * n)];
+            q = s * (q + (double)LANE_OF(row[i], l));
+            v = s * (v + (double)LANE_OF(row[n + i], l));
+        }
+        q_out[i] = (EOM_SCALAR)((double)LANE_OF(step->x[i], l) + q);
+        v_out[i] = (EOM_SCALAR)((double)LANE_OF(step->x[n + i], l) + v);
+    }
+    for (int i = 0; (method != 2) && (i < n); ++i) {
         const double q0 = (double)LANE_OF(step->x[i], l);
         const double d = (double)LANE_OF(step->x_end[i], l) - q0;
         const double v0 = length * (double)LANE_OF(step->x[n + i], l);
@@ -307,15 +328,15 @@ EOM_LOCAL void F(dense_output)(double share, double length, int n, int l, int me
     }
 }
 
-/* Works of a lane at a share of its step, J: of the explicit method by its own weights there, of the other one on the cubic with
- * powers at both ends. */
+/* Works of a lane at a share of its step, J: of the Rosenbrock method on the cubic with powers at both ends, of others by their own
+ * weights there. */
 EOM_LOCAL void F(works_between)(double share, double length, int l, int method, const double *restrict power, const double *restrict begin, const double *restrict end, double *restrict out)
 {
     for (int w = 0; w < EOM_WORKS; ++w) {
         const double d = end[w] - begin[w];
         const double p0 = length * power[w * (int)WIDTH + l];
         const double p1 = length * power[(END_STAGE * EOM_WORKS + w) * (int)WIDTH + l];
-        if (method == 1) {
+        if (method != 0) {
             out[w] = begin[w] + F(work_of_step)(power, w, l, method, length, share);
         } else {
             out[w] = begin[w] + share * (p0 + share * (3.0 * d - 2.0 * p0 - p1 + share * (p0 + p1 - 2.0 * d)));
@@ -331,7 +352,7 @@ EOM_LOCAL int F(works_are_doubtful)(const double *restrict power, const double *
     for (int w = 0; w < EOM_WORKS; ++w) {
         double error = 0.0;
         double top = 0.0;
-        for (int stage = 0; stage < ((method == 1) ? TSIT5_STAGES : ROSENBROCK_STAGES); ++stage) {
+        for (int stage = 0; stage < F(powered_stages)(method); ++stage) {
             const double here = power[(stage * EOM_WORKS + w) * (int)WIDTH + l];
             error += eom_work_errors[method][stage] * here;
             if (fabs(here) > top) { top = fabs(here); }
@@ -385,6 +406,16 @@ EOM_LOCAL void F(integrate_works)(const F(problem) *restrict problem, int l, int
     for (int w = 0; w < EOM_WORKS; ++w) { works[w] += last[w]; }
 }
 
+/* End a lane whose work leads nowhere: that is no motion. */
+EOM_LOCAL void F(look_where_it_leads)(eom_progress *restrict p, double duration, int where)
+{
+    if (p->steps + p->rejected >= p->counted + EOM_LOOK) {
+        if (p->t - p->looked < EOM_LEAST_PART * duration) { p->reason = 2 + where; }
+        p->looked = p->t;
+        p->counted = p->steps + p->rejected;
+    }
+}
+
 /* Whether a step is taken, and the length of the next one, by proportional-integral control; where a lane ends without a
  * motion, its reason. */
 EOM_LOCAL int F(judge)(eom_progress *restrict p, double excess, double order, double length, double duration, int where)
@@ -404,11 +435,7 @@ EOM_LOCAL int F(judge)(eom_progress *restrict p, double excess, double order, do
         p->excess = (excess > 1e-4) ? excess : 1e-4;
         if ((p->next < length * factor) || !(length < p->next)) { p->next = length * factor; }
     }
-    if (p->steps + p->rejected >= p->counted + EOM_LOOK) { /* work that leads nowhere is no motion */
-        if (p->t - p->looked < EOM_LEAST_PART * duration) { p->reason = 2 + where; }
-        p->looked = p->t;
-        p->counted = p->steps + p->rejected;
-    }
+    F(look_where_it_leads)(p, duration, where);
     return taken;
 }
 

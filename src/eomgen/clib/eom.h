@@ -131,6 +131,7 @@ typedef struct {
     size_t sample;
     int refused;
     int reason; /* 0: goes on; 1: at its end; 2 + i: no step is short enough for number i of the state */
+    double *kept; /* NULL, or of Radau IIA room for what steps leave to the next call, EOM_KEPT_ROOM */
 } eom_progress;
 
 /* Automatic stiffness switching: which of the two methods with error control takes the next steps. */
@@ -158,13 +159,19 @@ enum { EOM_RK4, EOM_TSIT5, EOM_IMPLICIT_EULER, EOM_ROSENBROCK };
 #define EOM_SENSITIVITY_ROOM(n, m, hoisted, factors, wrench, parameters, poses) (147 * (n) + 4 * (m) + (hoisted) + 3 * (factors) + 2 * (wrench) + 5 * (parameters) + 2 * (poses))
 #define EOM_SENSITIVITY_INPUT_ROOM(n) (24 * (n))
 
+/* More of it, of scalars or lanes, for Radau IIA (method 2), and what that keeps of a state between calls. */
+#define EOM_KEPT_ROOM(n) (14 * (n) + 4)
+#define EOM_RADAU_ROOM(n, m, factors, pair_factors) (56 * (n) + 15 * (m) + (factors) + 2 * (pair_factors) + 96)
+
 /* Equations, of numbers that are scalars or lanes. */
 #define EOM_EQUATIONS(real) \
     int (*forward_dynamics)(const real *h, const real *q, const real *v, const real *u, real *a); \
     int (*implicit_step)(const real *h, const real *q, const real *v, const real *u, const real *added, const real *times, real *a); \
     int (*stage_factors)(const real *h, const real *q, const real *v, const real *kp, const real *kd, const real *times, real *factors); \
     int (*stage_solution)(const real *h, const real *factors, const real *right, const real *shifts, real *w); \
-    int (*settling)(const real *h, const real *q, const real *v, real *change)
+    int (*settling)(const real *h, const real *q, const real *v, real *change); \
+    int (*pair_factors)(const real *h, const real *q, const real *v, const real *kp, const real *kd, const real *pair_times, const real *spans, real *factors); \
+    int (*pair_solution)(const real *h, const real *factors, const real *right, const real *shifts, real *w)
 
 #define EOM(name) eom_##name
 #define EOM_SCALAR double

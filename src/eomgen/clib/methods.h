@@ -1,6 +1,7 @@
 /* methods.h: coefficients of the methods with error control; rows are stages, and C() makes numbers of the precision of states. */
 
 enum { TSIT5_STAGES = 7, ROSENBROCK_STAGES = 6, END_STAGE = 6, INSIDE_STAGE = 7, STAGES_WITH_POWERS = 8, TSIT5_DEGREE = 4 };
+enum { RADAU_STAGES = 5, RADAU_PAIRS = 2, RADAU_ROUNDS = 8 };
 
 /* Ch. Tsitouras, "Runge-Kutta pairs of order 5(4) satisfying only the first column simplifying assumption", Computers and
  * Mathematics with Applications 62 (2011) 770: the last stage is at the end of the step. */
@@ -61,10 +62,68 @@ static const double eom_rosenbrock_shares[ROSENBROCK_STAGES] = { 0.0, 0.0, 0.606
 
 static const double eom_rosenbrock_works[ROSENBROCK_STAGES] = { 2.66325806659267, -2.291088688834055, 0.49297789757946875, -0.0611608486626099, -0.10725724877841863, 0.3032708221029452 };
 
-/* Errors of work integrals: of the Rosenbrock method, of the explicit one. */
-static const double eom_work_errors[2][TSIT5_STAGES] = {
+/* Radau IIA of five stages and order 9, and its error of order 5 (E. Hairer, G. Wanner, "Stiff differential equations solved by
+ * Radau methods", Journal of Computational and Applied Mathematics 111, 1999, 93; "Solving Ordinary Differential Equations II",
+ * section IV.8).  The inverse of its matrix is back diag(real, blocks of pairs) ahead. */
+static const double eom_radau_shares[RADAU_STAGES] = { 0.05710419611451768, 0.2768430136381238, 0.5835904323689168, 0.8602401356562195, 1.0 };
+
+static const EOM_SCALAR eom_radau_real = C(6.2867047517292765);
+
+static const EOM_SCALAR eom_radau_pairs[RADAU_PAIRS][2] = {
+    { C(5.70095329867179), C(3.2102656003085497) },
+    { C(3.655694325463572), C(6.543736899360077) },
+};
+
+static const EOM_SCALAR eom_radau_ahead[RADAU_STAGES][RADAU_STAGES] = {
+    { C(27.697693775684087), C(12.783337911304406), C(3.20848938671343), C(-0.9514904122489162), C(0.7415504960259897) },
+    { C(-33.041880213519), C(-17.376953479063566), C(-0.17212906325400557), C(-0.09916977798254265), C(0.5312281158383066) },
+    { C(-8.611443979875292), C(9.699991409528808), C(1.9147286396968743), C(2.41869200608494), C(-1.0474634879353375) },
+    { C(5.344186437834912), C(4.593615567759161), C(-3.0363603234594243), C(1.050660190231459), C(-0.27277861186429625) },
+    { C(3.748059807439805), C(-3.984965736343885), C(-1.0444156416080188), C(1.1840985681379486), C(-0.44991777015678036) },
+};
+
+static const EOM_SCALAR eom_radau_back[RADAU_STAGES][RADAU_STAGES] = {
+    { C(0.013576867344947943), C(-0.011478515255229515), C(-0.01401985889287541), C(-0.010242047817908826), C(0.04767387729029572) },
+    { C(0.0016179004017190875), C(-0.007668830749180163), C(0.024708578426518527), C(0.05017286451737106), C(-0.09433181918161143) },
+    { C(0.07915785334744721), C(0.01939846399882895), C(0.08180035370375117), C(-0.23053953404341795), C(0.1027030453801259) },
+    { C(0.41225608268046143), C(0.40760117128019907), C(0.19968242788680252), C(0.37789390224886127), C(0.46674413033249434) },
+    { C(1.0), C(1.0), C(0.0), C(1.0), C(0.0) },
+};
+
+/* Of increments of stages, beside the first eigenvalue. */
+static const EOM_SCALAR eom_radau_error[RADAU_STAGES] = { C(-27.78093394406464), C(3.641478498049213), C(-1.2525477211691187), C(0.5920031671845428), C(-0.2) };
+
+/* Coefficients of powers of the share of a step, of stages in columns: of the polynomial through them, from the first power on. */
+static const EOM_SCALAR eom_radau_inside[RADAU_STAGES][RADAU_STAGES] = {
+    { C(27.78093394406464), C(-3.641478498049213), C(1.2525477211691187), C(-0.5920031671845428), C(0.2) },
+    { C(-208.02785730090133), C(77.88337605511782), C(-29.167414317829696), C(14.111895563613205), C(-4.8) },
+    { C(524.1878839694918), C(-264.89491356822634), C(137.90290440413477), C(-72.39587480540027), C(25.2) },
+    { C(-543.8283560361325), C(317.67586907995275), C(-202.09087094360743), C(123.04335789978718), C(-44.8) },
+    { C(199.88739542347736), C(-127.022853068795), C(92.10283313613321), C(-64.16737549081559), C(25.2) },
+};
+
+/* Weights of powers of the share of a step in work integrals. */
+static const double eom_radau_works[RADAU_STAGES][RADAU_STAGES] = {
+    { 1.5864079001863283, -5.939631780296785, 9.977775909015968, -7.763720273930764, 2.282881805816479 },
+    { -1.008117881498373, 10.780734269705055, -24.444768723212707, 21.98658623905105, -7.033077888895562 },
+    { 0.7309748661597875, -8.510911966412785, 26.82627186871281, -29.484574687947706, 10.750066442463638 },
+    { -0.5092648848477427, 6.069809477004513, -20.759279054516067, 26.46170872282742, -11.039870359384553 },
+    { 0.2, -2.4, 8.4, -11.2, 5.04 },
+};
+
+/* Newton's iteration that leaves more than so much of an error has new factors for the next step; the first one of a step is taken
+ * to leave so much at least. */
+#define RADAU_SLOW 1e-3
+#define RADAU_TRUST 0.01
+
+/* Changes below so much of what is allowed that do not become smaller are rounding. */
+#define RADAU_ROUNDING 0.01
+
+/* Errors of work integrals: of the Rosenbrock method, of the explicit one, and of Radau IIA, behind the beginning of a step. */
+static const double eom_work_errors[3][TSIT5_STAGES] = {
     { 0.16149752429294262, -0.18684096907609637, 0.00912393277044904, 0.013322280951927667, -0.023492070397267834, 0.02638930145804491, 0.0 },
     { -0.001780011052225771, -0.0008164344596567469, 0.007880878010261995, -0.1447110071732629, 0.5823571654525552, -0.45808210592918697, 0.015151515151515152 },
+    { 0.15906584442746913, -0.2523433122495464, 0.16035712210296996, -0.11627313434096281, 0.08100664894556402, -0.03181316888549383, 0.0 },
 };
 
 /* Gauss's rule of five nodes on [0, 1]. */

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-IN_C = ("rosenbrock", "tsit5")
+IN_C = ("rosenbrock", "tsit5", "radau")
 SCIPY_IMPLICIT = ("Radau", "BDF", "LSODA")
 SUNDIALS = ("CVODE", "IDA")
 EXPLICIT_IN_PYTHON = ("DOP853", "RK45", "rk4")

@@ -15,6 +15,7 @@ from ..names import show
 from ..runtime.kernel import Kernel
 from ..runtime.stepping.given_loads import data_of
 from ..runtime.stepping.loaded import AUTO
+from ..runtime.stepping.options import rollout_of
 from ..state.springs import any_spring, fastest_rates
 from ..state.vectors import DriveFunction, MotionFunction, WrenchFunction
 from .methods import IN_C, METHODS, SUNDIALS
@@ -100,7 +101,7 @@ def plan_integration(
     Raises:
         InputError: the method does not keep loops closed, or is the kernel's own where that cannot be.
     """
-    method, slow = wanted.method, why_not_in_c(kernel, *loads)
+    method, slow = wanted.method, why_not_in_c(kernel, *loads, method=wanted.method)
     if kernel.constraints and method in SUNDIALS:
         allowed = ", ".join(name for name in METHODS if name not in SUNDIALS)
         raise InputError(
@@ -137,10 +138,12 @@ def why_not_in_c(
     drive: DriveFunction | ArrayLike | None = None,
     wrench: WrenchFunction | ArrayLike | None = None,
     prescribed: MotionFunction | None = None,
+    *,
+    method: str = AUTO,
 ) -> str:
-    """Say what a motion lacks to be integrated by the kernel's C; empty where nothing is missing."""
-    if kernel.raw.adaptive is None:
-        return "the kernel was built without adaptive_rollout"
+    """Say what a motion lacks to be integrated by a method of the kernel's C; empty where nothing is missing."""
+    if rollout_of(method) not in kernel.raw.rollouts:
+        return f"the kernel was built without {rollout_of(method)}"
     if kernel.dtype != np.float64:
         return f"the kernel is {kernel.dtype}"
     for label, function in (("drive", drive), ("wrench", wrench), ("prescribed", prescribed)):

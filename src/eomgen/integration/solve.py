@@ -78,9 +78,9 @@ def integrate(  # noqa: PLR0913
             (``eomgen.motion.Harmonic``, say); v and a must be the derivatives of q.  What q0, v0 and drive say of them
             does not count.  The trajectory's u is there the force that the motion needs, so that the kernel must have
             inverse_dynamics.
-        method: "rosenbrock" or "tsit5": the kernel's own C (adaptive_rollout), where it can follow drive, wrench and
-            prescribed; "Radau", "BDF", "LSODA", "DOP853", "RK45" (all
-            SciPy's), "CVODE", "IDA" (SUNDIALS', not for loops), or "rk4" with a fixed step.  "auto" is both in C
+        method: "rosenbrock", "tsit5" or "radau": the kernel's own C (adaptive_rollout, radau_rollout), where it can
+            follow drive, wrench and prescribed; "Radau", "BDF", "LSODA", "DOP853", "RK45" (all
+            SciPy's), "CVODE", "IDA" (SUNDIALS', not for loops), or "rk4" with a fixed step.  "auto" is the first two
             in turn, whichever leads on further for its cost; where C cannot do it, Radau if there are springs, stiff
             dampers or friction (see ``plan.why_stiff``), else DOP853.
         rtol, atol: tolerances; atol is a number or (2n,), first of q, then of v.  By default rtol times the size of

@@ -226,7 +226,7 @@ class _Examination:
 
     def _compared(self, name: str, place: tuple[int, ...], found: Array, suffix: str = "") -> Iterator[Difference]:
         """The first number of an answer that is wrong; ``place`` is where it lies among the samples."""
-        expected, state = self.samples[name][place], place[-1] if name in ("rollout", "adaptive_rollout") else place[0]
+        expected, state = self.samples[name][place], place[-1] if name.endswith("rollout") else place[0]
         found = found[self.samples.get(f"{name} places", slice(expected.size))]
         right = (found == expected) & (np.signbit(found) == np.signbit(expected)) | (found != found) & (
             expected != expected

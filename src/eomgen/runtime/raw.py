@@ -256,6 +256,7 @@ class RawKernel:
         rollout: the function of many steps, or None where the kernel was built without one; its arguments are in the
             header.
         adaptive: the function of integrations with error control, or None, likewise.
+        rollouts: ``rollout`` and all functions like ``adaptive``, by name.
         gradients: functions that go back through steps, by name, likewise.
         ffi: cffi's object for pointers and their types.
         view: ``view(array)`` is a pointer to a C-contiguous array of this dtype, for a function of C; it keeps the
@@ -283,6 +284,7 @@ class RawKernel:
         ]
         self.rollout: RawFunction | None = next((x for x in known if x.kind == ROLLOUT), None)
         self.adaptive: RawFunction | None = next((x for x in known if x.kind == ADAPTIVE), None)
+        self.rollouts: Mapping[str, RawFunction] = {x.name: x for x in known if x.kind in (ROLLOUT, ADAPTIVE)}
         self.gradients: Mapping[str, RawFunction] = {x.name: x for x in known if x.kind == GRADIENT}
         apart = (ROLLOUT, ADAPTIVE, GRADIENT)
         self.functions: Mapping[str, RawFunction] = {x.name: x for x in known if x.kind not in apart}
@@ -299,9 +301,8 @@ class RawKernel:
         """
         if name in self.functions:
             return self.functions[name]
-        for own in (self.rollout, self.adaptive):
-            if own is not None and name == own.name:
-                return own
+        if name in self.rollouts:
+            return self.rollouts[name]
         raise self.missing(name)
 
     def address(self, name: str, *, batch: bool = False) -> int:

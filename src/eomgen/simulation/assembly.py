@@ -28,6 +28,7 @@ from ..robot.record import record_of, robot_hash
 from ..robot.value import PRINCIPAL, Robot
 from ..runtime.kernel import Kernel
 from ..runtime.stepping.loaded import AUTO
+from ..runtime.stepping.options import rollout_of
 from ..runtime.stepping.saturation import efforts_of
 from ..scenario.value import Scenario, Section
 from ..state.motors import shafts
@@ -202,9 +203,9 @@ def _kernel(robot: Robot, scenario: Scenario, kernels: tuple[str, ...] | None, r
 
 def _begin(ahead: Ahead, kernel: Kernel, kernels: tuple[str, ...]) -> None:
     """Begin to build what the integrator will call; Python works on what is longest while a compiler works already."""
-    if "adaptive_rollout" in kernels:
-        kernel.raw.libraries.about("adaptive_rollout")  # which derives it
-        ahead.build(kernel, "adaptive_rollout")
+    for rollout in (name for name in kernels if name in kernel.raw.rollouts):
+        kernel.raw.libraries.about(rollout)  # which derives it
+        ahead.build(kernel, rollout)
     ahead.build(kernel, "mass_matrix")
     if "residual_jacobian" in kernels and any_spring(kernel):
         kernel.raw.libraries.about("residual_jacobian")  # which derives it
@@ -227,7 +228,7 @@ def _refuse_undriven(robot: Robot, moved: tuple[str, ...]) -> None:
 
 def kernels_of(robot: Robot, scenario: Scenario) -> tuple[str, ...]:
     """Names of the kernels that the scenario's integrator may call."""
-    own = ("adaptive_rollout",) if _may_run_in_c(scenario) else ()
+    own = (rollout_of(scenario.integrator.method),) if _may_run_in_c(scenario) else ()
     closing = mechanism_kernels(robot)
     if closing:
         return (*closing, *CLOSED_KERNELS, *own)

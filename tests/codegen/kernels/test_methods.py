@@ -174,10 +174,10 @@ def check_pair_stage(robot: Robot, built: Build, *, prescribed: bool) -> None:
     times, p = (c.real, (c * c).real, c.imag, (c * c).imag), list(model.parameters.values())
     spans = (abs(c), abs(c * c))
     first, second = (derive(model, name) for name in PAIR_STAGES)
-    kept = evaluate(first, {"q": s.q, "v": s.v, "kp": kp, "kd": kd, "times": times, "spans": spans, "p": p})
+    kept = evaluate(first, {"q": s.q, "v": s.v, "kp": kp, "kd": kd, "pair_times": times, "spans": spans, "p": p})
     values = [kept["out", i] for i in range(sum(key[0] == "out" for key in kept))]
-    given = {"rates": [*rates.real, *rates.imag], "shifts": [*shifts.real, *shifts.imag]}
-    found = evaluate(second, {"kept": values, **given, "p": p})
+    given = {"pair_rates": [*rates.real, *rates.imag], "pair_shifts": [*shifts.real, *shifts.imag]}
+    found = evaluate(second, {"pair_kept": values, **given, "p": p})
     K = stiffness_matrix(kernel) + np.diag(np.where(acting, kp, 0.0))
     B = damping_matrix(kernel) + np.diag(np.where(acting, kd, 0.0))
     slope = c * B + c * c * K
@@ -199,16 +199,16 @@ def test_a_complex_stage_is_the_real_one_where_its_numbers_are_real(name: str) -
     none = np.zeros(n)
     given = {"q": s.q, "v": s.v, "kp": none, "kd": none, "p": p}
 
-    def solved(names: tuple[str, str], times: Sequence[float], imaginary: Sequence[float]) -> list[float]:
+    def solved(pair: str, names: Sequence[str], times: Sequence[float], imaginary: Sequence[float]) -> list[float]:
         first, second = (derive(model, name) for name in names)
-        kept = evaluate(first, {**given, "times": times, "spans": (c, c * c)})
+        kept = evaluate(first, {**given, f"{pair}times": times, "spans": (c, c * c)})
         values = [kept["out", i] for i in range(sum(key[0] == "out" for key in kept))]
-        late = {"rates": [*rates, *imaginary], "shifts": [*shifts, *imaginary]}
-        found = evaluate(second, {"kept": values, **late, "p": p})
+        late = {f"{pair}rates": [*rates, *imaginary], f"{pair}shifts": [*shifts, *imaginary]}
+        found = evaluate(second, {f"{pair}kept": values, **late, "p": p})
         return [found["out", i] for i in range(len(found))]
 
-    pairs = np.array(solved(PAIR_STAGES, (c, c * c, 0.0, 0.0), none))
-    real = np.array(solved(STAGES, (c, c * c), ()))
+    pairs = np.array(solved("pair_", PAIR_STAGES, (c, c * c, 0.0, 0.0), none))
+    real = np.array(solved("", STAGES, (c, c * c), ()))
     assert np.abs(pairs[:n] - real).max() <= 1e-11 * np.abs(real).max()
     assert np.abs(pairs[n:]).max() <= 1e-13 * np.abs(real).max()
 

@@ -19,7 +19,7 @@ from eomgen.codegen.kernels.entries import KINDS, Signature
 from eomgen.codegen.kernels.equations import derive_equations
 from eomgen.codegen.kernels.operation_counts import OWN
 from eomgen.codegen.kernels.signatures import DERIVATIVES, KERNELS, SIGNATURES, by_kind, functions, shapes
-from eomgen.codegen.kernels.stages import STAGES
+from eomgen.codegen.kernels.stages import PAIR_STAGES, STAGES
 from eomgen.codegen.kernels.writers import WAYS, WRITERS
 from eomgen.description.load import robot_from_toml
 from eomgen.robot.model import build_model
@@ -29,7 +29,7 @@ from tests.support.random_followers import with_followers
 
 TEMPLATES = Path(eomgen.__path__[0], "templates", "composed")
 OF_A_KIND: dict[str, Callable[[str, Signature], bool]] = {
-    "program": lambda name, _: name in {**WRITERS, **WAYS} or name in STAGES,
+    "program": lambda name, _: name in {**WRITERS, **WAYS} or name in (*STAGES, *PAIR_STAGES),
     "tangent": lambda name, entry: is_derivative(name, entry),
     "adjoint": lambda name, entry: is_derivative(name, entry),
     "hessian": lambda name, entry: is_derivative(name, entry),
@@ -58,7 +58,7 @@ def test_an_entry_has_what_its_kind_needs(name: str) -> None:
     assert (entry.derivative_of != "") == (entry.kind in ("tangent", "adjoint", "hessian", "gradient"))
     assert (entry.functions != {}) == (entry.kind == "frames")
     assert (entry.calls != ()) == (entry.kind in ("composed", "rollout", "adaptive", "gradient"))
-    assert set(entry.calls) <= {*WRITERS, *WAYS, *STAGES, *DERIVATIVES, *BACKWARDS}
+    assert set(entry.calls) <= {*WRITERS, *WAYS, *STAGES, *PAIR_STAGES, *DERIVATIVES, *BACKWARDS}
     assert entry.columns_of == "" or (entry.columns_of in WRITERS and is_written(name))
     assert (name in OWN) <= (entry.kind == "composed")
 
@@ -67,7 +67,10 @@ def test_every_array_has_a_shape() -> None:
     robots = [eomgen.load_robot(name) for name in ("one_link", "four_bar", "balanced_arm", "hexapod_elastic")]
     robots.append(with_followers(eomgen.load_robot("puma560"), 1))
     robots.append(robot_from_toml(robot_with(Bushings)))
-    known = {key for robot in robots for key in shapes(build_model(robot))} | {"kept"}  # which programs are cut by
+    known = {key for robot in robots for key in shapes(build_model(robot))} | {
+        "kept",
+        "pair_kept",
+    }  # which programs are cut by
     parts = [part for entry in KERNELS.values() for part in entry.functions.values()]
     public = [entry for name, entry in SIGNATURES.items() if name not in BACKWARDS]
     for entry in (*public, *parts):
@@ -78,7 +81,7 @@ def test_functions_are_in_the_order_of_packages() -> None:
     """Frames behind all others, rollouts last."""
     found = functions(reversed(KERNELS))
     assert found == functions(iter(KERNELS))
-    last = ("kinematics", "rollout", "adaptive_rollout", *GRADIENTS)
+    last = ("kinematics", "rollout", "adaptive_rollout", "radau_rollout", *GRADIENTS)
     count = len(last) + 1
     assert [function.name for function in found[-count:]] == ["frame_pose", "frame_jacobian", *last[1:]]
     assert [function.name for function in found[:-count]] == [x for x in KERNELS if x not in last]

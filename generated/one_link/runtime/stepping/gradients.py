@@ -22,7 +22,7 @@ from .given_loads import Loads
 from .load_slopes import Acting
 from .loads import BACK, Slopes
 from .many_steps import rollout
-from .options import ADAPTIVE, ErrorControl, LoadedStepOptions, StepOptions
+from .options import ADAPTIVE, ErrorControl, LoadedStepOptions, StepOptions, rollout_of
 from .rollouts import Given, Inputs, read_given, room_for
 from .stiff_steps import Pair, parts_of, refuse_different
 
@@ -320,7 +320,7 @@ def taken_steps(
             acting.end_steps()
         times = options.times(calls, count)
         motion = _motion(calls, function, inputs, times.size - 1, count, acting)
-        control = options.error_control(calls, calls.raw.function("adaptive_rollout").library.meta)
+        control = options.error_control(calls, calls.raw.function(rollout_of(options.method)).library.meta)
         return motion, times, [_chosen_steps(motion, i, times, control) for i in range(motion.states)]
     length, rows, every = options.fixed_steps(calls, count)
     motion = _motion(calls, function, inputs, rows, count, acting)
@@ -356,8 +356,10 @@ def _step_function(calls: Calls, method: str, kind: str) -> RawFunction:
 
     Raises:
         UnknownNameError: the kernel was built without it.
-        InputError: joints turn freely.
+        InputError: the method has no derivatives, or joints turn freely.
     """
+    if method not in WAYS:
+        raise InputError(f"rollout_{kind}: method {show(method)} has no derivatives; allowed: {', '.join(WAYS)}")
     name = f"{WAYS[method][0]}_{kind}"
     if name not in calls.raw.gradients:
         raise calls.raw.missing(name)

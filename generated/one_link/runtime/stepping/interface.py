@@ -54,10 +54,11 @@ class Rollouts(CompiledCode):
         without small steps".  Springs between points are taken so along their lines, and across them as they are at a
         step's beginning.
 
-        Two methods choose their steps so that the error of each stays within tolerances, and give ``samples`` at equal
-        times of a ``duration``; each of many states has steps of its own, and the same bits as alone.  "tsit5" is
+        Three methods choose their steps so that the error of each stays within tolerances, and give ``samples`` at
+        equal times of a ``duration``; each of many states has steps of its own, and the same bits as alone.  "tsit5" is
         explicit, of fifth order.  "rosenbrock" is linearly implicit, of fourth order, and stable whatever springs and
-        dampers there are; steps end at samples.  Theory section "Steps that the error chooses".
+        dampers there are.  "radau" is fully implicit, of ninth order, as stable, and for narrower tolerances; it has no
+        derivatives.  Theory section "Steps that the error chooses".
 
         Joints that turn freely (``raw.turning``) pass beta = +-pi/2 in other angles; what comes back is as described,
         each angle next to its value before.  A joint with gains on its coordinates stays in its own angles.
@@ -69,7 +70,7 @@ class Rollouts(CompiledCode):
                 (1, steps, n).  None if not given.
             dt: length of a step, s.
             steps: their number.
-            method: "rk4", "implicit", "rosenbrock" or "tsit5".
+            method: "rk4", "implicit", "rosenbrock", "tsit5" or "radau".
             every: one of so many steps is stored.
             kp, kd: gains of a joint controller that adds kp (target - q) - kd v: a number for all principal
                 coordinates (for the motor where one has a motor), or (n,) with 0 at deviations, at principal

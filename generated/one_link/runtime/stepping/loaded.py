@@ -9,14 +9,14 @@ import numpy as np
 from ..calls import Calls
 from ..pieces import OPERATIONS
 from ..raw import FFI, Array
-from .adaptive import STAGES
+from .adaptive import STAGES, keep_steps
 from .given_loads import check_loads
 from .loads import WORKS, LoadData
-from .options import ADAPTIVE, ErrorControl
+from .options import ADAPTIVE, ErrorControl, rollout_of
 from .packed_inputs import Packed
 
 AUTO = "auto"  # both methods in turn
-COST = {"rosenbrock": 15, "tsit5": 6}  # of a step, in evaluations: the former factors and solves besides
+COST = {"rosenbrock": 15, "tsit5": 6, "radau": 40}  # of a step, in evaluations: the former factors and solves besides
 CALLS = 8  # in the time of a piece of many states: a single one is asked for its progress more often
 TRIAL = 24  # steps by which a method shows what it is worth
 FEW, MANY = 8, 64  # trials' lengths that the better one then goes on for, longer and longer
@@ -60,7 +60,7 @@ class Loaded:
     """One state on its way: each call of ``go`` leads on, to the end or until it cannot.
 
     Args:
-        calls: of the kernel, with "adaptive_rollout" and what the loads ask for.
+        calls: of the kernel, with ``rollout_of`` the method and what the loads ask for.
         times: of the samples, s, (T,).
         q, v: the state at the first time, (n,).
         control: the method, or AUTO, and its tolerances.
@@ -88,7 +88,7 @@ class Loaded:
         *,
         works: bool = False,
     ) -> None:
-        function = calls.raw.function("adaptive_rollout")
+        function = calls.raw.function(rollout_of(control.method))
         library, view = function.library, calls.raw.view
         self._function, self._setup = function, calls.parameters.setup
         self.works = np.zeros((len(times), len(WORKS))) if works else None
@@ -106,6 +106,7 @@ class Loaded:
         fields: dict[str, Any] = {"turned": view(self._turned)} if self._turned.size else {}
         self._drive = library.drive(u=view(self._nothing), **fields)
         self.progress = library.new("progress")
+        self._left = keep_steps([self.progress], calls, control.method)
         if self.works is not None:
             self.progress.works = FFI.from_buffer("double[]", self.works)
         self.evaluations, self.spans = 0, dict.fromkeys(ADAPTIVE, 0.0)

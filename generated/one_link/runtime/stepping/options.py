@@ -16,10 +16,17 @@ from ..calls import Calls
 from ..raw import Array
 
 FIXED = {"rk4": 0, "implicit": 1}  # methods of steps of one length, by their numbers in C
-ADAPTIVE = {"rosenbrock": 0, "tsit5": 1}  # methods with error control, likewise
+ADAPTIVE = {"rosenbrock": 0, "tsit5": 1, "radau": 2}  # methods with error control, likewise
+RADAU = "radau"
+ROLLOUTS = {RADAU: "radau_rollout"}  # the kernel of a method, where it is not adaptive_rollout
 NUMBERS = 2**62  # of all coordinates at all steps of all states, at most: C counts them
 LONGEST = 1e30  # time, s: as of all numbers that descriptions and scenarios may have
 LEAST = {"float64": 1e-13, "float32": 1e-5}  # relative tolerances that round-off lets steps reach
+
+
+def rollout_of(method: str) -> str:
+    """Return the name of the kernel that a method with error control is of."""
+    return ROLLOUTS.get(method, "adaptive_rollout")
 
 
 @dataclass(frozen=True)
@@ -42,7 +49,7 @@ class StepOptions:
     """Steps of a rollout: so many of one length, or those that error control chooses in a duration.
 
     Attributes:
-        method: "rk4", "implicit", "rosenbrock" or "tsit5".
+        method: "rk4", "implicit", "rosenbrock", "tsit5" or "radau".
         dt: length of a step, s.
         steps: their number.
         every: one of so many steps is stored.

@@ -28,11 +28,10 @@ from eomgen.pipeline.stages import Options, make_source
 from eomgen.progress import StageReport, no_report
 from eomgen.robot.model import Model, build_model
 from eomgen.robot.value import Robot
-from eomgen.runtime.stepping.options import ADAPTIVE as STEPPERS
 
 from ...pipeline.closing import closed_home
 from ..step import default_step
-from .choices import ADAPTIVE, AUTO, METHODS, VERSIONS
+from .choices import ADAPTIVE, AUTO, METHODS, STEPPERS, VERSIONS
 
 if TYPE_CHECKING:
     from .variables import Variable

@@ -24,7 +24,7 @@ from eomgen.pipeline.stages import Options, make_source
 from eomgen.progress import StageReport, no_report
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
-from eomgen.runtime.stepping.options import ADAPTIVE, FIXED, LEAST
+from eomgen.runtime.stepping.options import ADAPTIVE, FIXED, LEAST, rollout_of
 
 from .compile import compile_wasm, wasm_command
 from .layout import checked_places, struct_table
@@ -188,7 +188,7 @@ def _declared(meta: Mapping[str, Any]) -> dict[str, Any]:
     """Names that the declarations use beside the others."""
     public = [function for function in functions(meta["kernels"]) if not function.is_rollout]
     kinds = {function.kind for function in functions(meta["kernels"])}
-    methods = [*(FIXED if "rollout" in kinds else ()), *(ADAPTIVE if "adaptive" in kinds else ())]
+    methods = [*(FIXED if "rollout" in kinds else ()), *(x for x in ADAPTIVE if rollout_of(x) in meta["kernels"])]
     rows = [
         {
             "name": re.sub(r"_(\w)", lambda match: match[1].upper(), function.name),

@@ -16,11 +16,12 @@ from ..pieces import OPERATIONS, ROUND, shared
 from ..raw import FFI, Array, Library, RawFunction
 from .given_loads import clipped_loads, count_of, place_given, read_loads
 from .loads import WORKS, LoadData
-from .options import ADAPTIVE, ErrorControl, LoadedStepOptions
+from .options import ADAPTIVE, RADAU, ErrorControl, LoadedStepOptions, rollout_of
 from .packed_inputs import Packed, Side
 from .rollouts import SHARE, Given, Inputs, Rollout, read_given, room_for
 
-STAGES = {"rosenbrock": 5, "tsit5": 6}  # evaluations of a step
+STAGES = {"rosenbrock": 5, "tsit5": 6, "radau": 15}  # evaluations of a step, of radau about as many
+KEPT_COLUMNS, KEPT_NUMBERS = 14, 4  # EOM_KEPT_ROOM of the C library
 DONE = 1  # reason to stop: all samples are there; above are the places of what stopped it
 
 
@@ -35,6 +36,7 @@ class _Motion:
     turned: how joints that turn freely are turned, a row per state.
     loads: of all states, or of each; None without any.
     times: of the samples, s, (samples + 1,).
+    left: room of ``keep_steps``.
     """
 
     calls: Calls
@@ -47,6 +49,7 @@ class _Motion:
     turned: Array
     times: Array
     loads: Packed | Side | None
+    left: Array | None
 
     @property
     def single(self) -> bool:
@@ -88,7 +91,7 @@ class _Motion:
 
 def adaptive_rollout(calls: Calls, inputs: Inputs, options: LoadedStepOptions) -> Rollout:
     """Integrate with error control, as ``Kernel.rollout`` describes it."""
-    function, loads, works = calls.raw.function("adaptive_rollout"), options.loads, options.works
+    function, loads, works = calls.raw.function(rollout_of(options.method)), options.loads, options.works
     data = read_loads(calls, {} if loads is None else loads) if works or loads is not None else None
     if data is not None:
         data = clipped_loads(calls, data, inputs.control.effort)
@@ -113,13 +116,24 @@ def adaptive_rollout(calls: Calls, inputs: Inputs, options: LoadedStepOptions) -
     for state, rows in enumerate(worked if worked is not None else ()):
         progress[state].works = FFI.from_buffer("double[]", rows)
     turned = np.zeros((states, calls.raw.turning_room), calls.dtype)
+    left = keep_steps(progress, calls, options.method)
     packed = _packed(library, calls, data, single=single, works=works)
-    motion = _Motion(calls, function, at, room, progress, given, control, turned, times, packed)
+    motion = _Motion(calls, function, at, room, progress, given, control, turned, times, packed, left)
     shared(motion.pieces, states, min(calls.threads, states // SHARE))
     for state in range(states):
         if progress[state].reason != DONE:
             raise _stopped(motion, state)
     return _result(motion, worked)
+
+
+def keep_steps(progress: Any, calls: Calls, method: str) -> Array | None:
+    """Give states room for what steps of Radau IIA leave to the next call; it has to live as long as they do."""
+    if method != RADAU:
+        return None
+    kept = np.zeros((len(progress), KEPT_COLUMNS * calls.n + KEPT_NUMBERS))
+    for state, row in zip(progress, kept, strict=True):
+        state.kept = FFI.from_buffer("double[]", row)
+    return kept
 
 
 def _packed(

@@ -9,10 +9,10 @@ import numpy as np
 from ..calls import Calls
 from ..pieces import OPERATIONS
 from ..raw import FFI, Array
-from .adaptive import STAGES
+from .adaptive import STAGES, keep_steps
 from .loaded import AUTO, TRIAL, Alternation
 from .loads import LoadData
-from .options import ADAPTIVE, ErrorControl
+from .options import ADAPTIVE, ErrorControl, rollout_of
 from .packed_inputs import Side
 
 SIDE_BY_SIDE = 16  # states of a call that go equally far: as many as the widest vector has numbers
@@ -24,7 +24,7 @@ class Together:
     Each is moved as ``Loaded`` moves it alone, to the bit, whoever goes beside it.
 
     Args:
-        calls: of kernels of one code, one for each state, with "adaptive_rollout" and what the loads ask for.
+        calls: of kernels of one code, one for each state, with the method's kernel and what the loads ask for.
         loads: the data for each state; where they are one object, all states share it.
         q, v: the states at the first time, (states, n).
         control: the method, or AUTO: then each state has its own alternation; tolerances, of which atol has a row for
@@ -47,12 +47,13 @@ class Together:
         control: ErrorControl,
     ) -> None:
         raw, count = calls[0].raw, len(calls)
-        function = raw.function("adaptive_rollout")
+        function = raw.function(rollout_of(control.method))
         library, view, n = function.where(batch=True), raw.view, calls[0].n
         self._function, self._times, self._method = function, np.array(times, dtype=np.float64), control.method
         self.state = np.array([q, v], dtype=raw.dtype)
         self.samples = np.full((2, count, self._times.size, n), np.nan, raw.dtype)
         self.progress = library.new_array("progress", count)
+        self._left = keep_steps(self.progress, calls[0], control.method)
         self.evaluations = [0] * count
         self.spans = [dict.fromkeys(ADAPTIVE, 0.0) for _ in calls]
         self._alternations = [Alternation() for _ in calls] if control.method == AUTO else []

@@ -1,0 +1,358 @@
+/* radau.h: steps of Radau IIA, a fully implicit method of five stages and order 9, of one state, or of one in every lane.
+ *
+ * With the increments z of its stages transformed by the eigenvectors of its matrix, a simplified Newton iteration solves one
+ * real and two complex systems (E. Hairer, G. Wanner, "Solving Ordinary Differential Equations II", section IV.8), each with the
+ * robot's own elimination: M + c D + c^2 K for c = h / eigenvalue, as stages of the Rosenbrock method have it.  Slopes that these
+ * leave out, of gravity, velocities and inertia, cost iterations, not order.  Factors are kept from step to step where its
+ * length stays and iterations converge fast. */
+
+/* What steps of lanes compute with, and what one leaves to the next: increments of stages, transformed, and rates there;
+ * coefficients of the polynomial of the last step, from the first power on, and how long that was, 0 where there is none; states
+ * and gains that factors are of, and for how long a step; and what Newton's iteration came to. */
+typedef struct {
+    REAL *z;      /* (stages, 2 n) */
+    REAL *w;      /* (stages, 2 n) */
+    REAL *rates;  /* (stages, 2 n + 3 m) */
+    REAL *inside; /* (stages, 2 n) */
+    REAL *here;   /* 2 n */
+    REAL *scale;  /* 2 n: one over what is allowed */
+    REAL *change; /* 4 n: of w, real, then imaginary parts */
+    REAL *right;  /* 4 n: of q, then of v, both real, then imaginary parts */
+    REAL *at;     /* 4 n: q, v, gains of coordinates, of velocities */
+    REAL *factors[1 + RADAU_PAIRS];
+    double factored[WIDTH];
+    double last[WIDTH];
+    double excess[WIDTH];   /* error of the last step beside what is allowed */
+    double slowness[WIDTH]; /* what an iteration leaves of an error, over what it takes away */
+    unsigned long long turned[WIDTH]; /* how joints of three rotations are turned, as a code */
+    int rounds[WIDTH];
+    int solves[WIDTH]; /* whether a lane iterates */
+    int solved[WIDTH];
+    int young[WIDTH]; /* whether factors are of the state where the step begins */
+} F(radau);
+
+/* Take room from a workspace. */
+EOM_LOCAL void F(carve_radau)(const EOM(sizes) *restrict sizes, F(radau) *restrict radau, F(workspace) *restrict work)
+{
+    const int n = N_OF(sizes);
+    const int pair = PADDED_TO_BLOCKS(2 * n);
+    radau->z = work->state;
+    radau->w = &radau->z[RADAU_STAGES * pair];
+    radau->inside = &radau->w[RADAU_STAGES * pair];
+    radau->rates = &radau->inside[RADAU_STAGES * pair];
+    radau->here = &radau->rates[RADAU_STAGES * PADDED_TO_BLOCKS(2 * n + 3 * M_OF(sizes))];
+    radau->scale = &radau->here[pair];
+    radau->change = &radau->scale[pair];
+    radau->right = &radau->change[2 * pair];
+    radau->at = &radau->right[2 * pair];
+    radau->factors[0] = &radau->at[2 * pair];
+    radau->factors[1] = &radau->factors[0][PADDED_TO_BLOCKS(sizes->factors)];
+    for (int k = 2; k <= RADAU_PAIRS; ++k) { radau->factors[k] = &radau->factors[k - 1][PADDED_TO_BLOCKS(sizes->pair_factors)]; }
+    work->state = &radau->factors[RADAU_PAIRS][PADDED_TO_BLOCKS(sizes->pair_factors)];
+    (void)memset(radau->z, 0, (size_t)(work->state - radau->z) * sizeof *radau->z);
+    for (int l = 0; l < (int)WIDTH; ++l) {
+        radau->factored[l] = 0.0;
+        radau->last[l] = 0.0;
+        radau->excess[l] = 1.0;
+        radau->slowness[l] = 1.0;
+        radau->turned[l] = 0U;
+        radau->rounds[l] = 0;
+        radau->solves[l] = 0;
+        radau->solved[l] = 0;
+        radau->young[l] = 0;
+    }
+}
+
+/* Forget what the steps of a lane have left: its next one begins anew. */
+EOM_LOCAL void F(forget_radau)(int n, F(radau) *restrict radau, int l)
+{
+    const int apart = PADDED_TO_BLOCKS(2 * n);
+    radau->factored[l] = 0.0;
+    radau->last[l] = 0.0;
+    radau->slowness[l] = 1.0;
+    for (int i = 0; i < RADAU_STAGES * apart; ++i) { LANE_OF(radau->inside[i], l) = (EOM_SCALAR)0.0; }
+}
+
+/* Look at how lanes' joints of three rotations are turned, and forget what steps of lanes have left that turned one since. */
+EOM_LOCAL void F(look_at_charts)(const EOM(sizes) *restrict sizes, const F(charts) *restrict charts, F(radau) *restrict radau, int since)
+{
+    (void)sizes;
+    for (int l = 0; l < (int)WIDTH; ++l) {
+        unsigned long long code = 0U;
+        for (int k = 0; k < ROTATIONS_OF(sizes); ++k) { code = 3U * code + ((charts->is_turned[l * ROTATIONS_OF(sizes) + k] != 0) ? 1U : 0U); }
+        if ((since != 0) && (code != radau->turned[l])) { F(forget_radau)(N_OF(sizes), radau, l); }
+        radau->turned[l] = code;
+    }
+}
+
+/* Factors of all matrices at the states and for the steps that lanes have them of; those that are known already become the same. */
+EOM_LOCAL void F(factor_radau)(const F(problem) *restrict problem, F(radau) *restrict radau)
+{
+    const F(robot) *const robot = problem->motion.robot;
+    const REAL *const h = problem->motion.h;
+    const int n = N_OF(robot->sizes);
+    const REAL *const at = radau->at;
+    REAL dt = WHOLE((EOM_SCALAR)1.0);
+    REAL times[4];
+    REAL spans[2];
+    for (int l = 0; l < (int)WIDTH; ++l) {
+        if (radau->factored[l] > 0.0) { LANE_OF(dt, l) = (EOM_SCALAR)radau->factored[l]; }
+    }
+    times[0] = dt / eom_radau_real;
+    times[1] = times[0] * times[0];
+    (void)robot->stage_factors(h, at, &at[n], &at[2 * n], &at[3 * n], times, radau->factors[0]);
+    for (int k = 0; k < RADAU_PAIRS; ++k) {
+        const EOM_SCALAR a = eom_radau_pairs[k][0];
+        const EOM_SCALAR b = eom_radau_pairs[k][1];
+        const EOM_SCALAR square = a * a + b * b;
+        times[0] = (a / square) * dt;
+        times[2] = (-b / square) * dt;
+        times[1] = times[0] * times[0] - times[2] * times[2];
+        times[3] = (EOM_SCALAR)2.0 * (times[0] * times[2]);
+        spans[0] = dt / EOM_MATH(sqrt)(square);
+        spans[1] = spans[0] * spans[0];
+        (void)robot->pair_factors(h, at, &at[n], &at[2 * n], &at[3 * n], times, spans, radau->factors[1 + k]);
+    }
+}
+
+/* Have factors of where steps begin in lanes whose own are for a step of another length, or led to slow iterations. */
+EOM_LOCAL void F(renew_radau)(const F(problem) *restrict problem, const F(step) *restrict step, F(radau) *restrict radau, F(workspace) work)
+{
+    const int n = N_OF(problem->motion.robot->sizes);
+    REAL *const gains = radau->change;
+    int some = 0;
+    for (int l = 0; l < (int)WIDTH; ++l) {
+        radau->young[l] = ((radau->solves[l] != 0) && !(radau->factored[l] == problem->clock.step[l])) ? 1 : 0;
+        if (radau->young[l] != 0) { some = 1; }
+    }
+    if (some == 0) { return; }
+    F(gains)(problem, step->x, gains, &gains[n], work);
+    for (int l = 0; l < (int)WIDTH; ++l) {
+        if (radau->young[l] == 0) { continue; }
+        radau->factored[l] = problem->clock.step[l];
+        for (int i = 0; i < 2 * n; ++i) {
+            LANE_OF(radau->at[i], l) = LANE_OF(step->x[i], l);
+            LANE_OF(radau->at[2 * n + i], l) = LANE_OF(gains[i], l);
+        }
+    }
+    F(factor_radau)(problem, radau);
+}
+
+/* Go on with what the last call kept of the states at place. */
+EOM_LOCAL void F(resume_radau)(const F(problem) *restrict problem, const size_t *restrict place, const eom_progress *restrict progress, F(radau) *restrict radau)
+{
+    const int n = N_OF(problem->motion.robot->sizes);
+    const int apart = PADDED_TO_BLOCKS(2 * n);
+    int some = 0;
+    for (int l = 0; l < (int)WIDTH; ++l) {
+        const double *const kept = progress[place[l]].kept;
+        if ((kept == NULL) || (progress[place[l]].sample == 0U)) { continue; }
+        radau->factored[l] = kept[0];
+        radau->last[l] = kept[1];
+        radau->excess[l] = kept[2];
+        radau->slowness[l] = kept[3];
+        for (int i = 0; i < 4 * n; ++i) { LANE_OF(radau->at[i], l) = (EOM_SCALAR)kept[4 + i]; }
+        for (int i = 0; i < RADAU_STAGES * 2 * n; ++i) { LANE_OF(radau->inside[i / (2 * n) * apart + i % (2 * n)], l) = (EOM_SCALAR)kept[4 + 4 * n + i]; }
+        some = 1;
+    }
+    if (some != 0) { F(factor_radau)(problem, radau); }
+}
+
+/* Keep for the next call what steps of the states at place have left. */
+EOM_LOCAL void F(keep_radau)(const F(problem) *restrict problem, const size_t *restrict place, const eom_progress *restrict progress, const F(radau) *restrict radau)
+{
+    const int n = N_OF(problem->motion.robot->sizes);
+    const int apart = PADDED_TO_BLOCKS(2 * n);
+    for (int l = 0; l < problem->clock.here; ++l) {
+        double *const kept = progress[place[l]].kept;
+        if (kept == NULL) { continue; }
+        kept[0] = radau->factored[l];
+        kept[1] = radau->last[l];
+        kept[2] = radau->excess[l];
+        kept[3] = radau->slowness[l];
+        for (int i = 0; i < 4 * n; ++i) { kept[4 + i] = (double)LANE_OF(radau->at[i], l); }
+        for (int i = 0; i < RADAU_STAGES * 2 * n; ++i) { kept[4 + 4 * n + i] = (double)LANE_OF(radau->inside[i / (2 * n) * apart + i % (2 * n)], l); }
+    }
+}
+
+/* Increments of stages to begin with, on the polynomial of the last step, and what they are transformed. */
+EOM_LOCAL void F(begin_radau)(const F(problem) *restrict problem, F(radau) *restrict radau)
+{
+    const int pair = 2 * N_OF(problem->motion.robot->sizes);
+    const int apart = PADDED_TO_BLOCKS(pair);
+    REAL ratio = WHOLE((EOM_SCALAR)1.0);
+    for (int l = 0; l < (int)WIDTH; ++l) {
+        if (radau->last[l] > 0.0) { LANE_OF(ratio, l) = (EOM_SCALAR)(problem->clock.step[l] / radau->last[l]); }
+    }
+    for (int s = 0; s < RADAU_STAGES; ++s) {
+        const REAL share = (EOM_SCALAR)eom_radau_shares[s] * ratio + (EOM_SCALAR)1.0;
+        REAL *const z = &radau->z[s * apart];
+        REAL power[RADAU_STAGES];
+        REAL whole = share;
+        for (int k = 0; k < RADAU_STAGES; ++k) {
+            power[k] = whole - (EOM_SCALAR)1.0;
+            whole = whole * share;
+        }
+        for (int i = 0; i < pair; ++i) {
+            REAL sum = power[0] * radau->inside[i];
+            for (int k = 1; k < RADAU_STAGES; ++k) { sum += power[k] * radau->inside[k * apart + i]; }
+            z[i] = sum;
+        }
+    }
+    for (int s = 0; s < RADAU_STAGES; ++s) { F(weigh)(pair, RADAU_STAGES, eom_radau_ahead[s], radau->z, apart, &radau->w[s * apart]); }
+}
+
+/* Rates at all stages, and their powers, which stay what they were in lanes that do not iterate any more. */
+EOM_LOCAL void F(rates_of_radau)(const F(problem) *restrict problem, const F(step) *restrict step, F(radau) *restrict radau, F(workspace) work)
+{
+    const F(robot) *const robot = problem->motion.robot;
+    const int n = N_OF(robot->sizes);
+    const int apart = PADDED_TO_BLOCKS(2 * n);
+    for (int s = 0; s < RADAU_STAGES; ++s) {
+        double *const power = (problem->clock.power == NULL) ? NULL : &problem->clock.power[(1 + s) * EOM_WORKS * (int)WIDTH];
+        double before[EOM_WORKS * WIDTH];
+        if (power != NULL) { (void)memcpy(before, power, sizeof before); }
+        for (int i = 0; i < 2 * n; ++i) { radau->here[i] = step->x[i] + radau->z[s * apart + i]; }
+        if (robot->sizes->has_redundant_rows != 0) { (void)F(assemble)(robot, problem->motion.h, radau->here, &radau->here[n], work.state); }
+        F(rate)(problem, eom_radau_shares[s], 1 + s, radau->here, &radau->rates[s * PADDED_TO_BLOCKS(2 * n + 3 * M_OF(robot->sizes))], work);
+        for (int k = 0; (power != NULL) && (k < EOM_WORKS * (int)WIDTH); ++k) {
+            if (radau->solves[k % (int)WIDTH] == 0) { power[k] = before[k]; }
+        }
+    }
+}
+
+/* Part of a right-hand side: transformed rates less (real own - imaginary other) / h, of n numbers from a place on. */
+EOM_INLINE void F(radau_right)(int n, int row, REAL real, REAL imaginary, const REAL *restrict rates, int apart, const REAL *own, const REAL *other, REAL *restrict right)
+{
+    const EOM_SCALAR *const weight = eom_radau_ahead[row];
+    for (int i = 0; i < n; ++i) {
+        REAL sum = weight[0] * rates[i];
+        UNROLL(5)
+        for (int s = 1; s < RADAU_STAGES; ++s) { sum += weight[s] * rates[s * apart + i]; }
+        right[i] = sum - (real * own[i] - imaginary * other[i]);
+    }
+}
+
+/* Add changes to a row of w, but for lanes that do not iterate, and their squares beside what is allowed to a sum. */
+EOM_INLINE void F(change_radau)(int n, int masked, REAL *restrict change, REAL *restrict w, REAL *restrict sum, const F(radau) *restrict radau)
+{
+    REAL squares = *sum;
+    for (int l = 0; (masked != 0) && (l < (int)WIDTH); ++l) {
+        for (int i = 0; (radau->solves[l] == 0) && (i < 2 * n); ++i) { LANE_OF(change[i], l) = (EOM_SCALAR)-0.0; }
+    }
+    for (int i = 0; i < 2 * n; ++i) {
+        const REAL part = change[i] * radau->scale[i];
+        w[i] += change[i];
+        squares += part * part;
+    }
+    *sum = squares;
+}
+
+/* One iteration: w and z by the rates there.  Squares of changes are summed up. */
+EOM_LOCAL void F(iterate_radau)(const F(problem) *restrict problem, REAL dt, int masked, F(radau) *restrict radau, REAL *restrict sum)
+{
+    const F(robot) *const robot = problem->motion.robot;
+    const REAL *const h = problem->motion.h;
+    const int n = N_OF(robot->sizes);
+    const int apart = PADDED_TO_BLOCKS(2 * n);
+    const int rows = PADDED_TO_BLOCKS(2 * n + 3 * M_OF(robot->sizes));
+    const REAL inverse = WHOLE((EOM_SCALAR)1.0) / dt;
+    const REAL none = WHOLE((EOM_SCALAR)0.0);
+    REAL *restrict const by_q = radau->right;
+    REAL *restrict const by_v = &by_q[2 * n];
+    REAL *restrict const change = radau->change;
+    REAL *restrict const w = radau->here;
+    *sum = none;
+    {
+        const REAL time = dt / eom_radau_real;
+        const REAL real = eom_radau_real * inverse;
+        F(radau_right)(n, 0, real, none, radau->rates, rows, radau->w, radau->w, by_q);
+        F(radau_right)(n, 0, real, none, &radau->rates[n], rows, &radau->w[n], &radau->w[n], by_v);
+        (void)robot->stage_solution(h, radau->factors[0], by_v, by_q, w);
+        for (int i = 0; i < n; ++i) {
+            change[n + i] = time * (by_v[i] + w[i]);
+            change[i] = time * (change[n + i] + by_q[i]);
+        }
+        F(change_radau)(n, masked, change, radau->w, sum, radau);
+    }
+    for (int k = 0; k < RADAU_PAIRS; ++k) {
+        const EOM_SCALAR a = eom_radau_pairs[k][0];
+        const EOM_SCALAR b = eom_radau_pairs[k][1];
+        const EOM_SCALAR square = a * a + b * b;
+        const REAL real = a * inverse;
+        const REAL imaginary = b * inverse;
+        const REAL c = (a / square) * dt;
+        const REAL d = (-b / square) * dt;
+        REAL *const one = &radau->w[(1 + 2 * k) * apart];
+        REAL *const other = &one[apart];
+        REAL *restrict const turned = &change[apart];
+        F(radau_right)(n, 1 + 2 * k, real, imaginary, radau->rates, rows, one, other, by_q);
+        F(radau_right)(n, 2 + 2 * k, real, -imaginary, radau->rates, rows, other, one, &by_q[n]);
+        F(radau_right)(n, 1 + 2 * k, real, imaginary, &radau->rates[n], rows, &one[n], &other[n], by_v);
+        F(radau_right)(n, 2 + 2 * k, real, -imaginary, &radau->rates[n], rows, &other[n], &one[n], &by_v[n]);
+        (void)robot->pair_solution(h, radau->factors[1 + k], by_v, by_q, w);
+        for (int i = 0; i < n; ++i) {
+            const REAL x = by_v[i] + w[i];
+            const REAL y = by_v[n + i] + w[n + i];
+            change[n + i] = c * x - d * y;
+            turned[n + i] = c * y + d * x;
+        }
+        for (int i = 0; i < n; ++i) {
+            const REAL x = change[n + i] + by_q[i];
+            const REAL y = turned[n + i] + by_q[n + i];
+            change[i] = c * x - d * y;
+            turned[i] = c * y + d * x;
+        }
+        F(change_radau)(n, masked, change, one, sum, radau);
+        F(change_radau)(n, masked, turned, other, sum, radau);
+    }
+    for (int s = 0; s < RADAU_STAGES; ++s) { F(weigh)(2 * n, RADAU_STAGES, eom_radau_back[s], radau->w, apart, &radau->z[s * apart]); }
+}
+
+/* Look at the norms of changes: lanes whose iteration has converged, or will not, end theirs.  Whether any goes on. */
+EOM_LOCAL int F(look_at_radau)(int round, const double *restrict enough, REAL sum, double *restrict before, F(radau) *restrict radau)
+{
+    int some = 0;
+    for (int l = 0; l < (int)WIDTH; ++l) {
+        if (radau->solves[l] == 0) { continue; }
+        const double size = sqrt((double)LANE_OF(sum, l) / RADAU_STAGES);
+        const double ratio = (round > 0) ? (size / before[l]) : 0.0;
+        double left = radau->slowness[l];
+        radau->rounds[l] = round + 1;
+        if (round == 0) { /* as in the last step, but what begins within this one, a contact say, is not known of */
+            left = (left > RADAU_TRUST) ? left : RADAU_TRUST;
+        } else if (ratio < 1.0) {
+            left = ratio / (1.0 - ratio);
+        } else {
+            left = HUGE_VAL;
+        }
+        if (round > 0) { radau->slowness[l] = left; }
+        if ((size == 0.0) || (left * size < enough[l]) || ((round > 0) && (size < RADAU_ROUNDING) && (ratio > 0.3))) {
+            radau->solved[l] = 1;
+            radau->solves[l] = 0;
+        } else if (!(size < HUGE_VAL) || ((round > 0) && !(left * pow(ratio, (double)(RADAU_ROUNDS - 1 - round)) * size < enough[l]))) {
+            radau->solves[l] = 0;
+        } else {
+            some = 1;
+        }
+        before[l] = size;
+    }
+    return some;
+}
+
+/* The error of a step by the rates dx of some state where it begins, in the place of ``error``. */
+EOM_LOCAL void F(error_of_radau)(const F(problem) *restrict problem, REAL dt, const REAL *restrict dx, F(radau) *restrict radau, REAL *restrict error)
+{
+    const F(robot) *const robot = problem->motion.robot;
+    const int n = N_OF(robot->sizes);
+    const REAL inverse = WHOLE((EOM_SCALAR)1.0) / dt;
+    const REAL time = dt / eom_radau_real;
+    REAL *restrict const right = radau->right;
+    REAL *restrict const w = radau->change;
+    F(advance)(2 * n, RADAU_STAGES, eom_radau_error, inverse, radau->z, PADDED_TO_BLOCKS(2 * n), dx, right);
+    (void)robot->stage_solution(problem->motion.h, radau->factors[0], &right[n], right, w);
+    for (int i = 0; i < n; ++i) {
+        error[n + i] = time * (right[n + i] + w[i]);
+        error[i] = time * (error[n + i] + right[i]);
+    }
+}
