@@ -191,6 +191,6 @@ def derive_pair_stage(d: Derivation) -> dict[str, Program]:
 
 
 def _parts(whole: Program, names: Sequence[str], arrays: Sequence[str]) -> dict[str, Program]:
-    """What does not depend on rates and shifts, and what does."""
+    """Take a program apart by what depends on rates and shifts."""
     pair = cut(whole, arrays[1:3], (PARAMETERS,), arrays[3])
     return {name: replace(part, name=name) for name, part in zip(names, pair, strict=True)}

@@ -127,9 +127,17 @@ def adaptive_rollout(calls: Calls, inputs: Inputs, options: LoadedStepOptions) -
 
 
 def keep_steps(progress: Any, calls: Calls, method: str) -> Array | None:
-    """Give states room for what steps of Radau IIA leave to the next call; it has to live as long as they do."""
+    """Give states room for what steps of Radau IIA leave to the next call; it has to live as long as they do.
+
+    Raises:
+        InputError: a joint turns freely.
+    """
     if method != RADAU:
         return None
+    if calls.raw.turning:
+        raise InputError(
+            f"rollout: method 'radau': {', '.join(calls.raw.turning)} turns freely; allowed: other methods"
+        )
     kept = np.zeros((len(progress), KEPT_COLUMNS * calls.n + KEPT_NUMBERS))
     for state, row in zip(progress, kept, strict=True):
         state.kept = FFI.from_buffer("double[]", row)
