@@ -134,7 +134,8 @@ class _Stage(ImplicitShare):
 class _PairStage(_Stage):
     """The same with a complex c, whose size and its square are ``spans``.
 
-    A law rises or falls by these, as real numbers alone are more or less than 0.
+    A law rises or falls by these, as real numbers alone are more or less than 0; of slopes between coordinates those by
+    positions and by velocities each alone are taken where they rise.
     """
 
     arrays = PAIR_ARRAYS
@@ -142,6 +143,14 @@ class _PairStage(_Stage):
     def __init__(self, d: Derivation) -> None:
         super().__init__(d)
         self.size, self.size_square = d.graph.input("spans", 0), d.graph.input("spans", 1)
+
+    def in_joint(self, slopes: Callable[[Scalar, Scalar], Rows]) -> None:
+        by_v, by_s = slopes(1.0, 0.0), slopes(0.0, 1.0)
+        super().in_joint(lambda c, square: {at: c * slope + square * by_s.get(at, 0.0) for at, slope in by_v.items()})
+
+    def along_all(self, rows: Arms, directions: Callable[[Scalar, Scalar], Sequence[tuple[Arms, Scalar]]]) -> None:
+        pairs = list(zip(directions(1.0, 0.0), directions(0.0, 1.0), strict=True))
+        super().along_all(rows, lambda c, square: [(arms, c * v + square * s) for (arms, v), (_, s) in pairs])
 
     def _rising(self, law: Effect) -> _Slope:
         found, f = self._linear(law.by_s, law.by_v), self.d.functions

@@ -112,12 +112,12 @@ class _Samples:
         q = self.inputs["q"]
         ways = [step(method, self.run, q, np.zeros_like(q), u, dt) for method in range(_METHODS[name])]
         n, lanes = q.shape
-        answers, certain = np.stack([way[0].reshape(2 * n, lanes) for way in ways]), None
-        if name == "radau_rollout":
-            certain = False
-        self._store(name, answers, None, *programs, certain=certain)
-        if certain is not None:
-            self.found[f"{name} near"] *= _ITERATED
+        answers, iterated = np.stack([way[0].reshape(2 * n, lanes) for way in ways]), name == "radau_rollout"
+        self._store(name, answers, None, *programs, certain=False if iterated else None)
+        if iterated:
+            near = self.found[f"{name} near"]
+            size = float(np.finfo(self.arithmetic.dtype).eps) * np.abs(self.found[name][: len(near)])
+            self.found[f"{name} near"] = _ITERATED * np.fmax(near, size)
         for part in ("", " near"):
             self.found[name + part] = np.moveaxis(self.found[name + part][:_RESTING], 0, 1)
         self.found[f"{name} status"] = np.stack([way[1][:_RESTING] for way in ways])

@@ -213,7 +213,7 @@ static int external_force_parameter_tangent(const real *h, const real *q, const 
 }
 
 static const E(sizes) sizes = { .n = 1, .hoisted = NUMBERS, .parameters = NUMBERS, .factors = FACTORS, .wrench = WRENCH };
-static const E(robot) robot = { &sizes, forward_dynamics, implicit_step, stage_factors, stage_solution, NULL };
+static const E(robot) robot = { &sizes, forward_dynamics, implicit_step, stage_factors, stage_solution, NULL, NULL, NULL };
 static const E(robot_derivatives) pendulum_derivatives = {
     .robot = &robot,
     .forward_dynamics_adjoint = forward_dynamics_adjoint,

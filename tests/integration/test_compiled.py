@@ -196,7 +196,7 @@ def test_simulations_agree_with_scipy(robot: str, text: str, method: str) -> Non
 @pytest.mark.parametrize("method", IN_C)
 def test_a_closed_form(method: str, built: Build) -> None:
     """The oscillator under a constant force, and with an attachment that shakes it by a harmonic motion."""
-    kernel = built(oscillator(), *NEEDED, "adaptive_rollout")
+    kernel = built(oscillator(), *NEEDED, "adaptive_rollout", "radau_rollout")
     motion = integrate(kernel, [0.0], [0.0], 1.0, drive=[5.0], method=method, rtol=1e-9)
     again = integrate(kernel, [0.0], [0.0], 1.0, drive=lambda _t, _q, _v: [5.0], method="DOP853", rtol=1e-11)
     assert np.abs(motion.q - again.q).max() <= 1e-8
@@ -208,7 +208,7 @@ def test_a_closed_form(method: str, built: Build) -> None:
 @pytest.mark.parametrize("method", IN_C)
 def test_samples_may_lie_anywhere(method: str, built: Build) -> None:
     """From a time that is not 0, and thousands of times more densely than the steps."""
-    kernel = built(oscillator(), *NEEDED, "adaptive_rollout")
+    kernel = built(oscillator(), *NEEDED, "adaptive_rollout", "radau_rollout")
     times = np.concatenate([[0.3, 0.30001], np.linspace(0.4, 1.0, 5001)])
     motion = integrate(kernel, [0.1], [0.5], 1.0, times=times, method=method, rtol=1e-7)
     dense = integrate(kernel, [0.1], [0.5], 1.0, times=times, method="DOP853", rtol=1e-10)
@@ -219,7 +219,7 @@ def test_samples_may_lie_anywhere(method: str, built: Build) -> None:
 
 def test_what_c_cannot_do_is_said(built: Build) -> None:
     """A function that only Python can call, and a kernel without the steps; "auto" takes SciPy's methods then."""
-    kernel = built(oscillator(), *NEEDED, "adaptive_rollout")
+    kernel = built(oscillator(), *NEEDED, "adaptive_rollout", "radau_rollout")
     drive: Callable[..., list[float]] = lambda _t, _q, _v: [1.0]  # noqa: E731
     with pytest.raises(InputError, match=r"'tsit5' integrates in C, but the drive is a function .* auto, Radau"):
         integrate(kernel, [0.0], [0.0], 0.1, drive=drive, method="tsit5")
@@ -242,7 +242,7 @@ def test_harmonic_motions_are_data() -> None:
 def test_a_state_that_cannot_move_is_named(method: str, built: Build) -> None:
     robot = eomgen.load_robot("one_link")
     massless = eomgen.Robot(**{**vars(robot), "name": "massless", "tunable": ("links.link1.mass",)})
-    kernel = built(massless, *NEEDED, "adaptive_rollout")
+    kernel = built(massless, *NEEDED, "adaptive_rollout", "radau_rollout")
     for name in kernel.parameters:
         if name.startswith("links."):
             kernel.parameters[name] = 0.0
@@ -264,7 +264,7 @@ def test_steps_land_on_what_changes(tmp_path: Path) -> None:
 @pytest.mark.parametrize("method", [*IN_C, "auto", "Radau", "DOP853", "rk4"])
 def test_a_motion_ends_where_a_coordinate_reaches_a_value(method: str, built: Build) -> None:
     """The oscillator passes a place at a time that its closed form knows; samples end there."""
-    kernel = built(oscillator(damping=0.0), *NEEDED, "adaptive_rollout")
+    kernel = built(oscillator(damping=0.0), *NEEDED, "adaptive_rollout", "radau_rollout")
     rate = np.sqrt(STIFFNESS / MASS)
     until = Until.coordinate(kernel, "slide.z", 0.02)
     wanted = np.arccos(0.2) / rate
@@ -363,7 +363,7 @@ def test_a_drive_with_data_of_its_own_is_a_function(built: Build) -> None:
         def __call__(self, _t: float, q: np.ndarray, _v: np.ndarray) -> np.ndarray:
             return 0.0 * q
 
-    kernel = built(oscillator(), *NEEDED, "adaptive_rollout")
+    kernel = built(oscillator(), *NEEDED, "adaptive_rollout", "radau_rollout")
     assert integrate(kernel, [0.1], [0.0], 0.1, drive=Logging()).method == "Radau"
 
 
@@ -500,7 +500,7 @@ def test_states_with_parameters_and_loads_of_their_own_move_as_alone(method: str
 @pytest.mark.parametrize("method", [*IN_C, AUTO])
 def test_calls_that_end_sooner_change_no_bit(method: str, built: Build) -> None:
     """Where a call begins, what the one before ended with is evaluated again: at the same time to the bit."""
-    kernel = built(oscillator(), *NEEDED, "adaptive_rollout")
+    kernel = built(oscillator(), *NEEDED, "adaptive_rollout", "radau_rollout")
     rising = Signal(np.array([0.0, 1.0]), np.array([[[0.0], [3.0]]]))  # a force by which the last bit of time shows
     loads = LoadData(DriveData(torque=Track(rising, np.array([0]))))
     times, allowed, found = np.linspace(0.0, 0.4, 41), (1e-10, np.full(2, 1e-12)), []

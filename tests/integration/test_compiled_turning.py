@@ -209,6 +209,12 @@ def test_cubics_do_not_cross_the_pole(built: Build) -> None:
     assert np.abs(other - R).max() >= 10.0 * np.abs(mine - R).max()
 
 
+def test_radau_is_refused_where_charts_would_be_switched(built: Build) -> None:
+    kernel = built(tumbler(), *NEEDED)
+    with pytest.raises(InputError, match="method: 'radau' switches no charts .*; allowed: rosenbrock, tsit5"):
+        kernel.rollout(Q0, V0, np.zeros(kernel.n), method="radau", duration=0.1, samples=1)
+
+
 def test_calls_go_on_to_the_bit_and_lanes_turn_apart(built: Build) -> None:
     """Under loads: a motion of many calls, one whose steps are kept, and each state of a batch have the same bits."""
     kernel = built(tumbler(), *NEEDED)

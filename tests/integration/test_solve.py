@@ -184,7 +184,7 @@ def test_divergence_names_coordinate_and_time(method: str, built: Build) -> None
 )
 def test_work_that_leads_nowhere_ends(method: str, what: str, built: Build) -> None:
     """A pendulum that is turned so fast that steps are 1e-12 of the duration, or 1e-31 of it: said after some work."""
-    kernel = built(eomgen.load_robot("one_link"), *NEEDED, "residual_jacobian", "adaptive_rollout")
+    kernel = built(eomgen.load_robot("one_link"), *NEEDED, "residual_jacobian", "adaptive_rollout", "radau_rollout")
     force, rate = (1e20, 0.0) if what == "force" else (0.0, 1e30)
     says = r"joint1\.\w+ moves fastest .*evaluations led on by" if method not in IN_C else r"joint1\.\w+.* leads on"
     with pytest.raises(IntegrationStopped, match=says) as caught:

@@ -51,6 +51,20 @@ def test_order(method: str, kind: str, built: Build) -> None:
     assert np.abs(orders - ORDERS[method]).max() <= 0.5, errors
 
 
+def test_order_of_radau(built: Build) -> None:
+    """Its iteration ends within tolerances, so its order, 9, shows in errors over numbers of steps."""
+    kernel, duration, amplitude, frequency = built(slider(stiffness=800.0), *NAMES), 5.0, 0.1, 20.0
+    steps, errors = [], []
+    for rtol in (1e-4, 1e-5, 1e-6, 1e-7):
+        options: dict[str, Any] = {"rtol": rtol, "atol": amplitude * rtol}
+        found = kernel.rollout([amplitude], [0.0], [0.0], method="radau", duration=duration, samples=1, **options)
+        x = amplitude * np.exp(1j * frequency * duration)
+        steps.append(found.steps)
+        errors.append(np.hypot(found[0][-1, 0] - x.real, found[1][-1, 0] / frequency + x.imag))
+    orders = -np.diff(np.log(errors)) / np.diff(np.log(steps))
+    assert np.abs(orders - 9.0).max() <= 1.0, (steps, errors)
+
+
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("seed", seeds(1465, 1, 2))
 def test_worn_joints_against_radau(method: str, seed: int, built: Build) -> None:

@@ -19,18 +19,19 @@ from numpy.typing import NDArray
 Array = NDArray[Any]
 STATES = "states.npz"  # beside the package: q, v and u, (N, n) each; the first CALM are slow
 CALM = 3
-METHODS = ("rk4", "implicit", "rosenbrock", "tsit5")
+METHODS = ("rk4", "implicit", "rosenbrock", "tsit5", "radau")
 FIXED = ("rk4", "implicit")
 WAYS = {"rk4": "explicit", "implicit": "implicit", "rosenbrock": "rosenbrock", "tsit5": "explicit"}
 CALLS = ("forward_dynamics", "inverse_dynamics", "forward_dynamics_jacobian")
 
 
 def ways_to_move(kernel: Any, n: int) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Names and arguments of rollouts: every method, without gains and with them."""
+    """Names and arguments of rollouts: every method that the package has, without gains and with them."""
     driven = np.zeros(n)
     driven[list(kernel.raw.libraries.meta["driven"])] = 1.0
     gains = {"kp": 3.0 * driven, "kd": 0.2 * driven, "target": 0.1 * driven}
-    for method, controlled in product(METHODS, (False, True)):
+    has_radau = "radau_rollout" in kernel.raw.rollouts and not kernel.raw.turning  # refused where joints turn freely
+    for method, controlled in product(METHODS if has_radau else METHODS[:-1], (False, True)):
         how: dict[str, Any] = {"dt": 1e-4, "steps": 6, "every": 2}
         if method not in FIXED:
             how = {"duration": 0.3, "samples": 2, "rtol": 1e-4}
@@ -88,7 +89,7 @@ def called(call: Callable[..., Any], *state: Array) -> tuple[Array, ...]:
 def differentiated(kernel: Any, state: tuple[Array, Array, Array], how: Mapping[str, Any]) -> dict[str, Array]:
     """Return derivatives of a rollout by names, where the package has them."""
     found: dict[str, Array] = {}
-    way, n = WAYS[how["method"]], state[0].shape[-1]
+    way, n = WAYS.get(how["method"], "no"), state[0].shape[-1]
     if f"{way}_gradient" in kernel.raw.gradients:
         value, by = kernel.rollout_gradient(*state, loss=loss, **how)
         found |= {"value": np.array(value), **{f"by_{key}": np.asarray(x) for key, x in by.items()}}

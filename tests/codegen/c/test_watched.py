@@ -35,7 +35,7 @@ from tests.support.soak import WHOLE, soaked
 
 FILLED = "-ftrivial-auto-var-init"
 SANITIZERS = ("-g1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-fno-omit-frame-pointer")
-MOVING = ("forward_dynamics", "rollout", "adaptive_rollout")
+MOVING = ("forward_dynamics", "rollout", "adaptive_rollout", "radau_rollout")
 SLOPES = (
     "forward_dynamics_jacobian",
     "explicit_gradient",

@@ -130,13 +130,14 @@ def keep_steps(progress: Any, calls: Calls, method: str) -> Array | None:
     """Give states room for what steps of Radau IIA leave to the next call; it has to live as long as they do.
 
     Raises:
-        InputError: a joint turns freely.
+        InputError: a joint has a 3-DOF rotation, whose charts this method does not switch.
     """
     if method != RADAU:
         return None
     if calls.raw.turning:
         raise InputError(
-            f"rollout: method 'radau': {', '.join(calls.raw.turning)} turns freely; allowed: other methods"
+            f"method: 'radau' switches no charts of 3-DOF rotations, those of {', '.join(calls.raw.turning)}; "
+            f"allowed: {', '.join(name for name in ADAPTIVE if name != RADAU)}"
         )
     kept = np.zeros((len(progress), KEPT_COLUMNS * calls.n + KEPT_NUMBERS))
     for state, row in zip(progress, kept, strict=True):
