@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from eomgen.errors import InputError
 from eomgen.integration import Until, integrate
 from eomgen.integration.cubics import Cubics, hermite
 from eomgen.integration.methods import IN_C
@@ -211,7 +212,7 @@ def test_cubics_do_not_cross_the_pole(built: Build) -> None:
 
 def test_radau_is_refused_where_charts_would_be_switched(built: Build) -> None:
     kernel = built(tumbler(), *NEEDED)
-    with pytest.raises(InputError, match="method: 'radau' switches no charts .*; allowed: rosenbrock, tsit5"):
+    with pytest.raises(InputError, match=r"method: 'radau' switches no charts .*; allowed: rosenbrock, tsit5"):
         kernel.rollout(Q0, V0, np.zeros(kernel.n), method="radau", duration=0.1, samples=1)
 
 
