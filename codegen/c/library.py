@@ -69,8 +69,8 @@ def library_functions(dtype: str) -> str:
 
 
 def _plain(name: str) -> str:
-    """A file without comments, continued lines joined."""
-    text = library_files()[f"{FOLDER}/{name}"]
+    """A file without comments and what is for C++, continued lines joined."""
+    text = re.sub(r"#ifdef __cplusplus\n.*?#endif\n", "", library_files()[f"{FOLDER}/{name}"], flags=re.DOTALL)
     return re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL).replace("\\\n", "")
 
 

@@ -128,6 +128,44 @@ def pendulum(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return compiled(HERE / "pendulum.c", tmp_path_factory.mktemp("pendulum"), "-fsanitize=address,undefined")
 
 
+OSCILLATOR = """
+#include <cmath>
+#include "eom.h"
+static int accelerations(const double *, const double *q, const double *, const double *u, double *a)
+{
+    a[0] = u[0] - q[0];
+    return 0;
+}
+int main()
+{
+    double h = 0.0, q = 1.0, v = 0.0, u = 0.0, q_out[2], v_out[2], state[EOM_STATE_ROOM(1, 0, 1, 1, 0, 0, 0)];
+    eom_sizes sizes = {};
+    eom_robot robot = {};
+    eom_drive drive = {};
+    eom_workspace work = {};
+    sizes.n = sizes.hoisted = sizes.factors = 1;
+    robot.sizes = &sizes;
+    robot.forward_dynamics = accelerations;
+    drive.u = &u;
+    work.state = state;
+    const long long failed =
+        eom_integrate_fixed(&robot, &h, &q, &v, &drive, NULL, 0.0, 1e-3, 1000, 1000, 0, q_out, v_out, work);
+    return (failed == -1 && std::fabs(q_out[1] - std::cos(1.0)) < 1e-12) ? 0 : 2;
+}
+"""
+
+
+def test_programs_in_cpp_call_the_library(tmp_path: Path) -> None:
+    if shutil.which("g++") is None:
+        pytest.skip("there is no g++")
+    (tmp_path / "oscillator.cpp").write_text(OSCILLATOR, encoding="ascii")
+    parts = (("gcc", *WARNINGS, LIBRARY / "integrate.c"), ("g++", "-Wall", "-Wextra", "-Werror", "oscillator.cpp"))
+    for command in parts:
+        subprocess.run([*map(str, command), f"-I{LIBRARY}", "-c"], check=True, cwd=tmp_path)
+    subprocess.run(["g++", "oscillator.o", "integrate.o", "-o", "oscillator", "-lm"], check=True, cwd=tmp_path)
+    assert subprocess.run(["./oscillator"], check=False, cwd=tmp_path).returncode == 0
+
+
 @pytest.mark.parametrize("method", METHODS)
 def test_a_pendulum_written_by_hand(method: str, pendulum: Path, reference: Array) -> None:
     """Every method goes where SciPy goes, dense output with it, and nothing is written behind its room."""

@@ -70,6 +70,9 @@ typedef struct {
 } EOM(workspace);
 
 #if !defined(EOM_N) || defined(EOM_LINKED)
+#ifdef __cplusplus
+extern "C" {
+#endif
 /* Take steps of length dt, s, from q and v; every so many states are stored.  method 0: the classical Runge-Kutta method of order
  * 4; 1: the linearly implicit Euler method.  Inputs, or NULL, act beside the drives, the first step being from the time first
  * on, s; prescribed coordinates begin where their motions are then.  -1, or step * statuses + i of the first failure. */
@@ -101,4 +104,7 @@ void EOM(rollout_gradient)(const EOM(robot_derivatives) *derivatives, const EOM_
 /* Take the same steps with rates along directions beside the states: dq and dv, (count + 1, directions, n), hold those of the
  * first state, and get those at the end of each step. */
 long long EOM(rollout_sensitivity)(const EOM(robot_derivatives) *derivatives, const EOM_SCALAR *h, const EOM(drive) *drive, const EOM(inputs) *inputs, const EOM(step_sequence) *steps, size_t directions, const EOM(rates) *rates, EOM_SCALAR *q, EOM_SCALAR *v, EOM_SCALAR *dq, EOM_SCALAR *dv, EOM(workspace) work);
+#ifdef __cplusplus
+}
+#endif
 #endif
