@@ -243,7 +243,8 @@ EOM_LOCAL double F(first_step)(const F(motion) *restrict motion, const EOM(toler
 /* Stages that have powers. */
 EOM_LOCAL int F(powered_stages)(int method)
 {
-    return (method == 1) ? TSIT5_STAGES : ((method == 2) ? (1 + RADAU_STAGES) : ROSENBROCK_STAGES);
+    static const int stages[3] = { ROSENBROCK_STAGES, TSIT5_STAGES, 1 + RADAU_STAGES };
+    return stages[method];
 }
 
 /* What powers of a lane's stages make of a step, J: whole, or up to a share of one whose powers are a polynomial. */

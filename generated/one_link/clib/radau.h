@@ -215,8 +215,9 @@ EOM_LOCAL void F(rates_of_radau)(const F(problem) *restrict problem, const F(ste
         for (int i = 0; i < 2 * n; ++i) { radau->here[i] = step->x[i] + radau->z[s * apart + i]; }
         if (robot->sizes->has_redundant_rows != 0) { (void)F(assemble)(robot, problem->motion.h, radau->here, &radau->here[n], work.state); }
         F(rate)(problem, eom_radau_shares[s], 1 + s, radau->here, &radau->rates[s * PADDED_TO_BLOCKS(2 * n + 3 * M_OF(robot->sizes))], work);
-        for (int k = 0; (power != NULL) && (k < EOM_WORKS * (int)WIDTH); ++k) {
-            if (radau->solves[k % (int)WIDTH] == 0) { power[k] = before[k]; }
+        if (power == NULL) { continue; }
+        for (int l = 0; l < (int)WIDTH; ++l) {
+            for (int w = 0; (w < EOM_WORKS) && (radau->solves[l] == 0); ++w) { power[w * (int)WIDTH + l] = before[w * (int)WIDTH + l]; }
         }
     }
 }

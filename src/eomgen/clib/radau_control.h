@@ -17,7 +17,7 @@ EOM_LOCAL void F(scale_radau)(const F(integration) *restrict it, int l, const RE
  * begin. */
 EOM_LOCAL void F(measure_radau)(F(integration) *restrict it, const REAL *restrict last, REAL *restrict sum)
 {
-    F(radau) *const radau = &it->radau;
+    const F(radau) *const radau = &it->radau;
     for (int l = 0; l < (int)WIDTH; ++l) {
         EOM_SCALAR squares = (EOM_SCALAR)0.0;
         if ((radau->solves[l] == 0) || ((double)LANE_OF(*sum, l) < HUGE_VAL)) { continue; }
@@ -38,7 +38,7 @@ EOM_LOCAL void F(take_radau_step)(F(integration) *restrict it, REAL dt, F(worksp
     const F(step) *const step = &it->step;
     F(radau) *const radau = &it->radau;
     const int n = N_OF(problem->motion.robot->sizes);
-    REAL *const last = &radau->z[(RADAU_STAGES - 1) * PADDED_TO_BLOCKS(2 * n)];
+    const REAL *const last = &radau->z[(RADAU_STAGES - 1) * PADDED_TO_BLOCKS(2 * n)];
     double enough[WIDTH];
     double before[WIDTH];
     REAL sum;
