@@ -37,7 +37,7 @@ OF_A_KIND: dict[str, Callable[[str, Signature], bool]] = {
     "composed": lambda name, entry: entry.calls and set(entry.calls) >= set(entry.counts) and is_written(name),
     "rollout": lambda name, entry: entry.calls and set(entry.calls) >= set(entry.counts),
     "adaptive": lambda name, entry: entry.calls and set(entry.calls) >= set(entry.counts),
-    "gradient": lambda name, entry: entry.calls and set(entry.calls) >= set(entry.counts) and is_written(name),
+    "gradient": lambda name, entry: entry.calls and set(entry.calls) >= set(entry.counts),
 }
 
 
