@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ...errors import BuildError
 from .. import cache as store
 from ..denormals import with_denormals
 
@@ -92,5 +91,5 @@ class Libraries:
 
     def _try(self, part: str) -> None:
         """Fill the cache; what goes wrong is found again, and told, by who waits for the objects."""
-        with suppress(BuildError):
+        with suppress(Exception):
             self._made(part)
