@@ -131,6 +131,22 @@ OWN_KERNELS: Mapping[str, Signature] = table(
             ),
         ),
     ),
+    kernel(
+        "gravity(q) -> vector",
+        "Forces that hold the links' weight, loops cut.",
+        by_request=True,
+    ),
+    kernel(
+        "nonlinear_effects(q, v) -> vector",
+        "Coriolis, centrifugal and gravity terms, loops cut.",
+        by_request=True,
+    ),
+    kernel("center_of_mass(q) -> point", "Center of mass of the moving links, base frame.", by_request=True),
+    kernel(
+        "centroidal_momentum(q, v) -> momentum",
+        "Linear momentum of the moving links, and angular momentum about their center of mass; base frame.",
+        by_request=True,
+    ),
     kernel("energy(q, v) -> pair", "Kinetic energy, eq. (4), and potential energy of gravity and springs."),
     kernel(
         "reactions(q, v, a) -> reactions",
@@ -428,6 +444,8 @@ def shapes(model: Model, kernels: Collection[str] | None = None) -> dict[str, tu
         "tensor": (n, n, n),
         "derivatives": (3, n, n),
         "pair": (2,),
+        "point": (3,),
+        "momentum": (6,),
         "dt": (2,),
         "times": (2,),
         "joints": (len(model.bodies),),

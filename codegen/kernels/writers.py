@@ -12,9 +12,10 @@ from ..forces.elements import ELEMENTS
 from ..joint.zeros import zero_map
 from ..tree.composite import coriolis_matrix
 from ..tree.kinematics import body_poses, external_rows, frame_poses, weight_energy
+from ..tree.momentum import center_of_mass, momentum
 from ..tree.recursion import Wrench, inertial_rows, kinetic_energy
 from ..tree.regressor import INERTIAL, armatures, inertial_columns
-from ..tree.spatial import ZERO, Scalar, is_zero
+from ..tree.spatial import ZERO, Scalar, cross, is_zero, subtract
 from .acceleration_slopes import SLOPES, residual_slopes
 from .accelerations import CONSTRAINED, SETTLING, SOLVERS, Way, implicit_step
 from .bodies import axes_of
@@ -26,6 +27,7 @@ from .signatures import CLOSURE_KERNELS, element_rows
 DESCRIPTION_FRAMES = (  # report, or are asked, in the description's frames
     *("reactions", "tree_reactions", "closing_reactions", "loop_reactions", "loop_wrenches", "kinematics"),
     *("external_force", "external_reactions", "external_coupling_forces", "regressor", *CLOSURE_KERNELS),
+    *("center_of_mass", "centroidal_momentum"),
 )
 
 
@@ -33,6 +35,10 @@ def _mass_matrix(d: Derivation) -> Outputs:
     upper = d.followers.symmetric(d.matrix()) if d.followers else d.matrix()
     whole = {**upper, **{(j, i): value for (i, j), value in upper.items()}}
     return vector([whole.get((i, j), 0.0) for i in d.own for j in d.own])
+
+
+def _nonlinear_effects(d: Derivation, v: list[Scalar]) -> list[Scalar]:
+    return inertial_rows(d.model, d.bound, d.joints, v, d.still, d.bound.gravity, d.graph.note)[0]
 
 
 def _generalized_force(d: Derivation) -> Outputs:
@@ -103,6 +109,12 @@ def _energy(d: Derivation) -> Outputs:
     return vector([kinetic, potential])
 
 
+def _centroidal_momentum(d: Derivation) -> Outputs:
+    linear, angular = momentum(d.model, d.bound, d.joints, d.v)
+    center = center_of_mass(d.model, d.bound, d.joints)
+    return vector([*linear, *subtract(angular, cross(center, linear))])
+
+
 def _reactions(d: Derivation) -> Outputs:
     _, total = inertial_rows(d.model, d.bound, d.joints, d.v, d.a, d.bound.gravity, d.graph.note)
     for element in d.elements:
@@ -163,6 +175,10 @@ def _deflections(d: Derivation) -> list[Deflection]:
 WRITERS: Mapping[str, Callable[[Derivation], Outputs]] = {
     "mass_matrix": _mass_matrix,
     "bias_force": lambda d: d.vector(inertial_rows(d.model, d.bound, d.joints, d.v, d.still, ZERO, d.graph.note)[0]),
+    "gravity": lambda d: d.vector(_nonlinear_effects(d, d.still)),
+    "nonlinear_effects": lambda d: d.vector(_nonlinear_effects(d, d.v)),
+    "center_of_mass": lambda d: vector([*center_of_mass(d.model, d.bound, d.joints)]),
+    "centroidal_momentum": _centroidal_momentum,
     "generalized_force": _generalized_force,
     "external_force": lambda d: d.vector(_external(d)[0]),
     "external_reactions": lambda d: wrench_outputs([x.scaled(-1.0) for x in _external(d)[1]]),

@@ -101,6 +101,15 @@ class PinocchioOracle:
         finally:
             self.model.armature = np.zeros(len(q))
 
+    def nonlinear_effects(self, q: Array, v: Array) -> Array:
+        return np.array(pin.nonLinearEffects(self.model, self.data, q, v))
+
+    def center_of_mass(self, q: Array) -> Array:
+        return np.array(pin.centerOfMass(self.model, self.data, q))
+
+    def centroidal_momentum(self, q: Array, v: Array) -> Array:
+        return np.array(pin.computeCentroidalMomentum(self.model, self.data, q, v).vector)
+
     def coriolis_matrix(self, q: Array, v: Array) -> Array:
         return np.array(pin.computeCoriolisMatrix(self.model, self.data, q, v))
 

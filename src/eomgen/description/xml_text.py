@@ -99,6 +99,8 @@ def parse_xml(text: str, source: str, root_tag: str = "robot") -> Xml:
         said = expat.ErrorString(error.code)
         message = f"not well-formed XML: {show(said)}; allowed: {xml_remedy(said, root_tag)}"
         raise _refusal(message, source, parser) from None
+    except DescriptionError:
+        raise
     except (ValueError, LookupError, RecursionError, MemoryError) as error:  # unknown encodings, lone surrogates
         message = f"cannot be read as XML: {show(str(error))}; allowed: XML 1.0 in UTF-8"
         refusal = _refusal(message, source, parser)

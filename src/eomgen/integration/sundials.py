@@ -18,7 +18,7 @@ from ..progress import Progress
 from ..runtime.stepping.options import ErrorControl
 from .contacts import ContactWatch
 from .steps import Samples
-from .system import System
+from .system import System, concerns_state
 
 MOST_STEPS = 1_000_000  # between two samples
 MOST_FAILURES = 30  # calls without a result at nearly the same time: SUNDIALS would halve its step for ever
@@ -87,6 +87,8 @@ class _Patience:
             if np.isfinite(out).all():
                 return
         except (ValueError, ArithmeticError) as error:
+            if not concerns_state(error):
+                raise
             self.system.note(error, y)
             out[...] = np.nan
         near = abs(t - self.failed_at) <= NEAR * max(abs(t), 1e-3)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array, Index
-from ..errors import ArrayError, InputError, IntegrationError, IntegrationStopped
+from ..errors import ArrayError, InputError, IntegrationError, IntegrationStopped, SingularError
 from ..runtime.kernel import Kernel
 from ..runtime.stepping.loaded import Loaded
 from ..runtime.stepping.packed_inputs import Packed
@@ -18,6 +18,11 @@ from .advance import Advance
 
 EXACT = ("residual_jacobian", "forward_dynamics_jacobian")  # kernels with derivatives
 MANY = 4096  # states of which forces are looked at together
+
+
+def concerns_state(error: Exception) -> bool:
+    """Whether a shorter step may avoid an error: the state is not finite, or its mass matrix is singular."""
+    return not isinstance(error, InputError) or isinstance(error, (ArrayError, SingularError))
 
 
 class System:
@@ -249,7 +254,9 @@ class System:
         """y' of one state, NaN where there is none: a method with step control then takes a shorter step."""
         try:
             return self.derivative(t, y)
-        except (ValueError, ArithmeticError) as error:  # a state that is not finite, or M is singular there
+        except (ValueError, ArithmeticError) as error:
+            if not concerns_state(error):
+                raise
             self.note(error, y)
             return np.full_like(y, np.nan)
 

@@ -55,6 +55,8 @@ def read_csv(
             while lines := text.readlines(4 * _BLOCK):
                 reader.take(lines)
             return reader.columns()
+    except InputError:
+        raise
     except (OSError, ValueError) as error:  # ValueError: a path with a NUL
         raise InputError(f"{plain_path(path)}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
 

@@ -149,6 +149,8 @@ def load_stream(folder: Path | str) -> StreamedMotion:
         unknown = np.flatnonzero(np.isnan(t))
         count = int(unknown[0]) if unknown.size else t.size
         q, v = (np.asarray(group[name][:count], dtype=np.float64) for name in ("q", "v"))
+    except InputError:
+        raise
     except (OSError, KeyError, ValueError, TypeError, RuntimeError, MemoryError, OverflowError) as error:
         raise InputError(
             f"{folder}: is no stream of a simulation ({show(str(error))}); allowed: what eomgen wrote"
@@ -260,6 +262,8 @@ def _check_files(folder: Path) -> None:
                 if not _is_plain(Path(place) / name):
                     allowed = "allowed: files and folders, as eomgen wrote them"
                     raise InputError(f"{folder}: {show(name)} is no file; {allowed}")
+    except InputError:
+        raise
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or show(str(error))
         raise InputError(

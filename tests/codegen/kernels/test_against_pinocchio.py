@@ -35,6 +35,10 @@ EVERY = (
     "external_reactions",
     "external_force",
     "kinematics",
+    "gravity",
+    "nonlinear_effects",
+    "center_of_mass",
+    "centroidal_momentum",
 )
 RIGID = (
     "ur5_robot",
@@ -177,6 +181,11 @@ def check_every_kernel(seed: int, built: Build) -> None:
     scale = np.abs(each(oracle.inverse_dynamics, q, v, a)).max() + np.abs(force).max()
     assert np.abs(kernel.bias_force(q, v) - bias).max() <= TOLERANCE * scale
     assert np.abs(kernel.generalized_force(q, v) - force).max() <= TOLERANCE * scale
+    assert np.abs(kernel.gravity(q) - each(oracle.weights, q)).max() <= TOLERANCE * scale
+    assert np.abs(kernel.nonlinear_effects(q, v) - each(oracle.nonlinear_effects, q, v)).max() <= TOLERANCE * scale
+    assert errors(kernel.center_of_mass(q), each(oracle.center_of_mass, q)).max() <= TOLERANCE
+    momentum = each(oracle.centroidal_momentum, q, v)
+    assert np.abs(kernel.centroidal_momentum(q, v) - momentum).max() <= TOLERANCE * np.abs(momentum).max()
     residual = each(oracle.inverse_dynamics, q, v, a) - u
     assert np.abs(kernel.residual(q, v, a, u) - residual).max() <= TOLERANCE * scale
     C = each(oracle.coriolis_matrix, q, v)

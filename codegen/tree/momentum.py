@@ -1,0 +1,47 @@
+"""Center of mass and momentum of the moving links in the base frame.
+
+Links that are fixed to the base do not count, nor do motors' rotors, of whose axes a description says nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from eomgen.errors import InputError
+from eomgen.robot.model import Model
+
+from .bound import Bound
+from .frozen_joints import JointGeometry
+from .kinematics import body_poses
+from .recursion import rotational_inertia, velocities
+from .spatial import ZERO, Scalar, Vec, add, cross, is_zero, matvec, scale
+
+
+def center_of_mass(model: Model, bound: Bound, joints: Sequence[JointGeometry]) -> Vec:
+    """Divide the sum of m c over the bodies, each from the base's origin, by the whole mass.
+
+    Raises:
+        InputError: no link that moves has mass.
+    """
+    poses, _ = body_poses(model, joints)
+    first, mass = ZERO, 0.0
+    for pose, body in zip(poses, bound.bodies, strict=True):
+        H = body.inertia
+        first = add(first, add(matvec(pose.rotation, H.first), scale(H.mass, pose.origin)))
+        mass = mass + H.mass
+    if is_zero(mass):
+        raise InputError(f"center_of_mass: no link of {model.name} that moves has mass; a mass above 0 is needed")
+    return scale(1.0 / mass, first)
+
+
+def momentum(model: Model, bound: Bound, joints: Sequence[JointGeometry], v: Sequence[Scalar]) -> tuple[Vec, Vec]:
+    """Sum the bodies' linear momenta, kg m/s, and their angular momenta about the base's origin, kg m^2/s."""
+    poses, _ = body_poses(model, joints)
+    linear, angular = ZERO, ZERO
+    for pose, (_, W), body in zip(poses, velocities(model, joints, v), bound.bodies, strict=True):
+        H = body.inertia
+        own = matvec(pose.rotation, add(scale(H.mass, W.origin), cross(W.rate, H.first)))
+        spin = matvec(pose.rotation, add(rotational_inertia(H, W.rate), cross(H.first, W.origin)))
+        linear = add(linear, own)
+        angular = add(angular, add(spin, cross(pose.origin, own)))
+    return linear, angular
