@@ -12,7 +12,7 @@ from ..forces.elements import ELEMENTS
 from ..joint.zeros import zero_map
 from ..tree.composite import coriolis_matrix
 from ..tree.kinematics import body_poses, external_rows, frame_poses, weight_energy
-from ..tree.momentum import center_of_mass, momentum
+from ..tree.momentum import center_of_mass, total_momentum
 from ..tree.recursion import Wrench, inertial_rows, kinetic_energy
 from ..tree.regressor import INERTIAL, armatures, inertial_columns
 from ..tree.spatial import ZERO, Scalar, cross, is_zero, subtract
@@ -110,7 +110,7 @@ def _energy(d: Derivation) -> Outputs:
 
 
 def _centroidal_momentum(d: Derivation) -> Outputs:
-    linear, angular = momentum(d.model, d.bound, d.joints, d.v)
+    linear, angular = total_momentum(d.model, d.bound, d.joints, d.v)
     center = center_of_mass(d.model, d.bound, d.joints)
     return vector([*linear, *subtract(angular, cross(center, linear))])
 

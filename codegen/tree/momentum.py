@@ -34,7 +34,7 @@ def center_of_mass(model: Model, bound: Bound, joints: Sequence[JointGeometry]) 
     return scale(1.0 / mass, first)
 
 
-def momentum(model: Model, bound: Bound, joints: Sequence[JointGeometry], v: Sequence[Scalar]) -> tuple[Vec, Vec]:
+def total_momentum(model: Model, bound: Bound, joints: Sequence[JointGeometry], v: Sequence[Scalar]) -> tuple[Vec, Vec]:
     """Sum the bodies' linear momenta, kg m/s, and their angular momenta about the base's origin, kg m^2/s."""
     poses, _ = body_poses(model, joints)
     linear, angular = ZERO, ZERO

@@ -11,7 +11,7 @@ import pytest
 
 import eomgen
 from eomgen.description.load import robot_from_toml
-from eomgen.errors import InputError, IntegrationStopped
+from eomgen.errors import InputError, IntegrationStopped, UnknownNameError
 from eomgen.integration.solve import integrate
 from eomgen.integration.system import System
 from eomgen.motion.point_to_point import Harmonic
@@ -178,6 +178,22 @@ def test_what_stops_a_motion_is_said(method: str, built: Build) -> None:
         integrate(kernel, [0.0, 0.3], [0.0, 0.0], 0.1, drive=drive, method=method)
     assert np.isfinite(caught.value.q).all()
     assert 0.04 <= caught.value.t <= 0.051
+
+
+@pytest.mark.parametrize("method", ["IDA", "CVODE", "Radau", "DOP853"])
+def test_a_mistake_of_the_input_is_not_met_by_shorter_steps(method: str, built: Build) -> None:
+    """It has its own name, and ends the motion where it is made, though a ValueError of the state does not."""
+    kernel, calls = built(stiff_rod(1e4, 1.0), *KERNELS), [0]
+
+    def drive(t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        if t > 0.05:
+            calls[0] += 1
+            raise UnknownNameError("no table of that name")
+        return np.zeros(2)
+
+    with pytest.raises(InputError, match=r"no table of that name"):
+        integrate(kernel, [0.0, 0.3], [0.0, 0.0], 0.1, drive=drive, method=method)
+    assert calls == [1]
 
 
 def test_without_scikit_sundae_the_install_line_is_named(built: Build, monkeypatch: pytest.MonkeyPatch) -> None:
