@@ -13,7 +13,7 @@ class EomgenError(Exception):
     """Base of all errors that eomgen raises on purpose."""
 
 
-class InputError(EomgenError):
+class InputError(EomgenError, ValueError):
     """Something the user gave cannot be used; the message says what, where and what is allowed."""
 
 
@@ -53,7 +53,7 @@ class DescriptionError(InputError):
         return ", ".join(f"{name} {at}" for name, at in known)
 
 
-class ArrayError(InputError, ValueError):
+class ArrayError(InputError):
     """An array argument has the wrong shape, dtype or layout, or holds NaN or infinity.
 
     Attributes:

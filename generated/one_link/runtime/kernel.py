@@ -9,12 +9,13 @@ from .arrays import flag, joint_lead
 from .by_name import NamedViews
 from .closing import LoopClosure
 from .derivatives import Differentiation
+from .kinematics import Kinematics
 from .opened import LOADED
 from .raw import Array
 from .stepping.interface import Rollouts
 
 
-class Kernel(Differentiation, LoopClosure, NamedViews, Rollouts):
+class Kernel(Differentiation, LoopClosure, NamedViews, Rollouts, Kinematics):
     """Compiled equations of motion of one robot.
 
     Arrays are (n,) for one state, (N, n) for N states, or (..., n); the result gains the same leading axes.  Leading
@@ -69,8 +70,26 @@ class Kernel(Differentiation, LoopClosure, NamedViews, Rollouts):
         return self.calls.run("mass_matrix", out, (q,))
 
     def bias_force(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
-        """Coriolis and centrifugal terms, (n,), N or N m: sum_vw C^svw v w of eq. (12)."""
+        """Coriolis and centrifugal terms without gravity, (n,), N or N m: sum_vw C^svw v w of eq. (12).
+
+        ``nonlinear_effects`` has gravity in it, as what MuJoCo and Featherstone call bias has.
+        """
         return self.calls.run("bias_force", out, (q, v))
+
+    def gravity(self, q: ArrayLike, *, out: Array | None = None) -> Array:
+        """Forces g(q) that hold the links' weight, (n,), N or N m, on the side of M a: tau = M a + C v + g.
+
+        They come of the masses alone; springs and dampers are in ``generalized_force``.  Of a robot with loops: of its
+        open tree.
+        """
+        return self.calls.run("gravity", out, (q,))
+
+    def nonlinear_effects(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
+        """C v + g, (n,), N or N m: ``bias_force`` and ``gravity`` together, which other libraries call the bias.
+
+        Springs and dampers are in ``generalized_force``.  Of a robot with loops: of its open tree.
+        """
+        return self.calls.run("nonlinear_effects", out, (q, v))
 
     def generalized_force(
         self, q: ArrayLike, v: ArrayLike, *, wrench: ArrayLike | None = None, out: Array | None = None
@@ -231,22 +250,6 @@ class Kernel(Differentiation, LoopClosure, NamedViews, Rollouts):
     def christoffel(self, q: ArrayLike, *, out: Array | None = None) -> Array:
         """Christoffel symbols of the first kind, (n, n, n): C^svw of eq. (12), symmetric in the last two indices."""
         return self.calls.run("christoffel", out, (q,))
-
-    def frame_pose(self, q: ArrayLike, frame: str, *, out: Array | None = None) -> Array:
-        """A_0k of a frame or link in the base, (4, 4), m; eqs. (1) and (2).
-
-        Raises:
-            UnknownNameError: no frame or link of that name.
-        """
-        return self.calls.run("frame_pose", out, (q,), (self.frame_index(frame),))
-
-    def frame_jacobian(self, q: ArrayLike, frame: str, *, out: Array | None = None) -> Array:
-        """Velocity of a frame's origin and angular velocity per coordinate rate, (6, n): linear, angular, base axes.
-
-        Raises:
-            UnknownNameError: no frame or link of that name.
-        """
-        return self.calls.run("frame_jacobian", out, (q,), (self.frame_index(frame),))
 
     def energy(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
         """(kinetic, potential) energy, (2,), J: eq. (4); gravity (zero at the base's origin) and springs."""
