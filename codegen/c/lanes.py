@@ -55,7 +55,7 @@ def kept_size(equations: Equations, factors: str = "stage_factors") -> int:
 def radau_room(equations: Equations) -> int:
     """Numbers that steps of Radau IIA keep, about as ``EOM_RADAU_ROOM`` counts them."""
     n, m = equations.model.size, len(equations.model.constraints)
-    return 56 * n + 15 * m + kept_size(equations) + 2 * kept_size(equations, "pair_factors")
+    return 62 * n + 15 * m + kept_size(equations) + 2 * kept_size(equations, "pair_factors")
 
 
 def calls_of(equations: Equations, name: str) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eomgen.runtime.stepping.loaded import Alternation
+from eomgen.runtime.stepping.alternation import COST, Alternation, Turn
 from eomgen.runtime.stepping.options import ADAPTIVE
 
 from .test_library import HERE, LIBRARY, WARNINGS
@@ -33,7 +33,7 @@ def test_c_chooses_as_python_does(seed: int, switching: Path) -> None:
         steps = int(rng.integers(1, model.steps + 1))
         length = rng.uniform(0.5, 1.5) * (0.2 if stiff and model.method == "tsit5" else 1.0)
         turns.append((steps, float(steps * length)))
-        model.took(*turns[-1])
+        model.took(Turn(*turns[-1], 0, COST[model.method] * steps))
         expected.append((model.method, model.steps))
     text = "".join(f"{steps} {time!r}\n" for steps, time in turns)
     said = subprocess.run([str(switching)], input=text, capture_output=True, text=True, check=True).stdout

@@ -13,7 +13,7 @@ import pytest
 import eomgen
 from eomgen import InputError, SingularError
 from eomgen.integration.methods import IN_C
-from eomgen.integration.plan import why_not_in_c
+from eomgen.integration.plan import IntegratorOptions, turns_of, why_not_in_c
 from eomgen.integration.solve import integrate
 from eomgen.integration.until import Until
 from eomgen.motion.point_to_point import Harmonic, PointToPoint
@@ -23,10 +23,10 @@ from eomgen.progress import no_progress
 from eomgen.robot.model import tool_of
 from eomgen.robot.value import Coordinate, Robot
 from eomgen.runtime.stepping.given_loads import loads_of
-from eomgen.runtime.stepping.loaded import AUTO, Loaded
+from eomgen.runtime.stepping.loaded import Loaded
 from eomgen.runtime.stepping.loads import DriveData, LoadData, Signal, Track
 from eomgen.runtime.stepping.options import ADAPTIVE as NUMBERS
-from eomgen.runtime.stepping.options import ErrorControl, rollout_of
+from eomgen.runtime.stepping.options import AUTO, NARROW, NARROW_TURNS, TURNS, ErrorControl, rollout_of
 from eomgen.runtime.stepping.packed_inputs import Packed
 from eomgen.runtime.stepping.together import Together
 from eomgen.scenario.load import scenario_from_toml
@@ -52,6 +52,8 @@ t0 = 0.03
 t1 = 0.07
 rows = [[0.0, 1.0, -2.0, 3.0, 0.1, 0.2, -0.3], [0.05, 4.0, 2.0, 1.0, 0.0, 0.1, 0.2], [0.08, 0, 0, 0, 0, 0, 0]]
 """
+
+ALL = "auto, all in turn"  # with Radau IIA
 
 
 def polynomial(signal: Signal, t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -100,6 +102,11 @@ def loaded(assembly: Assembly, times: np.ndarray, q: np.ndarray, v: np.ndarray) 
     data = loads_of(assembly.kernel.calls, assembly.drive, assembly.wrenches, assembly.prescribed)
     atol = np.full(2 * assembly.kernel.n, 1e-8)
     return Loaded(assembly.kernel.calls, data, times, q[0], v[0], ErrorControl("tsit5", 1e-8, atol))
+
+
+def control_of(method: str, rtol: float, atol: np.ndarray) -> ErrorControl:
+    """A method, or those of "auto" in turn, without Radau IIA or with it."""
+    return ErrorControl(AUTO, rtol, atol, NARROW_TURNS) if method == ALL else ErrorControl(method, rtol, atol)
 
 
 SHAKEN = "".join(
@@ -459,7 +466,7 @@ def test_a_mechanism_that_does_not_close_ends_the_motion() -> None:
     assert not np.isfinite(loaded(assembly, np.array([0.0, 1.0]), q, v).loads.drives(np.zeros(1), q, v)[0, 0])
 
 
-@pytest.mark.parametrize("method", [*IN_C, AUTO])
+@pytest.mark.parametrize("method", [*IN_C, AUTO, ALL])
 def test_states_with_parameters_and_loads_of_their_own_move_as_alone(method: str) -> None:
     """To the bit: other bearings and masses, other centres of mass that wrenches act on, and others beside it."""
     text = "duration = 0.1\n" + SHAKEN + PUSH.format(link=eomgen.load_robot("shaken_arm").links[-1].name, axes="link")
@@ -483,11 +490,11 @@ def test_states_with_parameters_and_loads_of_their_own_move_as_alone(method: str
         shared = method != AUTO  # loads that are one object
         data = [loads[0] if shared else loads[i] for i in some]
         calls = [kernels[i].calls for i in some]
-        motion = Together(calls, data, times, q[some], v[some], ErrorControl(method, 1e-7, atol[some]))
+        motion = Together(calls, data, times, q[some], v[some], control_of(method, 1e-7, atol[some]))
         while motion.go():
             pass
         for place, i in enumerate(some):
-            alone = Loaded(kernels[i].calls, data[place], times, q[i], v[i], ErrorControl(method, 1e-7, atol[i]))
+            alone = Loaded(kernels[i].calls, data[place], times, q[i], v[i], control_of(method, 1e-7, atol[i]))
             while not alone.progress.reason:
                 alone.go()
             assert motion.progress[place].reason == alone.progress.reason == 1
@@ -497,7 +504,26 @@ def test_states_with_parameters_and_loads_of_their_own_move_as_alone(method: str
             assert np.array_equal(motion.samples[:, place], alone.samples)
 
 
-@pytest.mark.parametrize("method", [*IN_C, AUTO])
+def test_auto_takes_radau_where_stability_holds_the_explicit_method_back(built: Build) -> None:
+    """At narrow tolerances, of what is stiff, and where the kernel has it; its motion is as exact as any."""
+    kernel = built(oscillator(damping=1e5), *NEEDED, "adaptive_rollout", "radau_rollout")
+    state, shake = ([1e-3], [0.0]), {"atol": 1e-13, "output_step": 0.1}
+    found = integrate(kernel, *state, 1.0, rtol=NARROW, **shake)
+    assert found.method == "radau"
+    assert 0.9 < found.info["radau_s"] <= found.info["implicit_s"] <= 1.0
+    alone = integrate(kernel, *state, 1.0, rtol=NARROW, method="radau", **shake)
+    assert found.q == pytest.approx(alone.q, abs=1e-12)
+    assert found.info["evaluations"] > 5 * found.info["steps"]
+    wide = integrate(kernel, *state, 1.0, rtol=2.0 * NARROW, **shake)
+    assert "radau_s" not in wide.info
+    asked = IntegratorOptions(rtol=NARROW)
+    without = built(oscillator(damping=1e5), *NEEDED, "adaptive_rollout")
+    assert turns_of(kernel, asked) == NARROW_TURNS
+    assert turns_of(without, asked) == TURNS
+    assert turns_of(eomgen.build("ur5"), asked) == TURNS  # which nothing makes stiff
+
+
+@pytest.mark.parametrize("method", [*IN_C, AUTO, ALL])
 def test_calls_that_end_sooner_change_no_bit(method: str, built: Build) -> None:
     """Where a call begins, what the one before ended with is evaluated again: at the same time to the bit."""
     kernel = built(oscillator(), *NEEDED, "adaptive_rollout", "radau_rollout")
@@ -505,7 +531,7 @@ def test_calls_that_end_sooner_change_no_bit(method: str, built: Build) -> None:
     loads = LoadData(DriveData(torque=Track(rising, np.array([0]))))
     times, allowed, found = np.linspace(0.0, 0.4, 41), (1e-10, np.full(2, 1e-12)), []
     for kept in (0, 1, 7):
-        motion = Loaded(kernel.calls, loads, times, np.zeros(1), np.zeros(1), ErrorControl(method, *allowed), kept)
+        motion = Loaded(kernel.calls, loads, times, np.zeros(1), np.zeros(1), control_of(method, *allowed), kept)
         while not motion.progress.reason:
             motion.go()
         found.append(motion.samples)

@@ -160,8 +160,8 @@ enum { EOM_RK4, EOM_TSIT5, EOM_IMPLICIT_EULER, EOM_ROSENBROCK };
 #define EOM_SENSITIVITY_INPUT_ROOM(n) (24 * (n))
 
 /* More of it, of scalars or lanes, for Radau IIA (method 2), and what that keeps of a state between calls. */
-#define EOM_KEPT_ROOM(n) (14 * (n) + 4)
-#define EOM_RADAU_ROOM(n, m, factors, pair_factors) (56 * (n) + 15 * (m) + (factors) + 2 * (pair_factors) + 96)
+#define EOM_KEPT_ROOM(n) (14 * (n) + 6)
+#define EOM_RADAU_ROOM(n, m, factors, pair_factors) (62 * (n) + 15 * (m) + (factors) + 2 * (pair_factors) + 96)
 
 /* Equations, of numbers that are scalars or lanes. */
 #define EOM_EQUATIONS(real) \

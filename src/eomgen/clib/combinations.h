@@ -42,4 +42,63 @@ EOM_INLINE void F(weigh)(int n, int stages, const EOM_SCALAR *restrict weight, c
         y[i] = sum;
     }
 }
+
+/* The same with weights that are those of lanes: values of a polynomial without its constant by powers of where it is asked for. */
+EOM_INLINE void F(follow)(int n, int powers, const REAL *restrict power, const REAL *restrict part, int apart, REAL *restrict y)
+{
+    EACH(i, n) {
+        REAL sum = power[0] * part[i];
+        UNROLL(8)
+        for (int s = 1; s < powers; ++s) { sum += power[s] * part[s * apart + i]; }
+        y[i] = sum;
+    }
+}
+
+/* y = y + x. */
+EOM_INLINE void F(add_to)(int n, const REAL *restrict x, REAL *restrict y)
+{
+    EACH(i, n) { y[i] += x[i]; }
+}
+
+/* z = x + y. */
+EOM_INLINE void F(add)(int n, const REAL *restrict x, const REAL *restrict y, REAL *restrict z)
+{
+    EACH(i, n) { z[i] = x[i] + y[i]; }
+}
+
+/* z = scale (x + y). */
+EOM_INLINE void F(add_scaled)(int n, REAL scale, const REAL *restrict x, const REAL *restrict y, REAL *restrict z)
+{
+    EACH(i, n) { z[i] = scale * (x[i] + y[i]); }
+}
+
+/* z + i t = (c + i d) ((x + y) + i (u + w)). */
+EOM_INLINE void F(add_turned)(int n, REAL c, REAL d, const REAL *restrict x, const REAL *restrict y, const REAL *restrict u, const REAL *restrict w, REAL *restrict z, REAL *restrict t)
+{
+    EACH(i, n) {
+        const REAL real = x[i] + y[i];
+        const REAL imaginary = u[i] + w[i];
+        z[i] = c * real - d * imaginary;
+        t[i] = c * imaginary + d * real;
+    }
+}
+
+/* The sum of the squares of x[i] y[i], four sums side by side. */
+EOM_INLINE REAL F(sum_of_squares)(int n, const REAL *restrict x, const REAL *restrict y)
+{
+    const int whole = n / 4 * 4;
+    REAL sum[4];
+    for (int k = 0; k < 4; ++k) { sum[k] = WHOLE((EOM_SCALAR)0.0); }
+    for (int block = 0; block < whole; block += 4) {
+        for (int k = 0; k < 4; ++k) {
+            const REAL part = x[block + k] * y[block + k];
+            sum[k] += part * part;
+        }
+    }
+    for (int i = whole; i < n; ++i) {
+        const REAL part = x[i] * y[i];
+        sum[i - whole] += part * part;
+    }
+    return (sum[0] + sum[1]) + (sum[2] + sum[3]);
+}
 #undef EACH

@@ -17,7 +17,9 @@ typedef struct {
     REAL *here;   /* 2 n */
     REAL *scale;  /* 2 n: one over what is allowed */
     REAL *change; /* 4 n: of w, real, then imaginary parts */
-    REAL *right;  /* 4 n: of q, then of v, both real, then imaginary parts */
+    REAL *right;  /* 4 n: right-hand sides, real, then imaginary parts */
+    REAL *pairs;  /* 4 n: those of q, then of v, both real, then imaginary parts */
+    REAL *rise;   /* 2 n: changes of velocities, real, then imaginary parts */
     REAL *at;     /* 4 n: q, v, gains of coordinates, of velocities */
     REAL *factors[1 + RADAU_PAIRS];
     double factored[WIDTH];
@@ -28,6 +30,8 @@ typedef struct {
     int rounds[WIDTH];
     int solves[WIDTH]; /* whether a lane iterates */
     int solved[WIDTH];
+    double evaluations[WIDTH];  /* of rates, so far */
+    double eliminations[WIDTH]; /* of all matrices */
     int young[WIDTH]; /* whether factors are of the state where the step begins */
 } F(radau);
 
@@ -44,7 +48,9 @@ EOM_LOCAL void F(carve_radau)(const EOM(sizes) *restrict sizes, F(radau) *restri
     radau->scale = &radau->here[pair];
     radau->change = &radau->scale[pair];
     radau->right = &radau->change[2 * pair];
-    radau->at = &radau->right[2 * pair];
+    radau->pairs = &radau->right[2 * pair];
+    radau->rise = &radau->pairs[2 * pair];
+    radau->at = &radau->rise[2 * PADDED_TO_BLOCKS(n)];
     radau->factors[0] = &radau->at[2 * pair];
     radau->factors[1] = &radau->factors[0][PADDED_TO_BLOCKS(sizes->factors)];
     for (int k = 2; k <= RADAU_PAIRS; ++k) { radau->factors[k] = &radau->factors[k - 1][PADDED_TO_BLOCKS(sizes->pair_factors)]; }
@@ -60,6 +66,8 @@ EOM_LOCAL void F(carve_radau)(const EOM(sizes) *restrict sizes, F(radau) *restri
         radau->solves[l] = 0;
         radau->solved[l] = 0;
         radau->young[l] = 0;
+        radau->evaluations[l] = 0.0;
+        radau->eliminations[l] = 0.0;
     }
 }
 
@@ -130,6 +138,7 @@ EOM_LOCAL void F(renew_radau)(const F(problem) *restrict problem, const F(step) 
     for (int l = 0; l < (int)WIDTH; ++l) {
         if (radau->young[l] == 0) { continue; }
         radau->factored[l] = problem->clock.step[l];
+        radau->eliminations[l] += 1.0;
         for (int i = 0; i < 2 * n; ++i) {
             LANE_OF(radau->at[i], l) = LANE_OF(step->x[i], l);
             LANE_OF(radau->at[2 * n + i], l) = LANE_OF(gains[i], l);
@@ -151,9 +160,11 @@ EOM_LOCAL void F(resume_radau)(const F(problem) *restrict problem, const size_t 
         radau->last[l] = kept[1];
         radau->excess[l] = kept[2];
         radau->slowness[l] = kept[3];
-        for (int i = 0; i < 4 * n; ++i) { LANE_OF(radau->at[i], l) = (EOM_SCALAR)kept[4 + i]; }
-        for (int i = 0; i < RADAU_STAGES * 2 * n; ++i) { LANE_OF(radau->inside[i / (2 * n) * apart + i % (2 * n)], l) = (EOM_SCALAR)kept[4 + 4 * n + i]; }
-        some = 1;
+        radau->evaluations[l] = kept[4];
+        radau->eliminations[l] = kept[5];
+        for (int i = 0; i < 4 * n; ++i) { LANE_OF(radau->at[i], l) = (EOM_SCALAR)kept[6 + i]; }
+        for (int i = 0; i < RADAU_STAGES * 2 * n; ++i) { LANE_OF(radau->inside[i / (2 * n) * apart + i % (2 * n)], l) = (EOM_SCALAR)kept[6 + 4 * n + i]; }
+        if (kept[0] > 0.0) { some = 1; }
     }
     if (some != 0) { F(factor_radau)(problem, radau); }
 }
@@ -170,8 +181,10 @@ EOM_LOCAL void F(keep_radau)(const F(problem) *restrict problem, const size_t *r
         kept[1] = radau->last[l];
         kept[2] = radau->excess[l];
         kept[3] = radau->slowness[l];
-        for (int i = 0; i < 4 * n; ++i) { kept[4 + i] = (double)LANE_OF(radau->at[i], l); }
-        for (int i = 0; i < RADAU_STAGES * 2 * n; ++i) { kept[4 + 4 * n + i] = (double)LANE_OF(radau->inside[i / (2 * n) * apart + i % (2 * n)], l); }
+        kept[4] = radau->evaluations[l];
+        kept[5] = radau->eliminations[l];
+        for (int i = 0; i < 4 * n; ++i) { kept[6 + i] = (double)LANE_OF(radau->at[i], l); }
+        for (int i = 0; i < RADAU_STAGES * 2 * n; ++i) { kept[6 + 4 * n + i] = (double)LANE_OF(radau->inside[i / (2 * n) * apart + i % (2 * n)], l); }
     }
 }
 
@@ -186,18 +199,13 @@ EOM_LOCAL void F(begin_radau)(const F(problem) *restrict problem, F(radau) *rest
     }
     for (int s = 0; s < RADAU_STAGES; ++s) {
         const REAL share = (EOM_SCALAR)eom_radau_shares[s] * ratio + (EOM_SCALAR)1.0;
-        REAL *const z = &radau->z[s * apart];
         REAL power[RADAU_STAGES];
         REAL whole = share;
         for (int k = 0; k < RADAU_STAGES; ++k) {
             power[k] = whole - (EOM_SCALAR)1.0;
             whole = whole * share;
         }
-        for (int i = 0; i < pair; ++i) {
-            REAL sum = power[0] * radau->inside[i];
-            for (int k = 1; k < RADAU_STAGES; ++k) { sum += power[k] * radau->inside[k * apart + i]; }
-            z[i] = sum;
-        }
+        F(follow)(pair, RADAU_STAGES, power, radau->inside, apart, &radau->z[s * apart]);
     }
     for (int s = 0; s < RADAU_STAGES; ++s) { F(weigh)(pair, RADAU_STAGES, eom_radau_ahead[s], radau->z, apart, &radau->w[s * apart]); }
 }
@@ -212,7 +220,7 @@ EOM_LOCAL void F(rates_of_radau)(const F(problem) *restrict problem, const F(ste
         double *const power = (problem->clock.power == NULL) ? NULL : &problem->clock.power[(1 + s) * EOM_WORKS * (int)WIDTH];
         double before[EOM_WORKS * WIDTH];
         if (power != NULL) { (void)memcpy(before, power, sizeof before); }
-        for (int i = 0; i < 2 * n; ++i) { radau->here[i] = step->x[i] + radau->z[s * apart + i]; }
+        F(add)(2 * n, step->x, &radau->z[s * apart], radau->here);
         if (robot->sizes->has_redundant_rows != 0) { (void)F(assemble)(robot, problem->motion.h, radau->here, &radau->here[n], work.state); }
         F(rate)(problem, eom_radau_shares[s], 1 + s, radau->here, &radau->rates[s * PADDED_TO_BLOCKS(2 * n + 3 * M_OF(robot->sizes))], work);
         if (power == NULL) { continue; }
@@ -222,31 +230,32 @@ EOM_LOCAL void F(rates_of_radau)(const F(problem) *restrict problem, const F(ste
     }
 }
 
-/* Part of a right-hand side: transformed rates less (real own - imaginary other) / h, of n numbers from a place on. */
-EOM_INLINE void F(radau_right)(int n, int row, REAL real, REAL imaginary, const REAL *restrict rates, int apart, const REAL *own, const REAL *other, REAL *restrict right)
+/* A right-hand side, of q, then of v: transformed rates less (real own - imaginary other) / h. */
+EOM_INLINE void F(radau_right)(const F(radau) *restrict radau, int pair, int rows, int row, int beside, REAL real, REAL imaginary, REAL *restrict right)
 {
+    const int apart = PADDED_TO_BLOCKS(pair);
+    const REAL *const own = &radau->w[row * apart];
+    const REAL *const other = &radau->w[beside * apart];
     const EOM_SCALAR *const weight = eom_radau_ahead[row];
-    for (int i = 0; i < n; ++i) {
-        REAL sum = weight[0] * rates[i];
-        UNROLL(5)
-        for (int s = 1; s < RADAU_STAGES; ++s) { sum += weight[s] * rates[s * apart + i]; }
-        right[i] = sum - (real * own[i] - imaginary * other[i]);
+    const REAL *restrict const rates = radau->rates;
+    for (int block = 0; block < pair; block += BLOCK) {
+        for (int i = block; i < block + BLOCK; ++i) {
+            REAL sum = weight[0] * rates[i];
+            UNROLL(5)
+            for (int s = 1; s < RADAU_STAGES; ++s) { sum += weight[s] * rates[s * rows + i]; }
+            right[i] = sum - (real * own[i] - imaginary * other[i]);
+        }
     }
 }
 
 /* Add changes to a row of w, but for lanes that do not iterate, and their squares beside what is allowed to a sum. */
-EOM_INLINE void F(change_radau)(int n, int masked, REAL *restrict change, REAL *restrict w, REAL *restrict sum, const F(radau) *restrict radau)
+EOM_INLINE void F(change_radau)(int pair, int masked, REAL *restrict change, REAL *restrict w, REAL *restrict sum, const F(radau) *restrict radau)
 {
-    REAL squares = *sum;
     for (int l = 0; (masked != 0) && (l < (int)WIDTH); ++l) {
-        for (int i = 0; (radau->solves[l] == 0) && (i < 2 * n); ++i) { LANE_OF(change[i], l) = (EOM_SCALAR)-0.0; }
+        for (int i = 0; (radau->solves[l] == 0) && (i < pair); ++i) { LANE_OF(change[i], l) = (EOM_SCALAR)-0.0; }
     }
-    for (int i = 0; i < 2 * n; ++i) {
-        const REAL part = change[i] * radau->scale[i];
-        w[i] += change[i];
-        squares += part * part;
-    }
-    *sum = squares;
+    F(add_to)(pair, change, w);
+    *sum += F(sum_of_squares)(pair, change, radau->scale);
 }
 
 /* One iteration: w and z by the rates there.  Squares of changes are summed up. */
@@ -257,24 +266,26 @@ EOM_LOCAL void F(iterate_radau)(const F(problem) *restrict problem, REAL dt, int
     const int n = N_OF(robot->sizes);
     const int apart = PADDED_TO_BLOCKS(2 * n);
     const int rows = PADDED_TO_BLOCKS(2 * n + 3 * M_OF(robot->sizes));
+    const size_t size = (size_t)n * sizeof *radau->w;
     const REAL inverse = WHOLE((EOM_SCALAR)1.0) / dt;
-    const REAL none = WHOLE((EOM_SCALAR)0.0);
-    REAL *restrict const by_q = radau->right;
-    REAL *restrict const by_v = &by_q[2 * n];
-    REAL *restrict const change = radau->change;
-    REAL *restrict const w = radau->here;
-    *sum = none;
+    REAL *const right = radau->right;
+    REAL *const other = &right[apart];
+    REAL *const change = radau->change;
+    REAL *const turned = &change[apart];
+    REAL *const by_q = radau->pairs;
+    REAL *const by_v = &by_q[2 * n];
+    REAL *const v = radau->rise;
+    REAL *const v_turned = &v[PADDED_TO_BLOCKS(n)];
+    REAL *const w = radau->here;
+    *sum = WHOLE((EOM_SCALAR)0.0);
     {
         const REAL time = dt / eom_radau_real;
-        const REAL real = eom_radau_real * inverse;
-        F(radau_right)(n, 0, real, none, radau->rates, rows, radau->w, radau->w, by_q);
-        F(radau_right)(n, 0, real, none, &radau->rates[n], rows, &radau->w[n], &radau->w[n], by_v);
-        (void)robot->stage_solution(h, radau->factors[0], by_v, by_q, w);
-        for (int i = 0; i < n; ++i) {
-            change[n + i] = time * (by_v[i] + w[i]);
-            change[i] = time * (change[n + i] + by_q[i]);
-        }
-        F(change_radau)(n, masked, change, radau->w, sum, radau);
+        F(radau_right)(radau, 2 * n, rows, 0, 0, eom_radau_real * inverse, *sum, right);
+        (void)robot->stage_solution(h, radau->factors[0], &right[n], right, w);
+        F(add_scaled)(n, time, &right[n], w, v);
+        F(add_scaled)(n, time, v, right, change);
+        (void)memcpy(&change[n], v, size);
+        F(change_radau)(2 * n, masked, change, radau->w, sum, radau);
     }
     for (int k = 0; k < RADAU_PAIRS; ++k) {
         const EOM_SCALAR a = eom_radau_pairs[k][0];
@@ -284,28 +295,20 @@ EOM_LOCAL void F(iterate_radau)(const F(problem) *restrict problem, REAL dt, int
         const REAL imaginary = b * inverse;
         const REAL c = (a / square) * dt;
         const REAL d = (-b / square) * dt;
-        REAL *const one = &radau->w[(1 + 2 * k) * apart];
-        REAL *const other = &one[apart];
-        REAL *restrict const turned = &change[apart];
-        F(radau_right)(n, 1 + 2 * k, real, imaginary, radau->rates, rows, one, other, by_q);
-        F(radau_right)(n, 2 + 2 * k, real, -imaginary, radau->rates, rows, other, one, &by_q[n]);
-        F(radau_right)(n, 1 + 2 * k, real, imaginary, &radau->rates[n], rows, &one[n], &other[n], by_v);
-        F(radau_right)(n, 2 + 2 * k, real, -imaginary, &radau->rates[n], rows, &other[n], &one[n], &by_v[n]);
+        const int row = 1 + 2 * k;
+        F(radau_right)(radau, 2 * n, rows, row, row + 1, real, imaginary, right);
+        F(radau_right)(radau, 2 * n, rows, row + 1, row, real, -imaginary, other);
+        (void)memcpy(by_q, right, size);
+        (void)memcpy(&by_q[n], other, size);
+        (void)memcpy(by_v, &right[n], size);
+        (void)memcpy(&by_v[n], &other[n], size);
         (void)robot->pair_solution(h, radau->factors[1 + k], by_v, by_q, w);
-        for (int i = 0; i < n; ++i) {
-            const REAL x = by_v[i] + w[i];
-            const REAL y = by_v[n + i] + w[n + i];
-            change[n + i] = c * x - d * y;
-            turned[n + i] = c * y + d * x;
-        }
-        for (int i = 0; i < n; ++i) {
-            const REAL x = change[n + i] + by_q[i];
-            const REAL y = turned[n + i] + by_q[n + i];
-            change[i] = c * x - d * y;
-            turned[i] = c * y + d * x;
-        }
-        F(change_radau)(n, masked, change, one, sum, radau);
-        F(change_radau)(n, masked, turned, other, sum, radau);
+        F(add_turned)(n, c, d, &right[n], w, &other[n], &w[n], v, v_turned);
+        F(add_turned)(n, c, d, v, right, v_turned, other, change, turned);
+        (void)memcpy(&change[n], v, size);
+        (void)memcpy(&turned[n], v_turned, size);
+        F(change_radau)(2 * n, masked, change, &radau->w[row * apart], sum, radau);
+        F(change_radau)(2 * n, masked, turned, &radau->w[(row + 1) * apart], sum, radau);
     }
     for (int s = 0; s < RADAU_STAGES; ++s) { F(weigh)(2 * n, RADAU_STAGES, eom_radau_back[s], radau->w, apart, &radau->z[s * apart]); }
 }

@@ -86,6 +86,7 @@ EOM_LOCAL void F(take_radau_step)(F(integration) *restrict it, REAL dt, F(worksp
         if (problem->clock.inputs[0] != NULL) { F(put_prescribed_ends)(problem, step, work.input); }
     }
     for (int l = 0; l < (int)WIDTH; ++l) {
+        if (it->going[l] != 0) { radau->evaluations[l] += (double)(1 + RADAU_STAGES * radau->rounds[l] + radau->solves[l]); }
         for (int i = 0; (radau->solved[l] == 0) && (i < 2 * n); ++i) { LANE_OF(step->error[i], l) = LANE_OF(last[i], l); }
     }
 }

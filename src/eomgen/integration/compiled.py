@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ..arrays import Array
@@ -9,9 +11,10 @@ from ..errors import EomgenError, IntegrationStopped
 from ..progress import Progress
 from ..runtime.kernel import Kernel
 from ..runtime.stepping.adaptive import DONE, why_ended
-from ..runtime.stepping.loaded import AUTO, Loaded
+from ..runtime.stepping.alternation import implicit_spans
+from ..runtime.stepping.loaded import Loaded
 from ..runtime.stepping.loads import LoadData
-from ..runtime.stepping.options import ErrorControl
+from ..runtime.stepping.options import AUTO, ErrorControl
 from .contacts import ContactWatch
 from .steps import Samples
 from .system import System
@@ -63,7 +66,7 @@ def compiled_states(
             "rejected": int(progress.rejected),
         }
         if method == AUTO:
-            system.counts["implicit_s"] = motion.spans["rosenbrock"]
+            system.counts |= implicit_spans(control.turns, motion.spans)
         if reached is not None:
             found = reached.exactly(
                 lambda t0, y, t: np.concatenate(list(_moved(kernel, loads, (t0, t), y, control).state))
@@ -81,7 +84,7 @@ def compiled_states(
 
 def per_step(control: ErrorControl) -> ErrorControl:
     """Return the method with tolerances of each step of a motion that has these ones as a whole."""
-    return ErrorControl(control.method, PART * control.rtol, PART * np.maximum(control.atol, 1e-30))
+    return replace(control, rtol=PART * control.rtol, atol=PART * np.maximum(control.atol, 1e-30))
 
 
 def _moved(

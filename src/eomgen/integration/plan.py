@@ -14,9 +14,8 @@ from ..limits import LARGEST, is_usable
 from ..names import show
 from ..runtime.kernel import Kernel
 from ..runtime.stepping.given_loads import data_of
-from ..runtime.stepping.loaded import AUTO
-from ..runtime.stepping.options import rollout_of
-from ..state.springs import any_spring, fastest_rates
+from ..runtime.stepping.options import AUTO, NARROW, NARROW_TURNS, RADAU, TURNS, rollout_of
+from ..state.springs import any_spring, damping_matrix, fastest_rates
 from ..state.vectors import DriveFunction, MotionFunction, WrenchFunction
 from .methods import IN_C, METHODS, SUNDIALS
 
@@ -49,17 +48,19 @@ class IntegratorOptions:
 
 @dataclass(frozen=True, eq=False)
 class IntegratorPlan(IntegratorOptions):
-    """Integrator of a motion; its method is the one that is taken, "auto" both methods in C in turn.
+    """Integrator of a motion; its method is the one that is taken, "auto" methods in C in turn.
 
     Attributes:
         asked: the method that was asked for.
         reason: why "auto" came to a method in Python, in words; "" where it did not.
         not_in_c: why the kernel's own C cannot integrate the motion; "" where it can.
+        turns: the methods of "auto" in C.
     """
 
     asked: str = AUTO
     reason: str = ""
     not_in_c: str = ""
+    turns: tuple[str, ...] = TURNS
 
     @property
     def in_c(self) -> bool:
@@ -67,10 +68,13 @@ class IntegratorPlan(IntegratorOptions):
         return self.method in (*IN_C, AUTO)
 
     def leading(self, info: Mapping[str, float], duration: float) -> str:
-        """Return the method that led on for most of a duration, s, where two took turns; else the method."""
+        """Return the method that led on for most of a duration, s, where some took turns; else the method."""
         if self.method != AUTO:
             return self.method
-        return "rosenbrock" if 2.0 * info.get("implicit_s", 0.0) > duration else "tsit5"
+        implicit = info.get("implicit_s", 0.0)
+        if 2.0 * implicit > duration:
+            return RADAU if 2.0 * info.get("radau_s", 0.0) > implicit else "rosenbrock"
+        return "tsit5"
 
     def no_works(self, kernel: Kernel) -> str:
         """Say what a kernel's motion lacks to have its works integrated with it; "" where nothing is missing."""
@@ -115,7 +119,25 @@ def plan_integration(
         stiff = why_stiff(kernel, q, duration)
         why = stiff or "nothing has a stiffness, nor stiff dampers or friction"
         taken, reason = "Radau" if stiff else "DOP853", f"because {why}; not in C: {slow}"
-    return IntegratorPlan(taken, wanted.rtol, wanted.atol, wanted.step, method, reason, slow)
+    turns = turns_of(kernel, wanted)
+    return IntegratorPlan(taken, wanted.rtol, wanted.atol, wanted.step, method, reason, slow, turns)
+
+
+def may_take_radau(wanted: IntegratorOptions) -> bool:
+    """Return whether "auto" may take Radau IIA, too, as far as the options say."""
+    return wanted.method == AUTO and wanted.rtol <= NARROW
+
+
+def turns_of(kernel: Kernel, wanted: IntegratorOptions) -> tuple[str, ...]:
+    """Return the methods in C that "auto" takes in turn, the first one first, by the robot and options alone.
+
+    Radau IIA is one of them at tolerances that are worth its compilation, where stability may hold an explicit method
+    back: of a robot with springs, dampers or friction, whose joints do not turn freely.
+    """
+    has_it = rollout_of(RADAU) in kernel.raw.rollouts and not kernel.raw.turning
+    if not (may_take_radau(wanted) and has_it):
+        return TURNS
+    return NARROW_TURNS if any_spring(kernel) or damping_matrix(kernel).any() else TURNS
 
 
 def choose_method(kernel: Kernel, method: str = "auto", q: Array | None = None, duration: float = 1.0) -> str:

@@ -81,8 +81,9 @@ def integrate(  # noqa: PLR0913
         method: "rosenbrock", "tsit5" or "radau": the kernel's own C (adaptive_rollout, radau_rollout), where it can
             follow drive, wrench and prescribed; "Radau", "BDF", "LSODA", "DOP853", "RK45" (all
             SciPy's), "CVODE", "IDA" (SUNDIALS', not for loops), or "rk4" with a fixed step.  "auto" is the first two
-            in turn, whichever leads on further for its cost; where C cannot do it, Radau if there are springs, stiff
-            dampers or friction (see ``plan.why_stiff``), else DOP853.
+            in turn, whichever leads on further for its cost, and "radau", too, where rtol is 1e-7 or less and there are
+            springs, dampers or friction (see ``plan.turns_of``); where C cannot do it, Radau if there are springs,
+            stiff dampers or friction (see ``plan.why_stiff``), else DOP853.
         rtol, atol: tolerances; atol is a number or (2n,), first of q, then of v.  By default rtol times the size of
             each coordinate: ``coordinate_sizes``; of a rate that friction resists at most the smoothing of that.
         step: of rk4, s; shortened so that it divides ``output_step``.  Default: half the time in which the fastest
@@ -162,7 +163,7 @@ def integrate_by(
         if method == "rk4" or not (y0.size or plan.in_c):  # nothing is free to be integrated
             rk4(system, y0, samples, fixed_step(kernel, q, plan.step, times), report, watch)
             return
-        control = ErrorControl(method, plan.rtol, tolerances(system, q, plan))
+        control = ErrorControl(method, plan.rtol, tolerances(system, q, plan), plan.turns)
         if plan.in_c:
             data = loads_of(kernel.calls, *system.loads)
             compiled.compiled_states(system, data, samples, control, report, watch, works)

@@ -33,12 +33,12 @@ class Trajectory(Shown, Tabular):
         u: drives, (T, n), N or N m.
         energy: kinetic and potential energy, (T, 2), J.
         coordinates: names, (n,).
-        method: the method that was used; where two took turns, the one that led on for most of the time.
+        method: the method that was used; where some took turns, the one that led on for most of the time.
         info: numbers of steps (0: not known), evaluations (of forward or inverse dynamics) and jacobians; wall_s, s.
-            Of C also rejected, the steps that were tried again, and, where two methods took turns, implicit_s, the time
-            that rosenbrock led on by, s.  Where there is friction, friction_smoothing is the largest rate w (m/s or
-            rad/s) over which one turns round: what it holds with the part x of its limit creeps at
-            w x / sqrt(1 - x^2).
+            Of C also rejected, the steps that were tried again, and, where methods took turns, implicit_s, the time
+            that rosenbrock and radau led on by, s, and, where radau took turns, its own radau_s.  Where there is
+            friction, friction_smoothing is the largest rate w (m/s or rad/s) over which one turns round: what it holds
+            with the part x of its limit creeps at w x / sqrt(1 - x^2).
         contacts: when clearances closed and opened, by time.
         rests: when friction held a coordinate, by time; see ``resting.rests``.
         works: (T, 4), J, from the first sample on, integrated with the motion; None where that was not asked for.  Of

@@ -12,6 +12,7 @@ import numpy as np
 from ..arrays import Array
 from ..errors import InputError
 from ..integration.methods import EXPLICIT, IN_C
+from ..integration.plan import may_take_radau, turns_of
 from ..integration.until import Until
 from ..motion.point_to_point import Program
 from ..motion.splines import Standstill, signal_of
@@ -27,8 +28,7 @@ from ..robot.model import build_model, program_coordinates
 from ..robot.record import record_of, robot_hash
 from ..robot.value import PRINCIPAL, Robot
 from ..runtime.kernel import Kernel
-from ..runtime.stepping.loaded import AUTO
-from ..runtime.stepping.options import rollout_of
+from ..runtime.stepping.options import AUTO, RADAU, rollout_of
 from ..runtime.stepping.saturation import efforts_of
 from ..scenario.value import Scenario, Section
 from ..state.motors import shafts
@@ -125,7 +125,7 @@ def assemble(
     changing = with_payload_parameters(robot, scenario)
     kernel = _kernel(changing, scenario, kernels, report)
     if ahead is not None and kernels is None and not robot.is_closed:
-        _begin(ahead, kernel, kernels_of(robot, scenario))
+        _begin(ahead, kernel, kernels_of(robot, scenario), turns_of(kernel, scenario.integrator))
 
     @cache
     def rigid() -> Kernel:
@@ -201,9 +201,15 @@ def _kernel(robot: Robot, scenario: Scenario, kernels: tuple[str, ...] | None, r
     return build_groups(robot, {**groups, works: (*groups[works], "generalized_force")})
 
 
-def _begin(ahead: Ahead, kernel: Kernel, kernels: tuple[str, ...]) -> None:
-    """Begin to build what the integrator will call; Python works on what is longest while a compiler works already."""
-    for rollout in (name for name in kernels if name in kernel.raw.rollouts):
+def _begin(ahead: Ahead, kernel: Kernel, kernels: tuple[str, ...], turns: tuple[str, ...]) -> None:
+    """Begin to build what the integrator will call; Python works on what is longest while a compiler works already.
+
+    turns: methods that "auto" takes in C.
+    """
+    own = [name for name in kernels if name in kernel.raw.rollouts]
+    if len(own) > 1:  # one of them takes all steps
+        own = [rollout_of(RADAU if RADAU in turns else AUTO)]
+    for rollout in own:
         kernel.raw.libraries.about(rollout)  # which derives it
         ahead.build(kernel, rollout)
     ahead.build(kernel, "mass_matrix")
@@ -228,11 +234,19 @@ def _refuse_undriven(robot: Robot, moved: tuple[str, ...]) -> None:
 
 def kernels_of(robot: Robot, scenario: Scenario) -> tuple[str, ...]:
     """Names of the kernels that the scenario's integrator may call."""
-    own = (rollout_of(scenario.integrator.method),) if _may_run_in_c(scenario) else ()
+    own = _rollouts(scenario)
     closing = mechanism_kernels(robot)
     if closing:
         return (*closing, *CLOSED_KERNELS, *own)
     return (*KERNELS, *own) if scenario.integrator.method in EXPLICIT or own else IMPLICIT_KERNELS
+
+
+def _rollouts(scenario: Scenario) -> tuple[str, ...]:
+    """Names of the kernels whose C may integrate the scenario."""
+    if not _may_run_in_c(scenario):
+        return ()
+    further = (rollout_of(RADAU),) if may_take_radau(scenario.integrator) else ()
+    return (rollout_of(scenario.integrator.method), *further)
 
 
 def _may_run_in_c(scenario: Scenario) -> bool:

@@ -247,6 +247,9 @@ def _method_note(motion: Trajectory, plan: IntegratorPlan) -> tuple[str, ...]:
         return ()
     if not plan.reason:
         part = motion.info.get("implicit_s", 0.0) / max(float(motion.t[-1] - motion.t[0]), 1e-300)
+        if len(plan.turns) > 2:
+            turns = f"{', '.join(plan.turns[:-1])} and {plan.turns[-1]}"
+            return (f"method: {turns} in turn, implicit for {100.0 * part:.0f} % of the time",)
         return (f"method: tsit5 and rosenbrock (implicit) in turn, the latter for {100.0 * part:.0f} % of the time",)
     kind = "explicit" if motion.method in EXPLICIT else "implicit"
     return (f"method: {motion.method} ({kind}), {plan.reason}",)

@@ -23,6 +23,7 @@ from ..robot.coordinates import index_of
 from ..robot.value import Robot
 from ..runtime.stepping import given_loads
 from ..runtime.stepping.adaptive import DONE
+from ..runtime.stepping.alternation import implicit_spans
 from ..runtime.stepping.loads import LoadData
 from ..runtime.stepping.options import ErrorControl
 from ..runtime.stepping.packed_inputs import Packed
@@ -158,7 +159,7 @@ class _Crowd:
         going, _, loads = zip(*systems, strict=True)
         q, v = (np.array([getattr(way, name) for way in going]) for name in "qv")
         calls = [way.assembly.kernel.calls for way in going]
-        control = per_step(ErrorControl(plan.method, plan.rtol, np.array(atols)))
+        control = per_step(ErrorControl(plan.method, plan.rtol, np.array(atols), plan.turns))
         motion = Together(calls, loads, times, q, v, control)
         while motion.go():
             pass
@@ -210,7 +211,7 @@ class _Crowd:
             for name in way.rows[0]
         }
         q, v, nothing = whole["q"], whole["v"], np.empty((0, kernel.n))
-        info = {"steps": way.steps, "implicit_s": way.spans["rosenbrock"]}
+        info = {"steps": way.steps, **implicit_spans(self.plan.turns, way.spans)}
         method = self.plan.leading(info, float(t[-1]))
         driven = index_of(kernel.coordinates, assembly.driven)
         return SimulationResult(

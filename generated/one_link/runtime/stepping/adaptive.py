@@ -21,7 +21,7 @@ from .packed_inputs import Packed, Side
 from .rollouts import SHARE, Given, Inputs, Rollout, read_given, room_for
 
 STAGES = {"rosenbrock": 5, "tsit5": 6, "radau": 15}  # evaluations of a step, of radau about as many
-KEPT_COLUMNS, KEPT_NUMBERS = 14, 4  # EOM_KEPT_ROOM of the C library
+KEPT_COLUMNS, KEPT_NUMBERS = 14, 6  # EOM_KEPT_ROOM of the C library
 DONE = 1  # reason to stop: all samples are there; above are the places of what stopped it
 
 
@@ -116,7 +116,7 @@ def adaptive_rollout(calls: Calls, inputs: Inputs, options: LoadedStepOptions) -
     for state, rows in enumerate(worked if worked is not None else ()):
         progress[state].works = FFI.from_buffer("double[]", rows)
     turned = np.zeros((states, calls.raw.turning_room), calls.dtype)
-    left = keep_steps(progress, calls, options.method)
+    left = keep_steps(progress, calls, control.methods)
     packed = _packed(library, calls, data, single=single, works=works)
     motion = _Motion(calls, function, at, room, progress, given, control, turned, times, packed, left)
     shared(motion.pieces, states, min(calls.threads, states // SHARE))
@@ -126,13 +126,13 @@ def adaptive_rollout(calls: Calls, inputs: Inputs, options: LoadedStepOptions) -
     return _result(motion, worked)
 
 
-def keep_steps(progress: Any, calls: Calls, method: str) -> Array | None:
-    """Give states room for what steps of Radau IIA leave to the next call; it has to live as long as they do.
+def keep_steps(progress: Any, calls: Calls, methods: Sequence[str]) -> Array | None:
+    """Give states room for what steps of Radau IIA leave to the next call, a row each, to be kept as long.
 
     Raises:
         InputError: a joint has a 3-DOF rotation, whose charts this method does not switch.
     """
-    if method != RADAU:
+    if RADAU not in methods:
         return None
     if calls.raw.turning:
         raise InputError(

@@ -1,4 +1,4 @@
-"""One state on its way in C under loads that are data, by one method or by two in turn."""
+"""One state on its way in C under loads that are data, by one method or by some in turn."""
 
 from __future__ import annotations
 
@@ -10,57 +10,20 @@ from ..calls import Calls
 from ..pieces import OPERATIONS
 from ..raw import FFI, Array
 from .adaptive import STAGES, keep_steps
+from .alternation import Alternation, Spent
 from .given_loads import check_loads
 from .loads import WORKS, LoadData
-from .options import ADAPTIVE, ErrorControl, rollout_of
+from .options import ADAPTIVE, AUTO, ErrorControl
 from .packed_inputs import Packed
 
-AUTO = "auto"  # both methods in turn
-COST = {"rosenbrock": 15, "tsit5": 6, "radau": 40}  # of a step, in evaluations: the former factors and solves besides
 CALLS = 8  # in the time of a piece of many states: a single one is asked for its progress more often
-TRIAL = 24  # steps by which a method shows what it is worth
-FEW, MANY = 8, 64  # trials' lengths that the better one then goes on for, longer and longer
-
-
-class Alternation:
-    """Which of the two methods takes the next steps: the one that leads on further for its cost, tried now and then.
-
-    What stiffness costs an explicit method, and accuracy an implicit one of low order, shows on the way alone; both are
-    counted in steps, so that a motion is the same on every machine.
-
-    Attributes:
-        method: that takes the next steps.
-        steps: how many of them.
-    """
-
-    def __init__(self) -> None:
-        self.method, self.steps = "tsit5", TRIAL
-        self._worth: dict[str, float] = {}
-        self._taken, self._led = 0, 0.0
-        self._better, self._length = "", FEW
-
-    def took(self, steps: int, time: float) -> None:
-        """Note that the method led on by a time, s, in so many steps, rejected too; choose anew at its end."""
-        self._taken, self._led, self.steps = self._taken + steps, self._led + time, self.steps - steps
-        if self.steps > 0:
-            return
-        self._worth[self.method] = self._led / (self._taken * COST[self.method])
-        is_trial, self._taken, self._led = self._taken <= TRIAL, 0, 0.0
-        other = "rosenbrock" if self.method == "tsit5" else "tsit5"
-        if other not in self._worth or (self.method == self._better and not is_trial):
-            self.method, self.steps = other, TRIAL
-            return
-        better = max(self._worth, key=lambda name: self._worth[name])
-        self._length = min(2 * self._length, MANY) if better == self._better else FEW
-        self._better = self.method = better
-        self.steps = TRIAL * self._length
 
 
 class Loaded:
     """One state on its way: each call of ``go`` leads on, to the end or until it cannot.
 
     Args:
-        calls: of the kernel, with ``rollout_of`` the method and what the loads ask for.
+        calls: of the kernel, with that of ``control`` and what the loads ask for.
         times: of the samples, s, (T,).
         q, v: the state at the first time, (n,).
         control: the method, or AUTO, and its tolerances.
@@ -88,7 +51,7 @@ class Loaded:
         *,
         works: bool = False,
     ) -> None:
-        function = calls.raw.function(rollout_of(control.method))
+        function = calls.raw.function(control.kernel)
         library, view = function.library, calls.raw.view
         self._function, self._setup = function, calls.parameters.setup
         self.works = np.zeros((len(times), len(WORKS))) if works else None
@@ -98,7 +61,8 @@ class Loaded:
         self.state = np.array([q, v], dtype=calls.dtype)
         self.samples = np.full((2, self._times.size, calls.n), np.nan, calls.dtype)
         self._atol, self._nothing = np.array(control.atol, dtype=calls.dtype), np.zeros(calls.n, calls.dtype)
-        self._alternation, self._method = Alternation() if control.method == AUTO else None, control.method
+        self._alternation = Alternation(control.turns) if control.method == AUTO else None
+        self._method = control.method
         operations = max(function.operations, 1) * max(STAGES.values())  # none where all is prescribed
         self._most = max(OPERATIONS // CALLS // operations, 1)
         self._allowed = library.new("tolerance", rtol=control.rtol, atol=view(self._atol), most=self._most)
@@ -106,7 +70,7 @@ class Loaded:
         fields: dict[str, Any] = {"turned": view(self._turned)} if self._turned.size else {}
         self._drive = library.drive(u=view(self._nothing), **fields)
         self.progress = library.new("progress")
-        self._left = keep_steps([self.progress], calls, control.method)
+        self._left = keep_steps([self.progress], calls, control.methods)
         if self.works is not None:
             self.progress.works = FFI.from_buffer("double[]", self.works)
         self.evaluations, self.spans = 0, dict.fromkeys(ADAPTIVE, 0.0)
@@ -142,14 +106,16 @@ class Loaded:
         if alternation is not None:
             method, most = alternation.method, min(alternation.steps, most)
         self._allowed.most = most
-        before, t = progress.steps + progress.rejected, progress.t if progress.sample else self._times[0]
+        row = None if self._left is None else self._left[0]
+        before = Spent(progress, self._times[0], row)
         self._function.code(*self._first, ADAPTIVE[method], *self._last)
-        steps = int(progress.steps + progress.rejected - before)
-        self.evaluations += STAGES[method] * steps
-        self.spans[method] += float(progress.t - t)
+        turn = before.until_now(method)
+        self.evaluations += turn.evaluations
+        self.spans[method] += turn.led
         if alternation is not None:
-            alternation.took(steps, float(progress.t - t))
-        return steps
+            alternation.took(turn)
+            alternation.hand_over(progress, row)
+        return turn.steps
 
     def works_until(self, count: int) -> Array:
         """Works at so many samples, (count, 4), J; at those that are not there, where it got to."""

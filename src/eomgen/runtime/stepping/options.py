@@ -21,6 +21,10 @@ RADAU = "radau"
 ROLLOUTS = {RADAU: "radau_rollout"}  # the kernel of a method, where it is not adaptive_rollout
 NUMBERS = 2**62  # of all coordinates at all steps of all states, at most: C counts them
 LONGEST = 1e30  # time, s: as of all numbers that descriptions and scenarios may have
+AUTO = "auto"  # methods with error control in turn
+TURNS = ("tsit5", "rosenbrock")  # which ones
+NARROW_TURNS = (*TURNS, RADAU)  # and which ones at narrow tolerances,
+NARROW = 1e-7  # which begin here: wider ones are not worth the time that it takes to compile Radau IIA
 LEAST = {"float64": 1e-13, "float32": 1e-5}  # relative tolerances that round-off lets steps reach
 
 
@@ -34,14 +38,26 @@ class ErrorControl:
     """A method that chooses its steps by their errors, with its tolerances.
 
     Attributes:
-        method: of ADAPTIVE, or "auto" where both take turns.
+        method: of ADAPTIVE, or AUTO.
         rtol, atol: the error of a step is at most atol + rtol times the size of each number; atol of q, then of v,
             (2n,).
+        turns: the methods of AUTO.
     """
 
     method: str
     rtol: float
     atol: Array
+    turns: tuple[str, ...] = TURNS
+
+    @property
+    def methods(self) -> tuple[str, ...]:
+        """Return the methods that take steps."""
+        return self.turns if self.method == AUTO else (self.method,)
+
+    @property
+    def kernel(self) -> str:
+        """Return the name of the kernel that takes steps by all of them."""
+        return rollout_of(RADAU if RADAU in self.methods else self.method)
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,9 @@ from ..calls import Calls
 from ..pieces import OPERATIONS
 from ..raw import FFI, Array
 from .adaptive import STAGES, keep_steps
-from .loaded import AUTO, TRIAL, Alternation
+from .alternation import TRIAL, Alternation, Spent
 from .loads import LoadData
-from .options import ADAPTIVE, ErrorControl, rollout_of
+from .options import ADAPTIVE, AUTO, ErrorControl
 from .packed_inputs import Side
 
 SIDE_BY_SIDE = 16  # states of a call that go equally far: as many as the widest vector has numbers
@@ -47,16 +47,16 @@ class Together:
         control: ErrorControl,
     ) -> None:
         raw, count = calls[0].raw, len(calls)
-        function = raw.function(rollout_of(control.method))
+        function = raw.function(control.kernel)
         library, view, n = function.where(batch=True), raw.view, calls[0].n
         self._function, self._times, self._method = function, np.array(times, dtype=np.float64), control.method
         self.state = np.array([q, v], dtype=raw.dtype)
         self.samples = np.full((2, count, self._times.size, n), np.nan, raw.dtype)
         self.progress = library.new_array("progress", count)
-        self._left = keep_steps(self.progress, calls[0], control.method)
+        self._left = keep_steps(self.progress, calls[0], control.methods)
         self.evaluations = [0] * count
         self.spans = [dict.fromkeys(ADAPTIVE, 0.0) for _ in calls]
-        self._alternations = [Alternation() for _ in calls] if control.method == AUTO else []
+        self._alternations = [Alternation(control.turns) for _ in calls] if control.method == AUTO else []
         self._going = list(range(count))
         self._operations = function.operations * max(STAGES.values())
         self._h = np.array([each.parameters.setup.computed(library) for each in calls])
@@ -94,13 +94,18 @@ class Together:
             for i in states:
                 self._allowed[i].most = most
         each, begin = [self.progress[i] for i in states], float(self._times[0])
-        before = [(p.steps + p.rejected, p.t if p.sample else begin) for p in each]
+        spent = [Spent(p, begin, self._row(i)) for i, p in zip(states, each, strict=True)]
         place = np.array(states, dtype=np.uintp)
         pointer = FFI.from_buffer("size_t[]", place)
         self._function.batch(len(states), pointer, *self._first, ADAPTIVE[method], *self._last)
-        for i, p, (steps, t) in zip(states, each, before, strict=True):
-            taken, led = p.steps + p.rejected - steps, p.t - t
-            self.evaluations[i] += STAGES[method] * taken
-            self.spans[i][method] += led
+        for i, before in zip(states, spent, strict=True):
+            turn = before.until_now(method)
+            self.evaluations[i] += turn.evaluations
+            self.spans[i][method] += turn.led
             if self._alternations:
-                self._alternations[i].took(taken, led)
+                self._alternations[i].took(turn)
+                self._alternations[i].hand_over(self.progress[i], self._row(i))
+
+    def _row(self, i: int) -> Array | None:
+        """What steps of Radau IIA of a state leave to the next call."""
+        return None if self._left is None else self._left[i]
