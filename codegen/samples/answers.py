@@ -10,13 +10,12 @@ import numpy as np
 from ..kernels.equations import Equations
 from ..kernels.signatures import functions
 from ..program.ir import Program
-from .arithmetic import Arithmetic, Array, spread, with_copies
-from .composed import COMPOSED, FRAMED, PLACES, status_of
+from .arithmetic import SAFETY, Arithmetic, Array, spread, with_copies
+from .composed import COMPOSED, FRAMED, status_of
 from .states import sample_inputs, sample_parameters
 from .steps import clipped, one_adapted_step, one_step
 from .stored import STATES, pack_samples
 
-_SAFETY = 16.0  # how much more than copies of a state differ is allowed
 _STEP = {"float64": 2.0**-60, "float32": 2.0**-40}  # s; coordinates stay what they are to the bit, and so their sines
 _METHODS = {"rollout": 2, "adaptive_rollout": 2, "radau_rollout": 3}  # the last of the last is iterated
 _ITERATED = 256.0  # how much more than others answers of iterations differ: increments are transformed and back
@@ -68,10 +67,7 @@ class _Samples:
                 self.found["frames"] = np.array(numbers)
                 self._store(name, answers, None, *programs)
             elif function.kernel in self.equations.calls:
-                inputs = {label: self.arithmetic.lanes(array) for label, array in self.inputs.items()}
-                self._store(name, *COMPOSED[name](self.model, self._run_on, inputs), *programs)
-                if name in PLACES:
-                    self.found[f"{name} places"] = PLACES[name](self.model)
+                self._store_composed(name, programs)
             else:
                 self._store(name, *self.run(name), *programs)
         return self.found
@@ -80,8 +76,7 @@ class _Samples:
         """Answer (size, lanes) and status (lanes,) of a program, with some of its inputs changed."""
         if name not in self.known or changed:
             inputs = {**self.inputs, **changed, "h": self.h}
-            repeats = inputs["q"].shape[1] // self.inputs["q"].shape[1]
-            found = self.arithmetic.run(self.equations.programs[name], inputs, repeats=repeats)
+            found = self.arithmetic.run(self.equations.programs[name], inputs)
             pivot = found.get("pivot")
             answer = found.get("out", np.zeros((0, inputs["q"].shape[1]), self.arithmetic.dtype))
             status = np.zeros(answer.shape[1], np.int64) if pivot is None else status_of(pivot)
@@ -90,18 +85,22 @@ class _Samples:
             self.known[name] = answer, status
         return self.known[name]
 
-    def _run_on(self, name: str, **changed: Array) -> tuple[Array, Array]:
-        """``run`` for what goes on to compute with the answer."""
-        answer, status = self.run(name, **{label: array.view(np.ndarray) for label, array in changed.items()})
-        return self.arithmetic.lanes(answer), status
+    def _store_composed(self, name: str, programs: list[Program]) -> None:
+        known, status, places, identity, exact = COMPOSED[name](self.model, self.run, self.inputs)
+        self._store(name, known, status, *programs, certain=exact and self.certain)
+        if places is not None:
+            self.found[f"{name} places"] = places
+        if identity is not None:
+            for part, array in zip(("unknown", "matrix", "right", "within"), identity, strict=True):
+                self.found[f"{name} {part}"] = array
 
     def _store(
         self, name: str, answers: Array, status: Array | None, *programs: Program, certain: bool | None = None
     ) -> None:
         """Put answers (..., lanes) among what is found, lanes first."""
-        answers, states = answers.view(np.ndarray), len(STATES)
+        states = len(STATES)
         self.found[name] = np.moveaxis(answers[..., :states], -1, 0)
-        self.found[f"{name} near"] = np.moveaxis(_SAFETY * spread(answers), -1, 0).astype(np.float64)
+        self.found[f"{name} near"] = np.moveaxis(SAFETY * spread(answers), -1, 0).astype(np.float64)
         self.found[f"{name} status"] = np.zeros(states, np.int64) if status is None else status[:states]
         certain = self.certain if certain is None else certain
         self.found[f"{name} bits"] = certain and all(map(self.arithmetic.has_no_choice, programs))

@@ -21,6 +21,7 @@ from .stored import MEASURED, STATES
 Array = NDArray[Any]
 
 COPIES = 4  # of each of the first states
+SAFETY = 16.0  # how much more than copies of a state differ is allowed
 _UNITS = 8.0  # in the last place that a step of a copy is off by at most
 _ROWS = 256  # of random roundings, which are taken in turn
 _OPERATORS: Mapping[str, Callable[..., Any]] = {
@@ -32,7 +33,6 @@ _OPERATORS: Mapping[str, Callable[..., Any]] = {
     "sqrt": np.sqrt,
 }
 _EXACT = ("neg", "max", "step", "choose")  # operations that do not round
-_ROUNDING = (np.add, np.subtract, np.multiply, np.divide)
 
 
 def with_copies(states: Array) -> Array:
@@ -53,37 +53,6 @@ def spread(lanes: Array) -> Array:
     return found
 
 
-class Lanes(np.ndarray[Any, Any]):
-    """Values (..., lanes) whose copies are rounded at random by every sum, product and quotient, as programs' are.
-
-    What a template does with the results of programs is done with these: without roundings of its own a difference
-    that vanishes would have to vanish where a product is fused with it, too.
-    """
-
-    rows: Array  # of factors (., lanes), taken in turn
-    taken: list[int]  # how many of them were
-
-    def __array_finalize__(self, source: Any) -> None:
-        """Take over the factors of what it is a view of."""
-        self.rows, self.taken = getattr(source, "rows", np.ones((1, 1))), getattr(source, "taken", [0])
-
-    def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
-        """Compute with plain arrays, and round what does not come out exact."""
-        first = next(x for x in inputs if isinstance(x, Lanes))
-        plain = [x.view(np.ndarray) if isinstance(x, Lanes) else x for x in inputs]
-        result = getattr(ufunc, method)(*plain, **options)
-        if method != "__call__" or result.dtype != first.dtype:
-            return result
-        if ufunc in _ROUNDING and result.size:
-            count, lanes = result.size // result.shape[-1], first.rows.shape[1]
-            rows = first.rows[(first.taken[0] + np.arange(count)) % len(first.rows)]
-            first.taken[0] += count
-            result = (result.reshape(count, -1, lanes) * rows[:, np.newaxis]).reshape(result.shape)
-        found = result.view(Lanes)
-        found.rows, found.taken = first.rows, first.taken
-        return found
-
-
 class Arithmetic:
     """Runs programs on lanes of a dtype; sines and cosines are those of the C library."""
 
@@ -94,16 +63,13 @@ class Arithmetic:
         self._rounding = np.concatenate([np.ones((_ROWS, len(STATES))), 1.0 + off], axis=1).astype(self.dtype)
         self._turns: dict[bytes, tuple[Array, Array]] = {}
 
-    def run(
-        self, program: Program, inputs: Mapping[str, Any], *, rounding: bool = True, repeats: int = 1
-    ) -> dict[str, Array]:
+    def run(self, program: Program, inputs: Mapping[str, Any], *, rounding: bool = True) -> dict[str, Array]:
         """Arrays (size, lanes) that the program writes, by their names; numbers for all lanes may go in, too.
 
-        ``rounding`` is False for lanes that are states alone, however many; ``repeats`` is how many times all lanes
-        stand side by side.
+        ``rounding`` is False for lanes that are states alone, however many.
         """
         values: list[Any] = []
-        number, rows = self.dtype.type, list(np.tile(self._rounding, repeats))
+        number, rows = self.dtype.type, list(self._rounding)
         for index, (op, args, leaf) in enumerate(program.instructions):
             operator = _OPERATORS.get(op)
             if operator is not None:
@@ -120,12 +86,6 @@ class Arithmetic:
                 value = self._called(op, [values[arg] for arg in args])
             values.append(value * rows[index % _ROWS] if rounding and op not in _EXACT else value)
         return _arrays(program, values, rows[0].size, self.dtype)
-
-    def lanes(self, values: Array) -> Lanes:
-        """Values (..., lanes) to compute on with, whose copies round."""
-        found = values.view(Lanes)
-        found.rows, found.taken = self._rounding, [0]
-        return found
 
     def value(self, op: str, args: Sequence[Any]) -> Any:
         """The result of an operation that is no sine and no cosine."""

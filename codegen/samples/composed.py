@@ -1,12 +1,14 @@
-"""Answers of kernels that are templates of their own, step by step as ``templates/composed`` has them.
+"""What composed kernels answer: numbers that programs write, and identities that hold between programs and answers.
 
-Arrays have lanes behind their own axes.
+The loops of composed kernels are those of the C library, which has tests of its own; a robot's build asks whether they
+were given what belongs to them.  Arrays have lanes behind their own axes, those of an identity its states in front.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,12 +19,40 @@ from ..joint.zeros import zero_map
 from ..kernels.blocks import row_blocks
 from ..kernels.bodies import jacobian_columns
 from ..kernels.constraint_rows import deriving_precision
-from ..solve.factorised import coordinates_in_front
 from ..solve.rows import Precision
-from .arithmetic import Array
+from .arithmetic import SAFETY, Array, spread
+from .stored import MEASURED, UNITS, UNNAMED
+
+
+class Identity(NamedTuple):
+    """Equations matrix x = right, within ``near``, of the numbers x that stand at ``places``, (k, c), of an answer.
+
+    matrix is (MEASURED, rows, k), right and near are (MEASURED, rows, c); near is infinite where nothing is said.
+    """
+
+    places: Array
+    matrix: Array
+    right: Array
+    near: Array
+
+
+class Answer(NamedTuple):
+    """Numbers (., lanes) of an answer that are known, status (lanes,), places of the numbers; None: all there are.
+
+    ``exact`` is False where the C library's sines may be other ones than those of samples.
+    """
+
+    known: Array
+    status: Array
+    places: Array | None = None
+    identity: Identity | None = None
+    exact: bool = True
+
 
 Run = Callable[..., tuple[Array, Array]]  # run(program, **inputs): its answer, and the status of every lane
-Composed = Callable[[Model, Run, Mapping[str, Array]], tuple[Array, Array]]
+Composed = Callable[[Model, Run, Mapping[str, Array]], Answer]
+
+_SINGULAR = 1e6  # condition from which rows of a chart tell nothing of what follows
 
 
 def status_of(pivot: Array) -> Array:
@@ -33,215 +63,153 @@ def status_of(pivot: Array) -> Array:
     return found
 
 
-def christoffel(model: Model, run: Run, inputs: Mapping[str, Array]) -> tuple[Array, Array]:
-    """Some columns of the tensor: column k is the Coriolis matrix at the unit velocity k."""
-    lanes, survives, columns = inputs["q"].shape[1], zero_map(model).christoffel.mask, _columns(model)
-    q = np.tile(inputs["q"], len(columns))
-    v = np.zeros_like(q)
-    for place, k in enumerate(columns):
-        v[k, place * lanes : (place + 1) * lanes] = 1.0
-    matrices = np.split(run("coriolis_matrix", q=q, v=v)[0], len(columns), axis=1)
-    masks = [survives[:, :, k].reshape(-1, 1) for k in columns]
-    found = [np.where(mask, x, np.zeros_like(x)) for mask, x in zip(masks, matrices, strict=True)]
-    return np.concatenate(found), np.zeros(lanes, np.int64)
+def _measured(values: Array) -> tuple[Array, Array]:
+    """Values (MEASURED, ...) of states, and by how much rounding may change them, of values (..., lanes)."""
+    states, near = values[..., :MEASURED], SAFETY * spread(values)
+    return np.moveaxis(states, -1, 0).astype(np.float64), np.moveaxis(near, -1, 0).astype(np.float64)
 
 
-def _columns(model: Model) -> list[int]:
-    return sorted({0, model.size // 2, model.size - 1})
+def _identity(places: Array, matrix: Array, right: Array, near: Array) -> Identity:
+    """Say nothing where rates are infinite."""
+    said = np.isfinite(near) & np.isfinite(right) & np.isfinite(matrix).all(axis=-1, keepdims=True)
+    return Identity(
+        places.astype(np.int32),
+        np.nan_to_num(matrix),
+        np.nan_to_num(right),
+        np.where(said, near, np.inf).astype(np.float32),
+    )
 
 
-def christoffel_places(model: Model) -> Array:
-    """Places of the tensor's entries that are sampled; a loop in C writes them all."""
-    return np.concatenate([np.arange(k, model.size**3, model.size) for k in _columns(model)])
+def christoffel(model: Model, run: Run, inputs: Mapping[str, Array]) -> Answer:
+    """Contract the tensor with a velocity to the Coriolis matrix; some of the entries that vanish are zeros."""
+    n, lanes, survives = model.size, inputs["q"].shape[1], zero_map(model).christoffel.mask.ravel()
+    (v, _), (C, near) = map(_measured, (inputs["v"], run("coriolis_matrix")[0]))
+    places = np.arange(n**3).reshape(n * n, n).T
+    zeros = np.flatnonzero(~survives)[:: survives.size // n**2]
+    identity = _identity(places, v[:, np.newaxis], C[:, np.newaxis], near[:, np.newaxis])
+    return Answer(np.zeros((zeros.size, lanes), C.dtype), np.zeros(lanes, np.int64), zeros, identity)
 
 
-def forward_dynamics_jacobian(model: Model, run: Run, inputs: Mapping[str, Array]) -> tuple[Array, Array]:
-    """Derivatives of the accelerations: those of the residual, solved with M = L^T D L along the branches."""
-    return _closed_derivatives(model, run, inputs) if model.constraints else _of_tree(model, run, "forward_dynamics")
+def forward_dynamics_jacobian(model: Model, run: Run, inputs: Mapping[str, Array], *, of_tree: bool = False) -> Answer:
+    """Put derivatives of accelerations into the residual's, M da = -dr, and into those of constraints, J da = right.
+
+    Where loops are closed M da + dr is what multipliers push, so what J pushes is taken away from these equations.
+    """
+    n, m, known = model.size, 0 if of_tree else len(model.constraints), list(model.prescribed)
+    found, status = run("constrained_dynamics" if m else "tree_forward_dynamics" if of_tree else "forward_dynamics")
+    by_q, by_v, M = run("residual_jacobian", a=found[:n])[0].reshape(3, n, n, -1).copy()
+    J, right = np.zeros_like(M, shape=(m, *M.shape[1:])), np.zeros_like(M, shape=(m, 3, *M.shape[1:]))
+    if m:
+        D, at = run("closing_derivatives", a=found[:n], multipliers=found[n : n + m])[0], 0
+        for block in row_blocks(model):
+            rows, columns = slice(block.first, block.first + block.rows), list(block.columns)
+            parts = np.split(D[at : at + 3 * block.size], 3)
+            J[rows, columns], *slopes = (part.reshape(block.rows, len(columns), -1) for part in parts)
+            right[rows, :2, columns] = -np.stack(slopes, axis=1)
+            at += 3 * block.size + len(columns) ** 2
+            by_q[np.ix_(columns, columns)] -= D[at - len(columns) ** 2 : at].reshape(len(columns), len(columns), -1)
+        status = _with_gaps(model, found[n + m :], status, inputs["v"])
+    by_u = np.broadcast_to(np.eye(n, dtype=M.dtype)[..., np.newaxis], M.shape)
+    B = np.concatenate([-by_q, -by_v, by_u], axis=1)
+    B[known, : 2 * n], M[known], M[known, known] = 0.0, 0.0, 1.0
+    moving = [i for i in range(n) if i not in known]
+    lost = ~np.isfinite(M[np.ix_(moving, moving)]).all(axis=(0, 1)) & ((status == 0) | (status > n))
+    status = np.where(lost, UNNAMED, status)  # a pivot of M is no number
+    regular = np.linalg.slogdet(np.moveaxis(M, -1, 0).astype(np.float64))[0] != 0.0
+    answered = (((status == 0) | (status > n)) & regular)[:MEASURED]
+    places = np.arange(3 * n * n).reshape(3, n, n).transpose(1, 0, 2).reshape(n, 3 * n)
+    system = _constrained_system(model, (M, B, J, right.reshape(m, *B.shape[1:])), answered)
+    return Answer(np.zeros((0, M.shape[-1]), M.dtype), status, np.zeros(0, np.int64), _identity(places, *system))
 
 
-def _of_tree(model: Model, run: Run, accelerations: str) -> tuple[Array, Array]:
-    a, status = run(accelerations)
-    out, _, own = _solved(model, run("residual_jacobian", a=a)[0].reshape(3, model.size, model.size, -1).copy())
-    return out.reshape(-1, a.shape[1]), np.where(status != 0, status, own)
+def _constrained_system(
+    model: Model, equations: tuple[Array, Array, Array, Array], answered: Array
+) -> tuple[Array, Array, Array]:
+    """Matrix, right sides and their round-off of M x = B, freed of what J pushes, and J x = right below it."""
+    dtype = equations[0].dtype
+    (M, near_M), (B, near_B), (J, near_J), (right, near_right) = map(_measured, equations)
+    unit, double = (UNITS * M.shape[1] * float(np.finfo(x).eps) for x in (dtype, np.float64))
+    M = np.where(answered[:, np.newaxis, np.newaxis], M, np.eye(M.shape[1]))
+    diagonal = np.sqrt(np.abs(np.einsum("sii->si", M)))
+    near_M += unit * (np.abs(M) + diagonal[:, :, np.newaxis] * diagonal[:, np.newaxis])
+    x = np.linalg.solve(M, B)
+    if not J.shape[1]:
+        return M, B, near_M @ np.abs(x) + near_B
+    pushed = np.nan_to_num(J)
+    pushed[..., list(model.prescribed)] = 0.0
+    Y = np.linalg.solve(M, pushed.swapaxes(1, 2))
+    precision = deriving_precision(model, int((pushed != 0.0).any(axis=(0, 2)).sum()), str(dtype))
+    multipliers, rest, share, norm = _multipliers(model, J @ Y, right - J @ x, precision)
+    size = np.abs(x) + np.abs(Y) @ multipliers
+    near_B += near_M @ size + near_J.swapaxes(1, 2) @ multipliers
+    near_right += (near_J + unit * np.abs(J)) @ size + unit * norm * multipliers.max(axis=1, keepdims=True)
+    near_right += share @ (np.abs(Y).swapaxes(1, 2) @ near_B + near_right)
+    _, singular, rows = np.linalg.svd(pushed, full_matrices=False)
+    rows = rows * (singular > M.shape[1] * np.finfo(dtype).eps * singular[:, :1])[..., np.newaxis]
+    free = np.eye(M.shape[1]) - rows.swapaxes(1, 2) @ rows
+    near_B = np.abs(free) @ near_B + double * (np.abs(M) @ size + np.abs(B)).sum(axis=1, keepdims=True)
+    matrix, near = np.concatenate([free @ M, J], axis=1), np.concatenate([near_B, near_right], axis=1)
+    return matrix, np.concatenate([free @ B, right - rest], axis=1), near
 
 
-def _closed_derivatives(model: Model, run: Run, inputs: Mapping[str, Array]) -> tuple[Array, Array]:
-    """With the loops closed: changes of the multipliers make up for what the tree alone would open."""
-    n, m, (_, lanes) = model.size, len(model.constraints), inputs["q"].shape
-    found, status = run("constrained_dynamics")
-    a, multipliers = found[:n], found[n : n + m]
-    out: Array = run("residual_jacobian", a=a)[0].reshape(3, n, n, lanes).copy()
-    D = run("closing_derivatives", a=a, multipliers=multipliers)[0]
-    J = np.zeros_like(D, shape=(m, n, lanes))
-    right = np.zeros_like(D, shape=(m, 3, n, lanes))
-    at = 0
-    for block in row_blocks(model):
-        rows, columns = slice(block.first, block.first + block.rows), list(block.columns)
-        parts = np.split(D[at : at + 3 * block.size], 3)
-        J[rows, columns], *slopes = (part.reshape(block.rows, len(columns), lanes) for part in parts)
-        for matrix, slope in enumerate(slopes):
-            right[rows, matrix, columns] = -slope
-        at += 3 * block.size
-        second = D[at : at + len(columns) ** 2].reshape(len(columns), len(columns), lanes)
-        out[0][np.ix_(columns, columns)] = out[0][np.ix_(columns, columns)] - second
-        at += len(columns) ** 2
-    out, back, own = _solved(model, out)
-    x: Array = out.transpose(1, 0, 2, 3).reshape(n, 3 * n, lanes)
-    pushed = J.copy()
-    pushed[:, list(model.prescribed)] = 0.0
+def _multipliers(model: Model, A: Array, rest: Array, precision: Precision) -> tuple[Array, Array, Array, Array]:
+    """Sizes of multipliers that meet A x = rest, and what is left of it where rows are redundant.
+
+    The library factors A with a little of its diagonal more, and each solution leaves that times the multipliers.
+    Beside both come the share that it leaves of a change of rest, and the norm of what is factored.
+    """
     kinds = [kind for block in row_blocks(model) for kind in block.kinds]
-    kept = [r for r, row in enumerate(pushed) if (row != 0.0).any()]
-    J, pushed, right = J[kept], pushed[kept], right[kept]
-    Y = back(pushed.transpose(1, 0, 2).copy())
-    right = right.reshape(len(kept), 3 * n, lanes)
-    moved = [block.columns for block in row_blocks(model) for _ in range(block.rows)]
-    for r, row in enumerate(kept):
-        for i in moved[row]:
-            right[r] = right[r] - J[r, i] * x[i]
-    A = np.zeros_like(D, shape=(len(kept), len(kept), lanes))
-    for r, row in enumerate(kept):
-        for i in moved[row]:
-            A[r] = A[r] + J[r, i] * Y[i]
-    upper = np.triu_indices(len(kept), 1)
-    A[upper] = A[upper[::-1]]
-    precision = deriving_precision(model, len(kept), str(A.dtype))
-    change = _multipliers(A, right, [kinds[r] for r in kept], precision)
-    for r in range(len(kept)):
-        x = x + Y[:, r, np.newaxis] * change[r]
-    out = x.reshape(n, 3, n, lanes).transpose(1, 0, 2, 3)
-    status = np.where(status != 0, status, own)
-    return out.reshape(-1, lanes), _with_gaps(model, found[n + m :], status, inputs["v"])
+    same = np.array([[precision.floor + precision.added * (a == b) for b in kinds] for a in kinds])
+    added = np.einsum("rt,stt->sr", same, A)[..., np.newaxis]
+    added = np.where(added > 0.0, added, 1.0)
+    factored = A + added * np.eye(len(kinds))
+    size = np.zeros_like(rest)
+    for _ in range(precision.refinements + 1):
+        change = np.linalg.solve(factored, rest)
+        size, rest = size + np.abs(change), added * change
+    return size, rest, np.abs(added * np.linalg.inv(factored)), np.linalg.norm(factored, axis=(1, 2), keepdims=True)
 
 
-def _multipliers(A: Array, right: Array, kinds: Sequence[object], precision: Precision) -> Array:
-    """Solution (m, columns, lanes) of a symmetric system (m, m, lanes) that may be singular, refined."""
-    m = len(A)
-    added: dict[object, Array] = {}
-    whole = zero = np.zeros_like(A[0, 0])
-    for r in range(m):
-        whole = whole + A[r, r]
-        added[kinds[r]] = added.get(kinds[r], zero) + A[r, r]
-    F = A.copy()
-    for r in range(m):
-        own = added[kinds[r]] * A.dtype.type(precision.added)
-        F[r, r] = F[r, r] + (own + whole * A.dtype.type(precision.floor))
-    for r in range(m):
-        for s in range(r + 1, m):
-            factor = F[s, r] / F[r, r]
-            for t in range(r + 1, s + 1):
-                F[s, t] = F[s, t] - factor * F[t, r]
-    change = np.zeros_like(right)
-    for step in range(precision.refinements + 1):
-        rest = right.copy()
-        for s in range(m if step else 0):
-            rest = rest - A[:, s, np.newaxis] * change[s]
-        for r in range(m):
-            for s in range(r):
-                rest[r] = rest[r] - F[r, s] * rest[s]
-            rest[r] = rest[r] / F[r, r]
-        for r in reversed(range(m)):
-            total = np.zeros_like(rest[r])
-            for s in range(r + 1, m):
-                total = total + F[s, r] * rest[s]
-            rest[r] = rest[r] - total / F[r, r]
-            change[r] = change[r] + rest[r]
-    return change
-
-
-def _solved(model: Model, out: Array) -> tuple[Array, Callable[[Array], Array], Array]:
-    """Derivatives by those of the residual (3, n, n, lanes), what solves with M for more, and the pivots' status."""
-    n, lanes = model.size, out.shape[-1]
-    M, known = out[2].copy(), list(model.prescribed)
-    out[:2, known] = 0.0
-    M[known], M[:, known] = 0.0, 0.0
-    M[known, known] = 1.0
-    scale, chains = M[range(n), range(n)].copy(), coordinates_in_front(model)
-    for k in reversed(range(n)):
-        for place, i in enumerate(chains[k]):
-            factor = M[k, i] / M[k, k]
-            for j in chains[k][place:]:
-                M[i, j] = M[i, j] - factor * M[k, j]
-            M[k, i] = factor
-    pivot = M[range(n), range(n)]
-    by_u = np.zeros_like(M)
-    by_u[:, known] = -out[2][:, known]
-    by_u[known] = 0.0
-    by_u[range(n), range(n)] = 1.0
-
-    def back(x: Array) -> Array:
-        for k in reversed(range(n)):
-            for i in chains[k]:
-                x[i] = x[i] - M[k, i] * x[k]
-        for k in range(n):
-            x[k] = x[k] / pivot[k]
-            for i in chains[k]:
-                x[k] = x[k] - M[k, i] * x[i]
-        return x
-
-    out = np.stack([back(x) for x in (-out[0], -out[1], by_u)])
-    return out, back, status_of(np.stack([pivot, scale], axis=1).reshape(2 * n, lanes))
-
-
-def _constrained(model: Model, run: Run, inputs: Mapping[str, Array], *, forces: bool) -> tuple[Array, Array]:
+def _constrained(model: Model, run: Run, inputs: Mapping[str, Array], *, forces: bool) -> Answer:
     """Accelerations or multipliers with the loops closed, and whether they are."""
     found, status = run("constrained_dynamics")
     a, multipliers, gaps = np.split(found, [model.size, model.size + len(model.constraints)])
-    return multipliers if forces else a, _with_gaps(model, gaps, status, inputs["v"])
+    return Answer(multipliers if forces else a, _with_gaps(model, gaps, status, inputs["v"]))
 
 
-def following(model: Model, run: Run, inputs: Mapping[str, Array]) -> tuple[Array, Array]:
-    """Rates and accelerations that follow along the loops, where a chart allows no step of Newton's method."""
+def following(model: Model, run: Run, inputs: Mapping[str, Array]) -> Answer:
+    """Put velocities, accelerations and slopes into J v = 0, J a = -bias and J dq = 0; Newton's method takes no step.
+
+    What does not follow is as it was given; coordinates that do begin along the chart's slopes.
+    """
     n, m, (q, v, a, chart) = model.size, len(model.constraints), (inputs[x].copy() for x in ("q", "v", "a", "chart"))
     bound, rows = (np.flatnonzero(marks[:, 0] == 1.0).tolist() for marks in (chart[:n], chart[n : n + m]))
-    last = chart[n + m + 1 :].reshape(m + 1, n, -1)
-    moved = {p: q[i].copy() for p, i in enumerate(bound)}
-    for p in moved:
-        for i in range(n):
-            moved[p] = moved[p] + last[p + 1, i] * (q[i] - last[0, i])
-    for p, i in enumerate(bound):
-        q[i] = moved[p]
-    g, J = run("constraint", q=q)[0], run("constraint_jacobian", q=q)[0].reshape(m, n, -1)
-    J, order = _inverted(J[rows], bound)
-    others = [i for i in range(n) if i not in bound]
-    for p, k in enumerate(bound):
-        v[k] = 0.0
-        for i in others:
-            v[k] = v[k] - J[p, i] * inputs["v"][i]
-    bias = run("constraint_bias", q=q, v=v)[0]
-    for p, k in enumerate(bound):
-        a[k] = 0.0
-        for s, i in enumerate(bound):
-            a[k] = a[k] - J[p, i] * np.choose(order[s], bias[rows])
-        for i in others:
-            a[k] = a[k] - J[p, i] * inputs["a"][i]
-    slopes = np.zeros((m, n, q.shape[1]), q.dtype)
-    slopes[: len(rows), others] = 0.0 - J[:, others]
-    return np.concatenate([q, v, a, slopes.reshape(m * n, -1), g]), np.zeros(q.shape[1], np.int64)
-
-
-def _inverted(J: Array, bound: Sequence[int]) -> tuple[Array, Array]:
-    """J (k, n, lanes) with some columns' inverse in these and its product with the others, and the order of its rows.
-
-    The columns of the inverse are those of the rows in that order, (k, lanes).
-    """
-    J, lanes = J.copy(), np.arange(J.shape[2])
-    order = np.tile(np.arange(len(bound))[:, np.newaxis], len(lanes))
-    for p, column in enumerate(bound):
-        best = np.full(len(lanes), p)
-        for r in range(p + 1, len(bound)):
-            best = np.where(np.abs(J[r, column]) > np.abs(J[best, column, lanes]), r, best)
-        for x in (J.transpose(0, 2, 1), order):
-            first = x[p].copy()
-            x[p], x[best, lanes] = x[best, lanes], first
-        pivot = J[p, column].copy()
-        J[p, column] = 1.0
-        J[p] = J[p] / pivot
-        for r in range(len(bound)):
-            factor = J[r, column].copy()
-            J[r, column] = np.where((r == p) | (factor == 0.0), factor, 0.0)
-            J[r] = np.where((r == p) | (factor == 0.0), J[r], J[r] - factor * J[p])
-    return J, order
+    free, rank = [i for i in range(n) if i not in bound], len(bound)
+    last, *slopes = chart[n + m + 1 :].reshape(m + 1, n, -1)
+    for i, slope in zip(bound, slopes, strict=False):
+        for k in range(n):
+            q[i] = q[i] + slope[k] * (inputs["q"][k] - last[k])
+    g, J = run("constraint", q=q)[0], run("constraint_jacobian", q=q)[0].reshape(m, n, -1)[rows].astype(np.float64)
+    inverse = np.linalg.pinv(np.nan_to_num(np.moveaxis(J[:, bound], -1, 0)))
+    v[bound] = -np.einsum("lrs,sil,il->rl", inverse, J[:, free], v[free])
+    bias, others = run("constraint_bias", q=q, v=v)[0][rows], J.copy()
+    others[:, bound] = 0.0
+    terms = np.stack([others * v, others * a], axis=1)  # of J v and J a without what is bound
+    right = np.concatenate([terms.sum(axis=2), others], axis=1)
+    right[:, 1] += bias
+    (own, near_own), (right, near) = _measured(J[:, bound]), _measured(-right)
+    size = np.abs(right) + _measured(np.abs(terms).sum(axis=(1, 2)))[0][..., np.newaxis]
+    far = np.abs(inverse[:MEASURED]) @ size
+    condition = (np.linalg.cond(own) if rank else np.ones(MEASURED))[:, np.newaxis, np.newaxis]
+    unit = UNITS * n * float(np.finfo(q.dtype).eps) * np.abs(own).sum(axis=(1, 2), keepdims=True)
+    near = near + near_own @ far + unit * condition * far.max(axis=1, initial=0.0, keepdims=True)
+    near = np.where(condition < _SINGULAR, near, np.inf)
+    out = np.arange((3 + m) * n + m)
+    moved = out[: 3 * n].reshape(3, n, 1)
+    places = np.concatenate([*moved[1:, bound], out[3 * n : (3 + rank) * n].reshape(rank, n)], axis=1)
+    known = np.concatenate([q, v[free], a[free], np.zeros(((m - rank) * n, q.shape[1]), q.dtype), g])
+    at = np.concatenate([moved[0, :, 0], *moved[1:, free, 0], out[(3 + rank) * n :]])
+    return Answer(known, np.zeros(q.shape[1], np.int64), at, _identity(places, own, right, near), exact=False)
 
 
 def _with_gaps(model: Model, gaps: Array, status: Array, v: Array) -> Array:
@@ -266,14 +234,14 @@ def _first(status: Array, reason: int, values: Array, scale: Array) -> Array:
 
 def _driven(
     of: Callable[[Run, Array, Array], Array], model: Model, run: Run, inputs: Mapping[str, Array], *, loaded: bool
-) -> tuple[Array, Array]:
+) -> Answer:
     """Answer with drives and multipliers of constrained_drives, and say whether these drives make the motion."""
     n, m = model.size, len(model.constraints)
     found = run("constrained_drives", **({} if loaded else {"u": np.zeros_like(inputs["u"])}))[0]
     u, multipliers, gaps, pull, bias, left, needed = np.split(found, np.cumsum([n, m, 2 * m, m, m, n]))
     status = _with_gaps(model, gaps, np.zeros(found.shape[1], np.int64), inputs["v"])
     status = _first(status, 1 + n + 2 * m, pull + bias, _largest(inputs["a"], bias))
-    return of(run, u, multipliers), _first(status, 1 + n + 3 * m, left, _largest(needed))
+    return Answer(of(run, u, multipliers), _first(status, 1 + n + 3 * m, left, _largest(needed)))
 
 
 def _reactions(run: Run, u: Array, multipliers: Array) -> Array:
@@ -293,11 +261,10 @@ COMPOSED: Mapping[str, Composed] = {
     "following": following,
     "forward_dynamics": partial(_constrained, forces=False),
     "forward_dynamics_jacobian": forward_dynamics_jacobian,
-    "tree_forward_dynamics_jacobian": lambda model, run, _: _of_tree(model, run, "tree_forward_dynamics"),
+    "tree_forward_dynamics_jacobian": partial(forward_dynamics_jacobian, of_tree=True),
     **{name: partial(_driven, of, loaded=False) for name, of in DRIVEN.items()},
     **{f"{name}_under_load": partial(_driven, of, loaded=True) for name, of in DRIVEN.items()},
 }
-PLACES: Mapping[str, Callable[[Model], Array]] = {"christoffel": christoffel_places}  # of answers that are not whole
 
 
 def _frame_pose(model: Model, k: Array, frame: int) -> Array:

@@ -21,6 +21,7 @@ Angle = tuple[Instruction, ...]
 
 _CANDIDATES = 128  # numbers that coordinates are chosen from
 _SOLVED = 3  # rows of a chart
+_SLOPE = 2.0**-5  # of a chart, at most: what it changes coordinates by leaves its columns independent
 _SMALL = 2.0**-12
 _TINY = {"float64": 2.0**-1040, "float32": 2.0**-140}  # denormal, and so are its products with ordinary numbers
 
@@ -52,6 +53,7 @@ def _charts(equations: Equations, arithmetic: Arithmetic, state: dict[str, Array
     (m, n), (whole,) = size["constraint_rows"], size["chart"]
     J = arithmetic.run(equations.programs["constraint_jacobian"], state, rounding=False)["out"][:, 0].reshape(m, n)
     left, chart = J.astype(np.float64), np.zeros((whole, 1), arithmetic.dtype)
+    chart[n + m + 1 :] = _numbers(np.random.default_rng(2), whole - n - m - 1, 1) * _SLOPE
     for _ in range(_SOLVED):
         row, column = divmod(int(np.abs(left).argmax()), n)
         if not abs(left[row, column]) > 1e-3:

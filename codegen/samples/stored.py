@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 ROUNDED = 4  # states in which other orders of computing show
 STATES = ("ordinary", "small", "denormal", "infinite", "not a number", *("rounded",) * ROUNDED)
 MEASURED = 4  # states of which is known what rounding does
+UNNAMED = -1  # a status of which only is known that it is none of success
+UNITS = 16.0  # in the last place that each term of an identity may be off by
 
 
 def pack_samples(arrays: Mapping[str, Any]) -> bytes:
@@ -32,7 +34,8 @@ def read_samples(data: bytes) -> dict[str, NDArray[Any]]:
         size) with the "frames" numbers; "NAME status" (S,), as C says it; "NAME near" (MEASURED, ...): by how much
         rounding may change the answer, infinity where it decides what is finite; "NAME bits" (): whether there is no
         choice but in the order of operations.
-        "NAME places" (...,): where the numbers lie in an answer, of which only some are known.
+        "NAME places" (...,): where the numbers lie in an answer, of which only some are known.  "NAME matrix" and
+        "NAME right": equations of the numbers at "NAME unknown", and "NAME within" what they may be off by.
         "rollout" and "adaptive_rollout" (methods, states, 2 n) are a step of "dt" from rest by each method, q and v, of
         drives within "effort" (states, n).
     """

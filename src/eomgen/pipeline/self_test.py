@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..codegen.kernels.signatures import BATCHES, SINGLES
-from ..codegen.samples.stored import MEASURED, STATES, read_samples
+from ..codegen.samples.stored import MEASURED, STATES, UNITS, UNNAMED, read_samples
 from ..errors import BuildError
 from ..runtime.raw import BATCH, FFI, OneLibrary, RawFunction, RawKernel
 from . import cache as store
@@ -135,7 +135,8 @@ class _Examination:
             for place, frame in self._frames(function):
                 out = self._room(function)
                 code = function.code(self.h, *arguments, *frame, self.raw.view(out))
-                if (code == 0) != (status[state] == 0) or (self._has_bits(function.name) and code != status[state]):
+                named = self._has_bits(function.name) and status[state] != UNNAMED
+                if (code == 0) != (status[state] == 0) or (named and code != status[state]):
                     yield Difference(f"the status of {function.name}", STATES[state], 0, code, int(status[state]))
                 elif code == 0 or code > self.samples["q"].shape[1]:  # a loop is open: it answers all the same
                     yield from self._compared(function.name, (state, *place), out)
@@ -227,6 +228,7 @@ class _Examination:
     def _compared(self, name: str, place: tuple[int, ...], found: Array, suffix: str = "") -> Iterator[Difference]:
         """The first number of an answer that is wrong; ``place`` is where it lies among the samples."""
         expected, state = self.samples[name][place], place[-1] if name.endswith("rollout") else place[0]
+        yield from self._satisfied(name, state, found, suffix)
         found = found[self.samples.get(f"{name} places", slice(expected.size))]
         right = (found == expected) & (np.signbit(found) == np.signbit(expected)) | (found != found) & (
             expected != expected
@@ -242,6 +244,20 @@ class _Examination:
         if not right.all():
             at = int(np.argmin(right))
             yield Difference(name + suffix, STATES[state], at, float(found[at]), float(expected[at]))
+
+    def _satisfied(self, name: str, state: int, found: Array, suffix: str) -> Iterator[Difference]:
+        """The first of an answer's equations that is not satisfied within round-off of its terms."""
+        if state >= MEASURED or f"{name} unknown" not in self.samples:
+            return
+        x = found[self.samples[f"{name} unknown"]].astype(np.float64)
+        matrix, right, within = (self.samples[f"{name} {part}"][state] for part in ("matrix", "right", "within"))
+        left, size = matrix @ x, np.abs(matrix)
+        unit = UNITS * len(x) * float(np.finfo(self.raw.dtype).eps)
+        terms = unit * (size @ np.abs(x) + np.abs(right)) + self.least * (1.0 + size.sum(axis=1)[:, np.newaxis])
+        met = (np.abs(left - right) <= within + terms) | (within == np.inf)
+        if not met.all():
+            at = int(np.argmin(met))
+            yield Difference(name + suffix, STATES[state], at, float(left.flat[at]), float(right.flat[at]))
 
 
 def _filled(array: Array) -> Array:
