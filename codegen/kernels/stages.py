@@ -195,7 +195,7 @@ def derive_pair_stage(d: Derivation) -> dict[str, Program]:
     """The same with a complex c, for complex rates and shifts, imaginary parts behind real ones."""
     whole, n = finish(d.graph, "stage", stage(d, _PairStage)), len(d.own)
     times, rates, shifts, _ = PAIR_ARRAYS
-    pairs = on_pairs(whole, {times: 2, rates: n, shifts: n}, dropped=("pivot",))
+    pairs = on_pairs(whole, {times: 2, rates: n, shifts: n}, dropped=("pivot",), results=("out",))
     return _parts(run_passes(pairs), PAIR_STAGES, PAIR_ARRAYS)
 
 

@@ -9,17 +9,20 @@ from .ir import Graph, Instruction, Program, Value, finish
 Pair = tuple[Value, Value | None]  # real and imaginary part, None where that is none
 
 
-def on_pairs(program: Program, inputs: Mapping[str, int], dropped: Collection[str] = ()) -> Program:
+def on_pairs(
+    program: Program, inputs: Mapping[str, int], dropped: Collection[str] = (), results: Collection[str] = ()
+) -> Program:
     """Write a program of real numbers as one of complex numbers.
 
     Args:
         inputs: arrays that become complex, with their lengths: number i of one has its real part in place i and its
             imaginary part in place length + i.
         dropped: arrays of results that are left out.
+        results: arrays of results that are complex whatever they depend on.
 
     Returns:
-        The program: an array of results with a number that depends on complex ones has, behind its real parts, as many
-        imaginary parts; other results are single, as they were.
+        The program: an array of results that is complex, as all are of which a number depends on complex ones, has,
+        behind its real parts, as many imaginary parts; other results are single, as they were.
 
     Raises:
         AssertionError: an operation that has no meaning on complex numbers comes to one, as a comparison does.
@@ -34,7 +37,7 @@ def on_pairs(program: Program, inputs: Mapping[str, int], dropped: Collection[st
     kept = {key: pairs[index] for key, index in program.outputs.items() if key[0] not in dropped}
     lengths: dict[str, int] = {}
     for (array, _), (_, imaginary) in kept.items():
-        if imaginary is not None:
+        if imaginary is not None or array in results:
             lengths[array] = 1 + max(place for name, place in kept if name == array)
     for (array, place), (real, imaginary) in kept.items():
         outputs[array, place] = real

@@ -99,11 +99,18 @@ int main(int count, char **words)
     if (method < 2) {
         if (eom_integrate_fixed(&robot, h, &q, &v, &drive, NULL, 0.0, 1e-4, 10000, 1000, method, q_out, v_out, work) != -1) return 1;
     } else {
-        const eom_tolerance allowed = { 1e-9, atol, 1000000 };
+        const eom_tolerance allowed = { 1e-9, atol, (count > 2) ? words[2][0] - '0' : 1000000 };
+        double kept[EOM_KEPT_ROOM(1) + 1];
         eom_progress progress;
         double q_here = q, v_here = v;
+        for (size_t k = 0; k < sizeof kept / sizeof *kept; ++k) kept[k] = 4.0;
         memset(&progress, 0, sizeof progress);
-        if (eom_integrate_adaptive(&robot, h, &drive, NULL, &allowed, times, 10, method - 2, &q_here, &v_here, q_out, v_out, &progress, NULL, work) != 1) return 2;
+        progress.kept = (count > 2) ? kept : NULL;
+        while (eom_integrate_adaptive(&robot, h, &drive, NULL, &allowed, times, 10, method - 2, &q_here, &v_here, q_out, v_out, &progress, NULL, work) == 0) {
+            if (count <= 2) return 2;
+        }
+        if (progress.reason != 1) return 2;
+        if (kept[EOM_KEPT_ROOM(1)] != 4.0) return 3;
     }
     if (state[sizeof state / sizeof *state - 1] != 4.0 || input[sizeof input / sizeof *input - 1] != 4.0 || index[sizeof index / sizeof *index - 1] != 4) return 3;
     for (int k = 0; k < 11; ++k) printf("%.17g %.17g\n", q_out[k], v_out[k]);

@@ -175,6 +175,16 @@ def test_a_pendulum_written_by_hand(method: str, pendulum: Path, reference: Arra
     assert np.abs(motion - reference).max() <= WITHIN[method]
 
 
+@pytest.mark.parametrize("method", METHODS[2:])
+def test_calls_of_few_steps_go_on_to_the_bit(method: str, pendulum: Path) -> None:
+    """By what steps leave to the next call, in room that held other numbers before."""
+    command = [str(pendulum), str(METHODS.index(method))]
+    whole, *pieces = (
+        subprocess.run([*command, *most], capture_output=True, text=True, check=True).stdout for most in ([], "1", "7")
+    )
+    assert pieces == [whole, whole]
+
+
 @pytest.fixture(scope="module")
 def shaken(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return compiled(HERE / "shaken_pendulum.c", tmp_path_factory.mktemp("shaken"), "-fsanitize=address,undefined")

@@ -38,7 +38,7 @@ from tests.support.turning_loops import (
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
 ANGLES, RATES = np.array([0.3, 0.2, 0.1]), np.array([2.0, 3.0, 1.0])
-FIXED, CHOSEN = ("rk4", "implicit"), ("tsit5", "rosenbrock")
+FIXED, CHOSEN = ("rk4", "implicit"), ("tsit5", "rosenbrock", "radau")
 DURATION, SAMPLES = 4.0, 80
 
 
@@ -62,7 +62,7 @@ def roll(kernel: Kernel, q: Array, v: Array, method: str, u: Array | None = None
 
 @pytest.fixture(scope="module")
 def held(built: Build) -> Kernel:
-    return built(held_pendulum(), *INTEGRATED)
+    return built(held_pendulum(), *INTEGRATED, "radau_rollout")
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +75,7 @@ def hung(built: Build) -> Array:
 @pytest.mark.parametrize("method", [*FIXED, *CHOSEN])
 def test_rollouts_of_a_held_pendulum(method: str, held: Kernel, hung: Array) -> None:
     q, v = roll(held, *held_at(ANGLES, RATES), method)
-    limit = {"rk4": 1e-11, "tsit5": 1e-8, "rosenbrock": 1e-6, "implicit": 0.2}[method]
+    limit = {"rk4": 1e-11, "tsit5": 1e-8, "radau": 1e-8, "rosenbrock": 1e-6, "implicit": 0.2}[method]
     assert np.abs(np.cos(q[:, 4])).min() < 0.1  # it does come near
     assert np.abs(q[:, 3:] - hung).max() < limit
     assert np.abs(held.constraint(q)).max() < 1e-11
@@ -144,7 +144,7 @@ def test_states_of_a_batch_turn_apart(method: str, held: Kernel) -> None:
 @pytest.mark.parametrize("hinges", [1, pytest.param(2, marks=pytest.mark.soak)])
 def test_a_hinged_body_turns_on(hinges: int, built: Build) -> None:
     """Straight through the poles of its free joint, from one of them, too; of two hinges one is redundant."""
-    kernel = built(hinged_body(hinges), *INTEGRATED)
+    kernel = built(hinged_body(hinges), *INTEGRATED, "radau_rollout")
     v0 = np.array([0.0, 0.0, 0.0, 0.0, 2.0, 0.0])
     times = np.linspace(0.0, DURATION, SAMPLES + 1)
     for begin in (0.3, np.pi / 2):

@@ -30,7 +30,7 @@ def ways_to_move(kernel: Any, n: int) -> Iterator[tuple[str, dict[str, Any]]]:
     driven = np.zeros(n)
     driven[list(kernel.raw.libraries.meta["driven"])] = 1.0
     gains = {"kp": 3.0 * driven, "kd": 0.2 * driven, "target": 0.1 * driven}
-    has_radau = "radau_rollout" in kernel.raw.rollouts and not kernel.raw.turning  # refused where joints turn freely
+    has_radau = "radau_rollout" in kernel.raw.rollouts
     for method, controlled in product(METHODS if has_radau else METHODS[:-1], (False, True)):
         how: dict[str, Any] = {"dt": 1e-4, "steps": 6, "every": 2}
         if method not in FIXED:

@@ -71,6 +71,7 @@ EOM_LOCAL void F(begin_motion)(F(integration) *restrict it, const EOM(inputs) *r
                 it->v_out[it->place[l] * stride + (size_t)i] = LANE_OF(it->step.x[n + i], l);
             }
             if (p->works != NULL) { (void)memcpy(p->works, p->work, sizeof p->work); }
+            if (p->kept != NULL) { p->kept[2] = 0.0; } /* nothing yet: no error is 0 */
             p->sample = 1U;
             p->t = it->times[0];
             p->looked = it->times[0];

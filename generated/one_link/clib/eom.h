@@ -131,7 +131,7 @@ typedef struct {
     size_t sample;
     int refused;
     int reason; /* 0: goes on; 1: at its end; 2 + i: no step is short enough for number i of the state */
-    double *kept; /* NULL, or of Radau IIA room for what steps leave to the next call, EOM_KEPT_ROOM */
+    double *kept; /* NULL, or of Radau IIA room for what steps leave to the next call, EOM_KEPT_ROOM numbers of any value */
 } eom_progress;
 
 /* Automatic stiffness switching: which of the two methods with error control takes the next steps. */

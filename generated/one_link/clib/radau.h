@@ -155,7 +155,7 @@ EOM_LOCAL void F(resume_radau)(const F(problem) *restrict problem, const size_t 
     int some = 0;
     for (int l = 0; l < (int)WIDTH; ++l) {
         const double *const kept = progress[place[l]].kept;
-        if ((kept == NULL) || (progress[place[l]].sample == 0U)) { continue; }
+        if ((kept == NULL) || !(kept[2] > 0.0)) { continue; }
         radau->factored[l] = kept[0];
         radau->last[l] = kept[1];
         radau->excess[l] = kept[2];

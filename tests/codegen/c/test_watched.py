@@ -31,6 +31,7 @@ from tests.oracles.force_laws import with_laws
 from tests.oracles.journals import random_journals
 from tests.support import watched_calls
 from tests.support.random_robots import random_robot
+from tests.support.small_robots import free_body
 from tests.support.soak import WHOLE, soaked
 
 FILLED = "-ftrivial-auto-var-init"
@@ -73,6 +74,7 @@ QUICK: dict[str, Callable[[], Robot]] = {
     "bennett": partial(eomgen.load_robot, "bennett"),
     "rubbing_loop": rubbing_loop,
     "free_joint": free_joint,
+    "free_body": free_body,
     "contacts": contacts,
 }
 SLOW = (  # minutes to hours with sanitizers: many coordinates, or stiff where steps are explicit
@@ -90,7 +92,7 @@ SOAK: dict[str, tuple[Callable[[], Robot], tuple[str, ...]]] = {
     for name in builtin_robots()
     if WHOLE or name not in SLOW
 }
-SOAK |= {f"{name}, differentiated": (make, SLOPES) for name, make in QUICK.items() if name != "free_joint"}
+SOAK |= {f"{name}, differentiated": (make, SLOPES) for name, make in QUICK.items() if not name.startswith("free")}
 
 
 def states_of(model: Model) -> dict[str, np.ndarray]:

@@ -87,6 +87,15 @@ def test_a_result_is_complex_where_one_of_its_numbers_is() -> None:
     assert ("pivot", 0) not in on_pairs(program, {"z": 1}, dropped=("pivot",)).outputs
 
 
+def test_a_result_is_complex_if_that_is_asked_for() -> None:
+    """One that depends on no complex number has imaginary parts, too: they are 0."""
+    graph = Graph()
+    program = finish(graph, "none", {("out", 0): graph.input("x", 0), ("out", 1): 2.0, ("aside", 0): 1.0})
+    pairs = verify(on_pairs(program, {"z": 1}, results=("out",)))
+    found = evaluate(pairs, {"x": [3.0], "z": [0.0, 0.0]})
+    assert found == {("out", 0): 3.0, ("out", 1): 2.0, ("out", 2): 0.0, ("out", 3): 0.0, ("aside", 0): 1.0}
+
+
 @pytest.mark.parametrize("op", ["max", "step", "sqrt", "exp", "atan2", "sin", "choose"])
 def test_what_has_no_meaning_is_refused(op: str) -> None:
     graph = Graph()

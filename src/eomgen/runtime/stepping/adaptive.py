@@ -127,18 +127,9 @@ def adaptive_rollout(calls: Calls, inputs: Inputs, options: LoadedStepOptions) -
 
 
 def keep_steps(progress: Any, calls: Calls, methods: Sequence[str]) -> Array | None:
-    """Give states room for what steps of Radau IIA leave to the next call, a row each, to be kept as long.
-
-    Raises:
-        InputError: a joint has a 3-DOF rotation, whose charts this method does not switch.
-    """
+    """Give states room for what steps of Radau IIA leave to the next call, a row each, to be kept as long."""
     if RADAU not in methods:
         return None
-    if calls.raw.turning:
-        raise InputError(
-            f"method: 'radau' switches no charts of 3-DOF rotations, those of {', '.join(calls.raw.turning)}; "
-            f"allowed: {', '.join(name for name in ADAPTIVE if name != RADAU)}"
-        )
     kept = np.zeros((len(progress), KEPT_COLUMNS * calls.n + KEPT_NUMBERS))
     for state, row in zip(progress, kept, strict=True):
         state.kept = FFI.from_buffer("double[]", row)
