@@ -98,6 +98,18 @@ def test_a_free_body_over_the_poles(method: str, loads: dict[str, Any], built: B
             assert np.abs(kept - kept[0]).max() <= 10.0 * LIMIT[method] * np.abs(p).max()
 
 
+def test_auto_takes_all_methods_in_turn_over_the_poles(built: Build) -> None:
+    """A body that tumbles, and carries a mass on a stiff spring whose damper holds the explicit method back."""
+    body = tumbler()
+    mass = Link("mass", 0.1, (0.0, 0.0, 0.0), (0.001, 0.001, 0.001, 0.0, 0.0, 0.0))
+    slide = Joint("slide", "body", "mass", "prismatic", coordinates={"z": Coordinate(1e4, 1e3)})
+    loaded = replace(body, name="laden_tumbler", links=(*body.links, mass), joints=(*body.joints, slide))
+    found = agree(built(loaded, *NEEDED), np.append(Q0, 1e-3), np.append(V0, 0.0), 1.0, "auto")
+    assert np.abs(np.cos(found.q[:, 4])).min() < 0.45
+    assert found.method == "radau"
+    assert found.info["radau_s"] < 1.0
+
+
 @pytest.mark.parametrize("method", IN_C)
 def test_a_pendulum_on_a_ball_swings_over_the_pole_itself(method: str, built: Build) -> None:
     """About y alone, under a moment about it: beta passes 90 degrees, where no other angle has a meaning."""

@@ -132,10 +132,9 @@ def turns_of(kernel: Kernel, wanted: IntegratorOptions) -> tuple[str, ...]:
     """Return the methods in C that "auto" takes in turn, the first one first, by the robot and options alone.
 
     Radau IIA is one of them at tolerances that are worth its compilation, where stability may hold an explicit method
-    back: of a robot with springs, dampers or friction, whose joints do not turn freely.
+    back: of a robot with springs, dampers or friction.
     """
-    has_it = rollout_of(RADAU) in kernel.raw.rollouts and not kernel.raw.turning
-    if not (may_take_radau(wanted) and has_it):
+    if not (may_take_radau(wanted) and rollout_of(RADAU) in kernel.raw.rollouts):
         return TURNS
     return NARROW_TURNS if any_spring(kernel) or damping_matrix(kernel).any() else TURNS
 
