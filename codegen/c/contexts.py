@@ -26,7 +26,6 @@ from .definitions import define, define_setup, define_share
 from .lanes import batched, calls_of, kept_size, pack
 from .scalar_types import SCALARS, Scalar
 
-LITERALS = {"zero": 0.0, "half": 0.5, "one": 1.0}  # of templates
 LIBRARY = {"float64": "eom", "float32": "eomf"}  # what names of the library begin with
 PIVOT_LIMITS = {"float64": 1e-12, "float32": 1e-5}  # EOM_VANISHED of clib/precision.h
 OPEN_GAPS = {"float64": 1e-9, "float32": 1e-5}  # m or rad, and per second of a rate of 1: more is not round-off
@@ -96,11 +95,6 @@ def _functions(public: list[Function]) -> dict[str, Any]:
     }
 
 
-def literals(dtype: str) -> dict[str, str]:
-    """Numbers of templates as C."""
-    return {name: SCALARS[dtype].literal(number) for name, number in LITERALS.items()}
-
-
 def number_context(equations: Equations, dtype: str, meta: Mapping[str, Any]) -> dict[str, Any]:
     """Names that C uses beside those of the header, where a number is one state's; ``meta`` as of the header."""
     model, scalar = equations.model, SCALARS[dtype]
@@ -118,8 +112,6 @@ def number_context(equations: Equations, dtype: str, meta: Mapping[str, Any]) ->
         "suffix": "",
         "linkage": "",
         "singular": singular,
-        "literal_suffix": scalar.suffix,
-        "literals": literals(dtype),
         "one": scalar.literal(1.0),
         "zero": scalar.literal(0.0),
         "whole": scalar.whole,
@@ -129,7 +121,6 @@ def number_context(equations: Equations, dtype: str, meta: Mapping[str, Any]) ->
         "met_gap": scalar.literal(MET_GAPS[dtype]),
         "left_gap": scalar.literal(LEFT * MET_GAPS[dtype]),
         "closing": _closing_files(equations, _composed(equations)),
-        "statuses_of_a_step": str(statuses(model)),
         "sizes": {key: int(np.prod(shape)) for key, shape in shapes(model).items()},
         "setup": define_setup(equations.setup, model.name, scalar),
         "programs": definitions,
@@ -285,7 +276,6 @@ def lane_context(equations: Equations, dtype: str) -> dict[str, Any]:
         "whole": lanes.whole,
         "one": lanes.whole(one),
         "zero": lanes.whole(zero),
-        "statuses_of_a_step": f"{statuses(model)} * LANES",
         "programs": definitions,
         "equations_of_robot": {"_lanes": {p.name for p in programs if p.name not in packings or p.name in called}},
         "packings": packings,
