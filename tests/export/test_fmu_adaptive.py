@@ -86,11 +86,11 @@ def test_the_description_says_it(version: int, exported: Exported) -> None:
     assert float(root.find("DefaultExperiment").attrib["tolerance"]) == 1e-6  # type: ignore[union-attr]
 
 
-@pytest.mark.parametrize(("version", "method"), [(2, "rosenbrock"), (3, "tsit5")])
+@pytest.mark.parametrize(("version", "method"), [(2, "rosenbrock"), (3, "tsit5"), (3, "radau")])
 def test_a_first_step_is_the_rollouts(version: int, method: str, exported: Exported, built: Build) -> None:
     """Bit by bit, where all of it is one communication step."""
     robot = eomgen.load_robot("one_link")
-    host, kernel = Host(exported(robot, version, method=method), stepping=True), built(robot, *NAMES)
+    host, kernel = Host(exported(robot, version, method=method), stepping=True), built(robot, *NAMES, "radau_rollout")
     q, v, u = np.array([1e-3, 0.3]), np.array([0.0, 0.5]), np.array([0.0, 0.4])
     host.start([*states(host), *host.names("u."), "solver.tolerance"], [*q, *v, *u, 1e-5])
     wanted = kernel.rollout(q, v, u, method=method, duration=0.05, samples=1, rtol=1e-5)
@@ -123,7 +123,7 @@ def test_a_stiff_robot_against_tight_tolerances(method: str, exported: Exported,
     print(f"{method}: errors {errors}")
     assert np.abs(wanted[n:]).max() > 10.0
     assert errors[0] < 2e-2
-    assert errors[1] < 0.2 * errors[0]
+    assert errors[1] < max(0.2 * errors[0], 1e-5)  # of Radau IIA the first one is as small
     assert errors[2] < min(0.1 * errors[1], 1e-6)
 
 
@@ -360,7 +360,7 @@ def test_options_go_with_their_methods(tmp_path: Path) -> None:
         ({"rtol": 1e-15}, "rtol: 1e-15 is no relative tolerance; allowed: a number from 1e-13 to 0.1"),
         ({"rtol": float("nan")}, "rtol: nan is no relative tolerance"),
         ({"rtol": True}, "rtol: true is no relative tolerance"),
-        ({"method": "euler"}, "method: 'euler' is unknown; allowed: auto, rosenbrock, tsit5, rk4, implicit"),
+        ({"method": "euler"}, "method: 'euler' is unknown; allowed: auto, rosenbrock, tsit5, radau, rk4, implicit"),
     ):
         with pytest.raises(eomgen.InputError, match=message):
             export_fmu(slider(), tmp_path / "x.fmu", **options)  # type: ignore[arg-type]

@@ -206,6 +206,8 @@ def test_under_wasmtime_it_needs_nothing_and_has_the_same_bits() -> None:
 def test_what_cannot_be_exported(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="kernels: 'thoughts' is unknown"):
         eomgen.export_wasm("one_link", tmp_path, kernels=("thoughts",))
+    with pytest.raises(InputError, match=r"kernels: radau_rollout is not .* by rk4, implicit, rosenbrock, tsit5$"):
+        eomgen.export_wasm("one_link", tmp_path, kernels=("adaptive_rollout", "radau_rollout"))
     monkeypatch.setattr(compiling.importlib.util, "find_spec", lambda name: None)
     monkeypatch.setattr(compiling.shutil, "which", lambda name: None)
     with pytest.raises(BuildError, match=r"eomgen\[compiler\]"):

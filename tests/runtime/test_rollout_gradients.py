@@ -228,6 +228,11 @@ def test_what_is_wrong_is_named(built: Build) -> None:
         gradient(case.loss, out=dict.fromkeys(("q", "v"), np.zeros(2)))
     with pytest.raises(IntegrationStopped, match=r"^rollout: "):
         gradient(case.loss, dt=5.0, steps=STEPS)
+    along = {"q": np.eye(kernel.n)}
+    with pytest.raises(InputError, match="'radau' has no derivatives; allowed: rk4, tsit5, implicit, rosenbrock"):
+        kernel.rollout_gradient(x["q"], x["v"], x["u"][0], loss=case.loss, method="radau", duration=0.1)
+    with pytest.raises(InputError, match="'radau' has no derivatives; allowed: rk4, tsit5, implicit, rosenbrock"):
+        kernel.rollout_sensitivity(x["q"], x["v"], x["u"][0], along=along, method="radau", duration=0.1)
     bare = built(eomgen.load_robot("one_link"), "rollout")
     with pytest.raises(eomgen.UnknownNameError, match="without the kernel explicit_gradient"):
         bare.rollout_gradient(x["q"], x["v"], x["u"], DT, STEPS, loss=case.loss)

@@ -43,7 +43,7 @@ def implicit_spans(turns: Sequence[str], spans: Mapping[str, float]) -> dict[str
 
 
 class Spent:
-    """What a state has spent so far: made before a turn, and asked behind it.
+    """Work of a state so far: made before a turn, and asked behind it.
 
     Args:
         progress: of the state, in C.

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from eomgen.runtime.stepping.options import ADAPTIVE as CHOSEN
-from eomgen.runtime.stepping.options import FIXED, ROLLOUTS
+from eomgen.runtime.stepping.options import FIXED
 
 VERSIONS = (2, 3)  # of FMI
-AUTO = "auto"  # of ADAPTIVE, the one that leads on further for its cost
-STEPPERS = {name: number for name, number in CHOSEN.items() if name not in ROLLOUTS}  # those of adaptive_rollout
-ADAPTIVE = (AUTO, *STEPPERS)  # methods whose steps the error controls
+AUTO = "auto"  # of "rosenbrock" and "tsit5" the one that leads on further for its cost
+ADAPTIVE = (AUTO, *CHOSEN)  # methods whose steps the error controls
 METHODS = (*ADAPTIVE, *FIXED)  # of co-simulation; but for AUTO those of ``Kernel.rollout``

@@ -28,10 +28,12 @@ from eomgen.pipeline.stages import Options, make_source
 from eomgen.progress import StageReport, no_report
 from eomgen.robot.model import Model, build_model
 from eomgen.robot.value import Robot
+from eomgen.runtime.stepping.options import ADAPTIVE as STEPPERS
+from eomgen.runtime.stepping.options import rollout_of
 
 from ...pipeline.closing import closed_home
 from ..step import default_step
-from .choices import ADAPTIVE, AUTO, METHODS, STEPPERS, VERSIONS
+from .choices import ADAPTIVE, AUTO, METHODS, VERSIONS
 
 if TYPE_CHECKING:
     from .variables import Variable
@@ -68,8 +70,8 @@ def export_fmu(
         robot: a Robot, the name of a built-in one, or the path of a description.
         path: file to write, usually with the suffix .fmu.
         version: of the Functional Mock-up Interface, 2 or 3.
-        method: of co-simulation, as of ``Kernel.rollout``: "rosenbrock" or "tsit5", by steps that the error controls,
-            "rk4" or "implicit"; or "auto", of the first two the one that leads on further for its cost.
+        method: of co-simulation, as of ``Kernel.rollout``: "rosenbrock", "tsit5" or "radau", by steps that the error
+            controls, "rk4" or "implicit"; or "auto", of the first two the one that leads on further for its cost.
         rtol: the relative tolerance of co-simulation at first, 1e-6 by default; of methods whose steps the error
             controls.
         step: the greatest step of co-simulation at first, s; by default 1e-3, or what "rk4" needs if that is less; of
@@ -87,7 +89,7 @@ def export_fmu(
     home = closed_home(robot, progress)
     solver = _solver(robot, method, rtol, step, progress)
     kernels = CLOSED_KERNELS if build_model(robot).constraints else KERNELS
-    stepping = ("adaptive_rollout",) if method in ADAPTIVE else ("rollout",)
+    stepping = (rollout_of(method),) if method in ADAPTIVE else ("rollout",)
     options = Options((*kernels, *stepping), batches=False)
     files = _files(robot, options, version, method, (solver, home), progress)
     with tempfile.TemporaryDirectory() as work:
@@ -195,6 +197,7 @@ def _stepping(model: Model, method: str, meta: Mapping[str, Any]) -> dict[str, o
         "sizes": [repr(float(size)) for size in meta["sizes"]],
         "rubbing": [(i, list(model.parameters).index(name)) for i, name in rubbing_parameters(model)],
         "number": STEPPERS.get(method),
+        "stepping": rollout_of(method),
         "most": 2**62,
     }
 

@@ -24,7 +24,7 @@ from eomgen.pipeline.stages import Options, make_source
 from eomgen.progress import StageReport, no_report
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
-from eomgen.runtime.stepping.options import ADAPTIVE, FIXED, LEAST, rollout_of
+from eomgen.runtime.stepping.options import ADAPTIVE, FIXED, LEAST, ROLLOUTS, rollout_of
 
 from .compile import compile_wasm, wasm_command
 from .layout import checked_places, struct_table
@@ -90,7 +90,8 @@ def export_wasm(
         progress: called with a line of text when a stage begins.
 
     Raises:
-        InputError: a kernel or a dtype is unknown, a model has loops, or the folder cannot be written.
+        InputError: a kernel is unknown or not for JavaScript, a dtype is unknown, a model has loops, or the folder
+            cannot be written.
         LoopError: the loops do not close near the description's home.
         BuildError: no compiler for WebAssembly, or one that fails.
     """
@@ -111,6 +112,10 @@ def make_wasm(
     described_model = build_model(robot)
     there = available(described_model)
     chosen = Options(tuple(kernels), dtype).kernels or tuple(name for name in KERNELS if name in there)
+    for method, kernel in ROLLOUTS.items():
+        if kernel in chosen:
+            named = ", ".join(name for name in (*FIXED, *ADAPTIVE) if name != method)
+            raise InputError(f"kernels: {kernel} is not called from JavaScript; allowed: rollouts by {named}")
     source = make_source(robot, Options(with_beside(chosen, described_model), dtype, batches=False), progress)
     rigid = _rigid(robot, progress) if model else None
     meta = json.loads(source.meta)
