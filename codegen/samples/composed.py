@@ -81,13 +81,19 @@ def _identity(places: Array, matrix: Array, right: Array, near: Array) -> Identi
 
 
 def christoffel(model: Model, run: Run, inputs: Mapping[str, Array]) -> Answer:
-    """Contract the tensor with a velocity to the Coriolis matrix; some of the entries that vanish are zeros."""
-    n, lanes, survives = model.size, inputs["q"].shape[1], zero_map(model).christoffel.mask.ravel()
-    (v, _), (C, near) = map(_measured, (inputs["v"], run("coriolis_matrix")[0]))
-    places = np.arange(n**3).reshape(n * n, n).T
-    zeros = np.flatnonzero(~survives)[:: survives.size // n**2]
-    identity = _identity(places, v[:, np.newaxis], C[:, np.newaxis], near[:, np.newaxis])
-    return Answer(np.zeros((zeros.size, lanes), C.dtype), np.zeros(lanes, np.int64), zeros, identity)
+    """Some columns of the tensor: column k is the Coriolis matrix at the unit velocity k, where it does not vanish.
+
+    Contracted with a velocity, the tensor lacks the round-off of the description that the Coriolis matrix has there.
+    """
+    n, q, survives, found = model.size, inputs["q"], zero_map(model).christoffel.mask, []
+    columns = sorted({n // 2, n - 1})
+    for k in columns:
+        v = np.zeros_like(q)
+        v[k] = 1.0
+        C = run("coriolis_matrix", v=v)[0]
+        found.append(np.where(survives[:, :, k].reshape(-1, 1), C, np.zeros_like(C)))
+    places = np.concatenate([np.arange(k, n**3, n) for k in columns])
+    return Answer(np.concatenate(found), np.zeros(q.shape[1], np.int64), places)
 
 
 def forward_dynamics_jacobian(model: Model, run: Run, inputs: Mapping[str, Array], *, of_tree: bool = False) -> Answer:

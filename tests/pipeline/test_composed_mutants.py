@@ -23,12 +23,14 @@ from eomgen.pipeline.self_test import first_difference
 from eomgen.robot.model import Model, build_model
 from tests.support.c_sources import elastic_tree, write_source
 from tests.support.random_mechanisms import mechanism
+from tests.support.random_robots import random_robot
 
 ROBOTS = {
     "closed": lambda: eomgen.load_robot("four_bar"),
     "driven": lambda: mechanism(7).robot,  # with a prescribed coordinate
     "shaken": lambda: eomgen.load_robot("shaken_arm"),
     "tree": elastic_tree,
+    "rounded": lambda: random_robot(59, joints=(2, 5), tree=True, max_coordinates=4),  # the description's turns are
 }
 DERIVATIVES, FOLLOWING = "clib/acceleration_derivatives.h", "clib/dependent_coordinates.h"
 CODE = "{name}.c"
@@ -45,6 +47,7 @@ NASTY = [
     ("tree", JACOBIAN, CODE, "residual_jacobian(h, q, v, a, out)", "residual_jacobian(h, q, v, u, out)"),
     ("tree", "christoffel", CODE, "(i == k) ?", "(i == 0) ?"),
     ("tree", "christoffel", CODE, "? c[i] :", "? -c[i] :"),
+    ("rounded", "christoffel", CODE, "1ULL) != 0U", "1ULL) == 0U"),
     ("tree", "christoffel", CODE, "1ULL) != 0U", "1ULL) == 0U"),
     ("shaken", JACOBIAN, DERIVATIVES, "? -by_u[n * i + j]", "? by_u[n * i + j]"),
     ("driven", JACOBIAN, DERIVATIVES, "M[(n + 1) * i] = one;", "M[(n + 1) * i] = zero;"),
