@@ -3,7 +3,8 @@
     python -m benchmarks.precision [--rounds ROUNDS] [--page] [PROBLEM ...]
 
 A point of the diagram is one run of one contender with one tolerance or length of steps: its error, and the least time
-of rounds in which all runs take turns in one process on one core.  Builds are not counted.
+of its process in rounds in which all runs take turns in it on one core; what runs beside it would lengthen long runs
+alone.  Builds are not counted.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ from .precision_report import Found, Point, Report, read
 Array = NDArray[np.float64]
 
 DOCS = Path(__file__).parents[1] / "docs"
-AGREE = 1e-10  # m or rad: the references, or nothing is measured
+AGREE = 5e-12  # m or rad: the references, or nothing is measured
 LONG = 1.0  # s: a run that takes longer is taken LONG_ROUNDS times at most
 LONG_ROUNDS = 2
 ENDLESS = 30.0  # s: and settings of the same contender that ask for more are left out
@@ -60,12 +61,12 @@ class _Timed:
         """Run once more, unless it fails or is too long."""
         if self.why or (self.times >= LONG_ROUNDS and self.spent > LONG * self.times):
             return
-        began = time.perf_counter()
+        began = time.process_time()
         try:
             self.q, self.steps = self.run.call()
         except (EomgenError, ArithmeticError) as error:
             self.why = str(error)
-        spent = time.perf_counter() - began
+        spent = time.process_time() - began
         self.spent, self.times, self.best = self.spent + spent, self.times + 1, min(self.best, spent)
 
 

@@ -44,9 +44,9 @@ class Found:
         fit = [p for p in self.points if p.contender in contenders and p.error <= error]
         return min(fit, key=lambda p: p.seconds, default=None)
 
-    def ratio(self, error: float) -> float | None:
-        """The best of the others' time by the best of ours; None where one of both is not as exact."""
-        ours, others = self.cheapest(OURS, error), self.cheapest(OTHERS, error)
+    def ratio(self, error: float, contenders: Sequence[str] = OTHERS) -> float | None:
+        """The best time of the others, or of these, by the best of ours; None where one of both is not as exact."""
+        ours, others = self.cheapest(OURS, error), self.cheapest(contenders, error)
         return others.seconds / ours.seconds if ours and others else None
 
     def at(self, contender: str, setting: float) -> Point | None:
