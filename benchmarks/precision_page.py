@@ -150,7 +150,8 @@ def page(report: Report) -> str:
         f" least of {report.rounds} rounds or more in which all runs took turns on one core (runs of more than a"
         " second: of two); builds are not counted. In the tables stands the fastest run of each that is at least"
         " as exact as the column says; the last row but one divides the best of the others by the best of ours,"
-        " in brackets what is required, the last one the best of ours without `radau` and `auto` by the best of all of ours.",
+        " in brackets what is required, the last one the best of ours without `radau` and `auto` by the"
+        " best of all of ours.",
         "",
         *(f"- {key}: {value}" for key, value in report.machine.items()),
         "",
