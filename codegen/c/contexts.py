@@ -21,6 +21,7 @@ from ..kernels.equations import Equations
 from ..kernels.interface import turning_joints
 from ..kernels.signatures import KERNELS, SIGNATURES, SINGLES, Function, by_kind, functions, shapes
 from ..kernels.steps.methods import RK4, TSIT5, W643
+from ..program.shares import GIVEN
 from ..solve.factorised import coordinate_parents
 from .definitions import define, define_setup, define_share
 from .lanes import batched, calls_of, kept_size, pack
@@ -32,6 +33,7 @@ OPEN_GAPS = {"float64": 1e-9, "float32": 1e-5}  # m or rad, and per second of a 
 CLOSED_GAPS = {"float64": 1e-11, "float32": 2e-6}  # m or rad, from which one more projection leaves round-off
 MET_GAPS = {"float64": 1e-12, "float32": 2e-6}  # m, or sine of an angle: a constraint that is met
 LEFT = 10.0  # times that is what round-off may leave of it
+RUN = ("last", "h", "q", "sine", "cosine", GIVEN, "pose", "origins", "axes")  # that a run of bodies may take
 CHECKED = ("constrained_dynamics", "constrained_drives")  # programs whose callers look at the gaps that they write
 
 
@@ -182,12 +184,16 @@ def _shares(equations: Equations, scalar: Scalar) -> dict[str, Any] | None:
         plain = all(angle.op == "input" and angle.leaf[0] == "q" for angle in angles)
         ends = [max(node for node, run in enumerate(shares.run_of) if run == i) for i in range(len(shares.runs))]
         angles_of = [shares.turned[end] for end in ends]
+        runs = {
+            number: (define_share(run.program, name, scalar, run.stops), bool(run.stops))
+            for number, run in enumerate(shares.runs)
+            if run.program.outputs
+        }
+        read = {array for run, _ in runs.values() for _, array in (*run.inputs, *run.outputs)}
+        read |= {"last"} if any(stops for _, stops in runs.values()) else set()
         return {
-            "runs": {
-                number: (define_share(run.program, name, scalar, run.stops), bool(run.stops))
-                for number, run in enumerate(shares.runs)
-                if run.program.outputs
-            },
+            "runs": runs,
+            "unread": [array for array in RUN if array not in read],
             "run_of": shares.run_of,
             "behind": [run.behind for run in shares.runs],
             "angles": None if plain else define_share(shares.angles, name, scalar),
@@ -217,6 +223,7 @@ def _closing_files(equations: Equations, composed: Iterable[str]) -> list[str]:
         "constraint_checks.h": checks,
         "dependent_coordinates.h": "following" in named,
         "acceleration_derivatives.h": derivatives,
+        "kinematics.h": any(KERNELS[name].kind == "frames" for name in named),
     }
     return [file for file, wanted in files.items() if wanted]
 
@@ -266,6 +273,7 @@ def lane_context(equations: Equations, dtype: str) -> dict[str, Any]:
     ]
     called = {program for name in together for program in equations.calls.get(name, ())}
     composed = by_kind(name for name in together if name in equations.calls and not _rolls(name))
+    framed = [name for name in together if KERNELS[name].kind == "frames"]
     zero, one = (SCALARS[dtype].literal(number) for number in (0.0, 1.0))
     return {
         "real": lanes.name,
@@ -280,10 +288,10 @@ def lane_context(equations: Equations, dtype: str) -> dict[str, Any]:
         "equations_of_robot": {"_lanes": {p.name for p in programs if p.name not in packings or p.name in called}},
         "packings": packings,
         "unpacked": [(name, SIGNATURES[name]) for name in packings if name in called],
-        "shares": _shares(equations, lanes) if equations.shares.keys() & set(together) else None,
+        "shares": _shares(equations, SCALARS[dtype].lanes()) if equations.shares.keys() & set(together) else None,
         "composed": _templates(composed),
-        "closing": _closing_files(equations, composed),
-        "framed": _templates(name for name in together if KERNELS[name].kind == "frames"),
+        "closing": _closing_files(equations, [*composed, *framed]),
+        "framed": _templates(framed),
         **public,
     }
 

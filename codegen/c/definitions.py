@@ -14,20 +14,6 @@ SHARED = ("h", "p")  # arrays with one number for all states
 
 
 @dataclass(frozen=True)
-class Turns:
-    """The call that takes a function's sines and cosines.
-
-    angles: expressions that are gathered in an array first; none where the angles stand side by side already.
-    size: numbers in the arrays of sines and cosines, as C.
-    arguments: of the call, as C.
-    """
-
-    angles: tuple[str, ...]
-    size: str
-    arguments: str
-
-
-@dataclass(frozen=True)
 class Definition:
     """A function of C.
 
@@ -36,7 +22,7 @@ class Definition:
     linkage: "static " or nothing.
     inputs: types and names of the arrays that it reads.
     outputs: types and names of those that it writes.
-    turns: how sines and cosines are taken in front; None where there are none.
+    turns: the macro of clib/lanes.h that takes sines and cosines in front, as C; empty where there are none.
     parts: per part its statements, and the arrays that these do not read; one part is written in place.
     workspace: numbers that parts hand on.
     has_pivots: whether it has a pivot for every coordinate, which says whether the mass matrix can be inverted.
@@ -49,7 +35,7 @@ class Definition:
     linkage: str
     inputs: tuple[tuple[str, str], ...]
     outputs: tuple[tuple[str, str], ...]
-    turns: Turns | None
+    turns: str
     parts: tuple[tuple[tuple[str, ...], tuple[str, ...]], ...]
     workspace: int
     has_pivots: bool
@@ -75,17 +61,17 @@ def define(
 
 def define_setup(program: Program, robot: str, scalar: Scalar) -> Definition:
     """The program that computes what depends on parameters alone."""
-    return _definition(write_function(program, scalar, turning=False), f"{robot}_setup", scalar, None, "")
+    return _definition(write_function(program, scalar, turning=False), f"{robot}_setup", scalar, "", "")
 
 
 def define_share(program: Program, robot: str, scalar: Scalar, stops: Mapping[int, int] = NO_STOPS) -> Definition:
     """A run of a tree's nodes, or the angles of all of them, ``program.shares``."""
     name = f"{robot}_{program.name}{'_lanes' if scalar.spread else ''}"
     function = write_function(program, scalar, turning=False, stops=stops)
-    return _definition(function, name, scalar, None, "EOMGEN_PART ")
+    return _definition(function, name, scalar, "", "EOM_PART ")
 
 
-def _definition(function: Function, name: str, scalar: Scalar, turns: Turns | None, linkage: str) -> Definition:
+def _definition(function: Function, name: str, scalar: Scalar, turns: str, linkage: str) -> Definition:
     one = scalar.shared
     signature = SIGNATURES.get(function.name)
     return Definition(
@@ -103,14 +89,11 @@ def _definition(function: Function, name: str, scalar: Scalar, turns: Turns | No
     )
 
 
-def _turns(function: Function, scalar: Scalar) -> Turns | None:
+def _turns(function: Function, scalar: Scalar) -> str:
     """Vectors are turned where they stand; numbers are gathered in an array whose length fits vectors."""
-    count = len(function.angles)
+    count, place = len(function.angles), function.contiguous_angles
     if not count:
-        return None
-    if not scalar.spread:
-        size = f"PADDED({count})"
-        return Turns(function.angles, size, f"angle, {size}, sine, cosine")
-    place, number = function.contiguous_angles, scalar.number
-    arguments = f"(const {number} *)({place or 'angle'}), {count} * LANES, ({number} *)sine, ({number} *)cosine"
-    return Turns(() if place else function.angles, str(count), arguments)
+        return ""
+    if scalar.spread and place:
+        return f"TURN_AT({count}, {place})"
+    return f"TURN{'_LANES' if scalar.spread else ''}({count}, {', '.join(function.angles)})"

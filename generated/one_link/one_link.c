@@ -6,17 +6,35 @@
 #define EOM_ROTATIONS 0
 #include "one_link.h"
 
-#include <math.h>
-#include <string.h>
-
-#if defined(__GNUC__)
-#define EOMGEN_PART static __attribute__((noinline))
-#else
-#define EOMGEN_PART static
-#endif
-
 #include "clib/lanes.h"
 #include "clib/batches.h"
+
+EOM_LOCAL const eom_sizes one_link_sizes = {
+    .n = 2,
+    .hoisted = 7,
+    .parameters = 4,
+    .factors = 8,
+    .wrench = 6,
+    .closed_gap = 1e-11,
+    .open_gap = 1e-09,
+};
+
+#define EOM_FRAMES one_link_frames
+#include "clib/frames.h"
+
+EOM_LOCAL const EOM_TABLES_OF_FRAMES(5, 4, 1, 3, 1, 2) one_link_frames = {
+    .run_of = { 0, 0, 1, 2, 3 },
+    .behind = { -1, 1, 0, 1 },
+    .turned = { 0, 1, 0, 0, 0 },
+    .first = { 0, 1, 1, 1 },
+    .place = { 1 },
+    .body_of = { 0, -1, 0 },
+    .parent = { -1 },
+    .first_axis = { 0 },
+    .count = { 2 },
+    .is_rotation = { 0, 1 },
+    .first_frame = 2, .angles = 1, .n = 2,
+};
 
 #if !defined(EOMGEN_BATCHES_ONLY) || defined(EOMGEN_SETUP)
 
@@ -41,10 +59,7 @@ void one_link_setup(const double *restrict p, double *restrict h)
 /* Mass matrix M(q), eq. (11). */
 int one_link_mass_matrix(const double *restrict h, const double *restrict q, double *restrict out)
 {
-    const double angle[PADDED(1)] = { q[1] };
-    double sine[PADDED(1)];
-    double cosine[PADDED(1)];
-    turn(angle, PADDED(1), sine, cosine);
+    TURN(1, q[1]);
     (void)h;
 
     out[0] = 1.0;
@@ -59,10 +74,7 @@ int one_link_mass_matrix(const double *restrict h, const double *restrict q, dou
 /* Coriolis and centrifugal terms, eq. (12) contracted. */
 int one_link_bias_force(const double *restrict h, const double *restrict q, const double *restrict v, double *restrict out)
 {
-    const double angle[PADDED(1)] = { q[1] };
-    double sine[PADDED(1)];
-    double cosine[PADDED(1)];
-    turn(angle, PADDED(1), sine, cosine);
+    TURN(1, q[1]);
     (void)h;
 
     out[1] = 0.0;
@@ -75,10 +87,7 @@ int one_link_bias_force(const double *restrict h, const double *restrict q, cons
 /* Springs, dampers, gravity: Q_P + Q_G, eqs. (13), (14). */
 int one_link_generalized_force(const double *restrict h, const double *restrict q, const double *restrict v, double *restrict out)
 {
-    const double angle[PADDED(1)] = { q[1] };
-    double sine[PADDED(1)];
-    double cosine[PADDED(1)];
-    turn(angle, PADDED(1), sine, cosine);
+    TURN(1, q[1]);
     (void)v;
 
     const double t12 = h[0]*sine[0] - h[1]*cosine[0];
@@ -91,10 +100,7 @@ int one_link_generalized_force(const double *restrict h, const double *restrict 
 /* Q_F of eq. (14), its moment term corrected; base axes. */
 int one_link_external_force(const double *restrict h, const double *restrict q, const double *restrict wrench, double *restrict out)
 {
-    const double angle[PADDED(1)] = { q[1] };
-    double sine[PADDED(1)];
-    double cosine[PADDED(1)];
-    turn(angle, PADDED(1), sine, cosine);
+    TURN(1, q[1]);
     (void)h;
 
     const double t11 = cosine[0]*wrench[1] - sine[0]*wrench[0];
@@ -107,10 +113,7 @@ int one_link_external_force(const double *restrict h, const double *restrict q, 
 /* M a + bias - Q - u, eq. (5) unexpanded; zero on a motion. */
 int one_link_residual(const double *restrict h, const double *restrict q, const double *restrict v, const double *restrict a, const double *restrict u, double *restrict out)
 {
-    const double angle[PADDED(1)] = { q[1] };
-    double sine[PADDED(1)];
-    double cosine[PADDED(1)];
-    turn(angle, PADDED(1), sine, cosine);
+    TURN(1, q[1]);
 
     /* link1: w, w_dot, a and U of A_ddot = A K, eq. (6) unexpanded; its wrench P = K H */
     const double t12 = a[0] - h[0];
@@ -126,10 +129,7 @@ int one_link_residual(const double *restrict h, const double *restrict q, const 
 /* The drives u that make the residual zero. */
 int one_link_inverse_dynamics(const double *restrict h, const double *restrict q, const double *restrict v, const double *restrict a, double *restrict out)
 {
-    const double angle[PADDED(1)] = { q[1] };
-    double sine[PADDED(1)];
-    double cosine[PADDED(1)];
-    turn(angle, PADDED(1), sine, cosine);
+    TURN(1, q[1]);
 
     /* link1: w, w_dot, a and U of A_ddot = A K, eq. (6) unexpanded; its wrench P = K H */
     const double t10 = a[0] - h[0];
@@ -146,10 +146,7 @@ int one_link_inverse_dynamics(const double *restrict h, const double *restrict q
 int one_link_forward_dynamics(const double *restrict h, const double *restrict q, const double *restrict v, const double *restrict u, double *restrict out)
 {
     double pivot[4];
-    const double angle[PADDED(1)] = { q[1] };
-    double sine[PADDED(1)];
-    double cosine[PADDED(1)];
-    turn(angle, PADDED(1), sine, cosine);
+    TURN(1, q[1]);
 
     pivot[1] = 1.0;
     pivot[2] = 0.3333333333333333;
@@ -173,10 +170,7 @@ int one_link_forward_dynamics(const double *restrict h, const double *restrict q
 /* Derivatives of the residual by q, v and a: three matrices. */
 int one_link_residual_jacobian(const double *restrict h, const double *restrict q, const double *restrict v, const double *restrict a, double *restrict out)
 {
-    const double angle[PADDED(1)] = { q[1] };
-    double sine[PADDED(1)];
-    double cosine[PADDED(1)];
-    turn(angle, PADDED(1), sine, cosine);
+    TURN(1, q[1]);
 
     out[0] = h[3];
     out[2] = 0.0;
@@ -205,10 +199,7 @@ int one_link_residual_jacobian(const double *restrict h, const double *restrict 
 int one_link_forward_dynamics_jacobian(const double *restrict h, const double *restrict q, const double *restrict v, const double *restrict u, double *restrict out)
 {
     double pivot[4];
-    const double angle[PADDED(1)] = { q[1] };
-    double sine[PADDED(1)];
-    double cosine[PADDED(1)];
-    turn(angle, PADDED(1), sine, cosine);
+    TURN(1, q[1]);
 
     pivot[1] = 1.0;
     pivot[2] = 0.3333333333333333;
@@ -254,10 +245,7 @@ int one_link_forward_dynamics_jacobian(const double *restrict h, const double *r
 /* Coriolis matrix C(q, v) with C v = bias and M_dot = C + C^T. */
 int one_link_coriolis_matrix(const double *restrict h, const double *restrict q, const double *restrict v, double *restrict out)
 {
-    const double angle[PADDED(1)] = { q[1] };
-    double sine[PADDED(1)];
-    double cosine[PADDED(1)];
-    turn(angle, PADDED(1), sine, cosine);
+    TURN(1, q[1]);
     (void)h;
 
     out[0] = 0.0;
@@ -273,10 +261,7 @@ int one_link_coriolis_matrix(const double *restrict h, const double *restrict q,
 /* Christoffel symbols of the first kind, the tensor C of eq. (12). */
 int one_link_christoffel(const double *restrict h, const double *restrict q, double *restrict out)
 {
-    const double angle[PADDED(1)] = { q[1] };
-    double sine[PADDED(1)];
-    double cosine[PADDED(1)];
-    turn(angle, PADDED(1), sine, cosine);
+    TURN(1, q[1]);
     (void)h;
 
     out[0] = 0.0;
@@ -294,10 +279,7 @@ int one_link_christoffel(const double *restrict h, const double *restrict q, dou
 /* Kinetic energy, eq. (4), and potential energy of gravity and springs. */
 int one_link_energy(const double *restrict h, const double *restrict q, const double *restrict v, double *restrict out)
 {
-    const double angle[PADDED(1)] = { q[1] };
-    double sine[PADDED(1)];
-    double cosine[PADDED(1)];
-    turn(angle, PADDED(1), sine, cosine);
+    TURN(1, q[1]);
 
     const double t8 = v[0]*cosine[0];
     const double t9 = v[0]*sine[0];
@@ -310,10 +292,7 @@ int one_link_energy(const double *restrict h, const double *restrict q, const do
 /* Force and moment on each joint's child link, moved joint's axes. */
 int one_link_reactions(const double *restrict h, const double *restrict q, const double *restrict v, const double *restrict a, double *restrict out)
 {
-    const double angle[PADDED(1)] = { q[1] };
-    double sine[PADDED(1)];
-    double cosine[PADDED(1)];
-    turn(angle, PADDED(1), sine, cosine);
+    TURN(1, q[1]);
 
     out[2] = h[5];
     out[3] = 0.0;
@@ -331,10 +310,7 @@ int one_link_reactions(const double *restrict h, const double *restrict q, const
 /* What external wrenches add to the reactions, moved joint's axes. */
 int one_link_external_reactions(const double *restrict h, const double *restrict q, const double *restrict wrench, double *restrict out)
 {
-    const double angle[PADDED(1)] = { q[1] };
-    double sine[PADDED(1)];
-    double cosine[PADDED(1)];
-    turn(angle, PADDED(1), sine, cosine);
+    TURN(1, q[1]);
     (void)h;
 
     const double t14 = cosine[0]*wrench[1] - sine[0]*wrench[0];
@@ -351,10 +327,7 @@ int one_link_external_reactions(const double *restrict h, const double *restrict
 /* Y of inverse dynamics without springs and dampers, u = Y theta; loops cut. */
 int one_link_regressor(const double *restrict h, const double *restrict q, const double *restrict v, const double *restrict a, double *restrict out)
 {
-    const double angle[PADDED(1)] = { q[1] };
-    double sine[PADDED(1)];
-    double cosine[PADDED(1)];
-    turn(angle, PADDED(1), sine, cosine);
+    TURN(1, q[1]);
 
     out[3] = 0.0;
     out[4] = 0.0;
@@ -402,10 +375,7 @@ int one_link_euler_cosines(const double *restrict h, const double *restrict q, d
 static int one_link_implicit_step(const double *restrict h, const double *restrict q, const double *restrict v, const double *restrict u, const double *restrict added, const double *restrict dt, double *restrict out)
 {
     double pivot[4];
-    const double angle[PADDED(1)] = { q[1] };
-    double sine[PADDED(1)];
-    double cosine[PADDED(1)];
-    turn(angle, PADDED(1), sine, cosine);
+    TURN(1, q[1]);
 
     const double t16 = h[3]*dt[1];
     /* joint1: eliminated, from the tips to the base */
@@ -433,10 +403,7 @@ static int one_link_implicit_step(const double *restrict h, const double *restri
 static int one_link_stage_factors(const double *restrict h, const double *restrict q, const double *restrict v, const double *restrict kp, const double *restrict kd, const double *restrict times, double *restrict out)
 {
     double pivot[4];
-    const double angle[PADDED(1)] = { q[1] };
-    double sine[PADDED(1)];
-    double cosine[PADDED(1)];
-    turn(angle, PADDED(1), sine, cosine);
+    TURN(1, q[1]);
     (void)v;
 
     out[0] = sine[0];
@@ -476,7 +443,10 @@ static int one_link_stage_solution(const double *restrict h, const double *restr
     return 0;
 }
 
-EOMGEN_PART void one_link_kinematics0(const double *restrict q, const double *restrict sine, const double *restrict cosine, int last, double *restrict origins, double *restrict axes, double *restrict kept)
+#include "clib/state_one.h"
+#include "clib/kinematics.h"
+
+EOM_PART void one_link_kinematics0(const double *restrict q, const double *restrict sine, const double *restrict cosine, int last, double *restrict origins, double *restrict axes, double *restrict kept)
 {
     origins[0] = q[0];
     origins[1] = 0.0;
@@ -493,7 +463,7 @@ EOMGEN_PART void one_link_kinematics0(const double *restrict q, const double *re
     kept[1] = -sine[0];
 }
 
-EOMGEN_PART void one_link_kinematics1(const double *restrict q, const double *restrict given, double *restrict pose)
+EOM_PART void one_link_kinematics1(const double *restrict q, const double *restrict given, double *restrict pose)
 {
     pose[0] = given[0];
     pose[5] = pose[0];
@@ -509,7 +479,7 @@ EOMGEN_PART void one_link_kinematics1(const double *restrict q, const double *re
     pose[3] = q[0] + given[0];
 }
 
-EOMGEN_PART void one_link_kinematics2(double *restrict pose)
+EOM_PART void one_link_kinematics2(double *restrict pose)
 {
     pose[0] = 1.0;
     pose[5] = 1.0;
@@ -525,7 +495,7 @@ EOMGEN_PART void one_link_kinematics2(double *restrict pose)
     pose[11] = 0.0;
 }
 
-EOMGEN_PART void one_link_kinematics3(const double *restrict q, const double *restrict given, double *restrict pose)
+EOM_PART void one_link_kinematics3(const double *restrict q, const double *restrict given, double *restrict pose)
 {
     pose[0] = given[0];
     pose[5] = pose[0];
@@ -541,49 +511,28 @@ EOMGEN_PART void one_link_kinematics3(const double *restrict q, const double *re
     pose[10] = 1.0;
 }
 
-/* Pose [R | X] of a frame; origins of the bodies between the base and it, and axes of their coordinates; eqs. (1)-(3).
- * Nodes are the base, the bodies, and the frames, each behind its body; several bodies may be a run.  Sines and cosines
- * on the way are taken at once. */
-static void one_link_on_the_way(const double *restrict h, const double *restrict q, int frame, double *restrict pose, double *restrict origins, double *restrict axes)
+/* A run of bodies up to the last one that is wanted, or a frame. */
+static void one_link_run(int run, int last, const double *h, const double *q, const double *sine, const double *cosine, double *kept, double *pose, double *origins, double *axes)
 {
-    static const int run_of[5] = { 0, 0, 1, 2, 3 };
-    static const int behind[4] = { -1, 1, 0, 1 };
-    int way[2];
-    int count = 0;
-    double kept[3];
     const double *const given = kept;
-    static const int turned[5] = { 0, 1, 0, 0, 0 };
-    static const int first[4] = { 0, 1, 1, 1 };
-    static const int place[1] = { 1 };
-    double turning[PADDED(1)] = { 0 };
-    double sines[PADDED(1)];
-    double cosines[PADDED(1)];
-    int angles = 0;
-    int done = 0;
     (void)h;
-    (void)q;
-    (void)given;
-    for (int node = 2 + frame; node >= 0; node = behind[run_of[node]]) { way[count] = node; ++count; }
-    for (int i = count - 1; i >= 0; --i) {
-        const int *const own = &place[first[run_of[way[i]]]];
-        for (int k = 0; k < turned[way[i]]; ++k) { turning[angles] = q[own[k]]; ++angles; }
+    switch (run) {
+    case 0: one_link_kinematics0(q, sine, cosine, last, origins, axes, kept); break;
+    case 1: one_link_kinematics1(q, given, pose); break;
+    case 2: one_link_kinematics2(pose); break;
+    case 3: one_link_kinematics3(q, given, pose); break;
+    default: break;
     }
-    const int padded = PADDED(angles);
-    turn(turning, (size_t)padded, sines, cosines);
-    while (count > 0) {
-        --count;
-        const int last = way[count];
-        const double *const sine = &sines[done];
-        const double *const cosine = &cosines[done];
-        done += turned[last];
-        switch (run_of[last]) {
-        case 0: one_link_kinematics0(q, sine, cosine, last, origins, axes, kept); break;
-        case 1: one_link_kinematics1(q, given, pose); break;
-        case 2: one_link_kinematics2(pose); break;
-        case 3: one_link_kinematics3(q, given, pose); break;
-        default: break;
-        }
-    }
+}
+
+/* Pose of a frame, and origins and axes of the bodies between the base and it. */
+static void one_link_forward_kinematics(const double *restrict h, const double *restrict q, int frame, double *restrict pose, double *restrict origins, double *restrict axes)
+{
+    int way[2];
+    double turning[3][PADDED(1)];
+    double kept[3];
+    const eom_way room = { way, turning[0], turning[1], turning[2], kept };
+    eom_forward_kinematics(one_link_run, h, q, q, frame, pose, origins, axes, room);
 }
 
 /* Pose of a frame in the base, 4x4; eqs. (1) and (2). */
@@ -591,75 +540,28 @@ int one_link_frame_pose(const double *restrict h, const double *restrict q, int 
 {
     double origins[3];
     double axes[6];
-    one_link_on_the_way(h, q, frame, out, origins, axes);
-    for (int i = 12; i < 15; ++i) { out[i] = 0.0; }
-    out[15] = 1.0;
+    one_link_forward_kinematics(h, q, frame, out, origins, axes);
+    eom_last_row(out);
     return 0;
 }
 
 /* Linear velocity of a frame's origin (rows 0 to 2) and angular velocity (rows 3 to 5) per coordinate, base axes. */
 int one_link_frame_jacobian(const double *restrict h, const double *restrict q, int frame, double *restrict out)
 {
-    static const int body_of[3] = { 0, -1, 0 };
-    static const int parent[1] = { -1 };
-    static const int first[1] = { 0 };
-    static const int count[1] = { 2 };
-    static const int is_rotation[2] = { 0, 1 };
     double pose[12];
     double origins[3];
     double axes[6];
-    one_link_on_the_way(h, q, frame, pose, origins, axes);
-    for (int i = 0; i < 12; ++i) { out[i] = 0.0; }
-    for (int body = body_of[frame]; body >= 0; body = parent[body]) {
-        const double *origin = &origins[3 * body];
-        const double arm[3] = { pose[3] - origin[0], pose[7] - origin[1], pose[11] - origin[2] };
-        for (int s = first[body]; s < first[body] + count[body]; ++s) {
-            const double *axis = &axes[3 * s];
-            if (is_rotation[s] != 0) {
-                out[s] = axis[1] * arm[2] - axis[2] * arm[1];
-                out[2 + s] = axis[2] * arm[0] - axis[0] * arm[2];
-                out[4 + s] = axis[0] * arm[1] - axis[1] * arm[0];
-                for (int i = 0; i < 3; ++i) { out[(3 + i) * 2 + s] = axis[i]; }
-            } else {
-                for (int i = 0; i < 3; ++i) { out[i * 2 + s] = axis[i]; }
-            }
-        }
-    }
+    one_link_forward_kinematics(h, q, frame, pose, origins, axes);
+    eom_frame_jacobian(frame, pose, origins, axes, out);
     return 0;
 }
 
-#ifndef EOMGEN_SIZES
-#define EOMGEN_SIZES
-static const eom_sizes one_link_sizes = {
-    2, /* coordinates */
-    0, /* constraints */
-    7, /* numbers of h */
-    4, /* parameters */
-    8, /* factors of a step's matrix */
-    6, /* wrenches */
-    0, /* constraints of a computed torque model */
-    0, /* joints of three rotations */
-    0, /* friction */
-    0, /* redundant constraints */
-    NULL,
-    NULL,
-    NULL,
-    1e-11,
-    1e-09,
-    NULL,
-    0 /* complex factors */
-};
-#endif
-
 static const eom_robot one_link_robot = {
-    &one_link_sizes,
-    one_link_forward_dynamics,
-    one_link_implicit_step,
-    one_link_stage_factors,
-    one_link_stage_solution,
-    NULL,
-    NULL,
-    NULL
+    .sizes = &one_link_sizes,
+    .forward_dynamics = one_link_forward_dynamics,
+    .implicit_step = one_link_implicit_step,
+    .stage_factors = one_link_stage_factors,
+    .stage_solution = one_link_stage_solution,
 };
 
 #if !defined(EOM_LINKED) /* defined where the library's objects are linked; without it the library is compiled for this robot */
@@ -703,9 +605,7 @@ void one_link_loaded(size_t count, const one_link_loads *restrict loads, const d
 /* Mass matrix M(q), eq. (11). */
 static int one_link_mass_matrix_lanes(const lanes *restrict h, const lanes *restrict q, lanes *restrict out)
 {
-    lanes sine[1];
-    lanes cosine[1];
-    turn((const double *)(q + 1), 1 * LANES, (double *)sine, (double *)cosine);
+    TURN_AT(1, q + 1);
     (void)h;
 
     out[0] = ALL(1.0);
@@ -720,9 +620,7 @@ static int one_link_mass_matrix_lanes(const lanes *restrict h, const lanes *rest
 /* Coriolis and centrifugal terms, eq. (12) contracted. */
 static int one_link_bias_force_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict v, lanes *restrict out)
 {
-    lanes sine[1];
-    lanes cosine[1];
-    turn((const double *)(q + 1), 1 * LANES, (double *)sine, (double *)cosine);
+    TURN_AT(1, q + 1);
     (void)h;
 
     out[1] = ALL(0.0);
@@ -735,9 +633,7 @@ static int one_link_bias_force_lanes(const lanes *restrict h, const lanes *restr
 /* Springs, dampers, gravity: Q_P + Q_G, eqs. (13), (14). */
 static int one_link_generalized_force_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict v, lanes *restrict out)
 {
-    lanes sine[1];
-    lanes cosine[1];
-    turn((const double *)(q + 1), 1 * LANES, (double *)sine, (double *)cosine);
+    TURN_AT(1, q + 1);
     (void)v;
 
     const lanes t12 = h[0]*sine[0] - h[1]*cosine[0];
@@ -750,9 +646,7 @@ static int one_link_generalized_force_lanes(const lanes *restrict h, const lanes
 /* Q_F of eq. (14), its moment term corrected; base axes. */
 static int one_link_external_force_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict wrench, lanes *restrict out)
 {
-    lanes sine[1];
-    lanes cosine[1];
-    turn((const double *)(q + 1), 1 * LANES, (double *)sine, (double *)cosine);
+    TURN_AT(1, q + 1);
     (void)h;
 
     const lanes t11 = cosine[0]*wrench[1] - sine[0]*wrench[0];
@@ -765,9 +659,7 @@ static int one_link_external_force_lanes(const lanes *restrict h, const lanes *r
 /* M a + bias - Q - u, eq. (5) unexpanded; zero on a motion. */
 static int one_link_residual_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, const lanes *restrict u, lanes *restrict out)
 {
-    lanes sine[1];
-    lanes cosine[1];
-    turn((const double *)(q + 1), 1 * LANES, (double *)sine, (double *)cosine);
+    TURN_AT(1, q + 1);
 
     /* link1: w, w_dot, a and U of A_ddot = A K, eq. (6) unexpanded; its wrench P = K H */
     const lanes t12 = a[0] - h[0];
@@ -783,9 +675,7 @@ static int one_link_residual_lanes(const lanes *restrict h, const lanes *restric
 /* The drives u that make the residual zero. */
 static int one_link_inverse_dynamics_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, lanes *restrict out)
 {
-    lanes sine[1];
-    lanes cosine[1];
-    turn((const double *)(q + 1), 1 * LANES, (double *)sine, (double *)cosine);
+    TURN_AT(1, q + 1);
 
     /* link1: w, w_dot, a and U of A_ddot = A K, eq. (6) unexpanded; its wrench P = K H */
     const lanes t10 = a[0] - h[0];
@@ -802,9 +692,7 @@ static int one_link_inverse_dynamics_lanes(const lanes *restrict h, const lanes 
 static int one_link_forward_dynamics_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict u, lanes *restrict out)
 {
     lanes pivot[4];
-    lanes sine[1];
-    lanes cosine[1];
-    turn((const double *)(q + 1), 1 * LANES, (double *)sine, (double *)cosine);
+    TURN_AT(1, q + 1);
 
     pivot[1] = ALL(1.0);
     pivot[2] = ALL(0.3333333333333333);
@@ -828,9 +716,7 @@ static int one_link_forward_dynamics_lanes(const lanes *restrict h, const lanes 
 /* Derivatives of the residual by q, v and a: three matrices. */
 static int one_link_residual_jacobian_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, lanes *restrict out)
 {
-    lanes sine[1];
-    lanes cosine[1];
-    turn((const double *)(q + 1), 1 * LANES, (double *)sine, (double *)cosine);
+    TURN_AT(1, q + 1);
 
     out[0] = ALL(h[3]);
     out[2] = ALL(0.0);
@@ -859,9 +745,7 @@ static int one_link_residual_jacobian_lanes(const lanes *restrict h, const lanes
 static int one_link_forward_dynamics_jacobian_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict u, lanes *restrict out)
 {
     lanes pivot[4];
-    lanes sine[1];
-    lanes cosine[1];
-    turn((const double *)(q + 1), 1 * LANES, (double *)sine, (double *)cosine);
+    TURN_AT(1, q + 1);
 
     pivot[1] = ALL(1.0);
     pivot[2] = ALL(0.3333333333333333);
@@ -907,9 +791,7 @@ static int one_link_forward_dynamics_jacobian_lanes(const lanes *restrict h, con
 /* Coriolis matrix C(q, v) with C v = bias and M_dot = C + C^T. */
 static int one_link_coriolis_matrix_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict v, lanes *restrict out)
 {
-    lanes sine[1];
-    lanes cosine[1];
-    turn((const double *)(q + 1), 1 * LANES, (double *)sine, (double *)cosine);
+    TURN_AT(1, q + 1);
     (void)h;
 
     out[0] = ALL(0.0);
@@ -925,9 +807,7 @@ static int one_link_coriolis_matrix_lanes(const lanes *restrict h, const lanes *
 /* Christoffel symbols of the first kind, the tensor C of eq. (12). */
 static int one_link_christoffel_lanes(const lanes *restrict h, const lanes *restrict q, lanes *restrict out)
 {
-    lanes sine[1];
-    lanes cosine[1];
-    turn((const double *)(q + 1), 1 * LANES, (double *)sine, (double *)cosine);
+    TURN_AT(1, q + 1);
     (void)h;
 
     out[0] = ALL(0.0);
@@ -945,9 +825,7 @@ static int one_link_christoffel_lanes(const lanes *restrict h, const lanes *rest
 /* Kinetic energy, eq. (4), and potential energy of gravity and springs. */
 static int one_link_energy_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict v, lanes *restrict out)
 {
-    lanes sine[1];
-    lanes cosine[1];
-    turn((const double *)(q + 1), 1 * LANES, (double *)sine, (double *)cosine);
+    TURN_AT(1, q + 1);
 
     const lanes t8 = v[0]*cosine[0];
     const lanes t9 = v[0]*sine[0];
@@ -960,9 +838,7 @@ static int one_link_energy_lanes(const lanes *restrict h, const lanes *restrict 
 /* Force and moment on each joint's child link, moved joint's axes. */
 static int one_link_reactions_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, lanes *restrict out)
 {
-    lanes sine[1];
-    lanes cosine[1];
-    turn((const double *)(q + 1), 1 * LANES, (double *)sine, (double *)cosine);
+    TURN_AT(1, q + 1);
 
     out[2] = ALL(h[5]);
     out[3] = ALL(0.0);
@@ -980,9 +856,7 @@ static int one_link_reactions_lanes(const lanes *restrict h, const lanes *restri
 /* What external wrenches add to the reactions, moved joint's axes. */
 static int one_link_external_reactions_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict wrench, lanes *restrict out)
 {
-    lanes sine[1];
-    lanes cosine[1];
-    turn((const double *)(q + 1), 1 * LANES, (double *)sine, (double *)cosine);
+    TURN_AT(1, q + 1);
     (void)h;
 
     const lanes t14 = cosine[0]*wrench[1] - sine[0]*wrench[0];
@@ -999,9 +873,7 @@ static int one_link_external_reactions_lanes(const lanes *restrict h, const lane
 /* Y of inverse dynamics without springs and dampers, u = Y theta; loops cut. */
 static int one_link_regressor_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, lanes *restrict out)
 {
-    lanes sine[1];
-    lanes cosine[1];
-    turn((const double *)(q + 1), 1 * LANES, (double *)sine, (double *)cosine);
+    TURN_AT(1, q + 1);
 
     out[3] = ALL(0.0);
     out[4] = out[3];
@@ -1049,9 +921,7 @@ static int one_link_euler_cosines_lanes(const lanes *restrict h, const lanes *re
 static int one_link_implicit_step_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict u, const lanes *restrict added, const lanes *restrict dt, lanes *restrict out)
 {
     lanes pivot[4];
-    lanes sine[1];
-    lanes cosine[1];
-    turn((const double *)(q + 1), 1 * LANES, (double *)sine, (double *)cosine);
+    TURN_AT(1, q + 1);
 
     const lanes t16 = h[3]*dt[1];
     /* joint1: eliminated, from the tips to the base */
@@ -1079,9 +949,7 @@ static int one_link_implicit_step_lanes(const lanes *restrict h, const lanes *re
 static int one_link_stage_factors_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict kp, const lanes *restrict kd, const lanes *restrict times, lanes *restrict out)
 {
     lanes pivot[4];
-    lanes sine[1];
-    lanes cosine[1];
-    turn((const double *)(q + 1), 1 * LANES, (double *)sine, (double *)cosine);
+    TURN_AT(1, q + 1);
     (void)v;
 
     out[0] = sine[0];
@@ -1121,172 +989,106 @@ static int one_link_stage_solution_lanes(const lanes *restrict h, const lanes *r
     return 0;
 }
 
+#include "clib/state_lanes.h"
+#include "clib/kinematics.h"
+
 long long one_link_mass_matrix_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, double *restrict out)
 {
-    lanes q_lanes[2];
-    lanes out_lanes[4];
-    lanes h_lanes[7];
-    spread(7, h, h_lanes);
-    BY_LANES(2, READ_LANES(q, 2) , one_link_mass_matrix_lanes(h_lanes, q_lanes, out_lanes), WRITE_LANES(4))
+    SPREAD(h, 7)
+    BY_LANES(2, READ_LANES(q, 2), 4, one_link_mass_matrix_lanes(h_lanes, q_lanes, out_lanes), WRITE_LANES(4))
 }
 
 long long one_link_bias_force_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, double *restrict out)
 {
-    lanes q_lanes[2];
-    lanes v_lanes[2];
-    lanes out_lanes[2];
-    lanes h_lanes[7];
-    spread(7, h, h_lanes);
-    BY_LANES(2, READ_LANES(q, 2) READ_LANES(v, 2) , one_link_bias_force_lanes(h_lanes, q_lanes, v_lanes, out_lanes), WRITE_LANES(2))
+    SPREAD(h, 7)
+    BY_LANES(2, READ_LANES(q, 2) READ_LANES(v, 2), 2, one_link_bias_force_lanes(h_lanes, q_lanes, v_lanes, out_lanes), WRITE_LANES(2))
 }
 
 long long one_link_generalized_force_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, double *restrict out)
 {
-    lanes q_lanes[2];
-    lanes v_lanes[2];
-    lanes out_lanes[2];
-    lanes h_lanes[7];
-    spread(7, h, h_lanes);
-    BY_LANES(2, READ_LANES(q, 2) READ_LANES(v, 2) , one_link_generalized_force_lanes(h_lanes, q_lanes, v_lanes, out_lanes), WRITE_LANES(2))
+    SPREAD(h, 7)
+    BY_LANES(2, READ_LANES(q, 2) READ_LANES(v, 2), 2, one_link_generalized_force_lanes(h_lanes, q_lanes, v_lanes, out_lanes), WRITE_LANES(2))
 }
 
 long long one_link_external_force_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict wrench, size_t wrench_step, double *restrict out)
 {
-    lanes q_lanes[2];
-    lanes wrench_lanes[6];
-    lanes out_lanes[2];
-    lanes h_lanes[7];
-    spread(7, h, h_lanes);
-    BY_LANES(2, READ_LANES(q, 2) READ_LANES(wrench, 6) , one_link_external_force_lanes(h_lanes, q_lanes, wrench_lanes, out_lanes), WRITE_LANES(2))
+    SPREAD(h, 7)
+    BY_LANES(2, READ_LANES(q, 2) READ_LANES(wrench, 6), 2, one_link_external_force_lanes(h_lanes, q_lanes, wrench_lanes, out_lanes), WRITE_LANES(2))
 }
 
 long long one_link_residual_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, const double *restrict a, size_t a_step, const double *restrict u, size_t u_step, double *restrict out)
 {
-    lanes q_lanes[2];
-    lanes v_lanes[2];
-    lanes a_lanes[2];
-    lanes u_lanes[2];
-    lanes out_lanes[2];
-    lanes h_lanes[7];
-    spread(7, h, h_lanes);
-    BY_LANES(2, READ_LANES(q, 2) READ_LANES(v, 2) READ_LANES(a, 2) READ_LANES(u, 2) , one_link_residual_lanes(h_lanes, q_lanes, v_lanes, a_lanes, u_lanes, out_lanes), WRITE_LANES(2))
+    SPREAD(h, 7)
+    BY_LANES(2, READ_LANES(q, 2) READ_LANES(v, 2) READ_LANES(a, 2) READ_LANES(u, 2), 2, one_link_residual_lanes(h_lanes, q_lanes, v_lanes, a_lanes, u_lanes, out_lanes), WRITE_LANES(2))
 }
 
 long long one_link_inverse_dynamics_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, const double *restrict a, size_t a_step, double *restrict out)
 {
-    lanes q_lanes[2];
-    lanes v_lanes[2];
-    lanes a_lanes[2];
-    lanes out_lanes[2];
-    lanes h_lanes[7];
-    spread(7, h, h_lanes);
-    BY_LANES(2, READ_LANES(q, 2) READ_LANES(v, 2) READ_LANES(a, 2) , one_link_inverse_dynamics_lanes(h_lanes, q_lanes, v_lanes, a_lanes, out_lanes), WRITE_LANES(2))
+    SPREAD(h, 7)
+    BY_LANES(2, READ_LANES(q, 2) READ_LANES(v, 2) READ_LANES(a, 2), 2, one_link_inverse_dynamics_lanes(h_lanes, q_lanes, v_lanes, a_lanes, out_lanes), WRITE_LANES(2))
 }
 
 long long one_link_forward_dynamics_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, const double *restrict u, size_t u_step, double *restrict out)
 {
-    lanes q_lanes[2];
-    lanes v_lanes[2];
-    lanes u_lanes[2];
-    lanes out_lanes[2];
-    lanes h_lanes[7];
-    spread(7, h, h_lanes);
-    BY_LANES(2, READ_LANES(q, 2) READ_LANES(v, 2) READ_LANES(u, 2) , one_link_forward_dynamics_lanes(h_lanes, q_lanes, v_lanes, u_lanes, out_lanes), WRITE_LANES(2))
+    SPREAD(h, 7)
+    BY_LANES(2, READ_LANES(q, 2) READ_LANES(v, 2) READ_LANES(u, 2), 2, one_link_forward_dynamics_lanes(h_lanes, q_lanes, v_lanes, u_lanes, out_lanes), WRITE_LANES(2))
 }
 
 long long one_link_residual_jacobian_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, const double *restrict a, size_t a_step, double *restrict out)
 {
-    lanes q_lanes[2];
-    lanes v_lanes[2];
-    lanes a_lanes[2];
-    lanes out_lanes[12];
-    lanes h_lanes[7];
-    spread(7, h, h_lanes);
-    BY_LANES(2, READ_LANES(q, 2) READ_LANES(v, 2) READ_LANES(a, 2) , one_link_residual_jacobian_lanes(h_lanes, q_lanes, v_lanes, a_lanes, out_lanes), WRITE_LANES(12))
+    SPREAD(h, 7)
+    BY_LANES(2, READ_LANES(q, 2) READ_LANES(v, 2) READ_LANES(a, 2), 12, one_link_residual_jacobian_lanes(h_lanes, q_lanes, v_lanes, a_lanes, out_lanes), WRITE_LANES(12))
 }
 
 long long one_link_forward_dynamics_jacobian_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, const double *restrict u, size_t u_step, double *restrict out)
 {
-    lanes q_lanes[2];
-    lanes v_lanes[2];
-    lanes u_lanes[2];
-    lanes out_lanes[12];
-    lanes h_lanes[7];
-    spread(7, h, h_lanes);
-    BY_LANES(2, READ_LANES(q, 2) READ_LANES(v, 2) READ_LANES(u, 2) , one_link_forward_dynamics_jacobian_lanes(h_lanes, q_lanes, v_lanes, u_lanes, out_lanes), WRITE_LANES(12))
+    SPREAD(h, 7)
+    BY_LANES(2, READ_LANES(q, 2) READ_LANES(v, 2) READ_LANES(u, 2), 12, one_link_forward_dynamics_jacobian_lanes(h_lanes, q_lanes, v_lanes, u_lanes, out_lanes), WRITE_LANES(12))
 }
 
 long long one_link_coriolis_matrix_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, double *restrict out)
 {
-    lanes q_lanes[2];
-    lanes v_lanes[2];
-    lanes out_lanes[4];
-    lanes h_lanes[7];
-    spread(7, h, h_lanes);
-    BY_LANES(2, READ_LANES(q, 2) READ_LANES(v, 2) , one_link_coriolis_matrix_lanes(h_lanes, q_lanes, v_lanes, out_lanes), WRITE_LANES(4))
+    SPREAD(h, 7)
+    BY_LANES(2, READ_LANES(q, 2) READ_LANES(v, 2), 4, one_link_coriolis_matrix_lanes(h_lanes, q_lanes, v_lanes, out_lanes), WRITE_LANES(4))
 }
 
 long long one_link_christoffel_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, double *restrict out)
 {
-    lanes q_lanes[2];
-    lanes out_lanes[8];
-    lanes h_lanes[7];
-    spread(7, h, h_lanes);
-    BY_LANES(2, READ_LANES(q, 2) , one_link_christoffel_lanes(h_lanes, q_lanes, out_lanes), WRITE_LANES(8))
+    SPREAD(h, 7)
+    BY_LANES(2, READ_LANES(q, 2), 8, one_link_christoffel_lanes(h_lanes, q_lanes, out_lanes), WRITE_LANES(8))
 }
 
 long long one_link_energy_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, double *restrict out)
 {
-    lanes q_lanes[2];
-    lanes v_lanes[2];
-    lanes out_lanes[2];
-    lanes h_lanes[7];
-    spread(7, h, h_lanes);
-    BY_LANES(2, READ_LANES(q, 2) READ_LANES(v, 2) , one_link_energy_lanes(h_lanes, q_lanes, v_lanes, out_lanes), WRITE_LANES(2))
+    SPREAD(h, 7)
+    BY_LANES(2, READ_LANES(q, 2) READ_LANES(v, 2), 2, one_link_energy_lanes(h_lanes, q_lanes, v_lanes, out_lanes), WRITE_LANES(2))
 }
 
 long long one_link_reactions_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, const double *restrict a, size_t a_step, double *restrict out)
 {
-    lanes q_lanes[2];
-    lanes v_lanes[2];
-    lanes a_lanes[2];
-    lanes out_lanes[6];
-    lanes h_lanes[7];
-    spread(7, h, h_lanes);
-    BY_LANES(2, READ_LANES(q, 2) READ_LANES(v, 2) READ_LANES(a, 2) , one_link_reactions_lanes(h_lanes, q_lanes, v_lanes, a_lanes, out_lanes), WRITE_LANES(6))
+    SPREAD(h, 7)
+    BY_LANES(2, READ_LANES(q, 2) READ_LANES(v, 2) READ_LANES(a, 2), 6, one_link_reactions_lanes(h_lanes, q_lanes, v_lanes, a_lanes, out_lanes), WRITE_LANES(6))
 }
 
 long long one_link_external_reactions_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict wrench, size_t wrench_step, double *restrict out)
 {
-    lanes q_lanes[2];
-    lanes wrench_lanes[6];
-    lanes out_lanes[6];
-    lanes h_lanes[7];
-    spread(7, h, h_lanes);
-    BY_LANES(2, READ_LANES(q, 2) READ_LANES(wrench, 6) , one_link_external_reactions_lanes(h_lanes, q_lanes, wrench_lanes, out_lanes), WRITE_LANES(6))
+    SPREAD(h, 7)
+    BY_LANES(2, READ_LANES(q, 2) READ_LANES(wrench, 6), 6, one_link_external_reactions_lanes(h_lanes, q_lanes, wrench_lanes, out_lanes), WRITE_LANES(6))
 }
 
 long long one_link_regressor_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, const double *restrict a, size_t a_step, double *restrict out)
 {
-    lanes q_lanes[2];
-    lanes v_lanes[2];
-    lanes a_lanes[2];
-    lanes out_lanes[22];
-    lanes h_lanes[7];
-    spread(7, h, h_lanes);
-    BY_LANES(2, READ_LANES(q, 2) READ_LANES(v, 2) READ_LANES(a, 2) , one_link_regressor_lanes(h_lanes, q_lanes, v_lanes, a_lanes, out_lanes), WRITE_LANES(22))
+    SPREAD(h, 7)
+    BY_LANES(2, READ_LANES(q, 2) READ_LANES(v, 2) READ_LANES(a, 2), 22, one_link_regressor_lanes(h_lanes, q_lanes, v_lanes, a_lanes, out_lanes), WRITE_LANES(22))
 }
 
 long long one_link_euler_cosines_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, double *restrict out)
 {
-    lanes q_lanes[2];
-    lanes out_lanes[1];
-    lanes h_lanes[7];
-    spread(7, h, h_lanes);
-    BY_LANES(2, READ_LANES(q, 2) , one_link_euler_cosines_lanes(h_lanes, q_lanes, out_lanes), WRITE_LANES(1))
+    SPREAD(h, 7)
+    BY_LANES(2, READ_LANES(q, 2), 1, one_link_euler_cosines_lanes(h_lanes, q_lanes, out_lanes), WRITE_LANES(1))
 }
 
-EOMGEN_PART void one_link_kinematics0_lanes(const lanes *restrict q, const lanes *restrict sine, const lanes *restrict cosine, int last, lanes *restrict origins, lanes *restrict axes, lanes *restrict kept)
+EOM_PART void one_link_kinematics0_lanes(const lanes *restrict q, const lanes *restrict sine, const lanes *restrict cosine, int last, lanes *restrict origins, lanes *restrict axes, lanes *restrict kept)
 {
     origins[0] = q[0];
     origins[1] = ALL(0.0);
@@ -1303,7 +1105,7 @@ EOMGEN_PART void one_link_kinematics0_lanes(const lanes *restrict q, const lanes
     kept[1] = -sine[0];
 }
 
-EOMGEN_PART void one_link_kinematics1_lanes(const lanes *restrict q, const lanes *restrict given, lanes *restrict pose)
+EOM_PART void one_link_kinematics1_lanes(const lanes *restrict q, const lanes *restrict given, lanes *restrict pose)
 {
     pose[0] = given[0];
     pose[5] = pose[0];
@@ -1319,7 +1121,7 @@ EOMGEN_PART void one_link_kinematics1_lanes(const lanes *restrict q, const lanes
     pose[3] = q[0] + given[0];
 }
 
-EOMGEN_PART void one_link_kinematics2_lanes(lanes *restrict pose)
+EOM_PART void one_link_kinematics2_lanes(lanes *restrict pose)
 {
     pose[0] = ALL(1.0);
     pose[5] = pose[0];
@@ -1335,7 +1137,7 @@ EOMGEN_PART void one_link_kinematics2_lanes(lanes *restrict pose)
     pose[11] = pose[1];
 }
 
-EOMGEN_PART void one_link_kinematics3_lanes(const lanes *restrict q, const lanes *restrict given, lanes *restrict pose)
+EOM_PART void one_link_kinematics3_lanes(const lanes *restrict q, const lanes *restrict given, lanes *restrict pose)
 {
     pose[0] = given[0];
     pose[5] = pose[0];
@@ -1351,109 +1153,59 @@ EOMGEN_PART void one_link_kinematics3_lanes(const lanes *restrict q, const lanes
     pose[10] = ALL(1.0);
 }
 
-/* Pose [R | X] of a frame; origins of the bodies between the base and it, and axes of their coordinates; eqs. (1)-(3).
- * Nodes are the base, the bodies, and the frames, each behind its body; several bodies may be a run.  Sines and cosines
- * on the way are taken at once. */
-static void one_link_on_the_way_lanes(const lanes *restrict h, const lanes *restrict q, int frame, lanes *restrict pose, lanes *restrict origins, lanes *restrict axes)
+/* A run of bodies up to the last one that is wanted, or a frame. */
+static void one_link_run_lanes(int run, int last, const double *h, const lanes *q, const lanes *sine, const lanes *cosine, lanes *kept, lanes *pose, lanes *origins, lanes *axes)
 {
-    static const int run_of[5] = { 0, 0, 1, 2, 3 };
-    static const int behind[4] = { -1, 1, 0, 1 };
-    int way[2];
-    int count = 0;
-    lanes kept[3];
     const lanes *const given = kept;
-    static const int turned[5] = { 0, 1, 0, 0, 0 };
-    static const int first[4] = { 0, 1, 1, 1 };
-    static const int place[1] = { 1 };
-    lanes turning[1];
-    lanes sines[1];
-    lanes cosines[1];
-    int angles = 0;
-    int done = 0;
     (void)h;
-    (void)q;
-    (void)given;
-    for (int node = 2 + frame; node >= 0; node = behind[run_of[node]]) { way[count] = node; ++count; }
-    for (int i = count - 1; i >= 0; --i) {
-        const int *const own = &place[first[run_of[way[i]]]];
-        for (int k = 0; k < turned[way[i]]; ++k) { turning[angles] = q[own[k]]; ++angles; }
-    }
-    if (angles == 0) { turning[0] = ALL(0.0); }
-    turn((const double *)turning, (size_t)angles * LANES, (double *)sines, (double *)cosines);
-    while (count > 0) {
-        --count;
-        const int last = way[count];
-        const lanes *const sine = &sines[done];
-        const lanes *const cosine = &cosines[done];
-        done += turned[last];
-        switch (run_of[last]) {
-        case 0: one_link_kinematics0_lanes(q, sine, cosine, last, origins, axes, kept); break;
-        case 1: one_link_kinematics1_lanes(q, given, pose); break;
-        case 2: one_link_kinematics2_lanes(pose); break;
-        case 3: one_link_kinematics3_lanes(q, given, pose); break;
-        default: break;
-        }
+    switch (run) {
+    case 0: one_link_kinematics0_lanes(q, sine, cosine, last, origins, axes, kept); break;
+    case 1: one_link_kinematics1_lanes(q, given, pose); break;
+    case 2: one_link_kinematics2_lanes(pose); break;
+    case 3: one_link_kinematics3_lanes(q, given, pose); break;
+    default: break;
     }
 }
 
+/* Pose of a frame, and origins and axes of the bodies between the base and it. */
+static void one_link_forward_kinematics_lanes(const double *restrict h, const lanes *restrict q, int frame, lanes *restrict pose, lanes *restrict origins, lanes *restrict axes)
+{
+    int way[2];
+    lanes turning[3][1];
+    lanes kept[3];
+    const eom_way_lanes room = { way, turning[0], turning[1], turning[2], kept };
+    eom_forward_kinematics_lanes(one_link_run_lanes, h, q, q, frame, pose, origins, axes, room);
+}
+
 /* Pose of a frame in the base, 4x4; eqs. (1) and (2). */
-static int one_link_frame_pose_lanes(const lanes *restrict h, const lanes *restrict q, int frame, lanes *restrict out)
+static int one_link_frame_pose_lanes(const double *restrict h, const lanes *restrict q, int frame, lanes *restrict out)
 {
     lanes origins[3];
     lanes axes[6];
-    one_link_on_the_way_lanes(h, q, frame, out, origins, axes);
-    for (int i = 12; i < 15; ++i) { out[i] = ALL(0.0); }
-    out[15] = ALL(1.0);
+    one_link_forward_kinematics_lanes(h, q, frame, out, origins, axes);
+    eom_last_row_lanes(out);
     return 0;
 }
 
 /* Linear velocity of a frame's origin (rows 0 to 2) and angular velocity (rows 3 to 5) per coordinate, base axes. */
-static int one_link_frame_jacobian_lanes(const lanes *restrict h, const lanes *restrict q, int frame, lanes *restrict out)
+static int one_link_frame_jacobian_lanes(const double *restrict h, const lanes *restrict q, int frame, lanes *restrict out)
 {
-    static const int body_of[3] = { 0, -1, 0 };
-    static const int parent[1] = { -1 };
-    static const int first[1] = { 0 };
-    static const int count[1] = { 2 };
-    static const int is_rotation[2] = { 0, 1 };
     lanes pose[12];
     lanes origins[3];
     lanes axes[6];
-    one_link_on_the_way_lanes(h, q, frame, pose, origins, axes);
-    for (int i = 0; i < 12; ++i) { out[i] = ALL(0.0); }
-    for (int body = body_of[frame]; body >= 0; body = parent[body]) {
-        const lanes *origin = &origins[3 * body];
-        const lanes arm[3] = { pose[3] - origin[0], pose[7] - origin[1], pose[11] - origin[2] };
-        for (int s = first[body]; s < first[body] + count[body]; ++s) {
-            const lanes *axis = &axes[3 * s];
-            if (is_rotation[s] != 0) {
-                out[s] = axis[1] * arm[2] - axis[2] * arm[1];
-                out[2 + s] = axis[2] * arm[0] - axis[0] * arm[2];
-                out[4 + s] = axis[0] * arm[1] - axis[1] * arm[0];
-                for (int i = 0; i < 3; ++i) { out[(3 + i) * 2 + s] = axis[i]; }
-            } else {
-                for (int i = 0; i < 3; ++i) { out[i * 2 + s] = axis[i]; }
-            }
-        }
-    }
+    one_link_forward_kinematics_lanes(h, q, frame, pose, origins, axes);
+    eom_frame_jacobian_lanes(frame, pose, origins, axes, out);
     return 0;
 }
 
 long long one_link_frame_pose_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, int frame, double *restrict out)
 {
-    lanes q_lanes[2];
-    lanes out_lanes[16];
-    lanes h_lanes[7];
-    spread(7, h, h_lanes);
-    BY_LANES(2, READ_LANES(q, 2) , one_link_frame_pose_lanes(h_lanes, q_lanes, frame, out_lanes), WRITE_LANES(16))
+    BY_LANES(2, READ_LANES(q, 2), 16, one_link_frame_pose_lanes(h, q_lanes, frame, out_lanes), WRITE_LANES(16))
 }
 
 long long one_link_frame_jacobian_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, int frame, double *restrict out)
 {
-    lanes q_lanes[2];
-    lanes out_lanes[12];
-    lanes h_lanes[7];
-    spread(7, h, h_lanes);
-    BY_LANES(2, READ_LANES(q, 2) , one_link_frame_jacobian_lanes(h_lanes, q_lanes, frame, out_lanes), WRITE_LANES(12))
+    BY_LANES(2, READ_LANES(q, 2), 12, one_link_frame_jacobian_lanes(h, q_lanes, frame, out_lanes), WRITE_LANES(12))
 }
 
 #if defined(EOM_LINKED)
@@ -1462,38 +1214,12 @@ long long one_link_frame_jacobian_batch(size_t count, const double *restrict h, 
 #include "clib/integrate_lanes.c"
 #endif
 
-#ifndef EOMGEN_SIZES
-#define EOMGEN_SIZES
-static const eom_sizes one_link_sizes = {
-    2, /* coordinates */
-    0, /* constraints */
-    7, /* numbers of h */
-    4, /* parameters */
-    8, /* factors of a step's matrix */
-    6, /* wrenches */
-    0, /* constraints of a computed torque model */
-    0, /* joints of three rotations */
-    0, /* friction */
-    0, /* redundant constraints */
-    NULL,
-    NULL,
-    NULL,
-    1e-11,
-    1e-09,
-    NULL,
-    0 /* complex factors */
-};
-#endif
-
 static const eom_robot_lanes one_link_robot_lanes = {
-    &one_link_sizes,
-    one_link_forward_dynamics_lanes,
-    one_link_implicit_step_lanes,
-    one_link_stage_factors_lanes,
-    one_link_stage_solution_lanes,
-    NULL,
-    NULL,
-    NULL
+    .sizes = &one_link_sizes,
+    .forward_dynamics = one_link_forward_dynamics_lanes,
+    .implicit_step = one_link_implicit_step_lanes,
+    .stage_factors = one_link_stage_factors_lanes,
+    .stage_solution = one_link_stage_solution_lanes,
 };
 
 /* Several states over many steps; -1, or (state * steps + step) * 2 + i of the first failure. */

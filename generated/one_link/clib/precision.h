@@ -35,8 +35,10 @@
 
 #if defined(__GNUC__)
 #define EOM_LOCAL static __attribute__((unused))
+#define EOM_PART static __attribute__((noinline)) /* of a function that is too long for compilers */
 #else
 #define EOM_LOCAL static
+#define EOM_PART static
 #endif
 #if defined(EOM_N)
 #define EOM_PUBLIC EOM_LOCAL

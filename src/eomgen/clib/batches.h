@@ -14,19 +14,22 @@
     return -1;
 
 #if !defined(EOMGEN_SINGLES_ONLY)
-/* Call a function of LANES states at a time, x of which READ_LANES(x, size) brings into x_lanes; results go from out_lanes into
- * out: WRITE_LANES(size), or WRITE_PLACES(size, place) where number i of a result is number place[i] of what differs among
- * them.  Memory is asked for results ahead of time where these are too many for a cache. */
-#define READ_LANES(x, size) gather(STATE(x), x##_step, here, more, size, x##_lanes);
+/* Call a function of LANES states at a time, x of which READ_LANES(x, size) brings into x_lanes, after SPREAD(h, size) has put
+ * those of all states into h_lanes; size results go from out_lanes into out: WRITE_LANES(size), or WRITE_PLACES(size, place) where
+ * number i of a result is number place[i] of what differs among them.  Memory is asked for results ahead of time where these are
+ * too many for a cache. */
+#define SPREAD(x, size) lanes x##_lanes[size]; spread(size, x, x##_lanes);
+#define READ_LANES(x, size) lanes x##_lanes[size]; gather(STATE(x), x##_step, here, more, size, x##_lanes);
 #define WRITE_LANES(size) scatter(out_lanes, NULL, here, more, size, size, RESULT(size));
 #define WRITE_PLACES(size, place) scatter(out_lanes, place, here, (more != 0) && (count * sizeof *out > MANY / (size)), size, size, RESULT(size));
-#define BY_LANES(statuses, READ, CALL, WRITE) \
+#define BY_LANES(statuses, GATHER, size, CALL, SCATTER) \
     for (size_t state = 0; state < count; state += LANES) { \
         const size_t here = (count - state < LANES) ? (count - state) : LANES; \
         const int more = (count - state >= AHEAD + LANES) ? 1 : 0; \
-        READ \
+        lanes out_lanes[size]; \
+        GATHER \
         const int status = CALL; \
-        WRITE \
+        SCATTER \
         if (status != 0) { return (long long)state * (statuses) + status - 1; } \
     } \
     return -1;

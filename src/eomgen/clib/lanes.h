@@ -126,6 +126,20 @@ EOM_LOCAL void turn(const EOM_SCALAR *restrict angle, size_t count, EOM_SCALAR *
 #undef SINE
 #undef COSINE
 
+/* Declare sine and cosine of so many angles, and take them: of numbers, of vectors, and of vectors that stand side by side. */
+#define TURN(count, ...) \
+    const EOM_SCALAR angle[PADDED(count)] = { __VA_ARGS__ }; \
+    EOM_SCALAR sine[PADDED(count)]; \
+    EOM_SCALAR cosine[PADDED(count)]; \
+    turn(angle, PADDED(count), sine, cosine)
+#define TURN_LANES(count, ...) \
+    const lanes angle[count] = { __VA_ARGS__ }; \
+    TURN_AT(count, angle)
+#define TURN_AT(count, place) \
+    lanes sine[count]; \
+    lanes cosine[count]; \
+    turn((const EOM_SCALAR *)(place), (count) * LANES, (EOM_SCALAR *)sine, (EOM_SCALAR *)cosine)
+
 /* Return the larger one; what is no number stays so in x. */
 EOM_INLINE EOM_SCALAR larger(EOM_SCALAR x, EOM_SCALAR y) { return (x < y) ? y : x; }
 
