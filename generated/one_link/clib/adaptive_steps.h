@@ -64,10 +64,11 @@ EOM_LOCAL void F(rate)(const F(problem) *restrict problem, double share, int sta
 {
     const F(robot) *const robot = problem->motion.robot;
     const int n = N_OF(robot->sizes);
+    const int held = F(drives_alone)(problem);
     REAL *restrict const force = work.state;
     work.state += PADDED_TO_BLOCKS(n);
-    F(forces)(problem, share, stage, x, &x[n], force, NULL, work);
-    (void)robot->forward_dynamics(problem->motion.h, x, &x[n], force, &dx[n]);
+    if (held == 0) { F(forces)(problem, share, stage, x, &x[n], force, NULL, work); }
+    (void)robot->forward_dynamics(problem->motion.h, x, &x[n], (held != 0) ? problem->u : force, &dx[n]);
     for (int i = 0; i < n; ++i) { dx[i] = x[n + i]; }
     if ((robot->sizes->is_prescribed != NULL) && (problem->clock.power != NULL)) { F(power_of_prescribed)(problem, stage, x, &x[n], &dx[n], (EOM_SCALAR *)(void *)work.state); }
 }
@@ -200,28 +201,33 @@ EOM_LOCAL int F(place_of)(const F(motion) *restrict motion, int l, int i)
     return (ROTATIONS_OF(sizes) > 0) ? F(described_place)(sizes, motion->charts, l, i) : i;
 }
 
-/* The greatest error of a lane's step beside what is allowed, and which number of the state has it; NaN counts as too great. */
-EOM_LOCAL double F(error_norm)(const F(motion) *restrict motion, const EOM(tolerance) *restrict allowed, int l, const F(step) *restrict step, int *restrict where)
+/* The greatest error of a lane's step beside what is allowed, and which number of the state has it; NaN counts as too great.
+ * turns: whether there are joints of three rotations, whose tolerances have other places. */
+EOM_IN_PLACE double F(greatest_error)(const F(motion) *restrict motion, const EOM(tolerance) *restrict allowed, int turns, int l, const F(step) *restrict step, int *restrict at)
 {
+    const int numbers = 2 * N_OF(motion->robot->sizes);
     double worst = 0.0;
-    *where = 0;
-    for (int i = 0; i < 2 * N_OF(motion->robot->sizes); ++i) {
+    *at = (turns != 0) ? F(place_of)(motion, l, 0) : 0;
+    (void)l;
+    for (int i = 0; i < numbers; ++i) {
         const double begin = fabs((double)LANE_OF(step->x[i], l));
         const double end = fabs((double)LANE_OF(step->x_end[i], l));
-        const int place = F(place_of)(motion, l, i);
-        if (!(end < HUGE_VAL)) {
-            *where = place;
-            return HUGE_VAL;
-        }
+        const int place = (turns != 0) ? F(place_of)(motion, l, i) : i;
         const double size = (double)allowed->atol[place] + allowed->rtol * ((begin > end) ? begin : end);
         const double ratio = fabs((double)LANE_OF(step->error[i], l)) / size;
-        if (!(ratio <= worst)) {
+        if (!(end < HUGE_VAL) || !(ratio <= worst)) {
+            *at = place;
             worst = ratio;
-            *where = place;
-            if (!(ratio < HUGE_VAL)) { return HUGE_VAL; }
+            if (!(end < HUGE_VAL) || !(ratio < HUGE_VAL)) { return HUGE_VAL; }
         }
     }
     return worst;
+}
+
+EOM_LOCAL double F(error_norm)(const F(motion) *restrict motion, const EOM(tolerance) *restrict allowed, int l, const F(step) *restrict step, int *restrict where)
+{
+    if (ROTATIONS_OF(motion->robot->sizes) > 0) { return F(greatest_error)(motion, allowed, 1, l, step, where); }
+    return F(greatest_error)(motion, allowed, 0, l, step, where);
 }
 
 /* A first step, s, from the sizes of the state and of its change. */

@@ -219,6 +219,13 @@ EOM_LOCAL int F(saturates)(const F(problem) *restrict problem)
     return ((inputs != NULL) ? (inputs->effort != NULL) : (problem->motion.drive->effort != NULL)) ? 1 : 0;
 }
 
+/* Whether held drives are all the forces: without control, limits, inputs, and joints that change charts. */
+EOM_LOCAL int F(drives_alone)(const F(problem) *restrict problem)
+{
+    const EOM(drive) *const drive = problem->motion.drive;
+    return ((ROTATIONS_OF(problem->motion.robot->sizes) == 0) && (problem->clock.inputs[0] == NULL) && (drive->kp == NULL) && (drive->effort == NULL)) ? 1 : 0;
+}
+
 /* Forces u + kp (target - q) - kd v and those of inputs, drives within their limits; slope, if it is not NULL, becomes 0 where
  * these saturate, else 1. */
 EOM_LOCAL void F(forces)(const F(problem) *restrict problem, double share, int stage, REAL *restrict q, REAL *restrict v, REAL *restrict force, REAL *restrict slope, F(workspace) work)
