@@ -11,7 +11,7 @@ import subprocess
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 import eomgen
@@ -19,7 +19,12 @@ from eomgen.codegen.c.library import FOLDER, library_files
 from eomgen.pipeline.stages import Options, make_source
 
 ROBOTS = ("one_link", "puma560", "worn_arm", "four_bar")  # the smallest; an arm; with laws; with a loop
-FOR_ROBOTS = ("constraint_checks.h", "dependent_coordinates.h", "automatic_switching.h")  # beside integrate.c
+FOR_ROBOTS = ("constraint_checks.h", "acceleration_derivatives.h", "kinematics.h")  # beside what integrates
+FOR_ONE = ("dependent_coordinates.h", "automatic_switching.h", *FOR_ROBOTS)  # of a state; the first two have no lanes
+FRAMES = """#define EOM_FRAMES frames
+#include "clib/frames.h"
+static const EOM_TABLES_OF_FRAMES(1, 1, 1, 1, 1, 1) frames = { .first_frame = 0, .n = 1 };
+"""  # which kinematics.h reads
 OPTIONS = (
     *("--addon=misra", "--enable=warning,style,performance,portability", "--std=c99", "--platform=arm32-wchar_t4"),
     *("-D__GNUC__=12", "-DEOMGEN_VECTOR=0", "--template={id} {file}:{line}:{column}", "--quiet"),
@@ -51,9 +56,18 @@ def violations(cppcheck: str, robot: str) -> Counter[str]:
 
 def in_library(cppcheck: str, *flags: str) -> Counter[str]:
     """The same of the C library for one state, compiled by itself, and of what it has for robots' files and FMUs."""
-    files, place = library_files(), f"{FOLDER}/integrate.c"
-    more = "".join(f'#include "{name}"\n' for name in FOR_ROBOTS)
-    return found_in(cppcheck, {**files, place: files[place] + more}, place, (f"{FOLDER}/",), *flags)
+    return _in_part(cppcheck, "integrate.c", ("lanes.h", *FOR_ONE), *flags)
+
+
+def in_lanes(cppcheck: str) -> Counter[str]:
+    """The same for a state in every lane, in double precision, and of what robots' files call with it."""
+    return _in_part(cppcheck, "integrate_lanes.c", ("batches.h", *FOR_ROBOTS))
+
+
+def _in_part(cppcheck: str, file: str, more: Iterable[str], *flags: str) -> Counter[str]:
+    files, place = library_files(), f"{FOLDER}/{file}"
+    text = files[place] + '#include "../frames_of_robot.h"\n' + "".join(f'#include "{name}"\n' for name in more)
+    return found_in(cppcheck, {**files, place: text, "frames_of_robot.h": FRAMES}, place, (f"{FOLDER}/",), *flags)
 
 
 def found_in(cppcheck: str, files: Mapping[str, str], file: str, own: tuple[str, ...], *flags: str) -> Counter[str]:
@@ -89,7 +103,8 @@ def robots(cppcheck: str) -> dict[str, Counter[str]]:
 
 def library(cppcheck: str) -> dict[str, Counter[str]]:
     """Columns of the page about the library."""
-    return {"double": in_library(cppcheck), "float": in_library(cppcheck, "-DEOM_SINGLE")}
+    one = {"double": in_library(cppcheck), "float": in_library(cppcheck, "-DEOM_SINGLE")}
+    return {**one, "lanes": in_lanes(cppcheck)}
 
 
 PAGES: dict[str, Callable[[str], dict[str, Counter[str]]]] = {
