@@ -397,6 +397,36 @@ def bars(label: str) -> Robot:
     return robot if label == "driven" else replace(robot, driven=None)
 
 
+FROM_REST = "phase = 1.5707963267948966\noffset = -0.02\n"  # of the pivot that shakes
+PUSHED = "[[wrenches]]\nlink = 'coupler'\nforce = [30.0, -20.0, 0.0]\n"
+
+
+@pytest.mark.usefixtures("unoptimised")
+@pytest.mark.parametrize(
+    ("label", "text"),
+    [
+        ("driven", MOVED + PUSHED),
+        pytest.param("driven", MOVED + "[control]\ntype = 'computed_torque'\n" + PUSHED, marks=pytest.mark.soak),
+        ("shaken", SHAKEN_BARS.replace("frequency", FROM_REST + "frequency") + HELD + PUSHED),
+        pytest.param("plate", SWUNG + HELD, marks=pytest.mark.soak),
+    ],
+)
+def test_radau_moves_closed_mechanisms_as_tsit5_does(label: str, text: str) -> None:
+    found, wanted = (
+        run_scenario(
+            bars(label), scenario_from_toml(f"duration = 0.3\n{text}[integrator]\nmethod = '{name}'\nrtol = 1e-9\n")
+        )
+        for name in ("radau", "tsit5")
+    )
+    assert found.trajectory.method == "radau"
+    assert np.ptp(wanted.trajectory.q, axis=0).max() > 0.01
+    assert np.abs(found.trajectory.q - wanted.trajectory.q).max() <= 1e-7
+    assert np.abs(found.trajectory.v - wanted.trajectory.v).max() <= 1e-6 * max(1.0, np.abs(wanted.trajectory.v).max())
+    assert found.balance is not None
+    assert wanted.balance is not None
+    assert np.allclose(found.balance.work[-1], wanted.balance.work[-1], rtol=1e-5, atol=1e-5 * wanted.balance.size)
+
+
 @pytest.mark.usefixtures("unoptimised")
 @pytest.mark.parametrize(
     ("label", "text"),

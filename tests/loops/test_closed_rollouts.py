@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -41,6 +43,25 @@ def test_batches_are_single_states_to_the_bit(number: int, built: Build, figures
         kernel.threads = 2
         assert np.array_equal(kernel.rollout(q, v, m.u, 1e-5, 20, method=method, every=10), found)
         kernel.threads = 1
+
+
+@pytest.mark.parametrize("dtype", ["float64", pytest.param("float32", marks=pytest.mark.soak)])
+@pytest.mark.parametrize("number", seeds(2, 1, 30))
+def test_steps_of_radau(number: int, dtype: str, built: Build) -> None:
+    """They are closed, go where the explicit ones go, and have the same bits in a batch."""
+    m = mechanism(number)
+    kernel = built(m.robot, *KERNELS, "adaptive_rollout", "radau_rollout", dtype=dtype)
+    q, v = (x.astype(dtype) for x in about(m.q, m.v * 0.1, np.random.default_rng(number), 5))
+    u, rtol = m.u.astype(dtype), 1e-9 if dtype == "float64" else 1e-4
+    how: dict[str, Any] = {"duration": 2e-3, "samples": 3, "rtol": rtol}
+    found = kernel.rollout(q, v, u, method="radau", **how)
+    for i in range(5):
+        alone = kernel.rollout(q[i], v[i], u, method="radau", **how)
+        assert all(np.array_equal(x[i], y) for x, y in zip(found, alone, strict=True))
+    other = kernel.rollout(q, v, u, method="tsit5", **how)
+    for x, y in zip(found, other, strict=True):
+        assert np.abs(x - y).max() <= 100.0 * rtol * max(1.0, float(np.abs(y).max()))
+    assert np.abs(kernel.constraint(found[0])).max() <= (1e-10 if dtype == "float64" else 1e-4)
 
 
 @pytest.mark.soak

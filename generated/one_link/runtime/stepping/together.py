@@ -107,5 +107,5 @@ class Together:
                 self._alternations[i].hand_over(self.progress[i], self._row(i))
 
     def _row(self, i: int) -> Array | None:
-        """What steps of Radau IIA of a state leave to the next call."""
+        """Row of what steps of Radau IIA leave to a state's next call."""
         return None if self._left is None else self._left[i]
