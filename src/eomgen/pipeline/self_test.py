@@ -253,7 +253,8 @@ class _Examination:
         matrix, right, within = (self.samples[f"{name} {part}"][state] for part in ("matrix", "right", "within"))
         left, size = matrix @ x, np.abs(matrix)
         unit = UNITS * len(x) * float(np.finfo(self.raw.dtype).eps)
-        terms = unit * (size @ np.abs(x) + np.abs(right)) + self.least * (1.0 + size.sum(axis=1)[:, np.newaxis])
+        least = 65536.0 * float(np.finfo(self.raw.dtype).tiny)  # masses make more of what denormal numbers lose
+        terms = unit * (size @ np.abs(x) + np.abs(right)) + least * (1.0 + size.sum(axis=1)[:, np.newaxis])
         met = (np.abs(left - right) <= within + terms) | (within == np.inf)
         if not met.all():
             at = int(np.argmin(met))
