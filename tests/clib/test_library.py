@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 import subprocess
+import sys
 from fractions import Fraction
 from pathlib import Path
 
@@ -21,9 +22,19 @@ LIBRARY = Path(eomgen.__path__[0], "clib")
 HERE = Path(__file__).parent
 EXAMPLE = Path(__file__).parents[2] / "examples" / "pendulum.c"
 WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror")
+COMPILERS = ("gcc", "clang", "zig")  # the last one is clang, too
 METHODS = ("rk4", "implicit", "rosenbrock", "tsit5", "radau")
 WITHIN = {"rk4": 1e-12, "implicit": 2e-4, "rosenbrock": 1e-8, "tsit5": 2e-9, "radau": 2e-9}  # rad, rad/s
 Array = NDArray[np.float64]
+
+
+def compiler_of(name: str) -> list[str]:
+    """Words that call a compiler of COMPILERS, where it is installed."""
+    if name == "zig":
+        pytest.importorskip("ziglang")
+    elif shutil.which(name) is None:
+        pytest.skip(f"{name} is not installed")
+    return [sys.executable, "-m", "ziglang", "cc"] if name == "zig" else [name]
 
 
 def table(name: str) -> Array:
@@ -235,25 +246,23 @@ def test_the_example_runs(tmp_path: Path) -> None:
     assert energy == pytest.approx(energy[0], abs=1e-7)
 
 
-@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+@pytest.mark.parametrize("compiler", COMPILERS)
 @pytest.mark.parametrize("flags", [(), ("-DEOM_SINGLE",), ("-DEOM_N=3", "-DEOM_M=0", "-DEOM_ROTATIONS=0")])
 def test_no_compiler_warns(compiler: str, flags: tuple[str, ...], tmp_path: Path) -> None:
-    if shutil.which(compiler) is None:
-        pytest.skip(f"{compiler} is not installed")
-    command = [compiler, *WARNINGS, "-O2", *flags, "-c", str(LIBRARY / "integrate.c"), "-o", str(tmp_path / "x.o")]
+    command = compiler_of(compiler)
+    command = [*command, *WARNINGS, "-O2", *flags, "-c", str(LIBRARY / "integrate.c"), "-o", str(tmp_path / "x.o")]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
 
 
-@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+@pytest.mark.parametrize("compiler", COMPILERS)
 @pytest.mark.parametrize("vector", ["-DEOMGEN_VECTOR=0", "-mno-avx", "-mavx2", "-mavx512f"])
 @pytest.mark.parametrize("flags", [(), ("-DEOM_SINGLE",), ("-DEOM_N=3", "-DEOM_M=0", "-DEOM_ROTATIONS=0")])
 def test_no_compiler_warns_of_lanes(compiler: str, vector: str, flags: tuple[str, ...], tmp_path: Path) -> None:
     """Without a robot, in every width, whose symbols say it."""
-    if shutil.which(compiler) is None:
-        pytest.skip(f"{compiler} is not installed")
+    command = compiler_of(compiler)
     source, made = str(LIBRARY / "integrate_lanes.c"), tmp_path / "x.o"
-    command = [compiler, *WARNINGS, "-O1", vector, *flags, "-c", source, "-o", str(made)]
+    command = [*command, *WARNINGS, "-O1", vector, *flags, "-c", source, "-o", str(made)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     names = subprocess.run(["nm", str(made)], capture_output=True, text=True, check=True).stdout

@@ -319,7 +319,7 @@ EOM_LOCAL int F(look_at_radau)(int round, const double *restrict enough, REAL su
     int some = 0;
     for (int l = 0; l < (int)WIDTH; ++l) {
         if (radau->solves[l] == 0) { continue; }
-        const double size = sqrt((double)LANE_OF(sum, l) / RADAU_STAGES);
+        const double size = sqrt((double)LANE_OF(sum, l) / (double)RADAU_STAGES);
         const double ratio = (round > 0) ? (size / before[l]) : 0.0;
         double left = radau->slowness[l];
         radau->rounds[l] = round + 1;

@@ -97,10 +97,10 @@ EOM_LOCAL void F(take_radau_step)(F(integration) *restrict it, REAL dt, F(worksp
 EOM_LOCAL int F(judge_radau)(F(radau) *restrict radau, eom_progress *restrict p, double excess, int l, double length, double duration, int where)
 {
     const int taken = ((radau->solved[l] != 0) && (excess <= 1.0)) ? 1 : 0;
-    const double most = 2.0 * RADAU_ROUNDS;
-    double factor = 0.9 * (most + 1.0) / (most + (double)radau->rounds[l]) * pow(excess, -1.0 / (RADAU_STAGES + 1));
+    const double most = 2.0 * (double)RADAU_ROUNDS;
+    double factor = 0.9 * (most + 1.0) / (most + (double)radau->rounds[l]) * pow(excess, -1.0 / (double)(RADAU_STAGES + 1));
     if ((taken != 0) && (radau->last[l] > 0.0) && (excess > 0.0)) {
-        const double bent = factor * (length / radau->last[l]) * pow(radau->excess[l] / excess, 1.0 / (RADAU_STAGES + 1));
+        const double bent = factor * (length / radau->last[l]) * pow(radau->excess[l] / excess, 1.0 / (double)(RADAU_STAGES + 1));
         factor = (bent < factor) ? bent : factor;
     }
     factor = (factor > 8.0) ? 8.0 : ((factor < 0.2) ? 0.2 : factor);
