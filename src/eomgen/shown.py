@@ -6,6 +6,7 @@ import html
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,10 @@ NAMED = 3  # names of a list that are shown
 
 
 class Shown:
-    """Base of dataclasses that hold arrays: arrays are shown by their shape, in ``repr`` and in notebooks."""
+    """Base of dataclasses that hold arrays: arrays are shown by their shape, in ``repr`` and in notebooks.
+
+    They can be pickled and copied, with mappings that cannot be written to as well.
+    """
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
@@ -33,6 +37,16 @@ class Shown:
         text = ", ".join(f"{name}={value}" for name, value in self.facts().items())
         text = text if len(text) <= LONGEST else text[: LONGEST - 3] + "..."
         return f"{type(self).__name__}({text})"
+
+    def __getstate__(self) -> tuple[dict[str, Any], tuple[str, ...]]:
+        """Return the attributes by name, mapping proxies as dicts, which can be pickled, and the names of these."""
+        values = vars(self)
+        proxies = tuple(name for name, value in values.items() if isinstance(value, MappingProxyType))
+        return {**values, **{name: dict(values[name]) for name in proxies}}, proxies
+
+    def __setstate__(self, state: tuple[dict[str, Any], tuple[str, ...]]) -> None:
+        values, proxies = state
+        vars(self).update(values, **{name: MappingProxyType(values[name]) for name in proxies})
 
     def _repr_html_(self) -> str:
         """A table of ``facts``, for notebooks."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
 import sys
 from dataclasses import fields, is_dataclass, replace
 from html.parser import HTMLParser
@@ -22,6 +24,7 @@ from eomgen.sweep.driver import run
 from eomgen.sweep.plan import plan_from_toml
 from eomgen.tabular import Tabular
 from tests.support.measured_poses import chain, trial
+from tests.support.same_values import compare_values
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -71,6 +74,12 @@ def results(simulated: eomgen.SimulationResult, tmp_path_factory: pytest.TempPat
         "sweep": swept,
         "sensitivity": swept.sensitivity("tool_deviation_max"),
     }
+
+
+def test_results_of_every_kind_are_copied_and_pickled(results: dict[str, Any]) -> None:
+    for kind, found in results.items():
+        for other in (pickle.loads(pickle.dumps(found)), copy.deepcopy(found)):
+            compare_values(found, other, kind)
 
 
 def test_what_rooms_give_and_holds_arrays_is_shown_in_short() -> None:

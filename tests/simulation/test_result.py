@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import json
 import pickle
 import re
@@ -19,6 +20,7 @@ from eomgen.robot.record import robot_hash
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.result import SimulationResult
 from eomgen.simulation.run import run_scenario
+from tests.support.same_values import compare_values
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -63,6 +65,22 @@ def test_everything_comes_back(result: SimulationResult, tmp_path: Path) -> None
                 assert one == other, name
     assert again.scenario["wrenches"][0]["table"]["values"] == [[1.0, 2.0, 3.0, 0.0, 0.0, 0.0]]
     assert [path.name for path in tmp_path.iterdir()] == ["r.npz"]
+
+
+WAYS = {"pickle": lambda x: pickle.loads(pickle.dumps(x)), "deepcopy": copy.deepcopy, "copy": copy.copy}
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_results_are_copied_and_pickled(result: SimulationResult, way: str, tmp_path: Path) -> None:
+    other = WAYS[way](result)
+    compare_values(result, other)
+    assert other.summary() == result.summary()
+    assert (other.trajectory.q is result.trajectory.q) == (way == "copy")
+    with pytest.raises(TypeError):
+        other.versions["eomgen"] = "0"
+    compare_values(
+        eomgen.load_result(result.save(tmp_path / "a.npz")), eomgen.load_result(other.save(tmp_path / "b.npz"))
+    )
 
 
 def test_series_have_names_and_units(result: SimulationResult) -> None:
