@@ -30,6 +30,8 @@ OWN_TESTS = {
     "scenario.md": "simulation/test_result.py",
     "sweep.md": "sweep/test_sweep_plan.py",
     "embed.md": "codegen/c/test_embed.py",
+    "howto/simulink.md": "codegen/c/test_host_pages.py",
+    "howto/ros2_control.md": "codegen/c/test_host_pages.py",
 }
 ELSEWHERE = {name: test for name, test in OWN_TESTS.items() if (DOCS / name).exists()}  # these ask more of their blocks
 VOID = {
