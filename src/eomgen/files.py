@@ -28,13 +28,20 @@ _KINDS = {  # what a path may lead to, and what a reader would wait for, or neve
 }
 
 
+def as_path(path: Path | str, label: str = "path") -> Path:
+    """Return a path that a caller gave as text or as a Path; InputError with the label if it is neither."""
+    if not isinstance(path, (str, os.PathLike)):
+        raise InputError(f"{label}: got a value of type {type(path).__name__}; allowed: a path, as text or as a Path")
+    return Path(path)
+
+
 def check_ending(path: Path | str, *endings: str, label: str = "output") -> Path:
     """The path of a file to write.
 
     Raises:
         InputError: it has none of the endings; the message begins with the label.
     """
-    target = Path(path)
+    target = as_path(path, label)
     if target.suffix not in endings:
         raise InputError(f"{label}: {show_path(str(target))}; allowed: a path that ends in {', '.join(endings)}")
     return target

@@ -9,11 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from .errors import InputError
+from .files import as_path
 from .names import listed, show
 from .results.contents import JSON
 from .results.kinds import KINDS, bare_kind, kind_of, read
 from .simulation.result import load_result as load_simulation
 
+CSV = ".csv"
 SIMULATION, SWEEP, STREAM = "trajectory.npz", "sweep.json", "zarr.json"  # files by which folders say what they are
 
 
@@ -30,9 +32,11 @@ def load_result(path: Path | str) -> Any:
     Raises:
         InputError: nothing is there, it is no result, or a damaged one; says what in it is wrong, and what is allowed.
     """
-    place = Path(path)
+    place = as_path(path)
     if place.is_dir():
         return _of_folder(place)
+    if place.suffix == CSV:
+        return load_simulation(place)  # which says what reads it
     kind = kind_of(place)
     if kind is None:
         from . import analysis as analysis  # it declares its kinds

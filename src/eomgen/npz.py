@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import InputError
-from .files import open_regular
+from .files import as_path, open_regular
 from .names import plain_path, show
 
 VARIABLE = "EOMGEN_NPZ_MB"  # of the environment: megabytes that the arrays of a file may have
@@ -60,9 +60,9 @@ def read_npz(path: Path | str, names: Collection[str] | None = None, kinds: str 
         InputError: the file cannot be read, is no such file or a damaged one, holds a name twice or an array of
             something else, or is larger.
     """
-    most = most_bytes()
+    place, most = as_path(path), most_bytes()
     try:
-        with open_regular(Path(path), most) as stream:
+        with open_regular(place, most) as stream:
             _check_end(stream, plain_path(path))
             with zipfile.ZipFile(stream) as archive:
                 return _arrays(archive, plain_path(path), most, names, kinds)

@@ -9,7 +9,7 @@ import pytest
 
 import eomgen
 from eomgen.errors import InputError
-from eomgen.motion.files import motion_from_columns, read_motion
+from eomgen.motion.files import MeasuredMotion, motion_from_columns, read_motion, write_motion
 
 NAMES = ("joint1.x", "joint1.gamma")
 
@@ -28,6 +28,32 @@ def test_csv(tmp_path: Path) -> None:
     assert motion.a is None
     assert motion.u.tolist() == [[0.0, -2.0], [0.0, 3.25]]
     assert (motion.measured, motion.driven) == (("joint1.gamma",), ("joint1.gamma",))
+
+
+@pytest.mark.parametrize("with_rates", [True, False])
+def test_what_is_written_is_read_to_the_bit(with_rates: bool, tmp_path: Path) -> None:
+    random = np.random.default_rng(7)
+    q, v, a, u = random.normal(size=(4, 30, 2)) * 10.0 ** random.integers(-12, 9, (4, 30, 2))
+    motion = MeasuredMotion(
+        coordinates=NAMES,
+        t=np.cumsum(random.uniform(1e-3, 1.0, 30)),
+        q=q,
+        v=v if with_rates else None,
+        a=a if with_rates else None,
+        u=np.where([False, True], u, 0.0),
+        measured=NAMES,
+        driven=NAMES[1:],
+    )
+    path = write_motion(tmp_path / "m.csv", motion, ["one", "two"])
+    assert path.read_text().startswith("# one\n# two\nt,joint1.x,joint1.gamma,")
+    again = read_motion(path, NAMES)
+    for name in ("t", "q", "v", "a", "u"):
+        ours, theirs = getattr(motion, name), getattr(again, name)
+        assert (ours is None) == (theirs is None)
+        assert ours is None or ours.tobytes() == theirs.tobytes(), name
+    assert (again.measured, again.driven) == (NAMES, NAMES[1:])
+    with pytest.raises(InputError, match=r"m\.npz'; allowed: a path that ends in \.csv"):
+        write_motion(tmp_path / "m.npz", motion)
 
 
 def test_npz_of_columns_and_of_a_simulation(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import eomgen
-from eomgen.errors import UnknownNameError
+from eomgen.errors import InputError, UnknownNameError
 from eomgen.robot.record import robot_hash
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.result import SimulationResult
@@ -81,6 +81,20 @@ def test_results_are_copied_and_pickled(result: SimulationResult, way: str, tmp_
     compare_values(
         eomgen.load_result(result.save(tmp_path / "a.npz")), eomgen.load_result(other.save(tmp_path / "b.npz"))
     )
+
+
+def test_a_csv_has_the_motion_that_commands_read(result: SimulationResult, tmp_path: Path) -> None:
+    path, motion = result.save(tmp_path / "new" / "r.csv"), result.trajectory
+    lines = path.read_text().splitlines()
+    assert lines[0] == f"# Motion of one_link, simulated ({motion.method}): s, m and rad, N and N m."
+    assert lines[1] == "t,joint1.x,joint1.gamma,joint1.x.rate,joint1.gamma.rate,joint1.gamma.drive"
+    again = eomgen.motion.read_motion(path, motion.coordinates)
+    for name in ("t", "q", "v", "u"):
+        assert getattr(again, name).tobytes() == np.ascontiguousarray(getattr(motion, name)).tobytes(), name
+    assert again.driven == result.motion.driven == ("joint1.gamma",)
+    for load in (eomgen.load_result, eomgen.simulation.load_result):
+        with pytest.raises(InputError, match=r"r\.csv: a \.csv has columns of a motion, .*; allowed: .*read_motion"):
+            load(path)
 
 
 def test_series_have_names_and_units(result: SimulationResult) -> None:

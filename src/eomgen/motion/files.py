@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ..arrays import Array
 from ..errors import InputError
+from ..files import as_path, check_ending, write_csv
 from ..names import listed, nearest, show
 from ..npz import read_npz
 from ..shown import Shown
@@ -58,11 +59,35 @@ def read_motion(path: Path | str, coordinates: Sequence[str]) -> MeasuredMotion:
     Raises:
         InputError: with the file, line and column (or array and element), the value and what is allowed.
     """
-    source = Path(path)
+    source = as_path(path, "motion")
     if source.suffix not in (".csv", ".npz"):
         raise InputError(f"motion: {show(str(path))}; allowed: a path that ends in .csv or .npz")
     columns, lines = read_columns(source)
     return _motion(columns, tuple(coordinates), str(source), lines)
+
+
+def write_motion(path: Path | str, motion: MeasuredMotion, comments: Sequence[str] = ()) -> Path:
+    """Write a motion as the .csv that ``read_motion`` reads, numbers so that they round-trip, and return the path.
+
+    Columns are t, the measured coordinates, their .rate and .acceleration where the motion has them, and .drive of the
+    driven ones.
+
+    Args:
+        path: ends in .csv.
+        motion: as read, or made of arrays.
+        comments: lines in front of the header.
+
+    Raises:
+        InputError: another ending, or the file cannot be written.
+    """
+    target = check_ending(path, ".csv")
+    columns = {"t": motion.t}
+    for suffix, key in SUFFIXES.items():
+        values = getattr(motion, key)
+        if values is not None:
+            names = motion.driven if key == "u" else motion.measured
+            columns |= {name + suffix: values[:, motion.coordinates.index(name)] for name in names}
+    return write_csv(target, [columns, *np.column_stack(list(columns.values())).tolist()], comments)
 
 
 def read_columns(path: Path) -> tuple[dict[str, Array], NDArray[np.int32] | None]:

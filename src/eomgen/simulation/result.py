@@ -15,10 +15,12 @@ from ..arrays import Array
 from ..description import RobotLike, as_robot
 from ..description.recorded import robot_from_record
 from ..errors import InputError, UnknownNameError
+from ..files import as_path
 from ..forms.plain import printable
 from ..integration.contacts import STOP, Contact
 from ..integration.trajectory import Trajectory, motion_columns
-from ..names import kind_of, listed, nearest, show
+from ..motion.files import MeasuredMotion, write_motion
+from ..names import kind_of, listed, nearest, plain_path, show
 from ..npz import read_npz
 from ..results.contents import FORMAT, META, as_plain, plain_fields, plain_of, write_npz
 from ..robot.coordinates import index_of, unit_of
@@ -204,6 +206,23 @@ class SimulationResult(Shown, Tabular):
         return lines
 
     @property
+    def motion(self) -> MeasuredMotion:
+        """The motion as if it had been measured, with the drives that are not always 0; ``forces``, ``fit`` take it."""
+        motion = self.trajectory
+        driven = tuple(name for name, u in zip(motion.coordinates, motion.u.T, strict=True) if u.any())
+        return MeasuredMotion(
+            coordinates=motion.coordinates,
+            t=motion.t,
+            q=motion.q,
+            v=motion.v,
+            a=None,
+            u=motion.u,
+            measured=motion.coordinates,
+            driven=driven,
+            source=f"the simulation of {self.robot}",
+        )
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Names that ``series`` knows."""
         return tuple(self._series())
@@ -263,11 +282,18 @@ class SimulationResult(Shown, Tabular):
         return Rows("t", "s", self.trajectory.t, columns, about)
 
     def save(self, path: Path | str) -> Path:
-        """Write the result as .npz, to a temporary name first, and return the path; folders are made.
+        """Write the result and return the path; folders are made, and files are written to a temporary name first.
+
+        Args:
+            path: of a file of all of it, .npz, which ``eomgen.load_result`` reads; or ending in .csv, of the motion
+                alone: t, coordinates, .rate, and .drive where one is not always 0, as ``motion.read_motion`` reads it.
 
         Raises:
             InputError: the file cannot be written.
         """
+        if as_path(path).suffix == ".csv":
+            about = f"Motion of {self.robot}, simulated ({self.trajectory.method}): s, m and rad, N and N m."
+            return write_motion(path, self.motion, [about])
         owners = {RESULT: self, TRAJECTORY: self.trajectory, BALANCE: self.balance}
         given = {item.name: getattr(owners[item.owner], item.name, None) for item in ARRAYS}
         texts = [item.name for item in ARRAYS if item.of is str]
@@ -289,11 +315,16 @@ def _largest(names: Sequence[str], values: Array, unit: str) -> dict[str, Any] |
 
 
 def load_result(path: Path | str) -> SimulationResult:
-    """The result that ``SimulationResult.save`` wrote; arrays, names, robot and scenario in it are checked.
+    """Load the result that ``SimulationResult.save`` wrote as .npz; arrays, names, robot and scenario are checked.
 
     Raises:
         InputError: the file does not exist, or is not such a result; says what in it is wrong, and what is allowed.
     """
+    if as_path(path).suffix == ".csv":
+        raise InputError(
+            f"{plain_path(Path(path))}: a .csv has columns of a motion, and no robot; allowed: the .npz of a result, or"
+            " eomgen.motion.read_motion(path, coordinates) for the columns"
+        )
     arrays = read_npz(path)
     meta = meta_of(_meta_in(arrays, path), f"{path}: {META}")
     arrays = check_contents(meta, arrays, str(path))

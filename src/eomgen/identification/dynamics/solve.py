@@ -102,6 +102,7 @@ def identify(  # noqa: PLR0913
     parameter_names(kernel, linear, relations)
     motion = measured_motion(robot.name, motion, kernel.coordinates)
     step = even_step(motion)
+    motion, idle = _without_idle_drives(robot, motion)
     refuse_impossible(robot, motion, step)
     motion = completed(robot, motion)
     if TRANSMISSIONS in linear:
@@ -149,7 +150,11 @@ def identify(  # noqa: PLR0913
     }
     sure = np.hypot(deviations, doubt(values))
     moved = float((np.abs(shown.matrix @ theta - values) / sure).max())
-    notes = [*_notes(kernel, motion, data), f"links that are bodies: base values off by {moved:.2g} deviations at most"]
+    notes = [
+        *idle,
+        *_notes(kernel, motion, data),
+        f"links that are bodies: base values off by {moved:.2g} deviations at most",
+    ]
     t, drives, fitted, kept = data.over_time(best)
     return IdentifyResult(
         robot=with_parameters(described, parameters),
@@ -251,6 +256,21 @@ def _known_friction(friction: Friction | None, terms: Sequence[str]) -> Friction
     if "dry" not in terms:
         return replace(friction, viscous=viscous)
     return Friction(viscous=viscous, smoothing=friction.smoothing) if viscous else None
+
+
+def _without_idle_drives(robot: Robot, motion: MeasuredMotion) -> tuple[MeasuredMotion, list[str]]:
+    """Return the motion without drives that are 0 at all times, of coordinates that nothing drives, and a note.
+
+    Results of simulations have a drive for each coordinate.
+    """
+    model = build_model(robot)
+    drives = {model.coordinates[i] for i in (*model.driven, *model.prescribed)}
+    columns = zip(motion.coordinates, motion.u.T, strict=True)
+    idle = [name for name, u in columns if name in motion.driven and name not in drives and not u.any()]
+    if not idle:
+        return motion, []
+    left = tuple(name for name in motion.driven if name not in idle)
+    return replace(motion, driven=left), [f"drives that are 0 and drive nothing, left out: {', '.join(idle)}"]
 
 
 def _known(robot: Robot, motion: MeasuredMotion, relations: Relations) -> Mask:

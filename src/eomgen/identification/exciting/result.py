@@ -11,8 +11,8 @@ import numpy as np
 
 from ...arrays import Array
 from ...errors import InputError
-from ...files import check_ending, write_atomically, write_csv
-from ...motion.files import SUFFIXES
+from ...files import check_ending, write_atomically
+from ...motion.files import MeasuredMotion, write_motion
 from ...names import show_path
 from ...results.contents import Contents
 from ...results.kinds import Kind, Saved, declare
@@ -158,13 +158,15 @@ class ExciteResult(Shown, Saved):
         Raises:
             InputError: another ending, or the file cannot be written.
         """
-        target = check_ending(path, ".csv")
+        names = self.coordinates
+        motion = MeasuredMotion(
+            coordinates=names, t=self.t, q=self.q, v=self.v, a=self.a, u=self.u, measured=names, driven=names
+        )
         comments = (
             f"Motion of {self.robot} that excites its base parameters: s, m and rad, N and N m.",
             "Drives are computed from the description; measured ones take their place.",
         )
-        names = ["t", *(name + suffix for suffix in SUFFIXES for name in self.coordinates)]
-        return write_csv(target, [names, *np.column_stack([self.t, self.q, self.v, self.a, self.u]).tolist()], comments)
+        return write_motion(path, motion, comments)
 
     def to_scenario(self, path: Path | str, motion: Path | str) -> Path:
         """Write a scenario of the motion under computed torque, and return its path.

@@ -97,6 +97,11 @@ def fit(
     moved = _moved(kernel, model, motion, step)
     noise = dict(zip(kernel.coordinates, noise_deviation(motion.q).tolist(), strict=True))
     sought, warnings = _sought(model, kernel, motion, coordinates, moved.following)
+    if not motion.driven:
+        driven = [kernel.coordinates[i] for i in model.driven]
+        such = f" such as {component_name(driven[0], 'drive')}" if driven else ""
+        what = f"forces that drive {', '.join(driven)} are unknown" if driven else "nothing is driven"
+        warnings.insert(0, f"the motion has no drives: no columns{such}; {what}")
     if robot.is_closed:
         still = [item for item in sought if not _moves(kernel, moved, item, noise)]
         warnings += [f"{item.name} does not move enough to say anything" for item in still]
