@@ -38,6 +38,11 @@ class Shown:
         text = text if len(text) <= LONGEST else text[: LONGEST - 3] + "..."
         return f"{type(self).__name__}({text})"
 
+    def __str__(self) -> str:
+        """Return what commands print of the result, in lines; ``repr`` where that is one line."""
+        lines = getattr(self, "summary_lines", None) or getattr(self, "lines", None)
+        return repr(self) if lines is None else "\n".join(lines())
+
     def __getstate__(self) -> tuple[dict[str, Any], tuple[str, ...]]:
         """Return the attributes by name, mapping proxies as dicts, which can be pickled, and the names of these."""
         values = vars(self)

@@ -98,7 +98,7 @@ def load_robot(
         text = read_text(BUILTIN / f"{source}.toml", source)
         return _from_toml(text, options, source)
     if not isinstance(source, (str, Path)):
-        raise DescriptionError(f"a robot cannot be loaded from {type(source).__name__}; allowed: a name or a path")
+        raise DescriptionError(f"robot: got a value of type {type(source).__name__}; allowed: a name or a path")
     path = Path(source)
     if path.suffix == ".sdf":
         from .urdf import SDF

@@ -7,18 +7,20 @@ from typing import Any
 
 import numpy as np
 
+from ..files import as_path
 from ..optional import optional_import
 from ..sweep.result import SweepResult
 
 MOST_BARS = 15
 
 
-def plot_sweep(result: SweepResult, folder: Path, column: str | None = None) -> list[Path]:
+def plot_sweep(result: SweepResult, folder: Path | str, column: str | None = None) -> list[Path]:
     """Write distribution.png and sensitivity.png of a column (default: the first) and return their paths.
 
     Raises:
-        InputError: Matplotlib is not installed.
+        InputError: Matplotlib is not installed, or the folder is no path.
     """
+    target = as_path(folder, "folder")
     with optional_import("Matplotlib", "plots need"):
         import matplotlib
     matplotlib.use("Agg")
@@ -29,10 +31,10 @@ def plot_sweep(result: SweepResult, folder: Path, column: str | None = None) -> 
     for name, draw in (("distribution.png", _distribution), ("sensitivity.png", _sensitivity)):
         figure, axes = pyplot.subplots(figsize=(8.0, 4.5), layout="constrained")
         draw(result, column, axes)
-        folder.mkdir(parents=True, exist_ok=True)
-        figure.savefig(folder / name, dpi=150)
+        target.mkdir(parents=True, exist_ok=True)
+        figure.savefig(target / name, dpi=150)
         pyplot.close(figure)
-        written.append(folder / name)
+        written.append(target / name)
     return written
 
 

@@ -18,12 +18,12 @@ import hashlib
 import json
 import os
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 from .._version import __version__
 from ..codegen.kernels.signatures import DTYPES, KERNELS, OWN_KERNELS, SINGLES, available, with_beside
@@ -87,11 +87,15 @@ class Options:
     quick: bool = False
 
     def __post_init__(self) -> None:
-        for name in self.kernels:
-            if name not in OWNERS:
+        if isinstance(self.kernels, str) or not isinstance(self.kernels, Iterable):
+            such = f"({self.kernels!r},)" if isinstance(self.kernels, str) else 'such as ("mass_matrix",)'
+            raise InputError(f"kernels: {show(self.kernels)}; allowed: a sequence of names, {such}, or for build 'all'")
+        names = tuple(self.kernels)
+        for name in names:
+            if not isinstance(name, str) or name not in OWNERS:
                 known = f"{', '.join(_NAMED)}, and their derivatives, such as energy_adjoint"
                 raise InputError(f"kernels: {show(name)} is unknown; allowed: {known}")
-        object.__setattr__(self, "kernels", tuple(dict.fromkeys(OWNERS[name] for name in self.kernels)))
+        object.__setattr__(self, "kernels", tuple(dict.fromkeys(OWNERS[name] for name in names)))
         if self.dtype not in DTYPES:
             raise InputError(f"dtype: {self.dtype!r} is unknown; allowed: {', '.join(DTYPES)}")
         if self.level not in ("", *LEVELS):
@@ -129,8 +133,8 @@ def build(
             cache that cannot be written; from the call of a kernel where that is what builds it.
         DerivationError: what ``derive`` compares differs.
     """
-    robot, whole = as_robot(robot), kernels == "all"
-    options = Options(() if whole else tuple(kernels), dtype, native, tuple(flags), level=level)
+    robot, whole = as_robot(robot), isinstance(kernels, str) and kernels == "all"
+    options = Options(() if whole else cast(tuple[str, ...], kernels), dtype, native, tuple(flags), level=level)
     with ThreadPoolExecutor(1, "eomgen derivation") as beside:
         at_once = whole or options.kernels
         if derive and at_once:  # first, so that the derivation is beside the compiler, and not beside another one

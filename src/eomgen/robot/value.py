@@ -13,9 +13,10 @@ import math
 from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import Any
+from typing import Any, TypeVar
 
-from ..names import NAME_LENGTH, html_table, joint_of, kind_of, split_component
+from ..errors import UnknownNameError
+from ..names import NAME_LENGTH, html_table, joint_of, kind_of, nearest_or_all, show, split_component
 from ..once import kept
 from .bounds import Limits
 from .cuts import CUTS
@@ -578,12 +579,12 @@ class Robot(_Picklable):
             yield from _below(element.prefix, element.numbers())
 
     def link(self, name: str) -> Link:
-        """The link of that name; KeyError if there is none."""
-        return {link.name: link for link in self.links}[name]
+        """Return the link of that name; UnknownNameError if there is none."""
+        return _of_name("link", name, self.links)
 
     def joint(self, name: str) -> Joint:
-        """The joint of that name; KeyError if there is none."""
-        return {joint.name: joint for joint in self.joints}[name]
+        """Return the joint of that name; UnknownNameError if there is none."""
+        return _of_name("joint", name, self.joints)
 
     def limits_of(self, coordinate: str) -> Limits:
         """Return the limits of a coordinate by its name, "joint1.gamma"; an empty one where it has none."""
@@ -675,3 +676,14 @@ class Robot(_Picklable):
             for joint in self.joints
         )
         return replace(self, joints=joints)
+
+
+_Named = TypeVar("_Named", Link, Joint)
+
+
+def _of_name(what: str, name: str, parts: Iterable[_Named]) -> _Named:
+    """Return the part of that name; UnknownNameError if there is none."""
+    known = {part.name: part for part in parts}
+    if not isinstance(name, str) or name not in known:
+        raise UnknownNameError(f"{what}: {show(name)} is unknown{nearest_or_all(str(name), known)}")
+    return known[name]

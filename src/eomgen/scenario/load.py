@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import DescriptionError
+from ..errors import DescriptionError, InputError
+from ..files import as_path
 from ..forms.tables import Table
 from ..forms.toml_place import located
 from ..forms.toml_text import parse_toml, read_text
@@ -38,11 +39,30 @@ def load_scenario(source: str | Path) -> Scenario:
     return scenario_from_toml(text, source=name, folder=folder)
 
 
+def as_scenario(given: Scenario | str | Path | Mapping[str, Any]) -> Scenario:
+    """Return the scenario itself, the one that ``load_scenario`` reads, or the one of a mapping of a file's values.
+
+    Raises:
+        InputError: it is none of these; says what came and what is allowed.
+        DescriptionError: as ``load_scenario``.
+    """
+    if isinstance(given, Scenario):
+        return given
+    if isinstance(given, Mapping):
+        return scenario_from_values(given)
+    if not isinstance(given, (str, Path)):
+        raise InputError(
+            f"scenario: got a value of type {type(given).__name__}; allowed: a Scenario (from load_scenario), the name"
+            f" of a built-in one ({', '.join(builtin_scenarios())}), the path of a .toml file, or a dict of its values"
+        )
+    return load_scenario(given)
+
+
 def read_scenario(source: str | Path) -> tuple[str, str, Path]:
     """The text of a scenario, what messages call it, and the folder of the files that it names; errors as above."""
     if isinstance(source, str) and source in builtin_scenarios():
         return read_text(BUILTIN / f"{source}.toml", source), source, BUILTIN
-    path = Path(source)
+    path = as_path(source, "scenario")
     if path.suffix != ".toml":
         known = builtin_scenarios()
         allowed = f"a path that ends in .toml, or one of {', '.join(known)}"

@@ -405,10 +405,15 @@ def simulated_robot(result: SimulationResult, given: RobotLike | None = None) ->
     """The robot of a result: the one given if it is that of the simulation, else the one that the result keeps.
 
     Raises:
-        InputError: the result keeps none and none is given, or the one given is another robot.
+        InputError: it is no result, the result keeps none and none is given, or the one given is another robot.
     """
-    if given is not None:
-        robot = as_robot(given)
+    robot = None if given is None else as_robot(given)
+    if not isinstance(result, SimulationResult):
+        raise InputError(
+            f"result: got a value of type {type(result).__name__}; allowed: a SimulationResult, from simulate,"
+            " run_scenario or load_result"
+        )
+    if robot is not None:
         if result.robot_hash and robot_hash(robot) != result.robot_hash:
             raise InputError(
                 f"robot: {robot.name} is not what was simulated as {result.robot}; allowed: the same description"

@@ -10,7 +10,7 @@ angle over the ratio is measured, its program is the ratio times the joint's, an
 from __future__ import annotations
 
 import platform
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -38,6 +38,7 @@ from ..robot.coordinates import force_unit_of, index_of, unit_of
 from ..robot.model import build_model, tool_of
 from ..robot.value import MOTOR, Robot
 from ..runtime.kernel import Kernel
+from ..scenario.load import as_scenario
 from ..scenario.value import Integrator, Scenario, Section
 from ..state.springs import law_numbers, stops
 from .assembly import BANDWIDTH, Assembly, assemble
@@ -109,13 +110,17 @@ def simulate(  # noqa: PLR0913
 
 
 def run_scenario(
-    robot: RobotLike, scenario: Scenario, *, progress: Progress | None = None, stream: Path | str | None = None
+    robot: RobotLike,
+    scenario: Scenario | str | Path | Mapping[str, Any],
+    *,
+    progress: Progress | None = None,
+    stream: Path | str | None = None,
 ) -> SimulationResult:
     """Do what a scenario says with a robot, and integrate all its coordinates.
 
     Args:
         robot: a Robot, the name of a built-in one, or the path of a description.
-        scenario: from ``load_scenario``.
+        scenario: from ``load_scenario``, a built-in name, the path of a .toml file, or the values of one.
         progress: called with a fraction from 0 to 1 and a line of text.
         stream: a new folder to which q and v are written while they are integrated, see ``eomgen.load_stream``.
 
@@ -125,7 +130,7 @@ def run_scenario(
         IntegrationError: there is no equilibrium at the start, or the motion could not be integrated to its end: as
             IntegrationStopped, whose ``result`` has what there is of it.
     """
-    robot, report = as_robot(robot), progress or no_progress
+    robot, scenario, report = as_robot(robot), as_scenario(scenario), progress or no_progress
     tool = tool_of(robot, scenario.frame, scenario.label("frame") if scenario.source else "tool")
     with Ahead() as ahead:
         return run_assembly(robot, scenario, assemble(robot, scenario, tool, report, None, ahead), tool, report, stream)

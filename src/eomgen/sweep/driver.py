@@ -23,6 +23,7 @@ from typing import Any
 from .._version import __version__
 from ..description import RobotLike, as_robot
 from ..errors import EomgenError, InputError
+from ..files import as_path
 from ..forms.toml_text import parse_toml
 from ..integration.plan import IntegratorPlan
 from ..names import parameter_path, show
@@ -39,7 +40,7 @@ from .contents import SampleRow, manifest_of, row_check
 from .design import Design
 from .job import Dimension, Job, SampleRunner, get_path
 from .measures import BALANCED, check_record
-from .plan import Distribution, Plan
+from .plan import Distribution, Plan, as_plan
 from .result import SweepResult
 from .shipping import Builds, Content, builds_of, check_same, lacks_sources, pack, source_keys, unpack
 from .store import FORMAT, SweepStore, opened
@@ -51,7 +52,7 @@ FIRST, AHEAD = 8, 512  # chunks that wait at an executor: at first, at most
 def run(
     robot: RobotLike,
     scenario: str | Path | Mapping[str, Any],
-    plan: Plan,
+    plan: Plan | str | Path,
     output: Path | str,
     *,
     threads: int | None = None,
@@ -63,7 +64,7 @@ def run(
     Args:
         robot: a Robot, the name of a built-in one, or the path of a description.
         scenario: built-in name or path of a .toml file, or the values of one.
-        plan: from ``load_plan``.
+        plan: from ``load_plan``, or the path of a .toml file.
         output: a new folder, or that of the same sweep, which goes on where it ended.
         threads: of this process; default: one per core.
         executor: of ``concurrent.futures`` (processes, Dask's ``client.get_executor()``, MPI's, joblib's loky) instead
@@ -74,7 +75,7 @@ def run(
         InputError: plan, scenario and robot do not fit, or the folder is of something else.  Samples that fail do not
             raise; their rows have the error.
     """
-    robot = as_robot(robot)
+    robot, plan, folder = as_robot(robot), as_plan(plan), as_path(output, "output")
     if threads is not None and executor is not None:
         raise InputError("threads and executor are both given; allowed: one of them")
     if threads is not None and (isinstance(threads, bool) or not isinstance(threads, int) or threads < 1):
@@ -84,14 +85,14 @@ def run(
     job, design, notes = prepare(robot, scenario, plan)
     manifest = {"key": job.key, "eomgen": __version__, **_about(job, design, notes)}
     check = row_check(manifest_of({"format": FORMAT, **manifest}, "sweep"))
-    with opened(Path(output), manifest, check) as store:
+    with opened(folder, manifest, check) as store:
         missing = [i for i in range(len(design)) if i not in store.rows]
         if executor is not None:
             source = _by_executor(job, design, missing, executor)
         else:
             source = _by_threads(job, design, missing, threads or os.cpu_count() or 1)
         _collect(store, source, len(missing), report)
-    return SweepResult.load(output)
+    return SweepResult.load(folder)
 
 
 def prepare(
@@ -101,6 +102,11 @@ def prepare(
     robot = as_robot(robot)
     if isinstance(scenario, Mapping):
         values, source, folder = dict(scenario), "scenario", Path()
+    elif not isinstance(scenario, (str, Path)):
+        raise InputError(
+            f"scenario: got a value of type {type(scenario).__name__}; allowed: a built-in name, the path of a .toml"
+            " file, or a dict of its values"
+        )
     else:
         text, source, folder = read_scenario(scenario)
         values = dict(parse_toml(text, source))

@@ -6,7 +6,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NoReturn
 
-from ..errors import DescriptionError
+from ..errors import DescriptionError, InputError
+from ..files import as_path
 from ..forms.tables import Table
 from ..forms.toml_place import located, refusal
 from ..forms.toml_text import parse_toml, read_text
@@ -73,13 +74,25 @@ class Plan:
         raise refusal(message, key, self.source, self.text)
 
 
+def as_plan(given: Plan | str | Path) -> Plan:
+    """Return the plan itself, or the one that ``load_plan`` reads; InputError if it is neither."""
+    if isinstance(given, Plan):
+        return given
+    if not isinstance(given, (str, Path)):
+        raise InputError(
+            f"plan: got a value of type {type(given).__name__}; allowed: a Plan (from load_plan), or the path of a"
+            " .toml file"
+        )
+    return load_plan(given)
+
+
 def load_plan(path: str | Path) -> Plan:
     """Read a plan from a .toml file.
 
     Raises:
         DescriptionError: with the file, the key, what came and what is allowed.
     """
-    if Path(path).suffix != ".toml":
+    if as_path(path, "plan").suffix != ".toml":
         raise DescriptionError(f"the plan {show(str(path))} is no .toml file; allowed: a path that ends in .toml")
     return plan_from_toml(read_text(Path(path), str(path), ".toml file"), source=str(path))
 
