@@ -147,6 +147,16 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         "Linear momentum of the moving links, and angular momentum about their center of mass; base frame.",
         by_request=True,
     ),
+    kernel(
+        "frame_velocities(q, v) -> frame_rates",
+        "Per frame the velocity of its origin and its angular velocity, base frame.",
+        by_request=True,
+    ),
+    kernel(
+        "frame_accelerations(q, v, a) -> frame_rates",
+        "Per frame the acceleration of its origin and its angular acceleration, base frame.",
+        by_request=True,
+    ),
     kernel("energy(q, v) -> pair", "Kinetic energy, eq. (4), and potential energy of gravity and springs."),
     kernel(
         "reactions(q, v, a) -> reactions",
@@ -446,6 +456,7 @@ def shapes(model: Model, kernels: Collection[str] | None = None) -> dict[str, tu
         "pair": (2,),
         "point": (3,),
         "momentum": (6,),
+        "frame_rates": (len(model.frames), 6),
         "dt": (2,),
         "times": (2,),
         "joints": (len(model.bodies),),

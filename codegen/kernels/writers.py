@@ -11,6 +11,7 @@ from ..forces.element import Deflection, ForceElement
 from ..forces.elements import ELEMENTS
 from ..joint.zeros import zero_map
 from ..tree.composite import coriolis_matrix
+from ..tree.frame_motion import frame_accelerations, frame_velocities
 from ..tree.kinematics import body_poses, external_rows, frame_poses, weight_energy
 from ..tree.momentum import center_of_mass, total_momentum
 from ..tree.recursion import Wrench, inertial_rows, kinetic_energy
@@ -27,7 +28,7 @@ from .signatures import CLOSURE_KERNELS, element_rows
 DESCRIPTION_FRAMES = (  # report, or are asked, in the description's frames
     *("reactions", "tree_reactions", "closing_reactions", "loop_reactions", "loop_wrenches", "kinematics"),
     *("external_force", "external_reactions", "external_coupling_forces", "regressor", *CLOSURE_KERNELS),
-    *("center_of_mass", "centroidal_momentum"),
+    *("center_of_mass", "centroidal_momentum", "frame_velocities", "frame_accelerations"),
 )
 
 
@@ -179,6 +180,8 @@ WRITERS: Mapping[str, Callable[[Derivation], Outputs]] = {
     "nonlinear_effects": lambda d: d.vector(_nonlinear_effects(d, d.v)),
     "center_of_mass": lambda d: vector([*center_of_mass(d.model, d.bound, d.joints)]),
     "centroidal_momentum": _centroidal_momentum,
+    "frame_velocities": lambda d: vector(frame_velocities(d.model, d.bound, d.joints, d.v)),
+    "frame_accelerations": lambda d: vector(frame_accelerations(d.model, d.bound, d.joints, d.v, d.a)),
     "generalized_force": _generalized_force,
     "external_force": lambda d: d.vector(_external(d)[0]),
     "external_reactions": lambda d: wrench_outputs([x.scaled(-1.0) for x in _external(d)[1]]),

@@ -127,6 +127,17 @@ class PinocchioOracle:
         pin.updateFramePlacements(self.model, self.data)
         return np.array(pin.getFrameJacobian(self.model, self.data, self.frame_number(name), pin.LOCAL_WORLD_ALIGNED))
 
+    def frame_velocity(self, q: Array, v: Array, name: str, reference: str) -> Array:
+        pin.forwardKinematics(self.model, self.data, q, v)
+        axes = getattr(pin, reference)
+        return np.array(pin.getFrameVelocity(self.model, self.data, self.frame_number(name), axes).vector)
+
+    def frame_acceleration(self, q: Array, v: Array, a: Array, name: str, reference: str) -> Array:
+        """The classical one, or in WORLD the spatial one."""
+        pin.forwardKinematics(self.model, self.data, q, v, a)
+        find = pin.getFrameAcceleration if reference == "WORLD" else pin.getFrameClassicalAcceleration
+        return np.array(find(self.model, self.data, self.frame_number(name), getattr(pin, reference)).vector)
+
     def frame_number(self, name: str) -> int:
         """A frame of the description, or a link."""
         known = [frame.name for frame in self.model.frames]

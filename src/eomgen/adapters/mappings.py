@@ -73,6 +73,8 @@ _OWN = (  # functions that have the names of the kernel's
     Entry("energy", ("q", "v"), "E", rules.EnergyRule()),
     Entry("center_of_mass", ("q",), "c"),
     Entry("centroidal_momentum", ("q", "v"), "h"),
+    Entry("frame_velocities", ("q", "v"), "V"),
+    Entry("frame_accelerations", ("q", "v", "a"), "A_dot"),
     Entry("frame_pose", ("q",), "A"),
     Entry("frame_jacobian", ("q",), "J"),
     Entry("constraint", ("q",), "g", rules.ByKernel("constraint_jacobian")),

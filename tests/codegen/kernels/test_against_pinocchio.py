@@ -39,6 +39,8 @@ EVERY = (
     "nonlinear_effects",
     "center_of_mass",
     "centroidal_momentum",
+    "frame_velocities",
+    "frame_accelerations",
 )
 RIGID = (
     "ur5_robot",
@@ -201,6 +203,13 @@ def check_every_kernel(seed: int, built: Build) -> None:
         assert errors(kernel.frame_pose(q, frame), np.array([oracle.frame_pose(s, frame) for s in q])).max() <= 1e-13
         expected = np.array([oracle.frame_jacobian(s, frame) for s in q])
         assert np.abs(kernel.frame_jacobian(q, frame) - expected).max() <= 1e-13
+        for reference in ("LOCAL_WORLD_ALIGNED", "LOCAL", "WORLD"):
+            expected = np.array([oracle.frame_velocity(*s, frame, reference) for s in zip(q, v, strict=True)])
+            found = kernel.frame_velocity(q, v, frame, reference)
+            assert np.abs(found - expected).max() <= TOLERANCE * (1.0 + np.abs(expected).max())
+            expected = np.array([oracle.frame_acceleration(*s, frame, reference) for s in zip(q, v, a, strict=True)])
+            found = kernel.frame_acceleration(q, v, a, frame, reference)
+            assert np.abs(found - expected).max() <= TOLERANCE * (1.0 + np.abs(expected).max())
     check_wrench(kernel, oracle, states, seed)
 
 

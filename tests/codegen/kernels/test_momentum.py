@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import eomgen
-from eomgen.errors import InputError
+from eomgen.errors import InputError, UnknownNameError
 from eomgen.robot.model import build_model
 from eomgen.robot.value import COORDINATES, Coordinate, Robot
 from tests.codegen.kernels.test_followers import sample
@@ -17,6 +17,7 @@ from tests.support.random_robots import Array, random_robot, random_state, seeds
 
 QUANTITIES = ("gravity", "nonlinear_effects", "bias_force", "center_of_mass", "centroidal_momentum")
 DERIVATIVES = ("center_of_mass_tangent", "centroidal_momentum_tangent")
+MOTIONS = ("frame_velocities", "frame_accelerations", "frame_velocities_tangent", "kinematics")
 LIMIT = {"float64": 1e-12, "float32": 2e-4}
 
 
@@ -39,29 +40,56 @@ def check(kernel: eomgen.Kernel, robot: Robot, q: Array, v: Array) -> None:
     assert np.abs(both - bias - gravity).max() <= limit * (1.0 + np.abs(both).max() + np.abs(bias).max())
 
 
+def check_frames(kernel: eomgen.Kernel, q: Array, v: Array, a: Array) -> None:
+    """Velocities by Jacobians, accelerations as their rates."""
+    limit = LIMIT[str(kernel.dtype)]
+    velocities, accelerations = kernel.frame_velocities(q, v), kernel.frame_accelerations(q, v, a)
+    expected = np.array([kernel.frame_jacobian(q, frame) @ v for frame in kernel.frames])
+    assert np.abs(velocities - expected).max() <= limit * (1.0 + np.abs(expected).max())
+    rates = kernel.jvp("frame_velocities", (q, v), (v, a))
+    assert np.abs(accelerations - rates).max() <= limit * (1.0 + np.abs(rates).max() + np.abs(velocities).max() ** 2)
+
+
 @pytest.mark.parametrize("seed", seeds(0, 5, 40))
 def test_followers_springs_offsets_motors_and_prescribed_coordinates(seed: int, built: Build) -> None:
     robot, _ = sample(seed)
-    kernel, rng = built(robot, *QUANTITIES, *DERIVATIVES), np.random.default_rng(seed)
+    kernel, rng = built(robot, *QUANTITIES, *DERIVATIVES, *MOTIONS), np.random.default_rng(seed)
     for _ in range(4):
-        q, v = rng.uniform(-1.0, 1.0, (2, kernel.n))
+        q, v, a = rng.uniform(-1.0, 1.0, (3, kernel.n))
         check(kernel, robot, q, v)
+        check_frames(kernel, q, v, a)
 
 
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
 def test_batches_have_the_bits_of_single_states(dtype: str, built: Build) -> None:
     robot = random_robot(4, joints=(3, 4), tree=True)
-    kernel = built(robot, *QUANTITIES, *DERIVATIVES, dtype=dtype)
-    q, v = np.random.default_rng(1).uniform(-1.0, 1.0, (2, 9, kernel.n)).astype(dtype)
-    for name, arrays in (
-        ("gravity", (q,)),
-        ("nonlinear_effects", (q, v)),
-        ("center_of_mass", (q,)),
-        ("centroidal_momentum", (q, v)),
-    ):
-        call = getattr(kernel, name)
+    kernel = built(robot, *QUANTITIES, *DERIVATIVES, *MOTIONS, dtype=dtype)
+    q, v, a = np.random.default_rng(1).uniform(-1.0, 1.0, (3, 9, kernel.n)).astype(dtype)
+    for name, count in (*dict.fromkeys(QUANTITIES, 2).items(), ("frame_velocities", 2), ("frame_accelerations", 3)):
+        call, arrays = getattr(kernel, name), (q, v, a)[: 1 if name in ("gravity", "center_of_mass") else count]
         assert np.array_equal(call(*arrays), np.stack([call(*state) for state in zip(*arrays, strict=True)]))
     check(kernel, robot, q[0], v[0])
+    check_frames(kernel, q[0], v[0], a[0])
+
+
+def test_references_of_frames(built: Build) -> None:
+    """States of any shape; a point of the link at the base's origin; another reference is refused by name."""
+    robot = random_robot(4, joints=(3, 4), tree=True)
+    kernel = built(robot, *MOTIONS)
+    q, v, a = np.random.default_rng(2).uniform(-1.0, 1.0, (3, 2, 3, kernel.n))
+    for reference in ("LOCAL_WORLD_ALIGNED", "LOCAL", "WORLD"):
+        velocity = kernel.frame_velocity(q, v, "tcp", reference)
+        acceleration = kernel.frame_acceleration(q, v, a, "tcp", reference)
+        assert velocity.shape == acceleration.shape == (2, 3, 6)
+        assert np.allclose(velocity[1, 2], kernel.frame_velocity(q[1, 2], v[1, 2], "tcp", reference), rtol=1e-14)
+        h = 1e-6
+        ahead, behind = (kernel.frame_velocity(q + s * h * v, v + s * h * a, "tcp", "WORLD") for s in (1, -1))
+        if reference == "WORLD":
+            assert np.allclose(acceleration, (ahead - behind) / (2 * h), atol=1e-7)
+    with pytest.raises(InputError, match=r"reference: 'world'; allowed: LOCAL_WORLD_ALIGNED, LOCAL, WORLD"):
+        kernel.frame_velocity(q, v, "tcp", "world")  # type: ignore[arg-type]
+    with pytest.raises(UnknownNameError, match="frame: 'tpc' is unknown"):
+        kernel.frame_acceleration(q, v, a, "tpc")
 
 
 @pytest.mark.parametrize("seed", seeds(20, 2, 10))
