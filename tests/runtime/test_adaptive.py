@@ -246,6 +246,18 @@ def test_a_state_that_does_not_close_says_nothing_about_others(method: str, buil
         assert all(np.array_equal(found[i], expected) for i in (1, 2, 4))
 
 
+def test_a_duration_alone_takes_the_stable_method(built: Build) -> None:
+    kernel = built(slider(), *NAMES)
+    for found, expected in zip(
+        kernel.rollout([0.1], [0.0], [0.5], duration=0.1, samples=3),
+        kernel.rollout([0.1], [0.0], [0.5], duration=0.1, samples=3, method="rosenbrock"),
+        strict=True,
+    ):
+        assert np.array_equal(found, expected)
+    with pytest.raises(InputError, match=r"dt is given; allowed: duration, samples, .* with method='rosenbrock'"):
+        kernel.rollout([0.1], [0.0], [0.5], dt=1e-3, duration=0.1)
+
+
 def test_refusals(built: Build) -> None:
     kernel = built(slider(), *NAMES)
 

@@ -60,6 +60,11 @@ class ErrorControl:
         return rollout_of(RADAU if RADAU in self.methods else self.method)
 
 
+def method_for(method: str | None, duration: float | None) -> str:
+    """Return the method that is asked for, or a default: stable adaptive steps where there is a duration, else rk4."""
+    return method if method is not None else "rk4" if duration is None else "rosenbrock"
+
+
 @dataclass(frozen=True)
 class StepOptions:
     """Steps of a rollout: so many of one length, or those that error control chooses in a duration.
