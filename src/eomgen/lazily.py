@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import builtins
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from importlib import import_module
 from threading import Lock
@@ -13,11 +13,17 @@ from typing import Any
 _ONE_AT_A_TIME = Lock()  # or two threads might put back each other's way of importing
 
 
+def public_names(package: Mapping[str, Any], names: Iterable[str]) -> list[str]:
+    """Return what ``dir`` of a package shows: these names, and what Python itself puts into packages."""
+    return sorted({*names, *(name for name in package if name.startswith("__"))})
+
+
 @contextmanager
 def imports_when_used(package: dict[str, Any]) -> Iterator[None]:
     """Put off what a block imports, ``from .module import name as name``, until a name is asked for.
 
-    The package gets ``__getattr__``, ``__dir__`` and ``__all__``, which has all of these names that are no modules.
+    The package gets ``__getattr__``, ``__dir__``, which has no other names, and ``__all__``, which has those of them
+    that are no modules.
 
     Args:
         package: its ``globals()``.
@@ -46,5 +52,5 @@ def imports_when_used(package: dict[str, Any]) -> Iterator[None]:
     for name in modules:
         del package[name]
     package["__getattr__"] = find
-    package["__dir__"] = lambda: sorted({*package, *modules} - {"imports_when_used"})
+    package["__dir__"] = lambda: public_names(package, modules)
     package["__all__"] = sorted(name for name, module in modules.items() if module)

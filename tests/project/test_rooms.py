@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import importlib
 import json
 import os
 import pkgutil
@@ -168,6 +169,14 @@ def test_the_facade_shows_what_it_has() -> None:
         assert getattr(eomgen, name) is not None
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
         eomgen.nothing  # noqa: B018
+
+
+@pytest.mark.parametrize("package", ["", "runtime", *ROOMS])
+def test_tab_completes_public_names_alone(package: str) -> None:
+    """No module or helper that a package imports for itself, however many of them are imported by now."""
+    module = importlib.import_module(f"eomgen.{package}".rstrip("."))
+    own = {name for name in dir(module) if not name.startswith("__")}
+    assert own == {name for name in (*module.__all__, *(() if package else ROOMS)) if not name.startswith("__")}
 
 
 def test_rooms_are_reached_through_the_facade() -> None:

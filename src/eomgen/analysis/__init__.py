@@ -3,6 +3,7 @@
 Uses runtime, robot, results, description, state, loops, motion, pipeline and simulation.
 """
 
+from ..lazily import public_names
 from .compliance import ComplianceMap, compliance_map
 from .frequency import Response, h1, response
 from .matrices import StateSpace, linearize
@@ -35,3 +36,7 @@ __all__ = [
     "offset_sensitivity",
     "response",
 ]
+
+
+def __dir__() -> list[str]:
+    return public_names(globals(), __all__)

@@ -4,6 +4,7 @@ Uses runtime, robot, results, forms, description, state, motion, integration, sc
 and sweep.
 """
 
+from ..lazily import public_names
 from .calibration.result import CalibrationResult, load_calibration
 from .calibration.solve import calibrate
 from .choosing.result import PosesResult, load_poses
@@ -66,3 +67,7 @@ __all__ = [
     "read_poses",
     "tolerance",
 ]
+
+
+def __dir__() -> list[str]:
+    return public_names(globals(), __all__)
