@@ -27,7 +27,7 @@ from .at_rest import system_at_rest
 from .holding import PoseLike
 from .modal import ROUND_OFF
 from .options import StateKeywords, prepared, warn_of
-from .ports import checked_kind, input_matrix, output_matrices, unit_of_output
+from .ports import PortKind, checked_kind, input_matrix, output_matrices, unit_of_output
 from .tangent_system import LinearSystem
 
 if TYPE_CHECKING:
@@ -128,7 +128,7 @@ def response(
     frequencies: ArrayLike,
     pose: PoseLike | None = None,
     *,
-    kind: str = "displacement",
+    kind: PortKind = "displacement",
     progress: StageReport | None = None,
     **options: Unpack[StateKeywords],
 ) -> Response:

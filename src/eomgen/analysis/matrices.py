@@ -23,7 +23,7 @@ from .at_rest import system_at_rest
 from .holding import Fixation, PoseLike
 from .in_motion import moving_system
 from .options import StateKeywords, prepared, warn_of
-from .ports import checked_kind, input_matrix, output_matrices
+from .ports import PortKind, checked_kind, input_matrix, output_matrices
 from .tangent_system import LinearSystem
 
 if TYPE_CHECKING:
@@ -104,7 +104,7 @@ def linearize(  # noqa: PLR0913
     u: ArrayLike | None = None,
     inputs: Sequence[str] | None = None,
     outputs: Sequence[str] | None = None,
-    kind: str = "displacement",
+    kind: PortKind = "displacement",
     frame: str | None = None,
     progress: StageReport | None = None,
     **options: Unpack[StateKeywords],

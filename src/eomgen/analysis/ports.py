@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -14,7 +15,8 @@ from ..runtime.kernel import Kernel
 from .holding import Fixation
 from .tangent_system import frame_hessian
 
-KINDS = ("displacement", "velocity", "acceleration")
+PortKind = Literal["displacement", "velocity", "acceleration"]
+KINDS: tuple[str, ...] = get_args(PortKind)
 
 
 def input_matrix(kernel: Kernel, q: Array, names: Sequence[str], fixation: Fixation) -> Array:

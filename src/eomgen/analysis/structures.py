@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from ..arrays import Array
 from ..description import RobotLike, as_robot
 from ..errors import InputError
+from ..integration.methods import Method
 from ..motion.ends import default_motion, principal_limits
 from ..motion.exceeding import excess_notes, excesses
 from ..motion.tool_path import ToolLine
@@ -107,7 +108,7 @@ def compare(
     goal: Sequence[float] | None = None,
     line: Line | None = None,
     tool: str | None = None,
-    method: str = "auto",
+    method: Method = "auto",
     progress: Progress | None = None,
 ) -> Comparison:
     """Let robots do the same and compare what it takes; each moves with all its coordinates, as ``simulate`` has it.

@@ -23,7 +23,7 @@ from .advance import Advance
 from .closed import ClosedSystem
 from .contacts import ContactWatch
 from .drives import drive_of
-from .methods import SUNDIALS
+from .methods import SUNDIALS, Method
 from .plan import IntegratorOptions, IntegratorPlan, plan_integration
 from .resting import rests
 from .steps import Record, Samples, checked_times, fixed_step, output_times, reporter, rk4, sampled, tolerances
@@ -42,7 +42,7 @@ def integrate(  # noqa: PLR0913
     drive: DriveFunction | ArrayLike | None = None,
     wrench: WrenchFunction | ArrayLike | None = None,
     prescribed: MotionFunction | None = None,
-    method: str = "auto",
+    method: Method = "auto",
     rtol: float = 1e-6,
     atol: ArrayLike | None = None,
     step: float | None = None,

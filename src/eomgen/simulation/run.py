@@ -21,7 +21,7 @@ from .._version import __version__
 from ..arrays import Array
 from ..description import RobotLike, as_robot
 from ..errors import InputError, IntegrationStopped
-from ..integration.methods import EXPLICIT
+from ..integration.methods import EXPLICIT, Method
 from ..integration.plan import IntegratorPlan, plan_integration
 from ..integration.steps import output_times
 from ..integration.trajectory import Trajectory
@@ -57,7 +57,7 @@ def simulate(  # noqa: PLR0913
     motion: Program | None = None,
     bandwidth: float = BANDWIDTH,
     tool: str | None = None,
-    method: str = "auto",
+    method: Method = "auto",
     rtol: float = 1e-6,
     step: float | None = None,
     output_step: float | None = None,

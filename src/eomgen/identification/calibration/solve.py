@@ -38,7 +38,7 @@ from ..geometry.observations import ENCODER, ORIENTATION, POSITION, Block, at_ro
 from ..geometry.placing import placed
 from ..geometry.poses import MeasuredPoses, read_poses
 from ..geometry.rotations import coordinates_of, pose_from
-from ..geometry.solve import LOSSES, Fit, Problem, whitened
+from ..geometry.solve import LOSSES, Fit, Loss, Problem, whitened
 from ..geometry.stations import Chain, chain_of, matrix_of
 from .diagnosing import Diagnosis, diagnosed, diagnosis_notes
 from .drives import with_drives
@@ -47,7 +47,7 @@ from .misreadings import Left, judged, left_of
 from .result import CalibrationResult
 from .serial import Serial
 from .traps import at_once, design_effect, odd_angles, refuse_impossible, suspicion_of
-from .variants import VARIANTS, Rms, Variants, folds_from, medians_of, only_fitted, residuals_of, variants_of
+from .variants import VARIANTS, Rms, Variant, Variants, folds_from, medians_of, only_fitted, residuals_of, variants_of
 
 FOLDS = 10
 LACK = 1e-3  # probability of a reduced chi-square by chance, below which the fit lacks something
@@ -84,12 +84,12 @@ def calibrate(  # noqa: PLR0913
     rotation: str = "rotvector",
     noise: ArrayLike | None = None,
     covariance: Mapping[str, ArrayLike] | None = None,
-    loss: str | None = None,
+    loss: Loss | None = None,
     folds: int | str = FOLDS,
     fixed: Iterable[str] = (),
     stiffness: Iterable[str] = (),
     drives: bool = False,
-    variant: str = "full",
+    variant: Variant = "full",
     sizes: Sequence[float] = SIZES,
     confidence: float = 0.95,
     force: bool = False,
@@ -135,7 +135,7 @@ def calibrate(  # noqa: PLR0913
         stiffness=tuple(stiffness),
         sizes=two_sizes(sizes),
     )
-    variant = _one_of("variant", variant, VARIANTS) or "full"
+    _one_of("variant", variant, VARIANTS)
     if variant != "full" and not count:
         raise InputError(f"variant: {show(variant)} without folds; allowed: full, or folds from 2 on")
     if not 0.0 < confidence < 1.0:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -19,7 +20,8 @@ from ..geometry.solve import ROUGH, Fit, Problem, fitted, refitted, roughly, whi
 Rms = dict[str, float]
 Gains = Mapping[str, Mapping[str, "Gain"]]
 
-VARIANTS = ("placement", "zeros", "full", "prior")
+Variant = Literal["placement", "zeros", "full", "prior"]
+VARIANTS: tuple[str, ...] = get_args(Variant)
 PRIORS = tuple(10.0 ** (k / 2.0) for k in range(-4, 5))  # sizes that are tried, in expected ones
 _WIDE = 1e3  # expected sizes of what has no prior in a ridge
 _ROUND_OFF = 1e-6  # of a gain: variants that are equal differ by no more

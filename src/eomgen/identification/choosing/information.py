@@ -8,12 +8,14 @@ information of poses that were measured already.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from ...arrays import Array
 
 DETERMINANT, ERROR = "D", "V"
+PoseCriterion = Literal["D", "V"]
 CRITERIA = (DETERMINANT, ERROR)
 
 

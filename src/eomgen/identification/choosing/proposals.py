@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from ..geometry.stations import Chain, located
 from .sampling import Ranges
 
 POSE, POSITION, DISTANCE = "pose", "position", "distance"
+Measure = Literal["pose", "position", "distance"]
 MEASURES = (POSE, POSITION, DISTANCE)
 WIDTHS = {POSE: 6, POSITION: 3, DISTANCE: 1}  # numbers of a frame in a pose
 

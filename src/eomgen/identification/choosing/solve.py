@@ -29,8 +29,8 @@ from ..geometry.solve import Fit, Problem, algebraic_rank, normed_triangle
 from ..geometry.stations import Chain, chain_of
 from .continuous import CLOSE, bound_of
 from .exchange import chosen_by
-from .information import CRITERIA, DETERMINANT, Information, criterion_of, inverse
-from .proposals import DISTANCE, MEASURES, POSE, WIDTHS, joined, proposed
+from .information import CRITERIA, Information, PoseCriterion, criterion_of, inverse
+from .proposals import DISTANCE, MEASURES, WIDTHS, Measure, joined, proposed
 from .result import PosesResult
 from .sampling import Where, boxes_from, ranges_of, sampled, where_from
 
@@ -59,7 +59,7 @@ def poses(  # noqa: PLR0913
     *,
     count: int = 30,
     frame: str | Sequence[str] | None = None,
-    measure: str = POSE,
+    measure: Measure = "pose",
     frames: Mapping[str, str] | None = None,
     ranges: Mapping[str, Sequence[float]] | None = None,
     boxes: ArrayLike | None = None,
@@ -67,7 +67,7 @@ def poses(  # noqa: PLR0913
     device: ArrayLike | None = None,
     angle: float | None = None,
     axis: str = "z",
-    criterion: str = DETERMINANT,
+    criterion: PoseCriterion = "D",
     workspace: ArrayLike | None = None,
     after: MeasuredPoses | Path | str | None = None,
     rotation: str = "rotvector",

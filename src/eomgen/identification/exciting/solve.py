@@ -33,7 +33,16 @@ from .constraints import Course, extremes, held_by
 from .fourier import waves
 from .result import Compared, ExciteResult
 from .searching import Search, improved
-from .telling import CONDITION, CRITERIA, DETERMINANT, Telling, criterion_of, information, singular_values
+from .telling import (
+    CONDITION,
+    CRITERIA,
+    DETERMINANT,
+    ExcitationCriterion,
+    Telling,
+    criterion_of,
+    information,
+    singular_values,
+)
 
 KERNELS = ("regressor", "regressor_adjoint", "inverse_dynamics", "inverse_dynamics_adjoint", "kinematics")
 RANDOMS = 20  # motions beside which the found one stands; searches begin with the best of them
@@ -52,7 +61,7 @@ def excite(  # noqa: PLR0913
     duration: float = 10.0,
     harmonics: int = 5,
     step: float = 5e-3,
-    criterion: str = DETERMINANT,
+    criterion: ExcitationCriterion = "D",
     terms: Sequence[str] = TERMS,
     ranges: Mapping[str, Sequence[float]] | None = None,
     rates: Amounts | None = None,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from ..identifiable import FRICTION, BaseParameters
 from .constraints import Course
 
 DETERMINANT, CONDITION = "D", "condition"
+ExcitationCriterion = Literal["D", "condition"]
 CRITERIA = {
     DETERMINANT: "determinant of the information",
     CONDITION: "condition number",

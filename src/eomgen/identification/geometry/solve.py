@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,7 @@ _NEAR = 3.0  # standard deviations: what is not further off says how large the n
 _OF_NEAR = 0.97333  # mean square of normal numbers that are not further off
 _LOOSE = 0.05  # least share of a number that a fit leaves open
 
+Loss = Literal["huber", "cauchy", "tukey"]
 LOSSES: dict[str, Callable[[Array], Array]] = {  # weight of a sample by its size u; 95 % efficient with normal errors
     "huber": lambda u: np.minimum(1.0, 1.345 / np.maximum(u, 1e-300)),
     "cauchy": lambda u: 1.0 / (1.0 + (u / 2.385) ** 2),

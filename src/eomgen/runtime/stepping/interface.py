@@ -13,7 +13,7 @@ from .adaptive import adaptive_rollout
 from .given_loads import Loads
 from .gradients import Loss, rollout_gradient
 from .many_steps import rollout
-from .options import Control, LoadedStepOptions, StepOptions, method_for
+from .options import Control, LoadedStepOptions, StepMethod, StepOptions, method_for
 from .rollouts import Inputs, Rollout
 from .saturation import Saturate, efforts_of
 from .sensitivities import rollout_sensitivity
@@ -30,7 +30,7 @@ class Rollouts(CompiledCode):
         dt: float | None = None,
         steps: int | None = None,
         *,
-        method: str | None = None,
+        method: StepMethod | None = None,
         every: int = 1,
         kp: ArrayLike | None = None,
         kd: ArrayLike | None = None,
@@ -122,7 +122,7 @@ class Rollouts(CompiledCode):
         *,
         loss: Loss,
         parameters: Sequence[str] = (),
-        method: str | None = None,
+        method: StepMethod | None = None,
         every: int = 1,
         kp: ArrayLike | None = None,
         kd: ArrayLike | None = None,
@@ -179,7 +179,7 @@ class Rollouts(CompiledCode):
         *,
         parameters: Sequence[str] = (),
         along: Mapping[str, ArrayLike] | None = None,
-        method: str | None = None,
+        method: StepMethod | None = None,
         every: int = 1,
         kp: ArrayLike | None = None,
         kd: ArrayLike | None = None,

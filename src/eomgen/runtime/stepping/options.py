@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,6 +15,7 @@ from ..arrays import flag
 from ..calls import Calls
 from ..raw import Array
 
+StepMethod = Literal["rk4", "implicit", "rosenbrock", "tsit5", "radau"]
 FIXED = {"rk4": 0, "implicit": 1}  # methods of steps of one length, by their numbers in C
 ADAPTIVE = {"rosenbrock": 0, "tsit5": 1, "radau": 2}  # methods with error control, likewise
 RADAU = "radau"
