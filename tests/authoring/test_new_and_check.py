@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -190,3 +191,68 @@ def test_the_schema_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
     assert json.loads(capsys.readouterr().out)["properties"]["gravity"]["description"].endswith("[m/s^2]")
     assert cli.main(["schema", "urdf"]) == 1
     assert "there is no format 'urdf'; allowed: robot, scenario, plan" in capsys.readouterr().err
+
+
+ODD = """
+name = "arm"
+home = { j1.gamma = 90.0 }
+
+[[links]]
+name = "upper"
+mass = 2.0
+com = [120.0, 0.0, 0.0]
+inertia = { xx = 0.1, yy = 0.1, zz = 0.1 }
+
+[[links]]
+name = "fore"
+mass = 2.0
+
+[[joints]]
+name = "j1"
+parent = "base"
+child = "upper"
+type = "revolute"
+placement = { xyz = [0.0, 0.0, 500.0], rpy = [90.0, 0.0, 0.0] }
+
+[[joints]]
+name = "j2"
+parent = "upper"
+child = "fore"
+type = "revolute"
+dh = { a = 400.0, alpha = -90.0 }
+
+[[springs]]
+name = "cable"
+links = ["base", "fore"]
+points = [[0.0, 0.0, 1.0], [250.0, 0.0, 0.0]]
+stiffness = 1e4
+"""
+
+
+def test_lengths_and_angles_of_another_unit_are_asked_about(tmp_path: Path) -> None:
+    """Each by its place, in the unit that it may be of; the rest are counted; numbers of usual sizes are not."""
+    path = tmp_path / "odd.toml"
+    path.write_text(ODD, encoding="utf-8")
+    found = check_file(path)
+    assert not found.errors
+    assert [note for note in found.notes if "is that in" in note or "such sizes" in note] == [
+        "home.j1.gamma = 90 m or rad: is that in degrees (1.5708 rad) or millimetres (0.09 m)?",
+        "links.upper.com.0 = 120 m: is that in millimetres (0.12 m)?",
+        "joints.j1.placement.xyz.2 = 500 m: is that in millimetres (0.5 m)?",
+        "joints.j1.placement.rpy.0 = 90 rad: is that in degrees (1.5708 rad)?",
+        "joints.j2.dh.a = 400 m: is that in millimetres (0.4 m)?",
+        "2 more of such sizes",
+    ]
+    path.write_text(re.sub(r"(\d)0\.0\b", r"\g<1>.0", ODD).replace("90", "9").replace("50.0", "5.0"), encoding="utf-8")
+    small = check_file(path)
+    assert not small.errors
+    assert not [note for note in small.notes if "is that in" in note]
+
+
+def test_built_in_files_have_no_odd_sizes() -> None:
+    files = [
+        *(Path(eomgen.__path__[0]) / "robots").glob("*.toml"),
+        *(Path(eomgen.__path__[0]) / "scenarios").glob("*.toml"),
+    ]
+    assert len(files) > 15
+    assert not [note for path in files for note in check_file(path).notes if "is that in" in note]

@@ -13,6 +13,7 @@ from ..errors import DescriptionError, InputError
 from ..forms.structure import faults
 from ..forms.toml_place import locate
 from ..forms.toml_text import parse_toml, read_text
+from ..forms.unit_questions import unit_questions
 from ..scenario.load import load_scenario
 from ..sweep.plan import load_plan
 from .inertia import inertia_notes
@@ -76,6 +77,8 @@ def check_file(path: str | Path, *, inertia: str | None = None, xacro: bool = Fa
             if found:
                 found.sort(key=lambda error: (error.line or 0, error.column or 0))
                 return Checked(name, kind, {}, tuple(found))
+            read = _read(Path(path), name, kind, inertia, xacro)
+            return replace(read, notes=(*read.notes, *unit_questions(FORMATS[kind][0], values)))
         return _read(Path(path), name, kind, inertia, xacro)
     except InputError as error:
         return Checked(name, kind, {}, (error,))
