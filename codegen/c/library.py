@@ -59,7 +59,7 @@ def library_types(dtype: str) -> str:
 
 @cache
 def library_functions(dtype: str) -> str:
-    """The same with robots, workspaces and functions that integrate; lanes are pointers to their numbers."""
+    """Return declarations with robots, workspaces and functions that integrate; lanes are pointers to their numbers."""
     text = _declared(dtype, (*_TYPES, "eom_robot.h", "robot_lanes.h"))
     real, prefix = ("float", "eomf") if dtype == "float32" else ("double", "eom")
     text = re.sub(r"\blanes\b", real, re.sub(r"EOM_WIDE\((\w+)\)", rf"{prefix}_\1", text))

@@ -35,7 +35,7 @@ class Source:
         return {f"{self.name}.h": self.header, f"{self.name}.c": self.code, **library_files()}
 
     def only(self, half: str) -> Source:
-        """The same to compile one half alone: "singles" or "batches", or both without a name."""
+        """Return the source to compile one half alone: "singles" or "batches", or both without a name."""
         return replace(self, half=half, cdef=self.cdefs[half]) if half else self
 
 

@@ -1,4 +1,4 @@
-"""What closes a mechanism, in SymPy: the components of g(q) = 0 and their Jacobian.
+"""Constraint of a closed mechanism, in SymPy: the components of g(q) = 0 and their Jacobian.
 
 The components are those of ``tree.constraints``, on symbols; the multipliers' forces are J^T lambda.
 """

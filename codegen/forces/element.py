@@ -1,4 +1,4 @@
-"""What a force element is to the equations of motion: its rows, energy, wrenches, slopes, and share of implicit steps.
+"""Force elements in the equations of motion: rows, energy, wrenches, slopes, and share of implicit steps.
 
 Every family of forces is a class here below, with its formulas in a file of its own; ``elements`` lists them, and the
 writers of kernels loop over that list.  An element stands where q is; velocities are arguments.

@@ -1,4 +1,4 @@
-"""Where the components of a constraint may have derivatives: the blocks of J, loop by loop; without SymPy."""
+"""Blocks of J in which the components of a constraint may have derivatives, loop by loop; without SymPy."""
 
 from __future__ import annotations
 

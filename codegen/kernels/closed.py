@@ -64,7 +64,7 @@ def _reduced(
     slopes: Mapping[int, Scalar],
     beside: Mapping[tuple[int, int], Scalar],
 ) -> tuple[ReducedTree, Pivots]:
-    """The same where coordinates follow others: by S^T M S, since a tree with shared coordinates is none."""
+    """Solve where coordinates follow others: by S^T M S, since a tree with shared coordinates is none."""
     rotors, own, given = Rotors(d.model, bound, bound.armature, drives, slopes), frozenset(d.own), d.model.prescribed
     left, still = replace(bound, armature=tuple(rotors.armature)), [0.0] * d.model.size
     bias, _ = inertial_rows(d.model, left, d.joints, v, still, left.gravity, d.graph.note)

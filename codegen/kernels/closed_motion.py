@@ -1,4 +1,4 @@
-"""What a given motion of a closed mechanism takes: drives, reactions, and the derivatives of what closes it."""
+"""Inverse dynamics of a closed mechanism: drives, reactions, and the derivatives of what closes it."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def loop_reactions(d: Derivation) -> Outputs:
 
 
 def loop_wrenches(d: Derivation) -> Outputs:
-    """The same of multipliers, for what is rigid."""
+    """Return the wrenches of multipliers, for what is rigid."""
     return _of_cuts(d, {closure.number: wrench for closure, wrench in _rigid_wrenches(d)})
 
 

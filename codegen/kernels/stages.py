@@ -132,7 +132,7 @@ class _Stage(ImplicitShare):
 
 
 class _PairStage(_Stage):
-    """The same with a complex c, whose size and its square are ``spans``.
+    """Stage with a complex c, whose size and its square are ``spans``.
 
     A law rises or falls by these, as real numbers alone are more or less than 0; of slopes between coordinates those by
     positions and by velocities each alone are taken where they rise.
@@ -192,7 +192,7 @@ def derive_stage(d: Derivation) -> dict[str, Program]:
 
 
 def derive_pair_stage(d: Derivation) -> dict[str, Program]:
-    """The same with a complex c, for complex rates and shifts, imaginary parts behind real ones."""
+    """Derive the stage with a complex c, for complex rates and shifts, imaginary parts behind real ones."""
     whole, n = finish(d.graph, "stage", stage(d, _PairStage)), len(d.own)
     times, rates, shifts, _ = PAIR_ARRAYS
     pairs = on_pairs(whole, {times: 2, rates: n, shifts: n}, dropped=("pivot",), results=("out",))

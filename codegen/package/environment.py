@@ -1,4 +1,4 @@
-"""What the environment says about compiling: CC, CFLAGS and LDFLAGS, split as a shell splits words, and checked."""
+"""Compiler's words from the environment: CC, CFLAGS and LDFLAGS, split as a shell splits words, and checked."""
 
 from __future__ import annotations
 

@@ -84,7 +84,7 @@ class _Weighed:
         return order, total
 
     def from_the_last(self) -> tuple[list[int], int]:
-        """The same of all that is left, from the last to the first."""
+        """Collect all that is left, from the last to the first."""
         order, total = sorted(self.inner, reverse=True), 0
         for value in order:
             total += self.products(value)

@@ -14,7 +14,7 @@ LENGTH = 600  # values of a run that has several nodes, at most: such a run stay
 
 @dataclass(frozen=True)
 class Goal:
-    """Where an output belongs: the node that writes it, and its place in the array that is written instead."""
+    """Place of an output: the node that writes it, and its place in the array that is written instead."""
 
     node: int
     array: str

@@ -41,7 +41,7 @@ def with_copies(states: Array) -> Array:
 
 
 def spread(lanes: Array) -> Array:
-    """By how much the copies of a state differ from it (..., MEASURED), of values (..., lanes).
+    """Return by how much the copies of a state differ from it (..., MEASURED), of values (..., lanes).
 
     Infinity where rounding decides whether a value is finite; what is not finite in all of them does not differ.
     """

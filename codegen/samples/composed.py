@@ -1,4 +1,4 @@
-"""What composed kernels answer: numbers that programs write, and identities that hold between programs and answers.
+"""Answers of composed kernels: numbers that programs write, and identities between programs and answers.
 
 The loops of composed kernels are those of the C library, which has tests of its own; a robot's build asks whether they
 were given what belongs to them.  Arrays have lanes behind their own axes, those of an identity its states in front.

@@ -39,7 +39,7 @@ def one_step(method: int, run: Run, q: Array, v: Array, u: Array, dt: Any) -> tu
 
 
 def one_adapted_step(method: int, run: Run, q: Array, v: Array, u: Array, dt: Any) -> tuple[Array, Array]:
-    """The same with error control that allows anything: method 0 is the Rosenbrock method, 1 the explicit pair.
+    """Take a step with error control that allows anything: method 0 is the Rosenbrock method, 1 the explicit pair.
 
     2 is Radau IIA, which in a step that short comes to what one of Euler's comes to, but for rounding.  No status
     comes of it: what cannot be solved is seen in the error.

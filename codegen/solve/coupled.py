@@ -57,7 +57,7 @@ class Coupled:
         return self.moved(dict(zip(self.indices, self.free, strict=True)), a, d)
 
     def moved(self, free: Mapping[int, Scalar], a: Vec, d: Vec) -> dict[int, Scalar]:
-        """The same with other accelerations than ``free`` where (a, d) vanish; 0 where they have none."""
+        """Return it with other accelerations than ``free`` where (a, d) vanish; 0 where they have none."""
         found = {}
         for x, gain in zip(self.directions, self.gains, strict=True):
             found[x.index] = free.get(x.index, 0.0) - (dot(gain.force, a) + dot(gain.moment, d))

@@ -137,7 +137,7 @@ class EliminatedTree(Tree):
         return load
 
     def _past_block(self, k: int, push: Sequence[Scalar], load: Wrench, response: Response) -> Wrench:
-        """The same of three translations at once."""
+        """Pass three translations at once."""
         block, first = self.tree.blocks[k], self.tree.joints[k].translations[0][0]
         drives: Vec = (push[first], push[first + 1], push[first + 2])
         left = add(drives, scale(-1.0, load.force))

@@ -116,7 +116,7 @@ class BoundCoupling:
     law: BoundLaw | None
 
     def gap(self, q: Sequence[Scalar]) -> Scalar:
-        """By how much the coordinates are off."""
+        """Return by how much the coordinates are off."""
         return along(self.arms, q) - self.offset
 
 

@@ -26,7 +26,7 @@ VECTORS = 5  # so many are turned by a placement, so many products go with a com
 
 
 def choose_frames(model: Model, bound: Bound) -> Bound:
-    """The same robot with body frames shifted and turned where that leaves fewer non-zero numbers."""
+    """Shift and turn body frames where that leaves fewer non-zero numbers."""
     bodies, offsets, elements, cuts = list(bound.bodies), list(bound.angle_offsets), bound.elements, bound.cuts
     for k, body in enumerate(model.bodies):
         children = model.children(k)

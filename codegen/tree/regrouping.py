@@ -17,7 +17,7 @@ from .spatial import PseudoInertia, add, congruence, mat3, vec3
 
 
 def regroup(model: Model, bound: Bound) -> Bound:
-    """The same robot with every movable block of a pseudo-inertia moved towards the base."""
+    """Move every movable block of a pseudo-inertia towards the base."""
     inertias = [body.inertia for body in bound.bodies]
     at_rest = bound.at_rest
     for k in range(len(inertias) - 1, -1, -1):

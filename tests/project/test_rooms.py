@@ -299,9 +299,10 @@ def test_the_folders_beside_the_package_are_found_inside_it() -> None:
 
 
 def test_docstrings_begin_with_a_verb_or_a_noun() -> None:
-    """Not with a word that leans on what stands before: "Of x", "That of x", "What x does", "As y"."""
+    """Not with a word that leans on what stands before: "Of x", "The same", "What x does", "Where y is"."""
+    leaning = re.compile(r"(Of|That|Those|As|What|Where|The same|By how much)\b")
     for name, path in MODULES.items():
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, (ast.FunctionDef, ast.ClassDef)):
+            if isinstance(node, (ast.FunctionDef, ast.ClassDef, ast.Module)):
                 text = ast.get_docstring(node) or ""
-                assert not re.match(r"(Of|That|Those|As|What) ", text), f"{name}.{node.name}: {text}"
+                assert not leaning.match(text), f"{name}.{getattr(node, 'name', '')}: {text}"

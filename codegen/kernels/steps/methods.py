@@ -66,7 +66,7 @@ class RungeKutta:
 
 
 def _exact(x: Array) -> NDArray[Any]:
-    """The same numbers as fractions, whose sums are the same on every machine."""
+    """Return the numbers as fractions, whose sums are the same on every machine."""
     return np.array([Fraction(float(value)) for value in x.ravel()], dtype=object).reshape(x.shape)
 
 

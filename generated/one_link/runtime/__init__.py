@@ -37,4 +37,4 @@ if not TYPE_CHECKING:  # or type checkers would take every name to be there
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return sorted({*__all__, *(name for name in globals() if name.startswith("__"))})

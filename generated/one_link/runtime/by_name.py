@@ -1,4 +1,4 @@
-"""What kernels have by name: the matrix coefficients of eqs. (10)-(12), inertial parameters, gears, followers.
+"""Views by name of kernels: the matrix coefficients of eqs. (10)-(12), inertial parameters, gears, followers.
 
 What vanishes identically stands in a package's metadata.
 """

@@ -251,7 +251,7 @@ def _closed(calls: Calls, guesses: Array, free: Mask) -> tuple[Array, Array]:
 
 
 def _by_steps(calls: Calls, guesses: Array, free: Mask) -> tuple[Array, Array]:
-    """The same of guesses in the coordinates that these calls know."""
+    """Close guesses in the coordinates that these calls know."""
     q, enough = guesses.copy(), CLOSED[calls.dtype.itemsize]
     g = calls.run("constraint", None, (q,))
     damping = np.full(len(q), 1e-3)

@@ -1,11 +1,19 @@
-"""Where frames are and how they move; the center of mass and the momentum of all links."""
+"""Poses and motions of frames; the center of mass and the momentum of all links."""
 
 from __future__ import annotations
 
+from typing import Any, Literal, get_args
+
+import numpy as np
 from numpy.typing import ArrayLike
 
+from ..errors import InputError
+from ..names import show
 from .compiled_code import CompiledCode
 from .raw import Array
+
+Reference = Literal["LOCAL_WORLD_ALIGNED", "LOCAL", "WORLD"]
+REFERENCES: tuple[str, ...] = get_args(Reference)
 
 
 class Kinematics(CompiledCode):
@@ -27,6 +35,69 @@ class Kinematics(CompiledCode):
         """
         return self.calls.run("frame_jacobian", out, (q,), (self.frame_index(frame),))
 
+    def frame_velocities(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
+        """Velocity of each frame's origin (m/s), then its angular velocity (rad/s), (frames, 6), base axes."""
+        return self.calls.run("frame_velocities", out, (q, v))
+
+    def frame_accelerations(self, q: ArrayLike, v: ArrayLike, a: ArrayLike, *, out: Array | None = None) -> Array:
+        """Acceleration of each frame's origin (m/s^2), then its angular acceleration (rad/s^2), (frames, 6), base axes.
+
+        Gravity is not in it: a frame at rest has none.
+        """
+        return self.calls.run("frame_accelerations", out, (q, v, a))
+
+    def frame_velocity(
+        self, q: ArrayLike, v: ArrayLike, frame: str, reference: Reference = "LOCAL_WORLD_ALIGNED"
+    ) -> Array:
+        """Velocity of a frame or link, (6,): linear (m/s), angular (rad/s).
+
+        Args:
+            q, v: (n,).
+            frame: one of ``frames``.
+            reference: as in Pinocchio: "LOCAL_WORLD_ALIGNED", the velocity of the frame's origin in base axes; "LOCAL",
+                the same in the frame's axes; "WORLD", in base axes, the velocity of that point of the body that is at
+                the base's origin.
+
+        Raises:
+            UnknownNameError: no frame or link of that name.
+            InputError: another reference.
+        """
+        place, seen = self.frame_index(frame), _checked(reference)
+        linear, angular = np.split(self.frame_velocities(q, v)[..., place, :], 2, axis=-1)
+        if seen == "WORLD":
+            linear = linear + np.cross(self.frame_pose(q, frame)[..., :3, 3], angular)
+        return self._in_axes(q, frame, seen, linear, angular)
+
+    def frame_acceleration(
+        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, frame: str, reference: Reference = "LOCAL_WORLD_ALIGNED"
+    ) -> Array:
+        """Acceleration of a frame or link, (6,): linear (m/s^2), angular (rad/s^2), without gravity.
+
+        Args:
+            q, v, a: (n,).
+            frame: one of ``frames``.
+            reference: "LOCAL_WORLD_ALIGNED", the acceleration of the frame's origin in base axes; "LOCAL", the same in
+                the frame's axes (Pinocchio's classical accelerations); "WORLD", the rate of ``frame_velocity`` in
+                "WORLD" (Pinocchio's spatial acceleration).
+
+        Raises:
+            UnknownNameError: no frame or link of that name.
+            InputError: another reference.
+        """
+        place, seen = self.frame_index(frame), _checked(reference)
+        linear, angular = np.split(self.frame_accelerations(q, v, a)[..., place, :], 2, axis=-1)
+        if seen == "WORLD":
+            velocity, rate = np.split(self.frame_velocities(q, v)[..., place, :], 2, axis=-1)
+            linear = linear + np.cross(velocity, rate) + np.cross(self.frame_pose(q, frame)[..., :3, 3], angular)
+        return self._in_axes(q, frame, seen, linear, angular)
+
+    def _in_axes(self, q: ArrayLike, frame: str, reference: str, linear: Array, angular: Array) -> Array:
+        """Two vectors of base axes one behind the other, in the axes of a reference."""
+        both = np.stack([linear, angular], axis=-2)
+        if reference == "LOCAL":
+            both = both @ self.frame_pose(q, frame)[..., :3, :3]
+        return np.asarray(both.reshape(*both.shape[:-2], 6))
+
     def center_of_mass(self, q: ArrayLike, *, out: Array | None = None) -> Array:
         """Center of mass of the links that move, (3,), m, in the base frame.
 
@@ -40,3 +111,14 @@ class Kinematics(CompiledCode):
         Rotors of motors (``armature``) are not in it: a description does not say about which axes they turn.
         """
         return self.calls.run("centroidal_momentum", out, (q, v))
+
+
+def _checked(reference: Any) -> str:
+    """Return the reference.
+
+    Raises:
+        InputError: it is none of REFERENCES.
+    """
+    if reference not in REFERENCES:
+        raise InputError(f"reference: {show(reference)}; allowed: {', '.join(REFERENCES)}")
+    return str(reference)

@@ -1,4 +1,4 @@
-"""What closed mechanisms refuse, as errors say it: loops that are open or opening, and drives that do not hold them."""
+"""Refusals of closed mechanisms, in words: loops that are open or opening, and drives that do not hold them."""
 
 from __future__ import annotations
 

@@ -37,7 +37,7 @@ class Parameters(MutableMapping[str, float]):
         return cls(raw, slots, least, float(np.finfo(raw.dtype).max), state)
 
     def copy(self) -> Parameters:
-        """The same names and values for the same code; neither sees the other's assignments."""
+        """Return the same names and values for the same code; neither sees the other's assignments."""
         return Parameters(self._raw, self._slots, self._least, self._most, self.state.copy())
 
     def turn(self, joints: Collection[str]) -> None:

@@ -1,4 +1,4 @@
-"""What an analysis of modes yields, at a pose and along a path."""
+"""Results of modal analyses, at a pose and along a path."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What goes into a linear system and what is seen of it: drives and wrenches, coordinates and frames, by name."""
+"""Inputs and outputs of linear systems: drives and wrenches, coordinates and frames, by name."""
 
 from __future__ import annotations
 

@@ -127,7 +127,7 @@ def deflection(
 
 
 def fixed_at_rest(arm: HeldRobot) -> HeldRobot:
-    """The same robot with everything locked that stays in the state; InputError if drives are free."""
+    """Lock everything that stays in the state; InputError if drives are free."""
     held = arm.fixation
     if held.drives == "free":
         raise InputError("drives: 'free' drives hold nothing in place; allowed: locked, pd")

@@ -1,4 +1,4 @@
-"""What each coordinate of each joint contributes to a tool's deviation over a simulated motion.
+"""Shares of each coordinate of each joint in a tool's deviation over a simulated motion.
 
 To first order the tool moves by J_s s for every deviation s and for every error of a drive, J the Jacobian at the
 program; what that leaves is of second order, and is stated.  In a closed mechanism J_s has what the passive coordinates

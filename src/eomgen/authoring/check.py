@@ -13,7 +13,7 @@ from ..errors import DescriptionError, InputError
 from ..forms.structure import faults
 from ..forms.toml_place import locate
 from ..forms.toml_text import parse_toml, read_text
-from ..forms.unit_questions import unit_questions
+from ..forms.unusual_sizes import unit_questions
 from ..scenario.load import load_scenario
 from ..sweep.plan import load_plan
 from .inertia import inertia_notes

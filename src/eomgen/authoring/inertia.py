@@ -1,4 +1,4 @@
-"""What a description says of inertia: whether accelerations can be found at all, before anything is generated."""
+"""Notes on inertia in descriptions: whether accelerations can be found at all, before anything is generated."""
 
 from __future__ import annotations
 

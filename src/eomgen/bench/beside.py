@@ -265,7 +265,7 @@ def _inputs(robot: Robot, kernel: Kernel) -> dict[str, Array]:
 
 
 def _closed_inputs(robot: Robot, given: dict[str, Array], rng: np.random.Generator) -> dict[str, Array]:
-    """The same for states of a closed mechanism: near home, with rates and accelerations that keep it closed."""
+    """Draw states of a closed mechanism: near home, with rates and accelerations that keep it closed."""
     model = build_model(robot)
     kernel = build(robot, kernels=("mass_matrix", "forward_dynamics", *closing_kernels(robot)))
     home, driven = np.array(model.home), [model.coordinates[i] for i in model.driven]

@@ -238,7 +238,7 @@ _TYPED_BY = {"ArrayRef": "name", "StructRef": "field", "FuncCall": "name", "Unar
 
 
 def instrument(code: str) -> str:
-    """The same C, with every operation on doubles a call that counts it; a sine stands for its cosine too."""
+    """Make every operation on doubles of some C a call that counts it; a sine stands for its cosine too."""
     plain = re.sub(r"/\*.*?\*/|^#.*?$", "", code, flags=re.DOTALL | re.MULTILINE)
     tree = c_parser.CParser().parse("double sin(double x); double cos(double x);" + plain)
     declarations = _Declarations()

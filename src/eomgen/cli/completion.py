@@ -1,4 +1,4 @@
-"""What a shell completes: commands, options and their choices, names of built-in robots and scenarios, files."""
+"""Completions for shells: commands, options and their choices, names of built-in robots and scenarios, files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the commands share: a robot as argument, options about a state, progress, results as text or JSON."""
+"""Parts that commands share: a robot as argument, options about a state, progress, results as text or JSON."""
 
 from __future__ import annotations
 

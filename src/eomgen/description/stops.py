@@ -24,7 +24,7 @@ def stop_numbers(table: Table) -> dict[str, float]:
 
 
 def asked_stops(given: Mapping[str, object]) -> dict[str, float]:
-    """The same of a mapping from a caller.
+    """Return the numbers of stops from a caller's mapping.
 
     Raises:
         DescriptionError: it is no mapping, a key is unknown or missing, or a number out of its range.

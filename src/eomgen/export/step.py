@@ -49,7 +49,7 @@ def _open(robot: Robot, progress: StageReport) -> tuple[Array, Array]:
 
 
 def _closed(robot: Robot, progress: StageReport) -> tuple[Array, Array]:
-    """The same of a robot with loops at its closed home, at rest."""
+    """Return the step of a robot with loops at its closed home, at rest."""
     q = np.array(closed_home(robot, progress))
     names = ("constrained_dynamics", "constrained_dynamics_tangent")
     kernel = build(robot, kernels=names, flags=("-O0",), progress=progress)

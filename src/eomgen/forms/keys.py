@@ -1,4 +1,4 @@
-"""What the keys of our TOML files take: how a value is read, what its refusal says, and its JSON Schema, side by side.
+"""Keys of our TOML files: how a value is read, what its refusal says, and its JSON Schema, side by side.
 
 A form lists the keys of one table.  ``description.keys``, ``scenario.keys`` and ``sweep.keys`` hold those of our files:
 the readers, their messages, the JSON Schemas and ``eomgen check`` use these, and there is no second list.

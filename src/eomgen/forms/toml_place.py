@@ -1,4 +1,4 @@
-"""Where a key stands in a TOML text: asked only when an error is reported, so that reading pays nothing for it."""
+"""Places of keys in a TOML text: asked only when an error is reported, so that reading pays nothing for it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What measurements say of a robot: stiffness, masses, friction, offsets; accuracy, tolerances and corrections.
+"""Identification from measurements: stiffness, masses, friction, offsets; accuracy, tolerances and corrections.
 
 Uses runtime, robot, results, forms, description, state, motion, integration, scenario, pipeline, analysis, simulation
 and sweep.

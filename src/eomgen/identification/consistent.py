@@ -115,7 +115,7 @@ class Bodies:
 
 
 def doubt(values: Array) -> Array:
-    """By how much base values are unsure at least, (b,), so that exact ones leave Newton's method some digits."""
+    """Return the least doubt of base values, (b,), so that exact ones leave Newton's method some digits."""
     return SURE * np.maximum(np.abs(values), 1e-3 * float(np.abs(values).max()))
 
 

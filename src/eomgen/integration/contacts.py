@@ -118,7 +118,7 @@ class CutEnds(Ends):
 
 
 class Bearings(Ends):
-    """Where journals touch."""
+    """Watch for contacts of journals."""
 
     def __init__(self, kernel: Kernel) -> None:
         self._kernel = kernel
@@ -136,7 +136,7 @@ class Bearings(Ends):
 
 
 class CutBearings(Bearings):
-    """Where journals of cut joints touch, in the coordinates of these."""
+    """Watch for contacts of cut joints' journals, in the coordinates of these."""
 
     def __init__(self, kernel: Kernel) -> None:
         self._kernel = kernel

@@ -29,7 +29,7 @@ class Held:
         return nothing, nothing
 
     def load_data(self) -> DriveData:
-        """The same for integrations in C."""
+        """Return it as data for integrations in C."""
         return DriveData(torque=Track(Signal.constant(self.u), np.arange(self.u.size)))
 
 

@@ -1,4 +1,4 @@
-"""Where dry friction holds a coordinate along a motion."""
+"""Times at which dry friction holds a coordinate along a motion."""
 
 from __future__ import annotations
 

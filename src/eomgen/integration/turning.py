@@ -123,7 +123,7 @@ class TurningSystem(System):
 
 
 class ClosedTurningSystem(TurningSystem, ClosedSystem):
-    """The same of mechanisms with closed loops: y has the independent ones of the coordinates that are taken."""
+    """System of a mechanism with closed loops: y has the independent ones of the coordinates that are taken."""
 
     def margins(self, q: Array) -> Array | None:
         """How far samples, (T, n), are from singular poses, (T,); None where that would take long."""

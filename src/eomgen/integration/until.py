@@ -37,7 +37,7 @@ class Reached(Exception):
     until: Until
 
     def exactly(self, move: Callable[[float, Array, float], Array]) -> Reached:
-        """The same with a time and state that steps lead to, instead of a polynomial between two steps' ends.
+        """Find it by a time and state that steps lead to, instead of a polynomial between two steps' ends.
 
         Args:
             move: t, state there, and a later time -> the state then, (2n,).

@@ -1,4 +1,4 @@
-"""Where motions and their drives exceed the limits of a robot."""
+"""Places at which motions and their drives exceed the limits of a robot."""
 
 from __future__ import annotations
 

@@ -63,7 +63,7 @@ class Harmonic(Shown):
         return q, amplitude * rate * np.cos(angle), -(rate**2) * q
 
     def load_data(self) -> Waves:
-        """The same for integrations in C."""
+        """Return it as data for integrations in C."""
         amplitude = np.asarray(self.amplitude)
         columns = (amplitude, 2.0 * np.pi * np.asarray(self.frequency), self.phase, 0.0)
         return Waves(np.stack([np.broadcast_to(x, amplitude.shape) for x in columns], axis=1))
@@ -134,7 +134,7 @@ class PointToPoint(Shown):
         return self.start + s * span, ds * span, dds * span
 
     def as_signal(self) -> Signal:
-        """The same for integrations in C."""
+        """Return it as data for integrations in C."""
         powers = np.zeros((6, self.start.size))
         powers[0] = self.start
         for power, factor in ((3, 10.0), (4, -15.0), (5, 6.0)):

@@ -23,7 +23,7 @@ _LEAST_STEP = 1e-14  # m or rad: nothing is won any more
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """Where a tool is to be.
+    """Pose that a tool is to reach.
 
     Attributes:
         tool: a frame or link.
@@ -57,7 +57,7 @@ class Target:
         return np.array(J[:3] if self.axes is None else J)
 
     def text(self) -> str:
-        """Where that is, for messages."""
+        """Say where that is, for messages."""
         place = point_text(self.point)
         if self.axes is None:
             return place

@@ -31,7 +31,7 @@ class Standstill(Shown):
         return q, np.zeros_like(q), np.zeros_like(q)
 
     def as_signal(self) -> Signal:
-        """The same for integrations in C."""
+        """Return it as data for integrations in C."""
         return Signal.constant(self.start)
 
 
@@ -74,7 +74,7 @@ class Spline:
         return q, np.where(inside, v, 0.0), np.where(inside, a[0], 0.0) if a else np.zeros_like(q)
 
     def as_signal(self) -> Signal:
-        """The same for integrations in C."""
+        """Return it as data for integrations in C."""
         return spline_signal(self._splines[0])
 
 
@@ -96,7 +96,7 @@ class Columns:
         return q, v, a
 
     def as_signal(self) -> Signal | None:
-        """The same for integrations in C; None where the program has none."""
+        """Return it as data for integrations in C; None where the program has none."""
         whole = signal_of(self.program)
         return None if whole is None else replace(whole, coefficients=whole.coefficients[..., self.index])
 

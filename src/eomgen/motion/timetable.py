@@ -47,7 +47,7 @@ class TimeTable(Shown):
         return between
 
     def as_signal(self) -> Signal:
-        """The same for integrations in C."""
+        """Return it as data for integrations in C."""
         if self.hold or self.t.size == 1:
             return Signal(np.append(self.t, self.t[-1] + 1.0), self.values[:, np.newaxis])
         slopes = np.diff(self.values, axis=0) / np.diff(self.t)[:, np.newaxis]

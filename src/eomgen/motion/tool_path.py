@@ -65,7 +65,7 @@ class Course:
     turning: Turning | None = None
 
     def text(self, k: int) -> str:
-        """Where and when the point k is, for messages."""
+        """Say where and when the point k is, for messages."""
         return f"{100.0 * self.parts[k]:.3g} % of its length, t = {self.t[k]:.4g} s"
 
 
@@ -140,7 +140,7 @@ class ToolPath:
         return q, by_s * ds, by_ss * ds**2 + by_s * dds
 
     def as_signal(self) -> Signal:
-        """The same for integrations in C."""
+        """Return it as data for integrations in C."""
         return spline_signal(self._splines[0], self.profile.as_signal())
 
 

@@ -38,7 +38,7 @@ class Capsule:
 
 
 class Region:
-    """Where a frame may be by tolerances: an ellipsoid around it, over a motion's time."""
+    """Region of a frame by tolerances: an ellipsoid around it, over a motion's time."""
 
     def __init__(self, tolerance: ToleranceResult, robot: str) -> None:
         """Take it from a result.

@@ -16,7 +16,7 @@ def closing_kernels(robot: Robot) -> tuple[str, ...]:
 
 
 def mechanism_kernels(robot: Robot) -> tuple[str, ...]:
-    """The same with what moves the mechanism along its loops: charts, residual, mass matrix, the constraint's bias."""
+    """Add what moves the mechanism along its loops: charts, residual, mass matrix, the constraint's bias."""
     found = closing_kernels(robot)
     return (*found, "following", "constraint_bias", "mass_matrix", "residual") if found else ()
 

@@ -1,4 +1,4 @@
-"""What a robot is made of, which terms of its equations vanish, and what the rest costs."""
+"""Contents of a robot, the terms of its equations that vanish, and the cost of the rest."""
 
 from __future__ import annotations
 

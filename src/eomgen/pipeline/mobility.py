@@ -1,4 +1,4 @@
-"""What a mechanism with loops can do at home: its freedoms, redundant constraints, and ways to close it."""
+"""Mobility of a mechanism with loops at home: its freedoms, redundant constraints, and ways to close it."""
 
 from __future__ import annotations
 

@@ -182,7 +182,7 @@ class _Examination:
                     yield from self._compared(rollout.name, (int(method), int(state)), moved[:, n:].ravel(), suffix)
 
     def _of_adapted_steps(self, rollout: RawFunction) -> Iterator[Difference]:
-        """The same with error control that allows anything."""
+        """Take the sampled steps with error control that allows anything."""
         n, dt = self.samples["q"].shape[1], float(self.samples["dt"])
         library, view = self.libraries.library(rollout.kernel), self.raw.view
         atol = np.full(2 * n, np.finfo(self.raw.dtype).max, self.raw.dtype)

@@ -1,4 +1,4 @@
-"""What files of results hold: arrays by name in an .npz, and everything else as JSON, in its text ``meta`` or alone."""
+"""Contents of files of results: arrays by name in an .npz, and all else as JSON, in its text ``meta`` or alone."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every reader of descriptions sees to, looked at in a whole Robot: for one that comes from elsewhere.
+"""Checks that every reader of descriptions makes, of a whole Robot: for one that comes from elsewhere.
 
 What needs the model (names of identifiers, forces that go together, loops, springs) ``robot.model`` refuses.
 """

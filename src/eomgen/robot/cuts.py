@@ -1,4 +1,4 @@
-"""What cut joints block: the components of the constraint g(q) = 0 of a loop, by the cut joint's type.
+"""Components of the constraint g(q) = 0 of a loop, which the cut joint blocks, by its type.
 
 Frame a stands on the first link of the loop, frame b on the second; p (m) is the origin of b and R the rotation of b,
 both seen from a.  z is the joint's axis, and the normal of a planar one; a universal joint turns about x of a and y of

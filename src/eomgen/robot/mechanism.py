@@ -1,4 +1,4 @@
-"""What a description says of a mechanism as a whole: drives, home and couplings of coordinates.
+"""Parts of a description about a mechanism as a whole: drives, home and couplings of coordinates.
 
 Each rule returns the place and the message of the first thing that is wrong, so that readers of files and the model
 (``robot.model``) refuse alike.

@@ -624,13 +624,13 @@ class Robot(_Picklable):
         return {name: left[name] for name in ready}
 
     def with_constraints(self) -> Robot:
-        """The same robot with every coordinate its own: all rigid couplings are rows of the constraint."""
+        """Make every coordinate its own: all rigid couplings are rows of the constraint."""
         couplings = tuple(replace(x, is_constraint=True) if x.law is None else x for x in self.couplings)
         return replace(self, couplings=couplings) if self.followers else self
 
     @kept
     def rigid(self) -> Robot:
-        """The same robot with every deviation locked: principal and prescribed coordinates and free joints move.
+        """Lock every deviation: principal and prescribed coordinates and free joints move.
 
         Stops of joints are left out.
 
@@ -670,7 +670,7 @@ class Robot(_Picklable):
         return replace(made, tunable=tuple(name for name in self.tunable if name in left))
 
     def with_coordinates(self, coordinates: Mapping[str, Mapping[str, Coordinate]]) -> Robot:
-        """The same robot with these coordinates (by joint, then by name) added to the active ones."""
+        """Add these coordinates (by joint, then by name) to the active ones."""
         joints = tuple(
             replace(joint, coordinates={**joint.coordinates, **coordinates.get(joint.name, {})})
             for joint in self.joints

@@ -49,7 +49,7 @@ class Calls:
         return self.parameters.state.checks
 
     def with_parameters(self, parameters: Parameters) -> Calls:
-        """The same calls by other parameters of the same code, whose state has threads and checks."""
+        """Return the calls by other parameters of the same code, whose state has threads and checks."""
         return Calls(self.raw, parameters, self.arrays, self.prescribed)
 
     def of_tree(self, name: str) -> str:

@@ -128,7 +128,7 @@ class CompiledCode:
         return self.raw.source(ending)
 
     def with_parameters(self, values: Mapping[str, float] | None = None) -> Self:
-        """The same compiled code with parameters of its own: those of this kernel now, and ``values`` by name.
+        """Return the same compiled code with parameters of its own: those of this kernel now, and ``values`` by name.
 
         It costs microseconds; the code is shared, so that many threads may each work with other parameters.
 
@@ -144,7 +144,7 @@ class CompiledCode:
         return other
 
     def with_turned(self, joints: Collection[str]) -> Self:
-        """The same compiled code with parameters of its own, and other coordinates of joints that turn freely.
+        """Return the same compiled code with parameters of its own, and other coordinates of joints that turn freely.
 
         The axes y, z and x of the joint's frame stand in the place of x, y and z, so that its angles are not singular
         where those of the description are.  That is so for forward_dynamics, forward_dynamics_jacobian,
@@ -205,7 +205,7 @@ class CompiledCode:
         return "_plain" in self.__dict__
 
     def together(self, *kernels: str) -> Self:
-        """The same with these kernels in one library of C, and with parameters of its own.
+        """Return the kernel with these kernels in one library of C, and with parameters of its own.
 
         For programs that take the C and its addresses; where all functions are in one library already, nothing is
         compiled.
@@ -224,7 +224,7 @@ class CompiledCode:
         return other
 
     def with_threads(self, number: int) -> Self:
-        """The same compiled code with parameters of its own, whose batches so many threads share (see ``threads``).
+        """Return the same code with parameters of its own, whose batches so many threads share (see ``threads``).
 
         Raises:
             InputError: not a whole number from 1 on.
@@ -234,7 +234,7 @@ class CompiledCode:
         return other
 
     def with_checks(self, wanted: bool) -> Self:
-        """The same compiled code with parameters of its own, which refuses NaN and infinity or not (see ``checks``).
+        """Return the same code with parameters of its own, which refuses NaN and infinity or not (see ``checks``).
 
         Raises:
             InputError: neither True nor False.

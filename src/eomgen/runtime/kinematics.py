@@ -1,4 +1,4 @@
-"""Where frames are and how they move; the center of mass and the momentum of all links."""
+"""Poses and motions of frames; the center of mass and the momentum of all links."""
 
 from __future__ import annotations
 

@@ -58,7 +58,7 @@ class Parameters(MutableMapping[str, float]):
         return made
 
     def copy(self) -> Parameters:
-        """The same names and values for the same code; neither sees the other's assignments."""
+        """Return the same names and values for the same code; neither sees the other's assignments."""
         other = Parameters(self._raw, self._slots, self._least, self._most, self.state.copy())
         other._again = self._again
         return other

@@ -78,7 +78,7 @@ class RawFunction:
 
     @property
     def library(self) -> Library:
-        """Where its code for one state is; ``Setup`` has what that reads of the parameters."""
+        """Return the library with its code for one state; ``Setup`` has what that reads of the parameters."""
         return self.where()
 
     @cached_property
@@ -157,7 +157,7 @@ class Library:
 
 
 class Libraries(Protocol):
-    """Where the functions of a kernel are: in one library, or in several that are made when they are asked for.
+    """Libraries with the functions of a kernel: one, or several that are made when they are asked for.
 
     Attributes:
         meta: names, shapes, parameters and functions, the same for all libraries.
@@ -178,7 +178,7 @@ class Libraries(Protocol):
         """Text of a file with all functions, such as "arm.c"; OSError or KeyError if it is gone."""
 
     def together(self, kernels: tuple[str, ...]) -> Libraries:
-        """The same with these kernels in one library."""
+        """Return libraries with these kernels in one of them."""
 
 
 class Operations(Mapping[str, Mapping[str, int]]):

@@ -257,7 +257,7 @@ def _may_run_in_c(scenario: Scenario) -> bool:
 
 
 def with_kernel(assembly: Assembly, robot: Robot, scenario: Scenario, kernel: Kernel) -> Assembly:
-    """The same assembly for a kernel of other parameters; program and drives stay, with the model that they know."""
+    """Return the assembly for a kernel of other parameters; program and drives stay, with the model that they know."""
     wrenches = Wrenches(scenario, robot, kernel) if scenario.wrenches else None
     return replace(assembly, kernel=kernel, wrenches=wrenches, until=_until(scenario, robot, kernel))
 

@@ -1,4 +1,4 @@
-"""Where the energy of a simulated motion comes from and goes to."""
+"""Balance of energy of a simulated motion: where it comes from and where it goes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the file of a result holds: the one declaration by which results are written, read and checked.
+"""Contents of the file of a result: the one declaration by which results are written, read and checked.
 
 ``ARRAYS`` are its arrays, ``Meta`` is everything else.  Files without what is optional are older ones.
 """

@@ -36,7 +36,7 @@ class Control(Protocol):
         """The drives whose program stays where it begins: those of the equilibrium at the start."""
 
     def load_data(self) -> DriveData | None:
-        """The same for integrations in C; None where only Python knows it."""
+        """Return it as data for integrations in C; None where only Python knows it."""
 
 
 class _OpenLoop(Control):
@@ -169,7 +169,7 @@ class ComputedTorque:
         return clipped(self.actuators.torques(np.where(driven, forces(q_m, v_m, a), 0.0), q), self.effort)
 
     def load_data(self) -> DriveData | None:
-        """The same for integrations in C; None of a program that only Python can ask."""
+        """Return it as data for integrations in C; None of a program that only Python can ask."""
         signal = signal_of(self.motion)
         if signal is None or not isinstance(self.prescribed, AtJoints | None):
             return None
@@ -266,7 +266,7 @@ class JointPD:
         return found[0], found[1]
 
     def load_data(self) -> DriveData | None:
-        """The same for integrations in C; None of a program that only Python can ask."""
+        """Return it as data for integrations in C; None of a program that only Python can ask."""
         signal = signal_of(self.motion)
         if signal is None:
             return None

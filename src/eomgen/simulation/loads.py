@@ -45,7 +45,7 @@ class Wrenches:
         return total
 
     def load_data(self) -> list[LinkWrench]:
-        """The same for integrations in C, about centres of mass as they are with the parameters of now."""
+        """Return it as data for integrations in C, about centres of mass as they are with the parameters of now."""
         return [self._data_of(wrench) for wrench in self._wrenches]
 
     def _data_of(self, wrench: Wrench) -> LinkWrench:

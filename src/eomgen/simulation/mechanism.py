@@ -70,7 +70,7 @@ class Mechanism:
         return u
 
     def load_data(self) -> MechanismData:
-        """The same for integrations in C, by the charts that were needed so far: those of its path, say."""
+        """Return it as data for integrations in C, by the charts that were needed so far: those of its path, say."""
         joints = self.chart.joints
         charts = [
             ChartData(chart.kernel.calls, [name in turned for name in joints], chart.choice)

@@ -70,7 +70,7 @@ class PrescribedMotion:
         return q, v, a
 
     def load_data(self) -> Waves:
-        """The same for integrations in C."""
+        """Return it as data for integrations in C."""
         amplitude, frequency, phase, offset = self._numbers
         wave = np.stack([amplitude, 2.0 * np.pi * frequency, phase, offset], axis=1)
         return Waves(wave, [Track(spline.as_signal(), np.array(here)) for spline, here, _ in self._splines])

@@ -105,6 +105,6 @@ def journal_stiffness(kernel: Kernel) -> Array:
 
 
 def _stiffness(contacts: Sequence[JournalContact], s: Array, J: Array) -> Array:
-    """The same of contacts in deviations s, whose derivatives by q are J."""
+    """Return the stiffness of contacts in deviations s, whose derivatives by q are J."""
     rows = [(contact.stiffness, contact.arms(s) @ J[list(contact.index)]) for contact in contacts]
     return sum((k * (row.T @ row) for k, row in rows), np.zeros((J.shape[1],) * 2))

@@ -116,7 +116,7 @@ def law_numbers(kernel: Kernel) -> Numbers:
 
 
 def cut_numbers(kernel: Kernel) -> Numbers:
-    """The same of cut joints' coordinates and elastic couplings, by the names in ``Kernel.cut_laws``."""
+    """Return the numbers of cut joints' coordinates and elastic couplings, by the names in ``Kernel.cut_laws``."""
     found = element_numbers(kernel, CUTS)
     return {name: found.get(name, {}) for name in kernel.cut_laws}
 
@@ -157,7 +157,7 @@ def clearances(numbers: Numbers) -> dict[str, float]:
 
 
 def stops(numbers: Numbers) -> dict[str, tuple[float, float]]:
-    """Where the stops are of everything that has some, m or rad, by its name; infinite on a side without."""
+    """Return the stops of everything that has some, m or rad, by its name; infinite on a side without."""
     return {
         name: (given.get("stops.lower", -np.inf), given.get("stops.upper", np.inf))
         for name, given in numbers.items()

@@ -1,4 +1,4 @@
-"""What the folder of a sweep holds: the one declaration of sweep.json, and the check of each row against it."""
+"""Contents of the folder of a sweep: the one declaration of sweep.json, and the check of each row against it."""
 
 from __future__ import annotations
 

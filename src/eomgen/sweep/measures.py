@@ -1,4 +1,4 @@
-"""What a sweep records of a sample's motion, by name and in the order of columns."""
+"""Measures that a sweep records of a sample's motion, by name and in the order of columns."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a sweep yields: a table by sample, percentiles of what was recorded, and what it depends on."""
+"""Results of sweeps: a table by sample, percentiles of what was recorded, and what it depends on."""
 
 from __future__ import annotations
 

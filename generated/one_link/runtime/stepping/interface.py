@@ -13,7 +13,7 @@ from .adaptive import adaptive_rollout
 from .given_loads import Loads
 from .gradients import Loss, rollout_gradient
 from .many_steps import rollout
-from .options import Control, LoadedStepOptions, StepOptions
+from .options import Control, LoadedStepOptions, StepMethod, StepOptions, method_for
 from .rollouts import Inputs, Rollout
 from .saturation import Saturate, efforts_of
 from .sensitivities import rollout_sensitivity
@@ -30,7 +30,7 @@ class Rollouts(CompiledCode):
         dt: float | None = None,
         steps: int | None = None,
         *,
-        method: str = "rk4",
+        method: StepMethod | None = None,
         every: int = 1,
         kp: ArrayLike | None = None,
         kd: ArrayLike | None = None,
@@ -70,7 +70,8 @@ class Rollouts(CompiledCode):
                 (1, steps, n).  None if not given.
             dt: length of a step, s.
             steps: their number.
-            method: "rk4", "implicit", "rosenbrock", "tsit5" or "radau".
+            method: "rk4", "implicit", "rosenbrock", "tsit5" or "radau"; if not given, "rosenbrock" with a ``duration``,
+                else "rk4".
             every: one of so many steps is stored.
             kp, kd: gains of a joint controller that adds kp (target - q) - kd v: a number for all principal
                 coordinates (for the motor where one has a motor), or (n,) with 0 at deviations, at principal
@@ -106,7 +107,9 @@ class Rollouts(CompiledCode):
             InputError: another argument is wrong, or does not belong to the method.
         """
         inputs = Inputs(q0, v0, u, Control(kp, kd, target, efforts_of(self.calls, saturate)))
-        options = LoadedStepOptions(method, dt, steps, every, duration, samples, rtol, atol, loads, works)
+        options = LoadedStepOptions(
+            method_for(method, duration), dt, steps, every, duration, samples, rtol, atol, loads, works
+        )
         return (adaptive_rollout if options.is_adaptive else rollout)(self.calls, inputs, options)
 
     def rollout_gradient(  # noqa: PLR0913
@@ -119,7 +122,7 @@ class Rollouts(CompiledCode):
         *,
         loss: Loss,
         parameters: Sequence[str] = (),
-        method: str = "rk4",
+        method: StepMethod | None = None,
         every: int = 1,
         kp: ArrayLike | None = None,
         kd: ArrayLike | None = None,
@@ -163,7 +166,7 @@ class Rollouts(CompiledCode):
             SingularError, IntegrationStopped: as of ``rollout``; a mechanism begins in a singular pose.
         """
         inputs = Inputs(q0, v0, u, Control(kp, kd, target, efforts_of(self.calls, saturate)))
-        options = StepOptions(method, dt, steps, every, duration, samples, rtol, atol)
+        options = StepOptions(method_for(method, duration), dt, steps, every, duration, samples, rtol, atol)
         return rollout_gradient(self.calls, inputs, options, loss=loss, parameters=parameters, loads=loads, out=out)
 
     def rollout_sensitivity(  # noqa: PLR0913
@@ -176,7 +179,7 @@ class Rollouts(CompiledCode):
         *,
         parameters: Sequence[str] = (),
         along: Mapping[str, ArrayLike] | None = None,
-        method: str = "rk4",
+        method: StepMethod | None = None,
         every: int = 1,
         kp: ArrayLike | None = None,
         kd: ArrayLike | None = None,
@@ -215,7 +218,7 @@ class Rollouts(CompiledCode):
             SingularError, IntegrationStopped: as of ``rollout``.
         """
         inputs = Inputs(q0, v0, u, Control(kp, kd, target, efforts_of(self.calls, saturate)))
-        options = StepOptions(method, dt, steps, every, duration, samples, rtol, atol)
+        options = StepOptions(method_for(method, duration), dt, steps, every, duration, samples, rtol, atol)
         return rollout_sensitivity(
             self.calls, inputs, options, parameters=parameters, along=along, loads=loads, out=out
         )

@@ -297,7 +297,7 @@ def _crossings(profile: Signal, places: Array) -> Array:
 
 
 def _bisected(coefficients: Array, ends: tuple[float, float], wanted: Array, *, rises: bool) -> Array:
-    """Where a polynomial that is monotone between the ends has these values."""
+    """Find where a polynomial that is monotone between the ends has these values."""
     low, high = (np.full(wanted.size, x) for x in ends)
     for _ in range(60):
         middle = 0.5 * (low + high)

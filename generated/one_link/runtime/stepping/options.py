@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,6 +15,7 @@ from ..arrays import flag
 from ..calls import Calls
 from ..raw import Array
 
+StepMethod = Literal["rk4", "implicit", "rosenbrock", "tsit5", "radau"]
 FIXED = {"rk4": 0, "implicit": 1}  # methods of steps of one length, by their numbers in C
 ADAPTIVE = {"rosenbrock": 0, "tsit5": 1, "radau": 2}  # methods with error control, likewise
 RADAU = "radau"
@@ -58,6 +59,11 @@ class ErrorControl:
     def kernel(self) -> str:
         """Return the name of the kernel that takes steps by all of them."""
         return rollout_of(RADAU if RADAU in self.methods else self.method)
+
+
+def method_for(method: str | None, duration: float | None) -> str:
+    """Return the method that is asked for, or a default: stable adaptive steps where there is a duration, else rk4."""
+    return method if method is not None else "rk4" if duration is None else "rosenbrock"
 
 
 @dataclass(frozen=True)

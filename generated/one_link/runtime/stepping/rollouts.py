@@ -1,4 +1,4 @@
-"""What rollouts of all methods are given, states, drives over time, a controller's gains, and what they return."""
+"""Arguments of rollouts of all methods, states, drives over time, a controller's gains, and what they return."""
 
 from __future__ import annotations
 

@@ -54,7 +54,7 @@ class Pose:
         return np.asarray(self.xyz + self.rotation @ xyz)
 
     def placement(self) -> Placement:
-        """The same for a Robot."""
+        """Return it as a Placement of a Robot."""
         return Placement(triple(self.xyz), matrix(self.rotation))
 
 

@@ -200,7 +200,7 @@ def _drives(
 
 
 def _limits(robot: Robot, name: str, at: float, span: float) -> tuple[float, float]:
-    """Where a slider of a target ends: at limits, where there are any that are not too far apart."""
+    """Return the ends of a target's slider: its limits, where there are any that are not too far apart."""
     low, high = principal_limits(robot, name)
     part = 2.0 * CLOSED_PART if robot.is_closed else 4.0
     if robot.is_closed or not high - low <= 4.0 * np.pi:

@@ -1,4 +1,4 @@
-"""What measured poses can show: ranks, quantities that merge with others and why, directions that drown in noise."""
+"""Identifiability from measured poses: ranks, quantities that merge with others and why, directions lost in noise."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a calibration yields: values with their standard deviations, what merges, residuals; predictions; files."""
+"""Results of calibrations: values with their standard deviations, what merges, residuals; predictions; files."""
 
 from __future__ import annotations
 

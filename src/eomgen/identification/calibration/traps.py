@@ -141,7 +141,7 @@ def at_once(poses: MeasuredPoses) -> Index:
 
 
 def design_effect(poses: MeasuredPoses, seen: Observations, fit: Fit, units: Index) -> tuple[float, Sequence[str]]:
-    """By how much variances grow because points were measured together, and a note that says so."""
+    """Return by how much variances grow because points were measured together, and a note that says so."""
     rho, error, many = correlation_within(seen, fit, units[seen.row])
     if many <= 1.0 or rho < _TOGETHER * error or rho < 0.05:
         return 1.0, ()

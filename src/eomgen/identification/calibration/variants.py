@@ -237,7 +237,7 @@ def _together(folds: Sequence[Mask], most: int) -> list[Mask]:
 
 
 def _gains(problem: Problem, held: Mapping[str, Array], trust: Array, units: Index, confidence: float) -> Gains:
-    """By how much variants are better than placement alone where they have not looked, by variant and kind."""
+    """Return by how much variants beat placement alone where they have not looked, by variant and kind."""
     kinds = problem.seen.kinds
     found: dict[str, dict[str, Gain]] = {}
     for name in VARIANTS[1:] if held else ():

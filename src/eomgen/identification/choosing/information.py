@@ -1,4 +1,4 @@
-"""What candidate poses tell about a robot's errors, and two measures of it: determinant, and error of the tool.
+"""Information of candidate poses about a robot's errors, and two measures of it: determinant, and error of the tool.
 
 Rows are in units of their noise, columns in those of expected sizes, and only what candidates can show at all counts:
 M_i = Y_i^T Y_i.  Before any pose there is the unit matrix, since errors have the sizes that are expected, and the
@@ -63,7 +63,7 @@ class Criterion:
         return -float(np.trace(np.linalg.solve(A, self.tool)))
 
     def gains(self, Y: Array, covariance: Array) -> Array:
-        """By how much the function grows with each of N candidates, (N, m, p), in turn, (N,)."""
+        """Return by how much the function grows with each of N candidates, (N, m, p), in turn, (N,)."""
         YC = Y @ covariance
         inner = np.eye(Y.shape[1]) + YC @ Y.transpose(0, 2, 1)
         if self.tool is None:

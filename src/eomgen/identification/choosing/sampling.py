@@ -42,7 +42,7 @@ class Ranges:
 
 @dataclass(frozen=True)
 class Where:
-    """Where measured frames have to be, in the axes of the robot's base.
+    """Regions for measured frames, in the axes of the robot's base.
 
     boxes: lower and upper corners, (B, 2, 3), m; one of them holds the origin of every frame; None: anywhere.
     reach: least and greatest distance of the origins from the base's, m, or None.
@@ -179,7 +179,7 @@ def sampled(
 
 
 def _extent(chain: Chain, ranges: Ranges, rng: np.random.Generator) -> str:
-    """Where frames come at all, for a message."""
+    """Return the region that frames reach at all, for a message."""
     q = rng.uniform(ranges.low, ranges.high, (_DRAWN, len(ranges.names)))
     at = located(chain, ranges.readings(chain, q), np.tile(np.eye(4), (len(q), 1, 1)))
     parts = []

@@ -49,6 +49,6 @@ def _shares(setting: Setting, correction: Array) -> Array:
 
 
 def held_back(wanted: Array, taken: Array) -> Mask:
-    """Where limits took something from corrections, (T, m)."""
+    """Mark where limits took something from corrections, (T, m)."""
     size = HELD * np.maximum(np.abs(wanted).max(axis=0, initial=0.0), 1e-12)
     return np.asarray(np.abs(wanted - taken) > size)

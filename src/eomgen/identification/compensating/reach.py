@@ -14,7 +14,7 @@ DAMPING = 1e-2  # of the greatest singular value: directions that need more of t
 
 
 def tool_error(want: Array, pose: Array) -> Array:
-    """By how much poses, (T, 4, 4), are off those that are wanted: (T, 6), m and rad, in the wanted tool's axes."""
+    """Return by how much poses, (T, 4, 4), are off those wanted: (T, 6), m and rad, in the wanted tool's axes."""
     turned = np.swapaxes(want[:, :3, :3], 1, 2)
     off = (turned @ (pose[:, :3, 3] - want[:, :3, 3])[..., np.newaxis])[..., 0]
     return np.hstack([off, vectors_of(turned @ pose[:, :3, :3])])

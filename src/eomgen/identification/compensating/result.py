@@ -1,4 +1,4 @@
-"""What a compensation found: the corrected program, the tool's error without and with it, and what is left, and why."""
+"""Results of compensations: the corrected program, the tool's error without and with it, and what is left, and why."""
 
 from __future__ import annotations
 

@@ -66,7 +66,7 @@ class Sought:
     rms: Array
 
     def start(self) -> State:
-        """Where it begins."""
+        """Return the value at which the search begins."""
         return State(0.0, np.ones(len(self.drives)), np.zeros(len(self.rubbing)), np.ones(len(self.rubbing)))
 
     def names(self) -> list[str]:

@@ -150,7 +150,7 @@ class Data:
         return self.relations.forces(self._narrow(u) if self._narrow else u)[:, self.known]
 
     def at(self, sought: Sought, state: State) -> Data:
-        """The same data with present values of what forces are not linear in."""
+        """Return the data with present values of what forces are not linear in."""
         found = copy(self)
         found.total = self.measured(sought.drives_of(state, self.motion.u))
         found.forces = found.total - self.laws - sought.friction(state, self.v) @ sought.matrix
@@ -173,7 +173,7 @@ class Data:
         return self.beside(lambda at: sought.columns(state, predicted[at], slopes[at], self.v[at]))
 
     def turned(self, row: int) -> Data:
-        """The same data with one drive in the other sense."""
+        """Return the data with one drive in the other sense."""
         found = copy(self)
         found.forces = self.forces.copy()
         found.forces[:, row] -= 2.0 * self.total[:, row]

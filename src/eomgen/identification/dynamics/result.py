@@ -1,4 +1,4 @@
-"""What identification finds: base parameters with their deviations, what they leave of each drive, and a robot."""
+"""Results of identification: base parameters with their deviations, what they leave of each drive, and a robot."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ RATES = {"rad": 1.0, "m": 0.2}  # per s, where nothing is said
 
 @dataclass(frozen=True, eq=False)
 class Region:
-    """Where the origin of a frame has to be: n . p from ``low`` on for every normal, or so far from a point.
+    """Region for the origin of a frame: n . p from ``low`` on for every normal, or so far from a point.
 
     Attributes:
         frame: its name.

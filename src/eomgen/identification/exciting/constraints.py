@@ -77,7 +77,7 @@ class _Drives(Held):
 
 @dataclass(frozen=True, eq=False)
 class _Place(Held):
-    """Where a frame is, as its region looks at it."""
+    """Position of a frame, as its region looks at it."""
 
     kernel: Kernel
     region: Region

@@ -1,4 +1,4 @@
-"""What a motion tells of base parameters: weighted columns, their information, criteria and exact gradients."""
+"""Information of a motion about base parameters: weighted columns, criteria and exact gradients."""
 
 from __future__ import annotations
 

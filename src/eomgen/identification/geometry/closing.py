@@ -176,7 +176,7 @@ def closing_of(model: Model, chain: Chain, read: Sequence[Place], source: str) -
 
 
 def _independent(model: Model, chain: Chain, closing: Closing) -> Closing:
-    """The same with independent constraints alone, and with drives that say where everything is; see closing_of."""
+    """Keep independent constraints alone, with drives that say where everything is; see closing_of."""
     slopes = _home_slopes(model, chain, closing)
     places = [
         (k, COORDINATES.index(name)) for k, s in enumerate(chain.stations) if s.joint for name in s.joint.coordinates

@@ -77,7 +77,7 @@ class Rows:
     temperature: Array | None
 
     def part(self, chosen: Index) -> Rows:
-        """The same of some of the rows."""
+        """Return those of some of the rows."""
         return rows_at(self, chosen)
 
 
@@ -117,11 +117,11 @@ class ErrorModel:
         return np.array([i for i, quantity in enumerate(self.quantities) if quantity.kind in kinds], dtype=np.intp)
 
     def with_quantities(self, more: Sequence[Quantity]) -> ErrorModel:
-        """The same with more quantities behind the others."""
+        """Return the model with more quantities behind the others."""
         return replace(self, quantities=(*self.quantities, *more))
 
     def at(self, x: Array, rows: Rows) -> State:
-        """Where all stations are with these values, (P,), or (P, N) of every row, and the factors of the quantities."""
+        """Return all stations with these values, (P,), or (P, N) of every row, and the factors of the quantities."""
         factors = self._factors(rows)
         moved = [i for i, quantity in enumerate(self.quantities) if quantity.kind != COMPLIANCE]
         soft = [i for i, quantity in enumerate(self.quantities) if quantity.kind == COMPLIANCE]

@@ -1,4 +1,4 @@
-"""What was measured as one vector of numbers, what an error model predicts of it, and by how much they differ."""
+"""Measurements as one vector of numbers, what an error model predicts of it, and by how much they differ."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where bases and attached frames stand, roughly: what Gauss and Newton's method begins with."""
+"""Rough poses of bases and attached frames, which the Gauss-Newton method begins with."""
 
 from __future__ import annotations
 

@@ -117,7 +117,7 @@ class MeasuredPoses(Shown):
     lines: NDArray[np.int32] | None = None
 
     def part(self, kept: Index) -> MeasuredPoses:
-        """The same of some of the rows."""
+        """Return those of some of the rows."""
         return rows_at(replace(self, frames={name: rows_at(m, kept) for name, m in self.frames.items()}), kept)
 
     def place(self, row: int) -> str:

@@ -155,7 +155,7 @@ def matrix_of(placement: Placement) -> Array:
 
 
 def located(chain: Chain, values: Array, bases: Array) -> Located:
-    """Where stations are by their six coordinates, (N, S, 6), m and rad.
+    """Return poses of stations by their six coordinates, (N, S, 6), m and rad.
 
     bases: pose of the base in the device's axes, (N, 4, 4), in front of the base's own six coordinates.
     """

@@ -72,7 +72,7 @@ def _without_rests(command: Record) -> Record:
 
 
 def _by_planes(path: Path, command: Record) -> tuple[Array, Array | None, Mask]:
-    """Where each cycle passes the normal planes: positions (n, m, 3), turns from the command, and passed by all."""
+    """Return where cycles pass the normal planes: positions (n, m, 3), turns from the command, and passed by all."""
     along = tangents(command.position)
     share = arc(command.position)
     positions, turns = [], []

@@ -1,4 +1,4 @@
-"""What a fit of stiffness and damping yields: values with intervals, warnings, and their table."""
+"""Results of fits of stiffness and damping: values with intervals, warnings, and their table."""
 
 from __future__ import annotations
 

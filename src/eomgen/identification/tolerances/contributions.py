@@ -1,4 +1,4 @@
-"""What tolerances may be given of, as directions in the quantities of the error model; the exact model of all of them.
+"""Subjects of tolerances, as directions in the quantities of the error model; the exact model of all of them.
 
 x = nominal + D y    but 1 / (k + y) of a stiffness    where y are deviations of what the table names
 """

@@ -1,4 +1,4 @@
-"""What tolerances make of a tool's pose: covariances, regions, worst cases, shares by contribution."""
+"""Effects of tolerances on a tool's pose: covariances, regions, worst cases, shares by contribution."""
 
 from __future__ import annotations
 

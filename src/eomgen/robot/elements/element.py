@@ -1,4 +1,4 @@
-"""What a force element between two links is apart from its formulas: its numbers, their units and ranges, its texts.
+"""Force elements between two links apart from their formulas: numbers, their units and ranges, texts.
 
 Each kind has a file here; its formulas are in the file of that name in ``codegen.forces``.  Readers, schemas, names of
 parameters, models, kernels' packages, exports and figures go by what a kind says here, and name none.

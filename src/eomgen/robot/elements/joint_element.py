@@ -1,4 +1,4 @@
-"""What a force element of a joint as a whole is apart from its formulas: its numbers, their units and ranges, texts."""
+"""Force elements of joints as wholes apart from their formulas: numbers, their units and ranges, texts."""
 
 from __future__ import annotations
 

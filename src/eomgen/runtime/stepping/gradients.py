@@ -113,7 +113,7 @@ class Way:
         return 2 * (size + parts) * self._calls.n + size * self._kept
 
     def _of_room(self, part: slice, room: Array) -> tuple[Array, Array, Array]:
-        """Where states before the steps of a part and behind the last one are, and what is kept of them."""
+        """Return the places of states before the steps of a part and behind the last one, and what is kept of them."""
         n, count = self._calls.n, part.stop - part.start
         begin = (part.start * (2 * n + self._kept) + 2 * n * (part.start // self._length)) if self.is_kept else 0
         ends = np.cumsum([begin, (count + 1) * n, (count + 1) * n, count * self._kept])
@@ -402,7 +402,7 @@ class Motion:
         return Motion(self.calls, self.function, self._given, None if self._acting is None else self._acting.again())
 
     def start(self, state: int) -> tuple[Array, Array]:
-        """Where a state begins."""
+        """Return the state at which the motion begins."""
         q, v = (array.reshape(-1, self.calls.n)[state if apart else 0] for array, apart in self._given.starts)
         return (q, v) if self._acting is None else self._acting.placed(state, q, v)
 

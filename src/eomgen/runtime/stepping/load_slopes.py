@@ -61,7 +61,7 @@ class Acting:
         return self._each[state if len(self._each) > 1 else 0]
 
     def placed(self, state: int, q: NDArray[Any], v: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Where a state begins, with prescribed coordinates where their motions do."""
+        """Return the state at which the motion begins, with prescribed coordinates where their motions begin."""
         at = q[np.newaxis].copy(), v[np.newaxis].copy()
         place_given(self._calls, self.of(state), *at)
         return at[0][0], at[1][0]

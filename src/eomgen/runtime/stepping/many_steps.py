@@ -151,7 +151,7 @@ class _Run:
                 yield from self._over_steps(begin, end)
 
     def _over_steps(self, first: int, last: int) -> Iterator[int]:
-        """The same, where these states take longer than one piece."""
+        """Take the steps of states that take longer than one piece."""
         n, every = self.calls.n, self.how[2]
         count = last - first
         most = max(OPERATIONS // (self.function.operations * count), 1)

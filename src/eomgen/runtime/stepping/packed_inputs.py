@@ -129,7 +129,7 @@ def plain_program(drive: DriveData, program: Track) -> Plain:
 
 
 def plain_model(model: ModelDrive) -> Plain:
-    """Where the coordinates of a drives' model are, and what it makes of the program."""
+    """Return the places of the coordinates of a drives' model, and what it makes of the program."""
     found: Plain = {"place": model.place, "ratio": model.ratio, "column": model.column, "given": model.given}
     return found if model.bandwidth is None else {**found, "bandwidth": model.bandwidth}
 
@@ -318,7 +318,7 @@ class Packed:
         return fields
 
     def _batch(self, calls: Calls) -> tuple[Any, ...]:
-        """The same of inverse dynamics for many states at a time; nothing where one is moved alone."""
+        """Return inverse dynamics for many states at a time; nothing where one is moved alone."""
         if not self._many:
             return ()
         function, setup = calls.raw.function("inverse_dynamics"), calls.parameters.setup
