@@ -154,6 +154,7 @@ def _constrained_system(
     rows = rows * (singular > M.shape[1] * np.finfo(dtype).eps * singular[:, :1])[..., np.newaxis]
     free = np.eye(M.shape[1]) - rows.swapaxes(1, 2) @ rows
     near_B = np.abs(free) @ near_B + double * (np.abs(M) @ size + np.abs(B)).sum(axis=1, keepdims=True)
+    near_B += double * singular[:, :1, np.newaxis] * multipliers.max(axis=1, keepdims=True)  # what J pushes beside free
     matrix, near = np.concatenate([free @ M, J], axis=1), np.concatenate([near_B, near_right], axis=1)
     return matrix, np.concatenate([free @ B, right - rest], axis=1), near
 
