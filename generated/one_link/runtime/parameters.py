@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Mapping, MutableMapping
+from collections.abc import Callable, Collection, Iterator, Mapping, MutableMapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -17,12 +17,17 @@ from .raw import RawKernel, Setup
 class Parameters(MutableMapping[str, float]):
     """Run-time parameters by name; assigning computes what depends on them alone.
 
-    ``update`` sets several at once.  Masses, stiffnesses, dampings, armatures, clearances, free lengths and friction
-    forces are at least 0, what is divided by 1e-12; that an inertia stays one that a body can have is up to the caller.
+    ``update`` sets several at once. Masses, stiffnesses, dampings, armatures, clearances, free lengths and friction
+    forces are at least 0, what is divided by 1e-12; that an inertia stays one that a body can have is up to the
+    caller.
+
+    They can be copied and pickled without the kernel that they are of.
 
     Attributes:
         state: what calls take: the values, and how they are made.
     """
+
+    _again: tuple[Callable[..., Any], tuple[Any, ...]] | None = None  # see ``of``
 
     def __init__(
         self, raw: RawKernel, slots: Mapping[str, int], least: Mapping[str, float], most: float, state: State
@@ -30,15 +35,48 @@ class Parameters(MutableMapping[str, float]):
         self._raw, self._slots, self._least, self._most, self.state = raw, slots, least, most, state
 
     @classmethod
-    def of(cls, raw: RawKernel, values: Mapping[str, float], least: Mapping[str, float]) -> Parameters:
-        """Parameters of a compiled module, in the order of the values; ``least``: the least of those that have one."""
+    def of(
+        cls,
+        raw: RawKernel,
+        values: Mapping[str, float],
+        least: Mapping[str, float],
+        again: tuple[Callable[..., Any], tuple[Any, ...]] | None = None,
+    ) -> Parameters:
+        """Make the parameters of a compiled module.
+
+        Args:
+            raw: the compiled module.
+            values: by name, in the order of the slots.
+            least: the least value of those that have one.
+            again: a function and its arguments that make the same kernel in another process; none can be pickled
+                without.
+        """
         slots = {name: slot for slot, name in enumerate(values)}
         state = State(np.array([*values.values(), *(0.0 for _ in raw.turning)], raw.dtype))
-        return cls(raw, slots, least, float(np.finfo(raw.dtype).max), state)
+        made = cls(raw, slots, least, float(np.finfo(raw.dtype).max), state)
+        made._again = again
+        return made
 
     def copy(self) -> Parameters:
         """Return the same names and values for the same code; neither sees the other's assignments."""
-        return Parameters(self._raw, self._slots, self._least, self._most, self.state.copy())
+        other = Parameters(self._raw, self._slots, self._least, self._most, self.state.copy())
+        other._again = self._again
+        return other
+
+    __copy__ = copy
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Parameters:
+        return self.copy()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle what makes the same kernel again, and the values: no code, no pointers."""
+        if self._again is None:
+            raise InputError(
+                f"parameters: those of {self._raw.name}, a kernel that was put together by hand, cannot be pickled;"
+                " allowed: parameters of kernels of eomgen.build and of generated packages, or dict(parameters)"
+            )
+        turned = [name for name, x in zip(self._raw.turning, self.state.values[len(self) :], strict=True) if x]
+        return parameters_of, (*self._again, dict(self), turned)
 
     def turn(self, joints: Collection[str]) -> None:
         """Let these joints be turned, of those that turn freely (``RawKernel.turning``), and the others not."""
@@ -134,3 +172,15 @@ class Parameters(MutableMapping[str, float]):
             f"parameters: {name!r} is not a run-time parameter of {self._raw.name}"
             f"{nearest_or_all(str(name), self._slots)}; list other numbers of the description under `tunable`"
         )
+
+
+def parameters_of(
+    make: Callable[..., Any], args: tuple[Any, ...], values: Mapping[str, float], turned: Sequence[str]
+) -> Parameters:
+    """Make a kernel again and return its parameters, with the values and the turned joints of a pickle."""
+    made: Parameters = make(*args).parameters
+    changed = {name: value for name, value in values.items() if made[name] != value}
+    if changed:
+        made.update(changed)
+    made.turn(turned)
+    return made

@@ -289,6 +289,15 @@ class RawKernel:
         apart = (ROLLOUT, ADAPTIVE, GRADIENT)
         self.functions: Mapping[str, RawFunction] = {x.name: x for x in known if x.kind not in apart}
 
+    def __copy__(self) -> RawKernel:
+        return self
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> RawKernel:
+        return self
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        raise InputError(f"raw: compiled code of {self.name} cannot be pickled; allowed: its kernel, or its parameters")
+
     def missing(self, name: str) -> UnknownNameError:
         """The error that says that the kernel has no such function, and which ones it has."""
         return UnknownNameError(f"{self.name} was built without the kernel {name}; built: {', '.join(self.functions)}")
