@@ -124,8 +124,10 @@ def forward_dynamics_jacobian(model: Model, run: Run, inputs: Mapping[str, Array
     regular = np.linalg.slogdet(np.moveaxis(M, -1, 0).astype(np.float64))[0] != 0.0
     answered = (((status == 0) | (status > n)) & regular)[:MEASURED]
     places = np.arange(3 * n * n).reshape(3, n, n).transpose(1, 0, 2).reshape(n, 3 * n)
-    system = _constrained_system(model, (M, B, J, right.reshape(m, *B.shape[1:])), answered)
-    return Answer(np.zeros((0, M.shape[-1]), M.dtype), status, np.zeros(0, np.int64), _identity(places, *system))
+    matrix, right, near = _constrained_system(model, (M, B, J, right.reshape(m, *B.shape[1:])), answered)
+    near = np.where(answered[:, np.newaxis, np.newaxis], near, np.inf)
+    identity = _identity(places, matrix, right, near)
+    return Answer(np.zeros((0, M.shape[-1]), M.dtype), status, np.zeros(0, np.int64), identity)
 
 
 def _constrained_system(

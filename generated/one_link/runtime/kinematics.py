@@ -119,6 +119,6 @@ def _checked(reference: Any) -> str:
     Raises:
         InputError: it is none of REFERENCES.
     """
-    if reference not in REFERENCES:
+    if not isinstance(reference, str) or reference not in REFERENCES:
         raise InputError(f"reference: {show(reference)}; allowed: {', '.join(REFERENCES)}")
-    return str(reference)
+    return reference
