@@ -9,7 +9,8 @@
 #   make notebooks run the notebooks of examples/notebooks; copies with all that they show in out/notebooks
 #   make mutation mutation testing of the derivation, ten minutes of one core; writes docs/mutation.md
 #   make sample   regenerate the committed sample in generated/one_link
-#   make tables   regenerate the tables in README.md and docs/architecture.md, and codegen/joint/kept.py
+#   make tables   regenerate the tables in docs/architecture.md, docs/comparison.md, docs/start.md and others
+#   make picture  simulate and draw the picture of README.md, docs/picture.svg
 #   make packages write the list of packages in pyproject.toml, after a folder of code was added, renamed or removed
 #   make schemas  regenerate the JSON Schemas in src/eomgen/schemas
 #   make misra    what MISRA C finds in generated code and in the C library; writes the tables of two pages in docs
@@ -27,7 +28,7 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 # What the extra "wheel" lists, without eomgen and what it needs to run.
 WHEEL_TOOLS := $(shell sed -n 's/^wheel = \[\(.*\)\]$$/\1/p' pyproject.toml | tr ',' ' ')
 
-.PHONY: demo test lint bench soak mutation docs notebooks sample tables packages schemas misra wheel release clean
+.PHONY: demo test lint bench soak mutation docs notebooks sample tables picture packages schemas misra wheel release clean
 
 demo: $(VENV)/.sim
 	$(BIN)/eomgen info puma560_elastic
@@ -72,6 +73,9 @@ sample: $(VENV)/.sim
 
 tables: sample
 	$(BIN)/python docs/tables.py
+
+picture: $(VENV)/.sim
+	$(BIN)/python docs/picture.py
 
 packages:
 	$(PYTHON) -m release.packages

@@ -1,4 +1,4 @@
-"""A report of precision as text and figure: docs/precision.md, docs/precision.svg, the part of README.md."""
+"""A report of precision as text and figure: docs/precision.md, docs/precision.svg, the table of docs/comparison.md."""
 
 from __future__ import annotations
 
@@ -104,8 +104,8 @@ def lines(report: Report) -> list[str]:
     return said
 
 
-def readme(report: Report) -> str:
-    """The part of README.md: every robot's ratios, and the elastic arm's times beside MuJoCo's."""
+def ratios(report: Report) -> str:
+    """Return the table of docs/comparison.md: at every error the best of the others' time by the best of ours."""
     head = " | ".join(f"{error:.0e}" for error in ERRORS)
     rows = [f"| best of the others' time by ours, to an error of | {head} |", "|---" + "|---:" * len(ERRORS) + "|"]
     for found in report.found:
@@ -114,20 +114,6 @@ def readme(report: Report) -> str:
             ratio, others = found.ratio(error), found.cheapest(OTHERS, error)
             cells.append(NONE if ratio is None or others is None else f"{ratio:.1f} ({others.contender})")
         rows.append(f"| {PROBLEMS[found.problem].title} | {' | '.join(cells)} |")
-    named = report.of(NAMED[0])
-    if named is None:
-        return "\n".join(rows)
-    problem = PROBLEMS[NAMED[0]]
-    rows += [
-        "",
-        f"{problem.duration:g} s of the {problem.title}, milliseconds to an error of coordinates (m, rad):",
-        "",
-    ]
-    rows += [f"| | {head} |", "|---" + "|---:" * len(ERRORS) + "|"]
-    for name in (*OURS, *OTHERS):
-        if any(p.contender == name for p in named.points):
-            cells = [milliseconds(named.cheapest([name], error)) for error in ERRORS]
-            rows.append(f"| {label(name)} | {' | '.join(cells)} |")
     return "\n".join(rows)
 
 

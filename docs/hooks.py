@@ -22,6 +22,8 @@ HOWTO, GUIDES = "How to", "Guides"  # sections of the menu
 HOWTO_PAGES = ("fmu.md", "mjcf.md", "embed.md")  # export and embed
 _REFERENCE = re.compile(r'\s(href|src)="([^"]*)"')
 _OUTSIDE = re.compile(r"\[([^\]]+)\]\(((?:\.\./)+[^)#]*)(?:#[^)]*)?\)")
+_NOTEBOOK = re.compile(r"(?:\.\./)+examples/notebooks/(\w+)\.ipynb")
+_SITE = re.compile(r"<!-- site: (.*?) -->", re.DOTALL)
 _LIVE = re.compile(r"^<!-- live: (\w+) -->$", re.MULTILINE)
 _CODE = re.compile(r"<(code|pre)\b.*?</\1>", re.DOTALL)
 
@@ -80,13 +82,18 @@ def on_files(files: Any, config: Any) -> Any:
 
 
 def on_page_markdown(markdown: str, page: Any, config: Any, **_: Any) -> str:
-    """Robots that are to be live become so; links to files of the repository outside of docs, good where the page is
-    read there, become the files' names.
+    """Return what the site shows of a page that is read in the repository, too.
+
+    Comments that begin with "site:" become text: links to generated pages stand there.  Robots that are to be live
+    become so; links to notebooks lead to their pages, those to other files outside of docs become the files' names.
     """
     docs = Path(config.docs_dir).resolve()
-    markdown = _LIVE.sub(lambda match: live.frame(match[1]), markdown)
+    markdown = _LIVE.sub(lambda match: live.frame(match[1]), _SITE.sub(r"\1", markdown))
+    up = "../" * page.file.src_uri.count("/")
 
     def named(match: re.Match[str]) -> str:
+        if notebook := _NOTEBOOK.fullmatch(match[2]):
+            return f"[{match[1]}]({up}notebooks/{notebook[1]}.md)"
         target = (docs / page.file.src_uri).parent.joinpath(match[2]).resolve()
         if docs in target.parents:
             return match[0]

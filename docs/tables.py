@@ -19,12 +19,18 @@ from eomgen.pipeline.costs import robot_info
 from eomgen.robot.model import build_model
 
 ROOT = Path(__file__).parents[1]
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
 sys.path[:0] = [str(ROOT), str(ROOT / "docs")]  # for benchmarks and generators
 
 from generators import rooms  # noqa: E402
 
 ROBOTS = ("one_link", "puma560", "ur5", "puma560_elastic")
 DIFFERENTIATED = ("inverse_dynamics", "forward_dynamics")
+MOST_SHOWN = 7  # packages of an extra that the table names
 KERNELS = ("inverse_dynamics", "mass_matrix", "forward_dynamics", "bias_force", "generalized_force")
 
 
@@ -54,29 +60,49 @@ def derivatives() -> str:
     return "\n".join(rows)
 
 
-def sample() -> str:
-    """Two functions of the committed sample."""
-    code = (ROOT / "generated" / "one_link" / "one_link.c").read_text(encoding="ascii")
-    found = [
-        re.search(rf"/\*[^\n]*\*/\nint one_link_{name}\(.*?\n}}\n", code, re.S) for name in ("mass_matrix", "residual")
-    ]
-    return "```c\n" + "\n".join(match[0] for match in found if match) + "```"
-
-
-def peers() -> str:
-    """Ratios of the last run of ``make bench``."""
-    from benchmarks.peers.page import readme
-    from benchmarks.peers.report import read
-
-    return readme(read(ROOT / "docs" / "peers.json"))
-
-
 def precision() -> str:
-    """Times to several errors, of the last run of ``make bench``."""
-    from benchmarks.precision_page import readme
+    """Return the ratios of times to several errors, of the last run of ``make bench``."""
+    from benchmarks.precision_page import ratios
     from benchmarks.precision_report import read
 
-    return readme(read(ROOT / "docs" / "precision.json"))
+    return ratios(read(ROOT / "docs" / "precision.json"))
+
+
+EXTRAS = {  # for users, then for who works on the repository
+    "sim": "simulations, time integration by SciPy and SUNDIALS, identification, calibration, plots",
+    "view": "`eomgen view`: results in 3-D in the browser, with meshes of a URDF",
+    "compiler": "a C compiler where there is none (zig); WebAssembly, live pages",
+    "tables": "`to_pandas()`, `to_xarray()` of results",
+    "sweep": "results of sweeps in Zarr and Parquet, clusters by Dask, streams of long simulations",
+    "casadi": "functions of CasADi",
+    "jax": "functions of JAX, on the processor",
+    "mujoco": "MJCF files with includes, defaults by file, replicates, mesh inertias",
+    "xacro": "descriptions that end in .xacro",
+    "completion": "completion of commands in bash, zsh, fish",
+    "bench": "comparison with other libraries: `make bench`",
+    "docs": "these pages as a site: `make docs`",
+    "wheel": "`make wheel`",
+    "test": "`make test`",
+    "mutation": "`make mutation`",
+}
+
+
+def extras() -> str:
+    """Return a table of the extras of pyproject.toml: what each is for, and what it installs.
+
+    Raises:
+        ValueError: an extra has no words here, or the other way round.
+    """
+    text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    groups = tomllib.loads(text)["project"]["optional-dependencies"]
+    if set(groups) != set(EXTRAS):
+        raise ValueError(f"extras of pyproject.toml without words, or words without extra: {set(groups) ^ set(EXTRAS)}")
+    rows = ["| extra | for | installs |", "|---|---|---|"]
+    for name, purpose in EXTRAS.items():
+        packages = [re.split(r"[<>=; ]", package)[0] for package in groups[name]]
+        shown = packages if len(packages) <= MOST_SHOWN else [*packages[: MOST_SHOWN - 1], f"{len(packages)} in all"]
+        rows.append(f"| `{name}` | {purpose} | {', '.join(shown)} |")
+    return "\n".join(rows)
 
 
 def sizes() -> str:
@@ -116,8 +142,9 @@ def names() -> str:
 
 
 PARTS = {
-    "README.md": {"operations": operations, "peers": peers, "precision": precision, "sample": sample},
+    "docs/comparison.md": {"operations": operations, "precision": precision},
     "docs/derivatives.md": {"derivatives": derivatives},
+    "docs/start.md": {"extras": extras},
     "docs/limits.md": {"sizes": sizes},
     "docs/stability.md": {"names": names},
     "docs/architecture.md": {

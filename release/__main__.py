@@ -5,7 +5,7 @@ Nothing is signed and nothing is uploaded.  What is checked:
 1. the tree is clean, and version, CHANGELOG.md, CITATION.cff and the recipe for conda say the same;
 2. the source distribution and the wheel are built, and an index could show them (twine check --strict);
 3. for each Python: the wheel with the extra "sim" in a fresh environment, whose commands and kernels work in an empty
-   folder; and the README's first command in the unpacked source distribution.
+   folder; and the README's `make demo` in the unpacked source distribution.
 """
 
 from __future__ import annotations
@@ -138,7 +138,7 @@ def interpreter(version: str) -> str | None:
 
 
 def check_python(version: str, python: str, source: Path, wheel: Path) -> None:
-    """Install the wheel and use it, and run the README's first command in the source distribution.
+    """Install the wheel and use it, and run the README's `make demo` in the source distribution.
 
     Raises:
         Refused: a command fails.

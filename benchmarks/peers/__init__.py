@@ -8,5 +8,5 @@ measure      contenders compared, then timed in turns -> rows
 python_calls what calls from Python cost beside the C -> calls
 gradients    of rollouts: time and error of several ways -> gradients
 required     the ratios to hold
-page, plot   rows -> tables and the plot; README.md has one of the tables
+page, plot   rows -> tables and the plot
 """

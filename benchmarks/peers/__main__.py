@@ -59,7 +59,7 @@ def main() -> int:
     (DOCS / "peers.md").write_text(page.page(report), encoding="ascii")
     if not (arguments.calls or arguments.gradients):
         plot(report, DOCS / "peers.svg")
-    print("wrote docs/peers.*; make tables copies the table to README.md")
+    print("wrote docs/peers.*")
     return int(bool(disagreements))
 
 

@@ -1,4 +1,4 @@
-"""A report as text: the table of README.md, the page docs/peers.md, lines for the terminal."""
+"""A report as text: the page docs/peers.md, lines for the terminal."""
 
 from __future__ import annotations
 
@@ -116,11 +116,6 @@ def _cell(entry: Entry | None, peer: str) -> str:
     if found is None:
         return ("not built" if "eomgen" in entry.missing else NONE) + brackets
     return f"{found[1][1]:.{1 if found[1][1] >= 2.0 else 2}f}{brackets}"
-
-
-def readme(report: Report) -> str:
-    """The part of README.md."""
-    return "\n".join([*summary(report), *rolled(report), *called(report)])
 
 
 def rolled(report: Report) -> list[str]:

@@ -85,7 +85,7 @@ def test_calls_from_python_are_a_fraction_of_pinocchios() -> None:
 
 
 def test_tables_of_a_report(report: Report) -> None:
-    table = page.readme(report)
+    table = page.page(report)
     assert "| Pinocchio, C++ | mass matrix | 4.5 (4) | - | - | - |" in table  # the faster convention counts
     assert "| Pinocchio, C++ | derivatives of inverse dynamics | not built (6) | - | - | - |" in table
     assert "| UR5 URDF (6 DOF) | C | Python | per state of 4096 | Pinocchio | ratio |" in table
@@ -111,12 +111,12 @@ def test_rows_that_are_lost_are_said(report: Report) -> None:
     """A rival that is faster, and a batch that takes longer than its states alone."""
     slower = replace(report.entries[0], ratios={"CasADi": (0.7, 0.8, 0.9), "Pinocchio (local)": (4.4, 4.5, 4.6)})
     batch = replace(report.entries[0], batch=True, ratios={"eomgen": (0.8, 0.91, 1.0)})
-    text = page.readme(replace(report, entries=(slower, batch)))
+    text = page.page(replace(report, entries=(slower, batch)))
     assert "| C that CasADi generates from Pinocchio's algorithms | mass matrix | 0.80 | - | - | - |" in text
     assert "| eomgen itself, one state after the other | mass matrix, per state of 4096 | 0.91 | - | - | - |" in text
     assert "Lost, with ratios of 1 and less: mass matrix of UR5 URDF (6 DOF) beside C that CasADi" in text
     assert "per state of 4096 of UR5 URDF (6 DOF) beside eomgen itself, one state after the other (0.91)." in text
-    assert "Lost" not in page.readme(report)
+    assert "Lost" not in page.page(report)
 
 
 def test_a_report_survives_its_file(report: Report, tmp_path: Path) -> None:
@@ -255,4 +255,4 @@ def test_it_runs_without_peers(monkeypatch: pytest.MonkeyPatch) -> None:
     first = found.entry("UR5", "inverse_dynamics")
     assert first is not None
     assert set(first.ns) == {"eomgen", "textbook"}
-    assert "| inverse dynamics | - (6) |" in page.readme(found)
+    assert "| inverse dynamics | - (6) |" in page.page(found)

@@ -70,7 +70,7 @@ def test_tables(found: Found, tmp_path: Path) -> None:
     assert "elastic PUMA 560 (36 DOF) at 1e-04 (6.0 of 10)" in text
     assert "CVODE at a relative tolerance of 1e-06, at the same error (6.0 of 10)" in text
     assert "required 10: missed." in text
-    assert "12.0 (CVODE) | 6.0 (CVODE) | 30.0 (Radau)" in precision_page.readme(report)
+    assert "12.0 (CVODE) | 6.0 (CVODE) | 30.0 (Radau)" in precision_page.ratios(report)
 
 
 def test_figures_are_the_same_bytes(found: Found, tmp_path: Path) -> None:

@@ -53,7 +53,7 @@ HOWTO = (
     *("tolerance", "tool_path"),
 )
 SLOW = (
-    *("adapters.md", "analysis.md", "comparison.md", "derivatives.md", "fmu.md", "live.md", "wasm.md"),
+    *("adapters.md", "analysis.md", "comparison.md", "derivatives.md", "fmu.md", "live.md", "python.md", "wasm.md"),
     *("for/calibration.md", "for/control.md", "for/multibody.md"),
     *(f"howto/{name}.md" for name in HOWTO),
 )  # for make soak: some take 10 s
@@ -256,6 +256,8 @@ def test_links_out_of_the_pages(hooks: ModuleType) -> None:
         return found
 
     assert made("[the plan](../../examples/reach.toml)") == "the plan (`examples/reach.toml` in the repository)"
+    assert made("[a](../../examples/notebooks/elastic_urdf.ipynb)") == "[a](../notebooks/elastic_urdf.md)"
+    assert made("before <!-- site: [a](reference/api.md),\nb. --> after") == "before [a](reference/api.md),\nb. after"
     assert made("[keys](../description.md#keys)") == "[keys](../description.md#keys)"
     with pytest.raises(hooks.PluginError, match="no file of the repository"):
         made("[x](../../examples/nothing.toml)")

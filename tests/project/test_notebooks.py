@@ -41,7 +41,7 @@ def test_they_are_clean(hooks: ModuleType) -> None:
     listed = (ROOT / "docs" / "notebooks.md").read_text(encoding="utf-8")
     for name in NAMES:
         notebook = hooks.notebooks.read(name)
-        assert f"](notebooks/{name}.md)" in listed
+        assert f"](../examples/notebooks/{name}.ipynb)" in listed
         assert notebook.cells[0].source.startswith("# ")
         assert all(not one.outputs and one.execution_count is None for one in notebook.cells if "outputs" in one)
 

@@ -1,47 +1,68 @@
-"""The README keeps its promises: its blocks run, its tables are current, its commands exist."""
+"""The README keeps its promises: its blocks run, generated tables are current, commands, extras and files exist."""
 
 import importlib.util
 import re
+import shlex
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
 import eomgen
-from eomgen.cli.entry import main
+from eomgen.cli.entry import COMMANDS, main, make_parser
 from eomgen.description.load import robot_from_toml
+from tests.support.doc_blocks import blocks_of, compare
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
+GENERATED = ("docs/architecture.md", "docs/comparison.md", "docs/start.md")
+MOST_LINES = 80  # of the README: what fits a screen or two of a repository browser, picture included
 
 
 def blocks(language: str) -> list[str]:
-    return re.findall(rf"```{language}\n(.*?)```", README, re.S)
+    return [block.text for block in blocks_of(README) if block.language == language]
 
 
-@pytest.mark.parametrize("page", ["README.md", "docs/architecture.md"])
-def test_generated_parts_are_current(page: str) -> None:
-    spec = importlib.util.spec_from_file_location("tables", ROOT / "docs" / "tables.py")
+@cache
+def script(name: str) -> ModuleType:
+    """Import docs/NAME.py."""
+    spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / f"{name}.py")
     assert spec is not None
     assert spec.loader is not None
-    tables = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(tables)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize("page", GENERATED)
+def test_generated_parts_are_current(page: str) -> None:
+    tables = script("tables")
     assert page in tables.PARTS
     assert tables.filled(page) == (ROOT / page).read_text(encoding="utf-8"), "run: make tables"
 
 
-@pytest.mark.parametrize(
-    "number", [0, *(pytest.param(i, marks=pytest.mark.soak) for i in range(1, len(blocks("python"))))]
-)
-def test_python_blocks_run(number: int, tmp_path: Path) -> None:
-    subprocess.run([sys.executable, "-c", blocks("python")[number]], check=True, capture_output=True, cwd=tmp_path)
+def test_it_is_short_and_has_no_tables_of_figures() -> None:
+    assert len(README.splitlines()) <= MOST_LINES
+    assert "<!-- begin of" not in README
 
 
-def test_toml_blocks_are_robots() -> None:
-    rod, one_link = robot_from_toml(blocks("toml")[0]), eomgen.load_robot("one_link")
+def test_the_python_block_prints_what_it_says(tmp_path: Path) -> None:
+    """The first result, in five lines."""
+    (code,), (wanted,) = blocks("python"), blocks("text")
+    assert len(list(filter(None, code.splitlines()))) == 5
+    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True, cwd=tmp_path)
+    compare(wanted, done.stdout, "README.md")
+
+
+def test_the_robot_of_the_walk_is_the_built_in_one() -> None:
+    page = (ROOT / "docs" / "walk.md").read_text(encoding="utf-8")
+    (text,) = (block.text for block in blocks_of(page) if block.title == "rod.toml")
+    rod, one_link = robot_from_toml(text), eomgen.load_robot("one_link")
     assert rod.links == one_link.links
     assert rod.joints == one_link.joints
     assert rod.gravity == one_link.gravity
@@ -49,19 +70,67 @@ def test_toml_blocks_are_robots() -> None:
 
 def test_commands_exist(capsys: pytest.CaptureFixture[str]) -> None:
     makefile = (ROOT / "Makefile").read_text(encoding="ascii")
+    named = set()
     for block in blocks("console"):
         for line in block.splitlines():
             program, command = line.removeprefix("$ ").split()[:2]
+            named.add((program, command))
             if program == "make":
                 assert f"\n{command}:" in makefile, line
             else:
                 assert program == "eomgen"
+                make_parser().parse_args(shlex.split(line, comments=True)[2:])
                 with pytest.raises(SystemExit) as ended:
                     main([command, "--help"])
                 assert ended.value.code == 0
                 assert f"eomgen {command}" in capsys.readouterr().out
+    assert {("make", "test"), ("make", "demo"), ("eomgen", "simulate")} <= named
+
+
+def test_the_page_of_commands_has_them_all() -> None:
+    """Every call is understood, and no command is left out; files of the repository exist."""
+    page = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
+    named = set()
+    for line in re.findall(r"^\| `eomgen ([^`]+)` \|", page, re.MULTILINE):
+        words = shlex.split(line)
+        make_parser().parse_args(words)
+        named.add(words[0])
+        assert all((ROOT / word).is_file() for word in words if word.startswith("examples/")), line
+    assert named == {command.name for command in COMMANDS}
+
+
+def test_extras_that_are_installed_exist() -> None:
+    """Those of the README and of all pages, in pip's brackets."""
+    extras = set(script("tables").EXTRAS)
+    seen = set()
+    for page in (ROOT / "README.md", *(ROOT / "docs").rglob("*.md")):
+        for names in re.findall(r'pip install "(?:eomgen|\.|dist/[\w.-]+)\[([\w,]+)\]"', page.read_text("utf-8")):
+            assert set(names.split(",")) <= extras, (page, names)
+            seen |= set(names.split(","))
+    assert {"sim", "view", "casadi"} <= seen
 
 
 def test_linked_files_exist() -> None:
-    for target in re.findall(r"\]\(([^)#:]+)\)", README):
+    for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", README):
         assert (ROOT / target).exists(), target
+
+
+def test_links_of_pages_lead_somewhere_in_a_repository_browser() -> None:
+    """What `make docs` makes is linked to where the site alone shows it: in comments that begin with "site:"."""
+    seen = 0
+    for page in (ROOT / "docs").rglob("*.md"):
+        text = re.sub(r"```.*?```|`[^`]*`|<!--.*?-->", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+        for target in re.findall(r"(?<!!)\[[^\]]*\]\((?!https?:)([^)#\s]+)(?:#[^)]*)?\)", text):
+            assert (page.parent / target).exists(), f"{page.name}: {target}"
+            seen += 1
+    assert seen > 200
+
+
+def test_the_picture_is_what_its_command_draws(tmp_path: Path) -> None:
+    """Its texts, numbers on axes among them; lines are as exact as the platform's arithmetic."""
+    assert "](docs/picture.svg)" in README
+    script("picture").draw(tmp_path / "picture.svg")
+    drawn, kept = (path.read_text("utf-8") for path in (tmp_path / "picture.svg", ROOT / "docs" / "picture.svg"))
+    texts = re.findall(r"<text[^>]*>([^<]*)</text>", kept)
+    assert texts == re.findall(r"<text[^>]*>([^<]*)</text>", drawn), "run: make picture"
+    assert any("TCP error" in text for text in texts)
