@@ -66,6 +66,8 @@ def read_npz(path: Path | str, names: Collection[str] | None = None, kinds: str 
             _check_end(stream, plain_path(path))
             with zipfile.ZipFile(stream) as archive:
                 return _arrays(archive, plain_path(path), most, names, kinds)
+    except InputError:
+        raise
     except OSError as error:
         reason = error.strerror or str(error)
         raise InputError(

@@ -570,7 +570,7 @@ def test_open_homes_and_wrong_options_are_refused(tmp_path: Path) -> None:
         export_fmu(replace(four_bar, home={}), tmp_path / "x.fmu")
     for options, message in (
         ({"version": 1}, "fmi: version 1 is unknown; allowed: 2, 3"),
-        ({"method": "euler"}, "method: 'euler' is unknown; allowed: auto, rosenbrock, tsit5, rk4, implicit"),
+        ({"method": "euler"}, "method: 'euler' is unknown; allowed: auto, rosenbrock, tsit5, radau, rk4, implicit"),
         ({"method": "rk4", "step": 0.0}, "step: 0.0 is no length"),
         ({"method": "rk4", "step": float("nan")}, "step: nan is no length"),
     ):
