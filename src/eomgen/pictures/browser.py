@@ -185,10 +185,10 @@ class View:
         scene, size, up = self._server.scene, self._size, up_of(self._robot)
         places = motion_points(self._result, self._robot, first_factor(self._result, self._robot), shapes)
         scene.set_up_direction(tuple(up))
-        found, camera = framed(places, up, FIELD_OF_VIEW, SLENDER * size), self._server.initial_camera
-        away = float(np.linalg.norm(found.position - found.look_at))
-        camera.up, camera.fov, camera.near, camera.far = tuple(up), found.fov, 1e-3 * away, 1e3 * away
-        camera.look_at, camera.position = tuple(found.look_at), tuple(found.position)
+        view, camera = framed(places, up, FIELD_OF_VIEW, SLENDER * size), self._server.initial_camera
+        away = float(np.linalg.norm(view.position - view.look_at))
+        camera.up, camera.fov, camera.near, camera.far = tuple(up), view.fov, 1e-3 * away, 1e3 * away
+        camera.look_at, camera.position = tuple(view.look_at), tuple(view.position)
         floor, aside = np.eye(4), np.cross(up, np.eye(3)[int(np.abs(up).argmin())])
         aside /= np.linalg.norm(aside)
         floor[:3, :3] = np.stack([aside, np.cross(up, aside), up], axis=1)

@@ -21,7 +21,7 @@ ROUND_OFF = 1e-9  # of the robot's size, or rad: what is smaller is no deviation
 TOLERANCE = 1e-6  # likewise of a rigid robot, which is off its program by what integrators and drives leave
 STEP = 0.05  # of the exaggeration's power of ten
 MORE = 1.0  # powers of ten that can be added to the first exaggeration
-FILLED = 0.8  # part of the window's height and width that is used
+FILLED = 0.8  # share of the window's height and width that is used
 SAMPLES = 1000  # of a motion that is framed
 
 

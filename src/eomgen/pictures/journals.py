@@ -24,12 +24,12 @@ def result_journals(result: SimulationResult) -> list[JournalContact]:
     """Places where journals of a result may touch; none where the result does not keep its robot."""
     if not result.description:
         return []
-    given = {joint.name: joint.radial.law() for joint in simulated_robot(result).joints if joint.radial is not None}
-    return contacts_of(given, result.trajectory.coordinates)
+    laws = {joint.name: joint.radial.law() for joint in simulated_robot(result).joints if joint.radial is not None}
+    return contacts_of(laws, result.trajectory.coordinates)
 
 
 def plot_journals(result: SimulationResult, path: Path | str) -> Path:
-    """Every journal's path in its bearing, an end of the bearing in a panel of its own; returns the path.
+    """Every journal's path in its bearing, each end of the bearing in a panel; returns the path.
 
     Raises:
         InputError: the robot has no journals; or see ``style.canvas``.

@@ -42,7 +42,7 @@ def report_of(
         progress: called with a fraction from 0 to 1 and a line of text.
 
     Raises:
-        InputError: the robot given is not that of the result, or Matplotlib is not installed.
+        InputError: the robot is not that of the result, or Matplotlib is not installed.
     """
     if not isinstance(result, SimulationResult):
         from .measured.kinds import page_of
@@ -51,9 +51,9 @@ def report_of(
             raise InputError(f"report: robot {as_robot(robot).name} is given; allowed: with simulations")
         return page_of(result)
     missing: list[str] = []
-    found, info = _robot(result, robot, missing)
-    figures = figures_of(result, found, missing, modes=modes, progress=progress)
-    tables = [_coordinate_table(found), *_body_tables(found)] if found else [_motion_table(result)]
+    simulated, info = _robot(result, robot, missing)
+    figures = figures_of(result, simulated, missing, modes=modes, progress=progress)
+    tables = [_coordinate_table(simulated), *_body_tables(simulated)] if simulated else [_motion_table(result)]
     tables.append(_rotation_table(result))
     tables.append(Table("Scenario, SI units", ("key", "value"), tuple(_entries("", result.scenario))))
     if result.balance is not None:
@@ -63,7 +63,7 @@ def report_of(
     if info is not None:
         tables.append(_operation_table(info))
     tables.append(_origin_table(result))
-    notes = [*result.notes, *(found.notes if found else ())]
+    notes = [*result.notes, *(simulated.notes if simulated else ())]
     if result.stopped:
         notes.insert(0, f"stopped too early: {result.stopped['reason']}")
     title = f"{result.robot}: {result.trajectory.t[-1]:g} s of simulated motion"
@@ -72,15 +72,15 @@ def report_of(
 
 
 def _robot(
-    result: SimulationResult, given: RobotLike | None, missing: list[str]
+    result: SimulationResult, robot_like: RobotLike | None, missing: list[str]
 ) -> tuple[Robot | None, RobotInfo | None]:
     """The robot and what its equations cost, as far as there is one."""
-    if given is None and not result.description:
+    if robot_like is None and not result.description:
         what = "the robot's joints, links and springs, operation counts, zeros, frequencies"
         why = f"the result does not keep its robot ({result.robot}); give its description: --robot"
         missing.append(f"{what}: {why}")
         return None, None
-    robot = simulated_robot(result, given)
+    robot = simulated_robot(result, robot_like)
     try:
         return robot, robot_info(robot)
     except EomgenError as error:
@@ -106,12 +106,12 @@ def _coordinate_table(robot: Robot) -> Table:
         ends = f"{joint.parent} to {joint.child}"
         if not joint.all_coordinates:
             rows.append((joint.name, joint.type, ends, "", "", "", "rigid", ""))
-        for name, given in joint.all_coordinates.items():
+        for name, coordinate in joint.all_coordinates.items():
             motor = joint.motor if name == MOTOR else None
-            spring = motor.transmission if motor else given
+            spring = motor.transmission if motor else coordinate
             role = "principal" if name == PRINCIPAL.get(joint.type) else "motor" if motor else "deviation"
-            role = "prescribed" if given.prescribed else "free" if joint.type == "free" else role
-            law = _law(given) if motor is None else f"ratio {motor.ratio:.6g}, rotor {_law(given)}"
+            role = "prescribed" if coordinate.prescribed else "free" if joint.type == "free" else role
+            law = _law(coordinate) if motor is None else f"ratio {motor.ratio:.6g}, rotor {_law(coordinate)}"
             label = component_name(joint.name, name)
             unit = UNITS[name]
             rows.append((label, joint.type, ends, unit, _number(spring.stiffness), _number(spring.damping), role, law))

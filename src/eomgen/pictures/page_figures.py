@@ -69,8 +69,8 @@ def _modes(result: SimulationResult, robot: Robot, folder: str) -> list[Path]:
     springs = {
         component_name(joint.name, name)
         for joint in robot.joints
-        for name, given in joint.coordinates.items()
-        if given.stiffness or given.curve
+        for name, coordinate in joint.coordinates.items()
+        if coordinate.stiffness or coordinate.curve
     }
     if not springs & set(result.deviation_coordinates):
         raise InputError("no deviation has a stiffness")

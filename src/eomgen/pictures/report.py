@@ -71,14 +71,14 @@ class Report:
         return write_atomically(Path(path), lambda stream: stream.write(text))
 
 
-def drawn(found: Any, drawings: Iterable[tuple[str, str, Callable[[Any, Path], Path]]]) -> tuple[Figure, ...]:
+def drawn(result: Any, drawings: Iterable[tuple[str, str, Callable[[Any, Path], Path]]]) -> tuple[Figure, ...]:
     """Figures of a result as elements of a page, by their names, captions and what draws them into a file.
 
     Raises:
         InputError: Matplotlib is not installed.
     """
     with tempfile.TemporaryDirectory(prefix="eomgen-") as folder:
-        return tuple(figure_of(draw(found, Path(folder) / f"{name}.svg"), caption) for name, caption, draw in drawings)
+        return tuple(figure_of(draw(result, Path(folder) / f"{name}.svg"), caption) for name, caption, draw in drawings)
 
 
 def figure_of(path: Path, caption: str) -> Figure:

@@ -73,7 +73,7 @@ def _draw_links(axes: Any, robot: Robot, poses: Mapping[str, Array]) -> Array:
     from matplotlib.colors import to_rgb
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-    light, found = LIGHT / np.linalg.norm(LIGHT), []
+    light, drawn = LIGHT / np.linalg.norm(LIGHT), []
     for capsule in capsules(robot):
         color = np.array(to_rgb(_color(robot, capsule.link)))
         vertices, faces = capsule_mesh(capsule.begin, capsule.end, capsule.radius)
@@ -84,8 +84,8 @@ def _draw_links(axes: Any, robot: Robot, poses: Mapping[str, Array]) -> Array:
         shade = 0.62 + 0.38 * np.clip(normals / np.maximum(lengths, 1e-300) @ light, -1.0, 1.0)
         mesh = Poly3DCollection(corners, facecolors=np.clip(color * shade[:, np.newaxis], 0.0, 1.0), rasterized=True)
         axes.add_collection3d(mesh)
-        found.append(vertices)
-    return np.concatenate(found)
+        drawn.append(vertices)
+    return np.concatenate(drawn)
 
 
 def _color(robot: Robot, link: str) -> str:

@@ -120,9 +120,10 @@ def program_positions(result: SimulationResult) -> Array:
     """
     motion = result.trajectory
     q = np.zeros_like(motion.q)
-    driven, given = (index_of(motion.coordinates, names) for names in (result.program_coordinates, result.prescribed))
+    driven = index_of(motion.coordinates, result.program_coordinates)
+    prescribed = index_of(motion.coordinates, result.prescribed)
     passive = index_of(motion.coordinates, result.passive)
-    q[:, driven], q[:, given] = result.program_q, motion.q[:, given]
+    q[:, driven], q[:, prescribed] = result.program_q, motion.q[:, prescribed]
     q[:, passive] = motion.q[:, passive]
     return q
 
@@ -130,8 +131,8 @@ def program_positions(result: SimulationResult) -> Array:
 def exaggerated(result: SimulationResult, factor: float) -> Array:
     """The program plus ``factor`` times what reality is off by, (T, n), m or rad; 1 is reality, 0 the program."""
     program = program_positions(result)
-    found: Array = program + factor * (result.trajectory.q - program)
-    return found
+    positions: Array = program + factor * (result.trajectory.q - program)
+    return positions
 
 
 def extent(robot: Robot) -> float:
@@ -170,7 +171,7 @@ def _lines(robot: Robot) -> list[Capsule]:
         if not any(any(end) for end in ends[body.name]):
             ends[body.name] = [tuple(2.0 * x for x in body.com)] if ends[body.name] else [body.com]
     return [
-        Capsule(name, np.zeros(3), np.array(end), 0.0) for name, given in ends.items() for end in dict.fromkeys(given)
+        Capsule(name, np.zeros(3), np.array(end), 0.0) for name, points in ends.items() for end in dict.fromkeys(points)
     ]
 
 
@@ -204,11 +205,11 @@ def capsule_mesh(begin: ArrayLike, end: ArrayLike, radius: float) -> tuple[Array
 def spring_lines(robot: Robot, poses: Mapping[str, Array]) -> Array:
     """Ends of the force elements between links in the base, (..., elements, 2, 3), m."""
     some = poses[robot.base]
-    found = np.zeros((*some.shape[:-2], len(robot.link_elements), 2, 3))
+    ends = np.zeros((*some.shape[:-2], len(robot.link_elements), 2, 3))
     for i, element in enumerate(robot.link_elements):
         for j, (link, point) in enumerate(zip(element.links, element.origins(), strict=True)):
-            found[..., i, j, :] = (poses[link] @ np.append(point, 1.0))[..., :3]
-    return found
+            ends[..., i, j, :] = (poses[link] @ np.append(point, 1.0))[..., :3]
+    return ends
 
 
 def quaternions(poses: Array) -> Array:
@@ -216,7 +217,7 @@ def quaternions(poses: Array) -> Array:
     R = poses[..., :3, :3]
     trace = np.trace(R, axis1=-2, axis2=-1)
     diagonal = np.diagonal(R, axis1=-2, axis2=-1)
-    # of w, x, y, z the largest is found from a root, the others from it
+    # of w, x, y, z the largest comes from a root, the others from it
     squares = np.concatenate([(1.0 + trace)[..., np.newaxis], 1.0 + 2.0 * diagonal - trace[..., np.newaxis]], axis=-1)
     k = np.zeros((*R.shape[:-2], 4, 4))
     k[..., range(4), range(4)] = squares
@@ -224,8 +225,8 @@ def quaternions(poses: Array) -> Array:
         k[..., 0, a + 1] = k[..., a + 1, 0] = R[..., j, i] - R[..., i, j]
         k[..., i + 1, j + 1] = k[..., j + 1, i + 1] = R[..., i, j] + R[..., j, i]
     row = np.take_along_axis(k, squares.argmax(axis=-1)[..., np.newaxis, np.newaxis], axis=-2)[..., 0, :]
-    found: Array = row / np.linalg.norm(row, axis=-1, keepdims=True)
-    return np.where(found[..., :1] < 0.0, -found, found)
+    unit: Array = row / np.linalg.norm(row, axis=-1, keepdims=True)
+    return np.where(unit[..., :1] < 0.0, -unit, unit)
 
 
 def accelerations(kernel: Kernel, result: SimulationResult) -> Array:
@@ -235,8 +236,8 @@ def accelerations(kernel: Kernel, result: SimulationResult) -> Array:
     """
     motion = result.trajectory
     left = kernel.residual(motion.q, motion.v, np.zeros_like(motion.q), motion.u, wrench=result.wrench)
-    found: Array = -np.linalg.solve(kernel.mass_matrix(motion.q), left[..., np.newaxis])[..., 0]
-    return found
+    values: Array = -np.linalg.solve(kernel.mass_matrix(motion.q), left[..., np.newaxis])[..., 0]
+    return values
 
 
 def reaction_forces(kernel: Kernel, robot: Robot, result: SimulationResult) -> Array:
@@ -247,9 +248,9 @@ def reaction_forces(kernel: Kernel, robot: Robot, result: SimulationResult) -> A
     motion = result.trajectory
     wrenches = kernel.reactions(motion.q, motion.v, accelerations(kernel, result), wrench=result.wrench)
     poses = link_poses(robot, motion.coordinates, motion.q)
-    found = np.zeros((motion.t.size, len(kernel.joints), 3))
+    forces = np.zeros((motion.t.size, len(kernel.joints), 3))
     for i, name in enumerate(kernel.joints):
         joint = robot.joint(name)
         axes = poses[joint.child][:, :3, :3] @ np.array(joint.axis_turn)
-        found[:, i] = (axes @ wrenches[:, i, :3, np.newaxis])[..., 0]
-    return found
+        forces[:, i] = (axes @ wrenches[:, i, :3, np.newaxis])[..., 0]
+    return forces

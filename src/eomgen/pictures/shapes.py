@@ -79,7 +79,7 @@ def _origin(visual: Element) -> Array:
 
 
 def _numbers(text: str, count: int) -> list[float]:
-    values = [float(part) for part in text.split()]
+    values = [float(word) for word in text.split()]
     if len(values) != count or not np.isfinite(values).all():
         raise ValueError(f"got {show(text)}; allowed: {count} numbers")
     return values
@@ -102,13 +102,13 @@ def _geometry(visual: Element, urdf: Path, room: _Room) -> tuple[Array, NDArray[
     import trimesh
 
     mesh: Any
-    found = next(iter(visual.iterfind("geometry/*")), None)
-    if found is None:
+    geometry = next(iter(visual.iterfind("geometry/*")), None)
+    if geometry is None:
         raise ValueError("there is no geometry")
     scale = np.ones(3)
-    if found.tag == "mesh":
-        scale = np.array(_numbers(found.get("scale", "1 1 1"), 3))
-        place = mesh_path(found.get("filename", ""), urdf)
+    if geometry.tag == "mesh":
+        scale = np.array(_numbers(geometry.get("scale", "1 1 1"), 3))
+        place = mesh_path(geometry.get("filename", ""), urdf)
         ending = place.suffix.lower()
         if ending not in ENDINGS:
             raise ValueError(f"got {show(place.name)}; allowed: meshes that end in {', '.join(ENDINGS)}")
@@ -117,15 +117,15 @@ def _geometry(visual: Element, urdf: Path, room: _Room) -> tuple[Array, NDArray[
         check_mesh(data, ending)
         content = io.BytesIO(data)  # alone: no file that it names is opened behind it
         mesh = trimesh.load(content, file_type=ending.lstrip("."), force="mesh")
-    elif found.tag == "box":
-        mesh = trimesh.creation.box(_numbers(found.get("size", ""), 3))
-    elif found.tag == "sphere":
-        mesh = trimesh.creation.icosphere(radius=_numbers(found.get("radius", ""), 1)[0])
-    elif found.tag == "cylinder":
-        radius, length = (_numbers(found.get(key, ""), 1)[0] for key in ("radius", "length"))
+    elif geometry.tag == "box":
+        mesh = trimesh.creation.box(_numbers(geometry.get("size", ""), 3))
+    elif geometry.tag == "sphere":
+        mesh = trimesh.creation.icosphere(radius=_numbers(geometry.get("radius", ""), 1)[0])
+    elif geometry.tag == "cylinder":
+        radius, length = (_numbers(geometry.get(key, ""), 1)[0] for key in ("radius", "length"))
         mesh = trimesh.creation.cylinder(radius, length)
     else:
-        raise ValueError(f"{show(found.tag)} is unknown")
+        raise ValueError(f"{show(geometry.tag)} is unknown")
     return np.asarray(mesh.vertices, dtype=np.float64) * scale, np.asarray(mesh.faces, dtype=np.int32)
 
 
@@ -148,7 +148,7 @@ def check_mesh(data: bytes, ending: str) -> None:
             )
     elif ending == ".ply":
         end = data.find(b"end_header", 0, _MOST_HEADER)
-        counts = [int(found) for found in _ELEMENT.findall(data[: max(end, 0)])]
+        counts = [int(number) for number in _ELEMENT.findall(data[: max(end, 0)])]
         if end < 0 or sum(counts) > len(data) - end:
             text = f"a .ply of {len(data)} bytes says that it has {sum(counts)} elements"
             raise ValueError(f"{text}; allowed: one that is whole, with a header")

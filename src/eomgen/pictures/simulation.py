@@ -19,7 +19,7 @@ from .energy import plot_energy, plot_tracking
 from .journals import plot_journals, result_journals
 from .style import COLORS, PROGRAM_COLOR, TOOL_COLOR, canvas, literal, mark_end, panel_grid, scale_of, set_space, ticker
 
-SHOWN_PART = 0.25  # a magnified deviation is about this part of the path's extent
+SHOWN_PART = 0.25  # a magnified deviation is about this share of the path's extent
 WHISKERS = 25
 ACROSS = 3  # panels beside each other
 MICRO = 1e6
@@ -70,14 +70,14 @@ def plot_tool(result: SimulationResult, path: Path | str) -> Path:
 def plot_deviations(result: SimulationResult, path: Path | str) -> Path:
     """Every joint's deviations over time: linear in micrometres and, below, angular in microradians; returns the path.
 
-    Each panel has a scale of its own; three stand side by side.  Joints that are rigid in a unit have none of it.
+    Each panel has its scale; three stand side by side.  Joints that are rigid in a unit have none of it.
 
     Raises:
         InputError: see ``plot_result``, or the robot has no deviations.
     """
-    found = dict.fromkeys((joint_of(name), unit_of(name)) for name in result.deviation_coordinates)
-    joints = {unit: [joint for joint, its in found if its == unit] for unit in COLORS}
-    if not found:
+    pairs = dict.fromkeys((joint_of(name), unit_of(name)) for name in result.deviation_coordinates)
+    joints = {unit: [joint for joint, its in pairs if its == unit] for unit in COLORS}
+    if not pairs:
         raise InputError(f"{result.robot} has no deviations to plot")
     across = min(ACROSS, max(map(len, joints.values())))
     drawn = [line for unit, names in joints.items() for line in _rows(names, unit, across)]

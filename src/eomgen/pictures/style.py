@@ -23,7 +23,7 @@ COLORS = {  # Okabe and Ito: told apart by colour-blind readers
 }
 PROGRAM_COLOR, TOOL_COLOR, GRID_COLOR = "#777777", "#cc3311", "#dddddd"
 DPI = 200
-FULL_WIDTH = 7.4  # inches: the widest figure; the others take their part of a page's width, so that type is as large
+FULL_WIDTH = 7.4  # inches: the widest figure; the others take their share of a page's width, so that type is as large
 TYPE_SIZE = 8.0  # points, of all text in all figures
 RC = {
     "font.size": TYPE_SIZE,
@@ -110,20 +110,20 @@ def row_panel(figure: Any, names: Sequence[str], left: float, width: float) -> t
     return axes, rows
 
 
-def set_space(axes: Any, points: Any, part: float, zoom: float, view: tuple[float, float], pad: Any = None) -> None:
+def set_space(axes: Any, points: Any, share: float, zoom: float, view: tuple[float, float], pad: Any = None) -> None:
     """Set equal scales of axes in space around points (..., 3), m, and from where they are seen.
 
     Args:
         axes: in three dimensions.
         points: to be seen.
-        part: half the edge of the cube that is shown, of the points' largest extent.
+        share: half the edge of the cube that is shown, of the points' largest extent.
         zoom: of the cube.
         view: elevation and azimuth, degrees.
         pad: of the labels, points; none where there are none.
     """
     places = points.reshape(-1, 3)
     low, high = places.min(axis=0), places.max(axis=0)
-    middle, half = 0.5 * (low + high), part * float((high - low).max())
+    middle, half = 0.5 * (low + high), share * float((high - low).max())
     for name, center in zip("xyz", middle, strict=True):
         getattr(axes, f"set_{name}lim")(center - half, center + half)
         if pad is not None:

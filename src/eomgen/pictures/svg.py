@@ -16,9 +16,9 @@ _STYLE = "stroke-linejoin:round;stroke-linecap:butt"  # Matplotlib's style eleme
 
 
 def inline_svg(text: str, prefix: str, label: str) -> str:
-    """The element ``<svg>`` of a figure of Matplotlib, without addresses, with identifiers of its own.
+    """The element ``<svg>`` of a figure of Matplotlib, without addresses, with identifiers that no other has.
 
-    It takes the part of the page's width that the figure takes of FULL_WIDTH: one scale for all figures of a page.
+    It takes the share of the page's width that the figure takes of FULL_WIDTH: one scale for all figures of a page.
 
     Args:
         text: the file.

@@ -52,15 +52,18 @@ def _distribution(result: SweepResult, column: str, axes: Any) -> None:
 
 
 def _sensitivity(result: SweepResult, column: str, axes: Any) -> None:
-    found = result.sensitivity(column)
-    chosen = found.ranking[:MOST_BARS][::-1]
+    sensitivity = result.sensitivity(column)
+    chosen = sensitivity.ranking[:MOST_BARS][::-1]
     places = np.arange(len(chosen))
     axes.barh(
-        places + 0.2, np.nan_to_num(found.regression[chosen]), 0.4, label=f"regression, R$^2$ {found.r_squared:.2f}"
+        places + 0.2,
+        np.nan_to_num(sensitivity.regression[chosen]),
+        0.4,
+        label=f"regression, R$^2$ {sensitivity.r_squared:.2f}",
     )
-    axes.barh(places - 0.2, np.nan_to_num(found.spearman[chosen]), 0.4, label="rank correlation")
-    axes.axvspan(-min(found.noise, 1.0), min(found.noise, 1.0), color="0.9", zorder=0, label="chance")
-    axes.set_yticks(places, [found.names[i] for i in chosen], fontsize="small")
+    axes.barh(places - 0.2, np.nan_to_num(sensitivity.spearman[chosen]), 0.4, label="rank correlation")
+    axes.axvspan(-min(sensitivity.noise, 1.0), min(sensitivity.noise, 1.0), color="0.9", zorder=0, label="chance")
+    axes.set_yticks(places, [sensitivity.names[i] for i in chosen], fontsize="small")
     axes.set_xlim(-1.05, 1.05)
     axes.set_title(column)
     axes.legend(fontsize="small")

@@ -16,30 +16,30 @@ CYCLE = tuple(color for colors in COLORS.values() for color in colors.values())
 MOST = len(CYCLE)  # poses, and paths, that are drawn
 
 
-def accuracy_page(found: AccuracyResult) -> Report:
+def accuracy_page(accuracy: AccuracyResult) -> Report:
     """A page about figures of ISO 9283: those of poses, distances, stops and paths, load and rate, notes."""
     figures = []
-    if found.poses or found.paths:
+    if accuracy.poses or accuracy.paths:
         text = (
             "Attained positions less the command with a circle of the repeatability about each barycentre; along paths"
             " the offset of the barycentre and the repeatability."
         )
         figures.append(("accuracy", text, plot_accuracy))
     tables = list[Table]()
-    for title, rows in found.tables().items():
+    for title, rows in accuracy.tables().items():
         if len(rows) > 1:
             head, *others = columns_of(rows)
             tables += table(title, head, others)
     return Report(
-        title=f"{found.robot or found.frame}: accuracy by ISO 9283",
-        summary=(f"frame {found.frame}, {found.source}", f"load: {found.load}", f"rate: {found.rate}"),
-        warnings=found.notes,
-        figures=drawn(found, figures),
+        title=f"{accuracy.robot or accuracy.frame}: accuracy by ISO 9283",
+        summary=(f"frame {accuracy.frame}, {accuracy.source}", f"load: {accuracy.load}", f"rate: {accuracy.rate}"),
+        warnings=accuracy.notes,
+        figures=drawn(accuracy, figures),
         tables=tuple(tables),
     )
 
 
-def plot_accuracy(found: AccuracyResult, path: Path | str) -> Path:
+def plot_accuracy(accuracy: AccuracyResult, path: Path | str) -> Path:
     """Draw attained positions less the command, with a circle of the repeatability about each barycentre, and the
     offset of the barycentre and the repeatability along paths; of the first six of each.  Returns the path.
 
@@ -48,21 +48,21 @@ def plot_accuracy(found: AccuracyResult, path: Path | str) -> Path:
     """
     with canvas(
         6.4,
-        3.4 * (bool(found.poses) + bool(found.paths)),
+        3.4 * (bool(accuracy.poses) + bool(accuracy.paths)),
         path,
-        f"{found.robot or found.frame}: accuracy by ISO 9283, {found.source}",
+        f"{accuracy.robot or accuracy.frame}: accuracy by ISO 9283, {accuracy.source}",
     ) as figure:
-        rows = figure.subfigures(bool(found.poses) + bool(found.paths), 1, squeeze=False)[:, 0].tolist()
-        if found.poses:
-            _poses(found, rows.pop(0))
-        if found.paths:
-            _paths(found, rows.pop(0))
+        rows = figure.subfigures(bool(accuracy.poses) + bool(accuracy.paths), 1, squeeze=False)[:, 0].tolist()
+        if accuracy.poses:
+            _poses(accuracy, rows.pop(0))
+        if accuracy.paths:
+            _paths(accuracy, rows.pop(0))
     return Path(path)
 
 
-def _poses(found: AccuracyResult, part: Any) -> None:
-    panels = part.subplots(1, 2, gridspec_kw={"top": 0.86, "bottom": 0.15, "left": 0.11, "wspace": 0.35})
-    shown = found.poses[:MOST]
+def _poses(accuracy: AccuracyResult, subfigure: Any) -> None:
+    panels = subfigure.subplots(1, 2, gridspec_kw={"top": 0.86, "bottom": 0.15, "left": 0.11, "wspace": 0.35})
+    shown = accuracy.poses[:MOST]
     off = [np.array(pose.attained) - pose.command for pose in shown]
     scale, unit = scale_of(np.concatenate(off), "m")
     for axis, panel in zip((1, 2), panels, strict=True):
@@ -80,9 +80,9 @@ def _poses(found: AccuracyResult, part: Any) -> None:
     panels[0].legend()
 
 
-def _paths(found: AccuracyResult, part: Any) -> None:
-    panels = part.subplots(2, 1, sharex=True, gridspec_kw={"top": 0.9, "bottom": 0.15, "left": 0.11})
-    shown = found.paths[:MOST]
+def _paths(accuracy: AccuracyResult, subfigure: Any) -> None:
+    panels = subfigure.subplots(2, 1, sharex=True, gridspec_kw={"top": 0.9, "bottom": 0.15, "left": 0.11})
+    shown = accuracy.paths[:MOST]
     for panel, name, title in zip(panels, ("offsets", "scatters"), ("barycentre off", "mean + 3 S"), strict=True):
         curves = [np.array(getattr(item, name)) for item in shown]
         scale, unit = scale_of(np.concatenate(curves), "m")

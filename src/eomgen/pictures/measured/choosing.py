@@ -14,37 +14,37 @@ from .tables import merged_table, number, table, weak_table
 _ROW = 0.24  # inches of a coordinate
 
 
-def poses_page(found: PosesResult) -> Report:
+def poses_page(chosen: PosesResult) -> Report:
     """A page about chosen poses: where they are, what they will tell of each quantity, what stays weak."""
-    poses = [(str(i + 1), *(f"{value:.6f}" for value in row)) for i, row in enumerate(found.q)]
+    poses = [(str(i + 1), *(f"{value:.6f}" for value in row)) for i, row in enumerate(chosen.q)]
     told = [
-        (name, number(found.deviations[i], 1.0, 3), found.units[i])
-        for i, name in enumerate(found.names)
-        if name not in found.merged
+        (name, number(chosen.deviations[i], 1.0, 3), chosen.units[i])
+        for i, name in enumerate(chosen.names)
+        if name not in chosen.merged
     ]
     text = "Coordinates of the chosen poses, each over its range; the darker, the earlier it is to be measured."
     return Report(
-        title=f"{found.robot}: {len(found.q)} poses to measure",
-        summary=tuple(found.summary_lines()),
-        warnings=found.notes,
-        figures=drawn(found, [("poses", text, plot_poses)]),
+        title=f"{chosen.robot}: {len(chosen.q)} poses to measure",
+        summary=tuple(chosen.summary_lines()),
+        warnings=chosen.notes,
+        figures=drawn(chosen, [("poses", text, plot_poses)]),
         tables=(
-            *table("Poses in the order to measure them, m and rad", ("pose", *found.coordinates), poses),
+            *table("Poses in the order to measure them, m and rad", ("pose", *chosen.coordinates), poses),
             *table("Expected standard deviations", ("quantity", "std. deviation", "unit"), told),
-            *merged_table(found.merged),
-            *weak_table(found.weak),
+            *merged_table(chosen.merged),
+            *weak_table(chosen.weak),
         ),
     )
 
 
-def plot_poses(found: PosesResult, path: Path | str) -> Path:
+def plot_poses(chosen: PosesResult, path: Path | str) -> Path:
     """Draw a strip for each coordinate with its least to greatest values; returns the path, errors as of ``canvas``."""
-    height = 1.0 + _ROW * len(found.coordinates)
-    low, high = found.q.min(axis=0), found.q.max(axis=0)
-    share = (found.q - low) / np.where(high > low, high - low, 1.0)
-    age = np.linspace(1.0, 0.25, len(found.q))
-    with canvas(6.4, height, path, f"{found.robot}: chosen poses") as figure:
-        axes, rows = row_panel(figure, found.coordinates, 0.22, 0.74)
+    height = 1.0 + _ROW * len(chosen.coordinates)
+    low, high = chosen.q.min(axis=0), chosen.q.max(axis=0)
+    share = (chosen.q - low) / np.where(high > low, high - low, 1.0)
+    age = np.linspace(1.0, 0.25, len(chosen.q))
+    with canvas(6.4, height, path, f"{chosen.robot}: chosen poses") as figure:
+        axes, rows = row_panel(figure, chosen.coordinates, 0.22, 0.74)
         for k, row in enumerate(rows):
             axes.scatter(share[:, k], np.full(len(share), row), s=14.0, alpha=age, color=COLORS["m"]["x"])
             axes.annotate(f"{low[k]:.3g}", (0.0, row), (-4, 6), textcoords="offset points", ha="left")

@@ -14,36 +14,36 @@ from .tables import number, table
 _PARTS = ("before", "after", "beyond")
 
 
-def compensation_page(found: CompensationResult) -> Report:
+def compensation_page(compensation: CompensationResult) -> Report:
     """A page about a corrected program: errors without and with it, what is out of reach, limits, other robots."""
     errors = [
-        (name, *(number(row[f"{part}_{kind}"], 1e6, 4) for part in _PARTS for kind in ("rms", "peak")))
-        for name, row in found.figures().items()
+        (name, *(number(row[f"{stage}_{kind}"], 1e6, 4) for stage in _PARTS for kind in ("rms", "peak")))
+        for name, row in compensation.figures().items()
     ]
-    changes = np.abs(found.corrected - found.program).max(axis=0)
-    corrections = [(name, number(x, 1.0, 4)) for name, x in zip(found.coordinates, changes, strict=True)]
+    changes = np.abs(compensation.corrected - compensation.program).max(axis=0)
+    corrections = [(name, number(x, 1.0, 4)) for name, x in zip(compensation.coordinates, changes, strict=True)]
     shares = [
         (axis, number(weight, 1.0, 3), number(share, 100.0, 3))
-        for axis, weight, share in zip(AXES, found.weights.tolist(), found.shares, strict=True)
+        for axis, weight, share in zip(AXES, compensation.weights.tolist(), compensation.shares, strict=True)
     ]
     limits = [
         (item.coordinate, number(item.seconds, 1.0, 3), number(item.position, 1e6, 4), number(item.orientation, 1e6, 4))
-        for item in found.limits
+        for item in compensation.limits
     ]
     others = [
         (x.label, number(x.position_before, 1e6, 4), number(x.position_after, 1e6, 4), number(x.gain, 1.0, 3))
-        for x in found.robustness
+        for x in compensation.robustness
     ]
     head = ("", "before, rms", "peak", "after, rms", "peak", "out of reach, rms", "peak")
     text = "The tool's errors along and about its axes, without the correction above and with it below."
     return Report(
-        title=f"{found.robot}, {found.frame}: a corrected program ({found.mode})",
+        title=f"{compensation.robot}, {compensation.frame}: a corrected program ({compensation.mode})",
         summary=(
-            f"rms of the position's error {found.gain:.3g} times smaller",
-            f"directions that can be corrected: {found.rank[0]} to {found.rank[1]}",
+            f"rms of the position's error {compensation.gain:.3g} times smaller",
+            f"directions that can be corrected: {compensation.rank[0]} to {compensation.rank[1]}",
         ),
-        warnings=found.notes,
-        figures=drawn(found, [("errors", text, plot_compensation)]),
+        warnings=compensation.notes,
+        figures=drawn(compensation, [("errors", text, plot_compensation)]),
         tables=(
             *table("Errors of the tool, um and urad", head, errors),
             *table("Largest corrections, m or rad", ("coordinate", "correction"), corrections),
@@ -54,22 +54,26 @@ def compensation_page(found: CompensationResult) -> Report:
     )
 
 
-def plot_compensation(found: CompensationResult, path: Path | str) -> Path:
+def plot_compensation(compensation: CompensationResult, path: Path | str) -> Path:
     """The tool's errors over time along and about its axes, without the correction above and with it below.
 
     Raises:
         InputError: see ``style.canvas``.
     """
     colors = tuple(COLORS["m"].values())
-    with canvas(6.8, 4.4, path, f"{found.robot}: {found.frame} off its program, in its own axes") as figure:
+    with canvas(
+        6.8, 4.4, path, f"{compensation.robot}: {compensation.frame} off its program, in its own axes"
+    ) as figure:
         room = {"top": 0.88, "bottom": 0.12, "left": 0.1, "right": 0.98, "wspace": 0.3, "hspace": 0.2}
         panels = figure.subplots(2, 2, sharex=True, gridspec_kw=room)
-        for row, (name, error) in zip(panels, (("before", found.before), ("after", found.after)), strict=True):
+        for row, (name, error) in zip(
+            panels, (("before", compensation.before), ("after", compensation.after)), strict=True
+        ):
             for panel, first, unit in zip(row, (0, 3), ("m", "rad"), strict=True):
-                part = error[:, first : first + 3]
-                scale, prefixed = scale_of(part, unit)
-                for color, axis, column in zip(colors, AXES[first:], part.T, strict=False):
-                    panel.plot(found.times, scale * column, color=color, label=axis)
+                components = error[:, first : first + 3]
+                scale, prefixed = scale_of(components, unit)
+                for color, axis, column in zip(colors, AXES[first:], components.T, strict=False):
+                    panel.plot(compensation.times, scale * column, color=color, label=axis)
                 panel.set_ylabel(f"{name}, {prefixed}")
         for panel in panels[0]:
             panel.legend(loc="upper right")

@@ -14,30 +14,38 @@ from .accuracy import CYCLE, MOST
 from .tables import number, table
 
 
-def excitation_page(found: ExciteResult) -> Report:
+def excitation_page(excitation: ExciteResult) -> Report:
     """A page about a motion that excites: what it tells beside others, limits, what to expect of each combination."""
     compared = [
         (label, *(number(x, 1.0, 4) for x in (figure.found, figure.start, figure.random)))
-        for label, figure in (("condition number", found.condition), ("mean deviation over size", found.deviation))
+        for label, figure in (
+            ("condition number", excitation.condition),
+            ("mean deviation over size", excitation.deviation),
+        )
     ]
     limits = [
         (name, unit, *(number(x, 1.0, 4) for x in (*reached, *allowed)), number(used, 100.0, 3))
         for name, unit, allowed, reached, used in zip(
-            found.limited, found.units, found.limits.tolist(), found.extremes.tolist(), found.used.tolist(), strict=True
+            excitation.limited,
+            excitation.units,
+            excitation.limits.tolist(),
+            excitation.extremes.tolist(),
+            excitation.used.tolist(),
+            strict=True,
         )
     ]
-    told = zip(found.base.names, found.deviations, found.sizes, strict=True)
+    told = zip(excitation.base.names, excitation.deviations, excitation.sizes, strict=True)
     text = "Positions, rates and drives over the period with their limits."
-    series = found.series
+    series = excitation.series
     return Report(
-        title=f"{found.robot}: a motion that excites {len(found.base)} base parameters",
+        title=f"{excitation.robot}: a motion that excites {len(excitation.base)} base parameters",
         summary=(
             f"{series.duration:g} s, {series.harmonics} harmonics of {1.0 / series.duration:.4g} Hz,"
-            f" {len(found.t)} samples",
-            f"criterion {found.criterion}; median of {found.randoms} random motions, seed {found.seed}",
+            f" {len(excitation.t)} samples",
+            f"criterion {excitation.criterion}; median of {excitation.randoms} random motions, seed {excitation.seed}",
         ),
-        warnings=found.notes,
-        figures=drawn(found, [("motion", text, plot_excitation)]),
+        warnings=excitation.notes,
+        figures=drawn(excitation, [("motion", text, plot_excitation)]),
         tables=(
             *table("Beside others", ("", "this motion", "its start", "random"), compared),
             *table("Limits", ("of", "unit", "least", "greatest", "allowed from", "to", "used, %"), limits),
@@ -50,24 +58,24 @@ def excitation_page(found: ExciteResult) -> Report:
     )
 
 
-def plot_excitation(found: ExciteResult, path: Path | str) -> Path:
+def plot_excitation(excitation: ExciteResult, path: Path | str) -> Path:
     """Positions, rates and drives over the period with their limits, a row for each of the first six coordinates;
     returns the path, errors as of ``style.canvas``.
     """
-    shown = found.coordinates[:MOST]
+    shown = excitation.coordinates[:MOST]
     height = 1.0 + 0.95 * len(shown)
     with canvas(
-        FULL_WIDTH, height, path, f"{found.robot}: a motion that excites {len(found.base)} base parameters"
+        FULL_WIDTH, height, path, f"{excitation.robot}: a motion that excites {len(excitation.base)} base parameters"
     ) as figure:
         room = {"top": 1.0 - 0.5 / height, "bottom": 0.42 / height, "left": 0.1, "right": 0.985, "wspace": 0.32}
         panels = figure.subplots(len(shown), 3, sharex=True, squeeze=False, gridspec_kw=room)
         for i, (name, row) in enumerate(zip(shown, panels, strict=True)):
-            unit, values = unit_of(name), (found.q, found.v, found.u)
+            unit, values = unit_of(name), (excitation.q, excitation.v, excitation.u)
             units = (unit, f"{unit}/s", force_unit_of(name))
-            for panel, kind, kept, own in zip(row, ("position", "rate", "drive"), values, units, strict=True):
-                panel.plot(found.t, kept[:, i], color=CYCLE[i])
-                panel.set_ylabel(own)
-                for limit in _limits(found, f"{name} {kind}"):
+            for panel, kind, kept, panel_unit in zip(row, ("position", "rate", "drive"), values, units, strict=True):
+                panel.plot(excitation.t, kept[:, i], color=CYCLE[i])
+                panel.set_ylabel(panel_unit)
+                for limit in _limits(excitation, f"{name} {kind}"):
                     panel.axhline(limit, color=PROGRAM_COLOR, linestyle="--", linewidth=0.9)
                 if i == 0:
                     panel.set_title(kind)
@@ -77,7 +85,7 @@ def plot_excitation(found: ExciteResult, path: Path | str) -> Path:
     return Path(path)
 
 
-def _limits(found: ExciteResult, name: str) -> list[float]:
+def _limits(excitation: ExciteResult, name: str) -> list[float]:
     """Limits of that name, without infinite ones."""
-    rows = [i for i, own in enumerate(found.limited) if own == name]
-    return [float(x) for i in rows for x in found.limits[i] if np.isfinite(x)]
+    rows = [i for i, limited in enumerate(excitation.limited) if limited == name]
+    return [float(x) for i in rows for x in excitation.limits[i] if np.isfinite(x)]

@@ -38,13 +38,13 @@ PAGES: Mapping[type, Callable[[Any], Report]] = {
 }
 
 
-def page_of(found: Any) -> Report:
+def page_of(result: Any) -> Report:
     """The page about a result of measurements.
 
     Raises:
         InputError: there is no page of such a thing, or Matplotlib is not installed.
     """
-    if type(found) not in PAGES:
+    if type(result) not in PAGES:
         allowed = listed(sorted(kind.__name__ for kind in PAGES))
-        raise InputError(f"report: got {show(type(found).__name__)}; allowed: SimulationResult, {allowed}")
-    return PAGES[type(found)](found)
+        raise InputError(f"report: got {show(type(result).__name__)}; allowed: SimulationResult, {allowed}")
+    return PAGES[type(result)](result)

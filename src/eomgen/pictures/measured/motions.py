@@ -21,10 +21,10 @@ _PARTS = ("fitted", "held out")
 _DRIVES, _SAMPLES = 6, 2000  # of drives over time, and of each
 
 
-def fit_page(found: FitResult) -> Report:
+def fit_page(fit: FitResult) -> Report:
     """A page about a fit of stiffness and damping: values with intervals, beside what is described."""
-    share = f"{100 * found.confidence:g} %"
-    estimates = _estimates(found)
+    share = f"{100 * fit.confidence:g} %"
+    estimates = _estimates(fit)
     rows = [
         (
             name,
@@ -39,14 +39,14 @@ def fit_page(found: FitResult) -> Report:
         for name, estimate in estimates.items()
     ]
     head = ("parameter", "value, SI", "std. error", f"{share} from", f"{share} to", "described", "filter, s")
-    text = f"Found over described, with {share} intervals."
+    text = f"Fitted over described values, with {share} intervals."
     figures = [("fit", text, plot_fit)] if _drawn(estimates) else []
-    noise = [(entry.coordinate, number(entry.noise, 1.0, 3)) for entry in found.fitted]
+    noise = [(entry.coordinate, number(entry.noise, 1.0, 3)) for entry in fit.fitted]
     return Report(
-        title=f"{found.robot}: stiffness and damping by least squares",
-        summary=(f"{len(rows)} parameters of {len(found.fitted)} coordinates",),
-        warnings=(*found.warnings, *found.notes),
-        figures=drawn(found, figures),
+        title=f"{fit.robot}: stiffness and damping by least squares",
+        summary=(f"{len(rows)} parameters of {len(fit.fitted)} coordinates",),
+        warnings=(*fit.warnings, *fit.notes),
+        figures=drawn(fit, figures),
         tables=(
             *table("Stiffness and damping", (*head, "unexplained, %"), rows),
             *table("Noise of the coordinates", ("coordinate", "std. deviation, m or rad"), noise),
@@ -54,24 +54,24 @@ def fit_page(found: FitResult) -> Report:
     )
 
 
-def forces_page(found: ForcesResult) -> Report:
+def forces_page(forces: ForcesResult) -> Report:
     """A page about forces of a measured motion: the largest of each over time, with its unit."""
-    facts = found.as_dict()["coordinates"]
+    facts = forces.as_dict()["coordinates"]
     rows = [
         (name, force_unit_of(name), *(number(entry["value"]) for entry in parts.values()))
         for name, parts in facts.items()
     ]
     return Report(
-        title=f"{found.robot}: forces of a measured motion",
-        summary=(f"{len(found.t)} samples, {len(rows)} coordinates",),
-        warnings=found.notes,
-        tables=(*table("Largest values over time", ("coordinate", "unit", *found.parts), rows),),
+        title=f"{forces.robot}: forces of a measured motion",
+        summary=(f"{len(forces.t)} samples, {len(rows)} coordinates",),
+        warnings=forces.notes,
+        tables=(*table("Largest values over time", ("coordinate", "unit", *forces.parts), rows),),
     )
 
 
-def _estimates(found: FitResult) -> dict[str, Estimate]:
-    """Estimates that were found, by the names of their parameters."""
-    pairs = [(entry, key, getattr(entry, key)) for entry in found.fitted for key in KEYS]
+def _estimates(fit: FitResult) -> dict[str, Estimate]:
+    """Return the estimates by the names of their parameters."""
+    pairs = [(entry, key, getattr(entry, key)) for entry in fit.fitted for key in KEYS]
     return {component_name(entry.coordinate, key): value for entry, key, value in pairs if value is not None}
 
 
@@ -80,11 +80,11 @@ def _drawn(estimates: dict[str, Estimate]) -> list[str]:
     return [name for name, estimate in estimates.items() if estimate.described][:_MOST]
 
 
-def plot_fit(found: FitResult, path: Path | str) -> Path:
+def plot_fit(fit: FitResult, path: Path | str) -> Path:
     """Fitted over described values with their intervals; returns the path, errors as of ``canvas``."""
-    estimates = _estimates(found)
+    estimates = _estimates(fit)
     names = _drawn(estimates)
-    with canvas(6.4, 1.0 + _ROW * len(names), path, f"{found.robot}: stiffness and damping") as figure:
+    with canvas(6.4, 1.0 + _ROW * len(names), path, f"{fit.robot}: stiffness and damping") as figure:
         axes, rows = row_panel(figure, names, 0.28, 0.69)
         values = np.array([[x.low, x.value, x.high] for x in (estimates[name] for name in names)]).reshape(-1, 3)
         values /= np.array([[estimates[name].described] for name in names]).reshape(-1, 1)
@@ -92,13 +92,15 @@ def plot_fit(found: FitResult, path: Path | str) -> Path:
         half = np.abs(np.diff(values, axis=1)).T
         axes.errorbar(values[:, 1], rows, xerr=half, fmt="o", markersize=3.0, capsize=2.0, color=COLORS["m"]["x"])
         axes.grid(visible=False, axis="y")
-        axes.set_xlabel("found over described")
+        axes.set_xlabel("fitted over described")
     return Path(path)
 
 
-def identify_page(found: IdentifyResult) -> Report:
+def identify_page(identified: IdentifyResult) -> Report:
     """A page about identified masses and friction: base parameters, residuals of drives fitted and held out."""
-    values = zip(found.base_names, found.base_values, found.deviations, found.described, strict=True)
+    values = zip(
+        identified.base_names, identified.base_values, identified.deviations, identified.described, strict=True
+    )
     rows = [(name, number(x), number(deviation, 1.0, 2), number(said)) for name, x, deviation, said in values]
     drives = [
         (
@@ -109,21 +111,21 @@ def identify_page(found: IdentifyResult) -> Report:
             *(number(share, 100.0, 3) for share in x.relative),
             str(x.samples),
         )
-        for name, x in found.residuals.items()
+        for name, x in identified.residuals.items()
     ]
     head = ("drive", "unit", "fitted", "held out", "fitted, % of the drive's rms", "held out, %", "samples")
-    single = [(name, number(value)) for name, value in found.parameters.items()]
-    text = "Rms of what is left of each drive over the drive's own, fitted and held out."
+    single = [(name, number(value)) for name, value in identified.parameters.items()]
+    text = "Rms of what is left over that of the drive, fitted and held out."
     figures = [("drives", text, plot_identified)]
-    if found.t.size:
+    if identified.t.size:
         text = "Drives as measured and by what was identified, and what is left where it counts."
         figures.append(("over_time", text, plot_identification))
-    others = [(name, number(x.value), number(x.deviation, 1.0, 2), x.unit) for name, x in found.further.items()]
+    others = [(name, number(x.value), number(x.deviation, 1.0, 2), x.unit) for name, x in identified.further.items()]
     return Report(
-        title=f"{found.base.robot}: {len(found.base)} base parameters",
-        summary=(f"{len(found.residuals)} drives, filter of {number(found.width, 1.0, 3)} s",),
-        warnings=(*found.warnings, *found.notes),
-        figures=drawn(found, figures if drives else []),
+        title=f"{identified.base.robot}: {len(identified.base)} base parameters",
+        summary=(f"{len(identified.residuals)} drives, filter of {number(identified.width, 1.0, 3)} s",),
+        warnings=(*identified.warnings, *identified.notes),
+        figures=drawn(identified, figures if drives else []),
         tables=(
             *table("Residuals of drives, rms", head, drives),
             *table("Base parameters, SI units", ("parameter", "value", "std. deviation", "described"), rows),
@@ -133,26 +135,26 @@ def identify_page(found: IdentifyResult) -> Report:
     )
 
 
-def plot_identified(found: IdentifyResult, path: Path | str) -> Path:
+def plot_identified(identified: IdentifyResult, path: Path | str) -> Path:
     """Residuals of each drive over its rms, fitted and held out; returns the path, errors as of ``canvas``."""
-    shares = {part: [100.0 * x.relative[k] for x in found.residuals.values()] for k, part in enumerate(_PARTS)}
-    title = f"{found.base.robot}: what base parameters leave of the drives"
+    shares = {kind: [100.0 * x.relative[k] for x in identified.residuals.values()] for k, kind in enumerate(_PARTS)}
+    title = f"{identified.base.robot}: what base parameters leave of the drives"
     label = "rms of the residual over that of the drive, %"
-    return bars_in_pairs(path, title, list(found.residuals), shares, label, left=0.2, row=_ROW)
+    return bars_in_pairs(path, title, list(identified.residuals), shares, label, left=0.2, row=_ROW)
 
 
-def plot_identification(found: IdentifyResult, path: Path | str) -> Path:
+def plot_identification(identified: IdentifyResult, path: Path | str) -> Path:
     """Measured and fitted drives over time, and what is left where it counts, of the first six; returns the path.
 
     Raises:
         InputError: see ``style.canvas``.
     """
-    names = list(found.residuals)[:_DRIVES]
-    every = max(1, len(found.t) // _SAMPLES)
-    t, drives, fitted = found.t[::every], found.drives[::every], found.fitted[::every]
-    left = np.where(found.kept[::every], drives - fitted, np.nan)
+    names = list(identified.residuals)[:_DRIVES]
+    every = max(1, len(identified.t) // _SAMPLES)
+    t, drives, fitted = identified.t[::every], identified.drives[::every], identified.fitted[::every]
+    left = np.where(identified.kept[::every], drives - fitted, np.nan)
     with canvas(
-        6.4, 1.0 + 1.5 * len(names), path, f"{found.base.robot}: drives, measured and by what was identified"
+        6.4, 1.0 + 1.5 * len(names), path, f"{identified.base.robot}: drives, measured and by what was identified"
     ) as figure:
         height = 1.0 + 1.5 * len(names)
         room = {"top": 1.0 - 0.45 / height, "bottom": 0.55 / height, "left": 0.12, "right": 0.98, "hspace": 0.25}

@@ -17,8 +17,8 @@ def number(value: float | None, factor: float = 1.0, digits: int = 6) -> str:
 
 def table(title: str, head: Sequence[str], rows: Iterable[Sequence[str]]) -> tuple[Table, ...]:
     """One table, or none where it has no rows."""
-    found = tuple(tuple(row) for row in rows)
-    return (Table(title, tuple(head), found),) if found else ()
+    texts = tuple(tuple(row) for row in rows)
+    return (Table(title, tuple(head), texts),) if texts else ()
 
 
 def merged_table(merged: Mapping[str, str]) -> tuple[Table, ...]:

@@ -18,75 +18,78 @@ _ELLIPSE = 0.05  # of the poses' extent: the largest half axis
 _UNITS = ("mm", "mrad")
 
 
-def tolerance_page(found: ToleranceResult) -> Report:
+def tolerance_page(tolerance: ToleranceResult) -> Report:
     """A page about what tolerances make of a tool's pose: regions, worst cases, and what they come from."""
     figures = [("shares", "Shares of the variance by contribution.", plot_shares)]
-    if len(found.q) > 1:
-        text = f"What holds the deviation with {100 * found.confidence:g} % at each pose, and its worst case."
+    if len(tolerance.q) > 1:
+        text = f"What holds the deviation with {100 * tolerance.confidence:g} % at each pose, and its worst case."
         figures.append(("regions", text, plot_regions))
         text = "Where the poses are, by the radius of their region, with the ellipses of the largest ones exaggerated."
         figures.append(("map", text, plot_tolerance))
-    count = len(found.q)
+    count = len(tolerance.q)
     return Report(
-        title=f"{found.robot}, {found.frame}: accuracy by {len(found.names)} tolerances",
+        title=f"{tolerance.robot}, {tolerance.frame}: accuracy by {len(tolerance.names)} tolerances",
         summary=(
             f"{count} pose{'s' * (count != 1)}",
-            f"worst position by the exact model at the vertices: {1e3 * found.exact_worst:.4g} mm",
-            f"the exact model is off a linear one by {100 * found.nonlinearity:.2g} % of the worst case",
+            f"worst position by the exact model at the vertices: {1e3 * tolerance.exact_worst:.4g} mm",
+            f"the exact model is off a linear one by {100 * tolerance.nonlinearity:.2g} % of the worst case",
         ),
-        warnings=found.notes,
-        figures=drawn(found, figures),
-        tables=(*table("Accuracy", *_accuracy(found)), *table("Contributions", *_contributions(found))),
+        warnings=tolerance.notes,
+        figures=drawn(tolerance, figures),
+        tables=(*table("Accuracy", *_accuracy(tolerance)), *table("Contributions", *_contributions(tolerance))),
     )
 
 
-def _accuracy(found: ToleranceResult) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+def _accuracy(tolerance: ToleranceResult) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Head and rows: mean and greatest over the poses of radius, worst direction and worst case."""
-    several = (("", np.max),) if len(found.q) == 1 else ((", mean", np.mean), (", greatest", np.max))
+    several = (("", np.max),) if len(tolerance.q) == 1 else ((", mean", np.mean), (", greatest", np.max))
     rows = []
-    for part, unit in zip(PARTS, _UNITS, strict=True):
+    for quantity, unit in zip(PARTS, _UNITS, strict=True):
         for kind, function in several:
-            values = [float(function(x[part])) for x in (found.radius, found.direction, found.farthest)]
-            rows.append((f"{part}{kind}", *(number(value, 1e3, 4) for value in values), unit))
-    share = f"{100 * found.confidence:g} % within"
+            values = [float(function(x[quantity])) for x in (tolerance.radius, tolerance.direction, tolerance.farthest)]
+            rows.append((f"{quantity}{kind}", *(number(value, 1e3, 4) for value in values), unit))
+    share = f"{100 * tolerance.confidence:g} % within"
     return ("", share, "in the worst direction", "worst case", "unit"), rows
 
 
-def _contributions(found: ToleranceResult) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+def _contributions(tolerance: ToleranceResult) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     rows = [
         (
-            found.names[k],
-            number(found.deviations[k], 1.0, 3),
-            number(found.bounds[k], 1.0, 3),
-            found.units[k],
-            *(number(found.shares[part][k], 100.0, 3) for part in PARTS),
+            tolerance.names[k],
+            number(tolerance.deviations[k], 1.0, 3),
+            number(tolerance.bounds[k], 1.0, 3),
+            tolerance.units[k],
+            *(number(tolerance.shares[quantity][k], 100.0, 3) for quantity in PARTS),
         )
-        for k in found.by_share.tolist()
+        for k in tolerance.by_share.tolist()
     ]
     return ("quantity", "std. deviation", "bound", "unit", "share of position, %", "share of orientation, %"), rows
 
 
-def plot_shares(found: ToleranceResult, path: Path | str) -> Path:
+def plot_shares(tolerance: ToleranceResult, path: Path | str) -> Path:
     """Draw the largest shares of the variance by contribution; returns the path, errors as of ``canvas``."""
-    chosen = found.by_share[:_MOST].tolist()
-    shares = {part: 100.0 * found.shares[part][chosen] for part in PARTS}
-    names, title = [found.names[k] for k in chosen], f"{found.robot}: what the deviation of {found.frame} comes from"
+    chosen = tolerance.by_share[:_MOST].tolist()
+    shares = {quantity: 100.0 * tolerance.shares[quantity][chosen] for quantity in PARTS}
+    names, title = (
+        [tolerance.names[k] for k in chosen],
+        f"{tolerance.robot}: what the deviation of {tolerance.frame} comes from",
+    )
     return bars_in_pairs(path, title, names, shares, "share of the variance, %", left=0.32, row=_ROW)
 
 
-def plot_tolerance(found: ToleranceResult, path: Path | str) -> Path:
+def plot_tolerance(tolerance: ToleranceResult, path: Path | str) -> Path:
     """A map of the frame's poses from above and from the side, coloured by the radius of the region of position, with
     exaggerated outlines of the ellipsoids of some; returns the path, errors as of ``canvas``.
     """
-    places, radius = 1e3 * found.positions, 1e3 * found.radius["position"]
-    half, axes = found.ellipsoids()
+    places, radius = 1e3 * tolerance.positions, 1e3 * tolerance.radius["position"]
+    half, axes = tolerance.ellipsoids()
     extent = max(float(np.ptp(places, axis=0).max()), 1e-3)
     factor = _ELLIPSE * extent / max(1e3 * float(half.max()), 1e-12)
     around = np.linspace(0.0, 2.0 * np.pi, 61)
     circle = np.stack([np.cos(around), np.sin(around)])
     chosen = np.argsort(-radius, kind="stable")[:_OUTLINES]
     with canvas(
-        FULL_WIDTH, 3.6, path, f"{found.robot}: regions of {found.frame}, outlines times {factor:.3g}"
+        FULL_WIDTH, 3.6, path, f"{tolerance.robot}: regions of {tolerance.frame}, outlines times {factor:.3g}"
     ) as figure:
         room = {"top": 0.88, "bottom": 0.14, "left": 0.09, "right": 0.86, "wspace": 0.3}
         panels = figure.subplots(1, 2, gridspec_kw=room)
@@ -101,23 +104,23 @@ def plot_tolerance(found: ToleranceResult, path: Path | str) -> Path:
             panel.set_xlabel(f"{'xyz'[i]}, mm")
             panel.set_ylabel(f"{'xyz'[j]}, mm")
         bar = figure.colorbar(drawn_points, cax=figure.add_axes((0.885, 0.14, 0.02, 0.74)))
-        bar.set_label(f"{100 * found.confidence:g} % within, mm")
+        bar.set_label(f"{100 * tolerance.confidence:g} % within, mm")
     return Path(path)
 
 
-def plot_regions(found: ToleranceResult, path: Path | str) -> Path:
+def plot_regions(tolerance: ToleranceResult, path: Path | str) -> Path:
     """Radii of regions and worst cases over poses, or time; returns the path, errors as of ``canvas``."""
-    over = np.arange(len(found.q)) if found.t is None else found.t
-    style = "." if found.t is None else "-"
-    with canvas(6.4, 4.4, path, f"{found.robot}: deviation of {found.frame} by tolerances") as figure:
+    over = np.arange(len(tolerance.q)) if tolerance.t is None else tolerance.t
+    style = "." if tolerance.t is None else "-"
+    with canvas(6.4, 4.4, path, f"{tolerance.robot}: deviation of {tolerance.frame} by tolerances") as figure:
         panels = figure.subplots(2, 1, sharex=True, gridspec_kw={"top": 0.91, "bottom": 0.11, "left": 0.11})
-        for panel, part, unit in zip(panels, PARTS, _UNITS, strict=True):
-            label = f"{100 * found.confidence:g} % within"
-            panel.plot(over, 1e3 * found.radius[part], style, color=COLORS["m"]["x"], label=label)
-            panel.plot(over, 1e3 * found.farthest[part], style, color=COLORS["m"]["y"], label="worst case")
-            most = max(float(found.radius[part].max()), float(found.farthest[part].max()))
+        for panel, quantity, unit in zip(panels, PARTS, _UNITS, strict=True):
+            label = f"{100 * tolerance.confidence:g} % within"
+            panel.plot(over, 1e3 * tolerance.radius[quantity], style, color=COLORS["m"]["x"], label=label)
+            panel.plot(over, 1e3 * tolerance.farthest[quantity], style, color=COLORS["m"]["y"], label="worst case")
+            most = max(float(tolerance.radius[quantity].max()), float(tolerance.farthest[quantity].max()))
             panel.set_ylim(0.0, 1.1e3 * most if most > 0.0 else 1.0)
-            panel.set_ylabel(f"{part}, {unit}")
+            panel.set_ylabel(f"{quantity}, {unit}")
         panels[0].legend()
-        panels[1].set_xlabel("pose" if found.t is None else "time, s")
+        panels[1].set_xlabel("pose" if tolerance.t is None else "time, s")
     return Path(path)
