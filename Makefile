@@ -1,10 +1,11 @@
 # eomgen: what can be run here.  Everything happens in .venv; nothing else on the machine is touched.
 #
 #   make demo     derive, compile, simulate and plot the 36-DOF elastic PUMA 560; results in out/demo
-#   make test     lint, then the whole test suite
+#   make test     lint, and the whole test suite beside it
 #   make lint     ruff (lint and format), mypy --strict, and which room may import which
 #   make bench    counts, times, precision beside Newton-Euler, Pinocchio, MuJoCo, CasADi, SciPy; of batches, builds, processors
-#   make soak     the long tests, with a share of their random cases; EOMGEN_SOAK=all make soak tries all: hours
+#   make soak     the long tests, with a share of their random cases; writes docs/soak.md; EOMGEN_SOAK=all make soak tries
+#                 all: hours
 #   make docs     build the documentation into out/site: open index.html there; warnings are errors
 #   make notebooks run the notebooks of examples/notebooks; copies with all that they show in out/notebooks
 #   make mutation mutation testing of the derivation, ten minutes of one core; writes docs/mutation.md
@@ -28,13 +29,16 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 # What the extra "wheel" lists, without eomgen and what it needs to run.
 WHEEL_TOOLS := $(shell sed -n 's/^wheel = \[\(.*\)\]$$/\1/p' pyproject.toml | tr ',' ' ')
 
-.PHONY: demo test lint bench soak mutation docs notebooks sample tables picture packages schemas misra wheel release clean
+.PHONY: demo test suite lint bench soak mutation docs notebooks sample tables picture packages schemas misra wheel release clean
 
 demo: $(VENV)/.sim
 	$(BIN)/eomgen info puma560_elastic
 	$(BIN)/eomgen simulate puma560_elastic -o out/demo
 
-test: lint
+test: $(VENV)/.test | $(LINKS)
+	$(MAKE) -j 2 --no-print-directory lint suite
+
+suite: $(VENV)/.test
 	$(BIN)/python -m pytest -n auto --dist worksteal
 
 lint: $(VENV)/.test | $(LINKS)
@@ -57,7 +61,7 @@ bench: $(VENV)/.bench
 	$(BIN)/python docs/tables.py
 
 soak: $(VENV)/.test
-	$(BIN)/python -m pytest -n auto --dist worksteal -m soak
+	$(BIN)/python -m pytest -n auto --dist worksteal -m soak --soak-page docs/soak.md
 
 docs: $(VENV)/.docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict

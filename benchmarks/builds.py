@@ -65,8 +65,8 @@ if kernels == "derivatives":
 
     known = available(build_model(robot))
     kernels = ("forward_dynamics", *(name for name in known if KERNELS[name].derivative_of))
-elif "," in kernels:
-    kernels = kernels.split(",")
+elif kernels != "all":
+    kernels = tuple(filter(None, kernels.split(",")))
 kernel = eomgen.build(robot, kernels=kernels)
 kernel.forward_dynamics(*np.zeros((3, kernel.n)))
 own, others = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))

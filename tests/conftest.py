@@ -18,10 +18,17 @@ from eomgen.pipeline.cache import VARIABLE
 from eomgen.pipeline.generator_key import generator_hash
 from eomgen.robot.value import Robot
 from tests.support.builds import Build
-from tests.support.figures import Figures, gathered, lines
+from tests.support.figures import Figure, Figures, gathered, lines
 from tests.support.quick_builds import one_link, without_headers
+from tests.support.soak_page import write_soak_page
 
 ALL = ("all",)
+BEGAN = time.monotonic()
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """``make soak`` names the page that a whole run writes."""
+    parser.addoption("--soak-page", type=Path, help="write the outcome of the run into this page")
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -109,16 +116,20 @@ def filled_cache(_one_link_cache: Path, empty_cache: Path) -> Path:
 @pytest.fixture
 def figures(record_property: Callable[[str, object], None]) -> Figures:
     """Counts and worst deviations of a test, which a run of soak tests prints at its end."""
-    found: dict[str, tuple[str, float, float | None]] = {}
-    record_property("figures", found)
-    return Figures(found)
+    recorded: dict[str, Figure] = {}
+    record_property("figures", recorded)
+    return Figures(recorded)
 
 
-def pytest_terminal_summary(terminalreporter: Any) -> None:
+def pytest_terminal_summary(terminalreporter: Any, exitstatus: pytest.ExitCode, config: pytest.Config) -> None:
     """Figures of all tests of a name together, whatever workers they ran on; quick runs do not show them."""
     if "not soak" in terminalreporter.config.option.markexpr:
         return
     reports = [report for status in ("passed", "failed") for report in terminalreporter.stats.get(status, ())]
-    for name, found in gathered(reports).items():
+    for name, figures_of_test in gathered(reports).items():
         terminalreporter.write_sep("-", name)
-        terminalreporter.write_line("\n".join(lines(found)))
+        terminalreporter.write_line("\n".join(lines(figures_of_test)))
+    page, ended = config.getoption("--soak-page"), (pytest.ExitCode.OK, pytest.ExitCode.TESTS_FAILED)
+    if page is not None and exitstatus in ended:  # one that was interrupted leaves the page as it was
+        processes = getattr(config.option, "numprocesses", None) or 1
+        write_soak_page(Path(config.rootpath, page), terminalreporter.stats, time.monotonic() - BEGAN, processes)

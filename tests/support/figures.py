@@ -6,23 +6,23 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 WORST, TOTAL = "worst", "total"
-Found = dict[str, tuple[str, float, float | None]]
+Figure = tuple[str, float, float | None]  # kind, value, limit
 
 
 class Figures:
-    """Greatest values and sums by name; ``found`` is what a test's report carries: {name: (kind, value, limit)}."""
+    """Greatest values and sums by name, in the dictionary that a test's report carries."""
 
-    def __init__(self, found: Found) -> None:
-        self.found = found
+    def __init__(self, recorded: dict[str, Figure]) -> None:
+        self.recorded = recorded
 
     def at_most(self, name: str, value: float, limit: float) -> None:
         """Fails where the value is above its limit or no number; keeps the greatest."""
-        self.found[name] = merged(self.found.get(name), (WORST, value, limit))
+        self.recorded[name] = merged(self.recorded.get(name), (WORST, value, limit))
         assert value <= limit, f"{name}: {value:.3g} is above {limit:.3g}"
 
     def count(self, name: str, value: float = 1) -> None:
         """Adds to a sum."""
-        self.found[name] = merged(self.found.get(name), (TOTAL, value, None))
+        self.recorded[name] = merged(self.recorded.get(name), (TOTAL, value, None))
 
 
 def merged(old: Any, new: Any) -> tuple[str, float, float | None]:
@@ -33,22 +33,28 @@ def merged(old: Any, new: Any) -> tuple[str, float, float | None]:
     return max(old, new, key=lambda entry: entry[1])[0], max(old[1], new[1]), new[2]
 
 
-def gathered(reports: Iterable[Any]) -> Mapping[str, Found]:
+def gathered(reports: Iterable[Any]) -> Mapping[str, dict[str, Figure]]:
     """Figures of the reports by the tests' names without their parameters."""
-    result: dict[str, Found] = {}
+    by_test: dict[str, dict[str, Figure]] = {}
     for report in reports:
-        for key, found in getattr(report, "user_properties", ()):
+        for key, figures in getattr(report, "user_properties", ()):
             if key == "figures" and getattr(report, "when", "") == "call":
-                of_test = result.setdefault(report.nodeid.partition("[")[0], {})
-                for name, entry in found.items():
-                    of_test[name] = merged(of_test.get(name), entry)
-    return result
+                of_test = by_test.setdefault(report.nodeid.partition("[")[0], {})
+                for name, figure in figures.items():
+                    of_test[name] = merged(of_test.get(name), figure)
+    return by_test
 
 
-def lines(found: Found) -> list[str]:
-    """One per figure: a sum, or the worst value beside its limit."""
+def lines(figures: Mapping[str, Figure]) -> list[str]:
+    """Return a line per figure: a sum, or the worst value beside its limit."""
     texts = []
-    for name, (kind, value, limit) in found.items():
-        text = f"{value:,.1f}" if kind == TOTAL else f"{value:.2e}"
-        texts.append(f"  {name:<62} {text:>12}" + ("" if limit is None else f"   (at most {limit:.0e})"))
+    for name, figure in figures.items():
+        value, limit = shown(figure)
+        texts.append(f"  {name:<62} {value:>12}" + (f"   (at most {limit})" if limit else ""))
     return texts
+
+
+def shown(figure: Figure) -> tuple[str, str]:
+    """Return the value as text, and its limit, empty where it has none."""
+    kind, value, limit = figure
+    return f"{value:,.1f}" if kind == TOTAL else f"{value:.2e}", "" if limit is None else f"{limit:.0e}"

@@ -88,7 +88,9 @@ class Options:
 
     def __post_init__(self) -> None:
         if isinstance(self.kernels, str) or not isinstance(self.kernels, Iterable):
-            such = f"({self.kernels!r},)" if isinstance(self.kernels, str) else 'such as ("mass_matrix",)'
+            such = (
+                f"({self.kernels!r},)" if isinstance(self.kernels, str) and self.kernels else 'such as ("mass_matrix",)'
+            )
             raise InputError(f"kernels: {show(self.kernels)}; allowed: a sequence of names, {such}, or for build 'all'")
         names = tuple(self.kernels)
         for name in names:

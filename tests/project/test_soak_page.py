@@ -1,0 +1,43 @@
+"""The record that a run of the soak leaves."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+
+from tests.support.figures import Figures
+from tests.support.soak_page import write_soak_page
+
+
+def _report(nodeid: str, duration: float, figures: Figures | None = None) -> SimpleNamespace:
+    properties = [("figures", figures.recorded)] if figures else []
+    return SimpleNamespace(nodeid=nodeid, duration=duration, when="call", user_properties=properties)
+
+
+def test_the_page_names_what_failed_and_gathers_the_figures_of_a_test(tmp_path: Path) -> None:
+    first, second = Figures({}), Figures({})
+    first.at_most("error of a step", 1e-9, 1e-6)
+    second.at_most("error of a step", 3e-8, 1e-6)
+    second.count("steps", 12)
+    stats = {
+        "passed": [_report("tests/a.py::test_one[1]", 60.0, first), _report("tests/a.py::test_one[2]", 30.0, second)],
+        "failed": [_report("tests/b.py::test_two", 240.0)],
+        "skipped": [_report("tests/c.py::test_three", 0.0)],
+    }
+    page = tmp_path / "soak.md"
+    write_soak_page(page, stats, 3000.0, 2)
+    text = page.read_text(encoding="utf-8")
+    assert "| tests | 2 passed, 1 skipped, 1 failed |" in text
+    assert "| time | 50 minutes in 2 processes" in text
+    assert "## Failed\n\n- `tests/b.py::test_two`\n" in text
+    assert text.index("| `tests/b.py` | 4.0 |") < text.index("| `tests/a.py` | 1.5 |")
+    assert "| `test_one` | error of a step | 3.00e-08 | 1e-06 |" in text
+    assert "| `test_one` | steps | 12.0 |  |" in text
+
+
+def test_a_run_without_failures_lists_none(tmp_path: Path) -> None:
+    write_soak_page(tmp_path / "soak.md", {"passed": [_report("tests/a.py::test_one", 1.0)]}, 60.0, 1)
+    text = (tmp_path / "soak.md").read_text(encoding="utf-8")
+    assert "1 passed, 0 failed" in text
+    assert "## Failed" not in text
+    assert "Counts" not in text
