@@ -1,4 +1,4 @@
-"""The command line: one module per group of commands, each with its own parser.
+"""The command line: one module per group of commands, each with a parser.
 
 Uses all rooms; no module of it imports another but ``shared`` and the table of ``entry``.
 """

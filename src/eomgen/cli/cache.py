@@ -17,11 +17,11 @@ def _cache(options: argparse.Namespace) -> None:
     from ..pipeline.cache import KINDS, cache_folder, clear, contents
 
     removed = clear() if options.clear else None
-    found = contents()
-    size = sum(size for _, _, size in found)
+    entries = contents()
+    size = sum(size for _, _, size in entries)
     about: dict[str, Any] = {
         "folder": str(cache_folder()),
-        **{kind: sum(1 for entry in found if entry[0] == kind) for kind in KINDS},
+        **{kind: sum(1 for entry in entries if entry[0] == kind) for kind in KINDS},
         "bytes": size,
     }
     if removed is not None:

@@ -1,6 +1,6 @@
 """The entry of the command line: the table of all commands, their parser, and the exit status.
 
-Exit status: 0; 1 something given cannot be used; 2 usage; 70 a bug of eomgen; 130 interrupted.
+Exit status: 0; 1 input that cannot be used; 2 usage; 70 a bug of eomgen; 130 interrupted.
 """
 
 from __future__ import annotations

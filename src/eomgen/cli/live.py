@@ -58,7 +58,7 @@ COMMANDS = (
         _live,
         "a robot in the browser, simulated there",
         {
-            "live puma560_elastic": "a page in which it moves, by its own equations",
+            "live puma560_elastic": "a page in which it moves, by its equations",
             "live puma560 --scenario puma560_circle": "as a scenario says",
             "live out": "a simulated motion, and what comes after it",
         },

@@ -64,12 +64,12 @@ def _report(options: argparse.Namespace) -> None:
 
     path = result_path(options.result)
     with progress_bar("reporting") as report:
-        found = load_result(path)
-        is_simulation = isinstance(found, SimulationResult)
+        result = load_result(path)
+        is_simulation = isinstance(result, SimulationResult)
         if not is_simulation and options.robot is not None:
             raise InputError(f"{path}: is no simulation; allowed: --robot with simulations")
         robot = read_robot(options) if options.robot is not None else None
-        page = report_of(found, robot, modes=not options.no_modes, progress=report)
+        page = report_of(result, robot, modes=not options.no_modes, progress=report)
         usual = path.with_name("report.html") if is_simulation else path.with_suffix(".html")
     for line in page.missing:
         say(f"missing: {line}")
@@ -98,15 +98,15 @@ def _view(options: argparse.Namespace) -> None:
     path = result_path(options.result)
     result = load_result(path)
     robot = read_robot(options) if options.robot is not None else None
-    found = None
+    regions = None
     if options.tolerance is not None:
         from ..identification.tolerances.solve import tolerance
 
         with stage_bar("looking at tolerances") as report:
             simulated = simulated_robot(result, robot)
-            found = tolerance(simulated, options.tolerance, result.tool, along=path, progress=report)
+            regions = tolerance(simulated, options.tolerance, result.tool, along=path, progress=report)
     with progress_bar("computing reactions"):
-        view = View(result, robot, tolerance=found, port=options.port)
+        view = View(result, robot, tolerance=regions, port=options.port)
     for note in view.notes:
         say(f"note: {note}")
     print(f"{view.address} shows {result.robot}; Ctrl-C ends it", flush=True)

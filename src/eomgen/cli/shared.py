@@ -35,7 +35,7 @@ class Command:
     run: does it; imports what it needs; named as the command, behind a _.
     help: one line about it, in the list of all commands.
     examples: lines of the epilog of ``eomgen --help``: the words behind ``eomgen``, and what they do.
-    description: text of its own ``--help``; by default ``help`` as a sentence.
+    description: text of ``eomgen COMMAND --help``; by default ``help`` as a sentence.
     """
 
     add_arguments: Callable[[argparse.ArgumentParser], None]
@@ -256,18 +256,18 @@ def add_page(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--report", type=Path, metavar="FILE", help="write a page about it, with figures and tables")
 
 
-def pages_written(options: argparse.Namespace, found: Any) -> list[Path]:
+def pages_written(options: argparse.Namespace, result: Any) -> list[Path]:
     """Write the page about a result of measurements where --report asks for one; its path."""
     if options.report is None:
         return []
     from ..pictures.measured.kinds import page_of
 
-    return [page_of(found).save(options.report)]
+    return [page_of(result).save(options.report)]
 
 
-def show_measured(options: argparse.Namespace, found: Any, written: Sequence[Path] = ()) -> None:
+def show_measured(options: argparse.Namespace, result: Any, written: Sequence[Path] = ()) -> None:
     """Print a result of measurements as ``show_files`` does, and write its page where --report asks for it."""
-    show_files(options, found.lines(), found.as_dict(), [*written, *pages_written(options, found)])
+    show_files(options, result.lines(), result.as_dict(), [*written, *pages_written(options, result)])
 
 
 def check_output(options: argparse.Namespace, *endings: str) -> None:
@@ -280,27 +280,27 @@ def check_output(options: argparse.Namespace, *endings: str) -> None:
         check_ending(options.output, *endings, *FIGURE_ENDINGS)
 
 
-def saved_or_drawn(options: argparse.Namespace, found: Any, draw: Callable[[Any, Path], Path]) -> list[Path]:
+def saved_or_drawn(options: argparse.Namespace, result: Any, draw: Callable[[Any, Path], Path]) -> list[Path]:
     """Write a result where -o says: a figure by ``draw`` to a path of a figure, else what its save writes; the path."""
     if options.output is None:
         return []
-    return [(draw(found, options.output) if options.output.suffix in FIGURE_ENDINGS else found.save(options.output))]
+    return [(draw(result, options.output) if options.output.suffix in FIGURE_ENDINGS else result.save(options.output))]
 
 
-def write_result(options: argparse.Namespace, plot: str, found: Any, *about: Any, endings: Sequence[str] = ()) -> None:
+def write_result(options: argparse.Namespace, plot: str, result: Any, *about: Any, endings: Sequence[str] = ()) -> None:
     """Write a result where -o says: by its save to a path with one of the endings, else as a figure of ``pictures``."""
     if options.output is not None and options.output.suffix in endings:
-        found.save(options.output)
+        result.save(options.output)
     elif options.output is not None:
         from .. import pictures
 
-        getattr(pictures, plot)(found, *about, options.output)
+        getattr(pictures, plot)(result, *about, options.output)
 
 
-def show_with_page(options: argparse.Namespace, found: Any, written: Iterable[Path] = ()) -> None:
+def show_with_page(options: argparse.Namespace, result: Any, written: Iterable[Path] = ()) -> None:
     """Print a result as ``show_result`` does, with files that were written; and its page where --report asks for it."""
-    written = [*written, *pages_written(options, found)]
-    show_result(options, found)
+    written = [*written, *pages_written(options, result)]
+    show_result(options, result)
     if not options.json:
         show_written(written)
 
@@ -391,22 +391,22 @@ def coordinate_values(label: str, texts: Sequence[str] | None) -> list[float] | 
 
 def gains(label: str, texts: Sequence[str] | None) -> float | dict[str, float] | None:
     """One number for all, numbers by name, or None where no texts are given; errors as of ``coordinate_values``."""
-    found = coordinate_values(label, texts)
-    if isinstance(found, list):
-        if len(found) != 1:
-            raise InputError(f"{label}: {len(found)} numbers; allowed: one number, or NAME=VALUE for each")
-        return found[0]
-    return found
+    values = coordinate_values(label, texts)
+    if isinstance(values, list):
+        if len(values) != 1:
+            raise InputError(f"{label}: {len(values)} numbers; allowed: one number, or NAME=VALUE for each")
+        return values[0]
+    return values
 
 
 def _by_name(label: str, texts: Sequence[str]) -> dict[str, float]:
-    found = {}
+    values = {}
     for text in texts:
         name, sign, value = text.partition("=")
         if not sign:
             raise InputError(f"{label}: {text!r}; allowed: NAME=VALUE")
-        found[name.strip()] = _number(f"{label}: {name}", value)
-    return found
+        values[name.strip()] = _number(f"{label}: {name}", value)
+    return values
 
 
 def _number(label: str, text: str) -> float:

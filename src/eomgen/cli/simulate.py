@@ -41,9 +41,9 @@ def _simulate(options: argparse.Namespace) -> None:
     from ..scenario.load import load_scenario
     from ..simulation.run import run_scenario, simulate
 
-    given = {key: getattr(options, key) for key in ("duration", "method", "goal") if getattr(options, key) is not None}
-    if options.scenario and given:
-        raise InputError(f"--{next(iter(given))}: given together with --scenario, which says it; allowed: one of both")
+    motion = {key: getattr(options, key) for key in ("duration", "method", "goal") if getattr(options, key) is not None}
+    if options.scenario and motion:
+        raise InputError(f"--{next(iter(motion))}: given together with --scenario, which says it; allowed: one of both")
     if options.stream and not options.scenario:
         raise InputError("--stream: given without --scenario; allowed: with a scenario")
     robot = read_robot(options)
@@ -53,7 +53,7 @@ def _simulate(options: argparse.Namespace) -> None:
             if scenario is not None:
                 result = run_scenario(robot, scenario, progress=report, stream=options.stream)
             else:
-                result = simulate(robot, progress=report, **given)
+                result = simulate(robot, progress=report, **motion)
     except IntegrationStopped as error:
         if error.result is not None:  # what there is of it, marked as stopped; the status says so, too
             try:

@@ -62,9 +62,9 @@ def _deflection(options: argparse.Namespace) -> None:
 
         corner, first, second = options.map[:3], options.map[3:6], options.map[6:]
         about["progress"] = report
-        found = compliance_map(robot, corner, first, second, tuple(options.points), pose=pose, **about)
-    show_result(options, found)
-    write_result(options, "plot_compliance", found, endings=(".npz",))
+        compliance = compliance_map(robot, corner, first, second, tuple(options.points), pose=pose, **about)
+    show_result(options, compliance)
+    write_result(options, "plot_compliance", compliance, endings=(".npz",))
 
 
 def _add_modes(parser: argparse.ArgumentParser) -> None:
@@ -88,9 +88,9 @@ def _modes(options: argparse.Namespace) -> None:
             show_result(options, at_pose)
             write_result(options, "plot_mode_shapes", at_pose, robot)
             return
-        found = modes_along(robot, _poses_along(robot, options), **about)
-    show_result(options, found)
-    write_result(options, "plot_tracks", found)
+        tracks = modes_along(robot, _poses_along(robot, options), **about)
+    show_result(options, tracks)
+    write_result(options, "plot_tracks", tracks)
 
 
 def _poses_along(robot: Robot, options: argparse.Namespace) -> Any:
@@ -156,9 +156,9 @@ def _response(options: argparse.Namespace) -> None:
         inputs = options.input or [f"{frame}.f{axis}" for axis in "xyz"]
         outputs = options.output_of or [f"{frame}.{axis}" for axis in "xyz"]
         pose = coordinate_values("pose", options.pose)
-        found = response(robot, inputs, outputs, spaced(low, high, count), pose, kind=options.kind, **about)
-    show_result(options, found)
-    write_result(options, "plot_response", found, endings=(".csv", ".npz"))
+        amplitudes = response(robot, inputs, outputs, spaced(low, high, count), pose, kind=options.kind, **about)
+    show_result(options, amplitudes)
+    write_result(options, "plot_response", amplitudes, endings=(".csv", ".npz"))
 
 
 def _add_linearize(parser: argparse.ArgumentParser) -> None:
@@ -181,10 +181,10 @@ def _linearize(options: argparse.Namespace) -> None:
             if options.pose is not None:
                 raise InputError("pose and along are both given; allowed: one of them")
             state = _state_at(options.along, options.time)
-        found = linearize(robot, **state, inputs=options.input, outputs=options.output_of, kind=options.kind, **about)
+        system = linearize(robot, **state, inputs=options.input, outputs=options.output_of, kind=options.kind, **about)
     if options.output is not None:
-        found.save(options.output)
-    show_result(options, found)
+        system.save(options.output)
+    show_result(options, system)
 
 
 def _state_at(path: Path, time: float) -> dict[str, Any]:
@@ -222,9 +222,9 @@ def _budget(options: argparse.Namespace) -> None:
         if result.robot not in builtin_robots():
             raise InputError(f"robot: {options.result} is of {result.robot}, which is not built in; give --robot")
         options.robot = result.robot
-    found = budget(result, read_robot(options), frame=options.frame)
-    show_result(options, found)
-    write_result(options, "plot_budget", found)
+    contributions = budget(result, read_robot(options), frame=options.frame)
+    show_result(options, contributions)
+    write_result(options, "plot_budget", contributions)
 
 
 COMMANDS = (

@@ -26,10 +26,10 @@ def _compare(options: argparse.Namespace) -> None:
     robots = [read_robot(argparse.Namespace(**{**vars(options), "robot": name})) for name in names]
     line = (options.line[:3], options.line[3:]) if options.line else None
     with progress_bar("comparing") as report:
-        found = compare(
+        comparison = compare(
             robots, duration=options.duration, goal=options.goal, line=line, tool=options.frame, progress=report
         )
-    show_result(options, found)
+    show_result(options, comparison)
 
 
 COMMANDS = (

@@ -32,9 +32,9 @@ def _sweep(options: argparse.Namespace) -> None:
     from ..sweep.driver import run
     from ..sweep.plan import load_plan
 
-    given = [name for name in ("threads", "processes", "dask") if getattr(options, name) is not None]
-    if len(given) > 1:
-        raise InputError(f"{' and '.join(f'--{name}' for name in given)} are given together; allowed: one of them")
+    executors = [name for name in ("threads", "processes", "dask") if getattr(options, name) is not None]
+    if len(executors) > 1:
+        raise InputError(f"{' and '.join(f'--{name}' for name in executors)} are given together; allowed: one of them")
     if options.processes is not None and options.processes < 1:
         raise InputError(f"--processes: {options.processes} is no number of processes; allowed: from 1 on")
     robot, plan = read_robot(options), load_plan(options.plan)

@@ -67,7 +67,7 @@ def _accuracy(options: argparse.Namespace) -> None:
     from ...sweep.plan import load_plan
 
     with progress_bar("evaluating") as report:
-        given = keywords(
+        settings = keywords(
             accuracy,
             options,
             robot=None if options.robot is None else read_robot(options),
@@ -76,13 +76,13 @@ def _accuracy(options: argparse.Namespace) -> None:
             distances=[(a, b) for a, b in options.distance] or None,
             progress=report,
         )
-        found = accuracy(*options.results, **given)
-    written = [] if options.output is None else [found.save(options.output)]
+        figures = accuracy(*options.results, **settings)
+    written = [] if options.output is None else [figures.save(options.output)]
     if options.plot is not None:
         from ...pictures.measured.accuracy import plot_accuracy
 
-        written.append(plot_accuracy(found, options.plot))
-    show_with_page(options, found, written)
+        written.append(plot_accuracy(figures, options.plot))
+    show_with_page(options, figures, written)
 
 
 def _add_tolerance(parser: argparse.ArgumentParser) -> None:
@@ -114,14 +114,14 @@ def _tolerance(options: argparse.Namespace) -> None:
     check_output(options, ".json")
     robot = read_robot(options)
     with stage_bar("looking at tolerances") as report:
-        given = keywords(tolerance, options, poses=coordinate_values("pose", options.pose), progress=report)
-        found = tolerance(robot, options.table, options.frame, **given)
-        allocation = None if options.accuracy is None else found.allocate(options.accuracy)
-    written = pages_written(options, found) + saved_or_drawn(options, found, plot_tolerance)
+        settings = keywords(tolerance, options, poses=coordinate_values("pose", options.pose), progress=report)
+        regions = tolerance(robot, options.table, options.frame, **settings)
+        allocation = None if options.accuracy is None else regions.allocate(options.accuracy)
+    written = pages_written(options, regions) + saved_or_drawn(options, regions, plot_tolerance)
     if options.json:
-        show_json({**found.as_dict(), "allocation": None if allocation is None else allocation.as_dict()})
+        show_json({**regions.as_dict(), "allocation": None if allocation is None else allocation.as_dict()})
         return
-    say_lines([*found.lines(), *([] if allocation is None else ["", *allocation.lines()])])
+    say_lines([*regions.lines(), *([] if allocation is None else ["", *allocation.lines()])])
     show_written(written)
 
 
@@ -163,7 +163,7 @@ def _compensate(options: argparse.Namespace) -> None:
         check_ending(options.toml, ".toml", label="toml")
     robot = read_robot(options)
     with progress_bar("compensating") as report:
-        given = keywords(
+        settings = keywords(
             compensate,
             options,
             weights=_numbers("weights", options.weights),
@@ -171,17 +171,17 @@ def _compensate(options: argparse.Namespace) -> None:
             drives=_numbers("drive-limits", options.drive_limits),
             progress=report,
         )
-        found = compensate(robot, options.scenario, **given)
-    written = [] if options.toml is None else found.to_scenario(options.toml)
-    show_measured(options, found, written + saved_or_drawn(options, found, plot_compensation))
+        path = compensate(robot, options.scenario, **settings)
+    written = [] if options.toml is None else path.to_scenario(options.toml)
+    show_measured(options, path, written + saved_or_drawn(options, path, plot_compensation))
 
 
 def _numbers(label: str, texts: list[str] | None) -> dict[str, float] | None:
     """Numbers by name; InputError where one has none."""
-    found = coordinate_values(label, texts)
-    if found is not None and not isinstance(found, dict):
+    values = coordinate_values(label, texts)
+    if values is not None and not isinstance(values, dict):
         raise InputError(f"{label}: {texts[0] if texts else ''!r}; allowed: NAME=VALUE")
-    return found
+    return values
 
 
 COMMANDS = (

@@ -55,10 +55,10 @@ def _forces(options: argparse.Namespace) -> None:
 
     robot = read_robot(options)
     with stage_bar("evaluating") as report:
-        found = forces(robot, options.motion, window=options.window, progress=report)
+        history = forces(robot, options.motion, window=options.window, progress=report)
     if options.output is not None:
-        found.save(options.output)
-    show_result(options, found)
+        history.save(options.output)
+    show_result(options, history)
 
 
 def _add_fit(parser: argparse.ArgumentParser) -> None:
@@ -74,8 +74,8 @@ def _fit(options: argparse.Namespace) -> None:
 
     robot = read_robot(options)
     with stage_bar("fitting") as report:
-        found = fit(robot, options.motion, **keywords(fit, options, progress=report))
-    show_with_page(options, found, [] if options.output is None else [found.save(options.output)])
+        estimate = fit(robot, options.motion, **keywords(fit, options, progress=report))
+    show_with_page(options, estimate, [] if options.output is None else [estimate.save(options.output)])
 
 
 def _add_identify(parser: argparse.ArgumentParser) -> None:
@@ -99,7 +99,7 @@ def _add_identify(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--shape", metavar="NAME", help="of Stribeck's curve: lorentzian or gaussian (the better one, held out)"
     )
-    parser.add_argument("--toml", type=Path, metavar="FILE", help="write the description with what was found")
+    parser.add_argument("--toml", type=Path, metavar="FILE", help="write the description with estimated values")
     parser.add_argument("-o", "--output", type=Path, help="the result, .npz, or a figure .svg, .pdf or .png")
     add_page(parser)
 
@@ -112,10 +112,10 @@ def _identify(options: argparse.Namespace) -> None:
     check_output(options, ".npz")
     robot = read_robot(options)
     with stage_bar("identifying") as report:
-        given = keywords(identify, options, terms=options.terms or TERMS, progress=report)
-        found = identify(robot, options.motion, **given)
-    written = [] if options.toml is None else [found.to_toml(options.toml)]
-    show_measured(options, found, written + saved_or_drawn(options, found, plot_identification))
+        settings = keywords(identify, options, terms=options.terms or TERMS, progress=report)
+        estimate = identify(robot, options.motion, **settings)
+    written = [] if options.toml is None else [estimate.to_toml(options.toml)]
+    show_measured(options, estimate, written + saved_or_drawn(options, estimate, plot_identification))
 
 
 def _add_excite(parser: argparse.ArgumentParser) -> None:
@@ -168,7 +168,7 @@ def _excite(options: argparse.Namespace) -> None:
     robot = read_robot(options)
     with stage_bar("exciting") as report:
         limits = {name: gains(name, getattr(options, name)) for name in ("rates", "accelerations", "drives", "noise")}
-        given = keywords(
+        settings = keywords(
             excite,
             options,
             **limits,
@@ -179,20 +179,20 @@ def _excite(options: argparse.Namespace) -> None:
             clear_of=_rows("clear-of", options.clear_of),
             progress=report,
         )
-        found = excite(robot, **given)
+        excitation = excite(robot, **settings)
     written = []
     for path in options.output:
         if path.suffix == _MOTION:
-            written.append(found.to_csv(path))
+            written.append(excitation.to_csv(path))
         elif path.suffix == _RESULT:
-            written.append(found.save(path))
+            written.append(excitation.save(path))
         elif path.suffix == _SCENARIO:
-            written.append(found.to_scenario(path, motion))
+            written.append(excitation.to_scenario(path, motion))
         else:
             from ...pictures.measured.excitation import plot_excitation
 
-            written.append(plot_excitation(found, path))
-    show_measured(options, found, written)
+            written.append(plot_excitation(excitation, path))
+    show_measured(options, excitation, written)
 
 
 def _outputs(paths: Sequence[Path]) -> Path:
@@ -207,9 +207,9 @@ def _outputs(paths: Sequence[Path]) -> Path:
     return motions[0] if motions else Path()
 
 
-def _rows(label: str, given: Sequence[Sequence[str]]) -> list[tuple[str, list[float], float]]:
+def _rows(label: str, groups: Sequence[Sequence[str]]) -> list[tuple[str, list[float], float]]:
     rows = []
-    for frame, *texts in given:
+    for frame, *texts in groups:
         *vector, number = reals(f"{label}: {frame}", texts)
         rows.append((frame, vector, number))
     return rows

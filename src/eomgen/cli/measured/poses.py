@@ -47,15 +47,15 @@ def _add_calibrate(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--force", action="store_true", help="calibrate and write although the poses are not explained, or read wrongly"
     )
-    parser.add_argument("--toml", type=Path, metavar="FILE", help="write the description with what was found")
-    parser.add_argument("--urdf", type=Path, metavar="FILE", help="write an URDF with what was found in its origins")
+    parser.add_argument("--toml", type=Path, metavar="FILE", help="write the description with estimated values")
+    parser.add_argument("--urdf", type=Path, metavar="FILE", help="write a URDF with estimated origins")
     parser.add_argument("-o", "--output", type=Path, help="the result, .npz, or a figure .svg, .pdf or .png")
     add_page(parser)
     add_json(parser)
 
 
 def _add_measuring(parser: argparse.ArgumentParser, noise: str) -> None:
-    """Options of what is measured and what is sought; ``noise`` says what stands for noise that is not given."""
+    """Options of what is measured and what is sought; ``noise`` says what --noise is by default."""
     attached = "a measured frame that the description does not have, and the link that it is on"
     add_names(parser, "--attach", "F=LINK", attached)
     kinds = "of orientations: rotvector, rpy, quaternion (rotvector)"
@@ -77,17 +77,17 @@ def _calibrate(options: argparse.Namespace) -> None:
     robot = read_robot(options)
     with stage_bar("calibrating") as report:
         covariance = read_covariances(options.covariance)
-        given = keywords(calibrate, options, frames=frames, folds=folds, covariance=covariance, progress=report)
-        found = calibrate(robot, options.poses, **given)
+        settings = keywords(calibrate, options, frames=frames, folds=folds, covariance=covariance, progress=report)
+        calibration = calibrate(robot, options.poses, **settings)
     written, refused = [], None
-    for path, write in ((options.toml, found.to_toml), (options.urdf, found.to_urdf)):
+    for path, write in ((options.toml, calibration.to_toml), (options.urdf, calibration.to_urdf)):
         try:
             written += [] if path is None else [write(path, force=options.force)]
         except InputError as error:
             refused = refused or error
-            if found.is_explained:
+            if calibration.is_explained:
                 raise
-    show_measured(options, found, written + saved_or_drawn(options, found, plot_calibration))
+    show_measured(options, calibration, written + saved_or_drawn(options, calibration, plot_calibration))
     if refused is not None:
         raise refused
 
@@ -125,7 +125,7 @@ def _poses(options: argparse.Namespace) -> None:
         check_ending(options.output, ".csv", ".json")
     robot = read_robot(options)
     with stage_bar("choosing poses") as report:
-        given = keywords(
+        settings = keywords(
             poses,
             options,
             frames=_attached(options.attach),
@@ -134,11 +134,11 @@ def _poses(options: argparse.Namespace) -> None:
             workspace=_boxes(options.workspace),
             progress=report,
         )
-        found = poses(robot, **given)
+        chosen = poses(robot, **settings)
     written = []
     if options.output is not None:
-        written.append((found.save if options.output.suffix == ".json" else found.to_csv)(options.output))
-    show_measured(options, found, written)
+        written.append((chosen.save if options.output.suffix == ".json" else chosen.to_csv)(options.output))
+    show_measured(options, chosen, written)
 
 
 def _attached(texts: Sequence[str]) -> dict[str, str]:
@@ -151,8 +151,8 @@ def _attached(texts: Sequence[str]) -> dict[str, str]:
     return frames
 
 
-def _boxes(given: Sequence[Sequence[float]]) -> list[list[Sequence[float]]] | None:
-    return [[box[:3], box[3:]] for box in given] or None
+def _boxes(rows: Sequence[Sequence[float]]) -> list[list[Sequence[float]]] | None:
+    return [[box[:3], box[3:]] for box in rows] or None
 
 
 def _whole(label: str, text: str) -> int:
