@@ -6,6 +6,7 @@ import json
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import eomgen
@@ -14,6 +15,9 @@ from eomgen.authoring.new import write_new_file
 from eomgen.authoring.schema_files import schema_path
 from eomgen.authoring.schemas import schema_text
 from eomgen.cli import entry as cli
+from eomgen.errors import InputError, ReachError
+from eomgen.motion.ends import point_of
+from eomgen.motion.poses import inverse_kinematics
 from tests.support.bad_files import PLAN, SCENARIO
 from tests.support.description_samples import ARM, URDF
 
@@ -247,6 +251,27 @@ def test_lengths_and_angles_of_another_unit_are_asked_about(tmp_path: Path) -> N
     small = check_file(path)
     assert not small.errors
     assert not [note for note in small.notes if "is that in" in note]
+
+
+def test_goals_of_another_unit_are_asked_about(tmp_path: Path) -> None:
+    """In a scenario's file, in what a simulation says of its goal, and where limits or reach refuse it."""
+    path = tmp_path / "odd_goal.toml"
+    path.write_text('duration = 0.1\n[motion]\ntype = "point_to_point"\ngoal = [90.0, 1.0]\n', encoding="utf-8")
+    asked = "motion.goal.0 = 90 m or rad: is that in degrees (1.5708 rad) or millimetres (0.09 m)?"
+    assert check_file(path).notes == (asked,)
+    question = "joint1.gamma = 90 rad: is that in degrees (1.5708 rad)?"
+    with pytest.raises(InputError, match=re.escape(question)):
+        point_of(eomgen.load_robot("ur5"), ["joint1.gamma"], "goal", [90.0], np.zeros(1))
+    robot = eomgen.load_robot("one_link")
+    limits = {joint.name: joint.range for joint in robot.joints}
+    assert all(np.isinf(ends).all() for ends in limits.values())
+    result = eomgen.simulate(robot, duration=0.1, goal=[90.0], rtol=1e-3)
+    assert [note for note in result.notes if "is that in" in note] == [f"goal: {question}"]
+    usual = eomgen.simulate(robot, duration=0.1, goal=[1.0], rtol=1e-3)
+    assert not [note for note in usual.notes if "is that in" in note]
+    kernel = eomgen.build(robot, kernels=("kinematics",))
+    with pytest.raises(ReachError, match=re.escape("x = 500 m: is that in millimetres (0.5 m)?")):
+        inverse_kinematics(kernel, [500.0, 0.0, 0.0])
 
 
 def test_built_in_files_have_no_odd_sizes() -> None:

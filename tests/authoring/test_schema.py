@@ -56,6 +56,7 @@ SEMANTIC = {
         *("cable of no length", "smoothing of no cable", "curve and stiffness of a spring", "curve of a cable"),
         *("smoothing of nothing", "restitution of nothing", "one side only", "static without stribeck"),
         *("stribeck without static", "curve and stiffness", "curve and friction that is none", "sharp clearance"),
+        *("angles of a loop twice", "angle of dh twice"),
         *("clearance of stiffness zero", "friction without coulomb", "limits twice", "no limits"),
     },
     "numbers out of order": {
@@ -74,7 +75,7 @@ SCENARIO_ONLY_READ = (  # reasons of bad_scenarios that the schema does not see
     *("got nan", "state of rest", "with equilibrium = true only", "times or speed", "increasing", "an array of 2"),
     *("does not exist", "another point", "in the plane", "not zero", "coordinates with rows", "array of 2"),
     *("got the time 0 after 1", "needs force and/or moment", "after t0", "no body can have"),
-    *("from, to, or both", "'rpy' is missing, which", "where they have none"),
+    *("from, to, or both", "'rpy' is missing, which", "where they have none", "(rad) is given, too"),
 )
 PLAN_ONLY_READ = {  # of bad_plans
     *("missing", "grids alone", "up to the period", "[integrator]", "parameter or scenario", "one of them"),

@@ -66,6 +66,20 @@ def test_toml_fields() -> None:
     assert robot.tunable == ("links.link2.mass",)
 
 
+def test_angles_in_degrees() -> None:
+    """They give the same robot as the same angles in rad, right angles exactly; parameters are in rad."""
+    given = ARM.replace("rpy = [0.0, 0.1, 0.0]", "rpy_deg = [90.0, 0.0, -180.0]")
+    wanted = ARM.replace("rpy = [0.0, 0.1, 0.0]", f"rpy = [{math.pi / 2!r}, 0.0, {-math.pi!r}]")
+    assert given not in (ARM, wanted)
+    assert robot_from_toml(given) == robot_from_toml(wanted)
+    assert robot_from_toml(given).joints[1].placement.rpy == (math.pi / 2, 0.0, -math.pi)
+    placed = "placement = { xyz = [0.5, 0.0, 0.0], rpy = [0.0, 0.1, 0.0] }"
+    assert placed in ARM
+    degrees = ARM.replace(placed, "dh = { a = 0.5, alpha_deg = -90, theta_deg = 30 }")
+    radians = ARM.replace(placed, f"dh = {{ a = 0.5, alpha = {-math.pi / 2!r}, theta = {math.radians(30.0)!r} }}")
+    assert robot_from_toml(degrees) == robot_from_toml(radians)
+
+
 def test_robot_is_immutable_and_pickles() -> None:
     robot = load_robot("puma560_elastic")
     assert pickle.loads(pickle.dumps(robot)) == robot

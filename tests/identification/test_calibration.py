@@ -17,6 +17,7 @@ from eomgen.analysis.sensitivity import offset_sensitivity
 from eomgen.cli import entry as cli
 from eomgen.errors import ArrayError, InputError, UnknownNameError
 from eomgen.identification import CalibrationResult, MeasuredPoses, calibrate, load_calibration, poses_from_columns
+from eomgen.identification.calibration.as_toml import Found, write_toml
 from eomgen.identification.geometry.closing import closed_readings, closing_of
 from eomgen.identification.geometry.error_model import (
     COMPLIANCE,
@@ -32,7 +33,7 @@ from eomgen.identification.geometry.solve import algebraic_rank
 from eomgen.identification.geometry.stations import chain_of, forces_on, located, matrix_of
 from eomgen.motion.turns import rotation_of, rpy_of, vector_of
 from eomgen.robot.model import build_model
-from eomgen.robot.value import Coordinate, Motor, Robot
+from eomgen.robot.value import COORDINATES, Coordinate, Motor, Robot
 from tests.support.measured_poses import Trial, chain, trial
 from tests.support.soak import soaked
 
@@ -691,6 +692,44 @@ def test_an_urdf_gets_its_origins(tmp_path: Path) -> None:
         other = eomgen.load_robot(path)
         kernel = eomgen.build(other, kernels=("kinematics",))
         np.testing.assert_allclose(kernel.frame_pose(q, "c_calibrated"), wanted, atol=1e-12)
+
+
+RAIL = """name = "rail"
+[[links]]
+name = "slide"
+mass = 1.0
+[[joints]]
+name = "rail"
+parent = "base"
+child = "slide"
+type = "prismatic"
+dh = { a = 0.2, alpha_deg = 90.0 }
+[[frames]]
+name = "tcp"
+link = "slide"
+placement = { xyz = [0.0, 0.0, 0.1], rpy_deg = [0.0, 45.0, 0.0] }
+"""
+
+
+@pytest.mark.parametrize("unit", ["_deg", ""])
+def test_angles_are_written_in_the_unit_of_the_file(tmp_path: Path, unit: str) -> None:
+    """Degrees stay degrees and radians radians, and both say the same robot to the last digits."""
+    source = tmp_path / "rail.toml"
+    text = RAIL if unit else RAIL.replace("alpha_deg = 90.0", "alpha = 1.5707963267948966").replace("rpy_deg", "rpy")
+    source.write_text(text, encoding="utf-8")
+    robot = eomgen.load_robot(source)
+    values = {"joints.rail.axis.alpha": 0.02, "joints.rail.axis.beta": -0.01}
+    values |= {f"frames.tcp.{kind}": 0.1 * i for i, kind in enumerate(COORDINATES)}
+    stations = chain_of(robot, {"tcp": frame_of(robot)})
+    found = Found(robot, stations, {"tcp": "slide"}, values, dict.fromkeys(values, 1e-4), dict.fromkeys(values, "rad"))
+    path = write_toml(found, tmp_path / "new.toml")
+    lines = [line.split("#")[0] for line in path.read_text().splitlines() if line.startswith("placement")]
+    assert len(lines) == 2
+    assert all(f"rpy{unit} = " in line for line in lines)
+    again = eomgen.load_robot(path)
+    for new, old in ((again.joints[0], found.calibrated.joints[0]), (again.frames[0], found.calibrated.frames[0])):
+        np.testing.assert_allclose(matrix_of(new.placement), matrix_of(old.placement), atol=1e-14)
+    assert not np.allclose(matrix_of(again.joints[0].placement), matrix_of(robot.joints[0].placement), atol=1e-3)
 
 
 def test_a_file_to_begin_with(

@@ -204,6 +204,15 @@ TOML_CASES = {
     "type of a loop": (*loop("", kind='type = "hinge"'), ["loops.loop.type", "'hinge'", "mean 'revolute'"]),
     "placements of a loop": (*loop("placements = [{}]"), ["loops.loop.placements", "two tables"]),
     "placement of a loop": (*loop("placements = [{}, {xy = 1}]"), ["loops.loop.placements.1", "'xy'", "xyz, rpy"]),
+    "angles of a loop twice": (
+        *loop("placements = [{}, {rpy = [1, 0, 0], rpy_deg = [9, 0, 0]}]"),
+        ["loops.loop.placements.1.rpy_deg", "rpy (rad) is given, too", "one of them"],
+    ),
+    "angle of dh twice": (
+        "alpha = ",
+        "alpha_deg = 9, alpha = ",
+        ["joints.joint1.dh.alpha_deg", "alpha (rad) is given, too", "one of them"],
+    ),
     "origin of a loop": (*loop("placements = [{}, {xyz = [1]}]"), ["loops.loop.placements.1.xyz", "3 numbers"]),
     "armature of a loop": (*loop("x = { armature = 1 }"), ["loops.loop.x", "'armature'", "stiffness, damping"]),
     "force of a loop": (*loop("x = { cubic = -1 }"), ["loops.loop.x.cubic", "-1", "at least 0"]),

@@ -54,6 +54,17 @@ READING = [  # what the reader refuses, whatever the robot: text, place, reason
     (DURATION + LINE + "orientation = 3", "motion.orientation", "'keep', or a table with from and to"),
     (DURATION + LINE + "orientation = 'kept'", "motion.orientation", "did you mean 'keep'"),
     (DURATION + LINE + "orientation = {}", "motion.orientation", "from, to, or both"),
+    (
+        DURATION + LINE + "orientation = { to = [1, 2, 3], to_deg = [1, 2, 3] }",
+        "motion.orientation.to_deg",
+        "to (rad) is given, too",
+    ),
+    (
+        DURATION + SPLINE + "points = [{ xyz = [0, 0, 1], rpy_deg = [9, 0, 0] },"
+        " { xyz = [0, 0, 2], rpy = [0, 0, 1], rpy_deg = [9, 0, 0] }]",
+        "motion.points[1].rpy_deg",
+        "rpy (rad) is given, too",
+    ),
     (DURATION + LINE + "orientation = { to = [1, 2] }", "motion.orientation.to", "an array of 3 numbers"),
     (DURATION + SPLINE + "points = [{ xyz = [0, 0, 1] }]", "motion.points", "two or more"),
     (DURATION + SPLINE + "points = [{ xyz = [0, 0, 1] }, { rpy = [0, 0, 1] }]", "motion.points[1]", "'xyz' is missing"),

@@ -161,14 +161,17 @@ PLACEMENT = Form(
     {
         "xyz": vector("origin", "m"),
         "rpy": vector("roll, pitch, yaw: Rz(yaw) Ry(pitch) Rx(roll)", "rad"),
+        "rpy_deg": vector("roll, pitch, yaw in degrees, instead of rpy", "deg"),
     }
 )
 DH = Form(
     {
         "a": Number("along x of the parent", "m"),
         "alpha": Number("about x of the parent", "rad"),
+        "alpha_deg": Number("the same in degrees, instead of alpha", "deg"),
         "d": Number("along z of the joint", "m"),
         "theta": Number("about z of the joint", "rad"),
+        "theta_deg": Number("the same in degrees, instead of theta", "deg"),
     }
 )
 LINK = Form(

@@ -391,8 +391,7 @@ def _placement(entry: Table, old: Placement) -> Placement:
     if dh is not None and placement is not None:
         entry.fail("both dh and placement are given; allowed: one of them")
     if dh is not None:
-        a, alpha, d, theta = (dh.number(key) or 0.0 for key in ("a", "alpha", "d", "theta"))
-        return Placement.from_dh(a, alpha, d, theta)
+        return Placement.from_dh(dh.number("a") or 0.0, dh.angle("alpha"), dh.number("d") or 0.0, dh.angle("theta"))
     return old if placement is None else read_placement(placement)
 
 

@@ -45,8 +45,8 @@ def read_offset(entry: Table, old: Sequence[float | None] = (None,) * len(COORDI
 
 
 def read_placement(table: Table) -> Placement:
-    """The pose that a table of ``xyz`` (m) and ``rpy`` (rad) gives; what is left out is zero."""
-    xyz, rpy = table.vector("xyz") or ZERO, table.vector("rpy")
+    """Read the pose of a table of ``xyz`` (m) and ``rpy`` (rad) or ``rpy_deg``; what is left out is zero."""
+    xyz, rpy = table.vector("xyz") or ZERO, table.angles("rpy")
     return Placement(xyz) if rpy is None else Placement.from_rpy(xyz, rpy)
 
 

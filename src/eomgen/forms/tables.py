@@ -5,6 +5,7 @@ Written by hand because a validation library costs 0.1 s of import, a third of w
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, NoReturn
@@ -15,6 +16,9 @@ from ..names import is_identifier, listed, nearest, show
 from .keys import Choice, Either, Flag, Json, Key, Keys, Listed, Number, Numbers, Strings, Text, Whole
 
 __all__ = ["LARGEST", "MOST_ENTRIES", "Entries", "Form", "Kinds", "Pair", "Sub", "Table"]
+
+
+DEGREES = "_deg"  # behind the name of an angle's key that takes degrees, not radians
 
 
 class Table:
@@ -125,6 +129,25 @@ class Table:
         """An array of three finite numbers."""
         value = self.numbers(key)
         return None if value is None else (value[0], value[1], value[2])
+
+    def angle(self, key: str) -> float:
+        """Read an angle, rad: of the key, or in degrees of the key with DEGREES behind it; 0 where neither is there."""
+        if self._in_degrees(key):
+            return math.radians(self.number(key + DEGREES) or 0.0)
+        return self.number(key) or 0.0
+
+    def angles(self, key: str) -> tuple[float, float, float] | None:
+        """Read three angles, rad: of the key, or in degrees of the key with DEGREES behind it."""
+        if not self._in_degrees(key):
+            return self.vector(key)
+        first, second, third = self.vector(key + DEGREES) or (0.0, 0.0, 0.0)
+        return math.radians(first), math.radians(second), math.radians(third)
+
+    def _in_degrees(self, key: str) -> bool:
+        """Whether an angle is given in degrees; DescriptionError where it is given in radians, too."""
+        if key + DEGREES in self.values and key in self.values:
+            self.fail(f"{key} (rad) is given, too; allowed: one of them", key + DEGREES)
+        return key + DEGREES in self.values
 
     def strings(self, key: str) -> list[str]:
         """An array of strings."""

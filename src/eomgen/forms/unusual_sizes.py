@@ -8,18 +8,24 @@ from typing import Any
 
 from .tables import Entries, Form, Kinds, Pair, Sub
 
-UNUSUAL = {"m": 50.0, "rad": 20.0, "m or rad": 50.0}  # by the unit of a key: larger sizes are asked about
+UNUSUAL = {"m": 50.0, "rad": 20.0, "m or rad": 20.0}  # by the unit of a key: larger sizes are asked about
 MOST_QUESTIONS = 5
 
 
 def unit_questions(form: Form | Kinds, values: dict[str, Any]) -> tuple[str, ...]:
     """Ask about numbers of a file without faults: a line each, at most MOST_QUESTIONS, then how many are left."""
-    found = [_question(where, number, unit) for where, number, unit in _large(form, values, "")]
+    found = [unit_question(where, number, unit) for where, number, unit in _large(form, values, "")]
     left = len(found) - MOST_QUESTIONS
     return (*found[:MOST_QUESTIONS], *([f"{left} more of such sizes"] if left > 0 else []))
 
 
-def _question(where: str, number: float, unit: str) -> str:
+def is_unusual(number: float, unit: str) -> bool:
+    """Return whether a length or an angle is so large that it is asked about."""
+    return abs(number) > UNUSUAL.get(unit, math.inf)
+
+
+def unit_question(where: str, number: float, unit: str) -> str:
+    """Ask whether a number, which stands at that place, is in degrees or millimetres."""
     degrees = f"degrees ({math.radians(number):.6g} rad)"
     millimetres = f"millimetres ({1e-3 * number:.6g} m)"
     asked = {"m": millimetres, "rad": degrees}.get(unit, f"{degrees} or {millimetres}")
@@ -41,7 +47,7 @@ def _large(form: Form | Kinds, values: dict[str, Any], where: str) -> Iterator[t
                 yield from _large(kind.inner, item, f"{place}.{index}")
         elif kind is not None and kind.unit in UNUSUAL:
             for inner, number in _numbers(value, place):
-                if abs(number) > UNUSUAL[kind.unit]:
+                if is_unusual(number, kind.unit):
                     yield inner, number, kind.unit
 
 

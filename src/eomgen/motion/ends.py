@@ -9,6 +9,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..errors import InputError, UnknownNameError
+from ..forms.unusual_sizes import is_unusual, unit_question
 from ..limits import LARGEST, is_usable
 from ..names import joint_of, show, split_component
 from ..robot.coordinates import unit_of
@@ -112,6 +113,12 @@ def default_motion(
     return PointToPoint(first, last, duration, names=tuple(coordinates))
 
 
+def size_question(name: str, value: float) -> str:
+    """Ask whether a coordinate's value, m or rad, is in millimetres or degrees; "" where it is of a usual size."""
+    unit = unit_of(name)
+    return unit_question(name, value, unit) if is_unusual(value, unit) else ""
+
+
 def point_of(robot: Robot, coordinates: Sequence[str], label: str, given: Point | None, default: Array) -> Array:
     """The point of all driven coordinates, from what the user gave, inside the limits."""
     if given is None:
@@ -138,8 +145,10 @@ def point_of(robot: Robot, coordinates: Sequence[str], label: str, given: Point 
         low, high = _limits(robot, coordinates[i])[0]
         if not low - 1e-9 <= point[i] <= high + 1e-9:
             unit = unit_of(coordinates[i])
+            asked = size_question(coordinates[i], point[i])
             raise InputError(
                 f"{label}: {coordinates[i]} = {point[i]:g} {unit}; its limits are {low:g} to {high:g} {unit}"
+                f"{asked and f'; {asked}'}"
             )
     return point
 

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array
 from ..errors import ArrayError, InputError, ReachError
+from ..forms.unusual_sizes import is_unusual, unit_question
 from ..names import show
 from ..optional import optional_import
 from ..runtime.kernel import Kernel
@@ -358,6 +359,9 @@ def unreached(
         out = "it is out of reach, or the arm singular: " if k else ""
         miss = f"it misses by {found.text()}" if k else f"it gets as near as {found.text()}"
         what = f"{out}{miss}{f'; {bound}' if bound else ''}"
+    far = next(((axis, x) for axis, x in zip("xyz", target.point.tolist(), strict=True) if is_unusual(x, "m")), None)
+    if far is not None:
+        what += f"; {unit_question(*far, 'm')}"
     return ReachError(f"{kernel.name}: {label}{place}: {what}", found.distance, found.angle, found.q)
 
 

@@ -10,7 +10,7 @@ from ..motion.timetable import INTERPOLATIONS
 from ..names import IDENTIFIER_RULE
 
 LEAST_TIME = 1e-9  # s
-_BY = "rad or m, by coordinates"
+_BY = "m or rad"
 _FRAME = Text("frame or link whose origin moves; default that of the scenario")
 _BEGIN = Number("when it sets in; default 0", "s", minimum=0.0)
 _INTERPOLATION = Choice("of rows: linear, or hold until the next; default linear", words=INTERPOLATIONS)
@@ -50,7 +50,9 @@ _RPY = "roll, pitch, yaw of the frame, base axes"
 _AXES = Form(
     {
         "from": vector(f"{_RPY}, where the path begins; default as the joints let it", "rad"),
+        "from_deg": vector("the same in degrees, instead of from", "deg"),
         "to": vector(f"{_RPY}, where it ends; default that of the beginning", "rad"),
+        "to_deg": vector("the same in degrees, instead of to", "deg"),
     }
 )
 KEEP = "keep"
@@ -64,6 +66,7 @@ _POSE = Form(
     {
         "xyz": vector("the frame's origin, base axes", "m", "a point, three numbers in m, base axes"),
         "rpy": vector("roll, pitch, yaw: Rz(yaw) Ry(pitch) Rx(roll), base axes; of all points or of none", "rad"),
+        "rpy_deg": vector("the same in degrees, instead of rpy", "deg"),
     }
 )
 _SPEED = Number("of all pieces", above=0.0)

@@ -44,7 +44,7 @@ def _spline(table: Table, _: Path | None) -> dict[str, Any]:
     points = [entry for _, entry in table.entries("points")]
     for entry in points:
         entry.require()
-    places, turns = ([entry.vector(key) for entry in points] for key in ("xyz", "rpy"))
+    places, turns = [entry.vector("xyz") for entry in points], [entry.angles("rpy") for entry in points]
     open_ones = [entry for entry, rpy in zip(points, turns, strict=True) if rpy is None]
     turned = len(open_ones) < len(points)
     if turned and open_ones:
@@ -94,7 +94,7 @@ def _orientation(table: Table) -> Any:
         return found
     if not found.values:
         found.fail("got an empty table; allowed: from, to, or both")
-    return found.given()
+    return {key: angles for key in ("from", "to") if (angles := found.angles(key)) is not None}
 
 
 def _circle(table: Table, _: Path | None) -> dict[str, Any]:

@@ -10,7 +10,7 @@ angle over the ratio is measured, its program is the ratio times the joint's, an
 from __future__ import annotations
 
 import platform
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -27,7 +27,7 @@ from ..integration.steps import output_times
 from ..integration.trajectory import Trajectory
 from ..integration.until import Until
 from ..limits import LARGEST, is_usable
-from ..motion.ends import Point
+from ..motion.ends import Point, size_question
 from ..motion.exceeding import excess_notes, excesses
 from ..motion.point_to_point import Program
 from ..motion.splines import Spline
@@ -179,6 +179,7 @@ def run_assembly(
         *_method_note(motion, plan),
         *_assumptions(robot, loose, scenario, assembly),
         *_beyond_stops(kernel, q0),
+        *_large_goals(scenario, assembly.driven, program_q),
         *excess_notes("the motion", excesses(robot, kernel.coordinates, t=t, q=q, v=motion.v, u=motion.u)),
         *_clipped_note(assembly, motion),
         None if found.balance is None else found.balance.note(),
@@ -289,6 +290,16 @@ def _beyond_stops(kernel: Kernel, q: Array) -> Iterator[str]:
         if not lower <= place <= upper:
             side, stop = ("upper", upper) if place > upper else ("lower", lower)
             yield f"{name} starts at {place:.6g} {unit}, beyond its {side} stop at {stop:.6g} {unit}"
+
+
+def _large_goals(scenario: Scenario, driven: Sequence[str], program_q: Array) -> Iterator[str]:
+    """Ask about goals that may be in degrees or millimetres; ``program_q`` (T, n), m or rad, of the driven ones."""
+    if scenario.motion is None or scenario.motion.type not in ("point_to_point", "via"):
+        return
+    for name, ends in zip(driven, program_q[[0, -1]].T.tolist(), strict=True):
+        asked = size_question(name, max(ends, key=abs))
+        if asked:
+            yield f"goal: {asked}"
 
 
 def _clipped_note(assembly: Assembly, motion: Trajectory) -> tuple[str, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -79,9 +80,10 @@ def toml_text(found: Found, folder: Path) -> str:
             _put_second(found, loop.name, body)
     own = {robot.base, *(link.name for link in robot.links)}
     for name, link, pose in placements(found.links, found.values):
-        line = f"placement = {_table(placement_of(pose))}  # {found.said(FRAMES, name)}"
         new = name + OF_LINK if name in own else name
         block = block_of(body, "frames", new)
+        table = _table(placement_of(pose), _in_degrees(body, block))
+        line = f"placement = {table}  # {found.said(FRAMES, name)}"
         if block is None:
             body += ["", "[[frames]]", f'name = "{new}"', f'link = "{link}"', line]
         else:
@@ -178,10 +180,11 @@ def _put_placement(found: Found, joint: Joint, body: list[str]) -> None:
     """The placement of a joint with its first axis tilted, in the place of what is there."""
     block = block_of(body, JOINTS, joint.name)
     assert block is not None
+    degrees = _in_degrees(body, block)
     dh = [i for i in range(*block) if re.match(r"\s*dh\s*=", body[i])]
     for i in reversed(dh):
         del body[i]
-    table = _table(found.calibrated.joint(joint.name).placement)
+    table = _table(found.calibrated.joint(joint.name).placement, degrees)
     block = block_of(body, JOINTS, joint.name)
     assert block is not None
     line = f"placement = {table}  # tilt of its axis {found.said(JOINTS, joint.name, TILT)}"
@@ -194,13 +197,23 @@ def _put_second(found: Found, name: str, body: list[str]) -> None:
     if block is None:
         raise unwritable(found.robot, name)
     loop = next(loop for loop in found.calibrated.loops if loop.name == name)
-    tables = ", ".join(_table(placement_of(matrix_of(placement))) for placement in loop.placements)
+    degrees = _in_degrees(body, block)
+    tables = ", ".join(_table(placement_of(matrix_of(placement)), degrees) for placement in loop.placements)
     line = f"placements = [{tables}]  # the second {found.said(LOOPS, name, SECOND)}"
     replace_line(body, block, "placements", line, found.robot)
 
 
-def _table(placement: Placement) -> str:
-    return f"{{ xyz = {numbers_text(placement.xyz)}, rpy = {numbers_text(placement.rpy or (0.0, 0.0, 0.0))} }}"
+def _in_degrees(body: Sequence[str], block: tuple[int, int] | None) -> bool:
+    """Return whether the placement of an entry, or its dh, is written in degrees: it is written so again."""
+    lines = body[slice(*block)] if block is not None else []
+    return any(re.match(r"\s*(dh|placements?)\s*=[^#]*_deg\s*=", line) for line in lines)
+
+
+def _table(placement: Placement, degrees: bool) -> str:
+    """Write a placement as an inline table, its angles in the unit of the file."""
+    rpy = placement.rpy or (0.0, 0.0, 0.0)
+    key, angles = ("rpy_deg", [math.degrees(angle) for angle in rpy]) if degrees else ("rpy", rpy)
+    return f"{{ xyz = {numbers_text(placement.xyz)}, {key} = {numbers_text(angles)} }}"
 
 
 def block_of(body: Sequence[str], table: str, name: str) -> tuple[int, int] | None:
