@@ -18,8 +18,8 @@ from eomgen.export.wasm import plain_loads
 from eomgen.export.wasm.pack import make_wasm
 from eomgen.progress import no_progress
 from eomgen.robot.model import tool_of
-from eomgen.runtime.stepping.given_loads import loads_of
-from eomgen.runtime.stepping.loads import DriveData, Gains, LinkWrench, LoadData, Signal, Track
+from eomgen.runtime.stepping.input_signals import DriveData, Gains, InputSignals, LinkWrench, Signal, Track
+from eomgen.runtime.stepping.reading_inputs import input_signals
 from eomgen.scenario.load import load_scenario, scenario_from_toml
 from eomgen.scenario.value import Scenario
 from eomgen.simulation.assembly import assemble
@@ -68,7 +68,7 @@ kernel.rollout(a, a, a, { dt: 1, steps: 1, method: "euler" });
 """
 
 
-def compare(folder: Path, kernel: Any, loads: LoadData, state: Any, model: bool, **how: Any) -> None:
+def compare(folder: Path, kernel: Any, loads: InputSignals, state: Any, model: bool, **how: Any) -> None:
     """A motion in Python and under node, to round-off: powers and sines of loads are those of either library."""
     make_wasm(how.pop("robot"), model=model).write(folder)
     how = {"duration": 0.05, "samples": 5, "rtol": 1e-6, "method": "rosenbrock", **how}
@@ -92,7 +92,7 @@ def test_loads_over_time_act_as_in_python(tmp_path: Path) -> None:
     gains = Gains(np.array([30.0]), np.array([2.0]))
     torque = Track(Signal.through([0.0, 0.03, 0.05], [[0.0], [4.0], [-1.0]]), np.array([0]))
     push = LinkWrench(0, Signal.constant([1.0, -2.0, 0.0, 0.0, 0.0, 0.5]), np.array([0.1, 0.2, 0.0]), 0.01, 0.03, True)
-    loads = LoadData(DriveData(torque=torque, program=track, gains=gains), [push])
+    loads = InputSignals(DriveData(torque=torque, program=track, gains=gains), [push])
     state = np.array([1e-3, 0.1]), np.array([0.0, 0.2])
     compare(tmp_path, kernel, loads, state, False, robot="one_link")
 
@@ -104,8 +104,8 @@ def test_drives_saturate_as_in_python(tmp_path: Path) -> None:
     program = Track(Signal.through([0.0, 0.05], [[0.0], [1.0]]), np.array([1]))
     drive = DriveData(program=program, gains=Gains(np.array([300.0]), np.array([10.0])))
     state = np.array([1e-3, 0.1]), np.array([0.0, 0.2])
-    loads, how = LoadData(replace(drive, effort=np.array([np.inf, 4.0]))), {"duration": 0.05, "samples": 5}
-    free = kernel.rollout(*state, **how, method="rosenbrock", loads=LoadData(drive))
+    loads, how = InputSignals(replace(drive, effort=np.array([np.inf, 4.0]))), {"duration": 0.05, "samples": 5}
+    free = kernel.rollout(*state, **how, method="rosenbrock", loads=InputSignals(drive))
     saturated = kernel.rollout(*state, **how, method="rosenbrock", loads=loads)
     assert np.abs(free[0] - saturated[0]).max() > 1e-4
     compare(tmp_path, kernel, loads, state, False, robot="one_link")
@@ -169,7 +169,7 @@ def test_scenarios_run_as_in_python(name: str, text: str, tmp_path: Path) -> Non
     scenario = _scenario(name, text)
     assembly = assemble(robot, scenario, tool_of(robot, None, "tool"), no_progress)
     kernel = assembly.kernel
-    loads = loads_of(kernel.calls, assembly.drive, assembly.wrenches, assembly.prescribed)
+    loads = input_signals(kernel.calls, assembly.drive, assembly.wrenches, assembly.prescribed)
     state = np.zeros(kernel.n), np.zeros(kernel.n)
     compare(tmp_path, kernel, loads, state, True, robot=robot)
 

@@ -22,13 +22,13 @@ from eomgen.motion.timetable import TimeTable
 from eomgen.progress import no_progress
 from eomgen.robot.model import tool_of
 from eomgen.robot.value import Coordinate, Robot
-from eomgen.runtime.stepping.given_loads import loads_of
-from eomgen.runtime.stepping.loaded import Loaded
-from eomgen.runtime.stepping.loads import DriveData, LoadData, Signal, Track
+from eomgen.runtime.stepping.batch_motion import BatchMotion
+from eomgen.runtime.stepping.input_signals import DriveData, InputSignals, Signal, Track
 from eomgen.runtime.stepping.options import ADAPTIVE as NUMBERS
 from eomgen.runtime.stepping.options import AUTO, NARROW, NARROW_TURNS, TURNS, ErrorControl, rollout_of
-from eomgen.runtime.stepping.packed_inputs import Packed
-from eomgen.runtime.stepping.together import Together
+from eomgen.runtime.stepping.packed_inputs import PackedInputs
+from eomgen.runtime.stepping.reading_inputs import input_signals
+from eomgen.runtime.stepping.single_motion import SingleMotion
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.assembly import Assembly, assemble
 from eomgen.simulation.run import plan_of, run_scenario
@@ -98,10 +98,10 @@ def assembled(name: str, text: str) -> Assembly:
     return assemble(robot, scenario, tool_of(robot, None, "tool"), no_progress)
 
 
-def loaded(assembly: Assembly, times: np.ndarray, q: np.ndarray, v: np.ndarray) -> Loaded:
-    data = loads_of(assembly.kernel.calls, assembly.drive, assembly.wrenches, assembly.prescribed)
+def loaded(assembly: Assembly, times: np.ndarray, q: np.ndarray, v: np.ndarray) -> SingleMotion:
+    data = input_signals(assembly.kernel.calls, assembly.drive, assembly.wrenches, assembly.prescribed)
     atol = np.full(2 * assembly.kernel.n, 1e-8)
-    return Loaded(assembly.kernel.calls, data, times, q[0], v[0], ErrorControl("tsit5", 1e-8, atol))
+    return SingleMotion(assembly.kernel.calls, data, times, q[0], v[0], ErrorControl("tsit5", 1e-8, atol))
 
 
 def control_of(method: str, rtol: float, atol: np.ndarray) -> ErrorControl:
@@ -323,7 +323,7 @@ def test_a_batch_under_loads_has_the_bits_of_its_states() -> None:
     """Lanes have times of their own: each state of a batch moves as it does alone, on a platform that shakes."""
     assembly = assembled("shaken_arm", "duration = 0.1\n" + SHAKEN)
     kernel, rng, n = assembly.kernel, np.random.default_rng(3), assembly.kernel.n
-    data = loads_of(kernel.calls, assembly.drive, assembly.wrenches, assembly.prescribed)
+    data = input_signals(kernel.calls, assembly.drive, assembly.wrenches, assembly.prescribed)
     times, atol = np.linspace(0.0, 0.1, 6), np.full(2 * n, 1e-9)
     q, v = 0.1 * rng.normal(size=(2, 5, n))
     given = [kernel.coordinates.index(name) for name in kernel.prescribed]
@@ -332,7 +332,7 @@ def test_a_batch_under_loads_has_the_bits_of_its_states() -> None:
     for method, number in NUMBERS.items():
         function, view = kernel.raw.function(rollout_of(method)), kernel.raw.view
         library = function.where(batch=True)
-        packed, at = Packed(library, kernel.calls, data), [q.copy(), v.copy()]
+        packed, at = PackedInputs(library, kernel.calls, data), [q.copy(), v.copy()]
         stored, progress = np.empty((2, 5, times.size, n)), library.new_array("progress", 5)
         allowed = library.new("tolerance", rtol=1e-7, atol=view(atol), most=10**6)
         function.batch(
@@ -352,7 +352,7 @@ def test_a_batch_under_loads_has_the_bits_of_its_states() -> None:
             progress,
         )
         for state in range(5):
-            alone = Loaded(kernel.calls, data, times, q[state], v[state], ErrorControl(method, 1e-7, atol))
+            alone = SingleMotion(kernel.calls, data, times, q[state], v[state], ErrorControl(method, 1e-7, atol))
             while not alone.progress.reason:
                 alone.go()
             assert progress[state].reason == alone.progress.reason == 1
@@ -514,17 +514,17 @@ def test_states_with_parameters_and_loads_of_their_own_move_as_alone(method: str
         whole.kernel.with_parameters({name: whole.kernel.parameters[name] * rng.uniform(0.3, 2.0) for name in names})
         for _ in range(states)
     ]
-    loads = [loads_of(kernel.calls, whole.drive, whole.wrenches, whole.prescribed) for kernel in kernels]
+    loads = [input_signals(kernel.calls, whole.drive, whole.wrenches, whole.prescribed) for kernel in kernels]
     for chosen in (range(states), range(4, 7)):
         some = list(chosen)
         shared = method != AUTO  # loads that are one object
         data = [loads[0] if shared else loads[i] for i in some]
         calls = [kernels[i].calls for i in some]
-        motion = Together(calls, data, times, q[some], v[some], control_of(method, 1e-7, atol[some]))
+        motion = BatchMotion(calls, data, times, q[some], v[some], control_of(method, 1e-7, atol[some]))
         while motion.go():
             pass
         for place, i in enumerate(some):
-            alone = Loaded(kernels[i].calls, data[place], times, q[i], v[i], control_of(method, 1e-7, atol[i]))
+            alone = SingleMotion(kernels[i].calls, data[place], times, q[i], v[i], control_of(method, 1e-7, atol[i]))
             while not alone.progress.reason:
                 alone.go()
             assert motion.progress[place].reason == alone.progress.reason == 1
@@ -558,10 +558,10 @@ def test_calls_that_end_sooner_change_no_bit(method: str, built: Build) -> None:
     """Where a call begins, what the one before ended with is evaluated again: at the same time to the bit."""
     kernel = built(oscillator(), *NEEDED, "adaptive_rollout", "radau_rollout")
     rising = Signal(np.array([0.0, 1.0]), np.array([[[0.0], [3.0]]]))  # a force by which the last bit of time shows
-    loads = LoadData(DriveData(torque=Track(rising, np.array([0]))))
+    loads = InputSignals(DriveData(torque=Track(rising, np.array([0]))))
     times, allowed, found = np.linspace(0.0, 0.4, 41), (1e-10, np.full(2, 1e-12)), []
     for kept in (0, 1, 7):
-        motion = Loaded(kernel.calls, loads, times, np.zeros(1), np.zeros(1), control_of(method, *allowed), kept)
+        motion = SingleMotion(kernel.calls, loads, times, np.zeros(1), np.zeros(1), control_of(method, *allowed), kept)
         while not motion.progress.reason:
             motion.go()
         found.append(motion.samples)

@@ -20,12 +20,12 @@ from eomgen.robot import build_model
 from eomgen.robot.value import ANGULAR, Coordinate, Joint, Link, Placement, Robot
 from eomgen.runtime.kernel import Kernel
 from eomgen.runtime.stepping.adaptive import keep_steps
-from eomgen.runtime.stepping.given_loads import loads_of
-from eomgen.runtime.stepping.loaded import Loaded
-from eomgen.runtime.stepping.loads import Gains, LinkWrench, Signal
+from eomgen.runtime.stepping.input_signals import Gains, LinkWrench, Signal
 from eomgen.runtime.stepping.options import ADAPTIVE as NUMBERS
 from eomgen.runtime.stepping.options import ErrorControl
-from eomgen.runtime.stepping.packed_inputs import Packed
+from eomgen.runtime.stepping.packed_inputs import PackedInputs
+from eomgen.runtime.stepping.reading_inputs import input_signals
+from eomgen.runtime.stepping.single_motion import SingleMotion
 from eomgen.simulation.controls import JointPD, actuators
 from tests.support.builds import Build
 from tests.support.small_robots import free_body
@@ -234,7 +234,7 @@ def batch(kernel: Kernel, states: tuple[Array, Array], times: Array, control: Er
     q, v = (x.copy() for x in states)
     function, view = kernel.raw.function(control.kernel), kernel.raw.view
     library = function.where(batch=True)
-    packed = Packed(library, kernel.calls, loads_of(kernel.calls, None, PULL, None))
+    packed = PackedInputs(library, kernel.calls, input_signals(kernel.calls, None, PULL, None))
     stored, progress = np.empty((2, len(q), times.size, kernel.n)), library.new_array("progress", len(q))
     turned, still = np.zeros((len(q), kernel.raw.turning_room)), np.zeros(kernel.n)
     drive = library.drive(u=view(still), turned=view(turned.reshape(-1)))
@@ -254,7 +254,7 @@ def batch(kernel: Kernel, states: tuple[Array, Array], times: Array, control: Er
 def test_calls_go_on_to_the_bit_and_lanes_turn_apart(method: str, built: Build) -> None:
     """Under loads: batches of one call and of many, and each state alone, its steps kept or not, have the same bits."""
     kernel = built(tumbler(), *NEEDED)
-    data, n = loads_of(kernel.calls, None, PULL, None), kernel.n
+    data, n = input_signals(kernel.calls, None, PULL, None), kernel.n
     rng = np.random.default_rng(1)
     q, v = rng.normal(size=(5, n)), 3.0 * rng.normal(size=(5, n))
     q[0], v[0], q[1, 4], v[1] = Q0, V0, np.pi / 2, 0.0
@@ -263,7 +263,7 @@ def test_calls_go_on_to_the_bit_and_lanes_turn_apart(method: str, built: Build) 
     assert np.array_equal(batch(kernel, (q, v), times, control, 3), stored)
     for state in range(5):
         for kept in (0, 7):
-            alone = Loaded(kernel.calls, data, times, q[state], v[state], control, kept)
+            alone = SingleMotion(kernel.calls, data, times, q[state], v[state], control, kept)
             steps = []
             while not alone.progress.reason:
                 steps.append(alone.go())

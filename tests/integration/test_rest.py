@@ -14,7 +14,7 @@ from eomgen.integration import Rest, Trajectory, integrate, rests
 from eomgen.integration.system import System
 from eomgen.motion.timetable import TimeTable
 from eomgen.robot.value import Coordinate, Coupling, Friction, Joint, Link, Robot, Spring
-from eomgen.runtime.stepping.loads import Signal, Track, Waves
+from eomgen.runtime.stepping.input_signals import Signal, Track, Waves
 from eomgen.scenario.value import Scenario, Section
 from tests.support.builds import Build
 from tests.support.random_robots import Array

@@ -16,7 +16,7 @@ from eomgen.integration.trajectory import Trajectory
 from eomgen.integration.until import Until
 from eomgen.motion.point_to_point import Harmonic
 from eomgen.robot.value import Coordinate, Robot
-from eomgen.runtime.stepping.loads import WORKS
+from eomgen.runtime.stepping.input_signals import WORKS
 from eomgen.runtime.stepping.options import ADAPTIVE as METHODS
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.run import run_scenario

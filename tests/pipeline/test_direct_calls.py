@@ -184,9 +184,9 @@ def test_what_the_module_cannot_be_made_of_is_told(empty_cache: Path, monkeypatc
     monkeypatch.setattr(extension, "_sources", lambda: {FILE: "no C"})
     monkeypatch.setattr(direct_calls, "EXTENSION", direct_calls.Extension())
     told: list[str] = []
-    face = direct_calls.begin()
+    binding = direct_calls.begin()
     direct_calls.settle(told.append)
-    assert face.module is None
+    assert binding.module is None
     assert len(told) == 1
     assert told[0].startswith("kernels are called through cffi alone: the C compiler failed")
     direct_calls.settle(told.append)

@@ -26,8 +26,8 @@ import eomgen
 from eomgen.errors import ArrayError, InputError, SingularError
 from eomgen.robot.value import Robot
 from eomgen.runtime import Kernel
-from eomgen.runtime.direct import WRENCHED, Face
-from eomgen.runtime.pieces import states_at_once
+from eomgen.runtime.chunking import states_at_once
+from eomgen.runtime.direct import WRENCHED, ExtensionBinding
 from tests.support.builds import Build
 from tests.support.random_robots import random_robot, some_prescribed, with_random_loops
 from tests.support.random_springs import with_springs
@@ -228,7 +228,7 @@ SLOW = ("a tree", "loops")
         *(pytest.param(robot, "float32", marks=pytest.mark.soak) for robot in ROBOTS if robot != "one_link"),
     ],
 )
-def test_both_faces_say_the_same(robot: str, dtype: str, calls: int, built: Build) -> None:
+def test_both_bindings_say_the_same(robot: str, dtype: str, calls: int, built: Build) -> None:
     at_once = () if (robot, dtype) == ("one_link", "float64") else ("all",)  # one: each kernel when it is called first
     kernel = built(ROBOTS[robot](), *at_once, dtype=dtype)
     made, direct = Calls(kernel, 5), 0
@@ -338,7 +338,7 @@ def test_methods_of_a_subclass_are_its_own(built: Build) -> None:
         def mass_matrix(self, q: Any, *, out: Any = None) -> Any:
             return 2.0 * super().mass_matrix(q, out=out)
 
-    louder = Louder(kernel.raw.libraries, None, kernel._face)
+    louder = Louder(kernel.raw.libraries, None, kernel._binding)
     assert louder.is_direct
     assert np.array_equal(louder.mass_matrix(Q), 2.0 * kernel.mass_matrix(Q))
     assert np.array_equal(louder.with_parameters().mass_matrix(Q), 2.0 * kernel.mass_matrix(Q))
@@ -410,14 +410,14 @@ def test_a_reference_from_before_the_code_is_there(empty_cache: Any) -> None:
 
 def test_kernels_from_before_the_module(built: Build) -> None:
     kernel = built(eomgen.load_robot("one_link"))
-    face = Face(expected=True)
-    early = Kernel(kernel.raw.libraries, None, face)
+    binding = ExtensionBinding(expected=True)
+    early = Kernel(kernel.raw.libraries, None, binding)
     copied, method = early.with_parameters({"gravity.y": -3.0}), early.forward_dynamics
     early.checks, state = False, early.parameters.state
     assert not early.is_direct
-    module = kernel._face.module
+    module = kernel._binding.module
     assert module is not None
-    face.settle(module)
+    binding.settle(module)
     assert early.is_direct
     assert copied.is_direct
     assert not early.checks
@@ -425,14 +425,14 @@ def test_kernels_from_before_the_module(built: Build) -> None:
     state.assign(list(early.parameters).index("gravity.y"), -2.0)  # of a thread that was just about to
     assert early.parameters["gravity.y"] == -2.0
     assert np.array_equal(early.forward_dynamics(Q, V, U), method(Q, V, U))
-    late = Kernel(kernel.raw.libraries, None, face)
+    late = Kernel(kernel.raw.libraries, None, binding)
     assert late.is_direct
     never = Kernel(kernel.raw.libraries)
     assert not never.is_direct
     assert np.array_equal(never.forward_dynamics(Q, V, U), late.forward_dynamics(Q, V, U))
-    face = Face(expected=True)
-    unlucky = Kernel(kernel.raw.libraries, None, face)
-    face.settle(None)
+    binding = ExtensionBinding(expected=True)
+    unlucky = Kernel(kernel.raw.libraries, None, binding)
+    binding.settle(None)
     assert not unlucky.is_direct
     assert not unlucky.with_parameters().is_direct
 
@@ -460,10 +460,10 @@ def test_an_assignment_is_seen_by_the_next_call(dtype: str, built: Build) -> Non
     assert np.array_equal(kernel.parameters.setup.values, plain.parameters.setup.values)
 
 
-@pytest.mark.parametrize("face", ["direct", "python"])
-def test_assignments_are_refused_as_ever(face: str, built: Build) -> None:
+@pytest.mark.parametrize("binding", ["direct", "python"])
+def test_assignments_are_refused_as_ever(binding: str, built: Build) -> None:
     given = built(eomgen.load_robot("one_link"))
-    kernel = given if face == "direct" else Kernel(given.raw.libraries)
+    kernel = given if binding == "direct" else Kernel(given.raw.libraries)
     before = dict(kernel.parameters)
     name = "joints.joint1.x.stiffness"
     for wrong, said in (

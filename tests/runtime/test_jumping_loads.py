@@ -13,11 +13,11 @@ from scipy.integrate import solve_ivp
 import eomgen
 from eomgen.errors import InputError
 from eomgen.robot.value import Friction
-from eomgen.runtime.stepping.loads import (
+from eomgen.runtime.stepping.input_signals import (
     DriveData,
     Gains,
+    InputSignals,
     LinkWrench,
-    LoadData,
     ModelDrive,
     Signal,
     Track,
@@ -47,7 +47,7 @@ def bent(rng: np.random.Generator, columns: int, size: float, degree: int = 1) -
     return Signal(times, size * rng.uniform(-1.0, 1.0, shape) / T ** np.arange(degree + 1)[:, None])
 
 
-def loads_of(kernel: eomgen.Kernel, seed: int, *, jumps: bool = True) -> LoadData:
+def loads_of(kernel: eomgen.Kernel, seed: int, *, jumps: bool = True) -> InputSignals:
     """Forces, a program that gains and a model follow, wrenches and prescribed motions, all with knots of their own."""
     rng, n = np.random.default_rng(seed), kernel.n
     given = [kernel.coordinates.index(name) for name in kernel.prescribed]
@@ -67,7 +67,7 @@ def loads_of(kernel: eomgen.Kernel, seed: int, *, jumps: bool = True) -> LoadDat
     if given:
         track = Track(bent(rng, 1, 0.05), np.array([0]))
         waves = Waves(np.tile([0.1, 8.0, 0.3, 0.05], (len(given), 1)), [track])
-    return LoadData(drive, pulls, waves)
+    return InputSignals(drive, pulls, waves)
 
 
 def robot_of(kind: str) -> Any:
@@ -124,7 +124,7 @@ def test_motions_are_scipys(method: str, built: Build) -> None:
     """A mass under a force that jumps, against integrations from jump to jump; few steps are tried in vain."""
     kernel = built(slider(damping=3.0, stiffness=50.0), *ALL, "radau_rollout", "generalized_force")
     signal = bent(np.random.default_rng(3), 1, 20.0, 0)
-    loads = LoadData(DriveData(torque=Track(signal, np.array([0]))))
+    loads = InputSignals(DriveData(torque=Track(signal, np.array([0]))))
     inside = [t for t in jump_times(loads) if 0.0 < t < T]
     y, times = np.array([0.1, -0.2]), np.array([0.0, *inside, T])
     for begin, end in itertools.pairwise(times):
@@ -151,7 +151,7 @@ def test_every_lane_has_jumps_of_its_own(dtype: str, method: str, built: Build) 
     rng = np.random.default_rng(3)
     q, v = rng.uniform(-0.3, 0.3, (2, 11, kernel.n)).astype(dtype)
     loads = [loads_of(model, seed) for seed in range(11)]
-    loads[4] = LoadData()
+    loads[4] = InputSignals()
     how: dict[str, Any] = {"method": method, "duration": T, "samples": 4, "rtol": 1e-4, "works": True}
     whole = kernel.rollout(q, v, loads=loads, **how)
     assert np.ptp(whole.steps) > 0
@@ -170,7 +170,7 @@ def test_mechanisms(built: Build) -> None:
     kernel = built(eomgen.load_robot("four_bar"), *names, *beside)
     rng = np.random.default_rng(1)
     gains = Gains(np.array([30.0]), np.array([2.0]))
-    loads = LoadData(DriveData(program=Track(bent(rng, 1, 0.3), np.array([0])), gains=gains))
+    loads = InputSignals(DriveData(program=Track(bent(rng, 1, 0.3), np.array([0])), gains=gains))
     q = kernel.close([0.5, 0.2, 1.2])
     v = kernel.close_rates(q, [1.0, 0.0, 0.0])
     how: dict[str, Any] = {"method": "tsit5", "duration": T, "samples": 2, "rtol": 1e-11}
@@ -187,7 +187,7 @@ def test_times_at_which_loads_jump() -> None:
     place, rng = np.array([0]), np.random.default_rng(0)
 
     def times(signal: Signal, **how: Any) -> list[float]:
-        return jump_times(LoadData(DriveData(torque=Track(signal, place))), **how).tolist()
+        return jump_times(InputSignals(DriveData(torque=Track(signal, place))), **how).tolist()
 
     assert times(Signal.constant([1.0])) == []
     assert times(Signal.constant([1.0]), every=True) == []
@@ -207,7 +207,7 @@ def test_times_at_which_loads_jump() -> None:
     found = times(replace(Signal.through([-1.0, 0.5, 3.0], [[0.0], [1.0], [0.0]]), profile=there_and_back))
     assert found == pytest.approx([0.0, 1.0 - np.sqrt(0.5), 1.0 + np.sqrt(0.5), 2.0], abs=1e-12)
     wrench = LinkWrench(0, Signal.constant(np.ones(6)), t0=0.25, t1=0.5)
-    assert jump_times(LoadData(wrenches=[wrench], first=0.1)).tolist() == [0.1, 0.25, 0.5]
+    assert jump_times(InputSignals(wrenches=[wrench], first=0.1)).tolist() == [0.1, 0.25, 0.5]
 
 
 def test_a_path_over_a_profile(built: Build) -> None:
@@ -216,7 +216,7 @@ def test_a_path_over_a_profile(built: Build) -> None:
     profile = Signal(np.array([0.0, 1.0]), np.array([[[0.0], [1.0], [3.0]]]))
     path = replace(Signal.through([0.0, 0.07, 0.2, 0.5, 2.0], [[0.0], [0.1], [-0.1], [0.3], [0.0]]), profile=profile)
     gains = Gains(np.array([400.0]), np.array([20.0]))
-    loads = LoadData(DriveData(program=Track(path, np.array([0])), gains=gains))
+    loads = InputSignals(DriveData(program=Track(path, np.array([0])), gains=gains))
     how: dict[str, Any] = {"method": "tsit5", "duration": T, "samples": 1, "rtol": 1e-11}
     _, found = kernel.rollout_gradient([0.1], [0.0], loss=last, loads=loads, **how)
     x, rng = path.coefficients, np.random.default_rng(1)
@@ -232,6 +232,6 @@ def test_a_path_over_a_profile(built: Build) -> None:
 def test_stiff_robots_are_refused_under_loads(built: Build) -> None:
     """A mass that friction holds against a force that jumps."""
     kernel = built(slider(friction=Friction(coulomb=6.0)), *ALL)
-    loads = LoadData(DriveData(torque=Track(bent(np.random.default_rng(2), 1, 1.0, 0), np.array([0]))))
+    loads = InputSignals(DriveData(torque=Track(bent(np.random.default_rng(2), 1, 1.0, 0), np.array([0]))))
     with pytest.raises(InputError, match="take rosenbrock"):
         kernel.rollout_gradient([0.0], [0.0], loss=last, loads=loads, method="tsit5", duration=1e-4, samples=1)

@@ -11,11 +11,11 @@ import pytest
 import eomgen
 from eomgen.errors import ArrayError, InputError
 from eomgen.runtime.stepping import gradients
-from eomgen.runtime.stepping.loads import (
+from eomgen.runtime.stepping.input_signals import (
     DriveData,
     Gains,
+    InputSignals,
     LinkWrench,
-    LoadData,
     MechanismData,
     ModelDrive,
     Signal,
@@ -44,7 +44,7 @@ def signal(rng: np.random.Generator, columns: int, size: float = 1.0) -> Signal:
     return Signal(TIMES, size * rng.uniform(-1.0, 1.0, shape) / (STEPS * DT) ** np.arange(4)[:, None])
 
 
-def loads_of(kernel: eomgen.Kernel, model: eomgen.Kernel | None, *, seed: int = 5, holds: bool = False) -> LoadData:
+def loads_of(kernel: eomgen.Kernel, model: eomgen.Kernel | None, *, seed: int = 5, holds: bool = False) -> InputSignals:
     """Everything at once: forces, gains and a model that follow a program, wrenches of all kinds, given motions."""
     rng, n = np.random.default_rng(seed), kernel.n
     given = [kernel.coordinates.index(name) for name in kernel.prescribed]
@@ -66,10 +66,10 @@ def loads_of(kernel: eomgen.Kernel, model: eomgen.Kernel | None, *, seed: int = 
     waves = None
     if given:
         waves = Waves(np.tile([0.1, 8.0, 0.3, 0.05], (len(given), 1)), [Track(signal(rng, 1, 0.1), np.array([0]))])
-    return LoadData(drive, pulls, waves)
+    return InputSignals(drive, pulls, waves)
 
 
-def put(loads: LoadData, name: str, x: Any) -> LoadData:
+def put(loads: InputSignals, name: str, x: Any) -> InputSignals:
     """The loads with other numbers by the name of their derivatives."""
     drive = loads.drive
     if name.startswith("wrench"):
@@ -89,7 +89,7 @@ def put(loads: LoadData, name: str, x: Any) -> LoadData:
     return replace(loads, drive=replace(drive, **{field: replace(track, signal=replace(track.signal, coefficients=x))}))
 
 
-def numbers(loads: LoadData, name: str) -> Any:
+def numbers(loads: InputSignals, name: str) -> Any:
     """The numbers by the name of their derivatives."""
     if name.startswith("wrench"):
         return loads.wrenches[int(name[7:-1])].signal.coefficients
@@ -201,7 +201,7 @@ def test_parts_and_batches(method: str, built: Build, monkeypatch: pytest.Monkey
         total = alone[0]["loads"][name] + other[name] + alone[2]["loads"][name]
         np.testing.assert_allclose(x, total, rtol=1e-12, atol=1e-13 * np.abs(total).max())
     out = {name: np.full_like(whole[name], np.nan) for name in ("q", "u")}
-    monkeypatch.setattr(gradients, "ROOM", 0)
+    monkeypatch.setattr(gradients, "KEPT", 0)
     monkeypatch.setattr(gradients, "SHORTEST", 1)
     again, parts = case.gradient(q=q, loads=each, out=out)
     assert again == value
@@ -225,7 +225,7 @@ def test_loops(method: str, built: Build, monkeypatch: pytest.MonkeyPatch) -> No
     case.v, case.u = kernel.close_rates(case.q, [1.0, 0.0, 0.0]), np.zeros(3)
     gains = Gains(np.array([30.0]), np.array([2.0]))
     drive = DriveData(program=Track(signal(rng, 1, 0.3), np.array([0])), gains=gains)
-    case.loads = LoadData(drive, [LinkWrench(1, signal(rng, 6, 3.0), np.array([0.1, 0.0, 0.0]), turns=True)])
+    case.loads = InputSignals(drive, [LinkWrench(1, signal(rng, 6, 3.0), np.array([0.1, 0.0, 0.0]), turns=True)])
     value, found = case.gradient()
     for name, by in found["loads"].items():
         x = numbers(case.loads, name)
@@ -252,7 +252,7 @@ def test_a_mechanism_whose_only_freedom_is_prescribed(built: Build, monkeypatch:
     case.q, case.u = kernel.close([0.5, 0.2, 1.2]), np.zeros(3)
     case.v = kernel.close_rates(case.q, [1.0, 0.0, 0.0])
     track = Track(signal(rng, 1, 0.1), np.array([0]))
-    case.loads = LoadData(given=Waves(np.array([[0.1, 8.0, 0.3, 0.5]]), [track]))
+    case.loads = InputSignals(given=Waves(np.array([[0.1, 8.0, 0.3, 0.5]]), [track]))
     value, found = case.gradient()
     assert [found[name] for name in case.parameters] == pytest.approx([0.0] * 3, abs=1e-12)  # what moves is given
     assert found["gravity.z"] == 0.0  # across its plane
@@ -263,7 +263,7 @@ def test_a_mechanism_whose_only_freedom_is_prescribed(built: Build, monkeypatch:
     assert (by * direction).sum() == pytest.approx((ends[0] - ends[1]) / 2e-5, rel=1e-6, abs=1e-8 * abs(value))
 
 
-class Loaded(Evaluated):
+class SingleMotion(Evaluated):
     """Steps under forces, gains, a model and a wrench, all of them complex."""
 
     names = (*Evaluated.names, "inverse_dynamics", "external_force")
@@ -314,14 +314,14 @@ def test_equal_to_complex_steps_of_the_programs(method: str, built: Build, monke
     steps = taken[0] if taken else None
     lengths = [DT] * STEPS if steps is None else list(steps.dt)
     times = DT * np.arange(STEPS + 1) if steps is None else steps.times
-    told = list(range(STEPS + 1)) if steps is None else list(steps.told)
+    told = list(range(STEPS + 1)) if steps is None else list(steps.sample_index)
     by = {**by, **by["loads"]}
     given = {"q": case.q, "v": case.v, "u": case.u} | {name: numbers(case.loads, name) for name in by["loads"]}
     rates = {name: rng.uniform(-1.0, 1.0, x.shape) * np.maximum(np.abs(x), 1e-3) for name, x in given.items()}
     values = {name: x + 1e-30j * rates[name] for name, x in given.items()}
     values |= {"ratio": case.loads.drive.ratio, "p": np.array(list(case.kernel.parameters.values()))}
     assert case.loads.drive.program is not None
-    evaluated = Loaded(eomgen.load_robot("one_link"), values)
+    evaluated = SingleMotion(eomgen.load_robot("one_link"), values)
     evaluated.places, evaluated.links = case.loads.drive.program.place, len(case.kernel.links)
     evaluated.chosen = steps is not None
     states = [(values["q"], values["v"])]
@@ -391,9 +391,9 @@ def test_what_is_wrong_is_named(built: Build) -> None:
     case.kernel = bare
     pull = [LinkWrench(0, Signal.constant(np.ones(6)))]
     with pytest.raises(eomgen.UnknownNameError, match="without the kernel external_force_parameter_adjoint"):
-        case.gradient(loads=LoadData(wrenches=pull))
+        case.gradient(loads=InputSignals(wrenches=pull))
     with pytest.raises(eomgen.UnknownNameError, match="without the kernel external_force_tangent"):
-        case.call("rollout_sensitivity", parameters=case.parameters, loads=LoadData(wrenches=pull))
+        case.call("rollout_sensitivity", parameters=case.parameters, loads=InputSignals(wrenches=pull))
     with pytest.raises(eomgen.UnknownNameError, match="without the kernel inverse_dynamics_adjoint"):
         case.gradient(
             loads=replace(
@@ -401,7 +401,7 @@ def test_what_is_wrong_is_named(built: Build) -> None:
             )
         )
     with pytest.raises(InputError, match="rk4 comes to an end that is not finite"):
-        case.gradient(dt=5.0, loads=LoadData())
+        case.gradient(dt=5.0, loads=InputSignals())
 
 
 @pytest.mark.soak

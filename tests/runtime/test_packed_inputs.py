@@ -10,8 +10,8 @@ import pytest
 import eomgen
 from eomgen.codegen.c.library import library_types
 from eomgen.export.wasm.layout import layouts, of_c
-from eomgen.runtime.stepping.loads import DriveData, Gains, LinkWrench, LoadData, Signal, Track, jump_times
-from eomgen.runtime.stepping.packed_inputs import STRUCTS, Packed
+from eomgen.runtime.stepping.input_signals import DriveData, Gains, InputSignals, LinkWrench, Signal, Track, jump_times
+from eomgen.runtime.stepping.packed_inputs import STRUCTS, PackedInputs
 
 FUNCTIONS = re.compile(r"\(\*(\w+)\)\(")
 OWN = {"mechanism", "work", "h", "batch_h", "force_turned"}  # of functions, or filled by themselves
@@ -37,8 +37,8 @@ def test_what_is_packed_reads_back() -> None:
     drive = DriveData(None, Track(signal, np.array([1])), np.array([5.0]), gains, effort=np.array([np.inf, 7.0]))
     push = LinkWrench(0, Signal.constant(np.arange(6.0)), np.array([0.1, 0.2, 0.3]), 0.25, np.inf, True)
     library = kernel.raw.function("adaptive_rollout").library
-    loads = LoadData(drive, [push], first=-2.0)
-    packed, stops = Packed(library, kernel.calls, loads), jump_times(loads).tolist()
+    loads = InputSignals(drive, [push], first=-2.0)
+    packed, stops = PackedInputs(library, kernel.calls, loads), jump_times(loads).tolist()
     inputs = packed.pointer
     control, wrench, null = inputs.control, inputs.wrench[0], library.ffi.NULL
     assert (inputs.torque, inputs.model, inputs.given, inputs.work) == (null, null, null, null)

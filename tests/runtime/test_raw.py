@@ -1,4 +1,4 @@
-"""The raw face of kernels: pointers in, a status out, and addresses that C can call."""
+"""The raw interface of kernels: pointers in, a status out, and addresses that C can call."""
 
 from __future__ import annotations
 

@@ -128,7 +128,7 @@ def test_parts_of_long_motions_are_stepped_through_again(
     if METHODS[method] is FIXED:
         monkeypatch.setitem(METHODS, method, {**FIXED, "every": every})
     value, found = case.gradient(("gravity.z",))
-    monkeypatch.setattr(gradients, "ROOM", 0)
+    monkeypatch.setattr(gradients, "KEPT", 0)
     monkeypatch.setattr(gradients, "SHORTEST", 1)
     again, other = case.gradient(("gravity.z",))
     assert again == value

@@ -13,19 +13,19 @@ from eomgen.errors import ArrayError, InputError
 from eomgen.integration.solve import integrate
 from eomgen.motion.point_to_point import Harmonic, PointToPoint
 from eomgen.motion.splines import signal_of
-from eomgen.runtime.stepping.given_loads import place_given
-from eomgen.runtime.stepping.loads import (
+from eomgen.runtime.stepping.input_signals import (
     WORKS,
     DriveData,
     Gains,
+    InputSignals,
     LinkWrench,
-    LoadData,
     ModelDrive,
     Signal,
     Track,
     Waves,
 )
 from eomgen.runtime.stepping.options import ADAPTIVE as METHODS
+from eomgen.runtime.stepping.reading_inputs import place_prescribed
 from tests.codegen.forces.test_laws import slider
 from tests.support.builds import Build
 from tests.support.random_robots import Array, random_robot, some_prescribed
@@ -47,16 +47,16 @@ LOADED = (*NAMES, "generalized_force", "external_force")
 FORCE = np.array([3.0, -10.0, 20.0])  # N, of powers of t
 
 
-def push(factor: float = 1.0) -> LoadData:
+def push(factor: float = 1.0) -> InputSignals:
     """A force on the slider that is a polynomial of time."""
     signal = Signal(np.array([0.0, 2.0]), factor * FORCE.reshape(1, 3, 1))
-    return LoadData(DriveData(torque=Track(signal, np.array([0]))))
+    return InputSignals(DriveData(torque=Track(signal, np.array([0]))))
 
 
-def aim(kp: float, kd: float, goal: float = 0.3) -> LoadData:
+def aim(kp: float, kd: float, goal: float = 0.3) -> InputSignals:
     """A law that leads the slider to a place."""
     gains = Gains(np.array([kp]), np.array([kd]))
-    return LoadData(DriveData(program=Track(Signal.constant([goal]), np.array([0])), gains=gains))
+    return InputSignals(DriveData(program=Track(Signal.constant([goal]), np.array([0])), gains=gains))
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -143,9 +143,12 @@ def test_states_begin_where_tracks_do(built: Build) -> None:
         np.array([0.0, 1.0]), np.array([[[1.0], [2.0]]]), Signal(np.array([-1.0, 1.0]), np.full((1, 2, 1), 0.25))
     )
     waves = Waves(np.tile([0.5, 2.0, 0.3, 0.1], (count, 1)))
-    every = [LoadData(), *(LoadData(given=replace(waves, tracks=[Track(x, np.array([0]))])) for x in (line, path))]
+    every = [
+        InputSignals(),
+        *(InputSignals(given=replace(waves, tracks=[Track(x, np.array([0]))])) for x in (line, path)),
+    ]
     q, v = np.zeros((3, kernel.n)), np.zeros((3, kernel.n))
-    place_given(kernel.calls, every, q, v)
+    place_prescribed(kernel.calls, every, q, v)
     first, *rest = (kernel.coordinates.index(name) for name in kernel.prescribed)
     assert (q[0] == 0.0).all()
     assert q[1:, first] == pytest.approx([9.0, 2.0])
@@ -155,34 +158,34 @@ def test_states_begin_where_tracks_do(built: Build) -> None:
 
 
 BAD: dict[str, tuple[Any, str]] = {
-    "kind": ("program", r"loads = \"?'program'\"?; allowed: LoadData, a mapping from drive, wrench, prescribed"),
+    "kind": ("program", r"loads = \"?'program'\"?; allowed: InputSignals, a mapping from drive, wrench, prescribed"),
     "key": ({"drives": 1}, "'drives' is unknown; allowed: drive, wrench, prescribed"),
     "none": ([], "allowed: loads of one state at least"),
     "callable": ({"drive": print}, r"loads: drive: got .*; allowed: DriveData, or an object whose load_data\(\)"),
     "wrench": ({"wrench": np.zeros((2, 6))}, r"loads: wrench: got (.|\n)*allowed: finite numbers of shape \(1, 6\)"),
     "prescribed": ({"prescribed": Harmonic([0.1], 1.0)}, "loads: prescribed: .* no coordinate is prescribed"),
     "place": (
-        LoadData(DriveData(torque=Track(Signal.constant([1.0]), np.array([1])))),
+        InputSignals(DriveData(torque=Track(Signal.constant([1.0]), np.array([1])))),
         r"drive\.torque\.place: got .*; allowed: 1 whole numbers among 0",
     ),
     "columns": (
-        LoadData(DriveData(torque=Track(Signal.constant([1.0, 2.0]), np.array([0, 0])))),
+        InputSignals(DriveData(torque=Track(Signal.constant([1.0, 2.0]), np.array([0, 0])))),
         r"drive\.torque\.place: .* each place once",
     ),
     "knots": (
-        LoadData(DriveData(torque=Track(Signal(np.array([1.0, 0.0]), np.ones((1, 1, 1))), np.array([0])))),
+        InputSignals(DriveData(torque=Track(Signal(np.array([1.0, 0.0]), np.ones((1, 1, 1))), np.array([0])))),
         r"drive\.torque\.signal\.knots: got .*; allowed: numbers that increase",
     ),
     "pieces": (
-        LoadData(DriveData(torque=Track(Signal(np.arange(3.0), np.ones((1, 1, 1))), np.array([0])))),
+        InputSignals(DriveData(torque=Track(Signal(np.arange(3.0), np.ones((1, 1, 1))), np.array([0])))),
         r"signal\.knots: got .*; allowed: finite numbers of shape \(2,\)",
     ),
     "not finite": (
-        LoadData(DriveData(torque=Track(Signal.constant([np.nan]), np.array([0])))),
+        InputSignals(DriveData(torque=Track(Signal.constant([np.nan]), np.array([0])))),
         r"signal\.coefficients: got .*; allowed: finite numbers of shape \(any, any, any\)",
     ),
     "gains": (
-        LoadData(DriveData(gains=Gains(np.ones(1), np.ones(1)))),
+        InputSignals(DriveData(gains=Gains(np.ones(1), np.ones(1)))),
         r"drive\.program: got null; allowed: a Track|drive\.program: got None; allowed: a Track",
     ),
     "kp": (
@@ -193,9 +196,9 @@ BAD: dict[str, tuple[Any, str]] = {
         replace(aim(1.0, 1.0), drive=replace(aim(1.0, 1.0).drive, ratio=np.zeros(1))),
         r"drive\.ratio: got .*; allowed: finite numbers, none 0, of shape \(1,\)",
     ),
-    "link": (LoadData(wrenches=[LinkWrench(1, Signal.constant(np.ones(6)))]), r"wrench\[0\]\.link: .* among 0"),
-    "six": (LoadData(wrenches=[LinkWrench(0, Signal.constant(np.ones(3)))]), r"shape \(any, any, 6\)"),
-    "arm": (LoadData(wrenches=[LinkWrench(0, Signal.constant(np.ones(6)), np.ones(2))]), r"arm: .* shape \(3,\)"),
+    "link": (InputSignals(wrenches=[LinkWrench(1, Signal.constant(np.ones(6)))]), r"wrench\[0\]\.link: .* among 0"),
+    "six": (InputSignals(wrenches=[LinkWrench(0, Signal.constant(np.ones(3)))]), r"shape \(any, any, 6\)"),
+    "arm": (InputSignals(wrenches=[LinkWrench(0, Signal.constant(np.ones(6)), np.ones(2))]), r"arm: .* shape \(3,\)"),
 }
 
 
@@ -220,7 +223,7 @@ def test_other_refusals(built: Build) -> None:
         kernel.rollout(np.zeros((3, 1)), [0.0], loads=[push(), push()], **how)
     model = ModelDrive(kernel.calls, np.array([0]), np.ones(1), np.array([1]), np.array([-1]), 30.0)
     with pytest.raises(InputError, match=r"drive\.model\.column: .* allowed: 1 whole numbers among -1, 0"):
-        kernel.rollout([0.0], [0.0], loads=LoadData(replace(aim(1.0, 1.0).drive, model=model)), **how)
+        kernel.rollout([0.0], [0.0], loads=InputSignals(replace(aim(1.0, 1.0).drive, model=model)), **how)
     turning = built(random_robot(1045, joints=(1, 1), types=("free",), armature=False, forces=False), *LOADED)
     zero = np.zeros(turning.n)
     with pytest.raises(InputError, match="works: joint1 turns freely; allowed: other joints"):

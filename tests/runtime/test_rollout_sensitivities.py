@@ -78,7 +78,7 @@ def test_equal_to_the_gradient(name: str, method: str, built: Build, monkeypatch
     np.testing.assert_allclose(found, wanted, rtol=1e-11, atol=1e-12 * np.abs(wanted).max())
     for one, other in zip((q, v), case.call("rollout"), strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-11, atol=1e-13)
-    monkeypatch.setattr(sensitivities, "PART", 1)
+    monkeypatch.setattr(sensitivities, "SEGMENT", 1)
     monkeypatch.setattr(sensitivities, "SHORTEST", 5)
     for one, other in zip((q, v, dq, dv), (x for pair in case.sensitivity() for x in pair), strict=True):
         np.testing.assert_array_equal(one, other)
@@ -239,7 +239,7 @@ def test_equal_to_complex_steps_of_the_programs(method: str, built: Build, monke
     weights = rng.uniform(-1.0, 1.0, (2, *q.shape))
     _, by = case.call("rollout_gradient", loss=lambda t, q, v: (0.0, *weights), parameters=case.parameters)
     plan = list(zip(taken[0].dt, taken[0].rows, strict=True)) if taken else []
-    told = list(taken[0].told) if taken else list(range(STEPS + 1))
+    told = list(taken[0].sample_index) if taken else list(range(STEPS + 1))
     plan = plan or [(DT, row) for row in range(STEPS)]
     given = {**case.state, **case.control, "p": np.array(list(case.kernel.parameters.values()))}
     by = {**by, "p": np.array([by[name] for name in case.parameters])}

@@ -13,7 +13,7 @@ from eomgen.errors import ArrayError, InputError, UnknownNameError
 from eomgen.integration.solve import integrate
 from eomgen.robot.value import Robot
 from eomgen.runtime.stepping import gradients
-from eomgen.runtime.stepping.loads import DriveData, Gains, LinkWrench, LoadData, Signal, Track
+from eomgen.runtime.stepping.input_signals import DriveData, Gains, InputSignals, LinkWrench, Signal, Track
 from tests.support.builds import Build
 from tests.support.random_robots import random_robot, some_prescribed
 
@@ -179,7 +179,7 @@ def test_slopes_of_what_is_clipped_and_of_what_is_at_its_effort(method: str, cas
     assert free[i] != 0.0
 
 
-def loads_of(case: Case) -> LoadData:
+def loads_of(case: Case) -> InputSignals:
     """A program that gains follow, a force, and a wrench, which is not clipped."""
     place = np.array(case.driven)
     m = place.size
@@ -188,7 +188,7 @@ def loads_of(case: Case) -> LoadData:
     gains = Gains(np.full(m, 60.0), np.full(m, 1.0))
     drive = DriveData(Track(Signal.constant(np.full(m, 0.5)), place), Track(Signal.through(knots, samples), place))
     drive = DriveData(drive.torque, drive.program, np.ones(m), gains)
-    return LoadData(drive, [LinkWrench(0, Signal.constant([3.0, -2.0, 5.0, 0.1, 0.2, -0.3]))])
+    return InputSignals(drive, [LinkWrench(0, Signal.constant([3.0, -2.0, 5.0, 0.1, 0.2, -0.3]))])
 
 
 @pytest.mark.parametrize("method", ["rosenbrock", "tsit5"])
@@ -305,6 +305,6 @@ def test_what_cannot_be_clipped_is_named(case: Case, built: Build) -> None:
     what = given.prescribed[0]
     with pytest.raises(InputError, match=f"{what} has 2, but its motion is prescribed; allowed: drives"):
         given.rollout(np.zeros(given.n), np.zeros(given.n), method="tsit5", duration=1.0, saturate={what: 2.0})
-    loads = LoadData(DriveData(effort=np.zeros(kernel.n)))
+    loads = InputSignals(DriveData(effort=np.zeros(kernel.n)))
     with pytest.raises(InputError, match=r"loads: drive\.effort: .* is 0\.0; allowed: a number above 0"):
         kernel.rollout(*state, method="tsit5", duration=1.0, loads=loads)

@@ -123,7 +123,7 @@ def test_contacts_are_not(built: Build) -> None:
 
 def test_long_motions_are_looked_at_part_by_part(monkeypatch: pytest.MonkeyPatch, block: eomgen.Kernel) -> None:
     """Of steps that are not all kept."""
-    monkeypatch.setattr("eomgen.runtime.stepping.gradients.ROOM", 100)
+    monkeypatch.setattr("eomgen.runtime.stepping.gradients.KEPT", 100)
     with pytest.raises(InputError, match=REFUSED):
         block.rollout_gradient([0.0], [0.0], [3.0], loss=last, method="tsit5", duration=1e-4, samples=1)
 

@@ -33,10 +33,10 @@ from tests.support.kept_files import (
 from tests.support.measured_results import RESULTS, loaded_measured, random_measured, raw_measured, write_measured
 from tests.support.mutations import raw
 
-Loaded = SimulationResult | SweepResult
+SingleMotion = SimulationResult | SweepResult
 
 
-def loaded(read: Callable[[Path], Loaded], path: Path) -> Loaded | None:
+def loaded(read: Callable[[Path], SingleMotion], path: Path) -> SingleMotion | None:
     """What a file is, with what is printed of it; None where it is refused, with a message that is one."""
     try:
         found = read(path)
@@ -61,10 +61,10 @@ def _with_raw_bytes(path: Path, seed: int) -> None:
         path.write_bytes(raw(path.read_bytes(), chance))
 
 
-def results(folder: Path) -> Callable[[int], Loaded | None]:
+def results(folder: Path) -> Callable[[int], SingleMotion | None]:
     samples = [raw_result(sample_result(name), folder) for name in ("one_link", "geared_arm", "balanced_arm")]
 
-    def tried(seed: int) -> Loaded | None:
+    def tried(seed: int) -> SingleMotion | None:
         path = write_raw(folder / "r.npz", *random_result(samples[seed % len(samples)], seed))
         _with_raw_bytes(path, seed)
         return loaded(eomgen.load_result, path)
@@ -72,10 +72,10 @@ def results(folder: Path) -> Callable[[int], Loaded | None]:
     return tried
 
 
-def sweeps(folder: Path) -> Callable[[int], Loaded | None]:
+def sweeps(folder: Path) -> Callable[[int], SingleMotion | None]:
     sweep = raw_sweep()
 
-    def tried(seed: int) -> Loaded | None:
+    def tried(seed: int) -> SingleMotion | None:
         path = write_sweep(folder / "sweep", *random_sweep(sweep, seed))
         _with_raw_bytes(path / (MANIFEST if seed % 2 else ROWS), seed)
         return loaded(SweepResult.load, path)

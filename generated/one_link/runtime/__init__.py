@@ -1,4 +1,4 @@
-"""The NumPy face of compiled kernels: all that a generated package carries.
+"""NumPy interface of compiled kernels: all that a generated package carries.
 
 Uses NumPy, cffi's objects, and of eomgen ``errors`` and ``names`` alone.
 """

@@ -48,21 +48,23 @@ class Arrays:
             array = value
         else:
             array = self._converted(label, value, shape)
-        given = array.shape
-        if given == shape:
+        actual = array.shape
+        if actual == shape:
             lead: Lead = ()
-        elif given[-len(shape) :] == shape:
-            lead = given[: -len(shape)]
+        elif actual[-len(shape) :] == shape:
+            lead = actual[: -len(shape)]
         else:
-            raise ArrayError(f"{label}: expected {self._expected(shape)}, got shape {given}{self._said(given, shape)}")
+            raise ArrayError(
+                f"{label}: expected {self._expected(shape)}, got shape {actual}{self._said(actual, shape)}"
+            )
         if checks and not is_finite(array):
             self.refuse_not_finite(label, array, shape)
         return array, lead
 
-    def _said(self, given: Lead, shape: tuple[int, ...]) -> str:
+    def _said(self, actual: Lead, shape: tuple[int, ...]) -> str:
         """Name what follows other coordinates where it may be what an array has too many numbers for."""
         more = (*shape[:-1], shape[-1] + len(self._followers))
-        if not self._followers or given[-len(shape) :] != more:
+        if not self._followers or actual[-len(shape) :] != more:
             return ""
         said = "follow others and are no coordinates" if len(self._followers) > 1 else "follows others and is none"
         return f" ({', '.join(self._followers)} {said}; see kernel.coordinates and kernel.followers)"
@@ -84,12 +86,12 @@ class Arrays:
         raise ArrayError(f"{label}: {element} is {array[where]}{place}; numbers must be finite", name)
 
     def overflow(
-        self, function: RawFunction, result: Array, shape: tuple[int, ...], given: Sequence[tuple[str, Array]]
+        self, function: RawFunction, result: Array, shape: tuple[int, ...], arguments: Sequence[tuple[str, Array]]
     ) -> ArrayError:
         """The error that says that finite numbers led to a result that is not: which entry, and the largest number.
 
         Args:
-            given: label and array of every argument; of a batch the rows of states, or the state that stands for all.
+            arguments: label and array of each; of a batch the rows of states, or the state that stands for all.
         """
         where = tuple(int(i) for i in np.argwhere(~np.isfinite(result))[0])
         lead, inner = where[: len(where) - len(shape)], where[len(where) - len(shape) :]
@@ -97,17 +99,17 @@ class Arrays:
         named = len(inner) - BY_COORDINATE.get(function.writes, 0)
         names = [self.coordinates[i] for i in inner[named:]]
         entry = [f"[{', '.join(map(str, inner[:named]))}]"] if named else []
-        found = f"{' '.join([*entry, *names])}{place_of(lead)} is {result[where]}"
+        overflowed = f"{' '.join([*entry, *names])}{place_of(lead)} is {result[where]}"
         largest, most = "", -1.0
-        for label, array in given:
-            own = array[state] if array.ndim > len(self._shapes[label]) else array
-            at = np.unravel_index(np.abs(own).argmax(), own.shape)
-            if abs(own[at]) > most:
-                most = abs(own[at])
-                largest = f"{self._element(label, tuple(map(int, at)), own.shape)} = {own[at]:g} in {label}"
+        for label, array in arguments:
+            block = array[state] if array.ndim > len(self._shapes[label]) else array
+            at = np.unravel_index(np.abs(block).argmax(), block.shape)
+            if abs(block[at]) > most:
+                most = abs(block[at])
+                largest = f"{self._element(label, tuple(map(int, at)), block.shape)} = {block[at]:g} in {label}"
         return ArrayError(
-            f"{function.name}: {found}, out of numbers that are finite; the largest is {largest}, and {self.dtype} ends"
-            f" at {np.finfo(self.dtype).max:.2g}",
+            f"{function.name}: {overflowed}, out of numbers that are finite; the largest is {largest}, and {self.dtype}"
+            f" ends at {np.finfo(self.dtype).max:.2g}",
             names[0] if names else "",
         )
 
@@ -129,7 +131,7 @@ class Arrays:
         if not out.flags.aligned:  # C may only write numbers where numbers of their size begin
             raise ArrayError(f"out: expected an array that is aligned for {self.dtype}, got one that is not")
         if any(np.may_share_memory(out, array) for array in arrays):
-            raise ArrayError("out: overlaps an argument; give it memory of its own")
+            raise ArrayError("out: overlaps an argument; give it separate memory")
         return out
 
     def _converted(self, label: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
@@ -185,11 +187,11 @@ def names_in(label: str, value: Any) -> list[str]:
     """Names as a list; InputError, which begins with the label, of anything but texts in a row."""
     if isinstance(value, (str, bytes)) or not isinstance(value, Iterable):
         raise InputError(f"{label}: {show(value)}; allowed: a sequence of names")
-    found = list(value)
-    for name in found:
+    names = list(value)
+    for name in names:
         if not isinstance(name, str):
             raise InputError(f"{label}: {show(name)} is no name; allowed: a sequence of names")
-    return found
+    return names
 
 
 def is_finite(array: Array) -> bool:
@@ -197,19 +199,19 @@ def is_finite(array: Array) -> bool:
     return 0 not in np.isfinite(array).tobytes()  # a quarter of the time of all() for few numbers
 
 
-def joint_lead(label: str, own: Lead, lead: Lead) -> Lead:
-    """Leading axes of a result whose arguments have ``own`` and ``lead``, by NumPy's rules.
+def joint_lead(label: str, leading: Lead, lead: Lead) -> Lead:
+    """Leading axes of a result whose arguments have ``leading`` and ``lead``, by NumPy's rules.
 
     Raises:
         ArrayError: they do not go together.
     """
     try:
-        return np.broadcast_shapes(own, lead)
+        return np.broadcast_shapes(leading, lead)
     except ValueError:
         pass
-    if len(own) == len(lead) == 1:
-        raise ArrayError(f"{label}: {own[0]} states, but {lead[0]} in other arrays")
-    raise ArrayError(f"{label}: leading axes {own} do not go together with {lead} of other arrays")
+    if len(leading) == len(lead) == 1:
+        raise ArrayError(f"{label}: {leading[0]} states, but {lead[0]} in other arrays")
+    raise ArrayError(f"{label}: leading axes {leading} do not go together with {lead} of other arrays")
 
 
 def rows_of(array: Array, shape: tuple[int, ...], lead: Lead) -> Array:
@@ -219,10 +221,10 @@ def rows_of(array: Array, shape: tuple[int, ...], lead: Lead) -> Array:
         array: (..., *shape), its leading axes go together with ``lead``.
         lead: the leading axes of the result, at least one.
     """
-    own = array.shape[: array.ndim - len(shape)]
-    if own == lead:
+    leading = array.shape[: array.ndim - len(shape)]
+    if leading == lead:
         return array if len(lead) == 1 else array.reshape(math.prod(lead), *shape)
-    if math.prod(own) == 1:
+    if math.prod(leading) == 1:
         return array.reshape(shape)
     whole = np.ascontiguousarray(np.broadcast_to(array, (*lead, *shape)))
     return whole.reshape(math.prod(lead), *shape)
@@ -251,5 +253,5 @@ def _first_rounded(numbers: Array, bits: int) -> int | None:
     """The first of many whole numbers that has more bits between its ends than a float, or None."""
     large = numbers[(numbers > 2**bits) | (numbers < -(2**bits))]
     odd = large // (large & -large)  # without the zeros at the end
-    found = large[np.abs(odd) >= 2**bits]
-    return int(found[0]) if found.size else None
+    rounded = large[np.abs(odd) >= 2**bits]
+    return int(rounded[0]) if rounded.size else None

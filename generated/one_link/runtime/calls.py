@@ -13,10 +13,10 @@ from numpy.typing import ArrayLike
 from ..errors import ArrayError, SingularError
 from ..names import split_component
 from .arrays import Arrays, Lead, is_finite, joint_lead, place_of, rows_of
+from .chunking import shared, states_at_once
 from .direct import WRENCHED
-from .opened import loop_error, singular_loop
+from .loop_errors import loop_error, singular_loop
 from .parameters import Parameters
-from .pieces import shared, states_at_once
 from .raw import Array, RawFunction, RawKernel
 from .singular import NEARLY, VANISHED, null_coordinates, scaled_eigenvalues, singular_place
 
@@ -62,9 +62,9 @@ class Calls:
         """A function's result with what wrenches add to it, as ``WRENCHED`` says."""
         if wrench is None:
             return self.run(name, out, values)
-        part, sign, _ = WRENCHED[name]
-        external = self.run(part, None, (values[0], wrench))
-        single = self.raw.shapes[self.raw.functions[part].writes]
+        added, sign, _ = WRENCHED[name]
+        external = self.run(added, None, (values[0], wrench))
+        single = self.raw.shapes[self.raw.functions[added].writes]
         result = self.run(name, out, values, lead=external.shape[: external.ndim - len(single)])
         with np.errstate(over="ignore", invalid="ignore"):
             result += self.dtype.type(sign) * external
@@ -104,9 +104,9 @@ class Calls:
         function = raw.functions[name]
         arrays: list[Array] = []
         for label, value in zip(function.reads, values, strict=True):
-            array, own = take(label, value, raw.shapes[label], checks)
-            if own != lead:
-                lead = joint_lead(label, own, lead) if own and lead else own or lead
+            array, leading = take(label, value, raw.shapes[label], checks)
+            if leading != lead:
+                lead = joint_lead(label, leading, lead) if leading and lead else leading or lead
             arrays.append(array)
         shape = (*lead, *raw.shapes[function.writes])
         result = np.empty(shape, self.dtype) if out is None else self.arrays.checked_out(out, shape, arrays)
@@ -127,8 +127,8 @@ class Calls:
             if reason >= self.n:
                 rows = self._rows(function.reads, arrays, lead)[0] if lead else arrays
                 alone = [x[state] if x.ndim == 2 else x for x in rows]
-                given = dict(zip(function.reads, alone, strict=True))
-                raise loop_error(raw, name, reason - self.n, place, given, partial(self._asked, given))
+                arguments = dict(zip(function.reads, alone, strict=True))
+                raise loop_error(raw, name, reason - self.n, place, arguments, partial(self._asked, arguments))
             raise self.singular(name, reason, place, q[state] if q.ndim == 2 else q)
         if checks and not is_finite(result):
             raise self._overflow(name, result, function.reads, arrays)
@@ -139,9 +139,9 @@ class Calls:
         rows, steps = [], []
         for label, array in zip(labels, arrays, strict=True):
             shape = self.raw.shapes[label]
-            found = rows_of(array, shape, lead)
-            rows.append(found)
-            steps.append(math.prod(shape) if found.ndim > len(shape) else 0)
+            flat = rows_of(array, shape, lead)
+            rows.append(flat)
+            steps.append(math.prod(shape) if flat.ndim > len(shape) else 0)
         return rows, steps
 
     def _overflow(
@@ -219,12 +219,12 @@ class Calls:
 
         return shared(work, count, min(self.threads, count // SHARE))
 
-    def _asked(self, given: Mapping[str, Array], name: str) -> Array | None:
+    def _asked(self, arguments: Mapping[str, Array], name: str) -> Array | None:
         """Ask another function about a state, with zeros for what is not given; None where there is none."""
         if name not in self.raw.functions:
             return None
         reads = self.raw.functions[name].reads
-        return self.run(name, None, [given.get(x, np.zeros(self.raw.shapes[x], self.dtype)) for x in reads])
+        return self.run(name, None, [arguments.get(x, np.zeros(self.raw.shapes[x], self.dtype)) for x in reads])
 
     def array(self, label: str, value: ArrayLike, shape: tuple[int, ...]) -> tuple[Array, Lead]:
         """A value as a C-contiguous array of the kernel's dtype, and the axes in front of a state's.
@@ -244,17 +244,17 @@ class Calls:
             place: what follows the coordinates' names, such as " in state 3".
             q: coordinates in that state, (n,), where they are known.
         """
-        found, reason = self.coordinates[coordinate], ELIMINATED
+        where, reason = self.coordinates[coordinate], ELIMINATED
         if q is not None:
             if (loop := self._singular_loop(q)) is not None:
                 return SingularError(f"{name}: {self.raw.name}: {loop}{place}")
             M, names = self._moving_mass(q), [x for x in self.coordinates if x not in self.prescribed]
             limit = VANISHED if self.dtype == np.float64 else NEARLY
             if M is not None and np.isfinite(M).all():
-                found, reason = singular_place(null_coordinates(M, names, limit), q, self.coordinates)
-            elif singular_place((found,), q, self.coordinates)[0] != found:
-                found, reason = singular_place((found,), q, self.coordinates)
-        return SingularError(f"{name}: the mass matrix cannot be inverted at {found}{place}; {reason}")
+                where, reason = singular_place(null_coordinates(M, names, limit), q, self.coordinates)
+            elif singular_place((where,), q, self.coordinates)[0] != where:
+                where, reason = singular_place((where,), q, self.coordinates)
+        return SingularError(f"{name}: the mass matrix cannot be inverted at {where}{place}; {reason}")
 
     def _singular_loop(self, q: Array) -> str | None:
         """Say which loop has constraints that follow from others at q, (n,), where M can be inverted; else None."""

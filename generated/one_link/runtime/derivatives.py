@@ -15,7 +15,7 @@ from ..names import nearest_or_all, show
 from .arrays import flag, names_in
 from .calls import Calls
 from .compiled_code import CompiledCode
-from .opened import LOADED
+from .loop_errors import LOADED
 from .parameters import Parameters
 from .raw import Array
 
@@ -59,16 +59,16 @@ class Differentiated:
         kinds = [kind for kind in KINDS if f"{name}_{kind}" in known]
         if not kinds:
             ends = [(x, kind) for x in known for kind in reversed(KINDS) if x.endswith(f"_{kind}")]
-            given = sorted({x.removesuffix(f"_{kind}").removesuffix("_parameter") for x, kind in ends})
+            available = sorted({x.removesuffix(f"_{kind}").removesuffix("_parameter") for x, kind in ends})
             raise UnknownNameError(
-                f"{calls.raw.name} was built without derivatives of {show(name)}{nearest_or_all(str(name), given)}"
+                f"{calls.raw.name} was built without derivatives of {show(name)}{nearest_or_all(str(name), available)}"
             )
-        found = known[f"{name}_{kinds[0]}"]
+        function = known[f"{name}_{kinds[0]}"]
         if not kinds[0].endswith(TANGENT):
-            *reads, weights = found.reads
+            *reads, weights = function.reads
             return cls(calls, name, tuple(reads), weights.removeprefix(f"{COTANGENT}_"), frame_index)
-        arrays = len(found.reads) // 2 if kinds[0] == TANGENT else len(found.reads) - 1
-        return cls(calls, name, found.reads[:arrays], found.writes, frame_index)
+        arrays = len(function.reads) // 2 if kinds[0] == TANGENT else len(function.reads) - 1
+        return cls(calls, name, function.reads[:arrays], function.writes, frame_index)
 
     @property
     def is_framed(self) -> bool:
@@ -117,29 +117,29 @@ class Differentiated:
             return self.calls.array(COTANGENT, cotangent, self.shape(self.writes))[0]
         frames, *inner = self.shape(self.writes)
         outer = (4, 4) if self.writes == "poses" else tuple(inner)
-        given, lead = self.calls.array(COTANGENT, cotangent, outer)
+        weights, lead = self.calls.array(COTANGENT, cotangent, outer)
         whole = np.zeros((*lead, frames, *inner), self.calls.dtype)
-        whole[..., frame, :, :] = given[..., : inner[0], :]
+        whole[..., frame, :, :] = weights[..., : inner[0], :]
         return whole
 
-    def part(self, result: Array, frame: int | None) -> Array:
+    def of_frame(self, result: Array, frame: int | None) -> Array:
         """The function's own result, of one for all frames; derivatives of a pose's last row are zero."""
         if frame is None:
             return result
-        own: Array = result[..., frame, :, :]
+        rows: Array = result[..., frame, :, :]
         if self.writes != "poses":
-            return own
-        return np.concatenate([own, np.zeros_like(own[..., :1, :])], axis=-2)
+            return rows
+        return np.concatenate([rows, np.zeros_like(rows[..., :1, :])], axis=-2)
 
     def rows(self, gradient: Array) -> tuple[Array, ...]:
         """A gradient's parts by the arguments, in their shapes."""
-        found, begin = list[Array](), 0
+        gradients, begin = list[Array](), 0
         for label in self.reads:
             shape = self.shape(label)
             end = begin + math.prod(shape)
-            found.append(gradient[..., begin:end].reshape(*gradient.shape[:-1], *shape))
+            gradients.append(gradient[..., begin:end].reshape(*gradient.shape[:-1], *shape))
             begin = end
-        return tuple(found)
+        return tuple(gradients)
 
 
 def parameter_slots(parameters: Parameters, names: Sequence[str]) -> list[int]:
@@ -231,12 +231,12 @@ class Differentiation(CompiledCode):
         arrays, frame = f.state(args)
         if not isinstance(tangents, (tuple, list)) or len(tangents) != len(f.reads):
             raise InputError(f"tangents: got {_number(tangents)}; allowed: one for each of {', '.join(f.reads)}")
-        found = f.part(f.run(TANGENT, [*arrays, *tangents]), frame)
+        derivative = f.of_frame(f.run(TANGENT, [*arrays, *tangents]), frame)
         if parameters:
             along = np.zeros(len(self.parameters), self.dtype)
             along[parameter_slots(self.parameters, tuple(parameters))] = list(parameters.values())
-            found = found + f.part(f.run(f"{BY_PARAMETERS}{TANGENT}", [*arrays, along]), frame)
-        return found
+            derivative = derivative + f.of_frame(f.run(f"{BY_PARAMETERS}{TANGENT}", [*arrays, along]), frame)
+        return derivative
 
     def vjp(
         self, name: str, args: Sequence[Any], cotangent: ArrayLike, parameters: Sequence[str] = ()
@@ -261,10 +261,10 @@ class Differentiation(CompiledCode):
         f = self._differentiated(name)
         arrays, frame = f.state(args)
         slots = parameter_slots(self.parameters, parameters)
-        given = [*arrays, f.weights(cotangent, frame)]
+        arguments = [*arrays, f.weights(cotangent, frame)]
         if not slots:
-            return f.rows(f.run(ADJOINT, given))
-        gradient = f.run(f"{BY_PARAMETERS}{ADJOINT}", given)
+            return f.rows(f.run(ADJOINT, arguments))
+        gradient = f.run(f"{BY_PARAMETERS}{ADJOINT}", arguments)
         split = gradient.shape[-1] - len(self.parameters)
         return (*f.rows(gradient[..., :split]), gradient[..., split:][..., slots])
 
@@ -303,15 +303,15 @@ class Differentiation(CompiledCode):
         slots = parameter_slots(self.parameters, tuple(self.parameters) if parameters is None else parameters)
         arrays, frame = f.state(args)
         shaped = [self.calls.array(label, value, f.shape(label)) for label, value in zip(f.reads, arrays, strict=True)]
-        lead = np.broadcast_shapes(*(own for _, own in shaped))
+        lead = np.broadcast_shapes(*(leading for _, leading in shaped))
         if not slots:
-            result = f.part(np.zeros((*lead, *f.shape(f.writes)), self.dtype), frame)
+            result = f.of_frame(np.zeros((*lead, *f.shape(f.writes)), self.dtype), frame)
             return np.zeros((*result.shape, 0), self.dtype)
         units = np.zeros((len(slots), len(self.parameters)), self.dtype)
         units[range(len(slots)), slots] = 1.0
-        beside = [x.reshape(*own, 1, *f.shape(label)) for label, (x, own) in zip(f.reads, shaped, strict=True)]
-        found = f.part(f.run(f"{BY_PARAMETERS}{TANGENT}", [*beside, units], inner=1), frame)
-        return np.moveaxis(found, len(lead), -1)
+        beside = [x.reshape(*leading, 1, *f.shape(label)) for label, (x, leading) in zip(f.reads, shaped, strict=True)]
+        columns = f.of_frame(f.run(f"{BY_PARAMETERS}{TANGENT}", [*beside, units], inner=1), frame)
+        return np.moveaxis(columns, len(lead), -1)
 
     def _differentiated(self, name: str) -> Differentiated:
         return Differentiated.of(self.calls, name, self.frame_index)

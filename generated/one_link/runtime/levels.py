@@ -37,14 +37,14 @@ def machine_levels() -> tuple[str, ...]:
 
 def supported() -> tuple[str, ...]:
     """Levels that this processor and its system run, the best one last."""
-    found = _features()
-    return tuple(level for level in machine_levels() if found.issuperset(NEEDS[level]))
+    features = _features()
+    return tuple(level for level in machine_levels() if features.issuperset(NEEDS[level]))
 
 
 def lacking(level: str) -> tuple[str, ...]:
     """Features that a level needs and that are not here."""
-    found = _features()
-    return tuple(name for name in NEEDS[level] if name not in found)
+    features = _features()
+    return tuple(name for name in NEEDS[level] if name not in features)
 
 
 @cache
@@ -66,12 +66,12 @@ def best_level(held: Iterable[str] = LEVELS) -> str:
         BuildError: none of them is such a level.
     """
     levels, allowed = tuple(held), allowed_levels()
-    found = [level for level in allowed if level in levels]
-    if not found:
+    runnable = [level for level in allowed if level in levels]
+    if not runnable:
         raise BuildError(
             f"the compiled code is for processors of level {', '.join(levels)}; allowed here: {', '.join(allowed)}"
         )
-    return found[-1]
+    return runnable[-1]
 
 
 def allowed_levels() -> tuple[str, ...]:

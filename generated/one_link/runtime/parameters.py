@@ -127,10 +127,10 @@ class Parameters(MutableMapping[str, float]):
         """
         wanted: list[float] = []
         try:
-            given = dict(*args, **kwargs)
+            values = dict(*args, **kwargs)
         except (TypeError, ValueError):
             raise InputError(f"parameters: {show(args[0])}; allowed: a mapping from names to numbers") from None
-        for name, value in given.items():
+        for name, value in values.items():
             slot = self._slot(name)
             held = self._held(name, value)
             least = self._least.get(name)

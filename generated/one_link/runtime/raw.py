@@ -51,7 +51,7 @@ class RawFunction:
     reads: tuple[str, ...]
     writes: str
     _libraries: Libraries = field(repr=False, compare=False)
-    _found: dict[bool, tuple[Any, Library]] = field(default_factory=dict, repr=False, compare=False)
+    _codes: dict[bool, tuple[Any, Library]] = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def is_framed(self) -> bool:
@@ -65,7 +65,7 @@ class RawFunction:
         The value is 0, or 1 + i where the mass matrix cannot be inverted at coordinate i; 1 + n + r where the
         constraint r of closed loops is open, and as many more as there are constraints where it is opening.
         """
-        return self._part(batch=False)[0]
+        return self._code_of(batch=False)[0]
 
     @property
     def batch(self) -> Any:
@@ -74,7 +74,7 @@ class RawFunction:
         A step of 0 stands for one that is the same for all.  The value is -1, or state * ``statuses`` + i of the first
         failure.
         """
-        return self._part(batch=True)[0]
+        return self._code_of(batch=True)[0]
 
     @property
     def library(self) -> Library:
@@ -86,7 +86,7 @@ class RawFunction:
         """Operations of a call, or of a step of a rollout, at most: multiplications and additions, or what takes as
         long.
         """
-        library = self.where(batch=False not in self._found and True in self._found)  # either says it
+        library = self.where(batch=False not in self._codes and True in self._codes)  # either says it
         work: int = sum(WEIGHTS[key] * count for key, count in library.meta["operations"][self.kernel].items())
         return work * (STAGES if self.kind == ROLLOUT else 1)
 
@@ -96,16 +96,16 @@ class RawFunction:
 
     def where(self, *, batch: bool = False) -> Library:
         """The library with the code for one state, or for several, which takes ``Setup.pointer`` of its own."""
-        return self._part(batch=batch)[1]
+        return self._code_of(batch=batch)[1]
 
-    def _part(self, *, batch: bool) -> tuple[Any, Library]:
+    def _code_of(self, *, batch: bool) -> tuple[Any, Library]:
         """Its code, and where it is; libraries see to it that one thread makes them."""
-        found = self._found.get(batch)
-        if found is None:
+        code = self._codes.get(batch)
+        if code is None:
             name = f"{self.name}{BATCH}" if batch else self.name
             library = self._libraries.library(self.kernel, name)
-            found = self._found.setdefault(batch, (library.function(name), library))
-        return found
+            code = self._codes.setdefault(batch, (library.function(name), library))
+        return code
 
 
 class Library:
@@ -190,8 +190,8 @@ class Operations(Mapping[str, Mapping[str, int]]):
     def __getitem__(self, kernel: str) -> Mapping[str, int]:
         if kernel not in self:
             raise KeyError(kernel)
-        found: Mapping[str, int] = self._libraries.about(kernel)["operations"][kernel]
-        return dict(found)
+        counts: Mapping[str, int] = self._libraries.about(kernel)["operations"][kernel]
+        return dict(counts)
 
     def __contains__(self, kernel: object) -> bool:
         return kernel == SETUP or kernel in self._libraries.meta["kernels"]

@@ -40,18 +40,18 @@ def null_coordinates(M: Array, names: Sequence[str], limit: float = VANISHED) ->
     null = vectors[:, values <= max(limit, values[0])] / _sizes(M, NO_SIZE)[:, np.newaxis]
     null *= _sizes(M, SMALL)[:, np.newaxis]  # a part of a null vector counts, though its own inertia is small
     parts = np.linalg.norm(null / np.linalg.norm(null, axis=0), axis=1)
-    return tuple(name for name, part in zip(names, parts, strict=True) if part > SHARE * parts.max())
+    return tuple(name for name, share in zip(names, parts, strict=True) if share > SHARE * parts.max())
 
 
-def singular_place(found: Sequence[str], q: Array, names: Sequence[str]) -> tuple[str, str]:
+def singular_place(coordinates: Sequence[str], q: Array, names: Sequence[str]) -> tuple[str, str]:
     """Names of the coordinates where a mass matrix cannot be inverted, for people, and the reason.
 
     Args:
-        found: ``null_coordinates``, or what stands for them.
+        coordinates: ``null_coordinates``, or what stands for them.
         q: coordinates in that state, (n,), m or rad.
     """
     values = dict(zip(names, q.tolist(), strict=True))
-    for name in found:
+    for name in coordinates:
         joint, _, kind = name.rpartition(".")
         alpha, beta, gamma = (f"{joint}.{angle}" for angle in ("alpha", "beta", "gamma"))
         turns = kind in ("alpha", "beta", "gamma") and {alpha, beta, gamma} <= values.keys()
@@ -60,4 +60,4 @@ def singular_place(found: Sequence[str], q: Array, names: Sequence[str]) -> tupl
                 f"{alpha} and {gamma}",
                 f"{beta} is at +-pi/2, where Euler angles are singular: both turn about one axis",
             )
-    return " and ".join(found), "what they move has no inertia along that motion"
+    return " and ".join(coordinates), "what they move has no inertia along that motion"

@@ -12,7 +12,7 @@ from ..errors import InputError, LoopError
 from ..names import joint_of
 from ..pipeline.stages import build
 from ..runtime.kernel import Kernel
-from ..runtime.opened import left_open
+from ..runtime.loop_errors import left_open
 from ..state.vectors import state_vector
 from .at_rest import closed
 from .holding import notes_of_play

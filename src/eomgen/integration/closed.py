@@ -11,7 +11,7 @@ from ..arrays import Array, Index
 from ..errors import ArrayError, IntegrationStopped, LoopError
 from ..loops.chart import Chart, Followed
 from ..runtime.kernel import Kernel
-from ..runtime.opened import left_open
+from ..runtime.loop_errors import left_open
 from ..state.springs import rate_step
 from ..state.vectors import Q_STEP
 from .system import System

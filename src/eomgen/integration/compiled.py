@@ -12,9 +12,9 @@ from ..progress import Progress
 from ..runtime.kernel import Kernel
 from ..runtime.stepping.adaptive import DONE, why_ended
 from ..runtime.stepping.alternation import implicit_spans
-from ..runtime.stepping.loaded import Loaded
-from ..runtime.stepping.loads import LoadData
+from ..runtime.stepping.input_signals import InputSignals
 from ..runtime.stepping.options import AUTO, ErrorControl
+from ..runtime.stepping.single_motion import SingleMotion
 from .contacts import ContactWatch
 from .steps import Samples
 from .system import System
@@ -26,7 +26,7 @@ KEPT = 1024  # steps of a call in which contacts are looked for
 
 def compiled_states(
     system: System,
-    loads: LoadData,
+    loads: InputSignals,
     samples: Samples,
     control: ErrorControl,
     report: Progress,
@@ -45,7 +45,7 @@ def compiled_states(
     q, v = samples.states[0, :n], samples.states[0, n:]
     kept = KEPT if watch.is_needed else 0
     control = per_step(control)
-    motion = Loaded(kernel.calls, loads, samples.times, q, v, control, kept, works=works)
+    motion = SingleMotion(kernel.calls, loads, samples.times, q, v, control, kept, works=works)
     system.worked = motion if works else None
     at, before, progress = float(samples.times[0]), samples.states[0], motion.progress
     while progress.reason == 0:
@@ -89,22 +89,22 @@ def per_step(control: ErrorControl) -> ErrorControl:
 
 def _moved(
     kernel: Kernel,
-    loads: LoadData,
+    loads: InputSignals,
     span: tuple[float, float],
     y: Array,
     control: ErrorControl,
     *,
     works: bool = False,
-) -> Loaded:
+) -> SingleMotion:
     """The motion over a span, s, from a state, (2n,), at its begin."""
     n = kernel.n
-    motion = Loaded(kernel.calls, loads, np.array(span), y[:n], y[n:], control, works=works)
+    motion = SingleMotion(kernel.calls, loads, np.array(span), y[:n], y[n:], control, works=works)
     while not motion.progress.reason:
         motion.go()
     return motion
 
 
-def _stopped(system: System, motion: Loaded, method: str) -> IntegrationStopped:
+def _stopped(system: System, motion: SingleMotion, method: str) -> IntegrationStopped:
     """The error that says where and why steps ended; that of the first state itself where nothing led on.
 
     Raises:

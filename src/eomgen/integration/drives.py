@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array
 from ..runtime.kernel import Kernel
-from ..runtime.stepping.loads import DriveData, Signal, Track
+from ..runtime.stepping.input_signals import DriveData, Signal, Track
 from ..state.vectors import DriveFunction, state_vector
 
 

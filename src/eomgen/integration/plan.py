@@ -13,8 +13,8 @@ from ..errors import EomgenError, InputError
 from ..limits import LARGEST, is_usable
 from ..names import show
 from ..runtime.kernel import Kernel
-from ..runtime.stepping.given_loads import data_of
 from ..runtime.stepping.options import AUTO, NARROW, NARROW_TURNS, RADAU, TURNS, rollout_of
+from ..runtime.stepping.reading_inputs import signals_of
 from ..state.springs import any_spring, damping_matrix, fastest_rates
 from ..state.vectors import DriveFunction, MotionFunction, WrenchFunction
 from .methods import IN_C, METHODS, SUNDIALS
@@ -168,7 +168,7 @@ def why_not_in_c(
     if kernel.dtype != np.float64:
         return f"the kernel is {kernel.dtype}"
     for label, function in (("drive", drive), ("wrench", wrench), ("prescribed", prescribed)):
-        if callable(function) and data_of(function) is None:
+        if callable(function) and signals_of(function) is None:
             return f"the {label} is a function that only Python can call"
     return ""
 

@@ -15,8 +15,8 @@ from ..arrays import Array
 from ..errors import InputError
 from ..progress import Progress
 from ..runtime.kernel import Kernel
-from ..runtime.stepping.given_loads import loads_of
 from ..runtime.stepping.options import ErrorControl
+from ..runtime.stepping.reading_inputs import input_signals
 from ..state.vectors import DriveFunction, MotionFunction, WrenchFunction, state_vector
 from . import compiled, sundials
 from .advance import Advance
@@ -68,7 +68,7 @@ def integrate(  # noqa: PLR0913
         duration: s.
         drive, wrench, prescribed: what acts, and what moves by itself; each is described below.  C follows forces and
             wrenches that stay, and objects with a method ``load_data``, as those of scenarios and ``Harmonic`` have it:
-            it gives a DriveData, a list of LinkWrench, or Waves of ``eomgen.runtime.stepping.loads``.
+            it gives a DriveData, a list of LinkWrench, or Waves of ``eomgen.runtime.stepping.input_signals``.
         drive: (t, q, v) -> u, (n,), N or N m, or that u where it stays; none if not given.  With an attribute
             ``batched`` that is true it is called with q and v of shape (N, n), too, and returns (N, n).  With a method
             ``slopes``, (t, q, v) -> (du/dq, du/dv), (n, n) each, implicit methods take these instead of finite
@@ -165,7 +165,7 @@ def integrate_by(
             return
         control = ErrorControl(method, plan.rtol, tolerances(system, q, plan), plan.turns)
         if plan.in_c:
-            data = loads_of(kernel.calls, *system.loads)
+            data = input_signals(kernel.calls, *system.loads)
             compiled.compiled_states(system, data, samples, control, report, watch, works)
         else:
             solve = sundials.sundials_states if method in SUNDIALS else sampled

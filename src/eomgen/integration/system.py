@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 from ..arrays import Array, Index
 from ..errors import ArrayError, InputError, IntegrationError, IntegrationStopped, SingularError
 from ..runtime.kernel import Kernel
-from ..runtime.stepping.loaded import Loaded
-from ..runtime.stepping.packed_inputs import Packed
+from ..runtime.stepping.packed_inputs import PackedInputs
+from ..runtime.stepping.single_motion import SingleMotion
 from ..state.springs import coordinate_sizes, rate_step, smoothings
 from ..state.vectors import Q_STEP, DriveFunction, MotionFunction, WrenchFunction, prescribed_mask
 from .advance import Advance
@@ -67,8 +67,8 @@ class System:
         self._no_drive = np.zeros(self.n)
         self.counts: dict[str, float] = {"steps": 0, "evaluations": 0, "jacobians": 0}
         self.trouble: Exception | None = None
-        self.loaded: Packed | None = None
-        self.worked: Loaded | None = None
+        self.loaded: PackedInputs | None = None
+        self.worked: SingleMotion | None = None
         self.works_at_end: Array | None = None
         self.advance: Advance | None = None
         self._stuck: Array | None = None  # where evaluations lead nowhere

@@ -43,7 +43,7 @@ class Trajectory(Shown, Tabular):
         rests: when friction held a coordinate, by time; see ``resting.rests``.
         works: (T, 4), J, from the first sample on, integrated with the motion; None where that was not asked for.  Of
             the drives, of what moves prescribed coordinates, of external wrenches, and what dampers and friction took
-            (``eomgen.runtime.stepping.loads.WORKS``).
+            (``eomgen.runtime.stepping.input_signals.WORKS``).
     """
 
     t: Array

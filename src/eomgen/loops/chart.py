@@ -16,7 +16,7 @@ from ..arrays import Array, Index, Mask, independent_columns, rank_of
 from ..errors import LoopError
 from ..names import joint_of, listed
 from ..runtime.kernel import Kernel
-from ..runtime.opened import left_open
+from ..runtime.loop_errors import left_open
 from ..state.vectors import prescribed_mask
 
 CLOSED, NEARLY = 1e-12, 1e-11  # m, or sine of an angle: what is met, and what round-off may leave of it

@@ -12,7 +12,7 @@ from ..arrays import Array
 from ..errors import ArrayError, InputError
 from ..limits import LARGEST, is_usable
 from ..names import show
-from ..runtime.stepping.loads import Signal, Waves
+from ..runtime.stepping.input_signals import Signal, Waves
 from ..shown import Shown
 
 

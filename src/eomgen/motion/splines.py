@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array, Index
 from ..optional import optional_import
-from ..runtime.stepping.loads import Signal
+from ..runtime.stepping.input_signals import Signal
 from ..shown import Shown
 from .point_to_point import Program
 

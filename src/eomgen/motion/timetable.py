@@ -12,7 +12,7 @@ from ..arrays import Array
 from ..errors import InputError
 from ..forms.tables import Table
 from ..names import listed, show
-from ..runtime.stepping.loads import Signal
+from ..runtime.stepping.input_signals import Signal
 from ..shown import Shown
 from .files import read_columns
 

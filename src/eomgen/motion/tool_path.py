@@ -15,7 +15,7 @@ from ..forms.unusual_sizes import is_unusual, unit_question
 from ..names import show
 from ..optional import optional_import
 from ..runtime.kernel import Kernel
-from ..runtime.stepping.loads import Signal
+from ..runtime.stepping.input_signals import Signal
 from ..state.vectors import as_floats
 from .point_to_point import PointToPoint
 from .reaching import Reached, Target, binding, point_text, reach, search, within_limits

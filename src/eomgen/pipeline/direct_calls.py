@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from ..errors import BuildError
 from ..progress import StageReport, no_report
-from ..runtime.direct import NAME, Face
+from ..runtime.direct import NAME, ExtensionBinding
 from . import cache as store
 from .denormals import with_denormals
 from .load import load_module
@@ -28,20 +28,20 @@ class Extension:
     """The module of this process: nobody waits for it before a first kernel has been built.
 
     Attributes:
-        face: binds kernels to the module.
+        binding: binds kernels to the module.
     """
 
     def __init__(self) -> None:
-        self.face, self._guard = Face(expected=True), threading.Lock()
+        self.binding, self._guard = ExtensionBinding(expected=True), threading.Lock()
         self._compiler: Compiler | None = None
         self._worker: threading.Thread | None = None
         self._is_settled = False
 
-    def begin(self, compiler: Compiler) -> Face:
+    def begin(self, compiler: Compiler) -> ExtensionBinding:
         """Load the module where the cache has it; where not, begin to compile it beside what comes next."""
         with self._guard:
             if self._compiler is not None:
-                return self.face
+                return self.binding
             self._compiler = compiler
             key = _key(compiler)
             if key is not None and store.find(KIND, key) is None:
@@ -49,9 +49,9 @@ class Extension:
                     target=_try_to_make, args=(compiler,), name="eomgen direct", daemon=True
                 )
                 self._worker.start()
-                return self.face
+                return self.binding
         self.settle()
-        return self.face
+        return self.binding
 
     def settle(self, progress: StageReport = no_report) -> None:
         """Wait for the module and bind the kernels that were made before it, or say why there is none."""
@@ -67,14 +67,14 @@ class Extension:
             except BuildError as error:
                 progress(f"kernels are called through cffi alone: {error}")
             self._is_settled = True
-        self.face.settle(module)
+        self.binding.settle(module)
 
 
 EXTENSION = Extension()
 
 
-def begin(compiler: Compiler | None = None) -> Face:
-    """The face of the kernels of this process; see ``Extension``.
+def begin(compiler: Compiler | None = None) -> ExtensionBinding:
+    """The binding of the kernels of this process; see ``Extension``.
 
     Args:
         compiler: that of the environment if None.
@@ -84,7 +84,7 @@ def begin(compiler: Compiler | None = None) -> Face:
     try:
         return EXTENSION.begin(compiler or find_compiler())
     except BuildError:  # without a compiler, or a cache
-        return Face()
+        return ExtensionBinding()
 
 
 def settle(progress: StageReport = no_report) -> None:

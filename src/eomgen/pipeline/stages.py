@@ -6,7 +6,7 @@
     render           Equations          Source      C, header, metadata
     write_package    Source             package     compiled, importable with NumPy and cffi alone
     check_package    package            package     it answers samples of the equations as they do
-    load_kernel      package            Kernel      the NumPy face
+    load_kernel      package            Kernel      the NumPy interface
 
 The first three are skipped when the cache holds their source, the next two when it holds their package.  Where it is
 asked for, ``derive_afresh`` derives the joints anew beside the compiler, and compares; no cache spares that.
@@ -490,6 +490,6 @@ def load_kernel(
     Raises:
         BuildError: the package does not load.
     """
-    face = direct_calls.begin()
+    binding = direct_calls.begin()
     direct_calls.settle()
-    return Kernel(one_library(package, name), again, face)
+    return Kernel(one_library(package, name), again, binding)

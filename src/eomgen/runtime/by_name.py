@@ -114,23 +114,23 @@ class Blocks:
         (i,) = self.christoffel.index((s, s, s))[:1]
         return self._spread(self.christoffel.whole[..., i, :, :], (s, v, w))
 
-    def _spread(self, part: Array, names: tuple[str, ...]) -> Array:
+    def _spread(self, block: Array, names: tuple[str, ...]) -> Array:
         """Entries of the named kinds in an array over all joints."""
         s, *kinds = names
         if s in self._joints:
             raise UnknownNameError(f"s: {s!r} is a joint; allowed: one of its coordinates, such as {s + '.x'!r}")
-        result = np.zeros((*part.shape[: part.ndim - len(kinds)], *(len(self._joints),) * len(kinds)), part.dtype)
+        result = np.zeros((*block.shape[: block.ndim - len(kinds)], *(len(self._joints),) * len(kinds)), block.dtype)
         into: list[list[int]] = []
         take: list[list[Any]] = []
         for kind in kinds:
             if kind not in KINDS:
                 raise UnknownNameError(f"{kind!r} is no kind of coordinate; allowed: {', '.join(KINDS)}")
-            found = {k: self.mass.places.get(f"{joint}.{kind}") for k, joint in enumerate(self._joints)}
-            into.append([k for k, place in found.items() if place is not None])
-            take.append([place for place in found.values() if place is not None])
+            columns = {k: self.mass.places.get(f"{joint}.{kind}") for k, joint in enumerate(self._joints)}
+            into.append([k for k, place in columns.items() if place is not None])
+            take.append([place for place in columns.values() if place is not None])
         target: tuple[Any, ...] = (..., *np.ix_(*into))
         source: tuple[Any, ...] = (..., *np.ix_(*take))
-        result[target] = part[source]
+        result[target] = block[source]
         return result
 
 
@@ -190,15 +190,15 @@ class NamedViews(CompiledCode):
             InputError: a run-time parameter of links was changed since.
         """
         names, meta = self.regressor_names, self.raw.libraries.meta
-        found = self.raw.libraries.about("regressor")["inertial"]
-        for name in found["come_from"]:
+        inertial = self.raw.libraries.about("regressor")["inertial"]
+        for name in inertial["come_from"]:
             if self.parameters[name] != meta["parameters"][name]:
                 raise InputError(
                     f"regressor_values: {name} is {self.parameters[name]!r} now; allowed: the description's"
                     f" {meta['parameters'][name]!r}"
                 )
-        own = zip(names, found["values"], strict=True)
-        return np.array([self.parameters.get(f"joints.{name}", value) for name, value in own], self.dtype)
+        defaults = zip(names, inertial["values"], strict=True)
+        return np.array([self.parameters.get(f"joints.{name}", value) for name, value in defaults], self.dtype)
 
     def ratio(self, motor: str) -> float:
         """Ratio of the gear behind a motor's coordinate ("joint1.motor") as the kernel has it now, 1 or rad/m.

@@ -13,7 +13,7 @@ from ..errors import InputError, UnknownNameError
 from ..names import html_table, joint_of, nearest_or_all, show
 from .arrays import Arrays, names_in
 from .calls import Calls
-from .direct import Face, functions
+from .direct import ExtensionBinding, functions
 from .parameters import Parameters
 from .raw import Array, Libraries, Operations, RawKernel
 
@@ -31,14 +31,14 @@ class CompiledCode:
         self,
         libraries: Libraries,
         again: tuple[Callable[..., Any], tuple[Any, ...]] | None = None,
-        face: Face | None = None,
+        binding: ExtensionBinding | None = None,
     ) -> None:
         """A kernel of compiled functions.
 
         Args:
             libraries: where the functions are.
             again: a function of a module and its arguments that make the same kernel in another process.
-            face: gives the extension module that plain calls go through; without one all go through cffi.
+            binding: gives the extension module that plain calls go through; without one all go through cffi.
         """
         meta = libraries.meta
         self.raw = RawKernel(libraries)
@@ -69,9 +69,9 @@ class CompiledCode:
         self.knots: dict[str, tuple[float, ...]] = {k: tuple(x) for k, x in meta["knots"].items()}
         self.parameters = Parameters.of(self.raw, meta["parameters"], meta["least"], again)
         self.calls = Calls(self.raw, self.parameters, Arrays(self.raw, self.coordinates, self.links), self.prescribed)
-        self._face = face or Face()
+        self._binding = binding or ExtensionBinding()
         self._functions: tuple[ModuleType, tuple[Any, ...]] | None = None
-        self._face.take(self)
+        self._binding.take(self)
 
     def __repr__(self) -> str:
         return f"<Kernel {self.name}: {len(self.coordinates)} coordinates, {self.dtype}>"
@@ -138,7 +138,7 @@ class CompiledCode:
         other = self._with_methods_in_python()
         other.parameters = self.parameters.copy()
         other.calls = self.calls.with_parameters(other.parameters)
-        self._face.take(other)
+        self._binding.take(other)
         if values is not None:
             other.parameters.update(values)
         return other
@@ -186,8 +186,8 @@ class CompiledCode:
                 for name, method in known.items()
                 if isinstance(method, FunctionType) and method.__module__.startswith(PACKAGE)
             }
-            found = functions(module, self.raw, methods, self.frames, bool(self.constraints), self._given)
-            self._functions = (module, found)
+            bound = functions(module, self.raw, methods, self.frames, bool(self.constraints), self._given)
+            self._functions = (module, bound)
         plain = self._with_methods_in_python()
         state = self.parameters.state
         if not isinstance(state, module.State):
@@ -219,7 +219,7 @@ class CompiledCode:
         libraries = self.raw.libraries.together(kernels)
         if libraries is self.raw.libraries:
             return self.with_parameters()
-        other = type(self)(libraries, self._again, self._face)
+        other = type(self)(libraries, self._again, self._binding)
         other.__setstate__({"parameters": dict(self.parameters), "threads": self.threads, "checks": self.checks})
         return other
 

@@ -16,7 +16,7 @@ from functools import partial
 from types import FunctionType, ModuleType
 from typing import Any, NamedTuple, Protocol
 
-from .pieces import states_at_once
+from .chunking import states_at_once
 from .raw import Array, Library, RawKernel, Setup
 
 NAME = "_direct"
@@ -24,15 +24,15 @@ ROLES = {"frame": "frame", "out": "out", "wrench": "nothing", "cut": "cut"}  # o
 
 
 class Added(NamedTuple):
-    """The part of a method's result that wrenches add.
+    """Contribution of wrenches to a method's result.
 
     Attributes:
-        part: the function of q and the wrenches that is added.
+        function: of q and the wrenches, whose result is added.
         sign: 1 or -1.
         into: the argument that it is added to, with sign 1, where it is not the result.
     """
 
-    part: str
+    function: str
     sign: float
     into: str = ""
 
@@ -70,9 +70,9 @@ class State:
     @property
     def setup(self) -> Setup:
         """The values as functions of C read them: the same object until an assignment."""
-        found = self._setup
-        if found is not None:
-            return found
+        setup = self._setup
+        if setup is not None:
+            return setup
         with self._lock:
             self._setup = self._setup or self._make(self.values)
             return self._setup
@@ -109,7 +109,7 @@ class Bindable(Protocol):
         """Let plain calls go through the module."""
 
 
-class Face:
+class ExtensionBinding:
     """The extension module that kernels' calls go through, for kernels that are made before it and after it.
 
     Attributes:
@@ -140,12 +140,12 @@ class Face:
             kernel.bind(module)
 
 
-def packaged() -> Face:
-    """The face of the generated package that carries this file: with the module that lies beside it, if it loads."""
+def packaged() -> ExtensionBinding:
+    """Return the binding of the generated package that carries this file: to the module beside it, if that loads."""
     try:
-        return Face(importlib.import_module(f".{NAME}", __package__))
+        return ExtensionBinding(importlib.import_module(f".{NAME}", __package__))
     except (ImportError, RuntimeError):  # not compiled, or for another Python, NumPy or system
-        return Face()
+        return ExtensionBinding()
 
 
 def functions(
@@ -154,7 +154,7 @@ def functions(
     methods: Mapping[str, FunctionType],
     frames: tuple[str, ...],
     loops: bool,
-    given: Sequence[int],
+    prescribed: Sequence[int],
 ) -> tuple[Any, ...]:
     """Make the module's ``Function`` of every method that calls the function of its name.
 
@@ -165,11 +165,11 @@ def functions(
         methods: of a kernel, by name; those that call no function are left out.
         frames: names of the frames by their numbers.
         loops: whether the robot has loops, so that methods with ``cut`` are plain only where it is False.
-        given: numbers of the coordinates whose motion is prescribed; to their drives wrenches add nothing.
+        prescribed: numbers of the coordinates whose motion is prescribed; to their drives wrenches add nothing.
     """
     numbers = {name: number for number, name in reversed(list(enumerate(frames)))}  # the first of a name counts
     arming = partial(_arm, raw, {}, itertools.count())
-    found = []
+    callables = []
     for name, entry in raw.libraries.meta["functions"].items():
         if name not in methods or name not in raw.functions:
             continue
@@ -179,7 +179,7 @@ def functions(
         parameters = code.co_varnames[1 : code.co_argcount + code.co_kwonlyargcount]
         reads = tuple(entry["reads"])
         places = tuple(_place(label, reads, raw, "" if loops and name in DRIVING else name) for label in parameters)
-        part = WRENCHED.get(name, Added("", 1.0))
+        added = WRENCHED.get(name, Added("", 1.0))
         function = module.Function(
             name=name,
             method=methods[name],
@@ -191,26 +191,26 @@ def functions(
             in_three=entry["writes"] == "derivatives",
             cut_must_be_false=loops and "cut" in parameters,
             frames=numbers,
-            added=(part.sign, reads.index(part.into), tuple(given)) if part.into else (part.sign, -1, ()),
+            added=(added.sign, reads.index(added.into), tuple(prescribed)) if added.into else (added.sign, -1, ()),
         )
-        found.append(function)
-    return tuple(found)
+        callables.append(function)
+    return tuple(callables)
 
 
 def _place(label: str, reads: tuple[str, ...], raw: RawKernel, name: str) -> tuple[str, str, tuple[int, ...]]:
     """Name, role and shape of a parameter of a method, as the module takes them."""
     role = "read" if label in reads else ROLES.get(label, "beside")
-    if label == "wrench" and name in WRENCHED and WRENCHED[name].part in raw.functions:
+    if label == "wrench" and name in WRENCHED and WRENCHED[name].function in raw.functions:
         role = "wrench"
     return label, role, raw.shapes[label] if role in ("read", "beside", "wrench") else ()
 
 
 def _arm(
-    raw: RawKernel, parts: dict[Library, int], new: itertools.count[int], function: Any, way: str, many: bool
+    raw: RawKernel, libraries: dict[Library, int], new: itertools.count[int], function: Any, way: str, many: bool
 ) -> None:
     """Tell a ``Function`` where its "own" code is, or what wrenches have "added": for one state, or for many."""
-    found = raw.functions[function.name if way == "own" else WRENCHED[function.name].part]
-    address, library, work = found.address(batch=many), found.where(batch=many), found.operations
-    number = parts[library] if library in parts else parts.setdefault(library, next(new))
+    code = raw.functions[function.name if way == "own" else WRENCHED[function.name].function]
+    address, library, work = code.address(batch=many), code.where(batch=many), code.operations
+    number = libraries[library] if library in libraries else libraries.setdefault(library, next(new))
     setup = library.address(library.setup)
     function.arm(way, many, library, number, address, setup, library.hoisted, float(work), states_at_once(work))

@@ -1,4 +1,4 @@
-"""The NumPy face of a compiled module."""
+"""NumPy interface of a compiled module."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from numpy.typing import ArrayLike
 
 from .arrays import flag, joint_lead
 from .by_name import NamedViews
-from .closing import LoopClosure
 from .derivatives import Differentiation
 from .kinematics import Kinematics
-from .opened import LOADED
+from .loop_assembly import LoopClosure
+from .loop_errors import LOADED
 from .raw import Array
 from .stepping.interface import Rollouts
 
@@ -197,13 +197,13 @@ class Kernel(Differentiation, LoopClosure, NamedViews, Rollouts, Kinematics):
         if not self.couplings:
             return self.calls.run("constraint_forces", out, (q, v, under))
         a = self.forward_dynamics(q, v, under)
-        found = self.coupling_forces(q, v, a, wrench=wrench)
+        forces = self.coupling_forces(q, v, a, wrench=wrench)
         if self.constraints:
-            found = np.concatenate([self.calls.run("constraint_forces", None, (q, v, under)), found], axis=-1)
+            forces = np.concatenate([self.calls.run("constraint_forces", None, (q, v, under)), forces], axis=-1)
         if out is not None:
-            out = self.calls.arrays.checked_out(out, found.shape, ())
-            out[...] = found
-        return found if out is None else out
+            out = self.calls.arrays.checked_out(out, forces.shape, ())
+            out[...] = forces
+        return forces if out is None else out
 
     def coupling_forces(
         self, q: ArrayLike, v: ArrayLike, a: ArrayLike, *, wrench: ArrayLike | None = None, out: Array | None = None
@@ -228,8 +228,8 @@ class Kernel(Differentiation, LoopClosure, NamedViews, Rollouts, Kinematics):
         external = self.external_force(q, wrench)
         joint_lead("u", lead, external.shape[:-1])
         external[..., self._given] = 0  # where u is an acceleration
-        found: Array = drives + external
-        return found
+        total: Array = drives + external
+        return total
 
     def euler_cosines(self, q: ArrayLike, *, out: Array | None = None) -> Array:
         """Cosine of beta of each joint with three angles, (joints,); 1 for other joints.

@@ -39,11 +39,11 @@ def other_angles(places: int, angles: Array, near: Array) -> Array:
     Args:
         near: the ones before the first, (3,).
     """
-    both, found = both_ways(rotation(angles), places), np.empty_like(angles)
+    both, chosen = both_ways(rotation(angles), places), np.empty_like(angles)
     for i, ways in enumerate(both):
         ways += 2.0 * np.pi * np.round((near - ways) / (2.0 * np.pi))
-        near = found[i] = ways[np.abs(near - ways).sum(axis=1).argmin()]
-    return found
+        near = chosen[i] = ways[np.abs(near - ways).sum(axis=1).argmin()]
+    return chosen
 
 
 def both_ways(R: Array, places: int) -> Array:
@@ -79,14 +79,14 @@ def seen(states: Array, joints: Places, places: int, near: Array) -> Array:
         states: q and v, (T, 2n).
         near: q before the first, (n,).
     """
-    n, found = near.size, np.array(states)
+    n, turned = near.size, np.array(states)
     for first, origin in joints:
         angles, rates = slice(first, first + 3), slice(n + first, n + first + 3)
-        found[:, angles] = other_angles(places, states[:, angles], near[angles])
-        found[:, rates] = angle_rates(found[:, angles], body_rates(states[:, angles], states[:, rates]))
+        turned[:, angles] = other_angles(places, states[:, angles], near[angles])
+        turned[:, rates] = angle_rates(turned[:, angles], body_rates(states[:, angles], states[:, rates]))
         for begin in () if origin < 0 else (origin, n + origin):
-            found[:, begin : begin + 3] = np.roll(states[:, begin : begin + 3], -places, axis=-1)
-    return found
+            turned[:, begin : begin + 3] = np.roll(states[:, begin : begin + 3], -places, axis=-1)
+    return turned
 
 
 def singular_joints(q: Array, joints: Mapping[str, tuple[int, int]]) -> frozenset[str]:

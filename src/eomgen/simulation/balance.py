@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array
 from ..runtime.kernel import Kernel
-from ..runtime.stepping.loads import WORKS
+from ..runtime.stepping.input_signals import WORKS
 from ..shown import Shown
 from ..state.vectors import prescribed_mask
 

@@ -15,7 +15,7 @@ from ..motion.splines import Standstill, signal_of
 from ..motion.timetable import TimeTable
 from ..robot.coordinates import index_of
 from ..runtime.kernel import Kernel
-from ..runtime.stepping.loads import DriveData, Gains, ModelDrive, Track
+from ..runtime.stepping.input_signals import DriveData, Gains, ModelDrive, Track
 from ..state.motors import shafts
 from ..state.vectors import prescribed_mask
 from .mechanism import Mechanism

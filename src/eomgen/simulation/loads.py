@@ -11,7 +11,7 @@ from ..names import parameter_name
 from ..robot.model import build_model
 from ..robot.value import INERTIA_KEYS, Link, Robot
 from ..runtime.kernel import Kernel
-from ..runtime.stepping.loads import LinkWrench
+from ..runtime.stepping.input_signals import LinkWrench
 from ..scenario.value import Scenario, Wrench
 
 _AXES = "xyz"

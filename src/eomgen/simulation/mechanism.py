@@ -15,7 +15,7 @@ from ..motion.point_to_point import Program
 from ..names import joint_of
 from ..robot.coordinates import index_of
 from ..runtime.kernel import Kernel
-from ..runtime.stepping.loads import ChartData, MechanismData
+from ..runtime.stepping.input_signals import ChartData, MechanismData
 from ..state.vectors import MotionFunction, prescribed_mask
 
 FINE = 0.05  # rad or m, between two states of a path that is closed from one to the next

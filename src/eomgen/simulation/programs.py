@@ -19,7 +19,7 @@ from ..robot.coordinates import coordinate_names
 from ..robot.geometry import Vector, rotation_from_rpy
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
-from ..runtime.stepping.loads import Track, Waves
+from ..runtime.stepping.input_signals import Track, Waves
 from ..scenario.value import Scenario, Section
 
 MOVING_PART = 0.8  # of the duration; the rest shows what rings after the motion

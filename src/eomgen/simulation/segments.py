@@ -25,7 +25,7 @@ from ..integration.until import Until
 from ..progress import Progress
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
-from ..runtime.stepping.given_loads import data_of
+from ..runtime.stepping.reading_inputs import signals_of
 from ..scenario.value import Scenario
 from ..state.vectors import MotionFunction
 from .balance import PARTS, TERMS, EnergyBalance, integrated, with_nodes, works
@@ -98,7 +98,7 @@ class _Between:
 
     def load_data(self) -> Any:
         """The function's data for integrations in C; None where only Python knows it."""
-        return data_of(self.function)
+        return signals_of(self.function)
 
 
 def run_segments(

@@ -21,13 +21,13 @@ from ..integration.system import System
 from ..integration.trajectory import Trajectory
 from ..robot.coordinates import index_of
 from ..robot.value import Robot
-from ..runtime.stepping import given_loads
+from ..runtime.stepping import reading_inputs
 from ..runtime.stepping.adaptive import DONE
 from ..runtime.stepping.alternation import implicit_spans
-from ..runtime.stepping.loads import LoadData
+from ..runtime.stepping.batch_motion import BatchMotion
+from ..runtime.stepping.input_signals import InputSignals
 from ..runtime.stepping.options import ErrorControl
-from ..runtime.stepping.packed_inputs import Packed
-from ..runtime.stepping.together import Together
+from ..runtime.stepping.packed_inputs import PackedInputs
 from ..scenario.value import Scenario
 from .assembly import Assembly
 from .initial import initial_state
@@ -142,7 +142,7 @@ class _Crowd:
     def _piece(self, ways: Sequence[_Way], times: Array, keep: Mask) -> None:
         """Go on with motions over a piece, whose samples are at these times, s; ``keep`` says which ones count."""
         plan, shared = self.plan, None
-        systems: list[tuple[_Way, System, LoadData]] = []
+        systems: list[tuple[_Way, System, InputSignals]] = []
         atols = []
         for way in ways:
             begun = self._begin(way, times)
@@ -151,7 +151,9 @@ class _Crowd:
                 continue
             system, atol = begun
             if shared is None or way.loads.wrench is not None:  # which know the kernel's own centres of mass
-                shared = given_loads.loads_of(system.kernel.calls, *self._between(way, times), way.loads.prescribed)
+                shared = reading_inputs.input_signals(
+                    system.kernel.calls, *self._between(way, times), way.loads.prescribed
+                )
             systems.append((way, system, shared))
             atols.append(atol)
         if not systems:
@@ -160,7 +162,7 @@ class _Crowd:
         q, v = (np.array([getattr(way, name) for way in going]) for name in "qv")
         calls = [way.assembly.kernel.calls for way in going]
         control = per_step(ErrorControl(plan.method, plan.rtol, np.array(atols), plan.turns))
-        motion = Together(calls, loads, times, q, v, control)
+        motion = BatchMotion(calls, loads, times, q, v, control)
         while motion.go():
             pass
         for k, (way, system, data) in enumerate(systems):
@@ -186,14 +188,14 @@ class _Crowd:
         except EomgenError:
             return None
 
-    def _take(self, way: _Way, system: System, data: LoadData, times: Array, samples: Array, keep: Mask) -> None:
+    def _take(self, way: _Way, system: System, data: InputSignals, times: Array, samples: Array, keep: Mask) -> None:
         """Take the samples of a piece, (2, T, n); the last one is where the next piece begins."""
         kernel, (q, v) = way.assembly.kernel, samples
         rows = {"q": q, "v": v}
         if DRIVES in self.parts or kernel.prescribed:  # which are put in place with them
             function = kernel.raw.adaptive
             assert function is not None
-            system.loaded = Packed(function.library, kernel.calls, data)
+            system.loaded = PackedInputs(function.library, kernel.calls, data)
             rows["u"], trouble = system.forces_over(times, q, v)
             way.failed = trouble is not None
         wrench = self._between(way, times)[1] if WRENCHES in self.parts else None

@@ -11,14 +11,14 @@ import numpy as np
 
 from ...errors import ArrayError, InputError, IntegrationStopped, LoopError
 from ..calls import Calls
-from ..opened import stays_open
-from ..pieces import OPERATIONS, ROUND, shared
+from ..chunking import OPERATIONS, ROUND, shared
+from ..loop_errors import stays_open
 from ..raw import FFI, Array, Library, RawFunction
-from .given_loads import clipped_loads, count_of, place_given, read_loads
-from .loads import WORKS, LoadData
-from .options import ADAPTIVE, RADAU, ErrorControl, LoadedStepOptions, rollout_of
-from .packed_inputs import Packed, Side
-from .rollouts import SHARE, Given, Inputs, Rollout, read_given, room_for
+from .input_signals import WORKS, InputSignals
+from .options import ADAPTIVE, RADAU, ErrorControl, InputStepOptions, rollout_of
+from .packed_inputs import PackedBatch, PackedInputs
+from .reading_inputs import clipped_signals, count_of, place_prescribed, read_signals
+from .rollouts import SHARE, Inputs, Rollout, RolloutArrays, allocate_states, read_arrays
 
 STAGES = {"rosenbrock": 5, "tsit5": 6, "radau": 15}  # evaluations of a step, of radau about as many
 KEPT_COLUMNS, KEPT_NUMBERS = 14, 6  # EOM_KEPT_ROOM of the C library
@@ -44,17 +44,17 @@ class _Motion:
     at: Sequence[Array]
     stored: Sequence[Array]
     progress: Any
-    given: Given
+    arrays: RolloutArrays
     control: ErrorControl
     turned: Array
     times: Array
-    loads: Packed | Side | None
+    loads: PackedInputs | PackedBatch | None
     left: Array | None
 
     @property
     def single(self) -> bool:
         """Whether there is one state, and no batch."""
-        return self.given.count is None
+        return self.arrays.count is None
 
     def pieces(self, first: int, last: int) -> Iterator[int]:
         """Go on until these states have ended, a vector of them at a time; yields -1."""
@@ -65,7 +65,7 @@ class _Motion:
         rtol, atol = self.control.rtol, self.control.atol
         for begin in range(first, last, ROUND):
             end = min(begin + ROUND, last)
-            fields = self.given.fields(self.calls, begin)
+            fields = self.arrays.fields(self.calls, begin)
             if self.turned.size:
                 fields["turned"] = view(self.turned[begin:end].reshape(-1))
             drive = library.drive(**fields)
@@ -74,7 +74,7 @@ class _Motion:
             arrays = [view(x[begin:end]) for x in (*self.at, *self.stored)]
             how = (times, self.times.size - 1, ADAPTIVE[self.control.method])
             loads, apart = library.ffi.NULL, 0
-            if isinstance(self.loads, Side):
+            if isinstance(self.loads, PackedBatch):
                 apart = self.loads.distance
                 loads = self.loads.pointer + begin * apart
             elif self.loads is not None:
@@ -89,36 +89,36 @@ class _Motion:
                 yield -1
 
 
-def adaptive_rollout(calls: Calls, inputs: Inputs, options: LoadedStepOptions) -> Rollout:
+def adaptive_rollout(calls: Calls, inputs: Inputs, options: InputStepOptions) -> Rollout:
     """Integrate with error control, as ``Kernel.rollout`` describes it."""
     function, loads, works = calls.raw.function(rollout_of(options.method)), options.loads, options.works
-    data = read_loads(calls, {} if loads is None else loads) if works or loads is not None else None
+    data = read_signals(calls, {} if loads is None else loads) if works or loads is not None else None
     if data is not None:
-        data = clipped_loads(calls, data, inputs.control.effort)
+        data = clipped_signals(calls, data, inputs.control.effort)
     if works and calls.raw.turning:
         raise InputError(f"rollout: works: {', '.join(calls.raw.turning)} turns freely; allowed: other joints")
     count = count_of(inputs.count(), data)
     times = options.times(calls, count)
     control = options.error_control(calls, function.where(batch=count is not None).meta)
-    given, samples = read_given(calls, inputs, times.size - 1, count), times.size - 1
-    trouble = given.trouble(calls)
+    arrays, samples = read_arrays(calls, inputs, times.size - 1, count), times.size - 1
+    trouble = arrays.trouble(calls)
     if trouble is not None:
         raise trouble
     states, single = 1 if count is None else count, count is None
-    at = [np.array(np.broadcast_to(x, (states, calls.n)), order="C") for x, _ in given.starts]
-    room = [room_for(calls, (states, samples + 1, calls.n), "fewer samples") for _ in at]
+    at = [np.array(np.broadcast_to(x, (states, calls.n)), order="C") for x, _ in arrays.starts]
+    room = [allocate_states(calls, (states, samples + 1, calls.n), "fewer samples") for _ in at]
     library = function.where(batch=not single)
     progress = library.new_array("progress", states)
     if data is not None:
         data = data[0] if isinstance(data, list) and len(data) == 1 else data
-        place_given(calls, data, *at)
-    worked = room_for(calls, (states, samples + 1, len(WORKS)), "fewer samples", np.float64) if works else None
+        place_prescribed(calls, data, *at)
+    worked = allocate_states(calls, (states, samples + 1, len(WORKS)), "fewer samples", np.float64) if works else None
     for state, rows in enumerate(worked if worked is not None else ()):
         progress[state].works = FFI.from_buffer("double[]", rows)
     turned = np.zeros((states, calls.raw.turning_room), calls.dtype)
     left = keep_steps(progress, calls, control.methods)
     packed = _packed(library, calls, data, single=single, works=works)
-    motion = _Motion(calls, function, at, room, progress, given, control, turned, times, packed, left)
+    motion = _Motion(calls, function, at, room, progress, arrays, control, turned, times, packed, left)
     shared(motion.pieces, states, min(calls.threads, states // SHARE))
     for state in range(states):
         if progress[state].reason != DONE:
@@ -137,14 +137,18 @@ def keep_steps(progress: Any, calls: Calls, methods: Sequence[str]) -> Array | N
 
 
 def _packed(
-    library: Library, calls: Calls, loads: LoadData | list[LoadData] | None, *, single: bool, works: bool
-) -> Packed | Side | None:
+    library: Library, calls: Calls, loads: InputSignals | list[InputSignals] | None, *, single: bool, works: bool
+) -> PackedInputs | PackedBatch | None:
     """Loads as C takes them, of a single state or of many."""
     if loads is None:
         return None
-    if isinstance(loads, LoadData):
-        return Packed(library, calls, loads, works=works) if single else Side(library, [calls], [loads], works=works)
-    return Side(library, [calls] * len(loads), loads, works=works)
+    if isinstance(loads, InputSignals):
+        return (
+            PackedInputs(library, calls, loads, works=works)
+            if single
+            else PackedBatch(library, [calls], [loads], works=works)
+        )
+    return PackedBatch(library, [calls] * len(loads), loads, works=works)
 
 
 def _result(motion: _Motion, works: Array | None) -> Rollout:

@@ -38,8 +38,8 @@ class Turn:
 
 def implicit_spans(turns: Sequence[str], spans: Mapping[str, float]) -> dict[str, float]:
     """Return how long implicit methods led on, s, for people, of the time that each method of these turns did."""
-    found = {"implicit_s": sum(spans[name] for name in turns if name != "tsit5")}
-    return found | ({"radau_s": spans[RADAU]} if RADAU in turns else {})
+    totals = {"implicit_s": sum(spans[name] for name in turns if name != "tsit5")}
+    return totals | ({"radau_s": spans[RADAU]} if RADAU in turns else {})
 
 
 class Spent:

@@ -1,4 +1,4 @@
-"""Gradients of sums over the states of a rollout: its steps once more in C, and back through them."""
+"""Gradients of sums over the states of a rollout: its steps once more in C, and their adjoints backward."""
 
 from __future__ import annotations
 
@@ -18,22 +18,27 @@ from ..calls import Calls
 from ..derivatives import parameter_slots
 from ..raw import FFI, Array, Library, RawFunction
 from .adaptive import DONE, adaptive_rollout
-from .given_loads import Loads
-from .load_slopes import Acting
-from .loads import BACK, Slopes
+from .input_signals import BACK, Slopes
+from .input_slopes import DifferentiatedInputs
 from .many_steps import rollout
-from .options import ADAPTIVE, ErrorControl, LoadedStepOptions, StepOptions, rollout_of
-from .rollouts import Given, Inputs, read_given, room_for
-from .stiff_steps import Pair, parts_of, refuse_different
+from .options import ADAPTIVE, ErrorControl, InputStepOptions, StepOptions, rollout_of
+from .reading_inputs import InputsLike
+from .rollouts import Inputs, RolloutArrays, allocate_states, read_arrays
+from .stiff_steps import Pair, refuse_different, substep_counts
 
 Loss = Callable[[Array, Array, Array], tuple[Any, ArrayLike, ArrayLike]]
 
-NAMES = ("q", "v", "u", "target", "kp", "kd")  # of what gradients are taken by
-WAYS = {"rk4": ("explicit", 0), "tsit5": ("explicit", 1), "implicit": ("implicit", 0), "rosenbrock": ("rosenbrock", 0)}
-ROOM = 2**22  # numbers that are kept of all steps; of longer motions parts are stepped through once more
-SHORTEST = 256  # steps of such a part: shorter ones would take longer in Python than in C
-PART = 2**14  # coordinates of the steps of a part where all are kept: derivatives by them stay near to the processor
-STAYS = 2**20  # numbers of room that stays for the next gradient
+NAMES = ("q", "v", "u", "target", "kp", "kd")  # inputs that gradients are taken by
+STEP_CODES = {
+    "rk4": ("explicit", 0),
+    "tsit5": ("explicit", 1),
+    "implicit": ("implicit", 0),
+    "rosenbrock": ("rosenbrock", 0),
+}
+KEPT = 2**22  # numbers kept of all steps; segments of longer ones are stepped through again
+SHORTEST = 256  # steps of such a segment: shorter ones would take longer in Python than in C
+SEGMENT = 2**14  # coordinates of the steps of a segment where all are kept: their derivatives stay in the cache
+STAYS = 2**20  # numbers of a buffer that stays for the next gradient
 EXPLICIT = "tsit5"  # of the methods whose steps the error chooses, that which is not stable whatever its steps
 RECORDED = 512  # ends of steps that a call tells
 
@@ -46,36 +51,37 @@ class Steps:
         dt: their lengths, s, (steps,).
         times: where they begin, and where the last one ends, s, (steps + 1,).
         rows: of the drives that act in them, (steps,).
-        told: of each sample the number of steps in front of it, (samples,).
-        stiffness: of each step, (steps,), as C saw it; None of methods that are stable, or whose steps are given.
+        sample_index: of each sample the number of steps in front of it, (samples,).
+        stiffness: of each step, (steps,), as C saw it; None of methods that are stable, or whose steps are prescribed.
     """
 
     dt: Array
     times: Array
     rows: Array
-    told: Array
+    sample_index: Array
     stiffness: Array | None = None
 
-    def split(self, parts: Array) -> Steps:
-        """Several steps in the place of each, ``parts`` of them, (steps,)."""
-        firsts = np.cumsum([0, *parts])
-        within = np.arange(firsts[-1]) - np.repeat(firsts[:-1], parts)
-        share = within / np.repeat(parts, parts)
-        times = np.repeat(self.times[:-1], parts) + share * np.repeat(np.diff(self.times), parts)
-        dt = np.repeat((self.dt / parts).astype(self.dt.dtype), parts)
-        return Steps(dt, np.append(times, self.times[-1]), np.repeat(self.rows, parts), firsts[self.told])
+    def split(self, substeps: Array) -> Steps:
+        """Return the steps with each split into ``substeps`` equal ones, (steps,)."""
+        firsts = np.cumsum([0, *substeps])
+        within = np.arange(firsts[-1]) - np.repeat(firsts[:-1], substeps)
+        share = within / np.repeat(substeps, substeps)
+        times = np.repeat(self.times[:-1], substeps) + share * np.repeat(np.diff(self.times), substeps)
+        dt = np.repeat((self.dt / substeps).astype(self.dt.dtype), substeps)
+        return Steps(dt, np.append(times, self.times[-1]), np.repeat(self.rows, substeps), firsts[self.sample_index])
 
 
-class Way:
-    """The way of one state there and back.
+class CheckpointedTrajectory:
+    """Steps of one state forward and their adjoints backward, from states kept as checkpoints.
 
     Args:
-        method: one of WAYS.
-        acts: the drives and loads, for the function's library, and slopes, what derivatives by them are added to.
+        method: one of STEP_CODES.
+        acts: the drives and loads, for the function's library.
+        slopes: sums that derivatives by them are added to.
         room: how many numbers may be kept.
 
     Attributes:
-        is_kept: whether all states are kept on the way there.
+        is_kept: whether all states of the forward pass are kept.
     """
 
     def __init__(
@@ -88,113 +94,115 @@ class Way:
         steps: Steps,
         room: int,
     ) -> None:
-        kind, self._number = WAYS[method]
+        kind, self._number = STEP_CODES[method]
         self._calls, self._function, self._acts, self.slopes, self.steps = calls, function, acts, slopes, steps
         self._forwards = function.library.function(f"{kind}_states")
         self._kept: int = function.library.meta["kept"][function.name]  # numbers of a step, which spare work
-        size, steady = len(steps.dt), max(PART // calls.n, SHORTEST)
+        size, steady = len(steps.dt), max(SEGMENT // calls.n, SHORTEST)
         self.is_kept = size * (2 * calls.n + self._kept) <= room
         self._length = min(steady, size) if self.is_kept else max(math.isqrt(size - 1) + 1, SHORTEST)
-        self._ends: list[tuple[Array, Array]] = []  # where parts begin
+        self._ends: list[tuple[Array, Array]] = []  # states at which segments begin
 
     def _begins(self) -> range:
         return range(0, len(self.steps.dt), self._length)
 
     def _of(self, begin: int) -> tuple[slice, Array]:
-        """The part that begins with this step, and which samples are told of its states; the last part has the end."""
+        """Return the segment that begins with this step, and a mask of its samples; the last one has the end, too."""
         end = min(begin + self._length, len(self.steps.dt))
         last = end + (end == len(self.steps.dt))
-        return slice(begin, end), (self.steps.told >= begin) & (self.steps.told < last)
+        return slice(begin, end), (self.steps.sample_index >= begin) & (self.steps.sample_index < last)
 
     def numbers(self) -> int:
-        """How many numbers of room it takes."""
+        """Return the number of elements that it takes of a buffer."""
         size = len(self.steps.dt) if self.is_kept else self._length
-        parts = len(self._begins()) if self.is_kept else 1
-        return 2 * (size + parts) * self._calls.n + size * self._kept
+        segments = len(self._begins()) if self.is_kept else 1
+        return 2 * (size + segments) * self._calls.n + size * self._kept
 
-    def _of_room(self, part: slice, room: Array) -> tuple[Array, Array, Array]:
-        """Return the places of states before the steps of a part and behind the last one, and what is kept of them."""
-        n, count = self._calls.n, part.stop - part.start
-        begin = (part.start * (2 * n + self._kept) + 2 * n * (part.start // self._length)) if self.is_kept else 0
+    def _of_buffer(self, segment: slice, buffer: Array) -> tuple[Array, Array, Array]:
+        """Return views of q and v, (steps + 1, n), at the ends of a segment's steps, and of what the steps keep."""
+        n, count = self._calls.n, segment.stop - segment.start
+        begin = (segment.start * (2 * n + self._kept) + 2 * n * (segment.start // self._length)) if self.is_kept else 0
         ends = np.cumsum([begin, (count + 1) * n, (count + 1) * n, count * self._kept])
-        q, v, kept = (room[i:j] for i, j in itertools.pairwise(ends.tolist()))
+        q, v, kept = (buffer[i:j] for i, j in itertools.pairwise(ends.tolist()))
         return q.reshape(-1, n), v.reshape(-1, n), kept
 
-    def there(self, q: Array, v: Array, room: Array) -> tuple[Array, Array] | None:
-        """The samples, (samples, n) each; None where a state is not finite, or has no accelerations.
+    def forward(self, q: Array, v: Array, buffer: Array) -> tuple[Array, Array] | None:
+        """Return q and v at the samples, (samples, n) each; None where a state is not finite, or has no accelerations.
 
         Args:
-            room: so many numbers, which are kept for the way back.
+            buffer: ``numbers()`` elements, kept for the backward pass.
         """
-        told = tuple(np.empty((self.steps.told.size, self._calls.n), self._calls.dtype) for _ in range(2))
+        samples = tuple(np.empty((self.steps.sample_index.size, self._calls.n), self._calls.dtype) for _ in range(2))
         for begin in self._begins():
-            part, here = self._of(begin)
+            segment, here = self._of(begin)
             self._ends.append((q.copy(), v.copy()))
-            states = self._run(part, room, keep=self.is_kept)
+            states = self._run(segment, buffer, keep=self.is_kept)
             if states is None or not (np.isfinite(states[0]).all() and np.isfinite(states[1]).all()):
                 return None
-            for samples, own in zip(told, states, strict=False):
-                samples[here] = own[self.steps.told[here] - begin]
+            for column, within in zip(samples, states, strict=False):
+                column[here] = within[self.steps.sample_index[here] - begin]
             q, v = states[0][-1], states[1][-1]
-        return told[0], told[1]
+        return samples[0], samples[1]
 
-    def _run(self, part: slice, room: Array, *, keep: bool) -> tuple[Array, Array, Array] | None:
-        """States before the steps of a part and behind the last one, and what is kept of them."""
-        view, (q, v, kept) = self._calls.raw.view, self._of_room(part, room)
-        q[0], v[0] = self._ends[part.start // self._length]
-        status = self._forwards(*self._before(part), view(q), view(v), view(kept) if keep else FFI.NULL)
+    def _run(self, segment: slice, buffer: Array, *, keep: bool) -> tuple[Array, Array, Array] | None:
+        """Step through a segment: return q and v at the ends of its steps, and what they keep; None where one fails."""
+        view, (q, v, kept) = self._calls.raw.view, self._of_buffer(segment, buffer)
+        q[0], v[0] = self._ends[segment.start // self._length]
+        status = self._forwards(*self._before(segment), view(q), view(v), view(kept) if keep else FFI.NULL)
         return (q, v, kept) if status < 0 else None
 
-    def _before(self, part: slice, steps: Steps | None = None) -> tuple[Any, ...]:
-        """The first arguments of both functions."""
+    def _before(self, segment: slice, steps: Steps | None = None) -> tuple[Any, ...]:
+        """Return the first arguments of the forward and the backward function."""
         steps = self.steps if steps is None else steps
-        setup, dt, rows = self._calls.parameters.setup, steps.dt[part], steps.rows[part]
-        times = FFI.from_buffer("double[]", steps.times[part.start : part.stop + 1])
+        setup, dt, rows = self._calls.parameters.setup, steps.dt[segment], steps.rows[segment]
+        times = FFI.from_buffer("double[]", steps.times[segment.start : segment.stop + 1])
         pointers = self._calls.raw.view(dt), times, FFI.from_buffer("long long[]", rows)
         return setup.pointer(self._function.library), *self._acts, len(dt), *pointers, self._number
 
-    def back(
-        self, by_q: Array, by_v: Array, room: Array, slopes: Any = None, parts: Array | None = None
+    def backward(
+        self, by_q: Array, by_v: Array, buffer: Array, slopes: Any = None, substeps: Array | None = None
     ) -> tuple[Array, Array]:
-        """Derivatives by the first state, (n,) each; those by drives, gains and parameters are added to the slopes.
+        """Return derivatives by the first q and v, (n,) each; add those by drives, gains and parameters to the slopes.
 
         Args:
             by_q, by_v: derivatives by the samples, (samples, n).
-            room: as it was on the way there.
-            slopes: others than its own.
-            parts: how many steps stand in the place of each, beginning where that does, (steps,).
+            buffer: as ``forward`` left it.
+            slopes: sums in place of those of the constructor.
+            substeps: number of steps that each is split into, (steps,).
         """
         view, to = self._calls.raw.view, np.zeros((2, self._calls.n), self._calls.dtype)
-        own = np.empty((2, self._length + 1, self._calls.n), self._calls.dtype)
+        adjoints = np.empty((2, self._length + 1, self._calls.n), self._calls.dtype)
         for begin in reversed(self._begins()):
-            part, here = self._of(begin)
+            segment, here = self._of(begin)
             if not self.is_kept:
-                self._run(part, room, keep=True)  # as on the way there
-            by = own[:, : part.stop - part.start + 1]
+                self._run(segment, buffer, keep=True)  # as in the forward pass
+            by = adjoints[:, : segment.stop - segment.start + 1]
             by[...] = 0.0
             by[:, -1] = to
             for one, samples in zip(by, (by_q, by_v), strict=True):
-                np.add.at(one, self.steps.told[here] - begin, samples[here])
-            states = self._of_room(part, room)
+                np.add.at(one, self.steps.sample_index[here] - begin, samples[here])
+            states = self._of_buffer(segment, buffer)
             slopes = self.slopes if slopes is None else slopes
-            if parts is None:
-                self._function.code(*self._before(part), *map(view, (*states, *by)), slopes)
+            if substeps is None:
+                self._function.code(*self._before(segment), *map(view, (*states, *by)), slopes)
                 to = by[:, 0].copy()
             else:
-                to = self._back_by_parts(part, parts, states[:2], by, slopes)
+                to = self._backward_by_substeps(segment, substeps, states[:2], by, slopes)
         return to[0], to[1]
 
-    def _back_by_parts(self, part: slice, parts: Array, states: Sequence[Array], by: Array, slopes: Any) -> Array:
-        """Derivatives by the state before a part, (2, n), with several steps in the place of each, see ``back``."""
-        steps, view = self.steps.split(parts), self._calls.raw.view
-        firsts = np.cumsum([0, *parts])[part.start : part.stop + 1]
-        q, v = (np.append(np.repeat(x[:-1], parts[part], axis=0), x[-1:], axis=0) for x in states)
-        for k in np.flatnonzero(parts[part] > 1):
+    def _backward_by_substeps(
+        self, segment: slice, substeps: Array, states: Sequence[Array], by: Array, slopes: Any
+    ) -> Array:
+        """Return derivatives by the state before a segment, (2, n), with its steps split, see ``backward``."""
+        steps, view = self.steps.split(substeps), self._calls.raw.view
+        firsts = np.cumsum([0, *substeps])[segment.start : segment.stop + 1]
+        q, v = (np.append(np.repeat(x[:-1], substeps[segment], axis=0), x[-1:], axis=0) for x in states)
+        for k in np.flatnonzero(substeps[segment] > 1):
             begin, end = firsts[k], firsts[k + 1]
-            own = [x[begin - firsts[0] : end - firsts[0] + 1].copy() for x in (q, v)]
-            self._forwards(*self._before(slice(begin, end), steps), *map(view, own), FFI.NULL)
-            for x, found in zip((q, v), own, strict=True):  # but for the end, where the next one begins
-                x[begin - firsts[0] : end - firsts[0]] = found[:-1]
+            states_within = [x[begin - firsts[0] : end - firsts[0] + 1].copy() for x in (q, v)]
+            self._forwards(*self._before(slice(begin, end), steps), *map(view, states_within), FFI.NULL)
+            for x, fine in zip((q, v), states_within, strict=True):  # but for the end, where the next one begins
+                x[begin - firsts[0] : end - firsts[0]] = fine[:-1]
         to = np.zeros((2, *q.shape), self._calls.dtype)
         to[:, firsts - firsts[0]] = by
         whole = self._before(slice(firsts[0], firsts[-1]), steps)
@@ -202,19 +210,22 @@ class Way:
         return np.asarray(to[:, 0].copy())
 
 
-class Room:
-    """Room of all ways: of those that keep all steps each has its own, the others have one together.
+class CheckpointBuffer:
+    """Memory for the checkpoints of all trajectories: those that keep all steps have one each, others share one.
 
-    Up to ``STAYS`` numbers stay for the next gradient: new ones would have to be given by the operating system, which
-    may take as long as the steps.
+    Up to ``STAYS`` numbers stay for the next gradient: memory from the operating system may take as long as the
+    steps.
     """
 
     _left: ClassVar[list[Array]] = []
 
-    def __init__(self, calls: Calls, ways: Sequence[Way]) -> None:
-        sizes = [way.numbers() if way.is_kept else 0 for way in ways]
+    def __init__(self, calls: Calls, trajectories: Sequence[CheckpointedTrajectory]) -> None:
+        sizes = [trajectory.numbers() if trajectory.is_kept else 0 for trajectory in trajectories]
         self._starts = np.cumsum([0, *sizes]).tolist()
-        self._ways, shared = ways, max((way.numbers() for way in ways if not way.is_kept), default=0)
+        self._trajectories, shared = (
+            trajectories,
+            max((trajectory.numbers() for trajectory in trajectories if not trajectory.is_kept), default=0),
+        )
         bytes_ = (self._starts[-1] + shared) * calls.dtype.itemsize
         try:
             self._whole = self._left.pop()  # another thread may have it
@@ -225,9 +236,9 @@ class Room:
         self._numbers: Array = self._whole[:bytes_].view(calls.dtype)
 
     def of(self, state: int) -> Array:
-        """The room of the way of a state."""
+        """Return the block of a state's trajectory."""
         begin, end = self._starts[state], self._starts[state + 1]
-        return self._numbers[begin:end] if self._ways[state].is_kept else self._numbers[self._starts[-1] :]
+        return self._numbers[begin:end] if self._trajectories[state].is_kept else self._numbers[self._starts[-1] :]
 
     def leave(self) -> None:
         """Leave it to the next gradient."""
@@ -242,33 +253,35 @@ def rollout_gradient(
     *,
     loss: Loss,
     parameters: Sequence[str],
-    loads: Loads | Sequence[Loads] | None,
+    loads: InputsLike | Sequence[InputsLike] | None,
     out: Mapping[str, Array] | None,
 ) -> tuple[Any, dict[str, Any]]:
     """Return the gradient of a rollout, as ``Kernel.rollout_gradient`` describes it."""
     slots, method = parameter_slots(calls.parameters, parameters), options.method
-    acting = None if loads is None else Acting(calls, "gradient", loads, inputs.control.effort)
+    acting = None if loads is None else DifferentiatedInputs(calls, "gradient", loads, inputs.control.effort)
     motion, times, taken = taken_steps(calls, "gradient", inputs, acting, options)
     motion.write_to({} if out is None else out)
 
-    ways = [motion.way(method, state, steps) for state, steps in enumerate(taken) if steps is not None]
-    room = Room(calls, ways)
-    found = _there(motion, ways, times.size, room)
-    if found is None:  # the rollout says why
+    trajectories = [motion.trajectory(method, state, steps) for state, steps in enumerate(taken) if steps is not None]
+    buffer = CheckpointBuffer(calls, trajectories)
+    samples = _forward_samples(motion, trajectories, times.size, buffer)
+    if samples is None:  # the rollout says why
         raise stopped(calls, inputs, options, loads)
-    value, by_q, by_v = _asked(calls, loss, times, *found, single=motion.is_single)
-    parts = [parts_of(way.steps.stiffness) for way in ways]
-    fine = motion if all(x is None for x in parts) else motion.again()
-    for state, way in enumerate(ways):
-        motion.add_start(state, way.back(by_q[state], by_v[state], room.of(state)))
+    value, by_q, by_v = _asked(calls, loss, times, *samples, single=motion.is_single)
+    substeps = [substep_counts(trajectory.steps.stiffness) for trajectory in trajectories]
+    fine = motion if all(x is None for x in substeps) else motion.again()
+    for state, trajectory in enumerate(trajectories):
+        motion.add_start(state, trajectory.backward(by_q[state], by_v[state], buffer.of(state)))
         if fine is not motion:
-            slopes = fine.way(method, state, way.steps).slopes
-            fine.add_start(state, way.back(by_q[state], by_v[state], room.of(state), slopes, parts[state]))
-    room.leave()
+            slopes = fine.trajectory(method, state, trajectory.steps).slopes
+            fine.add_start(
+                state, trajectory.backward(by_q[state], by_v[state], buffer.of(state), slopes, substeps[state])
+            )
+    buffer.leave()
     if fine is not motion:
         largest = max(float(np.abs(x).max(initial=0.0)) for x in (by_q, by_v))
         refuse_different(
-            "rollout_gradient", motion.beside(fine, parameters, slots), largest, [x for x in parts if x is not None]
+            "rollout_gradient", motion.beside(fine, parameters, slots), largest, [x for x in substeps if x is not None]
         )
     gradients = motion.gradients(parameters, slots)
     if calls.checks:
@@ -281,7 +294,7 @@ def _refuse_not_finite(calls: Calls, gradients: Mapping[str, Any]) -> None:
     loads = gradients.get("loads", {})
     each = [loads] if isinstance(loads, dict) else loads
     whole = [(name, by) for name, by in gradients.items() if name != "loads"]
-    for name, by in (*whole, *(pair for own in each for pair in own.items())):
+    for name, by in (*whole, *(pair for by_input in each for pair in by_input.items())):
         bad = np.argwhere(~np.isfinite(by))
         if bad.size:
             place = tuple(int(i) for i in bad[0])
@@ -296,7 +309,7 @@ def _refuse_not_finite(calls: Calls, gradients: Mapping[str, Any]) -> None:
 
 
 def _refuse_singular(calls: Calls, q: ArrayLike, v: ArrayLike) -> None:
-    """SingularError where motions begin in singular poses of a mechanism, which implicit steps go on from one way.
+    """SingularError where motions begin in singular poses of a mechanism, which implicit steps leave one way of two.
 
     An open state is not refused: steps close it.
     """
@@ -306,9 +319,9 @@ def _refuse_singular(calls: Calls, q: ArrayLike, v: ArrayLike) -> None:
 
 
 def taken_steps(
-    calls: Calls, kind: str, inputs: Inputs, acting: Acting | None, options: StepOptions
+    calls: Calls, kind: str, inputs: Inputs, acting: DifferentiatedInputs | None, options: StepOptions
 ) -> tuple[Motion, Array, list[Steps | None]]:
-    """A motion, times of its samples, s, and the steps of each state; None for one that does not get to its end.
+    """Return a motion, times of its samples, s, and the steps of each state, None for one that does not reach its end.
 
     Args:
         kind: of the function that takes the steps, "gradient", which goes back, or "sensitivity".
@@ -334,33 +347,40 @@ def taken_steps(
 
 
 def _motion(
-    calls: Calls, function: RawFunction, inputs: Inputs, rows: int, count: int | None, acting: Acting | None
+    calls: Calls,
+    function: RawFunction,
+    inputs: Inputs,
+    rows: int,
+    count: int | None,
+    acting: DifferentiatedInputs | None,
 ) -> Motion:
-    """The motion of these inputs, which does not begin in a singular pose."""
-    motion = Motion(calls, function, read_given(calls, inputs, rows, count), acting)
+    """Return the motion of these inputs; SingularError if it begins in a singular pose."""
+    motion = Motion(calls, function, read_arrays(calls, inputs, rows, count), acting)
     _refuse_singular(calls, inputs.q0, inputs.v0)
     return motion
 
 
-def stopped(calls: Calls, inputs: Inputs, options: StepOptions, loads: Loads | Sequence[Loads] | None) -> InputError:
-    """The error of steps that do not get to their end, where the rollout does not say why itself."""
+def stopped(
+    calls: Calls, inputs: Inputs, options: StepOptions, loads: InputsLike | Sequence[InputsLike] | None
+) -> InputError:
+    """Return the error of steps that do not reach their end, where the rollout does not raise its reason itself."""
     if options.is_adaptive:
-        adaptive_rollout(calls, inputs, LoadedStepOptions(**vars(options), loads=loads))
+        adaptive_rollout(calls, inputs, InputStepOptions(**vars(options), loads=loads))
     elif loads is None:
         rollout(calls, inputs, options)
     return InputError(f"rollout: {options.method} comes to an end that is not finite; allowed: shorter steps")
 
 
 def _step_function(calls: Calls, method: str, kind: str) -> RawFunction:
-    """The function of a method that takes its steps.
+    """Return the C function that takes the steps of a method.
 
     Raises:
         UnknownNameError: the kernel was built without it.
         InputError: the method has no derivatives, or joints turn freely.
     """
-    if method not in WAYS:
-        raise InputError(f"rollout_{kind}: method {show(method)} has no derivatives; allowed: {', '.join(WAYS)}")
-    name = f"{WAYS[method][0]}_{kind}"
+    if method not in STEP_CODES:
+        raise InputError(f"rollout_{kind}: method {show(method)} has no derivatives; allowed: {', '.join(STEP_CODES)}")
+    name = f"{STEP_CODES[method][0]}_{kind}"
     if name not in calls.raw.gradients:
         raise calls.raw.missing(name)
     if calls.raw.turning:
@@ -369,45 +389,49 @@ def _step_function(calls: Calls, method: str, kind: str) -> RawFunction:
     return calls.raw.gradients[name]
 
 
-def _there(motion: Motion, ways: Sequence[Way], samples: int, room: Room) -> tuple[Array, Array] | None:
-    """Samples of all states, (states, samples, n) each; None where one does not get to its end."""
+def _forward_samples(
+    motion: Motion, trajectories: Sequence[CheckpointedTrajectory], samples: int, buffer: CheckpointBuffer
+) -> tuple[Array, Array] | None:
+    """Return q and v at the samples of all states, (states, samples, n) each; None where one does not reach its end."""
     calls = motion.calls
-    q, v = (room_for(calls, (motion.states, samples, calls.n), "fewer samples") for _ in range(2))
-    if len(ways) < motion.states:
+    q, v = (allocate_states(calls, (motion.states, samples, calls.n), "fewer samples") for _ in range(2))
+    if len(trajectories) < motion.states:
         return None
-    for state, way in enumerate(ways):
-        found = way.there(*motion.start(state), room.of(state))
-        if found is None:
+    for state, trajectory in enumerate(trajectories):
+        states = trajectory.forward(*motion.start(state), buffer.of(state))
+        if states is None:
             return None
-        q[state], v[state] = found
+        q[state], v[state] = states
     return q, v
 
 
 class Motion:
-    """States and drives of a rollout, and what derivatives by them add up to."""
+    """States and drives of a rollout, and the sums of derivatives by them."""
 
-    def __init__(self, calls: Calls, function: RawFunction, given: Given, acting: Acting | None) -> None:
-        self.calls, self.function, self._given, self._acting = calls, function, given, acting
-        self.states, self.is_single = 1 if given.count is None else given.count, given.count is None
-        self._by_starts = [np.zeros_like(array) for array, _ in given.starts]
-        self._by_drives = [np.zeros_like(array) for array, _, _ in given.drives]
-        self._by_gains = [np.zeros_like(array) for array in given.gains]
+    def __init__(
+        self, calls: Calls, function: RawFunction, arrays: RolloutArrays, acting: DifferentiatedInputs | None
+    ) -> None:
+        self.calls, self.function, self._arrays, self._acting = calls, function, arrays, acting
+        self.states, self.is_single = 1 if arrays.count is None else arrays.count, arrays.count is None
+        self._by_starts = [np.zeros_like(array) for array, _ in arrays.starts]
+        self._by_drives = [np.zeros_like(array) for array, _, _ in arrays.drives]
+        self._by_gains = [np.zeros_like(array) for array in arrays.gains]
         self._by_parameters = np.zeros(max(len(calls.parameters), 1), calls.dtype)
         self._pointers: list[dict[str, Any]] = []  # which C reads by, and so are kept alive
-        if (trouble := given.trouble(calls)) is not None:
+        if (trouble := arrays.trouble(calls)) is not None:
             raise trouble
 
     def again(self) -> Motion:
-        """A motion of the same states and drives whose derivatives add up by themselves."""
-        return Motion(self.calls, self.function, self._given, None if self._acting is None else self._acting.again())
+        """Return a motion of the same states and drives with sums of derivatives that begin at zero."""
+        return Motion(self.calls, self.function, self._arrays, None if self._acting is None else self._acting.again())
 
     def start(self, state: int) -> tuple[Array, Array]:
         """Return the state at which the motion begins."""
-        q, v = (array.reshape(-1, self.calls.n)[state if apart else 0] for array, apart in self._given.starts)
+        q, v = (array.reshape(-1, self.calls.n)[state if apart else 0] for array, apart in self._arrays.starts)
         return (q, v) if self._acting is None else self._acting.placed(state, q, v)
 
     def rest(self, dq: Array, dv: Array, state: int) -> None:
-        """Let rates of a state at the beginning, (directions, n) each, be zero where its motions are given."""
+        """Let rates of a state at the beginning, (directions, n) each, be zero where its motions are prescribed."""
         if self._acting is not None and self._acting.of(state).given is not None:
             places = [self.calls.coordinates.index(name) for name in self.calls.prescribed]
             dq[:, places], dv[:, places] = 0.0, 0.0
@@ -416,24 +440,24 @@ class Motion:
         """Add derivatives by where a state begins."""
         if self._acting is not None:
             self._acting.back(state, *by)
-        for whole, own, (_, apart) in zip(self._by_starts, by, self._given.starts, strict=True):
-            whole.reshape(-1, self.calls.n)[state if apart else 0] += own
+        for whole, derivative, (_, apart) in zip(self._by_starts, by, self._arrays.starts, strict=True):
+            whole.reshape(-1, self.calls.n)[state if apart else 0] += derivative
 
     def held(self, state: int) -> Array:
-        """The first row of a state's u, (n,)."""
-        array, of_state, _ = self._given.drives[0]
+        """Return the first row of a state's u, (n,)."""
+        array, of_state, _ = self._arrays.drives[0]
         return array.reshape(-1)[state * of_state :][: self.calls.n]
 
     def drive(self, library: Library, state: int) -> Any:
-        """The drives of a state, for a library."""
-        steps = {f"{x}_step": row for x, (_, _, row) in zip(("u", "target"), self._given.drives, strict=False)}
-        fields = self._fields(state, [x for x, _, _ in self._given.drives], self._given.gains)
-        if self._given.effort is not None:
-            fields["effort"] = self.calls.raw.view(self._given.effort)
+        """Return the drives of a state, for a library."""
+        steps = {f"{x}_step": row for x, (_, _, row) in zip(("u", "target"), self._arrays.drives, strict=False)}
+        fields = self._fields(state, [x for x, _, _ in self._arrays.drives], self._arrays.gains)
+        if self._arrays.effort is not None:
+            fields["effort"] = self.calls.raw.view(self._arrays.effort)
         return library.drive(**fields, **steps)
 
-    def way(self, method: str, state: int, steps: Steps) -> Way:
-        """The way of a state by a method of WAYS."""
+    def trajectory(self, method: str, state: int, steps: Steps) -> CheckpointedTrajectory:
+        """Return the trajectory of a state by a method of STEP_CODES."""
         fields = self._fields(state, self._by_drives, self._by_gains)
         by_parameters = self.calls.raw.view(self._by_parameters)
         library = self.function.library
@@ -441,29 +465,29 @@ class Motion:
             fields["loads"] = self._acting.slopes(library, state)
         slopes = library.new("slopes", parameters=by_parameters, **fields)
         acts = self.drive(library, state), self.loads(library, state, BACK)
-        return Way(self.calls, self.function, method, acts, slopes, steps, ROOM // self.states)
+        return CheckpointedTrajectory(self.calls, self.function, method, acts, slopes, steps, KEPT // self.states)
 
     def loads(self, library: Library, state: int, slopes: Slopes | None = None) -> Any:
-        """The loads of a state, for a library, with these derivatives; NULL without any."""
+        """Return the loads of a state, for a library, with these derivatives; NULL without any."""
         return FFI.NULL if self._acting is None else self._acting.packed(library, state, slopes)
 
     def _fields(self, state: int, arrays: Sequence[Array], gains: Sequence[Array]) -> dict[str, Any]:
-        """Pointers to what a state reads of drives, or adds to."""
-        view, found = self.calls.raw.view, dict[str, Any]()
-        for name, array, (_, of_state, _) in zip(("u", "target"), arrays, self._given.drives, strict=False):
-            found[name] = view(array.reshape(-1)[state * of_state :])
-        found |= zip(("kp", "kd"), map(view, gains), strict=False)
-        self._pointers.append(found)
-        return found
+        """Return pointers to the rows of drives that a state reads, or adds derivatives to."""
+        view, pointers = self.calls.raw.view, dict[str, Any]()
+        for name, array, (_, of_state, _) in zip(("u", "target"), arrays, self._arrays.drives, strict=False):
+            pointers[name] = view(array.reshape(-1)[state * of_state :])
+        pointers |= zip(("kp", "kd"), map(view, gains), strict=False)
+        self._pointers.append(pointers)
+        return pointers
 
     def gradients(self, parameters: Sequence[str], slots: Sequence[int]) -> dict[str, Any]:
-        """Derivatives by name, in the shapes of what was given."""
+        """Return derivatives by name, in the shapes of the inputs."""
         numbers = {name: float(self._by_parameters[slot]) for name, slot in zip(parameters, slots, strict=True)}
         loads = {} if self._acting is None else {"loads": self._acting.by_name()}
         return self._by_name() | loads | numbers
 
     def beside(self, other: Motion, parameters: Sequence[str], slots: Sequence[int]) -> Iterator[Pair]:
-        """Derivatives of both, by where each state begins, by drives, gains, numbers of loads and parameters."""
+        """Pair derivatives of both motions by initial states, drives, gains, numbers of loads and parameters."""
         for name, whole in self._by_name().items():
             fine = other._by_name()[name]
             if name in NAMES[:2]:
@@ -483,18 +507,18 @@ class Motion:
 
         Raises:
             InputError: other names, or no mapping.
-            ArrayError: other shapes, or arrays that overlap what is given, or each other.
+            ArrayError: other shapes, or arrays that overlap an input, or each other.
         """
         known = self._by_name()
         if not isinstance(out, Mapping):
             raise InputError(f"out: {show(out)} is no mapping; allowed: arrays by {listed(known)}")
-        read = [array for array, _ in self._given.starts] + [array for array, _, _ in self._given.drives]
-        taken: list[Array] = [*read, *self._given.gains]
-        for name, own in out.items():
+        read = [array for array, _ in self._arrays.starts] + [array for array, _, _ in self._arrays.drives]
+        taken: list[Array] = [*read, *self._arrays.gains]
+        for name, array in out.items():
             if name not in known:
                 raise InputError(f"out: {show(name)} is unknown; allowed: {listed(known)}")
-            self.calls.arrays.checked_out(own, known[name].shape, taken)[...] = 0.0
-            taken.append(own)
+            self.calls.arrays.checked_out(array, known[name].shape, taken)[...] = 0.0
+            taken.append(array)
         for whole, names in ((self._by_starts, NAMES[:2]), (self._by_drives, NAMES[2:4]), (self._by_gains, NAMES[4:])):
             whole[:] = [out.get(name, array) for name, array in zip(names, whole, strict=False)]
 
@@ -504,7 +528,7 @@ class Motion:
 
 
 def _chosen_steps(motion: Motion, state: int, times: Array, control: ErrorControl) -> Steps | None:
-    """The steps that the error chooses for a state; None where it does not get to its end."""
+    """Return the steps that error control chooses for a state; None where it does not reach its end."""
     calls, function = motion.calls, motion.calls.raw.function("adaptive_rollout")
     library, view = function.library, calls.raw.view
     at = [x.copy() for x in motion.start(state)]
@@ -520,7 +544,7 @@ def _chosen_steps(motion: Motion, state: int, times: Array, control: ErrorContro
         rows = np.tile(motion.held(state), (times.size, 1))
         drive.u, drive.u_step = view(rows), calls.n
     where = FFI.from_buffer("double[]", times)
-    found: list[Array] = []
+    recorded: list[Array] = []
     while not progress.reason:
         record.count = 0
         function.code(
@@ -535,38 +559,38 @@ def _chosen_steps(motion: Motion, state: int, times: Array, control: ErrorContro
             progress,
             record,
         )
-        found.append(ends[:, : record.count].copy())
+        recorded.append(ends[:, : record.count].copy())
     if progress.reason != DONE:
         return None
-    every, stiffness = np.concatenate(found, axis=1)
+    every, stiffness = np.concatenate(recorded, axis=1)
     t = np.concatenate([times[:1], every])
     rows = np.searchsorted(times, (t[1:] + t[:-1]) / 2.0, side="right") - 1
-    told = np.searchsorted(t, times - 1e-9 * np.diff(t).min(initial=1.0), side="left")
+    sample_index = np.searchsorted(t, times - 1e-9 * np.diff(t).min(initial=1.0), side="left")
     dt = np.diff(t).astype(calls.dtype)
-    return Steps(dt, t, rows, told, stiffness if control.method == EXPLICIT else None)
+    return Steps(dt, t, rows, sample_index, stiffness if control.method == EXPLICIT else None)
 
 
 def _asked(calls: Calls, loss: Loss, times: Array, q: Array, v: Array, *, single: bool) -> tuple[Any, Array, Array]:
-    """The value of a loss, and its derivatives by all samples, (states, samples, n).
+    """Evaluate a loss: return its value, and derivatives by q and v at all samples, (states, samples, n).
 
     Raises:
         InputError: it does not return three values.
         ArrayError: derivatives that are no finite numbers, or not as many as there are samples.
     """
-    own = (q[0], v[0]) if single else (q, v)
-    answer = loss(times.copy(), *(x.copy() for x in own))
+    states = (q[0], v[0]) if single else (q, v)
+    answer = loss(times.copy(), *(x.copy() for x in states))
     if not isinstance(answer, tuple) or len(answer) != 3:
         raise InputError(f"loss: it returned {show(answer)}; allowed: (value, dq, dv)")
     value, *by = answer
-    found = []
+    derivatives = []
     for label, x in zip(("dq", "dv"), by, strict=True):
         try:
             array = np.asarray(x, dtype=calls.dtype)
         except (ValueError, TypeError):
-            raise ArrayError(f"loss: {label} is {show(x)}; expected numbers of shape {own[0].shape}") from None
-        if array.shape != own[0].shape:
-            raise ArrayError(f"loss: {label} has shape {array.shape}; expected {own[0].shape}, that of q")
+            raise ArrayError(f"loss: {label} is {show(x)}; expected numbers of shape {states[0].shape}") from None
+        if array.shape != states[0].shape:
+            raise ArrayError(f"loss: {label} has shape {array.shape}; expected {states[0].shape}, that of q")
         if not np.isfinite(array).all():
             raise ArrayError(f"loss: {label} has numbers that are not finite")
-        found.append(np.ascontiguousarray(array.reshape(q.shape)))
-    return value, found[0], found[1]
+        derivatives.append(np.ascontiguousarray(array.reshape(q.shape)))
+    return value, derivatives[0], derivatives[1]

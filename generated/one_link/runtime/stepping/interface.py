@@ -10,10 +10,10 @@ from numpy.typing import ArrayLike
 from ..compiled_code import CompiledCode
 from ..raw import Array
 from .adaptive import adaptive_rollout
-from .given_loads import Loads
 from .gradients import Loss, rollout_gradient
 from .many_steps import rollout
-from .options import Control, LoadedStepOptions, StepMethod, StepOptions, method_for
+from .options import Control, InputStepOptions, StepMethod, StepOptions, method_for
+from .reading_inputs import InputsLike
 from .rollouts import Inputs, Rollout
 from .saturation import Saturate, efforts_of
 from .sensitivities import rollout_sensitivity
@@ -39,7 +39,7 @@ class Rollouts(CompiledCode):
         samples: int | None = None,
         rtol: float = 1e-6,
         atol: ArrayLike | None = None,
-        loads: Loads | Sequence[Loads] | None = None,
+        loads: InputsLike | Sequence[InputsLike] | None = None,
         works: bool = False,
         saturate: Saturate = None,
     ) -> Rollout:
@@ -82,10 +82,10 @@ class Rollouts(CompiledCode):
             rtol, atol: tolerances: the error of a step is at most atol + rtol times the size of each number.  atol is a
                 number or (2n,), first of q, then of v; by default rtol times the size of each coordinate: 1, or what
                 10 m/s^2 make of its springs where that is less.
-            loads: with error control, what else acts, over time, for all states or a list with that of each: LoadData
-                of ``eomgen.runtime.stepping.loads``, or a mapping from "drive", "wrench" and "prescribed" to what
-                ``integrate`` takes by these names, where that is data, or has some (``load_data``).  Prescribed
-                coordinates begin where their motions do.  No joint may turn freely.
+            loads: with error control, what else acts, over time, for all states or a list with that of each:
+                InputSignals of ``eomgen.runtime.stepping.input_signals``, or a mapping from "drive", "wrench" and
+                "prescribed" to what ``integrate`` takes by these names, where that is data, or has some
+                (``load_data``).  Prescribed coordinates begin where their motions do.  No joint may turn freely.
             works: whether works are integrated, too: attribute ``works``.  Needs generalized_force, and, of prescribed
                 coordinates, inverse_dynamics (with loops residual); not where joints turn freely.
             saturate: True: all that drives do at a coordinate (u, controller, drives of loads) is clipped at +- the
@@ -107,7 +107,7 @@ class Rollouts(CompiledCode):
             InputError: another argument is wrong, or does not belong to the method.
         """
         inputs = Inputs(q0, v0, u, Control(kp, kd, target, efforts_of(self.calls, saturate)))
-        options = LoadedStepOptions(
+        options = InputStepOptions(
             method_for(method, duration), dt, steps, every, duration, samples, rtol, atol, loads, works
         )
         return (adaptive_rollout if options.is_adaptive else rollout)(self.calls, inputs, options)
@@ -131,7 +131,7 @@ class Rollouts(CompiledCode):
         samples: int | None = None,
         rtol: float = 1e-6,
         atol: ArrayLike | None = None,
-        loads: Loads | Sequence[Loads] | None = None,
+        loads: InputsLike | Sequence[InputsLike] | None = None,
         saturate: Saturate = None,
         out: Mapping[str, Array] | None = None,
     ) -> tuple[Any, dict[str, Any]]:
@@ -188,7 +188,7 @@ class Rollouts(CompiledCode):
         samples: int | None = None,
         rtol: float = 1e-6,
         atol: ArrayLike | None = None,
-        loads: Loads | Sequence[Loads] | None = None,
+        loads: InputsLike | Sequence[InputsLike] | None = None,
         saturate: Saturate = None,
         out: Sequence[Array] | None = None,
     ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:

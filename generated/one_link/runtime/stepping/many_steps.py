@@ -10,11 +10,11 @@ import numpy as np
 
 from ...errors import ArrayError, IntegrationStopped
 from ..calls import Calls
-from ..opened import stays_open
-from ..pieces import OPERATIONS, ROUND, shared
+from ..chunking import OPERATIONS, ROUND, shared
+from ..loop_errors import stays_open
 from ..raw import Array, RawFunction
 from .options import FIXED, StepOptions
-from .rollouts import SHARE, Given, Inputs, Rollout, read_given, room_for
+from .rollouts import SHARE, Inputs, Rollout, RolloutArrays, allocate_states, read_arrays
 
 BUFFER = 2**15  # numbers of many states that are stored at once where a piece of work does not reach the end
 SHORT = 1e-12  # s, in which nothing moves
@@ -27,23 +27,23 @@ def rollout(calls: Calls, inputs: Inputs, options: StepOptions) -> Rollout:
     calls.raw.function("rollout")  # or the error that it is not there
     count, method = inputs.count(), FIXED[options.method]
     dt, steps, every = options.fixed_steps(calls, count)
-    given = read_given(calls, inputs, steps, count)
+    arrays = read_arrays(calls, inputs, steps, count)
     shape = (() if count is None else (count,)) + (steps // every + 1, calls.n)
-    result = room_for(calls, shape, "a larger `every`"), room_for(calls, shape, "a larger `every`")
-    code = _call(calls, given, (dt, steps, every, method), result)
+    result = allocate_states(calls, shape, "a larger `every`"), allocate_states(calls, shape, "a larger `every`")
+    code = _call(calls, arrays, (dt, steps, every, method), result)
     if code < 0 and all(np.isfinite(array).all() for array in result):
         figures: dict[str, Any] = {"steps": steps, "rejected": 0, "largest": dt, "smallest": dt}
         return Rollout.of(*result, **{k: x if count is None else np.full(count, x) for k, x in figures.items()})
-    trouble = given.trouble(calls)
+    trouble = arrays.trouble(calls)
     if code >= 0:
         reason = code % calls.raw.statuses
         state, step = divmod(code // calls.raw.statuses, steps)
         place = f" in step {step}" + ("" if count is None else f" of state {state}")
         alone = replace(
-            given,
+            arrays,
             count=None if count is None else 1,  # by the same code
-            starts=[(_row(x, apart, state), 0) for x, apart in given.starts],
-            drives=[(_row(x, apart, state), 0, n) for x, apart, n in given.drives],
+            starts=[(_row(x, apart, state), 0) for x, apart in arrays.starts],
+            drives=[(_row(x, apart, state), 0, n) for x, apart, n in arrays.drives],
         )
         if reason >= calls.n:
             what = f"{stays_open(calls.raw, reason - calls.n)}{place};{ADVICE}"
@@ -59,18 +59,18 @@ def rollout(calls: Calls, inputs: Inputs, options: StepOptions) -> Rollout:
     bad = [~np.isfinite(array.reshape(*ok.shape, calls.n)[state, row]) for array in result]
     i = int((bad[0] | bad[1]).argmax())
     place = "" if count is None else f" of state {state}"
-    advice = _turned_about(calls, given) or ADVICE
+    advice = _turned_about(calls, arrays) or ADVICE
     what = f"{calls.coordinates[i]} is not finite after step {row * every}{place};{advice}"
     raise _stopped(calls, result, state, every * dt, i, what, trouble)
 
 
-def _turned_about(calls: Calls, given: Given) -> str:
+def _turned_about(calls: Calls, arrays: RolloutArrays) -> str:
     """Say which forces are on angles of joints that turn freely; nothing where there are none."""
     angles = [at + i for at, _ in calls.raw.turning.values() for i in range(3)]
-    found = [calls.coordinates[i] for i in angles if given.drives[0][0].reshape(-1, calls.n)[:, i].any()]
-    if not found:
+    names = [calls.coordinates[i] for i in angles if arrays.drives[0][0].reshape(-1, calls.n)[:, i].any()]
+    if not names:
         return ""
-    return f" u on {', '.join(found)} has no finite moment where beta is at +-pi/2; allowed: 0, or forces elsewhere"
+    return f" u on {', '.join(names)} has no finite moment where beta is at +-pi/2; allowed: 0, or forces elsewhere"
 
 
 def _stopped(
@@ -104,18 +104,18 @@ def _stopped(
     return stopped
 
 
-def _call(calls: Calls, given: Given, how: tuple[float, int, int, int], result: tuple[Array, Array]) -> int:
+def _call(calls: Calls, arrays: RolloutArrays, how: tuple[float, int, int, int], result: tuple[Array, Array]) -> int:
     """Call the C for a state, or for many in threads; -1, or (state * steps + step) * statuses + i of a failure.
 
     Args:
-        given: states and drives.
+        arrays: states and drives.
         how: dt, steps, every, number of the method.
         result: q and v, (rows, n) or (count, rows, n); written.
     """
-    function, count = calls.raw.function("rollout"), given.count
+    function, count = calls.raw.function("rollout"), arrays.count
     function.where(batch=count is not None)  # compiled before work is shared out
     stored = result if count is not None else (result[0][np.newaxis], result[1][np.newaxis])
-    run = _Run(calls, function, given, how, stored)
+    run = _Run(calls, function, arrays, how, stored)
     return shared(run.pieces, 1 if count is None else count, min(calls.threads, (count or 0) // SHARE))
 
 
@@ -128,14 +128,14 @@ class _Run:
 
     calls: Calls
     function: RawFunction
-    given: Given
+    arrays: RolloutArrays
     how: tuple[float, int, int, int]
     stored: tuple[Array, Array]
 
     @property
     def single(self) -> bool:
         """Whether there is one state, and no batch."""
-        return self.given.count is None
+        return self.arrays.count is None
 
     def pieces(self, first: int, last: int) -> Iterator[int]:
         """Do the work on some of the states; for each piece -1, or the number of its first failure."""
@@ -145,7 +145,7 @@ class _Run:
         for begin in range(first, last, whole or vector):
             end = min(begin + (whole or vector), last)
             if whole:
-                q, v = (array[begin:end] if apart else array for array, apart in self.given.starts)
+                q, v = (array[begin:end] if apart else array for array, apart in self.arrays.starts)
                 yield self._call((begin, end), (0, steps), every, (q, v), [x[begin:end] for x in self.stored])
             else:
                 yield from self._over_steps(begin, end)
@@ -159,7 +159,7 @@ class _Run:
             most = max(min(most, BUFFER // (count * n) * every), 1)
         at = [
             np.array(np.broadcast_to(x[first:last] if apart else x, (count, n)), order="C")
-            for x, apart in self.given.starts
+            for x, apart in self.arrays.starts
         ]
         room = [np.empty(count * (most // every + 2) * n, x.dtype) for x in self.stored]
         turned = np.zeros((count, self.calls.raw.turning_room), self.calls.dtype)
@@ -177,11 +177,11 @@ class _Run:
                     x.fill(np.nan)
                 self._call((first, last), (begin, end), apart, at, ends, before)
             if not in_place:
-                for whole, part in zip(self.stored, ends, strict=True):
-                    whole[first:last, row + (begin > 0) : row + kept + 1] = part[:, int(begin > 0) : kept + 1]
+                for whole, chunk in zip(self.stored, ends, strict=True):
+                    whole[first:last, row + (begin > 0) : row + kept + 1] = chunk[:, int(begin > 0) : kept + 1]
             yield failed
-            for x, part in zip(at, ends, strict=True):
-                x[:] = part[:, rows]
+            for x, chunk in zip(at, ends, strict=True):
+                x[:] = chunk[:, rows]
 
     def _call(
         self,
@@ -204,7 +204,7 @@ class _Run:
         view, n, statuses = self.calls.raw.view, self.calls.n, self.calls.raw.statuses
         (first, last), (begin, end) = states, span
         dt, steps, _, method = self.how
-        fields = self.given.fields(self.calls, first, begin)
+        fields = self.arrays.fields(self.calls, first, begin)
         if turned is not None and turned.size:
             fields["turned"] = view(turned.reshape(-1))
         library = self.function.where(batch=not self.single)
@@ -239,7 +239,7 @@ def _row(array: Array, apart: int, state: int) -> Array:
     return array[state] if apart else array
 
 
-def _begins_well(calls: Calls, alone: Given, dt: float, step: int, method: int) -> bool:
+def _begins_well(calls: Calls, alone: RolloutArrays, dt: float, step: int, method: int) -> bool:
     """True if there are accelerations at the q where a step of a state that failed begins, so that dt is to blame."""
     (q, _), n = alone.starts[0], calls.n
     shape = (2, n) if alone.count is None else (1, 2, n)
@@ -252,5 +252,5 @@ def _begins_well(calls: Calls, alone: Given, dt: float, step: int, method: int) 
         return True
     still = np.zeros(n, calls.dtype)
     once = min(1e-9 * dt, SHORT), 1, 1, method  # so short that all of its stages are at q
-    free = Given(alone.count, [(q, 0), (still, 0)], [(still, 0, 0)], [])
+    free = RolloutArrays(alone.count, [(q, 0), (still, 0)], [(still, 0, 0)], [])
     return _call(calls, free, once, ends) < 0

@@ -103,8 +103,10 @@ class StepOptions:
         for name, default in (self.of_fixed_steps if self.is_adaptive else self.of_error_control).items():
             value = getattr(self, name)
             if value is not default and value is not None and not (isinstance(value, int) and value == default):
-                own, others = self.own[:: -1 if self.is_adaptive else 1]
-                raise InputError(f"rollout: {name} is given; allowed: {own} with method={self.method!r}, not {others}")
+                wanted, others = self.own[:: -1 if self.is_adaptive else 1]
+                raise InputError(
+                    f"rollout: {name} is given; allowed: {wanted} with method={self.method!r}, not {others}"
+                )
 
     @property
     def is_adaptive(self) -> bool:
@@ -159,21 +161,21 @@ class StepOptions:
         if not least <= as_number(rtol) < 1.0:
             raise InputError(f"rollout: rtol = {show(rtol)} is not allowed; a number from {least:g} to below 1 is")
         if atol is None:
-            found = float(rtol) * np.array(meta["sizes"])
+            tolerances = float(rtol) * np.array(meta["sizes"])
             for i, name in meta["rubbing"]:
-                found[calls.n + i] = min(found[calls.n + i], calls.parameters[name])
-            return ErrorControl(self.method, float(rtol), found.astype(calls.dtype))
+                tolerances[calls.n + i] = min(tolerances[calls.n + i], calls.parameters[name])
+            return ErrorControl(self.method, float(rtol), tolerances.astype(calls.dtype))
         try:
-            found = np.broadcast_to(np.asarray(atol, dtype=np.float64), (2 * calls.n,)).astype(calls.dtype)
+            tolerances = np.broadcast_to(np.asarray(atol, dtype=np.float64), (2 * calls.n,)).astype(calls.dtype)
         except (ValueError, TypeError, OverflowError):
             raise ArrayError(f"rollout: atol: expected a number or ({2 * calls.n},), got {show(atol)}") from None
-        if not ((found > 0.0) & (found < np.inf)).all():
+        if not ((tolerances > 0.0) & (tolerances < np.inf)).all():
             raise InputError(f"rollout: atol = {show(atol)} is not allowed; finite numbers above 0 are")
-        return ErrorControl(self.method, float(rtol), found)
+        return ErrorControl(self.method, float(rtol), tolerances)
 
 
 @dataclass(frozen=True)
-class LoadedStepOptions(StepOptions):
+class InputStepOptions(StepOptions):
     """Steps of a rollout with what else acts over time, which is for error control alone."""
 
     loads: Any = None

@@ -24,7 +24,7 @@ class Rollout(tuple[Array, Array]):
         steps: steps taken, of one state a number, of many (N,).
         rejected: steps that were tried again, shorter, likewise.
         largest, smallest: the longest and the shortest step, s, likewise.
-        works: where they were integrated, of ``loads.WORKS``, J, (samples + 1, 4), of many (N, samples + 1, 4).
+        works: where they were integrated, of ``input_signals.WORKS``, J, (samples + 1, 4), of many (N, samples + 1, 4).
     """
 
     steps: Any
@@ -36,9 +36,9 @@ class Rollout(tuple[Array, Array]):
     @classmethod
     def of(cls, q: Array, v: Array, **figures: Any) -> Rollout:
         """q and v with the attributes, by name."""
-        found = cls((q, v))
-        vars(found).update(figures)
-        return found
+        rollout = cls((q, v))
+        vars(rollout).update(figures)
+        return rollout
 
 
 @dataclass(frozen=True)
@@ -57,8 +57,8 @@ class Inputs:
             ArrayError: arrays of different numbers of states.
         """
         sizes = {}
-        given = ("q0", self.q0, 2), ("v0", self.v0, 2), ("u", self.u, 3), ("target", self.control.target, 3)
-        for label, value, axes in given:
+        arrays = ("q0", self.q0, 2), ("v0", self.v0, 2), ("u", self.u, 3), ("target", self.control.target, 3)
+        for label, value, axes in arrays:
             if value is not None and len(shape := shape_of(value)) == axes:
                 sizes[label] = shape[0]
         if not sizes:
@@ -69,7 +69,7 @@ class Inputs:
 
 
 @dataclass(frozen=True)
-class Given:
+class RolloutArrays:
     """States and drives as C takes them.
 
     Attributes:
@@ -88,20 +88,20 @@ class Given:
 
     def fields(self, calls: Calls, state: int, step: int = 0) -> dict[str, Any]:
         """Fields of a drive for C, from a state and a step on; the pointers must be kept alive."""
-        view, found = calls.raw.view, dict[str, Any]()
+        view, fields = calls.raw.view, dict[str, Any]()
         for name, (array, of_state, of_step) in zip(("u", "target"), self.drives, strict=False):
-            found[name] = view(array.reshape(-1)[state * of_state + step * of_step :])
-            found[f"{name}_state"], found[f"{name}_step"] = of_state, of_step
+            fields[name] = view(array.reshape(-1)[state * of_state + step * of_step :])
+            fields[f"{name}_state"], fields[f"{name}_step"] = of_state, of_step
         if self.gains:
-            found["kp"], found["kd"] = map(view, self.gains)
+            fields["kp"], fields["kd"] = map(view, self.gains)
         if self.effort is not None:
-            found["effort"] = view(self.effort)
-        return found
+            fields["effort"] = view(self.effort)
+        return fields
 
     def trouble(self, calls: Calls) -> ArrayError | None:
         """The error that names an input that is not finite (``checks`` may have let it through), or None."""
-        given = [(array, 0) for array, _ in self.starts] + [(array, apart) for array, _, apart in self.drives]
-        for label, (array, apart) in zip(("q0", "v0", "u", "target"), given, strict=False):
+        arrays = [(array, 0) for array, _ in self.starts] + [(array, apart) for array, _, apart in self.drives]
+        for label, (array, apart) in zip(("q0", "v0", "u", "target"), arrays, strict=False):
             try:
                 calls.arrays.refuse_not_finite(label, array, array.shape[-2:] if apart else (calls.n,))
             except ArrayError as error:
@@ -109,7 +109,7 @@ class Given:
         return None
 
 
-def read_given(calls: Calls, inputs: Inputs, rows: int, count: int | None) -> Given:
+def read_arrays(calls: Calls, inputs: Inputs, rows: int, count: int | None) -> RolloutArrays:
     """Read states, drives and a controller of a rollout.
 
     Args:
@@ -126,7 +126,9 @@ def read_given(calls: Calls, inputs: Inputs, rows: int, count: int | None) -> Gi
     gains = _controller_gains(calls, control)
     if control.target is not None:
         drives.append(_over_time(calls, "target", control.target, rows, count))
-    return Given(count, starts, drives, gains, None if control.effort is None else control.effort.astype(calls.dtype))
+    return RolloutArrays(
+        count, starts, drives, gains, None if control.effort is None else control.effort.astype(calls.dtype)
+    )
 
 
 def shape_of(value: ArrayLike) -> tuple[int, ...]:
@@ -175,16 +177,16 @@ def _controller_gains(calls: Calls, control: Control) -> list[Array]:
     """kp and kd, (n,) each; none where there is no controller."""
     if control.target is None:
         return []
-    found: list[Array] = []
+    gains: list[Array] = []
     driven: Sequence[int] = calls.raw.libraries.meta["driven"]  # coordinates that a controller may act on
     for label, value in (("kp", control.kp), ("kd", control.kd)):
         if isinstance(value, np.ndarray) and value.ndim == 0:
             value = value.item()
         if value is None or is_number(value):
-            given = [0.0] * calls.n
+            per_coordinate = [0.0] * calls.n
             for i in driven if value is not None else ():
-                given[i] = value  # type: ignore[call-overload]
-            value = given
+                per_coordinate[i] = value  # type: ignore[call-overload]
+            value = per_coordinate
         array, many = calls.array(label, value, (calls.n,))
         deviations = np.setdiff1d(np.arange(calls.n), driven)
         if many or (array < 0).any():
@@ -194,11 +196,11 @@ def _controller_gains(calls: Calls, control: Control) -> list[Array]:
                 f"rollout: {label} is {array[i]} at {calls.coordinates[i]}; only principal coordinates, or the"
                 " motors in front of them, have a drive that can be controlled; none that is prescribed"
             )
-        found.append(array)
-    return found
+        gains.append(array)
+    return gains
 
 
-def room_for(calls: Calls, shape: tuple[int, ...], fewer: str, dtype: DTypeLike | None = None) -> Array:
+def allocate_states(calls: Calls, shape: tuple[int, ...], fewer: str, dtype: DTypeLike | None = None) -> Array:
     """Room for states, NaN until they are reached; InputError where there is none, with what stores fewer."""
     try:
         return np.full(shape, np.nan, calls.dtype if dtype is None else dtype)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...errors import ArrayError, InputError, UnknownNameError
 from ...names import listed, nearest, show
 from ..calls import Calls
-from .loads import LoadData, ModelDrive
+from .input_signals import InputSignals, ModelDrive
 
 Array = NDArray[np.float64]
 Saturate = bool | ArrayLike | Mapping[str, float] | None
@@ -32,23 +32,23 @@ def efforts_of(calls: Calls, saturate: Saturate) -> Array | None:
     """
     if saturate is None or saturate is False:
         return None
-    given = calls.raw.libraries.meta.get("efforts", {}) if saturate is True else saturate
-    if isinstance(given, Mapping):
-        found = np.full(calls.n, np.inf)
-        for name, value in given.items():
+    requested = calls.raw.libraries.meta.get("efforts", {}) if saturate is True else saturate
+    if isinstance(requested, Mapping):
+        efforts = np.full(calls.n, np.inf)
+        for name, value in requested.items():
             if name not in calls.coordinates:
                 known = f"{nearest(str(name), calls.coordinates)}; allowed: {listed(calls.coordinates)}"
                 raise UnknownNameError(f"saturate: there is no coordinate {show(name)}{known}")
-            found[calls.coordinates.index(name)] = _number(f"saturate: {name}", value)
+            efforts[calls.coordinates.index(name)] = _number(f"saturate: {name}", value)
     else:
-        found = _array(calls, given)
-    check_efforts(calls, found, "saturate")
-    if not np.isfinite(found).any():
+        efforts = _array(calls, requested)
+    check_efforts(calls, efforts, "saturate")
+    if not np.isfinite(efforts).any():
         raise InputError(
             "saturate: no drive has a limit of its effort; allowed: a description with limits = { effort = ... }, or"
             " efforts by coordinate"
         )
-    return found
+    return efforts
 
 
 def check_efforts(calls: Calls, effort: Array, label: str) -> None:
@@ -68,11 +68,11 @@ def check_efforts(calls: Calls, effort: Array, label: str) -> None:
             raise InputError(f"{label}: {name} has {value:g}, but its joint turns freely; allowed: other joints")
 
 
-def with_efforts(loads: LoadData | list[LoadData], effort: Array | None) -> LoadData | list[LoadData]:
+def with_efforts(loads: InputSignals | list[InputSignals], effort: Array | None) -> InputSignals | list[InputSignals]:
     """Return loads whose drives are clipped at these efforts, if there are any."""
     if effort is None:
         return loads
-    if isinstance(loads, LoadData):
+    if isinstance(loads, InputSignals):
         return replace(loads, drive=replace(loads.drive, effort=effort))
     return [replace(each, drive=replace(each.drive, effort=effort)) for each in loads]
 
@@ -102,13 +102,13 @@ def _number(label: str, value: Any) -> float:
         raise InputError(f"{label} is {show(value)}; allowed: a number above 0, N or N m") from None
 
 
-def _array(calls: Calls, given: Any) -> Array:
+def _array(calls: Calls, requested: Any) -> Array:
     try:
-        found = np.array(given, dtype=np.float64)
+        efforts = np.array(requested, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
-        found = np.zeros(0)
-    if found.shape != (calls.n,):
+        efforts = np.zeros(0)
+    if efforts.shape != (calls.n,):
         raise ArrayError(
-            f"saturate: got {show(given)}; allowed: True, efforts by coordinate, or numbers of shape ({calls.n},)"
+            f"saturate: got {show(requested)}; allowed: True, efforts by coordinate, or numbers of shape ({calls.n},)"
         )
-    return found
+    return efforts

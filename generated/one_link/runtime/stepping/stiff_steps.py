@@ -1,7 +1,7 @@
 """Derivatives of an explicit method's steps on stiff robots, which are not those of the motion: noticed, and refused.
 
 Where a robot is stiff, error control keeps an explicit method's steps at the limit of its stability: what grows in a
-step is seen in its error, and the next one is shorter.  Derivatives count the lengths of steps as given, and grow
+step is seen in its error, and the next one is shorter.  Derivatives count the lengths of steps as constant, and grow
 without end.  C tells of every step how far it is from that limit; where one is near it, derivatives are taken once more
 along the same motion, with several steps, which are stable, in the place of each such one, and both must be of one
 size.  Motions that are sensitive by themselves have derivatives that grow, too, in steps of any length alike.
@@ -33,7 +33,7 @@ class Pair(NamedTuple):
     size: float = 1.0
 
 
-def parts_of(stiffness: Array | None) -> Array | None:
+def substep_counts(stiffness: Array | None) -> Array | None:
     """How many stable steps to take in the place of each, by the stiffness that C saw in it, (steps,).
 
     None if all of them are stable, or the method is.
@@ -44,13 +44,13 @@ def parts_of(stiffness: Array | None) -> Array | None:
     return np.where(stiffness > NEAR, 2 ** np.ceil(np.log2(np.maximum(wanted, 2.0))), 1).astype(np.int64)
 
 
-def refuse_different(function: str, pairs: Iterable[Pair], largest: float, parts: Sequence[Array]) -> None:
+def refuse_different(function: str, pairs: Iterable[Pair], largest: float, substeps: Sequence[Array]) -> None:
     """Refuse derivatives that are not those of finer steps.
 
     Args:
         pairs: of both, by what they are taken by.
         largest: size of what they are taken of.
-        parts: of every state with steps that are split, how many there are in the place of each.
+        substeps: of every state with steps that are split, how many there are in the place of each.
 
     Raises:
         InputError: they differ, or are not finite; says by what, by how much, and what to take instead.
@@ -59,7 +59,7 @@ def refuse_different(function: str, pairs: Iterable[Pair], largest: float, parts
         one, other = (float(np.abs(x).max(initial=0.0)) for x in (whole, fine))
         if max(one, other) <= LEAST * largest / max(size, 1.0) or (one < TIMES * other and other < TIMES * one):
             continue
-        every = np.concatenate(parts)
+        every = np.concatenate(substeps)
         raise InputError(
             f"{function}: tsit5: {np.count_nonzero(every > 1)} of {every.size} steps are near the limit of its"
             f" stability, as the robot is stiff there, and derivatives of its steps are not those of the motion: by"

@@ -19,7 +19,7 @@ from ...robot.coordinates import index_of, unit_of
 from ...robot.mechanism import leading_home
 from ...robot.model import build_model, program_coordinates
 from ...robot.value import Robot
-from ...runtime.stepping.loads import ModelDrive, Waves
+from ...runtime.stepping.input_signals import ModelDrive, Waves
 from ...runtime.stepping.packed_inputs import plain_given, plain_model, plain_signal, plain_track, plain_wrench
 from ...scenario.value import Initial, Scenario, Section
 from ...simulation.assembly import Assembly, assemble, rigid_kernels

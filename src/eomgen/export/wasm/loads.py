@@ -8,13 +8,13 @@ import numpy as np
 
 from eomgen.errors import InputError
 from eomgen.runtime.kernel import Kernel
-from eomgen.runtime.stepping.loads import LoadData
+from eomgen.runtime.stepping.input_signals import InputSignals
 from eomgen.runtime.stepping.packed_inputs import plain_inputs
 
 LARGEST = float(np.finfo(np.float64).max)  # in the place of infinity, which JSON does not have
 
 
-def plain_loads(kernel: Kernel, loads: LoadData) -> dict[str, Any]:
+def plain_loads(kernel: Kernel, loads: InputSignals) -> dict[str, Any]:
     """``loads`` of adaptiveRollout and simulator: plain values for JSON, whose numbers keep their bits.
 
     Drives that know a model need a kernel exported with ``model=True``.

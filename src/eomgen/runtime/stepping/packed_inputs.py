@@ -15,10 +15,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..calls import Calls
 from ..raw import FFI, Library
-from .loads import (
+from .input_signals import (
     DriveData,
+    InputSignals,
     LinkWrench,
-    LoadData,
     MechanismData,
     ModelDrive,
     Signal,
@@ -111,9 +111,9 @@ STRUCTS: Mapping[str, Mapping[str, Field]] = {  # of eom.h, by their names behin
 def plain_signal(signal: Signal) -> Plain:
     """A signal as plain values: coefficients are one row of numbers."""
     _, powers, columns = signal.coefficients.shape
-    found: Plain = {"knots": signal.knots, "coefficients": signal.coefficients}
-    found |= {"degree": powers - 1, "columns": columns}
-    return found if signal.profile is None else {**found, "profile": plain_signal(signal.profile)}
+    plain: Plain = {"knots": signal.knots, "coefficients": signal.coefficients}
+    plain |= {"degree": powers - 1, "columns": columns}
+    return plain if signal.profile is None else {**plain, "profile": plain_signal(signal.profile)}
 
 
 def plain_track(track: Track) -> Plain:
@@ -130,50 +130,50 @@ def plain_program(drive: DriveData, program: Track) -> Plain:
 
 def plain_model(model: ModelDrive) -> Plain:
     """Return the places of the coordinates of a drives' model, and what it makes of the program."""
-    found: Plain = {"place": model.place, "ratio": model.ratio, "column": model.column, "given": model.given}
-    return found if model.bandwidth is None else {**found, "bandwidth": model.bandwidth}
+    plain: Plain = {"place": model.place, "ratio": model.ratio, "column": model.column, "given": model.given}
+    return plain if model.bandwidth is None else {**plain, "bandwidth": model.bandwidth}
 
 
-def plain_given(given: Waves, place: Sequence[int]) -> Plain:
+def plain_given(waves: Waves, place: Sequence[int]) -> Plain:
     """Prescribed motions of the coordinates at ``place``."""
-    return {"place": place, "waves": given.wave, "tracks": [plain_track(track) for track in given.tracks]}
+    return {"place": place, "waves": waves.wave, "tracks": [plain_track(track) for track in waves.tracks]}
 
 
 def plain_wrench(wrench: LinkWrench, links: Sequence[str]) -> Plain:
     """A wrench as plain values; it has a frame where it turns or has an arm."""
     link = links[wrench.link]
-    found: Plain = {"link": link, "signal": plain_signal(wrench.signal), "arm": wrench.arm, "turns": wrench.turns}
-    found |= {key: t for key, t in (("t0", wrench.t0), ("t1", wrench.t1)) if isfinite(t)}
-    return {**found, "frame": link} if wrench.turns or np.any(wrench.arm) else found
+    plain: Plain = {"link": link, "signal": plain_signal(wrench.signal), "arm": wrench.arm, "turns": wrench.turns}
+    plain |= {key: t for key, t in (("t0", wrench.t0), ("t1", wrench.t1)) if isfinite(t)}
+    return {**plain, "frame": link} if wrench.turns or np.any(wrench.arm) else plain
 
 
-def plain_inputs(calls: Calls, loads: LoadData, stops: Array | None = None) -> Plain:
+def plain_inputs(calls: Calls, loads: InputSignals, stops: Array | None = None) -> Plain:
     """Everything that acts on a robot over time as plain values.
 
     Args:
         calls: of the robot's kernel.
         stops: times at which steps end, s, increasing; those of ``jump_times`` if not given.
     """
-    drive, found = loads.drive, Plain()
-    found |= {key: t for key, t in (("first", loads.first), ("last", loads.last)) if isfinite(t)}
+    drive, plain = loads.drive, Plain()
+    plain |= {key: t for key, t in (("first", loads.first), ("last", loads.last)) if isfinite(t)}
     if drive.effort is not None:
-        found["effort"] = drive.effort
+        plain["effort"] = drive.effort
     if drive.torque is not None:
-        found["torque"] = plain_track(drive.torque)
+        plain["torque"] = plain_track(drive.torque)
     if drive.program is not None:
-        found["program"] = plain_program(drive, drive.program)
+        plain["program"] = plain_program(drive, drive.program)
     if drive.model is not None:
-        found["model"] = plain_model(drive.model)
+        plain["model"] = plain_model(drive.model)
     if loads.given is not None:
-        found["given"] = plain_given(loads.given, [calls.coordinates.index(name) for name in calls.prescribed])
+        plain["given"] = plain_given(loads.given, [calls.coordinates.index(name) for name in calls.prescribed])
     if loads.wrenches:
         links = calls.raw.libraries.meta["links"]
-        found["wrenches"] = [plain_wrench(wrench, links) for wrench in loads.wrenches]
+        plain["wrenches"] = [plain_wrench(wrench, links) for wrench in loads.wrenches]
     stops = jump_times(loads) if stops is None else stops
-    return {**found, "stops": stops} if stops.size else found
+    return {**plain, "stops": stops} if stops.size else plain
 
 
-class Packed:
+class PackedInputs:
     """Loads as C takes them; whatever it points to lives as long as this object.
 
     Args:
@@ -191,7 +191,7 @@ class Packed:
         self,
         library: Library,
         calls: Calls,
-        loads: LoadData,
+        loads: InputSignals,
         *,
         many: bool = False,
         works: bool = False,
@@ -206,8 +206,8 @@ class Packed:
         if loads.wrenches:
             functions |= self._of_wrenches(framed=any("frame" in wrench for wrench in plain["wrenches"]))
         if loads.drive.model is not None:
-            own = self._fields("computed_torque", plain.pop("model")) | self._of_model(loads.drive.model)
-            functions["model"] = self._kept_new("eom_computed_torque *", own)
+            torque_fields = self._fields("computed_torque", plain.pop("model")) | self._of_model(loads.drive.model)
+            functions["model"] = self._kept_new("eom_computed_torque *", torque_fields)
         self.pointer = library.new("loads", **self._fields("inputs", plain), **functions)
         self._kept.append(self.pointer)
 
@@ -219,32 +219,32 @@ class Packed:
 
     def _fields(self, struct: str, plain: Plain) -> dict[str, Any]:
         """Fields of a structure, as cffi initialises it; those that are left out stay zero."""
-        found: dict[str, Any] = {}
+        fields: dict[str, Any] = {}
         for name, field in STRUCTS[struct].items():
             kind, more = field.kind, field.more
             value = plain.get(field.key)
             if kind == "inline":
-                found[name] = self._fields(str(more), plain)
+                fields[name] = self._fields(str(more), plain)
             elif kind == "absent":
-                found[name] = value is None
+                fields[name] = value is None
             elif value is None:
                 if more and not isinstance(more, str):  # a number where there is no value
-                    found[name] = more
+                    fields[name] = more
             elif kind == "count":
-                found[name] = len(value) + int(more)
+                fields[name] = len(value) + int(more)
             elif kind == "reals":
-                found[name] = self._numbers(value)
+                fields[name] = self._numbers(value)
             elif kind == "wholes":
-                found[name] = self._numbers(value, np.intc)
+                fields[name] = self._numbers(value, np.intc)
             elif kind == "part":
-                found[name] = self._kept_new(f"eom_{more} *", self._fields(str(more), value))
+                fields[name] = self._kept_new(f"eom_{more} *", self._fields(str(more), value))
             elif kind == "parts":
-                found[name] = self._kept_new(f"eom_{more}[]", [self._fields(str(more), own) for own in value])
+                fields[name] = self._kept_new(f"eom_{more}[]", [self._fields(str(more), element) for element in value])
             elif kind in ("link", "frame"):
-                found[name] = self._calls.raw.libraries.meta[f"{kind}s"].index(value)
+                fields[name] = self._calls.raw.libraries.meta[f"{kind}s"].index(value)
             else:
-                found[name] = list(value) if kind == "vector" else value
-        return found
+                fields[name] = list(value) if kind == "vector" else value
+        return fields
 
     def _kept_new(self, kind: str, content: Any) -> Any:
         """A new value of a type of C, which lives as long as this object."""
@@ -287,10 +287,10 @@ class Packed:
         charts = self._library.new_array("chart", len(mechanism.charts))
         self._kept.append(charts)
         fields: dict[str, Any] = {}
-        for own, chart in zip(charts, mechanism.charts, strict=True):
-            fields["following"], own.following_h = self._function(chart.calls, "following")
-            fields["residual"], own.residual_h = self._function(chart.calls, "residual")
-            own.chart, own.turned = self._numbers(chart.chart), self._numbers(chart.turned or [0], np.intc)
+        for struct, chart in zip(charts, mechanism.charts, strict=True):
+            fields["following"], struct.following_h = self._function(chart.calls, "following")
+            fields["residual"], struct.residual_h = self._function(chart.calls, "residual")
+            struct.chart, struct.turned = self._numbers(chart.chart), self._numbers(chart.turned or [0], np.intc)
         angles, origin = zip(*(mechanism.joints or [(0, 0)]), strict=True)
         return self._new(
             "mechanism",
@@ -338,14 +338,14 @@ class Packed:
             parameters.turn(calls.raw.turning)
         function, setup = calls.raw.function(name), parameters.setup
         self._kept.append(setup)
-        ffi, own = self._library.ffi, function.library
+        ffi, code_library = self._library.ffi, function.library
         number = {"float64": "double", "float32": "float"}[str(calls.dtype)]
         arguments = "int, " if function.is_framed else f"const {number} *, " * (len(function.reads) - 1)
         kind = f"int (*)(const {number} *, const {number} *, {arguments}{number} *)"
-        return ffi.cast(kind, function.address()), ffi.cast(f"const {number} *", setup.address(own))
+        return ffi.cast(kind, function.address()), ffi.cast(f"const {number} *", setup.address(code_library))
 
 
-class Side:
+class PackedBatch:
     """Loads of many states as C takes them side by side; whatever they point to lives as long as this object.
 
     Args:
@@ -357,10 +357,10 @@ class Side:
         distance: from one state's to the next one's, 0 where all share theirs.
     """
 
-    def __init__(self, library: Library, calls: Sequence[Calls], loads: Sequence[LoadData], *, works: bool) -> None:
+    def __init__(self, library: Library, calls: Sequence[Calls], loads: Sequence[InputSignals], *, works: bool) -> None:
         shares = all(each is loads[0] for each in loads)
         each = zip(calls[:1], loads[:1], strict=True) if shares else zip(calls, loads, strict=True)
-        self._packed = [Packed(library, *own, many=True, works=works) for own in each]
+        self._packed = [PackedInputs(library, *arguments, many=True, works=works) for arguments in each]
         self.pointer, self.distance = self._packed[0].pointer, 0
         if not shares:
             self.pointer, self.distance = library.new_array("loads", len(loads)), 1

@@ -23,13 +23,15 @@ KINDS = (  # of gaps: what it is, per which time, and what is allowed
 )
 
 
-def loop_error(raw: RawKernel, name: str, reason: int, place: str, given: Mapping[str, Array], ask: Ask) -> LoopError:
+def loop_error(
+    raw: RawKernel, name: str, reason: int, place: str, arguments: Mapping[str, Array], ask: Ask
+) -> LoopError:
     """The error that says why a function refuses a state of a closed mechanism, or a motion.
 
     Args:
         reason: behind those of the coordinates' pivots, as ``RawKernel.statuses`` counts them.
         place: what follows, such as " in state 3".
-        given: what the function got, for that state alone.
+        arguments: of the function, for that state alone.
     """
     name = name.removesuffix(LOADED)
     tree = "" if name in WHOLE else ", or cut=True for the open tree"
@@ -38,7 +40,7 @@ def loop_error(raw: RawKernel, name: str, reason: int, place: str, given: Mappin
     if kind >= len(KINDS):
         return _not_held(raw, f"{name}: {raw.name}", reason - len(KINDS) * len(names), place, ask, tree)
     what, per, allowed = KINDS[kind]
-    component, gap = names[row], _gap(ask, given, kind, row)
+    component, gap = names[row], _gap(ask, arguments, kind, row)
     loop = component.partition(".")[0]
     return LoopError(
         f"{name}: {raw.name}: {_kind(component)} {loop} {what}{place}: {component} is left with"
@@ -48,13 +50,13 @@ def loop_error(raw: RawKernel, name: str, reason: int, place: str, given: Mappin
     )
 
 
-def _gap(ask: Ask, given: Mapping[str, Array], kind: int, row: int) -> float:
+def _gap(ask: Ask, arguments: Mapping[str, Array], kind: int, row: int) -> float:
     """The size of a component of the constraint, of its rate, or of its acceleration; NaN if unknown."""
     g = ask("constraint" if kind == 0 else "constraint_jacobian")
     bias = ask("constraint_bias") if kind == 2 else None
     if g is None or (kind == 2 and bias is None):
         return math.nan
-    gap = g[row] if kind == 0 else g[row] @ given["va"[kind - 1]]
+    gap = g[row] if kind == 0 else g[row] @ arguments["va"[kind - 1]]
     return abs(float(gap if bias is None else gap + bias[row]))
 
 
@@ -63,8 +65,8 @@ def _not_held(raw: RawKernel, title: str, i: int, place: str, ask: Ask, tree: st
     meta = raw.libraries.meta
     coordinates, m = meta["coordinates"], len(meta["constraints"])
     driven = [x for k, x in enumerate(coordinates) if k in meta["driven"] or x in meta["prescribed"]]
-    found, jacobian = ask("constrained_drives"), ask("constraint_jacobian")
-    left = math.nan if found is None else float(np.abs(found[len(coordinates) + 5 * m :][: len(coordinates)]).max())
+    drives, jacobian = ask("constrained_drives"), ask("constraint_jacobian")
+    left = math.nan if drives is None else float(np.abs(drives[len(coordinates) + 5 * m :][: len(coordinates)]).max())
     loop, freedoms = meta["constraints"][0].partition(".")[0], ""
     if jacobian is not None:
         moving = [k for k, x in enumerate(coordinates) if x not in meta["prescribed"]]

@@ -11,28 +11,28 @@ from numpy.typing import NDArray
 from ...errors import InputError
 from ..calls import Calls
 from ..raw import FFI, Library
-from .given_loads import clipped_loads, count_of, place_back, place_given, read_loads
-from .loads import LoadData, Signal, Slopes, jump_times
-from .packed_inputs import Packed
+from .input_signals import InputSignals, Signal, Slopes, jump_times
+from .packed_inputs import PackedInputs
+from .reading_inputs import clipped_signals, count_of, place_adjoint, place_prescribed, read_signals
 
 Array = NDArray[np.float64]
 
 
-class Acting:
+class DifferentiatedInputs:
     """Loads of all states, or of each of them, in motions that are differentiated.
 
     Args:
         kind: of the motion's function, "gradient" or "sensitivity".
-        given: as of ``Kernel.rollout``.
+        source: as of ``Kernel.rollout``.
 
     Raises:
         InputError: loads that are not allowed, or a mechanism's drives, through which C has no derivatives.
     """
 
-    def __init__(self, calls: Calls, kind: str, given: Any, effort: Array | None = None) -> None:
-        read = clipped_loads(calls, read_loads(calls, given), effort)
-        self._calls, self._kind, self.is_shared = calls, kind, isinstance(read, LoadData)
-        self._each = [read] if isinstance(read, LoadData) else read
+    def __init__(self, calls: Calls, kind: str, source: Any, effort: Array | None = None) -> None:
+        read = clipped_signals(calls, read_signals(calls, source), effort)
+        self._calls, self._kind, self.is_shared = calls, kind, isinstance(read, InputSignals)
+        self._each = [read] if isinstance(read, InputSignals) else read
         self._sums = [_sums(loads) for loads in self._each]
         self._kept: list[Any] = []
         self._stops: list[Array] | None = None
@@ -46,36 +46,36 @@ class Acting:
         """Let steps end at all knots of signals, as they do where the error chooses them."""
         self._stops = [jump_times(loads, every=True) for loads in self._each]
 
-    def again(self) -> Acting:
+    def again(self) -> DifferentiatedInputs:
         """These loads, with derivatives that add up by themselves."""
-        found = Acting(self._calls, self._kind, self._each[0] if self.is_shared else self._each)
-        found._stops = self._stops
-        return found
+        other = DifferentiatedInputs(self._calls, self._kind, self._each[0] if self.is_shared else self._each)
+        other._stops = self._stops
+        return other
 
     def count(self, states: int | None) -> int | None:
         """Number of states with that of their loads, see ``count_of``."""
         return count_of(states, None if self.is_shared else self._each)
 
-    def of(self, state: int) -> LoadData:
+    def of(self, state: int) -> InputSignals:
         """The loads of a state."""
         return self._each[state if len(self._each) > 1 else 0]
 
     def placed(self, state: int, q: NDArray[Any], v: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
         """Return the state at which the motion begins, with prescribed coordinates where their motions begin."""
         at = q[np.newaxis].copy(), v[np.newaxis].copy()
-        place_given(self._calls, self.of(state), *at)
+        place_prescribed(self._calls, self.of(state), *at)
         return at[0][0], at[1][0]
 
     def back(self, state: int, by_q: NDArray[Any], by_v: NDArray[Any]) -> None:
         """Go back from derivatives by a placed state to those by the one that was given, in place."""
         sums = self._sums[state if len(self._sums) > 1 else 0]
         tracks = [x for name, x in sums.items() if name.startswith(TRACK)]
-        place_back(self._calls, self.of(state), by_q, by_v, tracks)
+        place_adjoint(self._calls, self.of(state), by_q, by_v, tracks)
 
     def packed(self, library: Library, state: int, slopes: Slopes | None = None) -> Any:
         """``NAME_loads`` of a state, which lives as long as this object."""
         stops = np.zeros(0) if self._stops is None else self._stops[state if len(self._stops) > 1 else 0]
-        self._kept.append(Packed(library, self._calls, self.of(state), slopes=slopes, stops=stops))
+        self._kept.append(PackedInputs(library, self._calls, self.of(state), slopes=slopes, stops=stops))
         return self._kept[-1].pointer
 
     def slopes(self, library: Library, state: int) -> Any:
@@ -99,8 +99,8 @@ class Acting:
 
     def by_name(self) -> dict[str, Array | float] | list[dict[str, Array | float]]:
         """Derivatives by what loads consist of, of all states' or in a list of each."""
-        found = [{name: float(x) if x.ndim == 0 else x for name, x in sums.items()} for sums in self._sums]
-        return found[0] if self.is_shared else found
+        gradients = [{name: float(x) if x.ndim == 0 else x for name, x in sums.items()} for sums in self._sums]
+        return gradients[0] if self.is_shared else gradients
 
 
 FIELDS = {
@@ -113,21 +113,21 @@ FIELDS = {
 TRACK, WRENCH = "prescribed.tracks[", "wrench["
 
 
-def _sums(loads: LoadData) -> dict[str, Array]:
+def _sums(loads: InputSignals) -> dict[str, Array]:
     """Zeros for derivatives by the numbers of loads: coefficients of signals, gains, a bandwidth."""
-    drive, found = loads.drive, dict[str, Array]()
+    drive, sums = loads.drive, dict[str, Array]()
 
     def of(signal: Signal) -> Array:
         return np.zeros(np.shape(signal.coefficients))
 
     if drive.torque is not None:
-        found["drive.torque"] = of(drive.torque.signal)
+        sums["drive.torque"] = of(drive.torque.signal)
     if drive.program is not None:
-        found["drive.program"] = of(drive.program.signal)
+        sums["drive.program"] = of(drive.program.signal)
     if drive.gains is not None:
-        found |= {f"drive.gains.{name}": np.zeros(np.shape(getattr(drive.gains, name))) for name in ("kp", "kd")}
+        sums |= {f"drive.gains.{name}": np.zeros(np.shape(getattr(drive.gains, name))) for name in ("kp", "kd")}
     if drive.model is not None and drive.model.bandwidth is not None:
-        found["drive.model.bandwidth"] = np.zeros(())
+        sums["drive.model.bandwidth"] = np.zeros(())
     if loads.given is not None:
-        found |= {f"{TRACK}{k}]": of(track.signal) for k, track in enumerate(loads.given.tracks)}
-    return found | {f"{WRENCH}{k}]": of(wrench.signal) for k, wrench in enumerate(loads.wrenches)}
+        sums |= {f"{TRACK}{k}]": of(track.signal) for k, track in enumerate(loads.given.tracks)}
+    return sums | {f"{WRENCH}{k}]": of(wrench.signal) for k, wrench in enumerate(loads.wrenches)}

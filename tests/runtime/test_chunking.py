@@ -174,7 +174,7 @@ def test_an_interrupt_ends_the_work_of_threads(call: str, kernel: eomgen.Kernel)
 
 def test_pieces_are_of_some_size() -> None:
     """Whole vectors, and no fewer than one; spans end where states are stored."""
-    from eomgen.runtime.pieces import OPERATIONS, ROUND, states_at_once
+    from eomgen.runtime.chunking import OPERATIONS, ROUND, states_at_once
 
     assert states_at_once(OPERATIONS * 5) == states_at_once(OPERATIONS // ROUND) == ROUND
     assert states_at_once(0) == OPERATIONS // ROUND * ROUND

@@ -7,21 +7,21 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..calls import Calls
-from ..pieces import OPERATIONS
+from ..chunking import OPERATIONS
 from ..raw import FFI, Array
 from .adaptive import STAGES, keep_steps
 from .alternation import TRIAL, Alternation, Spent
-from .loads import LoadData
+from .input_signals import InputSignals
 from .options import ADAPTIVE, AUTO, ErrorControl
-from .packed_inputs import Side
+from .packed_inputs import PackedBatch
 
 SIDE_BY_SIDE = 16  # states of a call that go equally far: as many as the widest vector has numbers
 
 
-class Together:
+class BatchMotion:
     """Many states on their way: each call of ``go`` leads on those that have not ended, a vector of them at a time.
 
-    Each is moved as ``Loaded`` moves it alone, to the bit, whoever goes beside it.
+    Each is moved as ``SingleMotion`` moves it alone, to the bit, whoever goes beside it.
 
     Args:
         calls: of kernels of one code, one for each state, with the method's kernel and what the loads ask for.
@@ -34,13 +34,13 @@ class Together:
         samples: q and v, (2, states, T, n), as far as the states got; NaN behind.
         state: q and v that were reached, (2, states, n).
         progress: of every state, in C; its ``reason`` is DONE, or what ended it, or 0 before.
-        evaluations, spans: as of ``Loaded``, by state.
+        evaluations, spans: as of ``SingleMotion``, by state.
     """
 
     def __init__(
         self,
         calls: Sequence[Calls],
-        loads: Sequence[LoadData],
+        loads: Sequence[InputSignals],
         times: Array,
         q: Array,
         v: Array,
@@ -61,7 +61,7 @@ class Together:
         self._operations = function.operations * max(STAGES.values())
         self._h = np.array([each.parameters.setup.computed(library) for each in calls])
         self._u, self._atol = np.zeros(n, raw.dtype), np.array(control.atol, dtype=raw.dtype)
-        self._loads = Side(library, calls, loads, works=False)
+        self._loads = PackedBatch(library, calls, loads, works=False)
         self._allowed = library.new_array("tolerance", count)
         for allowed, row in zip(self._allowed, self._atol, strict=True):
             allowed.rtol, allowed.atol = control.rtol, view(row)

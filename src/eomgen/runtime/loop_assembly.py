@@ -13,7 +13,7 @@ from ..names import joint_of, kind_of, listed, parameter_name, parameter_path, s
 from .arrays import joint_lead, names_in, place_of
 from .calls import Calls
 from .compiled_code import CompiledCode
-from .opened import left_open
+from .loop_errors import left_open
 from .raw import Array
 from .turning import BACK, ON, Places, seen, singular_joints
 
@@ -89,10 +89,10 @@ class LoopClosure(CompiledCode):
             return _roots(self.calls, q, held, roots)
         calls = self.calls
         guesses, lead = calls.array("q", q, (calls.n,))
-        found, gaps = _closed(calls, guesses.reshape(-1, calls.n), _free(calls, held))
-        _refuse_gaps(calls, found, gaps, lead)
-        _refuse_turned_over(calls, found, lead)
-        return found.reshape(guesses.shape)
+        closed, gaps = _closed(calls, guesses.reshape(-1, calls.n), _free(calls, held))
+        _refuse_gaps(calls, closed, gaps, lead)
+        _refuse_turned_over(calls, closed, lead)
+        return closed.reshape(guesses.shape)
 
     def close_rates(self, q: ArrayLike, v: ArrayLike, held: Iterable[str] = ()) -> Array:
         """Rates that keep the loops closed, (n,), those with the least kinetic energy of the difference to a guess.
@@ -117,11 +117,11 @@ class LoopClosure(CompiledCode):
         states, moving = (np.broadcast_to(x, (*lead, n)).reshape(-1, n).copy() for x in (states, guesses))
         gaps = calls.run("constraint", None, (states,))
         _refuse(calls, gaps, OPEN[calls.dtype.itemsize], "is open", "q of kernel.close", lambda i: _place(i, lead))
-        for part in _parts(calls, states, free):
-            place = part.place(lead)
-            turned, guess = part.turned(states[part.rows], moving[part.rows])
-            found = _closed_rates(part.calls, turned, guess, free, place)
-            moving[part.rows] = part.described(turned, found, states[part.rows], place)[1]
+        for group in _chart_groups(calls, states, free):
+            place = group.place(lead)
+            turned, guess = group.turned(states[group.rows], moving[group.rows])
+            velocities = _closed_rates(group.calls, turned, guess, free, place)
+            moving[group.rows] = group.described(turned, velocities, states[group.rows], place)[1]
         return np.asarray(moving.reshape(*lead, n))
 
 
@@ -143,7 +143,7 @@ def _closed_rates(calls: Calls, states: Array, moving: Array, free: Mask, place:
 
 
 @dataclass(frozen=True)
-class _Part:
+class _ChartGroup:
     """States of one kind: their rows, the joints that are turned in them, and calls that know of that.
 
     Joints that turn freely have other angles where their own are singular, and nothing of them is held.
@@ -180,12 +180,12 @@ class _Part:
         if not self.joints:
             return q, v
         states = np.hstack([q, v]).astype(np.float64)[:, np.newaxis]
-        found = np.array([seen(one, self.joints, places, x)[0] for one, x in zip(states, near, strict=True)])
-        first, second = np.split(found.astype(self.calls.dtype), 2, axis=1)
+        expressed = np.array([seen(one, self.joints, places, x)[0] for one, x in zip(states, near, strict=True)])
+        first, second = np.split(expressed.astype(self.calls.dtype), 2, axis=1)
         return np.ascontiguousarray(first), np.ascontiguousarray(second)
 
 
-def _parts(calls: Calls, q: Array, free: Mask) -> Iterator[_Part]:
+def _chart_groups(calls: Calls, q: Array, free: Mask) -> Iterator[_ChartGroup]:
     """States, (N, n), by the joints whose angles are nearly singular in them."""
     joints = {
         name: (first, origin)
@@ -198,12 +198,12 @@ def _parts(calls: Calls, q: Array, free: Mask) -> Iterator[_Part]:
         for i, state in enumerate(q):
             rows.setdefault(singular_joints(state, joints), []).append(i)
     for names, numbers in rows.items():
-        own = calls
+        chart = calls
         if names:
             parameters = calls.parameters.copy()
             parameters.turn(names)
-            own = calls.with_parameters(parameters)
-        yield _Part(np.array(numbers, dtype=np.intp), [joints[name] for name in joints if name in names], own)
+            chart = calls.with_parameters(parameters)
+        yield _ChartGroup(np.array(numbers, dtype=np.intp), [joints[name] for name in joints if name in names], chart)
 
 
 def _roots(calls: Calls, q: ArrayLike, held: Iterable[str], number: int) -> Array:
@@ -229,12 +229,12 @@ def _roots(calls: Calls, q: ArrayLike, held: Iterable[str], number: int) -> Arra
     upright = _turned_over(calls, states) < 0
     if not (closed & upright).any():
         _refuse_turned_over(calls, states[closed][:1], ())
-    found = states[closed & upright]
-    whole = 2.0 * np.pi * np.round((found - guess) / (2.0 * np.pi))
-    found[:, turns & with_effect] -= whole[:, turns & with_effect].astype(calls.dtype)
-    found = found[np.argsort(np.linalg.norm(found - guess, axis=1), kind="stable")]
+    solutions = states[closed & upright]
+    whole = 2.0 * np.pi * np.round((solutions - guess) / (2.0 * np.pi))
+    solutions[:, turns & with_effect] -= whole[:, turns & with_effect].astype(calls.dtype)
+    solutions = solutions[np.argsort(np.linalg.norm(solutions - guess, axis=1), kind="stable")]
     kept: list[Array] = []
-    for state in found:
+    for state in solutions:
         if all(np.abs(state - other).max() > max(SAME, 10.0 * CLOSED[calls.dtype.itemsize]) for other in kept):
             kept.append(state)
     return np.array(kept[: int(number)])
@@ -243,10 +243,10 @@ def _roots(calls: Calls, q: ArrayLike, held: Iterable[str], number: int) -> Arra
 def _closed(calls: Calls, guesses: Array, free: Mask) -> tuple[Array, Array]:
     """States, (N, n), as near to closed as Levenberg and Marquardt's method brings them, and their gaps, (N, m)."""
     q, gaps = guesses.copy(), calls.run("constraint", None, (guesses,))
-    for part in _parts(calls, guesses, free):
-        still = np.zeros_like(guesses[part.rows])
-        found, gaps[part.rows] = _by_steps(part.calls, part.turned(guesses[part.rows], still)[0], free)
-        q[part.rows] = part.described(found, still, guesses[part.rows], str)[0]
+    for group in _chart_groups(calls, guesses, free):
+        still = np.zeros_like(guesses[group.rows])
+        solution, gaps[group.rows] = _by_steps(group.calls, group.turned(guesses[group.rows], still)[0], free)
+        q[group.rows] = group.described(solution, still, guesses[group.rows], str)[0]
     return q, gaps
 
 
@@ -263,9 +263,9 @@ def _by_steps(calls: Calls, guesses: Array, free: Mask) -> tuple[Array, Array]:
         J = calls.run("constraint_jacobian", None, (q[todo],))[:, :, free]
         trial = q[todo]
         trial[:, free] += _damped_step(J, g[todo], damping[todo] * gap).astype(calls.dtype)
-        found = calls.run("constraint", None, (trial,))
-        better = np.linalg.norm(found, axis=1) < gap
-        q[todo[better]], g[todo[better]] = trial[better], found[better]
+        trial_gaps = calls.run("constraint", None, (trial,))
+        better = np.linalg.norm(trial_gaps, axis=1) < gap
+        q[todo[better]], g[todo[better]] = trial[better], trial_gaps[better]
         damping[todo] = np.where(better, np.maximum(0.2 * damping[todo], 1e-12), 5.0 * damping[todo])
     return q, g
 
@@ -311,24 +311,24 @@ def _turns(calls: Calls) -> Mask:
 
 def _turned_over(calls: Calls, q: Array) -> NDArray[np.intp]:
     """The first loop of every state that is closed by axes that point to opposite sides, or -1."""
-    found = np.full(len(q), -1)
+    loops = np.full(len(q), -1)
     upright: Mapping[str, list[tuple[float, int, int]]] = calls.raw.libraries.meta.get("upright", {})
     if not any(upright.values()):
-        return found
+        return loops
     poses = calls.run("cut_poses", None, (q,))
     for loop, terms in reversed(list(enumerate(upright.values()))):
         if terms:
-            found[sum(factor * poses[:, loop, i, j] for factor, i, j in terms) <= 0.0] = loop
-    return found
+            loops[sum(factor * poses[:, loop, i, j] for factor, i, j in terms) <= 0.0] = loop
+    return loops
 
 
 def _refuse_turned_over(calls: Calls, q: Array, lead: tuple[int, ...]) -> None:
     """Products of axes vanish for opposite axes, too."""
-    found = _turned_over(calls, q)
-    if (found < 0).all():
+    loops = _turned_over(calls, q)
+    if (loops < 0).all():
         return
-    state = int((found >= 0).argmax())
-    name = list(calls.raw.libraries.meta["upright"])[int(found[state])]
+    state = int((loops >= 0).argmax())
+    name = list(calls.raw.libraries.meta["upright"])[int(loops[state])]
     raise LoopError(
         f"{calls.raw.name}: loop {name} closes near the guess{_place(state, lead)} only turned over by half a turn;"
         " allowed: a guess in which the axes of the cut joint's frames point to the same side",
@@ -354,7 +354,7 @@ def _offsets(calls: Calls, q: Array, gaps: Array) -> list[str]:
 
     Those of coordinates are not among them: their coordinates take them up.
     """
-    worst, found = int(np.abs(gaps).argmax()), []
+    worst, offsets = int(np.abs(gaps).argmax()), []
     taken_up = {parameter_name("joints", joint_of(name), "offset", kind_of(name)) for name in calls.coordinates}
     for name, value in calls.parameters.items():
         kind, *path = parameter_path(name)
@@ -363,8 +363,8 @@ def _offsets(calls: Calls, q: Array, gaps: Array) -> list[str]:
             other[name] = 0.0
             without = calls.with_parameters(other).run("constraint", None, (q[np.newaxis],))[0, worst]
             if abs(without - gaps[worst]) > CHANGED * abs(gaps[worst]):
-                found.append(f"{name} = {value:g}")
-    return found
+                offsets.append(f"{name} = {value:g}")
+    return offsets
 
 
 def _refuse(

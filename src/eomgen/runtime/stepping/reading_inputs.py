@@ -11,24 +11,24 @@ from numpy.typing import ArrayLike, NDArray
 from ...errors import ArrayError, InputError
 from ...names import listed, show
 from ..calls import Calls
-from .loads import DriveData, LinkWrench, LoadData, ModelDrive, Signal, Track, Waves
+from .input_signals import DriveData, InputSignals, LinkWrench, ModelDrive, Signal, Track, Waves
 from .saturation import check_efforts, shared_drives, with_efforts
 
 Array = NDArray[np.float64]
 
-Loads = LoadData | Mapping[str, Any]  # of a state
+InputsLike = InputSignals | Mapping[str, Any]  # of a state
 
 KEYS = ("drive", "wrench", "prescribed")
 OWN = "or an object whose load_data() gives that"
 
 
-def data_of(given: Any) -> Any:
+def signals_of(source: Any) -> Any:
     """The data of an object that has some, by its method ``load_data``; None of another one."""
-    found: Callable[[], Any] | None = getattr(given, "load_data", None)
-    return None if found is None else found()
+    signals: Callable[[], Any] | None = getattr(source, "load_data", None)
+    return None if signals is None else signals()
 
 
-def loads_of(calls: Calls, drive: Any = None, wrench: Any = None, prescribed: Any = None) -> LoadData:
+def input_signals(calls: Calls, drive: Any = None, wrench: Any = None, prescribed: Any = None) -> InputSignals:
     """Loads of what ``integrate`` takes by these names, and ``rollout``.
 
     Args:
@@ -37,93 +37,95 @@ def loads_of(calls: Calls, drive: Any = None, wrench: Any = None, prescribed: An
         prescribed: Waves, or an object whose ``load_data()`` gives them.
 
     Raises:
-        InputError: one is something else; what is in them is left to ``check_loads``.
+        InputError: one is something else; what is in them is left to ``check_signals``.
     """
     spans = [(getattr(x, "first", -np.inf), getattr(x, "last", np.inf)) for x in (drive, wrench)]
     first, last = max(x for x, _ in spans), min(x for _, x in spans)
     forces = DriveData() if drive is None else _one(drive, DriveData, "drive")
     waves = None if prescribed is None else _one(prescribed, Waves, "prescribed")
-    return LoadData(forces, _wrenches(calls, wrench), waves, first, last)
+    return InputSignals(forces, _wrenches(calls, wrench), waves, first, last)
 
 
-def _one(given: Any, kind: type[Any], label: str) -> Any:
+def _one(source: Any, kind: type[Any], label: str) -> Any:
     """The data of an object, or what is data itself."""
-    found = given if isinstance(given, kind) else data_of(given)
-    if not isinstance(found, kind):
-        raise InputError(f"loads: {label}: got {show(given)}; allowed: {kind.__name__}, {OWN}")
-    return found
+    signals = source if isinstance(source, kind) else signals_of(source)
+    if not isinstance(signals, kind):
+        raise InputError(f"loads: {label}: got {show(source)}; allowed: {kind.__name__}, {OWN}")
+    return signals
 
 
-def _wrenches(calls: Calls, given: Any) -> Sequence[LinkWrench]:
+def _wrenches(calls: Calls, source: Any) -> Sequence[LinkWrench]:
     """Wrenches as data; of wrenches that stay what they are those of links that have one."""
-    found = given if data_of(given) is None else data_of(given)
-    if found is None:
+    wrenches = source if signals_of(source) is None else signals_of(source)
+    if wrenches is None:
         return []
-    if isinstance(found, (list, tuple)) and all(isinstance(wrench, LinkWrench) for wrench in found):
-        return found
+    if isinstance(wrenches, (list, tuple)) and all(isinstance(wrench, LinkWrench) for wrench in wrenches):
+        return wrenches
     links = len(calls.raw.libraries.meta["links"])
     try:
-        rows = np.asarray(found, dtype=np.float64)
+        rows = np.asarray(wrenches, dtype=np.float64)
     except (TypeError, ValueError):
-        raise InputError(f"loads: wrench: got {show(given)}; allowed: LinkWrenches, ({links}, 6), {OWN}") from None
+        raise InputError(f"loads: wrench: got {show(source)}; allowed: LinkWrenches, ({links}, 6), {OWN}") from None
     if rows.shape != (links, 6) or not np.isfinite(rows).all():
-        raise ArrayError(f"loads: wrench: got {show(given)}; allowed: finite numbers of shape ({links}, 6)")
+        raise ArrayError(f"loads: wrench: got {show(source)}; allowed: finite numbers of shape ({links}, 6)")
     return [LinkWrench(link, Signal.constant(row)) for link, row in enumerate(rows) if row.any()]
 
 
-def read_loads(calls: Calls, given: Any) -> LoadData | list[LoadData]:
+def read_signals(calls: Calls, source: Any) -> InputSignals | list[InputSignals]:
     """Loads of a rollout: of all states, or a list with those of each.
 
     Args:
-        given: LoadData, a mapping from names of ``KEYS`` to what ``loads_of`` takes, or a sequence of these.
+        source: InputSignals, a mapping from names of ``KEYS`` to what ``input_signals`` takes, or a sequence of these.
 
     Raises:
         InputError: they are something else, or do not fit the robot.
     """
-    if isinstance(given, (list, tuple)):
-        if not given:
+    if isinstance(source, (list, tuple)):
+        if not source:
             raise InputError("rollout: loads = []; allowed: loads of one state at least")
-        return [_read(calls, own) for own in given]
-    return _read(calls, given)
+        return [_read(calls, signals) for signals in source]
+    return _read(calls, source)
 
 
-def _read(calls: Calls, given: Any) -> LoadData:
-    if isinstance(given, Mapping):
-        for key in given:
+def _read(calls: Calls, source: Any) -> InputSignals:
+    if isinstance(source, Mapping):
+        for key in source:
             if key not in KEYS:
                 raise InputError(f"rollout: loads: {show(key)} is unknown; allowed: {', '.join(KEYS)}")
-        given = loads_of(calls, **given)
-    if not isinstance(given, LoadData):
+        source = input_signals(calls, **source)
+    if not isinstance(source, InputSignals):
         raise InputError(
-            f"rollout: loads = {show(given)}; allowed: LoadData, a mapping from {', '.join(KEYS)}, or a list of these,"
-            " one for every state"
+            f"rollout: loads = {show(source)}; allowed: InputSignals, a mapping from {', '.join(KEYS)}, or a list of"
+            " these, one for every state"
         )
-    check_loads(calls, given)
-    return given
+    check_signals(calls, source)
+    return source
 
 
-def count_of(states: int | None, loads: LoadData | Sequence[LoadData] | None) -> int | None:
+def count_of(states: int | None, loads: InputSignals | Sequence[InputSignals] | None) -> int | None:
     """Number of states with that of their loads, if each has its own; None for a single one.
 
     Raises:
         ArrayError: another number of loads than of states.
     """
-    if loads is None or isinstance(loads, LoadData):
+    if loads is None or isinstance(loads, InputSignals):
         return states
     if states not in (None, 1) and len(loads) not in (1, states):
         raise ArrayError(f"rollout: {len(loads)} states in loads, but {states} in other arrays")
     return max(states or 1, len(loads))
 
 
-def clipped_loads(calls: Calls, loads: LoadData | list[LoadData], effort: Array | None) -> LoadData | list[LoadData]:
+def clipped_signals(
+    calls: Calls, loads: InputSignals | list[InputSignals], effort: Array | None
+) -> InputSignals | list[InputSignals]:
     """Return loads that were read, their drives clipped at these efforts, if there are any; checked once more."""
-    found = with_efforts(loads, effort)
-    for own in ([found] if isinstance(found, LoadData) else found) if effort is not None else ():
-        check_loads(calls, own)
-    return found
+    clipped = with_efforts(loads, effort)
+    for signals in ([clipped] if isinstance(clipped, InputSignals) else clipped) if effort is not None else ():
+        check_signals(calls, signals)
+    return clipped
 
 
-def check_loads(calls: Calls, loads: LoadData) -> None:
+def check_signals(calls: Calls, loads: InputSignals) -> None:
     """Refuse loads that do not fit a robot: C follows them without looking.
 
     Raises:
@@ -167,23 +169,23 @@ def _refuse(label: str, got: object, allowed: str) -> None:
 def _check_numbers(label: str, values: ArrayLike, shape: tuple[int, ...], *, nonzero: bool = False) -> Array:
     """The numbers, finite and of the shape, in which -1 stands for any length from 1 on."""
     try:
-        found = np.asarray(values, dtype=np.float64)
+        numbers = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError):
-        found = np.zeros(0)
-    fits = found.ndim == len(shape) and all(
-        x == wanted or (wanted < 0 < x) for x, wanted in zip(found.shape, shape, strict=True)
+        numbers = np.zeros(0)
+    fits = numbers.ndim == len(shape) and all(
+        x == wanted or (wanted < 0 < x) for x, wanted in zip(numbers.shape, shape, strict=True)
     )
-    if not fits or not np.isfinite(found).all() or (nonzero and not found.all()):
+    if not fits or not np.isfinite(numbers).all() or (nonzero and not numbers.all()):
         named = ", ".join("any" if x < 0 else str(x) for x in shape)
         kind = "finite numbers, none 0," if nonzero else "finite numbers"
         _refuse(label, values, f"{kind} of shape ({named}{',' if len(shape) == 1 else ''})")
-    return found
+    return numbers
 
 
 def _check_places(label: str, places: Any, allowed: Sequence[int], count: int) -> None:
     """Refuse places that are not so many whole numbers among those that are allowed."""
-    found = np.asarray(places)
-    if found.shape != (count,) or found.dtype.kind not in "iu" or not np.isin(found, list(allowed)).all():
+    indices = np.asarray(places)
+    if indices.shape != (count,) or indices.dtype.kind not in "iu" or not np.isin(indices, list(allowed)).all():
         _refuse(label, places, f"{count} whole numbers among {', '.join(map(str, allowed))}")
 
 
@@ -209,7 +211,7 @@ def _check_track(label: str, track: Any, allowed: Sequence[int]) -> None:
         _refuse(f"{label}.place", track.place, "each place once")
 
 
-def _check_model(calls: Calls, model: ModelDrive, program: Track | None, given: int) -> None:
+def _check_model(calls: Calls, model: ModelDrive, program: Track | None, motions: int) -> None:
     """Refuse a model whose coordinates are not some of the robot's."""
     size, columns = model.calls.n, 0 if program is None else program.signal.columns
     if model.calls.dtype != np.float64:
@@ -217,17 +219,17 @@ def _check_model(calls: Calls, model: ModelDrive, program: Track | None, given: 
     _check_places("drive.model.place", model.place, range(calls.n), size)
     _check_numbers("drive.model.ratio", model.ratio, (size,), nonzero=True)
     _check_places("drive.model.column", model.column, range(-1, columns), size)
-    _check_places("drive.model.given", model.given, range(-1, max(given, 1)), size)
+    _check_places("drive.model.given", model.given, range(-1, max(motions, 1)), size)
     if model.bandwidth is not None and not 0.0 < model.bandwidth < np.inf:
         _refuse("drive.model.bandwidth", model.bandwidth, "a finite number greater than 0, rad/s")
 
 
 def _check_efforts(calls: Calls, drive: DriveData) -> None:
     """Refuse efforts that are none, or of drives of which nothing says what others do where they are clipped."""
-    found = np.asarray(drive.effort, dtype=np.float64)
-    if found.shape != (calls.n,):
+    efforts = np.asarray(drive.effort, dtype=np.float64)
+    if efforts.shape != (calls.n,):
         _refuse("drive.effort", drive.effort, f"numbers of shape ({calls.n},)")
-    check_efforts(calls, found, "loads: drive.effort")
+    check_efforts(calls, efforts, "loads: drive.effort")
     shared = shared_drives(drive.model)
     if shared:
         _refuse("drive.effort", drive.effort, f"none: {listed(shared)} are more drives than freedoms")
@@ -241,22 +243,22 @@ def _check_wrench(label: str, wrench: LinkWrench, links: int) -> None:
         _refuse(f"{label}.t0 and t1", (wrench.t0, wrench.t1), "times, s")
 
 
-def place_given(calls: Calls, loads: LoadData | Sequence[LoadData], q: Array, v: Array) -> None:
+def place_prescribed(calls: Calls, loads: InputSignals | Sequence[InputSignals], q: Array, v: Array) -> None:
     """Put prescribed coordinates of states, (N, n), where their motions begin, at t = 0."""
     places = [calls.coordinates.index(name) for name in calls.prescribed]
-    every = [loads] * len(q) if isinstance(loads, LoadData) else loads
-    for own, x, rate in zip(every, q, v, strict=True):
-        if own.given is None:
+    every = [loads] * len(q) if isinstance(loads, InputSignals) else loads
+    for signals, x, rate in zip(every, q, v, strict=True):
+        if signals.given is None:
             continue
-        amplitude, frequency, phase, offset = own.given.wave.T
+        amplitude, frequency, phase, offset = signals.given.wave.T
         begins = offset + amplitude * np.sin(phase), amplitude * frequency * np.cos(phase)
-        for track in own.given.tracks:
-            for found, value in zip(begins, _signal_at(track.signal, 0.0), strict=True):
-                found[track.place] = value
+        for track in signals.given.tracks:
+            for column, value in zip(begins, _signal_at(track.signal, 0.0), strict=True):
+                column[track.place] = value
         x[places], rate[places] = begins
 
 
-def place_back(calls: Calls, loads: LoadData, q: Array, v: Array, slopes: Sequence[Array]) -> None:
+def place_adjoint(calls: Calls, loads: InputSignals, q: Array, v: Array, slopes: Sequence[Array]) -> None:
     """Go back from derivatives by a placed state, (n,) each, which become zero where its motions are given.
 
     Args:
@@ -268,9 +270,9 @@ def place_back(calls: Calls, loads: LoadData, q: Array, v: Array, slopes: Sequen
     places = np.array([calls.coordinates.index(name) for name in calls.prescribed])
     by = q[places].astype(np.float64), v[places].astype(np.float64)
     q[places], v[places] = 0.0, 0.0
-    for track, own in zip(reversed(loads.given.tracks), reversed(slopes), strict=True):
+    for track, slope in zip(reversed(loads.given.tracks), reversed(slopes), strict=True):
         piece, value, rate = _weights_at(track.signal, 0.0)
-        own[piece] += np.outer(value, by[0][track.place]) + np.outer(rate, by[1][track.place])
+        slope[piece] += np.outer(value, by[0][track.place]) + np.outer(rate, by[1][track.place])
         for x in by:  # what tracks in front have there does not count
             x[track.place] = 0.0
 
@@ -291,5 +293,5 @@ def _weights_at(signal: Signal, t: float) -> tuple[int, Array, Array]:
 def _signal_at(signal: Signal, t: float) -> tuple[Array, Array]:
     """Columns of a signal and their rates at a time."""
     k, value, rate = _weights_at(signal, t)
-    own = signal.coefficients[k]
-    return value @ own, rate @ own
+    coefficients = signal.coefficients[k]
+    return value @ coefficients, rate @ coefficients

@@ -42,10 +42,10 @@ class Signal:
         """Derivatives by the samples that it goes ``through``, (T, columns), of those by its coefficients."""
         by = np.asarray(by_coefficients, dtype=np.float64)
         rates = by[:, 1] / np.diff(np.asarray(self.knots))[:, None]
-        found = np.zeros((len(by) + 1, self.columns))
-        found[:-1] += by[:, 0] - rates
-        found[1:] += rates
-        return found
+        slopes = np.zeros((len(by) + 1, self.columns))
+        slopes[:-1] += by[:, 0] - rates
+        slopes[1:] += rates
+        return slopes
 
     @classmethod
     def constant(cls, values: ArrayLike) -> Signal:
@@ -180,7 +180,7 @@ class DriveData:
 
 
 @dataclass(frozen=True, eq=False)
-class LoadData:
+class InputSignals:
     """Everything that acts on a robot over time.
 
     Attributes:
@@ -230,7 +230,7 @@ ALONG = Slopes(
 )
 
 
-def jump_times(loads: LoadData, *, every: bool = False) -> Array:
+def jump_times(loads: InputSignals, *, every: bool = False) -> Array:
     """Times at which loads or their rates jump, s, increasing: steps with error control end there.
 
     Args:
@@ -242,9 +242,9 @@ def jump_times(loads: LoadData, *, every: bool = False) -> Array:
     tracks += [] if loads.given is None else loads.given.tracks
     signals = [track.signal for track in tracks] + [wrench.signal for wrench in loads.wrenches]
     each = {id(signal): signal for signal in signals}.values()
-    found = [_jumps(signal, every=every) for signal in each]
+    jumps = [_jumps(signal, every=every) for signal in each]
     ends = [loads.first, loads.last, *(t for wrench in loads.wrenches for t in (wrench.t0, wrench.t1))]
-    times: Array = np.unique(np.concatenate([*found, np.array(ends, dtype=np.float64)]))
+    times: Array = np.unique(np.concatenate([*jumps, np.array(ends, dtype=np.float64)]))
     return times[np.isfinite(times)]
 
 
@@ -263,7 +263,7 @@ def _jumps(signal: Signal, *, every: bool) -> Array:
 
 def _jump(knots: Array, c: Array) -> Array:
     """At which knots pieces of these coefficients do not meet, (knots,); what rests outside has no rates."""
-    found, widths = np.zeros(knots.size, dtype=bool), np.diff(knots)[:, None]
+    is_jump, widths = np.zeros(knots.size, dtype=bool), np.diff(knots)[:, None]
     for order in range(3):
         begins = c[:, 0] if c.shape[1] else np.zeros((len(c), c.shape[2]))
         ends, sizes = np.zeros_like(begins), np.zeros_like(begins)
@@ -273,27 +273,27 @@ def _jump(knots: Array, c: Array) -> Array:
         before = np.concatenate([begins[:1] if order == 0 else rest, ends])
         behind = np.concatenate([begins, ends[-1:] if order == 0 else rest])
         least = JUMP * sizes.max(axis=0, initial=0.0)
-        found |= (np.abs(behind - before) > least).any(axis=1)
+        is_jump |= (np.abs(behind - before) > least).any(axis=1)
         c = c[:, 1:] * np.arange(1, c.shape[1])[:, None]  # of the next derivative
-    return found
+    return is_jump
 
 
 def _crossings(profile: Signal, places: Array) -> Array:
     """Times at which a profile comes to these places, s."""
-    found = [np.zeros(0)]
+    crossings = [np.zeros(0)]
     knots, c = (np.asarray(x, dtype=np.float64) for x in (profile.knots, profile.coefficients))
-    for begin, width, own in zip(knots[:-1], np.diff(knots), c[:, :, 0], strict=True):
-        slope = np.polynomial.polynomial.polyder(own) if own.size > 1 else np.zeros(1)
+    for begin, width, polynomial in zip(knots[:-1], np.diff(knots), c[:, :, 0], strict=True):
+        slope = np.polynomial.polynomial.polyder(polynomial) if polynomial.size > 1 else np.zeros(1)
         turns = np.polynomial.polynomial.polyroots(slope) if np.any(slope[1:]) else np.zeros(0)
         inside = np.sort(turns[(np.abs(turns.imag) < 1e-9 * width) & (turns.real > 0.0) & (turns.real < width)].real)
         ends = np.array([0.0, *inside, width])
-        at = np.polynomial.polynomial.polyval(ends, own)
-        found.append(begin + ends[np.isin(at, places)])
+        at = np.polynomial.polynomial.polyval(ends, polynomial)
+        crossings.append(begin + ends[np.isin(at, places)])
         for a, b, low, high in zip(ends[:-1], ends[1:], at[:-1], at[1:], strict=True):
             wanted = places[(places > min(low, high)) & (places < max(low, high))]
             if wanted.size:
-                found.append(begin + _bisected(own, (a, b), wanted, rises=bool(high > low)))
-    return np.concatenate(found)
+                crossings.append(begin + _bisected(polynomial, (a, b), wanted, rises=bool(high > low)))
+    return np.concatenate(crossings)
 
 
 def _bisected(coefficients: Array, ends: tuple[float, float], wanted: Array, *, rises: bool) -> Array:

@@ -7,19 +7,19 @@ from typing import Any
 import numpy as np
 
 from ..calls import Calls
-from ..pieces import OPERATIONS
+from ..chunking import OPERATIONS
 from ..raw import FFI, Array
 from .adaptive import STAGES, keep_steps
 from .alternation import Alternation, Spent
-from .given_loads import check_loads
-from .loads import WORKS, LoadData
+from .input_signals import WORKS, InputSignals
 from .options import ADAPTIVE, AUTO, ErrorControl
-from .packed_inputs import Packed
+from .packed_inputs import PackedInputs
+from .reading_inputs import check_signals
 
 CALLS = 8  # in the time of a piece of many states: a single one is asked for its progress more often
 
 
-class Loaded:
+class SingleMotion:
     """One state on its way: each call of ``go`` leads on, to the end or until it cannot.
 
     Args:
@@ -34,7 +34,7 @@ class Loaded:
         samples: q and v, (2, T, n), as far as ``done`` says.
         progress: t, steps, rejected, largest, smallest, and the reason why it ended, 0 before.
         state: q and v that were reached, (2, n).
-        works: of ``loads.WORKS``, (T, 4), J, as far as ``done`` says; None if they are not integrated.
+        works: of ``input_signals.WORKS``, (T, 4), J, as far as ``done`` says; None if they are not integrated.
         evaluations: of accelerations.
         spans: how much time each method led on by, s.
     """
@@ -42,7 +42,7 @@ class Loaded:
     def __init__(
         self,
         calls: Calls,
-        loads: LoadData,
+        loads: InputSignals,
         times: Array,
         q: Array,
         v: Array,
@@ -55,8 +55,8 @@ class Loaded:
         library, view = function.library, calls.raw.view
         self._function, self._setup = function, calls.parameters.setup
         self.works = np.zeros((len(times), len(WORKS))) if works else None
-        check_loads(calls, loads)
-        self.loads = Packed(library, calls, loads, works=works)
+        check_signals(calls, loads)
+        self.loads = PackedInputs(library, calls, loads, works=works)
         self._times = np.array(times, dtype=np.float64)
         self.state = np.array([q, v], dtype=calls.dtype)
         self.samples = np.full((2, self._times.size, calls.n), np.nan, calls.dtype)
@@ -120,6 +120,6 @@ class Loaded:
     def works_until(self, count: int) -> Array:
         """Works at so many samples, (count, 4), J; at those that are not there, where it got to."""
         assert self.works is not None
-        found = self.works[np.minimum(np.arange(count), self.done - 1)]
-        found[self.done :] = list(self.progress.work)
-        return found
+        works = self.works[np.minimum(np.arange(count), self.done - 1)]
+        works[self.done :] = list(self.progress.work)
+        return works
