@@ -42,7 +42,9 @@ def test_a_new_robot_moves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caps
     assert robot.name == "my_arm"
     assert list(robot.joints[0].coordinates) == ["x", "y", "beta", "gamma"]
     first = Path("my_arm.toml").read_text(encoding="ascii").splitlines()[0]
-    assert first == f"#:schema {schema_path('robot').resolve().as_uri()}"
+    assert first == "#:schema ./robot.schema.json"
+    for kind in ("robot", "scenario"):
+        assert Path(f"{kind}.schema.json").read_bytes() == schema_path(kind).read_bytes()
     assert cli.main(["check", "my_arm.toml", "s.toml"]) == 0
     printed = capsys.readouterr().out
     assert printed == "my_arm.toml: ok: 1 links, 4 coordinates\ns.toml: ok: 1 s, 0 wrenches, 0 payloads\n"
@@ -51,6 +53,19 @@ def test_a_new_robot_moves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caps
     result = eomgen.load_result("out/trajectory.npz")
     assert result.series("joint1.gamma").values[-1] == pytest.approx(0.8, abs=1e-3)
     assert abs(result.balance.relative_residue) < 1e-4
+
+
+def test_a_schema_of_another_version_is_replaced_and_a_file_that_is_none_stays(tmp_path: Path) -> None:
+    beside, text = tmp_path / "robot.schema.json", schema_path("robot").read_text(encoding="ascii")
+    beside.write_text(json.dumps({"title": json.loads(text)["title"]}), encoding="ascii")
+    write_new_file("first", tmp_path / "first.toml")
+    assert beside.read_text(encoding="ascii") == text
+    for other in ("[]", "{", '{"title": 3}'):
+        beside.write_text(other, encoding="ascii")
+        with pytest.raises(InputError, match=r"robot\.schema\.json' there is no schema of a robot"):
+            write_new_file("second", tmp_path / "second.toml")
+        assert beside.read_text(encoding="ascii") == other
+        assert not (tmp_path / "second.toml").exists()
 
 
 def taken_up(text: str, *keys: str) -> str:

@@ -11,14 +11,14 @@ from ..names import ROBOT_RULE, component_name, is_robot_name, listed, show, to_
 from ..robot.coordinates import MOTIONS
 from ..robot.model import program_coordinates, tool_of
 from ..robot.value import Robot
-from .schema_files import schema_path
+from .schema_files import is_schema, schema_path
 
 KINDS = ("robot", "scenario")
 _FOLDER = Path(__file__).parents[1] / "new_files"
 
 
 def new_file_text(name: str, kind: str = "robot") -> str:
-    """A commented robot description of that name, or a scenario for it; the first line says where its schema is.
+    """Return a commented robot description of that name, or a scenario for it; its first line names its schema.
 
     Raises:
         InputError: the name is none of a robot, or there is no such kind.
@@ -29,7 +29,7 @@ def new_file_text(name: str, kind: str = "robot") -> str:
     if kind not in KINDS:
         raise InputError(f"new: there is no file of the kind {show(kind)}; allowed: {', '.join(KINDS)}")
     lines = (_FOLDER / f"{kind}.toml").read_text(encoding="ascii").splitlines()
-    lines[0] = f"#:schema {schema_path(kind).resolve().as_uri()}"
+    lines[0] = f"#:schema ./{schema_path(kind).name}"
     for index, line in enumerate(lines):
         if line.startswith('name = "starter"'):
             lines[index] = f'name = "{name}"'.ljust(31) + " " + line[32:]
@@ -39,11 +39,21 @@ def new_file_text(name: str, kind: str = "robot") -> str:
 def write_new_file(name: str, path: str | Path | None = None, kind: str = "robot") -> Path:
     """Write ``new_file_text`` to a new file, NAME.toml in the working folder if nothing else is said.
 
+    The schema that its first line names goes beside it, so that editors of everybody who gets the folder find it; one
+    of another version is replaced.
+
     Raises:
-        InputError: the file exists or cannot be written, or as ``new_file_text``.
+        InputError: the file exists or cannot be written, a file that is no such schema has its name, or as
+            ``new_file_text``.
     """
     text = new_file_text(name, kind)
-    return _write_new(text, Path(f"{name}.toml") if path is None else Path(path), ".toml")
+    target = Path(f"{name}.toml") if path is None else Path(path)
+    schema = target.with_name(schema_path(kind).name)
+    if schema.exists() and not is_schema(schema, kind):
+        raise InputError(f"new: {show(schema.name)} there is no schema of a {kind}; allowed: another folder")
+    _write_new(text, target, ".toml")
+    schema.write_text(schema_path(kind).read_text(encoding="ascii"), encoding="ascii")
+    return target
 
 
 def poses_file_text(robot: Robot) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 _FOLDER = Path(__file__).parents[1] / "schemas"
@@ -10,3 +11,12 @@ _FOLDER = Path(__file__).parents[1] / "schemas"
 def schema_path(name: str) -> Path:
     """The file of a schema ("robot", "scenario" or "plan"), which an editor can be pointed to."""
     return _FOLDER / f"{name}.schema.json"
+
+
+def is_schema(path: Path, name: str) -> bool:
+    """Whether a file is a schema of that name, of whatever version."""
+    try:
+        title = json.loads(path.read_text(encoding="utf-8"))["title"]
+    except (OSError, ValueError, LookupError, TypeError):
+        return False
+    return bool(title == json.loads(schema_path(name).read_text(encoding="ascii"))["title"])
