@@ -7,6 +7,9 @@ from ..lazily import imports_when_used
 
 with imports_when_used(globals()):
     from .check import check_file as check_file
+    from .dh import dh_file_text as dh_file_text
+    from .dh import robot_from_dh as robot_from_dh
+    from .new import write_dh_file as write_dh_file
     from .new import write_new_file as write_new_file
     from .schema_files import schema_path as schema_path
     from .schemas import schema_text as schema_text

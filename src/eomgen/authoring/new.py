@@ -11,6 +11,7 @@ from ..names import ROBOT_RULE, component_name, is_robot_name, listed, show, to_
 from ..robot.coordinates import MOTIONS
 from ..robot.model import program_coordinates, tool_of
 from ..robot.value import Robot
+from .dh import Table, dh_file_text
 from .schema_files import is_schema, schema_path
 
 KINDS = ("robot", "scenario")
@@ -46,14 +47,27 @@ def write_new_file(name: str, path: str | Path | None = None, kind: str = "robot
         InputError: the file exists or cannot be written, a file that is no such schema has its name, or as
             ``new_file_text``.
     """
-    text = new_file_text(name, kind)
-    target = Path(f"{name}.toml") if path is None else Path(path)
+    return _write_beside_schema(new_file_text(name, kind), Path(f"{name}.toml" if path is None else path), kind)
+
+
+def _write_beside_schema(text: str, target: Path, kind: str) -> Path:
+    """Write a new file and beside it the schema that its first line names; return its path."""
     schema = target.with_name(schema_path(kind).name)
     if schema.exists() and not is_schema(schema, kind):
         raise InputError(f"new: {show(schema.name)} there is no schema of a {kind}; allowed: another folder")
     _write_new(text, target, ".toml")
     schema.write_text(schema_path(kind).read_text(encoding="ascii"), encoding="ascii")
     return target
+
+
+def write_dh_file(name: str, table: Table, convention: str, path: str | Path | None = None) -> Path:
+    """Write ``dh_file_text`` to a new file, NAME.toml in the working folder if nothing else is said.
+
+    Raises:
+        InputError: as of ``write_new_file``, or as of ``dh_file_text``.
+    """
+    text = dh_file_text(name, table, convention)
+    return _write_beside_schema(text, Path(f"{name}.toml" if path is None else path), "robot")
 
 
 def poses_file_text(robot: Robot) -> str:

@@ -18,11 +18,22 @@ def _add_new(parser: argparse.ArgumentParser) -> None:
     kinds.add_argument(
         "--poses", action="store_true", help="a file for measured poses instead, NAME_poses.csv, of that robot"
     )
+    kinds.add_argument(
+        "--dh", type=Path, metavar="TABLE", help="from a .csv table of Denavit-Hartenberg parameters, by --convention"
+    )
+    about = "of --dh: classic, Rz(theta) Tz(d) Tx(a) Rx(alpha), or modified, Rx(alpha) Tx(a) Rz(theta) Tz(d)"
+    parser.add_argument("--convention", choices=("classic", "modified"), help=about)
 
 
 def _new(options: argparse.Namespace) -> None:
-    from ..authoring.new import write_new_file, write_poses_file
+    from ..authoring.new import write_dh_file, write_new_file, write_poses_file
 
+    if (options.dh is None) != (options.convention is None):
+        given, missing = ("--dh", "--convention") if options.convention is None else ("--convention", "--dh")
+        raise InputError(f"new: {given} is given without {missing}; allowed: --dh TABLE --convention classic|modified")
+    if options.dh is not None:
+        say(f"wrote {write_dh_file(options.name, options.dh, options.convention, options.output)}")
+        return
     if options.poses:
         say(f"wrote {write_poses_file(options.name, options.output)}")
         return
@@ -65,7 +76,10 @@ COMMANDS = (
         _add_new,
         _new,
         "write a commented description to begin with",
-        {"new arm": "write arm.toml, a commented description to begin with"},
+        {
+            "new arm": "write arm.toml, a commented description to begin with",
+            "new arm --dh table.csv --convention classic": "write arm.toml from Denavit-Hartenberg parameters",
+        },
     ),
     Command(
         _add_check,

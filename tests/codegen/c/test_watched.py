@@ -30,6 +30,7 @@ from eomgen.runtime.levels import supported
 from tests.oracles.force_laws import with_laws
 from tests.oracles.journals import random_journals
 from tests.support import watched_calls
+from tests.support.makers import MAKERS
 from tests.support.random_robots import random_robot
 from tests.support.small_robots import free_body
 from tests.support.soak import WHOLE, soaked
@@ -90,7 +91,7 @@ SLOW = (  # minutes to hours with sanitizers: many coordinates, or stiff where s
 SOAK: dict[str, tuple[Callable[[], Robot], tuple[str, ...]]] = {
     f"{name}, as built in": (partial(eomgen.load_robot, name), ())
     for name in builtin_robots()
-    if WHOLE or name not in SLOW
+    if name not in MAKERS and (WHOLE or name not in SLOW)
 }
 SOAK |= {f"{name}, differentiated": (make, SLOPES) for name, make in QUICK.items() if not name.startswith("free")}
 
