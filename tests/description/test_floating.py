@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from eomgen.authoring.check import check_file
 from eomgen.cli import entry
 from eomgen.description.load import load_robot, robot_from_mjcf, robot_from_urdf
 from eomgen.errors import DescriptionError
@@ -100,9 +101,19 @@ def test_names_that_are_taken() -> None:
 def test_a_body_alone_floats() -> None:
     """An URDF in which nothing else moves."""
     text = f"<robot name='stone'>{BODY}</robot>"
-    with pytest.raises(DescriptionError, match="nothing moves"):
+    with pytest.raises(DescriptionError, match=r"nothing moves; .*, or --floating-base \(floating_base=True\)"):
         robot_from_urdf(text)
     assert build_model(robot_from_urdf(text, floating_base=True)).size == 6
+
+
+def test_checks_of_bodies_that_float(tmp_path: Path) -> None:
+    path = tmp_path / "stone.urdf"
+    path.write_text(f"<robot name='stone'>{BODY}</robot>")
+    assert "or --floating-base" in str(check_file(path).errors[0])
+    found = check_file(path, floating_base=True)
+    assert not found.errors
+    assert found.summary["coordinates"] == 6
+    assert entry.main(["check", str(path), "--floating-base"]) == 0
 
 
 def test_what_cannot_float(tmp_path: Path) -> None:

@@ -417,6 +417,34 @@ def test_macros_are_expanded_only_for_who_asks(
     assert expanded_files == [str(path)]
 
 
+def test_packages_are_found_where_they_are_said_to_be(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """By Python and by the command line, from another folder; nothing of it is left behind."""
+    pytest.importorskip("xacro")
+    (tmp_path / "arm" / "pkg").mkdir(parents=True)
+    (tmp_path / "arm" / "pkg" / "more.xacro").write_text(MACROS)
+    monkeypatch.chdir(tmp_path)
+    path = Path("arm.xacro")
+    include = '<xacro:include filename="$(find arm_pkg)/more.xacro"/>'
+    path.write_text(f'<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">{include}</robot>')
+    wanted = [link.name for link in expanded(tmp_path, MACROS).links]
+    robot = load_robot(path, xacro={"arm_pkg": "arm/pkg", "other": tmp_path})
+    assert [link.name for link in robot.links] == wanted
+    assert main(["check", str(path), "--xacro", "--package", "arm_pkg=arm/pkg"]) == 0
+    capsys.readouterr()
+    assert "ament_index_python" not in sys.modules
+    for given, said in (
+        (["--package", "arm_pkg=arm/pkg"], "--package: given without --xacro"),
+        (["--xacro", "--package", "arm_pkg"], "package: 'arm_pkg'; allowed: NAME=DIR"),
+        (["--xacro", "--package", "arm_pkg=gone"], "package 'arm_pkg': there is no folder 'gone'"),
+    ):
+        assert main(["check", str(path), *given]) == 1
+        assert said in "".join(capsys.readouterr())
+    with pytest.raises(DescriptionError, match=r"no package 'arm_pkg'; did you mean 'arm_pk'\?.* --package NAME=DIR"):
+        load_robot(path, xacro={"arm_pk": "arm/pkg"})
+
+
 def test_without_xacro_it_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "xacro", None)
     with pytest.raises(InputError, match=r"need xacro, which is not installed: .*eomgen\[xacro\]"):

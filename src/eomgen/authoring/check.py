@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from ..description.load import SUFFIXES, load_robot
+from ..description.macros import Xacro
+from ..description.options import ReadOptions
 from ..errors import DescriptionError, InputError
 from ..forms.structure import faults
 from ..forms.toml_place import locate
@@ -53,15 +55,18 @@ class Checked:
         return {**about, "errors": [_facts(error) for error in self.errors], "notes": list(self.notes)}
 
 
-def check_file(path: str | Path, *, inertia: str | None = None, xacro: bool = False) -> Checked:
+def check_file(
+    path: str | Path, *, inertia: str | None = None, floating_base: bool = False, xacro: Xacro = False
+) -> Checked:
     """Read a description (.toml, .urdf, .xml), a scenario or a plan; which of them a .toml file is, its keys say.
 
     Args:
         path: of the file.
         inertia: what to do with an inertia that no body can have, as in ``load_robot``: a link that this lets through
             is a note, one that it refuses an error.
-        xacro: expand a .xacro file, as in ``load_robot``.
+        floating_base, xacro: as in ``load_robot``.
     """
+    options = ReadOptions(inertia=inertia, floating_base=floating_base, xacro=xacro)
     name = str(path)
     kind = "robot"
     try:
@@ -77,20 +82,23 @@ def check_file(path: str | Path, *, inertia: str | None = None, xacro: bool = Fa
             if found:
                 found.sort(key=lambda error: (error.line or 0, error.column or 0))
                 return Checked(name, kind, {}, tuple(found))
-            read = _read(Path(path), name, kind, inertia, xacro)
+            read = _read(Path(path), name, kind, options)
             return replace(read, notes=(*read.notes, *unit_questions(FORMATS[kind][0], values)))
-        return _read(Path(path), name, kind, inertia, xacro)
+        return _read(Path(path), name, kind, options)
     except InputError as error:
         return Checked(name, kind, {}, (error,))
 
 
-def check_files(paths: Sequence[str | Path], *, inertia: str | None = None, xacro: bool = False) -> list[Checked]:
+def check_files(
+    paths: Sequence[str | Path], *, inertia: str | None = None, floating_base: bool = False, xacro: Xacro = False
+) -> list[Checked]:
     """``check_file`` of each, and what is remarkable of scenarios beside the robots among them."""
-    checked = [check_file(path, inertia=inertia, xacro=xacro) for path in paths]
+    how: dict[str, Any] = {"inertia": inertia, "floating_base": floating_base, "xacro": xacro}
+    checked = [check_file(path, **how) for path in paths]
     usable = [(path, file) for path, file in zip(paths, checked, strict=True) if not file.errors]
     scenarios = {file.file: load_scenario(Path(path)) for path, file in usable if file.kind == "scenario"}
     of_robots = [path for path, file in usable if file.kind == "robot" and scenarios]
-    robots = [load_robot(path, inertia=inertia, xacro=xacro) for path in of_robots]
+    robots = [load_robot(path, **how) for path in of_robots]
     return [
         replace(file, notes=(*file.notes, *(note for robot in robots for note in start_notes(scenario, robot))))
         if (scenario := scenarios.get(file.file)) is not None
@@ -104,7 +112,7 @@ def kind_of(values: Mapping[str, object]) -> str:
     return max(FORMATS, key=lambda kind: len(FORMATS[kind][0].keys.keys() & values.keys()))
 
 
-def _read(path: Path, name: str, kind: str, inertia: str | None, xacro: bool) -> Checked:
+def _read(path: Path, name: str, kind: str, options: ReadOptions) -> Checked:
     if kind == "scenario":
         scenario = load_scenario(path)
         counts = {"s": scenario.duration, "wrenches": len(scenario.wrenches), "payloads": len(scenario.payloads)}
@@ -112,7 +120,7 @@ def _read(path: Path, name: str, kind: str, inertia: str | None, xacro: bool) ->
     if kind == "plan":
         plan = load_plan(path)
         return Checked(name, kind, {"samples": plan.samples, "numbers varied": len(plan.vary)})
-    robot = load_robot(path, inertia=inertia, xacro=xacro)
+    robot = load_robot(path, inertia=options.inertia, floating_base=options.floating_base, xacro=options.xacro)
     coordinates = sum(len(joint.all_coordinates) for joint in robot.joints) - len(robot.followers)
     return Checked(
         name,

@@ -7,7 +7,7 @@ import warnings
 from pathlib import Path
 
 from ..errors import EomgenWarning, InputError
-from .shared import Command, add_json, add_reading, say, say_lines, show_json
+from .shared import Command, add_json, add_reading, say, say_lines, show_json, xacro_of
 
 
 def _add_new(parser: argparse.ArgumentParser) -> None:
@@ -42,7 +42,7 @@ def _new(options: argparse.Namespace) -> None:
 
 def _add_check(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("files", metavar="FILE", nargs="+", help="path of a .toml, .urdf or .xml (MJCF) file")
-    add_reading(parser, "inertia", "xacro")
+    add_reading(parser, "inertia", "floating_base", "xacro")
     add_json(parser)
 
 
@@ -51,7 +51,8 @@ def _check(options: argparse.Namespace) -> None:
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", EomgenWarning)  # the notes say the same
-        checked = check_files(options.files, inertia=options.inertia, xacro=options.xacro)
+        how = {"inertia": options.inertia, "floating_base": options.floating_base, "xacro": xacro_of(options)}
+        checked = check_files(options.files, **how)
     if options.json:
         show_json([file.as_dict() for file in checked])
     else:

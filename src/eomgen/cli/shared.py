@@ -20,6 +20,7 @@ from ..optional import NotInstalledError
 from ..progress import Progress, StageReport, no_progress
 
 if TYPE_CHECKING:
+    from ..description.macros import Xacro
     from ..robot.value import Robot
 
 TRAJECTORY = "trajectory.npz"
@@ -107,6 +108,10 @@ def add_reading(parser: argparse.ArgumentParser, *names: str, about: str = "") -
         if isinstance(item.default, bool):
             about_it["action"] = "store_false" if item.default else "store_true"
         parser.add_argument(option, **about_it)
+        if item.name == "xacro":
+            package: dict[str, Any] = {"action": "append", "default": [], "metavar": "NAME=DIR"}
+            package["help"] = "with --xacro: folder of a package, which $(find NAME) asks for; more than once"
+            parser.add_argument("--package", dest="packages", **package)
 
 
 def read_robot(options: argparse.Namespace) -> Robot:
@@ -118,13 +123,26 @@ def read_robot(options: argparse.Namespace) -> Robot:
     from ..description.load import load_robot
     from ..description.options import ReadOptions
 
-    how = {item.name: getattr(options, item.name) for item in fields(ReadOptions)}
+    how = {item.name: getattr(options, item.name) for item in fields(ReadOptions)} | {"xacro": xacro_of(options)}
     if how["stops"] is not None:
         how["stops"] = _by_name("stops", how["stops"].split(","))
     robot = load_robot(options.robot, **how)
     for note in robot.notes:
         say(f"note: {note}", sys.stderr)
     return robot
+
+
+def xacro_of(options: argparse.Namespace) -> Xacro:
+    """Return what --xacro and --package ask for; InputError of packages without --xacro."""
+    packages: dict[str, str] = {}
+    for text in options.packages:
+        name, sign, folder = text.partition("=")
+        if not (name and sign and folder):
+            raise InputError(f"package: {show(text)}; allowed: NAME=DIR")
+        packages[name] = folder
+    if packages and not options.xacro:
+        raise InputError("--package: given without --xacro; allowed: with it, for files of people whom you trust")
+    return packages or bool(options.xacro)
 
 
 def result_path(path: Path) -> Path:

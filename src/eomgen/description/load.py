@@ -46,6 +46,7 @@ from .floating import float_base
 from .forces import joint_elements, read_coordinate, read_motor
 from .keys import ROBOT
 from .loops import read_coupling, read_loop, read_offset, read_placement
+from .macros import Xacro
 from .options import ReadKeywords, ReadOptions
 from .stops import asked_stops, joint_stops, stop_all, stop_numbers
 
@@ -67,7 +68,7 @@ def load_robot(
     urdf_mimic: bool = True,
     stops: Mapping[str, float] | None = None,
     floating_base: bool = False,
-    xacro: bool = False,
+    xacro: Xacro = False,
 ) -> Robot:
     """Read a robot.
 
@@ -85,7 +86,8 @@ def load_robot(
             coordinates have none yet; N/m and so on at translations, N m/rad and so on at rotations.  In the place of
             ``stops`` at the top of a TOML file.
         floating_base: put a free joint, ``floating_base``, between the ground and the root link of an URDF.
-        xacro: expand a ``.xacro`` file, which may run any Python that stands in it; otherwise it is refused.
+        xacro: expand a ``.xacro`` file, which may run any Python that stands in it; otherwise it is refused.  Folders
+            of packages by their names, for ``$(find NAME)``, ask for it, too.
 
     Returns:
         The robot in SI units; ``notes`` says what was changed or left out.
@@ -428,7 +430,10 @@ def _finish(draft: Draft, policy: str | None, tunable: list[str]) -> Robot:
     joints = ordered_joints(draft)
     draft.check_ends()
     if not any(joint.coordinates for joint in joints):
-        draft.fail("joints", "no joint has a coordinate, so nothing moves; allowed: at least one joint that moves")
+        allowed = "at least one joint that moves"
+        if draft.base in draft.links:
+            allowed += ", or --floating-base (floating_base=True): its root link moves"
+        draft.fail("joints", f"no joint has a coordinate, so nothing moves; allowed: {allowed}")
     _check_pairs(draft, joints)
     links, notes = _bodies(draft, joints, policy)
     elements = draft.elements.values()

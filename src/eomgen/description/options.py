@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import TypedDict
 
 from ..robot.inertia_policy import POLICIES
+from .macros import Xacro
 
 _INERTIA = (
     "an inertia that no body can have: refuse it, take it as it is, or take the nearest one (error for those of TOML,"
@@ -43,4 +44,4 @@ class ReadOptions:
     )
     stops: Mapping[str, float] | None = field(default=None, metadata={"metavar": "KEY=NUMBER,...", "help": _STOPS})
     floating_base: bool = field(default=False, metadata={"help": _FLOATING})
-    xacro: bool = field(default=False, metadata={"help": _XACRO})
+    xacro: Xacro = field(default=False, metadata={"help": _XACRO})
