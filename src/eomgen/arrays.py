@@ -26,12 +26,12 @@ def rank_of(J: NDArray[Any], share: float = RANK) -> int:
 
 def independent_columns(J: NDArray[Any], rank: int) -> list[int]:
     """Columns of J that are as independent as possible, ``rank`` of them: Gram and Schmidt's method with pivoting."""
-    left, found = J.copy(), list[int]()
+    left, columns = J.copy(), list[int]()
     for _ in range(rank):
         norms = np.linalg.norm(left, axis=0)
-        norms[found] = -1.0
-        found.append(int(norms.argmax()))
-        unit = left[:, found[-1]] / norms[found[-1]]
+        norms[columns] = -1.0
+        columns.append(int(norms.argmax()))
+        unit = left[:, columns[-1]] / norms[columns[-1]]
         for _ in range(2):  # once more for round-off
             left -= np.outer(unit, unit @ left)
-    return found
+    return columns

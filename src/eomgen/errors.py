@@ -41,7 +41,7 @@ class DescriptionError(InputError):
         super().__init__(message)
 
     def __str__(self) -> str:
-        return ": ".join(part for part in (self.place, self.where, self.message) if part)
+        return ": ".join(piece for piece in (self.place, self.where, self.message) if piece)
 
     @property
     def place(self) -> str:

@@ -63,12 +63,12 @@ def open_regular(path: Path, most: int) -> Iterator[BinaryIO]:
     flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0) | getattr(os, "O_BINARY", 0)
     descriptor = os.open(path, flags)
     try:
-        found = os.fstat(descriptor)
-        if not stat.S_ISREG(found.st_mode):
-            kind = _KINDS.get(stat.S_IFMT(found.st_mode), "no file")
+        status = os.fstat(descriptor)
+        if not stat.S_ISREG(status.st_mode):
+            kind = _KINDS.get(stat.S_IFMT(status.st_mode), "no file")
             raise OSError(errno.EINVAL, f"it is {kind}; allowed: a regular file", str(path))
-        if found.st_size > most:
-            raise _too_large(f"{found.st_size} bytes", most, path)
+        if status.st_size > most:
+            raise _too_large(f"{status.st_size} bytes", most, path)
     except BaseException:
         os.close(descriptor)
         raise

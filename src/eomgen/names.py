@@ -104,15 +104,15 @@ def html_table(title: str, rows: Mapping[str, object]) -> str:
     return f"<table><caption>{html.escape(title)}</caption>{lines}</table>"
 
 
-def component_name(owner: str, part: str) -> str:
+def component_name(owner: str, component: str) -> str:
     """Name of a part of something: ``joint1.x``, a coordinate of a joint; ``tcp.fx``, a component at a frame."""
-    return f"{owner}.{part}"
+    return f"{owner}.{component}"
 
 
 def split_component(name: str) -> tuple[str, str]:
     """Owner and part of the name that ``component_name`` made."""
-    owner, _, part = name.rpartition(".")
-    return owner, part
+    owner, _, component = name.rpartition(".")
+    return owner, component
 
 
 def joint_of(coordinate: str) -> str:
@@ -137,16 +137,16 @@ def parameter_path(name: str) -> tuple[str, ...]:
 
 def nearest(name: str, allowed: Iterable[str]) -> str:
     """``; did you mean 'x'?`` for the nearest allowed name, or nothing."""
-    found = _nearest(name, allowed)
-    return "" if found is None else f"; did you mean {show(found)}?"
+    name_nearby = _nearest(name, allowed)
+    return "" if name_nearby is None else f"; did you mean {show(name_nearby)}?"
 
 
 def nearest_or_all(name: str, known: Iterable[str]) -> str:
     """``; did you mean 'x'?`` for the nearest known name, or ``; known: x, y`` with all of them where none is near."""
     names = list(known)
-    found = _nearest(name, names)
-    if found is not None:
-        return f"; did you mean {found!r}?"
+    suggestion = _nearest(name, names)
+    if suggestion is not None:
+        return f"; did you mean {suggestion!r}?"
     return f"; known: {', '.join(names)}" if names else "; there are none"
 
 
@@ -160,8 +160,8 @@ def _nearest(name: str, allowed: Iterable[str]) -> str | None:
         candidates.append(item)
     import difflib  # likewise
 
-    found = difflib.get_close_matches(name, candidates, 1, 0.6)
-    return found[0] if found else None
+    matches = difflib.get_close_matches(name, candidates, 1, 0.6)
+    return matches[0] if matches else None
 
 
 def to_identifier(text: str) -> str:

@@ -112,13 +112,13 @@ def _arrays(
         raise InputError(
             f"{path}: its arrays have {total} bytes; allowed: up to {most} (the environment's {VARIABLE} has their MB)"
         )
-    found = {}
+    arrays = {}
     for name, entry in entries.items():
         if names is not None and name not in names:
             continue
         with archive.open(entry) as member:
-            found[name] = _array(member, entry.file_size, kinds, f"{path}: array {show(name)}")
-    return found
+            arrays[name] = _array(member, entry.file_size, kinds, f"{path}: array {show(name)}")
+    return arrays
 
 
 def _array(member: Any, size: int, kinds: str, place: str) -> NDArray[Any]:

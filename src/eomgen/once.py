@@ -33,7 +33,7 @@ def kept(function: Function) -> Function:
         return function(same.owner, *args, **further)
 
     @wraps(function)
-    def found(owner: Any, *args: Any, **further: Any) -> Any:
+    def once(owner: Any, *args: Any, **further: Any) -> Any:
         return value(_Same(owner), *args, **further)
 
-    return cast(Function, found)
+    return cast(Function, once)

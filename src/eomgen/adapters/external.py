@@ -69,7 +69,7 @@ def external_library(
     wrapper = render(function, kernel, called, order)
     compiler = find_compiler()
     every = compile_flags(compiler, False, flags)
-    own = toolchain(compiler, every)
+    tools = toolchain(compiler, every)
     compile_c = [*compiler.command, "-c", "-fPIC", "-fvisibility=hidden", *WARNINGS, *every]
 
     def compile_kernel(folder: Path) -> None:
@@ -83,7 +83,7 @@ def external_library(
         run_all([[*compile_c, "-DEOMGEN_SINGLES_ONLY", source, "-o", str(folder / "kernel.o")]])
         shutil.rmtree(folder / FOLDER)
 
-    made = store.entry("objects", _key(own, header, code, *library.values()), compile_kernel)
+    made = store.entry("objects", _key(tools, header, code, *library.values()), compile_kernel)
 
     def link(folder: Path) -> None:
         check_compiler(compiler, every)
@@ -97,18 +97,18 @@ def external_library(
         for made_here in objects:
             made_here.unlink()
 
-    return store.entry("externals", _key(own, header, code, wrapper, *library.values()), link)
+    return store.entry("externals", _key(tools, header, code, wrapper, *library.values()), link)
 
 
 def _library(kernel: Kernel) -> dict[str, str]:
     """Read the files of the C library that a kernel's C includes, those of its own package."""
     from ..codegen.c.library import library_files
 
-    found = {}
+    files = {}
     for place in library_files():
         with contextlib.suppress(OSError, KeyError):  # a package that another version wrote has other ones
-            found[place] = kernel.raw.libraries.source(place)
-    return found
+            files[place] = kernel.raw.libraries.source(place)
+    return files
 
 
 def _key(tools: dict[str, object], *texts: str) -> str:

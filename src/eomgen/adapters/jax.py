@@ -94,9 +94,9 @@ def native(robot: RobotLike, kernels: Sequence[str] = ()) -> Any:
         import jax.numpy as jnp
     from ..codegen.arrays.sources import render_arrays
 
-    own = as_robot(robot)
-    module: dict[str, Any] = {"__name__": f"{own.name}_arrays"}
-    exec(compile(render_arrays(build_model(own), kernels), f"<{own.name}_arrays>", "exec"), module)
+    described = as_robot(robot)
+    module: dict[str, Any] = {"__name__": f"{described.name}_arrays"}
+    exec(compile(render_arrays(build_model(described), kernels), f"<{described.name}_arrays>", "exec"), module)
     return module["make"](jnp, jax.lax.scan)
 
 
@@ -136,19 +136,19 @@ def _apply(call: Callable[..., Any], shapes: Sequence[tuple[int, ...]], arrays: 
     leads = [array.shape[: array.ndim - len(shape)] for array, shape in zip(arrays, shapes, strict=True)]
     lead = np.broadcast_shapes(*leads)
     flat = []
-    for array, own, shape in zip(arrays, leads, shapes, strict=True):
-        if math.prod(own) == 1:
+    for array, leading, shape in zip(arrays, leads, shapes, strict=True):
+        if math.prod(leading) == 1:
             flat.append(array.reshape(shape))
         else:
             flat.append(np.broadcast_to(array, (*lead, *shape)).reshape(-1, *shape))
-    found = call(*flat)
+    outputs = call(*flat)
     batch = math.prod(lead) != 1
 
     def spread(result: Array) -> Array:
-        own = result.shape[1:] if batch else result.shape
-        return np.ascontiguousarray(result).reshape(*lead, *own)
+        inner = result.shape[1:] if batch else result.shape
+        return np.ascontiguousarray(result).reshape(*lead, *inner)
 
-    return tuple(map(spread, found)) if isinstance(found, tuple) else spread(found)
+    return tuple(map(spread, outputs)) if isinstance(outputs, tuple) else spread(outputs)
 
 
 def _with_jacobian(jax: Any, jnp: Any, there: DifferentiableFunction) -> Callable[..., Any]:
@@ -250,20 +250,20 @@ def rollout(
     with optional_import("JAX", "functions of JAX need"):
         import jax
         import jax.numpy as jnp
-    own = kernel.with_parameters()
+    private = kernel.with_parameters()
     how = vars(StepOptions(method, dt, steps, every, duration, samples, rtol))
     rows = (samples or 1) if steps is None else steps
-    told = jax.ShapeDtypeStruct((rows // every + 1, own.n), own.dtype)
+    told = jax.ShapeDtypeStruct((rows // every + 1, private.n), private.dtype)
 
     def there(q0: Array, v0: Array, u: Array, *controller: Array) -> tuple[Array, Array]:
-        q, v = own.rollout(q0, v0, u, **how, **_named(controller))
+        q, v = private.rollout(q0, v0, u, **how, **_named(controller))
         return q, v
 
     def back(q0: Array, v0: Array, u: Array, *others: Array) -> tuple[Array, ...]:
         *controller, by_q, by_v = others
         known: dict[str, Any] = {**how, **_named(controller), "loss": lambda t, q, v: (0.0, by_q, by_v)}
-        _, found = own.rollout_gradient(q0, v0, u, **known)
-        return tuple(found[name] for name in GIVEN[: 3 + len(controller)])
+        _, gradients = private.rollout_gradient(q0, v0, u, **known)
+        return tuple(gradients[name] for name in GIVEN[: 3 + len(controller)])
 
     @jax.custom_vjp  # type: ignore[untyped-decorator,unused-ignore]
     def states(*arrays: Any) -> Any:
@@ -274,7 +274,7 @@ def rollout(
 
     def pull(arrays: Any, by: Any) -> Any:
         shapes = [x.shape for x in arrays]
-        results = tuple(jax.ShapeDtypeStruct(shape, own.dtype) for shape in shapes)
+        results = tuple(jax.ShapeDtypeStruct(shape, private.dtype) for shape in shapes)
         return _batched(jax, back, [*shapes, told.shape, told.shape], results)(*arrays, *by)
 
     states.defvjp(keep, pull)
@@ -282,11 +282,11 @@ def rollout(
     def checked(*arrays: Any) -> Any:
         if len(arrays) not in (3, len(GIVEN)):
             raise InputError(f"rollout: got {len(arrays)} arrays; allowed: q0, v0, u, or q0, v0, u, kp, kd, target")
-        _refuse_single(jax, "rollout", own)
-        over_time = [(own.n,), (rows, own.n)]
+        _refuse_single(jax, "rollout", private)
+        over_time = [(private.n,), (rows, private.n)]
         return states(
             *(
-                _array(jnp, label, over_time if label in ("u", "target") else [(own.n,)], own.dtype, value)
+                _array(jnp, label, over_time if label in ("u", "target") else [(private.n,)], private.dtype, value)
                 for label, value in zip(ROLLED, arrays, strict=False)
             )
         )
@@ -303,16 +303,16 @@ def _batched(jax: Any, call: Callable[..., Any], shapes: Sequence[tuple[int, ...
     single = len(shapes) >= len(GIVEN)
 
     def host(*arrays: Any) -> Any:
-        given = [np.asarray(array) for array in arrays]
-        leads = [x.shape[: x.ndim - len(shape)] for x, shape in zip(given, shapes, strict=True)]
+        inputs = [np.asarray(array) for array in arrays]
+        leads = [x.shape[: x.ndim - len(shape)] for x, shape in zip(inputs, shapes, strict=True)]
         lead = np.broadcast_shapes(*leads)
         if lead == ():
-            return call(*given)
-        rows = [np.broadcast_to(x, (*lead, *s)).reshape(-1, *s) for x, s in zip(given, shapes, strict=True)]
+            return call(*inputs)
+        rows = [np.broadcast_to(x, (*lead, *s)).reshape(-1, *s) for x, s in zip(inputs, shapes, strict=True)]
         if math.prod(lead) == 0:
             return tuple(np.zeros((*lead, *one.shape), one.dtype) for one in result)
-        found = _one_by_one(call, rows) if single else call(*rows)
-        return tuple(np.ascontiguousarray(x).reshape(*lead, *x.shape[1:]) for x in found)
+        outputs = _one_by_one(call, rows) if single else call(*rows)
+        return tuple(np.ascontiguousarray(x).reshape(*lead, *x.shape[1:]) for x in outputs)
 
     def on_device(*arrays: Any) -> Any:
         return jax.pure_callback(host, result, *arrays, vmap_method="expand_dims")

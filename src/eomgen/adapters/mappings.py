@@ -114,11 +114,11 @@ def kernels_for(*names: str, closed: bool = False, cut: bool = False, order: int
         InputError: another order.
     """
     check_order(order)
-    found: dict[str, None] = {}
+    needed: dict[str, None] = {}
     for name in names:
         entry = _entry(name, closed or cut, cut)
-        found |= dict.fromkeys((*entry.kernels, *(entry.second if order == 2 else ())))
-    return tuple(found)
+        needed |= dict.fromkeys((*entry.kernels, *(entry.second if order == 2 else ())))
+    return tuple(needed)
 
 
 def check_order(order: int) -> None:
@@ -173,8 +173,8 @@ class DifferentiableFunction:
         shapes, called = kernel.raw.shapes, kernel.raw.functions[self.calls]
         self.inputs: tuple[tuple[int, ...], ...] = tuple(shapes[label] for label in entry.reads)
         self.idle: tuple[str, ...] = tuple(label for label in called.reads if label not in entry.reads)
-        part, begin = entry.part or (called.writes, 0)
-        self.output: tuple[int, ...] = shapes[part]
+        block, begin = entry.part or (called.writes, 0)
+        self.output: tuple[int, ...] = shapes[block]
         self.whole: tuple[int, ...] = shapes[FRAMES.get(name, called.writes)]
         self.moving = math.prod(self.output if frame is None else self.whole[1:])
         self.begins = kernel.n * begin + sum(self._extra) * self.moving
@@ -212,8 +212,8 @@ class DifferentiableFunction:
         """Exact second derivatives by the numbers of all arguments, (output shape, numbers, numbers)."""
         size = math.prod(self.output)
         units = np.eye(size, dtype=self.kernel.dtype).reshape(size, *self.output)
-        found = self.hessian(rules.beside(self, arrays), units)
-        return found.reshape(*found.shape[:-3], *self.output, *found.shape[-2:])
+        hessian = self.hessian(rules.beside(self, arrays), units)
+        return hessian.reshape(*hessian.shape[:-3], *self.output, *hessian.shape[-2:])
 
     def tangent(self, arrays: Sequence[Array], rates: Sequence[Array]) -> Array:
         """Give what the result changes by along rates of the arguments."""
@@ -221,14 +221,14 @@ class DifferentiableFunction:
 
     def gradient(self, arrays: Sequence[Array], weights: Array) -> tuple[Array, ...]:
         """Derivatives of the weighted result by every argument."""
-        found = self.kernel.vjp(self.calls, self._arguments(arrays), self._weights(weights))
-        return found[: len(self.reads)]
+        gradients = self.kernel.vjp(self.calls, self._arguments(arrays), self._weights(weights))
+        return gradients[: len(self.reads)]
 
     def hessian(self, arrays: Sequence[Array], weights: Array) -> Array:
         """Second derivatives of the weighted result by the numbers of all arguments one behind the other."""
-        found = self.kernel.hessian(self.calls, self._arguments(arrays), self._weights(weights))
+        hessian = self.kernel.hessian(self.calls, self._arguments(arrays), self._weights(weights))
         total = sum(math.prod(shape) for shape in self.inputs)
-        return found[..., :total, :total]
+        return hessian[..., :total, :total]
 
     def patterns(self) -> tuple[Array, tuple[Array, ...]]:
         """Sparsity of the result and its derivatives: True where they may differ from zero, shapes as of one state."""

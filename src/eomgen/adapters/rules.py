@@ -72,9 +72,9 @@ class ByKernel(Rule):
         self.kernel = kernel
 
     def derivatives(self, f: Subject, *arrays: Array) -> tuple[Array, ...]:
-        found = f.kernel.calls.run(self.kernel, None, arrays)
+        jacobians = f.kernel.calls.run(self.kernel, None, arrays)
         count = len(arrays)
-        return (found,) if count == 1 else tuple(found[..., i, :, :] for i in range(count))
+        return (jacobians,) if count == 1 else tuple(jacobians[..., i, :, :] for i in range(count))
 
 
 class ResidualRule(ByKernel):
@@ -105,9 +105,9 @@ class MatrixRule(Rule):
         return (symbols + np.swapaxes(symbols, -3, -2),)
 
     def patterns(self, f: Subject) -> tuple[Array, list[Array]]:
-        found = f.kernel.blocks(np.zeros(f.kernel.n, f.kernel.dtype))
-        symbols = found.christoffel.mask
-        return found.mass.mask, [symbols | np.swapaxes(symbols, 0, 1)]
+        blocks = f.kernel.blocks(np.zeros(f.kernel.n, f.kernel.dtype))
+        symbols = blocks.christoffel.mask
+        return blocks.mass.mask, [symbols | np.swapaxes(symbols, 0, 1)]
 
     def spare(self, f: Subject) -> int:
         return f.kernel.n**3
@@ -123,9 +123,9 @@ class TangentRule(Rule):
         total = sum(sizes)
         units = np.split(np.eye(total, dtype=f.kernel.dtype), np.cumsum(sizes)[:-1], axis=1)
         rates = [unit.reshape(total, *shape) for unit, shape in zip(units, f.inputs, strict=True)]
-        found = f.tangent(beside(f, arrays), rates)
-        lead = found.ndim - 1 - len(f.output)
-        return split(f, np.moveaxis(found, lead, -1))
+        columns = f.tangent(beside(f, arrays), rates)
+        lead = columns.ndim - 1 - len(f.output)
+        return split(f, np.moveaxis(columns, lead, -1))
 
     def spare(self, f: Subject) -> int:
         return sum(math.prod(shape) for shape in f.inputs) + math.prod(f.whole)
@@ -149,4 +149,4 @@ def split(f: Subject, along: Array) -> tuple[Array, ...]:
     """Parts by argument of an array whose last axis has the numbers of all arguments."""
     ends = np.cumsum([math.prod(shape) for shape in f.inputs])[:-1]
     parts = np.split(along, ends, axis=-1)
-    return tuple(part.reshape(*along.shape[:-1], *shape) for part, shape in zip(parts, f.inputs, strict=True))
+    return tuple(block.reshape(*along.shape[:-1], *shape) for block, shape in zip(parts, f.inputs, strict=True))

@@ -35,7 +35,7 @@ def held_softly(robot: Robot) -> Iterator[str]:
             yield f"{where}: left open (MuJoCo has no {loop.type} joint among its constraints)"
             continue
         yield f"{where}: {_SOFT}"
-        blocked = {part.name for part in CUTS[loop.type]}
+        blocked = {component.name for component in CUTS[loop.type]}
         if loop.radial is not None:
             yield f"{where}.radial: without play"
         for name in loop.coordinates:
@@ -101,7 +101,7 @@ def _add_loop(equality: Element, loop: Loop, bodies: Bodies, stiff: Mapping[str,
 
 def _kept(loop: Loop) -> tuple[Array, Array]:
     """Rotation and translation that a cut joint keeps to by its offset, without that of coordinates that are free."""
-    blocked = {part.name for part in CUTS[loop.type]}
+    blocked = {component.name for component in CUTS[loop.type]}
     offsets = [value or 0.0 if x in blocked else 0.0 for x, value in zip(COORDINATES, loop.offset, strict=True)]
     turn = np.eye(3)
     for axis, angle in zip(np.eye(3), offsets[3:], strict=True):
@@ -150,10 +150,10 @@ def _add_tendon(
         SubElement(tendon, "joint", joint=joint, coef=repr(sign * factor))
 
 
-def spring_values(given: Coordinate) -> dict[str, str]:
+def spring_values(coordinate: Coordinate) -> dict[str, str]:
     """Stiffness, with its cubic term where there is one, and damping, as attributes."""
-    cubic = [0.0, given.cubic] if given.cubic else []
-    return {"stiffness": text_of([given.stiffness or 0.0, *cubic]), "damping": repr(given.damping or 0.0)}
+    cubic = [0.0, coordinate.cubic] if coordinate.cubic else []
+    return {"stiffness": text_of([coordinate.stiffness or 0.0, *cubic]), "damping": repr(coordinate.damping or 0.0)}
 
 
 def text_of(values: Array | Sequence[float]) -> str:

@@ -118,16 +118,16 @@ def mjcf(
         add_equalities(root, robot, bodies, positions(robot, closed_home(robot.with_constraints())), step)
     speeds = {name: robot.limits_of(name).velocity for name in coordinate_names(robot)}
     if any(speeds.values()):
-        part = ElementTree.SubElement(root, "custom")
+        section = ElementTree.SubElement(root, "custom")
         for name, speed in speeds.items():
             if speed is not None:
-                ElementTree.SubElement(part, "numeric", name=f"{name}{VELOCITY}", data=repr(speed))
+                ElementTree.SubElement(section, "numeric", name=f"{name}{VELOCITY}", data=repr(speed))
     if actuators:
-        part = ElementTree.SubElement(root, "actuator")
+        section = ElementTree.SubElement(root, "actuator")
         for name in coordinate_names(robot):
             if kind_of(name) in whole.get(joint_of(name), ()):
                 continue  # no motor of MuJoCo acts on an angle of these
-            ElementTree.SubElement(part, "motor", name=name, joint=name)
+            ElementTree.SubElement(section, "motor", name=name, joint=name)
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode") + "\n"
 
@@ -147,27 +147,27 @@ def _check(robot: Robot, integrator: str, approximate: bool) -> None:
 
 def left_out(robot: Robot) -> list[str]:
     """Notes on all that MuJoCo has no equal for: its name, and what becomes of it."""
-    found = [*held_softly(robot), *damped_otherwise(robot)]
+    notes = [*held_softly(robot), *damped_otherwise(robot)]
     for joint in robot.joints:
-        for name, given in joint.coordinates.items():
-            found += [f"joints.{joint.name}.{name}.{what}" for what in _unknown(given)]
+        for name, coordinate in joint.coordinates.items():
+            notes += [f"joints.{joint.name}.{name}.{what}" for what in _unknown(coordinate)]
         if joint.motor is not None:
             where = f"joints.{joint.name}.{MOTOR}"
-            found += [f"{where}.{what}" for what in (*_unknown(joint.motor.transmission), *_unknown(joint.motor.rotor))]
+            notes += [f"{where}.{what}" for what in (*_unknown(joint.motor.transmission), *_unknown(joint.motor.rotor))]
             if joint.motor.transmission.preload:
-                found.append(f"{where}.preload: left out")
+                notes.append(f"{where}.preload: left out")
         for table, element in joint.elements.items():
-            found += [f"joints.{joint.name}.{table}{what}" for what in element.mujoco_lacks()]
+            notes += [f"joints.{joint.name}.{table}{what}" for what in element.mujoco_lacks()]
     for between in robot.link_elements:
-        found += [f"{between.prefix}{what}" for what in between.mujoco_lacks()]
-    return found
+        notes += [f"{between.prefix}{what}" for what in between.mujoco_lacks()]
+    return notes
 
 
-def _unknown(given: Coordinate) -> Iterator[str]:
+def _unknown(coordinate: Coordinate) -> Iterator[str]:
     """Numbers of a coordinate's forces that joints and tendons lack."""
-    if given.prescribed:
+    if coordinate.prescribed:
         yield "prescribed: free to move"
-    numbers = given.law() | ({} if given.stiffness is None else {"stiffness": given.stiffness})
+    numbers = coordinate.law() | ({} if coordinate.stiffness is None else {"stiffness": coordinate.stiffness})
     for law in given_laws(numbers):
         note = law.mjcf(numbers)
         if note:
@@ -211,58 +211,58 @@ def _add_body(
         least = {"mass": repr(LEAST), "pos": "0 0 0", "diaginertia": text_of([LEAST] * 3)}
         ElementTree.SubElement(rotor, "inertial", least)
         armature = max(joint.motor.inertia - LEAST, 0.0)  # the rest is the body's
-        given = {"name": name, "type": "hinge", "axis": text_of(turn[:, 2]), "armature": repr(armature)}
-        given |= _limited(joint.motor.rotor, joint.limits_of(MOTOR))
-        ElementTree.SubElement(rotor, "joint", given | _friction(joint.motor.friction))
+        attributes = {"name": name, "type": "hinge", "axis": text_of(turn[:, 2]), "armature": repr(armature)}
+        attributes |= _limited(joint.motor.rotor, joint.limits_of(MOTOR))
+        ElementTree.SubElement(rotor, "joint", attributes | _friction(joint.motor.friction))
     return body
 
 
 def _add_joint(body: ElementTree.Element, joint: Joint, name: str, axis: Array, offset: float) -> None:
-    given, more = joint.coordinates[name], hinge_damping(joint, name)
+    coordinate, more = joint.coordinates[name], hinge_damping(joint, name)
     if more:
-        given = replace(given, damping=(given.damping or 0.0) + more)
+        coordinate = replace(coordinate, damping=(coordinate.damping or 0.0) + more)
     values = {
         "name": component_name(joint.name, name),
         "type": "hinge" if name in ANGULAR else "slide",
         "axis": text_of(axis),
     }
-    values |= spring_values(given)
-    if given.preload and given.stiffness and not given.cubic:
-        values["springref"] = repr(-given.preload / given.stiffness)
-    if given.armature:
-        values["armature"] = repr(given.armature)
+    values |= spring_values(coordinate)
+    if coordinate.preload and coordinate.stiffness and not coordinate.cubic:
+        values["springref"] = repr(-coordinate.preload / coordinate.stiffness)
+    if coordinate.armature:
+        values["armature"] = repr(coordinate.armature)
     if offset:
         values["ref"] = repr(-offset)
-    values |= _limited(given, joint.limits_of(name))
-    friction = _friction(given.friction)
+    values |= _limited(coordinate, joint.limits_of(name))
+    friction = _friction(coordinate.friction)
     if "damping" in friction:
-        friction["damping"] = repr(float(friction["damping"]) + (given.damping or 0.0))
+        friction["damping"] = repr(float(friction["damping"]) + (coordinate.damping or 0.0))
     ElementTree.SubElement(body, "joint", values | friction)
 
 
-def _limited(given: Coordinate, limits: Limits) -> dict[str, str]:
+def _limited(coordinate: Coordinate, limits: Limits) -> dict[str, str]:
     """Ranges between a coordinate's stops, or of its limits and effort, which nothing keeps to unless switched on.
 
     MuJoCo's have two ends: one that is not given is far away.
     """
-    found = dict[str, str]()
-    if "stops.stiffness" in given.further:
-        ends = given.further.get("stops.lower", -_FAR), given.further.get("stops.upper", _FAR)
-        found = {"range": text_of(ends), "limited": "true" if given.further["stops.stiffness"] else "false"}
+    attributes = dict[str, str]()
+    if "stops.stiffness" in coordinate.further:
+        ends = coordinate.further.get("stops.lower", -_FAR), coordinate.further.get("stops.upper", _FAR)
+        attributes = {"range": text_of(ends), "limited": "true" if coordinate.further["stops.stiffness"] else "false"}
     elif any(map(math.isfinite, limits.range)):
-        found = {"range": text_of([max(limits.range[0], -_FAR), min(limits.range[1], _FAR)]), "limited": "false"}
+        attributes = {"range": text_of([max(limits.range[0], -_FAR), min(limits.range[1], _FAR)]), "limited": "false"}
     if limits.effort is not None:
-        found["actuatorfrcrange"] = text_of([-limits.effort, limits.effort])
-        found["actuatorfrclimited"] = "false"
-    return found
+        attributes["actuatorfrcrange"] = text_of([-limits.effort, limits.effort])
+        attributes["actuatorfrclimited"] = "false"
+    return attributes
 
 
-def _friction(given: Friction | None) -> dict[str, str]:
+def _friction(friction: Friction | None) -> dict[str, str]:
     """The viscous part as damping, the dry one as frictionloss."""
-    if given is None:
+    if friction is None:
         return {}
-    viscous = {"damping": repr(given.viscous)} if given.viscous else {}
-    return viscous | ({"frictionloss": repr(given.coulomb)} if given.coulomb else {})
+    viscous = {"damping": repr(friction.viscous)} if friction.viscous else {}
+    return viscous | ({"frictionloss": repr(friction.coulomb)} if friction.coulomb else {})
 
 
 def _inertial(link: Link, size: float) -> dict[str, str]:
@@ -294,8 +294,8 @@ def _add_tendons(root: ElementTree.Element, robot: Robot, bodies: Bodies) -> Non
     tendons = ElementTree.SubElement(root, "tendon")
     for joint in motors:
         assert joint.motor is not None
-        given = joint.motor.transmission
-        values = {"name": f"{joint.name}.transmission", "springlength": "0", **spring_values(given)}
+        transmission = joint.motor.transmission
+        values = {"name": f"{joint.name}.transmission", "springlength": "0", **spring_values(transmission)}
         tendon = ElementTree.SubElement(tendons, "fixed", values)
         ends = ((MOTOR, 1.0 / joint.motor.ratio), (PRINCIPAL[joint.type], -1.0))
         for name, coefficient in ends:

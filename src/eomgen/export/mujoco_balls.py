@@ -18,14 +18,14 @@ def balls(robot: Robot) -> dict[str, tuple[str, ...]]:
     Nothing else may act on these angles: their position is a quaternion there.
     """
     coupled = {name for coupling in robot.couplings for name in (coupling.of, *coupling.to)}
-    found: dict[str, tuple[str, ...]] = {}
+    joints: dict[str, tuple[str, ...]] = {}
     for joint in robot.joints:
         if not _on_hinges(joint) and _is_bare(joint, ANGULAR, coupled):
             floats = joint.parent == robot.base and not (robot.loops or robot.couplings)
             alike = joint.damping is not None and joint.damping.linear == joint.damping.angular
             whole = floats and alike and _is_bare(joint, COORDINATES, coupled)
-            found[joint.name] = COORDINATES if whole else ANGULAR
-    return found
+            joints[joint.name] = COORDINATES if whole else ANGULAR
+    return joints
 
 
 def hinge_damping(joint: Joint, name: str) -> float:
@@ -45,17 +45,17 @@ def damped_otherwise(robot: Robot) -> Iterator[str]:
 
 def positions(robot: Robot, q: Sequence[float]) -> list[float]:
     """MuJoCo's positions of coordinates, (n,): a ball's is a quaternion."""
-    made, rest, found = balls(robot), list(q), list[float]()
+    made, rest, positions = balls(robot), list(q), list[float]()
     for joint in robot.joints:
         names = tuple(joint.all_coordinates)
-        own, rest = dict(zip(names, rest, strict=False)), rest[len(names) :]
+        coordinates, rest = dict(zip(names, rest, strict=False)), rest[len(names) :]
         if joint.name in made:
-            (turn,) = quaternions(np.array([[own.pop(name) for name in ANGULAR]]))
+            (turn,) = quaternions(np.array([[coordinates.pop(name) for name in ANGULAR]]))
             turned = [turn[0], *(np.array(joint.axis_turn) @ turn[1:])]
-            found += [*own.values(), *(float(x) for x in turned)]
+            positions += [*coordinates.values(), *(float(x) for x in turned)]
         else:
-            found += own.values()
-    return found
+            positions += coordinates.values()
+    return positions
 
 
 def ball_values(joint: Joint) -> Mapping[str, str]:

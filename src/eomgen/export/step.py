@@ -56,8 +56,8 @@ def _closed(robot: Robot, progress: StageReport) -> tuple[Array, Array]:
     n, zero = kernel.n, np.zeros(kernel.n)
     kernel.calls.run("constrained_dynamics", None, (q, zero, zero))  # or a singular mass matrix would go unseen
     directions, still = np.eye(n), np.zeros((n, n))
-    found = [
+    states = [
         kernel.jvp("constrained_dynamics", (q, zero, zero), (dq, dv, zero))[:, :n].T
         for dq, dv in ((directions, still), (still, directions))
     ]
-    return found[0], found[1]
+    return states[0], states[1]

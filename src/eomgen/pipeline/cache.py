@@ -70,11 +70,11 @@ def entry(kind: str, key: str, make: Callable[[Path], None]) -> Entry:
     """
     root = cache_folder()
     with _reported(root):
-        found = _read(root, kind, key)
-        if found is None:
+        files = _read(root, kind, key)
+        if files is None:
             _make_folders(root, kind)
-            found = _make_locked(root, kind, key, make)
-        return Entry(kind, key, found)
+            files = _make_locked(root, kind, key, make)
+        return Entry(kind, key, files)
 
 
 def unfinished(kind: str, key: str, folder: Path) -> Entry:
@@ -91,8 +91,8 @@ def find(kind: str, key: str) -> Entry | None:
     """
     root = cache_folder()
     with _reported(root):
-        found = _read(root, kind, key)
-    return None if found is None else Entry(kind, key, found)
+        files = _read(root, kind, key)
+    return None if files is None else Entry(kind, key, files)
 
 
 @contextmanager
@@ -129,13 +129,13 @@ def is_whole(folder: Path) -> bool:
 
 def contents() -> list[tuple[str, str, int]]:
     """Kind, key and size in bytes of what is in the cache, whole or not."""
-    found = []
+    entries = []
     for kind in KINDS:
         place = cache_folder() / kind
         for folder in sorted(place.iterdir()) if place.is_dir() else ():
             files = [path.lstat() for path in folder.rglob("*")] if folder.is_dir() else []
-            found.append((kind, folder.name, sum(file.st_size for file in files if stat.S_ISREG(file.st_mode))))
-    return found
+            entries.append((kind, folder.name, sum(file.st_size for file in files if stat.S_ISREG(file.st_mode))))
+    return entries
 
 
 def clear() -> int:
@@ -146,15 +146,15 @@ def clear() -> int:
     Raises:
         BuildError: the cache cannot be written, or is not a folder of this user's alone.
     """
-    root, found = cache_folder(), contents()
+    root, entries = cache_folder(), contents()
     with _reported(root):
         _check_folders(root, *KINDS, LOCKS)
-        for kind, key, _ in found:
+        for kind, key, _ in entries:
             (root / LOCKS).mkdir(exist_ok=True, mode=0o700)
             with _locked(root, key):
                 _put_away(root, kind, key)
         _sweep(root, 0.0)
-    return len(found)
+    return len(entries)
 
 
 @contextmanager
@@ -178,9 +178,9 @@ def _make_folders(root: Path, kind: str) -> None:
 
 def _make_locked(root: Path, kind: str, key: str, make: Callable[[Path], None]) -> Files:
     with _locked(root, key) as alone:
-        found = _read(root, kind, key)
-        if found is not None:  # another process was faster
-            return found
+        present = _read(root, kind, key)
+        if present is not None:  # another process was faster
+            return present
         if alone:  # then whatever passes for this key is a killed process's
             _remove(path for mark in PASSING for path in root.glob(f"{mark}{key}-*"))
         _sweep(root, DAY)
@@ -286,11 +286,11 @@ def _bytes(path: Path, most: int | None = None) -> bytes:
     """The content of a file that nobody else may write; OSError where it is none, a link, or has more bytes."""
     flags = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
     with open(os.open(path, flags), "rb") as stream:
-        found = os.fstat(stream.fileno())
-        if not stat.S_ISREG(found.st_mode) or (_modes_matter() and (_is_foreign(found) or _is_open(found))):
+        status = os.fstat(stream.fileno())
+        if not stat.S_ISREG(status.st_mode) or (_modes_matter() and (_is_foreign(status) or _is_open(status))):
             raise OSError(f"{path} is not a file of this user's alone")
-        if most is not None and found.st_size > most:
-            raise OSError(f"{path} has {found.st_size} bytes")
+        if most is not None and status.st_size > most:
+            raise OSError(f"{path} has {status.st_size} bytes")
         return stream.read()
 
 
@@ -298,21 +298,21 @@ def _check_folders(root: Path, *names: str) -> None:
     """Refuse a cache that somebody else could put a binary into; what is above its root is not looked at."""
     for folder in (root, *(root / name for name in names)):
         try:
-            found = folder.lstat()
+            status = folder.lstat()
         except (FileNotFoundError, NotADirectoryError):
             continue
-        if stat.S_ISLNK(found.st_mode):
+        if stat.S_ISLNK(status.st_mode):
             raise BuildError(
                 f"the cache folder {folder} is a link to {os.readlink(folder)}; remove it, or set {VARIABLE} to a"
                 " folder that is none"
             )
         if not _modes_matter():
             continue
-        if _is_foreign(found):
+        if _is_foreign(status):
             raise BuildError(f"the cache folder {folder} belongs to another user; set {VARIABLE} to a folder of yours")
-        if _is_open(found):
+        if _is_open(status):
             raise BuildError(
-                f"the cache folder {folder} may be written by others (mode {stat.S_IMODE(found.st_mode):o});"
+                f"the cache folder {folder} may be written by others (mode {stat.S_IMODE(status.st_mode):o});"
                 f" run chmod go-w on it, or set {VARIABLE} to a folder of your own"
             )
 
@@ -322,14 +322,14 @@ def _modes_matter() -> bool:
     return hasattr(os, "getuid")
 
 
-def _is_foreign(found: os.stat_result) -> bool:
+def _is_foreign(status: os.stat_result) -> bool:
     """Whether a file belongs to neither this user nor root."""
-    return found.st_uid not in (os.getuid(), 0)
+    return status.st_uid not in (os.getuid(), 0)
 
 
-def _is_open(found: os.stat_result) -> bool:
+def _is_open(status: os.stat_result) -> bool:
     """Whether others may write to a file."""
-    return bool(found.st_mode & (stat.S_IWGRP | stat.S_IWOTH))
+    return bool(status.st_mode & (stat.S_IWGRP | stat.S_IWOTH))
 
 
 def _hash(data: bytes) -> str:

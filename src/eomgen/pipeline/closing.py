@@ -17,8 +17,8 @@ def closing_kernels(robot: Robot) -> tuple[str, ...]:
 
 def mechanism_kernels(robot: Robot) -> tuple[str, ...]:
     """Add what moves the mechanism along its loops: charts, residual, mass matrix, the constraint's bias."""
-    found = closing_kernels(robot)
-    return (*found, "following", "constraint_bias", "mass_matrix", "residual") if found else ()
+    kernels = closing_kernels(robot)
+    return (*kernels, "following", "constraint_bias", "mass_matrix", "residual") if kernels else ()
 
 
 def closed_home(robot: Robot, progress: StageReport = no_report) -> tuple[float, ...]:

@@ -58,7 +58,7 @@ class RobotInfo:
             },
             "followers": {name: list(leaders) for name, leaders in model.leaders.items()},
             "home": dict(model.robot.home),
-            "limits": {x: given.numbers() for x in model.coordinates if (given := model.robot.limits_of(x))},
+            "limits": {x: limits.numbers() for x in model.coordinates if (limits := model.robot.limits_of(x))},
             "mobility": None if self.mobility is None else self.mobility.as_dict(),
             "mass": self._mass(),
             "journals": {component_name(x.name, x.radial.TABLE): x.radial.law() for x in owners if x.radial},
@@ -97,17 +97,17 @@ class RobotInfo:
         lines = ["coordinate                        stiffness     damping    armature"]
         for body in self.model.bodies:
             joint = self.model.robot.joint(body.joint)
-            for name, given in joint.all_coordinates.items():
+            for name, coordinate in joint.all_coordinates.items():
                 motor = joint.motor if name == MOTOR else None
-                spring = motor.transmission if motor else given
-                numbers = (spring.stiffness, spring.damping, given.armature)
+                spring = motor.transmission if motor else coordinate
+                numbers = (spring.stiffness, spring.damping, coordinate.armature)
                 texts = ["-" if number is None else f"{number:.4g}" for number in numbers]
                 label = f"{body.joint}.{name} [{UNITS[name]}]"
-                role = "  prescribed" if given.prescribed else ""
+                role = "  prescribed" if coordinate.prescribed else ""
                 if component_name(body.joint, name) in self.model.followers:
                     role = f"  follows {', '.join(self.model.leaders[component_name(body.joint, name)]) or 'nothing'}"
                 lines.append(f"{label:<30} {texts[0]:>12}{texts[1]:>12}{texts[2]:>12}{role}")
-                further = number_texts({**(spring.law() if motor else {}), **given.law()})
+                further = number_texts({**(spring.law() if motor else {}), **coordinate.law()})
                 if motor is not None:
                     further.insert(0, f"drives {body.joint}.{PRINCIPAL[joint.type]}, ratio {motor.ratio:.6g}")
                 further += limit_texts(joint.limits_of(name), UNITS[name])
@@ -122,7 +122,9 @@ class RobotInfo:
         lines = []
         for loop in loops:
             lines.append(f"loop {loop.name}: {loop.type} joint between {loop.links[0]} and {loop.links[1]}, cut")
-            lines += [f"  {name} [{UNITS[name]}]: {_law_text(given)}" for name, given in loop.coordinates.items()]
+            lines += [
+                f"  {name} [{UNITS[name]}]: {_law_text(coordinate)}" for name, coordinate in loop.coordinates.items()
+            ]
             lines += [f"  {table}: {', '.join(number_texts(x.law()))}" for table, x in loop.elements.items()]
         lines += [_coupling_line(coupling) for coupling in self.model.robot.couplings]
         if not lines:
@@ -148,13 +150,13 @@ class RobotInfo:
         return lines
 
 
-def _linear(given: Coordinate) -> dict[str, float]:
+def _linear(coordinate: Coordinate) -> dict[str, float]:
     """Stiffness and damping, where they are given."""
-    return {key: value for key in CUT_NUMBERS if (value := getattr(given, key)) is not None}
+    return {key: value for key in CUT_NUMBERS if (value := getattr(coordinate, key)) is not None}
 
 
-def _law_text(given: Coordinate) -> str:
-    return ", ".join(number_texts({**_linear(given), **given.law()})) or "free"
+def _law_text(coordinate: Coordinate) -> str:
+    return ", ".join(number_texts({**_linear(coordinate), **coordinate.law()})) or "free"
 
 
 def _coupling_line(coupling: Coupling) -> str:

@@ -43,8 +43,8 @@ def check_extension(made: store.Entry, compiler: Compiler) -> None:
     def work() -> str | None:
         module = fresh_module(made, "direct")
         with np.errstate(all="ignore"):
-            found = (wrong for dtype in (np.float64, np.float32) for wrong in _wrong(module, np.dtype(dtype)))
-            return next(found, None)
+            errors = (wrong for dtype in (np.float64, np.float32) for wrong in _wrong(module, np.dtype(dtype)))
+            return next(errors, None)
 
     wrong = in_new_thread(work)
     if wrong is not None:
@@ -75,23 +75,23 @@ def _wrong(module: ModuleType, dtype: np.dtype[Any]) -> Iterator[str]:
     for many, address in ((False, code), (True, batch)):
         function.arm("own", many, kept, int(many), address, setup, 1, 1.0, 16)
     for numbers in PLAIN:
-        given, out = np.array(numbers, dtype), np.empty(4, dtype)
+        argument, out = np.array(numbers, dtype), np.empty(4, dtype)
         rows = np.array([numbers, numbers[::-1]], dtype)  # which no memory holds twice of before
-        for taken, found in ((given, call(given)), (given, call(q=given, out=out)), (rows, call(rows))):
-            if not isinstance(found, np.ndarray) or found.tobytes() != (taken * dtype.type(2)).tobytes():
-                yield f"twice {taken} is {found}"
+        for taken, answer in ((argument, call(argument)), (argument, call(q=argument, out=out)), (rows, call(rows))):
+            if not isinstance(answer, np.ndarray) or answer.tobytes() != (taken * dtype.type(2)).tobytes():
+                yield f"twice {taken} is {answer}"
     for numbers in REFUSED:
-        for given in (np.array(numbers, dtype), np.array([NUMBERS, numbers], dtype)):
-            if call(given) is not ASKED:
-                yield f"{given} is taken as it is"
+        for argument in (np.array(numbers, dtype), np.array([NUMBERS, numbers], dtype)):
+            if call(argument) is not ASKED:
+                yield f"{argument} is taken as it is"
     large = np.array(OVERFLOWING, dtype) * (1 if dtype == np.float32 else dtype.type(5e269))
-    for given in (large, np.array([large])):
+    for argument in (large, np.array([large])):
         state.checks = True
-        if call(given) is not ASKED:
-            yield f"twice {given} is taken as finite"
+        if call(argument) is not ASKED:
+            yield f"twice {argument} is taken as finite"
         state.checks = False
-        if call(given) is ASKED:
-            yield f"{given} is looked at"
+        if call(argument) is ASKED:
+            yield f"{argument} is looked at"
     state.checks = True
     if not float(np.array([5e-324])[0] * 1.0) > 0.0:
         yield "denormal numbers are lost"

@@ -129,8 +129,8 @@ def _remove_leftovers(target: Path) -> None:
     before = time.time() - store.DAY
     for path in target.parent.glob(f".{glob.escape(target.name)}-making-*"):
         with suppress(OSError):
-            found = path.lstat()
-            if max(found.st_mtime, found.st_ctime) < before:  # a folder that was moved there just now may be old
+            status = path.lstat()
+            if max(status.st_mtime, status.st_ctime) < before:  # a folder that was moved there just now may be old
                 _remove(path)
 
 

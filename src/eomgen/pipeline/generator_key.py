@@ -37,26 +37,26 @@ def generator_files() -> dict[str, Path]:
 
 def _contents() -> dict[str, tuple[str, bytes]]:
     """Path and bytes of every file that shapes the generated C, by its name inside eomgen."""
-    found: dict[str, tuple[str, bytes]] = {}
+    contents: dict[str, tuple[str, bytes]] = {}
     waiting: list[tuple[str, str]] = []  # modules whose imports are not looked at yet, with the names of their files
     for room in ROOMS:
         for name, path in _files(room):
-            found[name] = path, _read(path)
+            contents[name] = path, _read(path)
             if name.endswith(".py"):
                 waiting.append((f"eomgen/{name}".removesuffix(".py").removesuffix("/__init__").replace("/", "."), name))
     for name in sorted(_listing(LIBRARY)):
-        found[f"{LIBRARY}/{name}"] = _path(f"{LIBRARY}/{name}"), _read(_path(f"{LIBRARY}/{name}"))
+        contents[f"{LIBRARY}/{name}"] = _path(f"{LIBRARY}/{name}"), _read(_path(f"{LIBRARY}/{name}"))
     seen = {module for module, _ in waiting}
     while waiting:
         module, file = waiting.pop()
-        for target in _imported(module, file, found[file][1]):
+        for target in _imported(module, file, contents[file][1]):
             if target not in seen:
                 seen.add(target)
                 name = "" if target.startswith(_INSIDE) else _file(target)
                 if name:
-                    found[name] = _path(name), _read(_path(name))
+                    contents[name] = _path(name), _read(_path(name))
                     waiting.append((target, name))
-    return found
+    return contents
 
 
 def _files(package: str) -> Iterator[tuple[str, str]]:

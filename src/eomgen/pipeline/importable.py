@@ -29,8 +29,8 @@ def check_module_name(name: str) -> str:
     if name in NEEDED or name in sys.stdlib_module_names:
         owner = "which the package itself imports" if name in NEEDED else "a module of Python itself"
         raise InputError(f"name: the package would be called {name!r}, {owner}; allowed: another name of the robot")
-    found = PathFinder.find_spec(name)  # of those on sys.path; nothing is imported
-    if found is None or _is_generated(name, found.origin):
+    spec = PathFinder.find_spec(name)  # of those on sys.path; nothing is imported
+    if spec is None or _is_generated(name, spec.origin):
         return ""
     return f"a package {name!r} is installed; where both can be found, import takes the first on sys.path"
 

@@ -64,8 +64,8 @@ def mobility_of(robot: Robot, *, progress: StageReport = no_report) -> Mobility 
         kernel = build(rigid, kernels=("mass_matrix", *closing_kernels(rigid)), flags=("-O0",), progress=progress)
         driven = [model.coordinates[i] for i in model.driven]
         home = kernel.close(np.array(model.home))
-        found = redundancy(kernel, home)
-        ways = len(kernel.close(home, driven, roots=BRANCHES)) if len(driven) >= found.mobility else 0
+        constraints = redundancy(kernel, home)
+        ways = len(kernel.close(home, driven, roots=BRANCHES)) if len(driven) >= constraints.mobility else 0
     except (BuildError, LoopError) as error:
         return Mobility(note=str(error).splitlines()[0])
-    return Mobility(found.mobility, found.rank, found.redundant, found.undetermined, ways)
+    return Mobility(constraints.mobility, constraints.rank, constraints.redundant, constraints.undetermined, ways)

@@ -31,10 +31,10 @@ def one_library(package: store.Entry, name: str) -> OneLibrary:
     """
 
     def read(file: str) -> str:
-        found = store.find(package.kind, package.key)
-        if found is None:
+        entry = store.find(package.kind, package.key)
+        if entry is None:
             raise FileNotFoundError(file)
-        return found.files[file].decode("ascii")
+        return entry.files[file].decode("ascii")
 
     return OneLibrary(*_loaded(package, name), read)
 
@@ -105,8 +105,8 @@ class OnDemand:
         if kernel == SETUP:
             return self._read((), report)
         places = [(self._names(kernel, half), half) for half in (SINGLES, BATCHES)]
-        found = [self._found[place].meta for place in places if place in self._found]
-        return found[0] if found else self._read(places[1][0], report)
+        metas = [self._found[place].meta for place in places if place in self._found]
+        return metas[0] if metas else self._read(places[1][0], report)
 
     def _read(self, kernels: Names, report: StageReport) -> Mapping[str, Any]:
         meta: dict[str, Any] = json.loads(self.source_of(kernels, report).meta)

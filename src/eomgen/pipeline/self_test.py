@@ -152,8 +152,8 @@ class _Examination:
         """Some states in one call, which says what is expected."""
         arguments: list[Any] = []
         for name in function.reads:
-            given = self.samples[name][states]
-            arguments += [self._pointer(given), given.shape[1]]
+            rows = self.samples[name][states]
+            arguments += [self._pointer(rows), rows.shape[1]]
         for place, frame in self._frames(function):
             out = self._room(function, states.size)
             code = function.batch(states.size, self.h, *arguments, *frame, self.raw.view(out))
@@ -225,32 +225,32 @@ class _Examination:
     def _has_bits(self, name: str) -> bool:
         return self.bits and bool(self.samples[f"{name} bits"])
 
-    def _compared(self, name: str, place: tuple[int, ...], found: Array, suffix: str = "") -> Iterator[Difference]:
+    def _compared(self, name: str, place: tuple[int, ...], answer: Array, suffix: str = "") -> Iterator[Difference]:
         """The first number of an answer that is wrong; ``place`` is where it lies among the samples."""
         expected, state = self.samples[name][place], place[-1] if name.endswith("rollout") else place[0]
-        yield from self._satisfied(name, state, found, suffix)
-        found = found[self.samples.get(f"{name} places", slice(expected.size))]
-        right = (found == expected) & (np.signbit(found) == np.signbit(expected)) | (found != found) & (
+        yield from self._satisfied(name, state, answer, suffix)
+        answer = answer[self.samples.get(f"{name} places", slice(expected.size))]
+        right = (answer == expected) & (np.signbit(answer) == np.signbit(expected)) | (answer != answer) & (
             expected != expected
         )
         if not self._has_bits(name):
             if state < MEASURED:
                 near = self.samples[f"{name} near"][place].astype(np.float64) + self.least
-                right |= (np.abs(found - expected) <= near) | (near == np.inf)
+                right |= (np.abs(answer - expected) <= near) | (near == np.inf)
                 # of infinite rates signs of coefficients that vanish but for rounding make infinity, or no number
-                right |= ~(np.isfinite(found) | np.isfinite(expected))
+                right |= ~(np.isfinite(answer) | np.isfinite(expected))
             else:
-                right |= np.isfinite(found) & np.isfinite(expected)
+                right |= np.isfinite(answer) & np.isfinite(expected)
         if not right.all():
             at = int(np.argmin(right))
-            yield Difference(name + suffix, STATES[state], at, float(found[at]), float(expected[at]))
+            yield Difference(name + suffix, STATES[state], at, float(answer[at]), float(expected[at]))
 
-    def _satisfied(self, name: str, state: int, found: Array, suffix: str) -> Iterator[Difference]:
+    def _satisfied(self, name: str, state: int, answer: Array, suffix: str) -> Iterator[Difference]:
         """The first of an answer's equations that is not satisfied within round-off of its terms."""
         if state >= MEASURED or f"{name} unknown" not in self.samples:
             return
-        x = found[self.samples[f"{name} unknown"]].astype(np.float64)
-        matrix, right, within = (self.samples[f"{name} {part}"][state] for part in ("matrix", "right", "within"))
+        x = answer[self.samples[f"{name} unknown"]].astype(np.float64)
+        matrix, right, within = (self.samples[f"{name} {piece}"][state] for piece in ("matrix", "right", "within"))
         left, size = matrix @ x, np.abs(matrix)
         unit = UNITS * len(x) * float(np.finfo(self.raw.dtype).eps)
         least = 65536.0 * float(np.finfo(self.raw.dtype).tiny)  # masses make more of what denormal numbers lose

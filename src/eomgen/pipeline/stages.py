@@ -283,9 +283,9 @@ def generate(
     options = _with_beside(robot, options or Options())
     with ThreadPoolExecutor(1, "eomgen derivation") as beside:
         make_source(robot, options, progress)  # first, so that the derivation is beside the compiler alone
-        found = _begin_derivation(beside, robot, options)
+        derivation = _begin_derivation(beside, robot, options)
         files = _files_of_levels(robot, options, progress)
-        derived = found.result()
+        derived = derivation.result()
     header = f"{robot.name}.h"
     files = {**files, header: derived.in_header(files[header].decode("ascii")).encode("ascii")}
     target = folder / robot.name
@@ -319,11 +319,11 @@ def _files_of_levels(robot: Robot, options: Options, progress: StageReport) -> s
         check_possible(options.level, possible)
     levels = ("",) if options.native else (options.level,) if options.level else possible
     made = [make_package(robot, replace(options, level=level), progress, compiler).files for level in levels]
-    found = dict(made[0])
+    collected = dict(made[0])
     for level, files in zip(levels[1:], made[1:], strict=True):  # of the runtime there is one for all
         loaded = [x for x in files if "/" not in x and (x.endswith(_BINARIES) or x == f"_{robot.name}.py")]
-        found |= {f"{level}/{file}": files[file] for file in loaded}
-    return found
+        collected |= {f"{level}/{file}": files[file] for file in loaded}
+    return collected
 
 
 def _write_project(package: Path, name: str, options: Options, ros2: bool) -> None:

@@ -28,35 +28,35 @@ def element_numbers(kernel: Kernel, family: str) -> Numbers:
 
 def element_slopes(kernel: Kernel) -> tuple[Array, Array]:
     """Give the largest stiffness and damping along each of ``Kernel.element_rows``, (rows,) each; N/m, N m/rad."""
-    found: dict[str, tuple[float, float]] = {}
+    slopes: dict[str, tuple[float, float]] = {}
     for table, kind in KINDS.items():
         for owner, numbers in element_numbers(kernel, table).items():
-            found |= {component_name(owner, row): pair for row, pair in kind.slopes(numbers).items()}
-    pairs = np.array([found[name] for name in kernel.element_rows]).reshape(-1, 2)
+            slopes |= {component_name(owner, row): pair for row, pair in kind.slopes(numbers).items()}
+    pairs = np.array([slopes[name] for name in kernel.element_rows]).reshape(-1, 2)
     return pairs[:, 0], pairs[:, 1]
 
 
 def damping_diagonal(kernel: Kernel) -> Array:
     """Share of joints' own damping in that of every coordinate, (n,), N s/m or N m s/rad."""
-    found = np.zeros(kernel.n)
+    diagonal = np.zeros(kernel.n)
     for _, damping, index in _dampers(kernel):
-        found[list(index.values())] += damping
-    return found
+        diagonal[list(index.values())] += damping
+    return diagonal
 
 
 def damping_forces(kernel: Kernel, q: Array, v: Array) -> Array:
     """The forces, (T, n), that damping of joints' own motions takes from the drives in states, (T, n) each."""
-    found = np.zeros_like(v)
+    forces = np.zeros_like(v)
     for joint, damping, index in _dampers(kernel):
         places = list(index.values())
-        found[:, places] += damping * v[:, places]
+        forces[:, places] += damping * v[:, places]
         if {"alpha", "gamma"} <= index.keys():
             beta = kernel.parameters.get(parameter_name("joints", joint, "offset", "beta"), 0.0)
             sine = np.sin(beta + (q[:, index["beta"]] if "beta" in index else 0.0))
             alpha, gamma = index["alpha"], index["gamma"]
-            found[:, alpha] += damping * sine * v[:, gamma]
-            found[:, gamma] += damping * sine * v[:, alpha]
-    return found
+            forces[:, alpha] += damping * sine * v[:, gamma]
+            forces[:, gamma] += damping * sine * v[:, alpha]
+    return forces
 
 
 def _dampers(kernel: Kernel) -> Iterator[tuple[str, float, dict[str, int]]]:

@@ -47,26 +47,26 @@ def static_equilibrium(
     free = np.array([name not in kept for name in kernel.coordinates])
     zero = np.zeros(kernel.n)
 
-    given = given_forces(kernel, u)
+    applied = given_forces(kernel, u)
 
     def needed(qs: Array) -> Array:
         return np.asarray(kernel.inverse_dynamics(qs, zero, zero, wrench=wrench, cut=True))
 
-    q = _newton(kernel, q, free, lambda qs: needed(qs) - given(qs))
-    return q, np.where(free, given(q), needed(q))
+    q = _newton(kernel, q, free, lambda qs: needed(qs) - applied(qs))
+    return q, np.where(free, applied(q), needed(q))
 
 
 def given_forces(kernel: Kernel, u: ArrayLike | Callable[[Array], ArrayLike] | None) -> Callable[[Array], Array]:
     """Drives as a function of q, (n,) or (N, n), that checks their shape; ``u`` as of ``static_equilibrium``."""
     constant = np.zeros(kernel.n) if u is None or callable(u) else state_vector("u", u, kernel.coordinates)
 
-    def given(qs: Array) -> Array:
+    def applied(qs: Array) -> Array:
         forces = np.asarray(u(qs), dtype=np.float64) if callable(u) else np.broadcast_to(constant, qs.shape)
         if forces.shape != qs.shape:
             raise ArrayError(f"u: expected forces of shape {qs.shape}, got shape {forces.shape}")
         return forces
 
-    return given
+    return applied
 
 
 def known_coordinates(names: Iterable[str], kernel: Kernel) -> set[str]:

@@ -49,8 +49,8 @@ class JournalContact:
 
     def gap(self, q: Array) -> Array:
         """How far the centre is beyond the clearance, (...,), m, below 0 inside."""
-        found: Array = np.linalg.norm(self.centre(q), axis=-1) - self.clearance
-        return found
+        penetration: Array = np.linalg.norm(self.centre(q), axis=-1) - self.clearance
+        return penetration
 
     def arms(self, q: Array) -> Array:
         """Derivatives of the centre by the coordinates of ``index``, (2, 2) or (2, 4), at one q."""
@@ -68,7 +68,7 @@ def journal_contacts(kernel: Kernel) -> list[JournalContact]:
 
 def contacts_of(journals: Numbers, coordinates: Sequence[str]) -> list[JournalContact]:
     """The contacts of journals of these numbers, in q of these coordinates."""
-    found: list[JournalContact] = []
+    contacts: list[JournalContact] = []
     for joint, numbers in journals.items():
         length = numbers.get("length")
         names = CROSSWISE if length is None else (*CROSSWISE, *TILTING)
@@ -76,8 +76,8 @@ def contacts_of(journals: Numbers, coordinates: Sequence[str]) -> list[JournalCo
         for end in (0,) if length is None else (1, -1):
             height = 0.0 if length is None else 0.5 * end * length
             name = component_name(joint, RADIAL)
-            found.append(JournalContact(name, end, numbers["clearance"], numbers["stiffness"], height, index))
-    return found
+            contacts.append(JournalContact(name, end, numbers["clearance"], numbers["stiffness"], height, index))
+    return contacts
 
 
 def cut_contacts(kernel: Kernel) -> list[JournalContact]:
@@ -87,8 +87,8 @@ def cut_contacts(kernel: Kernel) -> list[JournalContact]:
 
 def cut_deviations(kernel: Kernel, q: Array) -> Array:
     """Deviations of what is in ``cut_laws`` at q, (..., n)."""
-    found: Array = kernel.cut_forces(q, np.zeros_like(q))[..., 0]
-    return found
+    deviations: Array = kernel.cut_forces(q, np.zeros_like(q))[..., 0]
+    return deviations
 
 
 def cut_stiffness(kernel: Kernel, q: Array) -> Array:

@@ -32,8 +32,8 @@ def deflections(kernel: Kernel) -> Array:
     return rows
 
 
-def turn_motors(kernel: Kernel, x: Array, given: Container[str]) -> None:
+def turn_motors(kernel: Kernel, x: Array, known: Container[str]) -> None:
     """Let motors that are not given turn with their joints, in coordinates or rates x, (n,)."""
     for motor, principal in kernel.motors.items():
-        if motor not in given:
+        if motor not in known:
             x[kernel.coordinates.index(motor)] = kernel.ratio(motor) * x[kernel.coordinates.index(principal)]

@@ -37,27 +37,27 @@ def stiffnesses(kernel: Kernel) -> Array:
 def stiffness_matrix(kernel: Kernel) -> Array:
     """``stiffnesses`` with what transmissions have beside the diagonal, (n, n), not to be written to."""
     setup = kernel.parameters.setup
-    found = _matrices.get(setup)
-    if found is None:
+    matrix = _matrices.get(setup)
+    if matrix is None:
         numbers = law_numbers(kernel).items()
-        own = np.array([stiffness_of(given, kernel.knots.get(name, ())) for name, given in numbers])
+        slopes = np.array([stiffness_of(law, kernel.knots.get(name, ())) for name, law in numbers])
         rows = deflections(kernel)
-        found = np.asarray(rows.T @ (own[:, None] * rows)) + journal_stiffness(kernel)
-        found.flags.writeable = False
+        matrix = np.asarray(rows.T @ (slopes[:, None] * rows)) + journal_stiffness(kernel)
+        matrix.flags.writeable = False
         if kernel.parameters.setup is setup:  # nobody has assigned others in the meantime
-            _matrices[setup] = found
-    return found
+            _matrices[setup] = matrix
+    return matrix
 
 
 def _contact_stiffnesses(kernel: Kernel) -> Array:
     """Stiffness of every coordinate's stops, (n,); of a motor's at its shaft, and of those of what follows it."""
-    return _on_diagonal(kernel, [contact_stiffness_of(given) for given in law_numbers(kernel).values()])
+    return _on_diagonal(kernel, [contact_stiffness_of(law) for law in law_numbers(kernel).values()])
 
 
 def _on_diagonal(kernel: Kernel, slopes: Sequence[float]) -> Array:
     """Slopes by each of ``acting`` itself, as the coordinates feel them by themselves, (n,)."""
-    own = np.array(slopes)
-    return np.asarray(own[: kernel.n] + own[kernel.n :] @ kernel.follower_matrix()[0] ** 2)
+    diagonal = np.array(slopes)
+    return np.asarray(diagonal[: kernel.n] + diagonal[kernel.n :] @ kernel.follower_matrix()[0] ** 2)
 
 
 def damping_matrix(kernel: Kernel, least: float = 0.0) -> Array:
@@ -67,7 +67,7 @@ def damping_matrix(kernel: Kernel, least: float = 0.0) -> Array:
     joint's own motion counts on the diagonal alone.  ``least`` as of ``rate_slope_of``.
     """
     rows, numbers = deflections(kernel), law_numbers(kernel).values()
-    damping = np.array([given.get("damping", 0.0) for given in numbers])
+    damping = np.array([law.get("damping", 0.0) for law in numbers])
     diagonal = _on_diagonal(kernel, [rate_slope_of(x, least) for x in numbers]) + damping_diagonal(kernel)
     return np.asarray(rows.T @ (damping[:, None] * rows) + np.diag(diagonal))
 
@@ -78,7 +78,7 @@ def any_spring(kernel: Kernel) -> bool:
     A stop is one, too: what rests on it swings as on a spring.
     """
     tables = (*law_numbers(kernel).items(), *cut_numbers(kernel).items())
-    if any(contact_stiffness_of(given) or has_springs(given, kernel.knots.get(name, ())) for name, given in tables):
+    if any(contact_stiffness_of(law) or has_springs(law, kernel.knots.get(name, ())) for name, law in tables):
         return True
     if any(contact.stiffness for contact in (*journal_contacts(kernel), *cut_contacts(kernel))):
         return True
@@ -105,20 +105,20 @@ def fastest_rates(kernel: Kernel, q: Array, least: float = 0.0) -> tuple[float, 
     if not np.any(slopes):
         return 0.0, 0.0
     M = kernel.mass_matrix(q)[grid]
-    swing, slowing = (float(np.abs(np.linalg.eigvals(np.linalg.solve(M, part))).max()) for part in slopes)
+    swing, slowing = (float(np.abs(np.linalg.eigvals(np.linalg.solve(M, slope))).max()) for slope in slopes)
     return float(np.sqrt(swing)), slowing
 
 
 def law_numbers(kernel: Kernel) -> Numbers:
     """Numbers of the forces of each of ``acting`` as the kernel has them now, by their names in the table of laws."""
-    found = element_numbers(kernel, JOINTS)
-    return {name: found.get(name, {}) for name in acting(kernel)}
+    laws = element_numbers(kernel, JOINTS)
+    return {name: laws.get(name, {}) for name in acting(kernel)}
 
 
 def cut_numbers(kernel: Kernel) -> Numbers:
     """Return the numbers of cut joints' coordinates and elastic couplings, by the names in ``Kernel.cut_laws``."""
-    found = element_numbers(kernel, CUTS)
-    return {name: found.get(name, {}) for name in kernel.cut_laws}
+    laws = element_numbers(kernel, CUTS)
+    return {name: laws.get(name, {}) for name in kernel.cut_laws}
 
 
 def smoothings(kernel: Kernel) -> dict[str, float]:
@@ -138,13 +138,13 @@ def rubbing_rates(kernel: Kernel, q: Array) -> Array:
 
     Coarser ones would step over a rest, and never find it.
     """
-    found, known = np.full(kernel.n, np.inf), smoothings(kernel)
+    rates, known = np.full(kernel.n, np.inf), smoothings(kernel)
     if not known:
-        return found
+        return rates
     rows = [*np.eye(kernel.n), *kernel.follower_matrix()[0], *(kernel.cut_jacobian(q) if kernel.cut_laws else ())]
     for name, row in zip((*acting(kernel), *kernel.cut_laws), rows, strict=True):
-        found[row != 0.0] = np.minimum(found[row != 0.0], known.get(name, np.inf))
-    return np.asarray(np.maximum(found, SHARPEST))
+        rates[row != 0.0] = np.minimum(rates[row != 0.0], known.get(name, np.inf))
+    return np.asarray(np.maximum(rates, SHARPEST))
 
 
 def clearances(numbers: Numbers) -> dict[str, float]:
@@ -153,24 +153,24 @@ def clearances(numbers: Numbers) -> dict[str, float]:
     Args:
         numbers: as of ``law_numbers`` or ``cut_numbers``.
     """
-    return {name: given["clearance"] for name, given in numbers.items() if "clearance" in given}
+    return {name: law["clearance"] for name, law in numbers.items() if "clearance" in law}
 
 
 def stops(numbers: Numbers) -> dict[str, tuple[float, float]]:
     """Return the stops of everything that has some, m or rad, by its name; infinite on a side without."""
     return {
-        name: (given.get("stops.lower", -np.inf), given.get("stops.upper", np.inf))
-        for name, given in numbers.items()
-        if "stops.stiffness" in given
+        name: (law.get("stops.lower", -np.inf), law.get("stops.upper", np.inf))
+        for name, law in numbers.items()
+        if "stops.stiffness" in law
     }
 
 
 def journals_in_play(kernel: Kernel) -> set[str]:
     """Names of the coordinates of journals that no spring but the contact holds."""
     index = {i for contact in journal_contacts(kernel) for i in contact.index}
-    own = law_numbers(kernel) if index else {}
+    laws = law_numbers(kernel) if index else {}
     names = (kernel.coordinates[i] for i in index)
-    return {name for name in names if not has_springs(own[name], kernel.knots.get(name, ()))}
+    return {name for name in names if not has_springs(laws[name], kernel.knots.get(name, ()))}
 
 
 def line_rates(kernel: Kernel, q: Array, least: float = 0.0, *, touching: bool = False) -> tuple[Array, Array]:
@@ -191,8 +191,8 @@ def line_rates(kernel: Kernel, q: Array, least: float = 0.0, *, touching: bool =
     if kernel.cut_laws:
         rows, numbers = kernel.cut_jacobian(q), cut_numbers(kernel)
         k = np.array([stiffness_of(numbers[name], kernel.knots.get(name, ())) for name in kernel.cut_laws])
-        c = np.array([given.get("damping", 0.0) + rate_slope_of(given, least) for given in numbers.values()])
-        k = k + [contact_stiffness_of(given) for given in numbers.values()] if touching else k
+        c = np.array([law.get("damping", 0.0) + rate_slope_of(law, least) for law in numbers.values()])
+        k = k + [contact_stiffness_of(law) for law in numbers.values()] if touching else k
         stiffness = stiffness + rows.T @ (k[:, None] * rows) + cut_stiffness(kernel, q)
         slowing = slowing + rows.T @ (c[:, None] * rows)
     return np.asarray(stiffness), np.asarray(slowing)

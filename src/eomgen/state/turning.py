@@ -27,7 +27,7 @@ def quaternions(angles: Array) -> Array:
     Of both signs that mean one rotation each has the one that is nearer to the quaternion before it.
     """
     (sa, sb, sg), (ca, cb, cg) = np.sin(0.5 * angles).T, np.cos(0.5 * angles).T
-    found = np.stack(
+    unit = np.stack(
         [
             ca * cb * cg - sa * sb * sg,
             sa * cb * cg + ca * sb * sg,
@@ -36,11 +36,9 @@ def quaternions(angles: Array) -> Array:
         ],
         axis=-1,
     )
-    turns = np.einsum("ti,ti->t", found[1:], found[:-1]) < 0.0
-    signs = np.cumprod(
-        np.concatenate([[-1.0 if len(found) and found[0, 0] < 0.0 else 1.0], np.where(turns, -1.0, 1.0)])
-    )
-    return np.asarray(found * signs[: len(found), np.newaxis])
+    turns = np.einsum("ti,ti->t", unit[1:], unit[:-1]) < 0.0
+    signs = np.cumprod(np.concatenate([[-1.0 if len(unit) and unit[0, 0] < 0.0 else 1.0], np.where(turns, -1.0, 1.0)]))
+    return np.asarray(unit * signs[: len(unit), np.newaxis])
 
 
 def joint_quaternions(coordinates: Sequence[str], q: Array) -> dict[str, Array]:
@@ -60,10 +58,10 @@ def joint_quaternions(coordinates: Sequence[str], q: Array) -> dict[str, Array]:
 
 def quaternion_columns(coordinates: Sequence[str], q: Array) -> dict[str, Array]:
     """The components of ``joint_quaternions`` over time, (T,), by name: joint.qw, joint.qx, joint.qy, joint.qz."""
-    found = joint_quaternions(coordinates, q)
+    by_joint = joint_quaternions(coordinates, q)
     return {
         component_name(joint, name): column
-        for joint, values in found.items()
+        for joint, values in by_joint.items()
         for name, column in zip(QUATERNION, values.T, strict=True)
     }
 
@@ -163,8 +161,8 @@ class Turns:
 
     def _alone(self, q: Array, near: Array | None) -> Array:
         states = np.hstack([np.atleast_2d(q), np.zeros_like(np.atleast_2d(q))])
-        found = self.on(states) if near is None else self.back(states, near)
-        return np.ascontiguousarray(found[:, : self.kernel.n]).reshape(q.shape)
+        turned = self.on(states) if near is None else self.back(states, near)
+        return np.ascontiguousarray(turned[:, : self.kernel.n]).reshape(q.shape)
 
     def forces(self, u: Array, told: Array, q: Array) -> Array:
         """Forces of the same power on the coordinates of ``here``, (n,) or (T, n).
@@ -173,13 +171,13 @@ class Turns:
             u: on the described ones.
             told, q: described q, and in the coordinates of ``here``, of the same shape.
         """
-        found = np.array(u)
+        forces = np.array(u)
         for first, origin in self.places:
             angles, along = slice(first, first + 3), slice(origin, origin + 3)
-            found[..., angles] = other_forces(told[..., angles], q[..., angles], u[..., angles])
+            forces[..., angles] = other_forces(told[..., angles], q[..., angles], u[..., angles])
             if origin >= 0:
-                found[..., along] = np.roll(u[..., along], -ON, axis=-1)
-        return found
+                forces[..., along] = np.roll(u[..., along], -ON, axis=-1)
+        return forces
 
     def regular(self, q: Array) -> Iterator[Index]:
         """Rows of described states, (T, n), that have the same singular angles, which ``here`` then has turned."""

@@ -33,12 +33,12 @@ def unit_name(text: str) -> str:
 
 def exponents(name: str) -> dict[str, int]:
     """Exponents of the SI base units, and of rad, in a unit of FMI."""
-    found: dict[str, int] = {}
-    for sign, part in zip((1, -1), name.split("/"), strict=False):
-        for unit, power in re.findall(r"([A-Za-z]+)(\d*)", part):
+    powers: dict[str, int] = {}
+    for sign, factor in zip((1, -1), name.split("/"), strict=False):
+        for unit, power in re.findall(r"([A-Za-z]+)(\d*)", factor):
             for base, exponent in BASE.get(unit, {unit: 1}).items():
-                found[base] = found.get(base, 0) + sign * int(power or 1) * exponent
-    return {base: exponent for base, exponent in found.items() if exponent}
+                powers[base] = powers.get(base, 0) + sign * int(power or 1) * exponent
+    return {base: exponent for base, exponent in powers.items() if exponent}
 
 
 _OF_FORCES = (unit_name(unit) for table in FAMILIES.values() for number in table.values() for unit in number.unit)
@@ -110,13 +110,13 @@ def make_layout(model: Model, solver: Variable, home: Sequence[float]) -> Layout
         solver: the parameter of its co-simulation.
         home: coordinates at the start, (n,), m or rad.
     """
-    found: list[Variable] = [Variable("time", "independent", "s", "Time")]
+    layout_variables: list[Variable] = [Variable("time", "independent", "s", "Time")]
     at: dict[str, int] = {}
     frames = tuple(i for i, name in enumerate(model.frames) if name != model.robot.base)
 
     def add(kind: str, variables: Iterable[Variable]) -> None:
-        at[kind] = len(found)
-        found.extend(variables)
+        at[kind] = len(layout_variables)
+        layout_variables.extend(variables)
 
     units = {name: parameter_unit(model.robot, name) for name in model.parameters}
     values = model.parameters.items()
@@ -125,8 +125,8 @@ def make_layout(model: Model, solver: Variable, home: Sequence[float]) -> Layout
     if model.constraints:
         text = "Time constant with which model exchange closes loops"
         add("closing", [Variable(CLOSING, "parameter", "s", text, CLOSING_TIME, SHORTEST)])
-    add("q", _states(model, "q", "Coordinate", "", len(found), home))
-    add("v", _states(model, "v", "Rate", "/s", len(found), [0.0] * model.size))
+    add("q", _states(model, "q", "Coordinate", "", len(layout_variables), home))
+    add("v", _states(model, "v", "Rate", "/s", len(layout_variables), [0.0] * model.size))
     add("u", _drives(model))
     add("wrench", _wrenches("wrench", "input", model.links, "on link", "about its centre of mass, base axes", 0.0))
     add("rates", _rates(model, at))
@@ -145,8 +145,8 @@ def make_layout(model: Model, solver: Variable, home: Sequence[float]) -> Layout
             Variable("energy.potential", "output", "J", "Energy of gravity and springs", depends=q),
         ],
     )
-    at["end"] = len(found)
-    return Layout(tuple(found), at, frames)
+    at["end"] = len(layout_variables)
+    return Layout(tuple(layout_variables), at, frames)
 
 
 def _states(model: Model, kind: str, text: str, per: str, first: int, start: Sequence[float]) -> Iterator[Variable]:
@@ -178,9 +178,9 @@ def _wrenches(
     kind: str, causality: str, names: Sequence[str], on: str, where: str, start: float | None
 ) -> Iterator[Variable]:
     for name in names:
-        for part in FORCES:
-            what, unit = ("Force", "N") if part.startswith("f") else ("Moment", "N.m")
-            yield Variable(f"{kind}.{name}.{part}", causality, unit, f"{what} {on} {name}, {where}", start)
+        for component in FORCES:
+            what, unit = ("Force", "N") if component.startswith("f") else ("Moment", "N.m")
+            yield Variable(f"{kind}.{name}.{component}", causality, unit, f"{what} {on} {name}, {where}", start)
 
 
 def _rates(model: Model, at: Mapping[str, int]) -> Iterator[Variable]:
@@ -191,9 +191,9 @@ def _rates(model: Model, at: Mapping[str, int]) -> Iterator[Variable]:
 
 def _accelerations(model: Model, at: Mapping[str, int]) -> Iterator[Variable]:
     for i, name in enumerate(model.coordinates):
-        given = (at["u"] + i,) if i in model.prescribed else None
+        drive = (at["u"] + i,) if i in model.prescribed else None
         yield Variable(
-            f"a.{name}", "output", f"{unit_of(name)}/s2", "Acceleration", derivative=at["v"] + i, depends=given
+            f"a.{name}", "output", f"{unit_of(name)}/s2", "Acceleration", derivative=at["v"] + i, depends=drive
         )
 
 
@@ -222,13 +222,13 @@ def _poses(model: Model, frames: Sequence[int], first: int) -> Iterator[Variable
 
 def _moving(model: Model, body: int) -> list[int]:
     """Indices of the coordinates that move a body."""
-    found: list[int] = []
+    moving: list[int] = []
     while body != FIXED_BODY:
         here = model.bodies[body]
         followed = {x for name, leaders in model.leaders.items() if joint_of(name) == here.joint for x in leaders}
-        found = [*here.indices, *map(model.coordinates.index, sorted(followed)), *found]
+        moving = [*here.indices, *map(model.coordinates.index, sorted(followed)), *moving]
         body = here.parent
-    return list(dict.fromkeys(found))
+    return list(dict.fromkeys(moving))
 
 
 def _coupling_unit(robot: Robot, parts: tuple[str, ...]) -> str:

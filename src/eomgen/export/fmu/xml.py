@@ -97,8 +97,8 @@ def _version_2(unit: Unit) -> Element:
     for kind, references in _structure(unit.layout).items():
         group = SubElement(structure, kind)
         for reference in references:
-            found = {} if kind == "InitialUnknowns" else _dependencies(unit.layout, reference, 1)
-            SubElement(group, "Unknown", {"index": str(reference + 1), **found})
+            dependencies = {} if kind == "InitialUnknowns" else _dependencies(unit.layout, reference, 1)
+            SubElement(group, "Unknown", {"index": str(reference + 1), **dependencies})
     return root
 
 
@@ -123,8 +123,8 @@ def _version_3(unit: Unit) -> Element:
     names = {"Outputs": "Output", "Derivatives": "ContinuousStateDerivative", "InitialUnknowns": "InitialUnknown"}
     for kind, references in _structure(unit.layout).items():
         for reference in references:
-            found = {} if kind == "InitialUnknowns" else _dependencies(unit.layout, reference, 0)
-            SubElement(structure, names[kind], {"valueReference": str(reference), **found})
+            dependencies = {} if kind == "InitialUnknowns" else _dependencies(unit.layout, reference, 0)
+            SubElement(structure, names[kind], {"valueReference": str(reference), **dependencies})
     return root
 
 
@@ -156,8 +156,13 @@ def _attributes(reference: int, variable: Variable) -> tuple[dict[str, str], dic
         about["initial"] = "calculated" if variable.start is None else with_start
     elif variable.causality == "parameter":
         about["initial"] = "exact"
-    given = {"start": variable.start, "min": variable.minimum, "max": variable.maximum, "nominal": variable.nominal}
-    numbers = {key: repr(float(value)) for key, value in given.items() if value is not None}
+    attributes = {
+        "start": variable.start,
+        "min": variable.minimum,
+        "max": variable.maximum,
+        "nominal": variable.nominal,
+    }
+    numbers = {key: repr(float(value)) for key, value in attributes.items() if value is not None}
     return about, {"unit": variable.unit, **numbers}
 
 
@@ -166,8 +171,8 @@ def _structure(layout: Layout) -> Mapping[str, list[int]]:
     numbered = list(enumerate(layout.variables))
     derivatives = [i for i, x in numbered if x.derivative is not None]
     outputs = [i for i, x in numbered if x.causality == "output"]
-    found = {i for i in outputs if layout.variables[i].start is None or layout.variables[i].is_guess}
-    unknown = found | set(derivatives)
+    without_start = {i for i in outputs if layout.variables[i].start is None or layout.variables[i].is_guess}
+    unknown = without_start | set(derivatives)
     return {"Outputs": outputs, "Derivatives": derivatives, "InitialUnknowns": sorted(unknown)}
 
 

@@ -39,7 +39,7 @@ def default_scenario(robot: Robot) -> Scenario:
     """A scenario without a motion: drives with gains hold the robot near where default motions begin."""
     driven = program_coordinates(robot)
     model = build_model(robot)
-    given = tuple(
+    motions = tuple(
         Section(
             "harmonic",
             {"coordinate": name, "amplitude": SHAKE[unit_of(name)], "frequency": SHAKE_RATE, "offset": 0.0},
@@ -47,12 +47,12 @@ def default_scenario(robot: Robot) -> Scenario:
         for name in (model.coordinates[i] for i in model.prescribed)
     )
     if not driven:
-        return Scenario(HELD, prescribed=given)
+        return Scenario(HELD, prescribed=motions)
     start, _ = default_ends(robot, driven)
     initial = None if robot.is_closed else Initial(q=dict(zip(driven, start.tolist(), strict=True)))
     gains = default_gains(robot, driven, start)
     control = Section("pd", {"kp": gains[0], "kd": gains[1], "gravity": True})
-    return Scenario(HELD, initial=initial, control=control, prescribed=given)
+    return Scenario(HELD, initial=initial, control=control, prescribed=motions)
 
 
 def default_gains(robot: Robot, driven: tuple[str, ...], start: Array) -> tuple[dict[str, float], dict[str, float]]:
@@ -70,9 +70,9 @@ def default_gains(robot: Robot, driven: tuple[str, ...], start: Array) -> tuple[
         at = dict(zip(driven, start, strict=True))
         M = kernel.mass_matrix([at.get(name, 0.0) for name in kernel.coordinates])
         inertia = np.diag(M)[index_of(kernel.coordinates, driven)]
-    found = [_rounded(x) for x in inertia]
-    kp = {name: _rounded(STIFF**2 * m) for name, m in zip(driven, found, strict=True)}
-    return kp, {name: _rounded(2.0 * STIFF * m) for name, m in zip(driven, found, strict=True)}
+    inertias = [_rounded(x) for x in inertia]
+    kp = {name: _rounded(STIFF**2 * m) for name, m in zip(driven, inertias, strict=True)}
+    return kp, {name: _rounded(2.0 * STIFF * m) for name, m in zip(driven, inertias, strict=True)}
 
 
 def _rounded(value: float) -> float:
@@ -112,7 +112,7 @@ def acting_on(
             f"{scenario.label('motion')}: is a program that only Python can ask; allowed on a page: programs that are"
             " data, as scenario files have them"
         )
-    found: dict[str, Any] = {
+    acting: dict[str, Any] = {
         "start": {"t": 0.0, "q": q0.tolist(), "v": v0.tolist()},
         "control": _control(scenario, assembly),
         "drive": "none",
@@ -126,29 +126,29 @@ def acting_on(
         "prescribed": None,
     }
     if data.torque is not None:
-        found["torque"] = as_json(plain_track(data.torque))
-        found["drive"] = "program"
+        acting["torque"] = as_json(plain_track(data.torque))
+        acting["drive"] = "program"
     if data.program is not None:
         ratio = np.ones(len(assembly.driven)) if data.ratio is None else data.ratio
         assert assembly.program is not None
         first = assembly.program.at(0.0)[0]
         gains = _gains_of(robot, data, assembly, first)
-        found["drives"] = _drives(robot, assembly, data.program.place, ratio, gains, first)
-        found["program"] = as_json(plain_signal(data.program.signal))
-        found["drive"] = "target" if scenario.motion is None else "program"
+        acting["drives"] = _drives(robot, assembly, data.program.place, ratio, gains, first)
+        acting["program"] = as_json(plain_signal(data.program.signal))
+        acting["drive"] = "target" if scenario.motion is None else "program"
         begin, goal = default_ends(robot, assembly.driven)
         goal = first + (CLOSED_PART if robot.is_closed else 1.0) * (goal - begin)
-        found["cycle"] = {"start": first.tolist(), "goal": goal.tolist(), "duration": WAY, "pause": PAUSE}
+        acting["cycle"] = {"start": first.tolist(), "goal": goal.tolist(), "duration": WAY, "pause": PAUSE}
         if data.model is not None:
-            _add_model(found, data.model, assembly, q0, notes)
+            _add_model(acting, data.model, assembly, q0, notes)
     wrenches = assembly.wrenches.load_data() if assembly.wrenches else []
-    found["wrenches"] = as_json([plain_wrench(x, kernel.links) for x in wrenches])
-    found["events"] = _events(robot, scenario)
+    acting["wrenches"] = as_json([plain_wrench(x, kernel.links) for x in wrenches])
+    acting["events"] = _events(robot, scenario)
     if assembly.prescribed is not None:
-        found["prescribed"] = _given(assembly.prescribed.load_data(), kernel.coordinates, kernel.prescribed)
+        acting["prescribed"] = _given(assembly.prescribed.load_data(), kernel.coordinates, kernel.prescribed)
     if scenario.until is not None:
         notes.append("the scenario ends early where it says so under 'until'; the page goes on")
-    return found, assembly
+    return acting, assembly
 
 
 def _control(scenario: Scenario, assembly: Assembly) -> str:
@@ -174,14 +174,14 @@ def _drives(
     robot: Robot, assembly: Assembly, place: Index, ratio: Array, gains: tuple[Array, Array], first: Array
 ) -> list[dict[str, Any]]:
     """Drives with their sliders; ``first``: where their program begins, (d,)."""
-    kernel, found = assembly.kernel, []
+    kernel, drives = assembly.kernel, []
     start, goal = default_ends(robot, assembly.driven)
     names = [joint_of(name) for name in assembly.driven]
     for i, name in enumerate(assembly.driven):
         unit = unit_of(name)
         label = name if names.count(joint_of(name)) > 1 else joint_of(name)
         low, high = _limits(robot, name, float(first[i]), abs(float(goal[i] - start[i])) or 0.5)
-        found.append(
+        drives.append(
             {
                 "name": name,
                 "label": label,
@@ -196,19 +196,19 @@ def _drives(
                 "high": high,
             }
         )
-    return found
+    return drives
 
 
 def _limits(robot: Robot, name: str, at: float, span: float) -> tuple[float, float]:
     """Return the ends of a target's slider: its limits, where there are any that are not too far apart."""
     low, high = principal_limits(robot, name)
-    part = 2.0 * CLOSED_PART if robot.is_closed else 4.0
+    share = 2.0 * CLOSED_PART if robot.is_closed else 4.0
     if robot.is_closed or not high - low <= 4.0 * np.pi:
-        low, high = max(low, at - part * span), min(high, at + part * span)
+        low, high = max(low, at - share * span), min(high, at + share * span)
     return float(min(low, at)), float(max(high, at))
 
 
-def _add_model(found: dict[str, Any], model: ModelDrive, assembly: Assembly, q0: Array, notes: list[str]) -> None:
+def _add_model(acting: dict[str, Any], model: ModelDrive, assembly: Assembly, q0: Array, notes: list[str]) -> None:
     """Drives by a model: that of the rigid robot, or, of a mechanism with loops, what holds it at the start."""
     if model.mechanism is not None:
         kernel = assembly.kernel
@@ -216,16 +216,16 @@ def _add_model(found: dict[str, Any], model: ModelDrive, assembly: Assembly, q0:
             u = np.asarray(assembly.drive.resting()(0.0, q0, np.zeros(kernel.n)))
         except (LoopError, EomgenError):
             u = np.zeros(kernel.n)
-        for drive in found["drives"]:
+        for drive in acting["drives"]:
             u[drive["place"]] -= drive["kp"] / drive["ratio"] * (drive["start"] - q0[drive["place"]] / drive["ratio"])
-        places = [drive["place"] for drive in found["drives"]]
-        found["holding"] = np.where(np.isin(np.arange(kernel.n), places), u, 0.0).tolist()
+        places = [drive["place"] for drive in acting["drives"]]
+        acting["holding"] = np.where(np.isin(np.arange(kernel.n), places), u, 0.0).tolist()
         what = "computed torque" if model.bandwidth else "what gravity takes all along"
         notes.append(f"the mechanism has loops: in place of {what}, drives have gains and what holds it at the start")
         return
     rigid = model.calls
-    found["model"] = {**as_json(plain_model(model)), "driven": index_of(rigid.coordinates, assembly.driven).tolist()}
-    found["compensates"] = True
+    acting["model"] = {**as_json(plain_model(model)), "driven": index_of(rigid.coordinates, assembly.driven).tolist()}
+    acting["compensates"] = True
 
 
 def _given(waves: Waves, coordinates: tuple[str, ...], names: tuple[str, ...]) -> dict[str, Any]:

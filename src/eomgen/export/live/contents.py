@@ -82,7 +82,7 @@ def contents_of(robot: Robot, scenario: Scenario | None, result: SimulationResul
     moving = sum(robot.link(name).mass for name in model.links)
     fine = acting["control"] == "model" or acting["prescribed"] or acting["wrenches"] or acting["torque"]
     rigid = None if acting["model"] is None else robot.rigid()
-    found = {
+    contents = {
         **acting,
         **drawn,
         "name": robot.name,
@@ -108,7 +108,7 @@ def contents_of(robot: Robot, scenario: Scenario | None, result: SimulationResul
         "notes": [*robot.notes, *missing, *notes],
         "about": f"{robot.name}: {len(kernel.coordinates)} coordinates, {len(model.links)} moving links.",
     }
-    return Contents(tunable, rigid, found)
+    return Contents(tunable, rigid, contents)
 
 
 def _acting(
@@ -127,12 +127,12 @@ def _acting(
         except EomgenError as error:
             notes.append(f"what goes on from the recording is held by default drives: {error}")
     acts = scenario or default_scenario(robot)
-    found, assembly = acting_on(robot, acts, tool, report, notes)
-    if scenario is None and result is None and found["cycle"] is not None:
-        found["drive"] = "cycle"
+    acting, assembly = acting_on(robot, acts, tool, report, notes)
+    if scenario is None and result is None and acting["cycle"] is not None:
+        acting["drive"] = "cycle"
     if scenario is None:
-        found["program"] = None
-    return found, assembly, acts
+        acting["program"] = None
+    return acting, assembly, acts
 
 
 def _tunable(robot: Robot, scenario: Scenario, payload: str | None) -> Robot:
@@ -153,11 +153,11 @@ def _deviations(robot: Robot, assembly: Assembly) -> list[int]:
 
 def _at_goal(q: Array, acting: dict[str, Any]) -> Array:
     """The pose of the robot at the other end of its default motion."""
-    found = np.array(q)
+    goal = np.array(q)
     if acting["cycle"] is not None:
         for drive, value in zip(acting["drives"], acting["cycle"]["goal"], strict=True):
-            found[drive["joint"]] = value
-    return found
+            goal[drive["joint"]] = value
+    return goal
 
 
 def _few(q: Array) -> Array:
@@ -184,17 +184,17 @@ def _factor(robot: Robot, kernel: Kernel, q: Array, deviations: list[int], actin
 
 def _in_motion(robot: Robot, kernel: Kernel, q: Array, deviations: list[int], acting: dict[str, Any]) -> Array:
     """Deflections of the deviations' springs, (n,), under the largest accelerations of the default motion."""
-    found, cycle = np.zeros_like(q), acting["cycle"]
+    deflection, cycle = np.zeros_like(q), acting["cycle"]
     if cycle is None:
-        return found
+        return deflection
     a, still = np.zeros_like(q), np.zeros_like(q)
     for drive, first, last in zip(acting["drives"], cycle["start"], cycle["goal"], strict=True):
         a[drive["joint"]] = QUINTIC * (last - first) / cycle["duration"] ** 2
     force = kernel.inverse_dynamics(q, still, a) - kernel.inverse_dynamics(q, still, still)
     stiffness = stiffnesses(kernel)
     for i in deviations:
-        found[i] = force[i] / stiffness[i] if stiffness[i] > 0.0 else 0.0
-    return found
+        deflection[i] = force[i] / stiffness[i] if stiffness[i] > 0.0 else 0.0
+    return deflection
 
 
 def _plot(kernel: Kernel, deviations: list[int]) -> str:

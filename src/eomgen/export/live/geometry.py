@@ -37,7 +37,7 @@ def geometry_of(robot: Robot, coordinates: Sequence[str], poses: ArrayLike) -> t
     size, up = extent(robot), up_of(robot)
     places = np.concatenate([drawn_points(robot, coordinates, q, shapes) for q in np.atleast_2d(np.asarray(poses))])
     camera = framed(places, up, float(FIELD_OF_VIEW), 2.0 * SLENDER * size)
-    found = {
+    geometry = {
         "base": robot.base,
         "capsules": [
             {"link": c.link, "begin": c.begin.tolist(), "end": c.end.tolist(), "radius": c.radius} for c in bare
@@ -56,7 +56,7 @@ def geometry_of(robot: Robot, coordinates: Sequence[str], poses: ArrayLike) -> t
             "away": float(np.linalg.norm(camera.position - camera.look_at)),
         },
     }
-    return found, notes
+    return geometry, notes
 
 
 def tool_place(robot: Robot, tool: str) -> tuple[str, list[float]]:
@@ -86,14 +86,14 @@ def packed(array: ArrayLike) -> str:
 
 def _drums(robot: Robot, radius: float) -> list[dict[str, Any]]:
     """Joints that move, in their child links: where their axes are, and whether links slide along them."""
-    found = []
+    drums = []
     for joint in robot.joints:
         if joint.type not in ("revolute", "prismatic"):
             continue
         axis = np.array(joint.axis_turn)[:, 2]
         slides = joint.type == "prismatic"
-        found.append({"link": joint.child, "axis": axis.tolist(), "slides": slides, "radius": radius})
-    return found
+        drums.append({"link": joint.child, "axis": axis.tolist(), "slides": slides, "radius": radius})
+    return drums
 
 
 def _rods(robot: Robot, radius: float) -> list[dict[str, Any]]:

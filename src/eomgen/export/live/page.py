@@ -94,8 +94,8 @@ def live_page(
 
 def kernel_of(robot: Robot, kernels: tuple[str, ...]) -> tuple[str, str]:
     """A kernel as bytes of WebAssembly, in base64, and the text of the module that loads them."""
-    found = make_wasm(robot, kernels=kernels)
-    return base64.b64encode(found.binary).decode("ascii"), found.script
+    module = make_wasm(robot, kernels=kernels)
+    return base64.b64encode(module.binary).decode("ascii"), module.script
 
 
 def _html(values: dict[str, Any], modules: dict[str, str]) -> str:

@@ -20,23 +20,23 @@ POINTER = 4
 @cache
 def layouts(dtype: str) -> dict[str, tuple[int, dict[str, int]]]:
     """Lay out the library's structures: size, and place of each field, bytes, by names as "eom_spline"."""
-    found: dict[str, tuple[int, dict[str, int]]] = {}
+    layouts: dict[str, tuple[int, dict[str, int]]] = {}
     aligned: dict[str, int] = {}
     for body, name in re.findall(r"typedef struct(?: \w+)? \{(.*?)\} (\w+);", library_types(dtype), re.S):
         places, end, widest = dict[str, int](), 0, 1
-        for field, size, alignment in _fields(body, found, aligned):
+        for field, size, alignment in _fields(body, layouts, aligned):
             end = -(-end // alignment) * alignment
             places[field] = end
             end, widest = end + size, max(widest, alignment)
-        found[name], aligned[name] = (-(-end // widest) * widest, places), widest
-    return found
+        layouts[name], aligned[name] = (-(-end // widest) * widest, places), widest
+    return layouts
 
 
 def _fields(
     body: str, known: dict[str, tuple[int, dict[str, int]]], aligned: dict[str, int]
 ) -> Iterator[tuple[str, int, int]]:
     """Name, size and alignment of each field of a structure's text."""
-    for text in filter(None, (" ".join(part.split()) for part in body.split(";"))):
+    for text in filter(None, (" ".join(declaration.split()) for declaration in body.split(";"))):
         if function := re.search(r"\(\*(\w+)\)\(", text):
             yield function.group(1), POINTER, POINTER
             continue
@@ -58,11 +58,11 @@ def of_c(struct: str, dtype: str) -> str:
 
 def struct_table(dtype: str) -> str:
     """Write ``STRUCTS`` for JavaScript: size of each, and place, kind, key and more of each field."""
-    found: dict[str, Any] = {}
+    table: dict[str, Any] = {}
     for struct, fields in STRUCTS.items():
         size, places = layouts(dtype)[of_c(struct, dtype)]
-        found[struct] = [size, [[places[name], *_plain(field)] for name, field in fields.items()]]
-    return json.dumps(found, separators=(",", ":"))
+        table[struct] = [size, [[places[name], *_plain(field)] for name, field in fields.items()]]
+    return json.dumps(table, separators=(",", ":"))
 
 
 def _plain(field: Field) -> list[str | int]:
@@ -75,9 +75,9 @@ def _plain(field: Field) -> list[str | int]:
 
 def checked_places(dtype: str) -> list[str]:
     """Write conditions in C under which its compiler lays structures out as JavaScript does."""
-    found = []
+    checks = []
     for struct, fields in STRUCTS.items():
         name = of_c(struct, dtype)
         size, places = layouts(dtype)[name]
-        found += [f"sizeof({name}) == {size}", *(f"offsetof({name}, {field}) == {places[field]}" for field in fields)]
-    return found
+        checks += [f"sizeof({name}) == {size}", *(f"offsetof({name}, {field}) == {places[field]}" for field in fields)]
+    return checks

@@ -26,15 +26,15 @@ def plain_loads(kernel: Kernel, loads: InputSignals) -> dict[str, Any]:
     Raises:
         InputError: the drives' model has loops.
     """
-    found: dict[str, Any] = as_json(plain_inputs(kernel.calls, loads))
+    plain: dict[str, Any] = as_json(plain_inputs(kernel.calls, loads))
     model = loads.drive.model
     if model is not None:
         if model.mechanism is not None:
             raise InputError(
                 "loads: the drives' model has loops or couplings; allowed in WebAssembly: one without, or gains"
             )
-        found["model"]["parameters"] = {name: float(value) for name, value in model.calls.parameters.items()}
-    return found
+        plain["model"]["parameters"] = {name: float(value) for name, value in model.calls.parameters.items()}
+    return plain
 
 
 def as_json(plain: Any) -> Any:

@@ -149,8 +149,8 @@ def _rigid(robot: Robot, progress: StageReport) -> Source:
 
 def _sources(source: Source, rigid: Source | None, context: Mapping[str, Any]) -> dict[str, str]:
     """Files of C by name: of the robot, of the rigid one that drives know, and what JavaScript calls around them."""
-    found = {place: text for x in (source, rigid) if x for place, text in x.files.items()}
-    return {**found, f"{source.name}_wasm.c": _filled("wasm/calls.c.jinja", context)}
+    files = {place: text for x in (source, rigid) if x for place, text in x.files.items()}
+    return {**files, f"{source.name}_wasm.c": _filled("wasm/calls.c.jinja", context)}
 
 
 def _context(robot: Robot, meta: Mapping[str, Any], rigid: Source | None) -> dict[str, Any]:

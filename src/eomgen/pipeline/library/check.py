@@ -47,7 +47,7 @@ KNOTS, PIECES, DRIVEN, SAMPLES = (0.0, 0.5, 2.0), ((0.4, -3.0, 11.0, 7.0), (-9.0
 WITHIN = {"float64": (1e-9, 2e-7), "float32": (1e-4, 6e-3)}  # tolerance of the motion, and its error
 
 
-def check_library(compiler: Compiler, flags: tuple[str, ...], dtype: str, part: str, folder: Path) -> None:
+def check_library(compiler: Compiler, flags: tuple[str, ...], dtype: str, component: str, folder: Path) -> None:
     """Let a fresh part of the library, in a folder, integrate what is known.
 
     Raises:
@@ -57,7 +57,7 @@ def check_library(compiler: Compiler, flags: tuple[str, ...], dtype: str, part: 
     from ...codegen.package.library import library_command
     from ...codegen.package.probe import in_new_thread, refusal
 
-    opened = _open(compiler, flags, folder, part, dtype)
+    opened = _open(compiler, flags, folder, component, dtype)
 
     def work() -> str | None:
         with np.errstate(all="ignore"):
@@ -68,28 +68,28 @@ def check_library(compiler: Compiler, flags: tuple[str, ...], dtype: str, part: 
                 "fixed_lanes": examination.of_fixed_lanes,
                 "adaptive_lanes": examination.of_adaptive_lanes,
             }
-            return next(asked[part](), None)
+            return next(asked[component](), None)
 
     wrong = in_new_thread(work)
     if wrong is not None:
         reason = f"the compiled C library computes something else than its methods: {wrong}"
-        raise BuildError(refusal(reason, library_command(compiler, flags, dtype, part, folder)))
+        raise BuildError(refusal(reason, library_command(compiler, flags, dtype, component, folder)))
 
 
 def _open(
-    compiler: Compiler, flags: tuple[str, ...], folder: Path, part: str, dtype: str
+    compiler: Compiler, flags: tuple[str, ...], folder: Path, component: str, dtype: str
 ) -> Callable[[], tuple[Any, dict[str, Any]]]:
     """Link a part into a shared library; a function that opens it gives cffi's object and functions by their names."""
     from ...codegen.c.library import FOLDER, library_functions
     from ...codegen.package.compile import link_shared, run_all
     from ...codegen.package.library import HIDDEN, OBJECT, library_flags, precision_flags
 
-    prefix, names = "eomf" if dtype == "float32" else "eom", FUNCTIONS[part]
-    own = [f"EOM{'_WIDE' * part.endswith('_lanes')}({name})" for name in names]
-    table = f"void (*eom_checked[{len(own)}])(void)"  # the functions themselves are hidden
+    prefix, names = "eomf" if dtype == "float32" else "eom", FUNCTIONS[component]
+    macros = [f"EOM{'_WIDE' * component.endswith('_lanes')}({name})" for name in names]
+    table = f"void (*eom_checked[{len(macros)}])(void)"  # the functions themselves are hidden
     code, made, library = (folder / f"checked.{ending}" for ending in ("c", "o", "so"))
-    declared = "".join(f"void {name}(void);\n" for name in own)
-    filled = f"extern {table};\n{table} = {{ {', '.join(own)} }};\n"
+    declared = "".join(f"void {name}(void);\n" for name in macros)
+    filled = f"extern {table};\n{table} = {{ {', '.join(macros)} }};\n"
     width = "extern int eom_checked_lanes;\nint eom_checked_lanes = LANES;\n"
     code.write_text(f'#include "{FOLDER}/lanes.h"\n{declared}{filled}{width}', encoding="ascii")
     chosen = [flag for flag in (*library_flags(flags), *precision_flags(dtype)) if flag != HIDDEN]
@@ -103,15 +103,15 @@ def _open(
             lib: Any = ffi.dlopen(str(library))
         except OSError as error:
             raise BuildError(f"the compiled C library does not load: {error}") from None
-        found = {}
+        functions = {}
         for place, name in enumerate(names):
             result, arguments = re.findall(rf"^(.*) {prefix}_{name}\((.*)\);$", text, re.MULTILINE)[0]
-            found[name] = ffi.cast(f"{result} (*)({arguments})", lib.eom_checked[place])
-        found["library"] = lib  # which is open as long as this is kept
-        found["lanes"] = int(lib.eom_checked_lanes) if part.endswith("_lanes") else 0
+            functions[name] = ffi.cast(f"{result} (*)({arguments})", lib.eom_checked[place])
+        functions["library"] = lib  # which is open as long as this is kept
+        functions["lanes"] = int(lib.eom_checked_lanes) if component.endswith("_lanes") else 0
         for path in (code, made, library):
             path.unlink()
-        return ffi, found
+        return ffi, functions
 
     return opened
 
@@ -146,8 +146,8 @@ class _Equations:
 
     def forward_dynamics(self, q: Array, v: Array, u: Array) -> Array:
         """Accelerations."""
-        found: Array = u - self.k * q - self.d * v + self.c * np.roll(q, -1, 0) * np.roll(v, 1, 0)
-        return found
+        acceleration: Array = u - self.k * q - self.d * v + self.c * np.roll(q, -1, 0) * np.roll(v, 1, 0)
+        return acceleration
 
     def implicit_step(self, q: Array, v: Array, u: Array, added: Array, dt: Array) -> Array:
         """Accelerations with springs and dampers at the end of a step."""
@@ -213,18 +213,18 @@ class _Examination:
 
         def called(name: str, reads: Mapping[str, int], size: int) -> Any:
             def work(h: Any, *pointers: Any) -> int:
-                given = {key: array(x, reads[key]) for key, x in zip(reads, pointers, strict=False) if key != "h"}
+                arguments = {key: array(x, reads[key]) for key, x in zip(reads, pointers, strict=False) if key != "h"}
                 with np.errstate(all="ignore"):
-                    array(pointers[-1], size)[:] = self.equations.run(name, **given)[0]
+                    array(pointers[-1], size)[:] = self.equations.run(name, **arguments)[0]
                 return 0
 
             self._kept.append(self.ffi.callback(fields[name], work))
             return self._kept[-1]
 
         def solution(h: Any, kept: Any, rates: Any, shifts: Any, out: Any) -> int:
-            given = (array(kept, 2 * N + 1), array(rates, N), array(shifts, N))
+            arguments = (array(kept, 2 * N + 1), array(rates, N), array(shifts, N))
             with np.errstate(all="ignore"):
-                array(out, N)[:] = self.equations.stage_solution(given[1], *given)
+                array(out, N)[:] = self.equations.stage_solution(arguments[1], *arguments)
             return 0
 
         self._kept.append(self.ffi.callback(fields["stage_solution"], solution))
@@ -240,10 +240,14 @@ class _Examination:
     def _drive(self, u: Array, *, controlled: bool, effort: Array | None = None) -> Any:
         gains = {}
         if controlled:
-            given = {"kp": KP, "kd": KD, "target": TARGET}
-            gains = {name: self._pointer(np.array(x, self.dtype)) for name, x in given.items()}
-        own = {"u": self._pointer(u), "u_state": N if len(u) > 1 and u.ndim > 1 else 0, "effort": self._pointer(effort)}
-        return self._new(f"{self.prefix}_drive *", {**own, **gains})
+            controller = {"kp": KP, "kd": KD, "target": TARGET}
+            gains = {name: self._pointer(np.array(x, self.dtype)) for name, x in controller.items()}
+        fields = {
+            "u": self._pointer(u),
+            "u_state": N if len(u) > 1 and u.ndim > 1 else 0,
+            "effort": self._pointer(effort),
+        }
+        return self._new(f"{self.prefix}_drive *", {**fields, **gains})
 
     def _cases(self) -> Iterator[tuple[int, int, bool, tuple[Array, Array, Array], Array | None]]:
         """Methods, numbers of states, whether there is a controller, states with drives, and their greatest sizes."""
@@ -297,8 +301,8 @@ class _Examination:
             if code != -1:
                 yield f"steps of many states by method {method} fail with {code}"
             wanted = np.stack(rows, axis=1)
-            for k, found in enumerate(np.concatenate(out, axis=2)):
-                yield from self._compared(f"a batch by method {method}", k % len(STATES), found, list(wanted[k]))
+            for k, answer in enumerate(np.concatenate(out, axis=2)):
+                yield from self._compared(f"a batch by method {method}", k % len(STATES), answer, list(wanted[k]))
 
     def of_adaptive_lanes(self) -> Iterator[str]:
         """Tell what is wrong with steps with error control of many states: single ones, and motions."""
@@ -314,9 +318,9 @@ class _Examination:
             out, steps = self._adapted_many(method, drive, (q, v), np.array([0.0, STEP]), (0.0, atol, [STEP] * len(q)))
             if set(steps) != {1}:
                 yield f"a batch by method {method} takes {steps} steps for 1"
-            for k, found in enumerate(out):
+            for k, answer in enumerate(out):
                 rows = [np.concatenate([q[k], v[k]]), wanted[k]]
-                yield from self._compared(f"a batch by method {method}", k % len(STATES), found, rows)
+                yield from self._compared(f"a batch by method {method}", k % len(STATES), answer, rows)
         rtol, near = WITHIN[str(self.dtype)]
         times, inputs, wanted = self._motion()
         count = 2 * self.lanes + 1
@@ -353,8 +357,8 @@ class _Examination:
         out, h = np.zeros((2, count, len(times), N), self.dtype), self._pointer(np.zeros(1, self.dtype))
         allowed = self._new(f"{self.prefix}_tolerance *", {"rtol": rtol, "atol": self._pointer(atol), "most": 100000})
         progress = self._new("eom_progress[]", [{"next": x} for x in first])
-        given = self.ffi.NULL if inputs is None else inputs
-        begin = (self.robot, count, self.ffi.NULL, h, 0, drive, given, 0, allowed, 0, self._pointer(times))
+        acting = self.ffi.NULL if inputs is None else inputs
+        begin = (self.robot, count, self.ffi.NULL, h, 0, drive, acting, 0, allowed, 0, self._pointer(times))
         last = (len(times) - 1, method, *map(self._pointer, (q, v, *out)), progress, self.work)
         self.functions["integrate_adaptive_batch"](*begin, *last)
         return np.concatenate(out, axis=2), [int(x.steps) for x in progress]
@@ -395,12 +399,12 @@ class _Examination:
         q, v = (x.copy() for x in state)
         out, h = np.zeros((2, len(times), N), self.dtype), self._pointer(np.zeros(1, self.dtype))
         allowed = self._new(f"{self.prefix}_tolerance *", {"rtol": rtol, "atol": self._pointer(atol), "most": 100000})
-        progress, given = self._new("eom_progress *", {"next": first}), self.ffi.NULL if inputs is None else inputs
+        progress, acting = self._new("eom_progress *", {"next": first}), self.ffi.NULL if inputs is None else inputs
         last = (self._pointer(times), len(times) - 1, method, *map(self._pointer, (q, v, *out)), progress)
         if name == "integrate_adaptive":
-            self.functions[name](self.robot, h, drive, given, allowed, *last, self.ffi.NULL, self.work)
+            self.functions[name](self.robot, h, drive, acting, allowed, *last, self.ffi.NULL, self.work)
         else:
-            begin = (self.robot, 1, self.ffi.NULL, h, 0, drive, given, 0, allowed, 0)
+            begin = (self.robot, 1, self.ffi.NULL, h, 0, drive, acting, 0, allowed, 0)
             self.functions[name](*begin, *last, self.work)
         return np.concatenate(out, axis=1), int(progress.steps)
 
@@ -411,8 +415,8 @@ class _Examination:
         times, inputs, wanted = self._motion()
         drive, atol = self._drive(np.zeros(N, self.dtype), controlled=False), np.full(2 * N, rtol, self.dtype)
         for method in (0, 1):
-            found, _ = self._adapted("integrate_adaptive", method, drive, (q, v), times, (rtol, atol, 0.5), inputs)
-            error = np.abs(found - wanted)
+            answer, _ = self._adapted("integrate_adaptive", method, drive, (q, v), times, (rtol, atol, 0.5), inputs)
+            error = np.abs(answer - wanted)
             if not (error <= near).all():
                 yield f"a motion by method {method} is {np.max(error):.3g} off"
 
@@ -428,16 +432,16 @@ class _Examination:
         inputs = self._new(f"{self.prefix}_inputs *", {"first": 0.0, "last": 2.0, "torque": torque, **jumps})
         return times, inputs, _motion(q, v, times)
 
-    def _compared(self, what: str, number: int, found: Array, rows: list[Array]) -> Iterator[str]:
+    def _compared(self, what: str, number: int, answer: Array, rows: list[Array]) -> Iterator[str]:
         """The first number that is wrong; with fused products numbers of ordinary size are looked at."""
         wanted = np.array(rows, self.dtype)
-        right = (found == wanted) & (np.signbit(found) == np.signbit(wanted))
+        right = (answer == wanted) & (np.signbit(answer) == np.signbit(wanted))
         if not self.bits:
             near = 1e4 * float(np.finfo(self.dtype).eps) * np.abs(wanted).max()
-            right |= (np.abs(found - wanted) <= near) | (number == len(STATES) - 1)
+            right |= (np.abs(answer - wanted) <= near) | (number == len(STATES) - 1)
         if not right.all():
             row, place = np.unravel_index(int(np.argmin(right)), right.shape)
-            said = f"{float(found[row, place])!r} for {float(wanted[row, place])!r} at {place} behind step {row}"
+            said = f"{float(answer[row, place])!r} for {float(wanted[row, place])!r} at {place} behind step {row}"
             yield f"{what} gives {said} in state {number}"
 
 

@@ -43,14 +43,16 @@ class Libraries:
             A function that waits for the objects and gives their content; it raises BuildError where the compiler
             fails, or what it compiles computes something else than it should.
         """
-        threads = [threading.Thread(target=self._try, args=(part,), daemon=True) for part in self._missing(parts)]
+        threads = [
+            threading.Thread(target=self._try, args=(component,), daemon=True) for component in self._missing(parts)
+        ]
         for thread in threads:
             thread.start()
 
         def objects() -> list[bytes]:
             for thread in threads:
                 thread.join()
-            return [self._made(part) for part in parts]
+            return [self._made(component) for component in parts]
 
         return objects
 
@@ -61,35 +63,35 @@ class Libraries:
 
         kernels = json.loads(source.meta)["kernels"]
         parts = {half: parts_of(kernels, half) for half in ([source.half] if source.half else source.cdefs)}
-        halves = [half for half, own in parts.items() if own]
-        return Linked(halves, self.begin(sorted({part for own in parts.values() for part in own})))
+        halves = [half for half, members in parts.items() if members]
+        return Linked(halves, self.begin(sorted({component for members in parts.values() for component in members})))
 
     def _missing(self, parts: Sequence[str]) -> list[str]:
-        return [part for part in parts if store.find(KIND, self._key(part)) is None]
+        return [component for component in parts if store.find(KIND, self._key(component)) is None]
 
-    def _key(self, part: str) -> str:
+    def _key(self, component: str) -> str:
         from ...codegen.package.library import library_key
 
-        return library_key(self.compiler, self.flags, self.dtype, part, tried=self.tried)
+        return library_key(self.compiler, self.flags, self.dtype, component, tried=self.tried)
 
-    def _made(self, part: str) -> bytes:
+    def _made(self, component: str) -> bytes:
         """The object of a part, made or from the cache."""
         from ...codegen.package.library import OBJECT
 
-        key = self._key(part)
-        return store.entry(KIND, key, lambda folder: self._make(part, folder)).files[OBJECT]
+        key = self._key(component)
+        return store.entry(KIND, key, lambda folder: self._make(component, folder)).files[OBJECT]
 
-    def _make(self, part: str, folder: Path) -> None:
+    def _make(self, component: str, folder: Path) -> None:
         from ...codegen.c.library import FOLDER
         from ...codegen.package.library import write_library
         from .check import check_library
 
-        write_library(self.compiler, self.flags, self.dtype, part, folder)
+        write_library(self.compiler, self.flags, self.dtype, component, folder)
         if self.tried:
-            with_denormals(lambda: check_library(self.compiler, self.flags, self.dtype, part, folder))
+            with_denormals(lambda: check_library(self.compiler, self.flags, self.dtype, component, folder))
         shutil.rmtree(folder / FOLDER)
 
-    def _try(self, part: str) -> None:
+    def _try(self, component: str) -> None:
         """Fill the cache; what goes wrong is found again, and told, by who waits for the objects."""
         with suppress(Exception):
-            self._made(part)
+            self._made(component)
