@@ -27,7 +27,7 @@ def function(
     called: str | None = None,
     flags: Sequence[str] = (),
 ) -> Any:
-    """A ``casadi.Function`` that calls the kernel's C, without Python and from any thread.
+    """Return a ``casadi.Function`` that calls the kernel's C, without Python and from any thread.
 
     Parameters are those that the kernel has now.  Inputs and outputs have the shapes of the kernel's arrays, vectors as
     columns; of mass_matrix only what does not vanish identically is stored.  Where the mass matrix cannot be inverted

@@ -41,7 +41,7 @@ class Table:
 def external_library(
     function: DifferentiableFunction, called: str, flags: Sequence[str] = (), order: int = 2
 ) -> store.Entry:
-    """The compiled library CALLED.so of a function by the name ``called``, and its C, from the cache.
+    """Return the compiled library CALLED.so of a function by the name ``called``, and its C, from the cache.
 
     Args:
         function: whose kernel's C is taken.
@@ -101,7 +101,7 @@ def external_library(
 
 
 def _library(kernel: Kernel) -> dict[str, str]:
-    """Read the files of the C library that a kernel's C includes, those of its own package."""
+    """Read the files of the C library that a kernel's C includes, from its package."""
     from ..codegen.c.library import library_files
 
     files = {}
@@ -117,7 +117,7 @@ def _key(tools: dict[str, object], *texts: str) -> str:
 
 
 def render(function: DifferentiableFunction, kernel: Kernel, called: str, order: int) -> str:
-    """The C of the function by the name ``called``, which goes with that of the kernel."""
+    """Return the C of the function by the name ``called``, which goes with that of the kernel."""
     from ..codegen.c.source import environment
 
     mask, masks = function.patterns()
@@ -165,7 +165,7 @@ def render(function: DifferentiableFunction, kernel: Kernel, called: str, order:
 def _second_order(
     function: DifferentiableFunction, kernel: Kernel, mask: NDArray[np.bool_], masks: Sequence[NDArray[np.bool_]]
 ) -> dict[str, Any]:
-    """Tables of matrices for the C of gradients, CasADi's reverse mode, and of their Jacobian.
+    """Return tables of matrices for the C of gradients, CasADi's reverse mode, and of their Jacobian.
 
     ``every`` counts the numbers of all that the kernel's function reads.
     """
@@ -218,13 +218,13 @@ def _matrix(shape: tuple[int, ...]) -> tuple[int, int]:
 
 
 def table(name: str, mask: NDArray[np.bool_]) -> Table:
-    """Sparsity of an array of one or two axes: True where it may differ from zero."""
+    """Return the sparsity of an array of one or two axes: True where it may differ from zero."""
     matrix = mask.reshape(_matrix(mask.shape))
     return _table(name, matrix, _numbered(matrix))
 
 
 def block_table(name: str, mask: NDArray[np.bool_], places: NDArray[np.int64], output: tuple[int, ...]) -> Table:
-    """Sparsity of a derivative (output shape, input shape): CasADi has a row per number of the result, by columns."""
+    """Return the sparsity of a derivative (output shape, input shape) for CasADi: rows are results in column order."""
     inputs = mask.shape[len(output) :]
 
     def by_columns(array: NDArray[Any]) -> NDArray[Any]:

@@ -8,7 +8,7 @@ import numpy as np
 
 
 def pose_derivative(A: Any, J: Any, xp: Any = np) -> Any:
-    """dA/dq of a frame, (..., 4, 4, n), from its pose (..., 4, 4) and Jacobian (..., 6, n); xp: NumPy or its like."""
+    """Return dA/dq of a frame, (..., 4, 4, n), from its pose (..., 4, 4) and Jacobian (..., 6, n); xp: as NumPy."""
     turns = xp.swapaxes(J[..., 3:, :], -1, -2)  # (..., n, 3)
     columns = xp.swapaxes(A[..., :3, :3], -1, -2)  # (..., 3 columns, 3)
     by_turn = xp.cross(turns[..., None, :, :], columns[..., :, None, :])  # (..., column, n, 3)
@@ -18,7 +18,7 @@ def pose_derivative(A: Any, J: Any, xp: Any = np) -> Any:
 
 
 def jacobian_derivative(J: Any, xp: Any = np) -> Any:
-    """dJ/dq of a frame, (..., 6, n, n), the last axis by q, from J (..., 6, n) alone.
+    """Return dJ/dq of a frame, (..., 6, n, n), the last axis by q, from J (..., 6, n) alone.
 
     A coordinate turns and moves the axes of those behind it, and coordinates are in the order of the chain.
     """

@@ -29,7 +29,7 @@ SWITCH = 'jax.config.update("jax_enable_x64", True)'
 
 
 def function(kernel: Kernel, name: str, frame: str | None = None, *, cut: bool = False) -> Callable[..., Any]:
-    """A differentiable function of JAX arrays; one state, ``vmap`` makes it one of many.
+    """Return a differentiable function of JAX arrays; one state, ``vmap`` makes it one of many.
 
     Parameters are those that the kernel has now.  What a kernel refuses (a mass matrix that cannot be inverted; NaN and
     infinity, unless ``kernel.checks`` is False) JAX raises as an error of its runtime with the kernel's message.
@@ -73,7 +73,7 @@ def function(kernel: Kernel, name: str, frame: str | None = None, *, cut: bool =
 
 
 def native(robot: RobotLike, kernels: Sequence[str] = ()) -> Any:
-    """Functions whose equations JAX itself compiles: under jit, vmap and grad, and on accelerators, without callbacks.
+    """Return functions that JAX itself compiles: for jit, vmap and grad, and accelerators, without callbacks.
 
     They have derivatives by parameters too, of any order, and no checks; compiling takes seconds for an arm, and grows
     with the length of the equations (``function`` compiles at once, and is faster on the host's processor).
@@ -120,7 +120,7 @@ def _array(jnp: Any, label: str, shapes: Sequence[tuple[int, ...]], dtype: Any, 
 
 
 def _callback(jax: Any, call: Callable[..., Any], shapes: Sequence[tuple[int, ...]], result: Any) -> Callable[..., Any]:
-    """``call`` on the host; under vmap once, with a leading axis."""
+    """Return ``call`` on the host; under vmap once, with a leading axis."""
 
     def host(*arrays: Any) -> Any:
         return _apply(call, shapes, [np.asarray(array) for array in arrays])
@@ -132,7 +132,7 @@ def _callback(jax: Any, call: Callable[..., Any], shapes: Sequence[tuple[int, ..
 
 
 def _apply(call: Callable[..., Any], shapes: Sequence[tuple[int, ...]], arrays: Sequence[Array]) -> Any:
-    """A call for all leading axes of the arrays, of length 1 where an array is the same for all, as one batch."""
+    """Call a function for all leading axes of the arrays as one batch; length 1: an array is the same for all."""
     leads = [array.shape[: array.ndim - len(shape)] for array, shape in zip(arrays, shapes, strict=True)]
     lead = np.broadcast_shapes(*leads)
     flat = []
@@ -152,7 +152,7 @@ def _apply(call: Callable[..., Any], shapes: Sequence[tuple[int, ...]], arrays: 
 
 
 def _with_jacobian(jax: Any, jnp: Any, there: DifferentiableFunction) -> Callable[..., Any]:
-    """The value, whose tangent is its Jacobian times the tangents: linear, so that JAX transposes it; and so again."""
+    """Return the value with its Jacobian as tangent map: linear, so that JAX transposes it; and so again."""
     dtype, total = there.kernel.dtype, sum(math.prod(shape) for shape in there.inputs)
 
     def of(call: Callable[..., Any], *axes: int) -> Any:
@@ -182,7 +182,7 @@ def _with_jacobian(jax: Any, jnp: Any, there: DifferentiableFunction) -> Callabl
 
 
 def _frame_functions(jax: Any, jnp: Any, there: DifferentiableFunction) -> Callable[..., Any]:
-    """Pose or Jacobian of a frame: derivatives of any order follow from the Jacobian."""
+    """Return the pose or Jacobian of a frame: derivatives of any order follow from the Jacobian."""
     kernel, frame = there.kernel, there.frame
     assert frame is not None
     index = kernel.frame_index(frame)
@@ -229,7 +229,7 @@ def rollout(
     samples: int | None = None,
     rtol: float = 1e-6,
 ) -> Callable[..., Any]:
-    """Rollouts as a function of JAX arrays, whose gradient comes from the same steps in C, backwards.
+    """Return rollouts as a function of JAX arrays, whose gradient comes from the same steps in C, backwards.
 
     Under ``jit``, ``grad``, ``vjp`` and ``vmap``; first derivatives in reverse mode.  ``vmap`` makes it one call for
     the whole batch; with gains it is one for each state.
@@ -299,7 +299,7 @@ def _named(controller: Sequence[Array]) -> dict[str, Any]:
 
 
 def _batched(jax: Any, call: Callable[..., Any], shapes: Sequence[tuple[int, ...]], result: Any) -> Callable[..., Any]:
-    """A call of a rollout on the host, of all states at once where there is no controller: its gains are for all."""
+    """Call a rollout on the host, of all states at once where no controller is: its gains are for all."""
     single = len(shapes) >= len(GIVEN)
 
     def host(*arrays: Any) -> Any:

@@ -28,11 +28,11 @@ _TANGENTS = rules.TangentRule()
 class Entry:
     """A function of FUNCTIONS.
 
-    calls: the kernel's function whose result it is, or a part of whose result.
+    calls: the kernel's function whose result, or a block of whose result, it is.
     reads: arrays that it reads.
     result: name of its result.
     rule: how its Jacobian follows from kernels.
-    part: shape of the result and where it begins, in lengths of a vector, where it is a part.
+    block: shape of the result and where it begins, in lengths of a vector, where it is a block.
     flat: pairs of arguments: derivatives by one do not change with the other.
     """
 
@@ -40,7 +40,7 @@ class Entry:
     reads: tuple[str, ...]
     result: str
     rule: rules.Rule = _TANGENTS
-    part: tuple[str, int] | None = None
+    block: tuple[str, int] | None = None
     flat: tuple[tuple[str, str], ...] = ()
 
     @property
@@ -82,12 +82,12 @@ _OWN = (  # functions that have the names of the kernel's
 )
 FUNCTIONS: Mapping[str, Entry] = MappingProxyType(
     {entry.calls: entry for entry in _OWN}
-    | {"constraint_forces": Entry("constrained_dynamics", ("q", "v", "u"), "f", part=("constraints", 1))}
+    | {"constraint_forces": Entry("constrained_dynamics", ("q", "v", "u"), "f", block=("constraints", 1))}
 )
 CLOSED: Mapping[str, Entry] = MappingProxyType(  # in their place where a robot has loops or rigid couplings
     {
-        "forward_dynamics": Entry("constrained_dynamics", ("q", "v", "u"), "a", part=("vector", 0)),
-        "inverse_dynamics": Entry("constrained_drives", ("q", "v", "a"), "u", part=("vector", 0)),
+        "forward_dynamics": Entry("constrained_dynamics", ("q", "v", "u"), "a", block=("vector", 0)),
+        "inverse_dynamics": Entry("constrained_drives", ("q", "v", "a"), "u", block=("vector", 0)),
     }
 )
 _TREE = rules.ByKernel("tree_forward_dynamics_jacobian")
@@ -101,7 +101,7 @@ ORDERS = (1, 2)
 
 
 def kernels_for(*names: str, closed: bool = False, cut: bool = False, order: int = 2) -> tuple[str, ...]:
-    """Names of the kernels that these functions and their derivatives need, for ``eomgen.build(robot, kernels=...)``.
+    """Return names of the kernels that functions and their derivatives need, for ``eomgen.build(robot, kernels=...)``.
 
     Args:
         names: of FUNCTIONS.
@@ -142,12 +142,12 @@ class DifferentiableFunction:
     """A kernel's function with its derivatives, on NumPy arrays; the parameters are those that the kernel has now.
 
     Attributes:
-        kernel: with parameters of its own.
+        kernel: with separate parameters.
         name: one of FUNCTIONS.
         frame: of frame_pose and frame_jacobian.
         kernels: what it and its Jacobian take; second: what gradients and second derivatives take.
         rule: how the Jacobian follows.
-        calls: the kernel's function that has the result, or a part of it.
+        calls: the kernel's function that has the result, or more than that.
         reads, result: names of what it takes and of what it gives.
         inputs: shapes of what it takes; output: that of its result.
         idle: what the kernel's function reads behind that, which is 0 here.
@@ -173,7 +173,7 @@ class DifferentiableFunction:
         shapes, called = kernel.raw.shapes, kernel.raw.functions[self.calls]
         self.inputs: tuple[tuple[int, ...], ...] = tuple(shapes[label] for label in entry.reads)
         self.idle: tuple[str, ...] = tuple(label for label in called.reads if label not in entry.reads)
-        block, begin = entry.part or (called.writes, 0)
+        block, begin = entry.block or (called.writes, 0)
         self.output: tuple[int, ...] = shapes[block]
         self.whole: tuple[int, ...] = shapes[FRAMES.get(name, called.writes)]
         self.moving = math.prod(self.output if frame is None else self.whole[1:])
@@ -195,21 +195,21 @@ class DifferentiableFunction:
         self._require((*self.kernels, *self.second))
 
     def value(self, *arrays: Array) -> Array:
-        """The kernel's result, for one state or a batch."""
+        """Return the kernel's result, for one state or a batch."""
         return self._part(self.kernel.calls.run(self.calls, None, (*arrays, *self._nothing()), self._extra))
 
     def derivatives(self, *arrays: Array) -> tuple[Array, ...]:
-        """Exact derivatives by every argument: (output shape, input shape), behind the batch's axis."""
+        """Return exact derivatives by every argument: (output shape, input shape), behind the batch's axis."""
         return self.rule.derivatives(self, *arrays)
 
     def jacobian(self, *arrays: Array) -> Array:
-        """Exact derivatives by the numbers of all arguments one behind the other, (output shape, numbers)."""
+        """Return exact derivatives by the numbers of all arguments one behind the other, (output shape, numbers)."""
         blocks = self.derivatives(*arrays)
         flat = [x.reshape(*x.shape[: x.ndim - len(shape)], -1) for x, shape in zip(blocks, self.inputs, strict=True)]
         return np.concatenate(flat, axis=-1)
 
     def second_derivatives(self, *arrays: Array) -> Array:
-        """Exact second derivatives by the numbers of all arguments, (output shape, numbers, numbers)."""
+        """Return exact second derivatives by the numbers of all arguments, (output shape, numbers, numbers)."""
         size = math.prod(self.output)
         units = np.eye(size, dtype=self.kernel.dtype).reshape(size, *self.output)
         hessian = self.hessian(rules.beside(self, arrays), units)
@@ -220,23 +220,23 @@ class DifferentiableFunction:
         return self._part(self.kernel.jvp(self.calls, self._arguments(arrays), (*rates, *self._nothing())))
 
     def gradient(self, arrays: Sequence[Array], weights: Array) -> tuple[Array, ...]:
-        """Derivatives of the weighted result by every argument."""
+        """Return derivatives of the weighted result by every argument."""
         gradients = self.kernel.vjp(self.calls, self._arguments(arrays), self._weights(weights))
         return gradients[: len(self.reads)]
 
     def hessian(self, arrays: Sequence[Array], weights: Array) -> Array:
-        """Second derivatives of the weighted result by the numbers of all arguments one behind the other."""
+        """Return the second derivatives of the weighted result by the numbers of all arguments one behind the other."""
         hessian = self.kernel.hessian(self.calls, self._arguments(arrays), self._weights(weights))
         total = sum(math.prod(shape) for shape in self.inputs)
         return hessian[..., :total, :total]
 
     def patterns(self) -> tuple[Array, tuple[Array, ...]]:
-        """Sparsity of the result and its derivatives: True where they may differ from zero, shapes as of one state."""
+        """Return the sparsity of the result and its derivatives, True where not always zero; shapes of one state."""
         whole, blocks = self.rule.patterns(self)
         return whole, tuple(blocks)
 
     def second_pattern(self, at: int, by: int) -> Array:
-        """Sparsity of second derivatives of a weighted result by two arguments: (its shape, the other's shape)."""
+        """Return the sparsity of second derivatives of a weighted result by two arguments, (shape, other's shape)."""
         one, other = (self.reads[place] for place in (at, by))
         if (one, other) in self._entry.flat or (other, one) in self._entry.flat:
             return np.zeros((*self.inputs[at], *self.inputs[by]), np.bool_)
@@ -248,18 +248,18 @@ class DifferentiableFunction:
         return (*arrays, *self._nothing(), *([] if self.frame is None else [self.frame]))
 
     def _nothing(self) -> list[Array]:
-        """Arrays of 0 that the kernel's function reads behind its arguments."""
+        """Return arrays of 0 that the kernel's function reads behind its arguments."""
         return [np.zeros(self.kernel.raw.shapes[label], self.kernel.dtype) for label in self.idle]
 
     def _part(self, written: Array) -> Array:
-        """The result, of what the kernel's function writes."""
-        if self._entry.part is None:
+        """Return the block of the kernel's output that is the result."""
+        if self._entry.block is None:
             return written
         return np.ascontiguousarray(written[..., self.begins : self.begins + self.output[0]])
 
     def _weights(self, weights: Array) -> Array:
-        """Weights of what the kernel's function writes, of those of the result."""
-        if self._entry.part is None:
+        """Return weights of the kernel's whole output from those of the result."""
+        if self._entry.block is None:
             return weights
         all_of_it = np.zeros((*weights.shape[:-1], *self.whole), self.kernel.dtype)
         all_of_it[..., self.begins : self.begins + self.output[0]] = weights

@@ -44,22 +44,22 @@ class Rule:
     kernel = ""
 
     def derivatives(self, f: Subject, *arrays: Array) -> tuple[Array, ...]:
-        """Derivatives by every argument, (output shape, input shape), behind the batch's axis."""
+        """Return derivatives by every argument, (output shape, input shape), behind the batch's axis."""
         raise NotImplementedError
 
     def patterns(self, f: Subject) -> tuple[Array, list[Array]]:
-        """Sparsity of the result and its derivatives: True where they may differ from zero, shapes as of one state."""
+        """Return the sparsity of the result and its derivatives, True where not always zero; shapes of one state."""
         blocks = [np.ones((*f.output, *shape), np.bool_) for shape in f.inputs]
         for block in blocks:
             block.reshape(math.prod(f.output), -1)[f.moving :] = False
         return np.ones(f.output, np.bool_), blocks
 
     def reads(self, f: Subject) -> tuple[str, ...]:
-        """Arguments that the C reads."""
+        """Return arguments that the C reads."""
         return f.reads
 
     def spare(self, f: Subject) -> int:
-        """Numbers that the C keeps beside the derivatives."""
+        """Return numbers that the C keeps beside the derivatives."""
         return 0
 
 
@@ -141,12 +141,12 @@ class EnergyRule(TangentRule):
 
 
 def beside(f: Subject, arrays: Sequence[Array]) -> list[Array]:
-    """Arguments with one more axis in front of a state's own, of many directions."""
+    """Return arguments with one more axis in front of a state's, for many directions."""
     return [x.reshape(*x.shape[: x.ndim - len(s)], 1, *s) for x, s in zip(arrays, f.inputs, strict=True)]
 
 
 def split(f: Subject, along: Array) -> tuple[Array, ...]:
-    """Parts by argument of an array whose last axis has the numbers of all arguments."""
+    """Split the last axis of an array, which has the numbers of all arguments, into one array per argument."""
     ends = np.cumsum([math.prod(shape) for shape in f.inputs])[:-1]
     parts = np.split(along, ends, axis=-1)
     return tuple(block.reshape(*along.shape[:-1], *shape) for block, shape in zip(parts, f.inputs, strict=True))

@@ -152,7 +152,7 @@ def floating(kernel: Kernel, q: Array) -> tuple[str, ...]:
     there[kernel.n :] += kernel.follower_matrix()[1]
     inside = np.abs(there) <= [gaps.get(name, -1.0) for name in names]
     contacts = journal_contacts(kernel)
-    touching = {i for contact in contacts if contact.gap(q) > 0.0 for i in contact.index}
+    touching = {i for contact in contacts if contact.penetration(q) > 0.0 for i in contact.index}
     for name in journals_in_play(kernel):
         place = kernel.coordinates.index(name)
         inside[place] |= place not in touching
@@ -168,7 +168,7 @@ def floating_cuts(kernel: Kernel, q: Array) -> list[str]:
         return []
     deviations = cut_deviations(kernel, q)
     inside = {name for name, x in zip(kernel.cut_laws, deviations, strict=True) if abs(x) <= gaps.get(name, -1.0)}
-    touching = {i for contact in contacts if contact.gap(deviations) > 0.0 for i in contact.index}
+    touching = {i for contact in contacts if contact.penetration(deviations) > 0.0 for i in contact.index}
     for i in {i for contact in contacts for i in contact.index} - touching:
         name = kernel.cut_laws[i]
         if not has_springs(cut_numbers(kernel)[name], kernel.knots.get(name, ())):

@@ -1,4 +1,4 @@
-"""Robots for other tools: mock-up units, models of MuJoCo, WebAssembly, live pages, Python on arrays, wheels.
+"""Robots for other tools: FMUs, models of MuJoCo, WebAssembly, live pages, Python on arrays, wheels.
 
 Uses runtime, robot, description, state, loops, motion, integration, scenario, codegen (arrays, c, kernels, package),
 templates, pipeline, simulation and pictures.

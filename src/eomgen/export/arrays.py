@@ -16,8 +16,8 @@ def export_arrays(
 ) -> Path:
     """Write a module of Python whose functions take NumPy's arrays or JAX's, and return its path.
 
-    It needs nothing but the namespace that ``make`` is given, and runs where that runs: under ``jit``, ``vmap`` and
-    ``grad``, on accelerators too.  Of a robot with loops dynamics are those of the closed mechanism, whatever the gaps.
+    It needs nothing but the namespace that ``make`` takes, and runs where that runs: under ``jit``, ``vmap`` and
+    ``grad``, on accelerators too.  With loops dynamics are those of the closed mechanism, violated or not.
 
     Args:
         robot: a Robot, the name of a built-in one, or the path of a description.

@@ -28,7 +28,7 @@ _SOFT = "soft in MuJoCo"
 
 
 def held_softly(robot: Robot) -> Iterator[str]:
-    """Notes on what becomes of loops and couplings: the name, and what MuJoCo has in its place."""
+    """Yield notes on what becomes of loops and couplings: the name, and what MuJoCo has in its place."""
     for loop in robot.loops:
         where = f"loops.{loop.name}"
         if loop.type not in POINTS and loop.type != WELDED:
@@ -37,9 +37,9 @@ def held_softly(robot: Robot) -> Iterator[str]:
         yield f"{where}: {_SOFT}"
         blocked = {component.name for component in CUTS[loop.type]}
         if loop.radial is not None:
-            yield f"{where}.radial: without play"
+            yield f"{where}.radial: without clearance"
         for name in loop.coordinates:
-            yield f"{where}.{name}: {'without play or spring' if name in blocked else 'without force'}"
+            yield f"{where}.{name}: {'without clearance or spring' if name in blocked else 'without force'}"
     for coupling in robot.couplings:
         where = f"couplings.{coupling.name}"
         if coupling.law is None:
@@ -81,7 +81,7 @@ def add_equalities(root: Element, robot: Robot, bodies: Bodies, start: Sequence[
 
 
 def _add_loop(equality: Element, loop: Loop, bodies: Bodies, stiff: Mapping[str, str]) -> None:
-    """Pairs of sites that stay together."""
+    """Add pairs of sites that stay together."""
     frames = [(np.array(placement.rotation), np.array(placement.xyz)) for placement in loop.placements]
     turn, shift = _kept(loop)
     frames[0] = (frames[0][0] @ turn, frames[0][1] + frames[0][0] @ shift)
@@ -100,7 +100,7 @@ def _add_loop(equality: Element, loop: Loop, bodies: Bodies, stiff: Mapping[str,
 
 
 def _kept(loop: Loop) -> tuple[Array, Array]:
-    """Rotation and translation that a cut joint keeps to by its offset, without that of coordinates that are free."""
+    """Return the rotation and translation by which a loop joint's offset is kept, without those of free coordinates."""
     blocked = {component.name for component in CUTS[loop.type]}
     offsets = [value or 0.0 if x in blocked else 0.0 for x, value in zip(COORDINATES, loop.offset, strict=True)]
     turn = np.eye(3)
@@ -110,7 +110,7 @@ def _kept(loop: Loop) -> tuple[Array, Array]:
 
 
 def _references(robot: Robot) -> dict[str, float]:
-    """Coordinates in MuJoCo's reference position: minus the offsets of those that move."""
+    """Return coordinates in MuJoCo's reference position: minus the offsets of those that move."""
     return {
         f"{joint.name}.{name}": -(value or 0.0)
         for joint in robot.joints
@@ -122,7 +122,7 @@ def _references(robot: Robot) -> dict[str, float]:
 def _add_coupling(
     equality: Element, tendons: Element, coupling: Coupling, references: Mapping[str, float], stiff: Mapping[str, str]
 ) -> None:
-    """value(of) - sum of ratio * value = offset, counted from the reference position."""
+    """Add the equality value(of) - sum of ratio * value = offset, counted from the reference position."""
     offset, tendon = coupling.offset or 0.0, f"couplings.{coupling.name}"
     ends = {coupling.of: 1.0, **{name: -ratio for name, ratio in coupling.to.items()}}
     begin = sum(factor * references.get(name, 0.0) for name, factor in ends.items())
@@ -142,7 +142,7 @@ def _add_coupling(
 def _add_tendon(
     tendons: Element, name: str, ends: Mapping[str, float], spring: Mapping[str, str], rest: float | None
 ) -> None:
-    """A fixed tendon; the other way round where its rest would be negative, which MuJoCo reads as none."""
+    """Add a fixed tendon; the other way round where its rest length would be negative, which MuJoCo reads as none."""
     sign = -1.0 if rest is not None and rest < 0.0 else 1.0
     values = {} if rest is None else {"springlength": repr(sign * rest)}
     tendon = SubElement(tendons, "fixed", {"name": name, **values, **spring})
@@ -151,11 +151,11 @@ def _add_tendon(
 
 
 def spring_values(coordinate: Coordinate) -> dict[str, str]:
-    """Stiffness, with its cubic term where there is one, and damping, as attributes."""
+    """Return the stiffness, with its cubic term where there is one, and damping, as attributes."""
     cubic = [0.0, coordinate.cubic] if coordinate.cubic else []
     return {"stiffness": text_of([coordinate.stiffness or 0.0, *cubic]), "damping": repr(coordinate.damping or 0.0)}
 
 
 def text_of(values: Array | Sequence[float]) -> str:
-    """Numbers as MuJoCo reads them; none is a negative zero."""
+    """Return numbers as MuJoCo reads them; none is a negative zero."""
     return " ".join(repr(float(value) + 0.0) for value in values)

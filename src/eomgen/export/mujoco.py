@@ -1,7 +1,7 @@
 """A robot as a model of MuJoCo (MJCF).
 
 MuJoCo applies the joints of one body in their order, each about the axes that the ones before it have turned: three
-slides along x, y, z and three hinges about x, y, z are eq. (3).  A motor behind a gear is a rotor of its own on its
+slides along x, y, z and three hinges about x, y, z are eq. (3).  A motor behind a gear is a separate rotor on its
 joint's link, of which its armature alone counts, and a tendon whose length is the transmission's deflection.
 Angles that are damped alike in all directions are a ball (``mujoco_balls``).
 """
@@ -95,7 +95,7 @@ def export_mjcf(
 def mjcf(
     robot: RobotLike, step: float, integrator: str = "RK4", *, approximate: bool = False, actuators: bool = False
 ) -> str:
-    """The robot as MJCF text; ``actuators``: with a motor per coordinate.  Arguments and errors as ``export_mjcf``."""
+    """Render the robot as MJCF; ``actuators``: with a motor per coordinate; else as ``export_mjcf``."""
     robot = as_robot(robot)
     _check(robot, integrator, approximate)
     if isinstance(step, bool) or not (isinstance(step, (int, float)) and 1e-9 <= step < 1e9):
@@ -133,7 +133,7 @@ def mjcf(
 
 
 def _check(robot: Robot, integrator: str, approximate: bool) -> None:
-    """InputError for what cannot be written."""
+    """Raise InputError for what cannot be written."""
     if integrator not in INTEGRATORS:
         raise InputError(f"integrator: {integrator!r} is unknown; allowed: {', '.join(INTEGRATORS)}")
     if any(link.name == _GROUND for link in robot.links):
@@ -146,7 +146,7 @@ def _check(robot: Robot, integrator: str, approximate: bool) -> None:
 
 
 def left_out(robot: Robot) -> list[str]:
-    """Notes on all that MuJoCo has no equal for: its name, and what becomes of it."""
+    """Return notes on all that MuJoCo has no equal for: its name, and what becomes of it."""
     notes = [*held_softly(robot), *damped_otherwise(robot)]
     for joint in robot.joints:
         for name, coordinate in joint.coordinates.items():
@@ -164,7 +164,7 @@ def left_out(robot: Robot) -> list[str]:
 
 
 def _unknown(coordinate: Coordinate) -> Iterator[str]:
-    """Numbers of a coordinate's forces that joints and tendons lack."""
+    """Yield numbers of a coordinate's forces that joints and tendons lack."""
     if coordinate.prescribed:
         yield "prescribed: free to move"
     numbers = coordinate.law() | ({} if coordinate.stiffness is None else {"stiffness": coordinate.stiffness})
@@ -177,7 +177,7 @@ def _unknown(coordinate: Coordinate) -> Iterator[str]:
 def _add_body(
     parent: ElementTree.Element, joint: Joint, link: Link, size: float, as_one: Sequence[str]
 ) -> ElementTree.Element:
-    """The link, which is so large (m), as a body in its own axes, with its joints; ``as_one`` as of ``balls``.
+    """Add the link, which is so large (m), as a body in its frame, with its joints; ``as_one`` as of ``balls``.
 
     Offsets of angles that do not move are moved to the front, past the motions before them, whose axes they turn.
     """
@@ -241,9 +241,9 @@ def _add_joint(body: ElementTree.Element, joint: Joint, name: str, axis: Array, 
 
 
 def _limited(coordinate: Coordinate, limits: Limits) -> dict[str, str]:
-    """Ranges between a coordinate's stops, or of its limits and effort, which nothing keeps to unless switched on.
+    """Return ranges between a coordinate's stops, or of its limits and effort, which act only where switched on.
 
-    MuJoCo's have two ends: one that is not given is far away.
+    MuJoCo's have two ends: a missing one is far away.
     """
     attributes = dict[str, str]()
     if "stops.stiffness" in coordinate.further:
@@ -258,7 +258,7 @@ def _limited(coordinate: Coordinate, limits: Limits) -> dict[str, str]:
 
 
 def _friction(friction: Friction | None) -> dict[str, str]:
-    """The viscous part as damping, the dry one as frictionloss."""
+    """Return attributes: viscous friction as damping, Coulomb friction as frictionloss."""
     if friction is None:
         return {}
     viscous = {"damping": repr(friction.viscous)} if friction.viscous else {}
@@ -266,7 +266,7 @@ def _friction(friction: Friction | None) -> dict[str, str]:
 
 
 def _inertial(link: Link, size: float) -> dict[str, str]:
-    """Mass and inertia; principal moments of second moments of at least LEAST where one would be less."""
+    """Return the mass and inertia; principal moments of second moments of at least LEAST where one would be less."""
     xx, yy, zz, xy, xz, yz = link.inertia
     values = {"mass": repr(max(link.mass, LEAST)), "pos": text_of(link.com)}
     moments, axes = np.linalg.eigh(second_moments([link])[0])
@@ -286,7 +286,7 @@ def _inertial(link: Link, size: float) -> dict[str, str]:
 
 
 def _add_tendons(root: ElementTree.Element, robot: Robot, bodies: Bodies) -> None:
-    """Springs between points as straight tendons, transmissions as fixed ones."""
+    """Add point-to-point springs as straight tendons, transmissions as fixed ones."""
     motors = [joint for joint in robot.joints if joint.motor is not None]
     springs = [spring for spring in robot.springs if spring.curve is None]
     if not motors and not springs:
@@ -316,7 +316,7 @@ def _add_spring(tendons: ElementTree.Element, bodies: Bodies, spring: Spring) ->
 
 
 def _place(placement: Placement) -> dict[str, str]:
-    """pos, and the axes where they are turned."""
+    """Return pos, and the axes where they are turned."""
     place = {"pos": text_of(placement.xyz)}
     return place if placement.rotation == IDENTITY else place | {"xyaxes": _axes(np.array(placement.rotation))}
 

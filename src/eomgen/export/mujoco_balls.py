@@ -13,7 +13,7 @@ from ..state.turning import quaternions
 
 
 def balls(robot: Robot) -> dict[str, tuple[str, ...]]:
-    """Coordinates that become one joint of MuJoCo's: three angles a ball, all six a free joint; by joints that have it.
+    """Return coordinates that become one MuJoCo joint, by joint: three angles a ball, all six a free joint.
 
     Nothing else may act on these angles: their position is a quaternion there.
     """
@@ -29,14 +29,14 @@ def balls(robot: Robot) -> dict[str, tuple[str, ...]]:
 
 
 def hinge_damping(joint: Joint, name: str) -> float:
-    """Damping that a joint's own adds to that of a slide or hinge."""
+    """Return the damping that a joint's as a whole adds to that of a slide or hinge."""
     if joint.damping is None:
         return 0.0
     return (joint.damping.angular if name in ANGULAR else joint.damping.linear) or 0.0
 
 
 def damped_otherwise(robot: Robot) -> Iterator[str]:
-    """Notes on joints' damping that is neither a ball's nor that of hinges."""
+    """Yield notes on joints' damping that is neither a ball's nor that of hinges."""
     made = balls(robot)
     for joint in robot.joints:
         if joint.name not in made and not _on_hinges(joint):
@@ -44,7 +44,7 @@ def damped_otherwise(robot: Robot) -> Iterator[str]:
 
 
 def positions(robot: Robot, q: Sequence[float]) -> list[float]:
-    """MuJoCo's positions of coordinates, (n,): a ball's is a quaternion."""
+    """Convert coordinates, (n,), to MuJoCo's positions: a ball's is a quaternion."""
     made, rest, positions = balls(robot), list(q), list[float]()
     for joint in robot.joints:
         names = tuple(joint.all_coordinates)
@@ -59,7 +59,7 @@ def positions(robot: Robot, q: Sequence[float]) -> list[float]:
 
 
 def ball_values(joint: Joint) -> Mapping[str, str]:
-    """Attributes of the joint that stands for three angles, or for all six coordinates."""
+    """Return attributes of the joint that stands for three angles, or for all six coordinates."""
     damping = joint.damping.angular if joint.damping else 0.0
     return {"name": joint.name, "damping": repr(damping)}
 

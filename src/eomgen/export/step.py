@@ -19,7 +19,7 @@ PART = 0.2  # of 1 / the fastest eigenvalue: a step of the Runge-Kutta method
 
 
 def default_step(robot: Robot, method: str, progress: StageReport = no_report) -> float:
-    """LONGEST_STEP, or less where the Runge-Kutta method needs it: of 1, 2 or 5 times a power of ten, s.
+    """Return LONGEST_STEP, or less where the Runge-Kutta method needs it: of 1, 2 or 5 times a power of ten, s.
 
     By the eigenvalues about the state where all coordinates are zero, of robots with loops about their closed home.
     """
@@ -32,7 +32,7 @@ def default_step(robot: Robot, method: str, progress: StageReport = no_report) -
 
 
 def _fastest(robot: Robot, progress: StageReport) -> float:
-    """The greatest modulus of an eigenvalue where the robot starts, 1/s; 0 where there is no acceleration."""
+    """Return the greatest modulus of an eigenvalue where the robot starts, 1/s; 0 where there is no acceleration."""
     try:
         by_q, by_v = (_closed if build_model(robot).constraints else _open)(robot, progress)
     except SingularError:
@@ -42,14 +42,14 @@ def _fastest(robot: Robot, progress: StageReport) -> float:
 
 
 def _open(robot: Robot, progress: StageReport) -> tuple[Array, Array]:
-    """Derivatives of the accelerations by q and v, (n, n) each, where all coordinates are zero."""
+    """Return derivatives of the accelerations by q and v, (n, n) each, where all coordinates are zero."""
     kernel = build(robot, kernels=("forward_dynamics_jacobian",), flags=("-O0",), progress=progress)
     zero = np.zeros(kernel.n)
     return kernel.forward_dynamics_jacobian(zero, zero, zero)[:2]
 
 
 def _closed(robot: Robot, progress: StageReport) -> tuple[Array, Array]:
-    """Return the step of a robot with loops at its closed home, at rest."""
+    """Return the step of a robot with loops at its assembled home, at rest."""
     q = np.array(closed_home(robot, progress))
     names = ("constrained_dynamics", "constrained_dynamics_tangent")
     kernel = build(robot, kernels=names, flags=("-O0",), progress=progress)

@@ -29,7 +29,7 @@ def export_wheel(
 ) -> Path:
     """Write a wheel of the robot's generated package into a folder, and return its path.
 
-    It has binaries for all levels of processors, of which the best that runs is loaded, and needs NumPy and cffi.  Its
+    It has binaries for all x86-64 levels, of which the best that runs is loaded, and needs NumPy and cffi.  Its
     version is this package's, and behind a + what tells one content from another; the same content has the same bytes.
     The platform of Linux is the oldest glibc ("manylinux") that has all that the binaries ask of it; where they need
     more than a C library, "linux".  Calls are fastest on the minor version of Python that wrote it, and run on others.
@@ -63,7 +63,7 @@ def export_wheel(
 
 
 def python_of(paths: Iterable[str]) -> str:
-    """The tag of the Pythons that import a package of these files: of modules of cffi, or of plain libraries."""
+    """Return the tag of the Pythons that import a package of these files: of modules of cffi, or of plain libraries."""
     modules = [path for path in paths if re.search(r"/_[^/]*\.(so|pyd)$", path) and "/runtime/" not in path]
     if not modules:
         return "py3-none"
@@ -73,7 +73,7 @@ def python_of(paths: Iterable[str]) -> str:
 
 
 def platform_of(binaries: Iterable[bytes]) -> str:
-    """The platform tag of binaries that were compiled here, by the C library that they ask for (PEP 600)."""
+    """Return the platform tag of binaries that were compiled here, by the C library that they ask for (PEP 600)."""
     platform = re.sub(r"[-.]", "_", sysconfig.get_platform())
     if not platform.startswith("linux_"):
         return platform
@@ -89,13 +89,13 @@ def platform_of(binaries: Iterable[bytes]) -> str:
 
 
 def _digest(files: Mapping[str, bytes]) -> str:
-    """Twelve figures that tell contents apart."""
+    """Return twelve figures that tell contents apart."""
     parts = (f"{path}\0{hashlib.sha256(files[path]).hexdigest()}" for path in sorted(files))
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:12]
 
 
 def _described(robot: str, folder: str, name: str, version: str, tag: str) -> dict[str, bytes]:
-    """Files that tell pip what it installs."""
+    """Return files that tell pip what it installs."""
     metadata = [
         "Metadata-Version: 2.1",
         f"Name: {name}",

@@ -125,13 +125,13 @@ class Bearings(Ends):
         self.ends = journal_contacts(kernel)
 
     def gaps(self, q: Array, v: Array) -> Array:
-        return np.stack([journal.gap(q) for journal in self.ends], axis=-1)
+        return np.stack([journal.penetration(q) for journal in self.ends], axis=-1)
 
     def contact(self, end: int, t: float, q: Array, v: Array, closes: bool) -> Contact:
         journal: JournalContact = self.ends[end]
         x, y = journal.centre(q)
         angle = float(np.arctan2(y, x))
-        rate = np.array([np.cos(angle), np.sin(angle)]) @ journal.arms(q) @ v[list(journal.index)]
+        rate = np.array([np.cos(angle), np.sin(angle)]) @ journal.centre_jacobian(q) @ v[list(journal.index)]
         return Contact(t, journal.name, journal.end, closes, float(rate), angle=angle)
 
 

@@ -49,7 +49,7 @@ class Entry:
 
 
 def cache_folder() -> Path:
-    """The cache's root: $EOMGEN_CACHE_DIR, or "eomgen" in the user's cache folder."""
+    """Return the cache's root: $EOMGEN_CACHE_DIR, or "eomgen" in the user's cache folder."""
     chosen = os.environ.get(VARIABLE, "")
     if chosen:
         return Path(chosen)
@@ -59,7 +59,7 @@ def cache_folder() -> Path:
 
 
 def entry(kind: str, key: str, make: Callable[[Path], None]) -> Entry:
-    """An entry, made by ``make(private folder)`` if it is missing or damaged.
+    """Return an entry, made by ``make(private folder)`` if it is missing or damaged.
 
     Args:
         kind: one of KINDS.
@@ -84,7 +84,7 @@ def unfinished(kind: str, key: str, folder: Path) -> Entry:
 
 
 def find(kind: str, key: str) -> Entry | None:
-    """An entry that is there and whole, or None.
+    """Return an entry that is there and whole, or None.
 
     Raises:
         BuildError: the cache is not a folder of this user's alone.
@@ -128,7 +128,7 @@ def is_whole(folder: Path) -> bool:
 
 
 def contents() -> list[tuple[str, str, int]]:
-    """Kind, key and size in bytes of what is in the cache, whole or not."""
+    """Return the kind, key and size in bytes of what is in the cache, whole or not."""
     entries = []
     for kind in KINDS:
         place = cache_folder() / kind
@@ -159,7 +159,7 @@ def clear() -> int:
 
 @contextmanager
 def _reported(root: Path) -> Iterator[None]:
-    """BuildError for what the system says about the cache."""
+    """Raise what the system says about the cache as BuildError."""
     try:
         yield
     except OSError as error:
@@ -263,7 +263,7 @@ def _seal(folder: Path, kind: str, key: str) -> Files:
 
 
 def _read(root: Path, kind: str, key: str) -> Files | None:
-    """The files of an entry that is there and whole, or None.
+    """Return the files of an entry that is there and whole, or None.
 
     Raises:
         BuildError: the cache is not a folder of this user's alone.
@@ -283,7 +283,7 @@ def _read(root: Path, kind: str, key: str) -> Files | None:
 
 
 def _bytes(path: Path, most: int | None = None) -> bytes:
-    """The content of a file that nobody else may write; OSError where it is none, a link, or has more bytes."""
+    """Return the content of a file that nobody else may write; OSError where it is none, a link, or has more bytes."""
     flags = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
     with open(os.open(path, flags), "rb") as stream:
         status = os.fstat(stream.fileno())
@@ -313,7 +313,7 @@ def _check_folders(root: Path, *names: str) -> None:
         if _is_open(status):
             raise BuildError(
                 f"the cache folder {folder} may be written by others (mode {stat.S_IMODE(status.st_mode):o});"
-                f" run chmod go-w on it, or set {VARIABLE} to a folder of your own"
+                f" run chmod go-w on it, or set {VARIABLE} to a folder that is yours"
             )
 
 

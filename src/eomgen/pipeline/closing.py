@@ -9,7 +9,7 @@ from .stages import build
 
 
 def closing_kernels(robot: Robot) -> tuple[str, ...]:
-    """Names of the kernels that ``Kernel.close`` calls; none where nothing rigid closes."""
+    """Return names of the kernels that ``Kernel.close`` calls; none where nothing rigid closes."""
     if not build_model(robot).constraints:
         return ()
     return ("constraint", "constraint_jacobian", *(("cut_poses",) if robot.loops else ()))
@@ -22,7 +22,7 @@ def mechanism_kernels(robot: Robot) -> tuple[str, ...]:
 
 
 def closed_home(robot: Robot, progress: StageReport = no_report) -> tuple[float, ...]:
-    """The description's home, (n,), m or rad, closed; compiles ``closing_kernels`` where there are some.
+    """Return the description's home, (n,), m or rad, closed; compiles ``closing_kernels`` where there are some.
 
     Raises:
         LoopError: a loop or a coupling stays open, or closes turned over alone.

@@ -33,7 +33,7 @@ class RobotInfo:
     mobility: Mobility | None = None
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values, for JSON."""
+        """Return plain values, for JSON."""
         model = self.model
         owners: tuple[Joint | Loop, ...] = (*model.robot.joints, *model.robot.loops)
         return {
@@ -72,7 +72,7 @@ class RobotInfo:
         }
 
     def lines(self) -> list[str]:
-        """A page of text."""
+        """Return a page of text."""
         model = self.model
         count = f"{model.size} coordinates, {len(model.bodies)} joints that move, {self._mass():.6g} kg moving"
         parameters = f"{len(model.parameters)} (kernel.parameters; list more under `tunable`)"
@@ -117,7 +117,7 @@ class RobotInfo:
         return lines
 
     def _loop_lines(self) -> list[str]:
-        """The cut joints and couplings, where there are some."""
+        """Return the cut joints and couplings, where there are some."""
         loops, count = self.model.robot.loops, len(self.model.constraints)
         lines = []
         for loop in loops:
@@ -134,7 +134,7 @@ class RobotInfo:
         return [*lines, f"{count} constraints; all else is that of the open tree{led}"]
 
     def _start_lines(self) -> list[str]:
-        """Drives and home, where the description names them."""
+        """Return drives and home, where the description names them."""
         robot, lines = self.model.robot, []
         if robot.driven is not None:
             lines.append(f"driven: {', '.join(self.model.coordinates[i] for i in self.model.driven) or 'nothing'}")
@@ -151,7 +151,7 @@ class RobotInfo:
 
 
 def _linear(coordinate: Coordinate) -> dict[str, float]:
-    """Stiffness and damping, where they are given."""
+    """Return stiffness and damping, as far as they are set."""
     return {key: value for key in CUT_NUMBERS if (value := getattr(coordinate, key)) is not None}
 
 

@@ -74,7 +74,7 @@ EXTENSION = Extension()
 
 
 def begin(compiler: Compiler | None = None) -> ExtensionBinding:
-    """The binding of the kernels of this process; see ``Extension``.
+    """Return the binding of the kernels of this process; see ``Extension``.
 
     Args:
         compiler: that of the environment if None.
@@ -93,7 +93,7 @@ def settle(progress: StageReport = no_report) -> None:
 
 
 def made_by(compiler: Compiler) -> store.Entry | None:
-    """The compiled module, made or from the cache; None where there are no headers.
+    """Return the compiled module, made or from the cache; None where there are no headers.
 
     Raises:
         BuildError: the compiler fails, the module does not load or does something else than it should, or the cache
@@ -104,7 +104,7 @@ def made_by(compiler: Compiler) -> store.Entry | None:
 
 
 def binary_of(compiler: Compiler) -> store.Files:
-    """The compiled module as a file of a package's ``runtime``, by its name; nothing where it cannot be had."""
+    """Return the compiled module as a file of a package's ``runtime``, by its name; nothing where it cannot be had."""
     try:
         made = made_by(compiler)
     except BuildError:
@@ -127,6 +127,6 @@ def _make(compiler: Compiler, key: str, folder: Path) -> None:
 
 
 def _try_to_make(compiler: Compiler) -> None:
-    """Fill the cache; what goes wrong is found again, and told, by ``settle``."""
+    """Fill the cache; errors come again, and are told, by ``settle``."""
     with suppress(BuildError):
         made_by(compiler)

@@ -1,6 +1,6 @@
 """A compiled extension module is asked what is known of it, before it enters the cache.
 
-It is loaded in a thread of its own, for the reason that ``self_test`` gives, and calls functions that are written here.
+It is loaded in a separate thread, for the reason that ``self_test`` gives, and calls functions that are written here.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def check_extension(made: store.Entry, compiler: Compiler) -> None:
 
 
 def _wrong(module: ModuleType, dtype: np.dtype[Any]) -> Iterator[str]:
-    """All that a module does wrong with a function that multiplies by 2 (so in ``h``), for this dtype."""
+    """Yield all that a module does wrong with a function that multiplies by 2 (so in ``h``), for this dtype."""
     code, batch, setup, kept = _doubling(dtype)
     function = module.Function(
         name="doubled",
@@ -102,7 +102,7 @@ def _asked(kernel: object, q: Array, *, out: Array | None = None) -> str:
 
 
 def _doubling(dtype: np.dtype[Any]) -> tuple[int, int, int, object]:
-    """Addresses of code for one state, for many, and of a setup; and what keeps them."""
+    """Return addresses of code for one state, for many, and of a setup; and what keeps them."""
     real = ctypes.c_double if dtype == np.float64 else ctypes.c_float
     pointer = ctypes.POINTER(real)
 

@@ -96,7 +96,7 @@ def exchange(one: Path, other: Path) -> bool:
 
 
 def _system_call() -> Callable[[bytes, bytes], int] | None:
-    """The system's own exchange of two paths, or None."""
+    """Return the system call that exchanges two paths, or None."""
     if not sys.platform.startswith(("linux", "darwin")):
         return None
     library = ctypes.CDLL(None, use_errno=True)

@@ -1,6 +1,6 @@
-"""Hash of the files that shape the generated C: the generator's own, its templates, and all of eomgen that it imports.
+"""Hash of the files that shape the generated C: the generator's, its templates, and all of eomgen that it imports.
 
-It is part of the key of every source in the cache, so that changed code never serves an old entry.
+It enters the key of every source in the cache, so that changed code never serves an old entry.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _IMPORT = re.compile(
 
 @cache
 def generator_hash() -> str:
-    """SHA-256 of the names and contents of ``generator_files``, hexadecimal."""
+    """Return SHA-256 of the names and contents of ``generator_files``, hexadecimal."""
     digest = hashlib.sha256()
     for name, (_, data) in sorted(_contents().items()):
         digest.update(f"{name}:{len(data)}:".encode() + data)
@@ -31,12 +31,12 @@ def generator_hash() -> str:
 
 
 def generator_files() -> dict[str, Path]:
-    """Path of every file that shapes the generated C, by its name inside eomgen ("codegen/program/ir.py"), sorted."""
+    """Return paths of the files that shape generated C, by names inside eomgen ("codegen/program/ir.py"), sorted."""
     return {name: Path(path) for name, (path, _) in sorted(_contents().items())}
 
 
 def _contents() -> dict[str, tuple[str, bytes]]:
-    """Path and bytes of every file that shapes the generated C, by its name inside eomgen."""
+    """Return the path and bytes of every file that shapes the generated C, by its name inside eomgen."""
     contents: dict[str, tuple[str, bytes]] = {}
     waiting: list[tuple[str, str]] = []  # modules whose imports are not looked at yet, with the names of their files
     for room in ROOMS:
@@ -70,7 +70,7 @@ def _files(package: str) -> Iterator[tuple[str, str]]:
 
 
 def _imported(module: str, name: str, data: bytes) -> Iterator[str]:
-    """Full names of what may be a module of eomgen among the imports of one, and the packages around them."""
+    """Yield the full names of what may be a module of eomgen among the imports of one, and the packages around them."""
     package = module if name.endswith("__init__.py") else module.rpartition(".")[0]
     for origin, names, plain in _IMPORT.findall(data.decode("utf-8")):
         bases = [origin] if origin else [word.split()[0] for word in plain.split(",") if word.strip()]
@@ -99,7 +99,7 @@ def _file(module: str) -> str:
 
 @cache
 def _listing(folder: str) -> frozenset[str]:
-    """Names of what is in a folder of eomgen; none of what is no folder."""
+    """Return names of what is in a folder of eomgen; none of what is no folder."""
     try:
         return frozenset(os.listdir(_path(folder)))
     except OSError:
@@ -107,7 +107,7 @@ def _listing(folder: str) -> frozenset[str]:
 
 
 def _path(name: str) -> str:
-    """Path of a file or folder of eomgen, outside of ROOMS."""
+    """Return the path of a file or folder of eomgen, outside of ROOMS."""
     return os.path.join(_folder("eomgen"), *name.split("/"))
 
 
@@ -118,7 +118,7 @@ def _read(path: str) -> bytes:
 
 @cache
 def _folder(package: str) -> str:
-    """Folder of a package of eomgen, wherever it is installed from."""
+    """Return the folder of a package of eomgen, wherever it is installed from."""
     spec = importlib.util.find_spec(package)
     assert spec is not None, package
     return next(iter(spec.submodule_search_locations or ()))

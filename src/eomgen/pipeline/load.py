@@ -1,6 +1,6 @@
 """From the bytes of a compiled package to a loaded module.
 
-The dynamic linker opens files by name.  It is given a copy of its own, which nobody else knows and which is gone as
+The dynamic linker opens files by name.  It gets a copy, which nobody else knows and which is gone as
 soon as it is loaded: so the code that runs is that whose hash was checked, and stays so, whatever happens to the cache.
 """
 
@@ -69,7 +69,7 @@ def _load(package: store.Entry, name: str, here: str) -> Any:
 
 
 def _load_api(package: store.Entry, here: str) -> Any:
-    """cffi's API mode: an extension module."""
+    """Load a package of cffi's API mode: an extension module."""
     stem = here.rpartition(".")[2]
     file = next(name for name in package.files if name.startswith(f"{stem}.") and name.endswith((".so", ".pyd")))
 
@@ -86,7 +86,7 @@ def _load_api(package: store.Entry, here: str) -> Any:
 
 
 def _load_abi(package: store.Entry, name: str) -> Any:
-    """cffi's ABI mode: declarations in Python, and a plain shared library."""
+    """Load a package of cffi's ABI mode: declarations in Python, and a plain shared library."""
     from types import ModuleType
 
     file = f"_{name}_types.py"
@@ -98,7 +98,7 @@ def _load_abi(package: store.Entry, name: str) -> Any:
 
 
 def linked(package: store.Entry, file: str, load: Callable[[str], Any]) -> Any:
-    """``load(path)`` of a copy of the file; from its place if no copy can be had, or where files in use stay.
+    """Load a copy of a file by ``load(path)``; the file itself if no copy can be had, or where files in use stay.
 
     ImportError and OSError of ``load`` say that it cannot be had there.
     """

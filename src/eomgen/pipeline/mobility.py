@@ -38,7 +38,7 @@ class Mobility:
     note: str = ""
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values, for JSON."""
+        """Return plain values, for JSON."""
         return {**vars(self), "redundant": list(self.redundant), "undetermined": list(self.undetermined)}
 
     def lines(self) -> list[str]:
@@ -55,7 +55,7 @@ class Mobility:
 
 
 def mobility_of(robot: Robot, *, progress: StageReport = no_report) -> Mobility | None:
-    """The facts of a robot's rigid mechanism; None if it has no loop or coupling.  Compiles a few kernels."""
+    """Analyse a rigid mechanism's mobility; None without a loop or coupling.  Compiles a few kernels."""
     rigid = robot.rigid() if robot.is_closed else robot
     model = build_model(rigid)
     if not model.constraints:

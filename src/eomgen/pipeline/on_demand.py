@@ -1,4 +1,4 @@
-"""Kernels that are compiled when they are first asked for, each in a library of its own."""
+"""Kernels that are compiled when they are first asked for, each in a separate library."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Names = tuple[str, ...]
 
 
 def one_library(package: store.Entry, name: str) -> OneLibrary:
-    """The library of a package of the cache, whose texts are read as long as they are there; ``name`` is the robot's.
+    """Return the library of a package in the cache, whose texts are read while they are there; ``name`` is the robot's.
 
     Raises:
         BuildError: it does not load.
@@ -40,7 +40,7 @@ def one_library(package: store.Entry, name: str) -> OneLibrary:
 
 
 def _loaded(package: store.Entry, name: str) -> tuple[Any, Any, dict[str, Any]]:
-    """cffi's objects of a package's module, and its metadata."""
+    """Return cffi's objects of a package's module, and its metadata."""
     module = load_module(package, name)
     return module.ffi, module.lib, json.loads(package.files[f"{name}.json"])
 
@@ -70,7 +70,7 @@ class OnDemand:
     _locks: dict[tuple[Names, str], threading.Lock] = field(default_factory=dict)
 
     def library(self, kernel: str, function: str = "") -> Library:
-        """The library with a function of C of a kernel; without a name with those for one state.
+        """Return the library with a function of C of a kernel; without a name with those for one state.
 
         Raises:
             BuildError: it does not compile, or computes something else than the equations.
@@ -86,19 +86,19 @@ class OnDemand:
             return self._found[place]
 
     def _half(self, kernel: str, function: str, report: StageReport) -> str:
-        """The half of a kernel's code that has a function; batches that are loops are in that of one state."""
+        """Return the half of a kernel's code that has a function; batches that are loops are in that of one state."""
         if not function.endswith(BATCH):
             return SINGLES
         halves: Mapping[str, Names] = self._meta(kernel, report)["halves"]
         return next(half for half, names in halves.items() if function in names)
 
     def _names(self, kernel: str, half: str) -> Names:
-        """Kernels that are in one library with a half of this one."""
+        """Return kernels that are in one library with a half of this one."""
         group = self.groups.get(half, ())
         return group if kernel in group else (kernel,)
 
     def about(self, kernel: str) -> Mapping[str, Any]:
-        """Metadata of the C of a kernel; it is derived for that, but not compiled."""
+        """Return the metadata of the C of a kernel; it is derived for that, but not compiled."""
         return self._meta(kernel, no_report)
 
     def _meta(self, kernel: str, report: StageReport) -> Mapping[str, Any]:
@@ -113,13 +113,13 @@ class OnDemand:
         return meta
 
     def source(self, file: str) -> str:
-        """Text of NAME.h, NAME.c or NAME.json with all kernels but derivatives."""
+        """Return the text of NAME.h, NAME.c or NAME.json with all kernels but derivatives."""
         source = self.source_of((), self.progress)
         texts = {"h": source.header, "c": source.code, "json": source.meta}
         return texts[file.removeprefix(f"{self._name}.")]
 
     def together(self, kernels: Names) -> OneLibrary:
-        """These kernels in one library.
+        """Return these kernels in one library.
 
         Raises:
             UnknownNameError: the robot has no such kernel.

@@ -2,7 +2,7 @@
 
 Flags are only half of what decides how a compiler computes: its name may be that of a script, its specs may be changed.
 So every fresh binary answers the samples of its source: in ordinary states and small ones, of denormal numbers,
-infinities and what is no number.  It is loaded in a thread of its own, since a library that was linked with fast
+infinities and what is no number.  It is loaded in a separate thread, since a library that was linked with fast
 arithmetic turns denormal numbers off in the thread that loads it.
 """
 
@@ -79,7 +79,7 @@ def first_difference(
     bits: bool,
     halves: Sequence[str] = (SINGLES, BATCHES),
 ) -> Difference | None:
-    """The first answer of a compiled module that is wrong, or None.
+    """Return the first answer of a compiled module that is wrong, or None.
 
     Args:
         load: gives the module, with ``ffi`` and ``lib``; called in a new thread.
@@ -110,7 +110,7 @@ class _Examination:
         self.least = 65536.0 * float(np.finfo(self.raw.dtype).smallest_subnormal)
 
     def differences(self) -> Iterator[Difference]:
-        """All answers that are wrong."""
+        """Yield all answers that are wrong."""
         yield from self._of_setup()
         for function in self.raw.functions.values():
             if function.name in self.known:
@@ -142,14 +142,14 @@ class _Examination:
                     yield from self._compared(function.name, (state, *place), out)
 
     def _of_batches(self, function: RawFunction) -> Iterator[Difference]:
-        """States that do not fail, in one call, and those alone in which a loop is open."""
+        """Yield states that do not fail, in one call, and those alone in which a loop is open."""
         status = self.samples[f"{function.name} status"]
         yield from self._of_batch(function, np.flatnonzero(status == 0), -1)
         for state in np.flatnonzero(status > self.samples["q"].shape[1]):
             yield from self._of_batch(function, np.array([state]), int(status[state]) - 1)
 
     def _of_batch(self, function: RawFunction, states: Array, expected: int) -> Iterator[Difference]:
-        """Some states in one call, which says what is expected."""
+        """Yield some states in one call, which says what is expected."""
         arguments: list[Any] = []
         for name in function.reads:
             rows = self.samples[name][states]
@@ -163,7 +163,7 @@ class _Examination:
                 yield from self._compared(function.name, (int(state), *place), row, "_batch")
 
     def _of_steps(self, rollout: RawFunction) -> Iterator[Difference]:
-        """One step of every state by every method, for one state and as a batch of one."""
+        """Yield the one step of every state by every method, for one state and as a batch of one."""
         n, dt = self.samples["q"].shape[1], float(self.samples["dt"])
         for method, state in np.ndindex(self.samples[f"{rollout.name} status"].shape):
             failing = self.samples[f"{rollout.name} status"][method, state] != 0
@@ -206,12 +206,12 @@ class _Examination:
                 yield from self._compared(rollout.name, (int(method), int(state)), moved[:, n:].ravel(), suffix)
 
     def _drives(self, u: Array, effort: Array) -> dict[str, Any]:
-        """Drives, clipped where one of them has an effort."""
+        """Return drives, clipped where one of them has an effort."""
         clips = {"effort": self.raw.view(effort)} if np.isfinite(effort).any() else {}
         return {"u": self.raw.view(u), **clips}
 
     def _frames(self, function: RawFunction) -> list[tuple[tuple[int, ...], tuple[int, ...]]]:
-        """Places of a function's answers behind that of the state, and what it is given beside arrays."""
+        """Return places of a function's answers behind that of the state, and its arguments beside arrays."""
         if not function.is_framed:
             return [((), ())]
         return [((place,), (int(number),)) for place, number in enumerate(self.samples["frames"])]
@@ -226,7 +226,7 @@ class _Examination:
         return self.bits and bool(self.samples[f"{name} bits"])
 
     def _compared(self, name: str, place: tuple[int, ...], answer: Array, suffix: str = "") -> Iterator[Difference]:
-        """The first number of an answer that is wrong; ``place`` is where it lies among the samples."""
+        """Yield the first number of an answer that is wrong; ``place`` is where it lies among the samples."""
         expected, state = self.samples[name][place], place[-1] if name.endswith("rollout") else place[0]
         yield from self._satisfied(name, state, answer, suffix)
         answer = answer[self.samples.get(f"{name} places", slice(expected.size))]
@@ -246,7 +246,7 @@ class _Examination:
             yield Difference(name + suffix, STATES[state], at, float(answer[at]), float(expected[at]))
 
     def _satisfied(self, name: str, state: int, answer: Array, suffix: str) -> Iterator[Difference]:
-        """The first of an answer's equations that is not satisfied within round-off of its terms."""
+        """Yield the first of an answer's equations that is not satisfied within round-off of its terms."""
         if state >= MEASURED or f"{name} unknown" not in self.samples:
             return
         x = answer[self.samples[f"{name} unknown"]].astype(np.float64)
@@ -262,5 +262,5 @@ class _Examination:
 
 
 def _filled(array: Array) -> Array:
-    """The numbers one behind the other; one where there is none, since a pointer has to point somewhere."""
+    """Return the numbers one behind the other; one where there is none, since a pointer has to point somewhere."""
     return np.ascontiguousarray(array).ravel() if array.size else np.zeros(1, array.dtype)

@@ -160,7 +160,7 @@ def _begin_derivation(beside: ThreadPoolExecutor, robot: Robot, options: Options
 
 
 def _at_once(robot: Robot, options: Options, progress: StageReport = no_report) -> Kernel:
-    """A kernel with all of its functions in one library."""
+    """Return a kernel with all of its functions in one library."""
     from ..codegen.package.compile import find_compiler
 
     compiler = find_compiler()
@@ -170,17 +170,17 @@ def _at_once(robot: Robot, options: Options, progress: StageReport = no_report) 
 
 
 def _with_beside(robot: Robot, options: Options) -> Options:
-    """The options with the kernels that come with those that are asked for."""
+    """Return the options with the kernels that come with those that are asked for."""
     return replace(options, kernels=with_beside(options.kernels, build_model(robot)))
 
 
 def _loaded_again(package: store.Entry, robot: Robot, options: Options, level: str) -> Kernel:
-    """The kernel of a package, which knows how to become one in another process."""
+    """Return the kernel of a package, which knows how to become one in another process."""
     return load_kernel(package, robot.name, (built_again, (robot, options, package.key, __version__, level)))
 
 
 def build_groups(robot: Robot, groups: Mapping[str, tuple[str, ...]], progress: StageReport = no_report) -> Kernel:
-    """``build`` without names, quickly, for who knows which functions will be called for one state, which for batches.
+    """Build like ``build`` without names, quickly: for known functions, those called for one state and for batches.
 
     Args:
         robot, progress: as of ``build``.
@@ -198,7 +198,7 @@ def _on_demand(
     progress: StageReport = no_report,
     groups: Mapping[str, tuple[str, ...]] = MappingProxyType({}),
 ) -> Kernel:
-    """A kernel whose functions are built when they are first asked for, by the compiler that is here now."""
+    """Return a kernel whose functions are built when they are first asked for, by the compiler that is here now."""
     from ..codegen.kernels.interface import describe_kernels
     from ..codegen.package.compile import find_compiler
 
@@ -219,7 +219,7 @@ def _on_demand(
 
 
 def built_again(robot: Robot, options: Options, key: str, version: str, level: str = "") -> Kernel:
-    """The kernel of a build that may have been made in another process.
+    """Return the kernel of a build that may have been made in another process.
 
     Args:
         robot, options: of that build.
@@ -249,7 +249,7 @@ def generate(
 ) -> Path:
     """Write the importable package ``folder/<robot.name>`` and return its path.
 
-    It has binaries for all levels of processors, those of further levels in folders of their own, and loads the best
+    It has binaries for all x86-64 levels, those of further levels in separate folders, and loads the best
     one that runs where it is imported.  Binaries of levels beyond this processor are compiled, but not tried.
 
     Beside the compiler SymPy derives the robot's joints anew.  What is kept of joints, the terms of eqs. (11) and (12)
@@ -261,7 +261,7 @@ def generate(
         robot: a Robot, the name of a built-in one, or the path of a description.
         folder: where the package's folder is made.
         options: see Options.
-        cmake: write a header for C++17, a CMake project, a pkg-config file and a gateway for MATLAB, too.
+        cmake: write a header for C++17, a CMake project, a pkg-config file and a MEX file's source for MATLAB, too.
         ros2: write them, and a package of ROS 2 in the folder ``ros2``, which simulates the robot.
         report: file to write the derivation to, .html or .tex: joint matrices, surviving terms, and of small robots
             the closed form.
@@ -309,7 +309,7 @@ def generate(
 
 
 def _files_of_levels(robot: Robot, options: Options, progress: StageReport) -> store.Files:
-    """Files of a package, and in a folder for each further level that the compiler makes code for its binaries."""
+    """Return files of a package, and the binaries of each further x86-64 level in a folder."""
     from ..codegen.package.compile import find_compiler
     from ..codegen.package.levels import check_possible, possible_levels
 
@@ -342,7 +342,7 @@ def _write_project(package: Path, name: str, options: Options, ros2: bool) -> No
 
 
 def _check_target(place: Path, target: Path) -> None:
-    """InputError if something is at the place that no generation of the target wrote; an empty folder is nothing."""
+    """Raise InputError if a file is in the way that no generation of the target wrote; an empty folder is none."""
     try:
         text = read_regular(place / f"{target.name}.json", _LARGEST)
         foreign = "eomgen" not in json.loads(text)["generator"]
@@ -360,7 +360,7 @@ def make_package(
     compiler: Compiler | None = None,
     half: str = "",
 ) -> store.Entry:
-    """The compiled package of a robot's kernels, made or from the cache.
+    """Return the compiled package of a robot's kernels, made or from the cache.
 
     Args:
         robot, options, progress: as of ``generate``; a level may be beyond this processor, and none is the best here.
@@ -399,7 +399,7 @@ def make_package(
 
 
 def build_level(options: Options, compiler: Compiler) -> str:
-    """The level that a build compiles for here; nothing for native code.
+    """Return the level that a build compiles for here; nothing for native code.
 
     Raises:
         InputError: this processor does not run it, or $EOMGEN_LEVEL is no level that it runs.
@@ -411,7 +411,7 @@ def build_level(options: Options, compiler: Compiler) -> str:
 
 
 def build_flags(options: Options, compiler: Compiler) -> tuple[str, ...]:
-    """Flags of the C compiler for a build of these options; without a level for the one that is chosen here.
+    """Return flags of the C compiler for a build of these options; without a level for the one that is chosen here.
 
     Raises:
         InputError, BuildError: see ``build``.
@@ -423,12 +423,12 @@ def build_flags(options: Options, compiler: Compiler) -> tuple[str, ...]:
 
 
 def make_source(robot: Robot, options: Options, progress: StageReport = no_report) -> Source:
-    """The C of a robot's kernels, derived or from the cache."""
+    """Return the C of a robot's kernels, derived or from the cache."""
     return _source(_derived(robot, options, progress))
 
 
 def _derived(robot: Robot, options: Options, progress: StageReport) -> store.Entry:
-    """The source of a robot's kernels and samples of what they compute, derived or from the cache."""
+    """Return the source of a robot's kernels and samples of what they compute, derived or from the cache."""
     key = _source_key(robot, options)
     return store.entry("sources", key, lambda folder: with_denormals(lambda: _derive(robot, options, folder, progress)))
 
@@ -440,7 +440,7 @@ def _source(derived: store.Entry) -> Source:
 
 
 def cache_keys(robot: Robot, kernels: Sequence[str]) -> tuple[str, str | None]:
-    """Keys in the cache of the source and of the package of ``build(robot, kernels=kernels)``.
+    """Return keys in the cache of the source and of the package of ``build(robot, kernels=kernels)``.
 
     That of the package depends on the compiler here, and is None while the source is not there.
     """
@@ -456,7 +456,7 @@ def cache_keys(robot: Robot, kernels: Sequence[str]) -> tuple[str, str | None]:
 
 
 def _derive(robot: Robot, options: Options, folder: Path, progress: StageReport) -> None:
-    """Robot -> Source and its samples, written into the folder."""
+    """Derive the source of a robot and its samples, and write them into the folder."""
     from ..codegen.c.sources import render
     from ..codegen.kernels.equations import derive_equations
     from ..codegen.samples.answers import samples
@@ -470,7 +470,7 @@ def _derive(robot: Robot, options: Options, folder: Path, progress: StageReport)
 
 
 def _source_key(robot: Robot, options: Options) -> str:
-    """Hash of the description, the options that change the source, and the generator's own code."""
+    """Hash of the description, the options that change the source, and the generator's code."""
     text = json.dumps(
         [robot_hash(robot), options.kernels, options.dtype, options.batches, __version__, generator_hash()]
     )
@@ -480,7 +480,7 @@ def _source_key(robot: Robot, options: Options) -> str:
 def load_kernel(
     package: store.Entry, name: str, again: tuple[Callable[..., Kernel], tuple[Any, ...]] | None = None
 ) -> Kernel:
-    """A kernel, with parameters of its own, from a package of the cache.
+    """Load a kernel, with separate parameters, from a package of the cache.
 
     Args:
         package: of the cache.

@@ -1,4 +1,4 @@
-"""Numbers of force elements as a kernel has them now, and what damps joints' own motions."""
+"""Parameters of force elements as a kernel has them now, and damping of joints as wholes."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def element_slopes(kernel: Kernel) -> tuple[Array, Array]:
 
 
 def damping_diagonal(kernel: Kernel) -> Array:
-    """Share of joints' own damping in that of every coordinate, (n,), N s/m or N m s/rad."""
+    """Return the damping of every coordinate by joint dampers, (n,), N s/m or N m s/rad."""
     diagonal = np.zeros(kernel.n)
     for _, damping, index in _dampers(kernel):
         diagonal[list(index.values())] += damping
@@ -45,7 +45,7 @@ def damping_diagonal(kernel: Kernel) -> Array:
 
 
 def damping_forces(kernel: Kernel, q: Array, v: Array) -> Array:
-    """The forces, (T, n), that damping of joints' own motions takes from the drives in states, (T, n) each."""
+    """Return the generalized forces of joint dampers against the motion in states, (T, n) each; (T, n)."""
     forces = np.zeros_like(v)
     for joint, damping, index in _dampers(kernel):
         places = list(index.values())
@@ -60,7 +60,7 @@ def damping_forces(kernel: Kernel, q: Array, v: Array) -> Array:
 
 
 def _dampers(kernel: Kernel) -> Iterator[tuple[str, float, dict[str, int]]]:
-    """Joints with such a damping, its number, and the indices of what it slows down, by their short names."""
+    """Yield joints with such a damping, its number, and the indices of what it slows down, by their short names."""
     for joint, numbers in element_numbers(kernel, MOTIONS).items():
         for key, damping in numbers.items():
             names = {name: component_name(joint, name) for name in MOVED[key]}

@@ -23,12 +23,12 @@ def static_equilibrium(
     held: Iterable[str] = (),
     wrench: ArrayLike | None = None,
 ) -> tuple[Array, Array]:
-    """The state of rest near a guess: springs, gravity, drives and wrenches in balance; Newton's method.
+    """Find the static equilibrium near a guess by Newton's method: springs, gravity, drives and wrenches in balance.
 
     Args:
         kernel: float64, with inverse_dynamics and mass_matrix.
         q_guess: coordinates, (n,).
-        u: drives, (n,), N or N m, or a function of q, (n,) or (N, n), to the same shape; none if not given.
+        u: actuator forces, (n,), N or N m, or a function of q, (n,) or (N, n), to the same shape; None: zero.
         held: names of coordinates that stay at their guess, whatever drive that takes; prescribed ones do.
         wrench: external wrenches, (links, 6).
 
@@ -57,7 +57,7 @@ def static_equilibrium(
 
 
 def given_forces(kernel: Kernel, u: ArrayLike | Callable[[Array], ArrayLike] | None) -> Callable[[Array], Array]:
-    """Drives as a function of q, (n,) or (N, n), that checks their shape; ``u`` as of ``static_equilibrium``."""
+    """Return forces as a function of q, (n,) or (N, n), that checks shapes; ``u`` as of ``static_equilibrium``."""
     constant = np.zeros(kernel.n) if u is None or callable(u) else state_vector("u", u, kernel.coordinates)
 
     def applied(qs: Array) -> Array:
@@ -70,7 +70,7 @@ def given_forces(kernel: Kernel, u: ArrayLike | Callable[[Array], ArrayLike] | N
 
 
 def known_coordinates(names: Iterable[str], kernel: Kernel) -> set[str]:
-    """The names of held coordinates, once each; UnknownNameError if one is none."""
+    """Return the names of held coordinates, once each; UnknownNameError if one is none."""
     known = set(names)
     for name in known:
         if name not in kernel.coordinates:
@@ -79,7 +79,7 @@ def known_coordinates(names: Iterable[str], kernel: Kernel) -> set[str]:
 
 
 def _newton(kernel: Kernel, q: Array, free: Mask, residual: Callable[[Array], Array]) -> Array:
-    """Root of the residual's free rows in the free coordinates; scaled by sizes, with backtracking.
+    """Return the root of the residual's free rows in the free coordinates; scaled by sizes, with backtracking.
 
     Slopes are differences of one batch.  The whole search takes two or three of them, 96 states of the PUMA with 36
     coordinates, that is 0.05 ms; a compiler takes 1 s for the tangent of its inverse dynamics, and 8 s for all
@@ -118,7 +118,7 @@ def _newton(kernel: Kernel, q: Array, free: Mask, residual: Callable[[Array], Ar
 
 
 def refuse_singular(slopes: Array, names: list[str], robot: str) -> None:
-    """IntegrationError if nothing holds one of the coordinates, whose slopes of forces these are, (m, m)."""
+    """Raise IntegrationError if nothing holds one of the coordinates, whose slopes of forces these are, (m, m)."""
     if _is_well_conditioned(slopes):
         return
     _, values, directions = np.linalg.svd(slopes)

@@ -40,20 +40,20 @@ class JournalContact:
     index: tuple[int, ...]
 
     def centre(self, q: Array) -> Array:
-        """The journal's centre off the bearing's, (..., 2), m, in the axes of x and y; q is (..., n)."""
+        """Return the journal's centre off the bearing's, (..., 2), m, in the axes of x and y; q is (..., n)."""
         x, y = (q[..., i] for i in self.index[:2])
         if self.end:
             alpha, beta = (q[..., i] for i in self.index[2:])
             x, y = x + self.height * np.sin(beta), y - self.height * np.sin(alpha) * np.cos(beta)
         return np.stack([x, y], axis=-1)
 
-    def gap(self, q: Array) -> Array:
-        """How far the centre is beyond the clearance, (...,), m, below 0 inside."""
+    def penetration(self, q: Array) -> Array:
+        """Return the penetration: how far the centre is beyond the clearance, (...,), m, below 0 inside."""
         penetration: Array = np.linalg.norm(self.centre(q), axis=-1) - self.clearance
         return penetration
 
-    def arms(self, q: Array) -> Array:
-        """Derivatives of the centre by the coordinates of ``index``, (2, 2) or (2, 4), at one q."""
+    def centre_jacobian(self, q: Array) -> Array:
+        """Return derivatives of the centre by the coordinates of ``index``, (2, 2) or (2, 4), at one q."""
         if not self.end:
             return np.eye(2)
         alpha, beta = (q[i] for i in self.index[2:])
@@ -62,12 +62,12 @@ class JournalContact:
 
 
 def journal_contacts(kernel: Kernel) -> list[JournalContact]:
-    """The contacts of all journals of joints with the numbers that the kernel has now."""
+    """Return the contacts of all journals of joints with the numbers that the kernel has now."""
     return contacts_of(element_numbers(kernel, BEARINGS), kernel.coordinates)
 
 
 def contacts_of(journals: Numbers, coordinates: Sequence[str]) -> list[JournalContact]:
-    """The contacts of journals of these numbers, in q of these coordinates."""
+    """Return the contacts of journals of these numbers, in q of these coordinates."""
     contacts: list[JournalContact] = []
     for joint, numbers in journals.items():
         length = numbers.get("length")
@@ -81,18 +81,18 @@ def contacts_of(journals: Numbers, coordinates: Sequence[str]) -> list[JournalCo
 
 
 def cut_contacts(kernel: Kernel) -> list[JournalContact]:
-    """The contacts of the journals of cut joints, in deviations as of ``Kernel.cut_forces``."""
+    """Return the contacts of the journals of cut joints, in deviations as of ``Kernel.cut_forces``."""
     return contacts_of(element_numbers(kernel, CUT_BEARINGS), kernel.cut_laws)
 
 
 def cut_deviations(kernel: Kernel, q: Array) -> Array:
-    """Deviations of what is in ``cut_laws`` at q, (..., n)."""
+    """Return deviations of what is in ``cut_laws`` at q, (..., n)."""
     deviations: Array = kernel.cut_forces(q, np.zeros_like(q))[..., 0]
     return deviations
 
 
 def cut_stiffness(kernel: Kernel, q: Array) -> Array:
-    """Stiffness matrix of the journals of cut joints at q where all touch along x and along y, (n, n)."""
+    """Return the stiffness matrix of the journals of cut joints at q where all touch along x and along y, (n, n)."""
     contacts = cut_contacts(kernel)
     if not contacts:
         return np.zeros((kernel.n, kernel.n))
@@ -100,11 +100,11 @@ def cut_stiffness(kernel: Kernel, q: Array) -> Array:
 
 
 def journal_stiffness(kernel: Kernel) -> Array:
-    """Stiffness matrix of all journals where all of their contacts touch along x and along y, (n, n)."""
+    """Return the stiffness matrix of all journals where all of their contacts touch along x and along y, (n, n)."""
     return _stiffness(journal_contacts(kernel), np.zeros(kernel.n), np.eye(kernel.n))
 
 
 def _stiffness(contacts: Sequence[JournalContact], s: Array, J: Array) -> Array:
     """Return the stiffness of contacts in deviations s, whose derivatives by q are J."""
-    rows = [(contact.stiffness, contact.arms(s) @ J[list(contact.index)]) for contact in contacts]
+    rows = [(contact.stiffness, contact.centre_jacobian(s) @ J[list(contact.index)]) for contact in contacts]
     return sum((k * (row.T @ row) for k, row in rows), np.zeros((J.shape[1],) * 2))

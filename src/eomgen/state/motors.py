@@ -11,17 +11,17 @@ from ..runtime.kernel import Kernel
 
 
 def shafts(kernel: Kernel) -> dict[str, str]:
-    """Names of the motors by the names of the principal coordinates that they drive."""
+    """Return names of the motors by the names of the principal coordinates that they drive."""
     return {principal: motor for motor, principal in kernel.motors.items()}
 
 
 def acting(kernel: Kernel) -> tuple[str, ...]:
-    """Names of what laws of joints act on: coordinates, and behind them what follows them."""
+    """Return names of what laws of joints act on: coordinates, and behind them what follows them."""
     return (*kernel.coordinates, *kernel.follower_names)
 
 
 def deflections(kernel: Kernel) -> Array:
-    """Matrix (acting, n) from q to the deflections that laws act on: a coordinate itself, or its transmission's.
+    """Return the matrix (acting, n) from q to the deflections that laws act on: of coordinates or transmissions.
 
     Behind them stand followers, which are off by their offsets.
     """
@@ -33,7 +33,7 @@ def deflections(kernel: Kernel) -> Array:
 
 
 def turn_motors(kernel: Kernel, x: Array, known: Container[str]) -> None:
-    """Let motors that are not given turn with their joints, in coordinates or rates x, (n,)."""
+    """Let motors that are not among ``known`` turn with their joints, in coordinates or rates x, (n,)."""
     for motor, principal in kernel.motors.items():
         if motor not in known:
             x[kernel.coordinates.index(motor)] = kernel.ratio(motor) * x[kernel.coordinates.index(principal)]

@@ -25,7 +25,7 @@ SHORTEST = 5e-10  # m/s or rad/s: of differences, whose round-off is below 1e-5 
 
 
 def stiffnesses(kernel: Kernel) -> Array:
-    """Stiffness of every coordinate as the kernel has it now, (n,), N/m or N m/rad; 0 where there is no spring.
+    """Return the stiffness of every coordinate with the kernel's parameters, (n,), N/m or N m/rad; 0 without a spring.
 
     Laws count by their ``stiffness``: of two sides the stiffer one, of a clearance that of its end, of a curve that of
     its steepest piece, of a journal those of all its contacts.  A transmission holds its motor with stiffness / ratio^2
@@ -35,7 +35,7 @@ def stiffnesses(kernel: Kernel) -> Array:
 
 
 def stiffness_matrix(kernel: Kernel) -> Array:
-    """``stiffnesses`` with what transmissions have beside the diagonal, (n, n), not to be written to."""
+    """Return ``stiffnesses`` with what transmissions have beside the diagonal, (n, n), not to be written to."""
     setup = kernel.parameters.setup
     matrix = _matrices.get(setup)
     if matrix is None:
@@ -50,21 +50,21 @@ def stiffness_matrix(kernel: Kernel) -> Array:
 
 
 def _contact_stiffnesses(kernel: Kernel) -> Array:
-    """Stiffness of every coordinate's stops, (n,); of a motor's at its shaft, and of those of what follows it."""
+    """Return the stiffness of the stops of every coordinate, (n,), a motor's at its shaft, and of its followers."""
     return _on_diagonal(kernel, [contact_stiffness_of(law) for law in law_numbers(kernel).values()])
 
 
 def _on_diagonal(kernel: Kernel, slopes: Sequence[float]) -> Array:
-    """Slopes by each of ``acting`` itself, as the coordinates feel them by themselves, (n,)."""
+    """Return the diagonal over coordinates, (n,), of slopes by each of ``acting`` itself."""
     diagonal = np.array(slopes)
     return np.asarray(diagonal[: kernel.n] + diagonal[kernel.n :] @ kernel.follower_matrix()[0] ** 2)
 
 
 def damping_matrix(kernel: Kernel, least: float = 0.0) -> Array:
-    """Largest slopes of the coordinates' forces by their rates, (n, n), N s/m or N m s/rad: dampers, friction, stops.
+    """Return the largest damping of dampers, friction and stops by the coordinates' rates, (n, n), N s/m or N m s/rad.
 
     A damper between motor and joint acts on the deflection, friction and stops of a motor on its shaft; damping of a
-    joint's own motion counts on the diagonal alone.  ``least`` as of ``rate_slope_of``.
+    joint's motion counts on the diagonal alone.  ``least`` as of ``rate_slope_of``.
     """
     rows, numbers = deflections(kernel), law_numbers(kernel).values()
     damping = np.array([law.get("damping", 0.0) for law in numbers])
@@ -75,7 +75,7 @@ def damping_matrix(kernel: Kernel, least: float = 0.0) -> Array:
 def any_spring(kernel: Kernel) -> bool:
     """Whether there is a spring now: of a coordinate, a transmission, a cut joint, a coupling, between two links.
 
-    A stop is one, too: what rests on it swings as on a spring.
+    A stop counts as one: what lies on it swings as on a spring.
     """
     tables = (*law_numbers(kernel).items(), *cut_numbers(kernel).items())
     if any(contact_stiffness_of(law) or has_springs(law, kernel.knots.get(name, ())) for name, law in tables):
@@ -89,7 +89,7 @@ def any_spring(kernel: Kernel) -> bool:
 
 
 def fastest_rates(kernel: Kernel, q: Array, least: float = 0.0) -> tuple[float, float]:
-    """How fast springs swing and how fast dampers and friction slow down about q, rad/s and 1/s; 0 without any.
+    """Return how fast springs swing and how fast dampers and friction slow down about q, rad/s and 1/s; 0 without any.
 
     Of all laws the largest slopes count, stops as if they were touched; prescribed coordinates do not; ``least`` as of
     ``rate_slope_of``.
@@ -110,7 +110,7 @@ def fastest_rates(kernel: Kernel, q: Array, least: float = 0.0) -> tuple[float, 
 
 
 def law_numbers(kernel: Kernel) -> Numbers:
-    """Numbers of the forces of each of ``acting`` as the kernel has them now, by their names in the table of laws."""
+    """Return the force parameters of each of ``acting`` as the kernel has them now, by names of the table of laws."""
     laws = element_numbers(kernel, JOINTS)
     return {name: laws.get(name, {}) for name in acting(kernel)}
 
@@ -122,21 +122,21 @@ def cut_numbers(kernel: Kernel) -> Numbers:
 
 
 def smoothings(kernel: Kernel) -> dict[str, float]:
-    """The rates over which frictions turn round, m/s or rad/s, by coordinate, cut joints and couplings too."""
+    """Return the smoothing rates of Coulomb friction, m/s or rad/s, by coordinate, of loop joints and couplings too."""
     values, key = kernel.parameters.state.values, "friction.smoothing"
     laws = {**kernel.elements.get(JOINTS, {}), **kernel.elements.get(CUTS, {})}
     return {name: float(values[places[key]]) for name, places in laws.items() if key in places}
 
 
 def rate_step(kernel: Kernel) -> float:
-    """The step of a rate by which finite differences of forces are taken: small beside 1, and where friction turns."""
+    """Return the step of rates for finite differences of forces: small beside 1 and the rates where friction turns."""
     return min([V_STEP, *(max(0.02 * x, min(0.25 * x, SHORTEST)) for x in smoothings(kernel).values())])
 
 
 def rubbing_rates(kernel: Kernel, q: Array) -> Array:
-    """The rates to which those of coordinates matter, (n,), because friction turns round there; inf without any.
+    """Return the least smoothing rates of the friction that acts on each coordinate, (n,); inf without any.
 
-    Coarser ones would step over a rest, and never find it.
+    Coarser ones would step over an equilibrium, and never find it.
     """
     rates, known = np.full(kernel.n, np.inf), smoothings(kernel)
     if not known:
@@ -148,7 +148,7 @@ def rubbing_rates(kernel: Kernel, q: Array) -> Array:
 
 
 def clearances(numbers: Numbers) -> dict[str, float]:
-    """Half the gap of everything with a clearance, m or rad, by its name; of a transmission by the motor's.
+    """Return the clearances to either side, m or rad, by name; that of a transmission by the motor's.
 
     Args:
         numbers: as of ``law_numbers`` or ``cut_numbers``.
@@ -166,7 +166,7 @@ def stops(numbers: Numbers) -> dict[str, tuple[float, float]]:
 
 
 def journals_in_play(kernel: Kernel) -> set[str]:
-    """Names of the coordinates of journals that no spring but the contact holds."""
+    """Return names of the coordinates of journals that no spring but the contact holds."""
     index = {i for contact in journal_contacts(kernel) for i in contact.index}
     laws = law_numbers(kernel) if index else {}
     names = (kernel.coordinates[i] for i in index)
@@ -174,17 +174,17 @@ def journals_in_play(kernel: Kernel) -> set[str]:
 
 
 def line_rates(kernel: Kernel, q: Array, least: float = 0.0, *, touching: bool = False) -> tuple[Array, Array]:
-    """Stiffness and damping by force elements between links, in cut joints and couplings at q, (n, n) each.
+    """Return the stiffness and damping by force elements between links, in cut joints and couplings at q, (n, n) each.
 
     Cables count as taut, journals of cut joints as touching; the largest slopes count.
     touching: stops count, too, as if they were touched.  ``least`` as of ``rate_slope_of``.
     """
     stiffness, slowing = np.zeros((kernel.n, kernel.n)), np.zeros((kernel.n, kernel.n))
     if kernel.springs:
-        arms = kernel.spring_jacobian(q)
+        jacobian = kernel.spring_jacobian(q)
         numbers = element_numbers(kernel, LINES)
         damping = np.array([numbers.get(name, {}).get("damping", 0.0) for name in kernel.springs])
-        stiffness, slowing = np.asarray(kernel.spring_stiffness(q)), arms.T @ (damping[:, None] * arms)
+        stiffness, slowing = np.asarray(kernel.spring_stiffness(q)), jacobian.T @ (damping[:, None] * jacobian)
     if kernel.element_rows:
         rows, (k, c) = np.asarray(kernel.element_jacobian(q)), element_slopes(kernel)
         stiffness, slowing = stiffness + rows.T @ (k[:, None] * rows), slowing + rows.T @ (c[:, None] * rows)
@@ -199,9 +199,9 @@ def line_rates(kernel: Kernel, q: Array, least: float = 0.0, *, touching: bool =
 
 
 def coordinate_sizes(kernel: Kernel, q: Array) -> tuple[Array, Array]:
-    """Sizes of coordinates and rates that tolerances refer to, (n,) each; m, rad, s.
+    """Return sizes of coordinates and rates that tolerances refer to, (n,) each; m, rad, s.
 
-    Stiffness is a coordinate's own and that of springs between points, inertia the diagonal entry of M(q).
+    Stiffness is a coordinate's and that of springs between points, inertia the diagonal entry of M(q).
     """
     stiffness = stiffnesses(kernel) + np.diagonal(line_rates(kernel, q)[0])
     inertia = np.diagonal(kernel.mass_matrix(q))

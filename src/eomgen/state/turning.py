@@ -22,7 +22,7 @@ from ..runtime.turning import (
 
 
 def quaternions(angles: Array) -> Array:
-    """Unit quaternions (w, x, y, z) of Rx(alpha) Ry(beta) Rz(gamma), (T, 4), of angles (T, 3); w is >= 0 at first.
+    """Convert angles (T, 3) of Rx(alpha) Ry(beta) Rz(gamma) to quaternions (w, x, y, z), (T, 4); w >= 0 at first.
 
     Of both signs that mean one rotation each has the one that is nearer to the quaternion before it.
     """
@@ -42,7 +42,7 @@ def quaternions(angles: Array) -> Array:
 
 
 def joint_quaternions(coordinates: Sequence[str], q: Array) -> dict[str, Array]:
-    """Quaternions (w, x, y, z) over time, (T, 4), by the names of the joints that have alpha, beta and gamma.
+    """Return quaternions (w, x, y, z) over time, (T, 4), by joint, of those that have alpha, beta and gamma.
 
     Each follows on the one before it without a jump of sign, as ``quaternions`` says.
 
@@ -57,7 +57,7 @@ def joint_quaternions(coordinates: Sequence[str], q: Array) -> dict[str, Array]:
 
 
 def quaternion_columns(coordinates: Sequence[str], q: Array) -> dict[str, Array]:
-    """The components of ``joint_quaternions`` over time, (T,), by name: joint.qw, joint.qx, joint.qy, joint.qz."""
+    """Return the components of ``joint_quaternions`` over time, (T,), by name: joint.qw, .qx, .qy, .qz."""
     by_joint = joint_quaternions(coordinates, q)
     return {
         component_name(joint, name): column
@@ -67,7 +67,7 @@ def quaternion_columns(coordinates: Sequence[str], q: Array) -> dict[str, Array]
 
 
 def nearest_angles(quaternion: Array, near: Array) -> Array:
-    """Angles of rotations, (T, 3), each next to the given ones.
+    """Return the angles of rotations, (T, 3), nearest to those of ``near``.
 
     Args:
         quaternion: (w, x, y, z), (T, 4), of any length but 0.
@@ -86,7 +86,7 @@ def nearest_angles(quaternion: Array, near: Array) -> Array:
 
 
 def angle_accelerations(angles: Array, rates: Array, slope: Array) -> Array:
-    """Accelerations of angles, (..., 3), where an angular velocity in the body's axes changes by ``slope``."""
+    """Return accelerations of angles, (..., 3), from ``slope``, the derivative of the angular velocity in body axes."""
     (a, b, g), (x, y, z) = np.moveaxis(rates, -1, 0), np.moveaxis(slope, -1, 0)
     sb, cb = np.sin(angles[..., 1]), np.cos(angles[..., 1])
     s, c = np.sin(angles[..., 2]), np.cos(angles[..., 2])
@@ -95,7 +95,7 @@ def angle_accelerations(angles: Array, rates: Array, slope: Array) -> Array:
 
 
 def other_forces(angles: Array, other: Array, forces: Array) -> Array:
-    """Forces on the other angles of the same rotations, of the same power, (..., 3); arguments as of the rates."""
+    """Return forces of the same power on the other angles of the rotations, (..., 3); arguments as of rates."""
     a, b, g = np.moveaxis(forces, -1, 0)
     s, c = np.sin(angles[..., 2]), np.cos(angles[..., 2])
     across = (a - np.sin(angles[..., 1]) * g) / away_from_zero(np.cos(angles[..., 1]))
@@ -120,7 +120,7 @@ class Turns:
 
         Args:
             kernel: whose joints are turned.
-            held: coordinates, (n,), whose joints stay as described; none if not given.
+            held: coordinates, (n,), whose joints stay as described; None: none of them.
         """
         self.kernel = self.here = kernel
         self.joints = {
@@ -144,19 +144,19 @@ class Turns:
         self.here = self._kernels[turned]
 
     def on(self, states: Array) -> Array:
-        """Described q and v, (T, 2n), in the coordinates of ``here``."""
+        """Convert described q and v, (T, 2n), to the coordinates of ``here``."""
         return seen(states, self.places, ON, np.zeros(self.kernel.n)) if self.turned else states
 
     def back(self, states: Array, near: Array) -> Array:
-        """q and v as described, (T, 2n), of those in the coordinates of ``here``; near: q before the first, (n,)."""
+        """Convert q and v, (T, 2n), from the coordinates of ``here``; near: described q before the first, (n,)."""
         return seen(states, self.places, BACK, near) if self.turned else states
 
     def q_on(self, q: Array) -> Array:
-        """Described q, (n,) or (T, n), in the coordinates of ``here``."""
+        """Convert described q, (n,) or (T, n), to the coordinates of ``here``."""
         return self._alone(q, None)
 
     def q_back(self, q: Array, near: Array) -> Array:
-        """q as described, (n,) or (T, n), of those in the coordinates of ``here``; near as of ``back``."""
+        """Convert q, (n,) or (T, n), from the coordinates of ``here`` to described ones; near as of ``back``."""
         return self._alone(q, near)
 
     def _alone(self, q: Array, near: Array | None) -> Array:
@@ -165,7 +165,7 @@ class Turns:
         return np.ascontiguousarray(turned[:, : self.kernel.n]).reshape(q.shape)
 
     def forces(self, u: Array, told: Array, q: Array) -> Array:
-        """Forces of the same power on the coordinates of ``here``, (n,) or (T, n).
+        """Convert forces to those of the same power on the coordinates of ``here``, (n,) or (T, n).
 
         Args:
             u: on the described ones.
@@ -180,7 +180,7 @@ class Turns:
         return forces
 
     def regular(self, q: Array) -> Iterator[Index]:
-        """Rows of described states, (T, n), that have the same singular angles, which ``here`` then has turned."""
+        """Yield rows of described states, (T, n), with the same singular angles, which ``here`` then has turned."""
         names, betas = list(self.joints), [first + 1 for first, _ in self.joints.values()]
         if not names:
             yield np.arange(len(q))

@@ -19,12 +19,12 @@ Q_STEP, V_STEP = 1e-7, 1e-6  # finite differences: small beside 1 rad, 1e9 times
 
 
 def prescribed_mask(kernel: Kernel) -> Mask:
-    """Which coordinates are prescribed, (n,)."""
+    """Return the mask of prescribed coordinates, (n,)."""
     return np.array([name in kernel.prescribed for name in kernel.coordinates])
 
 
 def as_floats(value: ArrayLike) -> Array:
-    """The value as a new array of floats; an empty one, of shape (0,), where it is none."""
+    """Return the value as a new array of floats; an empty one, of shape (0,), where it is none."""
     try:
         return np.array(value, dtype=np.float64)
     except (TypeError, ValueError):
@@ -32,7 +32,7 @@ def as_floats(value: ArrayLike) -> Array:
 
 
 def state_vector(label: str, value: ArrayLike, coordinates: tuple[str, ...]) -> Array:
-    """The value as a vector of one finite number per coordinate, a copy.
+    """Return the value as a vector of one finite number per coordinate, a copy.
 
     Raises:
         ArrayError: it is none; the message begins with the label.

@@ -256,7 +256,7 @@ def test_it_is_read_kept_and_named() -> None:
     info = RobotInfo(build_model(robot), {}, (), {}, {})
     assert info.as_dict()["journals"] == {"pin.radial": loop.radial.law()}
     assert any(line.startswith("  radial: clearance 0.001") for line in info.lines())
-    assert "loops.pin.radial: without play" in left_out(robot)
+    assert "loops.pin.radial: without clearance" in left_out(robot)
     with pytest.raises(InputError, match=r"no journals of cut joints \(pin\)"):
         closed_form(build_model(robot))
 

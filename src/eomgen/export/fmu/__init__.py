@@ -1,4 +1,4 @@
-"""Functional mock-up units, FMI 2.0 and 3.0: variables, XML, C, archive.
+"""FMUs (functional mock-up units), FMI 2.0 and 3.0: variables, XML, C, archive.
 
 Uses what export uses.
 """

@@ -1,4 +1,4 @@
-"""Choices of a functional mock-up unit, by their names."""
+"""Choices of an FMU, by their names."""
 
 from __future__ import annotations
 

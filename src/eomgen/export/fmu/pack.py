@@ -1,4 +1,4 @@
-"""Functional mock-up units: a robot as a block of other tools' simulations, in C, without Python.
+"""FMUs (functional mock-up units): a robot as a block of other tools' simulations, in C, without Python.
 
 See docs/fmu.md for variables, modes and what is computed how.
 """
@@ -61,7 +61,7 @@ def export_fmu(
     flags: Sequence[str] = (),
     progress: StageReport = no_report,
 ) -> Path:
-    """Write a functional mock-up unit for model exchange and co-simulation, and return its path.
+    """Write an FMU (functional mock-up unit) for model exchange and co-simulation, and return its path.
 
     It has the binary of this machine and the C sources.  Loops are closed after every step of co-simulation; model
     exchange is of ordinary differential equations that close them by and by.
@@ -93,7 +93,7 @@ def export_fmu(
     options = Options((*kernels, *stepping), batches=False)
     files = _files(robot, options, version, method, (solver, home), progress)
     with tempfile.TemporaryDirectory() as work:
-        progress("compiling the unit")
+        progress("compiling the FMU")
         binary, content = _compiled(robot.name, files, version, Path(work), flags)
     target = Path(path)
     packed = {**files, binary: content}
@@ -126,7 +126,7 @@ def _is_number(x: object) -> bool:
 
 
 def _solver(robot: Robot, method: str, rtol: float | None, step: float | None, progress: StageReport) -> Variable:
-    """The parameter of co-simulation."""
+    """Return the parameter of co-simulation."""
     from .variables import step_variable, tolerance_variable
 
     if method in ADAPTIVE:
@@ -142,11 +142,11 @@ def _files(
     begin: tuple[Variable, Sequence[float]],
     progress: StageReport,
 ) -> dict[str, bytes]:
-    """Files of the unit but its binary, by their paths; ``begin``: its solver's parameter and its home."""
+    """Return files of the FMU but its binary, by their paths; ``begin``: its solver's parameter and its home."""
     from eomgen.codegen.kernels.interface import turning_joints
 
     from .variables import make_layout
-    from .xml import Unit, build_description, model_description
+    from .xml import Fmu, build_description, model_description
 
     model, source = build_model(robot), make_source(robot, options, progress)
     layout = make_layout(model, *begin)
@@ -178,16 +178,16 @@ def _files(
     texts = _rendered(kinds, {**context, "token": token})
     code = source.files | {f"{name}_{key}": text for key, text in texts.items()}
     compiled = sorted(file for file in code if _is_compiled(name, file))
-    unit = Unit(name, token, layout, compiled, bool(model.constraints))
+    fmu = Fmu(name, token, layout, compiled, bool(model.constraints))
     files = {f"sources/{file}": text.encode("ascii") for file, text in code.items()}
-    files["modelDescription.xml"] = model_description(unit, version)
+    files["modelDescription.xml"] = model_description(fmu, version)
     if version == 3:
-        files["sources/buildDescription.xml"] = build_description(unit)
+        files["sources/buildDescription.xml"] = build_description(fmu)
     return files
 
 
 def _stepping(model: Model, method: str, meta: Mapping[str, Any]) -> dict[str, object]:
-    """Names that ``fmu/adaptive.c.jinja`` uses; ``meta`` is that of the source."""
+    """Return names that ``fmu/adaptive.c.jinja`` uses; ``meta`` is that of the source."""
     if method not in ADAPTIVE:
         return {"adaptive": False}
     from eomgen.codegen.kernels.steps.tolerances import rubbing_parameters
@@ -209,7 +209,7 @@ def _rendered(templates: Mapping[str, str], context: Mapping[str, object]) -> di
 
 
 def binary_path(name: str, version: int, system: str, machine: str) -> str:
-    """Path of a platform's binary in a unit.
+    """Return the path of a platform's binary in an FMU.
 
     Args:
         system: "linux", "darwin" or "win32", as ``sys.platform``.
@@ -224,14 +224,14 @@ def binary_path(name: str, version: int, system: str, machine: str) -> str:
 
 
 def _is_compiled(name: str, file: str) -> bool:
-    """Whether a file is compiled by itself; the unit's C includes the robot's."""
+    """Whether a file is compiled by itself; the FMU's C includes the robot's."""
     return file.endswith(".c") and "/" not in file and file != f"{name}.c"
 
 
 def _compiled(
     name: str, files: Mapping[str, bytes], version: int, work: Path, flags: Sequence[str]
 ) -> tuple[str, bytes]:
-    """Path and content of this machine's binary."""
+    """Return the path and content of this machine's binary."""
     from eomgen.codegen.package.compile import WARNINGS, compile_flags, find_compiler, link_shared, run_all
     from eomgen.codegen.package.probe import check_compiler
 
@@ -253,7 +253,7 @@ def _compiled(
 
 
 def _pack(files: Mapping[str, bytes], stream: IO[bytes]) -> None:
-    """A ZIP file, the same bytes for the same files."""
+    """Write a ZIP file, the same bytes for the same files."""
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as packed:
         for path, content in sorted(files.items()):
             entry = zipfile.ZipInfo(path, (1980, 1, 1, 0, 0, 0))

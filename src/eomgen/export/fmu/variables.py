@@ -1,4 +1,4 @@
-"""Variables of a robot's functional mock-up unit: names, units, start values, and what each depends on.
+"""Variables of a robot's FMU: names, units, start values, and what each depends on.
 
 A variable's value reference is its place in the list: time, parameters, coordinates q, rates v, drives u, wrenches, and
 then what is computed: der(q), accelerations a, poses of frames, reactions of joints, energies.  Where loops or rigid
@@ -27,12 +27,12 @@ BASE = {  # exponents of SI base units, and of rad
 
 
 def unit_name(text: str) -> str:
-    """The name of a unit in FMI: "N.m/rad3" of "N m/rad^3"."""
+    """Return the name of a unit in FMI: "N.m/rad3" of "N m/rad^3"."""
     return text.replace(" ", ".").replace("^", "")
 
 
 def exponents(name: str) -> dict[str, int]:
-    """Exponents of the SI base units, and of rad, in a unit of FMI."""
+    """Return exponents of the SI base units, and of rad, in a unit of FMI."""
     powers: dict[str, int] = {}
     for sign, factor in zip((1, -1), name.split("/"), strict=False):
         for unit, power in re.findall(r"([A-Za-z]+)(\d*)", factor):
@@ -60,7 +60,7 @@ SMALL = 1e-3  # m or rad, the usual size of a deviation
 
 @dataclass(frozen=True)
 class Variable:
-    """A variable of the unit.
+    """A variable of the FMU.
 
     start: its value at first, of what can be set and of states.  minimum, maximum: the least and the most that a
     parameter may be.  nominal: the size of a state.  derivative: the value reference of the state that it is the
@@ -83,7 +83,7 @@ class Variable:
 
 @dataclass(frozen=True)
 class Layout:
-    """Variables of a unit; ``at``: value reference at which each kind begins; ``frames``: names of frames with poses.
+    """Variables of an FMU; ``at``: value reference at which each kind begins; ``frames``: names of frames with poses.
 
     ``frames`` are their numbers among the model's.
     """
@@ -94,17 +94,17 @@ class Layout:
 
 
 def step_variable(step: float) -> Variable:
-    """The parameter of steps of one length, s."""
+    """Return the parameter of steps of one length, s."""
     return Variable(STEP, "parameter", "s", "Greatest step of co-simulation", step, SHORTEST)
 
 
 def tolerance_variable(rtol: float) -> Variable:
-    """The parameter of steps that the error controls."""
+    """Return the parameter of steps that the error controls."""
     return Variable(TOLERANCE, "parameter", "1", "Relative tolerance of co-simulation", rtol, TIGHTEST, LOOSEST)
 
 
 def make_layout(model: Model, solver: Variable, home: Sequence[float]) -> Layout:
-    """The variables of a robot's unit.
+    """Return the variables of a robot's FMU.
 
     Args:
         solver: the parameter of its co-simulation.
@@ -204,7 +204,7 @@ def _multipliers(model: Model) -> Iterator[Variable]:
 
 
 def constrained_coordinate(model: Model, name: str) -> str:
-    """A name that ends like the coordinate that a component of the constraint blocks: of a coupling its own one."""
+    """Return a name that ends like the coordinate that a constraint blocks; of a coupling that of its follower."""
     return next((coupling.of for coupling in model.robot.couplings if coupling.name == name), name)
 
 
@@ -221,7 +221,7 @@ def _poses(model: Model, frames: Sequence[int], first: int) -> Iterator[Variable
 
 
 def _moving(model: Model, body: int) -> list[int]:
-    """Indices of the coordinates that move a body."""
+    """Return indices of the coordinates that move a body."""
     moving: list[int] = []
     while body != FIXED_BODY:
         here = model.bodies[body]
@@ -232,7 +232,7 @@ def _moving(model: Model, body: int) -> list[int]:
 
 
 def _coupling_unit(robot: Robot, parts: tuple[str, ...]) -> str:
-    """Unit of a number of a coupling: of a ratio that of its coordinate per the other one's."""
+    """Return the physical unit of a number of a coupling; a ratio's is that of its coordinate per the other one's."""
     (coupling,) = (x for x in robot.couplings if x.name == parts[1])
     unit, number = unit_of(coupling.of), number_of(parameter_name(*parts))
     if parts[2] == "ratio":
@@ -242,7 +242,7 @@ def _coupling_unit(robot: Robot, parts: tuple[str, ...]) -> str:
 
 
 def parameter_unit(robot: Robot, name: str) -> str:
-    """A name of UNITS: that of a run-time parameter."""
+    """Return the physical unit of a run-time parameter, a name of UNITS."""
     parts = parameter_path(name)
     if parts[0] == "gravity":
         return "m/s2"

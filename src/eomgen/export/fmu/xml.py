@@ -1,4 +1,4 @@
-"""Model descriptions and the build description of a functional mock-up unit, by the Functional Mock-up Interface.
+"""Model descriptions and the build description of an FMU, by the Functional Mock-up Interface.
 
 Source: Functional Mock-up Interface for Model Exchange and Co-Simulation 2.0.4, Functional Mock-up Interface
 Specification 3.0.1 (fmi-standard.org).
@@ -18,14 +18,14 @@ from .variables import TOLERANCE, UNITS, Layout, Variable
 COMMUNICATION_STEP = 0.01  # s, proposed to who simulates
 CLOSED = (
     "; loops are closed after every step of co-simulation, in model exchange by stabilised ordinary differential"
-    " equations (the gaps decay with the time constant solver.closing)"
+    " equations (violations decay with the time constant solver.closing)"
 )
 LOG_CATEGORY = ("logStatusError", "What went wrong")
 
 
 @dataclass(frozen=True)
-class Unit:
-    """A unit as its description shows it: name (the model identifier), token, variables and C sources.
+class Fmu:
+    """An FMU as its description shows it: name (the model identifier), token, variables and C sources.
 
     ``closed``: whether it keeps loops or couplings closed.
     """
@@ -37,17 +37,17 @@ class Unit:
     closed: bool = False
 
 
-def model_description(unit: Unit, version: int) -> bytes:
-    """modelDescription.xml of version 2 or 3."""
-    return _bytes(_version_2(unit) if version == 2 else _version_3(unit))
+def model_description(fmu: Fmu, version: int) -> bytes:
+    """Return modelDescription.xml of version 2 or 3."""
+    return _bytes(_version_2(fmu) if version == 2 else _version_3(fmu))
 
 
-def build_description(unit: Unit) -> bytes:
-    """sources/buildDescription.xml of version 3."""
+def build_description(fmu: Fmu) -> bytes:
+    """Return sources/buildDescription.xml of version 3."""
     root = Element("fmiBuildDescription", fmiVersion="3.0")
-    configuration = SubElement(root, "BuildConfiguration", modelIdentifier=unit.name)
+    configuration = SubElement(root, "BuildConfiguration", modelIdentifier=fmu.name)
     files = SubElement(configuration, "SourceFileSet", language="C99")
-    for name in unit.sources:
+    for name in fmu.sources:
         SubElement(files, "SourceFile", name=name)
     text = "functions without the model identifier in front of their names, as shared libraries have them"
     SubElement(files, "PreprocessorDefinition", name="FMI3_OVERRIDE_FUNCTION_PREFIX", value="1", description=text)
@@ -61,20 +61,20 @@ def _bytes(root: Element) -> bytes:
     return text + b"\n"
 
 
-def _about(unit: Unit) -> dict[str, str]:
+def _about(fmu: Fmu) -> dict[str, str]:
     return {
-        "modelName": unit.name,
-        "description": f"Equations of motion of the robot {unit.name}{CLOSED if unit.closed else ''}",
+        "modelName": fmu.name,
+        "description": f"Equations of motion of the robot {fmu.name}{CLOSED if fmu.closed else ''}",
         "generationTool": f"eomgen {__version__}",
         "variableNamingConvention": "flat",
     }
 
 
-def _version_2(unit: Unit) -> Element:
-    about = {"fmiVersion": "2.0", "guid": unit.token, "numberOfEventIndicators": "0"}
-    root = Element("fmiModelDescription", about | _about(unit))
+def _version_2(fmu: Fmu) -> Element:
+    about = {"fmiVersion": "2.0", "guid": fmu.token, "numberOfEventIndicators": "0"}
+    root = Element("fmiModelDescription", about | _about(fmu))
     common = {
-        "modelIdentifier": unit.name,
+        "modelIdentifier": fmu.name,
         "canNotUseMemoryManagementFunctions": "true",
         "canGetAndSetFMUstate": "true",
         "canSerializeFMUstate": "true",
@@ -84,52 +84,52 @@ def _version_2(unit: Unit) -> Element:
     stepping = SubElement(root, "CoSimulation", common, canHandleVariableCommunicationStepSize="true")
     for interface in (exchange, stepping):
         files = SubElement(interface, "SourceFiles")
-        for name in unit.sources:
+        for name in fmu.sources:
             SubElement(files, "File", name=name)
-    _common(root, unit.layout.variables)
+    _common(root, fmu.layout.variables)
     variables = SubElement(root, "ModelVariables")
-    for reference, variable in enumerate(unit.layout.variables):
+    for reference, variable in enumerate(fmu.layout.variables):
         said, numbers = _attributes(reference, variable)
         if variable.derivative is not None:
             numbers["derivative"] = str(variable.derivative + 1)
         SubElement(SubElement(variables, "ScalarVariable", said), "Real", numbers)
     structure = SubElement(root, "ModelStructure")
-    for kind, references in _structure(unit.layout).items():
+    for kind, references in _structure(fmu.layout).items():
         group = SubElement(structure, kind)
         for reference in references:
-            dependencies = {} if kind == "InitialUnknowns" else _dependencies(unit.layout, reference, 1)
+            dependencies = {} if kind == "InitialUnknowns" else _dependencies(fmu.layout, reference, 1)
             SubElement(group, "Unknown", {"index": str(reference + 1), **dependencies})
     return root
 
 
-def _version_3(unit: Unit) -> Element:
-    root = Element("fmiModelDescription", {"fmiVersion": "3.0", "instantiationToken": unit.token} | _about(unit))
+def _version_3(fmu: Fmu) -> Element:
+    root = Element("fmiModelDescription", {"fmiVersion": "3.0", "instantiationToken": fmu.token} | _about(fmu))
     common = {
-        "modelIdentifier": unit.name,
+        "modelIdentifier": fmu.name,
         "canGetAndSetFMUState": "true",
         "canSerializeFMUState": "true",
         "providesDirectionalDerivatives": "true",
     }
     SubElement(root, "ModelExchange", common)
     SubElement(root, "CoSimulation", common, canHandleVariableCommunicationStepSize="true")
-    _common(root, unit.layout.variables)
+    _common(root, fmu.layout.variables)
     variables = SubElement(root, "ModelVariables")
-    for reference, variable in enumerate(unit.layout.variables):
+    for reference, variable in enumerate(fmu.layout.variables):
         about, numbers = _attributes(reference, variable)
         if variable.derivative is not None:
             numbers["derivative"] = str(variable.derivative)
         SubElement(variables, "Float64", {**about, **numbers})
     structure = SubElement(root, "ModelStructure")
     names = {"Outputs": "Output", "Derivatives": "ContinuousStateDerivative", "InitialUnknowns": "InitialUnknown"}
-    for kind, references in _structure(unit.layout).items():
+    for kind, references in _structure(fmu.layout).items():
         for reference in references:
-            dependencies = {} if kind == "InitialUnknowns" else _dependencies(unit.layout, reference, 0)
+            dependencies = {} if kind == "InitialUnknowns" else _dependencies(fmu.layout, reference, 0)
             SubElement(structure, names[kind], {"valueReference": str(reference), **dependencies})
     return root
 
 
 def _common(root: Element, variables: Sequence[Variable]) -> None:
-    """Elements that both versions have between interface types and variables."""
+    """Add elements that both versions have between interface types and variables."""
     used = {variable.unit for variable in variables}
     units = SubElement(root, "UnitDefinitions")
     for name, exponents in UNITS.items():
@@ -143,7 +143,7 @@ def _common(root: Element, variables: Sequence[Variable]) -> None:
 
 
 def _attributes(reference: int, variable: Variable) -> tuple[dict[str, str], dict[str, str]]:
-    """XML attributes of a variable: its kind and its numbers."""
+    """Return XML attributes of a variable: its kind and its numbers."""
     about = {
         "name": variable.name,
         "valueReference": str(reference),
@@ -167,7 +167,7 @@ def _attributes(reference: int, variable: Variable) -> tuple[dict[str, str], dic
 
 
 def _structure(layout: Layout) -> Mapping[str, list[int]]:
-    """Value references of outputs, of derivatives of states, and of what is computed at first."""
+    """Return the value references of outputs, of derivatives of states, and of what is computed at first."""
     numbered = list(enumerate(layout.variables))
     derivatives = [i for i, x in numbered if x.derivative is not None]
     outputs = [i for i, x in numbered if x.causality == "output"]
@@ -177,6 +177,6 @@ def _structure(layout: Layout) -> Mapping[str, list[int]]:
 
 
 def _dependencies(layout: Layout, reference: int, first: int) -> dict[str, str]:
-    """States and inputs that a variable depends on, counted from ``first``; nothing where it may be all of them."""
+    """Return states and inputs that a variable depends on, counted from ``first``; nothing: it may be all of them."""
     depends = layout.variables[reference].depends
     return {} if depends is None else {"dependencies": " ".join(str(i + first) for i in depends)}

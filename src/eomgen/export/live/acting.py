@@ -1,4 +1,4 @@
-"""Drives, programs and loads of a robot as plain values: wrenches, payloads, motions that are given, too.
+"""Drives, reference trajectories and loads of a robot as plain values: wrenches, payloads, prescribed motions, too.
 
 A scenario says it, or a default one that holds the robot where it stands.
 """
@@ -36,7 +36,7 @@ HELD = 1.0  # s, of a scenario whose robot is only held
 
 
 def default_scenario(robot: Robot) -> Scenario:
-    """A scenario without a motion: drives with gains hold the robot near where default motions begin."""
+    """Return a scenario without a motion: drives with gains hold the robot near where default motions begin."""
     driven = program_coordinates(robot)
     model = build_model(robot)
     motions = tuple(
@@ -56,7 +56,7 @@ def default_scenario(robot: Robot) -> Scenario:
 
 
 def default_gains(robot: Robot, driven: tuple[str, ...], start: Array) -> tuple[dict[str, float], dict[str, float]]:
-    """kp and kd by names of driven coordinates: critical damping at STIFF with the inertia that a drive feels."""
+    """Return kp and kd by driven coordinate: critical damping at STIFF with the inertia that a drive feels."""
     inertia: Array
     if robot.is_closed:
         kernel = build(robot.rigid())
@@ -76,14 +76,14 @@ def default_gains(robot: Robot, driven: tuple[str, ...], start: Array) -> tuple[
 
 
 def _rounded(value: float) -> float:
-    """Two digits: a number that is shown, and typed."""
+    """Round to two digits, for numbers that are shown and typed."""
     return float(f"{max(float(value), 1e-6):.2g}")
 
 
 def acting_on(
     robot: Robot, scenario: Scenario, tool: str, report: Progress, notes: list[str]
 ) -> tuple[dict[str, Any], Assembly]:
-    """Start, drives, program and loads of a scenario as JSON holds them, and its assembly.
+    """Return the start, drives, program and loads of a scenario as JSON holds them, and its assembly.
 
     Args:
         robot: of the kernel.
@@ -152,7 +152,7 @@ def acting_on(
 
 
 def _control(scenario: Scenario, assembly: Assembly) -> str:
-    """Which law of drives the page runs: "pd", "model" (computed torque) or "none"."""
+    """Return which law of drives the page runs: "pd", "model" (computed torque) or "none"."""
     if assembly.program is None:
         return "none"
     kind = "computed_torque" if scenario.control is None else scenario.control.type
@@ -160,7 +160,7 @@ def _control(scenario: Scenario, assembly: Assembly) -> str:
 
 
 def _gains_of(robot: Robot, data: Any, assembly: Assembly, first: Array) -> tuple[Array, Array]:
-    """Gains at the joints of what is driven; of a closed mechanism under computed torque default ones."""
+    """Return gains at the joints of what is driven; of a closed mechanism under computed torque default ones."""
     if data.gains is not None:
         return np.asarray(data.gains.kp), np.asarray(data.gains.kd)
     if not robot.is_closed:
@@ -173,7 +173,7 @@ def _gains_of(robot: Robot, data: Any, assembly: Assembly, first: Array) -> tupl
 def _drives(
     robot: Robot, assembly: Assembly, place: Index, ratio: Array, gains: tuple[Array, Array], first: Array
 ) -> list[dict[str, Any]]:
-    """Drives with their sliders; ``first``: where their program begins, (d,)."""
+    """Return drives with their sliders; ``first``: where their program begins, (d,)."""
     kernel, drives = assembly.kernel, []
     start, goal = default_ends(robot, assembly.driven)
     names = [joint_of(name) for name in assembly.driven]
@@ -209,7 +209,7 @@ def _limits(robot: Robot, name: str, at: float, span: float) -> tuple[float, flo
 
 
 def _add_model(acting: dict[str, Any], model: ModelDrive, assembly: Assembly, q0: Array, notes: list[str]) -> None:
-    """Drives by a model: that of the rigid robot, or, of a mechanism with loops, what holds it at the start."""
+    """Add drives by a model: the rigid robot's, or of a mechanism with loops the forces that hold it at the start."""
     if model.mechanism is not None:
         kernel = assembly.kernel
         try:
@@ -242,7 +242,7 @@ def _given(waves: Waves, coordinates: tuple[str, ...], names: tuple[str, ...]) -
 
 
 def _events(robot: Robot, scenario: Scenario) -> list[dict[str, Any]]:
-    """When links pick up and put down, and parameters from then on."""
+    """Return the events at which links pick up and put down, with parameters from then on."""
     if not scenario.payloads:
         return []
     times = {0.0, *(load.t0 for load in scenario.payloads), *(x.t1 for x in scenario.payloads if x.t1 is not None)}

@@ -119,7 +119,7 @@ def _acting(
     report: Progress,
     notes: list[str],
 ) -> tuple[dict[str, Any], Assembly, Scenario]:
-    """Values of what acts, its assembly and scenario; default ones where a result has none that goes on."""
+    """Return values of what acts, its assembly and scenario; default ones where a result has none that goes on."""
     if result is not None and result.scenario:
         try:
             kept = scenario_from_record(result.scenario, "the result's scenario")
@@ -136,7 +136,7 @@ def _acting(
 
 
 def _tunable(robot: Robot, scenario: Scenario, payload: str | None) -> Robot:
-    """The robot with the parameters of links that pick something up, the tool's among them."""
+    """Return the robot with the parameters of links that pick something up, the tool's among them."""
     changing = with_payload_parameters(robot, scenario)
     if payload is None:
         return changing
@@ -145,14 +145,14 @@ def _tunable(robot: Robot, scenario: Scenario, payload: str | None) -> Robot:
 
 
 def _deviations(robot: Robot, assembly: Assembly) -> list[int]:
-    """Places of the coordinates that no drive, no motion that is given and no loop moves; motors are none."""
+    """Return places of the coordinates that no drive, prescribed motion or loop moves; motors are none."""
     rigid = set(build_model(robot.rigid()).coordinates) if not is_rigid(robot) else set(assembly.kernel.coordinates)
     names = assembly.kernel.coordinates
     return [i for i, name in enumerate(names) if name not in rigid and kind_of(name) != MOTOR]
 
 
 def _at_goal(q: Array, acting: dict[str, Any]) -> Array:
-    """The pose of the robot at the other end of its default motion."""
+    """Return the pose of the robot at the other end of its default motion."""
     goal = np.array(q)
     if acting["cycle"] is not None:
         for drive, value in zip(acting["drives"], acting["cycle"]["goal"], strict=True):
@@ -166,7 +166,7 @@ def _few(q: Array) -> Array:
 
 
 def _factor(robot: Robot, kernel: Kernel, q: Array, deviations: list[int], acting: dict[str, Any]) -> float:
-    """Exaggeration that makes the deviations at rest and in the default motion visible; at least 1."""
+    """Return the exaggeration that makes the deviations at rest and in the default motion visible; at least 1."""
     if not deviations:
         return 1.0
     names, share = kernel.coordinates, 0.0
@@ -183,7 +183,7 @@ def _factor(robot: Robot, kernel: Kernel, q: Array, deviations: list[int], actin
 
 
 def _in_motion(robot: Robot, kernel: Kernel, q: Array, deviations: list[int], acting: dict[str, Any]) -> Array:
-    """Deflections of the deviations' springs, (n,), under the largest accelerations of the default motion."""
+    """Return deflections of the deviations' springs, (n,), under the largest accelerations of the default motion."""
     deflection, cycle = np.zeros_like(q), acting["cycle"]
     if cycle is None:
         return deflection
@@ -198,7 +198,7 @@ def _in_motion(robot: Robot, kernel: Kernel, q: Array, deviations: list[int], ac
 
 
 def _plot(kernel: Kernel, deviations: list[int]) -> str:
-    """The plot that a page begins with beside the tool's: of the first deviations that turn, or the first ones."""
+    """Return the plot that a page begins with beside the tool's: the first deviations that are angles, or the first."""
     names = [kernel.coordinates[i] for i in deviations]
     turning = [name for name in names if unit_of(name) == "rad"]
     if not names:
@@ -208,7 +208,7 @@ def _plot(kernel: Kernel, deviations: list[int]) -> str:
 
 
 def _recorded(result: SimulationResult, acting: dict[str, Any], assembly: Assembly) -> dict[str, str]:
-    """The motion of a result, in so many samples that a page holds them easily."""
+    """Return the motion of a result, in so many samples that a page holds them easily."""
     motion = result.trajectory
     rows = np.unique(np.linspace(0, motion.t.size - 1, min(motion.t.size, MOST_SAMPLES)).astype(np.intp))
     if motion.coordinates != assembly.kernel.coordinates:

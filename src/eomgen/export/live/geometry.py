@@ -20,7 +20,7 @@ DRUM = 1.7  # radius of what stands for a joint, of a capsule's
 
 
 def geometry_of(robot: Robot, coordinates: Sequence[str], poses: ArrayLike) -> tuple[dict[str, Any], list[str]]:
-    """Shapes, sizes and the first view, as JSON holds them; and lines about what is not drawn.
+    """Return shapes, sizes and the first view, as JSON holds them; and lines about what is not drawn.
 
     Args:
         robot: as it is described.
@@ -60,7 +60,7 @@ def geometry_of(robot: Robot, coordinates: Sequence[str], poses: ArrayLike) -> t
 
 
 def tool_place(robot: Robot, tool: str) -> tuple[str, list[float]]:
-    """The link that a frame or link named ``tool`` is on, and its origin there, m."""
+    """Return the link that a frame or link named ``tool`` is on, and its origin there, m."""
     for frame in robot.frames:
         if frame.name == tool:
             return frame.link, list(frame.placement.xyz)
@@ -80,12 +80,12 @@ def _packed(array: NDArray[Any]) -> str:
 
 
 def packed(array: ArrayLike) -> str:
-    """Numbers as little-endian double precision in base64."""
+    """Return numbers as little-endian double precision in base64."""
     return _packed(np.asarray(array, dtype="<f8"))
 
 
 def _drums(robot: Robot, radius: float) -> list[dict[str, Any]]:
-    """Joints that move, in their child links: where their axes are, and whether links slide along them."""
+    """Return joints that move, in their child links: where their axes are, and whether links slide along them."""
     drums = []
     for joint in robot.joints:
         if joint.type not in ("revolute", "prismatic"):
@@ -97,7 +97,7 @@ def _drums(robot: Robot, radius: float) -> list[dict[str, Any]]:
 
 
 def _rods(robot: Robot, radius: float) -> list[dict[str, Any]]:
-    """Rods of sliding joints: between the points of both links that are one where nothing is pushed out."""
+    """Return rods of sliding joints: between the points of both links that are one where nothing is pushed out."""
     return [
         {
             "links": [joint.parent, joint.child],

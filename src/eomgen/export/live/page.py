@@ -40,7 +40,7 @@ def export_live(
     described: RobotLike | None = None,
     progress: Progress | None = None,
 ) -> Path:
-    """Write a page in which the robot lives: simulated in the browser, in real time, by its own kernel.
+    """Write a page in which the robot lives: simulated in the browser, in real time, by its kernel.
 
     It opens from disk and asks for nothing else.  Drives, parameters, loads and what is plotted are moved there; the
     fragment of its address keeps what was set.
@@ -72,11 +72,11 @@ def live_page(
     described: RobotLike | None = None,
     progress: Progress | None = None,
 ) -> str:
-    """The text of the page; arguments and errors as of ``export_live``."""
+    """Return the text of the page; arguments and errors as of ``export_live``."""
     report = progress or no_progress
     result = subject if isinstance(subject, SimulationResult) else None
     if result is not None and scenario is not None:
-        raise InputError("scenario: given together with a result, which has its own; allowed: one of both")
+        raise InputError("scenario: given together with a result, which has one; allowed: one of both")
     wasm_command()  # where there is none, that is said before anything is built
     if isinstance(subject, SimulationResult):
         robot = simulated_robot(subject, described)
@@ -93,7 +93,7 @@ def live_page(
 
 
 def kernel_of(robot: Robot, kernels: tuple[str, ...]) -> tuple[str, str]:
-    """A kernel as bytes of WebAssembly, in base64, and the text of the module that loads them."""
+    """Return a kernel as bytes of WebAssembly, in base64, and the text of the module that loads them."""
     module = make_wasm(robot, kernels=kernels)
     return base64.b64encode(module.binary).decode("ascii"), module.script
 
@@ -112,7 +112,7 @@ def _html(values: dict[str, Any], modules: dict[str, str]) -> str:
     )
     drives, count = len(values["drives"]), len(values["coordinates"])
     words = [f"{count} coordinate{'s' * (count != 1)}", f"{drives} drive{'s' * (drives != 1)}"]
-    line = f"{', '.join(words)}; simulated in this page by its own equations of motion"
+    line = f"{', '.join(words)}; simulated in this page by its equations of motion"
     html = environment().overlay(autoescape=True, keep_trailing_newline=False)
     return html.get_template(TEMPLATE).render(
         policy=Markup(policy),  # nothing of a description is in it
@@ -129,12 +129,12 @@ def _html(values: dict[str, Any], modules: dict[str, str]) -> str:
 
 
 def _file(name: str) -> str:
-    """Text of a file of the page."""
+    """Return the text of a file of the page."""
     return (resources.files("eomgen.templates") / "live" / name).read_text(encoding="utf-8")
 
 
 def _module(text: str) -> str:
-    """A module as an address that needs no server."""
+    """Return a module as an address that needs no server."""
     return "data:text/javascript;base64," + base64.b64encode(text.encode("utf-8")).decode("ascii")
 
 
@@ -143,6 +143,6 @@ def _digest(text: str) -> str:
 
 
 def _json(values: Any) -> str:
-    """JSON that no name or text in it ends an element with."""
+    """Return JSON that no name or text in it ends an element with."""
     text = json.dumps(values, allow_nan=False, ensure_ascii=True, separators=(",", ":"))
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")

@@ -22,7 +22,7 @@ SCALES = {  # numbers that are also moved together
 
 
 def parameter_sliders(robot: Robot, values: Mapping[str, float], hidden: frozenset[str]) -> list[dict[str, Any]]:
-    """Parameters with label, owner, group, unit and range, as JSON holds them.
+    """Return sliders of parameters with label, owner, group, unit and range, as JSON holds them.
 
     Args:
         robot: of the kernel.
@@ -33,7 +33,7 @@ def parameter_sliders(robot: Robot, values: Mapping[str, float], hidden: frozens
 
 
 def scales_of(sliders: list[dict[str, Any]]) -> list[dict[str, str]]:
-    """Groups of which there are several that are not 0, with their labels."""
+    """Return groups of which there are several that are not 0, with their labels."""
     counts = {key: sum(s["group"] == key and s["value"] > 0.0 for s in sliders) for key in SCALES}
     return [{"key": key, "label": label} for key, label in SCALES.items() if counts[key] > 1]
 

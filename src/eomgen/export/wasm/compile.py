@@ -25,7 +25,7 @@ EXPORTED = "__heap_base"  # where memory is free
 
 
 def wasm_command() -> tuple[str, ...]:
-    """The command of a compiler that makes WebAssembly: that of the package ziglang, or clang with wasm-ld.
+    """Return the command of a compiler that makes WebAssembly: that of the package ziglang, or clang with wasm-ld.
 
     Raises:
         BuildError: there is none.
@@ -41,7 +41,7 @@ def wasm_command() -> tuple[str, ...]:
 
 
 def compile_wasm(sources: Mapping[str, str], exported: Sequence[str], *, long: bool = False) -> bytes:
-    """The module of C sources, by their names, compiled or from the cache; headers are among them.
+    """Return the module of C sources, by their names, compiled or from the cache; headers are among them.
 
     Args:
         exported: functions that the host calls, beside those that the sources export themselves.

@@ -35,7 +35,7 @@ def layouts(dtype: str) -> dict[str, tuple[int, dict[str, int]]]:
 def _fields(
     body: str, known: dict[str, tuple[int, dict[str, int]]], aligned: dict[str, int]
 ) -> Iterator[tuple[str, int, int]]:
-    """Name, size and alignment of each field of a structure's text."""
+    """Yield the name, size and alignment of each field of a structure's text."""
     for text in filter(None, (" ".join(declaration.split()) for declaration in body.split(";"))):
         if function := re.search(r"\(\*(\w+)\)\(", text):
             yield function.group(1), POINTER, POINTER
@@ -66,7 +66,7 @@ def struct_table(dtype: str) -> str:
 
 
 def _plain(field: Field) -> list[str | int]:
-    """Kind and key of a field, and what more there is; JSON has infinity as text alone."""
+    """Return the kind and key of a field, and what more there is; JSON has infinity as text alone."""
     more = field.more
     if not isinstance(more, str):
         more = int(more) if np.isfinite(more) else ("Infinity" if more > 0 else "-Infinity")

@@ -15,7 +15,7 @@ LARGEST = float(np.finfo(np.float64).max)  # in the place of infinity, which JSO
 
 
 def plain_loads(kernel: Kernel, loads: InputSignals) -> dict[str, Any]:
-    """``loads`` of adaptiveRollout and simulator: plain values for JSON, whose numbers keep their bits.
+    """Return ``loads`` of adaptiveRollout and simulator: plain values for JSON, whose numbers keep their bits.
 
     Drives that know a model need a kernel exported with ``model=True``.
 
@@ -38,7 +38,7 @@ def plain_loads(kernel: Kernel, loads: InputSignals) -> dict[str, Any]:
 
 
 def as_json(plain: Any) -> Any:
-    """Plain values with flat lists in the place of arrays, and numbers that JSON has."""
+    """Return plain values with flat lists in the place of arrays, and numbers that JSON has."""
     if isinstance(plain, dict):
         return {key: as_json(value) for key, value in plain.items()}
     if isinstance(plain, (list, tuple)):

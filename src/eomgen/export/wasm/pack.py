@@ -106,7 +106,7 @@ def make_wasm(
     model: bool = False,
     progress: StageReport = no_report,
 ) -> WasmModule:
-    """The module and its texts; arguments and errors as of ``export_wasm``."""
+    """Return the module and its texts; arguments and errors as of ``export_wasm``."""
     robot = as_robot(robot)
     wasm_command()  # before longer work
     described_model = build_model(robot)
@@ -138,7 +138,7 @@ def make_wasm(
 
 
 def _rigid(robot: Robot, progress: StageReport) -> Source:
-    """Inverse dynamics of the rigid robot, in double precision; its functions have a name of their own."""
+    """Return inverse dynamics of the rigid robot, in double precision, with function names that differ."""
     rigid = replace(robot.rigid(), name=f"{robot.name}_rigid")
     if build_model(rigid).constraints:
         raise InputError(
@@ -148,13 +148,13 @@ def _rigid(robot: Robot, progress: StageReport) -> Source:
 
 
 def _sources(source: Source, rigid: Source | None, context: Mapping[str, Any]) -> dict[str, str]:
-    """Files of C by name: of the robot, of the rigid one that drives know, and what JavaScript calls around them."""
+    """Return files of C by name: of the robot, of the rigid model of its drives, and what JavaScript calls."""
     files = {place: text for x in (source, rigid) if x for place, text in x.files.items()}
     return {**files, f"{source.name}_wasm.c": _filled("wasm/calls.c.jinja", context)}
 
 
 def _context(robot: Robot, meta: Mapping[str, Any], rigid: Source | None) -> dict[str, Any]:
-    """Names that the templates use."""
+    """Return names that the templates use."""
     kinds = {function["kind"] for function in meta["functions"].values()}
     return {
         "name": robot.name,
@@ -175,7 +175,7 @@ def _context(robot: Robot, meta: Mapping[str, Any], rigid: Source | None) -> dic
 def _description(
     meta: Mapping[str, Any], pushed: bool, home: Sequence[float], rigid: Mapping[str, Any] | None
 ) -> dict[str, Any]:
-    """Plain values that the script says of the kernel, and reads itself."""
+    """Return plain values that the script says of the kernel, and reads itself."""
     return {
         **{name: meta[name] for name in _SAID},
         "constraints": meta.get("constraints", []),
@@ -190,7 +190,7 @@ def _description(
 
 
 def _declared(meta: Mapping[str, Any]) -> dict[str, Any]:
-    """Names that the declarations use beside the others."""
+    """Return names that the declarations use beside the others."""
     public = [function for function in functions(meta["kernels"]) if not function.is_rollout]
     kinds = {function.kind for function in functions(meta["kernels"])}
     methods = [*(FIXED if "rollout" in kinds else ()), *(x for x in ADAPTIVE if rollout_of(x) in meta["kernels"])]
@@ -214,7 +214,7 @@ def _declared(meta: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _literals(names: Sequence[str] | Mapping[str, Any]) -> str:
-    """A type of TypeScript that allows these texts."""
+    """Return a type of TypeScript that allows these texts."""
     return " | ".join(map(json.dumps, names)) or "never"
 
 

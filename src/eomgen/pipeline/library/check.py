@@ -42,13 +42,13 @@ FUNCTIONS: Mapping[str, tuple[str, ...]] = {
 }
 ALIGNED = 64  # bytes, of vectors
 ROOM = 4096  # numbers, for each lane
-# A signal of one column that acts on the middle coordinate: a polynomial until half a second, rest from then on.
+# A signal of one column that acts on the middle coordinate: a polynomial until half a second, constant from then on.
 KNOTS, PIECES, DRIVEN, SAMPLES = (0.0, 0.5, 2.0), ((0.4, -3.0, 11.0, 7.0), (-9.0, 0.0, 0.0, 0.0)), 1, 8
 WITHIN = {"float64": (1e-9, 2e-7), "float32": (1e-4, 6e-3)}  # tolerance of the motion, and its error
 
 
 def check_library(compiler: Compiler, flags: tuple[str, ...], dtype: str, component: str, folder: Path) -> None:
-    """Let a fresh part of the library, in a folder, integrate what is known.
+    """Let a fresh component of the library, in a folder, integrate known motions.
 
     Raises:
         BuildError: it does not load, or computes something else than it should; the compiler's command is named.
@@ -79,7 +79,7 @@ def check_library(compiler: Compiler, flags: tuple[str, ...], dtype: str, compon
 def _open(
     compiler: Compiler, flags: tuple[str, ...], folder: Path, component: str, dtype: str
 ) -> Callable[[], tuple[Any, dict[str, Any]]]:
-    """Link a part into a shared library; a function that opens it gives cffi's object and functions by their names."""
+    """Link a component into a shared library; return a function that opens it: cffi's object and functions by name."""
     from ...codegen.c.library import FOLDER, library_functions
     from ...codegen.package.compile import link_shared, run_all
     from ...codegen.package.library import HIDDEN, OBJECT, library_flags, precision_flags
@@ -127,7 +127,7 @@ class _Equations:
         self.c, self.controlled = self.dtype.type(COUPLING), controlled
 
     def run(self, name: str, **inputs: Array) -> tuple[Array, Array]:
-        """The answer of a program of these equations, with drives that a controller adds to, and no status."""
+        """Return the answer of a program of these equations, with drives that a controller adds to, and no status."""
         if self.controlled:
             inputs = self._driven(name, dict(inputs))
         answer: Array = getattr(self, name)(**inputs)
@@ -145,29 +145,29 @@ class _Equations:
         return inputs
 
     def forward_dynamics(self, q: Array, v: Array, u: Array) -> Array:
-        """Accelerations."""
+        """Return accelerations."""
         acceleration: Array = u - self.k * q - self.d * v + self.c * np.roll(q, -1, 0) * np.roll(v, 1, 0)
         return acceleration
 
     def implicit_step(self, q: Array, v: Array, u: Array, added: Array, dt: Array) -> Array:
-        """Accelerations with springs and dampers at the end of a step."""
+        """Return accelerations with springs and dampers at the end of a step."""
         right = self.forward_dynamics(q, v, u) - dt[0] * self.k * v
         return np.asarray(right / (self.dtype.type(1.0) + dt[0] * self.d + dt[1] * self.k + added))
 
     def stage_factors(self, q: Array, v: Array, kp: Array, kd: Array, times: Array) -> Array:
-        """The matrix of a stage, its stiffness, and its time."""
+        """Return the matrix of a stage, its stiffness, and its time."""
         stiffness = self.k + kp + 0.0 * q
         matrix = self.dtype.type(1.0) + times[0] * (self.d + kd) + times[1] * stiffness
         return np.concatenate([matrix, stiffness, times[:1] + 0.0 * q[:1]])
 
     def stage_solution(self, q: Array, kept: Array, rates: Array, shifts: Array) -> Array:
-        """Difference of a stage's solution from its right side."""
+        """Return the difference of a stage's solution from its right side."""
         matrix, stiffness, time = kept[:N], kept[N : 2 * N], kept[2 * N]
         return np.asarray((rates - time * stiffness * shifts) / matrix - rates)
 
 
 class _Examination:
-    """Asks a part of the library; what is wrong is told in words."""
+    """Asks a component of the library; errors are told in words."""
 
     def __init__(self, ffi: Any, functions: Mapping[str, Any], dtype: str, *, bits: bool) -> None:
         self.ffi, self.functions, self.bits = ffi, functions, bits
@@ -194,7 +194,7 @@ class _Examination:
         return self.ffi.from_buffer(f"{'double' if array.dtype == np.float64 else 'float'}[]", array)
 
     def _rooms(self) -> list[Any]:
-        """Room of a workspace as whoever calls has it: filled with anything, vectors where they may lie."""
+        """Return a workspace as callers have it: filled with anything, vectors where they may lie."""
         bytes_of = {"scalar": self.dtype.itemsize, "double": 8, "int": 4}
         filled = {kind: np.ones(size * ROOM * self.lanes + ALIGNED, np.uint8) for kind, size in bytes_of.items()}
         rooms = [array[-array.ctypes.data % ALIGNED :] for array in filled.values()]
@@ -203,7 +203,7 @@ class _Examination:
         return [self.ffi.cast(f"{kind} *", self.ffi.from_buffer(room)) for kind, room in zip(kinds, rooms, strict=True)]
 
     def _robot(self) -> Any:
-        """The robot as the library knows it: its equations are called back."""
+        """Return the robot as the library knows it: its equations are called back."""
         fields = {name: field.type for name, field in self.ffi.typeof(f"{self.prefix}_robot{self.suffix}").fields}
         sizes = self._new(f"{self.prefix}_sizes *", {"n": N, "hoisted": 1, "factors": 2 * N + 1, "wrench": 6})
 
@@ -250,7 +250,7 @@ class _Examination:
         return self._new(f"{self.prefix}_drive *", {**fields, **gains})
 
     def _cases(self) -> Iterator[tuple[int, int, bool, tuple[Array, Array, Array], Array | None]]:
-        """Methods, numbers of states, whether there is a controller, states with drives, and their greatest sizes."""
+        """Yield methods, numbers of states, whether there is a controller, states with drives, and their limits."""
         for number, state in enumerate(self.states):
             for method in (0, 1):
                 yield method, number, False, state, None
@@ -334,7 +334,7 @@ class _Examination:
                 yield f"motions of many states by method {method} are {np.max(error):.3g} off"
 
     def _many_cases(self) -> Iterator[tuple[int, bool, tuple[Array, Array, Array], Array | None]]:
-        """Methods, whether there is a controller, states with drives (count, n), and greatest sizes of drives."""
+        """Yield methods, whether there is a controller, states with drives (count, n), and greatest sizes of drives."""
         count = 2 * self.lanes + 1
         q, v, u = (np.array([self.states[k % len(STATES)][i] for k in range(count)]) for i in range(3))
         for method in (0, 1):
@@ -351,7 +351,7 @@ class _Examination:
         how: tuple[float, Array, list[float]],
         inputs: Any = None,
     ) -> tuple[Array, list[int]]:
-        """States (count, samples + 1, 2 n) at times, and how many steps they took; ``how`` with first steps of all."""
+        """Return states (count, samples + 1, 2 n) at times, and numbers of steps; ``how`` with first steps."""
         rtol, atol, first = how
         count, (q, v) = len(first), (x.copy() for x in state)
         out, h = np.zeros((2, count, len(times), N), self.dtype), self._pointer(np.zeros(1, self.dtype))
@@ -394,7 +394,7 @@ class _Examination:
         how: tuple[float, Array, float],
         inputs: Any = None,
     ) -> tuple[Array, int]:
-        """States (samples + 1, 2 n) at times, and how many steps that took; ``how``: tolerances and a first step."""
+        """Return states (samples + 1, 2 n) at times, and the number of steps; ``how``: tolerances and a first step."""
         rtol, atol, first = how
         q, v = (x.copy() for x in state)
         out, h = np.zeros((2, len(times), N), self.dtype), self._pointer(np.zeros(1, self.dtype))
@@ -409,7 +409,7 @@ class _Examination:
         return np.concatenate(out, axis=1), int(progress.steps)
 
     def _of_motion(self) -> Iterator[str]:
-        """A motion under a signal that jumps, from a first step that is too long on, with samples within steps."""
+        """Yield errors of a motion under a signal that jumps, after too long a first step, with samples in steps."""
         rtol, near = WITHIN[str(self.dtype)]
         q, v, _ = self.states[0]
         times, inputs, wanted = self._motion()
@@ -421,7 +421,7 @@ class _Examination:
                 yield f"a motion by method {method} is {np.max(error):.3g} off"
 
     def _motion(self) -> tuple[Array, Any, Array]:
-        """Times, the signal as inputs, and the motion (samples + 1, 2 n) from the first state on under it."""
+        """Return times, the signal as inputs, and the motion (samples + 1, 2 n) from the first state on under it."""
         q, v, _ = self.states[0]
         times = np.linspace(0.0, 1.0, SAMPLES + 1)
         knot, coefficient, stop = np.array(KNOTS), np.array(PIECES), np.array(KNOTS[1:2])
@@ -433,7 +433,7 @@ class _Examination:
         return times, inputs, _motion(q, v, times)
 
     def _compared(self, what: str, number: int, answer: Array, rows: list[Array]) -> Iterator[str]:
-        """The first number that is wrong; with fused products numbers of ordinary size are looked at."""
+        """Yield the first number that is wrong; with fused products numbers of ordinary size are looked at."""
         wanted = np.array(rows, self.dtype)
         right = (answer == wanted) & (np.signbit(answer) == np.signbit(wanted))
         if not self.bits:
@@ -446,7 +446,7 @@ class _Examination:
 
 
 def _motion(q: Array, v: Array, times: Array, short: int = 64) -> Array:
-    """The motion under the signal, (samples + 1, 2 n), by short steps of the classical method in double precision."""
+    """Return the motion under the signal, (samples + 1, 2 n), by short steps of rk4 in double precision."""
     equations = _Equations("float64")
 
     def rate(t: float, piece: int, x: Array) -> Array:

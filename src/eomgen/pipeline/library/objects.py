@@ -37,7 +37,7 @@ class Libraries:
     tried: bool = True
 
     def begin(self, parts: Sequence[str]) -> Callable[[], list[bytes]]:
-        """Begin to compile what the cache does not have, each part in a thread.
+        """Begin to compile what the cache does not have, each component in a thread.
 
         Returns:
             A function that waits for the objects and gives their content; it raises BuildError where the compiler
@@ -57,7 +57,7 @@ class Libraries:
         return objects
 
     def begin_for(self, source: Source) -> Linked:
-        """``begin`` with the parts that a source is linked with."""
+        """Begin with the components that a source is linked with."""
         from ...codegen.c.library import parts_of
         from ...codegen.package.compile import Linked
 
@@ -75,7 +75,7 @@ class Libraries:
         return library_key(self.compiler, self.flags, self.dtype, component, tried=self.tried)
 
     def _made(self, component: str) -> bytes:
-        """The object of a part, made or from the cache."""
+        """Return the object of a component, made or from the cache."""
         from ...codegen.package.library import OBJECT
 
         key = self._key(component)
@@ -92,6 +92,6 @@ class Libraries:
         shutil.rmtree(folder / FOLDER)
 
     def _try(self, component: str) -> None:
-        """Fill the cache; what goes wrong is found again, and told, by who waits for the objects."""
+        """Fill the cache; errors come again, and are raised, where the objects are waited for."""
         with suppress(Exception):
             self._made(component)
