@@ -11,21 +11,21 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Index = NDArray[np.intp]
 
-RANK = 1e-7  # singular values below this part of the greatest one belong to redundant constraints
+RANK = 1e-7  # singular values below this fraction of the greatest one belong to redundant constraints
 
 
 def rank_by(S: NDArray[Any], share: float = RANK) -> int:
-    """How many of the singular values are above this share of the greatest one; 0 where there are none."""
+    """Return the rank: how many singular values are above this share of the greatest one; 0 where there are none."""
     return int(np.count_nonzero(share * S.max(initial=0.0) < S))
 
 
 def rank_of(J: NDArray[Any], share: float = RANK) -> int:
-    """How many rows, and columns, of a matrix are independent; J is (m, n), and may be empty."""
+    """Return the rank of a matrix J, (m, n), which may be empty."""
     return rank_by(np.linalg.svd(J, compute_uv=False), share)
 
 
 def independent_columns(J: NDArray[Any], rank: int) -> list[int]:
-    """Columns of J that are as independent as possible, ``rank`` of them: Gram and Schmidt's method with pivoting."""
+    """Choose ``rank`` columns of J that are as independent as possible, by the Gram-Schmidt method with pivoting."""
     left, columns = J.copy(), list[int]()
     for _ in range(rank):
         norms = np.linalg.norm(left, axis=0)

@@ -73,7 +73,7 @@ class UnknownNameError(InputError, KeyError):
 
 
 class SingularError(InputError, ArithmeticError):
-    """The mass matrix cannot be inverted in the given state, or a loop is at a singular pose; the message names it."""
+    """The mass matrix cannot be inverted in a state, or a loop is at a singular pose; the message names it."""
 
 
 class BuildError(InputError):
@@ -115,7 +115,7 @@ class IntegrationError(InputError):
 
 
 class IntegrationStopped(IntegrationError):
-    """An integration that could not go on, with its last good state and what was found until then.
+    """An integration that could not go on, with its last good state and the results until then.
 
     Attributes:
         t: time of the last good state, s.

@@ -36,7 +36,7 @@ def as_path(path: Path | str, label: str = "path") -> Path:
 
 
 def check_ending(path: Path | str, *endings: str, label: str = "output") -> Path:
-    """The path of a file to write.
+    """Check the path of a file to write, and return it.
 
     Raises:
         InputError: it has none of the endings; the message begins with the label.
@@ -77,7 +77,7 @@ def open_regular(path: Path, most: int) -> Iterator[BinaryIO]:
 
 
 def read_regular(path: Path, most: int) -> bytes:
-    """All bytes of a file; arguments and errors as ``open_regular``, also for a file that grows meanwhile."""
+    """Read all bytes of a file; arguments and errors as ``open_regular``, also for a file that grows meanwhile."""
     with open_regular(path, most) as stream:
         data = stream.read(most + 1)
     if len(data) > most:
@@ -127,7 +127,7 @@ def write_csv(target: Path, rows: Iterable[Iterable[Any]], comments: Iterable[st
 
 
 def _remove_leftovers(target: Path) -> None:
-    """Temporary files of the target whose writers were killed more than a day ago."""
+    """Remove temporary files of the target whose writers were killed more than a day ago."""
     before = time.time() - 86400.0
     for path in target.parent.glob(f".{glob.escape(target.name)}-*"):
         with suppress(OSError):

@@ -26,17 +26,17 @@ _PAIRS = 3_000_000  # difflib is slow: pairs of characters that are compared in 
 
 
 def is_identifier(text: str) -> bool:
-    """True for a link, joint or frame name.  fullmatch, because $ would accept a trailing newline."""
+    """Return True for a link, joint or frame name.  fullmatch, because $ would accept a trailing newline."""
     return len(text) <= NAME_LENGTH and IDENTIFIER.fullmatch(text) is not None
 
 
 def is_robot_name(text: str) -> bool:
-    """True for a robot name, which becomes file, module and C prefix."""
+    """Return True for a robot name, which becomes file, module and C prefix."""
     return len(text) <= ROBOT_LENGTH and ROBOT_NAME.fullmatch(text) is not None and not keyword.iskeyword(text)
 
 
 def show(value: object) -> str:
-    """A value that came from outside, as short printable ASCII."""
+    """Show a value that came from outside as short printable ASCII."""
     if isinstance(value, dict):
         return "a table"
     if isinstance(value, list):
@@ -61,7 +61,7 @@ def show(value: object) -> str:
 
 
 def show_path(text: str) -> str:
-    """``show`` of a path: of a long one the end, where the file's name is."""
+    """Show a path: of a long one the end, where the file's name is."""
     if len(ascii(text)) <= _ESCAPED:
         return ascii(text)
     shown = text[-_SHOWN:]
@@ -71,13 +71,13 @@ def show_path(text: str) -> str:
 
 
 def plain_path(path: object) -> str:
-    """A path for a message: as it is, or quoted where it has a line end or a character that steers a terminal."""
+    """Show a path in a message: as it is, or quoted where it has a line end or a character that steers a terminal."""
     text = str(path)
     return text if text.isprintable() else show_path(text)
 
 
 def printable(text: str) -> str:
-    """Text for a terminal: characters that steer it (escapes, turns of direction and the like) become codes.
+    """Make text printable in a terminal: characters that steer it (escapes, turns of direction ...) become codes.
 
     Newlines and tabs stay.
     """
@@ -87,7 +87,7 @@ def printable(text: str) -> str:
 
 
 def listed(names: Iterable[str], most: int = 8) -> str:
-    """The names, quoted, and how many were left out after the first ``most``, or fewer where they are long."""
+    """Return the names, quoted, and how many were left out after the first ``most``, or fewer where they are long."""
     names = list(names)
     shown = [show(name) for name in names[:most]]
     while len(shown) > 1 and sum(map(len, shown)) > _LISTED:
@@ -97,7 +97,7 @@ def listed(names: Iterable[str], most: int = 8) -> str:
 
 
 def html_table(title: str, rows: Mapping[str, object]) -> str:
-    """A small table in HTML: a title, and a line for every name and its value."""
+    """Return a small table in HTML: a title, and a line for every name and its value."""
     import html  # takes as long to import as all of this module
 
     lines = "".join(f"<tr><td>{html.escape(k)}</td><td>{html.escape(str(x))}</td></tr>" for k, x in rows.items())
@@ -105,23 +105,23 @@ def html_table(title: str, rows: Mapping[str, object]) -> str:
 
 
 def component_name(owner: str, component: str) -> str:
-    """Name of a part of something: ``joint1.x``, a coordinate of a joint; ``tcp.fx``, a component at a frame."""
+    """Name a component: ``joint1.x``, a coordinate of a joint; ``tcp.fx``, of a wrench at a frame."""
     return f"{owner}.{component}"
 
 
 def split_component(name: str) -> tuple[str, str]:
-    """Owner and part of the name that ``component_name`` made."""
+    """Split a name that ``component_name`` made into owner and component."""
     owner, _, component = name.rpartition(".")
     return owner, component
 
 
 def joint_of(coordinate: str) -> str:
-    """The joint's name in a coordinate's: ``joint1`` of ``joint1.x``."""
+    """Return the joint's name in a coordinate's: ``joint1`` of ``joint1.x``."""
     return split_component(coordinate)[0]
 
 
 def kind_of(coordinate: str) -> str:
-    """Kind of a coordinate: ``x`` of ``joint1.x``."""
+    """Return the kind of a coordinate: ``x`` of ``joint1.x``."""
     return split_component(coordinate)[1]
 
 
@@ -131,18 +131,18 @@ def parameter_name(*path: str) -> str:
 
 
 def parameter_path(name: str) -> tuple[str, ...]:
-    """The parts of a parameter's name: (``joints``, ``joint1``, ``x``, ``stiffness``)."""
+    """Split a parameter's name: (``joints``, ``joint1``, ``x``, ``stiffness``)."""
     return tuple(name.split("."))
 
 
 def nearest(name: str, allowed: Iterable[str]) -> str:
-    """``; did you mean 'x'?`` for the nearest allowed name, or nothing."""
+    """Return ``; did you mean 'x'?`` for the nearest allowed name, or nothing."""
     name_nearby = _nearest(name, allowed)
     return "" if name_nearby is None else f"; did you mean {show(name_nearby)}?"
 
 
 def nearest_or_all(name: str, known: Iterable[str]) -> str:
-    """``; did you mean 'x'?`` for the nearest known name, or ``; known: x, y`` with all of them where none is near."""
+    """Return ``; did you mean 'x'?`` for the nearest known name, or ``; known: x, y`` with all where none is near."""
     names = list(known)
     suggestion = _nearest(name, names)
     if suggestion is not None:
@@ -165,19 +165,19 @@ def _nearest(name: str, allowed: Iterable[str]) -> str | None:
 
 
 def to_identifier(text: str) -> str:
-    """An identifier that resembles the text: foreign characters become _, a leading digit gets one in front."""
+    """Turn a text into an identifier that resembles it: foreign characters become _, a leading digit follows one."""
     name = re.sub(r"[^A-Za-z0-9_]", "_", text[:NAME_LENGTH])
     return (name if IDENTIFIER.fullmatch(name) else "_" + name)[:NAME_LENGTH]
 
 
 def to_robot_name(text: str) -> str:
-    """A robot name that resembles the text."""
+    """Turn a text into a robot name that resembles it."""
     name = re.sub(r"[^a-z0-9_]", "_", text[:ROBOT_LENGTH].lower())
     return (name if is_robot_name(name) else "robot_" + name.lstrip("_"))[:ROBOT_LENGTH]
 
 
 def unique_identifiers(texts: Sequence[str]) -> dict[str, str]:
-    """Identifier of each text.  A text that is one keeps it; the others are made unique with _2, _3, ..."""
+    """Return identifiers of texts: those that are one stay; others are made unique with _2, _3, ..."""
     names = {text: text for text in texts if is_identifier(text)}
     taken = set(names)
     count: dict[str, int] = {}

@@ -53,7 +53,7 @@ def read_npz(path: Path | str, names: Collection[str] | None = None, kinds: str 
 
     Args:
         path: of the file.
-        names: of the arrays to read, as far as they are there; all if not given.
+        names: of the arrays to read, as far as they are there; None: all.
         kinds: of dtypes that arrays may have, REAL or COMPLEX.
 
     Raises:
@@ -78,7 +78,7 @@ def read_npz(path: Path | str, names: Collection[str] | None = None, kinds: str 
 
 
 def most_bytes(variable: str = VARIABLE, megabytes: int = _MOST_MB) -> int:
-    """Bytes that a file may have: so many megabytes, or what the environment says; InputError if it says no number."""
+    """Return the bytes that a file may have: megabytes, or as the environment says; InputError for no number."""
     text = os.environ.get(variable, str(megabytes))
     if not (text.isascii() and text.isdecimal() and int(text[:9]) > 0 and len(text) <= 9):
         raise InputError(f"the environment's {variable} is {show(text)}; allowed: a number of megabytes")
@@ -122,7 +122,7 @@ def _arrays(
 
 
 def _array(member: Any, size: int, kinds: str, place: str) -> NDArray[Any]:
-    """The array of an entry of that size."""
+    """Read the array of an entry of that size."""
     if np.lib.format.read_magic(member) != (1, 0):
         raise InputError(
             f"{place}: is of another format than (1, 0), which NumPy writes for numbers and texts{_ALLOWED}"

@@ -54,5 +54,5 @@ def optional_import(package: str, needed_by: str, otherwise: str = "") -> Iterat
 
 
 def _quoted(name: str) -> str:
-    """The name as a shell takes it for one word, brackets and all."""
+    """Quote a name so that a shell takes it for one word, brackets and all."""
     return f'"{name}"' if "[" in name else name

@@ -9,8 +9,8 @@ StageReport = Callable[[str], None]  # called with a line of text when a stage b
 
 
 def no_progress(_fraction: float, _text: str) -> None:
-    """A Progress that says nothing."""
+    """Say nothing: a Progress."""
 
 
 def no_report(_text: str) -> None:
-    """A StageReport that says nothing."""
+    """Say nothing: a StageReport."""

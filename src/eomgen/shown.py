@@ -28,7 +28,7 @@ class Shown:
         cls.__repr__ = Shown.__repr__  # type: ignore[method-assign]  # in the class itself, or dataclass writes its own
 
     def facts(self) -> dict[str, str]:
-        """Names and short texts that are shown: of all fields that are not empty."""
+        """Return names and short texts that are shown: of all fields that are not empty."""
         assert is_dataclass(self)
         values = {field.name: getattr(self, field.name) for field in fields(self) if field.repr}
         return {name: text_of(value) for name, value in values.items() if not _is_empty(value)}
@@ -54,7 +54,7 @@ class Shown:
         vars(self).update(values, **{name: MappingProxyType(values[name]) for name in proxies})
 
     def _repr_html_(self) -> str:
-        """A table of ``facts``, for notebooks."""
+        """Return a table of ``facts``, for notebooks."""
         rows = "".join(
             f"<tr><th>{html.escape(name)}</th><td>{html.escape(value)}</td></tr>"
             for name, value in self.facts().items()
@@ -63,7 +63,7 @@ class Shown:
 
 
 def text_of(value: Any) -> str:
-    """A value in a few words, printable ASCII: numbers and texts as they are, arrays by shape, others by their size."""
+    """Describe a value in short, in printable ASCII: numbers and texts as they are, arrays by shape, others by size."""
     if isinstance(value, np.ndarray):
         kind = "" if value.dtype == np.float64 else f" of {value.dtype}"
         return f"<array {value.shape}{kind}>"

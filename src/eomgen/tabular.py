@@ -53,10 +53,10 @@ class Tabular:
 
     @abstractmethod
     def as_rows(self) -> Rows:
-        """The rows and columns that ``to_pandas`` and ``to_xarray`` give."""
+        """Return the rows and columns that ``to_pandas`` and ``to_xarray`` give."""
 
     def to_pandas(self) -> Any:
-        """The columns as a ``pandas.DataFrame``, by names; ``attrs["units"]`` has the unit of each, SI and rad.
+        """Return the columns as a ``pandas.DataFrame``, by names; ``attrs["units"]`` has the unit of each, SI and rad.
 
         Raises:
             InputError: pandas is not installed.
@@ -72,7 +72,7 @@ class Tabular:
         return frame
 
     def to_xarray(self) -> Any:
-        """The columns as an ``xarray.Dataset`` with a coordinate for its rows; variables have ``attrs["units"]``.
+        """Return the columns as an ``xarray.Dataset`` with a coordinate of rows; variables have ``attrs["units"]``.
 
         Raises:
             InputError: xarray is not installed.

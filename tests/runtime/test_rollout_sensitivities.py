@@ -150,7 +150,7 @@ def test_what_is_wrong_is_named(built: Build) -> None:
     def sensitivity(**changed: Any) -> None:
         case.call("rollout_sensitivity", **changed)
 
-    with pytest.raises(InputError, match="no direction is given; allowed: parameters or along"):
+    with pytest.raises(InputError, match="there is no direction; allowed: parameters or along"):
         sensitivity()
     with pytest.raises(InputError, match="along: 'w' is unknown; allowed: 'q', 'v', 'u'"):
         sensitivity(along={"w": np.zeros((1, 2))})

@@ -39,7 +39,7 @@ class Arrays:
         self._bits = np.finfo(raw.dtype).nmant + 1  # of the whole numbers that are all held exactly
 
     def taken(self, label: str, value: ArrayLike, shape: tuple[int, ...], checks: bool) -> tuple[Array, Lead]:
-        """A value as a C-contiguous array of the kernel's dtype, and the axes in front of a state's.
+        """Convert a value to a C-contiguous array of the kernel's dtype; return it and the axes in front of a state's.
 
         Raises:
             ArrayError: another shape, a number that the dtype cannot hold exactly, or NaN or infinity.
@@ -88,7 +88,7 @@ class Arrays:
     def overflow(
         self, function: RawFunction, result: Array, shape: tuple[int, ...], arguments: Sequence[tuple[str, Array]]
     ) -> ArrayError:
-        """The error that says that finite numbers led to a result that is not: which entry, and the largest number.
+        """Return the error that a result of finite numbers is not finite: which entry, and the largest argument.
 
         Args:
             arguments: label and array of each; of a batch the rows of states, or the state that stands for all.
@@ -114,7 +114,7 @@ class Arrays:
         )
 
     def checked_out(self, out: Array, shape: tuple[int, ...], arrays: Sequence[Array]) -> Array:
-        """The array to write to.
+        """Check the array to write to, and return it.
 
         Args:
             arrays: what is read meanwhile.
@@ -184,7 +184,7 @@ def flag(label: str, value: Any) -> bool:
 
 
 def names_in(label: str, value: Any) -> list[str]:
-    """Names as a list; InputError, which begins with the label, of anything but texts in a row."""
+    """Return names as a list; InputError, which begins with the label, of anything but texts in a row."""
     if isinstance(value, (str, bytes)) or not isinstance(value, Iterable):
         raise InputError(f"{label}: {show(value)}; allowed: a sequence of names")
     names = list(value)
@@ -195,12 +195,12 @@ def names_in(label: str, value: Any) -> list[str]:
 
 
 def is_finite(array: Array) -> bool:
-    """True if no number is NaN or infinite."""
+    """Return True if no number is NaN or infinite."""
     return 0 not in np.isfinite(array).tobytes()  # a quarter of the time of all() for few numbers
 
 
 def joint_lead(label: str, leading: Lead, lead: Lead) -> Lead:
-    """Leading axes of a result whose arguments have ``leading`` and ``lead``, by NumPy's rules.
+    """Return the leading axes of a result whose arguments have ``leading`` and ``lead``, by NumPy's rules.
 
     Raises:
         ArrayError: they do not go together.
@@ -215,7 +215,7 @@ def joint_lead(label: str, leading: Lead, lead: Lead) -> Lead:
 
 
 def rows_of(array: Array, shape: tuple[int, ...], lead: Lead) -> Array:
-    """An argument of many states as rows of them, or as one state that stands for all.
+    """Return an argument of many states as rows of them, or as one state that stands for all.
 
     Args:
         array: (..., *shape), its leading axes go together with ``lead``.
@@ -231,14 +231,14 @@ def rows_of(array: Array, shape: tuple[int, ...], lead: Lead) -> Array:
 
 
 def place_of(state: Sequence[int]) -> str:
-    """The place of a state among many by its indices: " in state 3", " in state (1, 2)"; nothing of one alone."""
+    """Say which of many states one is, by its indices: " in state 3", " in state (1, 2)"; nothing of one alone."""
     if not len(state):
         return ""
     return f" in state {state[0]}" if len(state) == 1 else f" in state ({', '.join(map(str, state))})"
 
 
 def _whole_numbers(value: ArrayLike, array: Array, bits: int) -> Array:
-    """Whole numbers that a value has, as far as they may have been rounded on their way into its array.
+    """Return whole numbers that a value has, as far as they may have been rounded on their way into its array.
 
     An array has them itself; a sequence of Python's numbers becomes one of floats where one of them is a float.
     """
@@ -250,7 +250,7 @@ def _whole_numbers(value: ArrayLike, array: Array, bits: int) -> Array:
 
 
 def _first_rounded(numbers: Array, bits: int) -> int | None:
-    """The first of many whole numbers that has more bits between its ends than a float, or None."""
+    """Return the first of many whole numbers that has more bits between its ends than a float, or None."""
     large = numbers[(numbers > 2**bits) | (numbers < -(2**bits))]
     odd = large // (large & -large)  # without the zeros at the end
     rounded = large[np.abs(odd) >= 2**bits]

@@ -20,7 +20,7 @@ from .parameters import Parameters
 from .raw import Array, RawFunction, RawKernel
 from .singular import NEARLY, VANISHED, null_coordinates, scaled_eigenvalues, singular_place
 
-SHARE = 256  # states that are worth a thread of their own
+SHARE = 256  # states that are worth a separate thread
 POLE = 1e-7  # cosine of beta, below which alpha and gamma turn about one axis
 TREE = "tree_"  # begins the names of functions of the open tree
 ELIMINATED = (
@@ -53,13 +53,13 @@ class Calls:
         return Calls(self.raw, parameters, self.arrays, self.prescribed)
 
     def of_tree(self, name: str) -> str:
-        """The function that does for the open tree what one of that name does for the closed mechanism."""
+        """Return the function of the open tree that corresponds to one of the closed mechanism."""
         return f"{TREE}{name}" if self.raw.libraries.meta.get("constraints") else name
 
     def run_with_wrench(
         self, name: str, out: Array | None, values: Sequence[ArrayLike], wrench: ArrayLike | None
     ) -> Array:
-        """A function's result with what wrenches add to it, as ``WRENCHED`` says."""
+        """Run a function, and add the contribution of wrenches to its result, as ``WRENCHED`` says."""
         if wrench is None:
             return self.run(name, out, values)
         added, sign, _ = WRENCHED[name]
@@ -91,7 +91,7 @@ class Calls:
             values: what it reads, for one state or many; their leading axes go together as NumPy broadcasts.
             extra: the number of a frame, for a function that takes one.
             lead: leading axes that the result has at least.
-            inner: how many of the last leading axes are no states' own: errors name none of them.
+            inner: how many of the last leading axes are not of states: errors name none of them.
 
         Raises:
             UnknownNameError: the kernel was built without this function.
@@ -135,7 +135,7 @@ class Calls:
         return result
 
     def _rows(self, labels: Sequence[str], arrays: Sequence[Array], lead: Lead) -> tuple[list[Array], list[int]]:
-        """Arguments as rows of states, and how many numbers apart two states lie: 0 where one stands for all."""
+        """Return arguments as rows of states, and strides between states, in numbers: 0 where one stands for all."""
         rows, steps = [], []
         for label, array in zip(labels, arrays, strict=True):
             shape = self.raw.shapes[label]
@@ -147,7 +147,7 @@ class Calls:
     def _overflow(
         self, name: str, result: Array, labels: Sequence[str], arrays: Sequence[Array]
     ) -> ArrayError | SingularError:
-        """The error that says that a function's result is not finite, though its arguments are."""
+        """Return the error that says that a function's result is not finite, though its arguments are."""
         function = self.raw.functions[name]
         shape = self.raw.shapes[function.writes]
         lead = result.shape[: result.ndim - len(shape)]
@@ -220,14 +220,14 @@ class Calls:
         return shared(work, count, min(self.threads, count // SHARE))
 
     def _asked(self, arguments: Mapping[str, Array], name: str) -> Array | None:
-        """Ask another function about a state, with zeros for what is not given; None where there is none."""
+        """Ask another function about a state, with zeros for missing arguments; None where there is none."""
         if name not in self.raw.functions:
             return None
         reads = self.raw.functions[name].reads
         return self.run(name, None, [arguments.get(x, np.zeros(self.raw.shapes[x], self.dtype)) for x in reads])
 
     def array(self, label: str, value: ArrayLike, shape: tuple[int, ...]) -> tuple[Array, Lead]:
-        """A value as a C-contiguous array of the kernel's dtype, and the axes in front of a state's.
+        """Convert a value to a C-contiguous array of the kernel's dtype; return it and the axes in front of a state's.
 
         Raises:
             ArrayError: another shape, a number that the dtype cannot hold exactly, or NaN or infinity (see ``checks``).
@@ -235,7 +235,7 @@ class Calls:
         return self.arrays.taken(label, value, shape, self.checks)
 
     def singular(self, name: str, coordinate: int, place: str, q: Array | None = None) -> SingularError:
-        """The error that says that a function cannot invert the mass matrix.
+        """Return the error that says that a function cannot invert the mass matrix.
 
         It names the coordinates that move without inertia, or the loop whose constraints do not say what it bears;
         where the kernel cannot compute a mass matrix, the coordinate at which elimination fails.
@@ -268,7 +268,7 @@ class Calls:
         return singular_loop(self.raw, *self.run("constraint_jacobian", None, (states,)))
 
     def _moving_mass(self, q: Array) -> Array | None:
-        """The mass matrix of what is not prescribed at q, (n,); None where no function gives one."""
+        """Return the mass matrix of what is not prescribed at q, (n,); None where no function gives one."""
         moving = [i for i, name in enumerate(self.coordinates) if name not in self.prescribed]
         if "mass_matrix" in self.raw.functions:
             M = self.run("mass_matrix", None, (q,))

@@ -25,7 +25,7 @@ PACKAGE = f"{__package__}."  # begins the names of the modules whose methods can
 
 
 class CompiledCode:
-    """Compiled functions with parameters of their own, and how they are called; attributes as of ``Kernel``."""
+    """Compiled functions with separate parameters, and how they are called; attributes as of ``Kernel``."""
 
     def __init__(
         self,
@@ -33,7 +33,7 @@ class CompiledCode:
         again: tuple[Callable[..., Any], tuple[Any, ...]] | None = None,
         binding: ExtensionBinding | None = None,
     ) -> None:
-        """A kernel of compiled functions.
+        """Make a kernel of compiled functions.
 
         Args:
             libraries: where the functions are.
@@ -77,7 +77,7 @@ class CompiledCode:
         return f"<Kernel {self.name}: {len(self.coordinates)} coordinates, {self.dtype}>"
 
     def _repr_html_(self) -> str:
-        """A small table, for notebooks."""
+        """Return a small table, for notebooks."""
         rows = {
             "coordinates": len(self.coordinates),
             "links": len(self.links),
@@ -120,7 +120,7 @@ class CompiledCode:
         return len(self.coordinates)
 
     def source(self, ending: str) -> str:
-        """The C that it was compiled from: "h", the header, or "c".
+        """Return the C that it was compiled from: "h", the header, or "c".
 
         Raises:
             BuildError: its package is not there any more.
@@ -128,7 +128,7 @@ class CompiledCode:
         return self.raw.source(ending)
 
     def with_parameters(self, values: Mapping[str, float] | None = None) -> Self:
-        """Return the same compiled code with parameters of its own: those of this kernel now, and ``values`` by name.
+        """Return the same compiled code with separate parameters: those of this kernel now, and ``values`` by name.
 
         It costs microseconds; the code is shared, so that many threads may each work with other parameters.
 
@@ -144,7 +144,7 @@ class CompiledCode:
         return other
 
     def with_turned(self, joints: Collection[str]) -> Self:
-        """Return the same compiled code with parameters of its own, and other coordinates of joints that turn freely.
+        """Return the same code with separate parameters, and other coordinates of joints with 3-DOF rotation.
 
         The axes y, z and x of the joint's frame stand in the place of x, y and z, so that its angles are not singular
         where those of the description are.  That is so for forward_dynamics, forward_dynamics_jacobian,
@@ -168,7 +168,7 @@ class CompiledCode:
         return other
 
     def _with_methods_in_python(self) -> Self:
-        """This kernel once more, not bound to an extension module."""
+        """Copy this kernel, not bound to an extension module."""
         other = object.__new__(type(self))
         other.__dict__.update(self.__dict__.get("_plain", self).__dict__)  # a third of the time of copy.copy
         return other
@@ -177,7 +177,7 @@ class CompiledCode:
         """Let plain calls of methods go through an extension module.
 
         Attributes of the kernel then stand before the methods of its class, which they call where a call is not plain;
-        they do so for a second kernel that has none of them, so that no kernel is part of a circle of references.
+        they do so for a second kernel that has none of them, so that no kernel is in a circle of references.
         """
         if self._functions is None or self._functions[0] is not module:
             known = {name: getattr(type(self), name, None) for name in self.raw.functions}
@@ -205,7 +205,7 @@ class CompiledCode:
         return "_plain" in self.__dict__
 
     def together(self, *kernels: str) -> Self:
-        """Return the kernel with these kernels in one library of C, and with parameters of its own.
+        """Return the kernel with these kernels in one library of C, and with separate parameters.
 
         For programs that take the C and its addresses; where all functions are in one library already, nothing is
         compiled.
@@ -224,7 +224,7 @@ class CompiledCode:
         return other
 
     def with_threads(self, number: int) -> Self:
-        """Return the same code with parameters of its own, whose batches so many threads share (see ``threads``).
+        """Return the same code with separate parameters, whose batches so many threads share (see ``threads``).
 
         Raises:
             InputError: not a whole number from 1 on.
@@ -234,7 +234,7 @@ class CompiledCode:
         return other
 
     def with_checks(self, wanted: bool) -> Self:
-        """Return the same code with parameters of its own, which refuses NaN and infinity or not (see ``checks``).
+        """Return the same code with separate parameters, which refuses NaN and infinity or not (see ``checks``).
 
         Raises:
             InputError: neither True nor False.
@@ -282,7 +282,7 @@ class CompiledCode:
         self.parameters.state.checks = bool(wanted)
 
     def frame_index(self, name: str) -> int:
-        """The number of a frame or link in ``frames``, by which functions of C take it.
+        """Return the number of a frame or link in ``frames``, by which functions of C take it.
 
         Raises:
             UnknownNameError: no frame or link of that name.

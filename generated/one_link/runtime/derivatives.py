@@ -50,7 +50,7 @@ class Differentiated:
 
     @classmethod
     def of(cls, calls: Calls, name: str, frame_index: Callable[[str], int]) -> Differentiated:
-        """The function of that name.
+        """Return the function of that name.
 
         Raises:
             UnknownNameError: the kernel was built without its derivatives.
@@ -76,11 +76,11 @@ class Differentiated:
         return self.writes in FRAMED
 
     def shape(self, label: str) -> tuple[int, ...]:
-        """Shape of an array for one state."""
+        """Return the shape of an array for one state."""
         return self.calls.raw.shapes[label]
 
     def state(self, args: Sequence[Any]) -> tuple[list[ArrayLike], int | None]:
-        """The arrays of its arguments, and the number of the frame.
+        """Return the arrays of its arguments, and the number of the frame.
 
         Raises:
             InputError: another number of arguments.
@@ -98,7 +98,7 @@ class Differentiated:
         return arrays, frame
 
     def run(self, kind: str, arrays: Sequence[ArrayLike], inner: int = 0) -> Array:
-        """Call one of its derivatives; the last ``inner`` leading axes are no states' own.
+        """Call one of its derivatives; the last ``inner`` leading axes are not of states.
 
         Raises:
             UnknownNameError: the kernel was built without it.
@@ -108,7 +108,7 @@ class Differentiated:
         return self.calls.run(f"{self.name}_{kind}", None, arrays, inner=inner)
 
     def weights(self, cotangent: ArrayLike, frame: int | None) -> Array:
-        """Weights of the results as derivatives read them.
+        """Return weights of the results in the layout that derivatives read.
 
         Raises:
             ArrayError: another shape or dtype than the function's result.
@@ -123,7 +123,7 @@ class Differentiated:
         return whole
 
     def of_frame(self, result: Array, frame: int | None) -> Array:
-        """The function's own result, of one for all frames; derivatives of a pose's last row are zero."""
+        """Select a frame's result of one for all frames; derivatives of a pose's last row are zero."""
         if frame is None:
             return result
         rows: Array = result[..., frame, :, :]
@@ -132,7 +132,7 @@ class Differentiated:
         return np.concatenate([rows, np.zeros_like(rows[..., :1, :])], axis=-2)
 
     def rows(self, gradient: Array) -> tuple[Array, ...]:
-        """A gradient's parts by the arguments, in their shapes."""
+        """Split a gradient into one array per argument, in its shape."""
         gradients, begin = list[Array](), 0
         for label in self.reads:
             shape = self.shape(label)
@@ -143,10 +143,10 @@ class Differentiated:
 
 
 def parameter_slots(parameters: Parameters, names: Sequence[str]) -> list[int]:
-    """Places of parameters by their names.
+    """Return places of parameters by their names.
 
     Raises:
-        InputError: a text instead of a sequence of names, or a name given twice.
+        InputError: a text instead of a sequence of names, or a name that stands twice.
         UnknownNameError: not a run-time parameter.
     """
     names = names_in("parameters", names)
@@ -169,7 +169,7 @@ class Differentiation(CompiledCode):
     def residual_jacobian(
         self, q: ArrayLike, v: ArrayLike, a: ArrayLike, u: ArrayLike | None = None, *, out: Array | None = None
     ) -> tuple[Array, Array, Array]:
-        """Exact derivatives of the residual, three (n, n): dr/dq, dr/dv and dr/da (the mass matrix).
+        """Return exact derivatives of the residual, three (n, n): dr/dq, dr/dv and dr/da (the mass matrix).
 
         Row i belongs to the residual's coordinate i, column j to the coordinate that changes.  Without external
         wrenches.  The residual is linear in the drives with -1, so that ``u`` changes nothing; it may be left out.
@@ -184,7 +184,7 @@ class Differentiation(CompiledCode):
     def forward_dynamics_jacobian(
         self, q: ArrayLike, v: ArrayLike, u: ArrayLike, *, out: Array | None = None, cut: bool = False
     ) -> tuple[Array, Array, Array]:
-        """Exact derivatives of the accelerations, three (n, n): da/dq, da/dv and da/du (the inverse mass matrix).
+        """Return exact derivatives of accelerations, three (n, n): da/dq, da/dv and da/du (the inverse mass matrix).
 
         The acceleration of a prescribed coordinate stands in ``u`` and depends on nothing else.
         Without external wrenches; where some are constant generalized forces, add them to ``u``.
@@ -241,7 +241,7 @@ class Differentiation(CompiledCode):
     def vjp(
         self, name: str, args: Sequence[Any], cotangent: ArrayLike, parameters: Sequence[str] = ()
     ) -> tuple[Array, ...]:
-        """The gradient of the sum of a method's weighted results: weights times its Jacobian, exact.
+        """Return the gradient of the sum of a method's weighted results: weights times its Jacobian, exact.
 
         It comes from one reverse sweep, which takes about as long as two or three calls of the method whatever the
         number of coordinates is.
@@ -269,7 +269,7 @@ class Differentiation(CompiledCode):
         return (*f.rows(gradient[..., :split]), gradient[..., split:][..., slots])
 
     def hessian(self, name: str, args: Sequence[Any], cotangent: ArrayLike) -> Array:
-        """Second derivatives of the sum of a method's weighted results by its arguments, exact and symmetric.
+        """Return exact second derivatives, symmetric, of the sum of a method's weighted results by its arguments.
 
         Args:
             name, args: as of ``jvp``.
@@ -287,7 +287,7 @@ class Differentiation(CompiledCode):
         return f.run(HESSIAN, [*arrays, f.weights(cotangent, frame)])
 
     def parameter_jacobian(self, name: str, args: Sequence[Any], parameters: Sequence[str] | None = None) -> Array:
-        """Derivatives of a method's results by run-time parameters, exact.
+        """Return derivatives of a method's results by run-time parameters, exact.
 
         Args:
             name, args: as of ``jvp``.

@@ -88,14 +88,14 @@ class State:
             self.values, self._setup = values, None
 
     def moved_to(self, kind: Callable[..., State]) -> State:
-        """A state of another type in its place, which gets the assignments that come here later."""
+        """Return a state of another type in its place, which gets the assignments that come here later."""
         with self._lock:
             if self._successor is None:
                 self._successor = kind(self.values, self._make, self.checks, self.threads)
             return self._successor
 
     def copy(self) -> State:
-        """A state with the same values, checks and threads; neither sees what becomes of the other."""
+        """Return a state with the same values, checks and threads; neither sees what becomes of the other."""
         with self._lock:
             other = State(self.values, self._make, self.checks, self.threads)
             other._setup = self._setup
@@ -198,7 +198,7 @@ def functions(
 
 
 def _place(label: str, reads: tuple[str, ...], raw: RawKernel, name: str) -> tuple[str, str, tuple[int, ...]]:
-    """Name, role and shape of a parameter of a method, as the module takes them."""
+    """Return the name, role and shape of a parameter of a method, as the module takes them."""
     role = "read" if label in reads else ROLES.get(label, "beside")
     if label == "wrench" and name in WRENCHED and WRENCHED[name].function in raw.functions:
         role = "wrench"

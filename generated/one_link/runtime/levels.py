@@ -30,26 +30,26 @@ LEVELS = tuple(NEEDS)
 
 
 def machine_levels() -> tuple[str, ...]:
-    """Levels of this machine's type, whatever its processor has: those of x86-64 on Linux, else the base alone."""
+    """Return the levels of this type of machine, whatever its processor: x86-64 levels on Linux, else the base."""
     wide = sys.platform == "linux" and sys.maxsize > 2**32 and os.uname().machine == "x86_64"
     return LEVELS if wide else (BASE,)
 
 
 def supported() -> tuple[str, ...]:
-    """Levels that this processor and its system run, the best one last."""
+    """Return levels that this processor and its system run, the best one last."""
     features = _features()
     return tuple(level for level in machine_levels() if features.issuperset(NEEDS[level]))
 
 
 def lacking(level: str) -> tuple[str, ...]:
-    """Features that a level needs and that are not here."""
+    """Return features that a level needs and that are not here."""
     features = _features()
     return tuple(name for name in NEEDS[level] if name not in features)
 
 
 @cache
 def _features() -> frozenset[str]:
-    """Features of the first processor, by Linux's names; none where the system does not say."""
+    """Return features of the first processor, by Linux's names; none where the system does not say."""
     try:
         with open("/proc/cpuinfo", encoding="ascii", errors="replace") as lines:
             line = next((line for line in lines if line.startswith("flags")), "")
@@ -59,7 +59,7 @@ def _features() -> frozenset[str]:
 
 
 def best_level(held: Iterable[str] = LEVELS) -> str:
-    """The best level among those held that this processor runs, and that $EOMGEN_LEVEL does not exclude.
+    """Return the best level among those held that this processor runs, and that $EOMGEN_LEVEL does not exclude.
 
     Raises:
         InputError: $EOMGEN_LEVEL is no level, or one that this processor does not run.
@@ -75,7 +75,7 @@ def best_level(held: Iterable[str] = LEVELS) -> str:
 
 
 def allowed_levels() -> tuple[str, ...]:
-    """Levels that this processor runs, up to $EOMGEN_LEVEL where that is set; the best one last.
+    """Return levels that this processor runs, up to $EOMGEN_LEVEL where that is set; the best one last.
 
     Raises:
         InputError: $EOMGEN_LEVEL is no level, or one that this processor does not run.
@@ -88,7 +88,7 @@ def allowed_levels() -> tuple[str, ...]:
 
 
 def check_level(level: str, whence: str) -> None:
-    """InputError for what is no level, or one that this processor does not run; ``whence`` is what it was given by."""
+    """Raise InputError for an unknown level, or one that this processor does not run; ``whence``: its source."""
     if level in supported():
         return
     if level not in machine_levels():
@@ -99,7 +99,7 @@ def check_level(level: str, whence: str) -> None:
 
 
 def binary_folders(package: Path, base: str) -> list[str]:
-    """Folders, beside the package's own, that its binaries are looked for in first: at most one, that of a level.
+    """Return folders in which a package's binaries are looked for first: at most one, that of a level.
 
     Args:
         package: the package's folder; binaries of further levels lie in folders of it.

@@ -36,7 +36,7 @@ class LoopClosure(CompiledCode):
     """The constraint of closed loops, and states that meet it."""
 
     def constraint(self, q: ArrayLike, *, out: Array | None = None) -> Array:
-        """g(q), (constraints,): zero where the loops are closed.
+        """Return g(q), (constraints,): zero where the loops are closed.
 
         Of frame b on a loop's second link, seen from frame a on its first: x, y, z (m) of its origin, and sines of its
         turns alpha, beta, gamma about x, y, z, as far as the cut joint blocks them (``eomgen.robot.cuts``).
@@ -44,19 +44,19 @@ class LoopClosure(CompiledCode):
         return self.calls.run("constraint", out, (q,))
 
     def constraint_jacobian(self, q: ArrayLike, *, out: Array | None = None) -> Array:
-        """J = dg/dq, (constraints, n), exact; J v is the rate of g."""
+        """Return J = dg/dq, (constraints, n), exact; J v is the rate of g."""
         return self.calls.run("constraint_jacobian", out, (q,))
 
     def constraint_bias(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
-        """J_dot v, (constraints,): the second derivative of g is J a + J_dot v."""
+        """Return J_dot v, (constraints,): the second derivative of g is J a + J_dot v."""
         return self.calls.run("constraint_bias", out, (q, v))
 
     def cut_poses(self, q: ArrayLike, *, out: Array | None = None) -> Array:
-        """Pose of frame b seen from frame a of each loop, (loops, 4, 4), m: the motion of the cut joint."""
+        """Return the pose of frame b seen from frame a of each loop, (loops, 4, 4), m: the motion of the cut joint."""
         return self.calls.run("cut_poses", out, (q,))
 
     def cut_coordinates(self, q: ArrayLike) -> Array:
-        """Coordinates of the loops' cut joints, (loops, 6): x, y, z (m), alpha, beta, gamma (rad) as of other joints.
+        """Return coordinates of loop joints, (loops, 6): x, y, z (m), alpha, beta, gamma (rad) as of other joints.
 
         They are those of frame b on a loop's second link, seen from frame a on its first, where the angles turn about
         x, then y, then z; zero in what the joint blocks, where the loops are closed.
@@ -71,7 +71,7 @@ class LoopClosure(CompiledCode):
         return np.concatenate([poses[..., :3, 3], np.stack(angles, axis=-1)], axis=-1)
 
     def close(self, q: ArrayLike, held: Iterable[str] = (), *, roots: int | None = None) -> Array:
-        """Coordinates near a guess that close all loops, (n,); Levenberg and Marquardt's method.
+        """Assemble: return coordinates near a guess that close all loops, (n,), by the Levenberg-Marquardt method.
 
         Args:
             q: the guess, (n,), or many of them.
@@ -95,7 +95,7 @@ class LoopClosure(CompiledCode):
         return closed.reshape(guesses.shape)
 
     def close_rates(self, q: ArrayLike, v: ArrayLike, held: Iterable[str] = ()) -> Array:
-        """Rates that keep the loops closed, (n,), those with the least kinetic energy of the difference to a guess.
+        """Project velocities: return those that keep loops closed, (n,), with least kinetic energy of the change.
 
         That is what a sudden closing of the loops makes of the guess, too.
 
@@ -126,7 +126,7 @@ class LoopClosure(CompiledCode):
 
 
 def _closed_rates(calls: Calls, states: Array, moving: Array, free: Mask, place: Place) -> Array:
-    """Rates near guesses, (N, n), that keep the loops closed; both in the coordinates that these calls know."""
+    """Return rates near guesses, (N, n), that keep the loops closed; both in the coordinates that these calls know."""
     bits, moving = calls.dtype.itemsize, moving.copy()
     J = calls.run("constraint_jacobian", None, (states,))
     if free.any():
@@ -146,7 +146,7 @@ def _closed_rates(calls: Calls, states: Array, moving: Array, free: Mask, place:
 class _ChartGroup:
     """States of one kind: their rows, the joints that are turned in them, and calls that know of that.
 
-    Joints that turn freely have other angles where their own are singular, and nothing of them is held.
+    Joints with 3-DOF rotation have other angles where the described ones are singular, and none of them is fixed.
     """
 
     rows: NDArray[np.intp]
@@ -154,15 +154,15 @@ class _ChartGroup:
     calls: Calls
 
     def place(self, lead: tuple[int, ...]) -> Place:
-        """Names of states among all that there are."""
+        """Return the naming of this group's states among all states."""
         return lambda i: _place(int(self.rows[i]), lead)
 
     def turned(self, q: Array, v: Array) -> tuple[Array, Array]:
-        """Described q and v, (N, n) each, in these coordinates."""
+        """Convert described q and v, (N, n) each, to these coordinates."""
         return self._seen(q, v, ON, np.zeros_like(q))
 
     def described(self, q: Array, v: Array, near: Array, place: Place) -> tuple[Array, Array]:
-        """q and v as described, each angle next to that of a state near it, (N, n).
+        """Convert q and v to described ones, each angle next to that of a state near it, (N, n).
 
         Raises:
             SingularError: angles are at +-pi/2 as described, where they have no such rates.
@@ -186,7 +186,7 @@ class _ChartGroup:
 
 
 def _chart_groups(calls: Calls, q: Array, free: Mask) -> Iterator[_ChartGroup]:
-    """States, (N, n), by the joints whose angles are nearly singular in them."""
+    """Group states, (N, n), by the joints whose angles are nearly singular in them."""
     joints = {
         name: (first, origin)
         for name, (first, origin) in calls.raw.turning.items()
@@ -207,7 +207,7 @@ def _chart_groups(calls: Calls, q: Array, free: Mask) -> Iterator[_ChartGroup]:
 
 
 def _roots(calls: Calls, q: ArrayLike, held: Iterable[str], number: int) -> Array:
-    """Several ways to close the loops about one guess, the nearest first; see ``Kernel.close``."""
+    """Return several assemblies about one guess, the nearest first; see ``Kernel.close``."""
     guess, lead = calls.array("q", q, (calls.n,))
     if lead or isinstance(number, bool) or not isinstance(number, (int, np.integer)) or not 1 <= number <= MOST_ROOTS:
         wrong = f"states of shape {guess.shape}" if lead else show(number)
@@ -241,7 +241,7 @@ def _roots(calls: Calls, q: ArrayLike, held: Iterable[str], number: int) -> Arra
 
 
 def _closed(calls: Calls, guesses: Array, free: Mask) -> tuple[Array, Array]:
-    """States, (N, n), as near to closed as Levenberg and Marquardt's method brings them, and their gaps, (N, m)."""
+    """Close states, (N, n), by the Levenberg-Marquardt method; return them and their constraint violations, (N, m)."""
     q, gaps = guesses.copy(), calls.run("constraint", None, (guesses,))
     for group in _chart_groups(calls, guesses, free):
         still = np.zeros_like(guesses[group.rows])
@@ -271,7 +271,7 @@ def _by_steps(calls: Calls, guesses: Array, free: Mask) -> tuple[Array, Array]:
 
 
 def _damped_step(J: Array, g: Array, damping: Array) -> Array:
-    """The step that makes |J step + g|^2 + damping |step|^2 least, of a state each, not longer than STEP."""
+    """Return the step that makes |J step + g|^2 + damping |step|^2 least, of a state each, not longer than STEP."""
     U, S, Vt = np.linalg.svd(J.astype(np.float64), full_matrices=False)
     weight = np.divide(S, S**2 + damping[:, np.newaxis], out=np.zeros_like(S), where=1e-15 * S[:, :1] < S)
     step = -np.einsum("kri,kr,kmr,km->ki", Vt, weight, U, g, optimize=True)
@@ -280,7 +280,7 @@ def _damped_step(J: Array, g: Array, damping: Array) -> Array:
 
 
 def _scaled(calls: Calls, q: Array, J: Array, free: Mask, place: Place) -> tuple[Array, Array]:
-    """L^-T and J L^-T of the free coordinates of states, M = L L^T."""
+    """Return L^-T and J L^-T of the free coordinates of states, M = L L^T."""
     M = calls.run("mass_matrix", None, (q,))[:, free][:, :, free]
     try:
         L = np.linalg.cholesky(M)
@@ -292,7 +292,7 @@ def _scaled(calls: Calls, q: Array, J: Array, free: Mask, place: Place) -> tuple
 
 
 def _free(calls: Calls, held: Iterable[str]) -> Mask:
-    """Which coordinates may change, (n,); UnknownNameError if the name of a held one is none."""
+    """Return the mask of coordinates that may change, (n,); UnknownNameError for an unknown name in ``held``."""
     if not calls.raw.libraries.meta.get("constraints"):
         allowed = "a kernel of a robot with rigid [[loops]] or [[couplings]]"
         raise InputError(f"close: {calls.raw.name} has nothing to close; allowed: {allowed}")
@@ -305,12 +305,12 @@ def _free(calls: Calls, held: Iterable[str]) -> Mask:
 
 
 def _turns(calls: Calls) -> Mask:
-    """Which coordinates are angles, (n,)."""
+    """Return the mask of coordinates that are angles, (n,)."""
     return np.array([name.rpartition(".")[2] not in ("x", "y", "z") for name in calls.coordinates])
 
 
 def _turned_over(calls: Calls, q: Array) -> NDArray[np.intp]:
-    """The first loop of every state that is closed by axes that point to opposite sides, or -1."""
+    """Return the first loop of every state that is closed by axes that point to opposite sides, or -1."""
     loops = np.full(len(q), -1)
     upright: Mapping[str, list[tuple[float, int, int]]] = calls.raw.libraries.meta.get("upright", {})
     if not any(upright.values()):
@@ -323,7 +323,7 @@ def _turned_over(calls: Calls, q: Array) -> NDArray[np.intp]:
 
 
 def _refuse_turned_over(calls: Calls, q: Array, lead: tuple[int, ...]) -> None:
-    """Products of axes vanish for opposite axes, too."""
+    """Refuse states that close turned over: products of axes vanish for opposite axes, too."""
     loops = _turned_over(calls, q)
     if (loops < 0).all():
         return

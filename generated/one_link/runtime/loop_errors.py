@@ -26,7 +26,7 @@ KINDS = (  # of gaps: what it is, per which time, and what is allowed
 def loop_error(
     raw: RawKernel, name: str, reason: int, place: str, arguments: Mapping[str, Array], ask: Ask
 ) -> LoopError:
-    """The error that says why a function refuses a state of a closed mechanism, or a motion.
+    """Return the error that says why a function refuses a state of a closed mechanism, or a motion.
 
     Args:
         reason: behind those of the coordinates' pivots, as ``RawKernel.statuses`` counts them.
@@ -51,7 +51,7 @@ def loop_error(
 
 
 def _gap(ask: Ask, arguments: Mapping[str, Array], kind: int, row: int) -> float:
-    """The size of a component of the constraint, of its rate, or of its acceleration; NaN if unknown."""
+    """Return the size of a component of the constraint, of its rate, or of its acceleration; NaN if unknown."""
     g = ask("constraint" if kind == 0 else "constraint_jacobian")
     bias = ask("constraint_bias") if kind == 2 else None
     if g is None or (kind == 2 and bias is None):
@@ -61,7 +61,7 @@ def _gap(ask: Ask, arguments: Mapping[str, Array], kind: int, row: int) -> float
 
 
 def _not_held(raw: RawKernel, title: str, i: int, place: str, ask: Ask, tree: str) -> LoopError:
-    """The error that says that a coordinate without a drive needs a force."""
+    """Return the error that says that a coordinate without a drive needs a force."""
     meta = raw.libraries.meta
     coordinates, m = meta["coordinates"], len(meta["constraints"])
     driven = [x for k, x in enumerate(coordinates) if k in meta["driven"] or x in meta["prescribed"]]
@@ -103,7 +103,7 @@ def singular_loop(raw: RawKernel, jacobian: Array, elsewhere: Array) -> str:
 
 
 def left_open(raw: RawKernel, gaps: NDArray[Any], what: str, allowed: str, per: str = "") -> LoopError:
-    """The error that names the loop with the greatest of the gaps.
+    """Return the error that names the loop with the greatest constraint violation.
 
     Args:
         gaps: of all components of the constraint, (constraints,): m or rad, or their derivatives by time.
@@ -132,6 +132,6 @@ def _kind(component: str) -> str:
 
 
 def _unit(raw: RawKernel, component: str) -> str:
-    """Unit of a component of the constraint: of a coupling that of the coordinate that follows."""
+    """Return the unit of a component of the constraint: of a coupling that of the coordinate that follows."""
     name = raw.libraries.meta.get("couplings", {}).get(component, component)
     return "m" if name.rpartition(".")[2] in ("x", "y", "z") else "rad"

@@ -17,20 +17,20 @@ UPRIGHT = 1e-5  # cosine of an angle beta that is at +-pi/2
 
 
 def _sizes(M: Array, least: float) -> Array:
-    """Roots of the inertia of each coordinate, (m,), at least that part of the largest one."""
+    """Return square roots of each coordinate's inertia, (m,), at least that fraction of the largest one."""
     inertia = np.asarray(np.diagonal(M), dtype=np.float64)
     return np.asarray(np.sqrt(np.maximum(inertia, max(least * inertia.max(initial=0.0), 1e-300))))
 
 
 def scaled_eigenvalues(M: Array) -> tuple[Array, Array]:
-    """Eigenvalues and eigenvectors of a mass matrix, (m, m), scaled so that kilograms and kg m^2 compare."""
+    """Return eigenvalues and eigenvectors of a mass matrix, (m, m), scaled so that kilograms and kg m^2 compare."""
     size = _sizes(M, NO_SIZE)
     values, vectors = np.linalg.eigh(np.asarray(M, dtype=np.float64) / np.outer(size, size))
     return values, vectors
 
 
 def null_coordinates(M: Array, names: Sequence[str], limit: float = VANISHED) -> tuple[str, ...]:
-    """Names of the coordinates that can move so that M v = 0, or nearly so: the components of its null vectors.
+    """Return names of the coordinates that can move so that M v = 0, or nearly so: the components of its null vectors.
 
     Args:
         M: a mass matrix, (m, m).
@@ -44,7 +44,7 @@ def null_coordinates(M: Array, names: Sequence[str], limit: float = VANISHED) ->
 
 
 def singular_place(coordinates: Sequence[str], q: Array, names: Sequence[str]) -> tuple[str, str]:
-    """Names of the coordinates where a mass matrix cannot be inverted, for people, and the reason.
+    """Return names of the coordinates where a mass matrix cannot be inverted, for people, and the reason.
 
     Args:
         coordinates: ``null_coordinates``, or what stands for them.

@@ -1,4 +1,4 @@
-"""Other angles of a rotation: those about axes that are one or two places on, where a joint's own are singular.
+"""Other angles of a rotation: those about axes that are one or two places on, where the described ones are singular.
 
 A joint that turns freely has the rotation Rx(alpha) Ry(beta) Rz(gamma) after its translations.  Seen from axes that
 are so many places on, y, z and x (1) or z, x and y (2) in the place of x, y and z, the same rotation has other angles,
@@ -22,7 +22,7 @@ Places = Sequence[tuple[int, int]]  # of alpha and of x among the coordinates, -
 
 
 def rotation(angles: Array) -> Array:
-    """Rx(alpha) Ry(beta) Rz(gamma), (..., 3, 3), of angles (..., 3)."""
+    """Return rotation matrices Rx(alpha) Ry(beta) Rz(gamma), (..., 3, 3), of angles (..., 3)."""
     sa, sb, sg = np.moveaxis(np.sin(angles), -1, 0)
     ca, cb, cg = np.moveaxis(np.cos(angles), -1, 0)
     rows = (
@@ -34,7 +34,7 @@ def rotation(angles: Array) -> Array:
 
 
 def other_angles(places: int, angles: Array, near: Array) -> Array:
-    """The angles of the same rotations seen from axes so many places on, (T, 3), each next to the ones before it.
+    """Return angles of rotations seen from axes so many places on, (T, 3), each next to the one before.
 
     Args:
         near: the ones before the first, (3,).
@@ -47,7 +47,7 @@ def other_angles(places: int, angles: Array, near: Array) -> Array:
 
 
 def both_ways(R: Array, places: int) -> Array:
-    """Both triples of angles of rotations (T, 3, 3) seen from axes so many places on, (T, 2, 3)."""
+    """Return both solutions for the angles of rotations (T, 3, 3) seen from axes so many places on, (T, 2, 3)."""
     x, y, z = (R[:, (i + places) % 3] for i in range(3))
     alpha = np.arctan2(-y[:, 2], z[:, 2])
     s, c = np.sin(alpha), np.cos(alpha)
@@ -58,14 +58,14 @@ def both_ways(R: Array, places: int) -> Array:
 
 
 def body_rates(angles: Array, rates: Array) -> Array:
-    """Angular velocity in the body's axes, (..., 3), of angles and their rates."""
+    """Return the angular velocity in the body's axes, (..., 3), of angles and their rates."""
     a, b, g = np.moveaxis(rates, -1, 0)
     cb, sg, cg = np.cos(angles[..., 1]), np.sin(angles[..., 2]), np.cos(angles[..., 2])
     return np.stack([cb * cg * a + sg * b, cg * b - cb * sg * a, np.sin(angles[..., 1]) * a + g], axis=-1)
 
 
 def angle_rates(angles: Array, spin: Array) -> Array:
-    """Rates of angles, (..., 3), of an angular velocity in the body's axes."""
+    """Return rates of angles, (..., 3), of an angular velocity in the body's axes."""
     x, y, z = np.moveaxis(spin, -1, 0)
     s, c = np.sin(angles[..., 2]), np.cos(angles[..., 2])
     first = (c * x - s * y) / away_from_zero(np.cos(angles[..., 1]))
@@ -73,7 +73,7 @@ def angle_rates(angles: Array, spin: Array) -> Array:
 
 
 def seen(states: Array, joints: Places, places: int, near: Array) -> Array:
-    """States with the axes of joints so many places on; angles next to those of the state before.
+    """Express states with the axes of joints so many places on; angles next to those of the state before.
 
     Args:
         states: q and v, (T, 2n).
@@ -90,10 +90,10 @@ def seen(states: Array, joints: Places, places: int, near: Array) -> Array:
 
 
 def singular_joints(q: Array, joints: Mapping[str, tuple[int, int]]) -> frozenset[str]:
-    """Names of the joints whose angles are nearly singular in a state, (n,)."""
+    """Return names of the joints whose angles are nearly singular in a state, (n,)."""
     return frozenset(name for name, (first, _) in joints.items() if abs(np.cos(q[first + 1])) < SINGULAR)
 
 
 def away_from_zero(x: Array) -> Array:
-    """Numbers that may be divided by: of those that are round-off, round-off."""
+    """Return divisors: numbers of the size of round-off are replaced by round-off."""
     return np.where(np.abs(x) < ROUND_OFF, ROUND_OFF, x)

@@ -56,7 +56,7 @@ class BlockMap(Mapping[tuple[str, ...], Array]):
         return block
 
     def get(self, key: tuple[str, ...], default: Any = None) -> Any:
-        """The block, or the default where it vanishes identically; UnknownNameError for a name that is none."""
+        """Return the block, or the default where it vanishes identically; UnknownNameError for a name that is none."""
         return self[key] if self.mask[self.index(key)].any() else default
 
     def __contains__(self, key: object) -> bool:
@@ -74,7 +74,7 @@ class BlockMap(Mapping[tuple[str, ...], Array]):
         return f"<{len(self)} blocks of {self._symbol} by {self.mask.ndim} joints>"
 
     def index(self, key: Sequence[str]) -> tuple[Index, ...]:
-        """Places of a key's names in ``whole``: an index for a coordinate, a slice for a joint.
+        """Return places of a key's names in ``whole``: an index for a coordinate, a slice for a joint.
 
         Raises:
             UnknownNameError: a name that is none, or another number of them.
@@ -104,18 +104,18 @@ class Blocks:
         return f"Blocks(mass={self.mass!r}, christoffel={self.christoffel!r})"
 
     def row(self, s: str, v: str) -> Array:
-        """M_i^sv of eq. (11), (joints,): coordinate s ("joint1.x") against v ("gamma") of every joint; 0 where a
+        """Return M_i^sv of eq. (11), (joints,): coordinate s ("joint1.x") against v ("gamma") of every joint; 0 where a
         joint has no such coordinate.  UnknownNameError for a name that is none."""
         (i,) = self.mass.index((s, s))[:1]
         return self._spread(self.mass.whole[..., i, :], (s, v))
 
     def matrix(self, s: str, v: str, w: str) -> Array:
-        """C_i^svw of eqs. (10) and (12), (joints, joints): rows are v of every joint, columns w of every joint."""
+        """Return C_i^svw of eqs. (10) and (12), (joints, joints): rows are v, columns w of every joint."""
         (i,) = self.christoffel.index((s, s, s))[:1]
         return self._spread(self.christoffel.whole[..., i, :, :], (s, v, w))
 
     def _spread(self, block: Array, names: tuple[str, ...]) -> Array:
-        """Entries of the named kinds in an array over all joints."""
+        """Return entries of the named kinds in an array over all joints."""
         s, *kinds = names
         if s in self._joints:
             raise UnknownNameError(f"s: {s!r} is a joint; allowed: one of its coordinates, such as {s + '.x'!r}")
@@ -135,7 +135,7 @@ class Blocks:
 
 
 def make_blocks(mass: Array, christoffel: Array, meta: Mapping[str, Sequence[str]], names: Sequence[str]) -> Blocks:
-    """Blocks of the whole arrays; ``meta`` is the metadata's entry "survivors", ``names`` the coordinates."""
+    """Return blocks of the whole arrays; ``meta`` is the metadata's entry "survivors", ``names`` the coordinates."""
     n = len(names)
     rows = np.stack([_bits(text, n) for text in meta["mass_matrix"]])
     upper = np.stack([_bits(text, n * (n + 1) // 2) for text in meta["christoffel"]])
@@ -148,7 +148,7 @@ def make_blocks(mass: Array, christoffel: Array, meta: Mapping[str, Sequence[str
 
 
 def _bits(text: str, count: int) -> Mask:
-    """Bits written as hexadecimal digits, the first in the highest bit."""
+    """Return bits written as hexadecimal digits, the first in the highest bit."""
     return np.unpackbits(np.frombuffer(bytes.fromhex(text), np.uint8), count=count).astype(np.bool_)
 
 
@@ -156,7 +156,7 @@ class NamedViews(CompiledCode):
     """Parts of a kernel's results and parameters by their names."""
 
     def blocks(self, q: ArrayLike) -> Blocks:
-        """M and C of eqs. (10)-(12) by names, for one state or a batch; needs mass_matrix and christoffel.
+        """Return M and C of eqs. (10)-(12) by names, for one state or a batch; needs mass_matrix and christoffel.
 
         ``blocks.mass["joint1", "joint2"]`` is a joint's block, ``blocks.christoffel["joint1.x", "joint2.gamma",
         "joint2.gamma"]`` an entry; blocks that vanish identically are absent.  ``blocks.row`` and ``blocks.matrix``
@@ -201,7 +201,7 @@ class NamedViews(CompiledCode):
         return np.array([self.parameters.get(f"joints.{name}", value) for name, value in defaults], self.dtype)
 
     def ratio(self, motor: str) -> float:
-        """Ratio of the gear behind a motor's coordinate ("joint1.motor") as the kernel has it now, 1 or rad/m.
+        """Return the gear ratio of a motor's coordinate ("joint1.motor") with the kernel's parameters, 1 or rad/m.
 
         Raises:
             UnknownNameError: no motor of that name.
@@ -211,11 +211,11 @@ class NamedViews(CompiledCode):
         return float(self.parameters.get(f"joints.{motor}.ratio", self._ratios[motor]))
 
     def followers(self, q: ArrayLike, v: ArrayLike | None = None) -> dict[str, tuple[Array, Array]]:
-        """Positions and velocities of what follows coordinates in rigid couplings, by name; m or rad, and per second.
+        """Return positions and velocities of followers in rigid couplings, by name; m or rad, and per second.
 
         Args:
             q: (n,).
-            v: (n,); zero if it is not given.
+            v: (n,); None: zero.
 
         Returns:
             Per follower a pair of numbers, or of arrays with the leading axes of q and v.
@@ -228,7 +228,7 @@ class NamedViews(CompiledCode):
         return {name: (here @ row + offset, rates @ row + 0 * here[..., 0]) for name, row, offset in pairs}
 
     def follower_matrix(self) -> tuple[Array, Array]:
-        """Matrix (followers, n) and offsets (followers,) that make positions of followers of q, with today's ratios.
+        """Return the matrix (followers, n) and offsets (followers,) that map q to positions of followers.
 
         The rows are in the order of ``follower_names``, in the follower's unit per the coordinate's.
         """

@@ -19,7 +19,7 @@ Work = Callable[[int, int], Iterator[int]]
 
 
 def states_at_once(operations: int) -> int:
-    """How many states of so many operations each are a piece, at least one vector of them."""
+    """Return how many states of so many operations each are a chunk, at least one vector of them."""
     return max(OPERATIONS // max(operations, 1) // ROUND, 1) * ROUND
 
 
@@ -61,7 +61,7 @@ class _Crew:
             lock.acquire()
 
     def work_in(self, pool: ThreadPoolExecutor) -> None:
-        """Do all parts and wait for them; no part begins before all have a thread."""
+        """Do all shares and wait for them; none begins before all have a thread."""
         begun = False
         try:
             for i in range(len(self.parts)):
@@ -99,5 +99,5 @@ class _Crew:
 
 @functools.cache
 def _pool(process: int, threads: int) -> ThreadPoolExecutor:
-    """Threads that wait for batches; a forked process gets its own."""
+    """Return threads that wait for batches; a forked process gets new ones."""
     return ThreadPoolExecutor(threads, "eomgen")

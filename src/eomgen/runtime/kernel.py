@@ -24,7 +24,7 @@ class Kernel(Differentiation, LoopClosure, NamedViews, Rollouts, Kinematics):
     re-entrant, release the GIL where they take long, and end soon after Ctrl-C.  Where the package has an extension
     module (see ``is_direct``), methods with plain arrays go to the C without Python in between.
 
-    Kernels can be copied and pickled, with parameters of their own.  In another process the same package is loaded, or
+    Kernels can be copied and pickled, with separate parameters.  In another process the same package is loaded, or
     built where the cache there lacks it; a kernel of a generated package asks for that package by its name.
 
     Attributes:
@@ -46,7 +46,7 @@ class Kernel(Differentiation, LoopClosure, NamedViews, Rollouts, Kinematics):
             ``element_forces``.
         cut_laws: names of the coordinates of cut joints that have a force ("pin4.x"), then of elastic couplings, in the
             order of ``cut_forces``.
-        prescribed: names of the coordinates whose motion is given, in their order.
+        prescribed: names of the coordinates whose motion is prescribed, in their order.
         efforts: mapping from coordinates to limits of their drives' forces, N or N m, as the description has them.
         motors: mapping from the names of motors' coordinates to those of the principal coordinates that they drive.
         parameters: mapping from name to value; an assignment takes effect without recompiling.
@@ -66,18 +66,18 @@ class Kernel(Differentiation, LoopClosure, NamedViews, Rollouts, Kinematics):
     """
 
     def mass_matrix(self, q: ArrayLike, *, out: Array | None = None) -> Array:
-        """M(q), (n, n), symmetric; eq. (11).  Entry units: kg, kg m or kg m^2 by the kinds of its coordinates."""
+        """Return the mass matrix M(q), (n, n), symmetric; eq. (11); kg, kg m or kg m^2 by its coordinates."""
         return self.calls.run("mass_matrix", out, (q,))
 
     def bias_force(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
-        """Coriolis and centrifugal terms without gravity, (n,), N or N m: sum_vw C^svw v w of eq. (12).
+        """Return Coriolis and centrifugal terms without gravity, (n,), N or N m: sum_vw C^svw v w of eq. (12).
 
         ``nonlinear_effects`` has gravity in it, as what MuJoCo and Featherstone call bias has.
         """
         return self.calls.run("bias_force", out, (q, v))
 
     def gravity(self, q: ArrayLike, *, out: Array | None = None) -> Array:
-        """Forces g(q) that hold the links' weight, (n,), N or N m, on the side of M a: tau = M a + C v + g.
+        """Return forces g(q) that hold the links' weight, (n,), N or N m, on the side of M a: tau = M a + C v + g.
 
         They come of the masses alone; springs and dampers are in ``generalized_force``.  Of a robot with loops: of its
         open tree.
@@ -85,7 +85,7 @@ class Kernel(Differentiation, LoopClosure, NamedViews, Rollouts, Kinematics):
         return self.calls.run("gravity", out, (q,))
 
     def nonlinear_effects(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
-        """C v + g, (n,), N or N m: ``bias_force`` and ``gravity`` together, which other libraries call the bias.
+        """Return C v + g, (n,), N or N m: ``bias_force`` and ``gravity`` together, which other libraries call the bias.
 
         Springs and dampers are in ``generalized_force``.  Of a robot with loops: of its open tree.
         """
@@ -94,7 +94,7 @@ class Kernel(Differentiation, LoopClosure, NamedViews, Rollouts, Kinematics):
     def generalized_force(
         self, q: ArrayLike, v: ArrayLike, *, wrench: ArrayLike | None = None, out: Array | None = None
     ) -> Array:
-        """Q_P + Q_G, eqs. (13) and (14), (n,), N or N m; with Q_F where wrenches are given.
+        """Return Q_P + Q_G, eqs. (13) and (14), (n,), N or N m; with wrenches Q_F, too.
 
         Args:
             q, v: coordinates and their rates, (n,).
@@ -113,7 +113,7 @@ class Kernel(Differentiation, LoopClosure, NamedViews, Rollouts, Kinematics):
         wrench: ArrayLike | None = None,
         out: Array | None = None,
     ) -> Array:
-        """M a + bias - generalized_force - u, (n,), N or N m; zero on a motion."""
+        """Return M a + bias - generalized_force - u, (n,), N or N m; zero on a motion."""
         return self.calls.run_with_wrench("residual", out, (q, v, a, u), wrench)
 
     def inverse_dynamics(
@@ -126,7 +126,7 @@ class Kernel(Differentiation, LoopClosure, NamedViews, Rollouts, Kinematics):
         out: Array | None = None,
         cut: bool = False,
     ) -> Array:
-        """The drives u, (n,), N or N m, that make a motion: the residual is zero, or what the loops' forces make of it.
+        """Return the actuator forces u, (n,), N or N m, that make a motion: the residual is zero, but for loop forces.
 
         Of a robot with loops: M a + h = u + J^T lambda with u at the coordinates that have a drive alone, prescribed
         ones among them, and 0 elsewhere; of several possible drives the least by the sum of their squares.
@@ -154,7 +154,7 @@ class Kernel(Differentiation, LoopClosure, NamedViews, Rollouts, Kinematics):
         out: Array | None = None,
         cut: bool = False,
     ) -> Array:
-        """Accelerations, (n,), m/s^2 or rad/s^2, under the drives u.
+        """Return accelerations, (n,), m/s^2 or rad/s^2, under the drives u.
 
         In ``u`` a prescribed coordinate has its acceleration, m/s^2 or rad/s^2, which the result repeats; the force
         that this takes is ``inverse_dynamics`` at the result.  Loops are closed.
@@ -178,7 +178,7 @@ class Kernel(Differentiation, LoopClosure, NamedViews, Rollouts, Kinematics):
     def constraint_forces(
         self, q: ArrayLike, v: ArrayLike, u: ArrayLike, *, wrench: ArrayLike | None = None, out: Array | None = None
     ) -> Array:
-        """Multipliers lambda of the constraint, (constraints,), N or N m: M a + h = u + J^T lambda.
+        """Return multipliers lambda of the constraint, (constraints,), N or N m: M a + h = u + J^T lambda.
 
         Behind them stand the forces of ``couplings``, which hold what is no coordinate (see ``coupling_forces``).
         They are the forces that the loops' cut joints exert on their second links.  Where constraints are redundant,
@@ -208,7 +208,7 @@ class Kernel(Differentiation, LoopClosure, NamedViews, Rollouts, Kinematics):
     def coupling_forces(
         self, q: ArrayLike, v: ArrayLike, a: ArrayLike, *, wrench: ArrayLike | None = None, out: Array | None = None
     ) -> Array:
-        """Forces on the followers of ``couplings`` that a motion takes, (couplings,), N or N m.
+        """Return forces on the followers of ``couplings`` that a motion takes, (couplings,), N or N m.
 
         A coupling exerts it on its follower, and -ratio times as much on what that follows.
 
@@ -223,7 +223,7 @@ class Kernel(Differentiation, LoopClosure, NamedViews, Rollouts, Kinematics):
         return self.calls.run_with_wrench("coupling_forces", out, (q, v, a), wrench)
 
     def _with_wrench(self, q: ArrayLike, u: ArrayLike, wrench: ArrayLike) -> Array:
-        """Drives with the generalized forces of wrenches; of a prescribed coordinate its acceleration."""
+        """Return drives with the generalized forces of wrenches; of a prescribed coordinate its acceleration."""
         drives, lead = self.calls.array("u", u, self.raw.shapes["u"])
         external = self.external_force(q, wrench)
         joint_lead("u", lead, external.shape[:-1])
@@ -232,7 +232,7 @@ class Kernel(Differentiation, LoopClosure, NamedViews, Rollouts, Kinematics):
         return total
 
     def euler_cosines(self, q: ArrayLike, *, out: Array | None = None) -> Array:
-        """Cosine of beta of each joint with three angles, (joints,); 1 for other joints.
+        """Return the cosine of beta of each joint with three angles, (joints,); 1 for other joints.
 
         At 0 the Euler angles are singular (beta = +-pi/2) and forward dynamics has no solution; near it,
         accelerations of alpha and gamma lose as many digits as the cosine has zeros.
@@ -240,19 +240,19 @@ class Kernel(Differentiation, LoopClosure, NamedViews, Rollouts, Kinematics):
         return self.calls.run("euler_cosines", out, (q,))
 
     def external_force(self, q: ArrayLike, wrench: ArrayLike, *, out: Array | None = None) -> Array:
-        """Q_F of eq. (14), its moment term corrected, (n,), N or N m, of wrenches (links, 6) in base axes."""
+        """Return Q_F of eq. (14), its moment term corrected, (n,), N or N m, of wrenches (links, 6) in base axes."""
         return self.calls.run("external_force", out, (q, wrench))
 
     def coriolis_matrix(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
-        """C(q, v), (n, n), the Christoffel one: C v = bias, M_dot = C + C^T."""
+        """Return the Coriolis matrix C(q, v), (n, n), by Christoffel symbols: C v = bias, M_dot = C + C^T."""
         return self.calls.run("coriolis_matrix", out, (q, v))
 
     def christoffel(self, q: ArrayLike, *, out: Array | None = None) -> Array:
-        """Christoffel symbols of the first kind, (n, n, n): C^svw of eq. (12), symmetric in the last two indices."""
+        """Return Christoffel symbols of the first kind, (n, n, n): C^svw of eq. (12), symmetric in the last two."""
         return self.calls.run("christoffel", out, (q,))
 
     def energy(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
-        """(kinetic, potential) energy, (2,), J: eq. (4); gravity (zero at the base's origin) and springs."""
+        """Return (kinetic, potential) energy, (2,), J: eq. (4); gravity (zero at the base's origin) and springs."""
         return self.calls.run("energy", out, (q, v))
 
     def reactions(
@@ -265,10 +265,10 @@ class Kernel(Differentiation, LoopClosure, NamedViews, Rollouts, Kinematics):
         out: Array | None = None,
         cut: bool = False,
     ) -> Array:
-        """Wrench that each joint exerts on its child link, (joints, 6): force (N), moment (N m) at the joint.
+        """Return the wrench of each joint on its child link, (joints, 6): force (N), moment (N m) at the joint.
 
         In the axes of the joint's frame after its motion (z is the principal axis), at that frame's origin.  The
-        joint's own springs, dampers and drives are part of it.  Springs between points act on the links, so that what
+        joint's springs, dampers and drives are in it.  Springs between points act on the links, so that what
         they carry passes the joints by.  The cut joints of loops act on them, too, by the forces of
         ``loop_reactions``.
 
@@ -284,11 +284,11 @@ class Kernel(Differentiation, LoopClosure, NamedViews, Rollouts, Kinematics):
         return self._driving("reactions", out, (q, v, a), wrench, cut=cut)
 
     def regressor(self, q: ArrayLike, v: ArrayLike, a: ArrayLike, *, out: Array | None = None) -> Array:
-        """Y(q, v, a), (n, parameters): inverse dynamics without springs and dampers is Y theta, N or N m.
+        """Return Y(q, v, a), (n, parameters): inverse dynamics without springs and dampers is Y theta, N or N m.
 
         The columns have the names ``regressor_names``: ten of each link that moves against its parent, with all that is
         fixed to it, then one of every armature.  Of a link they are m (kg), m c by x, y and z (kg m) and the inertia
-        xx, xy, xz, yy, yz, zz (kg m^2) about the origin and along the axes of its own frame, not about its centre of
+        xx, xy, xz, yy, yz, zz (kg m^2) about the origin and along the axes of its frame, not about its centre of
         mass: "link1.m", "link1.mx", "link1.ixx"; products of inertia as in the description, minus the integral of x y.
         Columns of links that do not hang on a coordinate are zero in its row.  Of a robot with loops: of its open tree.
 
@@ -301,7 +301,7 @@ class Kernel(Differentiation, LoopClosure, NamedViews, Rollouts, Kinematics):
     def loop_reactions(
         self, q: ArrayLike, v: ArrayLike, a: ArrayLike, *, wrench: ArrayLike | None = None, out: Array | None = None
     ) -> Array:
-        """Wrench that each loop's cut joint exerts on its second link, (loops, 6): force (N), moment (N m).
+        """Return the wrench that each loop's cut joint exerts on its second link, (loops, 6): force (N), moment (N m).
 
         At the origin and in the axes of the cut frame on that link; the first link feels the opposite.  Components
         that the joint leaves free are zero, elastic ones what their laws say.  Where constraints are redundant, those
@@ -334,36 +334,36 @@ class Kernel(Differentiation, LoopClosure, NamedViews, Rollouts, Kinematics):
         return self.calls.run_with_wrench(f"{name}{LOADED}", out, under, wrench)
 
     def spring_forces(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
-        """Length (m) and tension (N) of every spring between two points, (springs, 2), in the order of ``springs``.
+        """Return length (m) and tension (N) of every point-to-point spring, (springs, 2), in the order of ``springs``.
 
-        Tension is positive where the spring pulls its points together; dampers are part of it.
+        Tension is positive where the spring pulls its points together; dampers are in it.
         """
         return self.calls.run("spring_forces", out, (q, v))
 
     def spring_jacobian(self, q: ArrayLike, *, out: Array | None = None) -> Array:
-        """Derivatives of the springs' lengths by q, (springs, n), m or m/rad: the tensions' moment arms.
+        """Return derivatives of the springs' lengths by q, (springs, n), m or m/rad: the tensions' moment arms.
 
         The springs' generalized force is minus its transpose times the tensions.
         """
         return self.calls.run("spring_jacobian", out, (q,))
 
     def element_forces(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
-        """Value (m, rad) and resisting force (N, N m) of each of ``element_rows``, (element_rows, 2).
+        """Return the value (m, rad) and resisting force (N, N m) of each of ``element_rows``, (element_rows, 2).
 
         The value is that of a coordinate of the frame on the second link as seen from that on the first; dampers are
-        part of the force.
+        in the force.
         """
         return self.calls.run("element_forces", out, (q, v))
 
     def element_jacobian(self, q: ArrayLike, *, out: Array | None = None) -> Array:
-        """Derivatives of the values in ``element_forces`` by q, (element_rows, n), in their units per m or rad.
+        """Return derivatives of the values in ``element_forces`` by q, (element_rows, n), in their units per m or rad.
 
         The elements' generalized force is minus its transpose times the resisting forces.
         """
         return self.calls.run("element_jacobian", out, (q,))
 
     def cut_forces(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
-        """Deviation (m, rad) and resisting force (N, N m) of everything in ``cut_laws``, (cut_laws, 2).
+        """Return the deviation (m, rad) and resisting force (N, N m) of everything in ``cut_laws``, (cut_laws, 2).
 
         The deviation is that of the cut joint's coordinate (of the frame on its second link as seen from the first)
         from its offset, or of a coupled coordinate from what it is coupled to; dampers and friction are in the force.
@@ -371,14 +371,14 @@ class Kernel(Differentiation, LoopClosure, NamedViews, Rollouts, Kinematics):
         return self.calls.run("cut_forces", out, (q, v))
 
     def cut_jacobian(self, q: ArrayLike, *, out: Array | None = None) -> Array:
-        """Derivatives of the deviations in ``cut_forces`` by q, (cut_laws, n), in their units per m or rad.
+        """Return derivatives of the deviations in ``cut_forces`` by q, (cut_laws, n), in their units per m or rad.
 
         The generalized force is minus its transpose times the resisting forces.
         """
         return self.calls.run("cut_jacobian", out, (q,))
 
     def spring_stiffness(self, q: ArrayLike, *, out: Array | None = None) -> Array:
-        """Upper bound of the springs' stiffness in the coordinates, (n, n), N/m, N or N m/rad; at least semidefinite.
+        """Return an upper bound of the springs' stiffness matrix, (n, n), N/m, N or N m/rad; positive semidefinite.
 
         The sum of k D^T D, D the derivative by q of the vector between a spring's points, seen from the last link that
         moves both, k its stiffness in all directions: of a curve that of its steepest piece, of a cable as if taut.

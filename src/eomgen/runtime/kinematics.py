@@ -20,7 +20,7 @@ class Kinematics(CompiledCode):
     """Kinematics of frames and of the links' masses."""
 
     def frame_pose(self, q: ArrayLike, frame: str, *, out: Array | None = None) -> Array:
-        """A_0k of a frame or link in the base, (4, 4), m; eqs. (1) and (2).
+        """Return A_0k of a frame or link in the base, (4, 4), m; eqs. (1) and (2).
 
         Raises:
             UnknownNameError: no frame or link of that name.
@@ -28,7 +28,7 @@ class Kinematics(CompiledCode):
         return self.calls.run("frame_pose", out, (q,), (self.frame_index(frame),))
 
     def frame_jacobian(self, q: ArrayLike, frame: str, *, out: Array | None = None) -> Array:
-        """Velocity of a frame's origin and angular velocity per coordinate rate, (6, n): linear, angular, base axes.
+        """Return a frame's Jacobian, (6, n), in base axes: velocity of its origin, then angular velocity, per rate.
 
         Raises:
             UnknownNameError: no frame or link of that name.
@@ -36,11 +36,11 @@ class Kinematics(CompiledCode):
         return self.calls.run("frame_jacobian", out, (q,), (self.frame_index(frame),))
 
     def frame_velocities(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
-        """Velocity of each frame's origin (m/s), then its angular velocity (rad/s), (frames, 6), base axes."""
+        """Return velocities of frames, (frames, 6), in base axes: of the origin (m/s), then angular (rad/s)."""
         return self.calls.run("frame_velocities", out, (q, v))
 
     def frame_accelerations(self, q: ArrayLike, v: ArrayLike, a: ArrayLike, *, out: Array | None = None) -> Array:
-        """Acceleration of each frame's origin (m/s^2), then its angular acceleration (rad/s^2), (frames, 6), base axes.
+        """Return accelerations of frames, (frames, 6), in base axes: of the origin (m/s^2), then angular (rad/s^2).
 
         Gravity is not in it: a frame at rest has none.
         """
@@ -49,7 +49,7 @@ class Kinematics(CompiledCode):
     def frame_velocity(
         self, q: ArrayLike, v: ArrayLike, frame: str, reference: Reference = "LOCAL_WORLD_ALIGNED"
     ) -> Array:
-        """Velocity of a frame or link, (6,): linear (m/s), angular (rad/s).
+        """Return the velocity of a frame or link, (6,): linear (m/s), angular (rad/s).
 
         Args:
             q, v: (n,).
@@ -71,7 +71,7 @@ class Kinematics(CompiledCode):
     def frame_acceleration(
         self, q: ArrayLike, v: ArrayLike, a: ArrayLike, frame: str, reference: Reference = "LOCAL_WORLD_ALIGNED"
     ) -> Array:
-        """Acceleration of a frame or link, (6,): linear (m/s^2), angular (rad/s^2), without gravity.
+        """Return the acceleration of a frame or link, (6,): linear (m/s^2), angular (rad/s^2), without gravity.
 
         Args:
             q, v, a: (n,).
@@ -92,21 +92,21 @@ class Kinematics(CompiledCode):
         return self._in_axes(q, frame, seen, linear, angular)
 
     def _in_axes(self, q: ArrayLike, frame: str, reference: str, linear: Array, angular: Array) -> Array:
-        """Two vectors of base axes one behind the other, in the axes of a reference."""
+        """Return two vectors of base axes one behind the other, in the axes of a reference."""
         both = np.stack([linear, angular], axis=-2)
         if reference == "LOCAL":
             both = both @ self.frame_pose(q, frame)[..., :3, :3]
         return np.asarray(both.reshape(*both.shape[:-2], 6))
 
     def center_of_mass(self, q: ArrayLike, *, out: Array | None = None) -> Array:
-        """Center of mass of the links that move, (3,), m, in the base frame.
+        """Return the center of mass of the links that move, (3,), m, in the base frame.
 
         Links that are fixed to the base do not count.
         """
         return self.calls.run("center_of_mass", out, (q,))
 
     def centroidal_momentum(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
-        """Momentum of the links that move, (6,), base frame: linear (kg m/s), angular about their center (kg m^2/s).
+        """Return the momentum of moving links, (6,), base frame: linear (kg m/s), angular about the center (kg m^2/s).
 
         Rotors of motors (``armature``) are not in it: a description does not say about which axes they turn.
         """

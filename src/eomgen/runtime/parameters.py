@@ -105,7 +105,7 @@ class Parameters(MutableMapping[str, float]):
         return name in self._slots
 
     def get(self, name: str, default: Any = None) -> Any:
-        """The value, or the default where there is no parameter of that name."""
+        """Return the value, or the default where there is no parameter of that name."""
         return self[name] if name in self._slots else default
 
     def __iter__(self) -> Iterator[str]:
@@ -142,7 +142,7 @@ class Parameters(MutableMapping[str, float]):
             self.state.assign(*wanted)
 
     def _held(self, name: str, value: Any) -> float:
-        """The number as the kernel's dtype has it, of whole numbers without rounding."""
+        """Return the number as the kernel's dtype has it, of whole numbers without rounding."""
         if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
             raise InputError(f"parameters: {name} = {show(value)} is not a number")
         dtype = self._raw.dtype

@@ -91,15 +91,15 @@ class RawFunction:
         return work * (STAGES if self.kind == ROLLOUT else 1)
 
     def address(self, *, batch: bool = False) -> int:
-        """Address of the code for one state, or for several."""
+        """Return the address of the code for one state, or for several."""
         return self.where(batch=batch).address(f"{self.name}{BATCH}" if batch else self.name)
 
     def where(self, *, batch: bool = False) -> Library:
-        """The library with the code for one state, or for several, which takes ``Setup.pointer`` of its own."""
+        """Return the library with the code for one state, or for several, which takes its ``Setup.pointer``."""
         return self._code_of(batch=batch)[1]
 
     def _code_of(self, *, batch: bool) -> tuple[Any, Library]:
-        """Its code, and where it is; libraries see to it that one thread makes them."""
+        """Return its code, and where it is; libraries see to it that one thread makes them."""
         code = self._codes.get(batch)
         if code is None:
             name = f"{self.name}{BATCH}" if batch else self.name
@@ -130,11 +130,11 @@ class Library:
         self._setup = getattr(lib, f"{self.name}_{self.setup}")
 
     def function(self, name: str) -> Any:
-        """One of its functions by the name behind the robot's, such as "residual_batch"."""
+        """Return one of its functions by the name behind the robot's, such as "residual_batch"."""
         return getattr(self.lib, f"{self.name}_{name}")
 
     def address(self, name: str) -> int:
-        """Address of one of its functions by the name behind the robot's, such as "setup"."""
+        """Return the address of one of its functions by the name behind the robot's, such as "setup"."""
         return int(FFI.cast("intptr_t", self.ffi.addressof(self.lib, f"{self.name}_{name}")))
 
     def compute(self, values: Array) -> Array:
@@ -144,15 +144,15 @@ class Library:
         return computed
 
     def drive(self, **fields: Any) -> Any:
-        """A new ``NAME_drive``, the argument of a rollout; pointers among the fields must be kept alive."""
+        """Return a new ``NAME_drive``, the argument of a rollout; pointers among the fields must be kept alive."""
         return self.new("drive", **fields)
 
     def new(self, kind: str, **fields: Any) -> Any:
-        """A new ``NAME_kind``; pointers among the fields must be kept alive."""
+        """Return a new ``NAME_kind``; pointers among the fields must be kept alive."""
         return self.ffi.new(f"{self.name}_{kind} *", fields)
 
     def new_array(self, kind: str, length: int) -> Any:
-        """So many ``NAME_kind`` side by side, all of them zero."""
+        """Return so many ``NAME_kind`` side by side, all of them zero."""
         return self.ffi.new(f"{self.name}_{kind}[]", length)
 
 
@@ -166,16 +166,16 @@ class Libraries(Protocol):
     meta: Mapping[str, Any]
 
     def library(self, kernel: str, function: str = "") -> Library:
-        """The library with a function of C, such as "energy_batch", of a kernel, one of those that ``meta`` names.
+        """Return the library with a C function of a kernel, such as "energy_batch", one of those that ``meta`` names.
 
         Without a name it is the one with the functions for one state.
         """
 
     def about(self, kernel: str) -> Mapping[str, Any]:
-        """Metadata of what a kernel is compiled from, which may be derived for that, but is not compiled."""
+        """Return the metadata of what a kernel is compiled from, which may be derived for that, but is not compiled."""
 
     def source(self, file: str) -> str:
-        """Text of a file with all functions, such as "arm.c"; OSError or KeyError if it is gone."""
+        """Return the text of a file with all functions, such as "arm.c"; OSError or KeyError if it is gone."""
 
     def together(self, kernels: tuple[str, ...]) -> Libraries:
         """Return libraries with these kernels in one of them."""
@@ -217,21 +217,21 @@ class OneLibrary:
         self.meta, self._library, self._read = meta, Library(ffi, lib, meta), read
 
     def library(self, kernel: str, function: str = "") -> Library:
-        """The only library."""
+        """Return the only library."""
         return self._library
 
     def about(self, kernel: str) -> Mapping[str, Any]:
-        """Metadata of the package."""
+        """Return the metadata of the package."""
         return self.meta
 
     def source(self, file: str) -> str:
-        """Text of a file of the package."""
+        """Return the text of a file of the package."""
         if self._read is None:
             raise FileNotFoundError(file)
         return self._read(file)
 
     def together(self, kernels: tuple[str, ...]) -> OneLibrary:
-        """These libraries."""
+        """Return these libraries."""
         return self
 
 
@@ -299,11 +299,11 @@ class RawKernel:
         raise InputError(f"raw: compiled code of {self.name} cannot be pickled; allowed: its kernel, or its parameters")
 
     def missing(self, name: str) -> UnknownNameError:
-        """The error that says that the kernel has no such function, and which ones it has."""
+        """Return the error that says that the kernel has no such function, and which ones it has."""
         return UnknownNameError(f"{self.name} was built without the kernel {name}; built: {', '.join(self.functions)}")
 
     def function(self, name: str) -> RawFunction:
-        """A function by its name, that of ``rollout`` as well.
+        """Return a function by its name, that of ``rollout`` as well.
 
         Raises:
             UnknownNameError: the kernel was built without it.
@@ -315,7 +315,7 @@ class RawKernel:
         raise self.missing(name)
 
     def address(self, name: str, *, batch: bool = False) -> int:
-        """Address of the code of a function, for programs that call it without Python.
+        """Return the address of the code of a function, for programs that call it without Python.
 
         Args:
             name: one of ``functions``, or the name of ``rollout``.
@@ -327,7 +327,7 @@ class RawKernel:
         return self.function(name).address(batch=batch)
 
     def source(self, ending: str) -> str:
-        """The C with all functions: "h", the header, or "c"; "json" is what Python reads of it.
+        """Return the C with all functions: "h", the header, or "c"; "json" is what Python reads of it.
 
         Raises:
             InputError: another ending.
@@ -343,7 +343,7 @@ class RawKernel:
 
 
 class Setup:
-    """Values of the parameters and what is computed from them; never changed, so that a running call keeps its own.
+    """Values of the parameters and what is computed from them; never changed, so that a running call keeps them.
 
     What a library reads of them is computed when it is first asked for.
 
@@ -356,15 +356,15 @@ class Setup:
         self._computed: dict[Library, tuple[Array, Any]] = {}
 
     def computed(self, library: Library) -> Array:
-        """The numbers that functions of a library read, (hoisted,), or one where there are none."""
+        """Return the numbers that functions of a library read, (hoisted,), or one where there are none."""
         return self._of(library)[0]
 
     def pointer(self, library: Library) -> Any:
-        """Pointer to ``computed``, the first argument of every function of the library."""
+        """Return the pointer to ``computed``, the first argument of every function of the library."""
         return self._of(library)[1]
 
     def address(self, library: Library) -> int:
-        """Address of ``computed``, which is valid as long as this object is kept."""
+        """Return the address of ``computed``, which is valid as long as this object is kept."""
         return int(self.computed(library).ctypes.data)
 
     def _of(self, library: Library) -> tuple[Array, Any]:

@@ -1,4 +1,4 @@
-"""Many states on their way in C side by side, each under loads, parameters and tolerances of its own."""
+"""Many motions in C side by side, each under its input signals, parameters and tolerances."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SIDE_BY_SIDE = 16  # states of a call that go equally far: as many as the widest
 
 
 class BatchMotion:
-    """Many states on their way: each call of ``go`` leads on those that have not ended, a vector of them at a time.
+    """Integrate many states: each call of ``go`` leads on those that have not ended, a vector of them at a time.
 
     Each is moved as ``SingleMotion`` moves it alone, to the bit, whoever goes beside it.
 
@@ -27,7 +27,7 @@ class BatchMotion:
         calls: of kernels of one code, one for each state, with the method's kernel and what the loads ask for.
         loads: the data for each state; where they are one object, all states share it.
         q, v: the states at the first time, (states, n).
-        control: the method, or AUTO: then each state has its own alternation; tolerances, of which atol has a row for
+        control: the method, or AUTO: then each state has an alternation; tolerances, of which atol has a row for
             each state, (states, 2n).
 
     Attributes:
@@ -107,5 +107,5 @@ class BatchMotion:
                 self._alternations[i].hand_over(self.progress[i], self._row(i))
 
     def _row(self, i: int) -> Array | None:
-        """Row of what steps of Radau IIA leave to a state's next call."""
+        """Return the row of what steps of Radau IIA leave to a state's next call."""
         return None if self._left is None else self._left[i]

@@ -241,7 +241,7 @@ class CheckpointBuffer:
         return self._numbers[begin:end] if self._trajectories[state].is_kept else self._numbers[self._starts[-1] :]
 
     def leave(self) -> None:
-        """Leave it to the next gradient."""
+        """Keep the memory for the next gradient."""
         if self._whole.size <= 8 * STAYS and not self._left:
             self._left.append(self._whole)
 
@@ -309,7 +309,7 @@ def _refuse_not_finite(calls: Calls, gradients: Mapping[str, Any]) -> None:
 
 
 def _refuse_singular(calls: Calls, q: ArrayLike, v: ArrayLike) -> None:
-    """SingularError where motions begin in singular poses of a mechanism, which implicit steps leave one way of two.
+    """Raise SingularError for motions from singular poses of a mechanism, which implicit steps leave one way of two.
 
     An open state is not refused: steps close it.
     """

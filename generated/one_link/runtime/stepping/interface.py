@@ -55,22 +55,22 @@ class Rollouts(CompiledCode):
         step's beginning.
 
         Three methods choose their steps so that the error of each stays within tolerances, and give ``samples`` at
-        equal times of a ``duration``; each of many states has steps of its own, and the same bits as alone.  "tsit5" is
+        equal times of a ``duration``; each of many states has separate steps, and the same bits as alone.  "tsit5" is
         explicit, of fifth order.  "rosenbrock" is linearly implicit, of fourth order, and stable whatever springs and
         dampers there are.  "radau" is fully implicit, of ninth order, as stable, and for narrower tolerances; it has no
         derivatives.  Theory section "Steps that the error chooses".
 
         Joints that turn freely (``raw.turning``) pass beta = +-pi/2 in other angles; what comes back is as described,
-        each angle next to its value before.  A joint with gains on its coordinates stays in its own angles.
+        each angle next to its value before.  A joint with gains on its coordinates stays in the described angles.
 
         Args:
             q0, v0: states, (n,) or (N, n).
             u: drives, N or N m (of prescribed coordinates accelerations, as in ``forward_dynamics``), held over a
                 step, or from a sample to the next: (n,); for one state (steps, n); for many (N, n), (N, steps, n) or
-                (1, steps, n).  None if not given.
+                (1, steps, n).
             dt: length of a step, s.
             steps: their number.
-            method: "rk4", "implicit", "rosenbrock", "tsit5" or "radau"; if not given, "rosenbrock" with a ``duration``,
+            method: "rk4", "implicit", "rosenbrock", "tsit5" or "radau"; without it "rosenbrock" with a ``duration``,
                 else "rk4".
             every: one of so many steps is stored.
             kp, kd: gains of a joint controller that adds kp (target - q) - kd v: a number for all principal
@@ -78,7 +78,7 @@ class Rollouts(CompiledCode):
                 coordinates behind a motor, and at what is prescribed.
             target: coordinates that the controller aims at, shapes as for ``u``.
             duration: of a motion with error control, s.
-            samples: of it, beside the beginning; 1 if not given.
+            samples: of it, beside the beginning; 1 by default.
             rtol, atol: tolerances: the error of a step is at most atol + rtol times the size of each number.  atol is a
                 number or (2n,), first of q, then of v; by default rtol times the size of each coordinate: 1, or what
                 10 m/s^2 make of its springs where that is less.
@@ -135,9 +135,9 @@ class Rollouts(CompiledCode):
         saturate: Saturate = None,
         out: Mapping[str, Array] | None = None,
     ) -> tuple[Any, dict[str, Any]]:
-        """The gradient of a function of a rollout's states, exact for its steps: they are taken once more, backwards.
+        """Return the gradient of a function of a rollout's states, exact for its steps, by their adjoints.
 
-        Steps that the error chooses count as given: how their lengths change is left out.  Contacts, friction and stops
+        Adaptive steps count as constant: how their lengths change is left out.  Contacts, friction and stops
         are as smooth as their laws are.  Loops are closed after every step, and differentiated with that.  What is kept
         on the way grows with the square root of the number of steps where they are many.
 
@@ -154,7 +154,7 @@ class Rollouts(CompiledCode):
 
         Returns:
             The value, and derivatives by name: "q" and "v" by the states at the beginning, "u", and with a controller
-            "target", "kp" and "kd", in the shapes of what was given (gains: (n,)); a number for each parameter.  With
+            "target", "kp" and "kd", in the shapes of the arguments (gains: (n,)); a number for each parameter.  With
             ``loads`` "loads": a dictionary, or one for each of a list, with "drive.torque", "drive.program",
             "prescribed.tracks[k]" and "wrench[k]", derivatives by the coefficients of signals (``Signal.by_samples``
             gives those by samples), "drive.gains.kp", "drive.gains.kd" and "drive.model.bandwidth".
@@ -192,16 +192,16 @@ class Rollouts(CompiledCode):
         saturate: Saturate = None,
         out: Sequence[Array] | None = None,
     ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-        """Derivatives of a rollout's states along few directions, exact for its steps: they carry them forwards.
+        """Return derivatives of a rollout's states along few directions, exact for its steps: they carry them forwards.
 
-        Steps that the error chooses count as given, as of ``rollout_gradient``.  Every direction costs some rollouts,
+        Adaptive steps count as constant, as of ``rollout_gradient``.  Every direction costs some rollouts,
         whatever the number of samples is.
 
         Args:
             q0, v0, u, dt, steps, method, every, kp, kd, target, duration, samples, rtol, atol: as of ``rollout``.
             parameters: names of run-time parameters, a direction each.
             along: directions in front of those: rates by names "q", "v" and "u", (directions, n) each, those of drives
-                (directions, rows, n) where they change with the rows of u; rates that are not given are zero.
+                (directions, rows, n) where they change with the rows of u; rates left out are zero.
             loads: as of ``rollout_gradient``; wrenches need external_force_tangent and
                 external_force_parameter_tangent, in points and axes of links those of frame_pose, and a model that
                 drives know inverse_dynamics_tangent.

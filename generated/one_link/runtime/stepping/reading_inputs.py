@@ -1,4 +1,4 @@
-"""Loads as users give them, data or objects that have some, read and checked before C follows them."""
+"""Input signals as users hand them over, data or objects that have some, read and checked before C follows them."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ OWN = "or an object whose load_data() gives that"
 
 
 def signals_of(source: Any) -> Any:
-    """The data of an object that has some, by its method ``load_data``; None of another one."""
+    """Return the data of an object that has some, by its method ``load_data``; None of another one."""
     signals: Callable[[], Any] | None = getattr(source, "load_data", None)
     return None if signals is None else signals()
 
 
 def input_signals(calls: Calls, drive: Any = None, wrench: Any = None, prescribed: Any = None) -> InputSignals:
-    """Loads of what ``integrate`` takes by these names, and ``rollout``.
+    """Return loads of what ``integrate`` takes by these names, and ``rollout``.
 
     Args:
         drive: a DriveData, or an object whose ``load_data()`` gives it.
@@ -47,7 +47,7 @@ def input_signals(calls: Calls, drive: Any = None, wrench: Any = None, prescribe
 
 
 def _one(source: Any, kind: type[Any], label: str) -> Any:
-    """The data of an object, or what is data itself."""
+    """Return the data of an object, or what is data itself."""
     signals = source if isinstance(source, kind) else signals_of(source)
     if not isinstance(signals, kind):
         raise InputError(f"loads: {label}: got {show(source)}; allowed: {kind.__name__}, {OWN}")
@@ -55,7 +55,7 @@ def _one(source: Any, kind: type[Any], label: str) -> Any:
 
 
 def _wrenches(calls: Calls, source: Any) -> Sequence[LinkWrench]:
-    """Wrenches as data; of wrenches that stay what they are those of links that have one."""
+    """Return wrenches as data; of wrenches that stay what they are those of links that have one."""
     wrenches = source if signals_of(source) is None else signals_of(source)
     if wrenches is None:
         return []
@@ -72,7 +72,7 @@ def _wrenches(calls: Calls, source: Any) -> Sequence[LinkWrench]:
 
 
 def read_signals(calls: Calls, source: Any) -> InputSignals | list[InputSignals]:
-    """Loads of a rollout: of all states, or a list with those of each.
+    """Return loads of a rollout: of all states, or a list with those of each.
 
     Args:
         source: InputSignals, a mapping from names of ``KEYS`` to what ``input_signals`` takes, or a sequence of these.
@@ -103,7 +103,7 @@ def _read(calls: Calls, source: Any) -> InputSignals:
 
 
 def count_of(states: int | None, loads: InputSignals | Sequence[InputSignals] | None) -> int | None:
-    """Number of states with that of their loads, if each has its own; None for a single one.
+    """Return the number of states, of their loads too where each has different ones; None for a single one.
 
     Raises:
         ArrayError: another number of loads than of states.
@@ -167,7 +167,7 @@ def _refuse(label: str, got: object, allowed: str) -> None:
 
 
 def _check_numbers(label: str, values: ArrayLike, shape: tuple[int, ...], *, nonzero: bool = False) -> Array:
-    """The numbers, finite and of the shape, in which -1 stands for any length from 1 on."""
+    """Return the numbers, finite and of the shape, in which -1 stands for any length from 1 on."""
     try:
         numbers = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError):
@@ -259,7 +259,7 @@ def place_prescribed(calls: Calls, loads: InputSignals | Sequence[InputSignals],
 
 
 def place_adjoint(calls: Calls, loads: InputSignals, q: Array, v: Array, slopes: Sequence[Array]) -> None:
-    """Go back from derivatives by a placed state, (n,) each, which become zero where its motions are given.
+    """Go back from derivatives by a placed state, (n,) each, which become zero where its motions are prescribed.
 
     Args:
         q, v: the derivatives, which are written to.
@@ -278,7 +278,7 @@ def place_adjoint(calls: Calls, loads: InputSignals, q: Array, v: Array, slopes:
 
 
 def _weights_at(signal: Signal, t: float) -> tuple[int, Array, Array]:
-    """The piece of a signal at a time, and how its coefficients make columns and their rates."""
+    """Return the piece of a signal at a time, and how its coefficients make columns and their rates."""
     speed = 1.0
     if signal.profile is not None:
         t, speed = (float(x[0]) for x in _signal_at(signal.profile, t))
@@ -291,7 +291,7 @@ def _weights_at(signal: Signal, t: float) -> tuple[int, Array, Array]:
 
 
 def _signal_at(signal: Signal, t: float) -> tuple[Array, Array]:
-    """Columns of a signal and their rates at a time."""
+    """Return columns of a signal and their rates at a time."""
     k, value, rate = _weights_at(signal, t)
     coefficients = signal.coefficients[k]
     return value @ coefficients, rate @ coefficients

@@ -1,4 +1,4 @@
-"""One state on its way in C under loads that are data, by one method or by some in turn."""
+"""One motion in C under input signals, by one method or by automatic stiffness switching."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ CALLS = 8  # in the time of a piece of many states: a single one is asked for it
 
 
 class SingleMotion:
-    """One state on its way: each call of ``go`` leads on, to the end or until it cannot.
+    """Integrate one state: each call of ``go`` leads on, to the end or until it cannot.
 
     Args:
         calls: of the kernel, with that of ``control`` and what the loads ask for.
@@ -118,7 +118,7 @@ class SingleMotion:
         return turn.steps
 
     def works_until(self, count: int) -> Array:
-        """Works at so many samples, (count, 4), J; at those that are not there, where it got to."""
+        """Return works at so many samples, (count, 4), J; at those that are not there, where it got to."""
         assert self.works is not None
         works = self.works[np.minimum(np.arange(count), self.done - 1)]
         works[self.done :] = list(self.progress.work)

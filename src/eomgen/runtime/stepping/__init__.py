@@ -1,4 +1,4 @@
-"""Many steps in one call of C: rollouts of fixed steps, steps that the error chooses, and loads that are data.
+"""Many steps in one call of C: rollouts of fixed steps, adaptive step size, and time-signal inputs.
 
 A generated package carries a copy of this folder.
 """

@@ -27,7 +27,7 @@ DONE = 1  # reason to stop: all samples are there; above are the places of what 
 
 @dataclass
 class _Motion:
-    """Many states on their way: pieces of work go on from where the last one ended.
+    """Many states under integration: chunks of work go on from where the last one ended.
 
     at: q and v, (states, n).
     stored: q and v, (states, samples + 1, n).
@@ -139,7 +139,7 @@ def keep_steps(progress: Any, calls: Calls, methods: Sequence[str]) -> Array | N
 def _packed(
     library: Library, calls: Calls, loads: InputSignals | list[InputSignals] | None, *, single: bool, works: bool
 ) -> PackedInputs | PackedBatch | None:
-    """Loads as C takes them, of a single state or of many."""
+    """Pack loads for C, of a single state or of many."""
     if loads is None:
         return None
     if isinstance(loads, InputSignals):
@@ -152,7 +152,7 @@ def _packed(
 
 
 def _result(motion: _Motion, works: Array | None) -> Rollout:
-    """q and v with the figures of all states, and their works, if they were integrated."""
+    """Return q and v with the figures of all states, and their works, if they were integrated."""
     q, v = (x[0] if motion.single else x for x in motion.stored)
     figures: dict[str, Any] = {}
     if works is not None:
@@ -164,7 +164,7 @@ def _result(motion: _Motion, works: Array | None) -> Rollout:
 
 
 def _stopped(motion: _Motion, state: int) -> IntegrationStopped:
-    """The error of the first state that did not get to its end; what is stored goes with it.
+    """Return the error of the first state that did not get to its end; what is stored goes with it.
 
     Raises:
         SingularError: M cannot be inverted where it ends.
@@ -183,7 +183,7 @@ def _stopped(motion: _Motion, state: int) -> IntegrationStopped:
 
 
 def why_ended(calls: Calls, progress: Any) -> tuple[str, str]:
-    """Why steps ended early, for a message, and the coordinate that shows it, if one does."""
+    """Return why steps ended early, for a message, and the coordinate that shows it, if one does."""
     n, where = calls.n, progress.reason - 2
     if where >= 2 * n:
         return stays_open(calls.raw, where - 3 * n), ""
@@ -193,7 +193,7 @@ def why_ended(calls: Calls, progress: Any) -> tuple[str, str]:
 
 
 def _refuse_singular(calls: Calls, q: Array) -> None:
-    """SingularError where M cannot be inverted, if there are the kernels that say so."""
+    """Raise SingularError where M cannot be inverted, if there are the kernels that say so."""
     still = np.zeros_like(q)
     if "forward_dynamics" in calls.raw.functions:
         with suppress(LoopError, ArrayError):

@@ -1,4 +1,4 @@
-"""Loads over time as data that a kernel's C follows: signals, drives by a program, wrenches, prescribed motions."""
+"""Input signals over time that a kernel's C follows: actuator forces, reference trajectories, wrenches, motions."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ class Signal:
 
     @classmethod
     def through(cls, times: ArrayLike, samples: ArrayLike) -> Signal:
-        """Straight lines between samples, (T, columns), at times, s, (T,), increasing."""
+        """Make a signal of straight lines between samples, (T, columns), at times, s, (T,), increasing."""
         knots, x = np.array(times, dtype=np.float64), np.array(samples, dtype=np.float64)
         rates = np.diff(x, axis=0) / np.diff(knots)[:, None]
         return cls(knots, np.stack([x[:-1], rates], axis=1))
 
     def by_samples(self, by_coefficients: ArrayLike) -> Array:
-        """Derivatives by the samples that it goes ``through``, (T, columns), of those by its coefficients."""
+        """Convert derivatives by its coefficients to those by the samples that it goes ``through``, (T, columns)."""
         by = np.asarray(by_coefficients, dtype=np.float64)
         rates = by[:, 1] / np.diff(np.asarray(self.knots))[:, None]
         slopes = np.zeros((len(by) + 1, self.columns))
@@ -49,7 +49,7 @@ class Signal:
 
     @classmethod
     def constant(cls, values: ArrayLike) -> Signal:
-        """Columns that stay what they are, (columns,)."""
+        """Make a signal of constant columns, (columns,)."""
         return cls(np.array([0.0, 1.0]), np.array(values, dtype=np.float64).reshape(1, 1, -1))
 
     @property
@@ -181,7 +181,7 @@ class DriveData:
 
 @dataclass(frozen=True, eq=False)
 class InputSignals:
-    """Everything that acts on a robot over time.
+    """Time-signal inputs: everything that acts on a robot over time.
 
     Attributes:
         drive: of its drives.
@@ -198,7 +198,7 @@ class InputSignals:
 
 
 def work_kernels(calls: Calls) -> tuple[str, ...]:
-    """Names of the kernels whose functions say what works there are."""
+    """Return names of the kernels that work integrals need."""
     needed = "residual" if calls.raw.libraries.meta.get("constraints") else "inverse_dynamics"
     return ("generalized_force", *((needed,) if calls.prescribed else ()))
 
@@ -231,7 +231,7 @@ ALONG = Slopes(
 
 
 def jump_times(loads: InputSignals, *, every: bool = False) -> Array:
-    """Times at which loads or their rates jump, s, increasing: steps with error control end there.
+    """Return times at which input signals or their rates jump, s, increasing: steps with error control end there.
 
     Args:
         every: whether all knots of signals count, as they do for derivatives by their coefficients: one changes its
@@ -249,7 +249,7 @@ def jump_times(loads: InputSignals, *, every: bool = False) -> Array:
 
 
 def _jumps(signal: Signal, *, every: bool) -> Array:
-    """Times at which a signal, its rate or its acceleration jumps, or of all its knots, s."""
+    """Return times at which a signal, its rate or its acceleration jumps, or of all its knots, s."""
     knots, c = (np.asarray(x, dtype=np.float64) for x in (signal.knots, signal.coefficients))
     places = knots
     if c.shape[:2] == (1, 1):
@@ -262,7 +262,7 @@ def _jumps(signal: Signal, *, every: bool) -> Array:
 
 
 def _jump(knots: Array, c: Array) -> Array:
-    """At which knots pieces of these coefficients do not meet, (knots,); what rests outside has no rates."""
+    """Return the mask of knots at which pieces of these coefficients do not meet, (knots,); outside all is constant."""
     is_jump, widths = np.zeros(knots.size, dtype=bool), np.diff(knots)[:, None]
     for order in range(3):
         begins = c[:, 0] if c.shape[1] else np.zeros((len(c), c.shape[2]))
@@ -279,7 +279,7 @@ def _jump(knots: Array, c: Array) -> Array:
 
 
 def _crossings(profile: Signal, places: Array) -> Array:
-    """Times at which a profile comes to these places, s."""
+    """Return times at which a profile comes to these places, s."""
     crossings = [np.zeros(0)]
     knots, c = (np.asarray(x, dtype=np.float64) for x in (profile.knots, profile.coefficients))
     for begin, width, polynomial in zip(knots[:-1], np.diff(knots), c[:, :, 0], strict=True):

@@ -1,4 +1,4 @@
-"""Loads of motions that are differentiated, and what derivatives by their numbers add up to."""
+"""Input signals of motions that are differentiated, and the sums of derivatives by their numbers."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 
 class DifferentiatedInputs:
-    """Loads of all states, or of each of them, in motions that are differentiated.
+    """Input signals of all states, or of each of them, in motions that are differentiated.
 
     Args:
         kind: of the motion's function, "gradient" or "sensitivity".
@@ -47,17 +47,17 @@ class DifferentiatedInputs:
         self._stops = [jump_times(loads, every=True) for loads in self._each]
 
     def again(self) -> DifferentiatedInputs:
-        """These loads, with derivatives that add up by themselves."""
+        """Return the same inputs, with sums of derivatives that begin at zero."""
         other = DifferentiatedInputs(self._calls, self._kind, self._each[0] if self.is_shared else self._each)
         other._stops = self._stops
         return other
 
     def count(self, states: int | None) -> int | None:
-        """Number of states with that of their loads, see ``count_of``."""
+        """Return the number of states with that of their loads, see ``count_of``."""
         return count_of(states, None if self.is_shared else self._each)
 
     def of(self, state: int) -> InputSignals:
-        """The loads of a state."""
+        """Return the loads of a state."""
         return self._each[state if len(self._each) > 1 else 0]
 
     def placed(self, state: int, q: NDArray[Any], v: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -67,19 +67,19 @@ class DifferentiatedInputs:
         return at[0][0], at[1][0]
 
     def back(self, state: int, by_q: NDArray[Any], by_v: NDArray[Any]) -> None:
-        """Go back from derivatives by a placed state to those by the one that was given, in place."""
+        """Go back from derivatives by a placed state to those by the initial one, in place."""
         sums = self._sums[state if len(self._sums) > 1 else 0]
         tracks = [x for name, x in sums.items() if name.startswith(TRACK)]
         place_adjoint(self._calls, self.of(state), by_q, by_v, tracks)
 
     def packed(self, library: Library, state: int, slopes: Slopes | None = None) -> Any:
-        """``NAME_loads`` of a state, which lives as long as this object."""
+        """Return ``NAME_loads`` of a state, which lives as long as this object."""
         stops = np.zeros(0) if self._stops is None else self._stops[state if len(self._stops) > 1 else 0]
         self._kept.append(PackedInputs(library, self._calls, self.of(state), slopes=slopes, stops=stops))
         return self._kept[-1].pointer
 
     def slopes(self, library: Library, state: int) -> Any:
-        """``NAME_load_slopes`` of a state, what derivatives by its loads are added to."""
+        """Return ``NAME_load_slopes`` of a state, the sums of derivatives by its loads."""
         sums = self._sums[state if len(self._sums) > 1 else 0]
         fields = {
             field: FFI.from_buffer("double[]", sums[name].reshape(-1)) for name, field in FIELDS.items() if name in sums
@@ -93,12 +93,12 @@ class DifferentiatedInputs:
         return library.new("load_slopes", **fields)
 
     def every(self) -> Iterator[tuple[str, Array]]:
-        """Derivatives by what loads of each state consist of, with its name and the state's number."""
+        """Yield derivatives by each component of the loads, with its name and the state's number."""
         for state, sums in enumerate(self._sums):
             yield from ((name if self.is_shared else f"{name} of state {state}", x) for name, x in sums.items())
 
     def by_name(self) -> dict[str, Array | float] | list[dict[str, Array | float]]:
-        """Derivatives by what loads consist of, of all states' or in a list of each."""
+        """Return derivatives by the components of the loads, of all states' or in a list of each."""
         gradients = [{name: float(x) if x.ndim == 0 else x for name, x in sums.items()} for sums in self._sums]
         return gradients[0] if self.is_shared else gradients
 
@@ -114,7 +114,7 @@ TRACK, WRENCH = "prescribed.tracks[", "wrench["
 
 
 def _sums(loads: InputSignals) -> dict[str, Array]:
-    """Zeros for derivatives by the numbers of loads: coefficients of signals, gains, a bandwidth."""
+    """Return zeros for derivatives by the numbers of loads: coefficients of signals, gains, a bandwidth."""
     drive, sums = loads.drive, dict[str, Array]()
 
     def of(signal: Signal) -> Array:

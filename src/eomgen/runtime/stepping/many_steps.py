@@ -82,7 +82,7 @@ def _stopped(
     reason: str,
     trouble: ArrayError | None,
 ) -> ArrayError | IntegrationStopped:
-    """The error of a rollout whose state of that number is not finite; what is stored of all of them goes with it.
+    """Return the error of a rollout whose state of that number is not finite, with what is stored of all states.
 
     Args:
         apart: time between two rows of the result, s.
@@ -192,7 +192,7 @@ class _Run:
         ends: Sequence[Array],
         turned: Array | None = None,
     ) -> int:
-        """Some states over some steps in one call of C; -1, or the failure's number among all states and steps.
+        """Step some states in one call of C; return -1, or the failure's number among all states and steps.
 
         Args:
             states, span: the first of both, and the one behind the last.
@@ -240,7 +240,7 @@ def _row(array: Array, apart: int, state: int) -> Array:
 
 
 def _begins_well(calls: Calls, alone: RolloutArrays, dt: float, step: int, method: int) -> bool:
-    """True if there are accelerations at the q where a step of a state that failed begins, so that dt is to blame."""
+    """Whether there are accelerations at the q where a failed step begins, so that dt is to blame."""
     (q, _), n = alone.starts[0], calls.n
     shape = (2, n) if alone.count is None else (1, 2, n)
     ends = np.empty(shape, calls.dtype), np.empty(shape, calls.dtype)

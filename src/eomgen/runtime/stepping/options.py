@@ -76,7 +76,7 @@ class StepOptions:
         steps: their number.
         every: one of so many steps is stored.
         duration: of a motion with error control, s.
-        samples: of it, beside the beginning; 1 if not given.
+        samples: of it, beside the beginning; 1 by default.
         rtol, atol: tolerances, as of ``Kernel.rollout``.
 
     Raises:
@@ -94,7 +94,7 @@ class StepOptions:
 
     of_fixed_steps: ClassVar[Mapping[str, Any]] = {"dt": None, "steps": None, "every": 1}
     of_error_control: ClassVar[Mapping[str, Any]] = {"duration": None, "samples": None, "atol": None}
-    own: ClassVar[tuple[str, str]] = ("dt, steps and every", "duration, samples and tolerances")
+    arguments: ClassVar[tuple[str, str]] = ("dt, steps and every", "duration, samples and tolerances")
 
     def __post_init__(self) -> None:
         if not isinstance(self.method, str) or (self.method not in FIXED and self.method not in ADAPTIVE):
@@ -103,7 +103,7 @@ class StepOptions:
         for name, default in (self.of_fixed_steps if self.is_adaptive else self.of_error_control).items():
             value = getattr(self, name)
             if value is not default and value is not None and not (isinstance(value, int) and value == default):
-                wanted, others = self.own[:: -1 if self.is_adaptive else 1]
+                wanted, others = self.arguments[:: -1 if self.is_adaptive else 1]
                 raise InputError(
                     f"rollout: {name} is given; allowed: {wanted} with method={self.method!r}, not {others}"
                 )
@@ -182,7 +182,7 @@ class InputStepOptions(StepOptions):
     works: bool = False
 
     of_error_control: ClassVar[Mapping[str, Any]] = {**StepOptions.of_error_control, "loads": None, "works": False}
-    own: ClassVar[tuple[str, str]] = (StepOptions.own[0], "duration, samples, tolerances, loads and works")
+    arguments: ClassVar[tuple[str, str]] = (StepOptions.arguments[0], "duration, samples, tolerances, loads and works")
 
     def __post_init__(self) -> None:
         if self.works is not False:
@@ -234,5 +234,5 @@ def is_number(value: Any) -> bool:
 
 
 def _most(calls: Calls, count: int | None) -> int:
-    """The most rows that all states may have."""
+    """Return the most rows that all states may have."""
     return NUMBERS // (calls.n * max(count or 1, 1))

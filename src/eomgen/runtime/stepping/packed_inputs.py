@@ -109,7 +109,7 @@ STRUCTS: Mapping[str, Mapping[str, Field]] = {  # of eom.h, by their names behin
 
 
 def plain_signal(signal: Signal) -> Plain:
-    """A signal as plain values: coefficients are one row of numbers."""
+    """Return a signal as plain values: coefficients are one row of numbers."""
     _, powers, columns = signal.coefficients.shape
     plain: Plain = {"knots": signal.knots, "coefficients": signal.coefficients}
     plain |= {"degree": powers - 1, "columns": columns}
@@ -117,12 +117,12 @@ def plain_signal(signal: Signal) -> Plain:
 
 
 def plain_track(track: Track) -> Plain:
-    """A track as plain values."""
+    """Return a track as plain values."""
     return {"signal": plain_signal(track.signal), "place": track.place}
 
 
 def plain_program(drive: DriveData, program: Track) -> Plain:
-    """A program with its gears and gains as plain values."""
+    """Return a program with its gears and gains as plain values."""
     ratio = np.ones(program.signal.columns) if drive.ratio is None else drive.ratio
     gains = {} if drive.gains is None else {"kp": drive.gains.kp, "kd": drive.gains.kd}
     return {**plain_track(program), "ratio": ratio, **gains}
@@ -135,12 +135,12 @@ def plain_model(model: ModelDrive) -> Plain:
 
 
 def plain_given(waves: Waves, place: Sequence[int]) -> Plain:
-    """Prescribed motions of the coordinates at ``place``."""
+    """Return the prescribed motions of the coordinates at ``place``."""
     return {"place": place, "waves": waves.wave, "tracks": [plain_track(track) for track in waves.tracks]}
 
 
 def plain_wrench(wrench: LinkWrench, links: Sequence[str]) -> Plain:
-    """A wrench as plain values; it has a frame where it turns or has an arm."""
+    """Return a wrench as plain values; it has a frame where it turns or has an arm."""
     link = links[wrench.link]
     plain: Plain = {"link": link, "signal": plain_signal(wrench.signal), "arm": wrench.arm, "turns": wrench.turns}
     plain |= {key: t for key, t in (("t0", wrench.t0), ("t1", wrench.t1)) if isfinite(t)}
@@ -148,11 +148,11 @@ def plain_wrench(wrench: LinkWrench, links: Sequence[str]) -> Plain:
 
 
 def plain_inputs(calls: Calls, loads: InputSignals, stops: Array | None = None) -> Plain:
-    """Everything that acts on a robot over time as plain values.
+    """Return input signals as plain values.
 
     Args:
         calls: of the robot's kernel.
-        stops: times at which steps end, s, increasing; those of ``jump_times`` if not given.
+        stops: times at which steps end, s, increasing; those of ``jump_times`` by default.
     """
     drive, plain = loads.drive, Plain()
     plain |= {key: t for key, t in (("first", loads.first), ("last", loads.last)) if isfinite(t)}
@@ -174,14 +174,14 @@ def plain_inputs(calls: Calls, loads: InputSignals, stops: Array | None = None) 
 
 
 class PackedInputs:
-    """Loads as C takes them; whatever it points to lives as long as this object.
+    """Input signals as structures of C; what these point to lives as long as this object.
 
     Args:
         calls: of the robot's kernel, with "frame_pose" and "external_force" where there are wrenches.
         many: whether many states are moved at a time, so that a model of the robot is asked for many, too.
         works: whether works are integrated, see ``WORKS``; the kernel must have what ``work_kernels`` names.
         slopes: which derivatives of the kernel's functions and the model's go with them, of ``BACK`` or ``ALONG``.
-        stops: times at which steps end, s, increasing; those of ``jump_times`` if not given.
+        stops: times at which steps end, s, increasing; those of ``jump_times`` by default.
 
     Attributes:
         pointer: to ``NAME_loads``.
@@ -212,13 +212,13 @@ class PackedInputs:
         self._kept.append(self.pointer)
 
     def drives(self, times: Array, q: Array, v: Array) -> Array:
-        """u at times in states, (T, n); prescribed coordinates have their accelerations there, and are put in place."""
+        """Return u at times in states, (T, n), accelerations of prescribed coordinates, which are put in place."""
         function, view, u = self._library.function("loaded"), self._calls.raw.view, np.zeros_like(q)
         function(len(times), self.pointer, FFI.from_buffer("double[]", times), view(q), view(v), view(u))
         return u
 
     def _fields(self, struct: str, plain: Plain) -> dict[str, Any]:
-        """Fields of a structure, as cffi initialises it; those that are left out stay zero."""
+        """Return fields of a structure, as cffi initialises it; those that are left out stay zero."""
         fields: dict[str, Any] = {}
         for name, field in STRUCTS[struct].items():
             kind, more = field.kind, field.more
@@ -247,7 +247,7 @@ class PackedInputs:
         return fields
 
     def _kept_new(self, kind: str, content: Any) -> Any:
-        """A new value of a type of C, which lives as long as this object."""
+        """Return a new value of a type of C, which lives as long as this object."""
         self._kept.append(self._library.ffi.new(kind, content))
         return self._kept[-1]
 
@@ -256,7 +256,7 @@ class PackedInputs:
         return self._kept[-1]
 
     def _numbers(self, values: ArrayLike, kind: type[np.generic] = np.float64) -> Any:
-        """Pointer to numbers of double precision, or to whole ones."""
+        """Return the pointer to numbers of double precision, or to whole ones."""
         name = "double[]" if kind is np.float64 else "int[]"
         self._kept.append(FFI.from_buffer(name, np.array(values, dtype=kind).ravel()))
         return self._kept[-1]
@@ -271,7 +271,7 @@ class PackedInputs:
         return self._new("work", **fields)
 
     def _of_model(self, model: ModelDrive) -> dict[str, Any]:
-        """Functions of the model that drives know."""
+        """Return functions of the model that drives know."""
         fields: dict[str, Any] = {}
         if self._slopes is not None:
             field, name = self._slopes.model
@@ -305,7 +305,7 @@ class PackedInputs:
         )
 
     def _of_wrenches(self, *, framed: bool) -> dict[str, Any]:
-        """Functions by which wrenches act; ``framed``: some have a frame."""
+        """Return functions by which wrenches act; ``framed``: some have a frame."""
         fields: dict[str, Any] = {}
         fields["external_force"], fields["force_h"] = self._function(self._calls, "external_force")
         if self._calls.raw.turning:
@@ -328,7 +328,7 @@ class PackedInputs:
         return code, self._library.ffi.cast("const double *", where)
 
     def _function(self, calls: Calls, name: str, *, turned: bool = False) -> tuple[Any, Any]:
-        """Code of a kernel's function as C of this library takes it, and what that reads of parameters.
+        """Return the code of a kernel's function as C of this library takes it, and what that reads of parameters.
 
         Of these with all joints ``turned`` that turn freely, or as the kernel has them.
         """
@@ -346,7 +346,7 @@ class PackedInputs:
 
 
 class PackedBatch:
-    """Loads of many states as C takes them side by side; whatever they point to lives as long as this object.
+    """Input signals of many states as structures of C side by side, which live as long as this object.
 
     Args:
         calls: of the robot's kernel, or, if states differ in parameters, of that of each.

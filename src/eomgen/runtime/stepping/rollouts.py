@@ -14,7 +14,7 @@ from ..calls import Calls
 from ..raw import Array
 from .options import Control, is_number
 
-SHARE = 16  # states that are worth a thread of their own
+SHARE = 16  # states that are worth a separate thread
 
 
 class Rollout(tuple[Array, Array]):
@@ -35,7 +35,7 @@ class Rollout(tuple[Array, Array]):
 
     @classmethod
     def of(cls, q: Array, v: Array, **figures: Any) -> Rollout:
-        """q and v with the attributes, by name."""
+        """Return q and v with the attributes, by name."""
         rollout = cls((q, v))
         vars(rollout).update(figures)
         return rollout
@@ -51,7 +51,7 @@ class Inputs:
     control: Control
 
     def count(self) -> int | None:
-        """Number of states, or None for a single one: the leading axes of arrays that have one.
+        """Return the number of states, or None for a single one: the leading axes of arrays that have one.
 
         Raises:
             ArrayError: arrays of different numbers of states.
@@ -87,7 +87,7 @@ class RolloutArrays:
     effort: Array | None = None
 
     def fields(self, calls: Calls, state: int, step: int = 0) -> dict[str, Any]:
-        """Fields of a drive for C, from a state and a step on; the pointers must be kept alive."""
+        """Return fields of a drive for C, from a state and a step on; the pointers must be kept alive."""
         view, fields = calls.raw.view, dict[str, Any]()
         for name, (array, of_state, of_step) in zip(("u", "target"), self.drives, strict=False):
             fields[name] = view(array.reshape(-1)[state * of_state + step * of_step :])
@@ -99,7 +99,7 @@ class RolloutArrays:
         return fields
 
     def trouble(self, calls: Calls) -> ArrayError | None:
-        """The error that names an input that is not finite (``checks`` may have let it through), or None."""
+        """Return the error that names an input that is not finite (``checks`` may have let it through), or None."""
         arrays = [(array, 0) for array, _ in self.starts] + [(array, apart) for array, _, apart in self.drives]
         for label, (array, apart) in zip(("q0", "v0", "u", "target"), arrays, strict=False):
             try:
@@ -132,7 +132,7 @@ def read_arrays(calls: Calls, inputs: Inputs, rows: int, count: int | None) -> R
 
 
 def shape_of(value: ArrayLike) -> tuple[int, ...]:
-    """Shape of an array-like; () for rows of different lengths, which are refused where they are converted."""
+    """Return the shape of an array-like; () for rows of different lengths, which conversions refuse."""
     try:
         return value.shape if isinstance(value, np.ndarray) else np.shape(value)
     except ValueError:
@@ -140,13 +140,13 @@ def shape_of(value: ArrayLike) -> tuple[int, ...]:
 
 
 def _start(calls: Calls, label: str, value: ArrayLike, count: int | None) -> tuple[Array, int]:
-    """A state or many, and how far apart two lie."""
+    """Return a state or many, and how far apart two lie."""
     array, states = _rows(calls, label, value, (calls.n,))
     return array, calls.n if states == count and count is not None else 0
 
 
 def _over_time(calls: Calls, label: str, value: ArrayLike, steps: int, count: int | None) -> tuple[Array, int, int]:
-    """The value, and how far apart its numbers of two states and of two steps are."""
+    """Return the value, and how far apart its numbers of two states and of two steps are."""
     n, shape = calls.n, shape_of(value)
     if len(shape) == 3:
         array, states = _rows(calls, label, value, (steps, n))
@@ -165,7 +165,7 @@ def _over_time(calls: Calls, label: str, value: ArrayLike, steps: int, count: in
 
 
 def _rows(calls: Calls, label: str, value: ArrayLike, shape: tuple[int, ...]) -> tuple[Array, int | None]:
-    """The array, and its number of rows; None where it is one alone."""
+    """Return the array, and its number of rows; None where it is one alone."""
     array, lead = calls.array(label, value, shape)
     if len(lead) > 1:
         inner = ", ".join(map(str, shape))
@@ -174,7 +174,7 @@ def _rows(calls: Calls, label: str, value: ArrayLike, shape: tuple[int, ...]) ->
 
 
 def _controller_gains(calls: Calls, control: Control) -> list[Array]:
-    """kp and kd, (n,) each; none where there is no controller."""
+    """Return kp and kd, (n,) each; none where there is no controller."""
     if control.target is None:
         return []
     gains: list[Array] = []
@@ -201,7 +201,7 @@ def _controller_gains(calls: Calls, control: Control) -> list[Array]:
 
 
 def allocate_states(calls: Calls, shape: tuple[int, ...], fewer: str, dtype: DTypeLike | None = None) -> Array:
-    """Room for states, NaN until they are reached; InputError where there is none, with what stores fewer."""
+    """Allocate arrays of states, NaN until they are reached; InputError without the memory, with what stores fewer."""
     try:
         return np.full(shape, np.nan, calls.dtype if dtype is None else dtype)
     except (MemoryError, ValueError):

@@ -78,7 +78,7 @@ def with_efforts(loads: InputSignals | list[InputSignals], effort: Array | None)
 
 
 def shared_drives(model: ModelDrive | None) -> tuple[str, ...]:
-    """Return names of drives of which one could do what another one cannot; none where each has its own task.
+    """Return names of drives of which one could do what another one cannot; none where each has a task.
 
     Of a mechanism with more drives than freedoms the least forces are taken; with one that is clipped others might do
     more, and nothing says which.

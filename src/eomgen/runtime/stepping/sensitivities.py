@@ -20,7 +20,7 @@ from .reading_inputs import InputsLike
 from .rollouts import Inputs, allocate_states, shape_of
 from .stiff_steps import Pair, refuse_different, substep_counts
 
-MOVING = ("q", "v", "u")  # names of what directions are given of
+MOVING = ("q", "v", "u")  # inputs that directions may change
 SEGMENT = 2**14  # numbers of the steps of a segment, which stay near to the processor
 SHORTEST = 64  # least steps of a segment
 
@@ -34,7 +34,7 @@ class Directions:
     """
 
     def __init__(self, calls: Calls, motion: Motion, rows: int, along: Mapping[str, ArrayLike], slots: Sequence[int]):
-        """Directions that are given, then one of each parameter.
+        """Collect directions ``along``, then one of each parameter.
 
         Args:
             motion: whose function reads them.
@@ -51,7 +51,7 @@ class Directions:
         names = list(calls.parameters)
         self._names = [f"direction {i}" for i in range(requested)] + [names[slot] for slot in slots]
         if not self.count:
-            raise InputError("rollout_sensitivity: no direction is given; allowed: parameters or along")
+            raise InputError("rollout_sensitivity: there is no direction; allowed: parameters or along")
         n = calls.n
         self.starts = [np.zeros((self.count, n), calls.dtype) for _ in range(2)]
         for start, name in zip(self.starts, ("q", "v"), strict=True):
@@ -125,7 +125,7 @@ class _Carried:
         return buffer
 
     def refuse_stiff(self, substeps: Array, stored: Sequence[Array]) -> None:
-        """InputError where derivatives are not those of several steps, ``substeps``, in the place of each.
+        """Raise InputError where derivatives are not those of several steps, ``substeps``, in the place of each.
 
         These begin where it does, so that sensitive motions stay the same.
         """
@@ -189,7 +189,7 @@ class _Carried:
 
 
 def _arrays(calls: Calls, along: Mapping[str, ArrayLike], rows: int) -> dict[str, Array]:
-    """Rates by name, (directions, n), those of u perhaps (directions, rows, n)."""
+    """Return rates by name, (directions, n), those of u perhaps (directions, rows, n)."""
     if not isinstance(along, Mapping):
         raise InputError(f"along: {show(along)}; allowed: arrays by {listed(MOVING)}")
     rates: dict[str, Array] = {}
@@ -224,7 +224,7 @@ def _refuse_not_finite(calls: Calls, directions: Directions, times: Array, rates
 
 
 def _written(calls: Calls, out: Sequence[Array], results: Sequence[Array]) -> list[Array]:
-    """Arrays to write to, with the results."""
+    """Return arrays to write to, with the results."""
     if not isinstance(out, (tuple, list)) or len(out) != len(results):
         raise ArrayError(f"out: {show(out)}; expected four arrays, q, v and their derivatives")
     for array, result in zip(out, results, strict=True):

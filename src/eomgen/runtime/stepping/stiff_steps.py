@@ -34,7 +34,7 @@ class Pair(NamedTuple):
 
 
 def substep_counts(stiffness: Array | None) -> Array | None:
-    """How many stable steps to take in the place of each, by the stiffness that C saw in it, (steps,).
+    """Return the number of stable steps to take in the place of each, by its stiffness, (steps,).
 
     None if all of them are stable, or the method is.
     """
