@@ -165,7 +165,7 @@ def _nearest(name: str, allowed: Iterable[str]) -> str | None:
 
 
 def to_identifier(text: str) -> str:
-    """Turn a text into an identifier that resembles it: foreign characters become _, a leading digit follows one."""
+    """Turn a text into an identifier that resembles it: foreign characters become _, one precedes a leading digit."""
     name = re.sub(r"[^A-Za-z0-9_]", "_", text[:NAME_LENGTH])
     return (name if IDENTIFIER.fullmatch(name) else "_" + name)[:NAME_LENGTH]
 

@@ -216,7 +216,7 @@ def test_out_that_cannot_be_written_to(kernel: eomgen.Kernel) -> None:
     block = np.zeros((3, 2))
     for out in (block[0], block[1], block.reshape(-1)[1:3]):
         message = refusal(lambda out=out: kernel.bias_force(block[0], block[1], out=out))
-        assert message == "out: overlaps an argument; give it memory of its own"
+        assert message == "out: overlaps an argument; give it separate memory"
     assert kernel.bias_force(block[0], block[1], out=block[2]).base is block
 
 
