@@ -6,16 +6,17 @@ import argparse
 import html
 from collections.abc import Iterator
 
-from eomgen.cli.entry import make_parser
+from eomgen.cli.entry import GROUPS, NAMES, make_parser
 
 
 def page() -> str:
-    """All commands with their arguments, in the parser's order."""
+    """Write all commands with their arguments, group by group."""
     parser = make_parser()
     lines = [
         "# Command line",
         "",
         "Written from the parser. ROBOT is the name of a built-in robot, or the path of a `.toml` or `.urdf` file. "
+        "The name of a command's group may stand before it: `eomgen measure fit` is `eomgen fit`. "
         "Exit status: 0; 1 for input that cannot be used; 2 for usage; 70 for a bug of eomgen.",
         "",
         "`eomgen --completion bash` (or zsh, fish) prints what the shell completes commands, options, built-in robots "
@@ -23,10 +24,12 @@ def page() -> str:
         "`~/.local/share/bash-completion/completions/eomgen`.",
         "",
     ]
+    headings = {group.names[0]: f"## {group.name.capitalize()}: {group.about}" for group in GROUPS}
     for name, text, command in commands(parser):
+        lines += [headings[name], ""] if name in headings else []
         usage = " ".join(command.format_usage().removeprefix("usage: ").split())
         described = command.description or text
-        lines += [f"## eomgen {name}", "", _text(described), "", f"<pre><code>{html.escape(usage)}</code></pre>", ""]
+        lines += [f"### eomgen {name}", "", _text(described), "", f"<pre><code>{html.escape(usage)}</code></pre>", ""]
         lines += ["| argument | |", "|---|---|"]
         lines += [f"| {_name(action)} | {_help(command, action)} |" for action in arguments(command)]
         lines.append("")
@@ -36,11 +39,12 @@ def page() -> str:
 
 
 def commands(parser: argparse.ArgumentParser) -> Iterator[tuple[str, str, argparse.ArgumentParser]]:
-    """Name, help and parser of each command."""
+    """Name, help and parser of each command, without those of groups."""
     (group,) = (a for a in parser._actions if isinstance(a, argparse._SubParsersAction))
     helps = {choice.dest: choice.help or "" for choice in group._choices_actions}
     for name, command in group.choices.items():
-        yield name, helps[name], command
+        if name in NAMES:
+            yield name, helps[name], command
 
 
 def arguments(command: argparse.ArgumentParser) -> list[argparse.Action]:

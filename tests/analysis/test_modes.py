@@ -308,7 +308,7 @@ def test_command(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     direct: Modes = modes(eomgen.load_robot("shaken_arm"), {"elbow": 0.5, "shoulder": 0.2})
     assert [mode["frequency"] for mode in plain["modes"]] == pytest.approx(list(direct.frequencies))
     figure = tmp_path / "modes.svg"
-    arguments = ["modes", "shaken_arm", "--goal", "0.1", "1.0", "0.3", "--points", "4", "-o", str(figure)]
+    arguments = ["modes", "shaken_arm", "--end-pose", "0.1", "1.0", "0.3", "--points", "4", "-o", str(figure)]
     assert cli.main([*arguments, "--drives", "pd", "--kp", "900"]) == 0
     assert "over 4 poses" in capsys.readouterr().out
     assert "natural frequency, Hz" in figure.read_text()
@@ -326,9 +326,9 @@ def test_command(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert "has not the coordinates of ur5" in capsys.readouterr().err
     for arguments, words in (
         (["modes", "one_link", "--pose", "x"], "is not a number"),
-        (["modes", "one_link", "--goal", "1", "-o", "a.txt"], "ends in .svg"),
+        (["modes", "one_link", "--end-pose", "1", "-o", "a.txt"], "ends in .svg"),
         (["modes", "one_link", "--set", "gravity.x"], "NAME=VALUE"),
-        (["modes", "one_link", "--goal", "1", "--points", "0"], "1 or more"),
+        (["modes", "one_link", "--end-pose", "1", "--points", "0"], "1 or more"),
     ):
         assert cli.main(arguments) == 1
         assert words in capsys.readouterr().err

@@ -208,8 +208,11 @@ def test_the_schema_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().out == schema_text("scenario")
     assert cli.main(["schema"]) == 0
     assert json.loads(capsys.readouterr().out)["properties"]["gravity"]["description"].endswith("[m/s^2]")
-    assert cli.main(["schema", "urdf"]) == 1
-    assert "there is no format 'urdf'; allowed: robot, scenario, plan" in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        cli.main(["schema", "urdf"])
+    assert "invalid choice: 'urdf'" in capsys.readouterr().err
+    with pytest.raises(eomgen.InputError, match="there is no format 'urdf'; allowed: robot, scenario, plan"):
+        schema_text("urdf")
 
 
 ODD = """

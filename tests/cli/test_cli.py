@@ -133,7 +133,6 @@ def test_bench_compares_with_newton_euler(capsys: pytest.CaptureFixture[str], mo
         (("generate", "one_link", "-o", "/dev/null/x"), ("/dev/null/x",)),
         (("simulate", "ur5", "--goal", "1"), ("goal", "6 numbers")),
         (("simulate", "ur5", "--duration", "-1"), ("duration", "-1.0")),
-        (("simulate", "ur5", "--method", "euler"), ("method", "euler", "Radau")),
     ],
 )
 def test_wrong_input_is_status_1_without_traceback(

@@ -43,7 +43,13 @@ def test_bash_completes_commands_robots_scenarios_options_and_files(
     if shutil.which("bash") is None:
         pytest.skip("there is no bash here")
     (tmp_path / "mine.toml").touch()
-    assert completed(text, "eomgen ", tmp_path) >= set(entry.NAMES)
+    assert completed(text, "eomgen ", tmp_path) >= {*entry.NAMES, "measure", "show"}
+    assert completed(text, "eomgen measure ", tmp_path) >= {"fit", "calibrate"}
+    assert completed(text, "eomgen measure calibrate ", tmp_path) >= {*builtin_robots(), "mine.toml"}
+    assert completed(text, "eomgen excite ur5 --criterion ", tmp_path) == {"D", "condition"}
+    assert completed(text, "eomgen measure calibrate ur5 p.csv --loss ", tmp_path) == {"huber", "cauchy", "tukey"}
+    assert completed(text, "eomgen schema ", tmp_path) == {"robot", "scenario", "plan"}
+    assert "--rates" not in completed(text, "eomgen excite ur5 --", tmp_path)
     assert completed(text, "eomgen res", tmp_path) == {"response"}
     for command in ("info", "simulate", "modes", "bench", "export"):
         assert completed(text, f"eomgen {command} ", tmp_path) >= {*builtin_robots(), "mine.toml"}, command

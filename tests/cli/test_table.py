@@ -13,24 +13,31 @@ import sys
 
 import pytest
 
+import eomgen
 import eomgen.cli
 from eomgen.cli import entry
-from eomgen.cli.shared import OldName
+from eomgen.cli.shared import add_old_name
 
-ORDER = (
-    *("robots", "info", "new", "check", "schema", "derive", "generate", "simulate", "forces", "fit", "identify"),
-    *("excite", "calibrate", "poses", "accuracy", "tolerance", "compensate"),
-    *("compare", "deflection", "modes", "response", "linearize", "budget", "sweep", "export", "plot"),
-    *("report", "view", "live", "bench", "cache"),
-)
-GROUPS = sorted(
-    {module.name for module in pkgutil.iter_modules(eomgen.cli.__path__)} - {"completion", "entry", "shared"}
+GROUPS = {
+    "describe": ("robots", "info", "new", "check", "schema"),
+    "build": ("derive", "generate", "export", "bench", "cache"),
+    "simulate": ("simulate", "sweep"),
+    "analyse": ("deflection", "modes", "response", "linearize", "budget", "compare"),
+    "measure": (
+        *("forces", "fit", "identify", "excite", "calibrate", "poses"),
+        *("accuracy", "tolerance", "compensate"),
+    ),
+    "show": ("plot", "report", "view", "live"),
+}
+ORDER = tuple(name for names in GROUPS.values() for name in names)
+MODULES = sorted(
+    {module.name for module in pkgutil.iter_modules(eomgen.cli.__path__)} - {"choices", "completion", "entry", "shared"}
 )
 HEAVY = ("numpy", "sympy", "scipy", "matplotlib", "cffi", "jinja2", "rich", "concurrent.futures")
 
 
-def test_every_command_is_in_one_group_and_every_group_in_the_table() -> None:
-    found = [command for name in GROUPS for command in importlib.import_module(f"eomgen.cli.{name}").COMMANDS]
+def test_every_command_is_in_one_module_and_in_one_group() -> None:
+    found = [command for name in MODULES for command in importlib.import_module(f"eomgen.cli.{name}").COMMANDS]
     assert len(found) == len({command.name for command in found})
     assert sorted(command.name for command in found) == sorted(command.name for command in entry.COMMANDS)
 
@@ -39,11 +46,51 @@ def test_help_lists_the_commands_in_order(capsys: pytest.CaptureFixture[str]) ->
     with pytest.raises(SystemExit) as left:
         entry.main(["--help"])
     assert left.value.code == 0
+    text = capsys.readouterr().out
+    sections = dict(re.findall(r"^(\w+) \([^)\n]+\):\n((?:  .*\n)+)", text, re.MULTILINE))
+    assert {name: tuple(re.findall(r"^ {2}(\w+)", found, re.MULTILINE)) for name, found in sections.items()} == GROUPS
+    assert list(sections) == list(GROUPS)
+    for word in ("ROBOT", ".toml", ".urdf", ".xml", "eomgen GROUP --help"):
+        assert word in text
+
+
+@pytest.mark.parametrize("group", [name for name in GROUPS if name not in GROUPS[name]])
+def test_help_of_a_group_lists_its_commands_with_examples(group: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as left:
+        entry.main([group, "--help"])
+    assert left.value.code == 0
     listed, examples = capsys.readouterr().out.split("examples:")
-    assert tuple(re.findall(r"^ {4}(\w+)", listed, re.MULTILINE)) == ORDER
-    assert tuple(dict.fromkeys(re.findall(r"^  eomgen (\w+)", examples, re.MULTILINE))) == ORDER
-    for word in ("ROBOT", ".toml", ".urdf", ".xml"):
-        assert word in examples
+    assert tuple(re.findall(r"^ {4}(\w+)", listed, re.MULTILINE)) == GROUPS[group]
+    assert tuple(dict.fromkeys(re.findall(rf"^  eomgen {group} (\w+)", examples, re.MULTILINE))) == GROUPS[group]
+
+
+@pytest.mark.parametrize(("group", "name"), [(group, name) for group, names in GROUPS.items() for name in names])
+def test_a_command_is_called_with_its_group_or_without(
+    group: str, name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    said = []
+    for words in ([name], [group, name]):
+        with pytest.raises(SystemExit) as left:
+            entry.main([*words, "--help"])
+        assert left.value.code == 0
+        printed = capsys.readouterr()
+        assert printed.err == ""
+        said.append(re.sub(r"\s+", " ", printed.out.replace(f"eomgen {group} {name}", f"eomgen {name}", 1)))
+    assert said[0] == said[1]
+    assert f"eomgen {name}" in said[0].split("examples:")[1]
+
+
+def test_a_group_with_the_name_of_a_command_gives_way_to_it(capsys: pytest.CaptureFixture[str]) -> None:
+    assert entry.without_group(["simulate", "one_link"]) == ["simulate", "one_link"]
+    assert entry.without_group(["simulate", "sweep", "one_link"]) == ["sweep", "one_link"]
+    assert entry.without_group(["simulate", "simulate"]) == ["simulate"]
+    assert entry.without_group(["measure", "fit"]) == ["measure", "fit"]
+    assert entry.without_group([]) == []
+    assert not {name for names in GROUPS.values() for name in names} & set(eomgen.builtin_robots())
+    with pytest.raises(SystemExit) as left:
+        entry.main(["measure", "simulate", "one_link"])
+    assert left.value.code == 2
+    assert "invalid choice: 'simulate'" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", ORDER)
@@ -72,17 +119,10 @@ except SystemExit:
 
 def test_an_option_under_its_old_name_is_taken_with_a_note(capsys: pytest.CaptureFixture[str]) -> None:
     parser = argparse.ArgumentParser()
-    parser.add_argument("--new", type=float, default=1.0)
-    parser.add_argument("--old", type=float, action=OldName, new="--new", dest="new", help=argparse.SUPPRESS)
+    add_old_name(parser, "--old", parser.add_argument("--new", type=float, default=1.0))
     assert parser.parse_args([]).new == 1.0
     assert parser.parse_args(["--new", "2"]).new == 2.0
     assert capsys.readouterr().err == ""
     assert parser.parse_args(["--old", "3"]).new == 3.0
     assert capsys.readouterr().err == "note: --old is now called --new\n"
     assert "--old" not in parser.format_help()
-
-
-def test_old_names_of_options(capsys: pytest.CaptureFixture[str]) -> None:
-    for words, name, value in ((["compare", "puma560", "ur5", "--tool", "tcp"], "frame", "tcp"),):
-        assert vars(entry.make_parser().parse_args(words))[name] == value
-        assert capsys.readouterr().err.startswith("note: ")

@@ -386,7 +386,7 @@ def test_command(
     Path("arm.toml").write_text(ARM, encoding="ascii")
     Path("reach.toml").write_text(REACH, encoding="ascii")
     words = ["compensate", "arm.toml", "--scenario", "reach.toml", "--weights", "z=0", "rx=0", "ry=0", "rz=0"]
-    assert cli.main([*words, "--iterations", "5", "--toml", "new.toml", "-o", "new.npz"]) == 0
+    assert cli.main([*words, "--iterations", "5", "--write-scenario", "new.toml", "-o", "new.npz"]) == 0
     assert "position [um]" in capsys.readouterr().out
     assert cli.main([*words, "--iterations", "5", "--json", "-o", "new.svg"]) == 0
     values = json.loads(capsys.readouterr().out)

@@ -338,7 +338,7 @@ def test_robots_that_cannot_be_excited_are_named(changed: Callable[[Robot], Robo
     [
         (["-o", "a.txt"], r"output: 'a.txt'; allowed: paths that end in .csv"),
         (["-o", "a.toml"], r"output: 'a.toml' with 0 files .csv"),
-        (["--rates", "1", "2"], r"rates: 2 numbers; allowed: one number"),
+        (["--velocity-limits", "1", "2"], r"velocity-limits: 2 numbers; allowed: one number"),
         (["--half-space", "tcp", "0", "0", "z", "1"], r"half-space: tcp: 'z' is not a number; allowed: 0, or a number"),
     ],
 )

@@ -574,7 +574,7 @@ def test_the_command_prints_and_writes(tmp_path: Path, capsys: pytest.CaptureFix
     columns = {"pose": [1] * 4 + [2] * 4, **at(np.vstack([MM * CROSS, MM * CROSS + [1.0, 0.0, 0.0]]))}
     file = write(tmp_path / "m.csv", columns)
     commands = write(tmp_path / "c.csv", {"pose": [1, 2], **at(np.array([[0.0] * 3, [1.0, 0.0, 0.0]]))})
-    words = ["accuracy", str(file), "--commands", str(commands), "--load", "none", "--distance", "1", "2"]
+    words = ["accuracy", str(file), "--commands", str(commands), "--test-load", "none", "--distance", "1", "2"]
     assert cli.main([*words, "-o", str(tmp_path / "f.json")]) == 0
     out = capsys.readouterr().out
     assert "tool: accuracy by the definitions of ISO 9283:1998, measured" in out

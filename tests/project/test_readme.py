@@ -12,7 +12,7 @@ from types import ModuleType
 import pytest
 
 import eomgen
-from eomgen.cli.entry import COMMANDS, main, make_parser
+from eomgen.cli.entry import GROUPS, main, make_parser
 from eomgen.description.load import robot_from_toml
 from tests.support.doc_blocks import blocks_of, compare
 
@@ -90,13 +90,15 @@ def test_commands_exist(capsys: pytest.CaptureFixture[str]) -> None:
 def test_the_page_of_commands_has_them_all() -> None:
     """Every call is understood, and no command is left out; files of the repository exist."""
     page = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
-    named = set()
-    for line in re.findall(r"^\| `eomgen ([^`]+)` \|", page, re.MULTILINE):
-        words = shlex.split(line)
-        make_parser().parse_args(words)
-        named.add(words[0])
-        assert all((ROOT / word).is_file() for word in words if word.startswith("examples/")), line
-    assert named == {command.name for command in COMMANDS}
+    named: dict[str, set[str]] = {}
+    for heading, section in re.findall(r"^## (\w+)\n(.*?)(?=^## |\Z)", page, re.DOTALL | re.MULTILINE):
+        for line in re.findall(r"^\| `eomgen ([^`]+)` \|", section, re.MULTILINE):
+            words = shlex.split(line)
+            make_parser().parse_args(words)
+            named.setdefault(heading.lower(), set()).add(words[0])
+            assert all((ROOT / word).is_file() for word in words if word.startswith("examples/")), line
+    assert named == {group.name: set(group.names) for group in GROUPS}
+    assert list(named) == [group.name for group in GROUPS]
 
 
 def test_extras_that_are_installed_exist() -> None:

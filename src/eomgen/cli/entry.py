@@ -1,4 +1,6 @@
-"""The entry of the command line: the table of all commands, their parser, and the exit status.
+"""The entry of the command line: the groups of commands, their parser, and the exit status.
+
+A command is called by its name, or by that of its group and its own: ``eomgen fit``, ``eomgen measure fit``.
 
 Exit status: 0; 1 input that cannot be used; 2 usage; 70 a bug of eomgen; 130 interrupted.
 """
@@ -10,7 +12,7 @@ import os
 import sys
 import traceback
 import warnings
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 
 from .._version import __version__
 from ..errors import BuildError, EomgenError, EomgenWarning, InputError
@@ -30,25 +32,40 @@ from . import (
     sweep,
 )
 from .completion import SHELLS, Completion
-from .shared import Command, say_lines
+from .shared import Command, Group, say_lines
 
 OK, INPUT_ERROR, BUG = 0, 1, 70
 INTERRUPTED = 130
 
-_GROUPS = (  # in the order of eomgen --help
-    *(robots, files, equations, simulate, measured, structures, states),
-    *(sweep, export, pictures, live, bench, cache),
+GROUPS = (  # in the order of eomgen --help
+    Group("describe", "robots, and files about them", (*robots.COMMANDS, *files.COMMANDS)),
+    Group(
+        "build",
+        "equations, code, models for other tools",
+        (*equations.COMMANDS, *export.COMMANDS, *bench.COMMANDS, *cache.COMMANDS),
+    ),
+    Group("simulate", "motions over time", (*simulate.COMMANDS, *sweep.COMMANDS)),
+    Group("analyse", "statics, vibration, linear systems, TCP errors", (*states.COMMANDS, *structures.COMMANDS)),
+    Group("measure", "identification, calibration, accuracy", measured.COMMANDS),
+    Group("show", "figures, reports, views of results", (*pictures.COMMANDS, *live.COMMANDS)),
 )
-COMMANDS: tuple[Command, ...] = tuple(command for group in _GROUPS for command in group.COMMANDS)
+COMMANDS: tuple[Command, ...] = tuple(command for group in GROUPS for command in group.commands)
 NAMES = tuple(command.name for command in COMMANDS)
 EXAMPLE_WIDTH = 46  # of the words of an example; longer ones move what is said of them to the right
+ROBOT = "ROBOT is the name of a built-in robot, or the path of a .toml, .urdf, .xacro or .xml (MJCF) file."
+EPILOG = f"""\
+eomgen COMMAND --help     arguments of a command, with examples
+eomgen GROUP --help       commands of a group, with examples; eomgen GROUP COMMAND is the same as eomgen COMMAND
+
+{ROBOT}
+"""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; the value is the exit status."""
     words = sys.argv[1:] if arguments is None else arguments
     try:
-        options = make_parser(words).parse_args(words)
+        options = make_parser(words).parse_args(without_group(words))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", EomgenWarning)  # the robot's notes say the same, and are printed
             run: Callable[[argparse.Namespace], None] = options.run
@@ -71,15 +88,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return BUG
 
 
+def without_group(words: Sequence[str]) -> Sequence[str]:
+    """Drop the name of a group before that of one of its commands, where a command has the name of its group."""
+    for group in GROUPS:
+        if group.name in NAMES and len(words) > 1 and words[0] == group.name and words[1] in group.names:
+            return words[1:]
+    return words
+
+
 def make_parser(names: Collection[str] = NAMES) -> argparse.ArgumentParser:
-    """The parser of all commands; those that are not among ``names`` have no arguments yet.
+    """Make the parser of all commands; those that are not among ``names`` have no arguments yet.
 
     To add arguments imports what their choices are taken from: ``main`` asks for the commands that it was called with.
     """
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog="eomgen",
         description="From a robot's description to compiled equations of motion.",
-        epilog=_examples(),
+        epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"eomgen {__version__}")
@@ -90,23 +115,64 @@ def make_parser(names: Collection[str] = NAMES) -> argparse.ArgumentParser:
         parser=make_parser,
         help="print what a shell completes commands, options and built-in robots with",
     )
-    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND", parser_class=argparse.ArgumentParser)
     for command in COMMANDS:
-        sentence = f"{command.help[0].upper()}{command.help[1:]}."
-        description = sentence if command.description is None else command.description
-        added = commands.add_parser(command.name, help=command.help, description=description)
-        added.set_defaults(run=command.run)
-        if command.name in names:
-            command.add_arguments(added)
+        _add_command(commands, command, command.name in names)
+    for group in GROUPS:
+        if group.name in NAMES:
+            continue
+        added = commands.add_parser(
+            group.name,
+            help=f"commands of this group: {', '.join(group.names)}",
+            description=f"{group.about[0].upper()}{group.about[1:]}.",
+            epilog=_examples(group.commands, f"eomgen {group.name}"),
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        inner = added.add_subparsers(title="commands", required=True, metavar="COMMAND")
+        for command in group.commands:
+            _add_command(inner, command, command.name in names)
     return parser
 
 
-def _examples() -> str:
-    """Text below the list of commands: each command's examples, and what a ROBOT is."""
+class _Parser(argparse.ArgumentParser):
+    """The parser of ``eomgen``: its help lists commands by groups."""
+
+    def format_help(self) -> str:
+        """Return usage, commands group by group, options, and what else can be asked."""
+        formatter = self._get_formatter()
+        formatter.add_usage(self.usage, self._actions, self._mutually_exclusive_groups)
+        formatter.add_text(self.description)
+        for group in GROUPS:
+            formatter.start_section(f"{group.name} ({group.about})")
+            formatter.add_arguments(argparse.Action((), command.name, help=command.help) for command in group.commands)
+            formatter.end_section()
+        formatter.start_section("options")
+        formatter.add_arguments(self._get_optional_actions())
+        formatter.end_section()
+        formatter.add_text(self.epilog)
+        return formatter.format_help()
+
+
+def _add_command(commands: argparse._SubParsersAction[argparse.ArgumentParser], command: Command, whole: bool) -> None:
+    """Add the parser of a command, with its arguments if it is to be ``whole``."""
+    sentence = f"{command.help[0].upper()}{command.help[1:]}."
+    added = commands.add_parser(
+        command.name,
+        help=command.help,
+        description=sentence if command.description is None else command.description,
+        epilog=_examples([command]),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    added.set_defaults(run=command.run)
+    if whole:
+        command.add_arguments(added)
+
+
+def _examples(commands: Iterable[Command], program: str = "eomgen") -> str:
+    """Write the examples of commands in lines, for the end of a help."""
     lines = [
-        f"{f'  eomgen {words}':<{EXAMPLE_WIDTH}}   {what}"
-        for command in COMMANDS
+        f"{f'  {program} {words}':<{EXAMPLE_WIDTH}}   {what}"
+        for command in commands
         for words, what in command.examples.items()
     ]
-    robot = "ROBOT is the name of a built-in robot, or the path of a .toml, .urdf, .xacro or .xml (MJCF) file."
-    return "\n".join(["examples:", *lines, "", robot, ""])
+    return "\n".join(["examples:", *lines, ""])

@@ -39,7 +39,7 @@ def _add_generate(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", type=Path, default=Path("generated"), help="folder to write to (generated)")
     parser.add_argument("--dtype", choices=DTYPES, default="float64", help="type of all numbers (float64)")
     processors = parser.add_mutually_exclusive_group()
-    processors.add_argument("--level", choices=LEVELS, default="", help="processors to compile for (all levels)")
+    processors.add_argument("--level", choices=LEVELS, default="", help="x86-64 level to compile for (all)")
     processors.add_argument("--native", action="store_true", help="compile for this processor alone")
     parser.add_argument("--cmake", action="store_true", help="with a C++17 header, a CMake package, a pkg-config file")
     parser.add_argument("--ros2", action="store_true", help="that, and a package of ROS 2 that simulates the robot")
@@ -51,8 +51,8 @@ def _add_generate(parser: argparse.ArgumentParser) -> None:
         type=_names,
         default=[],
         metavar="NAME[,NAME...]",
-        help=f"only these (all but derivatives): {', '.join(OWN_KERNELS)}; derivatives of them, such as energy_adjoint,"
-        " end in _tangent, _adjoint, _hessian, _parameter_tangent, _parameter_adjoint",
+        help=f"only these kernels (all but derivatives): {', '.join(OWN_KERNELS)}; derivatives of them, such as"
+        " energy_adjoint, end in _tangent, _adjoint, _hessian, _parameter_tangent, _parameter_adjoint",
     )
 
 

@@ -70,7 +70,7 @@ def _export_arrays(robot: Robot, options: argparse.Namespace, report: StageRepor
 
 
 FORMATS: Mapping[str, tuple[str, Export]] = {  # an option's name, what it says, and what it does
-    "fmu": ("functional mock-up units for model exchange and co-simulation", _export_fmu),
+    "fmu": ("FMUs (functional mock-up units) for co-simulation and model exchange", _export_fmu),
     "mjcf": ("a model of MuJoCo", _export_mjcf),
     "arrays": ("a module of Python on arrays of NumPy or JAX", _export_arrays),
     "wasm": ("WebAssembly, with an ES module that calls it and TypeScript's declarations", _export_wasm),
@@ -95,20 +95,26 @@ def _add_export(parser: argparse.ArgumentParser) -> None:
         "--step",
         type=real,
         metavar="S",
-        help="(greatest) step of integration, s (what rk4 needs); of units with the methods rk4 and implicit",
+        help="(greatest) step of integration, s (what rk4 needs); of FMUs with the methods rk4 and implicit",
     )
-    units = parser.add_argument_group("functional mock-up units")
+    units = parser.add_argument_group("FMUs")
     units.add_argument("--fmi", type=int, choices=VERSIONS, help="version of the interface (both)")
-    units.add_argument("--method", choices=METHODS, default=AUTO, help=f"of co-simulation ({AUTO})")
+    units.add_argument(
+        "--method", choices=METHODS, default=AUTO, help=f"method of integration: of co-simulation ({AUTO})"
+    )
     units.add_argument("--rtol", type=real, metavar="R", help="relative tolerance of co-simulation at first (1e-6)")
     models = parser.add_argument_group("models of MuJoCo")
     models.add_argument("--approximate", action="store_true", help="leave out what MuJoCo has no equal for, with notes")
     modules = parser.add_argument_group("WebAssembly and arrays")
     modules.add_argument(
-        "--kernels", nargs="+", default=[], metavar="NAME", help="which (dynamics, kinematics, energy ...)"
+        "--kernels", nargs="+", default=[], metavar="NAME", help="only these kernels (dynamics, kinematics, energy ...)"
     )
-    modules.add_argument("--model", action="store_true", help="with the rigid robot's inverse dynamics, for its drives")
-    modules.add_argument("--dtype", choices=DTYPES, default="float64", help="of WebAssembly (float64)")
+    modules.add_argument(
+        "--model", action="store_true", help="with inverse dynamics of the rigid robot, for actuator forces"
+    )
+    modules.add_argument(
+        "--dtype", choices=DTYPES, default="float64", help="type of all numbers: of WebAssembly (float64)"
+    )
 
 
 def _export(options: argparse.Namespace) -> None:
@@ -127,7 +133,7 @@ COMMANDS = (
         _export,
         "write the robot for other tools",
         {
-            "export arm.toml --fmu -o out": "functional mock-up units of FMI 2.0 and 3.0",
+            "export arm.toml --fmu -o out": "FMUs (functional mock-up units) of FMI 2.0 and 3.0",
             "export arm.toml --mjcf -o arm.xml": "the same robot for MuJoCo",
             "export arm.toml --wasm -o out": "its kernel for browsers",
             "export arm.toml --arrays -o arm.py": "its equations on arrays of NumPy or JAX",

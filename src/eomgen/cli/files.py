@@ -7,6 +7,7 @@ import warnings
 from pathlib import Path
 
 from ..errors import EomgenWarning, InputError
+from .choices import FORMATS
 from .shared import Command, add_json, add_reading, say, say_lines, show_json, xacro_of
 
 
@@ -63,7 +64,7 @@ def _check(options: argparse.Namespace) -> None:
 
 
 def _add_schema(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("format", nargs="?", default="robot", help="robot, scenario or plan (robot)")
+    parser.add_argument("format", nargs="?", choices=FORMATS, default=FORMATS[0], help="of files (robot)")
 
 
 def _schema(options: argparse.Namespace) -> None:

@@ -53,7 +53,9 @@ def _add_report(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="page to write (report.html at a simulation; the file with .html of a calibration and the like)",
     )
-    parser.add_argument("--no-modes", action="store_true", help="without frequencies along the program")
+    parser.add_argument(
+        "--no-modes", action="store_true", help="without natural frequencies along the reference trajectory"
+    )
     add_robot_of_result(parser, KEPT)
 
 
@@ -83,7 +85,7 @@ def _add_view(parser: argparse.ArgumentParser) -> None:
         "--tolerance",
         type=Path,
         metavar="TABLE",
-        help="a table of tolerances: the tool may be in what is drawn around it",
+        help="a table of tolerances: draws where the TCP may be",
     )
     parser.add_argument("--no-browser", action="store_true", help="print the address only")
     add_robot_of_result(parser, KEPT)
@@ -125,8 +127,10 @@ COMMANDS = (
     Command(
         _add_report,
         _report,
-        "one page about a result, with figures and tables",
+        "one page about a result: figures, tables",
         {"report out": "one page about a result: out/report.html"},
     ),
-    Command(_add_view, _view, "a result in space, in the browser", {"view out": "the result in space, in the browser"}),
+    Command(
+        _add_view, _view, "a result in 3-D in the browser", {"view out": "the result in 3-D, deviations exaggerated"}
+    ),
 )

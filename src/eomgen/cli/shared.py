@@ -18,13 +18,21 @@ from ..limits import LARGEST, MOST_COUNTED, SMALLEST, is_usable
 from ..names import printable, show
 from ..optional import NotInstalledError
 from ..progress import Progress, StageReport, no_progress
+from .choices import ROTATIONS
 
 if TYPE_CHECKING:
     from ..description.macros import Xacro
     from ..robot.value import Robot
 
+VELOCITY_LIMITS = "greatest velocities of joints, rad/s or m/s"
+FORCE_LIMITS = "greatest actuator forces, N m or N"
 TRAJECTORY = "trajectory.npz"
 _NUMBERS = f"0, or a number of magnitude {SMALLEST:g} to {LARGEST:g}"
+_DRIVES = {
+    "locked": "locked (brakes on)",
+    "free": "free under constant forces",
+    "pd": "held by gains (pd)",
+}
 _DIGITS = 18  # of whole numbers, so that 64 bits hold them
 
 
@@ -35,7 +43,7 @@ class Command:
     add_arguments: adds its arguments to its parser; imports what their choices are taken from.
     run: does it; imports what it needs; named as the command, behind a _.
     help: one line about it, in the list of all commands.
-    examples: lines of the epilog of ``eomgen --help``: the words behind ``eomgen``, and what they do.
+    examples: lines of the epilog of its help and of its group's: the words behind ``eomgen``, and what they do.
     description: text of ``eomgen COMMAND --help``; by default ``help`` as a sentence.
     """
 
@@ -51,11 +59,27 @@ class Command:
         return self.run.__name__.removeprefix("_")
 
 
-class OldName(argparse.Action):
-    """An option under the name that it had before: does what the new name does, with a note on standard error.
+@dataclass(frozen=True)
+class Group:
+    """Commands under a heading of ``eomgen --help``.
 
-    Usage: ``add_argument("--old", action=OldName, new="--new", dest="new", help=argparse.SUPPRESS)``.
+    name: stands before those of its commands, or is left out.
+    about: what they are about, in some words.
+    commands: in the order of the help.
     """
+
+    name: str
+    about: str
+    commands: Sequence[Command]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The words that call its commands."""
+        return tuple(command.name for command in self.commands)
+
+
+class OldName(argparse.Action):
+    """An option under the name that it had before: does what the new name does, with a note on standard error."""
 
     def __init__(self, *arguments: Any, new: str, **options: Any) -> None:
         super().__init__(*arguments, **options)
@@ -65,7 +89,13 @@ class OldName(argparse.Action):
         self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option: str | None = None
     ) -> None:
         print(f"note: {option} is now called {self.new}", file=sys.stderr)
-        setattr(namespace, self.dest, values)
+        setattr(namespace, self.dest, True if self.nargs == 0 else values)
+
+
+def add_old_name(parser: argparse.ArgumentParser | argparse._ArgumentGroup, old: str, option: argparse.Action) -> None:
+    """Let an option of a parser, or of a group of it, be called ``old``, too; neither help nor shells say so."""
+    alike = {name: getattr(option, name) for name in ("dest", "nargs", "type", "choices", "default")}
+    parser.add_argument(old, action=OldName, new=option.option_strings[0], help=argparse.SUPPRESS, **alike)
 
 
 # Robots and results that commands begin with
@@ -85,33 +115,31 @@ def add_result(parser: argparse.ArgumentParser) -> None:
 def add_robot_of_result(parser: argparse.ArgumentParser, default: str) -> None:
     """The option --robot of a command about a result; ``default`` says which it is where the option is not given."""
     parser.add_argument("--robot", help=f"the robot that was simulated ({default})")
-    add_reading(parser, about="as in the other commands")
+    add_reading(parser)
 
 
-def add_reading(parser: argparse.ArgumentParser, *names: str, about: str = "") -> None:
-    """Options of reading a robot, from the fields of ``ReadOptions``.
+def add_reading(parser: argparse.ArgumentParser, *names: str) -> None:
+    """Add options of reading a robot from the fields of ``ReadOptions``, in a group of their own.
 
     Args:
         parser: of the command.
         names: of the fields; all if there are none.
-        about: what stands in the place of their help, but for what is dangerous.
     """
     from ..description.options import ReadOptions
 
+    group = parser.add_argument_group("reading of descriptions")
     for item in fields(ReadOptions):
         if names and item.name not in names:
             continue
         about_it: dict[str, Any] = {"dest": item.name, **item.metadata}
         option = about_it.pop("option", f"--{item.name.replace('_', '-')}")
-        if about and item.name != "xacro":
-            about_it["help"] = about
         if isinstance(item.default, bool):
             about_it["action"] = "store_false" if item.default else "store_true"
-        parser.add_argument(option, **about_it)
+        group.add_argument(option, **about_it)
         if item.name == "xacro":
             package: dict[str, Any] = {"action": "append", "default": [], "metavar": "NAME=DIR"}
             package["help"] = "with --xacro: folder of a package, which $(find NAME) asks for; more than once"
-            parser.add_argument("--package", dest="packages", **package)
+            group.add_argument("--package", dest="packages", **package)
 
 
 def read_robot(options: argparse.Namespace) -> Robot:
@@ -254,9 +282,22 @@ def add_names(parser: argparse.ArgumentParser, option: str, name: str, about: st
     parser.add_argument(option, **{"nargs": "+", "default": (), "metavar": name, "help": about, **options})
 
 
-def add_choice(parser: argparse.ArgumentParser, option: str, choices: Sequence[str], about: str) -> None:
+def add_choice(
+    parser: argparse.ArgumentParser, option: str, choices: Sequence[str], about: str, default: str = ""
+) -> None:
     """An option that is one of some words, by default the first of them."""
-    parser.add_argument(option, choices=choices, default=choices[0], help=f"{about} ({choices[0]})")
+    default = default or choices[0]
+    parser.add_argument(option, choices=choices, default=default, help=f"{about} ({default})")
+
+
+def add_rotation(parser: argparse.ArgumentParser) -> None:
+    """Add the option --rotation of commands about measured poses."""
+    add_choice(parser, "--rotation", ROTATIONS, "how measured orientations are written")
+
+
+def add_amounts(parser: argparse.ArgumentParser, option: str, old: str, about: str, dest: str) -> None:
+    """Add an option of numbers by name, which ``gains`` reads, with the name that it had before."""
+    add_old_name(parser, old, parser.add_argument(option, nargs="+", metavar="VALUE", help=about, dest=dest))
 
 
 def add_ranges(parser: argparse.ArgumentParser) -> None:
@@ -271,7 +312,7 @@ def ranges_of(options: argparse.Namespace) -> dict[str, list[float]]:
 
 def add_page(parser: argparse.ArgumentParser) -> None:
     """The option --report of commands about measurements."""
-    parser.add_argument("--report", type=Path, metavar="FILE", help="write a page about it, with figures and tables")
+    parser.add_argument("--report", type=Path, metavar="FILE", help="write a page about it: figures, tables")
 
 
 def pages_written(options: argparse.Namespace, result: Any) -> list[Path]:
@@ -333,15 +374,18 @@ def show_written(paths: Iterable[Path]) -> None:
 
 
 def add_state(
-    parser: argparse.ArgumentParser, *, drives: str = "locked", choices: Sequence[str] = ("locked", "free", "pd")
+    parser: argparse.ArgumentParser, *, drives: str = "locked", choices: Sequence[str] = tuple(_DRIVES)
 ) -> None:
     """Options that say about which state a robot is looked at, and --json."""
-    add_names(parser, "--pose", "Q", "principal coordinates, rad or m: all in order, or NAME=VALUE", default=None)
-    parser.add_argument("--drives", choices=choices, default=drives, help=f"what drives do about the state ({drives})")
-    parser.add_argument("--kp", nargs="+", metavar="K", help="gains of pd: one number, or NAME=VALUE")
-    parser.add_argument("--kd", nargs="+", metavar="K", help="gains of pd by rates, the same way (0)")
-    parser.add_argument("--held", nargs="*", metavar="NAME", help="coordinates that stay, instead of principal ones")
-    about = "dead force and moment at a frame or link, base axes, N and N m; more than once"
+    add_pose(parser)
+    about = f"actuated joints: {', '.join(_DRIVES[name] for name in choices)} ({drives})"
+    parser.add_argument("--drives", choices=choices, default=drives, help=about)
+    parser.add_argument("--kp", nargs="+", metavar="K", help="proportional gains of pd: one number, or NAME=VALUE")
+    parser.add_argument("--kd", nargs="+", metavar="K", help="derivative gains of pd: one number, or NAME=VALUE (0)")
+    about = "coordinates that are fixed, in the place of principal ones"
+    fixed = parser.add_argument("--fixed-coordinates", dest="held", nargs="*", metavar="NAME", help=about)
+    add_old_name(parser, "--held", fixed)
+    about = "constant force and moment at a frame or link, base frame, N and N m; more than once"
     add_rows(parser, "--load", "FRAME FX FY FZ MX MY MZ", about)
     parser.add_argument("--frame", help="frame or link to look at (tcp, or the end of the robot)")
     add_names(parser, "--set", "NAME=VALUE", "parameters, such as gravity.z=0", dest="parameters")
@@ -364,6 +408,31 @@ def state_options(options: argparse.Namespace, report: StageReport) -> dict[str,
         "parameters": _by_name("set", options.parameters) or None,
         "progress": report,
     }
+
+
+def add_pose(parser: argparse.ArgumentParser | argparse._ArgumentGroup) -> None:
+    """Add the option --pose, which ``coordinate_values`` reads."""
+    parser.add_argument(
+        "--pose", nargs="+", metavar="Q", help="principal coordinates, rad or m: all in order, or NAME=VALUE"
+    )
+
+
+def add_seed(parser: argparse.ArgumentParser) -> None:
+    """Add the option --seed of commands that draw random numbers."""
+    parser.add_argument("--seed", type=as_seed, default=0, metavar="N", help="of random numbers (0)")
+
+
+def add_confidence(parser: argparse.ArgumentParser) -> None:
+    """Add the option --confidence of commands that estimate uncertainty."""
+    about = "probability of coverage by intervals and regions (0.95)"
+    parser.add_argument("--confidence", type=real, default=0.95, metavar="P", help=about)
+
+
+def add_sample_time(parser: argparse.ArgumentParser, default: float | None, about: str) -> None:
+    """Add the option --sample-time, which was --step; ``about`` says what it is by default."""
+    about = f"between samples, s ({about})"
+    time = parser.add_argument("--sample-time", dest="step", type=real, default=default, metavar="S", help=about)
+    add_old_name(parser, "--step", time)
 
 
 def real(text: str) -> float:

@@ -30,10 +30,10 @@ def _add_simulate(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--scenario", metavar="FILE", help="a scenario: path of a .toml file, or a built-in name")
     parser.add_argument("--stream", metavar="FOLDER", help="write states there while they are integrated (Zarr)")
     parser.add_argument("--duration", type=real, metavar="S", help="duration in seconds (2)")
-    parser.add_argument("--method", help=f"{', '.join(METHODS)} (auto)")
+    parser.add_argument("--method", choices=METHODS, help="method of integration (auto)")
     goal = "goal of the principal coordinates, rad or m, joint by joint"
     add_names(parser, "--goal", "Q", goal, type=real, default=None)
-    parser.add_argument("--no-plots", action="store_true", help="write the trajectory only")
+    parser.add_argument("--no-plots", action="store_true", help="write no plots")
     add_json(parser)
 
 
@@ -75,10 +75,10 @@ COMMANDS = (
     Command(
         _add_simulate,
         _simulate,
-        "run a programmed motion of all coordinates",
+        "simulate a reference trajectory, or a scenario, with all coordinates",
         {
-            "simulate puma560_elastic -o out": "programmed motion; trajectory.npz and plots",
-            "simulate arm.toml --scenario s.toml": "motions, drives, wrenches, payloads of a scenario file",
+            "simulate puma560_elastic -o out": "reference trajectory; trajectory.npz and plots",
+            "simulate arm.toml --scenario s.toml": "trajectories, controllers, wrenches, payloads of a scenario file",
         },
     ),
 )

@@ -1,4 +1,4 @@
-"""Commands about a state: deflection, modes, response, linearize; and budget for a simulation's small deviations."""
+"""Commands about a state: deflection, modes, response, linearize; and budget for the TCP error of a simulation."""
 
 from __future__ import annotations
 
@@ -7,11 +7,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
+from .choices import KINDS
 from .shared import (
     Command,
     add_choice,
     add_json,
     add_names,
+    add_old_name,
     add_result,
     add_robot,
     add_robot_of_result,
@@ -42,7 +44,14 @@ def _add_deflection(parser: argparse.ArgumentParser) -> None:
         metavar="X",
         help="compliance over a plane: a corner and the two edges from it, three numbers each, m",
     )
-    parser.add_argument("--points", nargs=2, type=whole, default=(21, 21), metavar="N", help="of the map (21 21)")
+    parser.add_argument(
+        "--points",
+        nargs=2,
+        type=whole,
+        default=(21, 21),
+        metavar="N",
+        help="how many points: of the map (21 21)",
+    )
     parser.add_argument("-o", "--output", type=Path, help="the map: .npz, or a figure .svg, .pdf or .png")
 
 
@@ -71,9 +80,10 @@ def _add_modes(parser: argparse.ArgumentParser) -> None:
     add_robot(parser)
     add_state(parser)
     path = parser.add_mutually_exclusive_group()
-    path.add_argument("--goal", nargs="+", metavar="Q", help="end of a path of the principal coordinates, as --pose")
-    path.add_argument("--along", type=Path, metavar="RESULT", help="of a simulation: modes along its program")
-    parser.add_argument("--points", type=whole, default=21, metavar="N", help="poses along the path (21)")
+    about = "end of a path that begins at --pose, written as that"
+    add_old_name(path, "--goal", path.add_argument("--end-pose", dest="goal", nargs="+", metavar="Q", help=about))
+    path.add_argument("--along", type=Path, metavar="RESULT", help="along a motion: of a simulation")
+    parser.add_argument("--points", type=whole, default=21, metavar="N", help="how many points: of the path (21)")
     parser.add_argument("-o", "--output", type=Path, help="figure of shapes, or of a path's modes: .svg, .pdf or .png")
 
 
@@ -94,7 +104,7 @@ def _modes(options: argparse.Namespace) -> None:
 
 
 def _poses_along(robot: Robot, options: argparse.Namespace) -> Any:
-    """Poses from --pose to --goal, or of the program of a result, (points, n)."""
+    """Return poses from --pose to --end-pose, or of the reference trajectory of a result, (points, n)."""
     import numpy as np
 
     from ..analysis.holding import pose_of
@@ -120,11 +130,11 @@ def _poses_along(robot: Robot, options: argparse.Namespace) -> Any:
 
 
 def _add_ports(parser: argparse.ArgumentParser) -> None:
-    inputs = "drives (joint1.gamma) and components of wrenches (tcp.fx, tcp.mz)"
+    inputs = "actuator forces (joint1.gamma) and components of wrenches (tcp.fx, tcp.mz)"
     add_names(parser, "--input", "NAME", inputs, default=None)
     motions = "coordinates (joint1.x) and motions (tcp.x, tcp.rz)"
     add_names(parser, "--to", "NAME", motions, default=None, dest="output_of")
-    add_choice(parser, "--kind", ("displacement", "velocity", "acceleration"), "what of them")
+    add_choice(parser, "--kind", KINDS, "what of them")
 
 
 def _add_response(parser: argparse.ArgumentParser) -> None:
@@ -134,7 +144,7 @@ def _add_response(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--frequencies", nargs=2, type=real, default=(1.0, 500.0), metavar="HZ", help="from, to (1 500)"
     )
-    parser.add_argument("--points", type=whole, default=400, metavar="N", help="frequencies (400)")
+    parser.add_argument("--points", type=whole, default=400, metavar="N", help="how many points: frequencies (400)")
     parser.add_argument("--linear", action="store_true", help="equal distances instead of equal ratios")
     parser.add_argument("-o", "--output", type=Path, help=".csv or .npz, or a figure .svg, .pdf or .png")
 
@@ -165,8 +175,8 @@ def _add_linearize(parser: argparse.ArgumentParser) -> None:
     add_robot(parser)
     add_state(parser, drives="free")
     _add_ports(parser)
-    parser.add_argument("--along", type=Path, metavar="RESULT", help="of a simulation: about its motion at --time")
-    parser.add_argument("--time", type=real, default=0.0, metavar="S", help="of the motion, the nearest sample (0)")
+    parser.add_argument("--along", type=Path, metavar="RESULT", help="along a motion: of a simulation, at --time")
+    parser.add_argument("--time", type=real, default=0.0, metavar="S", help="of the motion, s: the nearest sample (0)")
     parser.add_argument("-o", "--output", type=Path, help="write all matrices and names, .npz")
 
 
@@ -188,7 +198,7 @@ def _linearize(options: argparse.Namespace) -> None:
 
 
 def _state_at(path: Path, time: float) -> dict[str, Any]:
-    """Coordinates, rates and drives of a result at the sample nearest to a time."""
+    """Return coordinates, velocities and actuator forces of a result at the sample nearest to a time."""
     import numpy as np
 
     from ..simulation.result import load_result
@@ -237,25 +247,25 @@ COMMANDS = (
     Command(
         _add_modes,
         _modes,
-        "eigenfrequencies, damping and mode shapes at a pose or on a path",
-        {"modes arm.toml --drives locked": "eigenfrequencies, damping, mode shapes at a pose"},
+        "natural frequencies, damping ratios and mode shapes at a pose or along a path",
+        {"modes arm.toml --drives locked": "with brakes on: natural frequencies, damping ratios, mode shapes"},
     ),
     Command(
         _add_response,
         _response,
-        "frequency response from drives and wrenches to what moves",
+        "frequency response from actuator forces and wrenches to motions",
         {"response arm.toml --input tcp.fx --to tcp.x": "frequency response"},
     ),
     Command(
         _add_linearize,
         _linearize,
-        "A, B, C, D about a state of rest or a motion",
-        {"linearize arm.toml -o arm.npz": "A, B, C, D about a state of rest or a motion"},
+        "A, B, C, D about a static equilibrium or a motion",
+        {"linearize arm.toml -o arm.npz": "A, B, C, D about a static equilibrium or a motion"},
     ),
     Command(
         _add_budget,
         _budget,
-        "what each coordinate contributes to a simulated tool's deviation",
-        {"budget out/trajectory.npz": "what each coordinate contributes to the tool's deviation"},
+        "contribution of each coordinate to the TCP error of a simulation",
+        {"budget out/trajectory.npz": "contribution of each coordinate to the TCP error"},
     ),
 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from .shared import Command, OldName, add_json, add_robot, progress_bar, read_robot, real, show_result
+from .shared import Command, add_json, add_old_name, add_robot, progress_bar, read_robot, real, show_result
 
 
 def _add_compare(parser: argparse.ArgumentParser) -> None:
@@ -13,9 +13,11 @@ def _add_compare(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--duration", type=real, default=2.0, metavar="S", help="duration in seconds (2)")
     task = parser.add_mutually_exclusive_group()
     task.add_argument("--goal", type=real, nargs="+", metavar="Q", help="goal of the principal coordinates, rad or m")
-    task.add_argument("--line", type=real, nargs=6, metavar="X", help="tool's line: three numbers from, three to, m")
-    parser.add_argument("--frame", help="frame or link to look at, known to all robots (each robot's own)")
-    parser.add_argument("--tool", action=OldName, new="--frame", dest="frame", help=argparse.SUPPRESS)
+    task.add_argument(
+        "--line", type=real, nargs=6, metavar="X", help="straight line of the TCP: from, to, three numbers each, m"
+    )
+    frame = parser.add_argument("--frame", help="frame or link to look at (tcp, or the end of each robot)")
+    add_old_name(parser, "--tool", frame)
     add_json(parser)
 
 
@@ -36,7 +38,7 @@ COMMANDS = (
     Command(
         _add_compare,
         _compare,
-        "alternative robots for one task",
-        {"compare arm.toml other.toml": "drives, reactions, tool deviations for one task"},
+        "design alternatives for one task",
+        {"compare arm.toml other.toml": "actuator forces, reactions, TCP errors for one task"},
     ),
 )

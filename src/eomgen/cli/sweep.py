@@ -16,15 +16,19 @@ from .shared import Command, add_json, add_robot, can_be_left_out, progress_bar,
 
 def _add_sweep(parser: argparse.ArgumentParser) -> None:
     add_robot(parser)
-    parser.add_argument("--scenario", metavar="FILE", required=True, help="path of a .toml file, or a built-in name")
-    parser.add_argument("--plan", metavar="FILE", required=True, help="what changes and what is recorded (.toml)")
+    parser.add_argument(
+        "--scenario", metavar="FILE", required=True, help="a scenario: path of a .toml file, or a built-in name"
+    )
+    parser.add_argument(
+        "--plan", metavar="FILE", required=True, help="plan of a sweep: what changes and what is recorded (.toml)"
+    )
     parser.add_argument("-o", "--output", type=Path, required=True, help="folder for results; goes on with what it has")
     parser.add_argument("--threads", type=whole, metavar="N", help="threads of this process (one per core)")
     parser.add_argument(
         "--processes", type=whole, metavar="N", help="processes instead of threads: faster for long sweeps"
     )
     parser.add_argument("--dask", metavar="ADDRESS", help="scheduler such as tcp://host:8786, instead of threads")
-    parser.add_argument("--no-plots", action="store_true", help="write the table only")
+    parser.add_argument("--no-plots", action="store_true", help="write no plots")
     add_json(parser)
 
 
@@ -97,7 +101,7 @@ COMMANDS = (
     Command(
         _add_sweep,
         _sweep,
-        "a scenario for many values of parameters and of its numbers",
+        "simulate a scenario for many values of parameters and of its numbers",
         {"sweep arm.toml --scenario s.toml --plan p.toml -o out": "the scenario for many values of its numbers"},
     ),
 )

@@ -11,10 +11,10 @@ from .macros import Xacro
 
 _INERTIA = (
     "an inertia that no body can have: refuse it, take it as it is, or take the nearest one (error for those of TOML,"
-    " warn for those of an URDF or MJCF)"
+    " warn for those of a URDF or MJCF)"
 )
 _STOPS = "stops at all limits: stiffness=K, with damping, restitution_damping, smoothing behind commas"
-_FLOATING = "put a free joint, floating_base, between the ground and the root link of an URDF"
+_FLOATING = "put a free joint, floating_base, between the ground and the root link of a URDF"
 _XACRO = "expand a .xacro file, which runs the Python that stands in it: for files that you trust"
 
 
@@ -34,13 +34,13 @@ class ReadOptions:
     """Options of reading a robot, as of ``load_robot``; metadata say what the command line says of each."""
 
     inertia: str | None = field(default=None, metadata={"choices": POLICIES, "help": _INERTIA})
-    urdf_damping: bool = field(default=False, metadata={"help": "read <dynamics damping=...> of an URDF"})
+    urdf_damping: bool = field(default=False, metadata={"help": "read <dynamics damping=...> of a URDF"})
     urdf_friction: bool = field(
-        default=False, metadata={"help": "read <dynamics friction=...> of an URDF, as Coulomb friction"}
+        default=False, metadata={"help": "read <dynamics friction=...> of a URDF, as Coulomb friction"}
     )
     urdf_mimic: bool = field(
         default=True,
-        metadata={"option": "--urdf-no-mimic", "help": "read joints with <mimic> of an URDF as independent ones"},
+        metadata={"option": "--urdf-no-mimic", "help": "read joints with <mimic> of a URDF as independent ones"},
     )
     stops: Mapping[str, float] | None = field(default=None, metadata={"metavar": "KEY=NUMBER,...", "help": _STOPS})
     floating_base: bool = field(default=False, metadata={"help": _FLOATING})

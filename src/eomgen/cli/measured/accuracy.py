@@ -1,4 +1,4 @@
-"""Commands about the accuracy of a tool: accuracy, by a standard; tolerance; compensate, which corrects programs."""
+"""Commands about the accuracy of a TCP: accuracy, by ISO 9283; tolerance; compensate, which corrects paths."""
 
 from __future__ import annotations
 
@@ -7,16 +7,25 @@ from pathlib import Path
 
 from ...errors import InputError
 from ...files import check_ending
+from ..choices import MODES
 from ..shared import (
+    FORCE_LIMITS,
+    VELOCITY_LIMITS,
     Command,
+    add_amounts,
     add_choice,
+    add_confidence,
     add_json,
     add_names,
+    add_old_name,
     add_page,
+    add_pose,
     add_robot,
     add_robot_of_result,
+    add_rotation,
     add_rows,
-    as_seed,
+    add_sample_time,
+    add_seed,
     check_output,
     coordinate_values,
     keywords,
@@ -41,21 +50,23 @@ def _add_accuracy(parser: argparse.ArgumentParser) -> None:
         metavar="RESULT",
         type=Path,
         nargs="*",
-        help="folders or files of eomgen simulate, cycles of one program; or measured poses and paths, .csv or .npz",
+        help="folders or files of eomgen simulate: cycles of one trajectory; or measured poses and paths, .csv or .npz",
     )
     add_robot_of_result(parser, "with --scenario and --plan in the place of results: the samples of a sweep")
-    parser.add_argument("--scenario", metavar="FILE", help="of these samples: path of a .toml file, or a built-in name")
-    parser.add_argument("--plan", metavar="FILE", help="of these samples: what changes from one to the next (.toml)")
+    parser.add_argument("--scenario", metavar="FILE", help="a scenario: of these samples")
+    parser.add_argument("--plan", metavar="FILE", help="plan of a sweep: of these samples (.toml)")
     parser.add_argument("--commands", metavar="FILE", type=Path, help="commanded poses or paths of measured files")
-    parser.add_argument("--frame", help="the frame to look at, where measured files have several")
-    add_choice(parser, "--rotation", ("rotvector", "rpy", "quaternion"), "of measured orientations")
+    parser.add_argument("--frame", help="frame or link to look at (the one in measured files)")
+    add_rotation(parser)
     planes = "compare paths in planes normal to the commanded one, or sample by sample"
     add_choice(parser, "--match", ("plane", "sample"), planes)
     parser.add_argument("--band", type=real, metavar="M", help="limit band of stabilization, m (the repeatability)")
     between = "poses whose distance is looked at; more than once (each and the next one)"
     add_rows(parser, "--distance", "POSE POSE", between)
-    parser.add_argument("--load", default="", help="load of the test, in words (what simulations say)")
-    parser.add_argument("--rate", default="", help="speed of the test, in words (what simulations say)")
+    for name, old, about in (("--test-load", "load", "load"), ("--test-velocity", "rate", "velocity")):
+        about = f"{about} of the test, in words (what simulations say)"
+        option = parser.add_argument(name, dest=old, default="", metavar="TEXT", help=about)
+        add_old_name(parser, f"--{old}", option)
     parser.add_argument("-o", "--output", type=Path, help="write all figures, .json")
     parser.add_argument("--plot", type=Path, help="draw them, .svg, .pdf or .png")
     add_page(parser)
@@ -91,17 +102,17 @@ def _add_tolerance(parser: argparse.ArgumentParser) -> None:
         "table",
         metavar="TABLE",
         type=Path,
-        help=".toml: deviations or bounds of quantities, by the names of calibrate, and correlations",
+        help=".toml: standard deviations or bounds of parameters, by the names of calibrate, and correlations",
     )
-    parser.add_argument("--frame", metavar="NAME", help="frame or link to look at (the tool)")
+    parser.add_argument("--frame", metavar="NAME", help="frame or link to look at (tcp, or the end of the robot)")
     where = parser.add_mutually_exclusive_group()
-    where.add_argument("--pose", nargs="+", metavar="VALUE", help="coordinates, m and rad, or NAME=VALUE (home)")
+    add_pose(where)
     where.add_argument("--random", type=whole, default=0, metavar="N", help="poses within the joints' limits")
-    where.add_argument("--along", type=Path, metavar="MOTION", help=".csv or .npz, such as a simulation's result")
-    parser.add_argument("--seed", type=as_seed, default=0, metavar="N", help="of the random poses (0)")
+    where.add_argument("--along", type=Path, metavar="MOTION", help="along a motion: .csv or .npz")
+    add_seed(parser)
     parser.add_argument("--wrench", nargs=6, type=real, metavar="F", help="force and moment on the frame, N and N m")
-    parser.add_argument("--confidence", type=real, default=0.95, metavar="P", help="of the regions (0.95)")
-    parser.add_argument("--accuracy", type=real, metavar="M", help="radius to reach: which tolerances to tighten")
+    add_confidence(parser)
+    parser.add_argument("--accuracy", type=real, metavar="M", help="coverage radius to reach: what to tighten")
     parser.add_argument("-o", "--output", type=Path, help="the result, .json, or a map of the poses .svg, .pdf or .png")
     add_page(parser)
     add_json(parser)
@@ -128,27 +139,30 @@ def _tolerance(options: argparse.Namespace) -> None:
 def _add_compensate(parser: argparse.ArgumentParser) -> None:
     add_robot(parser)
     parser.add_argument(
-        "--scenario", metavar="FILE", help="path of a .toml file, or a built-in name (the motion of eomgen simulate)"
+        "--scenario",
+        metavar="FILE",
+        help="a scenario: path of a .toml file, or a built-in name (the reference trajectory of eomgen simulate)",
     )
-    parser.add_argument("--frame", help="frame or link that is to follow (that of the scenario)")
-    parser.add_argument(
-        "--mode", default="dynamic", metavar="MODE", help="dynamic: by repeated simulation; static: states of rest"
-    )
-    parser.add_argument("--step", type=real, metavar="S", help="between samples (the scenario's output step)")
+    parser.add_argument("--frame", help="frame or link to look at (that of the scenario)")
+    add_choice(parser, "--mode", MODES, "by repeated simulation, or by static equilibria along the path")
+    add_sample_time(parser, None, "the scenario's output step")
     axes = "along the tool's axes, x, y, z (1), and about them, rx, ry, rz (0.1 m/rad)"
     add_names(parser, "--weights", "AXIS=W", f"of errors {axes}; 0: not corrected", default=None)
-    parser.add_argument(
-        "--accelerations", action="store_true", help="static: what accelerates the masses bends the robot, too"
+    inertia = parser.add_argument(
+        "--inertia-forces", dest="accelerations", action="store_true", help="static: deflections by inertia forces, too"
     )
+    add_old_name(parser, "--accelerations", inertia)
     parser.add_argument("--iterations", type=whole, default=30, metavar="N", help="dynamic: simulations at most (30)")
-    parser.add_argument("--rates", nargs="+", metavar="NAME=V", help="greatest rates of joints, rad/s or m/s")
-    parser.add_argument("--drive-limits", nargs="+", metavar="NAME=U", help="greatest forces of drives, N m or N")
+    add_amounts(parser, "--velocity-limits", "--rates", f"{VELOCITY_LIMITS}: NAME=VALUE", "rates")
+    add_amounts(parser, "--force-limits", "--drive-limits", f"{FORCE_LIMITS}: NAME=VALUE", "drive_limits")
     parser.add_argument(
         "--robustness", type=real, metavar="SHARE", help="try robots whose stiffness is wrong by it, such as 0.2"
     )
-    parser.add_argument("--draws", type=whole, default=3, metavar="N", help="of them with signs by chance (3)")
-    parser.add_argument("--seed", type=as_seed, default=0, help="of these signs (0)")
-    parser.add_argument("--toml", type=Path, metavar="FILE", help="write a scenario that follows the corrected program")
+    parser.add_argument("--draws", type=whole, default=3, metavar="N", help="of them with random signs (3)")
+    add_seed(parser)
+    about = "write a scenario that follows the compensated path"
+    file = parser.add_argument("--write-scenario", dest="toml", type=Path, metavar="FILE", help=about)
+    add_old_name(parser, "--toml", file)
     parser.add_argument("-o", "--output", type=Path, help="the result, .npz, or a figure .svg, .pdf or .png")
     add_page(parser)
     add_json(parser)
@@ -160,15 +174,15 @@ def _compensate(options: argparse.Namespace) -> None:
 
     check_output(options, ".npz")
     if options.toml is not None:
-        check_ending(options.toml, ".toml", label="toml")
+        check_ending(options.toml, ".toml", label="write-scenario")
     robot = read_robot(options)
     with progress_bar("compensating") as report:
         settings = keywords(
             compensate,
             options,
             weights=_numbers("weights", options.weights),
-            rates=_numbers("rates", options.rates),
-            drives=_numbers("drive-limits", options.drive_limits),
+            rates=_numbers("velocity-limits", options.rates),
+            drives=_numbers("force-limits", options.drive_limits),
             progress=report,
         )
         path = compensate(robot, options.scenario, **settings)
@@ -197,13 +211,13 @@ COMMANDS = (
     Command(
         _add_tolerance,
         _tolerance,
-        "accuracy of a tool by the tolerances of joints, links and stiffness",
-        {"tolerance arm.toml tolerances.toml --random 200": "how accurate the tool is, and what makes it so"},
+        "TCP accuracy by the tolerances of joints, links and stiffness",
+        {"tolerance arm.toml tolerances.toml --random 200": "coverage radius at the TCP, and what contributes to it"},
     ),
     Command(
         _add_compensate,
         _compensate,
-        "a corrected program with which the elastic robot's tool goes where it should",
-        {"compensate arm.toml --scenario s.toml --toml new.toml": "a program that brings the tool where it should be"},
+        "the compensated path, on which the TCP of the elastic robot goes where it should",
+        {"compensate arm.toml --scenario s.toml --write-scenario new.toml": "a scenario of the compensated path"},
     ),
 )

@@ -8,15 +8,22 @@ from pathlib import Path
 
 from ...errors import InputError
 from ...files import FIGURE_ENDINGS
+from ..choices import EXCITATION_CRITERIA, FURTHER_TERMS, SHAPES, TERMS
 from ..shared import (
+    FORCE_LIMITS,
+    VELOCITY_LIMITS,
     Command,
+    add_amounts,
+    add_choice,
+    add_confidence,
     add_json,
     add_names,
     add_page,
     add_ranges,
     add_robot,
     add_rows,
-    as_seed,
+    add_sample_time,
+    add_seed,
     check_output,
     gains,
     keywords,
@@ -34,13 +41,19 @@ from ..shared import (
 
 _MOTION, _RESULT, _SCENARIO = ".csv", ".npz", ".toml"
 _ENDINGS = (_MOTION, _RESULT, _SCENARIO, *FIGURE_ENDINGS)
-_TERMS = "links, rotors, viscous, dry, offset"
-_AMOUNT = "one number, or NAME=VALUE"
+_TERMS = ", ".join(TERMS).replace("dry", "dry (Coulomb)")
+_LIMITS = {  # an option and its old name, which is that of the function's keyword
+    ("velocity-limits", "rates"): f"{VELOCITY_LIMITS}: one number, or NAME=VALUE (the robot's, or 1 or 0.2)",
+    ("acceleration-limits", "accelerations"): "greatest accelerations, per s^2: one number, or NAME=VALUE (any)",
+    ("force-limits", "drives"): f"{FORCE_LIMITS}: one number, or NAME=VALUE (the robot's)",
+    ("force-noise", "noise"): "standard deviations of actuator forces: one number, or NAME=VALUE (1 %% of rms)",
+}
 
 
 def _add_motion(parser: argparse.ArgumentParser) -> None:
     add_robot(parser)
-    parser.add_argument("motion", metavar="MOTION", type=Path, help=".csv or .npz: t, coordinates, rates, drives")
+    about = ".csv or .npz: t, coordinates, velocities, actuator forces"
+    parser.add_argument("motion", metavar="MOTION", type=Path, help=about)
     add_json(parser)
 
 
@@ -64,7 +77,7 @@ def _forces(options: argparse.Namespace) -> None:
 def _add_fit(parser: argparse.ArgumentParser) -> None:
     _add_motion(parser)
     add_names(parser, "--coordinates", "NAME", "those to fit (all that can be)")
-    parser.add_argument("--confidence", type=real, default=0.95, metavar="P", help="of the intervals (0.95)")
+    add_confidence(parser)
     parser.add_argument("-o", "--output", type=Path, help="the result, .json")
     add_page(parser)
 
@@ -80,8 +93,8 @@ def _fit(options: argparse.Namespace) -> None:
 
 def _add_identify(parser: argparse.ArgumentParser) -> None:
     _add_motion(parser)
-    further = "stribeck, gains, delay, transmissions"
-    add_names(parser, "--terms", "TERM", f"what is sought: {_TERMS} (all these), {further}")
+    about = f"parameters to identify: {_TERMS} (all these), {', '.join(FURTHER_TERMS)}"
+    add_names(parser, "--terms", "TERM", about, choices=(*TERMS, *FURTHER_TERMS))
     add_names(parser, "--known", "LINK", "links whose numbers are known: gains need a measure")
     parser.add_argument(
         "--half",
@@ -96,9 +109,7 @@ def _add_identify(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help="how far the description's links are off, relative (0.5)",
     )
-    parser.add_argument(
-        "--shape", metavar="NAME", help="of Stribeck's curve: lorentzian or gaussian (the better one, held out)"
-    )
+    parser.add_argument("--shape", choices=SHAPES, help="of the Stribeck curve (the better one on held-out samples)")
     parser.add_argument("--toml", type=Path, metavar="FILE", help="write the description with estimated values")
     parser.add_argument("-o", "--output", type=Path, help="the result, .npz, or a figure .svg, .pdf or .png")
     add_page(parser)
@@ -106,7 +117,6 @@ def _add_identify(parser: argparse.ArgumentParser) -> None:
 
 def _identify(options: argparse.Namespace) -> None:
     from ...identification.dynamics.solve import identify
-    from ...identification.identifiable import TERMS
     from ...pictures.measured.motions import plot_identification
 
     check_output(options, ".npz")
@@ -120,28 +130,25 @@ def _identify(options: argparse.Namespace) -> None:
 
 def _add_excite(parser: argparse.ArgumentParser) -> None:
     add_robot(parser)
-    parser.add_argument("--duration", type=real, default=10.0, metavar="S", help="of the period, s (10)")
-    parser.add_argument("--harmonics", type=whole, default=5, metavar="N", help="of the Fourier series (5)")
-    parser.add_argument("--step", type=real, default=5e-3, metavar="S", help="between samples, s (0.005)")
     parser.add_argument(
-        "--criterion", default="D", metavar="NAME", help="D, or condition: the condition number of the regressor (D)"
+        "--duration", type=real, default=10.0, metavar="S", help="duration in seconds: of the period (10)"
     )
-    add_names(parser, "--terms", "TERM", f"what is sought: {_TERMS} (all)")
+    parser.add_argument("--harmonics", type=whole, default=5, metavar="N", help="of the Fourier series (5)")
+    add_sample_time(parser, 5e-3, "0.005")
+    add_choice(
+        parser, "--criterion", EXCITATION_CRITERIA, "criterion of optimality: D-optimal, or condition of the regressor"
+    )
+    add_names(parser, "--terms", "TERM", f"parameters to identify: {_TERMS} (all)", choices=TERMS)
     add_ranges(parser)
-    for option, name, about in (
-        ("--rates", "V", f"greatest, rad/s or m/s: {_AMOUNT} (its limits, or 1 or 0.2)"),
-        ("--accelerations", "A", f"greatest, per s^2: {_AMOUNT} (any)"),
-        ("--drives", "U", f"greatest, N m or N: {_AMOUNT} (its limits)"),
-        ("--noise", "U", f"standard deviations of drives: {_AMOUNT} (1 %% of rms)"),
-    ):
-        add_names(parser, option, name, about, default=None)
-    corners = "where a frame or link stays, corners, m, base axes; more than once"
+    for (option, old), about in _LIMITS.items():
+        add_amounts(parser, f"--{option}", f"--{old}", about, old)
+    corners = "where frames may be: a frame or link and two corners, m, base frame; more than once"
     add_rows(parser, "--box", "FRAME X0 Y0 Z0 X1 Y1 Z1", corners)
     half_space = "a frame stays where n . p >= d, m, n as a unit vector; more than once"
     add_rows(parser, "--half-space", "FRAME NX NY NZ D", half_space)
     add_rows(parser, "--clear-of", "FRAME X Y Z R", "a frame keeps that far from a point, m; more than once")
     parser.add_argument("--starts", type=whole, default=3, metavar="N", help="searches, of which the best counts (3)")
-    parser.add_argument("--seed", type=as_seed, default=0, metavar="N", help="of random numbers (0)")
+    add_seed(parser)
     parser.add_argument(
         "-o",
         "--output",
@@ -156,7 +163,6 @@ def _add_excite(parser: argparse.ArgumentParser) -> None:
 
 def _excite(options: argparse.Namespace) -> None:
     from ...identification.exciting.solve import excite
-    from ...identification.identifiable import TERMS
 
     motion = _outputs(options.output)
     boxes = {}
@@ -167,7 +173,7 @@ def _excite(options: argparse.Namespace) -> None:
         boxes[frame] = [corner[:3], corner[3:]]
     robot = read_robot(options)
     with stage_bar("exciting") as report:
-        limits = {name: gains(name, getattr(options, name)) for name in ("rates", "accelerations", "drives", "noise")}
+        limits = {name: gains(option, getattr(options, name)) for option, name in _LIMITS}
         settings = keywords(
             excite,
             options,
@@ -219,19 +225,19 @@ COMMANDS = (
     Command(
         _add_forces,
         _forces,
-        "forces and reactions that belong to a measured motion",
-        {"forces arm.toml measured.csv": "drives, springs, dampers, reactions of a measured motion"},
+        "actuator forces and joint reactions of a measured motion",
+        {"forces arm.toml measured.csv": "actuator forces, springs, dampers, joint reactions"},
     ),
     Command(
         _add_fit,
         _fit,
-        "stiffness and damping from a measured motion and known drives",
-        {"fit arm.toml measured.csv": "stiffness and damping from motion and known drives"},
+        "stiffness and damping from a measured motion and known actuator forces",
+        {"fit arm.toml measured.csv": "stiffness and damping, with their uncertainty"},
     ),
     Command(
         _add_identify,
         _identify,
-        "masses, inertias and friction from a measured motion and its drives",
+        "masses, inertias and friction from a measured motion and its actuator forces",
         {
             "identify arm.toml measured.csv": "base parameters of links, rotors and friction, with residuals",
             "identify arm.toml measured.csv --toml better.toml": "the description with bodies that have them",
@@ -240,7 +246,7 @@ COMMANDS = (
     Command(
         _add_excite,
         _excite,
-        "a motion within limits that shows masses, inertias and friction to identify",
-        {"excite arm.toml --rates 2 -o motion.csv": "a motion that identify finds most from, within limits"},
+        "an excitation trajectory within limits, for the identification of masses, inertias and friction",
+        {"excite arm.toml --velocity-limits 2 -o motion.csv": "D-optimal trajectory for identify, within limits"},
     ),
 )

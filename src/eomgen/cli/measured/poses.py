@@ -1,4 +1,4 @@
-"""Commands about poses to measure and measured: calibrate, poses."""
+"""Commands about poses to measure, and about measured ones: calibrate, poses."""
 
 from __future__ import annotations
 
@@ -8,15 +8,20 @@ from pathlib import Path
 
 from ...errors import InputError
 from ...files import check_ending
+from ..choices import AXES, LOSSES, MEASURES, POSE_CRITERIA, VARIANTS
 from ..shared import (
     Command,
+    add_choice,
+    add_confidence,
     add_json,
     add_names,
+    add_old_name,
     add_page,
     add_ranges,
     add_robot,
+    add_rotation,
     add_rows,
-    as_seed,
+    add_seed,
     check_output,
     keywords,
     ranges_of,
@@ -39,11 +44,15 @@ def _add_calibrate(parser: argparse.ArgumentParser) -> None:
     _add_measuring(parser, "estimated")
     sizes = "3 x 3 of positions or 6 x 6 of poses, one or one per row"
     add_names(parser, "--covariance", "FILE", f"covariances of frames' errors, .csv or .npz: {sizes}", type=Path)
-    parser.add_argument("--loss", metavar="NAME", help="huber, cauchy or tukey: mistrust what is far off (none)")
-    parser.add_argument("--folds", default="10", metavar="N", help="parts that are held out in turn, loo, or 0 (10)")
-    parser.add_argument("--drives", action="store_true", help="look for gain, eccentricity, backlash, coupling, drift")
-    parser.add_argument("--variant", default="full", metavar="NAME", help="whose values: placement, zeros, full, prior")
-    parser.add_argument("--confidence", type=real, default=0.95, metavar="P", help="of the intervals (0.95)")
+    parser.add_argument("--loss", choices=LOSSES, help="down-weight outliers by this loss (none)")
+    parser.add_argument(
+        "--folds", default="10", metavar="N", help="of cross-validation, loo: one row each, 0: none (10)"
+    )
+    about = "estimate gain, eccentricity, backlash, coupling and drift, too"
+    errors = parser.add_argument("--transmission-errors", dest="drives", action="store_true", help=about)
+    add_old_name(parser, "--drives", errors)
+    add_choice(parser, "--variant", VARIANTS, "variant of the model whose values are written", "full")
+    add_confidence(parser)
     parser.add_argument(
         "--force", action="store_true", help="calibrate and write although the poses are not explained, or read wrongly"
     )
@@ -55,15 +64,16 @@ def _add_calibrate(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_measuring(parser: argparse.ArgumentParser, noise: str) -> None:
-    """Options of what is measured and what is sought; ``noise`` says what --noise is by default."""
+    """Add options of what is measured and what is estimated; ``noise`` says what --noise is by default."""
     attached = "a measured frame that the description does not have, and the link that it is on"
     add_names(parser, "--attach", "F=LINK", attached)
-    kinds = "of orientations: rotvector, rpy, quaternion (rotvector)"
-    parser.add_argument("--rotation", default="rotvector", metavar="KIND", help=kinds)
-    deviations = f"standard deviations of lengths and turns ({noise})"
+    add_rotation(parser)
+    deviations = f"standard deviations of measured positions and rotations ({noise})"
     parser.add_argument("--noise", nargs=2, type=real, metavar=("M", "RAD"), help=deviations)
-    add_names(parser, "--fixed", "NAME", "quantities that stay, or their owners")
-    add_names(parser, "--stiffness", "NAME", "coordinates that give way, such as joint2.gamma")
+    add_names(
+        parser, "--fixed", "NAME", "parameters, or the joints, frames and links that have them, to leave as they are"
+    )
+    add_names(parser, "--stiffness", "NAME", "compliant coordinates, such as joint2.gamma")
 
 
 def _calibrate(options: argparse.Namespace) -> None:
@@ -95,22 +105,26 @@ def _calibrate(options: argparse.Namespace) -> None:
 def _add_poses(parser: argparse.ArgumentParser) -> None:
     add_robot(parser)
     parser.add_argument("--count", type=whole, default=30, metavar="N", help="poses to choose (30)")
-    parser.add_argument("--frame", nargs="+", metavar="F", help="frames to measure (tcp, or the end of the robot)")
-    parser.add_argument("--measure", default="pose", metavar="WHAT", help="of them: pose, position, distance (pose)")
+    parser.add_argument(
+        "--frame", nargs="+", help="frame or link to look at: those to measure (tcp, or the end of the robot)"
+    )
+    add_choice(parser, "--measure", MEASURES, "what is measured of frames")
     _add_measuring(parser, "that of --fit, or 5e-5 1e-4")
     add_ranges(parser)
-    corners = "where frames may be, corners, m, base axes; more than once: in one of them"
+    corners = "where frames may be: two corners, m, base frame; more than once, in one of them"
     add_rows(parser, "--box", _CORNERS, corners, type=real)
     parser.add_argument("--reach", nargs=2, type=real, metavar=("LOW", "HIGH"), help="distance from the base, m")
-    parser.add_argument("--device", nargs=3, type=real, metavar=("X", "Y", "Z"), help="place of the device, m")
+    parser.add_argument(
+        "--device", nargs=3, type=real, metavar=("X", "Y", "Z"), help="position of the measuring device, m"
+    )
     parser.add_argument("--angle", type=real, metavar="RAD", help="between the frame's axis and the device, at most")
-    parser.add_argument("--axis", default="z", metavar="AXIS", help="that axis: x, y, z, or --axis=-z (z)")
-    parser.add_argument("--criterion", default="D", metavar="NAME", help="D, or V: error of the tool (D)")
-    add_rows(parser, "--workspace", _CORNERS, "boxes where the tool's error counts (everywhere)", type=real)
+    add_choice(parser, "--axis", AXES, "that axis, --axis=-z with a sign", "z")
+    add_choice(parser, "--criterion", POSE_CRITERIA, "criterion of optimality: D-optimal, or V, variance of TCP errors")
+    add_rows(parser, "--workspace", _CORNERS, "boxes where TCP errors count (everywhere)", type=real)
     parser.add_argument("--after", type=Path, metavar="POSES", help="poses that were measured already: they count")
     parser.add_argument("--fit", type=Path, metavar="FILE", help="a calibration, .npz: its noise is taken")
     parser.add_argument("--candidates", type=whole, default=1000, metavar="N", help="poses to choose from (1000)")
-    parser.add_argument("--seed", type=as_seed, default=0, metavar="N", help="of their random numbers (0)")
+    add_seed(parser)
     parser.add_argument(
         "-o", "--output", type=Path, help="the poses, .csv, with empty columns to fill in; or the result, .json"
     )
@@ -166,13 +180,13 @@ COMMANDS = (
     Command(
         _add_calibrate,
         _calibrate,
-        "offsets, placements and stiffness from measured poses",
-        {"calibrate arm.toml poses.csv --toml better.toml": "offsets and placements from measured poses"},
+        "joint offsets, base and tool transforms, stiffness from measured poses",
+        {"calibrate arm.toml poses.csv --toml better.toml": "kinematic calibration, with uncertainties"},
     ),
     Command(
         _add_poses,
         _poses,
-        "poses to measure, so that calibrate finds most",
-        {"poses arm.toml --count 30 -o plan.csv": "poses to measure, by what they tell"},
+        "the most informative poses to measure, for calibrate",
+        {"poses arm.toml --count 30 -o plan.csv": "D-optimal poses to measure"},
     ),
 )

@@ -1,0 +1,191 @@
+"""Flags of commands: one meaning for each name, words for shells, old names with a note."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from collections import defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, get_args
+
+import pytest
+
+import eomgen
+from eomgen.analysis.ports import KINDS
+from eomgen.authoring.schemas import FORMATS
+from eomgen.cli import choices
+from eomgen.cli.entry import COMMANDS, main, make_parser
+from eomgen.cli.shared import OldName
+from eomgen.identification.calibration.variants import VARIANTS
+from eomgen.identification.choosing.information import CRITERIA as POSE_CRITERIA
+from eomgen.identification.choosing.proposals import MEASURES
+from eomgen.identification.choosing.sampling import AXES
+from eomgen.identification.compensating.solve import MODES
+from eomgen.identification.dynamics.further import FURTHER, SHAPES
+from eomgen.identification.exciting.telling import CRITERIA as EXCITATION_CRITERIA
+from eomgen.identification.geometry.poses import ROTATIONS
+from eomgen.identification.geometry.solve import LOSSES
+from eomgen.identification.identifiable import TERMS, TRANSMISSIONS
+from eomgen.integration.methods import METHODS
+
+DIFFER = {  # flags whose help or form is another one by command, and why
+    "--output": "each command says what it writes",
+    "--scenario": "new writes a scenario, the others read one",
+    "--report": "generate writes the derivation, the others a page about their result",
+    "--box": "excite looks at any frame and names it, poses at those to measure",
+    "--drives": "a free joint has no static deflection",
+    "--criterion": "poses and trajectories have other criteria beside D",
+    "--frame": "poses takes several",
+    "--goal": "compare takes a line in its place",
+    "--kernels": "generate takes them behind commas, too",
+    "--method": "FMUs have other methods than simulations",
+    "--points": "a map has two numbers",
+    "--along": "some need a result of a simulation, not a measured motion",
+    "--terms": "identify has terms that no excitation is for",
+}
+
+
+def commands() -> Iterator[tuple[str, argparse.ArgumentParser]]:
+    """Each command and its parser."""
+    (listed,) = (x for x in make_parser()._actions if isinstance(x, argparse._SubParsersAction))
+    for command in COMMANDS:
+        yield command.name, listed.choices[command.name]
+
+
+def meaning(action: argparse.Action) -> tuple[object, ...]:
+    """What a flag takes, and the beginning of its help: what stands behind it is about a command, or a default."""
+    words = re.split(r" ?[(:;]", action.help or "")[0]
+    kind = getattr(action.type, "__name__", None)
+    words_allowed = None if action.choices is None else tuple(action.choices)
+    return words, action.metavar, action.nargs, kind, words_allowed, type(action).__name__
+
+
+def flags() -> dict[str, dict[tuple[object, ...], list[str]]]:
+    """The commands of each meaning of each flag."""
+    listed: dict[str, dict[tuple[object, ...], list[str]]] = defaultdict(lambda: defaultdict(list))
+    for name, parser in commands():
+        for action in parser._actions:
+            if action.option_strings and action.help != argparse.SUPPRESS:
+                listed[action.option_strings[-1]][meaning(action)].append(name)
+    return listed
+
+
+def test_each_flag_has_one_meaning() -> None:
+    several = {flag: dict(meanings) for flag, meanings in flags().items() if len(meanings) > 1}
+    assert {flag: meanings for flag, meanings in several.items() if flag not in DIFFER} == {}
+    assert set(DIFFER) == set(several), "a reason for what does not differ"
+
+
+def test_each_flag_is_explained() -> None:
+    for name, parser in commands():
+        for action in parser._actions:
+            assert action.help, (name, action.dest)
+
+
+def test_no_old_name_is_a_flag_of_another_command_with_the_same_words() -> None:
+    """Where an old name lives on elsewhere, it is with the meaning that kept it."""
+    shown = flags()
+    for name, parser in commands():
+        for action in parser._actions:
+            if isinstance(action, OldName):
+                assert action.help == argparse.SUPPRESS
+                assert action.new in parser._option_string_actions, (name, action.new)
+                for meanings in (shown[old] for old in action.option_strings if old in shown):
+                    assert all(name not in called for called in meanings.values())
+
+
+FIRST = {"compare": ["a", "b"], "calibrate": ["a", "p.csv"], "accuracy": ["m.csv"]}  # other commands take "a"
+OLD = [  # a command, its option under the old name with values, what the command calls it, and reads
+    ("compare", ["--tool", "tcp"], "frame", "tcp"),
+    *((name, ["--held", "j.x", "k.x"], "held", ["j.x", "k.x"]) for name in ("deflection", "modes", "response")),
+    ("linearize", ["--held"], "held", []),
+    ("modes", ["--goal", "1", "2"], "goal", ["1", "2"]),
+    ("excite", ["--rates", "2"], "rates", ["2"]),
+    ("excite", ["--accelerations", "3"], "accelerations", ["3"]),
+    ("excite", ["--drives", "j=30"], "drives", ["j=30"]),
+    ("excite", ["--noise", "0.2"], "noise", ["0.2"]),
+    ("excite", ["--step", "0.01"], "step", 0.01),
+    ("calibrate", ["--drives"], "drives", True),
+    ("accuracy", ["--load", "5 kg"], "load", "5 kg"),
+    ("accuracy", ["--rate", "100 %"], "rate", "100 %"),
+    ("compensate", ["--step", "0.02"], "step", 0.02),
+    ("compensate", ["--accelerations"], "accelerations", True),
+    ("compensate", ["--rates", "j=2"], "rates", ["j=2"]),
+    ("compensate", ["--drive-limits", "j=9"], "drive_limits", ["j=9"]),
+    ("compensate", ["--toml", "new.toml"], "toml", Path("new.toml")),
+]
+
+
+@pytest.mark.parametrize(("command", "words", "name", "value"), OLD)
+def test_old_names(
+    command: str, words: list[str], name: str, value: object, capsys: pytest.CaptureFixture[str]
+) -> None:
+    parser, first = make_parser([command]), [command, *FIRST.get(command, ["a"])]
+    assert vars(parser.parse_args([*first, *words]))[name] == value
+    (new,) = re.findall(rf"^note: {words[0]} is now called (--[\w-]+)\n$", capsys.readouterr().err)
+    assert vars(parser.parse_args([*first, new, *words[1:]]))[name] == value
+    assert capsys.readouterr().err == ""
+
+
+def test_old_names_are_all_tried() -> None:
+    there = {
+        (name, old)
+        for name, parser in commands()
+        for action in parser._actions
+        if isinstance(action, OldName)
+        for old in action.option_strings
+    }
+    assert there == {(command, words[0]) for command, words, _, _ in OLD}
+
+
+def test_reading_of_descriptions_is_a_group_of_its_own(capsys: pytest.CaptureFixture[str]) -> None:
+    for words in (["info"], ["measure", "fit"], ["budget"]):
+        with pytest.raises(SystemExit):
+            main([*words, "--help"])
+        before, after = capsys.readouterr().out.split("reading of descriptions:")
+        assert "  --json" in before
+        for flag in ("--inertia", "--urdf-damping", "--stops", "--xacro"):
+            assert f"\n  {flag}" in after
+
+
+CHOICES = [
+    (choices.FORMATS, FORMATS),
+    (choices.LOSSES, LOSSES),
+    (choices.VARIANTS, VARIANTS),
+    (choices.MEASURES, MEASURES),
+    (choices.POSE_CRITERIA, POSE_CRITERIA),
+    (choices.EXCITATION_CRITERIA, EXCITATION_CRITERIA),
+    (choices.ROTATIONS, ROTATIONS),
+    (choices.AXES, AXES),
+    (choices.TERMS, TERMS),
+    (choices.FURTHER_TERMS, (*FURTHER, TRANSMISSIONS)),
+    (choices.SHAPES, SHAPES),
+    (choices.MODES, MODES),
+    (choices.KINDS, KINDS),
+]
+
+
+@pytest.mark.parametrize(("offered", "allowed"), CHOICES)
+def test_shells_offer_what_functions_take(offered: tuple[str, ...], allowed: Any) -> None:
+    assert sorted(offered) == sorted(allowed)
+
+
+def test_no_words_are_left_out() -> None:
+    tuples = {name for name, value in vars(choices).items() if isinstance(value, tuple)}
+    assert len(tuples) == len(CHOICES)
+    assert get_args(eomgen.integration.methods.Method) == METHODS
+
+
+@pytest.mark.parametrize("words", [
+    ("schema", "robots"),
+    ("calibrate", "ur5", "p.csv", "--loss", "tukay"),
+    ("poses", "ur5", "--criterion", "E"),
+    ("excite", "ur5", "--terms", "links", "wet"),
+    ("simulate", "ur5", "--method", "euler"),
+])  # fmt: skip
+def test_other_words_are_usage(words: tuple[str, ...], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as left:
+        main(words)
+    assert left.value.code == 2
+    assert re.search(rf"invalid choice: '{words[-1]}' \(choose from ", capsys.readouterr().err)
