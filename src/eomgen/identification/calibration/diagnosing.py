@@ -230,4 +230,5 @@ def _pattern_note(pattern: Pattern) -> str:
     if pattern.size > _LARGE:
         why = "no drive has that much: is the column of that joint read rightly, its sense, unit and order?"
         return f"residuals show {pattern.name}, about {pattern.size:.2g} ({chance}): {why}"
-    return f"residuals show {pattern.name}, about {pattern.size:.2g} ({chance}); --transmission-errors (drives=True) fits it"
+    remedy = "--transmission-errors (drives=True) fits it"
+    return f"residuals show {pattern.name}, about {pattern.size:.2g} ({chance}); {remedy}"
