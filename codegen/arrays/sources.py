@@ -29,7 +29,7 @@ POSES = "Poses [R | X] of all frames in the base; eqs. (1) and (2)."
 
 @without_collection()
 def render_arrays(model: Model, kernels: Sequence[str] = ()) -> str:
-    """Model -> text of a module that needs neither eomgen nor anything else.
+    """Render a model as text of a Python module that needs neither eomgen nor anything else.
 
     Args:
         kernels: names of KERNELS; those of DEFAULT that the model has if empty.
@@ -61,13 +61,13 @@ def render_arrays(model: Model, kernels: Sequence[str] = ()) -> str:
 
 
 def _function(equations: Equations, name: str) -> dict[str, Any]:
-    """Names that the template uses of a kernel.
+    """Return the names that the template uses of a kernel.
 
     Raises:
         InputError: it is no program.
     """
     model = equations.model
-    program, reads, given = _program(equations, name)
+    program, reads, unread = _program(equations, name)
     if name == "kinematics":
         shape: tuple[int, ...] = (len(model.frames), 3, 4)
     else:
@@ -77,18 +77,18 @@ def _function(equations: Equations, name: str) -> dict[str, Any]:
         "name": "frame_poses" if name == "kinematics" else name,
         "text": POSES if name == "kinematics" else KERNELS[name].text,
         "reads": reads,
-        "unread": given,
+        "unread": unread,
         "shape": shape,
         **_text(written),
     }
 
 
 def _program(equations: Equations, name: str) -> tuple[Program, tuple[str, ...], tuple[str, ...]]:
-    """The program, the arrays that callers give, and those that are zero."""
+    """Return the program, the arrays that callers pass, and those that are zero."""
     closed = CLOSED.get(name) if equations.model.constraints else None
     if closed is not None:
-        reads, own = KERNELS[name].reads, SIGNATURES[closed].reads
-        return equations.programs[closed], reads, tuple(array for array in own if array not in reads)
+        reads, closed_reads = KERNELS[name].reads, SIGNATURES[closed].reads
+        return equations.programs[closed], reads, tuple(array for array in closed_reads if array not in reads)
     if name not in equations.programs:
         raise InputError(f"kernels: {show(name)} is no program of arrays; allowed: kernels without loops or calls in C")
     return equations.programs[name], KERNELS[name].reads, ()

@@ -43,7 +43,7 @@ class Statements:
 
 
 def write_statements(program: Program, output: str, size: int) -> Statements:
-    """Program -> statements that compute one of its outputs, and what they need alone.
+    """Write statements that compute one of a program's outputs, and what they need alone.
 
     Args:
         output: the array, "out" of kernels, "h" of the setup.
@@ -65,4 +65,4 @@ def write_statements(program: Program, output: str, size: int) -> Statements:
             lines.append(f"t{index} = {FORMS[op].format(*(names[arg] for arg in args))}")
             names[index] = f"t{index}"
     results = tuple(names[places[i]] if i in places else "0.0" for i in range(size))
-    return Statements({array: tuple(sorted(found)) for array, found in inputs.items()}, tuple(lines), results)
+    return Statements({array: tuple(sorted(reads)) for array, reads in inputs.items()}, tuple(lines), results)

@@ -34,20 +34,22 @@ CLOSED_GAPS = {"float64": 1e-11, "float32": 2e-6}  # m or rad, from which one mo
 MET_GAPS = {"float64": 1e-12, "float32": 2e-6}  # m, or sine of an angle: a constraint that is met
 LEFT = 10.0  # times that is what round-off may leave of it
 RUN = ("last", "h", "q", "sine", "cosine", GIVEN, "pose", "origins", "axes")  # that a run of bodies may take
-CHECKED = ("constrained_dynamics", "constrained_drives")  # programs whose callers look at the gaps that they write
+CHECKED = (
+    "constrained_dynamics",
+    "constrained_drives",
+)  # programs whose callers look at the closure residuals that they write
 
 
 def statuses(model: Model) -> int:
-    """Reasons why a kernel may fail in one state.
+    """Return reasons why a kernel may fail in one state.
 
-    A pivot of a coordinate; a gap of a constraint, its rate, or its acceleration; a force on a coordinate that no drive
-    takes.
+    A pivot of a coordinate; a constraint's residual, its rate, or its acceleration; a force on an undriven coordinate.
     """
     return model.size + (3 * len(model.constraints) + model.size if model.constraints else 0)
 
 
 def header_context(equations: Equations, dtype: str, meta: Mapping[str, Any], batches: bool) -> dict[str, Any]:
-    """Names, numbers of them, and functions, for kernel.h and kernel.c; ``meta`` is the package's metadata."""
+    """Return names, their counts, and functions, for kernel.h and kernel.c; ``meta`` is the package's metadata."""
     model, public = equations.model, functions(equations.kernels)
     turning = turning_joints(model)
     return {
@@ -81,13 +83,13 @@ def header_context(equations: Equations, dtype: str, meta: Mapping[str, Any], ba
 
 
 def _closed_functions(equations: Equations) -> list[str]:
-    """Functions in which loops are closed; their programs beside them, which look at no gap, close them as well."""
+    """List the functions that assemble loops, with their programs, which do so without a look at residuals."""
     closing = {*CHECKED, "settling"}
     return [name for name in equations.kernels if name in closing or closing & set(equations.calls.get(name, ()))]
 
 
 def _functions(public: list[Function]) -> dict[str, Any]:
-    """Functions by how they are called: with arrays alone, with a frame's number, and whether there is a rollout."""
+    """Group functions by how they are called: with arrays alone, with a frame's number; and tell of rollouts."""
     return {
         "functions": [function for function in public if not function.is_framed and not function.is_rollout],
         "frame_functions": [function for function in public if function.is_framed],
@@ -98,7 +100,7 @@ def _functions(public: list[Function]) -> dict[str, Any]:
 
 
 def number_context(equations: Equations, dtype: str, meta: Mapping[str, Any]) -> dict[str, Any]:
-    """Names that C uses beside those of the header, where a number is one state's; ``meta`` as of the header."""
+    """Return names that C uses beside the header's, where a number is one state's; ``meta`` as of the header."""
     model, scalar = equations.model, SCALARS[dtype]
     programs = equations.programs.values()
     public = [name for name in equations.kernels if SIGNATURES[name].kind != "frames"]
@@ -144,7 +146,7 @@ def number_context(equations: Equations, dtype: str, meta: Mapping[str, Any]) ->
 
 
 def kept_of_a_step(model: Model) -> dict[str, int]:
-    """How many numbers of a step the C of each gradient keeps, if it is given room for them."""
+    """Count the numbers of a step that the C of each gradient keeps, where there is room for them."""
     closed, stages = bool(model.constraints), max(len(RK4.b), len(TSIT5.b) - 1)
     explicit = (3 if closed else 1) * stages  # accelerations of a stage; of loops q and v, which were closed, as well
     rosenbrock = (6 if closed else 2) * len(W643.b)  # what is solved for, parts of the end; of loops all of a stage
@@ -154,7 +156,7 @@ def kept_of_a_step(model: Model) -> dict[str, int]:
 
 
 def _closing_tables(equations: Equations, dtype: str) -> dict[str, Any]:
-    """Tables of the template of the closed accelerations' derivatives."""
+    """Return tables of the template of the closed accelerations' derivatives."""
     if CLOSING not in equations.programs:
         return {}
     kinds = row_kinds(equations.model, equations.programs[CLOSING])
@@ -177,7 +179,7 @@ def _closing_tables(equations: Equations, dtype: str) -> dict[str, Any]:
 
 
 def _shares(equations: Equations, scalar: Scalar) -> dict[str, Any] | None:
-    """Runs of bodies and frames as C, by the nodes of ``share_among_bodies``; None where nobody asks for frames."""
+    """Write runs of bodies and frames as C, by the nodes of ``share_among_bodies``; None where no kernel has frames."""
     for shares in equations.shares.values():
         name, ways = equations.model.name, [shares.way(node) for node in range(len(shares.run_of))]
         angles = [shares.angles.instructions[index] for index in shares.angles.outputs.values()]
@@ -209,13 +211,13 @@ def _shares(equations: Equations, scalar: Scalar) -> dict[str, Any] | None:
 
 
 def _composed(equations: Equations) -> list[str]:
-    """Kernels with a template of their own, in the order in which they are written, but for rollouts."""
-    own = [name for name in equations.kernels if name in equations.calls or KERNELS[name].kind == "frames"]
-    return by_kind(name for name in own if not _rolls(name))
+    """List kernels with a composed template, in the order in which they are written, but for rollouts."""
+    composed = [name for name in equations.kernels if name in equations.calls or KERNELS[name].kind == "frames"]
+    return by_kind(name for name in composed if not _rolls(name))
 
 
 def _closing_files(equations: Equations, composed: Iterable[str]) -> list[str]:
-    """Files of the library that templates of these kernels call."""
+    """List files of the library that templates of these kernels call."""
     named = list(composed)
     checks = any(program in CHECKED for name in named for program in equations.calls.get(name, ()))
     derivatives = any(name.endswith("forward_dynamics_jacobian") for name in named)
@@ -233,12 +235,12 @@ def _rolls(kernel: str) -> bool:
 
 
 def _templates(kernels: Iterable[str]) -> list[dict[str, str]]:
-    """Templates of kernels, with what they compute; a template finds the latter as ``kernel.text``."""
+    """Return templates of kernels, with what they compute; a template finds the latter as ``kernel.text``."""
     return [{"template": f"composed/{name}.c.jinja", "text": KERNELS[name].text} for name in kernels]
 
 
 def _tables(model: Model) -> dict[str, Any]:
-    """Numbers of the tree that templates of composed kernels have tables of."""
+    """Return numbers of the tree that templates of composed kernels have tables of."""
     bodies, axes = model.bodies, axes_of(model)
     return {
         "frame_bodies": frame_bodies(model),
@@ -255,7 +257,7 @@ def _tables(model: Model) -> dict[str, Any]:
 
 
 def lane_context(equations: Equations, dtype: str) -> dict[str, Any]:
-    """Names that mean something else in C for several states at a time, where a number is a vector of states."""
+    """Return names that mean something else in C on lanes, where a number is a vector of states."""
     model, together = equations.model, batched(equations)
     apart = any(_rolls(name) for name in together)
     lanes = SCALARS[dtype].lanes(apart=apart)
@@ -297,7 +299,7 @@ def lane_context(equations: Equations, dtype: str) -> dict[str, Any]:
 
 
 def christoffel_words(model: Model) -> list[str]:
-    """The zero map of the tensor C as 64-bit words, the first entry in the lowest bit."""
+    """Return the zero map of the tensor C as 64-bit words, the first entry in the lowest bit."""
     mask = zero_map(model).christoffel.mask.ravel()
     padded = np.zeros(-(-mask.size // 64) * 64, bool)
     padded[: mask.size] = mask

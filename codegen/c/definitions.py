@@ -23,10 +23,10 @@ class Definition:
     inputs: types and names of the arrays that it reads.
     outputs: types and names of those that it writes.
     turns: the macro of clib/lanes.h that takes sines and cosines in front, as C; empty where there are none.
-    parts: per part its statements, and the arrays that these do not read; one part is written in place.
+    parts: each one's statements, and the arrays that these do not read; a single one is written in place.
     workspace: numbers that parts hand on.
     has_pivots: whether it has a pivot for every coordinate, which says whether the mass matrix can be inverted.
-    gated: the first part that is left out where the gate is shut; None if there is no gate, or one part alone.
+    gated: the first one that is left out where the gate is shut; None if there is no gate, or a single one.
     has_gate: whether it has a gate.
     """
 
@@ -46,7 +46,7 @@ class Definition:
 def define(
     program: Program, robot: str, scalar: Scalar, *, singular: str = "0", public: bool = False, packed: bool = False
 ) -> Definition:
-    """A kernel's program on numbers, or on vectors with one state in every lane where ``scalar`` is such a vector.
+    """Define a kernel's program on numbers, or on vectors with one state in every lane if ``scalar`` is such a vector.
 
     Args:
         singular: the status of pivots, as C.
@@ -60,12 +60,12 @@ def define(
 
 
 def define_setup(program: Program, robot: str, scalar: Scalar) -> Definition:
-    """The program that computes what depends on parameters alone."""
+    """Define the program that computes what depends on parameters alone."""
     return _definition(write_function(program, scalar, turning=False), f"{robot}_setup", scalar, "", "")
 
 
 def define_share(program: Program, robot: str, scalar: Scalar, stops: Mapping[int, int] = NO_STOPS) -> Definition:
-    """A run of a tree's nodes, or the angles of all of them, ``program.shares``."""
+    """Define a run of a tree's nodes, or the angles of all of them, ``program.shares``."""
     name = f"{robot}_{program.name}{'_lanes' if scalar.spread else ''}"
     function = write_function(program, scalar, turning=False, stops=stops)
     return _definition(function, name, scalar, "", "EOM_PART ")
@@ -90,7 +90,7 @@ def _definition(function: Function, name: str, scalar: Scalar, turns: str, linka
 
 
 def _turns(function: Function, scalar: Scalar) -> str:
-    """Vectors are turned where they stand; numbers are gathered in an array whose length fits vectors."""
+    """Take sines of vectors where they stand; gather numbers in an array whose length fits vectors."""
     count, place = len(function.angles), function.contiguous_angles
     if not count:
         return ""

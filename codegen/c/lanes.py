@@ -16,7 +16,7 @@ LANE_VALUES = 8192  # values that a kernel for several states may keep on the st
 
 
 def batched(equations: Equations) -> list[str]:
-    """Public kernels that work on several states at a time: those whose arrays fit the stack as vectors."""
+    """List kernels that work on several states at a time: public ones whose arrays fit the stack as vectors."""
     size = {key: int(np.prod(shape)) for key, shape in shapes(equations.model).items()}
     size |= {"kept": kept_size(equations), "pair_kept": kept_size(equations, "pair_factors")}
 
@@ -31,10 +31,10 @@ def batched(equations: Equations) -> list[str]:
             program = equations.programs[name]
             apart = trig_values(program)
             return arrays + 3 * len(apart) + len(handed_on(program, split(program, apart)))
-        own = len(equations.setup.outputs) if signature.kind == "adaptive" else 0  # every state's
+        per_state = len(equations.setup.outputs) if signature.kind == "adaptive" else 0  # every state's
         if "pair_factors" in calls_of(equations, name):
-            own += radau_room(equations)
-        return own + arrays + max(values(program) for program in calls_of(equations, name))
+            per_state += radau_room(equations)
+        return per_state + arrays + max(values(program) for program in calls_of(equations, name))
 
     public = [name for name in KERNELS if name in equations.kernels and _has_lanes(equations, name)]
     return [name for name in public if values(name) <= LANE_VALUES]
@@ -47,24 +47,24 @@ def _has_lanes(equations: Equations, name: str) -> bool:
 
 
 def kept_size(equations: Equations, factors: str = "stage_factors") -> int:
-    """Numbers that the factors of a step hand to its stages; none where nothing is solved for."""
+    """Count numbers that the factors of a step hand to its stages; none where nothing is solved for."""
     program = equations.programs.get(factors)
     return sum(key[0] == "out" for key in program.outputs) if program else 0
 
 
 def radau_room(equations: Equations) -> int:
-    """Numbers that steps of Radau IIA keep, about as ``EOM_RADAU_ROOM`` counts them."""
+    """Count numbers that steps of Radau IIA keep, about as ``EOM_RADAU_ROOM`` counts them."""
     n, m = equations.model.size, len(equations.model.constraints)
     return 62 * n + 15 * m + kept_size(equations) + 2 * kept_size(equations, "pair_factors")
 
 
 def calls_of(equations: Equations, name: str) -> tuple[str, ...]:
-    """Programs that the C of a kernel needs."""
+    """List programs that the C of a kernel needs."""
     return equations.calls.get(name, (name,))
 
 
 def halves(equations: Equations, *, batches: bool = True) -> dict[str, tuple[str, ...]]:
-    """Functions of C that each half of the code has, without the robot's name in front.
+    """List the functions of the scalar and of the batch library, without the robot's name in front.
 
     The half "singles" has those for one state, and the batches that call these state by state; "batches" has those that
     work on vectors.  Each begins with "setup", which a library of both has once.
@@ -88,7 +88,7 @@ class Packing:
 
 
 def pack(program: Program) -> Packing | None:
-    """The program with its different results side by side; None where it has few, or nearly all are different.
+    """Put a program's different results side by side; None where it has few, or nearly all are different.
 
     Zeros, and the half of a symmetric matrix that mirrors the other one, leave the cache to what is computed.
     """

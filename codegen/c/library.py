@@ -11,7 +11,7 @@ from ..kernels.signatures import BATCHES, KERNELS, SINGLES
 
 FOLDER = "clib"  # of eomgen, and beside a robot's file
 LINKED = "EOM_LINKED"  # macro of robots' files that are linked with the library's objects
-PARTS: Mapping[str, tuple[str, str]] = {  # file of each part of the library, and the macro that compiles it alone
+PARTS: Mapping[str, tuple[str, str]] = {  # file of each object of the library, and the macro that compiles it alone
     "fixed": ("integrate.c", "EOM_FIXED_ONLY"),
     "adaptive": ("integrate.c", "EOM_ADAPTIVE_ONLY"),
     "fixed_lanes": ("integrate_lanes.c", "EOM_FIXED_ONLY"),
@@ -22,15 +22,14 @@ _TYPES = ("eom.h", "eom_types.h")
 
 
 def parts_of(kernels: Iterable[str], half: str) -> tuple[str, ...]:
-    """Return the parts of the library that a half of the C of kernels is linked with, of both without a name.
+    """Name the objects that the scalar or the batch library of kernels is linked with, of both without a name.
 
-    None where the half includes what it needs of the library: that is the C of gradients, which calls its equations by
-    name.
+    None where that includes what it needs: the C of gradients does, which calls its equations by name.
     """
     kinds = {KERNELS[name].kind for name in kernels}
-    called = [part for kind, part in _PART_OF.items() if kind in kinds]
+    called = [name for kind, name in _PART_OF.items() if kind in kinds]
     singles = called if half != BATCHES and "gradient" not in kinds else []
-    return (*singles, *(f"{part}_lanes" for part in called if half != SINGLES))
+    return (*singles, *(f"{name}_lanes" for name in called if half != SINGLES))
 
 
 @cache
@@ -43,7 +42,7 @@ def library_files() -> dict[str, str]:
 
 @cache
 def public_headers() -> tuple[str, ...]:
-    """List eom.h and what it includes: all that a robot's own header needs of the library."""
+    """List eom.h and what it includes: all that a robot's header needs of the library."""
     files, wanted = library_files(), [f"{FOLDER}/eom.h"]
     for place in wanted:
         included = re.findall(r'^#include "(.+)"$', files[place], flags=re.MULTILINE)
@@ -69,13 +68,13 @@ def library_functions(dtype: str) -> str:
 
 
 def _plain(name: str) -> str:
-    """A file without comments and what is for C++, continued lines joined."""
+    """Return a file without comments and what is for C++, continued lines joined."""
     text = re.sub(r"#ifdef __cplusplus\n.*?#endif\n", "", library_files()[f"{FOLDER}/{name}"], flags=re.DOTALL)
     return re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL).replace("\\\n", "")
 
 
 def _declared(dtype: str, names: Iterable[str]) -> str:
-    """Declarations of headers in one precision."""
+    """Return declarations of headers in one precision."""
     text = "\n".join(map(_plain, names))
     prefix, scalar = ("eomf", "float") if dtype == "float32" else ("eom", "double")
     text = re.sub(r"\bEOM\((\w+)\)", rf"{prefix}_\1", text).replace("EOM_SCALAR", scalar)

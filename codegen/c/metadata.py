@@ -20,7 +20,7 @@ from .lanes import halves
 
 
 def kernel_metadata(equations: Equations, dtype: str, *, batches: bool = True) -> dict[str, Any]:
-    """Plain values for JSON: what ``describe_kernels`` says, operations, what vanishes identically, halves of the C."""
+    """Return plain values for JSON: ``describe_kernels``, operations, zeros, functions of both libraries."""
     model, mapped = equations.model, any(KERNELS[name].mapped for name in equations.kernels)
     return {
         **describe_kernels(model, equations.kernels, dtype),
@@ -37,18 +37,18 @@ def kernel_metadata(equations: Equations, dtype: str, *, batches: bool = True) -
 
 
 def _kept(equations: Equations) -> dict[str, Any]:
-    """Give what gradients keep of a step, of those that there are."""
-    found = {name: number for name, number in kept_of_a_step(equations.model).items() if name in equations.kernels}
-    return {"kept": found} if found else {}
+    """Return what gradients keep of a step, of those that there are."""
+    kept = {name: number for name, number in kept_of_a_step(equations.model).items() if name in equations.kernels}
+    return {"kept": kept} if kept else {}
 
 
 def _sizes(model: Model) -> dict[str, Any]:
-    """Give what tolerances refer to: sizes of coordinates, then of rates; and rates that frictions turn round in."""
+    """Return what tolerances refer to: sizes of coordinates, then of rates; and rates that frictions turn round in."""
     return {"sizes": np.concatenate(coordinate_sizes(model)).tolist(), "rubbing": rubbing_parameters(model)}
 
 
 def survivors(model: Model) -> dict[str, list[str]]:
-    """Entries that do not vanish identically: bits as hexadecimal digits, the first entry in the highest bit.
+    """Encode entries that do not vanish identically: bits as hexadecimal digits, the first in the highest bit.
 
     A text per coordinate s: of M_sv the bits of all v, of C_s,vw those of all v <= w, row by row.
     """

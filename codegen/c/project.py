@@ -1,4 +1,4 @@
-"""A kernel for other projects: names, header for C++17, CMake package, pkg-config file, gateway for MATLAB.
+"""A kernel for other projects: names, header for C++17, CMake package, pkg-config file, MEX file for MATLAB.
 
 From a package's metadata, without SymPy.
 """
@@ -38,7 +38,7 @@ TAKEN = frozenset(
 
 
 def project_files(meta: Mapping[str, Any], flags: Sequence[str]) -> dict[str, str]:
-    """Names and texts of the files that make a generated package a project of C and C++, beside its .h and .c.
+    """Return names and texts of files that make a generated package a C and C++ project, beside its .h and .c.
 
     Args:
         meta: of ``metadata``, as in the package's .json.
@@ -69,18 +69,18 @@ def project_files(meta: Mapping[str, Any], flags: Sequence[str]) -> dict[str, st
 
 
 def _numeric(version: str) -> str:
-    """The numbers of a version, all that CMake takes of it."""
-    found = re.match(r"\d+(\.\d+){0,3}", version)
-    return found[0] if found else "0"
+    """Return the numbers of a version, all that CMake takes of it."""
+    match = re.match(r"\d+(\.\d+){0,3}", version)
+    return match[0] if match else "0"
 
 
 def quoted(text: str) -> str:
-    """An argument of CMake."""
+    """Quote an argument of CMake."""
     return '"' + re.sub(r'([\\"$;])', r"\\\1", text) + '"'
 
 
 def _header_context(meta: Mapping[str, Any]) -> dict[str, Any]:
-    """Names that the templates of the headers use."""
+    """Return names that the templates of the headers use."""
     name, scalar = meta["name"], SCALARS[meta["dtype"]]
     public = functions(meta["kernels"])
     return {
@@ -95,7 +95,7 @@ def _header_context(meta: Mapping[str, Any]) -> dict[str, Any]:
         "tables": _tables(meta),
         "parameters": [(key, scalar.literal(value)) for key, value in meta["parameters"].items()],
         "functions": [_function(function, meta["shapes"]) for function in public if not function.is_rollout],
-        "gateway": [_gateway(function, meta["shapes"]) for function in public if not function.is_rollout],
+        "mex_functions": [_mex_function(function, meta["shapes"]) for function in public if not function.is_rollout],
         "rolls": any(function.is_rollout for function in public),
         "solving": any(function.signature.solves for function in public),
         "m": len(meta.get("constraints", ())),
@@ -104,57 +104,57 @@ def _header_context(meta: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _tables(meta: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Tables of names by which arrays are numbered, with identifiers; frames are numbers of a type of their own."""
+    """Return tables of names by which arrays are numbered, with identifiers; frames' numbers have a separate type."""
     names = {key: meta[f"{key}s"] for key in ("coordinate", "joint", "link", "frame", "parameter")}
     names |= {key: meta[f"{key}s"] for key in ("spring", "constraint") if f"{key}s" in meta}
     return [{"key": key, "names": identifiers(list(x)), "has_type": key == "frame"} for key, x in names.items()]
 
 
 def _function(function: Function, shapes: Mapping[str, Sequence[int]]) -> dict[str, Any]:
-    """A function of the header for C++: names, views of what it reads and writes."""
-    own, shape = function.signature, shapes[function.signature.writes]
+    """Describe a function of the header for C++: names, views of what it reads and writes."""
+    signature, shape = function.signature, shapes[function.signature.writes]
     return {
         "name": function.name,
-        "text": own.text,
+        "text": signature.text,
         "shape": " x ".join(map(str, shape)),
-        "reads": [{"name": array, "view": view(shapes[array])} for array in own.reads],
-        "out": view(shape) + (", true" if own.symmetric else ""),
+        "reads": [{"name": array, "view": view(shapes[array])} for array in signature.reads],
+        "out": view(shape) + (", true" if signature.symmetric else ""),
         "size": math.prod(shape),
         "by_value": math.prod(shape) <= BY_VALUE,
-        "solves": own.solves,
+        "solves": signature.solves,
         "is_framed": function.is_framed,
     }
 
 
-def _gateway(function: Function, shapes: Mapping[str, Sequence[int]]) -> dict[str, Any]:
-    """A function of the gateway for MATLAB: names and shapes of what it reads and writes."""
-    own = function.signature
+def _mex_function(function: Function, shapes: Mapping[str, Sequence[int]]) -> dict[str, Any]:
+    """Describe a function of the MEX file: names and shapes of what it reads and writes."""
+    signature = function.signature
     return {
         "name": function.name,
-        "reads": [{"name": array, "shape": shapes[array]} for array in own.reads],
-        "shape": shapes[own.writes],
+        "reads": [{"name": array, "shape": shapes[array]} for array in signature.reads],
+        "shape": shapes[signature.writes],
         "framed": function.is_framed,
     }
 
 
 def view(shape: Sequence[int]) -> str:
-    """Rows and columns of an array as arguments of a template: leading axes are rows of rows."""
+    """Return rows and columns of an array as arguments of a template: leading axes are rows of rows."""
     return str(shape[0]) if len(shape) == 1 else f"{math.prod(shape[:-1])}, {shape[-1]}"
 
 
 def safe(name: str) -> str:
-    """The name, with _ behind it where it is a word of C++."""
+    """Return the name, with _ behind it where it is a word of C++."""
     return f"{name}_" if name in TAKEN else name
 
 
 def identifiers(names: Sequence[str]) -> list[tuple[str, str]]:
-    """Each name with an identifier of C++ of its own: joint1_x of "joint1.x"."""
-    found: list[tuple[str, str]] = []
+    """Pair each name with a distinct identifier of C++: joint1_x of "joint1.x"."""
+    pairs: list[tuple[str, str]] = []
     used: set[str] = set()
     for name in names:
         identifier = safe(re.sub(r"\W", "_", name))
         while identifier in used:
             identifier += "_"
         used.add(identifier)
-        found.append((name, identifier))
-    return found
+        pairs.append((name, identifier))
+    return pairs

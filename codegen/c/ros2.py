@@ -25,7 +25,7 @@ TEMPLATES = {
 
 
 def ros2_files(meta: Mapping[str, Any]) -> dict[str, str]:
-    """Names and texts of the files of a ROS 2 package that lies in a folder ``ros2`` of the generated project.
+    """Return names and texts of a ROS 2 package that lies in a folder ``ros2`` of the generated project.
 
     Args:
         meta: of ``metadata``, as in the package's .json.

@@ -17,7 +17,7 @@ class Scalar:
     suffix: of literals and of the functions of <math.h>.
     spread: macro that makes a vector of a number; empty where numbers are no vectors.
     inner: type of the numbers in a vector; empty where they are none.
-    apart: whether the states of a vector have parameters of their own.
+    apart: whether each state of a vector has other parameters.
     """
 
     name: str
@@ -37,15 +37,15 @@ class Scalar:
         return self.name if self.apart else self.number
 
     def lanes(self, *, apart: bool = False) -> Scalar:
-        """Vectors of these numbers, named as in ``clib/lanes.h``; apart: see above."""
+        """Return vectors of these numbers, named as in ``clib/lanes.h``; apart: see above."""
         return replace(self, name="lanes", spread="ALL", inner=self.name, apart=apart)
 
     def whole(self, text: str) -> str:
-        """A number where a value of this type has to stand."""
+        """Write a number where a value of this type has to stand."""
         return f"{self.spread}({text})" if self.spread else text
 
     def literal(self, number: float) -> str:
-        """A literal that reads back as the same number.
+        """Write a literal that reads back as the same number.
 
         Raises:
             InputError: the number is too large for a float.

@@ -41,7 +41,7 @@ class Source:
 
 @cache
 def environment() -> jinja2.Environment:
-    """Jinja's environment with the templates; a name that a template is not given is an error."""
+    """Return Jinja's environment with the templates; a name that a context lacks is an error."""
     return jinja2.Environment(
         loader=jinja2.PackageLoader("eomgen.templates", ""),
         undefined=jinja2.StrictUndefined,

@@ -23,7 +23,7 @@ DECLARATIONS = "kernel/declarations.jinja"
 
 @without_collection()
 def render(equations: Equations, dtype: str, *, batches: bool = True) -> Source:
-    """Equations -> Source; ``batches``: with the functions for several states in one call."""
+    """Render equations as C; ``batches``: with the functions for several states in one call."""
     meta = kernel_metadata(equations, dtype, batches=batches)
     names = header_context(equations, dtype, meta, batches)
     context = {**names, **number_context(equations, dtype, meta)}
@@ -32,7 +32,9 @@ def render(equations: Equations, dtype: str, *, batches: bool = True) -> Source:
     if batches:
         code += _fill("kernel/batches.c.jinja", {**context, **lane_context(equations, dtype)})
     types = library_types(dtype) if names["rolls"] or names["adapts"] or names["gradients"] else ""
-    cdefs = {half: types + _fill(DECLARATIONS, {**names, "declared": own}) for half, own in meta["halves"].items()}
+    cdefs = {
+        half: types + _fill(DECLARATIONS, {**names, "declared": declared}) for half, declared in meta["halves"].items()
+    }
     lengths = [len(program.instructions) for program in equations.programs.values()]
     text = json.dumps(meta, indent=1) + "\n"
     cdef, longest = types + _fill(DECLARATIONS, names), max(lengths, default=0)
@@ -40,11 +42,11 @@ def render(equations: Equations, dtype: str, *, batches: bool = True) -> Source:
 
 
 def _tidy(code: str) -> str:
-    """The code without the empty lines that macros leave behind."""
+    """Remove the empty lines that macros leave behind."""
     code = re.sub(r"\n{3,}", "\n\n", code)
     return re.sub(r"(?<=\n{\n)\n", "", code.replace("\n\n}", "\n}"))
 
 
 def _fill(template: str, context: Mapping[str, Any]) -> str:
-    """The template with its context; a name that the context does not have is a bug, which tests look for."""
+    """Fill a template; a name that the context does not have is a bug, which tests look for."""
     return environment().get_template(template).render(context)

@@ -48,15 +48,15 @@ class Function:
         places = [re.fullmatch(r"(\w+)\[(\d+)\]", angle) for angle in self.angles]
         if not places or not all(places):
             return ""
-        found = [(place[1], int(place[2])) for place in places if place]
-        array, first = found[0]
-        return f"{array} + {first}" if found == [(array, first + i) for i in range(len(found))] else ""
+        angles = [(place[1], int(place[2])) for place in places if place]
+        array, first = angles[0]
+        return f"{array} + {first}" if angles == [(array, first + i) for i in range(len(angles))] else ""
 
 
 def write_function(
     program: Program, scalar: Scalar, *, turning: bool = True, stops: Mapping[int, int] = NO_STOPS, ending: str = ""
 ) -> Function:
-    """Program -> statements of C.
+    """Write a program as statements of C.
 
     Args:
         turning: take all sines and cosines at once in front (``turn`` of ``clib/lanes.h``), not one by one.
@@ -90,33 +90,35 @@ def _reads(text: str, array: str) -> bool:
 
 
 def trig_values(program: Program) -> set[int]:
-    """Sines and cosines, and what they alone need: values that are no statements of their own."""
+    """Return sines and cosines, and what they alone need: values without separate statements."""
     needs = [0] * len(program.instructions)  # statements and outputs that need a value
     for index in program.outputs.values():
         needs[index] += 1
-    found: set[int] = set()
+    values: set[int] = set()
     for index in range(len(program.instructions) - 1, -1, -1):
         op, args, _ = program.instructions[index]
         if op == "sin" or op == "cos" or (needs[index] == 0 and args):
-            found.add(index)
+            values.add(index)
         else:
             for arg in args:
                 needs[arg] += 1
-    return found
+    return values
 
 
 def split(program: Program, apart: Container[int]) -> dict[int, int]:
-    """Index of the function that computes each value, but for those that are ``apart``; one begins behind a gate."""
-    computed = [i for i, found in enumerate(program.instructions) if found.args and i not in apart]
+    """Return the index of the function that computes each value, but those ``apart``; one begins behind a gate."""
+    computed = [i for i, instruction in enumerate(program.instructions) if instruction.args and i not in apart]
     early = first_values(program)
     here = [index for index in computed if early[index]]
     behind = 0 if len(computed) <= CHUNK else -(-len(here) // CHUNK)
-    found = {index: order // CHUNK for order, index in enumerate(here)}
-    return found | {index: behind + order // CHUNK for order, index in enumerate(i for i in computed if not early[i])}
+    function_of = {index: order // CHUNK for order, index in enumerate(here)}
+    return function_of | {
+        index: behind + order // CHUNK for order, index in enumerate(i for i in computed if not early[i])
+    }
 
 
 def handed_on(program: Program, chunk_of: Mapping[int, int]) -> dict[int, int]:
-    """Values that a later function reads, and their places in the array that functions share."""
+    """Return values that a later function reads, and their places in the array that functions share."""
     slots: dict[int, int] = {}
     first, current = 0, 0  # value and number of the function that values are in
     for index, chunk in chunk_of.items():
@@ -161,14 +163,14 @@ class _Writer:
                 self.turns[index] = f"{'sine' if instruction.op == 'sin' else 'cosine'}[{place[arg]}]"
 
     def _from_inputs(self, index: int) -> str:
-        """A value as one expression of inputs."""
+        """Write a value as one expression of inputs."""
         instruction = self.program.instructions[index]
         if not instruction.args:
             return self._leaf(index)
         return self._write(index, [self._from_inputs(arg) for arg in instruction.args])
 
     def chunks(self) -> list[list[str]]:
-        """Statements per chunk."""
+        """Write the statements of each chunk."""
         lines: list[list[str]] = [[] for _ in range(self.last + 1)]
         lines[0].extend(self._constant_outputs())
         text: dict[int, str] = {}
@@ -211,7 +213,7 @@ class _Writer:
         return lines
 
     def _constant_outputs(self) -> Iterator[str]:
-        """Outputs that are numbers or inputs, zeros in a loop where there are many."""
+        """Write outputs that are numbers or inputs, zeros in a loop where there are many."""
         zeros: dict[str, int] = {}
         for index, places in self.stores.items():
             if index not in self.chunk_of and self._leaf(index) == self.scalar.literal(0.0):
@@ -239,7 +241,7 @@ class _Writer:
         return f"{instruction.leaf[0]}[{instruction.leaf[1]}]"
 
     def _handed(self, arg: int, known: dict[int, str], lines: list[str]) -> str:
-        """The text of an argument from an earlier chunk, which is loaded once."""
+        """Write an argument from an earlier chunk, which is loaded once."""
         if arg not in known:
             lines.append(f"const {self.scalar.name} t{arg} = w[{self.slots[arg]}];")
             known[arg] = f"t{arg}"
@@ -255,13 +257,13 @@ class _Writer:
         )
 
     def _whole(self, index: int, text: str) -> str:
-        """A value's text, where one number for all states has to become a vector of it."""
+        """Write a value where one number for all states has to become a vector of it."""
         instruction = self.program.instructions[index]
         is_number = instruction.op == "const" or (instruction.op == "input" and instruction.leaf[0] in ("h", "p"))
         return self.scalar.whole(text) if is_number else text
 
     def _write(self, index: int, args: Sequence[str]) -> str:
-        """A value as an expression of its arguments' texts."""
+        """Write a value as an expression of its arguments' texts."""
         instruction = self.program.instructions[index]
         if instruction.op in CALLS:
             whole = [self._whole(arg, text) for arg, text in zip(instruction.args, args, strict=True)]
@@ -283,7 +285,7 @@ class _Writer:
 
 
 def _stored(places: Sequence[str], value: str) -> list[str]:
-    """Statements that store one value at each of the places; an expression is computed once."""
+    """Write statements that store one value at each of the places; an expression is computed once."""
     again = value if re.fullmatch(r"[\w.]+", value) else places[0]
     return [f"{place} = {source};" for place, source in zip(places, (value, *[again] * len(places)), strict=False)]
 
@@ -304,12 +306,12 @@ def _outside_brackets(text: str) -> str:
 
 
 def _term(text: str) -> str:
-    """A right summand, in brackets where its own sum or sign would be read otherwise."""
+    """Write a right summand, in brackets where its sum or sign would be read otherwise."""
     return f"({text})" if _is_sum(text) or text.startswith("-") else text
 
 
 def _factor(text: str, *, leading: bool = False) -> str:
-    """A factor; a product on the right keeps its brackets, because rounding depends on the order."""
+    """Write a factor; a product on the right keeps its brackets, because rounding depends on the order."""
     if _is_sum(text) or (not leading and (text.startswith("-") or _is_product(text))):
         return f"({text})"
     return text

@@ -71,7 +71,7 @@ class Component:
     name: str
     multiplier: Expr
     value: Expr
-    arms: Mapping[int, Expr]
+    jacobian_row: Mapping[int, Expr]
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ class ReadableClosedForm:
         return tuple(sides)
 
     def lines(self) -> list[str]:
-        """Text: symbols, coefficients, equations."""
+        """Write text: symbols, coefficients, equations."""
         lines = [f"{self.model.name}: closed form of the equations of motion", "", "symbols"]
         lines += [f"  {letter.symbol} = {letter.said}" for letter in self.letters]
         q = [str(symbol) for symbol in self.form.q]
@@ -114,14 +114,18 @@ class ReadableClosedForm:
         lines += [f"  C[{q[s]}; {q[v]}, {q[w]}] = {entry}" for (s, v, w), entry in self.christoffel.items()]
         if self.constraint:
             lines += ["", "constraint g(q) = 0 of loops and couplings, and its derivatives J; others are zero"]
-            lines += [f"  g[{part.name}] = {self._said(part)}" for part in self.constraint]
-            lines += [f"  J[{part.name}, {q[i]}] = {arm}" for part in self.constraint for i, arm in part.arms.items()]
+            lines += [f"  g[{component.name}] = {self._said(component)}" for component in self.constraint]
+            lines += [
+                f"  J[{component.name}, {q[i]}] = {arm}"
+                for component in self.constraint
+                for i, arm in component.jacobian_row.items()
+            ]
             lines += [f"  {note}" for note in self._rank_notes()]
         lines += ["", "equations of motion, eq. (10)"]
         return lines + [f"  {left} = {right}" for left, right in zip(self.left, self.force, strict=True)]
 
     def latex(self) -> str:
-        """A LaTeX fragment for amsmath: the symbols as comments, then two align* environments, of loops three."""
+        """Write LaTeX for amsmath: the symbols as comments, then two align* environments, of loops three."""
         text = [f"% {self.model.name}: closed form of the equations of motion, eqs. (10)-(12)"]
         text += [f"% ${letter.latex}$ = {letter.said}" for letter in self.letters]
         text += [f"% {note}" for note in self.notes()]
@@ -131,7 +135,7 @@ class ReadableClosedForm:
         return "\n".join(text)
 
     def equations(self, **printing: Any) -> list[list[tuple[str, str]]]:
-        """Sides of all equations in LaTeX: of coefficients, of what closes the robot if anything does, of motion.
+        """Return sides of all equations in LaTeX: coefficients, the constraint if there is one, motion.
 
         Args:
             **printing: further settings of SymPy's printer.
@@ -145,31 +149,39 @@ class ReadableClosedForm:
         rows = [(f"M_{{{self._place(key)}}}", show(entry)) for key, entry in self.mass_matrix.items()]
         rows += [(f"C_{{{self._place(key)}}}", show(entry)) for key, entry in self.christoffel.items()]
         sides = [(show(left), show(right)) for left, right in zip(self.left, self.force, strict=True)]
-        closing = [(f"g_{{{_owner(part.name)}}}", f"{show(part.value)} = 0") for part in self.constraint if part.arms]
-        for part in self.constraint:
-            for i, arm in part.arms.items():
-                slope = f"\\frac{{\\partial g_{{{_owner(part.name)}}}}}{{\\partial {names[self.form.q[i]]}}}"
+        closing = [
+            (f"g_{{{_owner(component.name)}}}", f"{show(component.value)} = 0")
+            for component in self.constraint
+            if component.jacobian_row
+        ]
+        for component in self.constraint:
+            for i, arm in component.jacobian_row.items():
+                slope = f"\\frac{{\\partial g_{{{_owner(component.name)}}}}}{{\\partial {names[self.form.q[i]]}}}"
                 closing.append((slope, show(arm)))
         return [rows, closing, sides] if closing else [rows, sides]
 
     def notes(self) -> list[str]:
-        """Lines about components of g that nothing moves, and about what is redundant at home."""
-        still = [f"g of {part.name} = {part.value} {DROPS_OUT}" for part in self.constraint if not part.arms]
+        """Return lines about components of g that nothing moves, and about what is redundant at home."""
+        still = [
+            f"g of {component.name} = {component.value} {DROPS_OUT}"
+            for component in self.constraint
+            if not component.jacobian_row
+        ]
         return still + self._rank_notes()
 
-    def _said(self, part: Component) -> str:
+    def _said(self, component: Component) -> str:
         """Print a component's value, and that it drops out if nothing moves it."""
-        return str(part.value) if part.arms else f"{part.value} {DROPS_OUT}"
+        return str(component.value) if component.jacobian_row else f"{component.value} {DROPS_OUT}"
 
     def _rank_notes(self) -> list[str]:
-        """Lines about what is redundant at home."""
+        """Return lines about what is redundant at home."""
         if self.rank is None:
             return []
-        found = f"at home: {self.rank.freedoms} degrees of freedom"
-        return [f"{found}; redundant there: {', '.join(self.rank.redundant) or 'none'}"]
+        freedoms = f"at home: {self.rank.freedoms} degrees of freedom"
+        return [f"{freedoms}; redundant there: {', '.join(self.rank.redundant) or 'none'}"]
 
     def _place(self, key: Sequence[int]) -> str:
-        """Subscript and superscript of eq. (11) or (12): joints, then coordinates; one joint is named once."""
+        """Write sub- and superscript of eq. (11) or (12): joints, then coordinates; one joint is named once."""
         names, joints = [], []
         for i in key:
             joint, name = split_component(self.model.coordinates[i])
@@ -186,7 +198,7 @@ def readable_closed_form(model: Model, *, numbers: bool = False) -> ReadableClos
         numbers: keep the description's numbers instead of symbols.
 
     Raises:
-        InputError: too many coordinates, too many operations to be simplified and read, or springs between points.
+        InputError: too many coordinates, too many operations to be simplified and read, or point-to-point springs.
     """
     model = model.tree
     if model.size > MOST_COORDINATES:
@@ -200,7 +212,7 @@ def readable_closed_form(model: Model, *, numbers: bool = False) -> ReadableClos
     n = model.size
     entries = [form.mass_matrix[s, v] for s in range(n) for v in range(s, n)]
     entries += [form.christoffel[s][v][w] for s in range(n) for v in range(n) for w in range(v, n)]
-    entries += [*form.closing.values, *(arm for row in form.closing.arms for arm in row.values())]
+    entries += [*form.constraint.values, *(arm for row in form.constraint.jacobian for arm in row.values())]
     operations = int(sum(sp.count_ops(entry) for entry in entries))
     if operations > MOST_OPERATIONS:
         advice = "lock coordinates" if numbers else "keep the numbers (--numbers), or lock coordinates"
@@ -215,47 +227,49 @@ def readable_closed_form(model: Model, *, numbers: bool = False) -> ReadableClos
     rank = rank_at_home(model) if constraint else None
     driven, drives = _driven(model), zip(form.generalized_force, form.u, strict=True)
     force = tuple(
-        simplified(Q) + (u if i in driven else 0) + sum(part.arms.get(i, 0) * part.multiplier for part in constraint)
+        simplified(Q)
+        + (u if i in driven else 0)
+        + sum(component.jacobian_row.get(i, 0) * component.multiplier for component in constraint)
         for i, (Q, u) in enumerate(drives)
     )
     mass = {key: entry for key, entry in mass.items() if entry != 0}
     christoffel = {key: entry for key, entry in christoffel.items() if entry != 0}
-    shown = (*mass.values(), *christoffel.values(), *force, *(part.value for part in constraint))
+    shown = (*mass.values(), *christoffel.values(), *force, *(component.value for component in constraint))
     used = set().union(*(expr.free_symbols for expr in shown))
     named = [letter for letter in letters.values() if letter.symbol in used]
     named += [letter for letter in _multipliers(model, constraint) if letter.symbol in used]
-    found = (*_coordinates(model, form), *named)
-    return ReadableClosedForm(model, found, form, mass, christoffel, force, constraint, rank)
+    symbols = (*_coordinates(model, form), *named)
+    return ReadableClosedForm(model, symbols, form, mass, christoffel, force, constraint, rank)
 
 
 def _components(form: ClosedForm) -> Iterator[Component]:
-    """The components of the constraint, simplified."""
-    closing = form.closing
-    for r, (name, value, row) in enumerate(zip(closing.names, closing.values, closing.arms, strict=True)):
-        arms = {i: simplified(exact(arm)) for i, arm in sorted(row.items())}
-        left = {i: arm for i, arm in arms.items() if arm != 0}
+    """Yield the components of the constraint, simplified."""
+    g = form.constraint
+    for r, (name, value, row) in enumerate(zip(g.names, g.values, g.jacobian, strict=True)):
+        jacobian_row = {i: simplified(exact(arm)) for i, arm in sorted(row.items())}
+        left = {i: arm for i, arm in jacobian_row.items() if arm != 0}
         yield Component(name, sp.Symbol(f"lambda_{r + 1}", real=True), simplified(exact(value)), left)
 
 
 def _multipliers(model: Model, constraint: Sequence[Component]) -> Iterator[Letter]:
-    """Multipliers of the components: forces and moments of cut joints, of couplings as of the one that follows."""
+    """Yield the components' multipliers: forces and moments of cut joints; a coupling's as of its follower."""
     following = {coupling.name: coupling.of for coupling in model.robot.couplings}
-    for part in constraint:
-        unit = force_unit_of(following.get(part.name, part.name))
-        number = str(part.multiplier).removeprefix("lambda_")
-        yield Letter(part.multiplier, f"\\lambda_{{{number}}}", f"multiplier of {part.name}", None, unit)
+    for component in constraint:
+        unit = force_unit_of(following.get(component.name, component.name))
+        number = str(component.multiplier).removeprefix("lambda_")
+        yield Letter(component.multiplier, f"\\lambda_{{{number}}}", f"multiplier of {component.name}", None, unit)
 
 
 def simplified(expression: Expr) -> Expr:
-    """An equal expression, a polynomial in sines and cosines without sin^2 + cos^2, with few operations."""
+    """Return an equal expression, a polynomial in sines and cosines without sin^2 + cos^2, with few operations."""
     expanded = sp.expand(expression)
-    found = [sp.factor_terms(_without_round_off(_without_squares(expanded, kept))) for kept in (sp.sin, sp.cos)]
-    found += [sp.factor_terms(TR10i(e)) for e in found if sp.count_ops(e) <= COMBINED]
-    return min(found, key=lambda e: int(sp.count_ops(e)))
+    forms = [sp.factor_terms(_without_round_off(_without_squares(expanded, kept))) for kept in (sp.sin, sp.cos)]
+    forms += [sp.factor_terms(TR10i(e)) for e in forms if sp.count_ops(e) <= COMBINED]
+    return min(forms, key=lambda e: int(sp.count_ops(e)))
 
 
 def _without_squares(expanded: Expr, kept: Any) -> Expr:
-    """Even powers of the other function than ``kept`` replaced by 1 - kept^2: zero comes out as zero."""
+    """Replace even powers of the other function than ``kept`` by 1 - kept^2: zero comes out as zero."""
     other = sp.cos if kept is sp.sin else sp.sin
 
     def reduce(base: Expr, power: Expr) -> Expr:
@@ -271,7 +285,7 @@ def _without_squares(expanded: Expr, kept: Any) -> Expr:
 
 
 def _without_round_off(expanded: Expr) -> Expr:
-    """The sum without terms whose decimal coefficient is round-off of the others: cosines of right angles, say."""
+    """Drop terms of a sum whose decimal coefficient is round-off of the others: cosines of right angles, say."""
     terms = [term.as_coeff_Mul() for term in sp.Add.make_args(expanded)]
     limit = ROUND_OFF * max(abs(factor) for factor, _ in terms)
     kept = [factor * rest for factor, rest in terms if abs(factor) > limit or not factor.is_Float]
@@ -279,7 +293,7 @@ def _without_round_off(expanded: Expr) -> Expr:
 
 
 def _driven(model: Model) -> set[int]:
-    """Indices of coordinates that get a drive: principal ones, and all of a free joint; driven ones of loops."""
+    """Return indices of coordinates with a drive: principal ones, and all of a free joint; driven ones of loops."""
     if model.robot.is_closed:
         return set(model.driven)
     kinds = {joint.name: joint.type for joint in model.robot.joints}
@@ -293,7 +307,7 @@ def _coordinates(model: Model, form: ClosedForm) -> Iterator[Letter]:
 
 
 def _parameters(model: Model) -> Iterator[tuple[str, Letter]]:
-    """A symbol for every number of the description that is not zero, by its parameter name.
+    """Yield a symbol for every number of the description that is not zero, by its parameter name.
 
     Numbers of forces beyond linear springs and dampers stay numbers, and so do those of couplings.
     """
@@ -302,7 +316,7 @@ def _parameters(model: Model) -> Iterator[tuple[str, Letter]]:
         if value is None or value == 0.0:
             continue
         parts = parameter_path(name)
-        kind = next((part for part in parts if part in SYMBOLS), "")
+        kind = next((word for word in parts if word in SYMBOLS), "")
         if not kind or parts[0] == "couplings":
             continue
         of_motor = parts[0] == "joints" and parts[2] == MOTOR
@@ -319,13 +333,13 @@ def _parameters(model: Model) -> Iterator[tuple[str, Letter]]:
             unit = _motor_unit(kind, owner in turning)
         elif detail in ANGULAR:
             unit = ANGULAR_UNITS[kind]
-        symbol = sp.Symbol("_".join(part for part in (letter, detail, owner) if part), real=True)
-        below = ",".join(part for part in (_greek(detail), owner.replace("_", "\\_")) if part)
+        symbol = sp.Symbol("_".join(word for word in (letter, detail, owner) if word), real=True)
+        below = ",".join(word for word in (_greek(detail), owner.replace("_", "\\_")) if word)
         yield name, Letter(symbol, f"{letter}_{{{below}}}", name, value, unit)
 
 
 def _motor_unit(kind: str, turning: bool) -> str:
-    """Unit of a number of a motor and its transmission, whose spring has the units of its joint."""
+    """Return the unit of a number of a motor and its transmission, whose spring has the units of its joint."""
     if kind == "inertia":
         return ANGULAR_UNITS["armature"]
     if kind == "ratio":
@@ -334,9 +348,9 @@ def _motor_unit(kind: str, turning: bool) -> str:
 
 
 def _owner(component: str) -> str:
-    """Subscript of a component of the constraint: its loop and direction, or its coupling."""
+    """Write the subscript of a component of the constraint: its loop and direction, or its coupling."""
     loop, _, direction = component.rpartition(".")
-    return ",".join(part for part in (loop.replace("_", "\\_"), _greek(direction).replace("_", "\\_")) if part)
+    return ",".join(name for name in (loop.replace("_", "\\_"), _greek(direction).replace("_", "\\_")) if name)
 
 
 def _greek(name: str) -> str:
@@ -346,7 +360,7 @@ def _greek(name: str) -> str:
 
 
 def _latex_of(symbol: str) -> str:
-    """LaTeX of a coordinate, rate, acceleration or drive as ``trace`` names it."""
+    """Write LaTeX of a coordinate, rate, acceleration or drive as ``trace`` names it."""
     drive = symbol.startswith("D_")
     name, _, number = symbol.removeprefix("D_").rpartition("_")
     if drive:

@@ -33,14 +33,14 @@ from ..tree.constraints import closures
 from ..tree.frozen_joints import geometry
 from ..tree.recursion import no_note
 from ..tree.spatial import Pose, PseudoInertia
-from .closing import Closing, closing_of
+from .constraint import ConstraintExpressions, constraint_of
 
 Expr = Any  # sympy.Expr
 Row = tuple[Expr, ...]
 
 
 def _expression(op: str, *x: Expr) -> Expr:
-    """A function of expressions, by the name of its operation."""
+    """Return a function of expressions, by the name of its operation."""
     write = CALLS[op].sympy
     assert write is not None, op
     return write(sp, *x)
@@ -58,13 +58,13 @@ class ClosedForm:
     """The equations of motion M a + bias - Q - u = 0 of a robot with n coordinates, in SymPy.
 
     q, v, a, u: symbols of positions (m, rad), velocities, accelerations and drives (N, N m), n each.
-    wrench: symbols (F_x, F_y, F_z, M_x, M_y, M_z) per moving link, base axes, about its centre of mass; or ().
+    wrench: symbols (F_x, F_y, F_z, M_x, M_y, M_z) per moving link, base frame, about its centre of mass; or ().
     parameters: symbols that stand for numbers of the description, by name.
     mass_matrix: (n, n), eq. (11) and armatures on the diagonal.
     christoffel: [s][v][w], the traces of eq. (12), symmetric in v and w: Christoffel symbols of the first kind.
     bias: sum over v, w of C_s,vw v_v v_w.  generalized_force: Q_P + Q_F + Q_G of eqs. (13)-(15).
     residual: M a + bias - Q - u, zero on a motion of the open tree.  kinetic: eq. (4) and rotors, J.  potential:
-    gravity, springs, J.  closing: the constraint of loops and couplings; its elastic parts act in Q and potential.
+    gravity, springs, J.  constraint: of loops and couplings; its elastic parts act in Q and potential.
     """
 
     q: Row
@@ -80,10 +80,10 @@ class ClosedForm:
     residual: Row
     kinetic: Expr
     potential: Expr
-    closing: Closing
+    constraint: ConstraintExpressions
 
     def function(self, *fields: str) -> Callable[..., Any]:
-        """A function (q, v, a, u[, wrench]) -> the named fields as float arrays, for numbers as parameters."""
+        """Return a function (q, v, a, u[, wrench]) -> the named fields as float arrays, for numbers as parameters."""
         named = [getattr(self, name) for name in fields]
         flat = [list(_flat(value)) for value in named]
         arguments = [*self.q, *self.v, *self.a, *self.u, *chain.from_iterable(self.wrench)]
@@ -94,11 +94,11 @@ class ClosedForm:
         def call(q: Array, v: Array, a: Array, u: Array, wrench: Sequence[Sequence[float]] = ()) -> Any:
             forces = wrench if len(wrench) else [[0.0] * 6 for _ in self.wrench]
             numbers = evaluate(*q, *v, *a, *u, *chain.from_iterable(forces))
-            found = [
+            arrays = [
                 np.array(values, dtype=float).reshape(shapes.get(name, (n,)))
                 for name, values in zip(fields, numbers, strict=True)
             ]
-            return found[0] if len(found) == 1 else tuple(found)
+            return arrays[0] if len(arrays) == 1 else tuple(arrays)
 
         return call
 
@@ -124,7 +124,7 @@ def closed_form(
         external_forces: give every moving link a symbolic wrench, eq. (14).
 
     Raises:
-        InputError: the robot has springs between points, or an offset of an angle that is not active.
+        InputError: the robot has point-to-point springs, or an offset of an angle that is not active.
     """
     model = model.tree
     refuse_springs(model)
@@ -145,16 +145,18 @@ def closed_form(
     Q = _elastic_and_weight(bound, bodies, inertias, elements, v)
     for s, force in _external_force(model, bound, bodies, wrench):
         Q[s] += force
-    closing = closing_of(model, bound, q, loops)
+    constraint = constraint_of(model, bound, q, loops)
     Ma = M * sp.Matrix(a)
     residual = tuple(Ma[s] + bias[s] - Q[s] - u[s] for s in range(len(q)))
     kinetic = _kinetic(bodies, inertias, bound.armature, v)
     potential = _potential(bound, bodies, inertias, elements)
-    return ClosedForm(q, v, a, u, wrench, binder.symbols, M, C, bias, tuple(Q), residual, kinetic, potential, closing)
+    return ClosedForm(
+        q, v, a, u, wrench, binder.symbols, M, C, bias, tuple(Q), residual, kinetic, potential, constraint
+    )
 
 
 def refuse_springs(model: Model) -> None:
-    """InputError if the robot has force elements between links, or journals in cut joints."""
+    """Refuse a robot with force elements between links, or journals in cut joints."""
     for kind in KINDS.values():
         names = ", ".join(element.name for element in model.robot.link_elements if element.TABLE == kind.TABLE)
         if names:
@@ -173,24 +175,24 @@ class _Values:
 
     def __call__(self, name: str, number: float) -> Expr:
         if isinstance(self.chosen, Mapping):
-            given = self.chosen.get(name)
-            if given is not None:
-                self.symbols[name] = given
-                return given
+            expression = self.chosen.get(name)
+            if expression is not None:
+                self.symbols[name] = expression
+                return expression
         elif self.chosen and number != 0.0:
             return self.symbols.setdefault(name, sp.Symbol(name, real=True))
         return exact(number)
 
 
 def exact(number: Any) -> Expr:
-    """A number or expression, with floats that are small multiples of 1/2 made exact: they prune, and read better."""
+    """Make floats that are small multiples of 1/2 exact in a number or expression: they prune, and read better."""
     expression = sp.sympify(number)
     small = {f: sp.Rational(float(f)) for f in expression.atoms(sp.Float) if float(2 * f) in range(-4, 5)}
     return expression.xreplace(small)
 
 
 def _symbols(model: Model) -> tuple[Row, Row, Row, Row]:
-    """Symbols like the paper's: x_1, its derivatives xdot_1 and xddot_1, and the drive D_x_1."""
+    """Return symbols like the paper's: x_1, its derivatives xdot_1 and xddot_1, and the drive D_x_1."""
     number = {body.joint: k + 1 for k, body in enumerate(model.bodies)}
     names = [(name, number[joint]) for joint, name in map(split_component, model.coordinates)]
     patterns = ("{}_{}", "{}dot_{}", "{}ddot_{}", "D_{}_{}")
@@ -204,7 +206,7 @@ def _wrench_symbols(model: Model) -> tuple[Row, ...]:
 
 
 def _chain_rule(model: Model, bound: Bound, q: Row) -> list[_Derivatives]:
-    """A_0k and its derivatives for every body, by the product rule on A_0k = A_0p . (B_k A_(k-1)k)."""
+    """Differentiate A_0k of every body, by the product rule on A_0k = A_0p . (B_k A_(k-1)k)."""
     done: list[_Derivatives] = []
     for body, numbers in zip(model.bodies, bound.bodies, strict=True):
         parent = done[body.parent] if body.parent != FIXED_BODY else _Derivatives(sp.eye(4))
@@ -212,18 +214,20 @@ def _chain_rule(model: Model, bound: Bound, q: Row) -> list[_Derivatives]:
         A, first, second = _joint_blocks(body, tuple(s + c for s, c in zip(q, bound.angle_offsets, strict=True)))
         across = B * A
         before = parent.pose * B
-        own = _Derivatives(parent.pose * across)
-        own.first = {i: D * across for i, D in parent.first.items()} | {i: before * D for i, D in first.items()}
-        own.second = {pair: D * across for pair, D in parent.second.items()}
-        own.second |= {(i, j): Di * B * Dj for i, Di in parent.first.items() for j, Dj in first.items()}
-        own.second |= {pair: before * D for pair, D in second.items()}
+        derivatives = _Derivatives(parent.pose * across)
+        derivatives.first = {i: D * across for i, D in parent.first.items()} | {i: before * D for i, D in first.items()}
+        derivatives.second = {pair: D * across for pair, D in parent.second.items()}
+        derivatives.second |= {(i, j): Di * B * Dj for i, Di in parent.first.items() for j, Dj in first.items()}
+        derivatives.second |= {pair: before * D for pair, D in second.items()}
         # lemma (7) and the sharper one
-        done.append(replace(own, second={pair: D for pair, D in own.second.items() if not D.is_zero_matrix}))
+        done.append(
+            replace(derivatives, second={pair: D for pair, D in derivatives.second.items() if not D.is_zero_matrix})
+        )
     return done
 
 
 def _joint_blocks(body: Body, q: Row) -> tuple[Matrix, dict[int, Matrix], dict[tuple[int, int], Matrix]]:
-    """A_(i-1)i and its derivatives in the symbols of q, by index in q."""
+    """Return A_(i-1)i and its derivatives in the symbols of q, by index in q."""
     index = dict(zip(body.active, body.indices, strict=True))
     swap = {step(name).symbol: q[i] for name, i in index.items()}
     derivatives = joint_derivatives(body.active)
@@ -235,7 +239,7 @@ def _joint_blocks(body: Body, q: Row) -> tuple[Matrix, dict[int, Matrix], dict[t
 
 
 def _mass_matrix(bodies: Sequence[_Derivatives], inertias: Sequence[Matrix], armature: Sequence[Expr]) -> Matrix:
-    """Eq. (11): M_sv = sum over k of tr(dA_0k/ds H_k (dA_0k/dv)^T)."""
+    """Compute eq. (11): M_sv = sum over k of tr(dA_0k/ds H_k (dA_0k/dv)^T)."""
     n = len(armature)
     M = sp.diag(*armature)
     for body, H in zip(bodies, inertias, strict=True):
@@ -246,7 +250,7 @@ def _mass_matrix(bodies: Sequence[_Derivatives], inertias: Sequence[Matrix], arm
 
 
 def _christoffel(bodies: Sequence[_Derivatives], inertias: Sequence[Matrix], n: int) -> tuple[tuple[Row, ...], ...]:
-    """Eq. (12): C_s,vw = sum over k of tr(dA_0k/ds H_k (d2A_0k/dv dw)^T)."""
+    """Compute eq. (12): C_s,vw = sum over k of tr(dA_0k/ds H_k (d2A_0k/dv dw)^T)."""
     C = [[[sp.S.Zero] * n for _ in range(n)] for _ in range(n)]
     for body, H in zip(bodies, inertias, strict=True):
         for s, D in body.first.items():
@@ -263,7 +267,7 @@ def _elastic_and_weight(
     elements: Sequence[ForceElement],
     v: Row,
 ) -> list[Expr]:
-    """Q_P of eq. (13), and Q_G: eq. (14) with weights as forces; the last column of H is (m r_C, m)."""
+    """Compute Q_P of eq. (13), and Q_G: eq. (14) with weights; the last column of H is (m r_C, m)."""
     Q = [sp.S.Zero] * len(v)
     for element in elements:
         for s, force in element.resist(v):
@@ -278,7 +282,7 @@ def _elastic_and_weight(
 def _external_force(
     model: Model, bound: Bound, bodies: Sequence[_Derivatives], wrench: Sequence[Row]
 ) -> Iterator[tuple[int, Expr]]:
-    """Q_F of eq. (14), with each angle's own axis in the moment term: (index, addend) pairs."""
+    """Compute Q_F of eq. (14), with each angle's axis in the moment term: (index, addend) pairs."""
     for link, symbols in zip(model.links, wrench, strict=False):  # no wrenches unless they were asked for
         k, com = bound.coms[link]
         F, R = sp.Matrix([*symbols[:3], 0]), sp.Matrix(symbols[3:])
@@ -287,13 +291,13 @@ def _external_force(
 
 
 def _axis(derivative: Matrix, pose: Matrix) -> Matrix:
-    """The base-frame axis about which a coordinate turns a body (zero for translations): skew part of dR/ds R^T."""
+    """Return the base-frame axis that a coordinate turns a body about (zero for translations): of dR/ds R^T."""
     W = derivative[:3, :3] * pose[:3, :3].T
     return sp.Matrix([W[2, 1], W[0, 2], W[1, 0]])
 
 
 def _kinetic(bodies: Sequence[_Derivatives], inertias: Sequence[Matrix], armature: Sequence[Expr], v: Row) -> Expr:
-    """Eq. (4), and the rotors."""
+    """Compute eq. (4), and the rotors' energies."""
     total = sum(j * s_dot**2 for j, s_dot in zip(armature, v, strict=True))
     for body, H in zip(bodies, inertias, strict=True):
         A_dot = sum((D * v[s] for s, D in body.first.items()), sp.zeros(4, 4))
@@ -304,7 +308,7 @@ def _kinetic(bodies: Sequence[_Derivatives], inertias: Sequence[Matrix], armatur
 def _potential(
     bound: Bound, bodies: Sequence[_Derivatives], inertias: Sequence[Matrix], elements: Sequence[ForceElement]
 ) -> Expr:
-    """Springs, and weights with respect to the base's origin."""
+    """Compute energies of springs, and of weights with respect to the base's origin."""
     g = sp.Matrix([*bound.gravity, 0])
     springs = sum(exact(energy) for element in elements for energy in element.energies())
     return springs - sum(_dot(g, body.pose * H[:, 3]) for body, H in zip(bodies, inertias, strict=True))
@@ -316,18 +320,18 @@ def _pose(pose: Pose) -> Matrix:
 
 
 def _matrix(inertia: PseudoInertia) -> Matrix:
-    """H = [[J, mc], [mc^T, m]], 4x4."""
+    """Return H = [[J, mc], [mc^T, m]], 4x4."""
     rows = [[*map(exact, row), exact(h)] for row, h in zip(inertia.second, inertia.first, strict=True)]
     return sp.ImmutableMatrix([*rows, [*map(exact, inertia.first), exact(inertia.mass)]])
 
 
 def _dot(left: Matrix, right: Matrix) -> Expr:
-    """tr(left right^T), without forming the product; of columns their product."""
+    """Compute tr(left right^T), without forming the product; of columns their product."""
     return sp.Add(*(a * b for a, b in zip(left, right, strict=True)))
 
 
 def _share(expressions: Sequence[Any]) -> tuple[list[tuple[Expr, Expr]], list[Any]]:
-    """Name what occurs more than once; SymPy's own cse also looks for common factors, which takes it minutes here."""
+    """Name what occurs more than once; SymPy's cse also looks for common factors, which takes it minutes here."""
     uses: Counter[Expr] = Counter()
     flat = list(_flat(expressions))
     stack = list(flat)
@@ -350,7 +354,7 @@ def _share(expressions: Sequence[Any]) -> tuple[list[tuple[Expr, Expr]], list[An
             done[node] = made
         return done[node]
 
-    parts = [[rebuild(node) for node in part] for part in expressions]
+    parts = [[rebuild(node) for node in group] for group in expressions]
     return named, parts
 
 

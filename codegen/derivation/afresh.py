@@ -84,6 +84,6 @@ def derive_afresh(
     if equations is None:
         names = [name for name in CHECKED if name in available(model) and (not kernels or name in kernels)]
         equations = derive_equations(model, names or ("mass_matrix",), dtype)
-    own = zeros.christoffel if zeros is not None and model is tree else None
-    compared = check_programs(equations, blocks, own)
+    christoffel = zeros.christoffel if zeros is not None and model is tree else None
+    compared = check_programs(equations, blocks, christoffel)
     return Derived(tree, blocks, zeros, vanishing, compared, sympy.__version__)

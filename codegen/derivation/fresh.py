@@ -36,13 +36,13 @@ class Blocks:
     lemmas: Mapping[tuple[str, str], str]
 
     def values(self, at: Sequence[tuple[Any, Any]]) -> Flat:
-        """Entries by rows of the transform, of first and of second derivatives.
+        """Return entries by rows of the transform, of first and of second derivatives.
 
         Args:
             at: per active coordinate (0, position) of a translation, (sine, cosine) of an angle, of any exact kind.
         """
-        found: Flat = _evaluator(self.active)(*(number for pair in at for number in pair))
-        return found
+        entries: Flat = _evaluator(self.active)(*(number for pair in at for number in pair))
+        return entries
 
 
 def derive_blocks(*models: Model, kept: Facts = KEPT) -> dict[tuple[str, ...], Blocks]:
@@ -86,11 +86,11 @@ def _rotation(name: str, kept: FrozenStep) -> Matrix:
 
 
 def _compare(model: Model, derived: Facts, kept: Facts) -> None:
-    """DerivationError at the first fact that differs."""
-    for name, found in derived.steps.items():
+    """Raise DerivationError at the first fact that differs."""
+    for name, frozen in derived.steps.items():
         held = kept.steps.get(name)
-        if held != found:
-            raise _differs(_joint_with(model, name), f"step of {name}", _place(found, held), "derived and kept differ")
+        if held != frozen:
+            raise _differs(_joint_with(model, name), f"step of {name}", _place(frozen, held), "derived and kept differ")
     facts: tuple[tuple[str, Callable[[Facts], Sequence[Any]]], ...] = (
         ("zeros of second derivatives", lambda x: x.zero_pairs),
         ("orthogonal translations", lambda x: x.orthogonal),
@@ -106,14 +106,14 @@ def _compare(model: Model, derived: Facts, kept: Facts) -> None:
                 raise _differs(_joint_with(model, *names), block, place, said)
 
 
-def _place(found: FrozenStep, kept: FrozenStep | None) -> str:
+def _place(derived: FrozenStep, kept: FrozenStep | None) -> str:
     """Say where two steps differ."""
     if kept is None:
         return "all of it"
     for i, j in product(range(3), repeat=2):
-        if found.rotation[i][j] != kept.rotation[i][j]:
+        if derived.rotation[i][j] != kept.rotation[i][j]:
             return f"row {i + 1}, column {j + 1}"
-    return "axis" if found.is_rotation == kept.is_rotation else "kind"
+    return "axis" if derived.is_rotation == kept.is_rotation else "kind"
 
 
 def _joint_with(model: Model, *names: str) -> str:
@@ -126,13 +126,13 @@ def _joint_with(model: Model, *names: str) -> str:
 
 
 def _differs(joint: str, block: str, place: str, said: str) -> DerivationError:
-    where = ", ".join(part for part in (joint, block, place) if part)
+    where = ", ".join(text for text in (joint, block, place) if text)
     return DerivationError(f"{where}: {said}; please report it", joint=joint, block=block, place=place)
 
 
 @cache
 def _evaluator(active: tuple[str, ...]) -> Callable[..., Flat]:
-    """The entries of a kind of joint as a function of pairs of numbers; only sums and products of whole numbers."""
+    """Return the entries of a kind of joint as a function of pairs of numbers; only sums and products of integers."""
     swap: dict[Any, Any] = {}
     arguments: list[Any] = []
     for name in active:

@@ -68,7 +68,7 @@ def _wrong(model: Model, title: str, tally: Tally, key: list[int]) -> Derivation
 def _terms(
     model: Model, blocks: Mapping[tuple[str, ...], Blocks], chosen: Sequence[int], rng: np.random.Generator
 ) -> tuple[Residues, Residues]:
-    """M_sv and C_s,vw between chosen coordinates: (m, m) and (m, m, m), by the chain rule on A_0k."""
+    """Compute M_sv and C_s,vw between chosen coordinates, (m, m) and (m, m, m), by the chain rule on A_0k."""
     m, at = len(chosen), {index: place for place, index in enumerate(chosen)}
     still = np.eye(4, dtype=np.int64), np.zeros((m, 4, 4), np.int64), np.zeros((m, m, 4, 4), np.int64)
     M, C = np.zeros((m, m), np.int64), np.zeros((m, m, m), np.int64)
@@ -77,27 +77,27 @@ def _terms(
         pose, D, D2 = done[body.parent] if body.parent != FIXED_BODY else still
         before, B = _times(pose, placed := _placement(rng)), placed
         points = [_circle(rng) if name in ANGULAR else (0, int(rng.integers(PRIME))) for name in body.active]
-        A, first, second = (_reduced(x) for x in blocks[body.active].values(points))
+        A, dA, d2A = (_reduced(x) for x in blocks[body.active].values(points))
         across = _times(B, A)
-        own_first, own_second = _times(D, across), _times(D2, across)
+        first, second = _times(D, across), _times(D2, across)
         places = [at.get(index) for index in body.indices]
-        for place, block in zip(places, first, strict=True):
+        for place, block in zip(places, dA, strict=True):
             if place is not None:
-                own_first[place] = _times(before, block)
-                own_second[place] = own_second[:, place] = _times(D, _times(B, block))
+                first[place] = _times(before, block)
+                second[place] = second[:, place] = _times(D, _times(B, block))
         pairs = combinations_with_replacement(places, 2)
-        for (v, w), block in zip(pairs, second, strict=True):
+        for (v, w), block in zip(pairs, d2A, strict=True):
             if v is not None and w is not None:
-                own_second[v, w] = own_second[w, v] = _times(before, block)
-        done.append((_times(pose, across), own_first, own_second))
-        moment = _times(own_first, _inertia(rng)).reshape(m, 16)
-        M = (M + _products(moment, own_first.reshape(m, 16))) % PRIME
-        C = (C + _products(moment, own_second.reshape(m * m, 16)).reshape(m, m, m)) % PRIME
+                second[v, w] = second[w, v] = _times(before, block)
+        done.append((_times(pose, across), first, second))
+        moment = _times(first, _inertia(rng)).reshape(m, 16)
+        M = (M + _products(moment, first.reshape(m, 16))) % PRIME
+        C = (C + _products(moment, second.reshape(m * m, 16)).reshape(m, m, m)) % PRIME
     return M, C
 
 
 def _products(left: Residues, right: Residues) -> Residues:
-    """left right^T."""
+    """Compute left right^T."""
     total = np.zeros((len(left), len(right)), np.int64)
     for k in range(left.shape[1]):
         total = (total + left[:, k, None] * right[:, k]) % PRIME
@@ -105,7 +105,7 @@ def _products(left: Residues, right: Residues) -> Residues:
 
 
 def _times(left: Residues, right: Residues) -> Residues:
-    """Product of 4x4 matrices."""
+    """Multiply 4x4 matrices."""
     total: Residues = ((left[..., :, :, None] * right[..., None, :, :]) % PRIME).sum(axis=-2) % PRIME
     return total
 
@@ -116,22 +116,22 @@ def _reduced(entries: Any) -> Residues:
 
 
 def _circle(rng: np.random.Generator) -> tuple[int, int]:
-    """Sine and cosine at a random rational point of the circle: 2t / (1 + t^2), (1 - t^2) / (1 + t^2)."""
+    """Draw sine and cosine at a rational point of the circle: 2t / (1 + t^2), (1 - t^2) / (1 + t^2)."""
     t = int(rng.integers(2, PRIME))
     scale = pow(1 + t * t, -1, PRIME)
     return 2 * t * scale % PRIME, (1 - t * t) * scale % PRIME
 
 
 def _placement(rng: np.random.Generator) -> Residues:
-    """A random placement, turned about z, x and z."""
-    found = np.eye(4, dtype=np.int64)
+    """Draw a random placement, turned about z, x and z."""
+    pose = np.eye(4, dtype=np.int64)
     for i, j in ((0, 1), (1, 2), (0, 1)):
         (sine, cosine), turn = _circle(rng), np.eye(4, dtype=np.int64)
         turn[i, i] = turn[j, j] = cosine
         turn[j, i], turn[i, j] = sine, PRIME - sine
-        found = _times(found, turn)
-    found[:3, 3] = rng.integers(PRIME, size=3)
-    return found
+        pose = _times(pose, turn)
+    pose[:3, 3] = rng.integers(PRIME, size=3)
+    return pose
 
 
 def _inertia(rng: np.random.Generator) -> Residues:

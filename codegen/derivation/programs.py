@@ -55,13 +55,13 @@ class _Point:
 
     def __init__(self, model: Model, blocks: Mapping[tuple[str, ...], Blocks], seed: int) -> None:
         self.model, rng = model, random.Random(seed)
-        self.whole, self.own = with_offset_angles(model)
+        self.whole, self.active = with_offset_angles(model)
         bound = bind(self.whole, lambda _, number: number, lambda x: (math.sin(x), math.cos(x)))
         self.followers = Followers(self.whole, model, bound)
         self.armature = [Fraction(x) for x in bound.armature]
         self.circle: dict[Fraction, tuple[Fraction, Fraction]] = {}
         q, self.v, self.a = ([Fraction(0)] * self.whole.size for _ in range(3))
-        for index in self.own:
+        for index in self.active:
             q[index], self.v[index], self.a[index] = (Fraction(2 * rng.randint(-9, 9) + 1, 7) for _ in range(3))
             if self.whole.coordinates[index].endswith(ANGULAR):
                 t = Fraction(rng.choice((-1, 1)) * rng.randint(1, 9), 11)
@@ -83,7 +83,7 @@ class _Point:
             self.joints.append((_square(A), [_square(x) for x in first], [_square(x) for x in second]))
 
     def sincos(self, x: Fraction) -> tuple[Fraction, Fraction]:
-        """Sine and cosine of an angle, exact where it was drawn, else of a point of the circle within rounding."""
+        """Return sine and cosine of an angle, exact where it was drawn, else within rounding."""
         return self.circle.get(x) or _circle(Fraction(math.tan(float(x) / 2.0)))
 
     def _moved(self, x: Row, *, positions: bool = False) -> Row:
@@ -91,7 +91,7 @@ class _Point:
         return list(map(Fraction, self.followers.follow(list(x), positions=positions)))
 
     def rows(self, v: Row, a: Row) -> _Rows:
-        """Rows of the model's coordinates for velocities and accelerations of the whole's."""
+        """Compute rows of the model's coordinates for velocities and accelerations of the whole's."""
         v, a = self._moved(v), self._moved(a)
         poses: list[Matrix] = []
         moving: list[tuple[Matrix, Matrix]] = []  # first and second time derivatives of A_0k
@@ -99,10 +99,10 @@ class _Point:
         for body, B, (A, first, second) in zip(self.whole.bodies, self.placements, self.joints, strict=True):
             root = body.parent == FIXED_BODY
             pose, (dot, ddot) = (_UNIT, (_NOTHING, _NOTHING)) if root else (poses[body.parent], moving[body.parent])
-            own = list(body.indices)
-            A_dot = _combined(first, [v[i] for i in own])
-            products = [v[i] * v[j] * (1 if i == j else 2) for k, i in enumerate(own) for j in own[k:]]
-            A_ddot = _combined([*first, *second], [*(a[i] for i in own), *products])
+            indices = list(body.indices)
+            A_dot = _combined(first, [v[i] for i in indices])
+            products = [v[i] * v[j] * (1 if i == j else 2) for k, i in enumerate(indices) for j in indices[k:]]
+            A_ddot = _combined([*first, *second], [*(a[i] for i in indices), *products])
             before.append(_times(pose, B))
             across.append(_times(B, A))
             poses.append(_times(pose, across[-1]))
@@ -127,10 +127,10 @@ class _Point:
                 passed = _times(across[k], collected[k])
                 collected[body.parent] = _combined([collected[body.parent], passed], [1, 1])
         gathered = [list(map(Fraction, self.followers.gather(row))) for row in (values, sizes)]
-        return _Rows([gathered[0][i] for i in self.own], [max(abs(gathered[1][i]), sizes[i]) for i in self.own])
+        return _Rows([gathered[0][i] for i in self.active], [max(abs(gathered[1][i]), sizes[i]) for i in self.active])
 
     def crossed(self, x: Row, y: Row) -> _Rows:
-        """sum over v, w of C_s,vw x_v y_w, by polarization of the terms of velocities."""
+        """Compute sum over v, w of C_s,vw x_v y_w, by polarization of the terms of velocities."""
         still = [Fraction(0)] * self.whole.size
         plus, minus = (self.rows([a + sign * b for a, b in zip(x, y, strict=True)], still) for sign in (1, -1))
         values = [(a - b) / 4 for a, b in zip(plus.values, minus.values, strict=True)]
@@ -143,18 +143,20 @@ class _Programs:
     def __init__(self, equations: Equations, point: _Point) -> None:
         self.programs, self.point, model = equations.programs, point, equations.model
         parameters = [*map(Fraction, model.parameters.values()), *(Fraction(0) for _ in model.turning)]
-        self.inputs = {"q": [point.q[i] for i in point.own], PARAMETERS: parameters}
+        self.inputs = {"q": [point.q[i] for i in point.active], PARAMETERS: parameters}
         self.inputs["h"] = self._run(equations.setup, {}, "h")
 
     def run(self, kernel: str, **arrays: Row) -> Row:
-        """Results of a kernel; arrays are of the whole's coordinates."""
-        given = {name: [values[i] for i in self.point.own] for name, values in arrays.items()}
-        return self._run(self.programs[kernel], given, "out")
+        """Return results of a kernel; arrays are of the whole's coordinates."""
+        inputs = {name: [values[i] for i in self.point.active] for name, values in arrays.items()}
+        return self._run(self.programs[kernel], inputs, "out")
 
     def _run(self, program: Program, arrays: Mapping[str, Row], wanted: str) -> Row:
         exact = tuple(x._replace(leaf=Fraction(x.leaf)) if x.op == "const" else x for x in program.instructions)
-        found = evaluate(replace(program, instructions=exact), {**self.inputs, **arrays}, self.point.sincos, _FUNCTIONS)
-        return [value for (array, _), value in sorted(found.items()) if array == wanted]
+        outputs = evaluate(
+            replace(program, instructions=exact), {**self.inputs, **arrays}, self.point.sincos, _FUNCTIONS
+        )
+        return [value for (array, _), value in sorted(outputs.items()) if array == wanted]
 
 
 def check_programs(
@@ -174,19 +176,19 @@ def check_programs(
     bias, inertial, both = point.rows(v, still), point.rows(still, a), point.rows(v, a)
     crossed = point.crossed(v, a)
     known = [name for name in CHECKED if name in equations.programs]
-    own_v, own_a = ([x[i] for i in point.own] for x in (v, a))
+    active_v, active_a = ([x[i] for i in point.active] for x in (v, a))
     Q = run.run("generalized_force", v=v) if "generalized_force" in known else None
     compared = []
     for name in known:
         if name == "mass_matrix":
-            _compare(model, name, _applied(run.run(name), own_a), inertial)
+            _compare(model, name, _applied(run.run(name), active_a), inertial)
         elif name == "bias_force":
             _compare(model, name, run.run(name, v=v), bias)
         elif name == "coriolis_matrix":
-            _compare(model, name, _applied(run.run(name, v=v), own_a), crossed)
+            _compare(model, name, _applied(run.run(name, v=v), active_a), crossed)
         elif name == "christoffel":
             C = run.run(name)
-            _compare(model, name, _applied(_applied(C, own_a), own_v), crossed)
+            _compare(model, name, _applied(_applied(C, active_a), active_v), crossed)
             for place in () if christoffel is None else (~christoffel.mask.ravel()).nonzero()[0].tolist():
                 if C[place] != 0:
                     key = (place // (n * n), place // n % n, place % n)
@@ -195,24 +197,24 @@ def check_programs(
             continue
         elif name in ("inverse_dynamics", "residual"):
             drives = {"u": still} if name == "residual" else {}
-            found = run.run(name, v=v, a=a, **drives)
-            _compare(model, name, _sums(found, Q), both, Q)
+            computed = run.run(name, v=v, a=a, **drives)
+            _compare(model, name, _sums(computed, Q), both, Q)
         elif not model.constraints and not model.prescribed:
             answer = list(still)
-            for index, value in zip(point.own, run.run(name, v=v, u=a), strict=True):
+            for index, value in zip(point.active, run.run(name, v=v, u=a), strict=True):
                 answer[index] = value
             rows = point.rows(v, answer)
             rows = replace(rows, sizes=[100 * max(rows.sizes)] * n)  # eliminations pass rounding on from row to row
-            _compare(model, name, _sums(own_a, Q), rows, Q)
+            _compare(model, name, _sums(active_a, Q), rows, Q)
         else:
             continue
         compared.append(name)
     return tuple(compared)
 
 
-def _compare(model: Model, kernel: str, found: Row, expected: _Rows, forces: Sequence[Any] = ()) -> None:
-    """DerivationError at the first row that differs by more than rounding."""
-    for s, (one, other, size) in enumerate(zip(found, expected.values, expected.sizes, strict=True)):
+def _compare(model: Model, kernel: str, computed: Row, expected: _Rows, forces: Sequence[Any] = ()) -> None:
+    """Raise DerivationError at the first row that differs by more than rounding."""
+    for s, (one, other, size) in enumerate(zip(computed, expected.values, expected.sizes, strict=True)):
         at_most = Fraction(ROUNDING) * (size + (abs(forces[s]) if forces else 0))
         if abs(one - other) > at_most:
             said = f"the terms make {float(other):.9g}, the program {float(one):.9g}"
@@ -237,12 +239,12 @@ def _sums(x: Row, y: Row) -> Row:
 
 
 def _circle(t: Fraction) -> tuple[Fraction, Fraction]:
-    """Sine and cosine of 2 atan(t)."""
+    """Return sine and cosine of 2 atan(t)."""
     return 2 * t / (1 + t * t), (1 - t * t) / (1 + t * t)
 
 
 def _matrix(block: Sequence[Sequence[float]], column: Sequence[float], corner: float) -> Matrix:
-    """[[block, column], [0, corner]]."""
+    """Return [[block, column], [0, corner]]."""
     rows = [[*row, x] for row, x in zip(block, column, strict=True)]
     return [list(map(Fraction, row)) for row in [*rows, [0.0, 0.0, 0.0, corner]]]
 
@@ -265,14 +267,14 @@ def _dot(a: Row, b: Row) -> Fraction:
 
 
 def _combined(matrices: Sequence[Matrix], factors: Sequence[Any]) -> Matrix:
-    """The sum of matrices times factors."""
+    """Sum matrices times factors."""
     flat = zip(*([x for row in A for x in row] for A in matrices), strict=True)
     sums = [sum((f * x for f, x in zip(factors, entries, strict=True) if x), Fraction(0)) for entries in flat]
     return [sums[i : i + 4] for i in range(0, 16, 4)] or _NOTHING
 
 
 def _float(x: Fraction) -> float:
-    """The nearest float, of what is too large the largest."""
+    """Return the nearest float, of what is too large the largest."""
     return float(min(max(x, -_LARGEST), _LARGEST))
 
 

@@ -78,8 +78,8 @@ def _vanishing(zeros: ZeroMap, index: int) -> tuple[Zeros, Zeros]:
     """Count the entries of a coordinate's M and C that vanish, by reason; of two that are equal one."""
 
     def counted(tally: Tally, reasons: Any) -> Zeros:
-        found = Counter(reasons[reasons >= 0].tolist())
-        return tuple((tally.zeros[place][0], found[place]) for place in sorted(found))
+        counts = Counter(reasons[reasons >= 0].tolist())
+        return tuple((tally.zeros[place][0], counts[place]) for place in sorted(counts))
 
     pairs = zeros.christoffel.reason[index]
     upper = pairs[np.triu_indices(len(pairs))]
@@ -87,16 +87,16 @@ def _vanishing(zeros: ZeroMap, index: int) -> tuple[Zeros, Zeros]:
 
 
 def _ranges(numbers: Sequence[int]) -> str:
-    """Numbers in order, runs of them as 1-6."""
-    found = []
+    """Write numbers in order, runs of them as 1-6."""
+    ranges = []
     for _, run in groupby(enumerate(sorted(numbers)), lambda x: x[1] - x[0]):
         values = [value for _, value in run]
-        found.append(str(values[0]) if len(values) == 1 else f"{values[0]}-{values[-1]}")
-    return ", ".join(found)
+        ranges.append(str(values[0]) if len(values) == 1 else f"{values[0]}-{values[-1]}")
+    return ", ".join(ranges)
 
 
 def _pairs(pairs: Sequence[tuple[int, int]]) -> str:
-    """Pairs (l, f), those of one l together."""
+    """Group pairs (l, f) by l."""
     rows = groupby(sorted(pairs), lambda pair: pair[0])
     return "; ".join(f"({first}, {_ranges([second for _, second in row])})" for first, row in rows)
 
@@ -127,7 +127,7 @@ def render_report(derived: Derived, ending: str) -> str:
 
 
 def _block(model: Any, blocks: Blocks, printer: Any) -> dict[str, Any]:
-    """A kind of joint, its matrices printed."""
+    """Print the matrices of a kind of joint."""
     pairs = combinations_with_replacement(blocks.active, 2)
     return {
         "joints": [k + 1 for k, body in enumerate(model.bodies) if body.active == blocks.active],
@@ -139,7 +139,7 @@ def _block(model: Any, blocks: Blocks, printer: Any) -> dict[str, Any]:
 
 
 def _closed(derived: Derived) -> dict[str, Any]:
-    """Closed-form equations of a small robot, as text and for LaTeX; nothing where they cannot be read."""
+    """Return closed-form equations of a small robot, as text and for LaTeX; nothing where they cannot be read."""
     if derived.model.size > MOST_COORDINATES:
         return {}
     try:

@@ -25,20 +25,22 @@ class Bushings(ElasticCoordinates):
     @cached_property
     def members(self) -> Sequence[ElasticCoordinate]:
         """The coordinates where q is, bushing by bushing."""
-        at, found, parameters = self.at, list[ElasticCoordinate](), self.at.model.parameters
+        at, members, parameters = self.at, list[ElasticCoordinate](), self.at.model.parameters
         for bushing in at.bound.elements[self.FAMILY]:
             at.note(f"{bushing.name}: bushing between {bushing.links[0]} and {bushing.links[1]}")
             where = component_name(self.FAMILY, bushing.name)
             pair = FramePair(at.model, at.joints, bushing.ends, where)
             known = {key: component_name(where, key) for key in bushing.numbers}
             slopes = Bushing.slopes({key: parameters[name] for key, name in known.items() if name in parameters})
-            for name, (value, direction, _, arms) in coordinates_of(pair, list(slopes), at.functions).items():
+            for name, (value, direction, _, row) in coordinates_of(pair, list(slopes), at.functions).items():
                 law = BoundLaw(bushing.numbers[f"stiffness.{name}"], bushing.numbers[f"damping.{name}"])
-                own = component_name(bushing.name, name)
-                found.append(ElasticCoordinate(value, arms, law, slopes[name][0], pair, direction, own))
-        return found
+                full_name = component_name(bushing.name, name)
+                members.append(ElasticCoordinate(value, row, law, slopes[name][0], pair, direction, full_name))
+        return members
 
     def deflections(self, v: Sequence[Scalar]) -> Iterator[Deflection]:
         """Give all six coordinates with a force of each bushing."""
-        for own in self.members:
-            yield Deflection(own.name, own.s, own.resists(v, self.at.functions).force, own.arms)
+        for coordinate in self.members:
+            yield Deflection(
+                coordinate.name, coordinate.s, coordinate.resists(v, self.at.functions).force, coordinate.jacobian_row
+            )

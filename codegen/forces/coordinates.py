@@ -11,7 +11,7 @@ from eomgen.robot.value import MOTOR
 
 from ..tree.spatial import Scalar
 from .element import ForceElement, ImplicitShare, Slopes
-from .laws import Effect, effect, load_of, pressing
+from .laws import Effect, bearing_load, effect, without_friction
 
 
 class CoordinateLaws(ForceElement):
@@ -33,18 +33,18 @@ class CoordinateLaws(ForceElement):
         q = self.at.q
         for law, s in zip(self.at.bound.laws, q, strict=True):
             yield 0.5 * law.stiffness * s * s
-        yield from (found.energy for found in self._effects(q, self.at.still).values())
+        yield from (law.energy for law in self._effects(q, self.at.still).values())
 
     def add_slopes(self, slopes: Slopes) -> None:
         """Add slopes of laws; those of straight lines are in ``residual_derivatives``."""
         bound, q, v, f = self.at.bound, slopes.q, slopes.v, self.at.functions
-        found = self._effects(q, v)
-        for i, law in found.items():
+        effects = self._effects(q, v)
+        for i, law in effects.items():
             slopes.add((i, i), law.by_s, law.by_rate)
-        for i, law in found.items():
+        for i, law in effects.items():
             others = bound.laws[i].carriers
-            carried = [self._pressing(j, q, v) for j in others]
-            for j, one, slope in zip(others, carried, load_of(carried, f)[1] if others else (), strict=True):
+            carried = [self._without_friction(j, q, v) for j in others]
+            for j, one, slope in zip(others, carried, bearing_load(carried, f)[1] if others else (), strict=True):
                 slopes.add((i, j), law.by_load * slope * one.by_s, law.by_load * slope * one.by_v)
 
     def advance(self, share: ImplicitShare) -> None:
@@ -56,23 +56,25 @@ class CoordinateLaws(ForceElement):
         """Add slopes of straight lines and laws."""
         for i, law in enumerate(self.at.bound.laws):
             share.on_coordinate(i, law.stiffness, law.damping)
-        for i, found in self._effects(share.q, share.v).items():
-            share.bend(i, found)
+        for i, acting in self._effects(share.q, share.v).items():
+            share.bend(i, acting)
 
     def _rows(self, q: Sequence[Scalar], v: Sequence[Scalar]) -> Iterator[tuple[int, Scalar]]:
         laws = self.at.bound.laws
         yield from enumerate([x.stiffness * s + x.damping * rate for x, s, rate in zip(laws, q, v, strict=True)])
-        yield from ((i, found.force) for i, found in self._effects(q, v).items())
+        yield from ((i, law.force) for i, law in self._effects(q, v).items())
 
     def _effects(self, q: Sequence[Scalar], v: Sequence[Scalar]) -> dict[int, Effect]:
-        """Effects of laws beyond eq. (13), by the index of the coordinate."""
-        found, f = dict[int, Effect](), self.at.functions
+        """Return effects of laws beyond eq. (13), by the index of the coordinate."""
+        effects, f = dict[int, Effect](), self.at.functions
         for i, law in enumerate(self.at.bound.laws):
             if law.numbers:
-                load = load_of([self._pressing(j, q, v) for j in law.carriers], f)[0] if law.carriers else 0.0
-                found[i] = effect(law.numbers, law.knots, q[i], v[i], f, load)
-        return found
+                load = (
+                    bearing_load([self._without_friction(j, q, v) for j in law.carriers], f)[0] if law.carriers else 0.0
+                )
+                effects[i] = effect(law.numbers, law.knots, q[i], v[i], f, load)
+        return effects
 
-    def _pressing(self, j: int, q: Sequence[Scalar], v: Sequence[Scalar]) -> Effect:
-        """Effect, without friction, of a coordinate that presses on others."""
-        return pressing(self.at.bound.laws[j], q[j], v[j], self.at.functions)
+    def _without_friction(self, j: int, q: Sequence[Scalar], v: Sequence[Scalar]) -> Effect:
+        """Return the effect, without friction, of a coordinate that presses on others."""
+        return without_friction(self.at.bound.laws[j], q[j], v[j], self.at.functions)

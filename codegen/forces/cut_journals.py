@@ -21,39 +21,39 @@ from .elastic_coordinates import ElasticCoordinate
 from .element import ForceElement, ImplicitShare, Slopes, Turn
 from .journals import BearingContact, places
 
-Arms = dict[int, Scalar]
+SparseRow = dict[int, Scalar]
 
 
 @dataclass(frozen=True)
 class LoopBearingContact:
-    """A contact in coordinates of a cut joint, ``felt`` in their order, with the tree's indices in its arms."""
+    """A contact in coordinates of a cut joint, ``felt`` in their order, each with its row by the tree's coordinates."""
 
     touch: BearingContact
     felt: Sequence[ElasticCoordinate]
 
     def ahead(self, dt: Scalar) -> LoopBearingContact:
-        """The contact where the rates lead to after dt, with the derivatives that it has here."""
+        """Return the contact where the rates lead to after dt, with the derivatives that it has here."""
         return replace(self, touch=self.touch.ahead(dt))
 
-    def rows(self) -> Arms:
-        """Resisting forces by the tree's coordinates."""
+    def rows(self) -> SparseRow:
+        """Return resisting forces by the tree's coordinates."""
         return self.of_tree(self.touch.rows())
 
     def moved_by(self) -> list[int]:
-        """Indices of the coordinates on which its forces depend."""
-        return list(dict.fromkeys(i for own in self.felt for i in own.arms))
+        """Return indices of the coordinates on which its forces depend."""
+        return list(dict.fromkeys(i for coordinate in self.felt for i in coordinate.jacobian_row))
 
-    def directions(self, dt: Scalar, square: Scalar) -> list[tuple[Arms, Scalar]]:
-        """Directions of the tree's coordinates in which there are slopes, and these, as of ``BearingContact``."""
-        return [(self.of_tree(arms), slope) for arms, slope in self.touch.directions(dt, square)]
+    def directions(self, dt: Scalar, square: Scalar) -> list[tuple[SparseRow, Scalar]]:
+        """Return directions of the tree's coordinates with slopes, and these, as of ``BearingContact``."""
+        return [(self.of_tree(row), slope) for row, slope in self.touch.directions(dt, square)]
 
-    def of_tree(self, rows: Mapping[int, Scalar]) -> Arms:
-        """Rows by the cut joint's coordinates as rows by those of the tree."""
-        found: Arms = {}
+    def of_tree(self, rows: Mapping[int, Scalar]) -> SparseRow:
+        """Map rows by the cut joint's coordinates to rows by those of the tree."""
+        row: SparseRow = {}
         for k, value in rows.items():
-            for i, arm in self.felt[k].arms.items():
-                found[i] = found.get(i, 0.0) + value * arm
-        return found
+            for i, arm in self.felt[k].jacobian_row.items():
+                row[i] = row.get(i, 0.0) + value * arm
+        return row
 
 
 class LoopBearingContacts(ForceElement):
@@ -63,21 +63,25 @@ class LoopBearingContacts(ForceElement):
 
     def contacts(self, v: Sequence[Scalar]) -> list[LoopBearingContact]:
         """Give the contacts at the velocities v."""
-        at, found = self.at, list[LoopBearingContact]()
+        at, contacts = self.at, list[LoopBearingContact]()
         if not at.bound.cut_journals:
-            return found
+            return contacts
         members = ElasticLoopCoordinates(at).members
-        by_place = {(own.pair.number, own.name): own for own in members if isinstance(own.pair, Closure)}
+        by_place = {
+            (coordinate.pair.number, coordinate.name): coordinate
+            for coordinate in members
+            if isinstance(coordinate.pair, Closure)
+        }
         for number, journal in at.bound.cut_journals.items():
             felt = [by_place[number, name] for name in journal.index]
-            rates = [own.rate(v) for own in felt]
-            turns = [_turn(own, at.bound.cut_offsets[number], at.sincos) for own in felt]
-            for place in places(journal, [own.s for own in felt], turns.__getitem__):
-                found.append(LoopBearingContact(BearingContact(journal, place, rates, at.functions), felt))
-        return found
+            rates = [coordinate.rate(v) for coordinate in felt]
+            turns = [_turn(coordinate, at.bound.cut_offsets[number], at.sincos) for coordinate in felt]
+            for place in places(journal, [coordinate.s for coordinate in felt], turns.__getitem__):
+                contacts.append(LoopBearingContact(BearingContact(journal, place, rates, at.functions), felt))
+        return contacts
 
     def _forces(self, v: Sequence[Scalar]) -> Iterator[tuple[ElasticCoordinate, Scalar]]:
-        """Coordinates of cut joints with the forces that resist them, contact by contact."""
+        """Yield coordinates of cut joints with the forces that resist them, contact by contact."""
         for cut in self.contacts(v):
             yield from ((cut.felt[k], force) for k, force in cut.touch.rows().items())
 
@@ -92,14 +96,14 @@ class LoopBearingContacts(ForceElement):
 
     def wrenches(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Wrench]]:
         """Give what joints hold of the contacts' forces."""
-        for own, force in self._forces(v):
-            yield from own.wrenches(force)
+        for coordinate, force in self._forces(v):
+            yield from coordinate.wrenches(force)
 
     def wrenches_in_cuts(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Wrench]]:
         """Give the forces on the loops' second links."""
-        for own, force in self._forces(v):
-            assert isinstance(own.pair, Closure)
-            yield own.pair.number, own.on_second(force)
+        for coordinate, force in self._forces(v):
+            assert isinstance(coordinate.pair, Closure)
+            yield coordinate.pair.number, coordinate.on_second(force)
 
     def add_slopes(self, slopes: Slopes) -> None:
         """Add derivatives, differentiating the graph."""
@@ -116,16 +120,16 @@ class LoopBearingContacts(ForceElement):
         """Give the stiffness of all contacts as if they touched along x and along y."""
         for cut in self.contacts(self.at.still):
             k, first = cut.touch.journal.numbers["stiffness"], cut.touch.place.first
-            for arms in [cut.of_tree({i: arm[axis] for i, arm in first.items()}) for axis in (0, 1)]:
-                yield from ((i, k * (arm * arm)) for i, arm in arms.items())
+            for row in [cut.of_tree({i: arm[axis] for i, arm in first.items()}) for axis in (0, 1)]:
+                yield from ((i, k * (arm * arm)) for i, arm in row.items())
 
 
-def _turn(own: ElasticCoordinate, offsets: Sequence[Scalar], sincos: Turn) -> tuple[Scalar, Scalar]:
-    """Sine and cosine of an angle's deviation; (0, 1) of what is none."""
-    if own.turn is None:
+def _turn(coordinate: ElasticCoordinate, offsets: Sequence[Scalar], sincos: Turn) -> tuple[Scalar, Scalar]:
+    """Return sine and cosine of an angle's deviation; (0, 1) of what is none."""
+    if coordinate.turn is None:
         return 0.0, 1.0
-    offset = offsets[COORDINATES.index(own.name)]
+    offset = offsets[COORDINATES.index(coordinate.name)]
     if is_zero(offset):
-        return own.turn
-    (s, c), (sine, cosine) = own.turn, sincos(offset)
+        return coordinate.turn
+    (s, c), (sine, cosine) = coordinate.turn, sincos(offset)
     return s * cosine - c * sine, c * cosine + s * sine

@@ -33,46 +33,46 @@ class ElasticLoopCoordinates(ElasticCoordinates):
     @cached_property
     def members(self) -> Sequence[ElasticCoordinate]:
         """The coordinates where q is."""
-        at, found = self.at, list[ElasticCoordinate]()
+        at, members = self.at, list[ElasticCoordinate]()
         if not (at.bound.cut_laws or at.bound.couplings):
-            return found
+            return members
         for closure in at.closures():
             names = [name for name in COORDINATES if (closure.number, name) in at.bound.cut_laws]
             if names:
-                found += _of_loop(at.bound, closure, names, at.functions)
+                members += _of_loop(at.bound, closure, names, at.functions)
         for coupling in at.bound.couplings:
             if coupling.law is not None:
-                found.append(ElasticCoordinate(coupling.gap(at.q), dict(coupling.arms), coupling.law))
-        return [replace(own, described=k) for own, k in zip(found, self._described(), strict=True)]
+                members.append(ElasticCoordinate(coupling.residual(at.q), dict(coupling.jacobian_row), coupling.law))
+        return [replace(coordinate, described=k) for coordinate, k in zip(members, self._described(), strict=True)]
 
     def _described(self) -> Iterator[float]:
-        """Stiffnesses by the description's numbers."""
-        for owner, name, given in self.at.model.cut_laws:
+        """Yield stiffnesses by the description's numbers."""
+        for owner, name, coordinate in self.at.model.cut_laws:
             path = ("loops", owner, name) if name else ("couplings", owner)
             k = self.at.model.parameters.get(parameter_name(*path, "stiffness"), 0.0)
-            yield stiffness_of({"stiffness": k, **given.law()}, tuple(x for x, _ in given.curve or ()))
+            yield stiffness_of({"stiffness": k, **coordinate.law()}, tuple(x for x, _ in coordinate.curve or ()))
 
     def wrenches_in_cuts(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Wrench]]:
         """Give the forces on the loops' second links."""
-        for own in self.members:
-            if isinstance(own.pair, Closure):
-                yield own.pair.number, own.on_second(own.resists(v, self.at.functions).force)
+        for coordinate in self.members:
+            if isinstance(coordinate.pair, Closure):
+                yield coordinate.pair.number, coordinate.on_second(coordinate.resists(v, self.at.functions).force)
 
     KERNELS: ClassVar[Kernels] = {
         "cut_forces": (
             "values",
-            lambda self, v: [x for own in self.members for x in (own.s, own.resists(v, self.at.functions).force)],
+            lambda self, v: [x for s in self.members for x in (s.s, s.resists(v, self.at.functions).force)],
         ),
-        "cut_jacobian": ("rows", lambda self, v: [own.arms for own in self.members]),
+        "cut_jacobian": ("rows", lambda self, v: [s.jacobian_row for s in self.members]),
     }
 
 
 def _of_loop(bound: Bound, closure: Closure, names: Sequence[str], f: Functions) -> Iterator[ElasticCoordinate]:
     offset = bound.cut_offsets[closure.number]
-    found: dict[str, ElasticCoordinate] = {}
-    for name, (value, direction, turn, arms) in coordinates_of(closure, names, f).items():
+    members: dict[str, ElasticCoordinate] = {}
+    for name, (value, direction, turn, row) in coordinates_of(closure, names, f).items():
         law = bound.cut_laws[closure.number, name]
         s = value - offset[COORDINATES.index(name)]
-        found[name] = ElasticCoordinate(s, arms, law, pair=closure, direction=direction, name=name, turn=turn)
-    for own in found.values():
-        yield replace(own, carriers=tuple(found[COORDINATES[other]] for other in own.law.carriers))
+        members[name] = ElasticCoordinate(s, row, law, pair=closure, direction=direction, name=name, turn=turn)
+    for coordinate in members.values():
+        yield replace(coordinate, carriers=tuple(members[COORDINATES[other]] for other in coordinate.law.carriers))

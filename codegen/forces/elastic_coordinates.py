@@ -18,7 +18,7 @@ from ..tree.constraints import Direction, FramePair
 from ..tree.recursion import Wrench
 from ..tree.spatial import Scalar, along, is_zero
 from .element import ForceElement, ImplicitShare, Slopes
-from .laws import Effect, effect, load_of, pressing
+from .laws import Effect, bearing_load, effect, without_friction
 from .relative_placement import cosine_of
 from .scalar_functions import Functions
 
@@ -28,13 +28,13 @@ class ElasticCoordinate:
     """A coordinate with a force: s, ds/dq by the index of the coordinate, and the law.
 
     described: its stiffness by the description's numbers.
-    pair: the frames that it is of, with its direction there; None of a coupling's.  name: its own, below its element's.
+    pair: the frames that it is of, with its direction there; None of a coupling's.  name: below its element's.
     carriers: coordinates of the same cut joint that press on it, where its friction depends on that.
     turn: sine and cosine of an angle, offset included.
     """
 
     s: Scalar
-    arms: dict[int, Scalar]
+    jacobian_row: dict[int, Scalar]
     law: BoundLaw
     described: float = 0.0
     pair: FramePair | None = None
@@ -49,33 +49,33 @@ class ElasticCoordinate:
         return bool(self.law.numbers) or not (is_zero(self.law.stiffness) and is_zero(self.law.damping))
 
     def rate(self, v: Sequence[Scalar]) -> Scalar:
-        """ds/dt."""
-        return along(self.arms, v)
+        """Return ds/dt."""
+        return along(self.jacobian_row, v)
 
     def resists(self, v: Sequence[Scalar], f: Functions, dt: Scalar = 0.0) -> Effect:
-        """The force that resists the deviation to which the rates v lead after dt, its slopes and energy."""
+        """Return the force against the deviation to which the rates v lead after dt, its slopes and energy."""
         s, rate = self._after(v, dt)
         k, c = self.law.stiffness, self.law.damping
         linear = Effect(k * s + c * rate, k, c, 0.5 * k * s * s)
-        load = load_of([other.presses(v, f, dt) for other in self.carriers], f)[0] if self.carriers else 0.0
+        load = bearing_load([other.presses(v, f, dt) for other in self.carriers], f)[0] if self.carriers else 0.0
         return linear + effect(self.law.numbers, self.law.knots, s, rate, f, load)
 
     def moved_by(self) -> list[int]:
-        """Indices of the coordinates on which its force depends, its own arms' first."""
-        return list(dict.fromkeys(i for one in (self, *self.carriers) for i in one.arms))
+        """Return the indices of the coordinates on which its force depends, those that move it first."""
+        return list(dict.fromkeys(i for one in (self, *self.carriers) for i in one.jacobian_row))
 
     def presses(self, v: Sequence[Scalar], f: Functions, dt: Scalar) -> Effect:
-        """Effect of its springs, contacts and dampers alone, arguments as of ``resists``."""
+        """Return the effect of its springs, contacts and dampers alone, arguments as of ``resists``."""
         s, rate = self._after(v, dt)
-        return pressing(self.law, s, rate, f)
+        return without_friction(self.law, s, rate, f)
 
     def on_second(self, force: Scalar) -> Wrench:
-        """The wrench on the second frame's link of the resisting force, in the common body's axes."""
+        """Return the resisting force's wrench on the second frame's link, in the common body's axes."""
         assert self.direction is not None
         return self.direction.wrench(-1.0 * force)
 
     def wrenches(self, force: Scalar) -> Iterator[tuple[int, Wrench]]:
-        """Wrenches of the tree's joints that hold the resisting force, as of ``FramePair.wrenches``."""
+        """Return the tree's joint wrenches that hold the resisting force, as of ``FramePair.wrenches``."""
         if self.pair is not None:
             wrench = self.on_second(force)
             yield from self.pair.wrenches(wrench.force, wrench.moment)
@@ -95,42 +95,46 @@ class ElasticCoordinates(ForceElement):
 
     def resist(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Scalar]]:
         """Give the forces along ds/dq."""
-        for own in self.members:
-            force = own.resists(v, self.at.functions).force
-            yield from ((i, force * arm) for i, arm in own.arms.items())
+        for coordinate in self.members:
+            force = coordinate.resists(v, self.at.functions).force
+            yield from ((i, force * arm) for i, arm in coordinate.jacobian_row.items())
 
     def energies(self) -> Iterator[Scalar]:
         """Give energies of the deviations."""
-        yield from (own.resists(self.at.still, self.at.functions).energy for own in self.members)
+        yield from (coordinate.resists(self.at.still, self.at.functions).energy for coordinate in self.members)
 
     def wrenches(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Wrench]]:
         """Give what joints between both frames hold of the forces."""
-        for own in self.members:
-            yield from own.wrenches(own.resists(v, self.at.functions).force)
+        for coordinate in self.members:
+            yield from coordinate.wrenches(coordinate.resists(v, self.at.functions).force)
 
     def add_slopes(self, slopes: Slopes) -> None:
         """Add derivatives, differentiating the graph."""
-        for own in self.members:
-            if own.has_force:
-                force = own.resists(slopes.v, self.at.functions).force
-                slopes.differentiate({i: force * arm for i, arm in own.arms.items()}, own.moved_by())
+        for coordinate in self.members:
+            if coordinate.has_force:
+                force = coordinate.resists(slopes.v, self.at.functions).force
+                slopes.differentiate(
+                    {i: force * arm for i, arm in coordinate.jacobian_row.items()}, coordinate.moved_by()
+                )
 
     def add_rows(self, share: ImplicitShare) -> None:
         """Add forces where the rates lead to, and their slopes."""
-        for own in self.members:
-            if own.has_force:
-                share.along(own.arms, own.resists(share.v, self.at.functions, share.ahead))
+        for coordinate in self.members:
+            if coordinate.has_force:
+                share.along(coordinate.jacobian_row, coordinate.resists(share.v, self.at.functions, share.ahead))
 
     def stiffnesses(self) -> Iterator[tuple[int, Scalar]]:
         """Give those of the description's numbers."""
-        for own in self.members:
-            yield from ((i, own.described * (arm * arm)) for i, arm in own.arms.items())
+        for coordinate in self.members:
+            yield from ((i, coordinate.described * (arm * arm)) for i, arm in coordinate.jacobian_row.items())
 
     def poles(self, moving: Collection[int]) -> Iterator[tuple[str, Scalar]]:
         """Give cos(beta) of frames whose angles have forces, and are moved by these coordinates."""
         turned = {
-            own.pair.where: own.pair
-            for own in self.members
-            if own.pair is not None and kind_of(own.name) in ANGULAR and not own.arms.keys().isdisjoint(moving)
+            coordinate.pair.where: coordinate.pair
+            for coordinate in self.members
+            if coordinate.pair is not None
+            and kind_of(coordinate.name) in ANGULAR
+            and not coordinate.jacobian_row.keys().isdisjoint(moving)
         }
         yield from ((where, cosine_of(pair, self.at.functions)) for where, pair in turned.items())

@@ -1,6 +1,6 @@
 """Force elements in the equations of motion: rows, energy, wrenches, slopes, and share of implicit steps.
 
-Every family of forces is a class here below, with its formulas in a file of its own; ``elements`` lists them, and the
+Every family of forces is a class here below, with its formulas, one file each; ``elements`` lists them, and the
 writers of kernels loop over that list.  An element stands where q is; velocities are arguments.
 """
 
@@ -27,7 +27,7 @@ from .scalar_functions import Functions
 Member = TypeVar("Member")
 POLE = 1e-7  # cosine of beta, below which alpha and gamma turn about one axis
 
-Arms = Mapping[int, Scalar]  # derivatives of one value by coordinates, by their indices
+SparseRow = Mapping[int, Scalar]  # derivatives of one value by coordinates, by their indices
 Turn = Callable[[Scalar], tuple[Scalar, Scalar]]
 Kernels = Mapping[str, tuple[str, Callable[[Any, Sequence[Scalar]], Any]]]  # "values", "rows" or "matrices", and what
 
@@ -73,12 +73,12 @@ class Slopes:
         add_to(self.by_q, key, by_q)
         add_to(self.by_v, key, by_v)
 
-    def differentiate(self, rows: Arms, moved_by: Sequence[int]) -> None:
+    def differentiate(self, rows: SparseRow, moved_by: Sequence[int]) -> None:
         """Add the derivatives of forces, which depend on these coordinates alone, by differentiating the graph."""
         moving = self.moving(moved_by)
         for x, into in ((self.q, self.by_q), (self.v, self.by_v)):
-            found = gradients(self.graph, list(rows.values()), [x[j] for j in moving])
-            for i, row in zip(rows, found, strict=True):
+            derivatives = gradients(self.graph, list(rows.values()), [x[j] for j in moving])
+            for i, row in zip(rows, derivatives, strict=True):
                 for j, slope in zip(moving, row, strict=True):
                     add_to(into, (i, j), slope)
 
@@ -90,7 +90,7 @@ class Deflection:
     name: str
     value: Scalar
     force: Scalar
-    arms: Arms
+    jacobian_row: SparseRow
 
 
 class ImplicitShare(ABC):
@@ -107,8 +107,8 @@ class ImplicitShare(ABC):
         """Give what an element makes of the velocities, made once."""
         if element not in self._made:
             self._made[element] = make(self.v)
-        found: list[Member] = self._made[element]
-        return found
+        members: list[Member] = self._made[element]
+        return members
 
     @abstractmethod
     def push(self, i: int, force: Scalar) -> None:
@@ -131,11 +131,13 @@ class ImplicitShare(ABC):
         """Add slopes in the deflection of a motor's transmission: of a straight line, and of laws."""
 
     @abstractmethod
-    def along(self, arms: Arms, law: Effect) -> None:
+    def along(self, row: SparseRow, law: Effect) -> None:
         """Add a force along a direction, and its slopes as a rank-one row; none where the tangent falls."""
 
     @abstractmethod
-    def along_all(self, rows: Arms, directions: Callable[[Scalar, Scalar], Sequence[tuple[Arms, Scalar]]]) -> None:
+    def along_all(
+        self, rows: SparseRow, directions: Callable[[Scalar, Scalar], Sequence[tuple[SparseRow, Scalar]]]
+    ) -> None:
         """Add forces by coordinates, and rank-one rows with slopes by c and c^2, which are never negative."""
 
 
@@ -200,7 +202,7 @@ class ForceElement(ABC):
     def stiffnesses(self) -> Iterator[tuple[int, Scalar]]:
         """Give the largest stiffness that each coordinate feels by itself, N/m or N m/rad, by its index.
 
-        Without those of coordinates' own tables and of transmissions, which are known without equations.
+        Without those of coordinates' tables and of transmissions, which are known without equations.
         """
         yield from ()
 

@@ -1,4 +1,4 @@
-"""Damping of joints' own motions: rows and their derivatives.
+"""Damping of joints' motions: rows and their derivatives.
 
 The coordinates of eq. (3) move a joint's origin with (x', y', z') in the joint's axes, and turn its child with an
 angular velocity w about the axes of alpha, beta and gamma.  These are unit vectors of which the second is normal to
@@ -41,14 +41,14 @@ class Damper:
     def slopes(self, c: Scalar = 1.0, _square: Scalar = 0.0) -> Rows:
         """Give c d G on and above the diagonal, which is never negative: dr/dv, and what implicit steps take."""
         d = c * self.damping
-        found: Rows = {(i, i): d for i in self.indices}
+        slopes: Rows = {(i, i): d for i in self.indices}
         if self.across is not None:
             alpha, gamma, sine, _, _ = self.across
-            found[alpha, gamma] = d * sine
-        return found
+            slopes[alpha, gamma] = d * sine
+        return slopes
 
     def rows(self, v: Sequence[Scalar]) -> dict[int, Scalar]:
-        """r_i."""
+        """Return r_i."""
         rates = {i: v[i] for i in self.indices}
         if self.across is not None:
             alpha, gamma, sine, _, _ = self.across
@@ -69,26 +69,26 @@ class Damper:
 
 
 class JointDampers(ForceElement):
-    """Dampings of all joints' own motions."""
+    """Dampings of all joints' motions."""
 
     FAMILY: ClassVar[str] = MOTIONS
 
     @cached_property
     def dampers(self) -> list[Damper]:
         """The dampings where q is, each joint with a comment in front of its values."""
-        at, found = self.at, list[Damper]()
+        at, dampers = self.at, list[Damper]()
         for joint in at.bound.joint_damping:
             at.note(f"{joint.joint}: damping of its motion")
             for key, damping in joint.numbers.items():
                 moved = {name: joint.index[name] for name in MOVED[key] if name in joint.index}
                 if FRONT not in moved or BACK not in moved:
-                    found.append(Damper(damping, tuple(moved.values())))
+                    dampers.append(Damper(damping, tuple(moved.values())))
                     continue
                 beta, sine, cosine = moved.get(MIDDLE, -1), 0.0, 1.0
                 if beta >= 0:
                     sine, cosine = at.sincos(at.q[beta] + at.bound.angle_offsets[beta])
-                found.append(Damper(damping, tuple(moved.values()), (moved[FRONT], moved[BACK], sine, beta, cosine)))
-        return found
+                dampers.append(Damper(damping, tuple(moved.values()), (moved[FRONT], moved[BACK], sine, beta, cosine)))
+        return dampers
 
     def resist(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Scalar]]:
         """Give d G v."""

@@ -32,7 +32,7 @@ from .scalar_functions import Functions
 
 REST = SMALLEST  # m
 Pair = tuple[Scalar, Scalar]
-Arms = dict[int, Scalar]
+SparseRow = dict[int, Scalar]
 
 
 @dataclass(frozen=True)
@@ -44,18 +44,18 @@ class Place:
     second: Mapping[tuple[int, int], Pair]
 
     def rate(self, v: Sequence[Scalar]) -> Pair:
-        """c_dot."""
+        """Return c_dot."""
         return _moved(self.first, v)
 
     def bent(self, j: int, v: Sequence[Scalar]) -> Pair:
-        """Derivative of c_dot by the coordinate j."""
+        """Return the derivative of c_dot by the coordinate j."""
         return _moved({k: arm for (one, k), arm in self.second.items() if one == j}, v)
 
 
-def _moved(arms: Mapping[int, Pair], v: Sequence[Scalar]) -> Pair:
+def _moved(slopes: Mapping[int, Pair], v: Sequence[Scalar]) -> Pair:
     x: Scalar = 0.0
     y: Scalar = 0.0
-    for i, (by_x, by_y) in arms.items():
+    for i, (by_x, by_y) in slopes.items():
         x, y = x + by_x * v[i], y + by_y * v[i]
     return x, y
 
@@ -74,16 +74,16 @@ class BearingContact:
         numbers = journal.numbers
         self.normal: Effect = contact(numbers, numbers["stiffness"], e, dot(self.n, self.rate), f)
         radius = numbers.get("friction.radius")
-        self.spin: Arms = {} if radius is None else {journal.index[TURNING]: radius}
+        self.spin: SparseRow = {} if radius is None else {journal.index[TURNING]: radius}
         self._slide()
 
     def ahead(self, dt: Scalar) -> BearingContact:
-        """The contact where the rates lead to after dt, with the derivatives that c has here."""
+        """Return the contact where the rates lead to after dt, with the derivatives that c has here."""
         at = (self.place.at[0] + dt * self.rate[0], self.place.at[1] + dt * self.rate[1])
         return BearingContact(self.journal, replace(self.place, at=at), self.v, self.f)
 
     def _slide(self) -> None:
-        """T, its slopes by N and v_t, and its secant T / v_t."""
+        """Return T, its slopes by N and v_t, and its secant T / v_t."""
         numbers = self.journal.numbers
         if "friction.coefficient" not in numbers:
             self.friction = self.by_load = self.by_slide = self.secant = 0.0
@@ -99,34 +99,34 @@ class BearingContact:
         self.secant = numbers["friction.coefficient"] * (self.normal.force * inverse)
         self.by_slide = self.secant * (square * (inverse * inverse))
 
-    def rows(self) -> Arms:
-        """r_i."""
+    def rows(self) -> SparseRow:
+        """Return r_i."""
         N, T = self.normal.force, self.friction
         push = (N * self.n[0] + T * self.t[0], N * self.n[1] + T * self.t[1])
-        found = {i: dot(push, arm) for i, arm in self.place.first.items()}
-        return found | {i: T * arm for i, arm in self.spin.items()}
+        rows = {i: dot(push, arm) for i, arm in self.place.first.items()}
+        return rows | {i: T * arm for i, arm in self.spin.items()}
 
-    def approach(self) -> Arms:
-        """a_i."""
+    def approach(self) -> SparseRow:
+        """Return a_i."""
         return {i: dot(self.n, arm) for i, arm in self.place.first.items()}
 
-    def around(self) -> Arms:
-        """b_i."""
+    def around(self) -> SparseRow:
+        """Return b_i."""
         return {i: dot(self.t, arm) for i, arm in self.place.first.items()}
 
     def slopes(self, dt: Scalar, square: Scalar) -> Rows:
         """Add up the slopes in a linearly implicit step, a matrix over the joint's coordinates, never negative."""
-        found: Rows = {}
-        for arms, slope in self.directions(dt, square):
-            scaled = {i: slope * arm for i, arm in arms.items()}
+        slopes: Rows = {}
+        for row, slope in self.directions(dt, square):
+            scaled = {i: slope * arm for i, arm in row.items()}
             for i, one in scaled.items():
-                for j, other in arms.items():
+                for j, other in row.items():
                     if i <= j:
-                        add_to(found, (i, j), one * other)
-        return found
+                        add_to(slopes, (i, j), one * other)
+        return slopes
 
-    def directions(self, dt: Scalar, square: Scalar) -> list[tuple[Arms, Scalar]]:
-        """Directions of the joint's coordinates in which there are slopes, and these, which are never negative.
+    def directions(self, dt: Scalar, square: Scalar) -> list[tuple[SparseRow, Scalar]]:
+        """Return directions of the joint's coordinates with slopes, and these, which are never negative.
 
         Along n the tangent of N; across, where N turns with the journal, N / e; of friction the secant, without the
         slope by its load, which is not symmetric.
@@ -168,11 +168,11 @@ class BearingContacts(ForceElement):
 
     def contacts(self, v: Sequence[Scalar]) -> list[BearingContact]:
         """Give the contacts at the velocities v, each journal with a comment in front of its values."""
-        at, found = self.at, list[BearingContact]()
+        at, contacts = self.at, list[BearingContact]()
         for journal in at.bound.journals:
             at.note(f"{journal.joint}: its journal in the bearing")
-            found += (BearingContact(journal, place, v, at.functions) for place in places(journal, at.q, self._turn))
-        return found
+            contacts += (BearingContact(journal, place, v, at.functions) for place in places(journal, at.q, self._turn))
+        return contacts
 
     def resist(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Scalar]]:
         """Give the contacts' forces."""
@@ -210,14 +210,14 @@ class BearingContacts(ForceElement):
 
 
 def dot(one: Pair, other: Pair) -> Scalar:
-    """Scalar product."""
+    """Return the scalar product."""
     return one[0] * other[0] + one[1] * other[1]
 
 
 def places(
     journal: BoundJointElement, q: Sequence[Scalar], sincos: Callable[[int], tuple[Scalar, Scalar]]
 ) -> Iterator[Place]:
-    """The points that may touch: the middle, or both ends, that towards positive z first.
+    """Return the points that may touch: the middle, or both ends, that towards positive z first.
 
     Args:
         q: coordinates that the indices of the journal are of.

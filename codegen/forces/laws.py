@@ -1,7 +1,7 @@
 """Formulas of the laws in ``robot.laws``: what a deviation s at the rate v is resisted with.
 
 Every law is a function of s and v with its slopes and the energy that it stores (zero at s = 0), over any kind of
-scalar.  There are no branches: u = max(s - a, 0) is what of s lies beyond a, and min(u, w) the part of s inside an
+scalar.  There are no branches: u = max(s - a, 0) is what of s lies beyond a, and min(u, w) what of it is inside an
 interval of the width w, so that polynomials in these parts add up to the pieces of a curve.  (u - max(u - w, 0) is
 the same but for round-off: far beyond a narrow interval it keeps no digit of w.)
 
@@ -34,7 +34,7 @@ LEAST_LOAD = 1e-6  # N, beside which a load bends to 0: far below what matters, 
 class Effect:
     """Resisting force (N, N m), its slopes by deviation and rate, and stored energy (J).
 
-    rubs: the slope by the rate that friction has, beside ``by_v``.  drag: friction over its rate, its secant.
+    friction_tangent: slope of friction by the rate, beside ``by_v``.  friction_secant: friction over its rate.
     by_load: the slope of friction by the force that presses the joint.
     """
 
@@ -42,8 +42,8 @@ class Effect:
     by_s: Scalar = 0.0
     by_v: Scalar = 0.0
     energy: Scalar = 0.0
-    rubs: Scalar = 0.0
-    drag: Scalar = 0.0
+    friction_tangent: Scalar = 0.0
+    friction_secant: Scalar = 0.0
     by_load: Scalar = 0.0
 
     def __add__(self, other: Effect) -> Effect:
@@ -52,15 +52,15 @@ class Effect:
     @property
     def by_rate(self) -> Scalar:
         """The whole slope by the rate."""
-        return self.by_v + self.rubs
+        return self.by_v + self.friction_tangent
 
     def ahead(self, dt: Scalar, square: Scalar, f: Functions) -> Scalar:
-        """Share of it in the inertia of a linearly implicit step dt, with its square; none of a tangent that falls.
+        """Return its share in the inertia of a linearly implicit step dt, with its square; 0 of a tangent that falls.
 
         Friction counts by its secant: along its tangent, steep at rest and flat beside it, a mass that arrives moving
         would jump over its rest for ever.
         """
-        return f.max(dt * self.by_v + square * self.by_s, 0.0) + dt * self.drag
+        return f.max(dt * self.by_v + square * self.by_s, 0.0) + dt * self.friction_secant
 
 
 @dataclass(frozen=True)
@@ -89,22 +89,22 @@ def effect(
     without: Collection[str] = (),
 ) -> Effect:
     """Sum of a coordinate's laws beyond linear stiffness and damping, without some; arguments as of ``Deflection``."""
-    given = {law.name for law in given_laws(numbers)}
-    acting = given.difference(without, *(LAWS[name].absorbs for name in given))
+    names = {law.name for law in given_laws(numbers)}
+    acting = names.difference(without, *(LAWS[name].absorbs for name in names))
     x, total = Deflection(numbers, knots, s, v, f, load), Effect()
     for group in GROUPS:
         total = total + sum((formula(x) for name, formula in group.items() if name in acting), Effect())
     return total
 
 
-def pressing(law: BoundLaw, s: Scalar, v: Scalar, f: Functions) -> Effect:
-    """Effect of a coordinate's springs, contacts and dampers, without its friction."""
+def without_friction(law: BoundLaw, s: Scalar, v: Scalar, f: Functions) -> Effect:
+    """Return the effect of a coordinate's springs, contacts and dampers, without its friction."""
     linear = Effect(law.stiffness * s + law.damping * v, law.stiffness, law.damping)
     return linear + effect(law.numbers, law.knots, s, v, f, without=FRICTION)
 
 
-def load_of(carried: Sequence[Effect], f: Functions) -> tuple[Scalar, list[Scalar]]:
-    """The force N that presses a joint, and its slopes by what each of the coordinates across carries.
+def bearing_load(carried: Sequence[Effect], f: Functions) -> tuple[Scalar, list[Scalar]]:
+    """Return the force N that presses a joint, and its slopes by what each of the coordinates across carries.
 
     N = sqrt(F_1^2 + F_2^2 + LEAST_LOAD^2): it has slopes where nothing presses, too.
     """
@@ -117,7 +117,7 @@ def load_of(carried: Sequence[Effect], f: Functions) -> tuple[Scalar, list[Scala
 
 
 def tension(numbers: Numbers, knots: Sequence[float], e: Scalar, rate: Scalar, f: Functions) -> Effect:
-    """The tension of a spring between two points, from its elongation e (m) and the rate of that (m/s).
+    """Return a point-to-point spring's tension, from its elongation e (m) and the rate of that (m/s).
 
     With "smoothing", that of a cable: max(k d + c d_dot, 0), d the penetration of a contact at clearance 0.
 
@@ -135,26 +135,26 @@ def tension(numbers: Numbers, knots: Sequence[float], e: Scalar, rate: Scalar, f
 
 
 def _one_sided(k: Scalar, c: Scalar, w: Scalar, x: Scalar, v: Scalar, f: Functions, more: Scalar = 0.0) -> Effect:
-    """max(k d (1 + more d_dot) + c d_dot, 0): what is never negative, whatever x and its rate v.
+    """Return max(k d (1 + more d_dot) + c d_dot, 0): never negative, whatever x and its rate v.
 
     The penetration d(x) is that of ``_contact``, with the smoothing w: it and the share of v in d_dot set in from 0 on.
     """
-    beyond, part = f.max(x - w, 0.0), f.min(w, f.max(x, 0.0))
+    beyond, inside = f.max(x - w, 0.0), f.min(w, f.max(x, 0.0))
     inverse = 1.0 / w
-    slope = part * inverse
-    d, bend = 0.5 * (part * slope) + beyond, (f.step(x) - f.step(x - w)) * inverse
+    slope = inside * inverse
+    d, bend = 0.5 * (inside * slope) + beyond, (f.step(x) - f.step(x - w)) * inverse
     elastic = k * d
     c = c + more * elastic
     push = elastic + c * (slope * v)
     acts = f.step(push)
-    energy = k * (part * part * slope * (1.0 / 6.0) + 0.5 * beyond * (beyond + w))
+    energy = k * (inside * inside * slope * (1.0 / 6.0) + 0.5 * beyond * (beyond + w))
     force, rise = f.max(push, 0.0), k * slope
     by_s = rise + c * (bend * v) + (more * rise) * (slope * v)
     return Effect(force, acts * by_s, acts * (c * slope), energy)
 
 
 def steepest(knots: Sequence[float], forces: Sequence[Scalar], f: Functions) -> Scalar:
-    """The slope of the steepest rising piece between a curve's points, at least 0."""
+    """Return the slope of the steepest rising piece between a curve's points, at least 0."""
     most: Scalar = 0.0
     for (a, b), (low, high) in zip(pairwise(knots), pairwise(forces), strict=True):
         most = f.max((high - low) * (1.0 / (b - a)), most)
@@ -167,7 +167,7 @@ def _preload(x: Deflection) -> Effect:
 
 
 def _two_sides(x: Deflection) -> Effect:
-    """Each side by itself: where one is much softer, nothing of the other's stiffness is left in its digits."""
+    """Resist on each side by itself: where one is much softer, the other's stiffness leaves nothing in its digits."""
     k, behind = x.numbers["stiffness"], x.numbers["stiffness_negative"]
     ahead, back, is_ahead = x.f.max(x.s, 0.0), x.f.min(0.0, x.s), x.f.step(x.s)
     force, by_s = k * ahead + behind * back, k * is_ahead + behind * (1.0 - is_ahead)
@@ -188,7 +188,7 @@ def _exponential(x: Deflection) -> Effect:
 
 
 def _contacts(x: Deflection) -> Effect:
-    """Contact at both ends of a clearance."""
+    """Return contact at both ends of a clearance."""
     k = x.numbers["stiffness"]
     ahead = contact(x.numbers, k, x.s, x.v, x.f)
     behind = contact(x.numbers, x.numbers.get("stiffness_negative", k), -x.s, -x.v, x.f)
@@ -198,25 +198,25 @@ def _contacts(x: Deflection) -> Effect:
 
 
 def contact(numbers: Numbers, k: Scalar, s: Scalar, v: Scalar, f: Functions) -> Effect:
-    """The end towards positive s: (k d + cubic d^3) max(1 + c d_dot, 0).
+    """Return contact at the end towards positive s: (k d + cubic d^3) max(1 + c d_dot, 0).
 
     The penetration d(x), x = s - clearance, is 0 up to x = 0, x^2 / (2 w) up to the smoothing w, and x - w / 2 beyond;
     its rate d_dot = d'(x) v sets in as it does, from 0 on.
     """
     w = numbers["smoothing"]
     x = s - numbers["clearance"]
-    beyond, part = f.max(x - w, 0.0), f.min(w, f.max(x, 0.0))  # of x beyond the smoothing, and within
+    beyond, inside = f.max(x - w, 0.0), f.min(w, f.max(x, 0.0))  # of x beyond the smoothing, and within
     inverse = 1.0 / w
-    slope = part * inverse
-    d = 0.5 * (part * slope) + beyond
+    slope = inside * inverse
+    d = 0.5 * (inside * slope) + beyond
     force, by_s = k * d, k * slope
     half = 0.5 * w
-    energy = k * (part * part * slope * (1.0 / 6.0) + 0.5 * beyond * (beyond + w))
+    energy = k * (inside * inside * slope * (1.0 / 6.0) + 0.5 * beyond * (beyond + w))
     if "cubic" in numbers:
         c, square = numbers["cubic"], d * d
         force, by_s = force + c * square * d, by_s + 3.0 * c * square * slope
         end, root = beyond + half, half * half
-        within = part * slope * part * slope * part * slope * part * (1.0 / 56.0)  # integral of d^3
+        within = inside * slope * inside * slope * inside * slope * inside * (1.0 / 56.0)  # integral of d^3
         energy = energy + c * (within + 0.25 * (end * end * end * end - root * root))
     if "restitution_damping" in numbers:
         c = numbers["restitution_damping"]
@@ -233,8 +233,8 @@ def _friction(x: Deflection) -> Effect:
     numbers, v = x.numbers, x.v
     smoothing = numbers["friction.smoothing"]
     inverse = 1.0 / x.f.sqrt(v * v + smoothing * smoothing)
-    sign, part = v * inverse, smoothing * inverse
-    sign_slope = part * part * inverse  # in this order nothing overflows, whatever the smoothing
+    sign, ratio = v * inverse, smoothing * inverse
+    sign_slope = ratio * ratio * inverse  # in this order nothing overflows, whatever the smoothing
     level: Scalar = numbers["friction.coulomb"]
     level_slope: Scalar = 0.0
     if "friction.static" in numbers and "friction.gaussian" in numbers:
@@ -252,15 +252,20 @@ def _friction(x: Deflection) -> Effect:
     if "friction.coefficient" in numbers:
         lever = numbers["friction.coefficient"] * numbers.get("friction.radius", 1.0)
         level, by_load = level + lever * x.load, lever * sign
-    total = Effect(sign * level, rubs=sign_slope * level + sign * level_slope, drag=inverse * level, by_load=by_load)
+    total = Effect(
+        sign * level,
+        friction_tangent=sign_slope * level + sign * level_slope,
+        friction_secant=inverse * level,
+        by_load=by_load,
+    )
     if "friction.viscous" in numbers:
         b = numbers["friction.viscous"]
-        total = total + Effect(b * v, rubs=b, drag=b)
+        total = total + Effect(b * v, friction_tangent=b, friction_secant=b)
     return total
 
 
 def _stops(x: Deflection) -> Effect:
-    """Contact at the lower and at the upper end, where there are such."""
+    """Return contact at the lower and at the upper end, where there are such."""
     n = x.numbers
     k, c, w = n["stops.stiffness"], n.get("stops.damping", 0.0), n["stops.smoothing"]
     more, total = n.get("stops.restitution_damping", 0.0), Effect()
@@ -277,13 +282,13 @@ def _curve(x: Deflection) -> Effect:
 
 
 def _through_points(forces: Sequence[Scalar], knots: Sequence[float], s: Scalar, f: Functions) -> Effect:
-    """The curve through measured points; its energy is zero at s = 0."""
+    """Interpolate the curve through measured points; its energy is zero at s = 0."""
     force, by_s, energy = _along(knots, forces, s, f)
     return Effect(force, by_s, energy=energy - _along(knots, forces, 0.0, f)[2])
 
 
 def _along(knots: Sequence[float], forces: Sequence[Scalar], s: Scalar, f: Functions) -> tuple[Any, Any, Any]:
-    """Force, slope and energy from the first knot on: what every piece adds within its interval."""
+    """Return force, slope and energy from the first knot on: what every piece adds within its interval."""
     slopes, pieces = curve_pieces(knots, forces, f)
     beyond = [f.max(s - knot, 0.0) for knot in knots]
     before = (s - knots[0]) - beyond[0]  # at most 0

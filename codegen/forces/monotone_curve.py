@@ -17,7 +17,7 @@ from .scalar_functions import Functions
 def curve_pieces(
     knots: Sequence[float], forces: Sequence[Scalar], f: Functions
 ) -> tuple[list[Scalar], list[tuple[Scalar, Scalar]]]:
-    """The curve through points (knot, force), two at least.
+    """Return the pieces of the curve through points (knot, force), two at least.
 
     Returns:
         its slope at every knot, and for every interval the factors of t^2 and t^3, t from the interval's beginning.
@@ -38,10 +38,10 @@ def curve_pieces(
 
 
 def _inner_slope(before: float, behind: float, one: Scalar, other: Scalar, f: Functions) -> Scalar:
-    """The weighted harmonic mean of two secants of one sign; 0 of two signs."""
+    """Return the weighted harmonic mean of two secants of one sign; 0 of two signs."""
 
     def mean(a: Scalar, b: Scalar) -> Scalar:
-        """Weighted harmonic mean of the positive values, 0 if there is none."""
+        """Return the weighted harmonic mean of the positive values, 0 if there is none."""
         below = (2.0 * behind + before) * b + (behind + 2.0 * before) * a
         return 3.0 * (before + behind) * (a * b) / (below + (1.0 - f.step(below)))
 
@@ -50,7 +50,7 @@ def _inner_slope(before: float, behind: float, one: Scalar, other: Scalar, f: Fu
 
 
 def _end_slope(h: float, next_h: float, one: Scalar, other: Scalar, f: Functions) -> Scalar:
-    """The slope of the parabola through three points, brought between 0 and three times the first secant."""
+    """Return the slope of the parabola through three points, between 0 and three times the first secant."""
     parabola = ((2.0 * h + next_h) * one - h * other) * (1.0 / (h + next_h))
     most, least = 3.0 * f.max(one, 0.0), -3.0 * f.max(-one, 0.0)
     return -f.max(-f.max(parabola, least), -most)

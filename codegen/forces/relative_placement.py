@@ -42,19 +42,19 @@ def coordinates_of(pair: FramePair, names: Sequence[str], f: Functions) -> dict[
             values.append(value)
             directions.append(Direction(vector, is_rotation=True))
     return {
-        name: (value, direction, turns.get(name), {index: arm for index, arm in arms.items() if not is_zero(arm)})
-        for name, value, direction, arms in zip(names, values, directions, pair.arms(directions), strict=True)
+        name: (value, direction, turns.get(name), {index: arm for index, arm in row.items() if not is_zero(arm)})
+        for name, value, direction, row in zip(names, values, directions, pair.jacobian_rows(directions), strict=True)
     }
 
 
 def cosine_of(pair: FramePair, f: Functions) -> Scalar:
-    """The cosine of beta, from 0 on, of the second frame as seen from the first."""
+    """Return the cosine of beta, from 0 on, of the second frame as seen from the first."""
     R = pair.pose().rotation
     return f.sqrt(R[1][2] * R[1][2] + R[2][2] * R[2][2])
 
 
 def _angles(pair: FramePair, f: Functions) -> dict[str, tuple[Scalar, Vec, tuple[Scalar, Scalar] | None]]:
-    """alpha, beta and gamma of b as seen from a, and the dual vectors of their axes, in the common body's axes.
+    """Return alpha, beta, gamma of b as seen from a, and their axes' dual vectors, in the common body's axes.
 
     Of alpha and beta with sine and cosine.
 

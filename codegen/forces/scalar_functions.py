@@ -24,5 +24,5 @@ class Functions:
         return partial(self._call, name)
 
     def min(self, x: Scalar, y: Scalar) -> Scalar:
-        """The smaller of x and y; where both are equal, y, whose rate is its own, too."""
+        """Return the smaller of x and y; where both are equal, y with its rate."""
         return -self.max(-x, -y)

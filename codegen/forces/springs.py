@@ -75,15 +75,15 @@ class PointSpring:
         self.square = dot(self.d, self.d)
 
     def rate(self) -> Scalar:
-        """w = d . d_dot."""
+        """Return w = d . d_dot."""
         return along(self.g, self.v)
 
     def length(self) -> Scalar:
-        """L."""
+        """Return L."""
         return self.f.sqrt(self.square + REST * REST)
 
     def pull(self) -> Pull:
-        """p at the elongation and its rate."""
+        """Return p at the elongation and its rate."""
         numbers, linear = self.spring.numbers, not self.spring.knots and "smoothing" not in self.spring.numbers
         if linear and is_zero(numbers["free_length"]):
             k, c = numbers["stiffness"], numbers["damping"]
@@ -102,13 +102,13 @@ class PointSpring:
         return Pull(T.force * inverse, by_s, T.by_v * square, T.energy)
 
     def forces(self) -> tuple[Scalar, Scalar]:
-        """Length (m) and tension (N)."""
+        """Return length (m) and tension (N)."""
         L = self.length()
         e = L - self.spring.numbers["free_length"]
         return L, tension(self.spring.numbers, self.spring.knots, e, self.rate() / L, self.f).force
 
     def ahead(self, dt: Scalar) -> tuple[dict[int, Scalar], Effect]:
-        """dL/dq, and T with its slopes at the elongation that the rate leads to after dt."""
+        """Return dL/dq, and T with its slopes at the elongation that the rate leads to after dt."""
         L, f = self.length(), self.f
         inverse = 1.0 / L
         rate = self.rate() * inverse
@@ -117,7 +117,7 @@ class PointSpring:
         return {index: value * inverse for index, value in self.g.items()}, T
 
     def hessian(self) -> Rows:
-        """H."""
+        """Return H."""
         H: Rows = {}
         for place, one in enumerate(self.arms):
             for other in self.arms[place:]:
@@ -139,7 +139,7 @@ class PointSpring:
                 add_to(slopes.by_v, (i, j), pull.by_w * (g[i] * g[j]))
 
     def stiffness(self) -> Rows:
-        """Stiffness times (dd/dq)^T dd/dq: of a curve the steepest piece counts, of a cable that it is taut."""
+        """Return stiffness (dd/dq)^T dd/dq: of a curve its steepest piece's, of a cable as if it were taut."""
         numbers, knots = self.spring.numbers, self.spring.knots
         k = steepest(knots, [numbers[f"curve.{i}"] for i in range(len(knots))], self.f) if knots else 0.0
         k = k + numbers["stiffness"]
@@ -150,7 +150,7 @@ class PointSpring:
         }
 
     def wrenches(self) -> Iterator[tuple[int, Wrench]]:
-        """Wrenches of joints on the bodies between both points for p, each at its body's origin in its axes."""
+        """Yield wrenches of joints on the bodies between both points for p, each at its body's origin in its axes."""
         force = scale(self.pull().ratio, self.d)
         for side, sign in self.sides:
             held = scale(sign, force)
@@ -160,10 +160,10 @@ class PointSpring:
                 yield k, Wrench(matvec(back, held), matvec(back, cross(arm, held)))
 
 
-def _arms(side: Side, sign: float, own: Vec, other: Vec) -> Iterator[Arm]:
-    """Moment arms from the common body to the point; a rotation reads g off the moment of d, shared in its joint."""
-    pull = subtract(other, own)  # sign d is -pull
-    for column in side.columns(own):
+def _arms(side: Side, sign: float, point: Vec, other: Vec) -> Iterator[Arm]:
+    """Yield moment arms from the common body to the point; rotations read g off the moment of d, shared in a joint."""
+    pull = subtract(other, point)  # sign d is -pull
+    for column in side.columns(point):
         e, arm = column.axis, column.arm
         if column.is_rotation:
             slope = dot(e, cross(pull, arm))
@@ -183,8 +183,8 @@ class PointSprings(ForceElement):
 
     def length_rows(self) -> list[dict[int, Scalar]]:
         """Give derivatives of the lengths by the coordinates."""
-        found = [(1.0 / spring.length(), spring.g) for spring in self.springs(self.at.still)]
-        return [{i: x * inverse for i, x in g.items()} for inverse, g in found]
+        springs = [(1.0 / spring.length(), spring.g) for spring in self.springs(self.at.still)]
+        return [{i: x * inverse for i, x in g.items()} for inverse, g in springs]
 
     def stiffness(self) -> Rows:
         """Give what the springs stiffen at most, the sum of k (dd/dq)^T dd/dq."""
@@ -202,11 +202,11 @@ class PointSprings(ForceElement):
 
     def springs(self, v: Sequence[Scalar]) -> list[PointSpring]:
         """Give the springs at the velocities v, each with a comment in front of its values."""
-        at, found = self.at, list[PointSpring]()
+        at, springs = self.at, list[PointSpring]()
         for spring in at.bound.elements[self.FAMILY]:
             at.note(f"{spring.name}: between {spring.links[0]} and {spring.links[1]}")
-            found.append(PointSpring(at.model, spring, at.joints, v, at.functions))
-        return found
+            springs.append(PointSpring(at.model, spring, at.joints, v, at.functions))
+        return springs
 
     def resist(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Scalar]]:
         """Give p g."""
@@ -230,15 +230,15 @@ class PointSprings(ForceElement):
 
     def advance(self, share: ImplicitShare) -> None:
         """Push the tensions where their rates lead to, in the directions that the springs have."""
-        for arms, T in [spring.ahead(share.ahead) for spring in share.made(self, self.springs)]:
-            for i, arm in arms.items():
+        for row, T in [spring.ahead(share.ahead) for spring in share.made(self, self.springs)]:
+            for i, arm in row.items():
                 share.push(i, T.force * arm)
 
     def add_rows(self, share: ImplicitShare) -> None:
         """Add the tensions' slopes."""
         for spring in share.made(self, self.springs):
-            arms, T = spring.ahead(share.ahead)
-            share.along(arms, Effect(by_s=T.by_s, by_v=T.by_v))
+            row, T = spring.ahead(share.ahead)
+            share.along(row, Effect(by_s=T.by_s, by_v=T.by_v))
 
     def stiffnesses(self) -> Iterator[tuple[int, Scalar]]:
         """Give the diagonal of what the springs stiffen at most."""

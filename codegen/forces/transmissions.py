@@ -81,12 +81,12 @@ class Transmissions(ForceElement):
             yield between.principal, -force
 
     def _deflections(self, q: Sequence[Scalar], v: Sequence[Scalar]) -> list[Deflected]:
-        """Motors with their transmissions and effects; forces in units of the joint's side."""
-        found, f = list[Deflected](), self.at.functions
+        """Return motors with their transmissions and effects; forces in units of the joint's side."""
+        deflections, f = list[Deflected](), self.at.functions
         for motor, between in self.at.bound.transmissions.items():
             phi, rate = (x[motor] * between.inverse_ratio - x[between.principal] for x in (q, v))
             k, b = between.law.stiffness, between.law.damping
             linear = Effect(k * phi + b * rate, k, b, 0.5 * k * phi * phi)
             nonlinear = effect(between.law.numbers, between.law.knots, phi, rate, f)
-            found.append((motor, between, TransmissionDeflection(linear, nonlinear)))
-        return found
+            deflections.append((motor, between, TransmissionDeflection(linear, nonlinear)))
+        return deflections

@@ -37,7 +37,7 @@ def frozen_step(coordinate: str) -> FrozenStep:
 
 
 def derived_facts() -> Facts:
-    """Facts about one joint, derived from eq. (3), after every proof.
+    """Derive the facts about one joint from eq. (3), after every proof.
 
     Raises:
         InternalError: a proof fails.

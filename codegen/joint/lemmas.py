@@ -68,7 +68,7 @@ class JointDerivatives:
 
 @cache
 def step(coordinate: str) -> Step:
-    """The elementary transform of one coordinate, with its generator taken from dA/ds and proved."""
+    """Return the elementary transform of one coordinate, with its generator taken from dA/ds and proved."""
     s = sp.Symbol(coordinate, real=True)
     A = sp.ImmutableMatrix(_translation(coordinate, s) if coordinate in LINEAR else _rotation(coordinate, s))
     derivative = A.diff(s)
@@ -79,14 +79,14 @@ def step(coordinate: str) -> Step:
 
 @cache
 def joint_transform(active: tuple[str, ...]) -> Matrix:
-    """A_(i-1)i of eq. (3), 4x4, for the active coordinates; the others are zero and do not appear."""
+    """Return A_(i-1)i of eq. (3), 4x4, for the active coordinates; the others are zero and do not appear."""
     steps = [step(name).transform for name in COORDINATES if name in active]
     return sp.ImmutableMatrix(reduce(lambda A, B: A * B, steps, sp.eye(4)))
 
 
 @cache
 def joint_derivatives(active: tuple[str, ...]) -> JointDerivatives:
-    """First and second derivatives of A_(i-1)i by the active coordinates."""
+    """Return first and second derivatives of A_(i-1)i by the active coordinates."""
     A = joint_transform(active)
     first = {name: A.diff(step(name).symbol) for name in active}
     second = {(s, w): first[s].diff(step(w).symbol) for s, w in product(active, repeat=2)}
@@ -95,28 +95,28 @@ def joint_derivatives(active: tuple[str, ...]) -> JointDerivatives:
 
 @cache
 def prove_second_derivative_zeros() -> tuple[ZeroPair, ...]:
-    """Every pair of coordinates with d2 A_0k / ds dw = 0, by lemma (7) and by the sharper lemma.
+    """Prove every pair of coordinates with d2 A_0k / ds dw = 0, by lemma (7) and by the sharper lemma.
 
     For two joints, A_0k = L A_i M A_l N with L, M, N any matrices whose last row is (0, 0, 0, 1).  The matrices L and
     N stay outside both derivatives, so it is enough that the product between them vanishes.
     """
     derivatives = joint_derivatives(COORDINATES)
     between = _homogeneous("m")
-    found = []
+    zero_pairs = []
     for s, w in combinations_with_replacement(COORDINATES, 2):
         if derivatives.second[s, w].is_zero_matrix:
-            found.append(ZeroPair(s, w, True, lemma_of(s, w)))
+            zero_pairs.append(ZeroPair(s, w, True, lemma_of(s, w)))
     for s, w in product(COORDINATES, repeat=2):
         if (derivatives.first[s] * between * derivatives.first[w]).is_zero_matrix:
-            found.append(ZeroPair(s, w, False, lemma_of(s, w)))
-    pairs = tuple(found)
+            zero_pairs.append(ZeroPair(s, w, False, lemma_of(s, w)))
+    pairs = tuple(zero_pairs)
     _check_complete(pairs)
     return pairs
 
 
 @cache
 def prove_translation_column() -> None:
-    """dA_0k/dx = L [0 | e_x]: it depends on nothing of the joint itself and on nothing downstream."""
+    """Prove dA_0k/dx = L [0 ¦ e_x]: it depends on nothing of the joint itself and on nothing downstream."""
     downstream = _homogeneous("n")
     for name in LINEAR:
         _prove(joint_derivatives(COORDINATES).first[name] - step(name).generator, f"dA/d{name} is constant")
@@ -125,36 +125,36 @@ def prove_translation_column() -> None:
 
 @cache
 def prove_translations_orthogonal() -> tuple[tuple[str, str], ...]:
-    """Pairs of translations of one joint with tr(D_i H D_j^T) = 0 for every H and every upstream pose.
+    """Prove tr(D_i H D_j^T) = 0 for pairs of translations of one joint, every H and every upstream pose.
 
     tr(L D_i H D_j^T L^T) = tr(L^T L D_i H D_j^T), and L^T L = [[1, g], [g^T, c]] because its rotation is orthogonal.
     """
     H, gram = _symmetric("h"), _gram()
-    found = []
+    pairs = []
     for i, j in product(LINEAR, repeat=2):
         if i < j and _trace(gram * step(i).generator * H * step(j).generator.T) == 0:
-            found.append((i, j))
-    return tuple(found)
+            pairs.append((i, j))
+    return tuple(pairs)
 
 
 @cache
 def prove_coaxial() -> tuple[tuple[str, str], ...]:
-    """Pairs (translation, rotation) about one axis of one joint that never act on each other.
+    """Prove that pairs (translation, rotation) about one axis of one joint never act on each other.
 
     With nothing that turns between them, the translation's direction e and the rotation's Omega have e^T Omega = 0,
     so tr(dA/dx H (Omega X)^T) = 0 for every X: both entries of M and every C with that pair vanish.
     """
     H, X, gram = _symmetric("h"), sp.Matrix(4, 4, lambda i, j: sp.Symbol(f"x{i}{j}")), _gram()
-    found = []
+    pairs = []
     for i, j in product(LINEAR, ANGULAR):
         if _trace(gram * step(i).generator * H * X.T * step(j).generator.T) == 0:
-            found.append((i, j))
-    return tuple(found)
+            pairs.append((i, j))
+    return tuple(pairs)
 
 
 @cache
 def prove_coaxial_swap() -> None:
-    """C_i,jk = -C_l,mk for two coaxial pairs (i, m) and (l, j) of two joints, and every k that both j and m move.
+    """Prove C_i,jk = -C_l,mk for coaxial pairs (i, m) and (l, j) of two joints, and every k that j and m move.
 
     A coaxial pair shares one direction: dA_0k/dx = [0 | e] and Omega = skew(e).  For the pairs' directions p and r the
     two entries are p^T skew(r) y and r^T skew(p) y with the same y.
@@ -165,7 +165,7 @@ def prove_coaxial_swap() -> None:
 
 @cache
 def prove_antisymmetry() -> None:
-    """C_i,jk = -C_k,ij whenever j is at or upstream of both i and k (in the product of elementary transforms).
+    """Prove C_i,jk = -C_k,ij whenever j is at or upstream of both i and k (in the product of elementary transforms).
 
     Then dA_0k/ds_j = Omega_j A_0k with Omega_j = P D_j P^-1, P the product up to s_j, and Omega_j does not depend on
     s_i or s_k.  So the sum of both is tr(S (Omega_j + Omega_j^T)) with S = dA/ds_i H (dA/ds_k)^T, whose last row and
@@ -204,7 +204,7 @@ def _translation(coordinate: str, s: Any) -> Matrix:
 
 
 def _rotation(coordinate: str, s: Any) -> Matrix:
-    """Right-handed rotation by s about axis k, which turns axis i to axis j (cyclic)."""
+    """Return the right-handed rotation by s about axis k, which turns axis i to axis j (cyclic)."""
     k = ANGULAR.index(coordinate)
     i, j = (k + 1) % 3, (k + 2) % 3
     A = sp.eye(4)
@@ -214,7 +214,7 @@ def _rotation(coordinate: str, s: Any) -> Matrix:
 
 
 def _homogeneous(letter: str) -> Matrix:
-    """A generic matrix [[R, p], [0, 1]], nothing assumed of R."""
+    """Return a generic matrix [[R, p], [0, 1]], nothing assumed of R."""
     rows = [[sp.Symbol(f"{letter}{i}{j}") for j in range(4)] for i in range(3)]
     return sp.ImmutableMatrix([*rows, [0, 0, 0, 1]])
 
@@ -224,7 +224,7 @@ def _symmetric(letter: str) -> Matrix:
 
 
 def _gram() -> Matrix:
-    """L^T L of a pose L, with R^T R = 1 used and the rest generic."""
+    """Return L^T L of a pose L, with R^T R = 1 used and the rest generic."""
     gram = sp.eye(4)
     for i in range(4):
         gram[i, 3] = gram[3, i] = sp.Symbol(f"g{i}")

@@ -37,7 +37,7 @@ class Group:
     zeros: Zeros
 
     def as_dict(self) -> dict[str, object]:
-        """Plain values, for JSON."""
+        """Return plain values, for JSON."""
         zeros = [{"reason": reason, "entries": [list(entry) for entry in entries]} for reason, entries in self.zeros]
         return {"joints": [list(key) for key in self.joints], "zeros": zeros}
 
@@ -58,18 +58,18 @@ class ZeroReport:
     rows: tuple[tuple[str, str], ...] = ()
 
     def as_dict(self) -> dict[str, object]:
-        """Plain values, for JSON."""
+        """Return plain values, for JSON."""
         parts = {"mass_matrix": self.mass_matrix, "christoffel": self.christoffel}
         motors = {"motors": list(self.motors)} if self.motors else {}
         return {
             "robot": self.robot,
             **motors,
-            **{key: [group.as_dict() for group in part] for key, part in parts.items()},
+            **{key: [group.as_dict() for group in groups] for key, groups in parts.items()},
             **({"constraints": [{"row": row, "reason": reason} for row, reason in self.rows]} if self.rows else {}),
         }
 
     def lines(self) -> list[str]:
-        """Text for people: a paragraph per group of blocks, in it a line per reason."""
+        """Write text for people: a paragraph per group of blocks, in it a line per reason."""
         numbers = {name: str(i + 1) for i, name in enumerate(self.joints)}
         legend = ", ".join(f"{number} {name}" for name, number in numbers.items())
         lines = [f"{self.robot}: what vanishes identically, and why", *_wrapped("joints: " + legend, "  ")]
@@ -107,15 +107,15 @@ def zero_report(model: Model, rows: tuple[tuple[str, str], ...] = ()) -> ZeroRep
 
 
 def _grouped(bodies: Sequence[Body], tally: Tally, keys: Sequence[tuple[int, ...]]) -> tuple[Group, ...]:
-    """Groups of the blocks that have zeros, the largest first."""
-    found: dict[tuple[object, ...], list[tuple[int, ...]]] = {}
+    """Group the blocks that have zeros, the largest group first."""
+    alike: dict[tuple[object, ...], list[tuple[int, ...]]] = {}
     for key in keys:
         block = tally.reason[np.ix_(*(list(bodies[k].indices) for k in key))]
         if (block >= 0).any():
             active = tuple(bodies[k].active for k in key)
-            found.setdefault((active, key[-1] == key[-2], block.tobytes()), []).append(key)
+            alike.setdefault((active, key[-1] == key[-2], block.tobytes()), []).append(key)
     groups = []
-    for members in sorted(found.values(), key=len, reverse=True):
+    for members in sorted(alike.values(), key=len, reverse=True):
         first = members[0]
         block = tally.reason[np.ix_(*(list(bodies[k].indices) for k in first))]
         zeros = _entries([bodies[k] for k in first], first[-1] == first[-2], block, [r for r, _ in tally.zeros])
@@ -125,7 +125,7 @@ def _grouped(bodies: Sequence[Body], tally: Tally, keys: Sequence[tuple[int, ...
 
 
 def _entries(bodies: Sequence[Body], same: bool, block: NDArray[np.int8], reasons: Sequence[str]) -> Zeros:
-    """Names of the entries that vanish, by reason; one of two that are mirrored."""
+    """Name the entries that vanish, by reason; one of two that are mirrored."""
     zeros = []
     for place, reason in enumerate(reasons):
         entries = [
@@ -149,7 +149,7 @@ def _group_lines(group: Group, numbers: dict[str, str]) -> list[str]:
 
 
 def _short(group: Group, entries: Sequence[tuple[str, ...]]) -> str:
-    """The entries in letters; those that hold for every s once."""
+    """Write the entries in letters; those that hold for every s once."""
     letters = [tuple(LETTERS[name] for name in entry) for entry in entries]
     if len(group.active) == 2:
         return " ".join("".join(entry) for entry in letters)
@@ -160,8 +160,8 @@ def _short(group: Group, entries: Sequence[tuple[str, ...]]) -> str:
     always = [pair for pair in rows[letters[0][0]] if all(pair in rows.get(s, ()) for s in every)]
     parts = [f"*:{','.join(always)}"] if always else []
     for s, pairs in rows.items():
-        own = [pair for pair in pairs if pair not in always]
-        parts += [f"{s}:{','.join(own)}"] if own else []
+        rest = [pair for pair in pairs if pair not in always]
+        parts += [f"{s}:{','.join(rest)}"] if rest else []
     return " ".join(parts)
 
 

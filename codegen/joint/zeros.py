@@ -48,7 +48,7 @@ class Tally:
         return self.total - sum(count for _, count in self.zeros)
 
     def as_dict(self) -> dict[str, object]:
-        """Plain values, for JSON."""
+        """Return plain values, for JSON."""
         zeros = [{"reason": reason, "count": count} for reason, count in self.zeros]
         return {"total": self.total, "zeros": zeros, "survivors": self.survivors}
 
@@ -67,13 +67,13 @@ class ZeroMap:
     independent: int
 
     def as_dict(self) -> dict[str, object]:
-        """Plain values, for JSON."""
+        """Return plain values, for JSON."""
         counts = {"independent_by_antisymmetry": self.by_antisymmetry, "independent": self.independent}
         christoffel = {**self.christoffel.as_dict(), **counts}
         return {"mass_matrix": self.mass_matrix.as_dict(), "christoffel": christoffel}
 
     def lines(self) -> list[str]:
-        """A report for people: entries, zeros by reason, survivors."""
+        """Write a report for people: entries, zeros by reason, survivors."""
         lines = _lines("M, eq. (11), entries s <= v", self.mass_matrix)
         lines += _lines("C, eq. (12), entries v <= w", self.christoffel)
         lines.append(f"  {self.by_antisymmetry:>9,}  of them independent up to sign by the antisymmetry")
@@ -95,11 +95,11 @@ def zero_map(model: Model) -> ZeroMap:
 
 
 def _led(model: Model) -> ZeroMap:
-    """Zeros of S^T M S and of C likewise: a zero counts under the reason that the leaders' own entry has."""
+    """Count zeros of S^T M S and of C likewise: each under the reason that the leaders' entry has."""
     whole = model.tree
     zeros, names = zero_map(whole), {name: i for i, name in enumerate(whole.coordinates)}
-    own = [names[name] for name in model.coordinates]
-    moves = np.eye(whole.size, dtype=bool)[:, own]
+    places = [names[name] for name in model.coordinates]
+    moves = np.eye(whole.size, dtype=bool)[:, places]
     for follower, leaders in model.leaders.items():
         moves[names[follower]] = np.isin(model.coordinates, leaders)
     upper = np.triu(np.ones((model.size,) * 2, dtype=bool))
@@ -108,7 +108,7 @@ def _led(model: Model) -> ZeroMap:
         mask = of.mask
         for axis in range(mask.ndim):
             mask = np.moveaxis(np.tensordot(moves.T.astype(int), mask.astype(int), (1, axis)) > 0, 0, axis)
-        reason = np.where(mask, -1, of.reason[np.ix_(*(own,) * mask.ndim)]).astype(np.int8)
+        reason = np.where(mask, -1, of.reason[np.ix_(*(places,) * mask.ndim)]).astype(np.int8)
         entries = np.broadcast_to(upper, mask.shape)
         counts = [(name, int(((reason == place) & entries).sum())) for place, (name, _) in enumerate(of.zeros)]
         return Tally(int(entries.sum()), tuple(counts), mask, reason)
@@ -147,7 +147,7 @@ class _Structure:
         yield COAXIAL, self.coaxial | self.coaxial.T
 
     def christoffel_rules(self) -> Iterator[tuple[str, Mask]]:
-        """Zeros of C_s,vw for v <= w; masks broadcast over [s, v, w]."""
+        """Yield zeros of C_s,vw for v <= w; masks broadcast over [s, v, w]."""
         s, v, w = np.ix_(*(np.arange(len(self.names)),) * 3)
         if self.motor.any():
             yield ROTOR, self.motor[s] | self.motor[v] | self.motor[w]
@@ -159,14 +159,14 @@ class _Structure:
         yield COAXIAL, self.coaxial[s, v] & self.before[v, w] | self.coaxial[s, w] & self.before[w, v]
 
     def coaxial_swaps(self) -> int:
-        """Pairs C_i,jk = -C_l,mk of coaxial (i, m) and (l, j), the joint of j downstream of that of i."""
+        """Return pairs C_i,jk = -C_l,mk of coaxial (i, m) and (l, j), the joint of j downstream of that of i."""
         turns = np.flatnonzero(self.coaxial.any(axis=0))  # one rotation at most in each joint
         above = self.before[np.ix_(turns, turns)] & ~np.eye(len(turns), dtype=bool)
         moved = self.before[turns].sum(axis=1)  # coordinates at or after a rotation: the values of k
         return int((above.sum(axis=0) * moved).sum())
 
     def _second_derivative_zero(self, reason: str) -> Mask:
-        """(v, w) with v before w in the chain, whose second derivative the named lemma proves zero."""
+        """Mask (v, w) with v before w in the chain, whose second derivative the named lemma proves zero."""
         pairs = [pair for pair in KEPT.zero_pairs if pair.reason == reason]
         same = _table([(pair.first, pair.second) for pair in pairs if pair.same_joint])
         apart = _table([(pair.first, pair.second) for pair in pairs if not pair.same_joint])
@@ -174,12 +174,12 @@ class _Structure:
         return zero
 
     def _coaxial(self, model: Model) -> Mask:
-        """(s, v): a translation, and its joint's first active rotation on the same axis."""
-        found = _table(KEPT.coaxial)
+        """Mask (s, v): a translation, and its joint's first active rotation on the same axis."""
+        table = _table(KEPT.coaxial)
         turned = [{*body.active, *model.offset_angles(body.joint)} for body in model.bodies]
         turns = [next((name for name in ANGULAR if name in angles), None) for angles in turned]
         is_first = np.array([turns[k] == COORDINATES[i] for k, i in zip(self.body, self.names, strict=True)])
-        coaxial: Mask = self.same & self._look_up(found) & is_first
+        coaxial: Mask = self.same & self._look_up(table) & is_first
         return coaxial
 
     def _look_up(self, table: Mask) -> Mask:
@@ -188,7 +188,7 @@ class _Structure:
 
 
 def _table(pairs: Iterable[tuple[str, str]]) -> Mask:
-    """A (6, 6) mask of coordinate names."""
+    """Return a (6, 6) mask of coordinate names."""
     table = np.zeros((6, 6), dtype=bool)
     for a, b in pairs:
         table[COORDINATES.index(a), COORDINATES.index(b)] = True
@@ -202,21 +202,21 @@ def _tally(entries: Mask, rules: Iterable[tuple[str, Mask]]) -> Tally:
     counts: list[tuple[str, int]] = []
     place = np.full(left.shape, -1, dtype=np.int8)
     for reason, zero in rules:
-        found = left & zero
-        place[found] = len(counts)
-        counts.append((reason, int(found.sum())))
-        left &= ~found
+        counted = left & zero
+        place[counted] = len(counts)
+        counts.append((reason, int(counted.sum())))
+        left &= ~counted
     return Tally(total, tuple(counts), left, place)
 
 
 def _mirrored(tally: Tally) -> Tally:
-    """The tally with its arrays made symmetric in the last two indices."""
+    """Make the tally's arrays symmetric in the last two indices."""
     mask, reason = (np.maximum(array, np.swapaxes(array, -1, -2)) for array in (tally.mask, tally.reason))
     return Tally(tally.total, tally.zeros, mask, reason)
 
 
 def _antisymmetric_pairs(survivors: Mask) -> int:
-    """Survivors with v <= min(s, w) come in pairs C_s,vw = -C_w,vs; the others stand alone."""
+    """Pair survivors with v <= min(s, w), C_s,vw = -C_w,vs; the others stand alone."""
     s, v, _ = np.ix_(*(np.arange(len(survivors)),) * 3)
     return int((survivors & (v <= s)).sum()) // 2
 

@@ -1,7 +1,7 @@
 """Derivatives of the residual and of the accelerations by coordinates, rates and drives.
 
 Of trees, where no matrix is inverted by dense columns: either the derivatives of the residual at the motion that the
-drives make pass through the factors of M = L^T D L, or those of the elimination's own values are accumulated.  Behind
+drives make pass through the factors of M = L^T D L, or those of the elimination's values are accumulated.  Behind
 joints with all six coordinates the latter finds what little a body knows of those before and behind it: forces from its
 neighbours, and the angular velocity that it is carried with.
 """
@@ -18,7 +18,7 @@ from ..solve.free_bodies import bodies_apart
 from ..tree.composite import Rows
 from ..tree.derivatives import Derivatives, residual_derivatives
 from ..tree.spatial import Scalar
-from .accelerations import Way, drives_left
+from .accelerations import Variant, drives_left
 from .closed import Pivots, eliminated, pivot_outputs
 from .derivation import Derivation, Outputs
 
@@ -29,10 +29,10 @@ MOST_COORDINATES = 80  # of an elimination whose values are accumulated
 
 
 def residual_slopes(d: Derivation, a: Sequence[Scalar]) -> Derivatives:
-    """Derivatives of the residual by q, v and a, at accelerations a."""
-    found = residual_derivatives(d.model, d.bound, d.joints, d.v, a, d.graph.note)
-    _add_forces(d, found.by_q, found.by_v)
-    return found
+    """Differentiate the residual by q, v and a, at accelerations a."""
+    slopes = residual_derivatives(d.model, d.bound, d.joints, d.v, a, d.graph.note)
+    _add_forces(d, slopes.by_q, slopes.by_v)
+    return slopes
 
 
 def _add_forces(d: Derivation, by_q: Rows, by_v: Rows) -> None:
@@ -42,7 +42,7 @@ def _add_forces(d: Derivation, by_q: Rows, by_v: Rows) -> None:
     """
 
     def moving(indices: Sequence[int]) -> list[int]:
-        return [i for i in d.followers.leaders(indices) if i in d.own]
+        return [i for i in d.followers.leaders(indices) if i in d.active]
 
     slopes = Slopes(d.graph, by_q, by_v, d.q, d.v, moving)
     for element in d.elements:
@@ -50,17 +50,17 @@ def _add_forces(d: Derivation, by_q: Rows, by_v: Rows) -> None:
 
 
 def _by_values(d: Derivation) -> Outputs:
-    """Differentiate the elimination's program; what resists the drives by its own derivatives."""
+    """Differentiate the elimination's program; resisting forces by their analytic derivatives."""
     drives = drives_left(d, d.forces(d.v))
     tree, pivots = eliminated(d, d.bound.armature, drives, d.v)
     by_q: Rows = {(i, i): law.stiffness for i, law in enumerate(d.bound.laws)}
     by_v: Rows = {(i, i): law.damping for i, law in enumerate(d.bound.laws)}
     _add_forces(d, by_q, by_v)
-    given: dict[Hashable, dict[Hashable, Scalar]] = {}
+    partials: dict[Hashable, dict[Hashable, Scalar]] = {}
     for i, drive in enumerate(drives):
         if i not in d.model.prescribed and isinstance(drive, Node) and _key(drive) != _key(d.u[i]):
-            given[drive.index] = _turned_round(d, i, by_q, by_v) | {_key(d.u[i]): 1.0}
-    return _written(d, [_key(a) for a in tree.free], given, pivots)
+            partials[drive.index] = _turned_round(d, i, by_q, by_v) | {_key(d.u[i]): 1.0}
+    return _written(d, [_key(a) for a in tree.free], partials, pivots)
 
 
 def _by_factors(d: Derivation) -> Outputs:
@@ -77,26 +77,26 @@ def _by_factors(d: Derivation) -> Outputs:
     factors = Factors(d.model, matrix)
     a = factors.solve(right)
     slopes = residual_slopes(d, a)
-    given: dict[Hashable, dict[Hashable, Scalar]] = {}
+    partials: dict[Hashable, dict[Hashable, Scalar]] = {}
     for i in range(n):
-        own = {i: 1.0} if i in known else {i: 1.0} | {j: -1.0 * entry for j, entry in held[i].items()}
-        given["row", i] = {_key(d.u[j]): entry for j, entry in own.items() if j in d.own}
+        row = {i: 1.0} if i in known else {i: 1.0} | {j: -1.0 * entry for j, entry in held[i].items()}
+        partials["row", i] = {_key(d.u[j]): entry for j, entry in row.items() if j in d.active}
         if i not in known:
-            given["row", i] |= _turned_round(d, i, slopes.by_q, slopes.by_v)
+            partials["row", i] |= _turned_round(d, i, slopes.by_q, slopes.by_v)
     front = coordinates_in_front(d.model)
     for i in range(n):
-        given["back", i] = {("row", i): 1.0}
-        given["solution", i] = {("back", i): factors.inverse[i]}
-        given["solution", i] |= {("solution", j): -1.0 * factors.factors[i, j] for j in front[i]}
+        partials["back", i] = {("row", i): 1.0}
+        partials["solution", i] = {("back", i): factors.inverse[i]}
+        partials["solution", i] |= {("solution", j): -1.0 * factors.factors[i, j] for j in front[i]}
     for i in range(n):
         for j in front[i]:
-            given["back", j]["back", i] = -1.0 * factors.factors[i, j]
+            partials["back", j]["back", i] = -1.0 * factors.factors[i, j]
     pivots = [(pivot, matrix[i, i]) for i, pivot in enumerate(factors.pivots)]
-    return _written(d, [("solution", i) for i in range(n)], given, pivots)
+    return _written(d, [("solution", i) for i in range(n)], partials, pivots)
 
 
 def _right(u: Sequence[Scalar], bias: Scalar, i: int, held: Mapping[int, Scalar]) -> Scalar:
-    """Drive that is left beside the bias and the accelerations that are known."""
+    """Return drives less the bias and the accelerations that are known."""
     value = u[i] - bias
     for j, entry in held.items():
         value = value - entry * u[j]
@@ -104,26 +104,26 @@ def _right(u: Sequence[Scalar], bias: Scalar, i: int, held: Mapping[int, Scalar]
 
 
 def _turned_round(d: Derivation, i: int, by_q: Rows, by_v: Rows) -> dict[Hashable, Scalar]:
-    """Row i of the derivatives by q and v, on the other side of the equation."""
-    found: dict[Hashable, Scalar] = {}
+    """Return row i of the derivatives by q and v, on the other side of the equation."""
+    row: dict[Hashable, Scalar] = {}
     for x, rows in ((d.q, by_q), (d.v, by_v)):
-        found |= {_key(x[j]): -1.0 * rows[i, j] for j in d.own if (i, j) in rows}
-    return found
+        row |= {_key(x[j]): -1.0 * rows[i, j] for j in d.active if (i, j) in rows}
+    return row
 
 
 def _written(
     d: Derivation,
     accelerations: Sequence[Hashable],
-    given: Mapping[Hashable, Mapping[Hashable, Scalar]],
+    partials: Mapping[Hashable, Mapping[Hashable, Scalar]],
     pivots: Pivots,
 ) -> Outputs:
-    """Three matrices, column by column; that by u is symmetric, but where an acceleration is given."""
-    own, size = d.own, len(d.own)
-    inputs = [_key(x[i]) for x in (d.q, d.v, d.u) for i in own]
-    rows = jacobian(d.graph, [accelerations[i] for i in own], inputs, given)
-    for place, i in enumerate(own):
+    """Write three matrices, column by column; that by u is symmetric, but for prescribed accelerations."""
+    active, size = d.active, len(d.active)
+    inputs = [_key(x[i]) for x in (d.q, d.v, d.u) for i in active]
+    rows = jacobian(d.graph, [accelerations[i] for i in active], inputs, partials)
+    for place, i in enumerate(active):
         for other in range(place):
-            if not {i, own[other]} & set(d.model.prescribed):
+            if not {i, active[other]} & set(d.model.prescribed):
                 rows[other][2 * size + place] = rows[place][2 * size + other]
     outputs = pivot_outputs(d, pivots)
     for column in range(size):
@@ -134,7 +134,7 @@ def _written(
 
 
 def _key(x: Scalar) -> Hashable:
-    """A value's index; a number stands for nothing that moves."""
+    """Return a value's index; a number stands for nothing that moves."""
     return x.index if isinstance(x, Node) else ("number", x)
 
 
@@ -163,7 +163,7 @@ def _is_of_free_bodies(d: Derivation) -> bool:
     return d.model.size <= min(2 * moving, MOST_COORDINATES)
 
 
-SLOPES: Mapping[str, Way] = {
-    BY_FACTORS: Way(_by_factors, suits=_is_short, on_demand=True),
-    BY_VALUES: Way(_by_values, suits=_is_of_free_bodies, on_demand=True),
+SLOPES: Mapping[str, Variant] = {
+    BY_FACTORS: Variant(_by_factors, suits=_is_short, on_demand=True),
+    BY_VALUES: Variant(_by_values, suits=_is_of_free_bodies, on_demand=True),
 }

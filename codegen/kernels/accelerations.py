@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from ..forces.element import Arms, ImplicitShare
+from ..forces.element import ImplicitShare, SparseRow
 from ..forces.laws import Effect
 from ..solve.factorised import Factors
 from ..solve.reduced import ReducedTree
@@ -13,8 +13,8 @@ from ..solve.responses import EliminatedTree, FactorisedTree, Tree
 from ..solve.rows import Row, elastic_row
 from ..tree.composite import Rows
 from ..tree.spatial import ZERO, Scalar
-from .closed import Pivots, constrained, eliminated, pivot_outputs, settling, with_rows
-from .constraint_rows import gaps, general_rank
+from .closed import Pivots, constrained, eliminated, pivot_outputs, projection, with_rows
+from .constraint_rows import closure_residuals, general_rank
 from .derivation import Derivation, Outputs
 
 FACTORISED = "M = L^T D L factorised"
@@ -24,9 +24,9 @@ STRAIGHT_SOLVE = 12  # up to so many coordinates the factorisation is tried besi
 
 
 def drives_left(d: Derivation, springs: list[Scalar]) -> list[Scalar]:
-    """Drives less springs and dampers; of a prescribed coordinate its acceleration, which stands in u."""
-    given = d.model.prescribed
-    return [u if i in given else u - spring for i, (u, spring) in enumerate(zip(d.u, springs, strict=True))]
+    """Return drives less springs and dampers; of a prescribed coordinate its acceleration, which stands in u."""
+    prescribed = d.model.prescribed
+    return [u if i in prescribed else u - spring for i, (u, spring) in enumerate(zip(d.u, springs, strict=True))]
 
 
 def _moving_by_elimination(d: Derivation, *, coupled: bool = False) -> tuple[EliminatedTree | ReducedTree, Pivots]:
@@ -45,17 +45,17 @@ def _resting_by_elimination(d: Derivation) -> tuple[EliminatedTree | ReducedTree
 
 
 def _by_factors(d: Derivation, right: Sequence[Scalar]) -> tuple[FactorisedTree, Pivots]:
-    """The tree by M = L^T D L, with the pivots and what they are compared to."""
+    """Return the tree by M = L^T D L, with the pivots and what they are compared to."""
     matrix = d.matrix()
     factors = Factors(d.model, matrix)
     return FactorisedTree(factors, right), [(pivot, matrix[i, i]) for i, pivot in enumerate(factors.pivots)]
 
 
 def solved_accelerations(d: Derivation, tree: Tree, pivots: Pivots, rows: Sequence[Row] = ()) -> Outputs:
-    """Accelerations, with forces of rows, and for every coordinate a pivot with the size that it is compared to."""
+    """Solve for accelerations, with forces of rows, and a pivot with its scale for every coordinate."""
     rank = general_rank(d.described) if rows and d.described.constraints else None
-    found = with_rows(d, tree, rows, rank)[0] if rows else tree.accelerations({})
-    return {**d.motion(found), **pivot_outputs(d, pivots)}
+    accelerations = with_rows(d, tree, rows, rank)[0] if rows else tree.accelerations({})
+    return {**d.motion(accelerations), **pivot_outputs(d, pivots)}
 
 
 class _Step(ImplicitShare):
@@ -91,28 +91,30 @@ class _Step(ImplicitShare):
         nonlinear = self._ahead(law)
         self.slopes[motor] = self.dt * linear.by_v + self.square * linear.by_s + nonlinear
 
-    def along(self, arms: Arms, law: Effect) -> None:
-        for i, arm in arms.items():
+    def along(self, row: SparseRow, law: Effect) -> None:
+        for i, arm in row.items():
             self.push(i, law.force * arm)
-        self.rows.append(elastic_row(arms, self._ahead(law)))
+        self.rows.append(elastic_row(row, self._ahead(law)))
 
-    def along_all(self, rows: Arms, directions: Callable[[Scalar, Scalar], Sequence[tuple[Arms, Scalar]]]) -> None:
+    def along_all(
+        self, rows: SparseRow, directions: Callable[[Scalar, Scalar], Sequence[tuple[SparseRow, Scalar]]]
+    ) -> None:
         for i, force in rows.items():
             self.push(i, force)
-        self.rows += [elastic_row(arms, slope) for arms, slope in directions(self.dt, self.square)]
+        self.rows += [elastic_row(row, slope) for row, slope in directions(self.dt, self.square)]
 
     def _ahead(self, law: Effect) -> Scalar:
         return law.ahead(self.dt, self.square, self.functions)
 
 
 def implicit_step(d: Derivation) -> Outputs:
-    """Springs and dampers at the end of the step: they add to the diagonal of M, so the elimination stays O(n).
+    """Take springs and dampers at the end of the step: they add to M's diagonal, so the elimination stays O(n).
 
     Those of transmissions couple a motor to its joint alone (``Rotors``).  A law that is not linear is taken along its
     tangent at the coordinate that the rate leads to; a tangent that falls is left out, so that the matrix stays
     positive definite.  Friction is taken along its secant: see ``Effect.ahead``.
     ``added`` is what a joint's controller adds to the diagonal; it acts on coordinates that are driven.
-    Springs between points act where their rates lead to, in the directions that they have; their tangents are no
+    Point-to-point springs act where their rates lead to, in the directions that they have; their tangents are no
     diagonal, but rows like those of closed loops.  Loops are closed at the end of the step, at the level of rates:
     J v = -g / dt.  Slopes of a journal and of a joint's damping couple the coordinates of the joint, and are eliminated
     with them; the directions of such a damping are those of the step's beginning.
@@ -125,7 +127,7 @@ def implicit_step(d: Derivation) -> Outputs:
     for element in d.elements:
         element.add_blocks(step)
     driven = frozenset(d.model.driven)
-    for place, i in enumerate(d.own):
+    for place, i in enumerate(d.active):
         if i in driven:
             step.armature[i] = step.armature[i] + d.graph.input("added", place)
     step.rows += _closing_rows(d, step.dt)
@@ -137,18 +139,18 @@ def implicit_step(d: Derivation) -> Outputs:
 
 
 def _closing_rows(d: Derivation, dt: Scalar) -> list[Row]:
-    """Rows that close the loops by the end of a step; they take energy out where the loops' directions turn."""
-    found = gaps(d, d.still) if d.described.constraints else []
-    rate = 1.0 / dt if found else 0.0
-    return [gap.row(-1.0 * (rate * (gap.rate(d.v) + rate * gap.value))) for gap in found]
+    """Return rows that close the loops by the end of a step; they take energy out where the directions turn."""
+    residuals = closure_residuals(d, d.still) if d.described.constraints else []
+    rate = 1.0 / dt if residuals else 0.0
+    return [residual.row(-1.0 * (rate * (residual.rate(d.v) + rate * residual.value))) for residual in residuals]
 
 
 @dataclass(frozen=True)
-class Way:
-    """One of several ways to write a kernel.
+class Variant:
+    """A variant of a kernel: one of several derivations of the same numbers.
 
     most: coordinates up to which it is tried beside the others, because its program would be long; None for any number.
-    prescribes: whether it can do with coordinates whose motion is given.
+    prescribes: whether it can do with prescribed coordinates.
     suits: whether it is tried for this robot at all; most are for robots without followers.
     on_demand: whether values are put where outputs need them, because there are many of them.
     """
@@ -160,22 +162,26 @@ class Way:
     on_demand: bool = False
 
 
-def _ways(
+def _variants(
     by_factors: Callable[[Derivation], Outputs], by_elimination: Callable[[Derivation], Outputs]
-) -> Mapping[str, Way]:
+) -> Mapping[str, Variant]:
     return {
-        FACTORISED: Way(by_factors, STRAIGHT_SOLVE, prescribes=False),  # M would have to be divided by what is known
-        ELIMINATED: Way(by_elimination),
-        REDUCED: Way(by_elimination, suits=lambda d: bool(d.followers)),
+        FACTORISED: Variant(
+            by_factors, STRAIGHT_SOLVE, prescribes=False
+        ),  # M would have to be divided by what is known
+        ELIMINATED: Variant(by_elimination),
+        REDUCED: Variant(by_elimination, suits=lambda d: bool(d.followers)),
     }
 
 
-CONSTRAINED = _ways(
+CONSTRAINED = _variants(
     lambda d: constrained(d, *_moving_by_factors(d)),
     lambda d: constrained(d, *_moving_by_elimination(d, coupled=True)),
 )
-SETTLING = _ways(lambda d: settling(d, *_by_factors(d, d.still)), lambda d: settling(d, *_resting_by_elimination(d)))
-SOLVERS = _ways(
+PROJECTION = _variants(
+    lambda d: projection(d, *_by_factors(d, d.still)), lambda d: projection(d, *_resting_by_elimination(d))
+)
+SOLVERS = _variants(
     lambda d: solved_accelerations(d, *_moving_by_factors(d)),
     lambda d: solved_accelerations(d, *_moving_by_elimination(d)),
 )

@@ -37,18 +37,18 @@ class Block:
 
 
 def row_blocks(model: Model) -> list[Block]:
-    """The blocks of all loops and rigid couplings, in the order of ``Model.constraints``."""
-    found: list[Block] = []
+    """Return the blocks of all loops and rigid couplings, in the order of ``Model.constraints``."""
+    blocks: list[Block] = []
 
     def put(kinds: tuple[tuple[str, bool], ...], columns: set[int]) -> None:
-        first = found[-1].first + found[-1].rows if found else 0
-        found.append(Block(first, kinds, tuple(sorted(columns))))
+        first = blocks[-1].first + blocks[-1].rows if blocks else 0
+        blocks.append(Block(first, kinds, tuple(sorted(columns))))
 
     for loop in model.robot.loops:
         one, other = (set(model.ancestors(model.body_of[link])) for link in loop.links)
         columns = {i for k in one ^ other for i in model.bodies[k].indices}  # what moves both sides moves neither
-        put(tuple((loop.name, part.axis is None) for part in rigid_parts(loop)), columns)
+        put(tuple((loop.name, component.axis is None) for component in rigid_parts(loop)), columns)
     for coupling in model.rigid_couplings:
         names = {leader for x in (coupling.of, *coupling.to) for leader in model.leaders.get(x, (x,))}
         put(((coupling.name, False),), {model.coordinates.index(name) for name in names})
-    return found
+    return blocks

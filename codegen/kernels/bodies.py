@@ -18,7 +18,7 @@ POSE_SIZE = 12  # numbers of [R | X]
 
 
 def share_among_bodies(model: Model, program: Program) -> Shares:
-    """Shares of the base, of the bodies, and of the frames, which hang on their bodies.
+    """Split a program among the base, the bodies, and the frames, which hang on their bodies.
 
     Node 0 is the base, 1 + b the body b, and ``first_frame(model)`` + f the frame f.
     """
@@ -27,40 +27,40 @@ def share_among_bodies(model: Model, program: Program) -> Shares:
 
 
 def first_frame(model: Model) -> int:
-    """The node of the first frame."""
+    """Return the node of the first frame."""
     return 1 + len(model.bodies)
 
 
 def frame_bodies(model: Model) -> list[int]:
-    """Per frame of the model its body, FIXED_BODY of one that stays where it is."""
+    """Return per frame of the model its body, FIXED_BODY of one that stays where it is."""
     links = {frame.name: frame.link for frame in model.robot.frames}
     return [model.body_of[links.get(name, name)] for name in model.frames]
 
 
 def jacobian_columns(model: Model, k: Any, frame: int) -> dict[int, list[Any]]:
-    """Columns of a frame's Jacobian that do not vanish, six entries each, by their coordinates; of any arithmetic.
+    """Return columns of a frame's Jacobian that do not vanish, six entries each, by coordinates; in any arithmetic.
 
     Args:
         k: results of the program of frames, a sequence.
     """
     origins = POSE_SIZE * len(model.frames)
-    axes, found = origins + 3 * len(model.bodies), dict[int, list[Any]]()
+    axes, columns = origins + 3 * len(model.bodies), dict[int, list[Any]]()
     on_bodies = list(enumerate(axes_of(model)))
     body = frame_bodies(model)[frame]
     while body >= 0:
         arm = [k[POSE_SIZE * frame + 3 + 4 * i] - k[origins + 3 * body + i] for i in range(3)]
-        for s, own in on_bodies:
-            if own.body != body:
+        for s, axis in on_bodies:
+            if axis.body != body:
                 continue
-            axis = [k[axes + 3 * s + i] for i in range(3)]
-            column = [*axis, 0.0, 0.0, 0.0]
-            if own.is_rotation:
-                column = [axis[i] * arm[j] - axis[j] * arm[i] for i, j in ((1, 2), (2, 0), (0, 1))] + axis
+            e = [k[axes + 3 * s + i] for i in range(3)]
+            column = [*e, 0.0, 0.0, 0.0]
+            if axis.is_rotation:
+                column = [e[i] * arm[j] - e[j] * arm[i] for i, j in ((1, 2), (2, 0), (0, 1))] + e
             if model.followers:  # whose columns add up, from zeros on
-                column = [x + y for x, y in zip(found.get(own.column, [0.0] * 6), column, strict=True)]
-            found[own.column] = column
+                column = [x + y for x, y in zip(columns.get(axis.column, [0.0] * 6), column, strict=True)]
+            columns[axis.column] = column
         body = model.bodies[body].parent
-    return found
+    return columns
 
 
 @dataclass(frozen=True)
@@ -82,20 +82,20 @@ class Axis:
 
 
 def axes_of(model: Model) -> list[Axis]:
-    """Axes of all coordinates in the order of the tree, followers behind the others of their bodies."""
-    found: list[Axis] = []
+    """Return axes of all coordinates in the order of the tree, followers behind the others of their bodies."""
+    axes: list[Axis] = []
     places = {name: i for i, name in enumerate(model.coordinates)}
     for k, body in enumerate(model.bodies):
         kinds = model.robot.joint(body.joint).coordinates
-        found += [Axis(model.coordinates[i], k, i) for i in body.indices]
+        axes += [Axis(model.coordinates[i], k, i) for i in body.indices]
         for name in (component_name(body.joint, kind) for kind in kinds):
-            found += [Axis(name, k, places[leader]) for leader in model.leaders.get(name, ())]
-        found += [Axis(x, FIXED_BODY, places[x]) for x in [component_name(body.joint, MOTOR)] if x in places]
-    return found
+            axes += [Axis(name, k, places[leader]) for leader in model.leaders.get(name, ())]
+        axes += [Axis(x, FIXED_BODY, places[x]) for x in [component_name(body.joint, MOTOR)] if x in places]
+    return axes
 
 
 def _goals(model: Model) -> Iterator[tuple[int, Goal]]:
-    """Places of the program's outputs, and where they belong; motors turn nothing, and nobody asks for their axes."""
+    """Return places of the program's outputs, and where they belong; motors turn nothing, and are left out."""
     origins = POSE_SIZE * len(model.frames)
     axes, on_bodies = origins + 3 * len(model.bodies), axes_of(model)
     for frame in range(len(model.frames)):

@@ -21,7 +21,7 @@ from ..tree.bound import Bound
 from ..tree.composite import mass_matrix
 from ..tree.recursion import inertial_rows
 from ..tree.spatial import Scalar
-from .constraint_rows import gaps, general_rank
+from .constraint_rows import closure_residuals, general_rank
 from .derivation import Derivation, Outputs, vector
 
 Pivots = list[tuple[Scalar, Scalar]]
@@ -39,7 +39,7 @@ def eliminated(
     coupled: bool = False,
     beside: Mapping[tuple[int, int], Scalar] = NO_COUPLINGS,
 ) -> tuple[EliminatedTree | ReducedTree, Pivots]:
-    """The tree with its accelerations, and pivots with what they are compared to: motors first, then joints.
+    """Eliminate the tree, motors first: its accelerations, and pivots with what they are compared to.
 
     Args:
         slopes: of the transmissions in an implicit step.
@@ -65,26 +65,27 @@ def _reduced(
     beside: Mapping[tuple[int, int], Scalar],
 ) -> tuple[ReducedTree, Pivots]:
     """Solve where coordinates follow others: by S^T M S, since a tree with shared coordinates is none."""
-    rotors, own, given = Rotors(d.model, bound, bound.armature, drives, slopes), frozenset(d.own), d.model.prescribed
+    rotors = Rotors(d.model, bound, bound.armature, drives, slopes)
+    active, prescribed = frozenset(d.active), d.model.prescribed
     left, still = replace(bound, armature=tuple(rotors.armature)), [0.0] * d.model.size
     bias, _ = inertial_rows(d.model, left, d.joints, v, still, left.gravity, d.graph.note)
     whole = mass_matrix(d.model, left, d.joints, d.graph.note)
     for pair, slope in beside.items():
         whole[pair] = whole.get(pair, 0.0) + slope
     whole = d.followers.symmetric(whole)
-    alone = {i for i in range(d.model.size) if i in given or i in rotors.rows or i not in own}
+    alone = {i for i in range(d.model.size) if i in prescribed or i in rotors.rows or i not in active}
     matrix = {pair: entry for pair, entry in whole.items() if alone.isdisjoint(pair)}
-    free: list[Scalar] = [0.0 if i in given else x for i, x in enumerate(rotors.drives)]
+    free: list[Scalar] = [0.0 if i in prescribed else x for i, x in enumerate(rotors.drives)]
     right = d.followers.gather([drive - force for drive, force in zip(free, bias, strict=True)])
     for i in range(d.model.size):
         if i in alone:
-            matrix[i, i], right[i] = 1.0, rotors.drives[i] if i in given else 0.0
+            matrix[i, i], right[i] = 1.0, rotors.drives[i] if i in prescribed else 0.0
         else:
-            for j in given:
+            for j in prescribed:
                 right[i] = right[i] - whole.get((min(i, j), max(i, j)), 0.0) * rotors.drives[j]
     parents, places = [-1] * d.model.size, coordinate_parents(d.described)
-    for place, i in enumerate(d.own):
-        parents[i] = d.own[places[place]] if places[place] >= 0 else -1
+    for place, i in enumerate(d.active):
+        parents[i] = d.active[places[place]] if places[place] >= 0 else -1
     factors = Factors(d.model, matrix, parents)
     tree = ReducedTree(rotors, d.followers, factors, right)
     pivots = [(pivot, matrix[i, i]) for i, pivot in enumerate(factors.pivots)]
@@ -94,62 +95,67 @@ def _reduced(
 def with_rows(
     d: Derivation, tree: Tree, rows: Sequence[Row], rank: int | None = None
 ) -> tuple[list[Scalar], list[Scalar], RowSystem]:
-    """Accelerations, (n,), with the forces of the rows, the multipliers of all rows, and their system.
+    """Solve with rows: accelerations, (n,), the multipliers of all rows, and their system.
 
     ``rank`` is that of the rigid rows, but at singular poses, where it is known.
     """
-    rows = [replace(row, arms=d.followers.row(row.arms)) for row in rows] if d.followers else rows
+    rows = [replace(row, jacobian_row=d.followers.row(row.jacobian_row)) for row in rows] if d.followers else rows
     pushing = _pushing(d, rows)
     responses = [tree.respond(row) for row in pushing]
-    rigid = [r for r, row in enumerate(pushing) if row.arms and not row.is_elastic]
+    rigid = [r for r, row in enumerate(pushing) if row.jacobian_row and not row.is_elastic]
     system = RowSystem(pushing, responses, precision_of(rigid, rank, d.dtype), tree.pivots())
     multipliers = system.multipliers(lambda r: rows[r].right - tree.along(rows[r], responses[r]))
     return tree.accelerations(total(responses, multipliers)), multipliers, system
 
 
 def _pushing(d: Derivation, rows: Sequence[Row]) -> list[Row]:
-    """The rows without arms of coordinates whose motion is given: they move the loops, but nothing moves them."""
-    given = set(d.model.prescribed)
-    if not given:
+    """Drop entries of prescribed coordinates from rows: they move the loops, but nothing moves them."""
+    prescribed = set(d.model.prescribed)
+    if not prescribed:
         return list(rows)
-    return [replace(row, arms={i: arm for i, arm in row.arms.items() if i not in given}) for row in rows]
+    return [
+        replace(row, jacobian_row={i: arm for i, arm in row.jacobian_row.items() if i not in prescribed})
+        for row in rows
+    ]
 
 
 def constrained(d: Derivation, tree: Tree, pivots: Pivots) -> Outputs:
-    """Accelerations, multipliers, gaps and their rates, one after the other.
+    """Return accelerations, multipliers, closure residuals and their rates, one after the other.
 
     Where rows that are independent elsewhere are not, or the accelerations stay inaccurate, the pivot of a coordinate
     that rows move counts as vanished.
     """
-    found = gaps(d, d.v)
-    rows, rank = [gap.row(-gap.bias) for gap in found], general_rank(d.described)
-    solved = refined(tree, rows, _pushing(d, rows), [gap.value for gap in found], d.v, rank, d.dtype, d.graph.call)
-    first, last = ([x.accelerations[i] for i in d.own] + x.multipliers for x in (solved.first, solved.last))
+    residuals = closure_residuals(d, d.v)
+    rows, rank = [residual.row(-residual.bias) for residual in residuals], general_rank(d.described)
+    solved = refined(
+        tree, rows, _pushing(d, rows), [residual.value for residual in residuals], d.v, rank, d.dtype, d.graph.call
+    )
+    first, last = ([x.accelerations[i] for i in d.active] + x.multipliers for x in (solved.first, solved.last))
     values = [d.graph.choose(solved.gate, *pair) for pair in zip(last, first, strict=True)]
-    values += [gap.value for gap in found] + [gap.rate(d.v) for gap in found]
+    values += [residual.value for residual in residuals] + [residual.rate(d.v) for residual in residuals]
     outputs = {**vector(values), **pivot_outputs(d, pivots)}
     if not solved.rigid:
         return outputs
-    moved = min(i for r in solved.rigid for i in rows[r].arms if i in d.own and i not in d.model.prescribed)
-    place = 2 * d.own.index(moved)
+    moved = min(i for r in solved.rigid for i in rows[r].jacobian_row if i in d.active and i not in d.model.prescribed)
+    place = 2 * d.active.index(moved)
     pivot = outputs["pivot", place]
     outputs["pivot", place] = d.graph.choose(solved.gate, pivot * solved.regular, pivot)
     outputs |= {("first", i): value for i, value in enumerate(first)}
     return {**outputs, ("first_pivot", place): pivot, ("gate", 0): solved.gate}
 
 
-def settling(d: Derivation, tree: Tree, pivots: Pivots) -> Outputs:
-    """Changes of q and v towards the nearest closed state in the metric of the kinetic energy, and the gaps before."""
-    found = gaps(d, d.still)
-    closing = with_rows(d, tree, [gap.row(-gap.value) for gap in found])[0]
-    slowing = with_rows(d, tree, [gap.row(-gap.rate(d.v)) for gap in found])[0]
-    values = [x[i] for x in (closing, slowing) for i in d.own] + [gap.value for gap in found]
+def projection(d: Derivation, tree: Tree, pivots: Pivots) -> Outputs:
+    """Project q and v onto the constraint, in the metric of the kinetic energy: changes of both, then g before them."""
+    residuals = closure_residuals(d, d.still)
+    closing = with_rows(d, tree, [residual.row(-residual.value) for residual in residuals])[0]
+    slowing = with_rows(d, tree, [residual.row(-residual.rate(d.v)) for residual in residuals])[0]
+    values = [x[i] for x in (closing, slowing) for i in d.active] + [residual.value for residual in residuals]
     return {**vector(values), **pivot_outputs(d, pivots)}
 
 
 def pivot_outputs(d: Derivation, pivots: Pivots) -> Outputs:
-    """For every coordinate a pivot with the size that it is compared to."""
+    """Return for every coordinate a pivot with the size that it is compared to."""
     outputs: Outputs = {}
-    for place, index in enumerate(d.own):
+    for place, index in enumerate(d.active):
         outputs["pivot", 2 * place], outputs["pivot", 2 * place + 1] = pivots[index]
     return outputs

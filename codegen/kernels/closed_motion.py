@@ -16,34 +16,36 @@ from ..tree.constraints import Closure
 from ..tree.recursion import NO_WRENCH, Wrench
 from ..tree.spatial import Scalar, along
 from .blocks import row_blocks
-from .constraint_rows import gaps
+from .constraint_rows import closure_residuals
 from .derivation import Derivation, Outputs, vector
 
 CLOSING = "closing_derivatives"
 
 
 def drives(d: Derivation) -> Outputs:
-    """Drives of a motion, multipliers, gaps with their rates, J a and J_dot v, what is left, and what was needed.
+    """Return drives of a motion, multipliers, g, J v, J a, J_dot v, then forces that are left and that were needed.
 
     Forces ``u`` act beside the drives.  Angles that only an offset turns do not move: nothing drives them.
     """
-    own, names = set(d.own), d.model.coordinates
-    found = gaps(d, d.v)
-    rows = [gap.row(0.0) for gap in found]
-    needed = [row - given for row, given in zip(d.followers.gather(d.dynamics(d.v, d.a)), d.u, strict=True)]
-    active = [replace(row, arms={i: arm for i, arm in row.arms.items() if i in own}) for row in rows]
-    driven = {i for i in (*d.model.driven, *d.model.prescribed) if i in own}
-    parts = least_drives(active, needed, driven, lambda i: kind_of(names[i]) in ANGULAR, WEIGHINGS[d.dtype])
+    active, names = set(d.active), d.model.coordinates
+    residuals = closure_residuals(d, d.v)
+    rows = [residual.row(0.0) for residual in residuals]
+    needed = [row - drive for row, drive in zip(d.followers.gather(d.dynamics(d.v, d.a)), d.u, strict=True)]
+    moving_rows = [
+        replace(row, jacobian_row={i: arm for i, arm in row.jacobian_row.items() if i in active}) for row in rows
+    ]
+    driven = {i for i in (*d.model.driven, *d.model.prescribed) if i in active}
+    parts = least_drives(moving_rows, needed, driven, lambda i: kind_of(names[i]) in ANGULAR, WEIGHINGS[d.dtype])
     u, multipliers, left = parts
-    values = [u[i] for i in d.own] + multipliers
-    values += [gap.value for gap in found] + [gap.rate(d.v) for gap in found]
-    values += [row.along(d.a) for row in rows] + [gap.bias for gap in found]
-    values += [x[i] for x in (left, needed) for i in d.own]
+    values = [u[i] for i in d.active] + multipliers
+    values += [residual.value for residual in residuals] + [residual.rate(d.v) for residual in residuals]
+    values += [row.along(d.a) for row in rows] + [residual.bias for residual in residuals]
+    values += [x[i] for x in (left, needed) for i in d.active]
     return vector(values)
 
 
 def closing_reactions(d: Derivation) -> Outputs:
-    """Reactions of the tree's joints to the forces in the cuts, of multipliers."""
+    """Compute reactions of the tree's joints to the forces in the cuts, of multipliers."""
     total = [NO_WRENCH] * len(d.model.bodies)
     for closure, wrench in _rigid_wrenches(d):
         for k, carried in closure.wrenches(wrench.force, wrench.moment):
@@ -52,7 +54,7 @@ def closing_reactions(d: Derivation) -> Outputs:
 
 
 def loop_reactions(d: Derivation) -> Outputs:
-    """Wrenches of cut joints on their second links, in the cut frames there, where nothing in them is rigid."""
+    """Compute cut joints' wrenches on their second links, in the cut frames there, where nothing in them is rigid."""
     return _of_cuts(d, {})
 
 
@@ -62,7 +64,7 @@ def loop_wrenches(d: Derivation) -> Outputs:
 
 
 def _of_cuts(d: Derivation, rigid: Mapping[int, Wrench]) -> Outputs:
-    """Wrenches of the cut joints with those of their elastic coordinates, as outputs."""
+    """Add the wrenches of elastic coordinates to those of the cut joints, as outputs."""
     total = [rigid.get(closure.number, NO_WRENCH) for closure in d.closures]
     for element in d.elements:
         for number, wrench in element.wrenches_in_cuts(d.v):
@@ -71,39 +73,39 @@ def _of_cuts(d: Derivation, rigid: Mapping[int, Wrench]) -> Outputs:
 
 
 def _rigid_wrenches(d: Derivation) -> Iterator[tuple[Closure, Wrench]]:
-    """Every loop with the wrench on its second link of what is rigid in its cut, of the multipliers that are an input.
+    """Yield every loop with the wrench of its rigid directions on its second link, of input multipliers.
 
     It acts at the origin of frame b, in the axes of the common body.
     """
     first = 0
     for closure in d.closures:
         total = NO_WRENCH
-        for r, part in enumerate(closure.parts):
-            total = total + closure.direction(part).wrench(d.graph.input("multipliers", first + r))
+        for r, component in enumerate(closure.parts):
+            total = total + closure.direction(component).wrench(d.graph.input("multipliers", first + r))
         yield closure, total
         first += len(closure.parts)
 
 
 def closing_derivatives(d: Derivation) -> Outputs:
-    """Derivatives of J^T lambda and of J a + J_dot v, of multipliers: ``row_blocks`` one after the other.
+    """Differentiate J^T lambda and J a + J_dot v, of multipliers: ``row_blocks`` one after the other.
 
     Of each loop J, the derivatives of J a + J_dot v by q and by v, and of J^T lambda by q, which is symmetric.
     """
     values: list[Scalar] = []
-    place = set(d.own)
-    found = gaps(d, d.v)
+    place = set(d.active)
+    residuals = closure_residuals(d, d.v)
     for block in row_blocks(d.described):
-        here = found[block.first : block.first + block.rows]
-        columns = [d.own[column] for column in block.columns]
-        arms = [{i: arm for i, arm in gap.arms.items() if i in place} for gap in here]
-        values += [row.get(i, 0.0) for row in arms for i in columns]
-        rates = [along(gap.arms, d.a) + gap.bias for gap in here]
+        here = residuals[block.first : block.first + block.rows]
+        columns = [d.active[column] for column in block.columns]
+        J = [{i: arm for i, arm in residual.jacobian_row.items() if i in place} for residual in here]
+        values += [row.get(i, 0.0) for row in J for i in columns]
+        rates = [along(residual.jacobian_row, d.a) + residual.bias for residual in here]
         q, v = ([x[i] for i in columns] for x in (d.q, d.v))
         for inputs in (q, v):
             values += [x for row in gradients(d.graph, rates, inputs) for x in row]
         multipliers = [d.graph.input("multipliers", block.first + r) for r in range(block.rows)]
         factors = dict(enumerate(multipliers))
-        pull = [along(factors, [row.get(i, 0.0) for row in arms]) for i in columns]
+        pull = [along(factors, [row.get(i, 0.0) for row in J]) for i in columns]
         second = gradients(d.graph, pull, q)
         values += [second[min(i, j)][max(i, j)] for i in range(len(columns)) for j in range(len(columns))]
     return vector(values)
@@ -120,12 +122,12 @@ def row_kinds(model: Model, program: Program) -> list[int]:
         for r, kind in enumerate(block.kinds):
             places = [at + r * len(block.columns) + i for i, x in enumerate(block.columns) if x not in model.prescribed]
             instructions = [program.instructions[program.outputs["out", place]] for place in places]
-            moves = any(found.op != "const" or found.leaf != 0.0 for found in instructions)
+            moves = any(instruction.op != "const" or instruction.leaf != 0.0 for instruction in instructions)
             kinds.append(number.setdefault(kind, len(number)) if moves else -1)
         at += 3 * block.size + len(block.columns) ** 2
     return kinds
 
 
 def wrench_outputs(wrenches: Sequence[Wrench]) -> Outputs:
-    """Forces and moments, wrench by wrench."""
+    """Return forces and moments, wrench by wrench."""
     return vector([x for wrench in wrenches for x in (*wrench.force, *wrench.moment)])

@@ -1,4 +1,4 @@
-"""Components of a constraint with their derivatives, as a derivation has them: what rows of closed mechanisms are."""
+"""Closure residuals of a derivation with their derivatives: the rows of closed mechanisms."""
 
 from __future__ import annotations
 
@@ -13,115 +13,119 @@ from eomgen.robot.model import Model
 from eomgen.runtime.turning import ON, seen, singular_joints
 
 from ..program.ir import Node, evaluate, finish
-from ..solve.rows import DERIVING, DERIVING_APART, Precision, Row
+from ..solve.rows import DERIVING, DERIVING_INDEPENDENT, Precision, Row
 from ..tree.spatial import Scalar, along, is_zero
 from .derivation import Derivation, vector
 from .interface import turning_joints
 
 REDUNDANT = 1e-6  # of the largest singular value: below it rows follow from others
-ROUND_OFF = 1e-12  # m, or a number: arms below it at random poses are zero
+ROUND_OFF = 1e-12  # m, or a number: entries of J below it at random poses are zero
 _SAMPLES = 3
 CLOSED = 1e-9  # m, or a sine: of a state that is closed
 _ROUNDS, _AWAY = 60, 0.1  # to close one, and how far from home it is looked for, m or rad
-_FALLS = 0.9  # times the gap of the step before, which one that gets closer is below
+_FALLS = 0.9  # times the closure error of the step before, which one that gets closer is below
 PLANE = "the loop moves in a plane: nothing moves it along this direction"
 
 
 @dataclass(frozen=True)
-class Gap:
+class ClosureResidual:
     """A component of the loops' constraint: g, its derivatives by the coordinates, J_dot v, and rows of its kind."""
 
     value: Scalar
-    arms: dict[int, Scalar]
+    jacobian_row: dict[int, Scalar]
     bias: Scalar
     group: object
     is_weak: bool = False  # but for round-off it vanishes for the description's numbers
 
     def row(self, right: Scalar) -> Row:
-        """The row that makes J a ``right``."""
-        return Row(self.arms, right, group=self.group, is_weak=self.is_weak)
+        """Return the row that makes J a ``right``."""
+        return Row(self.jacobian_row, right, group=self.group, is_weak=self.is_weak)
 
     def rate(self, v: Sequence[Scalar]) -> Scalar:
-        """J v."""
-        return along(self.arms, v)
+        """Return J v."""
+        return along(self.jacobian_row, v)
 
 
-def gaps(d: Derivation, v: Sequence[Scalar]) -> list[Gap]:
-    """Components of the constraint, of all loops and rigid couplings, in the order of ``Model.constraints``.
+def closure_residuals(d: Derivation, v: Sequence[Scalar]) -> list[ClosureResidual]:
+    """Return g of all loops and rigid couplings with its derivatives, in the order of ``Model.constraints``.
 
-    Arms that vanish are left out.  Prescribed coordinates have arms, too: they move the loops, but no multiplier moves
-    them.
+    Entries of J that vanish are left out.  Those of prescribed coordinates stay: they move the loops, but no multiplier
+    moves them.
     """
-    found = []
+    residuals = []
     for closure in d.closures:
         parts = zip(closure.parts, closure.values(), closure.jacobian(), closure.bias(v), strict=True)
-        for part, value, row, bias in parts:
-            arms = {index: arm for index, arm in d.followers.row(row).items() if not is_zero(arm)}
-            found.append(Gap(value, arms, bias, (closure.number, part.axis is None)))
+        for component, value, row, bias in parts:
+            jacobian_row = {index: arm for index, arm in d.followers.row(row).items() if not is_zero(arm)}
+            residuals.append(ClosureResidual(value, jacobian_row, bias, (closure.number, component.axis is None)))
     for number, coupling in enumerate(d.bound.couplings):
-        if coupling.law is None and next(iter(coupling.arms)) not in d.followers.shares:
-            found.append(Gap(coupling.gap(d.q), d.followers.row(coupling.arms), 0.0, ("coupling", number)))
-    return _without_round_off(d, found)
+        if coupling.law is None and next(iter(coupling.jacobian_row)) not in d.followers.shares:
+            residuals.append(
+                ClosureResidual(
+                    coupling.residual(d.q), d.followers.row(coupling.jacobian_row), 0.0, ("coupling", number)
+                )
+            )
+    return _without_round_off(d, residuals)
 
 
 def vanishing_rows(model: Model) -> tuple[tuple[str, str], ...]:
-    """Components of the constraint that no coordinate changes, in any state, by name with the reason."""
+    """Name the components of the constraint that no coordinate changes, in any state, with the reason."""
     if not model.constraints:
         return ()
     d = Derivation(model)
-    found = zip(model.constraints, gaps(d, d.still), strict=True)
-    return tuple((name, PLANE) for name, gap in found if gap.arms.keys().isdisjoint(d.own))
+    named = zip(model.constraints, closure_residuals(d, d.still), strict=True)
+    return tuple((name, PLANE) for name, residual in named if residual.jacobian_row.keys().isdisjoint(d.active))
 
 
-def _without_round_off(d: Derivation, found: Sequence[Gap]) -> list[Gap]:
-    """The components without arms that are round-off wherever the mechanism is: of one in a tilted plane, say.
+def _without_round_off(d: Derivation, residuals: Sequence[ClosureResidual]) -> list[ClosureResidual]:
+    """Drop entries of J that are round-off wherever the mechanism is: of one in a tilted plane, say.
 
-    Where an arm is round-off for the description's numbers alone, and not for others that may be tuned, its row keeps
-    it, and is weighed against the rows of all loops.  Joints that turn freely count as tuned.
+    Where an entry is round-off for the description's numbers alone, and not for others that may be tuned, its row keeps
+    it, and is weighed against the rows of all loops.  Charts of 3-DOF rotations count as tuned.
     """
-    if not any(isinstance(arm, Node) for gap in found for arm in gap.arms.values()):
-        return list(found)
-    arms, rng = _Arms(d, found), np.random.default_rng(0)
+    if not any(isinstance(arm, Node) for residual in residuals for arm in residual.jacobian_row.values()):
+        return list(residuals)
+    jacobian, rng = _Jacobian(d, residuals), np.random.default_rng(0)
     numbers = np.array(list(d.model.parameters.values()))
     largest = []
     for tuned in (0.0, 0.1):
-        sizes = np.zeros((len(found), d.model.size))
+        sizes = np.zeros((len(residuals), d.model.size))
         for _ in range(_SAMPLES):
             p = numbers * (1.0 + tuned * rng.normal(size=numbers.size)) + tuned * rng.normal(size=numbers.size)
             turned = rng.uniform(size=d.turns) if tuned else np.zeros(d.turns)
             q, p = rng.uniform(-1.5, 1.5, d.model.size), np.concatenate([p, turned])
-            sizes = np.maximum(sizes, np.abs(arms.at(q.tolist(), p.tolist())))
+            sizes = np.maximum(sizes, np.abs(jacobian.at(q.tolist(), p.tolist())))
         largest.append(sizes > ROUND_OFF)
     kept = []
-    for gap, now, ever in zip(found, *largest, strict=True):
-        left = {index: arm for index, arm in gap.arms.items() if ever[index]}
-        kept.append(replace(gap, arms=left, is_weak=bool(left) and not now.any()))
+    for residual, now, ever in zip(residuals, *largest, strict=True):
+        left = {index: arm for index, arm in residual.jacobian_row.items() if ever[index]}
+        kept.append(replace(residual, jacobian_row=left, is_weak=bool(left) and not now.any()))
     return kept
 
 
 def is_redundant(model: Model) -> bool:
     """Whether some rows of the constraint follow from others at home, as far as home is closed."""
     d = Derivation(model, turned=True)
-    found = [gap for gap in gaps(d, d.still) if gap.arms]
-    if not found:
+    residuals = [residual for residual in closure_residuals(d, d.still) if residual.jacobian_row]
+    if not residuals:
         return False
-    moving = [i for i in d.own if i not in d.model.prescribed]
-    J = _Arms(d, found).at(*_regular(model, np.array(model.home)))[:, moving]
-    return rank_of(J, REDUNDANT) < len(found)
+    moving = [i for i in d.active if i not in d.model.prescribed]
+    J = _Jacobian(d, residuals).at(*_regular(model, np.array(model.home)))[:, moving]
+    return rank_of(J, REDUNDANT) < len(residuals)
 
 
 def general_rank(model: Model) -> int | None:
-    """Rank of the constraint in closed states near home, but for singular poses; None where no state is found.
+    """Return the constraint's rank in closed states near home, but for singular poses; None if no state closes.
 
     States in which nothing can move count where there are no others: they may lie beside those of a mechanism.
     """
     d = Derivation(model, turned=True)
-    found = [gap for gap in gaps(d, d.still) if gap.arms]
-    if not found:
+    residuals = [residual for residual in closure_residuals(d, d.still) if residual.jacobian_row]
+    if not residuals:
         return 0
     rng, home = np.random.default_rng(0), np.array(model.home)
     away = [np.zeros(home.size), *rng.normal(size=(_SAMPLES, home.size))]
-    closed = (_closed_jacobian(d, found, *_regular(model, home + _AWAY * step)) for step in away)
+    closed = (_closed_jacobian(d, residuals, *_regular(model, home + _AWAY * step)) for step in away)
     ranks = [(rank_of(J, REDUNDANT), J.shape[1]) for J in closed if J is not None]
     moving = [rank for rank, columns in ranks if rank < columns]
     return max(moving or [rank for rank, _ in ranks], default=None)
@@ -129,7 +133,7 @@ def general_rank(model: Model) -> int | None:
 
 def deriving_precision(model: Model, rows: int, dtype: str) -> Precision:
     """Say how precisely so many rows that do not vanish are factored where accelerations are differentiated."""
-    return (DERIVING_APART if general_rank(model) == rows else DERIVING)[dtype]
+    return (DERIVING_INDEPENDENT if general_rank(model) == rows else DERIVING)[dtype]
 
 
 @dataclass(frozen=True)
@@ -141,22 +145,26 @@ class Rank:
 
 
 def rank_at_home(model: Model) -> Rank | None:
-    """Rank of the constraint at the description's home, closed from there; None if it does not close.
+    """Return the constraint's rank at the description's home, closed from there; None if it does not close.
 
     Components that nothing changes are not among those that follow from others.
     """
     d = Derivation(model, turned=True)
-    found = [(name, gap) for name, gap in zip(model.constraints, gaps(d, d.still), strict=True) if gap.arms]
-    J = _closed_jacobian(d, [gap for _, gap in found], *_regular(model, np.array(model.home)))
+    named = [
+        (name, residual)
+        for name, residual in zip(model.constraints, closure_residuals(d, d.still), strict=True)
+        if residual.jacobian_row
+    ]
+    J = _closed_jacobian(d, [residual for _, residual in named], *_regular(model, np.array(model.home)))
     if J is None:
         return None
     rank = rank_of(J, REDUNDANT)
     independent = independent_columns(J.T, rank)
-    return Rank(J.shape[1] - rank, tuple(name for r, (name, _) in enumerate(found) if r not in independent))
+    return Rank(J.shape[1] - rank, tuple(name for r, (name, _) in enumerate(named) if r not in independent))
 
 
 def _regular(model: Model, q: NDArray[np.float64]) -> tuple[list[float], list[float]]:
-    """A state, (n,), in angles that are not singular; numbers of the parameters and of joints that are turned."""
+    """Return a state, (n,), in angles that are not singular; numbers of parameters and of joints that are turned."""
     joints = {name: (at["angles"], at["origin"]) for name, at in turning_joints(model)["joints"].items()}
     turned = singular_joints(q, joints)
     places = [joints[name] for name in joints if name in turned]
@@ -165,41 +173,43 @@ def _regular(model: Model, q: NDArray[np.float64]) -> tuple[list[float], list[fl
 
 
 def _closed_jacobian(
-    d: Derivation, found: Sequence[Gap], begin: Sequence[float], numbers: Sequence[float]
+    d: Derivation, residuals: Sequence[ClosureResidual], begin: Sequence[float], numbers: Sequence[float]
 ) -> NDArray[np.float64] | None:
-    """The arms by what is not prescribed, (rows, moving), where Gauss's and Newton's method closes a state.
+    """Assemble a state by the Gauss-Newton method; return J there by what is not prescribed, (rows, moving).
 
-    None where it closes none.  Steps go on as long as the gap falls: where rows follow from others in closed states
-    alone, these come apart by the root of the gap, and would pass as independent.
+    None where it finds none.  Steps go on as long as the closure error falls: where rows follow from others in closed
+    states alone, these come apart by the root of the error, and would pass as independent.
 
     Args:
-        numbers: of the parameters, and of joints that turn freely.
+        numbers: of the parameters, and of charts of 3-DOF rotations.
     """
-    arms, q = _Arms(d, found), np.array(begin)
-    values = finish(d.graph, "gaps", vector([gap.value for gap in found]))
-    places = [place for place, i in enumerate(d.own) if i not in d.model.prescribed]
-    moving = [d.own[place] for place in places]
+    jacobian, q = _Jacobian(d, residuals), np.array(begin)
+    values = finish(d.graph, "gaps", vector([residual.value for residual in residuals]))
+    places = [place for place, i in enumerate(d.active) if i not in d.model.prescribed]
+    moving = [d.active[place] for place in places]
     closest, last = None, np.inf
     for _ in range(_ROUNDS):
         g = np.array(list(evaluate(values, {"q": q.tolist(), "p": numbers}).values()))
-        J, gap = arms.at(q.tolist(), numbers)[:, moving], np.abs(g).max(initial=0.0)
-        if gap >= _FALLS * last and closest is not None:
+        J, error = jacobian.at(q.tolist(), numbers)[:, moving], np.abs(g).max(initial=0.0)
+        if error >= _FALLS * last and closest is not None:
             break
-        closest, last = J if gap <= CLOSED else None, gap
+        closest, last = J if error <= CLOSED else None, error
         q[places] -= np.linalg.lstsq(J, g, rcond=REDUNDANT)[0]
     return closest
 
 
-class _Arms:
-    """The arms of components as numbers."""
+class _Jacobian:
+    """J of closure residuals as numbers."""
 
-    def __init__(self, d: Derivation, found: Sequence[Gap]) -> None:
-        self._places = [(r, i) for r, gap in enumerate(found) for i in gap.arms]
-        self._shape = (len(found), d.model.size)
-        self._program = finish(d.graph, "arms", vector([arm for gap in found for arm in gap.arms.values()]))
+    def __init__(self, d: Derivation, residuals: Sequence[ClosureResidual]) -> None:
+        self._places = [(r, i) for r, residual in enumerate(residuals) for i in residual.jacobian_row]
+        self._shape = (len(residuals), d.model.size)
+        self._program = finish(
+            d.graph, "arms", vector([arm for residual in residuals for arm in residual.jacobian_row.values()])
+        )
 
     def at(self, q: Sequence[float], p: Sequence[float]) -> NDArray[np.float64]:
-        """All of them at coordinates and parameters, (components, n)."""
+        """Evaluate J at coordinates and parameters, (residuals, n)."""
         J = np.zeros(self._shape)
         for place, value in zip(self._places, evaluate(self._program, {"q": q, "p": p}).values(), strict=True):
             J[place] = value

@@ -33,12 +33,11 @@ class Derivation:
 
     ``dtype``: of the numbers that the C computes with.
 
-    ``turned``: joints that turn freely read how they are turned, behind the parameters (``Model.turning``); ``turns``
-    is how many of them there are.
+    ``turned``: 3-DOF rotations read their charts, behind the parameters (``Model.turning``); ``turns`` counts them.
 
-    An angle that is not active but has an offset is a coordinate here whose q, v and a are zero; ``own`` are the places
-    of the coordinates that kernels know, and what is written leaves the others out.  ``described`` is the model without
-    such angles.
+    An angle that is not active but has an offset is a coordinate here whose q, v and a are zero; ``active`` are the
+    places of the coordinates that kernels know, and what is written leaves the others out.  ``described`` is the model
+    without such angles.
 
     Coordinates that follow others are coordinates here, too, and no inputs: ``followers`` moves them after their
     leaders, and maps what is written.
@@ -47,7 +46,7 @@ class Derivation:
     def __init__(self, model: Model, *, regrouped: bool = True, dtype: str = "float64", turned: bool = False) -> None:
         self.graph, self.dtype = Graph(), dtype
         self.described = model
-        self.model, self.own = with_offset_angles(model)
+        self.model, self.active = with_offset_angles(model)
         turns = [turned_name(model.bodies[k].joint) for k in model.turning] if turned else []
         self.turns = len(turns)
         slots = {name: slot for slot, name in enumerate((*model.parameters, *turns))}
@@ -68,31 +67,31 @@ class Derivation:
 
     def inputs(self, name: str) -> list[Scalar]:
         """Read an array of the coordinates that kernels know, (n,); 0 at the others."""
-        found: list[Scalar] = [0.0] * self.model.size
-        for place, index in enumerate(self.own):
-            found[index] = self.graph.input(name, place)
-        return found
+        array: list[Scalar] = [0.0] * self.model.size
+        for place, index in enumerate(self.active):
+            array[index] = self.graph.input(name, place)
+        return array
 
     def vector(self, values: Sequence[Scalar]) -> Outputs:
-        """A force per coordinate; those on followers act on their leaders."""
+        """Write a force per coordinate; those on followers act on their leaders."""
         return self.motion(self.followers.gather(values))
 
     def motion(self, values: Sequence[Scalar]) -> Outputs:
-        """A velocity, acceleration or other change per coordinate."""
-        return vector([values[i] for i in self.own])
+        """Write a velocity, acceleration or other change per coordinate."""
+        return vector([values[i] for i in self.active])
 
     def rows(self, rows: Sequence[Mapping[int, Scalar]]) -> Outputs:
-        """Derivatives of values by the coordinates, value by value; an absent one is zero."""
-        found = [self.followers.row(row) for row in rows]
-        return vector([row.get(i, 0.0) for row in found for i in self.own])
+        """Write derivatives of values by the coordinates, value by value; an absent one is zero."""
+        mapped = [self.followers.row(row) for row in rows]
+        return vector([row.get(i, 0.0) for row in mapped for i in self.active])
 
     def matrices(self, *blocks: Rows) -> Outputs:
-        """Matrices over the coordinates, one after the other; an absent entry is zero."""
+        """Write matrices over the coordinates, one after the other; an absent entry is zero."""
         blocks = tuple(map(self.followers.matrix, blocks)) if self.followers else blocks
-        return vector([rows.get((i, j), 0.0) for rows in blocks for i in self.own for j in self.own])
+        return vector([rows.get((i, j), 0.0) for rows in blocks for i in self.active for j in self.active])
 
     def dynamics(self, v: list[Any], a: list[Any]) -> list[Scalar]:
-        """Inertial, gravity, spring and damper terms: the drives that the motion needs."""
+        """Compute inertial, gravity, spring and damper terms: the drives that the motion needs."""
         rows, _ = inertial_rows(self.model, self.bound, self.joints, v, a, self.bound.gravity, self.graph.note)
         return [row + force for row, force in zip(rows, self.forces(v), strict=True)]
 
@@ -112,7 +111,7 @@ class Derivation:
         return tuple(family(setting) for family in ELEMENTS)
 
     def forces(self, v: list[Any]) -> list[Scalar]:
-        """Forces, (n,), that all elements take from the drives."""
+        """Sum the forces, (n,), that all elements take from the drives."""
         rows: list[Scalar] = [0.0] * self.model.size
         for element in self.elements:
             for index, force in element.resist(v):
@@ -125,7 +124,7 @@ class Derivation:
         return list(closures(self.model, self.bound, self.joints, self.graph.sincos, self.graph.note))
 
     def matrix(self) -> Rows:
-        """Entries of M on and above the diagonal."""
+        """Compute the entries of M on and above the diagonal."""
         return mass_matrix(self.model, self.bound, self.joints, self.graph.note)
 
 

@@ -1,4 +1,4 @@
-"""Derivatives of kernels as kernels of their own: their names, what they read and write; without SymPy.
+"""Derivatives of kernels as further kernels: their names, what they read and write; without SymPy.
 
 Of a function f(x) of arrays x, and of the run-time parameters p:
 
@@ -28,28 +28,28 @@ EXACT = ("christoffel", "following", "forward_dynamics_jacobian", "tree_forward_
 
 
 def differentiated(kernels: Mapping[str, Signature]) -> dict[str, Signature]:
-    """The derivatives of kernels by their names; of those that are called with a frame's number for all frames."""
-    found: dict[str, Signature] = {}
+    """Return derivatives of kernels by their names; of those that are called with a frame's number for all frames."""
+    derivatives: dict[str, Signature] = {}
     for name, kernel in kernels.items():
         if kernel.kind == "frames":
-            for function, own in kernel.functions.items():
-                found |= _of(function, replace(own, writes=FRAMED[function]))
+            for function, signature in kernel.functions.items():
+                derivatives |= _of(function, replace(signature, writes=FRAMED[function]))
         elif kernel.kind in ("program", "composed") and name not in EXACT:
-            found |= _of(name, kernel)
-    return found
+            derivatives |= _of(name, kernel)
+    return derivatives
 
 
 def _of(name: str, kernel: Signature) -> dict[str, Signature]:
-    """The derivatives of one function."""
-    x, own = ", ".join(kernel.reads), "_".join(kernel.reads)
+    """Return the derivatives of one function."""
+    x, arrays = ", ".join(kernel.reads), "_".join(kernel.reads)
     rates, weighted = tuple(RATES[array] for array in kernel.reads), f"{name} along weights"
     none = Signature(kernel.reads, kernel.writes, "", derivative_of=name, needs=kernel.needs, solves=kernel.solves)
     tangent = replace(none, kind="tangent", reads=(*none.reads, *rates))
     along = replace(none, kind="tangent", reads=(*none.reads, PARAMETER_RATES), by_parameters=True)
     back = replace(none, reads=(*none.reads, f"{WEIGHTS}{kernel.writes}"))
-    adjoint = replace(back, kind="adjoint", writes=f"{GRADIENT}{own}")
+    adjoint = replace(back, kind="adjoint", writes=f"{GRADIENT}{arrays}")
     whole = replace(adjoint, writes=f"{adjoint.writes}{WITH_PARAMETERS}", by_parameters=True)
-    hessian = replace(back, kind="hessian", writes=f"{HESSIAN}{own}")
+    hessian = replace(back, kind="hessian", writes=f"{HESSIAN}{arrays}")
     return {
         f"{name}_tangent": replace(tangent, text=f"What {name} changes by along {', '.join(rates)}."),
         f"{name}_parameter_tangent": replace(along, text=f"What {name} changes by along rates of the parameters."),
@@ -60,7 +60,7 @@ def _of(name: str, kernel: Signature) -> dict[str, Signature]:
 
 
 def _steps(text: str, of: str, calls: tuple[str, ...], ending: str) -> Signature:
-    """Steps that call programs and, by the ending of their names, derivatives of these."""
+    """Describe steps that call programs and, by the ending of their names, derivatives of these."""
     derivatives = tuple(f"{name}_{ending}" for name in calls)
     closed = tuple("constrained_dynamics" if name == "forward_dynamics" else name for name in calls)
     return Signature(
@@ -78,7 +78,7 @@ def _steps(text: str, of: str, calls: tuple[str, ...], ending: str) -> Signature
 
 
 def _along(of: str, writes: str, reads: tuple[str, ...], *moving: str) -> Signature:
-    """Rates of a program's results along those of arrays and of the parameters."""
+    """Describe rates of a program's results along those of arrays and of the parameters."""
     return Signature(
         (*reads, *(f"d{array}" for array in moving), PARAMETER_RATES),
         writes,
@@ -90,7 +90,7 @@ def _along(of: str, writes: str, reads: tuple[str, ...], *moving: str) -> Signat
 
 
 def _back(of: str, writes: str, reads: tuple[str, ...], weights: str) -> Signature:
-    """Gradient of a program's results along weights by its arrays, but for times, and by the parameters."""
+    """Describe the gradient of a program's results along weights by arrays, but for times, and by parameters."""
     arrays = ", ".join(array for array in reads if array not in TIMES)
     return Signature(
         (*reads, weights),
@@ -143,19 +143,19 @@ BACKWARDS: Mapping[str, Signature] = {  # programs that only gradients and sensi
 def derivative_shapes(
     kernels: Mapping[str, Signature], shapes: Mapping[str, Shape], parameters: int
 ) -> dict[str, Shape]:
-    """Shapes of what derivatives, as of ``differentiated``, read and write beside arrays of these shapes."""
-    found: dict[str, Shape] = {}
+    """Return shapes of what derivatives, as of ``differentiated``, read and write beside arrays of these shapes."""
+    table: dict[str, Shape] = {}
     known = {RATES[array]: shapes[array] for array in RATES} | {WEIGHTS + array: shapes[array] for array in shapes}
     if parameters:
         known[PARAMETER_RATES] = (parameters,)
     for kernel in kernels.values():
-        found |= {array: known[array] for array in kernel.reads if array in known}
+        table |= {array: known[array] for array in kernel.reads if array in known}
         if kernel.kind in ("adjoint", "hessian") and all(array in shapes for array in kernel.reads[:-1]):
             size = sum(math.prod(shapes[array]) for array in kernel.reads[:-1])
-            found[kernel.writes] = (
+            table[kernel.writes] = (
                 (size, size) if kernel.kind == "hessian" else (size + (parameters if kernel.by_parameters else 0),)
             )
-    return found
+    return table
 
 
 def is_direction(array: str) -> bool:

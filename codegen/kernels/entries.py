@@ -14,8 +14,8 @@ KINDS: Mapping[Kind, str] = {  # in the order in which C and packages have them
     "adjoint": "the same, its gradient by a reverse sweep",
     "hessian": "the same, second derivatives",
     "frames": "straight-line code in shares of bodies and frames, which functions of a frame's number call",
-    "composed": "a template of its own, which calls programs: ``templates/composed``",
-    "rollout": "the same, with a call of its own: many steps at once",
+    "composed": "a template that calls programs: ``templates/composed``",
+    "rollout": "the same, by another call: many steps at once",
     "adaptive": "the same, with steps whose length the error controls",
     "gradient": "the same, and back through the steps; there only if it is asked for",
 }
@@ -28,14 +28,14 @@ class Signature:
 
     kind: where its C comes from and how it is called, one of KINDS.
     calls: the programs that its C calls, where the kind is "composed", "rollout", "adaptive" or "gradient"; of a
-        composed one that stands in ``writers.WAYS``, too, only where none of these suits the robot.
+        composed one that stands in ``writers.VARIANTS``, too, only where none of these suits the robot.
     counts: of these the ones whose operations count as the kernel's; all if none is named.
     closed: the programs that its C calls where the robot has loops; they count, too.
     by_request: whether it is there only if it is asked for, as derivatives are.
     derivative_of: the function that it differentiates, where the kind is "tangent", "adjoint", "hessian" or "gradient".
     by_parameters: whether that is by run-time parameters, too, which a robot must have for it.
     functions: what users call instead of it, where the kind is "frames".
-    columns_of: the program that a template of its own calls once for every coordinate, where its own program would be
+    columns_of: the program that its template calls once for every coordinate, where a program of all columns would be
         too long.
     solves: whether it inverts the mass matrix, and so fails where that is singular; the others always return 0.
     symmetric: whether it writes a matrix that is symmetric to the bit.
@@ -74,5 +74,5 @@ def kernel(form: str, text: str, kind: Kind = "program", **more: Any) -> tuple[s
 
 
 def table(*rows: tuple[str, Signature]) -> dict[str, Signature]:
-    """Signatures by their names."""
+    """Return signatures by their names."""
     return dict(rows)

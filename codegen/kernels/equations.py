@@ -18,7 +18,7 @@ from .derivation import Derivation
 from .derivatives.programs import derive_derivative
 from .signatures import KERNELS, SIGNATURES, available, knows_turns
 from .stages import PAIR_STAGES, STAGES, derive_pair_stage, derive_stage
-from .writers import DESCRIPTION_FRAMES, WAYS, WRITERS
+from .writers import DESCRIPTION_FRAMES, VARIANTS, WRITERS
 
 DIVISION = 8  # a division takes about as long as so many products
 NEEDS = {
@@ -38,9 +38,9 @@ class Equations:
     """The programs of a model: ``kernels`` are those a user may call, ``programs`` what is written out in C.
 
     ``setup`` computes what depends on parameters alone; ``calls`` holds, by name, the kernels that are no programs but
-    templates of their own, with the programs that their C calls; ``choices`` says which way was taken where there are
-    two; ``shares`` are what a program of frames is written out as, by its name; ``dtype`` is that of the numbers that
-    the C computes with.
+    templates, with the programs that their C calls; ``choices`` says which variant was taken where there are several;
+    ``shares`` are what a program of frames is written out as, by its name; ``dtype`` is that of the numbers that the C
+    computes with.
     """
 
     model: Model
@@ -55,12 +55,12 @@ class Equations:
 
 @without_collection()
 def derive_equations(model: Model, kernels: Sequence[str] = (), dtype: str = "float64") -> Equations:
-    """Model -> Equations, with every pass run.
+    """Derive a model's equations: one program per kernel, with every pass run.
 
     Args:
         dtype: of the numbers that the C computes with; loops are solved for its precision.
         kernels: names of KERNELS; all that there are for the model if empty, but derivatives and what is there by
-            request alone.  Those of springs between points and of forces in cut joints come with any: they are small,
+            request alone.  Those of point-to-point springs and of forces in cut joints come with any: they are small,
             and integrations choose method and step by them.
 
     Raises:
@@ -77,14 +77,14 @@ def derive_equations(model: Model, kernels: Sequence[str] = (), dtype: str = "fl
     small = {name for name in usual if KERNELS[name].needs in SMALL}
     public = tuple(name for name in known if name in wanted or name in small)
     raw: dict[str, Program] = {}
-    found: dict[str, Program] = {}  # what several derivatives are of
+    derived: dict[str, Program] = {}  # what several derivatives are of
     calls: dict[str, tuple[str, ...]] = {}
     choices: dict[str, str] = {}
     for name in public:
         signature = KERNELS[name]
         if signature.closed and model.constraints:
             calls[name] = signature.closed
-        elif name in WAYS and signature.calls:
+        elif name in VARIANTS and signature.calls:
             if candidates := _candidates(model, name, dtype=dtype):
                 raw[name], choices[name] = min(candidates, key=lambda candidate: _cost(candidate[0]))
                 continue
@@ -102,10 +102,10 @@ def derive_equations(model: Model, kernels: Sequence[str] = (), dtype: str = "fl
                 raw |= derive_stage(Derivation(model, dtype=dtype, turned=True))
             elif program in PAIR_STAGES:
                 raw |= derive_pair_stage(Derivation(model, dtype=dtype, turned=True))
-            elif program in WAYS:
+            elif program in VARIANTS:
                 raw[program], choices[program] = derive_cheapest(model, program, dtype=dtype)
             else:
-                raw[program] = derive(model, program, dtype, found)
+                raw[program] = derive(model, program, dtype, derived)
     setup, programs = hoist_parameters(list(raw.values()), len(model.parameters) + len(model.turning))
     written = dict(zip(raw, programs, strict=True))
     shares = {name: share_among_bodies(model, written[name]) for name in public if KERNELS[name].kind == "frames"}
@@ -113,63 +113,63 @@ def derive_equations(model: Model, kernels: Sequence[str] = (), dtype: str = "fl
 
 
 def _columns_cost(model: Model, kernel: str, known: Mapping[str, Program]) -> int:
-    """Operations of n calls of a kernel: an upper bound for all its columns written out."""
+    """Count operations of n calls of a kernel: an upper bound for all its columns written out."""
     program = known.get(kernel) or derive(model, kernel)
     return model.size * sum(program.count().values())
 
 
 @without_collection()
-def derive(model: Model, kernel: str, dtype: str = "float64", found: dict[str, Program] | None = None) -> Program:
-    """The program of one entry of WRITERS or WAYS, or of a derivative.
+def derive(model: Model, kernel: str, dtype: str = "float64", known: dict[str, Program] | None = None) -> Program:
+    """Derive the program of one entry of WRITERS or VARIANTS, or of a derivative.
 
     Args:
-        found: programs of this model and dtype by name; those that are derived on the way are added.
+        known: programs of this model and dtype by name; those that are derived on the way are added.
     """
-    found = {} if found is None else found
-    if kernel not in found:
-        found |= _derived(model, kernel, dtype, found)
-    return found[kernel]
+    known = {} if known is None else known
+    if kernel not in known:
+        known |= _derived(model, kernel, dtype, known)
+    return known[kernel]
 
 
-def _derived(model: Model, kernel: str, dtype: str, found: dict[str, Program]) -> dict[str, Program]:
-    """The program, with those that come with it."""
-    if kernel in WAYS:
+def _derived(model: Model, kernel: str, dtype: str, known: dict[str, Program]) -> dict[str, Program]:
+    """Derive the program, with those that come with it."""
+    if kernel in VARIANTS:
         return {kernel: derive_cheapest(model, kernel, dtype=dtype)[0]}
     if kernel in STAGES:
         return derive_stage(Derivation(model, dtype=dtype, turned=True))
     if kernel in PAIR_STAGES:
         return derive_pair_stage(Derivation(model, dtype=dtype, turned=True))
     if SIGNATURES[kernel].derivative_of:
-        return {kernel: derive_derivative(model, kernel, lambda name: derive(model, name, dtype, found))}
+        return {kernel: derive_derivative(model, kernel, lambda name: derive(model, name, dtype, known))}
     regrouped, turned = kernel not in DESCRIPTION_FRAMES, knows_turns(kernel, model)
     derivation = Derivation(model, regrouped=regrouped, dtype=dtype, turned=turned)
     return {kernel: run_passes(finish(derivation.graph, kernel, WRITERS[kernel](derivation)))}
 
 
 def derive_cheapest(model: Model, kernel: str, chosen: str = "", dtype: str = "float64") -> tuple[Program, str]:
-    """The program of a kernel that can be written in several ways, and the name of its way in WAYS.
+    """Derive the program of a kernel with several variants; return it with its variant's name in VARIANTS.
 
     Args:
-        chosen: the way; the one that costs least if empty.
+        chosen: the variant; the one that costs least if empty.
     """
     return min(_candidates(model, kernel, chosen, dtype), key=lambda candidate: _cost(candidate[0]))
 
 
 def _candidates(model: Model, kernel: str, chosen: str = "", dtype: str = "float64") -> list[tuple[Program, str]]:
-    """Programs of all ways that suit the model, or of the chosen one."""
+    """Derive the programs of all variants that suit the model, or of the chosen one."""
     candidates = []
-    for name, way in WAYS[kernel].items():
-        is_long = way.most is not None and model.size > way.most
+    for name, variant in VARIANTS[kernel].items():
+        is_long = variant.most is not None and model.size > variant.most
         if name != chosen and (chosen or is_long):
             continue
         derivation = Derivation(model, dtype=dtype, turned=knows_turns(kernel, model))
-        if (way.prescribes or not derivation.model.prescribed) and (chosen or way.suits(derivation)):
-            program = run_passes(finish(derivation.graph, kernel, way.write(derivation)))
-            candidates.append((on_demand(program) if way.on_demand else program, name))
+        if (variant.prescribes or not derivation.model.prescribed) and (chosen or variant.suits(derivation)):
+            program = run_passes(finish(derivation.graph, kernel, variant.write(derivation)))
+            candidates.append((on_demand(program) if variant.on_demand else program, name))
     return candidates
 
 
 def _cost(program: Program) -> int:
-    """Operations, a division as DIVISION of them."""
+    """Count operations, a division as DIVISION of them."""
     count = program.count()
     return count["mul"] + count["add"] + DIVISION * count["div"]

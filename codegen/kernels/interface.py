@@ -23,7 +23,7 @@ IF_ANY = (  # entries of the metadata that are there only where there is somethi
 
 
 def describe_kernels(model: Model, kernels: Sequence[str], dtype: str) -> dict[str, Any]:
-    """Plain values for JSON: what a package says of its kernels before anything is derived.
+    """Return plain values for JSON: what a package says of its kernels before anything is derived.
 
     "kernels" and "functions" say what each reads and writes; users call the functions, which are the kernels but for
     those of the kind "frames", and ``RawFunction`` says what a kind means.
@@ -78,7 +78,7 @@ def describe_kernels(model: Model, kernels: Sequence[str], dtype: str) -> dict[s
 
 
 def inertial_parameters(model: Model) -> dict[str, Any]:
-    """Values of the regressor's parameters, and the run-time parameters of links that they come from."""
+    """Return values of the regressor's parameters, and the run-time parameters of links that they come from."""
     fixed = {joint.name for joint in model.robot.joints if not joint.coordinates}
     paths = {name: parameter_path(name) for name in model.parameters}
     moving = [name for name, path in paths.items() if path[0] == "links" or (path[0] == "joints" and path[1] in fixed)]
@@ -86,19 +86,19 @@ def inertial_parameters(model: Model) -> dict[str, Any]:
 
 
 def knots(model: Model) -> dict[str, list[float]]:
-    """Deviations of every measured curve, by its coordinate; of a transmission's by the motor's."""
-    given = {
+    """Return deviations of every measured curve, by its coordinate; of a transmission's by the motor's."""
+    coordinates = {
         component_name(joint.name, name): c for joint in model.robot.joints for name, c in joint.coordinates.items()
     }
-    given |= {
+    coordinates |= {
         component_name(joint.name, MOTOR): joint.motor.transmission for joint in model.robot.joints if joint.motor
     }
-    given |= {component_name(owner, name) if name else owner: c for owner, name, c in model.cut_laws}
-    return {name: [deviation for deviation, _ in c.curve] for name, c in given.items() if c.curve is not None}
+    coordinates |= {component_name(owner, name) if name else owner: c for owner, name, c in model.cut_laws}
+    return {name: [deviation for deviation, _ in c.curve] for name, c in coordinates.items() if c.curve is not None}
 
 
 def turning_joints(model: Model) -> dict[str, Any]:
-    """Joints that turn freely, and the numbers per state by which a rollout goes on where another has ended.
+    """Return 3-DOF rotations, and the numbers per state by which a rollout goes on where another has ended.
 
     "joints" has, by name, the places of the first angle and of x among the coordinates, -1 where x does not move.
     """
@@ -109,13 +109,13 @@ def turning_joints(model: Model) -> dict[str, Any]:
 
 
 def _ratio(model: Model, motor: str) -> float:
-    """The description's ratio of the gear behind a motor's coordinate."""
-    found = model.robot.joint(joint_of(motor)).motor
-    assert found is not None
-    return found.ratio
+    """Return the description's ratio of the gear behind a motor's coordinate."""
+    table = model.robot.joint(joint_of(motor)).motor
+    assert table is not None
+    return table.ratio
 
 
 def _upright(loop: Loop) -> tuple[tuple[float, int, int], ...]:
-    """The terms of UPRIGHT where a rigid angle could be half a turn off."""
+    """Return the terms of UPRIGHT where a rigid angle could be half a turn off."""
     is_bent = any(loop.offset[3:]) or {"alpha", "beta", "gamma"} & loop.coordinates.keys()
     return () if is_bent else UPRIGHT.get(loop.type, ())

@@ -49,7 +49,7 @@ OWN: Mapping[str, Callable[[Model], Counts]] = {  # of templates, beside the pro
 
 
 def operations(equations: Equations) -> dict[str, Counts]:
-    """Multiplications, additions, divisions and sine-cosine pairs of every kernel's C, and of the parameters' setup."""
+    """Count multiplications, additions, divisions, sine-cosine pairs of every kernel's C and the parameters' setup."""
     counts = {name: _of_kernel(equations, name) for name in KERNELS if name in equations.kernels}
     return {**counts, "parameters": equations.setup.count()}
 
@@ -71,4 +71,4 @@ def _of_kernel(equations: Equations, name: str) -> Counts:
         wide = [len(block.columns) for block in row_blocks(equations.model) for _ in range(block.rows)]
         widths = [width for width, kind in zip(wide, kinds, strict=True) if kind >= 0]
         parts.append(_closing_operations(equations.model, widths, DERIVING[equations.dtype].refinements))
-    return {key: sum(part[key] for part in parts) for key in parts[0]}
+    return {key: sum(counts[key] for counts in parts) for key in parts[0]}

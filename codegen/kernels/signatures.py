@@ -336,18 +336,18 @@ def knows_turns(program: str, model: Model) -> bool:
 
 
 def element_rows(model: Model) -> tuple[str, ...]:
-    """Names of the coordinates of force elements that ``element_forces`` tells of, in its order: "mount.x"."""
-    found = list[str]()
+    """Name the coordinates of force elements that ``element_forces`` tells of, in its order: "mount.x"."""
+    rows = list[str]()
     for element in model.robot.elements:
         names = (f"{element.prefix}.{key}" for key, _ in element.numbers())
         below = len(element.prefix) + 1
         numbers = {name[below:]: model.parameters[name] for name in names if name in model.parameters}
-        found += (component_name(element.name, row) for row in element.slopes(numbers))
-    return tuple(found)
+        rows += (component_name(element.name, row) for row in element.slopes(numbers))
+    return tuple(rows)
 
 
 def available(model: Model) -> tuple[str, ...]:
-    """Names of the kernels that there are for a model."""
+    """Name the kernels that there are for a model."""
     has = {
         "": True,
         "loops": bool(model.robot.loops),
@@ -366,15 +366,15 @@ def available(model: Model) -> tuple[str, ...]:
 
 
 def with_beside(names: Sequence[str], model: Model) -> tuple[str, ...]:
-    """Kernels with those that come with them for a model that has constraints."""
-    found, known = dict.fromkeys(names), available(model)
+    """Add to kernels those that come with them for a model that has constraints."""
+    kernels, known = dict.fromkeys(names), available(model)
     for name in names if model.constraints else ():
-        found |= dict.fromkeys(x for x in KERNELS[name].beside if x in known)
-    return tuple(found)
+        kernels |= dict.fromkeys(x for x in KERNELS[name].beside if x in known)
+    return tuple(kernels)
 
 
 def by_kind(names: Iterable[str]) -> list[str]:
-    """Kernels in the order of KINDS; those of one kind in the order of KERNELS."""
+    """Order kernels as KINDS has them; those of one kind in the order of KERNELS."""
     order, place = list(KINDS), list(SIGNATURES)
     return sorted(names, key=lambda name: (order.index(SIGNATURES[name].kind), place.index(name)))
 
@@ -403,27 +403,27 @@ class Function:
 
 
 def functions(names: Iterable[str]) -> list[Function]:
-    """Functions that users of these kernels call, in the order in which headers and packages have them.
+    """Return functions that users of these kernels call, in the order in which headers and packages have them.
 
     That is the order of KERNELS, with functions of a frame's number behind the others, and rollouts last.
     """
     wanted = set(names)
     kernels = {name: signature for name, signature in KERNELS.items() if name in wanted}
-    found = [
-        Function(name, kernel, owner.kind, own)
+    listed = [
+        Function(name, kernel, owner.kind, called)
         for kernel, owner in kernels.items()
-        for name, own in (owner.functions or {kernel: owner}).items()
+        for name, called in (owner.functions or {kernel: owner}).items()
     ]
-    return sorted(found, key=lambda function: (function.is_rollout, function.is_framed))
+    return sorted(listed, key=lambda function: (function.is_rollout, function.is_framed))
 
 
 def _pairs(n: int) -> dict[str, tuple[int, ...]]:
-    """Shapes of arrays of complex numbers."""
+    """Return shapes of arrays of complex numbers."""
     return {**dict.fromkeys(("pair_rates", "pair_shifts", "pair_vector"), (2 * n,)), "pair_times": (4,), "spans": (2,)}
 
 
 def shapes(model: Model, kernels: Collection[str] | None = None) -> dict[str, tuple[int, ...]]:
-    """Shape of every array that kernels read and write; with their names, derivatives' arrays of these alone."""
+    """Return the shapes of arrays that kernels read and write; with names, of derivatives' arrays of these alone."""
     n = model.size
     vectors: dict[str, tuple[int, ...]] = dict.fromkeys(("q", "v", "a", "u", "added", "vector"), (n,))
     vectors |= dict.fromkeys(("kp", "kd", "rates", "shifts"), (n,))
@@ -440,7 +440,7 @@ def shapes(model: Model, kernels: Collection[str] | None = None) -> dict[str, tu
         "closing": (sum(3 * block.size + len(block.columns) ** 2 for block in row_blocks(model)),),
     }
     springs, laws, elements = len(model.robot.springs), len(model.cut_laws), len(element_rows(model))
-    found: dict[str, tuple[int, ...]] = {
+    table: dict[str, tuple[int, ...]] = {
         **vectors,
         **(closing if m else {}),
         **(_pairs(n) if kernels is None or "radau_rollout" in kernels else {}),
@@ -469,4 +469,4 @@ def shapes(model: Model, kernels: Collection[str] | None = None) -> dict[str, tu
         "kinematics": (12 * len(model.frames) + 3 * len(model.bodies) + 3 * len(axes_of(model)),),
     }
     wanted = {name: x for name, x in DERIVATIVES.items() if kernels is None or name in kernels}
-    return {**found, **derivative_shapes(wanted, found, len(model.parameters))}
+    return {**table, **derivative_shapes(wanted, table, len(model.parameters))}

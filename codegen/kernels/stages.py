@@ -24,7 +24,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from ..forces.element import Arms, ImplicitShare
+from ..forces.element import ImplicitShare, SparseRow
 from ..forces.laws import Effect
 from ..program.complex_pairs import on_pairs
 from ..program.cutting import cut
@@ -35,7 +35,7 @@ from ..tree.composite import Rows
 from ..tree.spatial import ZERO, Scalar, along
 from .accelerations import solved_accelerations
 from .closed import eliminated
-from .constraint_rows import gaps
+from .constraint_rows import closure_residuals
 from .derivation import Derivation, Outputs
 
 ARRAYS = ("times", "rates", "shifts", "kept")
@@ -52,7 +52,7 @@ class _Slope:
     by_shift: Scalar
 
     def force(self, rate: Scalar, shift: Scalar) -> Scalar:
-        """Force of a rate and a shift."""
+        """Return the force of a rate and a shift."""
         return self.whole * rate + self.by_shift * shift
 
     def __add__(self, other: _Slope) -> _Slope:
@@ -72,26 +72,26 @@ class _Stage(ImplicitShare):
         self.rates, self.shifts = d.inputs(rates), d.inputs(shifts)
         for x in (self.rates, self.shifts):
             d.followers.follow(x)
-        self.own = [_Slope(0.0, 0.0)] * d.model.size
+        self.diagonal = [_Slope(0.0, 0.0)] * d.model.size
         self.forces, self.armature = list[Scalar](), list[Scalar]()
         self.beside: Rows = {}
         self.slopes: dict[int, Scalar] = {}
-        self.directions: list[tuple[Arms, _Slope]] = []
+        self.directions: list[tuple[SparseRow, _Slope]] = []
 
     def push(self, i: int, force: Scalar) -> None:
         raise NotImplementedError("stages take no forces of elements")
 
     def on_coordinate(self, i: int, stiffness: Scalar, damping: Scalar) -> None:
-        self.own[i] = self.own[i] + self._linear(stiffness, damping)
+        self.diagonal[i] = self.diagonal[i] + self._linear(stiffness, damping)
 
     def bend(self, i: int, law: Effect) -> None:
-        self.own[i] = self.own[i] + self._rising(law)
+        self.diagonal[i] = self.diagonal[i] + self._rising(law)
 
     def settle(self) -> None:
         """Add the slopes of coordinates by themselves to their inertia, and what they make to the forces."""
-        pairs = zip(self.own, self.rates, self.shifts, strict=True)
+        pairs = zip(self.diagonal, self.rates, self.shifts, strict=True)
         self.forces = [slope.force(rate, shift) for slope, rate, shift in pairs]
-        self.armature = [x + slope.whole for x, slope in zip(self.d.bound.armature, self.own, strict=True)]
+        self.armature = [x + slope.whole for x, slope in zip(self.d.bound.armature, self.diagonal, strict=True)]
 
     def in_joint(self, slopes: Callable[[Scalar, Scalar], Rows]) -> None:
         whole, by_shift = slopes(self.c, self.square), slopes(0.0, self.c)
@@ -113,22 +113,24 @@ class _Stage(ImplicitShare):
         self.forces[between.principal] = self.forces[between.principal] - force
         self.slopes[motor] = slope.whole
 
-    def along(self, arms: Arms, law: Effect) -> None:
-        self.directions.append((arms, self._rising(law)))
+    def along(self, row: SparseRow, law: Effect) -> None:
+        self.directions.append((row, self._rising(law)))
 
-    def along_all(self, rows: Arms, directions: Callable[[Scalar, Scalar], Sequence[tuple[Arms, Scalar]]]) -> None:
+    def along_all(
+        self, rows: SparseRow, directions: Callable[[Scalar, Scalar], Sequence[tuple[SparseRow, Scalar]]]
+    ) -> None:
         pairs = zip(directions(self.c, self.square), directions(0.0, self.c), strict=True)
-        self.directions += [(arms, _Slope(whole, by_shift)) for (arms, whole), (_, by_shift) in pairs]
+        self.directions += [(row, _Slope(whole, by_shift)) for (row, whole), (_, by_shift) in pairs]
 
     def _linear(self, stiffness: Scalar, damping: Scalar) -> _Slope:
-        """Share of a spring and a damper."""
+        """Return the share of a spring and a damper."""
         return _Slope(self.c * damping + self.square * stiffness, self.c * stiffness)
 
     def _rising(self, law: Effect) -> _Slope:
-        """Share of a law; none where it falls, so that the matrix stays positive definite."""
-        found, f = self._linear(law.by_s, law.by_v), self.d.functions
-        rises = f.step(found.whole)
-        return _Slope(f.max(found.whole, 0.0) + self.c * f.max(law.rubs, 0.0), rises * found.by_shift)
+        """Return the share of a law; 0 where it falls, so that the matrix stays positive definite."""
+        share, f = self._linear(law.by_s, law.by_v), self.d.functions
+        rises = f.step(share.whole)
+        return _Slope(f.max(share.whole, 0.0) + self.c * f.max(law.friction_tangent, 0.0), rises * share.by_shift)
 
 
 class _PairStage(_Stage):
@@ -148,37 +150,41 @@ class _PairStage(_Stage):
         by_v, by_s = slopes(1.0, 0.0), slopes(0.0, 1.0)
         super().in_joint(lambda c, square: {at: c * slope + square * by_s.get(at, 0.0) for at, slope in by_v.items()})
 
-    def along_all(self, rows: Arms, directions: Callable[[Scalar, Scalar], Sequence[tuple[Arms, Scalar]]]) -> None:
+    def along_all(
+        self, rows: SparseRow, directions: Callable[[Scalar, Scalar], Sequence[tuple[SparseRow, Scalar]]]
+    ) -> None:
         pairs = list(zip(directions(1.0, 0.0), directions(0.0, 1.0), strict=True))
-        super().along_all(rows, lambda c, square: [(arms, c * v + square * s) for (arms, v), (_, s) in pairs])
+        super().along_all(rows, lambda c, square: [(row, c * v + square * s) for (row, v), (_, s) in pairs])
 
     def _rising(self, law: Effect) -> _Slope:
-        found, f = self._linear(law.by_s, law.by_v), self.d.functions
+        share, f = self._linear(law.by_s, law.by_v), self.d.functions
         rises = f.step(self.size * law.by_v + self.size_square * law.by_s)
-        return _Slope(rises * found.whole + self.c * f.max(law.rubs, 0.0), rises * found.by_shift)
+        return _Slope(rises * share.whole + self.c * f.max(law.friction_tangent, 0.0), rises * share.by_shift)
 
 
 def stage(d: Derivation, kind: type[_Stage] = _Stage) -> Outputs:
-    """w, (n,), and the pivots."""
+    """Solve a stage: w, (n,), and the pivots."""
     here, driven = kind(d), frozenset(d.model.driven)
     for element in d.elements:
         element.add_diagonal(here)
-    for place, i in enumerate(d.own):
+    for place, i in enumerate(d.active):
         if i in driven:
             here.on_coordinate(i, d.graph.input("kp", place), d.graph.input("kd", place))
     here.settle()
     for element in d.elements:
         element.add_blocks(here)
-    rows: list[Row] = [gap.row(0.0) for gap in (gaps(d, d.still) if d.described.constraints else [])]
+    rows: list[Row] = [
+        residual.row(0.0) for residual in (closure_residuals(d, d.still) if d.described.constraints else [])
+    ]
     for element in d.elements:
         element.add_rows(here)
-    for arms, slope in here.directions:
-        force = slope.force(along(arms, here.rates), along(arms, here.shifts))
-        for i, arm in arms.items():
+    for row, slope in here.directions:
+        force = slope.force(along(row, here.rates), along(row, here.shifts))
+        for i, arm in row.items():
             here.forces[i] = here.forces[i] + force * arm
-        rows.append(elastic_row(arms, slope.whole))
-    given = frozenset(d.model.prescribed)
-    drives: list[Scalar] = [0.0 if i in given else -1.0 * force for i, force in enumerate(here.forces)]
+        rows.append(elastic_row(row, slope.whole))
+    prescribed = frozenset(d.model.prescribed)
+    drives: list[Scalar] = [0.0 if i in prescribed else -1.0 * force for i, force in enumerate(here.forces)]
     rest, coupled = replace(d.bound, gravity=ZERO), bool(rows)
     tree, pivots = eliminated(
         d, here.armature, drives, d.still, here.slopes, bound=rest, coupled=coupled, beside=here.beside
@@ -187,13 +193,13 @@ def stage(d: Derivation, kind: type[_Stage] = _Stage) -> Outputs:
 
 
 def derive_stage(d: Derivation) -> dict[str, Program]:
-    """Both programs of a stage, by their names: what one step computes once, and what each stage does with it."""
+    """Derive both programs of a stage, by their names: what a step computes once, and what each stage does with it."""
     return _parts(run_passes(finish(d.graph, "stage", stage(d))), STAGES, ARRAYS)
 
 
 def derive_pair_stage(d: Derivation) -> dict[str, Program]:
     """Derive the stage with a complex c, for complex rates and shifts, imaginary parts behind real ones."""
-    whole, n = finish(d.graph, "stage", stage(d, _PairStage)), len(d.own)
+    whole, n = finish(d.graph, "stage", stage(d, _PairStage)), len(d.active)
     times, rates, shifts, _ = PAIR_ARRAYS
     pairs = on_pairs(whole, {times: 2, rates: n, shifts: n}, dropped=("pivot",), results=("out",))
     return _parts(run_passes(pairs), PAIR_STAGES, PAIR_ARRAYS)
@@ -202,4 +208,4 @@ def derive_pair_stage(d: Derivation) -> dict[str, Program]:
 def _parts(whole: Program, names: Sequence[str], arrays: Sequence[str]) -> dict[str, Program]:
     """Take a program apart by what depends on rates and shifts."""
     pair = cut(whole, arrays[1:3], (PARAMETERS,), arrays[3])
-    return {name: replace(part, name=name) for name, part in zip(names, pair, strict=True)}
+    return {name: replace(program, name=name) for name, program in zip(names, pair, strict=True)}

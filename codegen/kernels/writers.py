@@ -18,10 +18,10 @@ from ..tree.recursion import Wrench, inertial_rows, kinetic_energy
 from ..tree.regressor import INERTIAL, armatures, inertial_columns
 from ..tree.spatial import ZERO, Scalar, cross, is_zero, subtract
 from .acceleration_slopes import SLOPES, residual_slopes
-from .accelerations import CONSTRAINED, SETTLING, SOLVERS, Way, implicit_step
+from .accelerations import CONSTRAINED, PROJECTION, SOLVERS, Variant, implicit_step
 from .bodies import axes_of
 from .closed_motion import closing_derivatives, closing_reactions, drives, loop_reactions, loop_wrenches, wrench_outputs
-from .constraint_rows import gaps
+from .constraint_rows import closure_residuals
 from .derivation import Derivation, Outputs, vector
 from .signatures import CLOSURE_KERNELS, element_rows
 
@@ -35,7 +35,7 @@ DESCRIPTION_FRAMES = (  # report, or are asked, in the description's frames
 def _mass_matrix(d: Derivation) -> Outputs:
     upper = d.followers.symmetric(d.matrix()) if d.followers else d.matrix()
     whole = {**upper, **{(j, i): value for (i, j), value in upper.items()}}
-    return vector([whole.get((i, j), 0.0) for i in d.own for j in d.own])
+    return vector([whole.get((i, j), 0.0) for i in d.active for j in d.active])
 
 
 def _nonlinear_effects(d: Derivation, v: list[Scalar]) -> list[Scalar]:
@@ -54,8 +54,8 @@ def _external(d: Derivation) -> tuple[list[Scalar], list[Wrench]]:
 
 
 def _residual_jacobian(d: Derivation) -> Outputs:
-    found = residual_slopes(d, d.a)
-    return d.matrices(found.by_q, found.by_v, found.by_a)
+    slopes = residual_slopes(d, d.a)
+    return d.matrices(slopes.by_q, slopes.by_v, slopes.by_a)
 
 
 def _euler_cosines(d: Derivation) -> Outputs:
@@ -69,15 +69,15 @@ def _euler_cosines(d: Derivation) -> Outputs:
 
 
 def _christoffel(d: Derivation) -> Outputs:
-    """Column by column: C at unit velocities, so that zeros fold and the rest is shared.
+    """Write C column by column, at unit velocities, so that zeros fold and the rest is shared.
 
     What vanishes only by an identity (C_i,ji = 0, say) would be left as round-off; the zero map knows it.
     """
-    n = len(d.own)
+    n = len(d.active)
     survives = zero_map(d.described if d.followers else d.model).christoffel.mask
-    survives = (survives if d.followers else survives[np.ix_(d.own, d.own, d.own)]).reshape(n * n, n)
+    survives = (survives if d.followers else survives[np.ix_(d.active, d.active, d.active)]).reshape(n * n, n)
     outputs: Outputs = {}
-    for k, index in enumerate(d.own):
+    for k, index in enumerate(d.active):
         velocity = d.followers.follow([float(i == index) for i in range(d.model.size)])
         column = d.matrices(coriolis_matrix(d.model, d.bound, d.joints, velocity, d.graph.note))
         for (_, ij), value in column.items():
@@ -86,7 +86,7 @@ def _christoffel(d: Derivation) -> Outputs:
 
 
 def _kinematics(d: Derivation) -> Outputs:
-    """Frames as rows of [R | X], then the bodies' origins, then the coordinates' axes."""
+    """Write frames as rows of [R ¦ X], then the bodies' origins, then the coordinates' axes."""
     bodies, axes = body_poses(d.model, d.joints)
     values: list[Scalar] = []
     for pose in frame_poses(d.model, d.bound, bodies):
@@ -96,8 +96,8 @@ def _kinematics(d: Derivation) -> Outputs:
         values.extend(pose.origin)
     for axis in axes_of(d.described):
         index = d.model.coordinates.index(axis.name)
-        share = d.followers.shares.get(index, {}).get(d.own[axis.column], 1.0)
-        values.extend(axes[index] if index in d.own else [0.0 if is_zero(x) else share * x for x in axes[index]])
+        share = d.followers.shares.get(index, {}).get(d.active[axis.column], 1.0)
+        values.extend(axes[index] if index in d.active else [0.0 if is_zero(x) else share * x for x in axes[index]])
     return vector(values)
 
 
@@ -125,11 +125,11 @@ def _reactions(d: Derivation) -> Outputs:
 
 
 def _regressor(d: Derivation) -> Outputs:
-    """Columns of the bodies' inertial parameters, then of armatures; rows are coordinates."""
+    """Write columns of the bodies' inertial parameters, then of armatures; rows are coordinates."""
     columns = inertial_columns(d.model, d.bound, d.joints, d.v, d.a, d.graph.note)
     none, driven = [0.0] * len(INERTIAL), [d.model.coordinates.index(name) for name in armatures(d.described)]
     values: list[Scalar] = []
-    for row in d.own:
+    for row in d.active:
         led = {i: share[row] for i, share in d.followers.shares.items() if row in share}
         for body in columns:
             here = body.get(row, none)
@@ -141,9 +141,9 @@ def _regressor(d: Derivation) -> Outputs:
 
 
 def _coupled(d: Derivation, needed: Sequence[Scalar]) -> Outputs:
-    """Forces of the couplings on followers: what these need, and what their own followers take from them."""
-    found = d.followers.holding(needed)
-    return vector([found[d.model.coordinates.index(coupling.of)] for coupling in d.described.leading_couplings])
+    """Write forces of couplings on followers: what these need, and what their followers take from them."""
+    forces = d.followers.holding(needed)
+    return vector([forces[d.model.coordinates.index(coupling.of)] for coupling in d.described.leading_couplings])
 
 
 def _cut_poses(d: Derivation) -> Outputs:
@@ -160,15 +160,15 @@ def _of_element(family: type[ForceElement], kernel: str) -> Callable[[Derivation
     shape, tell = family.KERNELS[kernel]
 
     def write(d: Derivation) -> Outputs:
-        found = tell(d.elements[ELEMENTS.index(family)], d.v)
+        quantities = tell(d.elements[ELEMENTS.index(family)], d.v)
         formed: dict[str, Callable[[Any], Outputs]] = {"values": vector, "rows": d.rows, "matrices": d.matrices}
-        return formed[shape](found)
+        return formed[shape](quantities)
 
     return write
 
 
 def _deflections(d: Derivation) -> list[Deflection]:
-    """Coordinates of all force elements, in the order of ``element_rows``."""
+    """Return coordinates of all force elements, in the order of ``element_rows``."""
     by_name = {one.name: one for element in d.elements for one in element.deflections(d.v)}
     return [by_name[name] for name in element_rows(d.described)]
 
@@ -202,23 +202,23 @@ WRITERS: Mapping[str, Callable[[Derivation], Outputs]] = {
     "loop_reactions": loop_reactions,
     "loop_wrenches": loop_wrenches,
     "euler_cosines": _euler_cosines,
-    "constraint": lambda d: vector([gap.value for gap in gaps(d, d.still)]),
-    "constraint_jacobian": lambda d: d.rows([gap.arms for gap in gaps(d, d.still)]),
-    "constraint_bias": lambda d: vector([gap.bias for gap in gaps(d, d.v)]),
+    "constraint": lambda d: vector([g.value for g in closure_residuals(d, d.still)]),
+    "constraint_jacobian": lambda d: d.rows([g.jacobian_row for g in closure_residuals(d, d.still)]),
+    "constraint_bias": lambda d: vector([g.bias for g in closure_residuals(d, d.v)]),
     "coupling_forces": lambda d: _coupled(d, d.dynamics(d.v, d.a)),
     "external_coupling_forces": lambda d: _coupled(d, [-1.0 * x for x in _external(d)[0]]),
     "cut_poses": _cut_poses,
     "implicit_step": implicit_step,
     "element_forces": lambda d: vector([x for one in _deflections(d) for x in (one.value, one.force)]),
-    "element_jacobian": lambda d: d.rows([one.arms for one in _deflections(d)]),
+    "element_jacobian": lambda d: d.rows([one.jacobian_row for one in _deflections(d)]),
     **{kernel: _of_element(family, kernel) for family in ELEMENTS for kernel in family.KERNELS},
 }
 
-WAYS: Mapping[str, Mapping[str, Way]] = {  # kernels that can be written in several ways
+VARIANTS: Mapping[str, Mapping[str, Variant]] = {  # kernels with several variants
     "forward_dynamics": SOLVERS,
     "tree_forward_dynamics": SOLVERS,
     "constrained_dynamics": CONSTRAINED,
-    "settling": SETTLING,
+    "settling": PROJECTION,
     "forward_dynamics_jacobian": SLOPES,
     "tree_forward_dynamics_jacobian": SLOPES,
 }

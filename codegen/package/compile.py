@@ -51,7 +51,7 @@ WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic")
 
 @dataclass(frozen=True)
 class Compiler:
-    """A C compiler: the command, what it says of its version, and what $CFLAGS and $LDFLAGS add to our own flags."""
+    """A C compiler: the command, what it says of its version, and what $CFLAGS and $LDFLAGS add to our flags."""
 
     command: tuple[str, ...]
     version: str
@@ -60,7 +60,7 @@ class Compiler:
 
 
 def find_compiler() -> Compiler:
-    """The compiler of $CC, or cc, gcc or clang from the path, or that of the package ziglang; with $CFLAGS, $LDFLAGS.
+    """Find $CC, or cc, gcc or clang on the path, or the package ziglang's; with $CFLAGS and $LDFLAGS.
 
     Raises:
         BuildError: there is none, or it does not run; or a variable cannot be read, or asks for unsafe arithmetic.
@@ -73,7 +73,7 @@ def find_compiler() -> Compiler:
 
 
 def _default() -> tuple[str, ...]:
-    """The command of a compiler where $CC names none."""
+    """Return the command of a compiler where $CC names none."""
     for name in ("cc", "gcc", "clang"):
         if shutil.which(name):
             return (name,)
@@ -87,7 +87,7 @@ def _default() -> tuple[str, ...]:
 
 @cache
 def _probe(command: tuple[str, ...]) -> tuple[tuple[str, ...], str]:
-    """The command, and what it says of its version."""
+    """Return the command, and what it says of its version."""
     try:
         answer = subprocess.run([*command, "--version"], capture_output=True, text=True, timeout=60, check=True)
     except (OSError, subprocess.SubprocessError) as error:
@@ -98,14 +98,14 @@ def _probe(command: tuple[str, ...]) -> tuple[tuple[str, ...], str]:
 
 
 def _any_processor(command: Sequence[str]) -> tuple[str, ...]:
-    """Flags that keep zig from compiling for the processor at hand, which it does unless told not to."""
+    """Return flags that keep zig from compiling for the processor at hand, which it does unless told not to."""
     zig = any(Path(word).stem in ("zig", "ziglang") for word in command)
     chosen = any(word.startswith(("-mcpu", "-march", "-target", "--target")) for word in command)
     return ("-mcpu=baseline",) if zig and not chosen else ()
 
 
 def processor() -> str:
-    """The machine's type and its processor's features: what code for this very processor may depend on."""
+    """Return the machine's type and its processor's features, which native code may depend on."""
     info = Path("/proc/cpuinfo")
     if not info.exists():
         return f"{platform.machine()} {platform.processor()}"
@@ -114,7 +114,7 @@ def processor() -> str:
 
 
 def interface() -> dict[str, str]:
-    """The environment that a binary must fit: Python's ABI, its headers, the C library."""
+    """Return the environment that a binary must fit: Python's ABI, its headers, the C library."""
     known = "CS_GNU_LIBC_VERSION" in getattr(os, "confstr_names", ())
     return {
         "suffix": str(sysconfig.get_config_var("EXT_SUFFIX")),
@@ -126,8 +126,8 @@ def interface() -> dict[str, str]:
     }
 
 
-def own_flags(native: bool, quick: bool = False) -> tuple[str, ...]:
-    """Flags of a kernel's own C, whatever the environment says; ``quick`` spares the compiler a third of its work."""
+def kernel_flags(native: bool, quick: bool = False) -> tuple[str, ...]:
+    """Return flags of a kernel's C, whatever the environment says; ``quick`` spares a third of the compiler's work."""
     chosen = tuple(QUICK if flag == OPTIMISED and quick else flag for flag in FLAGS)
     return (*chosen, *(NATIVE if native else ()))
 
@@ -135,7 +135,7 @@ def own_flags(native: bool, quick: bool = False) -> tuple[str, ...]:
 def compile_flags(
     compiler: Compiler, native: bool, further: Sequence[str], level: str = BASE, quick: bool = False
 ) -> tuple[str, ...]:
-    """Flags of a kernel's own C: ours, then those of $CFLAGS, then those that the call gives.
+    """Return flags of a kernel's C: ours, then those of $CFLAGS, then those of the call.
 
     Args:
         level: of processors, where the code is not native.
@@ -145,9 +145,9 @@ def compile_flags(
     """
     words = expanded(further, "flags")
     check_flags(words, "flags")
-    own, given = own_flags(native, quick), (*compiler.flags, *words)
-    chosen = () if native else level_flags(level, compiler, fused=contracts((*own, *given)))
-    return (*own, *chosen, *given)
+    base, extra = kernel_flags(native, quick), (*compiler.flags, *words)
+    chosen = () if native else level_flags(level, compiler, fused=contracts((*base, *extra)))
+    return (*base, *chosen, *extra)
 
 
 def fuses(flags: Sequence[str]) -> bool:
@@ -162,7 +162,7 @@ def contracts(flags: Sequence[str]) -> bool:
 
 
 def toolchain(compiler: Compiler, flags: Sequence[str]) -> dict[str, Any]:
-    """Everything but the source that a binary depends on: flags, compiler, versions, environment, processor."""
+    """Return all but the source that a binary depends on: flags, compiler, versions, environment, processor."""
     tuned = any(word.endswith("=native") for word in (*compiler.command, *flags))
     return {
         "flags": list(flags),
@@ -176,7 +176,7 @@ def toolchain(compiler: Compiler, flags: Sequence[str]) -> dict[str, Any]:
 
 
 def dependencies(source: Source, compiler: Compiler, flags: Sequence[str]) -> dict[str, Any]:
-    """Everything that a package depends on, by names, as plain values of JSON."""
+    """Return all that a package depends on, by names, as plain values of JSON."""
     return {
         **toolchain(compiler, flags),
         "source": asdict(source),
@@ -187,10 +187,10 @@ def dependencies(source: Source, compiler: Compiler, flags: Sequence[str]) -> di
 
 @cache
 def _hashes() -> dict[str, dict[str, str]]:
-    """Hashes, by name, of the files that put a package together, and of those that it carries, read once."""
+    """Hash, by name, the files that make a package, and those that it carries; read once."""
     template = Path(str(environment().get_template(PACKAGE).filename))
-    own = {"compile.py": Path(__file__), "library.py": _LIBRARY, PACKAGE: template}
-    kinds = {"package": own, "carried": carried_files()}
+    makers = {"compile.py": Path(__file__), "library.py": _LIBRARY, PACKAGE: template}
+    kinds = {"package": makers, "carried": carried_files()}
     return {
         kind: {name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in files.items()}
         for kind, files in kinds.items()
@@ -210,7 +210,7 @@ def key_of(parts: Mapping[str, Any]) -> str:
 
 @cache
 def carried_files() -> dict[str, Path]:
-    """Files of eomgen that a package has byte-identical copies of, by their places in it, sorted."""
+    """Return files of eomgen that a package has byte-identical copies of, by their places in it, sorted."""
     root = Path(str(importlib.resources.files("eomgen.runtime"))).parent
     return {path.relative_to(root).as_posix(): path for pattern in CARRIED for path in sorted(root.glob(pattern))}
 
@@ -236,7 +236,7 @@ def write_package(
     level: str = BASE,
     linked: Linked = Linked(),
 ) -> None:
-    """Write and compile the package of a kernel into an empty folder of its own.
+    """Write and compile the package of a kernel into an empty folder.
 
     Args:
         level: of processors that the flags are for, or "native".
@@ -262,7 +262,7 @@ def write_package(
 
 
 def _headers() -> str | None:
-    """Folder of Python.h, or None."""
+    """Return the folder of Python.h, or None."""
     folder = sysconfig.get_path("include")
     return folder if folder and Path(folder, "Python.h").exists() else None
 
@@ -270,7 +270,7 @@ def _headers() -> str | None:
 def _build_api(
     source: Source, compiler: Compiler, flags: Sequence[str], folder: Path, headers: str, linked: Linked
 ) -> None:
-    """cffi's API mode: its wrapper and the kernel, compiled side by side, linked into one extension module."""
+    """Build by cffi's API mode: its wrapper and the kernel, compiled side by side, linked into one extension module."""
     name, work = source.name, folder / "build"
     work.mkdir()
     ffi = cffi.FFI()
@@ -289,9 +289,9 @@ def _build_api(
 def _compile(
     source: Source, compiler: Compiler, flags: Sequence[str], folder: Path, linked: Linked, beside: Sequence[list[str]]
 ) -> list[Path]:
-    """Compile the halves of a source into objects, side by side; beside them whatever else; with objects to link."""
+    """Compile a source's libraries into objects, side by side; beside them whatever else; with objects to link."""
     halves = [source.half] if source.half else list(source.cdefs)  # one source, compiled on two cores
-    objects = [folder / "build" / f"{part}.o" for part in halves]
+    objects = [folder / "build" / f"{half}.o" for half in halves]
     jobs = [
         [
             *(*compiler.command, "-c", "-fPIC", *_first_flags(source), *flags, *_only(half, source)),
@@ -308,18 +308,18 @@ def _compile(
 
 
 def _first_flags(source: Source) -> tuple[str, ...]:
-    """Warnings, and what helps sources with long programs; flags behind them may take it back."""
+    """Return warnings, and what helps sources with long programs; flags behind them may take it back."""
     return (*WARNINGS, NO_VECTORS) if source.longest > LONG else WARNINGS
 
 
 def _only(half: str, source: Source) -> tuple[str, ...]:
-    """Flags that compile a half of the source; one that becomes a library by itself needs what h is made by."""
+    """Return flags that compile one library of the source; alone it needs what h is made by."""
     setup = ("-DEOMGEN_SETUP",) if source.half else ()
     return (f"-DEOMGEN_{half.upper()}_ONLY", *setup)
 
 
 def _build_abi(source: Source, compiler: Compiler, flags: Sequence[str], folder: Path, linked: Linked) -> None:
-    """cffi's ABI mode: a plain shared library, opened by a Python module."""
+    """Build by cffi's ABI mode: a plain shared library, opened by a Python module."""
     name, work = source.name, folder / "build"
     work.mkdir()
     ffi = cffi.FFI()

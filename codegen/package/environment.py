@@ -34,7 +34,7 @@ _WHY = (
 
 
 def environment_words(name: str) -> tuple[str, ...]:
-    """The words of an environment variable, with those of response files (@FILE); none where it is not set.
+    """Return an environment variable's words, with those of response files (@FILE); none where it is not set.
 
     Raises:
         BuildError: a quote is not closed, or a response file cannot be read.
@@ -48,30 +48,30 @@ def environment_words(name: str) -> tuple[str, ...]:
 
 
 def expanded(words: Sequence[str], whence: str) -> tuple[str, ...]:
-    """The words, with the content in place of every response file, so that what is checked is what is used.
+    """Put the content in place of every response file, so that what is checked is what is used.
 
     Raises:
         BuildError: a file cannot be read, or there are too many or too large ones; ``whence`` is named.
     """
-    found: list[str] = []
+    content: list[str] = []
     waiting, files = list(reversed(words)), 0
     while waiting:
         word = waiting.pop()
         if not word.startswith("@"):
-            found.append(word)
+            content.append(word)
             continue
         files += 1
         waiting.extend(reversed(_response(word, whence)))
-        if files > _FILES or len(found) + len(waiting) > _WORDS:
+        if files > _FILES or len(content) + len(waiting) > _WORDS:
             raise BuildError(
                 f"{whence}: {show_path(word)}: response files name too many files or words; allowed: up to {_FILES}"
                 f" files and {_WORDS} words, and none that names itself"
             )
-    return tuple(found)
+    return tuple(content)
 
 
 def _response(word: str, whence: str) -> list[str]:
-    """Words of the response file @FILE, which separates and quotes as a shell does."""
+    """Read words of the response file @FILE, which separates and quotes as a shell does."""
     try:
         text = os.fsdecode(read_regular(Path(word[1:]), _FILE))
         if "\0" in text:
@@ -85,18 +85,18 @@ def _response(word: str, whence: str) -> list[str]:
 
 
 def check_flags(flags: Iterable[str], whence: str) -> None:
-    """BuildError for flags that break arithmetic; ``whence`` is what they were given by."""
+    """Refuse flags that break arithmetic; ``whence`` names where they come from."""
     for flag, meanings in _meanings(flags):
         if any(_UNSAFE.fullmatch(meaning) for meaning in meanings):
             raise BuildError(f"{whence}: {show(flag)[1:-1]} {_WHY}")
 
 
 def _meanings(flags: Iterable[str]) -> Iterator[tuple[str, list[str]]]:
-    """Every flag, with all that it may stand for: long forms, and those that are handed to a part of the compiler."""
+    """Return every flag with all that it may stand for: long forms, and those that are handed to a pass."""
     before = ""
     for flag in flags:
         inner = flag.split(",")[1:] if re.match(r"-W[pl],", flag) else []
-        parts = [_short(part) for part in (flag, *inner)]
+        parts = [_short(form) for form in (flag, *inner)]
         if before in _PARTED:
             parts.append(_short(f"{before}={flag}"))
         yield (f"{before} {flag}" if before in _PARTED else flag), parts
@@ -104,7 +104,7 @@ def _meanings(flags: Iterable[str]) -> Iterator[tuple[str, list[str]]]:
 
 
 def _short(flag: str) -> str:
-    """The short form of a flag, as GCC translates long ones: --optimize=fast is -Ofast, --no-honor-nans -fno-..."""
+    """Return a flag's short form, as GCC translates long ones: --optimize=fast is -Ofast, --no-honor-nans -fno-..."""
     for long, short in (("--optimize=", "-O"), ("--machine=", "-m"), ("--machine-", "-m")):
         if flag.startswith(long):
             return short + flag.removeprefix(long)

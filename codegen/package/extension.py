@@ -25,8 +25,8 @@ def extension_key(compiler: Compiler) -> str | None:
     """Hash of all that the module depends on, NumPy's version among it; None where it cannot be compiled."""
     if _headers() is None:
         return None
-    own = Path(__file__).read_text(encoding="utf-8")
-    return key_of({**toolchain(compiler, FLAGS), "numpy": np.__version__, **_sources(), "own": own})
+    source = Path(__file__).read_text(encoding="utf-8")
+    return key_of({**toolchain(compiler, FLAGS), "numpy": np.__version__, **_sources(), "maker": source})
 
 
 def write_extension(compiler: Compiler, folder: Path) -> None:
@@ -46,13 +46,13 @@ def write_extension(compiler: Compiler, folder: Path) -> None:
 
 
 def _headers() -> tuple[str, str] | None:
-    """Folders of Python.h and of NumPy's headers, or None where one is not there, or Python is not CPython."""
+    """Return folders of Python.h and of NumPy's headers, or None if one is missing, or Python is not CPython."""
     python, numpy = sysconfig.get_path("include"), np.get_include()
     there = Path(python or "", "Python.h").is_file() and Path(numpy, "numpy", "ndarrayobject.h").is_file()
     return (python, numpy) if there and sys.implementation.name == "cpython" else None
 
 
 def _sources() -> dict[str, str]:
-    """The module's files, by name."""
+    """Return the module's files, by name."""
     folder = importlib.resources.files("eomgen.runtime")
     return {name: (folder / name).read_text(encoding="ascii") for name in (FILE, *HEADERS)}

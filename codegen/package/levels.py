@@ -1,4 +1,4 @@
-"""Levels of processors that packages are compiled for: their flags, and where there is a choice of them.
+"""x86-64 levels (SIMD instruction sets) that packages are compiled for: their flags, and where there is a choice.
 
 gcc from 12 on takes products beside sums and differences for one fused operation where the processor has it for vectors
 of that size, whatever ``-ffp-contract=off`` says.  So without contraction a level names the instructions that it needs
@@ -46,7 +46,7 @@ class Compiling(Protocol):
 
 
 def possible_levels(compiler: Compiling, flags: Sequence[str] = ()) -> tuple[str, ...]:
-    """Levels that a compiler makes code for; the base alone where its command or flags choose a processor."""
+    """List levels that a compiler makes code for; the base alone where its command or flags choose a processor."""
     words = (*compiler.command[1:], *compiler.flags, *flags)
     chosen = any(word.startswith(_CHOOSING) and word not in _OURS for word in words)
     if chosen or not (_GCC in compiler.version or _CLANG in compiler.version):
@@ -56,7 +56,7 @@ def possible_levels(compiler: Compiling, flags: Sequence[str] = ()) -> tuple[str
 
 
 def level_flags(level: str, compiler: Compiling, *, fused: bool) -> tuple[str, ...]:
-    """Flags of a level; ``fused``: with fused multiply-adds, where the level has them."""
+    """Return flags of a level; ``fused``: with fused multiply-adds, where the level has them."""
     narrow = (_NARROW,) if level == "v4" and _gcc(compiler) is not None else ()
     return (*_FLAGS[level], *(_FUSED[level] if fused else narrow))
 
@@ -69,15 +69,15 @@ def fuses_unasked(flags: Sequence[str]) -> bool:
 
 
 def _gcc(compiler: Compiling) -> int | None:
-    """The first number of gcc's version, None for other compilers."""
+    """Return the first number of gcc's version, None for other compilers."""
     if _GCC not in compiler.version:
         return None
-    found = re.search(r"\) (\d+)\.", compiler.version.partition("\n")[0])
-    return int(found[1]) if found else 0
+    match = re.search(r"\) (\d+)\.", compiler.version.partition("\n")[0])
+    return int(match[1]) if match else 0
 
 
 def chosen_level(asked: str, compiler: Compiling, flags: Sequence[str] = ()) -> str:
-    """The level to compile for here: the one that was asked for, or the best one that runs here.
+    """Choose the level to compile for here: the one that was asked for, or the best one that runs here.
 
     Raises:
         InputError: the level, or $EOMGEN_LEVEL, is none that this processor runs.
@@ -92,7 +92,7 @@ def chosen_level(asked: str, compiler: Compiling, flags: Sequence[str] = ()) -> 
 
 
 def check_possible(level: str, possible: Sequence[str]) -> None:
-    """BuildError for a level that the compiler does not make code for."""
+    """Refuse a level that the compiler does not make code for."""
     if level not in possible:
         raise BuildError(
             f"level: {show(level)} is not what the compiler makes code for with these flags; allowed:"

@@ -1,7 +1,7 @@
 """A few lines of C, compiled as a kernel is: whether a compiler and its flags keep IEEE arithmetic.
 
-For binaries that hold kernels and that nobody here can call, such as functional mock-up units; compiled kernels of
-packages answer samples of their own.
+For binaries that hold kernels and that nobody here can call, such as FMUs; compiled kernels of
+packages answer samples instead.
 """
 
 from __future__ import annotations
@@ -74,10 +74,10 @@ def check_compiler(compiler: Compiler, flags: tuple[str, ...]) -> None:
             lib: Any = ffi.dlopen(str(library))
             wrong = []
             for what, numbers, expected in _CASES if fuses(flags) else (*_CASES, _FUSED):
-                found = getattr(lib, names[what])(*numbers, *[0.0] * (3 - len(numbers)))
-                same = found == expected and math.copysign(1.0, found) == math.copysign(1.0, expected)
-                if not same and not (math.isnan(found) and math.isnan(expected)):
-                    wrong.append(f"{what}, {_FORMULAS[what]}, is {found!r} for {expected!r}")
+                computed = getattr(lib, names[what])(*numbers, *[0.0] * (3 - len(numbers)))
+                same = computed == expected and math.copysign(1.0, computed) == math.copysign(1.0, expected)
+                if not same and not (math.isnan(computed) and math.isnan(expected)):
+                    wrong.append(f"{what}, {_FORMULAS[what]}, is {computed!r} for {expected!r}")
             return wrong
 
         try:
@@ -89,7 +89,7 @@ def check_compiler(compiler: Compiler, flags: tuple[str, ...]) -> None:
 
 
 def refusal(reason: str, command: Sequence[str]) -> str:
-    """The text of an error about a compiler that computes something else."""
+    """Return the text of an error about a compiler that computes something else."""
     return (
         f"{reason}\n  {shlex.join(command)}\n"
         "allowed: a compiler and flags that keep IEEE arithmetic; look at what CC, CFLAGS and LDFLAGS name"
@@ -97,17 +97,17 @@ def refusal(reason: str, command: Sequence[str]) -> str:
 
 
 def in_new_thread(work: Callable[[], T]) -> T:
-    """The value of ``work()``, or what it raises, in a thread that ends with it.
+    """Return the value of ``work()``, or raise what it raises, in a thread that ends with it.
 
     A library that was linked with fast arithmetic turns denormal numbers off in the thread that loads it, and there
     alone.
     """
-    found: list[T] = []
+    returned: list[T] = []
     failed: list[BaseException] = []
 
     def run() -> None:
         try:
-            found.append(work())
+            returned.append(work())
         except BaseException as error:  # it is the caller's
             failed.append(error)
 
@@ -116,4 +116,4 @@ def in_new_thread(work: Callable[[], T]) -> T:
     thread.join()
     if failed:
         raise failed[0]
-    return found[0]
+    return returned[0]

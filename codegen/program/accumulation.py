@@ -30,7 +30,7 @@ class _Weighed:
     """
 
     def __init__(self, edges: Sequence[Mapping[int, bool]], inner: set[int]) -> None:
-        self.arguments = [dict(found) for found in edges]
+        self.arguments = [dict(partials) for partials in edges]
         self.inner = set(inner)
         self.users = _users(edges)
 
@@ -38,13 +38,13 @@ class _Weighed:
         return _Weighed(self.arguments, self.inner)
 
     def products(self, value: int) -> int:
-        """Products that eliminating a value takes."""
+        """Count products that eliminating a value takes."""
         arguments = self.arguments[value]
         plain = sum(1 for user in self.users[value] if self.arguments[user][value])
         return (len(arguments) - sum(arguments.values())) * (len(self.users[value]) - plain)
 
     def rank(self, value: int) -> tuple[int, int]:
-        """The value of least rank goes next: by its products and the edges that come and go; the last of equal ones."""
+        """Rank a value, the least next: by its products and the edges that come and go; the last of equal ones."""
         arguments, users = self.arguments[value], self.users[value]
         new = sum(1 for user in users for argument in arguments if argument not in self.arguments[user])
         return self.products(value) + new - len(arguments) - len(users), -value
@@ -77,10 +77,10 @@ class _Weighed:
             order.append(value)
             total += self.products(value)
             for near in self.eliminate(value) & self.inner:
-                found = self.rank(near)
-                if found != ranks[near]:
-                    ranks[near] = found
-                    heapq.heappush(waiting, found)
+                now = self.rank(near)
+                if now != ranks[near]:
+                    ranks[near] = now
+                    heapq.heappush(waiting, now)
         return order, total
 
     def from_the_last(self) -> tuple[list[int], int]:
@@ -96,23 +96,23 @@ def jacobian(
     graph: Graph,
     outputs: Sequence[Hashable],
     inputs: Sequence[Hashable],
-    given: Mapping[Hashable, Partials],
+    replaced: Mapping[Hashable, Partials],
 ) -> list[list[Value]]:
-    """Derivatives of outputs by inputs, (outputs, inputs), written behind the values of the graph.
+    """Differentiate outputs by inputs, (outputs, inputs), behind the values of the graph.
 
     Args:
-        outputs, inputs: values by their index in the graph, or by keys of ``given``.
-        given: derivatives of values by others, both by their keys, which take the place of those of their operations:
+        outputs, inputs: values by their index in the graph, or by keys of ``replaced``.
+        replaced: derivatives of values by others, both by their keys, in the place of those of their operations:
             of unknowns of a system, say.  A key that is no index stands for a value that is not computed.
     """
-    order, partials = _depending(graph, outputs, set(inputs), given)
+    order, partials = _depending(graph, outputs, set(inputs), replaced)
     place = {key: number for number, key in enumerate(order)}
     edges: list[dict[int, Value]] = [
         {place[argument]: weight for argument, weight in partials[key].items() if argument in place} for key in order
     ]
     inner = {place[key] for key in order}.difference(place[key] for key in inputs if key in place)
     ends = []
-    for key in outputs:  # a place of its own: other values may use the output
+    for key in outputs:  # a separate place: other values may use the output
         ends.append(len(edges))
         edges.append({place[key]: 1.0} if key in place else {})
     _accumulate(graph, edges, _cheapest_order(edges, inner))
@@ -120,9 +120,9 @@ def jacobian(
 
 
 def _depending(
-    graph: Graph, outputs: Sequence[Hashable], inputs: set[Hashable], given: Mapping[Hashable, Partials]
+    graph: Graph, outputs: Sequence[Hashable], inputs: set[Hashable], replaced: Mapping[Hashable, Partials]
 ) -> tuple[list[Hashable], dict[Hashable, Partials]]:
-    """Values that depend on inputs and that outputs depend on, arguments first, with their derivatives."""
+    """Return values that depend on inputs and that outputs need, arguments first, with their derivatives."""
     partials: dict[Hashable, Partials] = {}
     order: list[Hashable] = []
     moving: set[Hashable] = set()
@@ -136,8 +136,8 @@ def _depending(
         elif key not in partials:
             if key in inputs:
                 partials[key] = {}
-            elif key in given:
-                partials[key] = _without_zeros(given[key])
+            elif key in replaced:
+                partials[key] = _without_zeros(replaced[key])
             else:
                 assert isinstance(key, int)
                 partials[key] = _without_zeros(local_slopes(graph, key))
@@ -146,13 +146,13 @@ def _depending(
     return order, partials
 
 
-def _without_zeros(found: Mapping[Any, Value]) -> Partials:
-    return {argument: x for argument, x in found.items() if isinstance(x, Node) or x != 0.0}
+def _without_zeros(partials: Mapping[Any, Value]) -> Partials:
+    return {argument: x for argument, x in partials.items() if isinstance(x, Node) or x != 0.0}
 
 
 def _cheapest_order(edges: Sequence[Mapping[int, Value]], inner: set[int]) -> list[int]:
-    """Values in an order that takes few products."""
-    is_unit = [{i: not isinstance(x, Node) and abs(x) == 1.0 for i, x in found.items()} for found in edges]
+    """Order values so that elimination takes few products."""
+    is_unit = [{i: not isinstance(x, Node) and abs(x) == 1.0 for i, x in partials.items()} for partials in edges]
     start = _Weighed(is_unit, inner)
     order, _ = start.least_products(TAIL)
     tails = start.copy().from_the_last(), start.least_products(0)
@@ -160,10 +160,10 @@ def _cheapest_order(edges: Sequence[Mapping[int, Value]], inner: set[int]) -> li
 
 
 def _users(edges: Sequence[Mapping[int, Any]]) -> list[set[int]]:
-    """Per value those that use it."""
+    """Return per value those that use it."""
     users: list[set[int]] = [set() for _ in edges]
-    for value, found in enumerate(edges):
-        for argument in found:
+    for value, arguments in enumerate(edges):
+        for argument in arguments:
             users[argument].add(value)
     return users
 

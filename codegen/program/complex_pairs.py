@@ -47,7 +47,7 @@ def on_pairs(
 
 
 def _pair(graph: Graph, name: str, instruction: Instruction, args: list[Pair], inputs: Mapping[str, int]) -> Pair:
-    """The value of an instruction from those of its arguments."""
+    """Write an instruction on pairs of its arguments' values."""
     op, _, leaf = instruction
     if op == "input":
         array, place = leaf
@@ -63,7 +63,7 @@ def _pair(graph: Graph, name: str, instruction: Instruction, args: list[Pair], i
 
 
 def _single(graph: Graph, op: str, args: list[Value]) -> Value:
-    """The value of an operation on real numbers."""
+    """Write an operation on real numbers."""
     if op in ("sin", "cos"):
         return graph.sincos(args[0])[op == "cos"]
     plain: Mapping[str, Callable[..., Value]] = {
@@ -103,7 +103,7 @@ def _mul(graph: Graph, x: Pair, y: Pair) -> Pair:
 
 
 def _div(graph: Graph, x: Pair, y: Pair) -> Pair:
-    """x / y by one division of real numbers, by the sum of the squares of y's parts."""
+    """Divide x by y with one division of real numbers, by the sum of the squares of both of y's numbers."""
     if y[1] is None:
         inverse = graph.div(1.0, y[0])
         assert x[1] is not None

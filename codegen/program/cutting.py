@@ -10,7 +10,7 @@ EARLY, LATE = 1, 2
 
 
 def cut(program: Program, late: Collection[str], shared: Collection[str], kept: str) -> tuple[Program, Program]:
-    """A program that keeps what does not depend on some inputs, and one that goes on from there.
+    """Cut a program into one that keeps what does not depend on some inputs, and one that goes on from there.
 
     Args:
         program: writes "out", and maybe other arrays that do not depend on ``late``.
@@ -20,12 +20,12 @@ def cut(program: Program, late: Collection[str], shared: Collection[str], kept: 
     """
     depends: list[int] = []
     for op, args, leaf in program.instructions:
-        found = 0
+        when = 0
         if op == "input" and leaf[0] not in shared:
-            found = LATE if leaf[0] in late else EARLY
+            when = LATE if leaf[0] in late else EARLY
         for arg in args:
-            found |= depends[arg]
-        depends.append(found)
+            when |= depends[arg]
+        depends.append(when)
     results = {index for (array, _), index in program.outputs.items() if array == "out"}
     needed = {arg for i, x in enumerate(program.instructions) if depends[i] & LATE for arg in x.args}
     places = {index: place for place, index in enumerate(sorted(i for i in needed | results if depends[i] == EARLY))}

@@ -20,7 +20,7 @@ from .operations import OPERATIONS
 def tangent(
     program: Program, rates: Mapping[str, str], name: str, lengths: Mapping[str, int] = MappingProxyType({})
 ) -> Program:
-    """The program of the outputs' rates.
+    """Return the program of the outputs' rates.
 
     Args:
         program: of which all outputs are differentiated but pivots, which say whether there are others, and stay.
@@ -47,7 +47,7 @@ def tangent(
 
 
 def local_slopes(graph: Graph, index: int) -> dict[int, Value]:
-    """Derivatives of a value of a graph by its arguments, by their indices."""
+    """Differentiate a value of a graph by its arguments, by their indices."""
     op, args, _ = graph.instructions[index]
     derivative = OPERATIONS[op].rate
     if derivative is None:
@@ -57,7 +57,7 @@ def local_slopes(graph: Graph, index: int) -> dict[int, Value]:
 
 
 def gradients(graph: Graph, values: Sequence[Value], inputs: Sequence[Node]) -> list[list[Value]]:
-    """Derivatives of values by inputs of the same graph, (values, inputs), written behind them.
+    """Differentiate values by inputs of the same graph, (values, inputs), written behind them.
 
     What many of the derivatives share is written once.
     """
@@ -71,9 +71,9 @@ def gradients(graph: Graph, values: Sequence[Value], inputs: Sequence[Node]) -> 
             if derivative is None or not any(arg in rates for arg in args):
                 continue
             x = [Node(graph, arg) for arg in args]
-            found: Value = derivative(graph, x, Node(graph, index), [rates.get(arg, 0.0) for arg in args])
-            if isinstance(found, Node) or found != 0.0:
-                rates[index] = found
+            rate: Value = derivative(graph, x, Node(graph, index), [rates.get(arg, 0.0) for arg in args])
+            if isinstance(rate, Node) or rate != 0.0:
+                rates[index] = rate
         columns.append([rates.get(value.index, 0.0) if isinstance(value, Node) else 0.0 for value in values])
     return [[column[place] for column in columns] for place in range(len(values))]  # rows without inputs, too
 
@@ -81,7 +81,7 @@ def gradients(graph: Graph, values: Sequence[Value], inputs: Sequence[Node]) -> 
 def _rate(
     graph: Graph, instruction: Instruction, values: list[Node], moving: list[Value], rates: Mapping[str, str]
 ) -> Value:
-    """Rate of the newest value, by those of its arguments."""
+    """Return the rate of the newest value, by those of its arguments."""
     op, this = instruction.op, values[-1]
     if op == "input":
         array, place = instruction.leaf
@@ -91,5 +91,5 @@ def _rate(
     derivative = OPERATIONS[op].rate
     if derivative is None or not any(isinstance(rate, Node) or rate != 0.0 for rate in dx):
         return 0.0
-    found: Value = derivative(graph, x, this, dx)
-    return found
+    slope: Value = derivative(graph, x, this, dx)
+    return slope

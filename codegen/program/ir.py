@@ -86,19 +86,19 @@ class Graph:
         self.notes[len(self.instructions)] = text
 
     def input(self, array: str, index: int) -> Node:
-        """Element ``index`` of the input array of that name."""
+        """Read element ``index`` of the input array of that name."""
         return self._node("input", (), (array, index))
 
     def constant(self, number: float) -> Node:
-        """The number as a node (arithmetic takes plain floats just as well)."""
+        """Return the number as a node (arithmetic takes plain floats just as well)."""
         return self._node("const", (), float(number) + 0.0)
 
     def insert(self, op: str, args: tuple[int, ...], leaf: Any = None) -> Node:
-        """A value copied from another program as it is, without folding."""
+        """Copy a value from another program as it is, without folding."""
         return self._node(op, args, leaf)
 
     def sincos(self, x: Value) -> tuple[Value, Value]:
-        """Sine and cosine of x."""
+        """Return sine and cosine of x."""
         if isinstance(x, Node):
             number = self.number(x)
             if number is None:
@@ -107,25 +107,25 @@ class Graph:
         return math.sin(x), math.cos(x)
 
     def call(self, op: str, *args: Value) -> Value:
-        """A function of values, by its name in ``operations.CALLS``; of max(x, y), x is where no number may come."""
+        """Call a function, by its name in ``operations.CALLS``; of max(x, y), x is where no number may come."""
         operation, first = CALLS[op], args[0]
         if operation.idempotent and len({(x.index,) if isinstance(x, Node) else x for x in args}) == 1:
             return first
         numbers = [self.number(x) if isinstance(x, Node) else float(x) for x in args]
         known = [x for x in numbers if x is not None]
-        found = operation.compute(*known) if len(known) == len(args) else None
-        if found is not None:
-            return found
+        value = operation.compute(*known) if len(known) == len(args) else None
+        if value is not None:
+            return value
         nodes = [x if isinstance(x, Node) else self.constant(x) for x in args]
         return self._node(op, tuple(x.index for x in nodes))
 
     def choose(self, gate: Value, x: Value, y: Value) -> Value:
-        """x where the gate is greater than 0, else y."""
+        """Return x where the gate is greater than 0, else y."""
         same = x.index == y.index if isinstance(x, Node) and isinstance(y, Node) else x is y or x == y
         return x if same else self.call("choose", gate, x, y)
 
     def add(self, x: Value, y: Value) -> Value:
-        """x + y."""
+        """Return x + y."""
         if not isinstance(x, Node):
             x, y = y, x
         if not isinstance(x, Node):
@@ -153,15 +153,15 @@ class Graph:
         return self._node("add", (i, j) if i <= j else (j, i))
 
     def sub(self, x: Value, y: Value) -> Value:
-        """x - y."""
+        """Return x - y."""
         if not isinstance(y, Node):
             return self.add(x, -y)
         if not isinstance(x, Node):
             if x == 0.0:
                 return self.neg(y)
-            found = self.instructions[y.index]
-            if found.op == "neg":
-                return self.add(Node(self, found.args[0]), x)
+            subtrahend = self.instructions[y.index]
+            if subtrahend.op == "neg":
+                return self.add(Node(self, subtrahend.args[0]), x)
             return self._binary("sub", self.constant(x), y)
         if x.index == y.index:
             return 0.0
@@ -177,7 +177,7 @@ class Graph:
         return self._binary("sub", x, y) if turned is None else self.neg(Node(self, turned))
 
     def _cancelled(self, x: Node, y: Node) -> Value | None:
-        """x - y where a summand of one is the other: (a + y) - y, x - (x + b), x - (x - b), (y - b) - y."""
+        """Fold x - y where a summand of one is the other: (a + y) - y, x - (x + b), x - (x - b), (y - b) - y."""
         for one, other, sign in ((x, y.index, 1), (y, x.index, -1)):
             op, args, _ = self.instructions[one.index]
             if op == "add" and other in args:
@@ -189,27 +189,27 @@ class Graph:
         return None
 
     def _merged_constants(self, x: Node, y: Node) -> Value | None:
-        """x + y with one constant where both bring one."""
+        """Return x + y with one constant where both bring one."""
         (rest_x, c), (rest_y, d) = self._split_constant(x), self._split_constant(y)
         if c is None or d is None:
             return None
         return self.add(self.add(rest_x, rest_y), c + d)
 
     def _split_constant(self, x: Node) -> tuple[Value, float | None]:
-        """x as (rest, constant): a constant itself, c + rest, or c - rest."""
+        """Split x into (rest, constant): a constant itself, c + rest, or c - rest."""
         op, args, leaf = self.instructions[x.index]
         if op == "const":
             return 0.0, leaf
         if op in ("add", "sub"):
             for arg, other in (args, args[::-1]) if op == "add" else (args,):
-                found = self.instructions[arg]
-                if found.op == "const":
+                summand = self.instructions[arg]
+                if summand.op == "const":
                     rest = Node(self, other)
-                    return (rest if op == "add" else self.neg(rest)), found.leaf
+                    return (rest if op == "add" else self.neg(rest)), summand.leaf
         return x, None
 
     def mul(self, x: Value, y: Value) -> Value:
-        """x y; signs move outwards, constants inwards."""
+        """Return x y; signs move outwards, constants inwards."""
         if not isinstance(x, Node):
             x, y = y, x
         if not isinstance(x, Node):
@@ -230,7 +230,7 @@ class Graph:
         return self._node("mul", (i, j) if i <= j else (j, i))
 
     def div(self, x: Value, y: Value) -> Value:
-        """x / y."""
+        """Return x / y."""
         if not isinstance(y, Node):
             return x * (1.0 / y)
         if not isinstance(x, Node):
@@ -240,39 +240,39 @@ class Graph:
         return self._binary("div", x, y)
 
     def neg(self, x: Value) -> Value:
-        """-x."""
+        """Return -x."""
         if not isinstance(x, Node):
             return -x
-        found = self.instructions[x.index]
-        if found.op == "const":
-            return -float(found.leaf)
-        return Node(self, found.args[0]) if found.op == "neg" else self._node("neg", (x.index,))
+        instruction = self.instructions[x.index]
+        if instruction.op == "const":
+            return -float(instruction.leaf)
+        return Node(self, instruction.args[0]) if instruction.op == "neg" else self._node("neg", (x.index,))
 
     def _scaled(self, factor: float, x: Node) -> Value:
         if factor == 0.0:
             return 0.0
         if factor < 0.0:
             return self.neg(self._scaled(-factor, x))
-        found = self.instructions[x.index]
-        if found.op == "neg":
-            return self.neg(self._scaled(factor, Node(self, found.args[0])))
+        instruction = self.instructions[x.index]
+        if instruction.op == "neg":
+            return self.neg(self._scaled(factor, Node(self, instruction.args[0])))
         if factor == 1.0:
             return x
-        if found.op == "const":
-            return factor * float(found.leaf)
-        if found.op == "mul" and self.instructions[found.args[0]].op == "const":
-            return self._scaled(factor * self.instructions[found.args[0]].leaf, Node(self, found.args[1]))
+        if instruction.op == "const":
+            return factor * float(instruction.leaf)
+        if instruction.op == "mul" and self.instructions[instruction.args[0]].op == "const":
+            return self._scaled(factor * self.instructions[instruction.args[0]].leaf, Node(self, instruction.args[1]))
         return self._binary("mul", self.constant(factor), x)
 
     def _binary(self, op: str, x: Node, y: Node) -> Value:
         a, b = self.number(x), self.number(y)
-        found = None if a is None or b is None else OPERATIONS[op].compute(a, b)
-        return self._node(op, (x.index, y.index)) if found is None else found
+        folded = None if a is None or b is None else OPERATIONS[op].compute(a, b)
+        return self._node(op, (x.index, y.index)) if folded is None else folded
 
     def number(self, x: Node) -> float | None:
-        """The number of a constant node, or None."""
-        found = self.instructions[x.index]
-        return float(found.leaf) if found.op == "const" else None
+        """Return the number of a constant node, or None."""
+        instruction = self.instructions[x.index]
+        return float(instruction.leaf) if instruction.op == "const" else None
 
     def _node(self, op: str, args: tuple[int, ...], leaf: Any = None) -> Node:
         key = (op, args, leaf)
@@ -293,19 +293,19 @@ class Program:
     notes: Mapping[int, str] = field(default_factory=dict)
 
     def count(self) -> dict[str, int]:
-        """Operations of one run up to the gate, if there is one, by their ``cost``; sine and cosine are one."""
+        """Count operations of one run up to the gate, if there is one, by their ``cost``; sine and cosine are one."""
         here = [x for x, is_first in zip(self.instructions, first_values(self), strict=True) if is_first]
-        found = Counter(OPERATIONS[instruction.op].cost for instruction in here)
+        counts = Counter(OPERATIONS[instruction.op].cost for instruction in here)
         angles = {i.args[0] for i in here if i.op in ("sin", "cos")}
         return {
-            "mul": found["mul"],
-            "add": found["add"],
-            "div": found["div"],
-            "sincos": found["sincos"] + len(angles),
+            "mul": counts["mul"],
+            "add": counts["add"],
+            "div": counts["div"],
+            "sincos": counts["sincos"] + len(angles),
         }
 
     def inputs(self) -> set[str]:
-        """Names of the input arrays that are read."""
+        """Name the input arrays that are read."""
         return {instruction.leaf[0] for instruction in self.instructions if instruction.op == "input"}
 
 
@@ -334,18 +334,18 @@ def first_values(program: Program) -> list[bool]:
 
 def needed(instructions: Sequence[Instruction], wanted: Iterable[int]) -> list[bool]:
     """Say of every value whether some of them need it, themselves among them."""
-    found = [False] * len(instructions)
+    marked = [False] * len(instructions)
     for index in wanted:
-        found[index] = True
-    for index in range(len(found) - 1, -1, -1):
-        if found[index]:
+        marked[index] = True
+    for index in range(len(marked) - 1, -1, -1):
+        if marked[index]:
             for arg in instructions[index].args:
-                found[arg] = True
-    return found
+                marked[arg] = True
+    return marked
 
 
 def reordered(program: Program, order: Sequence[int], notes: Mapping[int, str]) -> Program:
-    """The program with its values in another order, and with these notes."""
+    """Return the program with its values in another order, and with these notes."""
     number = {index: place for place, index in enumerate(order)}
     moved = (program.instructions[index] for index in order)
     instructions = tuple(Instruction(x.op, tuple([number[arg] for arg in x.args]), x.leaf) for x in moved)
@@ -362,7 +362,7 @@ def gate_between(program: Program) -> Program:
 
 
 def finish(graph: Graph, name: str, outputs: Mapping[tuple[str, int], Value]) -> Program:
-    """Graph -> Program: what the outputs need, renumbered in order."""
+    """Finish a graph: the program of what the outputs need, renumbered in order."""
     wanted = {
         key: value.index if isinstance(value, Node) else graph.constant(value).index for key, value in outputs.items()
     }
@@ -375,7 +375,7 @@ def select(
     outputs: Mapping[tuple[str, int], int],
     notes: Mapping[int, str],
 ) -> Program:
-    """The instructions that the outputs need, renumbered; notes move to the next instruction that stays."""
+    """Keep the instructions that the outputs need, renumbered; notes move to the next instruction that stays."""
     alive = needed(instructions, outputs.values())
     renumbered = [-1] * len(instructions)
     kept: list[Instruction] = []
@@ -396,7 +396,7 @@ def select(
 
 
 def verify(program: Program) -> Program:
-    """The program itself, after checking its form; a violation is a bug of ours.
+    """Check a program's form and return it; a violation is a bug of ours.
 
     Raises:
         AssertionError: an unknown operation, a wrong number of arguments, an argument that is not defined before, a
@@ -441,7 +441,7 @@ def evaluate(
 
 
 def users(program: Program) -> list[int]:
-    """Number of uses of each value, outputs included."""
+    """Count the uses of each value, outputs included."""
     count = [0] * len(program.instructions)
     for instruction in program.instructions:
         for arg in instruction.args:

@@ -24,7 +24,7 @@ class Operation:
         rate: (graph, x, y, dx) -> dy, where y is its value at the arguments x; None where it is always zero.
         function: the function of ``clib/lanes.h`` that C calls, for one number and with the suffix _lanes for a
             vector of them; empty where C has an operator, or a function of <math.h>.
-        sympy: (sympy, *x) -> its expression, of a function; SymPy's module is given, so that programs import none.
+        sympy: (sympy, *x) -> its expression, of a function; the module is an argument, so that programs import none.
         idempotent: whether op(x, x) is x.
     """
 
@@ -37,7 +37,7 @@ class Operation:
     idempotent: bool = False
 
     def compute(self, *numbers: float) -> float | None:
-        """The value at these numbers; None where it is not defined or no float."""
+        """Return the value at these numbers; None where it is not defined or no float."""
         assert self.value is not None
         try:
             return float(self.value(*numbers))
@@ -46,7 +46,7 @@ class Operation:
 
 
 def _larger(x: float, y: float) -> float:
-    """y where it is larger, else x: not a number stays not a number in x."""
+    """Return y where it is larger, else x: not a number stays not a number in x."""
     return y if x < y else x
 
 

@@ -38,21 +38,21 @@ def absorb_negations(program: Program) -> Program:
 def _negative(
     instructions: list[Instruction], index: int, count: Sequence[int]
 ) -> list[tuple[int, Instruction]] | None:
-    """Replacements that turn the sign of a value nobody else uses; None where that would cost an operation."""
-    found = instructions[index]
+    """Return replacements that turn the sign of a value nobody else uses; None where that would cost an operation."""
+    instruction = instructions[index]
     if count[index] != 1:
         return None
-    if found.op == "sub":
-        return [(index, Instruction("sub", (found.args[1], found.args[0])))]
-    if found.op in ("mul", "div"):
-        for arg in found.args:
+    if instruction.op == "sub":
+        return [(index, Instruction("sub", (instruction.args[1], instruction.args[0])))]
+    if instruction.op in ("mul", "div"):
+        for arg in instruction.args:
             if instructions[arg].op == "const" and count[arg] == 1:
                 return [(arg, Instruction("const", (), -instructions[arg].leaf))]
             inner = _negative(instructions, arg, count)
             if inner is not None:
                 return inner
-    if found.op == "add":  # -(a + b) = (-a) - b where -a is free
-        for arg, other in (found.args, found.args[::-1]):
+    if instruction.op == "add":  # -(a + b) = (-a) - b where -a is free
+        for arg, other in (instruction.args, instruction.args[::-1]):
             inner = _negative(instructions, arg, count)
             if inner is not None:
                 return [*inner, (index, Instruction("sub", (arg, other)))]
@@ -60,7 +60,7 @@ def _negative(
 
 
 def factor_sums(program: Program) -> Program:
-    """a f + b f as (a + b) f, also where other summands stand between them; products that others use stay."""
+    """Write a f + b f as (a + b) f, also where other summands stand between; products that others use stay."""
     count = users(program)
     inner = _inner_sums(program, count)
     plans: dict[int, list[_Group]] = {}
@@ -94,30 +94,30 @@ def _inner_sums(program: Program, count: Sequence[int]) -> list[bool]:
 
 
 def _summands(program: Program, index: int, inner: Sequence[bool]) -> list[tuple[int, int]]:
-    """(sign, value) of everything that a sum adds up, from left to right."""
-    found: list[tuple[int, int]] = []
+    """Return (sign, value) of everything that a sum adds up, from left to right."""
+    terms: list[tuple[int, int]] = []
     waiting = [(1, index)]
     while waiting:
         sign, value = waiting.pop()
         op, args, _ = program.instructions[value]
         if value != index and not inner[value]:
-            found.append((sign, value))
+            terms.append((sign, value))
         elif op == "neg":
             waiting.append((-sign, args[0]))
         else:
             waiting += [(sign if op == "add" else -sign, args[1]), (sign, args[0])]
-    return found
+    return terms
 
 
 def summands(program: Program) -> dict[int, list[tuple[int, int]]]:
-    """Per sum that is no part of another one: (sign, value) of what it adds up."""
+    """Return, per sum that no other one contains, (sign, value) of what it adds up."""
     inner = _inner_sums(program, users(program))
     tops = (i for i, instruction in enumerate(program.instructions) if instruction.op in SUMS and not inner[i])
     return {index: _summands(program, index, inner) for index in tops}
 
 
 def _groups(terms: list[tuple[int, int]], program: Program, count: Sequence[int]) -> list[_Group]:
-    """The summands, those with a common factor together, at the place of the first of them; none if all stay alone."""
+    """Group summands with a common factor, at the place of the first of them; none if all stay alone."""
     products = {value for _, value in terms if count[value] == 1 and program.instructions[value].op == "mul"}
     factors = [arg for value in products for arg in set(program.instructions[value].args)]
     if len(set(factors)) == len(factors):
@@ -141,15 +141,15 @@ def _groups(terms: list[tuple[int, int]], program: Program, count: Sequence[int]
 
 
 def _rebuilt(program: Program, plans: Mapping[int, list[_Group]]) -> Program:
-    """The program with the planned sums written anew."""
+    """Write the program anew with the planned sums."""
     graph, made = Graph(), list[Node]()
     folded: set[int] = set()  # values that have turned out to be numbers
 
     def total(parts: list[tuple[int, Value]]) -> Value:
-        parts = sorted(parts, key=lambda part: part[0] < 0)  # a positive one in front saves the sign
+        parts = sorted(parts, key=lambda term: term[0] < 0)  # a positive one in front saves the sign
         value: Value = 0.0
-        for sign, part in parts:
-            value = graph.add(value, part) if sign > 0 else graph.sub(value, part)
+        for sign, term in parts:
+            value = graph.add(value, term) if sign > 0 else graph.sub(value, term)
         return value
 
     for index, (op, args, leaf) in enumerate(program.instructions):
@@ -174,7 +174,7 @@ def _rebuilt(program: Program, plans: Mapping[int, list[_Group]]) -> Program:
 
 
 def _folded(graph: Graph, op: str, nodes: Sequence[Node]) -> Value:
-    """A value written anew, because one of its arguments has turned out to be a number."""
+    """Write a value anew, because one of its arguments has turned out to be a number."""
     numbers = [graph.number(node) for node in nodes]
     args: list[Value] = [node if x is None else x for node, x in zip(nodes, numbers, strict=True)]
     if op in ("sin", "cos"):
@@ -195,7 +195,7 @@ def run_passes(program: Program) -> Program:
 
 
 def on_demand(program: Program) -> Program:
-    """The program with every value right before the first output that needs it, in the order of its outputs.
+    """Put every value right before the first output that needs it, in the order of the outputs.
 
     Where thousands of values stay for others that come much later, it is the memory between them that takes time.
     Steps that notes speak of are torn apart, so that notes are left out.
@@ -235,14 +235,14 @@ def hoist_parameters(programs: Sequence[Program], parameters: int) -> tuple[Prog
 
 
 def _hoist(program: Program, setup: Graph, slots: dict[int, int]) -> Program:
-    """One program with every value that depends on parameters alone read from "h"."""
+    """Read every value that depends on parameters alone from "h"."""
     reads: list[int] = []  # 1: parameters, 2: the state, 3: both, 0: neither
     for op, args, leaf in program.instructions:
-        found = 0 if op != "input" else 1 if leaf[0] == PARAMETERS else 2
+        origin = 0 if op != "input" else 1 if leaf[0] == PARAMETERS else 2
         for arg in args:
-            found |= reads[arg]
-        reads.append(found)
-    early = [found == 1 for found in reads]
+            origin |= reads[arg]
+        reads.append(origin)
+    early = [origin == 1 for origin in reads]
     wanted = {arg for i, x in enumerate(program.instructions) if not early[i] for arg in x.args if early[arg]}
     wanted.update(index for index in program.outputs.values() if early[index])
     moved: dict[int, Node] = {}

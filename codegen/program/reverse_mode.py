@@ -15,7 +15,7 @@ from .ir import ASIDE, Graph, Node, Program, Value, copied, finish
 
 
 def adjoint(program: Program, seed: str, wanted: Mapping[str, int], name: str) -> Program:
-    """The program of the gradient of sum_i seed_i out_i.
+    """Return the program of the gradient of sum_i seed_i out_i.
 
     Args:
         program: of which all outputs are weighted but pivots, which only say whether there are others.

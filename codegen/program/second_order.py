@@ -12,7 +12,7 @@ from .ir import Graph, Program, Value, copied, finish
 
 
 def hessian(first: Program, wanted: Mapping[str, int], name: str) -> Program:
-    """The program of the second derivatives of sum_i seed_i out_i, a symmetric matrix, row by row.
+    """Return the program of the second derivatives of sum_i seed_i out_i, a symmetric matrix, row by row.
 
     Args:
         first: the program of its first derivatives, which ``adjoint`` makes.

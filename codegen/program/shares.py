@@ -54,41 +54,41 @@ class Shares:
     kept: int
 
     def way(self, node: int) -> tuple[int, ...]:
-        """Per run from the root to this node the last node that is wanted of it."""
-        found = [node]
-        while (behind := self.runs[self.run_of[found[-1]]].behind) >= 0:
-            found.append(behind)
-        return tuple(reversed(found))
+        """Return, per run from the root to this node, the last node that is wanted of it."""
+        path = [node]
+        while (behind := self.runs[self.run_of[path[-1]]].behind) >= 0:
+            path.append(behind)
+        return tuple(reversed(path))
 
     def count(self) -> dict[str, int]:
-        """Operations of the way that costs most; all angles are known to all of them."""
+        """Count operations of the path that costs most; all angles are known to all of them."""
         return max(map(self._count, range(len(self.run_of))), key=lambda count: sum(count.values()))
 
     def _count(self, node: int) -> dict[str, int]:
-        found = self.angles.count()
+        counts = self.angles.count()
         for last in self.way(node):
             run = self.runs[self.run_of[last]]
             end = min((index for index, done in run.stops.items() if done >= last), default=None)
             count = Program("", run.program.instructions[:end], {}).count()
-            found = {key: number + count[key] for key, number in found.items()}
-            found["sincos"] += self.turned[last]
-        return found
+            counts = {key: number + count[key] for key, number in counts.items()}
+            counts["sincos"] += self.turned[last]
+        return counts
 
 
 def share(program: Program, goals: Mapping[tuple[str, int], Goal], parents: Sequence[int], leaves: int) -> Shares:
-    """Program -> Shares: a value belongs to the last node that is in front of all that need it.
+    """Split a program among nodes: a value belongs to the last node in front of all that need it.
 
     Args:
         goals: per output of the program; one without is left out.
         parents: per node, -1 of the root, which is the first; parents come before their children.
-        leaves: so many nodes at the end are no part of others' runs.
+        leaves: so many nodes at the end stay out of others' runs.
     """
     nodes, angles = _nodes(program, goals, parents)
     values: list[list[int]] = [[] for _ in parents]
     for index, node in nodes.items():
         if program.instructions[index].args:
             values[node].append(index)
-    run_of = _runs([len(own) for own in values], parents, leaves)
+    run_of = _runs([len(node_values) for node_values in values], parents, leaves)
     writers = [_Writer(program, parents[run_of.index(run)]) for run in range(max(run_of) + 1)]
     slots: dict[int, int] = {}
     turned = []
@@ -118,7 +118,7 @@ def share(program: Program, goals: Mapping[tuple[str, int], Goal], parents: Sequ
 
 
 def _runs(sizes: Sequence[int], parents: Sequence[int], leaves: int) -> list[int]:
-    """Per node the number of its run: its parent's, if it is the only one that goes on from there."""
+    """Return per node the number of its run: its parent's, if it is the only one that goes on from there."""
     inner = parents[: len(parents) - leaves]
     run_of: list[int] = []
     length: list[int] = []
@@ -136,12 +136,12 @@ def _runs(sizes: Sequence[int], parents: Sequence[int], leaves: int) -> list[int
 def _nodes(
     program: Program, goals: Mapping[tuple[str, int], Goal], parents: Sequence[int]
 ) -> tuple[dict[int, int], dict[int, int]]:
-    """The node of every value that a share needs, in order, and of every angle; its sine and cosine have the same."""
+    """Return the node of every value that a share needs, in order, and of every angle with its sine and cosine."""
     nodes: dict[int, int] = {}
     angles: dict[int, int] = {}
 
-    def join(found: dict[int, int], index: int, node: int) -> None:
-        found[index] = _common(found.get(index, node), node, parents)
+    def join(node_of: dict[int, int], index: int, node: int) -> None:
+        node_of[index] = _common(node_of.get(index, node), node, parents)
 
     for key, goal in goals.items():
         join(nodes, program.outputs[key], goal.node)
@@ -158,7 +158,7 @@ def _nodes(
 
 
 def _common(one: int, other: int, parents: Sequence[int]) -> int:
-    """The last node that is in front of both, or one of them."""
+    """Return the last node that is in front of both, or one of them."""
     while one != other:
         one, other = (parents[one], other) if one > other else (one, parents[other])
     return one
@@ -179,18 +179,18 @@ class _Writer:
         """Compute a value of the whole program here."""
         op, args, leaf = self.whole.instructions[index]
         if op in TURNS:
-            found = Instruction("input", (), (TURNS[op], self.angles.index(args[0])))
+            instruction = Instruction("input", (), (TURNS[op], self.angles.index(args[0])))
         else:
-            found = Instruction(op, tuple(self.value(arg, slots) for arg in args), leaf)
-        self.known[index] = self._append(found)
+            instruction = Instruction(op, tuple(self.value(arg, slots) for arg in args), leaf)
+        self.known[index] = self._append(instruction)
 
     def value(self, index: int, slots: dict[int, int]) -> int:
-        """The index here of a value of the whole program; one that a run in front computes is read."""
+        """Return the index here of a value of the whole program; one that a run in front computes is read."""
         if index not in self.known:
-            found = self.whole.instructions[index]
-            if found.args:
-                found = Instruction("input", (), (GIVEN, slots.setdefault(index, len(slots))))
-            self.known[index] = self._append(found)
+            instruction = self.whole.instructions[index]
+            if instruction.args:
+                instruction = Instruction("input", (), (GIVEN, slots.setdefault(index, len(slots))))
+            self.known[index] = self._append(instruction)
         return self.known[index]
 
     def _append(self, instruction: Instruction) -> int:

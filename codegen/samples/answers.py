@@ -23,7 +23,7 @@ _RESTING = 2  # states that steps are taken from
 
 
 def samples(equations: Equations, dtype: str) -> bytes:
-    """Inputs and answers of every function that users call, as ``read_samples`` gives them back."""
+    """Compute inputs and answers of every function that users call, as ``read_samples`` returns them."""
     with np.errstate(all="ignore"):
         arrays = _Samples(equations, dtype).arrays()
     return pack_samples(arrays)
@@ -35,22 +35,22 @@ class _Samples:
     def __init__(self, equations: Equations, dtype: str) -> None:
         self.equations, self.model = equations, equations.model
         self.arithmetic = Arithmetic(dtype)
-        given, self.certain = sample_inputs(equations, self.arithmetic)
+        inputs, self.certain = sample_inputs(equations, self.arithmetic)
         values = sample_parameters(np.array(list(self.model.parameters.values())), self.arithmetic.dtype)
         turned = np.zeros((len(self.model.turning), values.shape[1]), values.dtype)  # joints are as described
         values = np.concatenate([values, turned])
-        self.found: dict[str, Any] = {name: array.T for name, array in {**given, "p": values}.items()}
-        self.inputs = {name: with_copies(array) for name, array in given.items()}
+        self.samples: dict[str, Any] = {name: array.T for name, array in {**inputs, "p": values}.items()}
+        self.inputs = {name: with_copies(array) for name, array in inputs.items()}
         self.known: dict[str, tuple[Array, Array]] = {}
 
     def arrays(self) -> dict[str, Any]:
-        """All arrays of ``read_samples``."""
-        setup = self.arithmetic.run(self.equations.setup, {"p": with_copies(self.found["p"].T)}).get("h")
+        """Return all arrays of ``read_samples``."""
+        setup = self.arithmetic.run(self.equations.setup, {"p": with_copies(self.samples["p"].T)}).get("h")
         if setup is None:
-            setup = np.zeros((0, with_copies(self.found["p"].T).shape[1]), self.arithmetic.dtype)
+            setup = np.zeros((0, with_copies(self.samples["p"].T).shape[1]), self.arithmetic.dtype)
         no_turns = all(i.op not in ("sin", "cos") for i in self.equations.setup.instructions)
         self._store("setup", setup, None, self.equations.setup, certain=no_turns)
-        self.found["h"] = self.h = setup[:, 0]
+        self.samples["h"] = self.h = setup[:, 0]
         numbers = sorted({0, len(self.model.frames) // 2, len(self.model.frames) - 1})
         for function in functions(self.equations.kernels):
             name, calls = function.name, self.equations.calls.get(function.kernel, (function.kernel,))
@@ -64,21 +64,21 @@ class _Samples:
             elif function.is_framed:
                 k = self.run(function.kernel)[0]
                 answers = np.stack([FRAMED[name](self.model, k, number) for number in numbers])
-                self.found["frames"] = np.array(numbers)
+                self.samples["frames"] = np.array(numbers)
                 self._store(name, answers, None, *programs)
             elif function.kernel in self.equations.calls:
                 self._store_composed(name, programs)
             else:
                 self._store(name, *self.run(name), *programs)
-        return self.found
+        return self.samples
 
     def run(self, name: str, **changed: Array) -> tuple[Array, Array]:
         """Answer (size, lanes) and status (lanes,) of a program, with some of its inputs changed."""
         if name not in self.known or changed:
             inputs = {**self.inputs, **changed, "h": self.h}
-            found = self.arithmetic.run(self.equations.programs[name], inputs)
-            pivot = found.get("pivot")
-            answer = found.get("out", np.zeros((0, inputs["q"].shape[1]), self.arithmetic.dtype))
+            outputs = self.arithmetic.run(self.equations.programs[name], inputs)
+            pivot = outputs.get("pivot")
+            answer = outputs.get("out", np.zeros((0, inputs["q"].shape[1]), self.arithmetic.dtype))
             status = np.zeros(answer.shape[1], np.int64) if pivot is None else status_of(pivot)
             if changed:
                 return answer, status
@@ -89,21 +89,21 @@ class _Samples:
         known, status, places, identity, exact = COMPOSED[name](self.model, self.run, self.inputs)
         self._store(name, known, status, *programs, certain=exact and self.certain)
         if places is not None:
-            self.found[f"{name} places"] = places
+            self.samples[f"{name} places"] = places
         if identity is not None:
-            for part, array in zip(("unknown", "matrix", "right", "within"), identity, strict=True):
-                self.found[f"{name} {part}"] = array
+            for key, array in zip(("unknown", "matrix", "right", "within"), identity, strict=True):
+                self.samples[f"{name} {key}"] = array
 
     def _store(
         self, name: str, answers: Array, status: Array | None, *programs: Program, certain: bool | None = None
     ) -> None:
-        """Put answers (..., lanes) among what is found, lanes first."""
+        """Put answers (..., lanes) among the samples, lanes first."""
         states = len(STATES)
-        self.found[name] = np.moveaxis(answers[..., :states], -1, 0)
-        self.found[f"{name} near"] = np.moveaxis(SAFETY * spread(answers), -1, 0).astype(np.float64)
-        self.found[f"{name} status"] = np.zeros(states, np.int64) if status is None else status[:states]
+        self.samples[name] = np.moveaxis(answers[..., :states], -1, 0)
+        self.samples[f"{name} near"] = np.moveaxis(SAFETY * spread(answers), -1, 0).astype(np.float64)
+        self.samples[f"{name} status"] = np.zeros(states, np.int64) if status is None else status[:states]
         certain = self.certain if certain is None else certain
-        self.found[f"{name} bits"] = certain and all(map(self.arithmetic.has_no_choice, programs))
+        self.samples[f"{name} bits"] = certain and all(map(self.arithmetic.has_no_choice, programs))
 
     def _store_steps(self, name: str, step: Callable[..., tuple[Array, Array]], programs: list[Program]) -> None:
         dt = self.arithmetic.dtype.type(_STEP[str(self.arithmetic.dtype)])
@@ -114,20 +114,20 @@ class _Samples:
         answers, iterated = np.stack([way[0].reshape(2 * n, lanes) for way in ways]), name == "radau_rollout"
         self._store(name, answers, None, *programs, certain=False if iterated else None)
         if iterated:
-            near = self.found[f"{name} near"]
-            size = float(np.finfo(self.arithmetic.dtype).eps) * np.abs(self.found[name][: len(near)])
-            self.found[f"{name} near"] = _ITERATED * np.fmax(near, size)
-        for part in ("", " near"):
-            self.found[name + part] = np.moveaxis(self.found[name + part][:_RESTING], 0, 1)
-        self.found[f"{name} status"] = np.stack([way[1][:_RESTING] for way in ways])
-        self.found["dt"] = dt
+            near = self.samples[f"{name} near"]
+            size = float(np.finfo(self.arithmetic.dtype).eps) * np.abs(self.samples[name][: len(near)])
+            self.samples[f"{name} near"] = _ITERATED * np.fmax(near, size)
+        for suffix in ("", " near"):
+            self.samples[name + suffix] = np.moveaxis(self.samples[name + suffix][:_RESTING], 0, 1)
+        self.samples[f"{name} status"] = np.stack([way[1][:_RESTING] for way in ways])
+        self.samples["dt"] = dt
 
     def _efforts(self) -> Array:
-        """Efforts of drives (n, states): half of what the last of the resting states has, infinite in others."""
-        states: Array = self.found["u"].T
-        found: Array = np.full_like(states, np.inf)
-        found[:, _RESTING - 1] = 0.5 * np.abs(states[:, _RESTING - 1])
+        """Return efforts of drives (n, states): half of what the last resting state has, infinite in others."""
+        states: Array = self.samples["u"].T
+        efforts: Array = np.full_like(states, np.inf)
+        efforts[:, _RESTING - 1] = 0.5 * np.abs(states[:, _RESTING - 1])
         free = [*self.model.prescribed, *(i for k in self.model.turning for i in self.model.bodies[k].indices)]
-        found[free] = np.inf
-        self.found["effort"] = found.T[:_RESTING]
-        return found
+        efforts[free] = np.inf
+        self.samples["effort"] = efforts.T[:_RESTING]
+        return efforts

@@ -36,7 +36,7 @@ _EXACT = ("neg", "max", "step", "choose")  # operations that do not round
 
 
 def with_copies(states: Array) -> Array:
-    """Lanes (..., lanes) of values in states (..., states)."""
+    """Spread values in states (..., states) over lanes (..., lanes)."""
     return np.concatenate([states, np.repeat(states[..., :MEASURED], COPIES, axis=-1)], axis=-1)
 
 
@@ -49,8 +49,8 @@ def spread(lanes: Array) -> Array:
     finite = np.isfinite(states) & np.isfinite(copies)
     other = np.where(np.isfinite(states) == np.isfinite(copies), 0.0, np.inf)
     with np.errstate(invalid="ignore"):
-        found: Array = np.where(finite, np.abs(copies - states), other).max(axis=-1)
-    return found
+        differences: Array = np.where(finite, np.abs(copies - states), other).max(axis=-1)
+    return differences
 
 
 class Arithmetic:
@@ -64,7 +64,7 @@ class Arithmetic:
         self._turns: dict[bytes, tuple[Array, Array]] = {}
 
     def run(self, program: Program, inputs: Mapping[str, Any], *, rounding: bool = True) -> dict[str, Array]:
-        """Arrays (size, lanes) that the program writes, by their names; numbers for all lanes may go in, too.
+        """Return arrays (size, lanes) that the program writes, by their names; numbers for all lanes may go in, too.
 
         ``rounding`` is False for lanes that are states alone, however many.
         """
@@ -88,7 +88,7 @@ class Arithmetic:
         return _arrays(program, values, rows[0].size, self.dtype)
 
     def value(self, op: str, args: Sequence[Any]) -> Any:
-        """The result of an operation that is no sine and no cosine."""
+        """Return the result of an operation that is no sine and no cosine."""
         operator = _OPERATORS.get(op)
         return operator(*args) if operator is not None else self._called(op, list(args))
 
@@ -99,7 +99,7 @@ class Arithmetic:
         return all(instruction.op in known for instruction in program.instructions)
 
     def turn(self, x: Any) -> tuple[Array, Array]:
-        """Sines and cosines; the same arrays for the same angles."""
+        """Return sines and cosines; the same arrays for the same angles."""
         angles = np.asarray(x, self.dtype)
         key = angles.tobytes()
         if key not in self._turns:
@@ -111,7 +111,7 @@ class Arithmetic:
         return self._turns[key]
 
     def _called(self, op: str, args: list[Any]) -> Array:
-        """An operation that NumPy has no ufunc of, or rounds in its own way: number by number."""
+        """Call an operation that NumPy has no ufunc of, or rounds in another way: number by number."""
         columns = np.broadcast_arrays(*args)
         numbers = [_value(op, row) for row in zip(*(column.ravel().tolist() for column in columns), strict=True)]
         return np.array(numbers).astype(self.dtype).reshape(columns[0].shape)
@@ -132,7 +132,7 @@ def _arrays(program: Program, values: Sequence[Any], lanes: int, dtype: np.dtype
     sizes: dict[str, int] = {}
     for array, place in program.outputs:
         sizes[array] = max(sizes.get(array, 0), place + 1)
-    found = {array: np.zeros((size, max(widths, default=lanes)), dtype) for array, size in sizes.items()}
+    arrays = {array: np.zeros((size, max(widths, default=lanes)), dtype) for array, size in sizes.items()}
     for (array, place), index in program.outputs.items():
-        found[array][place] = values[index]
-    return found
+        arrays[array][place] = values[index]
+    return arrays

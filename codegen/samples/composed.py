@@ -1,7 +1,7 @@
 """Answers of composed kernels: numbers that programs write, and identities between programs and answers.
 
-The loops of composed kernels are those of the C library, which has tests of its own; a robot's build asks whether they
-were given what belongs to them.  Arrays have lanes behind their own axes, those of an identity its states in front.
+The loops of composed kernels are those of the C library, which has further tests; a robot's build asks whether they
+read what belongs to them.  Arrays have lanes behind their axes, those of an identity its states in front.
 """
 
 from __future__ import annotations
@@ -56,15 +56,15 @@ _SINGULAR = 1e6  # condition from which rows of a chart tell nothing of what fol
 
 
 def status_of(pivot: Array) -> Array:
-    """Status (lanes,) of pivots and their scales (2 n, lanes): 0, or 1 + i of the first that vanishes."""
+    """Return the status (lanes,) of pivots and their scales (2 n, lanes): 0, or 1 + i of the first that vanishes."""
     limit = pivot.dtype.type(PIVOT_LIMITS[str(pivot.dtype)])
     failed = ~(pivot[::2] > limit * pivot[1::2])
-    found: Array = np.where(failed.any(axis=0), 1 + failed.argmax(axis=0), 0)
-    return found
+    status: Array = np.where(failed.any(axis=0), 1 + failed.argmax(axis=0), 0)
+    return status
 
 
 def _measured(values: Array) -> tuple[Array, Array]:
-    """Values (MEASURED, ...) of states, and by how much rounding may change them, of values (..., lanes)."""
+    """Return values (MEASURED, ...) of states, and by how much rounding may change them, of values (..., lanes)."""
     states, near = values[..., :MEASURED], SAFETY * spread(values)
     return np.moveaxis(states, -1, 0).astype(np.float64), np.moveaxis(near, -1, 0).astype(np.float64)
 
@@ -81,19 +81,19 @@ def _identity(places: Array, matrix: Array, right: Array, near: Array) -> Identi
 
 
 def christoffel(model: Model, run: Run, inputs: Mapping[str, Array]) -> Answer:
-    """Some columns of the tensor: column k is the Coriolis matrix at the unit velocity k, where it does not vanish.
+    """Return some columns of the tensor: column k is the Coriolis matrix at unit velocity k, where it survives.
 
     Contracted with a velocity, the tensor lacks the round-off of the description that the Coriolis matrix has there.
     """
-    n, q, survives, found = model.size, inputs["q"], zero_map(model).christoffel.mask, []
+    n, q, survives, tensor = model.size, inputs["q"], zero_map(model).christoffel.mask, []
     columns = sorted({n // 2, n - 1})
     for k in columns:
         v = np.zeros_like(q)
         v[k] = 1.0
         C = run("coriolis_matrix", v=v)[0]
-        found.append(np.where(survives[:, :, k].reshape(-1, 1), C, np.zeros_like(C)))
+        tensor.append(np.where(survives[:, :, k].reshape(-1, 1), C, np.zeros_like(C)))
     places = np.concatenate([np.arange(k, n**3, n) for k in columns])
-    return Answer(np.concatenate(found), np.zeros(q.shape[1], np.int64), places)
+    return Answer(np.concatenate(tensor), np.zeros(q.shape[1], np.int64), places)
 
 
 def forward_dynamics_jacobian(model: Model, run: Run, inputs: Mapping[str, Array], *, of_tree: bool = False) -> Answer:
@@ -102,19 +102,19 @@ def forward_dynamics_jacobian(model: Model, run: Run, inputs: Mapping[str, Array
     Where loops are closed M da + dr is what multipliers push, so what J pushes is taken away from these equations.
     """
     n, m, known = model.size, 0 if of_tree else len(model.constraints), list(model.prescribed)
-    found, status = run("constrained_dynamics" if m else "tree_forward_dynamics" if of_tree else "forward_dynamics")
-    by_q, by_v, M = run("residual_jacobian", a=found[:n])[0].reshape(3, n, n, -1).copy()
+    solution, status = run("constrained_dynamics" if m else "tree_forward_dynamics" if of_tree else "forward_dynamics")
+    by_q, by_v, M = run("residual_jacobian", a=solution[:n])[0].reshape(3, n, n, -1).copy()
     J, right = np.zeros_like(M, shape=(m, *M.shape[1:])), np.zeros_like(M, shape=(m, 3, *M.shape[1:]))
     if m:
-        D, at = run("closing_derivatives", a=found[:n], multipliers=found[n : n + m])[0], 0
+        D, at = run("closing_derivatives", a=solution[:n], multipliers=solution[n : n + m])[0], 0
         for block in row_blocks(model):
             rows, columns = slice(block.first, block.first + block.rows), list(block.columns)
             parts = np.split(D[at : at + 3 * block.size], 3)
-            J[rows, columns], *slopes = (part.reshape(block.rows, len(columns), -1) for part in parts)
+            J[rows, columns], *slopes = (block_rows.reshape(block.rows, len(columns), -1) for block_rows in parts)
             right[rows, :2, columns] = -np.stack(slopes, axis=1)
             at += 3 * block.size + len(columns) ** 2
             by_q[np.ix_(columns, columns)] -= D[at - len(columns) ** 2 : at].reshape(len(columns), len(columns), -1)
-        status = _with_gaps(model, found[n + m :], status, inputs["v"])
+        status = _with_residuals(model, solution[n + m :], status, inputs["v"])
     by_u = np.broadcast_to(np.eye(n, dtype=M.dtype)[..., np.newaxis], M.shape)
     B = np.concatenate([-by_q, -by_v, by_u], axis=1)
     B[known, : 2 * n], M[known], M[known, known] = 0.0, 0.0, 1.0
@@ -133,7 +133,7 @@ def forward_dynamics_jacobian(model: Model, run: Run, inputs: Mapping[str, Array
 def _constrained_system(
     model: Model, equations: tuple[Array, Array, Array, Array], answered: Array
 ) -> tuple[Array, Array, Array]:
-    """Matrix, right sides and their round-off of M x = B, freed of what J pushes, and J x = right below it."""
+    """Return matrix, right sides and round-off of M x = B, freed of what J pushes, and J x = right below it."""
     dtype = equations[0].dtype
     (M, near_M), (B, near_B), (J, near_J), (right, near_right) = map(_measured, equations)
     unit, double = (UNITS * M.shape[1] * float(np.finfo(x).eps) for x in (dtype, np.float64))
@@ -162,7 +162,7 @@ def _constrained_system(
 
 
 def _multipliers(model: Model, A: Array, rest: Array, precision: Precision) -> tuple[Array, Array, Array, Array]:
-    """Sizes of multipliers that meet A x = rest, and what is left of it where rows are redundant.
+    """Return sizes of multipliers that meet A x = rest, and what is left of it where rows are redundant.
 
     The library factors A with a little of its diagonal more, and each solution leaves that times the multipliers.
     Beside both come the share that it leaves of a change of rest, and the norm of what is factored.
@@ -180,16 +180,16 @@ def _multipliers(model: Model, A: Array, rest: Array, precision: Precision) -> t
 
 
 def _constrained(model: Model, run: Run, inputs: Mapping[str, Array], *, forces: bool) -> Answer:
-    """Accelerations or multipliers with the loops closed, and whether they are."""
-    found, status = run("constrained_dynamics")
-    a, multipliers, gaps = np.split(found, [model.size, model.size + len(model.constraints)])
-    return Answer(multipliers if forces else a, _with_gaps(model, gaps, status, inputs["v"]))
+    """Return accelerations or multipliers with the loops closed, and whether they are."""
+    solution, status = run("constrained_dynamics")
+    a, multipliers, residuals = np.split(solution, [model.size, model.size + len(model.constraints)])
+    return Answer(multipliers if forces else a, _with_residuals(model, residuals, status, inputs["v"]))
 
 
-def following(model: Model, run: Run, inputs: Mapping[str, Array]) -> Answer:
+def dependent_coordinates(model: Model, run: Run, inputs: Mapping[str, Array]) -> Answer:
     """Put velocities, accelerations and slopes into J v = 0, J a = -bias and J dq = 0; Newton's method takes no step.
 
-    What does not follow is as it was given; coordinates that do begin along the chart's slopes.
+    What does not follow is as in the inputs; coordinates that do begin along the chart's slopes.
     """
     n, m, (q, v, a, chart) = model.size, len(model.constraints), (inputs[x].copy() for x in ("q", "v", "a", "chart"))
     bound, rows = (np.flatnonzero(marks[:, 0] == 1.0).tolist() for marks in (chart[:n], chart[n : n + m]))
@@ -206,39 +206,39 @@ def following(model: Model, run: Run, inputs: Mapping[str, Array]) -> Answer:
     terms = np.stack([others * v, others * a], axis=1)  # of J v and J a without what is bound
     right = np.concatenate([terms.sum(axis=2), others], axis=1)
     right[:, 1] += bias
-    (own, near_own), (right, near) = _measured(J[:, bound]), _measured(-right)
+    (jacobian, near_jacobian), (right, near) = _measured(J[:, bound]), _measured(-right)
     size = np.abs(right) + _measured(np.abs(terms).sum(axis=(1, 2)))[0][..., np.newaxis]
     far = np.abs(inverse[:MEASURED]) @ size
-    condition = (np.linalg.cond(own) if rank else np.ones(MEASURED))[:, np.newaxis, np.newaxis]
-    unit = UNITS * n * float(np.finfo(q.dtype).eps) * np.abs(own).sum(axis=(1, 2), keepdims=True)
-    near = near + near_own @ far + unit * condition * far.max(axis=1, initial=0.0, keepdims=True)
+    condition = (np.linalg.cond(jacobian) if rank else np.ones(MEASURED))[:, np.newaxis, np.newaxis]
+    unit = UNITS * n * float(np.finfo(q.dtype).eps) * np.abs(jacobian).sum(axis=(1, 2), keepdims=True)
+    near = near + near_jacobian @ far + unit * condition * far.max(axis=1, initial=0.0, keepdims=True)
     near = np.where(condition < _SINGULAR, near, np.inf)
     out = np.arange((3 + m) * n + m)
     moved = out[: 3 * n].reshape(3, n, 1)
     places = np.concatenate([*moved[1:, bound], out[3 * n : (3 + rank) * n].reshape(rank, n)], axis=1)
     known = np.concatenate([q, v[free], a[free], np.zeros(((m - rank) * n, q.shape[1]), q.dtype), g])
     at = np.concatenate([moved[0, :, 0], *moved[1:, free, 0], out[(3 + rank) * n :]])
-    return Answer(known, np.zeros(q.shape[1], np.int64), at, _identity(places, own, right, near), exact=False)
+    return Answer(known, np.zeros(q.shape[1], np.int64), at, _identity(places, jacobian, right, near), exact=False)
 
 
-def _with_gaps(model: Model, gaps: Array, status: Array, v: Array) -> Array:
-    """The status (lanes,) with that of gaps and their rates (2 m, lanes)."""
-    still = np.ones((len(model.constraints), v.shape[1]), gaps.dtype)
-    return _first(status, 1 + model.size, gaps, np.concatenate([still, still * _largest(v)]))
+def _with_residuals(model: Model, residuals: Array, status: Array, v: Array) -> Array:
+    """Add to a status (lanes,) that of closure residuals and their rates (2 m, lanes)."""
+    still = np.ones((len(model.constraints), v.shape[1]), residuals.dtype)
+    return _first(status, 1 + model.size, residuals, np.concatenate([still, still * _largest(v)]))
 
 
 def _largest(*arrays: Array) -> Array:
-    """The largest size of numbers (., lanes), at least 1, (lanes,); NaN does not count."""
+    """Return the largest size of numbers (., lanes), at least 1, (lanes,); NaN does not count."""
     sizes = np.abs(np.concatenate(arrays))
-    found: Array = np.where(sizes > 1.0, sizes, sizes.dtype.type(1.0)).max(axis=0)
-    return found
+    largest: Array = np.where(sizes > 1.0, sizes, sizes.dtype.type(1.0)).max(axis=0)
+    return largest
 
 
 def _first(status: Array, reason: int, values: Array, scale: Array) -> Array:
-    """The status (lanes,), or where it is 0 that of the first value (., lanes) that is more than round-off."""
+    """Return the status (lanes,), or where it is 0 that of the first value (., lanes) beyond round-off."""
     beyond = ~(np.abs(values) <= scale * values.dtype.type(OPEN_GAPS[str(values.dtype)]))
-    found: Array = np.where(status != 0, status, np.where(beyond.any(axis=0), reason + beyond.argmax(axis=0), 0))
-    return found
+    statuses: Array = np.where(status != 0, status, np.where(beyond.any(axis=0), reason + beyond.argmax(axis=0), 0))
+    return statuses
 
 
 def _driven(
@@ -246,9 +246,9 @@ def _driven(
 ) -> Answer:
     """Answer with drives and multipliers of constrained_drives, and say whether these drives make the motion."""
     n, m = model.size, len(model.constraints)
-    found = run("constrained_drives", **({} if loaded else {"u": np.zeros_like(inputs["u"])}))[0]
-    u, multipliers, gaps, pull, bias, left, needed = np.split(found, np.cumsum([n, m, 2 * m, m, m, n]))
-    status = _with_gaps(model, gaps, np.zeros(found.shape[1], np.int64), inputs["v"])
+    solution = run("constrained_drives", **({} if loaded else {"u": np.zeros_like(inputs["u"])}))[0]
+    u, multipliers, residuals, pull, bias, left, needed = np.split(solution, np.cumsum([n, m, 2 * m, m, m, n]))
+    status = _with_residuals(model, residuals, np.zeros(solution.shape[1], np.int64), inputs["v"])
     status = _first(status, 1 + n + 2 * m, pull + bias, _largest(inputs["a"], bias))
     return Answer(of(run, u, multipliers), _first(status, 1 + n + 3 * m, left, _largest(needed)))
 
@@ -267,7 +267,7 @@ DRIVEN: Mapping[str, Callable[[Run, Array, Array], Array]] = {
 COMPOSED: Mapping[str, Composed] = {
     "christoffel": christoffel,
     "constraint_forces": partial(_constrained, forces=True),
-    "following": following,
+    "following": dependent_coordinates,
     "forward_dynamics": partial(_constrained, forces=False),
     "forward_dynamics_jacobian": forward_dynamics_jacobian,
     "tree_forward_dynamics_jacobian": partial(forward_dynamics_jacobian, of_tree=True),
@@ -277,14 +277,14 @@ COMPOSED: Mapping[str, Composed] = {
 
 
 def _frame_pose(model: Model, k: Array, frame: int) -> Array:
-    """Pose (16, lanes) of a frame from what the program of frames writes."""
+    """Return the pose (16, lanes) of a frame from what the program of frames writes."""
     last = np.zeros((4, k.shape[1]), k.dtype)
     last[3] = 1.0
     return np.concatenate([k[12 * frame : 12 * frame + 12], last])
 
 
 def _frame_jacobian(model: Model, k: Array, frame: int) -> Array:
-    """Jacobian (6 n, lanes) of a frame from what the program of frames writes."""
+    """Return the Jacobian (6 n, lanes) of a frame from what the program of frames writes."""
     out = np.zeros((6, model.size, k.shape[1]), k.dtype)
     for s, column in jacobian_columns(model, k, frame).items():
         for i, entry in enumerate(column):

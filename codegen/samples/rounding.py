@@ -21,7 +21,7 @@ _SITES = 24  # of a program that are looked at, at most
 def telling_lanes(
     programs: Sequence[Program], inputs: Mapping[str, Array], arithmetic: Arithmetic, count: int
 ) -> list[int]:
-    """Lanes of inputs that show as many other orders of computing as so many lanes can; the first ones if none does.
+    """Choose lanes of inputs that show as many other orders of computing as so many can; the first if none does.
 
     Args:
         programs: those with angles are left out.
@@ -48,7 +48,7 @@ def _is_plain(program: Program, inputs: Mapping[str, Array], arithmetic: Arithme
 
 
 def _shown(program: Program, inputs: Mapping[str, Array], arithmetic: Arithmetic) -> Iterator[NDArray[np.bool_]]:
-    """Per place and order of computing that changes some result: the lanes (lanes,) in which it does."""
+    """Yield lanes (lanes,) in which a result changes, per place and order of computing that changes some."""
     values: list[Array] = []
     lanes = inputs["q"].shape[1]
     for op, args, leaf in program.instructions:
@@ -63,13 +63,13 @@ def _shown(program: Program, inputs: Mapping[str, Array], arithmetic: Arithmetic
     for index, terms in sites[:: -(-len(sites) // _SITES) or 1]:
         for turned in range(1, len(terms)) if len(terms) < 4 else (1, 2):
             order = [*terms[turned:], *terms[:turned]]
-            found = _differs(program, index, _folded(program, index, order, values, arithmetic), values, arithmetic)
-            if found.any():
-                yield found
+            differing = _differs(program, index, _folded(program, index, order, values, arithmetic), values, arithmetic)
+            if differing.any():
+                yield differing
 
 
 def _sites(program: Program) -> Iterator[tuple[int, list[tuple[int, int]]]]:
-    """Sums and products of three and more, and quotients: the last value, and (sign, value) of what it is made of."""
+    """Yield sums and products of three and more, and quotients: the last value, and (sign, value) of its operands."""
     yield from ((index, terms) for index, terms in summands(program).items() if len(terms) > 2)
     count, instructions = users(program), program.instructions
 
@@ -82,8 +82,8 @@ def _sites(program: Program) -> Iterator[tuple[int, list[tuple[int, int]]]]:
 
     inner = {arg for i in instructions if i.op == "mul" for arg in i.args if count[arg] == 1}
     for index, instruction in enumerate(instructions):
-        if instruction.op == "mul" and index not in inner and len(found := list(factors(index))) > 2:
-            yield index, [(1, factor) for factor in found]
+        if instruction.op == "mul" and index not in inner and len(product := list(factors(index))) > 2:
+            yield index, [(1, factor) for factor in product]
         elif instruction.op == "div":
             yield index, [(1, arg) for arg in instruction.args]
 
@@ -91,7 +91,7 @@ def _sites(program: Program) -> Iterator[tuple[int, list[tuple[int, int]]]]:
 def _folded(
     program: Program, index: int, terms: Sequence[tuple[int, int]], values: Sequence[Array], arithmetic: Arithmetic
 ) -> Array:
-    """A sum or product from left to right; a quotient, whose two come turned round, by the inverse."""
+    """Compute a sum or product from left to right; a quotient, whose two come turned round, by the inverse."""
     op = program.instructions[index].op
     if op == "div":
         (_, divisor), (_, number) = terms
@@ -108,13 +108,13 @@ def _folded(
 def _differs(
     program: Program, index: int, other: Array, values: Sequence[Array], arithmetic: Arithmetic
 ) -> NDArray[np.bool_]:
-    """Lanes (lanes,) in which a program writes other bits, if one of its values is another."""
+    """Return lanes (lanes,) in which a program writes other bits, if one of its values is another."""
     changed = {index: other}
     for place in range(index + 1, len(program.instructions)):
         op, args, _ = program.instructions[place]
         if not changed.keys().isdisjoint(args):
             changed[place] = arithmetic.value(op, [changed.get(arg, values[arg]) for arg in args])
-    found = np.zeros(other.shape, np.bool_)
+    differing = np.zeros(other.shape, np.bool_)
     for place in changed.keys() & set(program.outputs.values()):
-        found |= changed[place] != values[place]
-    return found
+        differing |= changed[place] != values[place]
+    return differing

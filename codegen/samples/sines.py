@@ -70,7 +70,7 @@ COEFFICIENTS = {
 
 def polynomials(angles: Array) -> tuple[Array, Array]:
     """Return sines and cosines of angles no farther than the limit, of the angles' shape and dtype."""
-    own, real = COEFFICIENTS[str(angles.dtype)], angles.dtype.type
+    table, real = COEFFICIENTS[str(angles.dtype)], angles.dtype.type
 
     def polynomial(coefficients: Sequence[float]) -> Any:
         total = real(coefficients[-1])
@@ -78,13 +78,13 @@ def polynomials(angles: Array) -> tuple[Array, Array]:
             total = real(coefficient) + z * total
         return total
 
-    shifted = angles * real(own.per_quarter) + real(own.shift)
-    quarters = shifted - real(own.shift)
+    shifted = angles * real(table.per_quarter) + real(table.shift)
+    quarters = shifted - real(table.shift)
     r = angles
-    for part in own.quarter:
-        r = r - quarters * real(part)
+    for piece in table.quarter:
+        r = r - quarters * real(piece)
     z = r * r
-    s, c = r + r * z * polynomial(own.sine), real(1.0) - z * (real(0.5) - z * polynomial(own.cosine))
+    s, c = r + r * z * polynomial(table.sine), real(1.0) - z * (real(0.5) - z * polynomial(table.cosine))
     quarter = shifted.view(np.int64 if real is np.float64 else np.int32)
     odd = (quarter & 1) != 0
     sine, cosine = np.where(odd, c, s), np.where(odd, s, c)

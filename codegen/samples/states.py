@@ -27,28 +27,28 @@ _TINY = {"float64": 2.0**-1040, "float32": 2.0**-140}  # denormal, and so are it
 
 
 def sample_inputs(equations: Equations, arithmetic: Arithmetic) -> tuple[dict[str, Array], bool]:
-    """Arrays (size, states) that kernels read, by name; and whether all angles are ones with bits for sure."""
+    """Return arrays (size, states) that kernels read, by name; and whether all angles have bits for sure."""
     rng, dtype, size = np.random.default_rng(1), arithmetic.dtype, shapes(equations.model)
     wanted = {array for name in (*equations.kernels, *equations.programs) for array in SIGNATURES[name].reads}
     tiny = _TINY[str(dtype)]
     q, exact = _coordinates(equations, arithmetic, rng)
-    found, many = {"q": q}, {"q": _other_coordinates(equations, q, rng)}
+    inputs, many = {"q": q}, {"q": _other_coordinates(equations, q, rng)}
     for name in sorted(x for x in wanted if x in size and (x in ("v", "a", "u", "wrench") or is_direction(x))):
         x = _numbers(rng, int(np.prod(size[name])), 1)[:, 0]
         columns = (x, _numbers(rng, x.size, 1)[:, 0] * _SMALL, x * tiny, np.copysign(np.inf, x), x * np.nan)
-        found[name] = np.stack(columns, axis=1).astype(dtype)
+        inputs[name] = np.stack(columns, axis=1).astype(dtype)
         many[name] = _numbers(rng, x.size, _CANDIDATES).astype(dtype)
     described = [*equations.model.parameters.values(), *(0.0 for _ in equations.model.turning)]
     values = np.array(described).astype(dtype)[:, None]
     h = arithmetic.run(equations.setup, {"p": values}, rounding=False).get("h", values)
     if "chart" in wanted:
-        found["chart"], many["chart"] = _charts(equations, arithmetic, {"q": q[:, :1], "h": h})
+        inputs["chart"], many["chart"] = _charts(equations, arithmetic, {"q": q[:, :1], "h": h})
     lanes = telling_lanes(list(equations.programs.values()), {**many, "h": h}, arithmetic, ROUNDED)
-    return {name: np.concatenate([array, many[name][:, lanes]], axis=1) for name, array in found.items()}, exact
+    return {name: np.concatenate([array, many[name][:, lanes]], axis=1) for name, array in inputs.items()}, exact
 
 
 def _charts(equations: Equations, arithmetic: Arithmetic, state: dict[str, Array]) -> list[Array]:
-    """One chart (size, states) for all states and candidates: a few rows of J with columns that are independent."""
+    """Choose one chart (size, states) for all states and candidates: rows of J with independent columns."""
     size = shapes(equations.model)
     (m, n), (whole,) = size["constraint_rows"], size["chart"]
     J = arithmetic.run(equations.programs["constraint_jacobian"], state, rounding=False)["out"][:, 0].reshape(m, n)
@@ -64,17 +64,19 @@ def _charts(equations: Equations, arithmetic: Arithmetic, state: dict[str, Array
 
 
 def sample_parameters(values: Array, dtype: np.dtype[np.floating]) -> Array:
-    """Parameters (size, states); those of the first state are the description's own."""
+    """Return parameters (size, states); those of the first state are the description's."""
     tiny = _TINY[str(dtype)]
     columns = (values, values * _SMALL, np.sign(values) * tiny, values * np.inf, values * np.nan)
-    found: Array = np.stack([*columns, *[values] * ROUNDED], axis=1).reshape(len(values), len(STATES)).astype(dtype)
-    return found
+    parameters: Array = (
+        np.stack([*columns, *[values] * ROUNDED], axis=1).reshape(len(values), len(STATES)).astype(dtype)
+    )
+    return parameters
 
 
 def _numbers(rng: np.random.Generator, size: int, count: int) -> Array:
-    """Numbers (size, count) of both signs, between 1/4 and 1 in size."""
-    found: Array = rng.uniform(0.25, 1.0, (size, count)) * rng.choice((-1.0, 1.0), (size, count))
-    return found
+    """Draw numbers (size, count) of both signs, between 1/4 and 1 in size."""
+    numbers: Array = rng.uniform(0.25, 1.0, (size, count)) * rng.choice((-1.0, 1.0), (size, count))
+    return numbers
 
 
 def _coordinates(equations: Equations, arithmetic: Arithmetic, rng: np.random.Generator) -> tuple[Array, bool]:
@@ -96,32 +98,32 @@ def _coordinates(equations: Equations, arithmetic: Arithmetic, rng: np.random.Ge
         places = [i.leaf[1] for i in angle if i.op == "input"]
         program = Program("angle", angle, {("out", 0): len(angle) - 1})
         angles = arithmetic.run(program, {"q": candidates}, rounding=False)["out"][0]
-        library, own = arithmetic.turn(angles), polynomials(angles)
-        right = (library[0] == own[0]) & (library[1] == own[1])
+        library, polynomial = arithmetic.turn(angles), polynomials(angles)
+        right = (library[0] == polynomial[0]) & (library[1] == polynomial[1])
         for place in places:
             good[place] &= right
     q = np.zeros((n, len(STATES) - ROUNDED), dtype)
     for i in range(n):
         for state, begin in enumerate((0, _CANDIDATES)):
-            found = np.flatnonzero(good[i, begin : begin + _CANDIDATES])
-            exact &= found.size > 0
-            q[i, state] = candidates[i, begin + (found[0] if found.size else 0)]
+            suitable = np.flatnonzero(good[i, begin : begin + _CANDIDATES])
+            exact &= suitable.size > 0
+            q[i, state] = candidates[i, begin + (suitable[0] if suitable.size else 0)]
         q[i, 2] = candidates[i, -1] if good[i, -1] else q[i, 0]
         q[i, 3:] = q[i, 0], np.nan
     return q, exact
 
 
 def _other_coordinates(equations: Equations, q: Array, rng: np.random.Generator) -> Array:
-    """Candidates (n, candidates) that differ in the coordinates of which nobody takes a sine."""
+    """Draw candidates (n, candidates) that differ in the coordinates of which nobody takes a sine."""
     taken = {i.leaf[1] for angle in _angles(equations) for i in angle if i.op == "input" and i.leaf[0] == "q"}
-    found = _numbers(rng, len(q), _CANDIDATES).astype(q.dtype)
+    others = _numbers(rng, len(q), _CANDIDATES).astype(q.dtype)
     for place in taken:
-        found[place] = q[place, 0]
-    return found
+        others[place] = q[place, 0]
+    return others
 
 
 def _angles(equations: Equations) -> set[Angle]:
-    """Instructions of all angles whose sines are taken, one for each."""
+    """Return instructions of all angles whose sines are taken, one for each."""
     return {
         select("angle", program.instructions, {("out", 0): index}, {}).instructions
         for program in equations.programs.values()

@@ -13,12 +13,12 @@ from .composed import Run
 
 def clipped(u: Array, effort: Array) -> Array:
     """Return drives within +- their efforts, (n, lanes) both; what is no number stays so."""
-    found: Array = np.where(u > effort, effort, np.where(u < -effort, -effort, u))
-    return found
+    drives: Array = np.where(u > effort, effort, np.where(u < -effort, -effort, u))
+    return drives
 
 
 def one_step(method: int, run: Run, q: Array, v: Array, u: Array, dt: Any) -> tuple[Array, Array]:
-    """Coordinates and rates (2, n, lanes) after a step without a controller, and the status of every lane.
+    """Step without a controller; return coordinates and rates (2, n, lanes), and the status of every lane.
 
     Method 0 is the classical Runge-Kutta method, 1 the linearly implicit one.
     """
@@ -30,11 +30,11 @@ def one_step(method: int, run: Run, q: Array, v: Array, u: Array, dt: Any) -> tu
     one = q.dtype.type
     q_sum, v_sum, q_here, v_here = np.zeros_like(q), np.zeros_like(q), q, v
     status = np.zeros(q.shape[1], np.int64)
-    for part, weight in zip(map(one, (0.5, 0.5, 1.0, 0.0)), map(one, (1.0, 2.0, 2.0, 1.0)), strict=True):
+    for fraction, weight in zip(map(one, (0.5, 0.5, 1.0, 0.0)), map(one, (1.0, 2.0, 2.0, 1.0)), strict=True):
         a, failed = run("forward_dynamics", q=q_here, v=v_here, u=u)
         status = np.where(status != 0, status, failed)
         q_sum, v_sum = q_sum + weight * v_here, v_sum + weight * a
-        q_here, v_here = q + part * dt * v_here, v + part * dt * a
+        q_here, v_here = q + fraction * dt * v_here, v + fraction * dt * a
     return np.stack([q + dt / one(6.0) * q_sum, v + dt / one(6.0) * v_sum]), status
 
 

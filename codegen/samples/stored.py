@@ -18,7 +18,7 @@ UNITS = 16.0  # in the last place that each term of an identity may be off by
 
 
 def pack_samples(arrays: Mapping[str, Any]) -> bytes:
-    """Arrays or numbers as bytes."""
+    """Pack arrays or numbers as bytes."""
     stream = io.BytesIO()
     filled: dict[str, Any] = {name: np.asarray(array) for name, array in arrays.items()}
     np.savez(stream, **filled)
@@ -26,10 +26,10 @@ def pack_samples(arrays: Mapping[str, Any]) -> bytes:
 
 
 def read_samples(data: bytes) -> dict[str, NDArray[Any]]:
-    """Arrays by name; S is the number of STATES, with which axes begin where nothing else is said.
+    """Read arrays by name; S is the number of STATES, with which axes begin where nothing else is said.
 
     Returns:
-        "p", "q", "v" and so on (S, size): inputs.  "h": what functions are given, of the first parameters.  "setup":
+        "p", "q", "v" and so on (S, size): inputs.  "h": what functions read, of the first parameters.  "setup":
         what is computed from each of "p".  For every function by its name: its answer (S, size), of frames (S, numbers,
         size) with the "frames" numbers; "NAME status" (S,), as C says it; "NAME near" (MEASURED, ...): by how much
         rounding may change the answer, infinity where it decides what is finite; "NAME bits" (): whether there is no
@@ -39,5 +39,5 @@ def read_samples(data: bytes) -> dict[str, NDArray[Any]]:
         "rollout" and "adaptive_rollout" (methods, states, 2 n) are a step of "dt" from rest by each method, q and v, of
         drives within "effort" (states, n).
     """
-    with np.load(io.BytesIO(zlib.decompress(data)), allow_pickle=False) as found:
-        return {name: found[name] for name in found.files}
+    with np.load(io.BytesIO(zlib.decompress(data)), allow_pickle=False) as archive:
+        return {name: archive[name] for name in archive.files}

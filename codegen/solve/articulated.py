@@ -41,18 +41,18 @@ class Articulated:
         return Articulated(L, C, A, self.p + other.p)
 
     def answer(self, a: Vec, d: Vec) -> Wrench:
-        """The wrench at accelerations (a, d)."""
+        """Return the wrench at accelerations (a, d)."""
         force = add(add(matvec(self.L, a), matvec(self.C, d)), self.p.force)
         return Wrench(force, add(add(matvec(transpose(self.C), a), matvec(self.A, d)), self.p.moment))
 
 
 def inertia_tensor(J: Mat) -> Mat:
-    """I = tr(J) 1 - J."""
+    """Return I = tr(J) 1 - J."""
     return mat3(rotational_inertia(PseudoInertia(J, ZERO, 0.0), unit(axis)) for axis in range(3))
 
 
 def gyroscopic_moment(J: Mat, w: Vec) -> Vec:
-    """w x I w, the antisymmetric part of skew(w)^2 J: 12 products."""
+    """Return w x I w, the antisymmetric block of skew(w)^2 J: 12 products."""
     x, y, z = w
     xx, yy, zz, xy, xz, yz = x * x, y * y, z * z, x * y, x * z, y * z
     return (
@@ -63,12 +63,12 @@ def gyroscopic_moment(J: Mat, w: Vec) -> Vec:
 
 
 def inverse_or_zero(pivot: Scalar) -> Scalar:
-    """1 / pivot; 0 for a pivot that is a plain zero, which the kernel reports when it runs."""
+    """Return 1 / pivot; 0 for a pivot that is a plain zero, which the kernel reports when it runs."""
     return 0.0 if isinstance(pivot, float) and pivot <= 0.0 else 1.0 / pivot
 
 
 def inverse3(S: Mat) -> tuple[Mat, Scalar]:
-    """Inverse of a symmetric matrix by cofactors, and its determinant."""
+    """Invert a symmetric matrix by cofactors; return the inverse and its determinant."""
     (a, b, c), (_, d, e), (_, _, f) = S
     A, B, C = d * f - e * e, c * e - b * f, b * e - c * d
     D, E, F = a * f - c * c, b * c - a * e, a * d - b * b
@@ -79,32 +79,32 @@ def inverse3(S: Mat) -> tuple[Mat, Scalar]:
 
 
 def diagonal_product(S: Mat) -> Scalar:
-    """Product of the diagonal, at least the determinant of a positive matrix: what that is compared to."""
+    """Multiply the diagonal: at least the determinant of a positive matrix, which is compared to it."""
     return S[0][0] * S[1][1] * S[2][2]
 
 
 def diagonal(x: Vec) -> Mat:
-    """The matrix with x on its diagonal."""
+    """Return the matrix with x on its diagonal."""
     return ((x[0], 0.0, 0.0), (0.0, x[1], 0.0), (0.0, 0.0, x[2]))
 
 
 def rows_scaled(x: Vec, S: Mat) -> Mat:
-    """diag(x) S."""
+    """Return diag(x) S."""
     return (scale(x[0], S[0]), scale(x[1], S[1]), scale(x[2], S[2]))
 
 
 def symmetric(S: Mat) -> Mat:
-    """The upper half of a matrix that is symmetric but for round-off, twice."""
+    """Mirror the upper half of a matrix that is symmetric but for round-off."""
     return (S[0], (S[0][1], S[1][1], S[1][2]), (S[0][2], S[1][2], S[2][2]))
 
 
 def less(S: Mat, x: Vec, y: Vec) -> Mat:
-    """S - x y^T."""
+    """Return S - x y^T."""
     return mat3(add(S[i], scale(-1.0 * x[i], y)) for i in range(3))
 
 
 def with_row(inertia: Articulated, row: int, entries: Wrench, held: Scalar) -> Articulated:
-    """The row and column of unit axis ``row`` (0-2 force, 3-5 moment), and the wrench along it, replaced."""
+    """Replace the row and column of unit axis ``row`` (0-2 force, 3-5 moment), and the wrench along it."""
     axis, force, moment = row % 3, list(inertia.p.force), list(inertia.p.moment)
     L, C, A = ([list(line) for line in block] for block in (inertia.L, inertia.C, inertia.A))
     if row < 3:

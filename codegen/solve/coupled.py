@@ -30,7 +30,7 @@ class Direction:
     row: int | None
 
     def of(self, wrench: Wrench) -> Scalar:
-        """Part of a wrench that acts along the coordinate."""
+        """Return the component of a wrench along the coordinate."""
         return dot(self.axis.force, wrench.force) + dot(self.axis.moment, wrench.moment)
 
 
@@ -53,31 +53,31 @@ class Coupled:
         return [x.index for x in self.directions]
 
     def accelerations(self, a: Vec, d: Vec) -> dict[int, Scalar]:
-        """Accelerations by the coordinates' indices, of the acceleration (a, d) in front of them."""
+        """Return accelerations by the coordinates' indices, of the acceleration (a, d) in front of them."""
         return self.moved(dict(zip(self.indices, self.free, strict=True)), a, d)
 
     def moved(self, free: Mapping[int, Scalar], a: Vec, d: Vec) -> dict[int, Scalar]:
         """Return it with other accelerations than ``free`` where (a, d) vanish; 0 where they have none."""
-        found = {}
+        accelerations = {}
         for x, gain in zip(self.directions, self.gains, strict=True):
-            found[x.index] = free.get(x.index, 0.0) - (dot(gain.force, a) + dot(gain.moment, d))
-        return found
+            accelerations[x.index] = free.get(x.index, 0.0) - (dot(gain.force, a) + dot(gain.moment, d))
+        return accelerations
 
     def solve(self, left: Sequence[Scalar]) -> list[Scalar]:
-        """D^-1 left."""
+        """Return D^-1 left."""
         return _back(self.factors, [x * y for x, y in zip(_forward(self.factors, left), self.inverses, strict=True)])
 
 
 def directions_of(joint: JointGeometry, chosen: Sequence[int]) -> list[Direction]:
-    """Directions of a joint's coordinates of these indices, in the axes in front of its rotations."""
-    found = [Direction(i, Wrench(unit(axis), ZERO), axis) for i, axis in joint.translations if i in chosen]
+    """Return directions of a joint's coordinates of these indices, in the axes in front of its rotations."""
+    directions = [Direction(i, Wrench(unit(axis), ZERO), axis) for i, axis in joint.translations if i in chosen]
     for place, turn in enumerate(joint.rotations):
         axis = unit(turn.axis)
         for before in reversed(joint.rotations[:place]):
             axis = matvec(before.matrix, axis)
         if turn.index in chosen:
-            found.append(Direction(turn.index, Wrench(ZERO, axis), 3 + turn.axis if place == 0 else None))
-    return found
+            directions.append(Direction(turn.index, Wrench(ZERO, axis), 3 + turn.axis if place == 0 else None))
+    return directions
 
 
 def eliminate_coupled(
@@ -86,7 +86,7 @@ def eliminate_coupled(
     slopes: Mapping[tuple[int, int], Scalar],
     drives: Sequence[Scalar],
 ) -> tuple[Coupled, Articulated]:
-    """Take coordinates out of an inertia together; what is left, and how their accelerations follow.
+    """Eliminate coordinates from an inertia at once; return what is left, and how their accelerations follow.
 
     Args:
         slopes: K, (i, j) with i <= j by the coordinates' indices.
@@ -128,40 +128,40 @@ def eliminate_coupled(
 
 
 def _factored(D: Sequence[Sequence[Scalar]]) -> tuple[list[list[Scalar]], list[Scalar]]:
-    """D = L diag L^T: rows of L before its ones, and the diagonal."""
+    """Factor D = L diag L^T; return rows of L before its ones, and the diagonal."""
     factors: list[list[Scalar]] = []
     pivots: list[Scalar] = []
     for i, row in enumerate(D):
-        own: list[Scalar] = []
+        factor: list[Scalar] = []
         raw: list[Scalar] = []
         for j in range(i):
             entry = row[j]
             for k in range(j):
                 entry = entry - raw[k] * factors[j][k]
             raw.append(entry)
-            own.append(entry * inverse_or_zero(pivots[j]))
+            factor.append(entry * inverse_or_zero(pivots[j]))
         pivot = row[i]
         for k in range(i):
-            pivot = pivot - raw[k] * own[k]
-        factors.append(own)
+            pivot = pivot - raw[k] * factor[k]
+        factors.append(factor)
         pivots.append(pivot)
     return factors, pivots
 
 
 def _forward(factors: Sequence[Sequence[Scalar]], right: Sequence[Scalar]) -> list[Scalar]:
-    """L^-1 right."""
-    found: list[Scalar] = []
+    """Return L^-1 right."""
+    solution: list[Scalar] = []
     for row, value in zip(factors, right, strict=True):
-        for factor, before in zip(row, found, strict=True):
+        for factor, before in zip(row, solution, strict=True):
             value = value - factor * before
-        found.append(value)
-    return found
+        solution.append(value)
+    return solution
 
 
 def _back(factors: Sequence[Sequence[Scalar]], right: Sequence[Scalar]) -> list[Scalar]:
-    """L^-T right."""
-    found = list(right)
-    for i in range(len(found) - 1, -1, -1):
-        for j in range(i + 1, len(found)):
-            found[i] = found[i] - factors[j][i] * found[j]
-    return found
+    """Return L^-T right."""
+    solution = list(right)
+    for i in range(len(solution) - 1, -1, -1):
+        for j in range(i + 1, len(solution)):
+            solution[i] = solution[i] - factors[j][i] * solution[j]
+    return solution

@@ -9,8 +9,8 @@ method of multipliers (M. Hestenes, "Multiplier and Gradient Methods", J. Optimi
 makes the condition exact in a fixed number of steps.  What is left is formed in the coordinates, not in the normal
 equations, so that their condition number slows convergence down but does not limit the accuracy.
 
-Lengths and angles are compared by what loops make of them: arms are divided by the size of their kind of rows, and the
-coordinates without a drive are weighed by kinds, so that a mechanism in millimetres converges as one in metres does.
+Lengths and angles are compared by what loops make of them: entries of J are divided by the size of their kind of rows,
+and the coordinates without a drive are weighed by kinds, so that a mechanism in millimetres converges as one in metres.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Weighings:
     """For mechanisms that have no more drives than freedoms for certain, and for all others; see ``Weighing``.
 
     Without a choice between drives they may weigh next to nothing, so that a drive with little leverage, near a dead
-    centre, is found as well.  With a choice their weight has to stand out from round-off and from ``added``.
+    centre, is solved for as well.  With a choice their weight has to stand out from round-off and from ``added``.
     """
 
     certain: Weighing
@@ -55,7 +55,7 @@ def least_drives(
     turns: Callable[[int], bool],
     weighings: Weighings,
 ) -> tuple[list[Scalar], list[Scalar], list[Scalar]]:
-    """Drives, multipliers of the rows, and what no drive can take.
+    """Compute the minimum-norm drives, multipliers of the rows, and what no drive can take.
 
     Args:
         rows: of the constraint; whether one of a loop is one of angles is the last entry of its ``group``.
@@ -69,7 +69,9 @@ def least_drives(
     """
     weighing = weighings.certain if _has_no_choice(rows, driven) else weighings.general
     weights = _weights(rows, driven, turns, weighing.weight)
-    responses = [Response(dict(row.arms), {i: weights[i] * arm for i, arm in row.arms.items()}) for row in rows]
+    responses = [
+        Response(dict(row.jacobian_row), {i: weights[i] * arm for i, arm in row.jacobian_row.items()}) for row in rows
+    ]
     system = RowSystem(rows, responses, weighing.factors)
     multipliers: list[Scalar] = [0.0] * len(rows)
     held: Sparse = dict.fromkeys(weights, 0.0)  # multipliers of the condition, where there is no drive
@@ -90,29 +92,29 @@ def least_drives(
 
 
 def _has_no_choice(rows: Sequence[Row], driven: Collection[int]) -> bool:
-    """Whether no part of the mechanism has more drives than coordinates less rows, and so than freedoms."""
+    """Whether no connected component has more drives than coordinates less rows, and so than freedoms."""
     parts: list[tuple[set[int], int]] = []  # coordinates that rows couple, and the number of these rows
     for row in rows:
-        coupled, count = set(row.arms), 1 if row.arms else 0
-        apart = [part for part in parts if not part[0] & coupled]
-        for members, number in (part for part in parts if part[0] & coupled):
+        coupled, count = set(row.jacobian_row), 1 if row.jacobian_row else 0
+        apart = [component for component in parts if not component[0] & coupled]
+        for members, number in (component for component in parts if component[0] & coupled):
             coupled, count = coupled | members, count + number
         parts = [*apart, (coupled, count)]
     return all(len(members.intersection(driven)) <= len(members) - count for members, count in parts)
 
 
 def _less(needed: Sequence[Scalar], rows: Sequence[Row], multipliers: Sequence[Scalar], moved: Iterable[int]) -> Sparse:
-    """needed - J^T lambda at the coordinates that the loops move."""
+    """Return needed - J^T lambda at the coordinates that the loops move."""
     rest = {i: needed[i] for i in moved}
     for row, multiplier in zip(rows, multipliers, strict=True):
-        for i, arm in row.arms.items():
+        for i, arm in row.jacobian_row.items():
             rest[i] = rest[i] - arm * multiplier
     return rest
 
 
 def _weights(rows: Sequence[Row], driven: Collection[int], turns: Callable[[int], bool], weight: float) -> Sparse:
-    """Weight of every coordinate that the loops move: ``weight`` of a drive, about 1 of the others by their kinds."""
-    squares = [{i: arm * arm for i, arm in row.arms.items()} for row in rows]
+    """Weigh every coordinate that the loops move: ``weight`` of a drive, about 1 of the others by their kinds."""
+    squares = [{i: arm * arm for i, arm in row.jacobian_row.items()} for row in rows]
     sizes: dict[object, Scalar] = {}
     for row, square in zip(rows, squares, strict=True):
         for x in square.values():
@@ -134,7 +136,7 @@ def _weights(rows: Sequence[Row], driven: Collection[int], turns: Callable[[int]
 
 
 def _kind(row: Row) -> object:
-    """Say of a loop's rows whether they are angles; every coupling is a kind of its own."""
+    """Say of a loop's rows whether they are angles; every coupling is a separate kind."""
     return row.group[-1] if isinstance(row.group, tuple) and isinstance(row.group[-1], bool) else row.group
 
 

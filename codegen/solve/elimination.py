@@ -91,8 +91,8 @@ class Elimination:
                 no free bodies.
         """
         self.model, self.bound, self.joints, self.v, self.drives, self.note = model, bound, joints, v, drives, note
-        self.given, self.slopes = frozenset(model.prescribed), slopes
-        self.together: dict[int, Coupled] = {}
+        self.prescribed, self.slopes = frozenset(model.prescribed), slopes
+        self.coupled: dict[int, Coupled] = {}
         beside = {i for pair in slopes for i in pair}
         self.bodies = FreeBodies(model, bound, joints, v, drives, alone=coupled, coupled=beside)
         self.free, self.accelerations, self.pivots = self.bodies.free, self.bodies.accelerations, self.bodies.pivots
@@ -102,13 +102,13 @@ class Elimination:
         self.blocks: dict[int, _Block] = {}
         self._backward()
         self._forward()
-        for index in self.given:
+        for index in self.prescribed:
             self.accelerations[index] = drives[index]
 
     def _speeds(self) -> list[Speeds]:
-        found: list[Speeds] = []
+        speeds: list[Speeds] = []
         for body, joint in zip(self.model.bodies, self.joints, strict=True):
-            parent = ZERO if body.parent == FIXED_BODY else found[body.parent].behind[-1]
+            parent = ZERO if body.parent == FIXED_BODY else speeds[body.parent].behind[-1]
             back = transpose(joint.turn)
             w = matvec(back, parent)
             drift = matvec(back, matvec(acceleration(parent, ZERO, ZERO).U, joint.offset))
@@ -117,8 +117,8 @@ class Elimination:
             behind = [w]
             for turn in joint.rotations:
                 behind.append(add(matvec(transpose(turn.matrix), behind[-1]), unit(turn.axis, self.v[turn.index])))
-            found.append(Speeds(w, tuple(behind), drift))
-        return found
+            speeds.append(Speeds(w, tuple(behind), drift))
+        return speeds
 
     def _backward(self) -> None:
         inertias = [self._body(k) for k in range(len(self.joints))]
@@ -133,7 +133,7 @@ class Elimination:
                 inertias[parent] = inertias[parent] + to_parent(at_joint, self.joints[k])
 
     def _body(self, k: int) -> Articulated:
-        """The body alone; one behind six coordinates brings its mass in itself (``FreeBodies``)."""
+        """Return the body alone; one behind six coordinates brings its mass in itself (``FreeBodies``)."""
         if self.free[k]:
             return Articulated(NOTHING, NOTHING, NOTHING, NO_WRENCH)
         H, w = self.bound.bodies[k].inertia, self.speeds[k].behind[-1]
@@ -144,58 +144,58 @@ class Elimination:
         return Articulated(mass, coupling, inertia_tensor(H.second), p)
 
     def _eliminate_steps(self, k: int, inertia: Articulated) -> Articulated:
-        """One coordinate after the other; the inertia that is left, in the joint's axes at its origin."""
+        """Eliminate one coordinate after the other; the inertia that is left, in the joint's axes at its origin."""
         joint, speeds = self.joints[k], self.speeds[k]
-        together = self._together(k)
+        together = self._coupled_coordinates(k)
         for turn, w in reversed(list(zip(joint.rotations, speeds.behind[1:], strict=True))):
             drift = cross(w, unit(turn.axis, self.v[turn.index]))
-            if turn.index in self.given:
+            if turn.index in self.prescribed:
                 drift = add(drift, unit(turn.axis, self.drives[turn.index]))
             inertia = replace(inertia, p=inertia.answer(ZERO, drift))
-            if turn.index not in self.given and turn.index not in together:
+            if turn.index not in self.prescribed and turn.index not in together:
                 inertia = self._eliminate(k, inertia, turn.index, 3 + turn.axis)
             inertia = turned(turn, inertia)
         inertia = replace(inertia, p=inertia.answer(self._known(k), ZERO))
         if together:
-            inertia = self._eliminate_together(k, together, inertia)
-        unknown = [(i, axis) for i, axis in joint.translations if i not in self.given and i not in together]
+            inertia = self._eliminate_coupled(k, together, inertia)
+        unknown = [(i, axis) for i, axis in joint.translations if i not in self.prescribed and i not in together]
         if len(unknown) == 3 and not any(is_zero(self.bound.armature[index]) for index, _ in unknown):
             return self._eliminate_translations(k, inertia)
         for index, axis in reversed(unknown):
             inertia = self._eliminate(k, inertia, index, axis)
         return inertia
 
-    def _together(self, k: int) -> list[int]:
-        """Coordinates of a joint that slopes couple, and angles before them, without those whose motion is given."""
-        own = {i for pair in self.slopes for i in pair}.intersection(self.model.bodies[k].indices)
+    def _coupled_coordinates(self, k: int) -> list[int]:
+        """Return unprescribed coordinates of a joint that slopes couple, and angles before them."""
+        together = {i for pair in self.slopes for i in pair}.intersection(self.model.bodies[k].indices)
         angles = [turn.index for turn in self.joints[k].rotations]
-        last = max((i for i in angles if i in own), default=-1)
-        own |= {i for i in angles if i < last}
-        return sorted(own.difference(self.given))
+        last = max((i for i in angles if i in together), default=-1)
+        together |= {i for i in angles if i < last}
+        return sorted(together.difference(self.prescribed))
 
-    def _eliminate_together(self, k: int, together: Sequence[int], inertia: Articulated) -> Articulated:
+    def _eliminate_coupled(self, k: int, together: Sequence[int], inertia: Articulated) -> Articulated:
         """Take coordinates that slopes couple out of the inertia in front of the joint's rotations."""
         slopes = {**self.slopes, **{(i, i): self.bound.armature[i] for i in together}}
         drives = []
         for i in together:
             drive = self.drives[i]
-            for j in self.given:
+            for j in self.prescribed:
                 drive = drive - slopes.get((min(i, j), max(i, j)), 0.0) * self.drives[j]
             drives.append(drive)
         directions = directions_of(self.joints[k], together)
-        found, inertia = eliminate_coupled(inertia, directions, slopes, drives)
-        self.together[k] = found
-        for direction, pivot in zip(directions, found.pivots, strict=True):
+        coupled, inertia = eliminate_coupled(inertia, directions, slopes, drives)
+        self.coupled[k] = coupled
+        for direction, pivot in zip(directions, coupled.pivots, strict=True):
             is_angle = any(turn.index == direction.index for turn in self.joints[k].rotations)
             size = self.sizes[k][is_angle] + self.bound.armature[direction.index]
             self.pivots[direction.index] = (pivot, size)
         return inertia
 
     def _known(self, k: int) -> Vec:
-        """Acceleration of the origin that velocities make and prescribed translations have, in the joint's axes."""
+        """Return the origin's acceleration by velocities and prescribed translations, in the joint's axes."""
         known = self.speeds[k].drift
         for index, axis in self.joints[k].translations:
-            if index in self.given:
+            if index in self.prescribed:
                 known = add(known, unit(axis, self.drives[index]))
         return known
 
@@ -204,12 +204,12 @@ class Elimination:
         axis = row % 3
         if row < 3:
             gain, here = Wrench(transpose(inertia.L)[axis], inertia.C[axis]), inertia.p.force[axis]
-            own = inertia.L[axis][axis]
+            diagonal = inertia.L[axis][axis]
         else:
             gain, here = Wrench(transpose(inertia.C)[axis], inertia.A[axis]), inertia.p.moment[axis]
-            own = inertia.A[axis][axis]
+            diagonal = inertia.A[axis][axis]
         armature = self.bound.armature[index]
-        pivot = own + armature
+        pivot = diagonal + armature
         self.pivots[index] = (pivot, self.sizes[k][row // 3] + armature)
         inverse = inverse_or_zero(pivot)
         free = (self.drives[index] - here) * inverse
@@ -222,11 +222,11 @@ class Elimination:
             symmetric(less(inertia.A, scaled.moment, gain.moment)),
             p,
         )
-        share = armature * inverse  # of its own row, that is all that the armature leaves
+        share = armature * inverse  # of its row, that is all that the armature leaves
         return with_row(left, row, gain.scaled(share), self.drives[index] - armature * free)
 
     def _eliminate_translations(self, k: int, inertia: Articulated) -> Articulated:
-        """Three translations with armatures D at once: one division, and no chain of three.
+        """Eliminate three translations with armatures D at once: one division, and no chain of three.
 
         L becomes D K L with K = (L + D)^-1, where off its diagonal K L = -K D and on it nothing cancels, however large
         D is.
@@ -254,7 +254,7 @@ class Elimination:
         return Articulated(symmetric(rows_scaled(D, KL)), rows_scaled(D, gain), A, p)
 
     def _sizes(self) -> list[tuple[Scalar, Scalar]]:
-        """Rough mass and moments of inertia of each body with all that hangs on it: what a pivot is compared to.
+        """Estimate mass and moments of inertia of each body with all that hangs on it: what a pivot is compared to.
 
         The body alone would not do: what comes from behind may be round-off of an inertia that is gone.  Bodies behind
         six coordinates hand on an exact zero and are left out.
@@ -270,16 +270,16 @@ class Elimination:
         return list(zip(masses, moments, strict=True))
 
     def _forward(self) -> None:
-        found: list[Acceleration] = []
+        accelerations: list[Acceleration] = []
         base = acceleration(ZERO, ZERO, scale(-1.0, self.bound.gravity))
         for k, body in enumerate(self.model.bodies):
             self.note(f"{body.joint}: accelerations, from the base to the tips")
-            parent = base if body.parent == FIXED_BODY else found[body.parent]
+            parent = base if body.parent == FIXED_BODY else accelerations[body.parent]
             if self.free[k]:
                 a, d = self.bodies.release(k, parent, self.speeds[k])
             else:
                 a, d = self._release_steps(k, parent)
-            found.append(acceleration(self.speeds[k].behind[-1], d, a))
+            accelerations.append(acceleration(self.speeds[k].behind[-1], d, a))
 
     def _release_steps(self, k: int, parent: Acceleration) -> tuple[Vec, Vec]:
         joint, speeds = self.joints[k], self.speeds[k]
@@ -302,11 +302,11 @@ class Elimination:
             first = joint.translations[0][0]
             self.accelerations[first : first + 3] = moved
             a = add(a, moved)
-        last = self.together[k].indices if k in self.together else ()
+        last = self.coupled[k].indices if k in self.coupled else ()
         for index, axis in joint.translations:
             if index in steps:
                 a = add(a, unit(axis, released(index, a, d)))
-        together = self.together[k].accelerations(a, d) if last else {}
+        together = self.coupled[k].accelerations(a, d) if last else {}
         for index, axis in joint.translations:
             a = add(a, unit(axis, together.get(index, 0.0)))
         for index, value in together.items():
@@ -315,7 +315,7 @@ class Elimination:
         for turn, w in zip(joint.rotations, speeds.behind[1:], strict=True):
             back = transpose(turn.matrix)
             a, d = matvec(back, a), matvec(back, d)
-            given = turn.index in self.given
-            value = self.drives[turn.index] if given else released(turn.index, a, d)
+            is_prescribed = turn.index in self.prescribed
+            value = self.drives[turn.index] if is_prescribed else released(turn.index, a, d)
             d = add(add(d, cross(w, unit(turn.axis, self.v[turn.index]))), unit(turn.axis, value))
         return a, d

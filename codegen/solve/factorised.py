@@ -16,7 +16,7 @@ from .rows import Response
 
 
 def coordinate_parents(model: Model) -> list[int]:
-    """Index of the coordinate in front of each one on the way to the base, or -1; motors stand alone.
+    """Return the index of the coordinate in front of each one on the way to the base, or -1; motors stand alone.
 
     Where coordinates lead others, the way goes through all with which these couple them.
     """
@@ -27,23 +27,23 @@ def _elimination_parents(model: Model) -> list[int]:
     """The elimination tree of M: rows of L have entries at ancestors alone (J. W. H. Liu, "The Role of Elimination
     Trees in Sparse Factorization", SIAM J. Matrix Analysis and Applications 11, 1990).
     """
-    whole, own = with_offset_angles(model)
+    whole, active = with_offset_angles(model)
     parents, places = _tree_parents(whole), {name: i for i, name in enumerate(model.coordinates)}
     moved_by: list[set[int]] = [set() for _ in parents]  # by which coordinates, of all in front and of each one itself
     names = enumerate(whole.coordinates)
     leaders = {i: {places[x] for x in model.leaders.get(name, (name,)) if x in places} for i, name in names}
     for i, parent in enumerate(parents):
         moved_by[i] = leaders[i] | (moved_by[parent] if parent >= 0 else set())
-    front: list[set[int]] = [set() for _ in own]
+    front: list[set[int]] = [set() for _ in active]
     for i in range(len(parents)):
         for k in moved_by[i]:
             front[k] |= {j for j in moved_by[i] if j < k}
-    found = [-1] * model.size
+    nearest = [-1] * model.size
     for k in range(model.size - 1, -1, -1):
         if front[k]:
-            found[k] = max(front[k])
-            front[found[k]] |= front[k] - {found[k]}
-    return found
+            nearest[k] = max(front[k])
+            front[nearest[k]] |= front[k] - {nearest[k]}
+    return nearest
 
 
 def _tree_parents(model: Model) -> list[int]:
@@ -60,14 +60,14 @@ def _tree_parents(model: Model) -> list[int]:
 
 def coordinates_in_front(model: Model) -> list[list[int]]:
     """Find the coordinates in front of each one on the way to the base, the nearest first."""
-    found: list[list[int]] = []
+    ancestors: list[list[int]] = []
     for parent in coordinate_parents(model):
-        found.append([parent, *found[parent]] if parent >= 0 else [])
-    return found
+        ancestors.append([parent, *ancestors[parent]] if parent >= 0 else [])
+    return ancestors
 
 
 def solve_operations(model: Model) -> dict[str, int]:
-    """Operations of the factorisation in C and of its solutions for 3 n right sides."""
+    """Count operations of the factorisation in C and of its solutions for 3 n right sides."""
     depth, n = [len(front) for front in coordinates_in_front(model)], model.size
     factors, squares = sum(depth), sum(d * (d + 1) // 2 for d in depth)
     couples = squares + 6 * n * factors
@@ -92,19 +92,19 @@ class Factors:
                     M[j, i] = M.get((j, i), 0.0) - self.factors[k, i] * M.get((j, k), 0.0)
 
     def _before(self, k: int) -> Iterator[int]:
-        """Coordinates in front of k, the nearest first."""
+        """Return the coordinates in front of k, the nearest first."""
         while (k := self.parents[k]) >= 0:
             yield k
 
     def back(self, x: list[Scalar]) -> list[Scalar]:
-        """L^-T x, in place."""
+        """Apply L^-T to x, in place."""
         for k in range(len(x) - 1, -1, -1):
             for i in self._before(k):
                 x[i] = x[i] - self.factors[k, i] * x[k]
         return x
 
     def forward(self, x: list[Scalar]) -> list[Scalar]:
-        """L^-1 x, in place."""
+        """Apply L^-1 to x, in place."""
         for k in range(len(x)):
             for i in self._before(k):
                 x[k] = x[k] - self.factors[k, i] * x[i]
@@ -117,5 +117,5 @@ class Factors:
         return response
 
     def solve(self, right: Sequence[Scalar]) -> list[Scalar]:
-        """x of M x = right."""
+        """Solve M x = right for x."""
         return self.forward([x * inverse for x, inverse in zip(self.back(list(right)), self.inverse, strict=True)])

@@ -11,7 +11,7 @@ angles (q_ddot = dual . w_dot of the body - reach . w_dot of its parent - drift)
 
     (1 / armature + T) psi = b,    T = sum over the bodies of dual . I^-1 dual,
 
-which is eliminated body by body from the tips.  A body's own inertia stays a number, and so does its inverse.
+which is eliminated body by body from the tips.  A body's inertia stays a number, and so does its inverse.
 """
 
 from __future__ import annotations
@@ -127,7 +127,7 @@ class FreeBodies:
         self.pivots: list[tuple[Scalar, Scalar]] = [(1.0, 1.0)] * model.size
         self.free = bodies_apart(model, bound, alone=alone, coupled=coupled)
         self.solved: dict[int, _Solved] = {}
-        self.own: list[list[_Psi]] = [[] for _ in model.bodies]
+        self.torques: list[list[_Psi]] = [[] for _ in model.bodies]
         self.rows: list[list[_Row]] = [[] for _ in model.bodies]  # eliminated when this body was reached
         self.hanging: list[list[_Row]] = [[] for _ in model.bodies]  # of a joint that hangs on another kind of body
         self.answers: dict[int, Vec] = {}  # I^-1 reach of a psi, of the body in front of its joint
@@ -159,7 +159,7 @@ class FreeBodies:
         return Articulated(NOTHING, NOTHING, NOTHING, wrench)
 
     def _moments(self, k: int, drives: Sequence[Scalar]) -> tuple[Vec, Vec, Scalar]:
-        """The joint's moment behind beta, the same in the joint's axes, and 1 / cos(beta)."""
+        """Return the joint's moment behind beta, the same in the joint's axes, and 1 / cos(beta)."""
         alpha, beta, gamma = self.joints[k].rotations
         about_alpha, about_beta, about_gamma = (drives[turn.index] for turn in (alpha, beta, gamma))
         inverse_cosine = 1.0 / beta.cos
@@ -170,42 +170,42 @@ class FreeBodies:
         return held, matvec(alpha.matrix, (about_alpha, about_beta, n_z)), inverse_cosine
 
     def _couple(self, k: int, speeds: Speeds) -> None:
-        """Rows of the joint's own psi; those of the joints behind are complete now and are eliminated."""
+        """Write the rows of the joint's psi; those of the joints behind are complete now and are eliminated."""
         body = self.solved[k]
-        self.own[k] = own = self._psi(k, speeds)
-        for i, one in enumerate(own):
+        self.torques[k] = torques = self._psi(k, speeds)
+        for i, one in enumerate(torques):
             self.right[one.index] = dot(one.dual, body.dot) - one.drift
-            for other in own[i:]:
+            for other in torques[i:]:
                 self.T[one.index, other.index] = dot(one.dual, other.answer)
-        behind = [psi for child in self.model.children(k) for psi in self.own[child]]
+        behind = [psi for child in self.model.children(k) for psi in self.torques[child]]
         self.answers.update((psi.index, matvec(body.inverse, psi.reach)) for psi in behind)
         for i, one in enumerate(behind):
             self.right[one.index] = self.right[one.index] - dot(one.reach, body.dot)
             for other in behind[i:]:
                 pair = one.index, other.index
                 self.T[pair] = self.T.get(pair, 0.0) + dot(one.reach, self.answers[other.index])
-            for mine in own:
+            for mine in torques:
                 self.T[mine.index, one.index] = -1.0 * dot(mine.dual, self.answers[one.index])
         for i in range(len(behind) - 1, -1, -1):
-            self.rows[k].append(self._eliminate(behind[i], [psi.index for psi in (*own, *behind[:i])]))
+            self.rows[k].append(self._eliminate(behind[i], [psi.index for psi in (*torques, *behind[:i])]))
 
     def _psi(self, k: int, speeds: Speeds) -> list[_Psi]:
-        """The armatures of a joint, with the dual vectors of its angles."""
+        """Return the armatures of a joint, with the dual vectors of its angles."""
         joint, body = self.joints[k], self.solved[k]
         alpha, beta, gamma = joint.rotations
         in_front, behind = self._drifts(k, speeds)
         t, tangent = body.inverse_cosine, beta.sin * body.inverse_cosine
         duals: tuple[Vec, ...] = ((t, 0.0, 0.0), (0.0, 1.0, 0.0), (-1.0 * tangent, 0.0, 1.0))  # axes behind beta
         reaches: tuple[Vec, ...] = ((1.0, 0.0, -1.0 * tangent), (0.0, 1.0, 0.0), (0.0, 0.0, t))  # in front of beta
-        found = []
+        torques = []
         for turn, dual, reach in zip(joint.rotations, duals, reaches, strict=True):
             armature = self.bound.armature[turn.index]
             if not is_zero(armature):
                 drift = dot(dual, behind) + dot(reach, in_front)
                 in_parent = matvec(joint.turn, matvec(alpha.matrix, reach))
                 in_body = matvec(transpose(gamma.matrix), dual)
-                found.append(_Psi(turn.index, armature, in_body, in_parent, matvec(body.inverse, in_body), drift))
-        return found
+                torques.append(_Psi(turn.index, armature, in_body, in_parent, matvec(body.inverse, in_body), drift))
+        return torques
 
     def _eliminate(self, psi: _Psi, others: list[int], reach: Vec = ZERO) -> _Row:
         """Take one psi out of the rows of the others."""
@@ -221,11 +221,11 @@ class FreeBodies:
         return row
 
     def _hand_on(self, k: int, wrench: Wrench) -> Articulated:
-        """The psi of a joint that hangs on a body of another kind, or on the base: what that feels of them."""
+        """Hand on the psi of a joint that hangs on a body of another kind, or on the base: what that feels of them."""
         turn, passed, moment = transpose(self.joints[k].turn), NOTHING, wrench.moment
-        reaches = {psi.index: matvec(turn, psi.reach) for psi in self.own[k]}
-        for n in range(len(self.own[k]) - 1, -1, -1):
-            psi, others = self.own[k][n], [other.index for other in self.own[k][:n]]
+        reaches = {psi.index: matvec(turn, psi.reach) for psi in self.torques[k]}
+        for n in range(len(self.torques[k]) - 1, -1, -1):
+            psi, others = self.torques[k][n], [other.index for other in self.torques[k][:n]]
             reach = reaches[psi.index]
             row = self._eliminate(psi, others, reach)
             self.hanging[k].append(row)
@@ -236,7 +236,7 @@ class FreeBodies:
         return Articulated(NOTHING, NOTHING, passed, Wrench(wrench.force, moment))
 
     def _drifts(self, k: int, speeds: Speeds) -> tuple[Vec, Vec]:
-        """Velocity terms of w_dot: the turn about alpha in the axes behind it, the other two behind beta."""
+        """Return velocity terms of w_dot: the turn about alpha in the axes behind it, the other two behind beta."""
         alpha, beta, gamma = self.joints[k].rotations
         _, front, behind, _ = speeds.behind
         about_beta, about_gamma = unit(beta.axis, self.v[beta.index]), unit(gamma.axis, self.v[gamma.index])
@@ -246,7 +246,7 @@ class FreeBodies:
         )
 
     def inertia_of(self, k: int) -> dict[tuple[int, int], Scalar]:
-        """Mass and inertia of a body about its centre of mass, by pairs of the coordinates that ``respond`` goes by."""
+        """Return a body's mass and inertia about its centre of mass, by pairs of coordinates, as of ``respond``."""
         first, H = self.model.bodies[k].first, self.bound.bodies[k].inertia
         inertia = inertia_tensor(about_com(H)[1])
         masses = {(first + i, first + i): H.mass for i in range(3)}
@@ -271,8 +271,8 @@ class FreeBodies:
         specific = scale(inverse_or_zero(self.bound.bodies[k].inertia.mass), left)
         return left, specific, torque, matvec(body.inverse, torque), Wrench(force, moment)
 
-    def released(self, k: int, specific: Vec, rate: Vec, parent: tuple[Vec, Vec], found: list[Scalar]) -> Vec:
-        """Accelerations of the joint of a body at rest, written into ``found``; that of its origin, in body axes.
+    def released(self, k: int, specific: Vec, rate: Vec, parent: tuple[Vec, Vec], accelerations: list[Scalar]) -> Vec:
+        """Write accelerations of a body's joint, at rest, into ``accelerations``; return that of its origin, body axes.
 
         Args:
             specific, rate: acceleration of its centre of mass and w_dot, body axes.
@@ -281,13 +281,13 @@ class FreeBodies:
         joint, first, (carried, turning) = self.joints[k], self.model.bodies[k].first, parent
         alpha, _, gamma = joint.rotations
         a = add(specific, scale(-1.0, cross(rate, self.solved[k].com)))
-        found[first : first + 3] = add(joint.outwards(a), scale(-1.0, carried))
+        accelerations[first : first + 3] = add(joint.outwards(a), scale(-1.0, carried))
         turned = matvec(transpose(alpha.matrix), turning)
-        self._write_angles(k, matvec(gamma.matrix, rate), turned, found)
+        self._write_angles(k, matvec(gamma.matrix, rate), turned, accelerations)
         return a
 
     def release(self, k: int, parent: Acceleration, speeds: Speeds) -> tuple[Vec, Vec]:
-        """The joint's accelerations; that of the body's origin and w_dot, in body axes."""
+        """Write the joint's accelerations; return that of the body's origin and w_dot, in body axes."""
         joint, body, first = self.joints[k], self.solved[k], self.model.bodies[k].first
         back = transpose(joint.turn)
         turning = matvec(back, parent.dot)
@@ -295,10 +295,10 @@ class FreeBodies:
             rest = sum((c * self.psi[i] for i, c in row.others), dot(row.reach, turning))
             self.psi[row.index] = row.factor * (row.right - rest)
         d = body.dot
-        for psi in self.own[k]:
+        for psi in self.torques[k]:
             d = add(d, scale(-1.0 * self.psi[psi.index], psi.answer))
         for child in self.model.children(k):
-            for psi in self.own[child]:
+            for psi in self.torques[child]:
                 d = add(d, scale(self.psi[psi.index], self.answers[psi.index]))
         a = add(body.specific, scale(-1.0, matvec(acceleration(speeds.behind[-1], d, ZERO).U, body.com)))
         alpha, _, gamma = joint.rotations
@@ -312,29 +312,31 @@ class FreeBodies:
         self.accelerations[first : first + 3] = add(along, scale(-1.0, carried))
         return a, d
 
-    def _write_angles(self, k: int, own: Vec, carried: Vec, found: list[Scalar]) -> None:
-        """Accelerations of the angles from w_dot of the body and of its parent, in the axes behind beta and alpha."""
+    def _write_angles(self, k: int, w_dot: Vec, carried: Vec, accelerations: list[Scalar]) -> None:
+        """Write accelerations of the angles, of w_dot of body and parent, in the axes behind beta and alpha."""
         alpha, beta, gamma = self.joints[k].rotations
-        (x, y, z), t = own, self.solved[k].inverse_cosine
+        (x, y, z), t = w_dot, self.solved[k].inverse_cosine
         # cos(beta) (carried_x + alpha_ddot) = x + sin(beta) carried_z
-        found[alpha.index] = (x + beta.sin * carried[2]) * t - carried[0]
-        found[beta.index] = y - carried[1]
-        found[gamma.index] = z - (beta.sin * x + carried[2]) * t
+        accelerations[alpha.index] = (x + beta.sin * carried[2]) * t - carried[0]
+        accelerations[beta.index] = y - carried[1]
+        accelerations[gamma.index] = z - (beta.sin * x + carried[2]) * t
 
 
 def about_com(H: PseudoInertia) -> tuple[Vec, Mat]:
-    """Centre of mass, and the second moments about it."""
+    """Return the centre of mass, and the second moments about it."""
     com = scale(inverse_or_zero(H.mass), H.first)
     return com, symmetric(less(H.second, com, H.first))
 
 
 def bodies_apart(model: Model, bound: Bound, *, alone: bool = False, coupled: Container[int] = ()) -> list[bool]:
     """Find the bodies behind six coordinates whose children, all of that kind too, hand on no mass."""
-    free, given = [False] * len(model.bodies), frozenset(model.prescribed)
+    free, prescribed = [False] * len(model.bodies), frozenset(model.prescribed)
     for k in range(len(model.bodies) - 1, -1, -1):
         body = model.bodies[k]
         armature = bound.armature[body.first : body.first + len(body.active)]
-        light = body.active == COORDINATES and given.isdisjoint(body.indices) and all(is_zero(c) for c in armature[:3])
+        light = (
+            body.active == COORDINATES and prescribed.isdisjoint(body.indices) and all(is_zero(c) for c in armature[:3])
+        )
         bare = all(is_zero(c) for c in armature[3:]) or not (alone or _flat(bound.bodies[k].inertia))
         apart = not any(i in coupled for i in body.indices)
         free[k] = light and bare and apart and all(free[child] for child in model.children(k))

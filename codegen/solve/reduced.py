@@ -16,7 +16,7 @@ from .rows import Response, Row
 
 
 class ReducedTree(Tree):
-    """A tree by the mass matrix of the coordinates that follow no others; arms of rows are by all coordinates."""
+    """A tree by the mass matrix of the coordinates that follow no others; rows are by all coordinates."""
 
     def __init__(self, rotors: Rotors, followers: Followers, factors: Factors, right: Sequence[Scalar]) -> None:
         """Solve for the accelerations, and put the motors' in.
@@ -34,7 +34,7 @@ class ReducedTree(Tree):
     def respond(self, row: Row) -> Response:
         response = Response()
         push: list[Scalar] = [0.0] * len(self.free)
-        for index, arm in self.followers.row(row.arms).items():
+        for index, arm in self.followers.row(row.jacobian_row).items():
             push[index] = arm
         self.rotors.respond(push, response)
         for motor in self.rotors.rows:
@@ -43,6 +43,6 @@ class ReducedTree(Tree):
 
     def changes(self, more: Mapping[int, Scalar]) -> list[Scalar]:
         motors = self.rotors.rows
-        found = self.factors.forward([0.0 if i in motors else more.get(i, 0.0) for i in range(len(self.free))])
-        self.rotors.released(more, found)
-        return self.followers.follow(found)
+        accelerations = self.factors.forward([0.0 if i in motors else more.get(i, 0.0) for i in range(len(self.free))])
+        self.rotors.released(more, accelerations)
+        return self.followers.follow(accelerations)

@@ -1,4 +1,4 @@
-"""Answers of a tree at rest and without weight to drives, through the inertias that an elimination has found already.
+"""Apply the inverse mass matrix to rows of J, through the inertias of an elimination or the factors of M.
 
 Each set of drives passes from the tips to the base; products of what it leaves at the pivots are the entries of
 J M^-1 J^T, and one pass back to the tips gives the accelerations of any sum of such sets.  Bodies that neither a drive
@@ -23,7 +23,7 @@ from .rows import Entries, Response, Row, Sparse
 
 
 class Tree(ABC):
-    """A tree whose accelerations under its own drives, ``free``, are known, and that answers further ones."""
+    """A tree whose accelerations under its drives, ``free``, are known, and that answers further ones."""
 
     free: Sequence[Scalar]
 
@@ -33,19 +33,19 @@ class Tree(ABC):
 
     @abstractmethod
     def changes(self, more: Mapping[int, Scalar]) -> list[Scalar]:
-        """Accelerations, (n,), of a sum of responses alone: ``more`` is what these leave, divided."""
+        """Return accelerations, (n,), of a sum of responses alone: ``more`` is what these leave, divided."""
 
     def pivots(self) -> list[Entries]:
-        """Entries at the pivots of every body's joint, by pairs of coordinates; none where that is not known."""
+        """Return entries at the pivots of every body's joint, by pairs of coordinates; none where that is not known."""
         return []
 
     def along(self, row: Row, response: Response) -> Scalar:
-        """J a_free."""
+        """Return J a_free."""
         return row.along(self.free)
 
     def accelerations(self, more: Mapping[int, Scalar]) -> list[Scalar]:
-        """Accelerations, (n,), with a sum of responses added."""
-        return [own + added for own, added in zip(self.free, self.changes(more), strict=True)]
+        """Return accelerations, (n,), with a sum of responses added."""
+        return [a + added for a, added in zip(self.free, self.changes(more), strict=True)]
 
 
 class FactorisedTree(Tree):
@@ -56,7 +56,7 @@ class FactorisedTree(Tree):
         self.factors, self.left = factors, factors.back(list(right))
 
     def respond(self, row: Row) -> Response:
-        return self.factors.respond([row.arms.get(i, 0.0) for i in range(len(self.left))], Response())
+        return self.factors.respond([row.jacobian_row.get(i, 0.0) for i in range(len(self.left))], Response())
 
     def along(self, row: Row, response: Response) -> Scalar:
         return along(response.free, self.left)
@@ -73,13 +73,13 @@ class EliminatedTree(Tree):
     """A tree whose joints are eliminated one after the other, and its motors before them."""
 
     def __init__(self, rotors: Rotors, tree: Elimination, free: Sequence[Scalar]) -> None:
-        """Keep the elimination; ``free``: the accelerations that it has found, motors included."""
+        """Keep the elimination; ``free``: its accelerations, motors included."""
         self.rotors, self.tree, self.free, self.model = rotors, tree, free, tree.model
 
     def respond(self, row: Row) -> Response:
         response, tree, model = Response(), self.tree, self.model
         push: list[Scalar] = [0.0] * model.size
-        for index, arm in row.arms.items():
+        for index, arm in row.jacobian_row.items():
             push[index] = arm
         self.rotors.respond(push, response)
         moved = {k for k, body in enumerate(model.bodies) if any(not is_zero(push[i]) for i in body.indices)}
@@ -95,19 +95,19 @@ class EliminatedTree(Tree):
         return response
 
     def _through(self, k: int, push: Sequence[Scalar], load: Wrench, response: Response) -> Wrench:
-        """The wrench in front of a joint, in its axes, of drives and of the load behind it."""
+        """Return the wrench in front of a joint, in its axes, of drives and of the load behind it."""
         tree, joint = self.tree, self.tree.joints[k]
         if tree.free[k]:
             left, specific, torque, rate, passed = tree.bodies.respond(k, push, load)
-            for (index, _), own, free in zip(joint.translations, left, specific, strict=True):
-                response.put(index, own, free)
-            for turn, own, free in zip(joint.rotations, torque, rate, strict=True):
-                response.put(turn.index, own, free)
+            for (index, _), remainder, free in zip(joint.translations, left, specific, strict=True):
+                response.put(index, remainder, free)
+            for turn, remainder, free in zip(joint.rotations, torque, rate, strict=True):
+                response.put(turn.index, remainder, free)
             return passed
         for turn in reversed(joint.rotations):
             load = self._past(k, turn.index, push, load, response).turned(turn.matrix)
-        if k in tree.together:
-            load = self._past_together(tree.together[k], push, load, response)
+        if k in tree.coupled:
+            load = self._past_coupled(tree.coupled[k], push, load, response)
         if k in tree.blocks:
             return self._past_block(k, push, load, response)
         for index, _ in reversed(joint.translations):
@@ -115,7 +115,7 @@ class EliminatedTree(Tree):
         return load
 
     def _past(self, k: int, index: int, push: Sequence[Scalar], load: Wrench, response: Response) -> Wrench:
-        """The load in front of one coordinate; one whose motion is given passes it on."""
+        """Return the load in front of one coordinate; a prescribed one passes it on."""
         step = next((step for step in self.tree.steps[k] if step.index == index), None)
         if step is None:
             return load
@@ -128,11 +128,11 @@ class EliminatedTree(Tree):
         (force if is_force else moment)[axis] = held
         return Wrench(vec3(force), vec3(moment))
 
-    def _past_together(self, joint: Coupled, push: Sequence[Scalar], load: Wrench, response: Response) -> Wrench:
-        """The load in front of coordinates that slopes couple."""
+    def _past_coupled(self, joint: Coupled, push: Sequence[Scalar], load: Wrench, response: Response) -> Wrench:
+        """Return the load in front of coordinates that slopes couple."""
         left = [push[x.index] - x.of(load) for x in joint.directions]
-        for x, own, free, column in zip(joint.directions, left, joint.solve(left), joint.columns, strict=True):
-            response.put(x.index, own, free)
+        for x, remainder, free, column in zip(joint.directions, left, joint.solve(left), joint.columns, strict=True):
+            response.put(x.index, remainder, free)
             load = load + column.scaled(free)
         return load
 
@@ -149,34 +149,34 @@ class EliminatedTree(Tree):
         return Wrench(held, add(load.moment, matvec(transpose(block.coupling), free)))
 
     def pivots(self) -> list[Entries]:
-        found: list[Entries] = []
+        entries: list[Entries] = []
         for k, joint in enumerate(self.tree.joints):
             if self.tree.free[k]:
-                found.append(self.tree.bodies.inertia_of(k))
+                entries.append(self.tree.bodies.inertia_of(k))
                 continue
             here: Entries = {(step.index, step.index): self.tree.pivots[step.index][0] for step in self.tree.steps[k]}
-            if k in self.tree.together:
-                here |= self.tree.together[k].matrix
+            if k in self.tree.coupled:
+                here |= self.tree.coupled[k].matrix
             if k in self.tree.blocks:
                 first = joint.translations[0][0]
                 whole = self.tree.blocks[k].whole
                 here |= {(first + i, first + j): whole[i][j] for i in range(3) for j in range(i, 3)}
-            found.append(here)
-        return found
+            entries.append(here)
+        return entries
 
     def changes(self, more: Mapping[int, Scalar]) -> list[Scalar]:
-        found: list[Scalar] = [0.0] * self.model.size
+        accelerations: list[Scalar] = [0.0] * self.model.size
         bodies: list[tuple[Vec, Vec]] = []
         for k, body in enumerate(self.model.bodies):
             parent = (ZERO, ZERO) if body.parent == FIXED_BODY else bodies[body.parent]
-            bodies.append(self._released(k, parent, more, found))
-        self.rotors.released(more, found)
-        return found
+            bodies.append(self._released(k, parent, more, accelerations))
+        self.rotors.released(more, accelerations)
+        return accelerations
 
     def _released(
-        self, k: int, parent: tuple[Vec, Vec], more: Mapping[int, Scalar], found: list[Scalar]
+        self, k: int, parent: tuple[Vec, Vec], more: Mapping[int, Scalar], accelerations: list[Scalar]
     ) -> tuple[Vec, Vec]:
-        """Acceleration of the body's origin and w_dot, in body axes; those of the joint are written."""
+        """Write accelerations of a joint; return that of the body's origin and w_dot, in body axes."""
         tree, joint = self.tree, self.tree.joints[k]
         back = transpose(joint.turn)
         a, d = matvec(back, add(parent[0], cross(parent[1], joint.offset))), matvec(back, parent[1])
@@ -184,27 +184,27 @@ class EliminatedTree(Tree):
             x, y, z = (more.get(index, 0.0) for index, _ in joint.translations)
             alpha, beta, gamma = (more.get(turn.index, 0.0) for turn in joint.rotations)
             rate = (alpha, beta, gamma)
-            return tree.bodies.released(k, (x, y, z), rate, (a, d), found), rate
+            return tree.bodies.released(k, (x, y, z), rate, (a, d), accelerations), rate
         steps = {step.index: step for step in tree.steps[k]}
 
         def released(index: int) -> Scalar:
             step = steps[index]
-            found[index] = more.get(index, 0.0) - (dot(step.gain.force, a) + dot(step.gain.moment, d))
-            return found[index]
+            accelerations[index] = more.get(index, 0.0) - (dot(step.gain.force, a) + dot(step.gain.moment, d))
+            return accelerations[index]
 
         if k in tree.blocks:
             block, first = tree.blocks[k], joint.translations[0][0]
             x, y, z = (more.get(first + i, 0.0) for i in range(3))
             moved = add((x, y, z), scale(-1.0, add(matvec(block.yielding, a), matvec(block.gain, d))))
-            found[first : first + 3] = moved
+            accelerations[first : first + 3] = moved
             a = add(a, moved)
         else:
             for index, axis in joint.translations:
                 if index in steps:
                     a = add(a, unit(axis, released(index)))
         together: dict[int, Scalar] = {}
-        if k in tree.together:
-            together = tree.together[k].moved(more, a, d)
+        if k in tree.coupled:
+            together = tree.coupled[k].moved(more, a, d)
             for index, axis in joint.translations:
                 a = add(a, unit(axis, together.get(index, 0.0)))
         for turn in joint.rotations:
@@ -214,14 +214,14 @@ class EliminatedTree(Tree):
                 d = add(d, unit(turn.axis, released(turn.index)))
             d = add(d, unit(turn.axis, together.get(turn.index, 0.0)))
         for index, value in together.items():
-            found[index] = value
+            accelerations[index] = value
         return a, d
 
 
 def total(responses: Sequence[Response], multipliers: Sequence[Scalar]) -> Sparse:
     """Sum responses: what all leave at the pivots together, divided."""
-    found: Sparse = {}
+    sums: Sparse = {}
     for response, multiplier in zip(responses, multipliers, strict=True):
         for index, free in response.free.items():
-            found[index] = found.get(index, 0.0) + multiplier * free
-    return found
+            sums[index] = sums.get(index, 0.0) + multiplier * free
+    return sums

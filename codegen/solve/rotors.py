@@ -6,8 +6,8 @@ motor m and its principal coordinate p are
     (J + c^2 d) a_m - c d a_p = r_m,        (M a)_p + d a_p - c d a_m = r_p,
 
 and taking a_m out of the second leaves the tree with d J / (J + c^2 d) on its diagonal and c d r_m / (J + c^2 d) more
-on its right side: two springs in series, nothing cancels however stiff the transmission is.  A motor whose motion is
-given leaves d, and c d a_m.
+on its right side: two springs in series, nothing cancels however stiff the transmission is.  A prescribed motor leaves
+d, and c d a_m.
 """
 
 from __future__ import annotations
@@ -45,37 +45,37 @@ class Rotors:
         """Take the motors out.
 
         Args:
-            armature: of every coordinate, (n,), a motor's with its own share of an implicit step.
+            armature: of every coordinate, (n,), a motor's with its share of an implicit step.
             drives: right sides, (n,); of a prescribed coordinate its acceleration.
             slopes: d by the index of the motor; 0 where it is absent.
         """
         self.bound, self.armature, self.drives = bound, list(armature), list(drives)
         self.rows: dict[int, _Row] = {}
-        self.given = given = frozenset(model.prescribed)
+        self.prescribed = prescribed = frozenset(model.prescribed)
         for motor, between in bound.transmissions.items():
-            p, own, slope = between.principal, armature[motor], slopes.get(motor, 0.0)
+            p, inertia, slope = between.principal, armature[motor], slopes.get(motor, 0.0)
             across = slope * between.inverse_ratio
-            pivot = own + across * between.inverse_ratio
+            pivot = inertia + across * between.inverse_ratio
             inverse = 1.0 / pivot
-            held = motor in given
+            held = motor in prescribed
             row = _Row(drives[motor], 0.0, 1.0) if held else _Row(drives[motor] * inverse, across * inverse, pivot)
             self.rows[motor] = row
-            self.armature[p] = self.armature[p] + (slope if held else slope * (own * inverse))
-            if p not in given:  # there the right side is the acceleration itself
+            self.armature[p] = self.armature[p] + (slope if held else slope * (inertia * inverse))
+            if p not in prescribed:  # there the right side is the acceleration itself
                 self.drives[p] = self.drives[p] + across * row.free
 
     def respond(self, push: list[Scalar], response: Response) -> None:
         """Eliminate motors at rest under drives ``push``, (n,), to which what comes through to the joints is added."""
         for motor, row in self.rows.items():
-            if motor not in self.given and not is_zero(push[motor]):
+            if motor not in self.prescribed and not is_zero(push[motor]):
                 response.put(motor, push[motor], push[motor] * (1.0 / row.pivot))
                 p = self.bound.transmissions[motor].principal
                 push[p] = push[p] + row.gain * push[motor]
 
     def released(self, free: Mapping[int, Scalar], accelerations: list[Scalar]) -> None:
-        """Put accelerations of motors at rest, under what ``respond`` has found, into those of the tree."""
+        """Write the accelerations of motors at rest, of what ``respond`` left, into those of the tree."""
         for motor, row in self.rows.items():
-            if motor not in self.given:
+            if motor not in self.prescribed:
                 p = self.bound.transmissions[motor].principal
                 accelerations[motor] = free.get(motor, 0.0) + row.gain * accelerations[p]
 

@@ -13,7 +13,7 @@ An elastic row has a slope s = h^2 k + h c in a linearly implicit step, and A ha
 Its pivot is a + 1 / s with what the rows before it leave of J M^-1 J^T, a, and is divided by as s / (1 + s a): an open
 gap, s = 0, is nothing special, and neither is the derivative there, which a row scaled by the root of s would not have.
 
-Where many elastic rows end at one body, its accelerations stay in the system as unknowns of their own (the system is
+Where many elastic rows end at one body, its accelerations stay in the system as further unknowns (the system is
 quasi-definite: R. J. Vanderbei, "Symmetric Quasidefinite Matrices", SIAM J. Optimization 5 (1995)), so that what is
 between two such bodies is eliminated from both ends and never couples to the rest.
 """
@@ -57,7 +57,7 @@ PRECISIONS: Mapping[str, Precision] = {
 }
 # Of derivatives, whose right sides contradict each other in redundant rows where a direction leaves the closed states.
 DERIVING: Mapping[str, Precision] = {"float64": Precision(1e-7, 1e-14, 2), "float32": Precision(1e-3, 1e-6, 4)}
-DERIVING_APART: Mapping[str, Precision] = {  # of derivatives where no row follows from others
+DERIVING_INDEPENDENT: Mapping[str, Precision] = {  # of derivatives where no row follows from others
     "float64": Precision(1e-14, 1e-14, 2),
     "float32": Precision(5e-7, 5e-7, 4),
 }
@@ -67,14 +67,14 @@ DERIVING_APART: Mapping[str, Precision] = {  # of derivatives where no row follo
 class Row:
     """A row of the system.
 
-    arms: its derivatives by the coordinates, without those that vanish.
+    jacobian_row: its derivatives by the coordinates, without those that vanish.
     right: wanted J a of a rigid row; 0 of an elastic one.
     slope: of an elastic row, from 0 on; None of a rigid one.
     group: rows of one kind that are compared to each other where they may be redundant.
     is_weak: whether its group may vanish but for round-off, and is compared to all rigid rows, too.
     """
 
-    arms: Sparse
+    jacobian_row: Sparse
     right: Scalar = 0.0
     slope: Scalar | None = None
     group: object = None
@@ -86,13 +86,13 @@ class Row:
         return self.slope is not None
 
     def along(self, x: Sequence[Scalar] | Mapping[int, Scalar]) -> Scalar:
-        """J x."""
-        return along(self.arms, x)
+        """Return J x."""
+        return along(self.jacobian_row, x)
 
 
-def elastic_row(arms: Mapping[int, Scalar], slope: Scalar) -> Row:
-    """The row of what has this slope; one without arms where that vanishes whatever the state is."""
-    kept = {} if is_zero(slope) else {index: arm for index, arm in arms.items() if not is_zero(arm)}
+def elastic_row(jacobian_row: Mapping[int, Scalar], slope: Scalar) -> Row:
+    """Return the row of an element with this slope; an empty one where that vanishes whatever the state is."""
+    kept = {} if is_zero(slope) else {index: arm for index, arm in jacobian_row.items() if not is_zero(arm)}
     return Row(kept, slope=slope)
 
 
@@ -112,7 +112,7 @@ class Response:
             self.left[index], self.free[index] = left, free
 
     def product(self, other: Response, without: Container[int] = ()) -> Scalar:
-        """J_r M^-1 J_s^T, without what some pivots contribute."""
+        """Return J_r M^-1 J_s^T, without what some pivots contribute."""
         total: Scalar = 0.0
         for index, left in self.left.items():
             if index in other.free and index not in without:
@@ -126,7 +126,7 @@ Entries = dict[tuple[int, int], Scalar]  # of a symmetric matrix, (i, j) with i 
 class RowSystem:
     """The matrix of rows, factored.
 
-    Rows without arms stay out: their multipliers are zero.
+    Empty rows stay out: their multipliers are zero.
     """
 
     def __init__(
@@ -142,7 +142,7 @@ class RowSystem:
             pivots: per body what stands at the pivots of its joint, by pairs of coordinates.
         """
         self.rows, self.precision = rows, precision
-        self.kept = [r for r, row in enumerate(rows) if row.arms]
+        self.kept = [r for r, row in enumerate(rows) if row.jacobian_row]
         self.rigid = [r for r in self.kept if not rows[r].is_elastic]
         keys = {r: frozenset(responses[r].left) for r in self.kept}
         hubs = [] if self.rigid else _hubs(keys, pivots, len(rows))
@@ -164,7 +164,7 @@ class RowSystem:
         self._factor()
 
     def _raised(self) -> Sparse:
-        """The diagonal, that of rigid rows with its share added; 1 / s of elastic ones comes in at their pivots."""
+        """Return the diagonal, rigid rows' with its share added; 1 / s of elastic ones comes in at their pivots."""
         sums: dict[object, Scalar] = {}
         for r in self.rigid:
             sums[self.rows[r].group] = sums.get(self.rows[r].group, 0.0) + self.matrix[r, r]
@@ -177,7 +177,7 @@ class RowSystem:
         return {r: self.matrix[r, r] + self.added.get(r, 0.0) for r in self.unknowns}
 
     def _factor(self) -> None:
-        """P^T A P = L D L^T, entry by entry, in the order that leaves few."""
+        """Factor P^T A P = L D L^T, entry by entry, in the order that leaves few."""
         place = {r: i for i, r in enumerate(self.order)}
         A: Entries = {}
         for (r, s), entry in self.matrix.items():
@@ -206,7 +206,7 @@ class RowSystem:
             self.pivots.append(A[i, i])
 
     def _divided(self, unknown: int, entry: Scalar) -> Scalar:
-        """One divided by the pivot of an unknown, of which this is left on the diagonal."""
+        """Return one divided by the pivot of an unknown, of which this is left on the diagonal."""
         slope = self.rows[unknown].slope if unknown < len(self.rows) else None
         if slope is not None:
             return slope / (1.0 + slope * entry)
@@ -224,7 +224,7 @@ class RowSystem:
         return total
 
     def small_pivots(self, share: float, call: Callable[..., Scalar]) -> Scalar:
-        """Number of pivots of rigid rows below a share of the sum of their group's entries on the diagonal."""
+        """Count pivots of rigid rows below a share of the sum of their group's entries on the diagonal."""
         total: Scalar = 0.0
         for r, pivot in zip(self.order, self.pivots, strict=True):
             if r in self.added:
@@ -232,7 +232,7 @@ class RowSystem:
         return total
 
     def dependent(self) -> Scalar:
-        """The trace of D (A + D)^-1: how many rows follow from others, those that nearly do by their shares."""
+        """Return the trace of D (A + D)^-1: how many rows follow from others, those that nearly do by their shares."""
         total: Scalar = 0.0
         for first, row in enumerate(self.order):
             if row not in self.added:
@@ -248,7 +248,7 @@ class RowSystem:
         return total
 
     def once(self, right: Sparse) -> Sparse:
-        """Solution by the factors alone, without refinement."""
+        """Solve by the factors alone, without refinement."""
         x = [right.get(r, 0.0) for r in self.order]
         for i, column in enumerate(self.columns):
             for j, factor in column.items():
@@ -260,11 +260,11 @@ class RowSystem:
         return dict(zip(self.order, x, strict=True))
 
     def multipliers(self, missing: Callable[[int], Scalar]) -> list[Scalar]:
-        """lambda of all rows, of elastic ones beside the force in the drives; ``missing(r)`` is right - J a_free."""
+        """Solve for lambda of all rows, elastic ones' beside the force in drives; ``missing(r)``: right - J a_free."""
         return self.solved({r: missing(r) for r in self.kept}, self.precision.refinements).multipliers
 
     def solved(self, right: Sparse, refinements: int) -> Solved:
-        """Multipliers of all rows, refined so often with the factors, and what they leave."""
+        """Solve for the multipliers of all rows, refined so often with the factors; return what they leave, too."""
         x = more = self.once(right)
         for _ in range(refinements if self.rigid else 0):  # elastic rows are factored as they are
             more = self.once({r: self.added[r] * more[r] for r in self.rigid})
@@ -274,7 +274,7 @@ class RowSystem:
 
 
 def _hubs(keys: Mapping[int, frozenset[int]], pivots: Sequence[Entries], first: int) -> list[Entries]:
-    """Bodies whose accelerations stay unknown, because that saves operations: what stands at their pivots.
+    """Choose bodies whose accelerations stay unknowns, because that saves operations: what stands at their pivots.
 
     Args:
         keys: per row the coordinates at whose pivots its drives leave something.
@@ -284,11 +284,13 @@ def _hubs(keys: Mapping[int, frozenset[int]], pivots: Sequence[Entries], first: 
 
     def cost(hubs: Sequence[Entries]) -> int:
         within = {key for hub in hubs for key, _ in hub}
-        near: dict[int, set[int]] = {r: {first + key for key in found & within} for r, found in keys.items()}
+        near: dict[int, set[int]] = {
+            r: {first + key for key in coordinates & within} for r, coordinates in keys.items()
+        }
         products = 0
-        for r, found in keys.items():
+        for r, coordinates in keys.items():
             for s, other in keys.items():
-                if r < s and (shared := len((found & other) - within)):
+                if r < s and (shared := len((coordinates & other) - within)):
                     near[r].add(s)
                     near[s].add(r)
                     products += shared
@@ -304,14 +306,14 @@ def _hubs(keys: Mapping[int, frozenset[int]], pivots: Sequence[Entries], first: 
 
     candidates = []
     for hub in pivots:
-        own = {key for key, _ in hub}
-        if sum(not own.isdisjoint(found) for found in keys.values()) > 2 * len(own):
+        hub_keys = {key for key, _ in hub}
+        if sum(not hub_keys.isdisjoint(coordinates) for coordinates in keys.values()) > 2 * len(hub_keys):
             candidates.append(hub)
     return candidates if candidates and cost(candidates) < cost(()) else []
 
 
 def elimination_order(rows: Sequence[int], entries: Mapping[tuple[int, int], Scalar]) -> list[int]:
-    """The rows in the order of least degree: each is eliminated when it couples fewest of those that are left."""
+    """Order the rows by least degree: each is eliminated when it couples fewest of those that are left."""
     near: dict[int, set[int]] = {r: set() for r in rows}
     for r, s in entries:
         if r != s:
@@ -321,7 +323,7 @@ def elimination_order(rows: Sequence[int], entries: Mapping[tuple[int, int], Sca
 
 
 def _least_degrees(near: dict[int, set[int]]) -> Iterator[tuple[int, int]]:
-    """Unknowns in the order of least degree, each with the number of those that it couples; ``near`` is used up."""
+    """Order unknowns by least degree, each with the number of those that it couples; ``near`` is used up."""
     while near:
         best = min(near, key=lambda r: (len(near[r]), r))
         others = near.pop(best)

@@ -85,7 +85,7 @@ class BoundTransmission:
 class BoundElement:
     """A force element between two links: per end (body, pose in its frame), its numbers, and its elongations.
 
-    ``numbers``: ``LinkElement.law``; the optional ones are always there, 0 where none is given.
+    ``numbers``: ``LinkElement.law``; the optional ones are always there, 0 by default.
     """
 
     name: str
@@ -111,13 +111,13 @@ class BoundJointElement:
 class BoundCoupling:
     """value(of) - sum of ratio * coordinate - offset, which vanishes or has a law; coordinates by their indices."""
 
-    arms: Mapping[int, Scalar]
+    jacobian_row: Mapping[int, Scalar]
     offset: Scalar
     law: BoundLaw | None
 
-    def gap(self, q: Sequence[Scalar]) -> Scalar:
+    def residual(self, q: Sequence[Scalar]) -> Scalar:
         """Return by how much the coordinates are off."""
-        return along(self.arms, q) - self.offset
+        return along(self.jacobian_row, q) - self.offset
 
 
 @dataclass(frozen=True)
@@ -221,32 +221,32 @@ class _Binder:
         return vec3(self.value(f"{prefix}.{key}", number) for key, number in zip(keys, numbers, strict=True))
 
     def offset(self, joint: Joint, name: str) -> Scalar:
-        """The constant that is added to one of a joint's six coordinates."""
+        """Return the constant that is added to one of a joint's six coordinates."""
         number = joint.offset[COORDINATES.index(name)] or 0.0
         return self.value(f"joints.{joint.name}.offset.{name}", number)
 
     def shift(self, joint: Joint) -> Pose:
-        """The offsets of x, y and z: they come first, so that they belong to the placement."""
+        """Return the offsets of x, y and z: they come first, so that they belong to the placement."""
         return Pose(IDENTITY, vec3(self.offset(joint, name) for name in LINEAR))
 
     def turned(self, joint: Joint, placement: Pose) -> Pose:
-        """The placement of a joint; where its number "turned" is 1, its axes y, z and x stand in the place of x, y, z.
+        """Place a joint; where its number "turned" is 1, its axes y, z and x stand in the place of x, y, z.
 
-        The joint's angles are then others, which are not singular where its own are (``Model.turning``).
+        The joint's angles are then others, which are regular where the usual ones are singular (``Model.turning``).
         """
         c = self.value(turned_name(joint.name), 0.0)
         if is_zero(c):
             return placement
-        own = 1.0 - c
-        return placement @ Pose(((own, 0.0, c), (c, own, 0.0), (0.0, c, own)), ZERO)
+        unturned = 1.0 - c
+        return placement @ Pose(((unturned, 0.0, c), (c, unturned, 0.0), (0.0, c, unturned)), ZERO)
 
     def turn(self, joint: Joint) -> Pose:
-        """The offsets of the angles of a joint that does not move, Rx Ry Rz."""
+        """Rotate by the offsets of the angles of a joint that does not move, Rx Ry Rz."""
         x, y, z = (about(axis, *self._turn(self.offset(joint, name))) for axis, name in enumerate(ANGULAR))
         return Pose(matmul(matmul(x, y), z), ZERO)
 
     def angle_offsets(self) -> tuple[Scalar, ...]:
-        """Constant offsets of the angles, 0 for translations, one per coordinate.
+        """Return constant offsets of the angles, 0 for translations, one per coordinate.
 
         Raises:
             InputError: a joint that moves has an offset in an angle that is no coordinate of this model.
@@ -263,12 +263,12 @@ class _Binder:
             for name in joint.all_coordinates
         )
 
-    def placed(self, prefix: str, given: Placement) -> Pose:
-        """The pose of a placement whose numbers have names that begin so."""
-        rotation: Mat = given.rotation
-        if given.rpy is not None and any(f"{prefix}.rpy.{i}" in self.model.parameters for i in range(3)):
-            rotation = self._rotation(self.triple(f"{prefix}.rpy", given.rpy, "012"))
-        return Pose(rotation, self.triple(f"{prefix}.xyz", given.xyz, "012"))
+    def placed(self, prefix: str, placement: Placement) -> Pose:
+        """Return the pose of a placement whose numbers have names that begin with ``prefix``."""
+        rotation: Mat = placement.rotation
+        if placement.rpy is not None and any(f"{prefix}.rpy.{i}" in self.model.parameters for i in range(3)):
+            rotation = self._rotation(self.triple(f"{prefix}.rpy", placement.rpy, "012"))
+        return Pose(rotation, self.triple(f"{prefix}.xyz", placement.xyz, "012"))
 
     def _rotation(self, rpy: Vec) -> Mat:
         (sr, cr), (sp, cp), (sy, cy) = (self._turn(angle) for angle in rpy)
@@ -279,11 +279,11 @@ class _Binder:
         )
 
     def _turn(self, angle: Scalar) -> tuple[Scalar, Scalar]:
-        """Sine and cosine; of a number as the description reads it, so that right angles prune."""
+        """Return sine and cosine; of a number as the description reads it, so that right angles prune."""
         return (snap(math.sin(angle)), snap(math.cos(angle))) if isinstance(angle, float) else self.sincos(angle)
 
     def pseudo_inertia(self, name: str) -> tuple[PseudoInertia, Vec]:
-        """H of a link in its own frame, and its centre of mass: J = 1/2 tr(I) 1 - I about the origin."""
+        """Return a link's H in its frame, J = 1/2 tr(I) 1 - I about the origin, and its centre of mass."""
         link = self.model.robot.link(name)
         mass = self.value(f"links.{name}.mass", link.mass)
         com = self.triple(f"links.{name}.com", link.com)
@@ -299,93 +299,93 @@ class _Binder:
         return PseudoInertia(second, first, mass), com
 
     def frames(self, poses: dict[str, tuple[int, Pose]]) -> dict[str, tuple[int, Pose]]:
-        found = dict(poses)
+        frames = dict(poses)
         for frame in self.model.robot.frames:
             body, pose = poses[frame.link]
-            found[frame.name] = (body, pose @ self.placed(f"frames.{frame.name}.placement", frame.placement))
-        return {name: found[name] for name in self.model.frames}
+            frames[frame.name] = (body, pose @ self.placed(f"frames.{frame.name}.placement", frame.placement))
+        return {name: frames[name] for name in self.model.frames}
 
     def cuts(self, poses: dict[str, tuple[int, Pose]]) -> Cuts:
-        """The bodies of each loop's links, with the cut frame in each."""
-        found = []
+        """Return the bodies of each loop's links, with the cut frame in each."""
+        cuts = []
         for loop in self.model.robot.loops:
             sides = []
             for i, (link, placement) in enumerate(zip(loop.links, loop.placements, strict=True)):
                 body, pose = poses[link]
                 sides.append((body, pose @ self.placed(f"loops.{loop.name}.placements.{i}", placement)))
-            found.append((sides[0], sides[1]))
-        return tuple(found)
+            cuts.append((sides[0], sides[1]))
+        return tuple(cuts)
 
     def cut_offsets(self) -> tuple[tuple[Scalar, ...], ...]:
-        """Offsets that the six coordinates of each cut joint keep to."""
-        found = []
+        """Return the offsets that the six coordinates of each cut joint keep to."""
+        offsets = []
         for loop in self.model.robot.loops:
             numbers = {name: number or 0.0 for name, number in zip(COORDINATES, loop.offset, strict=True)}
-            found.append(tuple(self._values(f"loops.{loop.name}.offset", numbers).values()))
-        return tuple(found)
+            offsets.append(tuple(self._values(f"loops.{loop.name}.offset", numbers).values()))
+        return tuple(offsets)
 
     def cut_laws(self) -> dict[tuple[int, str], BoundLaw]:
-        """Forces of cut joints' coordinates."""
-        given = {(owner, name) for owner, name, _ in self.model.cut_laws}
-        found = {}
+        """Bind the forces of cut joints' coordinates."""
+        with_law = {(owner, name) for owner, name, _ in self.model.cut_laws}
+        laws = {}
         for number, loop in enumerate(self.model.robot.loops):
             carriers = loaded(loop.coordinates)
             for name, coordinate in loop.coordinates.items():
-                if (loop.name, name) in given:
+                if (loop.name, name) in with_law:
                     law = self._bound_law(f"loops.{loop.name}.{name}", coordinate)
                     pressing = tuple(COORDINATES.index(other) for other in carriers.get(name, ()))
-                    found[number, name] = replace(law, carriers=pressing)
-        return found
+                    laws[number, name] = replace(law, carriers=pressing)
+        return laws
 
     def couplings(self) -> tuple[BoundCoupling, ...]:
-        """Couplings of coordinates."""
-        found, place = [], self.model.coordinates.index
+        """Bind the couplings of coordinates."""
+        couplings, place = [], self.model.coordinates.index
         acting = {owner for owner, name, _ in self.model.cut_laws if not name}
         for coupling in self.model.robot.couplings:
             prefix = f"couplings.{coupling.name}"
-            arms: dict[int, Scalar] = {place(coupling.of): 1.0}
+            row: dict[int, Scalar] = {place(coupling.of): 1.0}
             for name, ratio in coupling.to.items():
-                arms[place(name)] = -1.0 * self.value(f"{prefix}.ratio.{name}", ratio)
+                row[place(name)] = -1.0 * self.value(f"{prefix}.ratio.{name}", ratio)
             offset = self.value(f"{prefix}.offset", coupling.offset or 0.0)
             if coupling.law is None:
-                found.append(BoundCoupling(arms, offset, None))
+                couplings.append(BoundCoupling(row, offset, None))
             elif coupling.name in acting:
-                found.append(BoundCoupling(arms, offset, self._bound_law(prefix, coupling.law)))
-        return tuple(found)
+                couplings.append(BoundCoupling(row, offset, self._bound_law(prefix, coupling.law)))
+        return tuple(couplings)
 
     def joint_elements(self, table: str) -> tuple[BoundJointElement, ...]:
-        """Force elements of joints as wholes, of the kind that has this table, in the order of the joints."""
-        found = []
+        """Bind the force elements of joints as wholes that one table lists, in the order of the joints."""
+        elements = []
         for body in self.model.bodies:
-            given = self.model.robot.joint(body.joint).elements.get(table)
-            if given is not None:
-                numbers = self._values(f"joints.{body.joint}.{table}", given.law())
+            element = self.model.robot.joint(body.joint).elements.get(table)
+            if element is not None:
+                numbers = self._values(f"joints.{body.joint}.{table}", element.law())
                 index = dict(zip(body.active, body.indices, strict=True))
-                found.append(BoundJointElement(body.joint, index, numbers))
-        return tuple(found)
+                elements.append(BoundJointElement(body.joint, index, numbers))
+        return tuple(elements)
 
     def cut_journals(self) -> dict[int, BoundJointElement]:
-        """Journals in bearings of cut joints."""
-        found = {}
+        """Bind the journals in bearings of cut joints."""
+        journals = {}
         for number, loop in enumerate(self.model.robot.loops):
             if loop.radial is not None:
                 numbers = self._values(f"loops.{loop.name}.{RADIAL}", loop.radial.law())
                 index = {name: place for place, name in enumerate(loop.radial.felt)}
-                found[number] = BoundJointElement(loop.name, index, numbers)
-        return found
+                journals[number] = BoundJointElement(loop.name, index, numbers)
+        return journals
 
     def _values(self, prefix: str, law: Mapping[str, float]) -> dict[str, Scalar]:
-        """Numbers of a law, where they stand among the parameters."""
+        """Return the numbers of a law, parameters where they are tunable."""
         return {key: self.value(f"{prefix}.{key}", number) for key, number in law.items()}
 
-    def _bound_law(self, prefix: str, given: Coordinate) -> BoundLaw:
-        stiffness = 0.0 if _is_bent(given) else self.value(f"{prefix}.stiffness", given.stiffness or 0.0)
-        damping = self.value(f"{prefix}.damping", given.damping or 0.0)
-        return BoundLaw(stiffness, damping, self._law(prefix, given), _knots(given))
+    def _bound_law(self, prefix: str, coordinate: Coordinate) -> BoundLaw:
+        stiffness = 0.0 if _is_bent(coordinate) else self.value(f"{prefix}.stiffness", coordinate.stiffness or 0.0)
+        damping = self.value(f"{prefix}.damping", coordinate.damping or 0.0)
+        return BoundLaw(stiffness, damping, self._law(prefix, coordinate), _knots(coordinate))
 
     def elements(self, table: str, poses: dict[str, tuple[int, Pose]]) -> tuple[BoundElement, ...]:
-        """The force elements of one table, each with its ends in the bodies' frames."""
-        found = []
+        """Bind the force elements of one table, each with its ends in the bodies' frames."""
+        elements = []
         for element in self.model.robot.link_elements:
             if table != element.TABLE:
                 continue
@@ -395,61 +395,63 @@ class _Binder:
                 name = f"{element.prefix}.{key}"
                 at = self.placed(name, end) if isinstance(end, Placement) else Pose(IDENTITY, self.triple(name, end))
                 ends.append((body, pose @ at))
-            given = {**dict.fromkeys(KINDS[table].ALWAYS, 0.0), **element.law()}
-            numbers = self._values(element.prefix, given)
-            found.append(BoundElement(element.name, element.links, (ends[0], ends[1]), numbers, element.knots()))
-        return tuple(found)
+            law = {**dict.fromkeys(KINDS[table].ALWAYS, 0.0), **element.law()}
+            numbers = self._values(element.prefix, law)
+            elements.append(BoundElement(element.name, element.links, (ends[0], ends[1]), numbers, element.knots()))
+        return tuple(elements)
 
     def laws(self) -> tuple[tuple[BoundLaw, ...], tuple[Scalar, ...]]:
-        """Forces and armatures of all coordinates; the spring and damper of a motor's table are its transmission's."""
+        """Bind forces and armatures of all coordinates; a motor's spring and damper are its transmission's."""
         place = self.model.coordinates.index
-        numbers = [self._law(prefix, given) for _, prefix, given in self._coordinates()]
+        numbers = [self._law(prefix, coordinate) for _, prefix, coordinate in self._coordinates()]
         carriers = {
             f"joints.{joint.name}.{name}": tuple(place(component_name(joint.name, x)) for x in others)
             for joint in self.model.robot.joints
             for name, others in loaded(joint.coordinates).items()
         }
         laws, armatures = list[BoundLaw](), list[Scalar]()
-        for (name, prefix, given), law in zip(self._coordinates(), numbers, strict=True):
+        for (name, prefix, coordinate), law in zip(self._coordinates(), numbers, strict=True):
             if name == MOTOR:
-                laws.append(BoundLaw(0.0, 0.0, law, _knots(given)))
-                armatures.append(self.value(f"{prefix}.inertia", given.armature or 0.0))
+                laws.append(BoundLaw(0.0, 0.0, law, _knots(coordinate)))
+                armatures.append(self.value(f"{prefix}.inertia", coordinate.armature or 0.0))
                 continue
             keys = ("stiffness", "damping", "armature")
-            k, c, armature = (self.value(f"{prefix}.{key}", getattr(given, key) or 0.0) for key in keys)
-            laws.append(BoundLaw(0.0 if _is_bent(given) else k, c, law, _knots(given), carriers.get(prefix, ())))
+            k, c, armature = (self.value(f"{prefix}.{key}", getattr(coordinate, key) or 0.0) for key in keys)
+            laws.append(
+                BoundLaw(0.0 if _is_bent(coordinate) else k, c, law, _knots(coordinate), carriers.get(prefix, ()))
+            )
             armatures.append(armature)
         return tuple(laws), tuple(armatures)
 
     def transmissions(self) -> dict[int, BoundTransmission]:
-        """Transmissions between motors and joints, by the index of a motor's coordinate."""
-        found: dict[int, BoundTransmission] = {}
+        """Bind the transmissions between motors and joints, by the index of a motor's coordinate."""
+        transmissions: dict[int, BoundTransmission] = {}
         for index, principal in self.model.motors.items():
             name = self.model.coordinates[index]
             motor = self.model.robot.joint(joint_of(name)).motor
             assert motor is not None
             law = self._bound_law(f"joints.{name}", motor.transmission)
             inverse = 1.0 / self.value(f"joints.{name}.ratio", motor.ratio)
-            found[index] = BoundTransmission(principal, inverse, law)
-        return found
+            transmissions[index] = BoundTransmission(principal, inverse, law)
+        return transmissions
 
-    def _law(self, prefix: str, given: Coordinate) -> dict[str, Scalar]:
-        law = self._values(prefix, given.law())
-        if _is_bent(given):
-            law["stiffness"] = self.value(f"{prefix}.stiffness", given.stiffness or 0.0)
+    def _law(self, prefix: str, coordinate: Coordinate) -> dict[str, Scalar]:
+        law = self._values(prefix, coordinate.law())
+        if _is_bent(coordinate):
+            law["stiffness"] = self.value(f"{prefix}.stiffness", coordinate.stiffness or 0.0)
         return law
 
     def _coordinates(self) -> Iterator[tuple[str, str, Coordinate]]:
         for joint in self.model.robot.joints:
-            for name, given in joint.all_coordinates.items():
-                yield name, f"joints.{joint.name}.{name}", given
+            for name, coordinate in joint.all_coordinates.items():
+                yield name, f"joints.{joint.name}.{name}", coordinate
 
 
-def _knots(given: Coordinate) -> tuple[float, ...]:
-    """Deviations of a coordinate's curve."""
-    return tuple(deviation for deviation, _ in given.curve or ())
+def _knots(coordinate: Coordinate) -> tuple[float, ...]:
+    """Return the deviations of a coordinate's curve."""
+    return tuple(deviation for deviation, _ in coordinate.curve or ())
 
 
-def _is_bent(given: Coordinate) -> bool:
+def _is_bent(coordinate: Coordinate) -> bool:
     """Whether the stiffness is not that of one straight line."""
-    return any(law.takes_stiffness for law in given_laws(given.law()))
+    return any(law.takes_stiffness for law in given_laws(coordinate.law()))

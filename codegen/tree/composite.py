@@ -40,7 +40,7 @@ Rows = dict[tuple[int, int], Scalar]
 
 
 def mass_matrix(model: Model, bound: Bound, joints: Sequence[JointGeometry], note: Note = no_note) -> Rows:
-    """Entries (i, j) with i <= j of M; an absent pair is identically zero."""
+    """Compute M: entries (i, j) with i <= j; an absent pair is identically zero."""
     rows: Rows = {}
     composite = [body.inertia for body in bound.bodies]
     whole = _whole_rotations(model, joints)
@@ -60,9 +60,9 @@ def mass_matrix(model: Model, bound: Bound, joints: Sequence[JointGeometry], not
 
 
 def _columns(H: PseudoInertia, joint: JointGeometry) -> tuple[list[tuple[int, Wrench]], PseudoInertia]:
-    """Wrench of a unit acceleration of a coordinate, in the axes in front of it; H in the joint's axes.
+    """Return the wrench of a coordinate's unit acceleration, in the axes in front of it; H in the joint's axes.
 
-    A rotation leaves its own axis alone, so its column is read from H in front of it: one rotation less per column.
+    A rotation leaves its axis alone, so its column is read from H in front of it: one rotation less per column.
     The moment of inertia about that axis is taken behind it, where the base joint needs nothing else.  Several
     translations are left to ``_read_translations``.
     """
@@ -89,7 +89,7 @@ def _read_column(
     wrench: Wrench,
     rows: Rows,
 ) -> None:
-    """Read the entries of one column: in its own joint from where it stands, then towards the base."""
+    """Read the entries of one column: in its joint from where it stands, then towards the base."""
     read: list[Scalar] = [None] * model.size
     wrench = through_joint_back(wrench, front(joints[k], index), read)
     parent = model.bodies[k].parent
@@ -102,7 +102,7 @@ def _read_column(
 
 
 def _read_translations(model: Model, joints: Sequence[JointGeometry], k: int, H: PseudoInertia, rows: Rows) -> None:
-    """Columns of a joint's translations: force m e, moment mc x e, where e and mc alone move through the joints.
+    """Read columns of a joint's translations: force m e, moment mc x e; e and mc alone move through the joints.
 
     H is that in the joint's axes.
     """
@@ -123,7 +123,7 @@ def _read_translations(model: Model, joints: Sequence[JointGeometry], k: int, H:
 
 
 def _whole_rotations(model: Model, joints: Sequence[JointGeometry]) -> dict[int, Mat]:
-    """The product of a joint's three rotations, where enough columns pass to make it worth its 14 products."""
+    """Multiply a joint's three rotations, where enough columns pass to make it worth its 14 products."""
     behind = [0] * len(joints)
     for k in range(len(joints) - 1, -1, -1):
         parent = model.bodies[k].parent
@@ -138,7 +138,7 @@ def _whole_rotations(model: Model, joints: Sequence[JointGeometry]) -> dict[int,
 
 
 def front(joint: JointGeometry, index: int) -> JointGeometry:
-    """The joint's steps up to and with the coordinate, the coordinate's own rotation undone already."""
+    """Return the joint's steps up to and with the coordinate, without the coordinate's rotation."""
     rotations = tuple(
         Rotation(turn.index, turn.axis, 0.0, 1.0, IDENTITY) if turn.index == index else turn
         for turn in joint.rotations
@@ -148,12 +148,12 @@ def front(joint: JointGeometry, index: int) -> JointGeometry:
 
 
 def rotated(turn: Rotation, H: PseudoInertia) -> PseudoInertia:
-    """X H X^T for one rotation about an axis."""
+    """Return X H X^T for one rotation about an axis."""
     return PseudoInertia(rotated_block(turn, H.second), matvec(turn.matrix, H.first), H.mass)
 
 
 def rotated_block(turn: Rotation, S: Mat) -> Mat:
-    """R S R^T for one rotation about an axis: 8 products for a symmetric S, 12 for any, instead of 54."""
+    """Return R S R^T for one rotation about an axis: 8 products for a symmetric S, 12 for any, instead of 54."""
     a, b, axis = (turn.axis + 1) % 3, (turn.axis + 2) % 3, turn.axis
     s, c = turn.sin, turn.cos
     # the difference of the diagonal and the sum beside it turn by twice the angle, all else is left alone
@@ -173,7 +173,7 @@ def rotated_block(turn: Rotation, S: Mat) -> Mat:
 
 
 def _about_one_axis(R: Mat) -> Rotation | None:
-    """A constant rotation as one about an axis, where it is one."""
+    """Return a constant rotation as one about an axis, where it is one; else None."""
     for axis in range(3):
         a, b = (axis + 1) % 3, (axis + 2) % 3
         if all(R[axis][j] == (j == axis) and R[j][axis] == (j == axis) for j in range(3)):
@@ -182,18 +182,18 @@ def _about_one_axis(R: Mat) -> Rotation | None:
 
 
 def to_parent(H: PseudoInertia, joint: JointGeometry) -> PseudoInertia:
-    """X H X^T from the joint's axes (translations included) to the parent body."""
+    """Return X H X^T from the joint's axes (translations included) to the parent body."""
     return shifted(turned(joint.turn, H), joint.offset)
 
 
 def turned(R: Mat, H: PseudoInertia) -> PseudoInertia:
-    """X H X^T for a constant rotation, elementary where it is about one axis."""
+    """Return X H X^T for a constant rotation, elementary where it is about one axis."""
     turn = _about_one_axis(R)
     return congruence(Pose(R, ZERO), H) if turn is None else rotated(turn, H)
 
 
 def shifted(H: PseudoInertia, p: Vec) -> PseudoInertia:
-    """X H X^T for a translation by p: J + p h^T + h' p^T with h' = h + m p."""
+    """Return X H X^T for a translation by p: J + p h^T + h' p^T with h' = h + m p."""
     h, J = H.first, H.second
     moved = add(h, scale(H.mass, p))
     entries = {}
@@ -206,7 +206,7 @@ def shifted(H: PseudoInertia, p: Vec) -> PseudoInertia:
 
 @dataclass(frozen=True)
 class Momentum:
-    """G = sum H W^T = [[block, 0], [linear^T, 0]]: the part of H W^T that does not vanish."""
+    """G = sum H W^T = [[block, 0], [linear^T, 0]]: the entries of H W^T that do not vanish."""
 
     block: Mat
     linear: Vec
@@ -216,18 +216,18 @@ class Momentum:
 
 
 def momentum(H: PseudoInertia, W: Velocity) -> Momentum:
-    """H W^T of one body: rows J_i x-skewed by w plus mc_i v, and the linear momentum."""
+    """Return H W^T of one body: rows J_i x-skewed by w plus mc_i v, and the linear momentum."""
     block = mat3(add(cross(W.rate, H.second[i]), scale(H.first[i], W.origin)) for i in range(3))
     return Momentum(block, add(cross(W.rate, H.first), scale(H.mass, W.origin)))
 
 
 def rotated_momentum(turn: Rotation, G: Momentum) -> Momentum:
-    """G in the axes in front of a rotation."""
+    """Return G in the axes in front of a rotation."""
     return Momentum(rotated_block(turn, G.block), matvec(turn.matrix, G.linear))
 
 
 def momentum_to_parent(G: Momentum, joint: JointGeometry) -> Momentum:
-    """G from the joint's axes (translations included) to the parent body."""
+    """Move G from the joint's axes (translations included) to the parent body."""
     R, p, turn = joint.turn, joint.offset, _about_one_axis(joint.turn)
     block = matmul(matmul(R, G.block), transpose(R)) if turn is None else rotated_block(turn, G.block)
     linear = matvec(R, G.linear)
@@ -254,15 +254,15 @@ def coriolis_matrix(
     v: Sequence[Scalar],
     note: Note = no_note,
 ) -> Rows:
-    """Entries (i, j) of C; an absent pair is identically zero."""
+    """Compute C: entries (i, j); an absent pair is identically zero."""
     entries: Rows = {}
     speed = velocities(model, joints, v)
     composite = [body.inertia for body in bound.bodies]
     momenta = [momentum(H, W) for H, (_, W) in zip(composite, speed, strict=True)]
     for k in range(len(model.bodies) - 1, -1, -1):
         note(f"{model.bodies[k].joint}: columns and rows of C, eq. (12) contracted with the velocity")
-        found, H, G = _contributions(composite[k], momenta[k], joints[k], speed[k][0])
-        for index, contribution in found:
+        contributions, H, G = _contributions(composite[k], momenta[k], joints[k], speed[k][0])
+        for index, contribution in contributions:
             _read_coordinate(model, joints, speed, k, index, contribution, entries)
         parent = model.bodies[k].parent
         if parent != FIXED_BODY:
@@ -274,7 +274,7 @@ def coriolis_matrix(
 def _contributions(
     H: PseudoInertia, G: Momentum, joint: JointGeometry, before: Sequence[Velocity]
 ) -> tuple[list[tuple[int, _Coordinate]], PseudoInertia, Momentum]:
-    found = []
+    contributions = []
     for turn, W in reversed(list(zip(joint.rotations, before, strict=False))):
         H, G = rotated(turn, H), rotated_momentum(turn, G)
         e, spin = unit(turn.axis), trace(G.block)
@@ -284,14 +284,14 @@ def _contributions(
         force = add(add(cross(rate, H.first), scale(H.mass, shift)), cross(e, G.linear))
         row = Wrench(cross(e, H.first), rotational_inertia(H, e))
         couple = add(scale(spin, e), scale(-1.0, matvec(G.block, e)))
-        found.append((turn.index, _Coordinate(Wrench(force, moment), row, couple)))
+        contributions.append((turn.index, _Coordinate(Wrench(force, moment), row, couple)))
     for index, axis in joint.translations:
         e = unit(axis)
         shift = cross(before[0].rate, e)
         column = Wrench(scale(H.mass, shift), cross(H.first, shift))
         row = Wrench(scale(H.mass, e), cross(H.first, e))
-        found.append((index, _Coordinate(column, row, cross(G.linear, e))))
-    return found, H, G
+        contributions.append((index, _Coordinate(column, row, cross(G.linear, e))))
+    return contributions, H, G
 
 
 def _read_coordinate(
@@ -303,7 +303,7 @@ def _read_coordinate(
     contribution: _Coordinate,
     entries: Rows,
 ) -> None:
-    """Column ``index`` of C at and above coordinate ``index``, and row ``index`` above it."""
+    """Read column ``index`` of C at and above coordinate ``index``, and row ``index`` above it."""
     read, ignored = ([None] * model.size for _ in range(2))
     column, row, couple = contribution.column, contribution.row, contribution.couple
     joint, body = front(joints[k], index), k
@@ -326,7 +326,7 @@ def _read_coordinate(
 def _read_against_rates(
     row: Wrench, couple: Vec, joint: JointGeometry, before: Sequence[Velocity]
 ) -> tuple[Vec, dict[int, Scalar]]:
-    """tr(D_s (Hc N_v^T + Gc V_v^T)) for every v of a joint above s; the couple in the parent's axes."""
+    """Read tr(D_s (Hc N_v^T + Gc V_v^T)) for every v of a joint above s; return the couple in the parent's axes."""
     values: dict[int, Scalar] = {}
     force, moment = row.force, row.moment
     for turn, W in reversed(list(zip(joint.rotations, before, strict=False))):

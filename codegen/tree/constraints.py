@@ -48,7 +48,7 @@ class Direction:
     is_rotation: bool
 
     def wrench(self, force: Scalar) -> Wrench:
-        """A force along it, or a moment about it."""
+        """Return a force along it, or a moment about it."""
         vector = scale(force, self.vector)
         return Wrench(ZERO, vector) if self.is_rotation else Wrench(vector, ZERO)
 
@@ -63,7 +63,7 @@ class Motion:
     acceleration: Vec = ZERO
 
     def at(self, arm: Vec) -> Motion:
-        """Motion of another point of the body, that far away."""
+        """Return the motion of another point of the body, that far away."""
         w, d = self.rate, self.dot
         turned = cross(w, arm)
         velocity = add(self.velocity, turned)
@@ -97,7 +97,7 @@ class Side:
         self.pose = pose @ placed
 
     def columns(self, point: Vec) -> Iterator[Column]:
-        """The coordinates that move this side, with their arms to the point."""
+        """Return the coordinates that move this side, with their moment arms to the point."""
         for k, pose in zip(self.path, self.poses, strict=True):
             arm = subtract(point, pose.origin)
             for index, _ in self.joints[k].translations:
@@ -106,7 +106,7 @@ class Side:
                 yield Column(turn.index, True, self.axes[turn.index], arm)
 
     def motion(self, v: Sequence[Scalar]) -> Motion:
-        """Motion of the cut frame's origin at the rates v, without accelerations of coordinates."""
+        """Return the motion of the cut frame's origin at the rates v, without accelerations of coordinates."""
         moving, parent = Motion(), BASE_POSE
         for k, pose in zip(self.path, self.poses, strict=True):
             moving = moving.at(subtract(pose.origin, parent.origin))
@@ -143,12 +143,12 @@ class FramePair:
         self.axes_a, self.axes_b = transpose(self.a.pose.rotation), transpose(self.b.pose.rotation)
 
     def pose(self) -> Pose:
-        """Frame b seen from frame a."""
+        """Return frame b as seen from frame a."""
         R = mat3([dot(e, f) for f in self.axes_b] for e in self.axes_a)
         return Pose(R, matvec(self.axes_a, self.distance))
 
-    def arms(self, directions: Sequence[Direction]) -> list[dict[int, Scalar]]:
-        """Derivatives by the coordinates of how far b comes along directions, as seen from a."""
+    def jacobian_rows(self, directions: Sequence[Direction]) -> list[dict[int, Scalar]]:
+        """Differentiate how far b comes along directions, as seen from a, by the coordinates."""
         rows: list[dict[int, Scalar]] = [{} for _ in directions]
         for side, sign in ((self.a, -1.0), (self.b, 1.0)):
             for column in side.columns(self.b.pose.origin):
@@ -161,9 +161,9 @@ class FramePair:
         return rows
 
     def wrenches(self, force: Vec, moment: Vec) -> Iterator[tuple[int, Wrench]]:
-        """Wrenches of joints on the bodies of both sides that hold a wrench on b at its origin, and the opposite on a.
+        """Return wrenches of joints on both sides' bodies that hold a wrench on b at its origin, the opposite on a.
 
-        At each body's origin in its axes; the wrench is given in the common body's axes.
+        At each body's origin in its axes; the argument is in the common body's axes.
         """
         for side, sign in ((self.a, 1.0), (self.b, -1.0)):
             f, n = scale(sign, force), scale(sign, moment)
@@ -186,17 +186,20 @@ class Closure(FramePair):
         self._compare_axes(offset[3:], sincos)
 
     def values(self) -> list[Scalar]:
-        """Components of g: m, and sines of angles."""
-        away = [self._of(part, self.distance, lambda i, j: dot(self.rows_a[i], self.rows_b[j])) for part in self.parts]
-        return [value - self._kept(part) for value, part in zip(away, self.parts, strict=True)]
+        """Return the components of g: m, and sines of angles."""
+        away = [
+            self._of(component, self.distance, lambda i, j: dot(self.rows_a[i], self.rows_b[j]))
+            for component in self.parts
+        ]
+        return [value - self._kept(component) for value, component in zip(away, self.parts, strict=True)]
 
     def _compare_axes(self, offset: Sequence[Scalar], sincos: Turn) -> None:
         """Turn the axes of both frames, as rows compare them, by what rigid angles keep to.
 
         Where all angles are rigid, the whole offset turns those of a.  Otherwise alpha turns a about x, gamma b back
-        about z, and beta is taken off its own row, sin(beta): each is exact whatever the other angles are.
+        about z, and beta is taken off its row, sin(beta): each is exact whatever the other angles are.
         """
-        rigid = {part.name for part in self.parts if part.axis is None}
+        rigid = {component.name for component in self.parts if component.axis is None}
         R, S = self.a.pose.rotation, self.b.pose.rotation
         self.sine: Scalar = 0.0
         for axis, (name, angle) in enumerate(zip(ANGULAR, offset, strict=True)):
@@ -211,24 +214,24 @@ class Closure(FramePair):
                 S = matmul(S, transpose(about(axis, sine, cosine)))
         self.rows_a, self.rows_b = transpose(R), transpose(S)
 
-    def _kept(self, part: Component) -> Scalar:
-        """The offset that a component keeps to."""
-        if part.axis is not None:
-            return self.shift[part.axis]
-        return self.sine if part.name == "beta" else 0.0
+    def _kept(self, component: Component) -> Scalar:
+        """Return the offset that a component keeps to."""
+        if component.axis is not None:
+            return self.shift[component.axis]
+        return self.sine if component.name == "beta" else 0.0
 
     def jacobian(self) -> list[dict[int, Scalar]]:
-        """Rows of J by coordinate; those that move a move b the other way, as seen from a."""
-        return self.arms([self.direction(part) for part in self.parts])
+        """Return rows of J by coordinate; those that move a move b the other way, as seen from a."""
+        return self.jacobian_rows([self.direction(component) for component in self.parts])
 
-    def direction(self, part: Component) -> Direction:
-        """The direction that a component is a coordinate along."""
-        if part.axis is not None:
-            return Direction(self.axes_a[part.axis], is_rotation=False)
-        return Direction(self._moment(part), is_rotation=True)
+    def direction(self, component: Component) -> Direction:
+        """Return the direction that a component is a coordinate along."""
+        if component.axis is not None:
+            return Direction(self.axes_a[component.axis], is_rotation=False)
+        return Direction(self._moment(component), is_rotation=True)
 
     def bias(self, v: Sequence[Scalar]) -> list[Scalar]:
-        """J_dot v: second derivatives of the components at q_ddot = 0."""
+        """Return J_dot v: second derivatives of the components at q_ddot = 0."""
         a, b = self.a.motion(v), self.b.motion(v)
         w = a.rate
         speed = subtract(b.velocity, a.velocity)
@@ -237,37 +240,37 @@ class Closure(FramePair):
         turn = subtract(b.rate, w)  # of b against a, and its derivative as seen from a
         dot_turn = subtract(subtract(b.dot, a.dot), cross(w, turn))
         bend = [add(cross(dot_turn, f), cross(turn, cross(turn, f))) for f in self.rows_b]
-        return [self._of(part, slide, lambda i, j: dot(self.rows_a[i], bend[j])) for part in self.parts]
+        return [self._of(component, slide, lambda i, j: dot(self.rows_a[i], bend[j])) for component in self.parts]
 
     def seen_from_b(self, wrench: Wrench) -> Wrench:
-        """A wrench of the common body's axes in those of frame b."""
+        """Return a wrench of the common body's axes in those of frame b."""
         return Wrench(matvec(self.axes_b, wrench.force), matvec(self.axes_b, wrench.moment))
 
-    def _of(self, part: Component, vector: Vec, product: Any) -> Scalar:
-        """The component of a vector, or the sum of products of axes, that the part stands for."""
-        if part.axis is not None:
-            return dot(self.axes_a[part.axis], vector)
+    def _of(self, component: Component, vector: Vec, product: Any) -> Scalar:
+        """Return a vector's entry along the component's axis, or its sum of products of axes."""
+        if component.axis is not None:
+            return dot(self.axes_a[component.axis], vector)
         total: Scalar = 0.0
-        for factor, i, j in part.products:
+        for factor, i, j in component.products:
             total = total + factor * product(i, j)
         return total
 
-    def _moment(self, part: Component) -> Vec:
-        """The factor of b's angular velocity against a: e_i . (w x f_j) = w . (f_j x e_i)."""
+    def _moment(self, component: Component) -> Vec:
+        """Return the factor of b's angular velocity against a: e_i . (w x f_j) = w . (f_j x e_i)."""
         total = ZERO
-        for factor, i, j in part.products:
+        for factor, i, j in component.products:
             total = add(total, scale(factor, cross(self.rows_b[j], self.rows_a[i])))
         return total
 
 
 def closures(model: Model, bound: Bound, joints: Sequence[JointGeometry], sincos: Turn, note: Any) -> Iterator[Closure]:
-    """The robot's loops, each with a comment in front of its values."""
+    """Follow the robot's loops, each with a comment in front of its values."""
     for number, loop in enumerate(model.robot.loops):
         note(f"{loop.name}: {loop.type} joint between {loop.links[0]} and {loop.links[1]}")
         yield Closure(model, bound, joints, number, sincos)
 
 
 def common_body(model: Model, a: int, b: int) -> int:
-    """The last body that carries bodies a and b, or FIXED_BODY."""
+    """Return the last body that carries bodies a and b, or FIXED_BODY."""
     behind = set(model.ancestors(a))
     return next((k for k in model.ancestors(b) if k in behind), FIXED_BODY)

@@ -100,8 +100,8 @@ def residual_derivatives(
     a: Sequence[Scalar],
     note: Note = no_note,
 ) -> Derivatives:
-    """Derivatives of all rows of the residual, linear springs and dampers of coordinates and armatures included."""
-    found = Derivatives({}, {}, {})
+    """Differentiate the residual with linear springs and dampers of coordinates and armatures, by q, v and a."""
+    dr = Derivatives({}, {}, {})
     moving = _outwards(model, joints, v, a, scale(-1.0, bound.gravity), note)
     composites = [
         Composite(body.inertia, momentum(body.inertia, _doubled(m.W)), body_wrench(m.K, body.inertia))
@@ -111,15 +111,15 @@ def residual_derivatives(
         note(f"{model.bodies[k].joint}: rows and columns of the derivatives of eq. (5)")
         readings, at_joint = _readings(composites[k], joints[k], moving[k])
         for index, reading in readings:
-            _read(model, joints, moving, k, index, reading, found)
+            _read(model, joints, moving, k, index, reading, dr)
         parent = model.bodies[k].parent
         if parent != FIXED_BODY:
             composites[parent] = composites[parent] + _behind(at_joint, joints[k])
     for i in range(model.size):
         law = bound.laws[i]
-        for rows, value in ((found.by_q, law.stiffness), (found.by_v, law.damping), (found.by_a, bound.armature[i])):
+        for rows, value in ((dr.by_q, law.stiffness), (dr.by_v, law.damping), (dr.by_a, bound.armature[i])):
             rows[i, i] = rows.get((i, i), 0.0) + value
-    return found
+    return dr
 
 
 def _doubled(W: Velocity) -> Velocity:
@@ -134,7 +134,7 @@ def _outwards(
     base: Vec,
     note: Note,
 ) -> list[_Moving]:
-    """W and K of every body, and the tangents on the way, from the base to the tips."""
+    """Compute W and K of every body, and the tangents on the way, from the base to the tips."""
     still = _Moving(Velocity(ZERO, ZERO), acceleration(ZERO, ZERO, base), (), ())
     bodies: list[_Moving] = []
     for body, joint in zip(model.bodies, joints, strict=True):
@@ -173,8 +173,8 @@ def _through(parent: _Moving, joint: JointGeometry, v: Sequence[Scalar], a: Sequ
 
 
 def _readings(here: Composite, joint: JointGeometry, moving: _Moving) -> tuple[list[tuple[int, _Reading]], Composite]:
-    """Every coordinate's reading in the axes in front of it, and the composite in the joint's axes."""
-    found = []
+    """Return every coordinate's reading in the axes in front of it, and the composite in the joint's axes."""
+    readings = []
     for turn, tangent in reversed(list(zip(joint.rotations, moving.rotations, strict=True))):
         P = here.P.turned(turn.matrix)
         here = Composite(rotated(turn, here.H), rotated_momentum(turn, here.G), P)
@@ -184,29 +184,29 @@ def _readings(here: Composite, joint: JointGeometry, moving: _Moving) -> tuple[l
         by_q = _inertial(H, tangent.Z) + Wrench(cross(tangent.X[0], G.linear), _turning(G, tangent.X[0]))
         by_q = by_q + Wrench(cross(e, P.force), cross(e, P.moment))
         couple = add(scale(trace(G.block), e), scale(-1.0, matvec(G.block, e)))
-        found.append((turn.index, _Reading(row, couple, by_q, by_v)))
+        readings.append((turn.index, _Reading(row, couple, by_q, by_v)))
     for tangent in moving.translations:
         H, G, P, e = here.H, here.G, here.P, tangent.axis
         row = Wrench(scale(H.mass, e), cross(H.first, e))
         by_q = _inertial(H, tangent.Z) + Wrench(ZERO, cross(e, P.force))
-        found.append((tangent.index, _Reading(row, cross(G.linear, e), by_q, _inertial(H, tangent.twice))))
-    return found, here
+        readings.append((tangent.index, _Reading(row, cross(G.linear, e), by_q, _inertial(H, tangent.twice))))
+    return readings, here
 
 
 def _inertial(H: PseudoInertia, Y: tuple[Vec, Vec]) -> Wrench:
-    """Y H read off, for Y of turning and shift."""
+    """Read Y H off, for Y of turning and shift."""
     turning, shift = Y
     force = add(cross(turning, H.first), scale(H.mass, shift))
     return Wrench(force, add(rotational_inertia(H, turning), cross(H.first, shift)))
 
 
 def _turning(G: Momentum, x: Vec) -> Vec:
-    """Moment of skew(x) G: (tr 1 - block^T) x for the transposed block that G holds."""
+    """Return the moment of skew(x) G: (tr 1 - block^T) x for the transposed block that G holds."""
     return add(scale(trace(G.block), x), scale(-1.0, matvec(transpose(G.block), x)))
 
 
 def _behind(here: Composite, joint: JointGeometry) -> Composite:
-    """The composite at the parent body's origin, in its axes."""
+    """Move the composite to the parent body's origin, in its axes."""
     P = through_joint_back(here.P, JointGeometry(joint.turn, joint.offset, (), ()), [])
     return Composite(to_parent(here.H, joint), momentum_to_parent(here.G, joint), P)
 
@@ -218,22 +218,22 @@ def _read(
     k: int,
     index: int,
     reading: _Reading,
-    found: Derivatives,
+    dr: Derivatives,
 ) -> None:
-    """Column ``index`` at and above it, and row ``index`` above it, on the way from joint k to the base."""
+    """Read column ``index`` at and above it, and row ``index`` above it, from joint k to the base."""
     masses: list[Scalar] = [None] * model.size
     by_q, by_v = list(masses), list(masses)
     row, couple, at_q, at_v = reading.row, reading.couple, reading.by_q, reading.by_v
     joint, body = front(joints[k], index), k
     while True:
-        couple = _read_row(row, couple, joint, moving[body], index, found)
+        couple = _read_row(row, couple, joint, moving[body], index, dr)
         row = through_joint_back(row, joint, masses)
         at_q, at_v = through_joint_back(at_q, joint, by_q), through_joint_back(at_v, joint, by_v)
         body = model.bodies[body].parent
         if body == FIXED_BODY:
             break
         joint = joints[body]
-    for rows, read in ((found.by_q, by_q), (found.by_v, by_v), (found.by_a, masses)):
+    for rows, read in ((dr.by_q, by_q), (dr.by_v, by_v), (dr.by_a, masses)):
         for other, value in enumerate(read):
             if value is not None and other <= index:
                 rows[other, index] = value
@@ -241,17 +241,17 @@ def _read(
                     rows[index, other] = value
 
 
-def _read_row(row: Wrench, couple: Vec, joint: JointGeometry, moving: _Moving, index: int, found: Derivatives) -> Vec:
-    """dr_index/dq_j and dr_index/dv_j for every j of a joint that stands in front; the couple in the parent's axes."""
+def _read_row(row: Wrench, couple: Vec, joint: JointGeometry, moving: _Moving, index: int, dr: Derivatives) -> Vec:
+    """Read dr_index/dq_j and dr_index/dv_j for every j of a joint in front; return the couple in the parent's axes."""
     force, moment = row.force, row.moment
     tangents = {tangent.index: tangent for tangent in moving.rotations}
     for turn in reversed(joint.rotations):
         force, moment, couple = (matvec(turn.matrix, x) for x in (force, moment, couple))
         if turn.index < index:
             j = tangents[turn.index]
-            found.by_q[index, j.index] = dot(moment, j.Z[0]) + dot(force, j.Z[1]) + dot(couple, j.X[0])
-            found.by_v[index, j.index] = dot(moment, j.twice[0]) + dot(force, j.twice[1]) + dot(couple, j.axis)
+            dr.by_q[index, j.index] = dot(moment, j.Z[0]) + dot(force, j.Z[1]) + dot(couple, j.X[0])
+            dr.by_v[index, j.index] = dot(moment, j.twice[0]) + dot(force, j.twice[1]) + dot(couple, j.axis)
     for j in moving.translations:
         if j.index < index:
-            found.by_q[index, j.index], found.by_v[index, j.index] = dot(force, j.Z[1]), dot(force, j.twice[1])
+            dr.by_q[index, j.index], dr.by_v[index, j.index] = dot(force, j.Z[1]), dot(force, j.twice[1])
     return matvec(joint.turn, couple)

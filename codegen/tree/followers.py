@@ -29,13 +29,13 @@ class Followers:
         """
         self.shares: dict[int, Shares] = {}
         self.offsets: dict[int, Scalar] = {}
-        self._arms: dict[int, Mapping[int, Scalar]] = {}  # of each follower's own coupling
-        rigid = {next(iter(coupling.arms)): coupling for coupling in bound.couplings if coupling.law is None}
+        self._rows: dict[int, Mapping[int, Scalar]] = {}  # of each follower's coupling
+        rigid = {next(iter(coupling.jacobian_row)): coupling for coupling in bound.couplings if coupling.law is None}
         for index in map(whole.coordinates.index, described.followers):
             share: Shares = {}
-            self._arms[index] = rigid[index].arms
+            self._rows[index] = rigid[index].jacobian_row
             offset = rigid[index].offset
-            for other, arm in rigid[index].arms.items():
+            for other, arm in rigid[index].jacobian_row.items():
                 if other == index:
                     continue
                 ratio = -1.0 * arm
@@ -58,56 +58,56 @@ class Followers:
         return x
 
     def gather(self, forces: Sequence[Scalar]) -> list[Scalar]:
-        """Forces of followers added to their leaders', S^T f, (n,); zeros are left at the followers."""
-        found = list(forces)
+        """Add forces of followers to their leaders', S^T f, (n,); zeros are left at the followers."""
+        gathered = list(forces)
         for index, share in self.shares.items():
             for leader, ratio in share.items():
-                found[leader] = found[leader] + ratio * forces[index]
-            found[index] = 0.0
-        return found
+                gathered[leader] = gathered[leader] + ratio * forces[index]
+            gathered[index] = 0.0
+        return gathered
 
     def holding(self, needed: Sequence[Scalar]) -> dict[int, Scalar]:
-        """Forces of the couplings by their followers' indices, out of what all coordinates need, (n,).
+        """Return the couplings' forces by their followers' indices, out of what all coordinates need, (n,).
 
         They are multipliers of what vanishes, a follower less what its coupling makes of others; so a coupling bears
         what those take that follow its follower.
         """
-        found: dict[int, Scalar] = {}
+        coupling_forces: dict[int, Scalar] = {}
         for index in reversed(self.shares):
             force = needed[index]
-            for other, taken in found.items():
-                if index in self._arms[other]:
-                    force = force - self._arms[other][index] * taken
-            found[index] = force
-        return found
+            for other, taken in coupling_forces.items():
+                if index in self._rows[other]:
+                    force = force - self._rows[other][index] * taken
+            coupling_forces[index] = force
+        return coupling_forces
 
-    def row(self, arms: Mapping[int, Scalar]) -> dict[int, Scalar]:
-        """Derivatives by coordinates that follow no others, J S, of those by all, by index."""
-        found: dict[int, Scalar] = {index: arm for index, arm in arms.items() if index not in self.shares}
+    def row(self, full_row: Mapping[int, Scalar]) -> dict[int, Scalar]:
+        """Map a row of J, by all coordinates, to those that follow no others: J S, by index."""
+        row: dict[int, Scalar] = {index: arm for index, arm in full_row.items() if index not in self.shares}
         for index, share in self.shares.items():
-            for leader, ratio in share.items() if index in arms else ():
-                found[leader] = found.get(leader, 0.0) + ratio * arms[index]
-        return found
+            for leader, ratio in share.items() if index in full_row else ():
+                row[leader] = row.get(leader, 0.0) + ratio * full_row[index]
+        return row
 
     def matrix(self, rows: Rows) -> Rows:
-        """S^T A S of a matrix with all its entries that do not vanish."""
+        """Return S^T A S of a matrix with all its entries that do not vanish."""
         by_row: dict[int, Shares] = {}
         for (i, j), value in rows.items():
             by_row.setdefault(i, {})[j] = value
-        found: dict[int, Shares] = {}
-        for i, arms in by_row.items():
-            row = self.row(arms)
+        mapped: dict[int, Shares] = {}
+        for i, columns in by_row.items():
+            row = self.row(columns)
             for leader, ratio in self.shares.get(i, {i: 1.0}).items():
-                into = found.setdefault(leader, {})
+                into = mapped.setdefault(leader, {})
                 for j, value in row.items():
                     into[j] = into.get(j, 0.0) + ratio * value
-        return {(i, j): value for i, row in found.items() for j, value in row.items()}
+        return {(i, j): value for i, row in mapped.items() for j, value in row.items()}
 
     def symmetric(self, upper: Rows) -> Rows:
-        """S^T M S of a symmetric matrix; entries (i, j) with i <= j of both."""
+        """Return S^T M S of a symmetric matrix; entries (i, j) with i <= j of both."""
         both = {**upper, **{(j, i): value for (i, j), value in upper.items()}}
         return {(i, j): value for (i, j), value in self.matrix(both).items() if i <= j}
 
     def leaders(self, indices: Iterable[int]) -> list[int]:
-        """Coordinates that move these, themselves where they follow no others; each once."""
+        """Return the coordinates that move these, themselves where they follow no others; each once."""
         return list(dict.fromkeys(j for i in indices for j in self.shares.get(i, (i,))))

@@ -15,7 +15,7 @@ from .spatial import ZERO, Scalar, add, cross, matvec
 
 
 def frame_velocities(model: Model, bound: Bound, joints: Sequence[JointGeometry], v: Sequence[Scalar]) -> list[Scalar]:
-    """Six numbers per frame: the velocity of its origin, m/s, and its angular velocity, rad/s."""
+    """Return per frame the velocity of its origin, m/s, and its angular velocity, rad/s: six numbers, base frame."""
     poses, _ = body_poses(model, joints)
     bodies = [W for _, W in velocities(model, joints, v)]
     values: list[Scalar] = []
@@ -32,7 +32,7 @@ def frame_velocities(model: Model, bound: Bound, joints: Sequence[JointGeometry]
 def frame_accelerations(
     model: Model, bound: Bound, joints: Sequence[JointGeometry], v: Sequence[Scalar], a: Sequence[Scalar]
 ) -> list[Scalar]:
-    """Six numbers per frame: the acceleration of its origin, m/s^2, and its angular acceleration, rad/s^2."""
+    """Return per frame the acceleration of its origin, m/s^2, and its angular acceleration, rad/s^2: six numbers."""
     poses, _ = body_poses(model, joints)
     bodies = accelerations(model, replace(bound, gravity=ZERO), joints, v, a)
     values: list[Scalar] = []

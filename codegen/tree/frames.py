@@ -1,4 +1,4 @@
-"""Choose body frames that leave fewer numbers: a frame may move along, and turn about, its own joint's axis.
+"""Choose body frames that leave fewer numbers: a frame may move along, and turn about, its joint's axis.
 
 A shift along z changes nothing for a joint whose only coordinates are z and gamma.  A turn about z is a constant added
 to gamma, the last rotation of a joint: behind gamma it turns the body's frame (a leaf's first moment comes to lie along
@@ -62,19 +62,19 @@ def _about_z(angle: float) -> Mat:
 
 
 def _clean(x: float) -> float:
-    """The number, or 0, 1 or -1 where it is that but for round-off."""
+    """Return the number, or 0, 1 or -1 where it is that but for round-off."""
     nearest = float(round(x))
     return nearest if abs(x - nearest) < ROUND_OFF and abs(nearest) <= 1.0 else x
 
 
 def _turned(pose: Pose, angle: float) -> Pose:
-    """The pose with its frame turned about its z."""
+    """Turn a pose's frame about its z."""
     turned = (pose @ Pose(_about_z(angle), ZERO)).rotation
     return Pose(mat3(map(_clean, row) for row in turned), pose.origin)
 
 
 def _move(bodies: list[BoundBody], k: int, children: Sequence[int], by: Pose, *, placed: bool) -> None:
-    """Move body k's frame by a pose given in that frame; ``placed``: the joint's placement moves too."""
+    """Move body k's frame by ``pose``, in its axes; ``placed``: the joint's placement moves too."""
     back = _back(by)
     placement = bodies[k].placement @ by if placed else bodies[k].placement
     bodies[k] = BoundBody(placement, congruence(back, bodies[k].inertia))
@@ -89,7 +89,7 @@ def _move(bodies: list[BoundBody], k: int, children: Sequence[int], by: Pose, *,
 
 
 def _back(by: Pose) -> Pose:
-    """The inverse of a pose."""
+    """Invert a pose."""
     back = transpose(by.rotation)
     return Pose(back, scale(-1.0, matvec(back, by.origin)))
 
@@ -97,7 +97,7 @@ def _back(by: Pose) -> Pose:
 def _elements_moved(
     elements: Mapping[str, tuple[BoundElement, ...]], k: int, by: Pose
 ) -> dict[str, tuple[BoundElement, ...]]:
-    """The force elements with their ends on body k seen from its frame moved by a pose given in it."""
+    """Return the force elements with their ends on body k as seen from its moved frame."""
     back = transpose(by.rotation)
 
     def seen(end: tuple[int, Pose]) -> tuple[int, Pose]:
@@ -114,7 +114,7 @@ def _elements_moved(
 
 
 def _cuts_moved(cuts: Cuts, k: int, by: Pose) -> Cuts:
-    """The loops' cut frames with those on body k seen from its frame moved by a pose given in it."""
+    """Return the loops' cut frames with those on body k as seen from its moved frame."""
 
     def seen(side: tuple[int, Pose]) -> tuple[int, Pose]:
         return (k, _cleaned(_back(by) @ side[1])) if side[0] == k else side
@@ -123,7 +123,7 @@ def _cuts_moved(cuts: Cuts, k: int, by: Pose) -> Cuts:
 
 
 def _cleaned(pose: Pose) -> Pose:
-    """The pose without round-off in entries that are meant to be 0, 1 or -1, where it is one of numbers."""
+    """Remove round-off from entries of a pose that are meant to be 0, 1 or -1, where it is one of numbers."""
     if not all(isinstance(x, float) for row in (*pose.rotation, pose.origin) for x in row):
         return pose
     size = ROUND_OFF * math.hypot(*pose.origin)
@@ -132,7 +132,7 @@ def _cleaned(pose: Pose) -> Pose:
 
 
 def _best_shift(bodies: list[BoundBody], k: int, children: Sequence[int]) -> float:
-    """The shift along z that leaves fewest non-zero components in the placements around body k; 0 in doubt."""
+    """Return the shift along z that leaves fewest non-zero components in placements around body k; 0 in doubt."""
     placement = bodies[k].placement
     axis = transpose(placement.rotation)[AXIS]
     origins = [bodies[child].placement.origin for child in children]
@@ -148,7 +148,7 @@ def _best_shift(bodies: list[BoundBody], k: int, children: Sequence[int]) -> flo
 
 
 def _last_angle(R: Mat) -> float:
-    """c of R = Rz(a) Rx(b) Rz(c), less what right angles may stay (they cost nothing); 0 where nothing is gained."""
+    """Return c of R = Rz(a) Rx(b) Rz(c), less right angles, which cost nothing; 0 where nothing is gained."""
     c = math.atan2(R[2][0], R[2][1]) if R[2][0] or R[2][1] else math.atan2(R[1][0], R[0][0])
     c -= round(c / (math.pi / 2)) * (math.pi / 2)
     turned = _turned(Pose(R, ZERO), -c).rotation
@@ -156,12 +156,12 @@ def _last_angle(R: Mat) -> float:
 
 
 def _entries(R: Mat) -> int:
-    """Entries that cost a product."""
+    """Count entries that cost a product."""
     return sum(x not in (-1.0, 0.0, 1.0) for row in R for x in row)
 
 
 def _best_turn(bodies: list[BoundBody], children: Sequence[int]) -> float:
-    """Turn that brings a child's axis into the y-z plane, or its origin onto x, where that leaves fewer products."""
+    """Return the turn that brings a child's axis into the y-z plane, or its origin onto x, for fewer products."""
     poses = [bodies[child].placement for child in children]
     candidates = [0.0]
     for pose in poses:
@@ -185,7 +185,7 @@ def _best_turn(bodies: list[BoundBody], children: Sequence[int]) -> float:
 
 
 def _turn_onto_x(bound: Bound, bodies: list[BoundBody], k: int) -> float:
-    """Angle that brings a first moment's part across z onto x; 0 where nothing is gained, or where masses decide."""
+    """Return the angle that brings a first moment across z onto x; 0 where nothing is gained, or masses decide."""
     first = bodies[k].inertia.first
     if not all(isinstance(x, float) for x in first):
         coms = [com for body, com in bound.coms.values() if body == k]

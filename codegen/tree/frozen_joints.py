@@ -47,16 +47,16 @@ class JointGeometry:
     rotations: tuple[Rotation, ...]
 
     def inwards(self, x: Vec) -> Vec:
-        """A vector of the axes in front of all rotations in those behind them."""
+        """Turn a vector of the axes in front of all rotations into those behind them."""
         return reduce(lambda y, turn: matvec(transpose(turn.matrix), y), self.rotations, x)
 
     def outwards(self, x: Vec) -> Vec:
-        """A vector of the axes behind all rotations in those in front of them."""
+        """Turn a vector of the axes behind all rotations into those in front of them."""
         return reduce(lambda y, turn: matvec(turn.matrix, y), reversed(self.rotations), x)
 
 
 def unit(axis: int, length: Scalar = 1.0) -> Vec:
-    """Vector along an axis."""
+    """Return a vector along an axis."""
     return vec3(length if i == axis else 0.0 for i in range(3))
 
 
@@ -66,7 +66,7 @@ def geometry(
     q: Sequence[Scalar],
     sincos: Callable[[Scalar], tuple[Scalar, Scalar]],
 ) -> list[JointGeometry]:
-    """Every joint's transform at q, elementary step by elementary step."""
+    """Evaluate every joint's transform at q, elementary step by elementary step."""
     joints = []
     for body, numbers in zip(model.bodies, bound.bodies, strict=True):
         steps = [(index, freeze(name)) for index, name in zip(body.indices, body.active, strict=True)]

@@ -16,19 +16,19 @@ BASE_POSE = Pose(IDENTITY, ZERO)
 
 
 def body_poses(model: Model, joints: Sequence[JointGeometry]) -> tuple[list[Pose], list[Vec]]:
-    """A_0k of every body, and the unit axis of every coordinate in base axes."""
+    """Return A_0k of every body, and the unit axis of every coordinate, base frame."""
     poses: list[Pose] = []
     axes: list[Vec] = [ZERO] * model.size
     for body, joint in zip(model.bodies, joints, strict=True):
-        pose, found = through_joint(BASE_POSE if body.parent == FIXED_BODY else poses[body.parent], joint)
+        pose, unit_axes = through_joint(BASE_POSE if body.parent == FIXED_BODY else poses[body.parent], joint)
         poses.append(pose)
-        for index, axis in found.items():
+        for index, axis in unit_axes.items():
             axes[index] = axis
     return poses, axes
 
 
 def through_joint(parent: Pose, joint: JointGeometry) -> tuple[Pose, dict[int, Vec]]:
-    """Pose of the body behind a joint, and its coordinates' unit axes, in the axes that ``parent`` is given in."""
+    """Return the pose of the body behind a joint, and its coordinates' unit axes, in the axes of ``parent``."""
     axes: dict[int, Vec] = {}
     origin = add(parent.origin, matvec(parent.rotation, joint.offset))
     rotation = matmul(parent.rotation, joint.turn)
@@ -41,7 +41,7 @@ def through_joint(parent: Pose, joint: JointGeometry) -> tuple[Pose, dict[int, V
 
 
 def frame_poses(model: Model, bound: Bound, bodies: Sequence[Pose]) -> list[Pose]:
-    """Poses of all frames of the model in base axes."""
+    """Return the poses of all frames of the model in the base frame."""
     return [
         (BASE_POSE if body == FIXED_BODY else bodies[body]) @ pose
         for body, pose in (bound.frames[name] for name in model.frames)
@@ -51,20 +51,20 @@ def frame_poses(model: Model, bound: Bound, bodies: Sequence[Pose]) -> list[Pose
 def external_rows(
     model: Model, bound: Bound, joints: Sequence[JointGeometry], wrenches: Sequence[Sequence[Scalar]]
 ) -> tuple[list[Scalar], list[Wrench]]:
-    """Eq. (14) with its moment term corrected: generalized forces of a force and a moment at each link's com.
+    """Return generalized forces of a force and a moment at each link's com: eq. (14), its moment term corrected.
 
     Args:
-        wrenches: per link of ``model.links`` six scalars, force (N) and moment (N m), base axes.
+        wrenches: per link of ``model.links`` six scalars, force (N) and moment (N m), base frame.
 
     Returns:
-        n rows, and per body what is given to it and all that hangs on it, at its origin in its axes.
+        n rows, and per body the load on it and all that hangs on it, at its origin in its axes.
     """
     poses, _ = body_poses(model, joints)
     at_bodies = [NO_WRENCH] * len(model.bodies)
-    for link, given in zip(model.links, wrenches, strict=True):
+    for link, wrench in zip(model.links, wrenches, strict=True):
         body, com = bound.coms[link]
         back = transpose(poses[body].rotation)
-        force, moment = matvec(back, vec3(given[:3])), matvec(back, vec3(given[3:]))
+        force, moment = matvec(back, vec3(wrench[:3])), matvec(back, vec3(wrench[3:]))
         at_bodies[body] = at_bodies[body] + Wrench(force, add(moment, cross(com, force)))
     return collect(model, joints, at_bodies)
 

@@ -40,8 +40,8 @@ def total_momentum(model: Model, bound: Bound, joints: Sequence[JointGeometry], 
     linear, angular = ZERO, ZERO
     for pose, (_, W), body in zip(poses, velocities(model, joints, v), bound.bodies, strict=True):
         H = body.inertia
-        own = matvec(pose.rotation, add(scale(H.mass, W.origin), cross(W.rate, H.first)))
+        body_momentum = matvec(pose.rotation, add(scale(H.mass, W.origin), cross(W.rate, H.first)))
         spin = matvec(pose.rotation, add(rotational_inertia(H, W.rate), cross(H.first, W.origin)))
-        linear = add(linear, own)
-        angular = add(angular, add(spin, cross(pose.origin, own)))
+        linear = add(linear, body_momentum)
+        angular = add(angular, add(spin, cross(pose.origin, body_momentum)))
     return linear, angular

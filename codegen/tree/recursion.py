@@ -2,7 +2,7 @@
 
 A_ddot_0k = A_0k K_k with K_k = [[U, a], [0, 0]], U = skew(w_dot) + skew(w)^2 and a the acceleration of the link's
 origin, both in link axes.  The rotation R_0k cancels in the trace, so link k contributes P_k = K_k H_k, and a trace
-against a tangent reads off a force (last column of P) or a moment (antisymmetric part of its left block).  Forces and
+against a tangent reads off a force (last column of P) or a moment (its left block, antisymmetric).  Forces and
 moments are collected from the tips to the base.  Every function runs on nodes of a program, on floats and on SymPy
 expressions alike.
 """
@@ -42,7 +42,7 @@ def no_note(_: str) -> None:
 
 @dataclass(frozen=True)
 class Acceleration:
-    """K of a frame in its own axes: ``rate`` w, ``dot`` w_dot, ``origin`` a, and U with the squares of w."""
+    """K of a frame in its axes: ``rate`` w, ``dot`` w_dot, ``origin`` a, and U with the squares of w."""
 
     rate: Vec
     dot: Vec
@@ -62,17 +62,17 @@ class Wrench:
         return Wrench(add(self.force, other.force), add(self.moment, other.moment))
 
     def scaled(self, factor: Scalar) -> Wrench:
-        """The wrench times a number."""
+        """Return the wrench times a number."""
         return Wrench(scale(factor, self.force), scale(factor, self.moment))
 
     def plus(self, factor: Scalar, other: Wrench) -> Wrench:
-        """The wrench and another one times a number."""
+        """Return the wrench and another one times a number."""
         if is_zero(factor):
             return self
         return Wrench(add(self.force, scale(factor, other.force)), add(self.moment, scale(factor, other.moment)))
 
     def turned(self, rotation: Mat) -> Wrench:
-        """The wrench in other axes."""
+        """Return the wrench in other axes."""
         return Wrench(matvec(rotation, self.force), matvec(rotation, self.moment))
 
 
@@ -80,7 +80,7 @@ NO_WRENCH = Wrench(ZERO, ZERO)
 
 
 def acceleration(rate: Vec, dot_rate: Vec, origin: Vec) -> Acceleration:
-    """K from angular velocity, angular acceleration, and acceleration of the origin."""
+    """Return K from angular velocity, angular acceleration, and acceleration of the origin."""
     w, d = rate, dot_rate
     s = (w[0] * w[0], w[1] * w[1], w[2] * w[2])
     xy, xz, yz = w[0] * w[1], w[0] * w[2], w[1] * w[2]
@@ -114,7 +114,7 @@ def _through_joint(
 def _through_turn(
     parent: Acceleration, joint: JointGeometry, at_joint: tuple[Vec, Vec, Vec], v: Sequence[Scalar], a: Sequence[Scalar]
 ) -> Acceleration:
-    """One rotation about an axis e of the parent's frame: U e is the same vector in front of it and behind it.
+    """Pass one rotation about an axis e of the parent's frame: U e is the same vector in front of it and behind it.
 
     Both bodies carry the axis with them.  So the column U e turns like any vector, w_dot across the axis follows from
     it, and the products of rates that carry w_dot through the joint are saved.
@@ -135,7 +135,7 @@ def _through_turn(
 def accelerations(
     model: Model, bound: Bound, joints: Sequence[JointGeometry], v: Sequence[Scalar], a: Sequence[Scalar]
 ) -> list[Acceleration]:
-    """K of every body, with gravity as an acceleration of the base."""
+    """Compute K of every body, with gravity as an acceleration of the base."""
     still = acceleration(ZERO, ZERO, scale(-1.0, bound.gravity))
     moving: list[Acceleration] = []
     for body, joint in zip(model.bodies, joints, strict=True):
@@ -144,7 +144,7 @@ def accelerations(
 
 
 def body_wrench(K: Acceleration, H: PseudoInertia) -> Wrench:
-    """P = K H read off: force U mc + m a, moment mc x a + the antisymmetric part of U J."""
+    """Read P = K H off: force U mc + m a, moment mc x a + the antisymmetric block of U J."""
     U, J, s = K.U, H.second, K.squares
     force = add(matvec(U, H.first), scale(H.mass, K.origin))
     turning = (
@@ -176,7 +176,7 @@ def collect(
 def _collect_body(
     model: Model, joints: Sequence[JointGeometry], k: int, total: list[Wrench], rows: list[Scalar], note: Note
 ) -> None:
-    """Rows of one joint, where all that hangs on its body is in ``total`` already; the parent's part."""
+    """Collect rows of one joint, where all that hangs on its body is in ``total`` already; the parent's share."""
     note(f"{model.bodies[k].joint}: traces against its tangents, eq. (5)")
     at_parent = through_joint_back(total[k], joints[k], rows)
     parent = model.bodies[k].parent
@@ -210,7 +210,7 @@ def inertial_rows(
     gravity: Vec,
     note: Note = no_note,
 ) -> tuple[list[Scalar], list[Wrench]]:
-    """Left-hand side of eq. (5) minus gravity's generalized force, per coordinate, and the joints' wrenches.
+    """Compute eq. (5)'s left side less gravity's generalized force, per coordinate, and the joints' wrenches.
 
     A branch is collected before the next one begins, and a link's wrench is taken where its K is: values that wait are
     what registers cannot hold.
@@ -238,7 +238,7 @@ def inertial_rows(
 
 @dataclass(frozen=True)
 class Velocity:
-    """W of a frame in its own axes: angular velocity ``rate``, velocity of the ``origin``."""
+    """W of a frame in its axes: angular velocity ``rate``, velocity of the ``origin``."""
 
     rate: Vec
     origin: Vec
@@ -250,7 +250,7 @@ STILL = Velocity(ZERO, ZERO)
 def velocities(
     model: Model, joints: Sequence[JointGeometry], v: Sequence[Scalar]
 ) -> list[tuple[tuple[Velocity, ...], Velocity]]:
-    """Angular velocities of each body: W itself, and W in front of every rotation of its joint, translations too."""
+    """Compute angular velocities of each body: W, and W in front of every rotation of its joint, translations too."""
     bodies: list[tuple[tuple[Velocity, ...], Velocity]] = []
     for body, joint in zip(model.bodies, joints, strict=True):
         parent = STILL if body.parent == FIXED_BODY else bodies[body.parent][1]
@@ -269,7 +269,7 @@ def velocities(
 
 
 def kinetic_energy(model: Model, bound: Bound, joints: Sequence[JointGeometry], v: Sequence[Scalar]) -> Scalar:
-    """Eq. (4): E = 1/2 sum_k tr(W_k H_k W_k^T), with the armatures."""
+    """Compute eq. (4): E = 1/2 sum_k tr(W_k H_k W_k^T), with the armatures."""
     energy: Scalar = 0.0
     for (_, W), body in zip(velocities(model, joints, v), bound.bodies, strict=True):
         H = body.inertia
@@ -282,7 +282,7 @@ def kinetic_energy(model: Model, bound: Bound, joints: Sequence[JointGeometry], 
 
 
 def rotational_inertia(H: PseudoInertia, w: Vec) -> Vec:
-    """I w with I = tr(J) 1 - J."""
+    """Return I w with I = tr(J) 1 - J."""
     J = H.second
     return (
         (J[1][1] + J[2][2]) * w[0] - J[0][1] * w[1] - J[0][2] * w[2],

@@ -1,6 +1,6 @@
 """Inverse dynamics without springs as u = Y(q, v, a) theta: linear in inertial parameters and armatures.
 
-A body's wrench P = K H is linear in H, and a row of eq. (5) reads a wrench off along its coordinate's own unit motion:
+A body's wrench P = K H is linear in H, and a row of eq. (5) reads a wrench off along its coordinate's unit motion:
 an axis e and the velocity l of the body's origin per unit rate, both in the link's axes.  So that motion goes out along
 the tree once for every body behind its coordinate, and meets ten wrenches there.  Each of these has few entries, which
 makes it cheaper than ten wrenches on their way back.  What is behind a coordinate alone has entries in its row.
@@ -27,10 +27,10 @@ Motion = tuple[Vec, Vec]  # per unit rate of a coordinate: angular velocity, vel
 
 
 def regressor_names(model: Model) -> tuple[str, ...]:
-    """Names of the columns: ten of each body ("link1.m" ... "link1.izz"), then armatures ("joint1.gamma.armature").
+    """Name the columns: ten of each body ("link1.m" ... "link1.izz"), then armatures ("joint1.gamma.armature").
 
     A body has the name of its joint's child link.  Of coordinates those have an armature that a drive moves, motors
-    ("joint1.motor.inertia"), and those that are given one.
+    ("joint1.motor.inertia"), and those with one in the description.
     """
     links = [component_name(body.name, key) for body in model.bodies for key in INERTIAL]
     ends = ((name, "inertia" if kind_of(name) == MOTOR else "armature") for name in armatures(model))
@@ -38,18 +38,18 @@ def regressor_names(model: Model) -> tuple[str, ...]:
 
 
 def armatures(model: Model) -> tuple[str, ...]:
-    """Names of the coordinates, followers too, that have a column for their armature; in the order of the tree."""
-    found = {model.coordinates[i] for i in (*model.driven, *model.motors)}
+    """Name the coordinates, followers too, that have a column for their armature; in the order of the tree."""
+    names = {model.coordinates[i] for i in (*model.driven, *model.motors)}
     for joint in model.robot.joints:
         for kind, coordinate in joint.all_coordinates.items():
             name = component_name(joint.name, kind)
             if coordinate.armature or f"joints.{name}.armature" in model.parameters:
-                found.add(name)
-    return tuple(name for name in coordinate_names(model.robot) if name in found)
+                names.add(name)
+    return tuple(name for name in coordinate_names(model.robot) if name in names)
 
 
 def described_values(model: Model) -> list[float]:
-    """theta of the description, in the order of ``regressor_names``; kg, kg m, kg m^2.
+    """Return theta of the description, in the order of ``regressor_names``; kg, kg m, kg m^2.
 
     A body's inertia is that about the origin of its frame and along its axes, with all links that are fixed to it.
     """
@@ -72,7 +72,7 @@ def inertial_columns(
     a: Sequence[Scalar],
     note: Note = no_note,
 ) -> list[dict[int, list[Scalar]]]:
-    """Per body, by the index of every coordinate in front of it, the ten entries of that row of Y.
+    """Return per body, by the index of every coordinate in front of it, the ten entries of that row of Y.
 
     Args:
         bound: with the description's frames.
@@ -89,15 +89,15 @@ def inertial_columns(
 
 
 def _through(joint: JointGeometry, motions: Mapping[int, Motion]) -> dict[int, Motion]:
-    """Motions of a joint's body frame, in its axes, from those of its parent's; the joint's own ones too."""
+    """Move motions of the parent's frame to a joint's body frame, in its axes; add those of the joint."""
     back = transpose(joint.turn)
-    found = {i: (matvec(back, e), matvec(back, add(x, cross(e, joint.offset)))) for i, (e, x) in motions.items()}
-    found |= {index: (ZERO, unit(axis)) for index, axis in joint.translations}
+    body_motions = {i: (matvec(back, e), matvec(back, add(x, cross(e, joint.offset)))) for i, (e, x) in motions.items()}
+    body_motions |= {index: (ZERO, unit(axis)) for index, axis in joint.translations}
     for turn in joint.rotations:
         back = transpose(turn.matrix)
-        found = {i: (matvec(back, e), matvec(back, x)) for i, (e, x) in found.items()}
-        found[turn.index] = (unit(turn.axis), ZERO)
-    return found
+        body_motions = {i: (matvec(back, e), matvec(back, x)) for i, (e, x) in body_motions.items()}
+        body_motions[turn.index] = (unit(turn.axis), ZERO)
+    return body_motions
 
 
 class _LinkWrenches:
@@ -124,7 +124,7 @@ class _LinkWrenches:
         )
 
     def along(self, motion: Motion) -> list[Scalar]:
-        """Work of the ten wrenches on a motion that is given in the body's axes."""
+        """Return the work of the ten wrenches on a motion in the body's axes."""
         e, x = matvec(self._back, motion[0]), matvec(self._back, motion[1])
         first = add(matvec(transpose(self.U), x), cross(self.a, e))
         return [dot(x, self.a), *first, *(dot(e, moment) for moment in self.moments)]

@@ -33,7 +33,7 @@ def regroup(model: Model, bound: Bound) -> Bound:
 
 
 def split(H: PseudoInertia, active: tuple[str, ...]) -> tuple[PseudoInertia, PseudoInertia]:
-    """H as (what may move to the parent, what stays) for a joint with these active coordinates."""
+    """Split H into what may move to the parent and what stays, for a joint with these active coordinates."""
     steps = [freeze(name) for name in active]
     axes = {0, 1, 2}.intersection(*({step.axis} for step in steps if step.is_rotation))
     with_mass = all(step.is_rotation for step in steps)

@@ -40,7 +40,7 @@ class Pose:
 
 
 def congruence(pose: Pose, inertia: PseudoInertia) -> PseudoInertia:
-    """X H X^T: the pseudo-inertia seen from the frame that ``pose`` is given in."""
+    """Return X H X^T: the pseudo-inertia seen from the frame that ``pose`` stands in."""
     R, p, m = pose.rotation, pose.origin, inertia.mass
     h = matvec(R, inertia.first)
     RJ = matmul(R, inertia.second)
@@ -51,62 +51,62 @@ def congruence(pose: Pose, inertia: PseudoInertia) -> PseudoInertia:
 
 
 def vec3(items: Any) -> Vec:
-    """The three items of an iterable."""
+    """Return the three items of an iterable."""
     a, b, c = items
     return (a, b, c)
 
 
 def mat3(rows: Any) -> Mat:
-    """The three rows of an iterable of iterables."""
+    """Return the three rows of an iterable of iterables."""
     a, b, c = rows
     return (vec3(a), vec3(b), vec3(c))
 
 
 def add(a: Vec, b: Vec) -> Vec:
-    """a + b."""
+    """Return a + b."""
     return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
 
 
 def subtract(a: Vec, b: Vec) -> Vec:
-    """a - b."""
+    """Return a - b."""
     return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
 def scale(factor: Scalar, a: Vec) -> Vec:
-    """factor a."""
+    """Return factor a."""
     return (factor * a[0], factor * a[1], factor * a[2])
 
 
 def dot(a: Vec, b: Vec) -> Scalar:
-    """a . b."""
+    """Return a . b."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-def along(arms: Mapping[int, Scalar], x: Sequence[Scalar] | Mapping[int, Scalar]) -> Scalar:
-    """Sum of arms times the entries of x at their indices."""
+def along(row: Mapping[int, Scalar], x: Sequence[Scalar] | Mapping[int, Scalar]) -> Scalar:
+    """Multiply a sparse row by a vector: the sum of its entries times those of x at their indices."""
     total: Scalar = 0.0
-    for index, arm in arms.items():
+    for index, arm in row.items():
         total = total + arm * x[index]
     return total
 
 
 def cross(a: Vec, b: Vec) -> Vec:
-    """a x b."""
+    """Return a x b."""
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
 def sum_mat(R: Mat, S: Mat) -> Mat:
-    """R + S."""
+    """Return R + S."""
     return (add(R[0], S[0]), add(R[1], S[1]), add(R[2], S[2]))
 
 
 def trace(S: Mat) -> Scalar:
-    """Sum of the diagonal."""
+    """Sum the diagonal."""
     return S[0][0] + S[1][1] + S[2][2]
 
 
 def about(axis: int, sine: Scalar, cosine: Scalar) -> Mat:
-    """Rotation matrix about x, y or z."""
+    """Return the rotation matrix about x, y or z."""
     if axis == 0:
         return ((1.0, 0.0, 0.0), (0.0, cosine, -sine), (0.0, sine, cosine))
     if axis == 1:
@@ -115,17 +115,17 @@ def about(axis: int, sine: Scalar, cosine: Scalar) -> Mat:
 
 
 def transpose(R: Mat) -> Mat:
-    """R^T."""
+    """Return R^T."""
     return mat3(zip(*R, strict=True))
 
 
 def matvec(R: Mat, a: Vec) -> Vec:
-    """R a."""
+    """Return R a."""
     return (dot(R[0], a), dot(R[1], a), dot(R[2], a))
 
 
 def matmul(R: Mat, S: Mat) -> Mat:
-    """R S."""
+    """Return R S."""
     columns = transpose(S)
     return mat3(tuple(dot(row, column) for column in columns) for row in R)
 

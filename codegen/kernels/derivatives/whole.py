@@ -17,52 +17,52 @@ Derive = Callable[[str], Program]
 
 
 class _Whole:
-    """A graph in which programs are put together; ``derive`` gives them."""
+    """A graph that joins programs; ``derive`` returns them."""
 
     def __init__(self, model: Model, derive: Derive) -> None:
         self.model, self.derive, self.graph = model, derive, Graph()
         self.n, self.m = model.size, len(model.constraints)
 
     def array(self, name: str, size: int) -> list[Value]:
-        """An input."""
+        """Read an input."""
         return [self.graph.input(name, i) for i in range(size)]
 
-    def run(self, name: str, **given: Sequence[Value]) -> list[Value]:
-        """Results of a program on inputs of the graph, or on values of it."""
+    def run(self, name: str, **arrays: Sequence[Value]) -> list[Value]:
+        """Return results of a program on inputs of the graph, or on values of it."""
         program, inputs = self.derive(name), dict[str, Any]()
         for array in program.inputs():
             places = [i.leaf[1] for i in program.instructions if i.op == "input" and i.leaf[0] == array]
-            inputs[array] = given[array] if array in given else self.array(array, 1 + max(places))
+            inputs[array] = arrays[array] if array in arrays else self.array(array, 1 + max(places))
         calls = {op: partial(self.graph.call, op) for op in CALLS}
-        found = evaluate(program, inputs, self.graph.sincos, calls)
-        return [found["out", i] for i in range(sum(key[0] == "out" for key in found))]
+        outputs = evaluate(program, inputs, self.graph.sincos, calls)
+        return [outputs["out", i] for i in range(sum(key[0] == "out" for key in outputs))]
 
     def drives(self, *, loaded: bool) -> list[Value]:
-        """Results of constrained_drives, beside forces u or without any."""
+        """Return results of constrained_drives, beside forces u or without any."""
         return self.run("constrained_drives", **({} if loaded else {"u": [0.0] * self.n}))
 
     def reactions(self, *, loaded: bool) -> list[Value]:
-        """Forces and moments in joints, of the tree and of the cuts."""
+        """Return forces and moments in joints, of the tree and of the cuts."""
         multipliers = self.drives(loaded=loaded)[self.n : self.n + self.m]
         pairs = zip(self.run("tree_reactions"), self.run("closing_reactions", multipliers=multipliers), strict=True)
         return [one + other for one, other in pairs]
 
     def loop_reactions(self, *, loaded: bool) -> list[Value]:
-        """Forces and moments in cut joints."""
+        """Return forces and moments in cut joints."""
         multipliers = self.drives(loaded=loaded)[self.n : self.n + self.m]
         return self.run("loop_wrenches", multipliers=multipliers)
 
     def poses(self) -> list[Value]:
-        """Rows [R | X] of all frames."""
+        """Return rows [R ¦ X] of all frames."""
         return self.run("kinematics")[: POSE_SIZE * len(self.model.frames)]
 
     def jacobians(self) -> list[Value]:
-        """Jacobians of all frames, from origins and axes as the C has it."""
-        k, found = self.run("kinematics"), list[Value]()
+        """Return Jacobians of all frames, from origins and axes as the C has it."""
+        k, rows = self.run("kinematics"), list[Value]()
         for frame in range(len(self.model.frames)):
             columns = jacobian_columns(self.model, k, frame)
-            found += [columns[s][row] if s in columns else 0.0 for row in range(6) for s in range(self.n)]
-        return found
+            rows += [columns[s][row] if s in columns else 0.0 for row in range(6) for s in range(self.n)]
+        return rows
 
 
 CLOSED: Mapping[str, Callable[[_Whole], list[Value]]] = {  # where there are constraints
@@ -82,7 +82,7 @@ OF_FRAMES: Mapping[str, Callable[[_Whole], list[Value]]] = {
 
 
 def whole_program(model: Model, function: str, derive: Derive) -> Program:
-    """The program of what a function's C computes; of one that takes a frame's number, for all frames.
+    """Return the program of what a function's C computes; of one that takes a frame's number, for all frames.
 
     Args:
         function: a kernel, or one of OF_FRAMES.
@@ -90,5 +90,5 @@ def whole_program(model: Model, function: str, derive: Derive) -> Program:
     ways = {**OF_FRAMES, **(CLOSED if model.constraints else {})}
     if function not in ways:
         return derive(function)
-    found = _Whole(model, derive)
-    return finish(found.graph, function, vector(ways[function](found)))
+    whole = _Whole(model, derive)
+    return finish(whole.graph, function, vector(ways[function](whole)))

@@ -1,1 +1,1 @@
-"""Steps that the error chooses: tables of methods, and sizes that tolerances refer to."""
+"""Adaptive step size: tables of methods, and sizes that tolerances refer to."""

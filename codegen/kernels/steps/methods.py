@@ -23,7 +23,7 @@ from eomgen.arrays import Array
 
 @dataclass(frozen=True)
 class Rosenbrock:
-    """A method by its own coefficients: alpha, gamma with its diagonal, b and those of the embedded method."""
+    """A Rosenbrock method: alpha, gamma with its diagonal, b and those of the embedded method."""
 
     alpha: Array
     gamma: Array
@@ -36,7 +36,7 @@ class Rosenbrock:
         return float(self.gamma[0, 0])
 
     def transformed(self) -> tuple[Array, Array, Array, Array]:
-        """a, c, m and the error's weights, by which nothing is multiplied by the matrix.
+        """Return a, c, m and the error's weights, by which nothing is multiplied by the matrix.
 
         With u = gamma k of all stages: (1 / (gamma h) - A) u_i = f(y + sum a_ij u_j) + sum c_ij / h u_j, and the step
         is sum m_i u_i (E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, IV.7).
@@ -44,8 +44,8 @@ class Rosenbrock:
         alpha, gamma, b, embedded = (_exact(x) for x in (self.alpha, self.gamma, self.b, self.embedded))
         inverse = _inverse(gamma)
         c = np.diag(np.diagonal(inverse)) - inverse
-        found = (alpha @ inverse, c, b @ inverse, (b - embedded) @ inverse)
-        a, back, weight, wrong = (x.astype(np.float64) for x in found)
+        coefficients = (alpha @ inverse, c, b @ inverse, (b - embedded) @ inverse)
+        a, back, weight, wrong = (x.astype(np.float64) for x in coefficients)
         return a, back, weight, wrong
 
 
@@ -71,21 +71,21 @@ def _exact(x: Array) -> NDArray[Any]:
 
 
 def _inverse(lower: NDArray[Any]) -> NDArray[Any]:
-    """The inverse of a lower triangle of fractions."""
-    found = _exact(np.zeros(lower.shape))
+    """Invert a lower triangle of fractions."""
+    inverse = _exact(np.zeros(lower.shape))
     for j in range(len(lower)):
-        found[j, j] = 1 / lower[j, j]
+        inverse[j, j] = 1 / lower[j, j]
         for i in range(j + 1, len(lower)):
-            found[i, j] = -sum(lower[i, k] * found[k, j] for k in range(j, i)) / lower[i, i]
-    return found
+            inverse[i, j] = -sum(lower[i, k] * inverse[k, j] for k in range(j, i)) / lower[i, i]
+    return inverse
 
 
 def _triangle(rows: list[list[float]]) -> Array:
-    """A square matrix of rows that are as long as they need to be."""
-    found = np.zeros((len(rows), len(rows)))
+    """Return a square matrix of rows that are as long as they need to be."""
+    matrix = np.zeros((len(rows), len(rows)))
     for i, row in enumerate(rows):
-        found[i, : len(row)] = row
-    return found
+        matrix[i, : len(row)] = row
+    return matrix
 
 
 _W643_G = 0.3032708221029452

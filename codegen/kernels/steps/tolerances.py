@@ -22,46 +22,46 @@ from ..interface import knots
 
 
 def coordinate_sizes(model: Model) -> tuple[Array, Array]:
-    """Sizes of coordinates and rates, (n,) each, at home: see ``deviation_sizes``."""
+    """Return sizes of coordinates and rates, (n,) each, at home: see ``deviation_sizes``."""
     inertia, beside = _at_home(model)
-    return deviation_sizes(_own_stiffness(model) + beside, inertia)
+    return deviation_sizes(_coordinate_stiffness(model) + beside, inertia)
 
 
 def rubbing_parameters(model: Model) -> list[tuple[int, str]]:
-    """Places of coordinates that friction acts on, each with a parameter that is a rate in which it turns round.
+    """Place the coordinates with friction, each with a parameter that is a rate in which it turns round.
 
-    What rubs in cut joints and couplings counts for all coordinates of the robot.
+    Friction in cut joints and couplings counts for all coordinates of the robot.
     """
     names, places = list(model.parameters), element_places(model.robot, model.parameters)
-    own, cut = places[JOINTS], places[CUTS].values()
-    acting = [(i, x) for i, name in enumerate(model.coordinates) for x in (own.get(name, {}), *cut)]
-    led = [(x, own.get(name, {})) for name, leaders in model.leaders.items() for x in leaders]
-    acting += [(model.coordinates.index(x), given) for x, given in led]
+    joints, cut = places[JOINTS], places[CUTS].values()
+    acting = [(i, x) for i, name in enumerate(model.coordinates) for x in (joints.get(name, {}), *cut)]
+    led = [(x, joints.get(name, {})) for name, leaders in model.leaders.items() for x in leaders]
+    acting += [(model.coordinates.index(x), law) for x, law in led]
     return [(i, names[x["friction.smoothing"]]) for i, x in acting if "friction.smoothing" in x]
 
 
 def _table_stiffnesses(model: Model, names: Sequence[str]) -> Array:
-    """Stiffnesses of the tables of coordinates, or of what follows them, by their names."""
+    """Return stiffnesses of the tables of coordinates, or of what follows them, by their names."""
     values, curves = list(model.parameters.values()), knots(model)
     places = element_places(model.robot, model.parameters)[JOINTS]
-    tables = {name: {key: values[place] for key, place in own.items()} for name, own in places.items()}
+    tables = {name: {key: values[place] for key, place in numbers.items()} for name, numbers in places.items()}
     return np.array([stiffness_of(tables.get(name, {}), curves.get(name, ())) for name in names])
 
 
-def _own_stiffness(model: Model) -> Array:
-    """Stiffness of each coordinate's table; a transmission holds its motor and its joint."""
-    given = _table_stiffnesses(model, model.coordinates)  # those of followers stand beside
-    found = given.copy()
+def _coordinate_stiffness(model: Model) -> Array:
+    """Return the stiffness of each coordinate's table; a transmission holds its motor and its joint."""
+    tables = _table_stiffnesses(model, model.coordinates)  # those of followers stand beside
+    stiffness = tables.copy()
     for index, principal in model.motors.items():
         motor = model.robot.joint(joint_of(model.coordinates[index])).motor
         assert motor is not None
-        found[principal] += given[index]
-        found[index] /= motor.ratio**2
-    return np.asarray(found)
+        stiffness[principal] += tables[index]
+        stiffness[index] /= motor.ratio**2
+    return np.asarray(stiffness)
 
 
 def _at_home(model: Model) -> tuple[Array, Array]:
-    """The diagonal of M at home, and that of what springs between points and in cut joints stiffen there."""
+    """Return the diagonals of M at home, and of what point-to-point springs and cut joints stiffen there."""
     d = Derivation(model)
     _refuse_poles(d)
     n = model.size
@@ -76,11 +76,11 @@ def _at_home(model: Model) -> tuple[Array, Array]:
     for follower, share in d.followers.shares.items():  # what couples coordinates beside is left out
         for i, ratio in share.items():
             stiff[i] = stiff[i] + stiff[follower] * (ratio * ratio)
-    values = [M[i, i] for i in d.own] + [stiff[i] for i in d.own]
+    values = [M[i, i] for i in d.active] + [stiff[i] for i in d.active]
     program = finish(d.graph, "sizes", vector(values))
-    found = evaluate(program, _numbers_at_home(model))
-    numbers_found = np.array([float(found["out", i]) for i in range(2 * n)])
-    return numbers_found[:n], numbers_found[n:]
+    outputs = evaluate(program, _numbers_at_home(model))
+    diagonals = np.array([float(outputs["out", i]) for i in range(2 * n)])
+    return diagonals[:n], diagonals[n:]
 
 
 def _refuse_poles(d: Derivation) -> None:
@@ -89,10 +89,10 @@ def _refuse_poles(d: Derivation) -> None:
     Raises:
         InputError: beta is at +-pi/2 there, and coordinates move angles that have tables.
     """
-    found = [pole for element in d.elements for pole in element.poles(d.own)]
-    program = finish(d.graph, "poles", vector([cosine for _, cosine in found]))
+    poles = [pole for element in d.elements for pole in element.poles(d.active)]
+    program = finish(d.graph, "poles", vector([cosine for _, cosine in poles]))
     cosines = evaluate(program, _numbers_at_home(d.described))
-    for (name, _), cosine in zip(found, cosines.values(), strict=True):
+    for (name, _), cosine in zip(poles, cosines.values(), strict=True):
         if cosine < POLE:
             raise InputError(
                 f"{d.described.name}: home puts {name} at beta = +-90 degrees, where alpha and gamma turn"
@@ -102,5 +102,5 @@ def _refuse_poles(d: Derivation) -> None:
 
 
 def _numbers_at_home(model: Model) -> dict[str, list[float]]:
-    """Inputs of programs: the coordinates at home, and the description's parameters."""
+    """Return inputs of programs: the coordinates at home, and the description's parameters."""
     return {"q": list(model.home), PARAMETERS: list(model.parameters.values())}

@@ -330,10 +330,10 @@ def _write_project(package: Path, name: str, options: Options, ros2: bool) -> No
     """Add what makes the package a project of C and C++, and one of ROS 2."""
     from ..codegen.c.project import project_files
     from ..codegen.c.ros2 import ros2_files
-    from ..codegen.package.compile import own_flags
+    from ..codegen.package.compile import kernel_flags
 
     meta = json.loads((package / f"{name}.json").read_text(encoding="ascii"))
-    for file, text in project_files(meta, (*own_flags(options.native), *options.flags)).items():
+    for file, text in project_files(meta, (*kernel_flags(options.native), *options.flags)).items():
         (package / file).write_text(text, encoding="ascii")
     for file, text in ros2_files(meta).items() if ros2 else ():
         place = package / "ros2" / file

@@ -136,8 +136,8 @@ WRONG = [  # a piece of text, what it is replaced by, and the proof that must fa
     ("A, sp.ImmutableMatrix(D))", "A, sp.ones(4, 4))", "prove_antisymmetry", ()),
     ("[[0, -a[2], a[1]]", "[[0, a[2], a[1]]", "prove_coaxial_swap", ()),
 ]
-PAIRS = ["found[1:]", "found[:-1]"]  # a lemma too few, and too many
-PAIRS += [f'[*found, ZeroPair("alpha", "beta", {same_joint}, SHARPER)]' for same_joint in (True, False)]
+PAIRS = ["zero_pairs[1:]", "zero_pairs[:-1]"]  # a lemma too few, and too many
+PAIRS += [f'[*zero_pairs, ZeroPair("alpha", "beta", {same_joint}, SHARPER)]' for same_joint in (True, False)]
 
 
 @pytest.mark.parametrize(("old", "new", "proof", "arguments"), WRONG)
@@ -150,7 +150,7 @@ def test_every_proof_fails_where_its_claim_is_wrong(old: str, new: str, proof: s
 @pytest.mark.parametrize("pairs", PAIRS)
 def test_a_lemma_too_many_or_too_few_is_noticed(pairs: str) -> None:
     other_pairs = f"pairs = tuple({pairs})"
-    with changed("pairs = tuple(found)", other_pairs) as other, pytest.raises(InternalError, match="lemma"):
+    with changed("pairs = tuple(zero_pairs)", other_pairs) as other, pytest.raises(InternalError, match="lemma"):
         other.prove_second_derivative_zeros()
 
 

@@ -20,7 +20,7 @@ from eomgen.codegen.kernels.equations import derive_equations
 from eomgen.codegen.kernels.operation_counts import OWN
 from eomgen.codegen.kernels.signatures import DERIVATIVES, KERNELS, SIGNATURES, by_kind, functions, shapes
 from eomgen.codegen.kernels.stages import PAIR_STAGES, STAGES
-from eomgen.codegen.kernels.writers import WAYS, WRITERS
+from eomgen.codegen.kernels.writers import VARIANTS, WRITERS
 from eomgen.description.load import robot_from_toml
 from eomgen.robot.model import build_model
 from tests.support.builds import Build
@@ -29,7 +29,7 @@ from tests.support.random_followers import with_followers
 
 TEMPLATES = Path(eomgen.__path__[0], "templates", "composed")
 OF_A_KIND: dict[str, Callable[[str, Signature], bool]] = {
-    "program": lambda name, _: name in {**WRITERS, **WAYS} or name in (*STAGES, *PAIR_STAGES),
+    "program": lambda name, _: name in {**WRITERS, **VARIANTS} or name in (*STAGES, *PAIR_STAGES),
     "tangent": lambda name, entry: is_derivative(name, entry),
     "adjoint": lambda name, entry: is_derivative(name, entry),
     "hessian": lambda name, entry: is_derivative(name, entry),
@@ -58,7 +58,7 @@ def test_an_entry_has_what_its_kind_needs(name: str) -> None:
     assert (entry.derivative_of != "") == (entry.kind in ("tangent", "adjoint", "hessian", "gradient"))
     assert (entry.functions != {}) == (entry.kind == "frames")
     assert (entry.calls != ()) == (entry.kind in ("composed", "rollout", "adaptive", "gradient"))
-    assert set(entry.calls) <= {*WRITERS, *WAYS, *STAGES, *PAIR_STAGES, *DERIVATIVES, *BACKWARDS}
+    assert set(entry.calls) <= {*WRITERS, *VARIANTS, *STAGES, *PAIR_STAGES, *DERIVATIVES, *BACKWARDS}
     assert entry.columns_of == "" or (entry.columns_of in WRITERS and is_written(name))
     assert (name in OWN) <= (entry.kind == "composed")
 

@@ -18,24 +18,24 @@ Expr = Any  # sympy.Expr
 
 
 @dataclass(frozen=True)
-class Closing:
+class ConstraintExpressions:
     """Components of a constraint g(q) = 0.
 
-    names: of the components, as in ``Model.constraints``.  values: of g, m or sines of angles.  arms: derivatives of
-    each by the coordinates, by index.
+    names: of the components, as in ``Model.constraints``.  values: of g, m or sines of angles.  jacobian: rows of J,
+    derivatives by the coordinates, by index.
     """
 
     names: tuple[str, ...]
     values: tuple[Expr, ...]
-    arms: tuple[Mapping[int, Expr], ...]
+    jacobian: tuple[Mapping[int, Expr], ...]
 
 
-def closing_of(model: Model, bound: Bound, q: Sequence[Expr], loops: Sequence[Closure]) -> Closing:
-    """Follow the loops and couplings of a model whose numbers and coordinates are expressions."""
+def constraint_of(model: Model, bound: Bound, q: Sequence[Expr], loops: Sequence[Closure]) -> ConstraintExpressions:
+    """Build g and J of a model's loops and rigid couplings; numbers and coordinates are expressions."""
     values = [value for loop in loops for value in loop.values()]
-    arms: list[Mapping[int, Expr]] = [row for loop in loops for row in loop.jacobian()]
+    rows: list[Mapping[int, Expr]] = [row for loop in loops for row in loop.jacobian()]
     for coupling in bound.couplings:
         if coupling.law is None:
-            values.append(coupling.gap(q))
-            arms.append(coupling.arms)
-    return Closing(model.constraints, tuple(values), tuple(arms))
+            values.append(coupling.residual(q))
+            rows.append(coupling.jacobian_row)
+    return ConstraintExpressions(model.constraints, tuple(values), tuple(rows))
