@@ -24,4 +24,7 @@ def share(cases: Sequence[Case], most: int = SHARE) -> list[Case]:
 
 def soaked(cases: Iterable[Case], but: Container[Case]) -> list[Any]:
     """Return the cases of a parametrised test, of which all but those named are left to ``make soak``."""
-    return [case if case in but else pytest.param(case, marks=pytest.mark.soak) for case in cases]
+    return [
+        case if case in but else pytest.param(*(case if isinstance(case, tuple) else (case,)), marks=pytest.mark.soak)
+        for case in cases
+    ]

@@ -60,6 +60,7 @@ def test_the_table_is_current(name: str, misra: ModuleType, cppcheck: str) -> No
     assert "not argued" not in page
 
 
+@pytest.mark.soak
 def test_rules_of_the_library(misra: ModuleType, cppcheck: str) -> None:
     """They are those of its page's sections, no other and no fewer, and counted there alone."""
     found = {*misra.in_library(cppcheck, "-DEOM_SINGLE"), *misra.in_lanes(cppcheck)}
