@@ -34,7 +34,7 @@ duration = 0.7
 def main() -> None:
     rigid = eomgen.load_robot(HERE / "gripper_arm.urdf")
     robot = eomgen.load_robot(HERE / "gripper_arm_elastic.toml")
-    print(f"{rigid.name}: {len(eomgen.build(rigid, kernels=('mass_matrix',)).coordinates)} coordinates as an URDF,")
+    print(f"{rigid.name}: {len(eomgen.build(rigid, kernels=('mass_matrix',)).coordinates)} coordinates as a URDF,")
     kernel = eomgen.build(robot, kernels=("mass_matrix",))
     print(f"{kernel.n} with deviations: {', '.join(kernel.coordinates)}")
 

@@ -56,7 +56,7 @@ def case(key: str) -> Case:
     """A case by its key in ``TITLES``.
 
     Raises:
-        MissingPeer: it is an URDF of example-robot-data, which is not installed.
+        MissingPeer: it is a URDF of example-robot-data, which is not installed.
     """
     if key == ELASTIC:
         return Case(key, eomgen.load_robot("puma560_elastic"))

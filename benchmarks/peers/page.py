@@ -207,7 +207,7 @@ def page(report: Report) -> str:
         " (`templates/bench/newton_euler.c.jinja`), with eomgen's compiler and flags.",
         "- Pinocchio: `rnea`, `crba`, `aba`, `computeRNEADerivatives`, `computeABADerivatives`,"
         " `ComputeRNEASecondOrderDerivatives` (tensors; contracted with a vector as a user would); results"
-        " stay in its `Data`, the mass matrix is the upper triangle. It reads an URDF itself; a 6-DOF joint"
+        " stay in its `Data`, the mass matrix is the upper triangle. It reads a URDF itself; a 6-DOF joint"
         " is six joints of one coordinate with no bodies in between.",
         "- MuJoCo: `mj_inverse`, `mj_forward` and `mj_step` on the same robot as MJCF, without geometries. They compute"
         " more than the row's name says (poses of all bodies, the mass matrix and its factors). Steps are those of"

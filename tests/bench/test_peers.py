@@ -200,7 +200,7 @@ def test_urdfs_are_open_trees() -> None:
 
 
 def test_model_text_is_the_robot() -> None:
-    """Pinocchio's own reading of an URDF, and one joint per coordinate of a chain."""
+    """Pinocchio's own reading of a URDF, and one joint per coordinate of a chain."""
     pinocchio = pytest.importorskip("pinocchio")
     from benchmarks.peers.pinocchio_peer import model_text, one_by_one
 

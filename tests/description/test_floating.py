@@ -99,7 +99,7 @@ def test_names_that_are_taken() -> None:
 
 
 def test_a_body_alone_floats() -> None:
-    """An URDF in which nothing else moves."""
+    """A URDF in which nothing else moves."""
     text = f"<robot name='stone'>{BODY}</robot>"
     with pytest.raises(DescriptionError, match=r"nothing moves; .*, or --floating-base \(floating_base=True\)"):
         robot_from_urdf(text)

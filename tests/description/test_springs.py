@@ -16,7 +16,7 @@ from tests.support.pendulums import pendulum
 
 
 def test_descriptions_are_read(tmp_path: Path) -> None:
-    """Defaults, a curve from a CSV file, the base of an URDF, and names of tunable numbers."""
+    """Defaults, a curve from a CSV file, the base of a URDF, and names of tunable numbers."""
     text = ARM.replace(
         "[[frames]]",
         """[[springs]]

@@ -665,7 +665,7 @@ def test_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsy
 
 
 def frame_of(robot: Robot) -> tuple[str, Array]:
-    """Link and pose of the tool: a frame of TOML, a link of an URDF."""
+    """Link and pose of the tool: a frame of TOML, a link of a URDF."""
     for frame in robot.frames:
         return frame.link, matrix_of(frame.placement)
     return "tcp", np.eye(4)

@@ -27,7 +27,7 @@ ROBOTS = ["small", pytest.param("talos_reduced", marks=pytest.mark.soak)]  # 8 c
 
 
 def text_of(name: str) -> str:
-    """An URDF whose root has a mass: two hinges, or a humanoid."""
+    """A URDF whose root has a mass: two hinges, or a humanoid."""
     if name == "small":
         return HEAVY
     (path,) = (path for path in example_urdfs() if path.stem == name)

@@ -1,4 +1,4 @@
-"""An independent oracle: Pinocchio's free flyer, whose base has a quaternion, of an URDF whose root floats."""
+"""An independent oracle: Pinocchio's free flyer, whose base has a quaternion, of a URDF whose root floats."""
 
 from __future__ import annotations
 

@@ -180,7 +180,7 @@ def _elementary(name: str, value: float) -> pin.SE3:
 
 
 class UrdfOracle:
-    """Pinocchio's own reading of an URDF whose joints have one coordinate each; arrays in eomgen's coordinates."""
+    """Pinocchio's own reading of a URDF whose joints have one coordinate each; arrays in eomgen's coordinates."""
 
     def __init__(self, path: Path) -> None:
         self.model = pin.buildModelFromUrdf(str(path))

@@ -161,12 +161,12 @@ BAD_FILES = {
     "fraction of 5,000 digits": bad(
         "robot.toml", changed(ARM, "3.0", "0." + "3" * 5000), "line 8", "more than 4300 digits", "up to 1e+30"
     ),
-    "5,000 digits in an URDF": bad(
+    "5,000 digits in a URDF": bad(
         "robot.urdf", changed(URDF, '"2.0"', f'"{"2" * 5000}"'), "<mass> (line 7)", "'2222", "a finite number"
     ),
     "NaN": bad("robot.toml", changed(ARM, "3.0", "nan"), "links.link1.mass (line 8)", "got nan", "a number"),
     "infinity": bad("robot.toml", changed(ARM, "-9.81", "+inf"), "gravity.2 (line 3)", "got inf", "a finite number"),
-    "NaN in an URDF": bad("robot.urdf", changed(URDF, '"0.7"', '"NaN"'), "<dynamics> (line 19)", "'NaN'", "a finite"),
+    "NaN in a URDF": bad("robot.urdf", changed(URDF, '"0.7"', '"NaN"'), "<dynamics> (line 19)", "'NaN'", "a finite"),
     "entity bomb": bad(
         "robot.urdf",
         f'<?xml version="1.0"?>\n<!DOCTYPE r [\n<!ENTITY a "aaaaaaaaaa">\n{BOMB}]>\n<robot name="&j;"/>',
@@ -222,7 +222,7 @@ BAD_FILES = {
         "robot.toml", changed(ARM, '"link2"', '"link1"'), "links.link1 (line 12)", "is taken", "unique names"
     ),
     "cycle": bad("robot.toml", changed(ARM, '"base"', '"link2"'), "joints.joint", "form a cycle", "a tree"),
-    "cycle in an URDF": bad(
+    "cycle in a URDF": bad(
         "robot.urdf",
         changed(URDF, 'link="ground"/><c', 'link="lower"/><c'),
         "joints.elbow (line 21)",
@@ -237,7 +237,7 @@ BAD_FILES = {
         "robot.urdf", b"\x89PNG\r\n\x1a\n" + bytes(range(256)), "byte 0 (line 1)", "no UTF-8", "UTF-8 text"
     ),
     "nothing": bad("robot.toml", b"", "", "'name' is missing", "a lower-case letter"),
-    "nothing in an URDF": bad("robot.urdf", b"", "line 1", "no element found", "<robot name='...'>"),
+    "nothing in a URDF": bad("robot.urdf", b"", "line 1", "no element found", "<robot name='...'>"),
     "NUL": bad("robot.toml", b'name = "a\0"\n', "line 1", "Illegal character", "without control characters"),
     "another format": bad("robot.urdf", '<sdf version="1.6"/>', "line 1", "root element is 'sdf'", "'robot'"),
     "xacro": bad(

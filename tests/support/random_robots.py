@@ -221,7 +221,7 @@ def _joint(
         for coordinate in active
     }
     turn: Matrix = IDENTITY
-    if rng.random() < 0.3:  # as an URDF's joint axis gives it
+    if rng.random() < 0.3:  # as a URDF's joint axis gives it
         turn = _matrix(random_rotation(rng))
     return Joint(name, parent, child, kind, random_placement(rng), turn, table)
 

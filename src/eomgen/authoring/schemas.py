@@ -35,7 +35,7 @@ def schema_of(name: str) -> Json:
         raise InputError(f"there is no format {show(name)}; allowed: {', '.join(FORMATS)}")
     form, title = FORMATS[name]
     schema = form.json()
-    if form.refines:  # an URDF may bring in what is needed otherwise
+    if form.refines:  # a URDF may bring in what is needed otherwise
         inner = {
             key: {"items": {"required": kind.inner.needed}}
             for key, kind in form.keys.items()

@@ -27,10 +27,10 @@ def spot(source: str, place: Place | None) -> str:
 class Draft:
     """A robot while it is being read: its parts by name, in the order of the description.
 
-    links holds the root link of an URDF as well; joints has the order in which a parent's children follow each other;
+    links holds the root link of a URDF as well; joints has the order in which a parent's children follow each other;
     ranges has limits by the names of coordinates where a format gives them to any, None where joints' limits
     are all; unstopped names the joints at whose limits nothing stops unless stops are asked for.
-    inherited names the links and joints that an URDF brought in; foreign the links whose inertia is that of an URDF or
+    inherited names the links and joints that a URDF brought in; foreign the links whose inertia is that of a URDF or
     MJCF, which stands in the file xml_source, and places gives line and column of links.NAME and the like in it.
     """
 
@@ -59,7 +59,7 @@ class Draft:
         raise DescriptionError(message, where=where, source=self.source)
 
     def spots(self, names: Sequence[str]) -> list[str]:
-        """``file:line:column`` of each link whose inertia is that of an URDF or MJCF, "" of the others."""
+        """``file:line:column`` of each link whose inertia is that of a URDF or MJCF, "" of the others."""
         found = self.places([f"links.{name}" for name in names])
         return [
             spot(self.xml_source, place) if name in self.foreign else ""

@@ -1,4 +1,4 @@
-"""A root that floats: the joint with all six coordinates between the ground and the first link of an URDF."""
+"""A root that floats: the joint with all six coordinates between the ground and the first link of a URDF."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ _GROUND = (BASE, "world", "ground")
 
 
 def float_base(draft: Draft) -> None:
-    """Carry the root link of an URDF by a free joint, whose frame is the ground's where all coordinates are zero.
+    """Carry the root link of a URDF by a free joint, whose frame is the ground's where all coordinates are zero.
 
     Raises:
-        DescriptionError: the robot is none of an URDF, or its root is carried by a joint already.
+        DescriptionError: the robot is none of a URDF, or its root is carried by a joint already.
     """
     root = draft.base
     if root not in draft.links:
@@ -24,7 +24,7 @@ def float_base(draft: Draft) -> None:
         carried = [joint.name for joint in draft.joints.values() if joint.parent == root]
         if draft.inherited and carried:
             how = f"without it, as the joint {show(carried[0])} carries the root link of the URDF"
-        draft.fail("floating_base", f"there is no root link of an URDF on the ground; allowed: {how}")
+        draft.fail("floating_base", f"there is no root link of a URDF on the ground; allowed: {how}")
     draft.base = _fresh(_GROUND, {*draft.links, *draft.frames})
     name = _fresh((FLOATING,), draft.joints)
     joint = Joint(name, draft.base, root, "free", coordinates={key: Coordinate() for key in COORDINATES})

@@ -26,7 +26,7 @@ def read_coordinate(table: Table, old: Coordinate, read_text: ReadText) -> Coord
 
     Args:
         table: of the keys ``COORDINATE``.
-        old: what an URDF says of the coordinate, or Coordinate().
+        old: what a URDF says of the coordinate, or Coordinate().
         read_text: gives the text of the file that a curve names.
 
     Raises:

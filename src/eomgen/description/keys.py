@@ -312,7 +312,7 @@ ROBOT = Form(
     {
         "name": RobotName("of the robot: file, module and C prefix", needed=ROBOT_RULE),
         "gravity": vector("in the base frame; default [0, 0, -9.81]", "m/s^2"),
-        "urdf": FileName("path of an URDF beside this file; entries refine it by name", suffixes=(".urdf",)),
+        "urdf": FileName("path of a URDF beside this file; entries refine it by name", suffixes=(".urdf",)),
         "inertia": Choice(
             "what to do with an inertia that no body can have; default error, for those of the URDF warn",
             words=POLICIES,

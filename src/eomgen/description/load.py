@@ -1,6 +1,6 @@
 """A robot description in, a validated, immutable Robot out.
 
-    source -> text -> Draft (TOML, URDF, an URDF refined by TOML, or MJCF) -> inertia policy -> tree order -> Robot
+    source -> text -> Draft (TOML, URDF, a URDF refined by TOML, or MJCF) -> inertia policy -> tree order -> Robot
 
 TOML syntax and keys: docs and the built-in robots in ``robots/``.
 """
@@ -56,7 +56,7 @@ if TYPE_CHECKING:
 RobotLike = Robot | str | Path  # what functions take where they ask for a robot, see as_robot
 SUFFIXES = (".toml", ".urdf", ".xml", ".mjcf", ".xacro")
 
-_WORLD = (BASE, "world")  # what the ground may be called when the root link of an URDF is put on a joint
+_WORLD = (BASE, "world")  # what the ground may be called when the root link of a URDF is put on a joint
 
 
 def load_robot(
@@ -78,14 +78,14 @@ def load_robot(
             through MuJoCo, where it is installed, and ``.xacro`` through xacro, where ``xacro`` asks for it.
         inertia: what to do with a link whose inertia no body can have: "error", "warn" (take it as it is) or "project"
             (take the nearest possible body).  None: what the description says, or "error" for an inertia that is given
-            in TOML and "warn" for one of an URDF or MJCF.
-        urdf_damping: read ``<dynamics damping>`` of an URDF; otherwise a note says that it is left out.
+            in TOML and "warn" for one of a URDF or MJCF.
+        urdf_damping: read ``<dynamics damping>`` of a URDF; otherwise a note says that it is left out.
         urdf_friction: the same for ``<dynamics friction>``, as Coulomb friction.
         urdf_mimic: make couplings of ``<mimic>``; otherwise a note says that its joints are independent.
         stops: stiffness, damping, restitution_damping, smoothing (the first is needed) of stops at all limits whose
             coordinates have none yet; N/m and so on at translations, N m/rad and so on at rotations.  In the place of
             ``stops`` at the top of a TOML file.
-        floating_base: put a free joint, ``floating_base``, between the ground and the root link of an URDF.
+        floating_base: put a free joint, ``floating_base``, between the ground and the root link of a URDF.
         xacro: expand a ``.xacro`` file, which may run any Python that stands in it; otherwise it is refused.  Folders
             of packages by their names, for ``$(find NAME)``, ask for it, too.
 
@@ -143,12 +143,12 @@ def as_robot(given: RobotLike) -> Robot:
 
 
 def robot_from_urdf(text: str, *, source: str = "", **options: Unpack[ReadKeywords]) -> Robot:
-    """The robot that an URDF text describes; options and errors as load_robot."""
+    """The robot that a URDF text describes; options and errors as load_robot."""
     return _from_urdf(text, ReadOptions(**options), source)
 
 
 def _from_urdf(text: str, options: ReadOptions, source: str) -> Robot:
-    from .urdf import draft_from_urdf  # only who has an URDF pays for the XML parser
+    from .urdf import draft_from_urdf  # only who has a URDF pays for the XML parser
 
     return _finish_xml(draft_from_urdf(text, source, **_of_urdf(options)), options)
 
@@ -403,7 +403,7 @@ def _frame(name: str, entry: Table) -> Frame:
 
 
 def _settle_base(draft: Draft) -> None:
-    """Say what the ground is called where TOML refines an URDF.
+    """Say what the ground is called where TOML refines a URDF.
 
     'base' means the URDF's root link.  But if a joint of the TOML carries that root (a floating base, say), the root
     is a link like others, and that joint's parent, 'base' or 'world', is the ground.
@@ -475,7 +475,7 @@ def _bodies(draft: Draft, joints: Sequence[Joint], policy: str | None) -> tuple[
     The ground is none of them: an inertia that is given for it has no effect.
 
     Args:
-        policy: None: "warn" for inertias of an URDF or MJCF, as most readers take them, "error" for those of TOML.
+        policy: None: "warn" for inertias of a URDF or MJCF, as most readers take them, "error" for those of TOML.
     """
     if policy not in (None, *POLICIES):
         draft.fail("inertia", f"got {show(policy)}; allowed: {', '.join(POLICIES)}")

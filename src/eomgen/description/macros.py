@@ -1,4 +1,4 @@
-"""Macros of xacro, expanded into an URDF by the package xacro, which needs no ROS."""
+"""Macros of xacro, expanded into a URDF by the package xacro, which needs no ROS."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .xml_text import one_line
 
 Xacro = bool | Mapping[str, str | Path]  # whether to expand, or the folders of packages with which to
 _WHY = "xacro runs what stands in ${...} of a .xacro file as Python, which can do whatever you can"
-_ASK = "--xacro, or xacro=True, for files of people whom you trust; or an URDF: xacro robot.xacro > robot.urdf"
+_ASK = "--xacro, or xacro=True, for files of people whom you trust; or a URDF: xacro robot.xacro > robot.urdf"
 _ALLOWED = "a file that xacro expands; $(find NAME) needs --package NAME=DIR, xacro={NAME: DIR}, or ROS that is sourced"
 _INDEX = "ament_index_python"
 _FOLDERS = threading.Lock()  # xacro looks for packages in one place for all threads

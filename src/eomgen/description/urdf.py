@@ -43,7 +43,7 @@ _FIRST_COUNTS = ("axis", "limit", "dynamics")  # where several differ: so they d
 def draft_from_urdf(
     text: str, source: str, *, damping: bool = False, friction: bool = False, mimic: bool = True
 ) -> Draft:
-    """Read an URDF.
+    """Read a URDF.
 
     Args:
         text: the XML.
@@ -96,7 +96,7 @@ class _Reader:
             self.fail("", f"the root element is {show(root.tag)}; allowed: 'robot'")
         macro = _macro(root)
         if macro:
-            self.fail("robot", f"{show(macro)} is a xacro macro; allowed: an URDF that xacro has expanded, or {_XACRO}")
+            self.fail("robot", f"{show(macro)} is a xacro macro; allowed: a URDF that xacro has expanded, or {_XACRO}")
         links, joints = self._named(root, "link"), self._named(root, "joint")
         if not links:
             self.fail("robot", "there is no <link>; allowed: at least one link and one joint that moves")

@@ -25,7 +25,7 @@ def faults(form: Form, values: dict[str, object], source: str) -> list[Descripti
 
 
 class _Walk:
-    """refining: an URDF brings in what is needed otherwise."""
+    """refining: a URDF brings in what is needed otherwise."""
 
     def __init__(self, source: str, refining: bool) -> None:
         self.source, self.refining = source, refining

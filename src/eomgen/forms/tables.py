@@ -173,7 +173,7 @@ class Table:
 
 @dataclass(frozen=True, eq=False)
 class Form:
-    """The keys of a table.  refines: an entry that refines one of an URDF need not have the keys that are needed."""
+    """The keys of a table.  refines: an entry that refines one of a URDF need not have the keys that are needed."""
 
     keys: Keys
     refines: bool = False

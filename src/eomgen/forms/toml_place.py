@@ -30,7 +30,7 @@ _STRINGS = (  # longest delimiter first
 )
 _PART = re.compile(r"([^.\[\]]+)|\[([0-9]+)\]")  # of a place in a message: joints.joint1.x, links[0].name
 _DEEPEST = 100  # parts of a path; no form of ours goes as deep
-_OWN = 2  # components that make a place an entry's own: a file that refines an URDF does not have all of its joints
+_OWN = 2  # components that make a place an entry's own: a file that refines a URDF does not have all of its joints
 
 
 def lines_of(text: str, wanted: Sequence[tuple[Sequence[str], bool]]) -> list[tuple[int, int] | None]:

@@ -216,7 +216,7 @@ class View:
         meshed = {shape.link for shape in shapes}
         heavy = {link.name for link in self._robot.links if link.mass > 0.0}
         bodies = [(shape.link, shape.vertices, shape.faces) for shape in shapes]
-        # beside meshes only what has a mass: an URDF has empty links, too
+        # beside meshes only what has a mass: a URDF has empty links, too
         bare = [c for c in capsules(self._robot) if c.link not in meshed and (not meshed or c.link in heavy)]
         bodies += [(c.link, *capsule_mesh(c.begin, c.end, c.radius)) for c in bare]
         for i, (link, vertices, faces) in enumerate(bodies):

@@ -1,4 +1,4 @@
-"""Shapes that an URDF gives its links to be seen: meshes, boxes, cylinders, balls; read with trimesh."""
+"""Shapes that a URDF gives its links to be seen: meshes, boxes, cylinders, balls; read with trimesh."""
 
 from __future__ import annotations
 

@@ -92,7 +92,7 @@ class Placement:
 
     @classmethod
     def from_rpy(cls, xyz: Vector, rpy: Vector) -> Placement:
-        """Pose of an URDF origin: translation, then Rz(yaw) Ry(pitch) Rx(roll)."""
+        """Pose of a URDF origin: translation, then Rz(yaw) Ry(pitch) Rx(roll)."""
         return cls(xyz, rotation_from_rpy(rpy), rpy)
 
     @classmethod

@@ -4,7 +4,7 @@ A joint's transform from its parent link to its child link is, with eq. (3) of t
 
     A = placement . axis_turn . T(x, y, z) . Rx(alpha) . Ry(beta) . Rz(gamma) . axis_turn^T
 
-where ``axis_turn`` is the identity unless the description is an URDF, whose joint axes have any direction.
+where ``axis_turn`` is the identity unless the description is a URDF, whose joint axes have any direction.
 """
 
 from __future__ import annotations

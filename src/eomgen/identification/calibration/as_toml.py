@@ -1,4 +1,4 @@
-"""A calibrated robot as TOML: the description's own text with what was found in its places, or beside an URDF."""
+"""A calibrated robot as TOML: the description's own text with what was found in its places, or beside a URDF."""
 
 from __future__ import annotations
 

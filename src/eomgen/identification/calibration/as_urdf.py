@@ -1,4 +1,4 @@
-"""A calibrated robot as an URDF: the origins of its file with what was found, or a plain one of a robot in TOML."""
+"""A calibrated robot as a URDF: the origins of its file with what was found, or a plain one of a robot in TOML."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def _add_frames(root: Element, found: Found, robot: Robot) -> None:
 
 
 def _plain(robot: Robot) -> Element:
-    """An URDF of a robot's links and joints, without origins."""
+    """A URDF of a robot's links and joints, without origins."""
     from xml.etree.ElementTree import Element
 
     root = Element("robot", {"name": robot.name})
@@ -109,7 +109,7 @@ def _plain(robot: Robot) -> Element:
         further = [name for name in joint.coordinates if name != kind and joint.type != "free"]
         if further:
             raise InputError(
-                f"{robot.name}: {joint.name}.{further[0]} is active; allowed in an URDF: principal coordinates alone"
+                f"{robot.name}: {joint.name}.{further[0]} is active; allowed in a URDF: principal coordinates alone"
             )
         limits = joint.limits_of(kind) if kind is not None else Limits()
         bounded = any(map(math.isfinite, limits.range))

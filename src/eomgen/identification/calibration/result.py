@@ -208,14 +208,14 @@ class CalibrationResult(Shown, Tabular, Saved):
         return write_toml(self._found, Path(path))
 
     def to_urdf(self, path: Path | str, *, force: bool = False) -> Path:
-        """Write an URDF whose origins (and axes of prismatic joints) have what was found, and return the path.
+        """Write a URDF whose origins (and axes of prismatic joints) have what was found, and return the path.
 
         Args:
             path: of the file.
             force: whether to write what does not explain the poses.
 
         Raises:
-            InputError: the poses are not explained, the robot has what an URDF cannot say, or a file cannot be read or
+            InputError: the poses are not explained, the robot has what a URDF cannot say, or a file cannot be read or
                 written.
         """
         self._refuse_unexplained(force)

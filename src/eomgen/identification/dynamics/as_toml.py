@@ -65,7 +65,7 @@ def _is_refined(body: Sequence[str]) -> bool:
 
 
 def _entry(robot: Robot, table: str, name: str, body: list[str]) -> tuple[int, int]:
-    """Lines of an entry, which is added where a description refines an URDF."""
+    """Lines of an entry, which is added where a description refines a URDF."""
     block = block_of(body, table, name)
     if block is None:
         if not _is_refined(body):
