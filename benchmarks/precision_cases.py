@@ -102,8 +102,8 @@ def _lifted(kernel: eomgen.Kernel) -> tuple[Array, Array]:
 STIFF = {1e-3: 10.0, 1e-4: 10.0, 1e-5: 10.0, 1e-6: 10.0, 1e-8: 3.0, 1e-10: 3.0}
 LOOSE = dict.fromkeys(STIFF, 5.0)
 ERRORS = tuple(STIFF)
-_WORN = "MuJoCo has no equal for play with a contact behind it, nor for frictions and curves as they are here"
-_CUT = "MuJoCo closes loops by constraints, which have neither the springs nor the play of these joints"
+_WORN = "MuJoCo has no equal for clearance with a contact behind it, nor for frictions and curves as they are here"
+_CUT = "MuJoCo closes loops by constraints, which have neither the springs nor the clearance of these joints"
 
 PROBLEMS: Mapping[str, Problem] = {
     problem.key: problem
@@ -114,7 +114,7 @@ PROBLEMS: Mapping[str, Problem] = {
             2.0,
             100,
             _sagged,
-            "let go from rest, its springs loaded by gravity",
+            "unactuated from rest, its springs loaded by gravity",
             STIFF,
             {},
         ),
@@ -124,7 +124,7 @@ PROBLEMS: Mapping[str, Problem] = {
             1.0,
             100,
             _let_go,
-            "let go from home: play, contacts, frictions, a wound gear",
+            "unactuated from home: clearances, contacts, frictions, a wound gear",
             STIFF,
             dict.fromkeys((f"MuJoCo {name}" for name in SIMULATOR), _WORN),
         ),
@@ -145,7 +145,7 @@ PROBLEMS: Mapping[str, Problem] = {
             1.0,
             100,
             _let_go,
-            "let go from home",
+            "unactuated from home",
             LOOSE,
             {},
         ),
@@ -191,7 +191,7 @@ class Motion:
         return first, second
 
     def chosen(self, method: str, rtol: float) -> tuple[Array, int]:
-        """Ours, in steps that the error chooses."""
+        """Ours, with adaptive step size."""
         p = self.problem
         found = self.kernel.rollout(
             self.q, self.v, self.u, method=method, duration=p.duration, samples=p.samples, rtol=rtol

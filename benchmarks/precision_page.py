@@ -121,7 +121,7 @@ def page(report: Report) -> str:
     """The whole page docs/precision.md."""
     worst = max((found.difference for found in report.found), default=0.0)
     said = [
-        "# Speed per error",
+        "# Work-precision diagrams",
         "",
         "Written by `make bench` (`python -m benchmarks.precision`); do not edit.",
         "",
@@ -144,7 +144,7 @@ def page(report: Report) -> str:
         "What each is:",
         "",
         "- eomgen `rosenbrock`, `tsit5`, `radau`:"
-        " [steps that the error chooses](theory.md#steps-that-the-error-chooses), one call of C."
+        " [adaptive step size](theory.md#adaptive-step-size), one call of C."
         " `implicit`, `rk4`: steps of one length, likewise. The kernel is that of"
         " `eomgen.build`, as it is.",
         "- eomgen `auto`: `eomgen.integration.integrate`, which takes methods of C in turn, `radau` too at relative"

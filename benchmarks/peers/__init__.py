@@ -1,4 +1,4 @@
-"""This project's kernels beside other people's: ``python -m benchmarks.peers`` writes docs/peers.{json,md,svg}.
+"""This project's kernels beside other libraries: ``python -m benchmarks.peers`` writes docs/peers.{json,md,svg}.
 
 cases        the robots, and the chain of 6-DOF joints that grows
 contender    one way of computing a kernel's result: an address that the stopwatch calls

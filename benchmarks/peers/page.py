@@ -171,7 +171,7 @@ def page(report: Report) -> str:
     """The whole page docs/peers.md."""
     worst = max((entry.difference for entry in (*report.entries, *report.growing)), default=0.0)
     lines = [
-        "# Beside other people's",
+        "# Comparison with other libraries",
         "",
         "Written by `make bench` (`python -m benchmarks.peers`); do not edit.",
         "",
@@ -213,7 +213,7 @@ def page(report: Report) -> str:
         " more than the row's name says (poses of all bodies, the mass matrix and its factors). Steps are those of"
         f" `{STEP}`, 1 ms long, which like ours are implicit in position and rate (MuJoCo's documentation, Computation,"
         " Numerical integration); in a batch `mj_step` goes through the states one by one, as every thread of"
-        " `mujoco.batch` does. [Speed per error](precision.md) has MuJoCo's other integrators.",
+        " `mujoco.batch` does. [Work-precision diagrams](precision.md) have MuJoCo's other integrators.",
         "- CasADi: Pinocchio's algorithms traced with CasADi's `SX` for this robot, the C that CasADi generates"
         " compiled with eomgen's compiler and flags.",
         "",
