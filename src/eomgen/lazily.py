@@ -1,4 +1,4 @@
-"""Names of packages whose modules are imported when one of their names is first asked for."""
+"""Names whose modules are imported when they are first asked for: of packages, and of rooms above the caller."""
 
 from __future__ import annotations
 
@@ -54,3 +54,16 @@ def imports_when_used(package: dict[str, Any]) -> Iterator[None]:
     package["__getattr__"] = find
     package["__dir__"] = lambda: public_names(package, modules)
     package["__all__"] = sorted(name for name, module in modules.items() if module)
+
+
+def from_above(module: str, name: str) -> Any:
+    """Return a name of a module of eomgen by their names, imported now.
+
+    For methods that are short for a function of a room above: of a result that plots itself, a robot that shows itself.
+    The rooms below import nothing of it, and work without it.
+
+    Args:
+        module: inside eomgen, ".pictures".
+        name: in it.
+    """
+    return getattr(import_module(module, __package__), name)

@@ -18,6 +18,7 @@ PACKAGES = {  # name as people write it: what pip installs it by, and the extra 
     "xarray": ("xarray", "tables"),
     "shtab": ("shtab", "completion"),
     "viser": ("viser", "view"),
+    "trimesh": ("trimesh", "view"),
     "MuJoCo": ("mujoco", "mujoco"),
     "xacro": ("xacro", "xacro"),
     "CasADi": ("casadi", "casadi"),

@@ -1,4 +1,4 @@
-"""Results that show themselves in short: one line at a prompt, a small table in a notebook."""
+"""Results that show themselves: one line at a prompt, a small table in a notebook, a plot where there is one."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
+from .lazily import from_above
 from .names import listed, show, show_path
 
 LONGEST = 300  # characters of a line
@@ -60,6 +61,33 @@ class Shown:
             for name, value in self.facts().items()
         )
         return f"<table><caption>{html.escape(type(self).__name__)}</caption><tbody>{rows}</tbody></table>"
+
+
+class Plotting:
+    """Base of results that have a plot: ``class Modes(Plotting, Shown, plot="plot_mode_shapes")``, of ``pictures``."""
+
+    _plot: ClassVar[str]
+
+    def __init_subclass__(cls, plot: str, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        cls._plot = plot
+
+    def plot(self, *about: Any, path: Path | str | None = None, ax: Any = None, **options: Any) -> Any:
+        """Plot the result by its function of ``eomgen.pictures``.
+
+        Args:
+            about: further arguments of that function: names of series of a simulation, the robot of mode shapes.
+            path: of a file to write, .png, .svg or .pdf.
+            ax: axes of Matplotlib to draw in, as many as the plot has panels.
+            **options: of that function.
+
+        Returns:
+            The path where there is one, else (Figure, Axes), or (Figure, array of Axes).
+
+        Raises:
+            InputError: Matplotlib is not installed (the extra "sim"), or an argument does not fit.
+        """
+        return from_above(".pictures", self._plot)(self, *about, path=path, ax=ax, **options)
 
 
 def text_of(value: Any) -> str:

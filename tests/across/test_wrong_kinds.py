@@ -80,7 +80,7 @@ CALLS: dict[str, tuple[str, Callable[[Any], object]]] = {
     "forces": ("motion", lambda x: forces(ROBOT, x)),
     "fit": ("motion", lambda x: fit(ROBOT, x)),
     "identify": ("motion", lambda x: identify(ROBOT, x)),
-    "plot_sweep": ("folder", lambda x: plot_sweep(x, x)),
+    "plot_sweep": ("folder|result", lambda x: plot_sweep(x, x)),
 }
 
 

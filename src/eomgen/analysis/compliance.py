@@ -24,7 +24,7 @@ from ..results.kinds import Kind, Saved, declare
 from ..results.stored import Stored
 from ..robot.model import build_model, tool_of
 from ..runtime.kernel import Kernel
-from ..shown import Shown
+from ..shown import Plotting, Shown
 from ..state.motors import turn_motors
 from .holding import PoseLike
 from .options import HeldRobot, StateKeywords, prepared
@@ -38,7 +38,7 @@ GUESSES = 12  # of coordinates, per point that a neighbour's do not lead to
 
 
 @dataclass(frozen=True, kw_only=True)
-class ComplianceMap(Shown, Saved):
+class ComplianceMap(Plotting, Shown, Saved, plot="plot_compliance"):
     """Compliance over a grid of the tool's places; NaN where the tool cannot be.
 
     Attributes:

@@ -21,7 +21,7 @@ from ..progress import StageReport
 from ..results.kinds import Kind, SavedColumns, declare
 from ..results.stored import Stored
 from ..robot.coordinates import force_unit_of
-from ..shown import Shown
+from ..shown import Plotting, Shown
 from ..tabular import Rows, TableColumn, Tabular
 from .at_rest import system_at_rest
 from .holding import PoseLike
@@ -37,7 +37,7 @@ Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Response(Shown, Tabular, SavedColumns):
+class Response(Plotting, Shown, Tabular, SavedColumns, plot="plot_response"):
     """Frequency responses about a state of rest.
 
     Attributes:

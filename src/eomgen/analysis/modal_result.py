@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 from ..arrays import Array, Index
 from ..robot.coordinates import MOTIONS, unit_of
-from ..shown import Shown
+from ..shown import Plotting, Shown
 from ..tabular import Rows, TableColumn, Tabular
 
 Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Modes(Shown, Tabular):
+class Modes(Plotting, Shown, Tabular, plot="plot_mode_shapes"):
     """Modes of small motions about a state of rest, by rising natural frequency; m of them.
 
     A pair of conjugate eigenvalues s is one mode, a real eigenvalue is one, too (overdamped, or divergent).
@@ -122,7 +122,7 @@ class Modes(Shown, Tabular):
 
 
 @dataclass(frozen=True)
-class TrackedModes(Shown, Tabular):
+class TrackedModes(Plotting, Shown, Tabular, plot="plot_tracks"):
     """Modes along a path: track k is one mode that is followed from pose to pose.
 
     Attributes:

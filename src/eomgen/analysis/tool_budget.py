@@ -22,7 +22,7 @@ from ..robot.coordinates import MOTIONS, index_of
 from ..robot.model import build_model, tool_of
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
-from ..shown import Shown
+from ..shown import Plotting, Shown
 from ..simulation.result import SimulationResult
 from ..tabular import Rows, TableColumn, Tabular
 from .statics import motion_between
@@ -44,7 +44,7 @@ class BudgetRow:
 
 
 @dataclass(frozen=True)
-class Budget(Shown, Tabular):
+class Budget(Plotting, Shown, Tabular, plot="plot_budget"):
     """The deviation of a frame over time, taken apart.
 
     Attributes:

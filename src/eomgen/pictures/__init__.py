@@ -18,8 +18,10 @@ with imports_when_used(globals()):
     from .journals import plot_journals as plot_journals
     from .measured.accuracy import plot_accuracy as plot_accuracy
     from .measured.calibration import plot_calibration as plot_calibration
+    from .measured.choosing import plot_poses as plot_poses
     from .measured.compensation import plot_compensation as plot_compensation
     from .measured.excitation import plot_excitation as plot_excitation
+    from .measured.motions import plot_fit as plot_fit
     from .measured.motions import plot_identification as plot_identification
     from .measured.tolerances import plot_tolerance as plot_tolerance
     from .page import report_of as report_of
@@ -27,6 +29,8 @@ with imports_when_used(globals()):
     from .robot import plot_robot as plot_robot
     from .simulation import plot_deviations as plot_deviations
     from .simulation import plot_result as plot_result
+    from .simulation import plot_series as plot_series
     from .simulation import plot_tool as plot_tool
+    from .sweep import plot_column as plot_column
     from .sweep import plot_sweep as plot_sweep
     from .zeros import plot_zeros as plot_zeros

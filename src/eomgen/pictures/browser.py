@@ -25,7 +25,6 @@ from .scene import (
     Array,
     Region,
     capsule_mesh,
-    capsules,
     exaggerated,
     extent,
     link_poses,
@@ -34,7 +33,7 @@ from .scene import (
     reaction_forces,
     spring_lines,
 )
-from .shapes import Shape, urdf_shapes
+from .shapes import Shape, meshes_of, urdf_shapes
 
 REAL_COLOR, PROGRAM_COLOR, FORCE_COLOR, SPRING_COLOR = (70, 120, 170), (150, 150, 150), (204, 51, 17), (0, 158, 115)
 PROGRAM_OPACITY = 0.35
@@ -213,13 +212,7 @@ class View:
         links = [self._robot.base, *(link.name for link in self._robot.links)]
         frames = {link: scene.add_frame(f"/{kind}/{link}", show_axes=False) for link in dict.fromkeys(links)}
         look = {"color": REAL_COLOR} if kind == "reality" else {"color": PROGRAM_COLOR, "opacity": PROGRAM_OPACITY}
-        meshed = {shape.link for shape in shapes}
-        heavy = {link.name for link in self._robot.links if link.mass > 0.0}
-        bodies = [(shape.link, shape.vertices, shape.faces) for shape in shapes]
-        # beside meshes only what has a mass: a URDF has empty links, too
-        bare = [c for c in capsules(self._robot) if c.link not in meshed and (not meshed or c.link in heavy)]
-        bodies += [(c.link, *capsule_mesh(c.begin, c.end, c.radius)) for c in bare]
-        for i, (link, vertices, faces) in enumerate(bodies):
+        for i, (link, vertices, faces) in enumerate(meshes_of(self._robot, shapes)):
             scene.add_mesh_simple(f"/{kind}/{link}/body{i}", vertices, faces, **look)
         return frames
 

@@ -12,9 +12,22 @@ from ..errors import InputError
 from ..robot.coordinates import index_of, unit_of
 from ..simulation.balance import TERMS
 from ..simulation.result import SimulationResult
-from .style import COLORS, PROGRAM_COLOR, TOOL_COLOR, canvas, literal, mark_end, panel_grid, scale_of, ticker
+from .style import (
+    COLORS,
+    PROGRAM_COLOR,
+    TOOL_COLOR,
+    Plotted,
+    check_kind,
+    literal,
+    mark_end,
+    panel_grid,
+    scale_of,
+    sheet,
+    ticker,
+)
 
 ACROSS = 3
+SOURCE = "simulate, run_scenario or load_result"  # of results
 WORK_COLORS = dict(
     zip(
         TERMS,
@@ -24,40 +37,53 @@ WORK_COLORS = dict(
 )
 
 
-def plot_tracking(result: SimulationResult, path: Path | str) -> Path:
-    """Every driven coordinate over time, as programmed and as it was, and below what it is off by; returns the path.
+def plot_tracking(result: SimulationResult, path: Path | str | None = None, *, ax: Any = None) -> Plotted:
+    """Plot every driven coordinate over time beside its reference trajectory, and below its tracking error.
+
+    Args:
+        result: of a simulation.
+        path: to write to, .png, .svg or .pdf.
+        ax: two axes for each driven coordinate: first all upper ones, then all lower ones.
+
+    Returns:
+        The path where there is one, else the figure and its axes.
 
     Raises:
-        InputError: nothing was programmed; or see ``style.canvas``.
+        InputError: ``result`` is something else, nothing was programmed, or as of ``style.sheet``.
     """
+    check_kind(result, SimulationResult, "result", SOURCE)
     names = result.program_coordinates
+    count = len(names)
     if not (result.programmed and names):
         raise InputError(f"{result.robot} had no program that reality could be drawn against")
-    across = min(ACROSS, len(names))
-    rows = 2 * -(-len(names) // across)
+    across = min(ACROSS, count)
+    rows = 2 * -(-count // across)
     width, height = max(4.4, 2.45 * across), 1.3 * rows + 0.75
     reality = result.trajectory.q[:, index_of(result.trajectory.coordinates, names)]
-    with canvas(width, height, path, f"{result.robot}: driven coordinates against their program") as figure:
+
+    def grid(figure: Any) -> list[Any]:
         panels = panel_grid(figure, rows, across, head=0.72, hspace=0.36, wspace=0.34)
-        for k in range(rows // 2 * across):
-            upper, lower = panels[k // across * 2, k % across], panels[k // across * 2 + 1, k % across]
-            if k >= len(names):
-                upper.set_visible(False)
-                lower.set_visible(False)
-                continue
-            _draw_coordinate(upper, lower, result, names[k], result.program_q[:, k], reality[:, k])
-            last = k + across >= len(names)
+        for k in range(count, rows // 2 * across):
+            panels[k // across * 2, k % across].set_visible(False)
+            panels[k // across * 2 + 1, k % across].set_visible(False)
+        return [panels[k // across * 2 + row, k % across] for row in (0, 1) for k in range(count)]
+
+    with sheet(width, height, path, f"{result.robot}: driven coordinates against their program", ax) as drawn:
+        panels = drawn.panels(2 * count, grid)
+        for k, name in enumerate(names):
+            upper, lower = panels[k], panels[count + k]
+            _draw_coordinate(upper, lower, result, name, result.program_q[:, k], reality[:, k])
+            last = k + across >= count or not drawn.is_new
             lower.tick_params(labelbottom=last)
             lower.set_xlabel("time, s" if last else "")
-        handles = panels[0, 0].get_lines()[:2]
-        figure.legend(
-            handles,
+        drawn.legend(
+            panels[0].get_lines()[:2],
             ["program", "reality"],
             loc="upper left",
             ncols=2,
             bbox_to_anchor=(0.12 / width, 1.0 - 0.24 / height),
         )
-    return Path(path)
+    return drawn.outcome
 
 
 def _draw_coordinate(
@@ -78,18 +104,27 @@ def _draw_coordinate(
         mark_end(panel, result)
 
 
-def plot_energy(result: SimulationResult, path: Path | str) -> Path:
-    """Changes of energy and works over time, and below what their balance leaves; returns the path.
+def plot_energy(result: SimulationResult, path: Path | str | None = None, *, ax: Any = None) -> Plotted:
+    """Plot changes of energy and work integrals over time, and below what their balance leaves.
+
+    Args:
+        result: of a simulation.
+        path: to write to, .png, .svg or .pdf.
+        ax: two axes.
+
+    Returns:
+        The path where there is one, else the figure and its two axes.
 
     Raises:
-        InputError: the result has no balance; or see ``style.canvas``.
+        InputError: ``result`` is something else, it has no balance, or as of ``style.sheet``.
     """
+    check_kind(result, SimulationResult, "result", SOURCE)
     balance, t = result.balance, result.trajectory.t
     if balance is None:
         raise InputError(f"the result of {result.robot} was written by an eomgen without an energy balance")
-    with canvas(6.4, 4.4, path, f"{result.robot}: energy and work") as figure:
+    with sheet(6.4, 4.4, path, f"{result.robot}: energy and work", ax) as drawn:
         place = {"left": 0.11, "right": 0.76, "top": 0.9, "bottom": 0.11, "height_ratios": (2.6, 1.0), "hspace": 0.22}
-        upper, lower = figure.subplots(2, 1, sharex=True, gridspec_kw=place)
+        upper, lower = drawn.panels(2, lambda figure: figure.subplots(2, 1, sharex=True, gridspec_kw=place))
         factor, unit = scale_of(np.concatenate([balance.work, balance.energy - balance.energy[0]], axis=1), "J")
         for name, values, style in zip(("kinetic", "potential"), balance.energy.T, ("-", "--"), strict=True):
             upper.plot(t, factor * (values - values[0]), color="#000000", linestyle=style, label=f"{name} energy")
@@ -106,5 +141,5 @@ def plot_energy(result: SimulationResult, path: Path | str) -> Path:
         lower.set_xlim(t[0], t[-1])
         share = f"at most {balance.relative_residue:.1g}\nof the largest term"
         lower.text(1.03, 0.95, share, transform=lower.transAxes, va="top")
-        figure.align_ylabels()
-    return Path(path)
+        drawn.figure.align_ylabels([upper, lower])
+    return drawn.outcome

@@ -14,7 +14,8 @@ from ..arrays import Array
 from ..errors import InputError
 from ..simulation.result import SimulationResult, simulated_robot
 from ..state.journals import JournalContact, contacts_of
-from .style import COLORS, PROGRAM_COLOR, TOOL_COLOR, canvas, literal, panel_grid, scale_of
+from .energy import SOURCE
+from .style import COLORS, PROGRAM_COLOR, TOOL_COLOR, Plotted, check_kind, literal, panel_grid, scale_of, sheet
 
 ACROSS = 3
 ENDS = {0: "", 1: ", end towards +z", -1: ", end towards -z"}
@@ -28,27 +29,39 @@ def result_journals(result: SimulationResult) -> list[JournalContact]:
     return contacts_of(laws, result.trajectory.coordinates)
 
 
-def plot_journals(result: SimulationResult, path: Path | str) -> Path:
-    """Every journal's path in its bearing, each end of the bearing in a panel; returns the path.
+def plot_journals(result: SimulationResult, path: Path | str | None = None, *, ax: Any = None) -> Plotted:
+    """Plot every journal's path in its bearing, each end of the bearing in a panel.
+
+    Args:
+        result: of a simulation.
+        path: to write to, .png, .svg or .pdf.
+        ax: axes to draw in, one for each end of a bearing that may touch.
+
+    Returns:
+        The path where there is one, else the figure and its axes.
 
     Raises:
-        InputError: the robot has no journals; or see ``style.canvas``.
+        InputError: ``result`` is something else, the robot has no journals, or as of ``style.sheet``.
     """
+    check_kind(result, SimulationResult, "result", SOURCE)
     places = result_journals(result)
     if not places:
         raise InputError(f"{result.robot} has no journals to plot")
     across = min(ACROSS, len(places))
     rows = -(-len(places) // across)
     width, height = max(3.0, 2.45 * across), 2.5 * rows + 0.3
-    with canvas(width, height, path, f"{result.robot}: journals in their bearings") as figure:
-        panels = panel_grid(figure, rows, across, head=0.5, right=0.15, sharex=False, hspace=0.36, wspace=0.34)
-        for k, panel in enumerate(panels.ravel()):
-            if k >= len(places):
-                panel.set_visible(False)
-                continue
-            draw_journal(panel, places[k].centre(result.trajectory.q), places[k].clearance)
-            panel.set_title(literal(places[k].name + ENDS[places[k].end]), loc="left", pad=3.0)
-    return Path(path)
+
+    def grid(figure: Any) -> list[Any]:
+        panels = panel_grid(figure, rows, across, head=0.5, right=0.15, sharex=False, hspace=0.36, wspace=0.34).ravel()
+        for panel in panels[len(places) :]:
+            panel.set_visible(False)
+        return list(panels[: len(places)])
+
+    with sheet(width, height, path, f"{result.robot}: journals in their bearings", ax) as drawn:
+        for place, panel in zip(places, drawn.panels(len(places), grid), strict=True):
+            draw_journal(panel, place.centre(result.trajectory.q), place.clearance)
+            panel.set_title(literal(place.name + ENDS[place.end]), loc="left", pad=3.0)
+    return drawn.outcome
 
 
 def draw_journal(panel: Any, centre: Array, clearance: float) -> None:

@@ -1,48 +1,77 @@
-"""Figure of a robot in one pose: capsules along its links, axes of its joints, springs between points."""
+"""Figure of a robot in one pose: meshes or capsules of its links, axes of its joints, springs between points."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import warnings
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from ..analysis.at_rest import closed
 from ..description import RobotLike, as_robot
-from ..errors import UnknownNameError
+from ..errors import EomgenWarning, InputError, UnknownNameError
 from ..names import nearest, show
 from ..pipeline.closing import closing_kernels
 from ..pipeline.stages import build
 from ..robot.model import build_model
 from ..robot.value import Robot
-from .scene import Array, capsule_mesh, capsules, extent, link_poses, placed, spring_lines
-from .style import PROGRAM_COLOR, TOOL_COLOR, canvas, set_space
+from .scene import Array, extent, link_poses, placed, spring_lines
+from .shapes import Shape, meshes_of, urdf_shapes
+from .style import PROGRAM_COLOR, TOOL_COLOR, Plotted, set_space, sheet, ticker
 
 LINK_COLORS = ("#999999", "#0072b2", "#d55e00", "#009e73", "#e69f00", "#cc79a7", "#56b4e9")  # the base, then in turn
 SPRING_COLOR = "#117733"
 LIGHT = np.array([0.3, -0.5, 0.8])  # from where faces are lit, base axes
 FLAT = 0.3  # height by width below which a robot is one in a plane
 AXIS_LENGTH = 0.09  # of a joint's axis, of the robot's size
+MOST_FACES = 20_000  # of a mesh that are drawn, evenly chosen
 
 
-def plot_robot(robot: RobotLike, path: Path | str, pose: Mapping[str, float] | None = None) -> Path:
-    """Draw the robot at rest in one pose, in base axes, m; returns the path.
+VIEWS: Mapping[str, tuple[float, float] | None] = {  # elevation and azimuth, degrees; None is chosen by the robot
+    "oblique": None,
+    "side": (0.0, -90.0),
+    "back": (0.0, 180.0),
+    "front": (0.0, 0.0),
+    "top": (90.0, -90.0),
+}
+ALONG = {"side": "y", "back": "x", "front": "x", "top": "z"}  # the axis of the base that a view looks along
 
-    Links are capsules from their origin to whatever is on them; dashes are the z axes of joints that move, those that
-    are cut among them, dots frames, broken lines springs between points.  A robot in a plane is seen from above.
+
+def plot_robot(
+    robot: RobotLike,
+    path: Path | str | None = None,
+    pose: Mapping[str, float] | None = None,
+    *,
+    view: Literal["oblique", "side", "front", "back", "top"] = "oblique",
+    ax: Any = None,
+) -> Plotted:
+    """Plot the robot at rest in one pose, in the base frame, m.
+
+    Links are the meshes of a URDF, else capsules from their origin to whatever is on them; dashes are the z axes of
+    joints that move, those that are cut among them, dots frames, broken lines springs between points.  A warning names
+    meshes that are missing.
 
     Args:
         robot: a Robot, the name of a built-in one, or the path of a description.
-        path: .png, .svg or .pdf.
+        path: to write to, .png, .svg or .pdf.
         pose: coordinates by name, m or rad; the others are at home, or where they close loops and keep couplings.
+        view: "oblique", which sees a robot in a plane from above; or without perspective along an axis of the base:
+            "side" along y, "front" from the tip of x, "back" towards it, "top" from the tip of z.
+        ax: axes in space to draw in.
+
+    Returns:
+        The path where there is one, else the figure and its axes.
 
     Raises:
         UnknownNameError: the robot has no such coordinate.
-        LoopError: the mechanism does not close near the pose.
-        InputError: see ``style.canvas``.
+        LoopError: the mechanism cannot be assembled near the pose.
+        InputError: the view is another one; or see ``style.sheet``.
     """
     robot = as_robot(robot)
+    if view not in VIEWS:
+        raise InputError(f"view: {show(view)}{nearest(view, VIEWS)}; allowed: {', '.join(VIEWS)}")
     model = build_model(robot)
     names = model.coordinates
     for name in pose or {}:
@@ -53,31 +82,46 @@ def plot_robot(robot: RobotLike, path: Path | str, pose: Mapping[str, float] | N
         kernel = build(robot, kernels=closing_kernels(robot))
         q = closed(kernel, q, np.isin(names, list(pose or ())))
     poses = link_poses(robot, names, q)
-    with canvas(4.2, 4.0, path, robot.name) as figure:
-        axes = figure.add_axes((0.0, 0.02, 0.96, 0.9), projection="3d")
-        points = [_draw_links(axes, robot, poses), _draw_joints(axes, robot, poses)]
+    shapes, notes = urdf_shapes(robot)
+    if notes:
+        warnings.warn(f"{robot.name}: {'; '.join(notes)}", EomgenWarning, stacklevel=2)
+    with sheet(4.2, 4.0, path, robot.name, ax) as drawn:
+        [axes] = drawn.panels(1, lambda figure: figure.add_axes((0.02, 0.04, 0.9, 0.88), projection="3d"), (0,))
+        points = [_draw_links(axes, robot, poses, shapes), _draw_joints(axes, robot, poses)]
         for ends in spring_lines(robot, poses):
             axes.plot(*ends.T, color=SPRING_COLOR, linewidth=1.4, linestyle=(0, (2, 1)))
             points.append(ends)
         for frame in robot.frames:
             axes.scatter(*poses[frame.name][:3, 3], color=TOOL_COLOR, s=18, depthshade=False, zorder=20)
-        seen = np.concatenate(points)
-        extents = np.ptp(seen, axis=0)
-        view = (62.0, -75.0) if extents[2] < FLAT * extents.max() else (22.0, -58.0)
-        set_space(axes, seen, 0.52, 0.95, view, -4.0)
-    return Path(path)
+        _set_view(axes, np.concatenate(points), view)
+    return drawn.outcome
 
 
-def _draw_links(axes: Any, robot: Robot, poses: Mapping[str, Array]) -> Array:
-    """Shaded capsules; returns their vertices (V, 3), m."""
+def _set_view(axes: Any, points: Array, view: str) -> None:
+    """Look at points (P, 3), m, with ticks of which none stands on another."""
+    extents = np.ptp(points, axis=0)
+    flat = (62.0, -75.0) if extents[2] < FLAT * extents.max() else (22.0, -58.0)
+    set_space(axes, points, 0.52, 0.95 if view == "oblique" else 1.3, VIEWS[view] or flat, -3.0 if view == "oblique" else 2.0)
+    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+        axis.set_major_locator(ticker().MaxNLocator(4, steps=[1, 2, 5, 10], prune="both"))
+    axes.tick_params(pad=-1.0 if view == "oblique" else 2.0)
+    if view != "oblique":
+        axes.set_proj_type("ortho")
+        name = ALONG[view]
+        getattr(axes, f"set_{name}ticks")([])
+        getattr(axes, f"set_{name}label")("")
+
+
+def _draw_links(axes: Any, robot: Robot, poses: Mapping[str, Array], shapes: Sequence[Shape]) -> Array:
+    """Draw shaded meshes, and capsules of links that have none; returns their vertices (V, 3), m."""
     from matplotlib.colors import to_rgb
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
     light, drawn = LIGHT / np.linalg.norm(LIGHT), []
-    for capsule in capsules(robot):
-        color = np.array(to_rgb(_color(robot, capsule.link)))
-        vertices, faces = capsule_mesh(capsule.begin, capsule.end, capsule.radius)
-        vertices = vertices @ poses[capsule.link][:3, :3].T + poses[capsule.link][:3, 3]
+    for link, vertices, faces in meshes_of(robot, shapes):
+        color = np.array(to_rgb(_color(robot, link)))
+        vertices = vertices @ poses[link][:3, :3].T + poses[link][:3, 3]
+        faces = faces[:: -(-len(faces) // MOST_FACES)]
         corners = vertices[faces]
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         lengths = np.linalg.norm(normals, axis=1, keepdims=True)

@@ -1,4 +1,7 @@
-"""Shapes that a URDF gives its links to be seen: meshes, boxes, cylinders, balls; read with trimesh."""
+"""Shapes that a URDF gives its links to be seen: meshes, boxes, cylinders, balls.
+
+Meshes in .stl are read here; those in .dae, .obj and .ply with trimesh, which comes with the extra "view".
+"""
 
 from __future__ import annotations
 
@@ -6,8 +9,9 @@ import io
 import os
 import re
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,8 +23,10 @@ from ..errors import DescriptionError
 from ..files import read_regular
 from ..forms.toml_text import read_text
 from ..names import show, unique_identifiers
+from ..optional import optional_import
 from ..robot.geometry import rotation_from_rpy
 from ..robot.value import Robot
+from .scene import Capsule, capsule_mesh, capsules
 
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
@@ -34,6 +40,12 @@ _MOST_HEADER = 1 << 14  # bytes
 _ELEMENT = re.compile(rb"^element[ \t]+\w{1,99}[ \t]+([0-9]{1,18})[ \t\r]{0,9}$", re.MULTILINE)
 
 
+Mesh = tuple[Array, NDArray[np.int32]]  # vertices (V, 3) and faces (F, 3)
+_SIDES = 32  # of a cylinder
+_FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])  # of a binary .stl
+_CORNER = re.compile(rb"\bvertex[ \t]+(\S{1,40}[ \t]+\S{1,40}[ \t]+\S{1,40})")
+
+
 @dataclass(frozen=True)
 class Shape:
     """vertices (V, 3), m, in the link's frame; faces (F, 3)."""
@@ -44,7 +56,7 @@ class Shape:
 
 
 def urdf_shapes(robot: Robot) -> tuple[list[Shape], list[str]]:
-    """The shapes of the links, and lines about what could not be read; nothing where the robot is of no URDF file."""
+    """Return the shapes of the links, and lines about what could not be read; nothing where the robot is of no URDF."""
     from ..description.xml_text import parse_xml
 
     path, notes = Path(robot.source), list[str]()
@@ -98,14 +110,11 @@ class _Room:
         self.left -= size
 
 
-def _geometry(visual: Element, urdf: Path, room: _Room) -> tuple[Array, NDArray[np.int32]]:
-    import trimesh
-
-    mesh: Any
+def _geometry(visual: Element, urdf: Path, room: _Room) -> Mesh:
+    """Return vertices (V, 3), m, in the axes of the visual, and faces (F, 3)."""
     geometry = next(iter(visual.iterfind("geometry/*")), None)
     if geometry is None:
         raise ValueError("there is no geometry")
-    scale = np.ones(3)
     if geometry.tag == "mesh":
         scale = np.array(_numbers(geometry.get("scale", "1 1 1"), 3))
         place = mesh_path(geometry.get("filename", ""), urdf)
@@ -115,18 +124,83 @@ def _geometry(visual: Element, urdf: Path, room: _Room) -> tuple[Array, NDArray[
         data = read_regular(place, _MOST_MESH)
         room.take(len(data))
         check_mesh(data, ending)
-        content = io.BytesIO(data)  # alone: no file that it names is opened behind it
-        mesh = trimesh.load(content, file_type=ending.lstrip("."), force="mesh")
-    elif geometry.tag == "box":
-        mesh = trimesh.creation.box(_numbers(geometry.get("size", ""), 3))
-    elif geometry.tag == "sphere":
-        mesh = trimesh.creation.icosphere(radius=_numbers(geometry.get("radius", ""), 1)[0])
-    elif geometry.tag == "cylinder":
+        vertices, faces = read_stl(data) if ending == ".stl" else _loaded(data, ending)
+        return vertices * scale, faces
+    if geometry.tag == "box":
+        return _box(_numbers(geometry.get("size", ""), 3))
+    if geometry.tag == "sphere":
+        return capsule_mesh(np.zeros(3), np.zeros(3), _numbers(geometry.get("radius", ""), 1)[0])
+    if geometry.tag == "cylinder":
         radius, length = (_numbers(geometry.get(key, ""), 1)[0] for key in ("radius", "length"))
-        mesh = trimesh.creation.cylinder(radius, length)
+        return _cylinder(radius, length)
+    raise ValueError(f"{show(geometry.tag)} is unknown")
+
+
+def _loaded(data: bytes, ending: str) -> Mesh:
+    """Return the mesh of a .dae, .obj or .ply."""
+    with optional_import("trimesh", f"meshes that end in {ending} need", "links without are capsules"):
+        import trimesh
+    content = io.BytesIO(data)  # alone: no file that it names is opened behind it
+    mesh: Any = trimesh.load(content, file_type=ending.lstrip("."), force="mesh")
+    return np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int32)
+
+
+def read_stl(data: bytes) -> Mesh:
+    """Return vertices (V, 3), in the file's unit, without those that are the same, and triangles (F, 3), of an STL.
+
+    Args:
+        data: all bytes of the file, binary or text; ``check_mesh`` has passed it.
+
+    Raises:
+        ValueError: it holds no triangles, or corners that are no numbers.
+    """
+    count = struct.unpack_from("<I", data, 80)[0] if len(data) >= 84 else -1
+    if len(data) == 84 + 50 * count or not data.lstrip().startswith(b"solid"):
+        records = np.frombuffer(data, dtype=_FACET, count=max(count, 0), offset=min(84, len(data)))
+        corners = records["corners"].reshape(-1, 3).astype(np.float64)
     else:
-        raise ValueError(f"{show(geometry.tag)} is unknown")
-    return np.asarray(mesh.vertices, dtype=np.float64) * scale, np.asarray(mesh.faces, dtype=np.int32)
+        words = b" ".join(_CORNER.findall(data)).split()
+        corners = np.array(words, dtype=np.float64).reshape(-1, 3)
+    if not len(corners) or len(corners) % 3 or not np.isfinite(corners).all():
+        raise ValueError("a .stl without triangles; allowed: three corners for each facet, finite numbers")
+    vertices, places = np.unique(corners, axis=0, return_inverse=True)
+    return vertices, places.reshape(-1, 3).astype(np.int32)
+
+
+def _box(size: Sequence[float]) -> Mesh:
+    corners = np.array(list(product((-0.5, 0.5), repeat=3))) * size
+    quads = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+    return corners, np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))], dtype=np.int32)
+
+
+def _cylinder(radius: float, length: float) -> Mesh:
+    """Return a cylinder about z, its middle at the origin."""
+    k, ahead = np.arange(_SIDES), (np.arange(_SIDES) + 1) % _SIDES
+    angle = 2.0 * np.pi * k / _SIDES
+    ring = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    ends = [np.column_stack([ring, np.full(_SIDES, z)]) for z in (-0.5 * length, 0.5 * length)]
+    vertices = np.concatenate([*ends, [[0.0, 0.0, -0.5 * length], [0.0, 0.0, 0.5 * length]]])
+    bottom, top = np.full(_SIDES, 2 * _SIDES), np.full(_SIDES, 2 * _SIDES + 1)
+    faces = [(k, ahead, _SIDES + ahead), (k, _SIDES + ahead, _SIDES + k), (bottom, ahead, k)]
+    faces.append((top, _SIDES + k, _SIDES + ahead))
+    return vertices, np.concatenate([np.stack(face, axis=1) for face in faces]).astype(np.int32)
+
+
+def meshes_of(robot: Robot, shapes: Sequence[Shape]) -> list[tuple[str, Array, NDArray[np.int32]]]:
+    """Return link, vertices (V, 3), m, in the link's frame, and faces (F, 3), of all that is drawn of the links.
+
+    These are the shapes, and capsules of links without any; beside shapes of links with a mass alone, since a URDF has
+    empty links, too.
+    """
+    bodies = [(shape.link, shape.vertices, shape.faces) for shape in shapes]
+    return bodies + [(c.link, *capsule_mesh(c.begin, c.end, c.radius)) for c in bare_capsules(robot, shapes)]
+
+
+def bare_capsules(robot: Robot, shapes: Sequence[Shape]) -> list[Capsule]:
+    """Return the capsules of links without shapes; where there are shapes, of links with a mass alone."""
+    shaped = {shape.link for shape in shapes}
+    heavy = {link.name for link in robot.links if link.mass > 0.0}
+    return [c for c in capsules(robot) if c.link not in shaped and (not shaped or c.link in heavy)]
 
 
 def check_mesh(data: bytes, ending: str) -> None:

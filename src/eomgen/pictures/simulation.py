@@ -5,19 +5,35 @@ Matplotlib is imported when a plot is made, not with this file.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ..arrays import Array
 from ..errors import InputError
+from ..files import as_path
 from ..names import component_name, joint_of, kind_of
 from ..robot.coordinates import unit_of
-from ..simulation.result import SimulationResult
-from .energy import plot_energy, plot_tracking
+from ..simulation.result import Series, SimulationResult
+from .energy import SOURCE, plot_energy, plot_tracking
 from .journals import plot_journals, result_journals
-from .style import COLORS, PROGRAM_COLOR, TOOL_COLOR, canvas, literal, mark_end, panel_grid, scale_of, set_space, ticker
+from .style import (
+    COLORS,
+    PROGRAM_COLOR,
+    TOOL_COLOR,
+    Plotted,
+    Sheet,
+    check_kind,
+    literal,
+    mark_end,
+    panel_grid,
+    scale_of,
+    set_space,
+    sheet,
+    ticker,
+)
 
 SHOWN_PART = 0.25  # a magnified deviation is about this share of the path's extent
 WHISKERS = 25
@@ -25,81 +41,168 @@ ACROSS = 3  # panels beside each other
 MICRO = 1e6
 
 
-def plot_result(result: SimulationResult, folder: Path | str, ending: str = ".png") -> list[Path]:
-    """Write the figures of a result: ``tool``, ``deviations`` and ``journals`` where the robot has some, ``tracking``
-    where there is a program, ``energy`` where there is a balance; returns their paths.
+def plot_result(result: SimulationResult, folder: Path | str | None = None, ending: str = ".png") -> Any:
+    """Plot all figures of a result: ``tool``, ``deviations`` and ``journals`` where the robot has some, ``tracking``
+    where there is a program, ``energy`` where there is a balance.
 
     Args:
         result: of a simulation.
         folder: to write to; made where it does not exist.
-        ending: one of FIGURE_ENDINGS.
+        ending: of files, one of FIGURE_ENDINGS.
+
+    Returns:
+        The paths that were written where there is a folder, else (Figure, Axes) by these names.
 
     Raises:
-        InputError: Matplotlib is not installed, the ending is another one, or a file cannot be written.
+        InputError: ``result`` is something else, Matplotlib is not installed, the ending is another one, or a file
+            cannot be written.
     """
-    target = Path(folder)
-    written = [plot_tool(result, target / f"tool{ending}")]
+    check_kind(result, SimulationResult, "result", SOURCE)
+    plots: dict[str, Callable[..., Any]] = {"tool": plot_tool}
     if result.deviation_coordinates:
-        written.append(plot_deviations(result, target / f"deviations{ending}"))
+        plots["deviations"] = plot_deviations
     if result_journals(result):
-        written.append(plot_journals(result, target / f"journals{ending}"))
+        plots["journals"] = plot_journals
     if result.programmed and result.program_coordinates:
-        written.append(plot_tracking(result, target / f"tracking{ending}"))
+        plots["tracking"] = plot_tracking
     if result.balance is not None:
-        written.append(plot_energy(result, target / f"energy{ending}"))
-    return written
+        plots["energy"] = plot_energy
+    if folder is None:
+        return {name: plot(result) for name, plot in plots.items()}
+    target = as_path(folder, "folder")
+    return [plot(result, target / f"{name}{ending}") for name, plot in plots.items()]
 
 
-def plot_tool(result: SimulationResult, path: Path | str) -> Path:
-    """The tool's path with its deviation magnified, beside those of place and axes over time; returns the path.
+def plot_series(result: SimulationResult, *names: str, path: Path | str | None = None, ax: Any = None) -> Plotted:
+    """Plot values of a result over time by their names; without names what ``plot_tool`` does.
+
+    Values of one unit share a panel, with a prefix of the unit that fits them.
+
+    Args:
+        result: of a simulation.
+        names: of series: "joint1.gamma", "joint1.gamma.drive", "energy.kinetic"; ``result.names`` has all.
+        path: to write to, .png, .svg or .pdf.
+        ax: axes to draw in, one for each unit in the order of the names.
+
+    Returns:
+        The path where there is one, else the figure and its axes.
+
+    Raises:
+        UnknownNameError: there is no series of that name.
+        InputError: ``result`` is something else, or as of ``style.sheet``.
+    """
+    check_kind(result, SimulationResult, "result", SOURCE)
+    if not names:
+        return plot_tool(result, path, ax=ax)
+    by_unit: dict[str, list[Series]] = {}
+    for name in names:
+        series = result.series(name)
+        by_unit.setdefault(series.unit, []).append(series)
+    count = len(by_unit)
+    height = 0.9 + 1.9 * count
+    with sheet(6.4, height, path, f"{result.robot}: over time", ax) as drawn:
+        room = {"top": 1.0 - 0.4 / height, "bottom": 0.45 / height, "left": 0.12, "right": 0.7}
+        panels = drawn.panels(
+            count, lambda figure: figure.subplots(count, 1, sharex=True, squeeze=False, gridspec_kw=room)
+        )
+        for panel, (unit, curves) in zip(panels, by_unit.items(), strict=True):
+            factor, prefixed = scale_of(np.concatenate([np.ravel(series.values) for series in curves]), unit)
+            for label, t, values in _components(curves):
+                panel.plot(t, factor * values, label=literal(label))
+            panel.set_ylabel(prefixed)
+            panel.set_xlim(curves[0].t[0], curves[0].t[-1])
+            panel.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0, handlelength=1.4)
+            mark_end(panel, result)
+        panels[-1].set_xlabel("time, s")
+    return drawn.outcome
+
+
+def _components(curves: Sequence[Series]) -> Iterator[tuple[str, Array, Array]]:
+    """Give label, times and values of every curve: of vectors one for each of x, y and z."""
+    for series in curves:
+        if series.values.ndim == 1:
+            yield series.name, series.t, series.values
+            continue
+        for axis, values in zip("xyz", series.values.T, strict=True):
+            yield f"{series.name} {axis}", series.t, values
+
+
+def plot_tool(result: SimulationResult, path: Path | str | None = None, *, ax: Any = None) -> Plotted:
+    """Plot the tool's path with its deviation magnified, beside the deviations of position and orientation over time.
+
+    Args:
+        result: of a simulation.
+        path: to write to, .png, .svg or .pdf.
+        ax: four axes, the first of them in space.
+
+    Returns:
+        The path where there is one, else the figure and its four axes.
 
     Raises:
         InputError: see ``plot_result``.
     """
-    with canvas(7.4, 4.6, path, f"{result.robot}: {result.tool} against its program") as figure:
-        grid = figure.add_gridspec(3, 2, width_ratios=(1.1, 1.0), left=0.01, right=0.975, top=0.885, bottom=0.095)
-        grid.update(wspace=0.24, hspace=0.18)
-        _draw_path(figure.add_subplot(grid[:, 0], projection="3d"), result)
-        upper = figure.add_subplot(grid[0, 1])
-        middle, lower = (figure.add_subplot(grid[row, 1], sharex=upper) for row in (1, 2))
-        _draw_tool_deviation(upper, middle, lower, result)
-        figure.align_ylabels()
-    return Path(path)
+    check_kind(result, SimulationResult, "result", SOURCE)
+
+    def grid(figure: Any) -> list[Any]:
+        places = figure.add_gridspec(3, 2, width_ratios=(1.1, 1.0), left=0.01, right=0.975, top=0.885, bottom=0.095)
+        places.update(wspace=0.24, hspace=0.18)
+        space, upper = figure.add_subplot(places[:, 0], projection="3d"), figure.add_subplot(places[0, 1])
+        return [space, upper, *(figure.add_subplot(places[row, 1], sharex=upper) for row in (1, 2))]
+
+    with sheet(7.4, 4.6, path, f"{result.robot}: {result.tool} against its program", ax) as drawn:
+        space, *panels = drawn.panels(4, grid, (0,))
+        _draw_path(space, result)
+        _draw_tool_deviation(panels[0], panels[1], panels[2], result)
+        drawn.figure.align_ylabels(panels)
+    return drawn.outcome
 
 
-def plot_deviations(result: SimulationResult, path: Path | str) -> Path:
-    """Every joint's deviations over time: linear in micrometres and, below, angular in microradians; returns the path.
+def plot_deviations(result: SimulationResult, path: Path | str | None = None, *, ax: Any = None) -> Plotted:
+    """Plot every joint's deviations over time: linear in micrometres and, below, angular in microradians.
 
     Each panel has its scale; three stand side by side.  Joints that are rigid in a unit have none of it.
+
+    Args:
+        result: of a simulation.
+        path: to write to, .png, .svg or .pdf.
+        ax: axes to draw in, one for each joint with linear deviations, then one for each with angular ones.
+
+    Returns:
+        The path where there is one, else the figure and its axes.
 
     Raises:
         InputError: see ``plot_result``, or the robot has no deviations.
     """
+    check_kind(result, SimulationResult, "result", SOURCE)
     pairs = dict.fromkeys((joint_of(name), unit_of(name)) for name in result.deviation_coordinates)
     joints = {unit: [joint for joint, its in pairs if its == unit] for unit in COLORS}
     if not pairs:
         raise InputError(f"{result.robot} has no deviations to plot")
     across = min(ACROSS, max(map(len, joints.values())))
-    drawn = [line for unit, names in joints.items() for line in _rows(names, unit, across)]
-    rows = len(drawn)
+    lines = [line for unit, names in joints.items() for line in _rows(names, unit, across)]
+    rows = len(lines)
+    places = [(row, column, joint) for row, line in enumerate(lines) for column, joint in enumerate(line)]
     width = max(4.4, 2.45 * across)
     colors = _colors(result)
     columns = len(colors) + 1 if width > 6.0 else 3
     head = 0.55 + 0.17 * -(-(len(colors) + 1) // columns)
     height = 1.35 * rows + head + 0.03
-    with canvas(width, height, path, f"{result.robot}: deviations in the joints") as figure:
+
+    def grid(figure: Any) -> list[Any]:
         panels = panel_grid(figure, rows, across, head=head, hspace=0.32, wspace=0.3)
-        for row, line in enumerate(drawn):
-            for column, panel in enumerate(panels[row]):
-                if column >= len(line):
-                    panel.set_visible(False)
-                    continue
-                _draw_joint(panel, result, *line[column])
-                last = all(column >= len(below) for below in drawn[row + 1 :])
-                panel.tick_params(labelbottom=last)
-                panel.set_xlabel("time, s" if last else "")
-        _legend(figure, colors, columns)
-    return Path(path)
+        for row, line in enumerate(lines):
+            for panel in panels[row, len(line) :]:
+                panel.set_visible(False)
+        return [panels[row, column] for row, column, _ in places]
+
+    with sheet(width, height, path, f"{result.robot}: deviations in the joints", ax) as drawn:
+        for (row, column, joint), panel in zip(places, drawn.panels(len(places), grid), strict=True):
+            _draw_joint(panel, result, *joint)
+            last = all(column >= len(below) for below in lines[row + 1 :]) or not drawn.is_new
+            panel.tick_params(labelbottom=last)
+            panel.set_xlabel("time, s" if last else "")
+        _legend(drawn, colors, columns, (width, height))
+    return drawn.outcome
 
 
 def _rows(joints: Sequence[str], unit: str, across: int) -> list[list[tuple[str, str]]]:
@@ -173,17 +276,16 @@ def _colors(result: SimulationResult) -> dict[str, str]:
     return {name: color for colors in COLORS.values() for name, color in colors.items() if name in present}
 
 
-def _legend(figure: Any, colors: Mapping[str, str], columns: int) -> None:
-    """One legend of all panels."""
+def _legend(drawn: Sheet, colors: Mapping[str, str], columns: int, size: tuple[float, float]) -> None:
+    """Put one legend for all panels; the figure's size in inches."""
     from matplotlib.lines import Line2D
 
     lines: list[Any] = [Line2D([], [], color=color) for color in colors.values()]
     labels = [f"{name}, {'um' if name in COLORS['m'] else 'urad'}" for name in colors]
     lines.append(Line2D([], [], color=PROGRAM_COLOR, linestyle=":", linewidth=0.9))
-    place = (0.12 / figure.get_figwidth(), 1.0 - 0.24 / figure.get_figheight())
-    figure.legend(
-        lines, [*labels, "program at rest"], loc="upper left", bbox_to_anchor=place, ncols=columns, handlelength=1.4
-    )
+    place = (0.12 / size[0], 1.0 - 0.24 / size[1])
+    labels.append("program at rest")
+    drawn.legend(lines, labels, loc="upper left", bbox_to_anchor=place, ncols=columns, handlelength=1.4)
 
 
 def _round_factor(value: float) -> float:

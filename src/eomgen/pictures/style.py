@@ -5,14 +5,16 @@ Matplotlib is imported when a plot is made, not with this file; figures are draw
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from types import MappingProxyType
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import InputError
 from ..files import FIGURE_ENDINGS, check_ending, write_atomically
 from ..optional import optional_import
 from ..simulation.result import SimulationResult
@@ -45,7 +47,15 @@ RC = {
     "svg.hashsalt": "eomgen",  # the same figure is the same bytes
 }
 
+Plotted: TypeAlias = (
+    Any  # the Path that was written where a path was handed in, else (Figure, Axes), or an array of Axes
+)
+
 UNDATED = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}, ".png": {}}
+BESIDE: Mapping[str, Any] = MappingProxyType(  # where a legend stands beside the curves
+    {"loc": "upper left", "bbox_to_anchor": (1.01, 1.0), "borderaxespad": 0.0, "handlelength": 1.6}
+)
+BAR_ROOM = 1.1  # inches of a figure of bars beside its rows
 PREFIXES = ((1.0, ""), (1e3, "m"), (1e6, "u"), (1e9, "n"), (1e12, "p"))
 
 
@@ -62,35 +72,150 @@ def ticker() -> Any:
     return ticker
 
 
-def _figure(width: float, height: float) -> tuple[Any, Any]:
-    """Matplotlib, and a figure of that size in inches that needs no display and leaves pyplot's state alone."""
-    with optional_import("Matplotlib", "plots need"):
-        import matplotlib
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
+def _figure(width: float, height: float) -> Any:
+    """Return a figure of that size in inches that needs no display and leaves pyplot's state alone."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=(width, height), dpi=DPI)
     FigureCanvasAgg(figure)
-    return matplotlib, figure
+    return figure
+
+
+def _matplotlib() -> Any:
+    """Return Matplotlib; InputError where it is not installed."""
+    with optional_import("Matplotlib", "plots need"):
+        import matplotlib
+        import matplotlib.figure  # with what it needs itself
+    return matplotlib
+
+
+class Sheet:
+    """A plot in the making, on a new figure or in axes of the caller.
+
+    Attributes:
+        figure: of Matplotlib, to draw on.
+        is_new: whether the figure was made for this plot, so that its margins, titles and legends are the plot's.
+        outcome: what plot functions return: the path that was written, or (figure, axes).
+    """
+
+    def __init__(self, figure: Any, title: str, ax: Any = None) -> None:
+        self.figure, self.is_new = figure, ax is None
+        self.axes: Any = None
+        self.outcome: Plotted = None
+        self._ax, self._title = ax, title
+
+    def panels(self, count: int, make: Callable[[Any], Any], spatial: Sequence[int] = ()) -> list[Any]:
+        """Return ``count`` axes to draw in: those that ``make(figure)`` makes, or those of the caller.
+
+        Args:
+            count: of axes.
+            make: called with the figure where it is new.
+            spatial: which of them are in three dimensions.
+
+        Raises:
+            InputError: the caller's are no axes, are more or fewer, or are not spatial where that is needed.
+        """
+        panels = list(np.ravel(np.asarray(make(self.figure) if self.is_new else self._ax, dtype=object)))
+        if not self.is_new:
+            _check_axes(panels, count, spatial)
+            if count == 1 and self._title and not panels[0].get_title():
+                panels[0].set_title(literal(self._title))
+        self.axes = panels[0] if count == 1 else np.array(panels, dtype=object)
+        return panels
+
+    def legend(self, handles: Sequence[Any], labels: Sequence[str], **options: Any) -> None:
+        """Put one legend for all panels on the figure, or into the first of the caller's axes."""
+        if self.is_new:
+            self.figure.legend(handles, labels, **options)
+        else:
+            np.ravel(self.axes)[0].legend(handles, labels)
+
+
+def _check_axes(panels: Sequence[Any], count: int, spatial: Sequence[int]) -> None:
+    from matplotlib.axes import Axes
+
+    for panel in panels:
+        if not isinstance(panel, Axes):
+            raise InputError(f"ax: got a value of type {type(panel).__name__}; allowed: Axes of Matplotlib")
+    if len(panels) != count:
+        raise InputError(f"ax: {len(panels)} axes; allowed: {count}, for each panel of the plot one")
+    for k in spatial:
+        if not hasattr(panels[k], "get_zlim"):
+            which = "ax" if count == 1 else f"ax[{k}]"
+            raise InputError(f'{which}: is flat; allowed: axes in space, figure.add_subplot(projection="3d")')
+
+
+@contextmanager
+def sheet(width: float, height: float, path: Path | str | None, title: str = "", ax: Any = None) -> Iterator[Sheet]:
+    """Give what a plot is drawn on, in the style of all figures; written where there is a path, when all is drawn.
+
+    Without a path the figure is one of pyplot, which windows and notebooks show.
+
+    Args:
+        width, height: of a new figure, inches.
+        path: of the file to write, with one of FIGURE_ENDINGS; None for none.
+        title: of the figure.
+        ax: axes of the caller to draw in; None for a new figure.
+
+    Raises:
+        InputError: Matplotlib is not installed, the ending is none of FIGURE_ENDINGS, the file cannot be written, or
+            ``ax`` is no axes.
+    """
+    target = None if path is None else check_ending(path, *FIGURE_ENDINGS)
+    mpl = _matplotlib()
+    with mpl.rc_context(RC):
+        if ax is not None:
+            first = next(iter(np.ravel(np.asarray(ax, dtype=object))), None)
+            drawn = Sheet(getattr(first, "figure", None), title, ax)
+        elif target is not None:
+            drawn = Sheet(_figure(width, height), title)
+        else:
+            from matplotlib import pyplot
+
+            drawn = Sheet(pyplot.figure(figsize=(width, height)), title)
+        try:
+            yield drawn
+        except BaseException:
+            if ax is None and target is None:
+                pyplot.close(drawn.figure)
+            raise
+        if drawn.is_new and title:
+            left, top = 0.12 / width, 1.0 - 0.08 / height
+            drawn.figure.text(left, top, literal(title), fontweight="bold", ha="left", va="top")
+        drawn.outcome = (drawn.figure, drawn.axes)
+        if target is not None:
+            _write(drawn.figure, target)
+            drawn.outcome = target
 
 
 @contextmanager
 def canvas(width: float, height: float, path: Path | str, title: str = "") -> Iterator[Any]:
-    """A figure of that size in inches, in the style of all figures, that is written when all is drawn.
+    """Give a figure of that size in inches, in the style of all figures, that is written when all is drawn.
 
     Raises:
-        InputError: Matplotlib is not installed, the ending is none of FIGURE_ENDINGS, or the file cannot be written.
+        InputError: as of ``sheet``.
     """
-    target = check_ending(path, *FIGURE_ENDINGS)
-    mpl, figure = _figure(width, height)
-    with mpl.rc_context(RC):
-        yield figure
-        if title:
-            left, top = 0.12 / width, 1.0 - 0.08 / height
-            figure.text(left, top, literal(title), fontweight="bold", ha="left", va="top")
-        about = UNDATED[target.suffix]
-        write_atomically(
-            target, lambda stream: figure.savefig(stream, format=target.suffix[1:], dpi=DPI, metadata=about)
-        )
+    with sheet(width, height, path, title) as drawn:
+        yield drawn.figure
+
+
+def _write(figure: Any, target: Path) -> None:
+    root = getattr(figure, "figure", figure)  # of a subfigure
+    ending = target.suffix
+    write_atomically(target, lambda stream: root.savefig(stream, format=ending[1:], dpi=DPI, metadata=UNDATED[ending]))
+
+
+def check_kind(value: Any, kind: type, label: str, source: str) -> None:
+    """Check what a plot is to be made of.
+
+    Raises:
+        InputError: it is of another kind; says the label, what was handed in, and where the right one comes from.
+    """
+    if not isinstance(value, kind):
+        article = "an" if kind.__name__[0] in "AEIOU" else "a"
+        text = f"{label}: got a value of type {type(value).__name__}"
+        raise InputError(f"{text}; allowed: {article} {kind.__name__}, from {source}")
 
 
 def panel_grid(figure: Any, rows: int, across: int, *, head: float, right: float = 0.2, **options: Any) -> Any:
@@ -101,13 +226,17 @@ def panel_grid(figure: Any, rows: int, across: int, *, head: float, right: float
     return figure.subplots(rows, across, sharex=shared, squeeze=False, gridspec_kw={**room, **options})
 
 
-def row_panel(figure: Any, names: Sequence[str], left: float, width: float) -> tuple[Any, NDArray[np.intp]]:
-    """Make a panel with a row for each name, parts of the figure's width; returns it and the rows, the first on top."""
+def row_panel(figure: Any, left: float, width: float) -> Any:
+    """Make a panel whose rows have names; left and width as shares of the figure's."""
     height = figure.get_figheight()
-    axes = figure.add_axes((left, 0.45 / height, width, 1.0 - 0.8 / height))
+    return figure.add_axes((left, 0.45 / height, width, 1.0 - 0.8 / height))
+
+
+def label_rows(axes: Any, names: Sequence[str]) -> NDArray[np.intp]:
+    """Label the rows of a panel with names, the first on top; returns their places."""
     rows = np.arange(len(names))[::-1]
     axes.set_yticks(rows, [literal(name) for name in names])
-    return axes, rows
+    return rows
 
 
 def set_space(axes: Any, points: Any, share: float, zoom: float, view: tuple[float, float], pad: Any = None) -> None:
@@ -135,33 +264,29 @@ def set_space(axes: Any, points: Any, share: float, zoom: float, view: tuple[flo
 
 
 def bars_in_pairs(
-    path: Path | str,
-    title: str,
+    drawn: Sheet,
     names: Sequence[str],
     values: Mapping[str, Any],
     label: str,
     *,
     left: float,
-    row: float,
-) -> Path:
-    """Draw two bars for each name, values (names,) by what they are of; returns the path.
+) -> None:
+    """Draw two bars for each name, values (names,) by what they are of.
 
     Args:
-        path, title: of the figure.
+        drawn: the plot, of BAR_ROOM and a row's height for each name.
         names: of the rows.
         values: lengths of the bars.
         label: of their axis.
         left: room of the names, of the figure's width.
-        row: height of a row, inches.
     """
-    with canvas(6.4, 1.1 + row * len(names), path, title) as figure:
-        axes, rows = row_panel(figure, names, left, 0.97 - left)
-        for lift, color, (of, lengths) in zip((0.2, -0.2), COLORS["m"].values(), values.items(), strict=False):
-            axes.barh(rows + lift, lengths, 0.38, color=color, label=of)
-        axes.grid(visible=False, axis="y")
-        axes.set_xlabel(label)
-        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2)
-    return Path(path)
+    [axes] = drawn.panels(1, lambda figure: row_panel(figure, left, 0.97 - left))
+    rows = label_rows(axes, names)
+    for lift, color, (of, lengths) in zip((0.2, -0.2), COLORS["m"].values(), values.items(), strict=False):
+        axes.barh(rows + lift, lengths, 0.38, color=color, label=of)
+    axes.grid(visible=False, axis="y")
+    axes.set_xlabel(label)
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2)
 
 
 def literal(text: str) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..robot.model import Model
-from .style import COLORS, canvas, literal
+from .style import COLORS, Plotted, check_kind, literal, sheet
 
 COUNT_COLORS = "viridis"
 SURVIVES = "#222222"
@@ -17,27 +17,44 @@ REASON_COLORS = ("#bbbbbb", "#dddddd", *COLORS["m"].values(), *COLORS["rad"].val
 LEGEND_WIDTH = 46  # letters of a reason
 
 
-def plot_zeros(model: Model, path: Path | str) -> Path:
-    """Entries of M by whether and why they vanish, beside how many C_s,vw survive for each s and v; returns the path.
+def plot_zeros(model: Model, path: Path | str | None = None, *, ax: Any = None) -> Plotted:
+    """Plot entries of M by whether and why they vanish, beside how many C_s,vw survive for each s and v.
 
     Both over all coordinates, lines between joints.  Structural zeros, see ``codegen.zeros``.
 
+    Args:
+        model: of ``robot.build_model``.
+        path: to write to, .png, .svg or .pdf.
+        ax: two axes.
+
+    Returns:
+        The path where there is one, else the figure and its two axes.
+
     Raises:
-        InputError: see ``style.canvas``.
+        InputError: ``model`` is something else, or as of ``style.sheet``.
     """
     from ..codegen.joint.zeros import zero_map
 
+    check_kind(model, Model, "model", "robot.build_model")
     zeros = zero_map(model)
-    with canvas(7.4, 4.6, path, f"{model.name}: what does not vanish identically") as figure:
-        grid = figure.add_gridspec(1, 3, width_ratios=(1.0, 1.0, 0.05), left=0.09, right=0.93, top=0.84, bottom=0.3)
-        grid.update(wspace=0.28)
-        left, right, bar = (figure.add_subplot(grid[0, k]) for k in range(3))
+
+    def grid(figure: Any) -> list[Any]:
+        places = figure.add_gridspec(1, 3, width_ratios=(1.0, 1.0, 0.05), left=0.09, right=0.93, top=0.84, bottom=0.3)
+        places.update(wspace=0.28)
+        left, right, bar = (figure.add_subplot(places[0, k]) for k in range(3))
+        bars.append(bar)
+        return [left, right]
+
+    bars: list[Any] = []
+    with sheet(7.4, 4.6, path, f"{model.name}: what does not vanish identically", ax) as page:
+        left, right = page.panels(2, grid)
         _draw_mass(left, zeros.mass_matrix.reason, [reason for reason, _ in zeros.mass_matrix.zeros])
         counts = zeros.christoffel.mask.sum(axis=2)
         drawn = right.imshow(
             np.ma.masked_equal(counts, 0), cmap=COUNT_COLORS, vmin=1, vmax=max(int(counts.max()), 2), rasterized=True
         )
-        figure.colorbar(drawn, cax=bar).ax.set_title("w", loc="left")
+        bar = page.figure.colorbar(drawn, **({"cax": bars[0]} if bars else {"ax": right}))
+        bar.ax.set_title("w", loc="left")
         total = zeros.mass_matrix
         left.set_title(f"M: {total.survivors} of {total.total} entries s <= v survive", loc="left")
         total = zeros.christoffel
@@ -46,7 +63,7 @@ def plot_zeros(model: Model, path: Path | str) -> Path:
             _mark_joints(axes, model)
             axes.set_ylabel("s", rotation=0.0)
             axes.set_xlabel("v", loc="right")
-    return Path(path)
+    return page.outcome
 
 
 def _draw_mass(axes: Any, reason: NDArray[np.int8], names: list[str]) -> None:

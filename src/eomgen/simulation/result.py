@@ -28,7 +28,7 @@ from ..robot.model import build_model
 from ..robot.record import robot_hash
 from ..robot.value import MOTOR, Robot
 from ..scenario.recorded import scenario_from_record
-from ..shown import Shown
+from ..shown import Plotting, Shown
 from ..tabular import AXES, Rows, TableColumn, Tabular
 from .balance import TERMS, EnergyBalance
 from .contents import ARRAYS, BALANCE, DERIVED, RESULT, TRAJECTORY, Meta, check_contents, meta_of
@@ -47,7 +47,7 @@ class Series(Shown):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SimulationResult(Shown, Tabular):
+class SimulationResult(Plotting, Shown, Tabular, plot="plot_series"):
     """A simulated motion beside its program.
 
     Attributes:

@@ -18,7 +18,7 @@ from ..files import write_atomically, write_csv
 from ..motion.exceeding import SHOWN
 from ..names import nearest, show
 from ..optional import optional_import
-from ..shown import Shown, text_of
+from ..shown import Plotting, Shown, text_of
 from ..tabular import Rows, TableColumn, Tabular
 from .contents import manifest_of, row_check
 from .store import MANIFEST, read_manifest, read_rows
@@ -60,7 +60,7 @@ class Sensitivity(Shown, Tabular):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SweepResult(Shown, Tabular):
+class SweepResult(Plotting, Shown, Tabular, plot="plot_column"):
     """The samples that a folder has, by index.
 
     Attributes:

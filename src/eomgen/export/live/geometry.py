@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...pictures.framing import drawn_points, framed, up_of
-from ...pictures.scene import SLENDER, capsules, extent
-from ...pictures.shapes import Shape, urdf_shapes
+from ...pictures.scene import SLENDER, extent
+from ...pictures.shapes import Shape, bare_capsules, urdf_shapes
 from ...robot.value import Robot
 
 FIELD_OF_VIEW = np.radians(38.0)
@@ -31,9 +31,7 @@ def geometry_of(robot: Robot, coordinates: Sequence[str], poses: ArrayLike) -> t
     if sum(shape.vertices.size * 4 + shape.faces.size * 4 for shape in shapes) > MOST_MESH:
         notes.append(f"meshes take more than {MOST_MESH >> 20} MB: links are drawn as capsules")
         shapes = []
-    meshed = {shape.link for shape in shapes}
-    heavy = {link.name for link in robot.links if link.mass > 0.0}
-    bare = [c for c in capsules(robot) if c.link not in meshed and (not meshed or c.link in heavy)]
+    bare = bare_capsules(robot, shapes)
     size, up = extent(robot), up_of(robot)
     places = np.concatenate([drawn_points(robot, coordinates, q, shapes) for q in np.atleast_2d(np.asarray(poses))])
     camera = framed(places, up, float(FIELD_OF_VIEW), 2.0 * SLENDER * size)
@@ -43,8 +41,8 @@ def geometry_of(robot: Robot, coordinates: Sequence[str], poses: ArrayLike) -> t
             {"link": c.link, "begin": c.begin.tolist(), "end": c.end.tolist(), "radius": c.radius} for c in bare
         ],
         "meshes": [_mesh(shape) for shape in shapes],
-        "drums": [] if meshed else _drums(robot, DRUM * SLENDER * size),
-        "rods": [] if meshed else _rods(robot, SLENDER * size),
+        "drums": [] if shapes else _drums(robot, DRUM * SLENDER * size),
+        "rods": [] if shapes else _rods(robot, SLENDER * size),
         "springs": [{"links": list(x.links), "points": [list(p) for p in x.origins()]} for x in robot.link_elements],
         "size": size,
         "up": up.tolist(),

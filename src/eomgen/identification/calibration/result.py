@@ -20,7 +20,7 @@ from ...results.kinds import Kind, Saved, declare
 from ...results.stored import Stored
 from ...robot.coordinates import UNITS
 from ...robot.value import Robot
-from ...shown import Shown
+from ...shown import Plotting, Shown
 from ...tabular import Rows as TableRows
 from ...tabular import TableColumn, Tabular
 from ..geometry.error_model import ErrorModel, Rows
@@ -37,7 +37,7 @@ Residuals = Mapping[str, Mapping[str, Mapping[str, float]]]
 
 
 @dataclass(frozen=True, kw_only=True)
-class CalibrationResult(Shown, Tabular, Saved):
+class CalibrationResult(Plotting, Shown, Tabular, Saved, plot="plot_calibration"):
     """Calibration of a robot by measured poses.
 
     Attributes:

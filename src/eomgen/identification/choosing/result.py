@@ -17,7 +17,7 @@ from ...results.contents import plain_fields
 from ...results.kinds import Kind, Saved, declare
 from ...results.stored import Stored
 from ...robot.coordinates import MOTIONS
-from ...shown import Shown
+from ...shown import Plotting, Shown
 from ...tabular import Rows as TableRows
 from ...tabular import TableColumn, Tabular
 from ..calibration.identifiability import merged_rows
@@ -31,7 +31,7 @@ _ABOUT = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class PosesResult(Shown, Tabular, Saved):
+class PosesResult(Plotting, Shown, Tabular, Saved, plot="plot_poses"):
     """Poses to measure of a robot.
 
     Attributes:

@@ -15,7 +15,7 @@ from ...results.kinds import Kind, Saved, declare
 from ...results.stored import Stored
 from ...scenario.recorded import scenario_from_record
 from ...scenario.value import Scenario
-from ...shown import Shown
+from ...shown import Plotting, Shown
 from ...tabular import Rows, TableColumn, Tabular
 from .as_scenario import write_program
 
@@ -61,7 +61,7 @@ class HeldBack:
 
 
 @dataclass(frozen=True, kw_only=True)
-class CompensationResult(Shown, Tabular, Saved):
+class CompensationResult(Plotting, Shown, Tabular, Saved, plot="plot_compensation"):
     """A corrected program, T samples of m driven coordinates; errors at and between them, in the wanted tool's axes.
 
     Attributes:

@@ -17,7 +17,7 @@ from ...results.stored import Stored
 from ...robot.coordinates import force_unit_of
 from ...robot.record import record_of
 from ...robot.value import Robot
-from ...shown import Shown
+from ...shown import Plotting, Shown
 from ..identifiable import BaseParameters
 from .as_toml import write_toml
 
@@ -52,7 +52,7 @@ class Further:
 
 
 @dataclass(frozen=True)
-class IdentifyResult(Shown, Saved):
+class IdentifyResult(Plotting, Shown, Saved, plot="plot_identification"):
     """Base parameters with their standard deviations, and what they leave of each drive.
 
     Attributes:

@@ -17,7 +17,7 @@ from ...names import show_path
 from ...results.contents import Contents
 from ...results.kinds import Kind, Saved, declare
 from ...results.stored import ALLOWED, Stored
-from ...shown import Shown
+from ...shown import Plotting, Shown
 from ..identifiable import BaseParameters
 from .fourier import FourierSeries
 from .telling import CRITERIA
@@ -35,7 +35,7 @@ class Compared:
 
 
 @dataclass(frozen=True, eq=False)  # arrays have no one truth
-class ExciteResult(Shown, Saved):
+class ExciteResult(Plotting, Shown, Saved, plot="plot_excitation"):
     """A motion that excites.
 
     Attributes:

@@ -13,7 +13,7 @@ from ...errors import InputError
 from ...forms.plain import value_of
 from ...results.contents import Contents
 from ...results.kinds import Kind, Saved, declare
-from ...shown import Shown
+from ...shown import Plotting, Shown
 from ...tabular import Rows, TableColumn, Tabular
 
 Vector = tuple[float, float, float]
@@ -176,7 +176,7 @@ class StopFigures:
 
 
 @dataclass(frozen=True, kw_only=True)
-class AccuracyResult(Shown, Tabular, Saved):
+class AccuracyResult(Plotting, Shown, Tabular, Saved, plot="plot_accuracy"):
     """Figures by the definitions of ISO 9283:1998.
 
     Attributes:

@@ -10,7 +10,7 @@ import numpy as np
 from ...errors import UnknownNameError
 from ...names import component_name, parameter_name
 from ...results.kinds import Kind, Saved, declare
-from ...shown import Shown
+from ...shown import Plotting, Shown
 from ...tabular import Rows, TableColumn, Tabular
 
 KEYS = ("stiffness", "damping")
@@ -66,7 +66,7 @@ def doubts(entry: FittedCoordinate) -> list[str]:
 
 
 @dataclass(frozen=True)
-class FitResult(Shown, Tabular, Saved):
+class FitResult(Plotting, Shown, Tabular, Saved, plot="plot_fit"):
     """Fitted coordinates, warnings about what could not be found, and notes about the method."""
 
     robot: str

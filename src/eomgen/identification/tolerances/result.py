@@ -13,7 +13,7 @@ from ...names import listed, nearest_or_all, show
 from ...results.contents import plain_fields
 from ...results.kinds import Saved
 from ...robot.coordinates import MOTIONS
-from ...shown import Shown
+from ...shown import Plotting, Shown
 from ...tabular import Rows as TableRows
 from ...tabular import TableColumn, Tabular
 from .allocation import Allocation, allocated
@@ -29,7 +29,7 @@ _NOTHING = 1e-12  # of the variances without their signs: round-off
 
 
 @dataclass(frozen=True, kw_only=True)
-class ToleranceResult(Shown, Tabular, Saved):
+class ToleranceResult(Plotting, Shown, Tabular, Saved, plot="plot_tolerance"):
     """Accuracy of a frame at N poses, by tolerances of K quantities, to first order.
 
     Attributes:

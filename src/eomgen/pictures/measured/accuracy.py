@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from ...identification.iso_9283.result import AccuracyResult
 from ..report import Report, Table, drawn
-from ..style import COLORS, canvas, literal, scale_of
+from ..style import BESIDE, COLORS, PROGRAM_COLOR, Plotted, check_kind, literal, scale_of, sheet
 from .tables import columns_of, table
 
 CYCLE = tuple(color for colors in COLORS.values() for color in colors.values())
@@ -39,29 +40,47 @@ def accuracy_page(accuracy: AccuracyResult) -> Report:
     )
 
 
-def plot_accuracy(accuracy: AccuracyResult, path: Path | str) -> Path:
-    """Draw attained positions less the command, with a circle of the repeatability about each barycentre, and the
-    offset of the barycentre and the repeatability along paths; of the first six of each.  Returns the path.
+def plot_accuracy(accuracy: AccuracyResult, path: Path | str | None = None, *, ax: Any = None) -> Plotted:
+    """Plot attained positions less the command, with a circle of the repeatability about each barycentre, and the
+    offset of the barycentre and the repeatability along paths; of the first six of each.
+
+    Args:
+        accuracy: of ``identification.accuracy``.
+        path: to write to, .png, .svg or .pdf.
+        ax: two axes for poses where there are some, then two for paths.
+
+    Returns:
+        The path where there is one, else the figure and its axes.
 
     Raises:
-        InputError: see ``style.canvas``.
+        InputError: ``accuracy`` is something else, or as of ``style.sheet``.
     """
-    with canvas(
-        6.4,
-        3.4 * (bool(accuracy.poses) + bool(accuracy.paths)),
-        path,
-        f"{accuracy.robot or accuracy.frame}: accuracy by ISO 9283, {accuracy.source}",
-    ) as figure:
-        rows = figure.subfigures(bool(accuracy.poses) + bool(accuracy.paths), 1, squeeze=False)[:, 0].tolist()
+    check_kind(accuracy, AccuracyResult, "accuracy", "identification.accuracy")
+    count = bool(accuracy.poses) + bool(accuracy.paths)
+    title = f"{accuracy.robot or accuracy.frame}: accuracy by ISO 9283, {accuracy.source}"
+
+    def grid(figure: Any) -> list[Any]:
+        panels, parts = [], figure.subfigures(count, 1, squeeze=False)[:, 0].tolist()
         if accuracy.poses:
-            _poses(accuracy, rows.pop(0))
+            room = {"top": 0.86, "bottom": 0.15, "left": 0.11, "right": 0.8, "wspace": 0.38}
+            panels += list(parts.pop(0).subplots(1, 2, gridspec_kw=room))
         if accuracy.paths:
-            _paths(accuracy, rows.pop(0))
-    return Path(path)
+            room = {"top": 0.9, "bottom": 0.15, "left": 0.11, "right": 0.8}
+            panels += list(parts.pop(0).subplots(2, 1, sharex=True, gridspec_kw=room))
+        return panels
+
+    with sheet(6.4, 3.2 * count, path, title, ax) as drawn:
+        panels = drawn.panels(2 * count, grid)
+        if accuracy.poses:
+            _poses(accuracy, panels[:2])
+        if accuracy.paths:
+            _paths(accuracy, panels[-2:])
+    return drawn.outcome
 
 
-def _poses(accuracy: AccuracyResult, subfigure: Any) -> None:
-    panels = subfigure.subplots(1, 2, gridspec_kw={"top": 0.86, "bottom": 0.15, "left": 0.11, "wspace": 0.35})
+def _poses(accuracy: AccuracyResult, panels: Sequence[Any]) -> None:
+    from matplotlib.lines import Line2D
+
     shown = accuracy.poses[:MOST]
     off = [np.array(pose.attained) - pose.command for pose in shown]
     scale, unit = scale_of(np.concatenate(off), "m")
@@ -77,11 +96,15 @@ def _poses(accuracy: AccuracyResult, subfigure: Any) -> None:
         panel.set_aspect("equal", adjustable="datalim")
         panel.set_xlabel(f"x less command, {unit}")
         panel.set_ylabel(f"{'xyz'[axis]} less command, {unit}")
-    panels[0].legend()
+        panel.axhline(0.0, color=PROGRAM_COLOR, linewidth=0.6)
+        panel.axvline(0.0, color=PROGRAM_COLOR, linewidth=0.6)
+    handles, names = panels[0].get_legend_handles_labels()
+    grey: dict[str, Any] = {"color": PROGRAM_COLOR, "linestyle": ""}
+    handles += [Line2D([], [], marker="+", **grey), Line2D([], [], marker="o", fillstyle="none", **grey)]
+    panels[1].legend(handles, [*names, "barycentre", "repeatability"], **BESIDE)
 
 
-def _paths(accuracy: AccuracyResult, subfigure: Any) -> None:
-    panels = subfigure.subplots(2, 1, sharex=True, gridspec_kw={"top": 0.9, "bottom": 0.15, "left": 0.11})
+def _paths(accuracy: AccuracyResult, panels: Sequence[Any]) -> None:
     shown = accuracy.paths[:MOST]
     for panel, name, title in zip(panels, ("offsets", "scatters"), ("barycentre off", "mean + 3 S"), strict=True):
         curves = [np.array(getattr(item, name)) for item in shown]
@@ -89,5 +112,5 @@ def _paths(accuracy: AccuracyResult, subfigure: Any) -> None:
         for color, item, values in zip(CYCLE, shown, curves, strict=False):
             panel.plot(item.along, scale * values, color=color, label=literal(f"path {item.name}"))
         panel.set_ylabel(f"{title}, {unit}")
-    panels[0].legend()
+    panels[0].legend(**BESIDE)
     panels[1].set_xlabel("length along the path, m")

@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from ...errors import InputError
 from ...identification.calibration.result import CalibrationResult
 from ...identification.calibration.variants import VARIANTS
 from ..report import Report, Table, drawn
-from ..style import COLORS, PROGRAM_COLOR, canvas, literal, scale_of
+from ..style import COLORS, PROGRAM_COLOR, Plotted, check_kind, literal, scale_of, sheet
 from .tables import merged_table, number, table, weak_table
 
 _KINDS = (("position", "m"), ("orientation", "rad"))
@@ -79,18 +80,32 @@ def _value_table(calibration: CalibrationResult) -> Table:
     return Table("Values", head, rows)
 
 
-def plot_calibration(calibration: CalibrationResult, path: Path | str) -> Path:
-    """Draw rms of residuals by variant, of positions and orientations; returns the path, errors as of ``canvas``."""
+def plot_calibration(calibration: CalibrationResult, path: Path | str | None = None, *, ax: Any = None) -> Plotted:
+    """Plot the rms of residuals by variant, of positions and orientations.
+
+    Args:
+        calibration: of ``identification.calibrate``.
+        path: to write to, .png, .svg or .pdf.
+        ax: axes to draw in, one for positions, one for orientations where they were measured.
+
+    Returns:
+        The path where there is one, else the figure and its axes.
+
+    Raises:
+        InputError: ``calibration`` is something else, or as of ``style.sheet``.
+    """
+    check_kind(calibration, CalibrationResult, "calibration", "identification.calibrate")
     kinds = [entry for entry in _KINDS if entry[0] in calibration.residuals["full"]["fitted"]]
-    with canvas(
-        3.6 * len(kinds), 3.0, path, f"{calibration.robot}: rms of residuals of {calibration.rows} poses"
-    ) as figure:
-        room = {"top": 0.86, "bottom": 0.12, "left": 0.22 / len(kinds), "right": 0.98, "wspace": 0.3}
-        panels = figure.subplots(1, len(kinds), squeeze=False, gridspec_kw=room)
-        for axes, (kind, unit) in zip(panels[0], kinds, strict=True):
+    title = f"{calibration.robot}: rms of residuals of {calibration.rows} poses"
+    with sheet(3.6 * len(kinds), 3.0, path, title, ax) as drawn:
+        room = {"top": 0.8, "bottom": 0.12, "left": 0.22 / len(kinds), "right": 0.98, "wspace": 0.3}
+        panels = drawn.panels(
+            len(kinds), lambda figure: figure.subplots(1, len(kinds), squeeze=False, gridspec_kw=room)
+        )
+        for axes, (kind, unit) in zip(panels, kinds, strict=True):
             _bars(calibration, axes, kind, unit)
-        panels[0][0].legend(loc="upper right")
-    return Path(path)
+        panels[0].legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, borderaxespad=0.2)
+    return drawn.outcome
 
 
 def _bars(calibration: CalibrationResult, axes: Any, kind: str, unit: str) -> None:
@@ -107,22 +122,36 @@ def _bars(calibration: CalibrationResult, axes: Any, kind: str, unit: str) -> No
     axes.set_ylabel(f"{kind}, {prefixed}")
 
 
-def plot_changes(calibration: CalibrationResult, path: Path | str) -> Path:
-    """Changes of what is identifiable from the description with intervals, lengths and angles; returns the path.
+def plot_changes(calibration: CalibrationResult, path: Path | str | None = None, *, ax: Any = None) -> Plotted:
+    """Plot changes of what is identifiable from the description with intervals, lengths and angles.
 
-    Of each unit those are drawn that are changed by most of their intervals.  Errors as of ``canvas``.
+    Of each unit those are drawn that are changed by most of their intervals.
+
+    Args:
+        calibration: of ``identification.calibrate``.
+        path: to write to, .png, .svg or .pdf.
+        ax: axes to draw in, one for each unit.
+
+    Returns:
+        The path where there is one, else the figure and its axes.
+
+    Raises:
+        InputError: ``calibration`` is something else, or as of ``style.sheet``.
     """
+    check_kind(calibration, CalibrationResult, "calibration", "identification.calibrate")
     panels = _changed(calibration)
-    rows = max(len(places) for places in panels.values())
-    with canvas(
-        3.7 * len(panels), 1.1 + _ROW * rows, path, f"{calibration.robot}: changes from the description"
-    ) as figure:
-        top, bottom = 1.0 - 0.35 / (1.1 + _ROW * rows), 0.5 / (1.1 + _ROW * rows)
+    height = 1.1 + _ROW * max((len(places) for places in panels.values()), default=0)
+    if not panels:
+        raise InputError(f"calibration: of {calibration.robot} nothing that is identifiable was changed")
+    with sheet(3.7 * len(panels), height, path, f"{calibration.robot}: changes from the description", ax) as drawn:
+        top, bottom = 1.0 - 0.35 / height, 0.5 / height
         room = {"top": top, "bottom": bottom, "left": 0.52 / len(panels), "right": 0.98, "wspace": 1.1}
-        drawn_on = figure.subplots(1, len(panels), squeeze=False, gridspec_kw=room)[0]
+        drawn_on = drawn.panels(
+            len(panels), lambda figure: figure.subplots(1, len(panels), squeeze=False, gridspec_kw=room)
+        )
         for axes, (unit, places) in zip(drawn_on, panels.items(), strict=True):
             _intervals(calibration, axes, unit, places)
-    return Path(path)
+    return drawn.outcome
 
 
 def _changed(calibration: CalibrationResult) -> dict[str, list[int]]:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ...identification.choosing.result import PosesResult
 from ..report import Report, drawn
-from ..style import COLORS, canvas, row_panel
+from ..style import COLORS, Plotted, check_kind, label_rows, row_panel, sheet
 from .tables import merged_table, number, table, weak_table
 
 _ROW = 0.24  # inches of a coordinate
@@ -37,14 +38,28 @@ def poses_page(chosen: PosesResult) -> Report:
     )
 
 
-def plot_poses(chosen: PosesResult, path: Path | str) -> Path:
-    """Draw a strip for each coordinate with its least to greatest values; returns the path, errors as of ``canvas``."""
+def plot_poses(chosen: PosesResult, path: Path | str | None = None, *, ax: Any = None) -> Plotted:
+    """Plot a strip for each coordinate with its least to greatest values; the darker, the earlier it is to be measured.
+
+    Args:
+        chosen: of ``identification.poses``.
+        path: to write to, .png, .svg or .pdf.
+        ax: axes to draw in.
+
+    Returns:
+        The path where there is one, else the figure and its axes.
+
+    Raises:
+        InputError: ``chosen`` is something else, or as of ``style.sheet``.
+    """
+    check_kind(chosen, PosesResult, "chosen", "identification.poses")
     height = 1.0 + _ROW * len(chosen.coordinates)
     low, high = chosen.q.min(axis=0), chosen.q.max(axis=0)
     share = (chosen.q - low) / np.where(high > low, high - low, 1.0)
     age = np.linspace(1.0, 0.25, len(chosen.q))
-    with canvas(6.4, height, path, f"{chosen.robot}: chosen poses") as figure:
-        axes, rows = row_panel(figure, chosen.coordinates, 0.22, 0.74)
+    with sheet(6.4, height, path, f"{chosen.robot}: chosen poses", ax) as drawn:
+        [axes] = drawn.panels(1, lambda figure: row_panel(figure, 0.22, 0.74))
+        rows = label_rows(axes, chosen.coordinates)
         for k, row in enumerate(rows):
             axes.scatter(share[:, k], np.full(len(share), row), s=14.0, alpha=age, color=COLORS["m"]["x"])
             axes.annotate(f"{low[k]:.3g}", (0.0, row), (-4, 6), textcoords="offset points", ha="left")
@@ -52,4 +67,4 @@ def plot_poses(chosen: PosesResult, path: Path | str) -> Path:
         axes.set_ylim(-0.6, len(rows) - 0.2)
         axes.set_xticks([])
         axes.set_xlabel("from the least to the greatest value, m or rad")
-    return Path(path)
+    return drawn.outcome

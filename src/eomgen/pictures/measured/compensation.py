@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ...identification.compensating.result import AXES, CompensationResult
 from ..report import Report, drawn
-from ..style import COLORS, canvas, scale_of
+from ..style import COLORS, Plotted, check_kind, scale_of, sheet
 from .tables import number, table
 
 _PARTS = ("before", "after", "beyond")
@@ -54,29 +55,36 @@ def compensation_page(compensation: CompensationResult) -> Report:
     )
 
 
-def plot_compensation(compensation: CompensationResult, path: Path | str) -> Path:
-    """The tool's errors over time along and about its axes, without the correction above and with it below.
+def plot_compensation(compensation: CompensationResult, path: Path | str | None = None, *, ax: Any = None) -> Plotted:
+    """Plot the tool's errors over time along and about its axes, without the correction above and with it below.
+
+    Args:
+        compensation: of ``identification.compensate``.
+        path: to write to, .png, .svg or .pdf.
+        ax: four axes: positions and orientations before, then after.
+
+    Returns:
+        The path where there is one, else the figure and its axes.
 
     Raises:
-        InputError: see ``style.canvas``.
+        InputError: ``compensation`` is something else, or as of ``style.sheet``.
     """
+    check_kind(compensation, CompensationResult, "compensation", "identification.compensate")
     colors = tuple(COLORS["m"].values())
-    with canvas(
-        6.8, 4.4, path, f"{compensation.robot}: {compensation.frame} off its program, in its own axes"
-    ) as figure:
-        room = {"top": 0.88, "bottom": 0.12, "left": 0.1, "right": 0.98, "wspace": 0.3, "hspace": 0.2}
-        panels = figure.subplots(2, 2, sharex=True, gridspec_kw=room)
-        for row, (name, error) in zip(
-            panels, (("before", compensation.before), ("after", compensation.after)), strict=True
-        ):
-            for panel, first, unit in zip(row, (0, 3), ("m", "rad"), strict=True):
-                components = error[:, first : first + 3]
-                scale, prefixed = scale_of(components, unit)
-                for color, axis, column in zip(colors, AXES[first:], components.T, strict=False):
-                    panel.plot(compensation.times, scale * column, color=color, label=axis)
-                panel.set_ylabel(f"{name}, {prefixed}")
-        for panel in panels[0]:
-            panel.legend(loc="upper right")
-        for panel in panels[1]:
-            panel.set_xlabel("t, s")
-    return Path(path)
+    title = f"{compensation.robot}: errors of {compensation.frame} in its axes"
+    with sheet(6.8, 4.4, path, title, ax) as drawn:
+        room = {"top": 0.84, "bottom": 0.12, "left": 0.1, "right": 0.98, "wspace": 0.3, "hspace": 0.2}
+        panels = drawn.panels(4, lambda figure: figure.subplots(2, 2, sharex=True, gridspec_kw=room))
+        stages = [("before", compensation.before), ("after", compensation.after)]
+        blocks = [(*stage, first, unit) for stage in stages for first, unit in ((0, "m"), (3, "rad"))]
+        for panel, (name, error, first, unit) in zip(panels, blocks, strict=True):
+            components = error[:, first : first + 3]
+            scale, prefixed = scale_of(components, unit)
+            for color, axis, column in zip(colors, AXES[first:], components.T, strict=False):
+                panel.plot(compensation.times, scale * column, color=color, label=axis)
+            panel.set_ylabel(f"{name}, {prefixed}")
+        for panel in panels[:2]:
+            panel.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, borderaxespad=0.2, handlelength=1.4)
+        for panel in panels[2:]:
+            panel.set_xlabel("time, s")
+    return drawn.outcome

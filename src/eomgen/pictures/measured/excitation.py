@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ...identification.exciting.result import ExciteResult
 from ...robot.coordinates import force_unit_of, unit_of
 from ..report import Report, drawn
-from ..style import FULL_WIDTH, PROGRAM_COLOR, canvas, literal
+from ..style import FULL_WIDTH, PROGRAM_COLOR, Plotted, check_kind, literal, sheet
 from .accuracy import CYCLE, MOST
 from .tables import number, table
 
@@ -58,18 +59,32 @@ def excitation_page(excitation: ExciteResult) -> Report:
     )
 
 
-def plot_excitation(excitation: ExciteResult, path: Path | str) -> Path:
-    """Positions, rates and drives over the period with their limits, a row for each of the first six coordinates;
-    returns the path, errors as of ``style.canvas``.
+def plot_excitation(excitation: ExciteResult, path: Path | str | None = None, *, ax: Any = None) -> Plotted:
+    """Plot positions, velocities and drives over the period with their limits, of the first six coordinates.
+
+    Args:
+        excitation: of ``identification.excite``.
+        path: to write to, .png, .svg or .pdf.
+        ax: three axes for each coordinate, row by row.
+
+    Returns:
+        The path where there is one, else the figure and its axes.
+
+    Raises:
+        InputError: ``excitation`` is something else, or as of ``style.sheet``.
     """
+    check_kind(excitation, ExciteResult, "excitation", "identification.excite")
     shown = excitation.coordinates[:MOST]
     height = 1.0 + 0.95 * len(shown)
-    with canvas(
-        FULL_WIDTH, height, path, f"{excitation.robot}: a motion that excites {len(excitation.base)} base parameters"
-    ) as figure:
+    title = f"{excitation.robot}: a motion that excites {len(excitation.base)} base parameters"
+    with sheet(FULL_WIDTH, height, path, title, ax) as drawn:
         room = {"top": 1.0 - 0.5 / height, "bottom": 0.42 / height, "left": 0.1, "right": 0.985, "wspace": 0.32}
-        panels = figure.subplots(len(shown), 3, sharex=True, squeeze=False, gridspec_kw=room)
-        for i, (name, row) in enumerate(zip(shown, panels, strict=True)):
+        panels = drawn.panels(
+            3 * len(shown),
+            lambda figure: figure.subplots(len(shown), 3, sharex=True, squeeze=False, gridspec_kw=room),
+        )
+        for i, name in enumerate(shown):
+            row = panels[3 * i : 3 * i + 3]
             unit, values = unit_of(name), (excitation.q, excitation.v, excitation.u)
             units = (unit, f"{unit}/s", force_unit_of(name))
             for panel, kind, kept, panel_unit in zip(row, ("position", "rate", "drive"), values, units, strict=True):
@@ -78,11 +93,11 @@ def plot_excitation(excitation: ExciteResult, path: Path | str) -> Path:
                 for limit in _limits(excitation, f"{name} {kind}"):
                     panel.axhline(limit, color=PROGRAM_COLOR, linestyle="--", linewidth=0.9)
                 if i == 0:
-                    panel.set_title(kind)
+                    panel.set_title("velocity" if kind == "rate" else kind)
             row[0].set_ylabel(f"{literal(name)}\n{unit}")
-        for panel in panels[-1]:
+        for panel in panels[-3:]:
             panel.set_xlabel("time, s")
-    return Path(path)
+    return drawn.outcome
 
 
 def _limits(excitation: ExciteResult, name: str) -> list[float]:

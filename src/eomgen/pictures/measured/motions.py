@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +13,18 @@ from ...identification.stiffness.result import KEYS, Estimate, FitResult
 from ...names import component_name
 from ...robot.coordinates import force_unit_of
 from ..report import Report, drawn
-from ..style import COLORS, PROGRAM_COLOR, bars_in_pairs, canvas, literal, row_panel
+from ..style import (
+    BAR_ROOM,
+    COLORS,
+    PROGRAM_COLOR,
+    Plotted,
+    bars_in_pairs,
+    check_kind,
+    label_rows,
+    literal,
+    row_panel,
+    sheet,
+)
 from .tables import number, table
 
 _ROW = 0.22  # inches of a parameter, or of a drive
@@ -80,12 +92,26 @@ def _drawn(estimates: dict[str, Estimate]) -> list[str]:
     return [name for name, estimate in estimates.items() if estimate.described][:_MOST]
 
 
-def plot_fit(fit: FitResult, path: Path | str) -> Path:
-    """Fitted over described values with their intervals; returns the path, errors as of ``canvas``."""
+def plot_fit(fit: FitResult, path: Path | str | None = None, *, ax: Any = None) -> Plotted:
+    """Plot fitted over described values with their intervals.
+
+    Args:
+        fit: of ``identification.fit``.
+        path: to write to, .png, .svg or .pdf.
+        ax: axes to draw in.
+
+    Returns:
+        The path where there is one, else the figure and its axes.
+
+    Raises:
+        InputError: ``fit`` is something else, or as of ``style.sheet``.
+    """
+    check_kind(fit, FitResult, "fit", "identification.fit")
     estimates = _estimates(fit)
     names = _drawn(estimates)
-    with canvas(6.4, 1.0 + _ROW * len(names), path, f"{fit.robot}: stiffness and damping") as figure:
-        axes, rows = row_panel(figure, names, 0.28, 0.69)
+    with sheet(6.4, 1.0 + _ROW * len(names), path, f"{fit.robot}: stiffness and damping", ax) as drawn:
+        [axes] = drawn.panels(1, lambda figure: row_panel(figure, 0.28, 0.69))
+        rows = label_rows(axes, names)
         values = np.array([[x.low, x.value, x.high] for x in (estimates[name] for name in names)]).reshape(-1, 3)
         values /= np.array([[estimates[name].described] for name in names]).reshape(-1, 1)
         axes.axvline(1.0, color=PROGRAM_COLOR, linewidth=0.9)
@@ -93,7 +119,7 @@ def plot_fit(fit: FitResult, path: Path | str) -> Path:
         axes.errorbar(values[:, 1], rows, xerr=half, fmt="o", markersize=3.0, capsize=2.0, color=COLORS["m"]["x"])
         axes.grid(visible=False, axis="y")
         axes.set_xlabel("fitted over described")
-    return Path(path)
+    return drawn.outcome
 
 
 def identify_page(identified: IdentifyResult) -> Report:
@@ -135,35 +161,60 @@ def identify_page(identified: IdentifyResult) -> Report:
     )
 
 
-def plot_identified(identified: IdentifyResult, path: Path | str) -> Path:
-    """Residuals of each drive over its rms, fitted and held out; returns the path, errors as of ``canvas``."""
+def plot_identified(identified: IdentifyResult, path: Path | str | None = None, *, ax: Any = None) -> Plotted:
+    """Plot residuals of each drive over its rms, fitted and held out.
+
+    Args:
+        identified: of ``identification.identify``.
+        path: to write to, .png, .svg or .pdf.
+        ax: axes to draw in.
+
+    Returns:
+        The path where there is one, else the figure and its axes.
+
+    Raises:
+        InputError: ``identified`` is something else, or as of ``style.sheet``.
+    """
+    check_kind(identified, IdentifyResult, "identified", "identification.identify")
     shares = {kind: [100.0 * x.relative[k] for x in identified.residuals.values()] for k, kind in enumerate(_PARTS)}
     title = f"{identified.base.robot}: what base parameters leave of the drives"
     label = "rms of the residual over that of the drive, %"
-    return bars_in_pairs(path, title, list(identified.residuals), shares, label, left=0.2, row=_ROW)
+    with sheet(6.4, BAR_ROOM + _ROW * len(identified.residuals), path, title, ax) as drawn:
+        bars_in_pairs(drawn, list(identified.residuals), shares, label, left=0.2)
+    return drawn.outcome
 
 
-def plot_identification(identified: IdentifyResult, path: Path | str) -> Path:
-    """Measured and fitted drives over time, and what is left where it counts, of the first six; returns the path.
+def plot_identification(identified: IdentifyResult, path: Path | str | None = None, *, ax: Any = None) -> Plotted:
+    """Plot measured and fitted drives over time, and the residual where it counts, of the first six.
+
+    Args:
+        identified: of ``identification.identify``.
+        path: to write to, .png, .svg or .pdf.
+        ax: axes to draw in, one for each drive.
+
+    Returns:
+        The path where there is one, else the figure and its axes.
 
     Raises:
-        InputError: see ``style.canvas``.
+        InputError: ``identified`` is something else, or as of ``style.sheet``.
     """
+    check_kind(identified, IdentifyResult, "identified", "identification.identify")
     names = list(identified.residuals)[:_DRIVES]
     every = max(1, len(identified.t) // _SAMPLES)
     t, drives, fitted = identified.t[::every], identified.drives[::every], identified.fitted[::every]
     left = np.where(identified.kept[::every], drives - fitted, np.nan)
-    with canvas(
-        6.4, 1.0 + 1.5 * len(names), path, f"{identified.base.robot}: drives, measured and by what was identified"
-    ) as figure:
-        height = 1.0 + 1.5 * len(names)
-        room = {"top": 1.0 - 0.45 / height, "bottom": 0.55 / height, "left": 0.12, "right": 0.98, "hspace": 0.25}
-        panels = figure.subplots(len(names), 1, sharex=True, squeeze=False, gridspec_kw=room)[:, 0]
+    height = 1.0 + 1.5 * len(names)
+    title = f"{identified.base.robot}: drives, measured and by what was identified"
+    with sheet(6.4, height, path, title, ax) as drawn:
+        room = {"top": 1.0 - 0.6 / height, "bottom": 0.45 / height, "left": 0.12, "right": 0.98, "hspace": 0.25}
+        panels = drawn.panels(
+            len(names), lambda figure: figure.subplots(len(names), 1, sharex=True, squeeze=False, gridspec_kw=room)
+        )
         for row, (axes, name) in enumerate(zip(panels, names, strict=True)):
             axes.plot(t, drives[:, row], color=COLORS["m"]["x"], label="measured")
             axes.plot(t, fitted[:, row], color=COLORS["m"]["y"], label="fitted")
             axes.plot(t, left[:, row], color=COLORS["m"]["z"], label="residual")
             axes.set_ylabel(f"{literal(name)}, {force_unit_of(name)}")
-        panels[0].legend(loc="upper right", ncols=3)
-        panels[-1].set_xlabel("t, s")
-    return Path(path)
+        panels[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.2)
+        panels[-1].set_xlabel("time, s")
+    return drawn.outcome

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ...identification.tolerances.result import PARTS, ToleranceResult
 from ..report import Report, drawn
-from ..style import COLORS, FULL_WIDTH, PROGRAM_COLOR, bars_in_pairs, canvas
+from ..style import BAR_ROOM, COLORS, FULL_WIDTH, PROGRAM_COLOR, Plotted, bars_in_pairs, check_kind, sheet
 from .tables import number, table
 
 _MOST = 20  # contributions that are drawn
@@ -66,21 +67,49 @@ def _contributions(tolerance: ToleranceResult) -> tuple[tuple[str, ...], list[tu
     return ("quantity", "std. deviation", "bound", "unit", "share of position, %", "share of orientation, %"), rows
 
 
-def plot_shares(tolerance: ToleranceResult, path: Path | str) -> Path:
-    """Draw the largest shares of the variance by contribution; returns the path, errors as of ``canvas``."""
+def plot_shares(tolerance: ToleranceResult, path: Path | str | None = None, *, ax: Any = None) -> Plotted:
+    """Plot the largest shares of the variance by contribution.
+
+    Args:
+        tolerance: of ``identification.tolerance``.
+        path: to write to, .png, .svg or .pdf.
+        ax: axes to draw in.
+
+    Returns:
+        The path where there is one, else the figure and its axes.
+
+    Raises:
+        InputError: ``tolerance`` is something else, or as of ``style.sheet``.
+    """
+    check_kind(tolerance, ToleranceResult, "tolerance", "identification.tolerance")
     chosen = tolerance.by_share[:_MOST].tolist()
     shares = {quantity: 100.0 * tolerance.shares[quantity][chosen] for quantity in PARTS}
     names, title = (
         [tolerance.names[k] for k in chosen],
         f"{tolerance.robot}: what the deviation of {tolerance.frame} comes from",
     )
-    return bars_in_pairs(path, title, names, shares, "share of the variance, %", left=0.32, row=_ROW)
+    with sheet(6.4, BAR_ROOM + _ROW * len(names), path, title, ax) as drawn:
+        bars_in_pairs(drawn, names, shares, "share of the variance, %", left=0.32)
+    return drawn.outcome
 
 
-def plot_tolerance(tolerance: ToleranceResult, path: Path | str) -> Path:
-    """A map of the frame's poses from above and from the side, coloured by the radius of the region of position, with
-    exaggerated outlines of the ellipsoids of some; returns the path, errors as of ``canvas``.
+def plot_tolerance(tolerance: ToleranceResult, path: Path | str | None = None, *, ax: Any = None) -> Plotted:
+    """Plot a map of the frame's poses from above and from the side, coloured by the radius of the region of position.
+
+    Outlines of some ellipsoids are exaggerated.
+
+    Args:
+        tolerance: of ``identification.tolerance``.
+        path: to write to, .png, .svg or .pdf.
+        ax: two axes.
+
+    Returns:
+        The path where there is one, else the figure and its axes.
+
+    Raises:
+        InputError: ``tolerance`` is something else, or as of ``style.sheet``.
     """
+    check_kind(tolerance, ToleranceResult, "tolerance", "identification.tolerance")
     places, radius = 1e3 * tolerance.positions, 1e3 * tolerance.radius["position"]
     half, axes = tolerance.ellipsoids()
     extent = max(float(np.ptp(places, axis=0).max()), 1e-3)
@@ -88,11 +117,10 @@ def plot_tolerance(tolerance: ToleranceResult, path: Path | str) -> Path:
     around = np.linspace(0.0, 2.0 * np.pi, 61)
     circle = np.stack([np.cos(around), np.sin(around)])
     chosen = np.argsort(-radius, kind="stable")[:_OUTLINES]
-    with canvas(
-        FULL_WIDTH, 3.6, path, f"{tolerance.robot}: regions of {tolerance.frame}, outlines times {factor:.3g}"
-    ) as figure:
+    title = f"{tolerance.robot}: regions of {tolerance.frame}, outlines times {factor:.3g}"
+    with sheet(FULL_WIDTH, 3.6, path, title, ax) as drawn:
         room = {"top": 0.88, "bottom": 0.14, "left": 0.09, "right": 0.86, "wspace": 0.3}
-        panels = figure.subplots(1, 2, gridspec_kw=room)
+        panels = drawn.panels(2, lambda figure: figure.subplots(1, 2, gridspec_kw=room))
         for panel, (i, j) in zip(panels, ((0, 1), (0, 2)), strict=True):
             drawn_points = panel.scatter(places[:, i], places[:, j], c=radius, s=9.0, cmap="viridis")
             for k in chosen:
@@ -103,17 +131,35 @@ def plot_tolerance(tolerance: ToleranceResult, path: Path | str) -> Path:
             panel.set_aspect("equal", adjustable="datalim")
             panel.set_xlabel(f"{'xyz'[i]}, mm")
             panel.set_ylabel(f"{'xyz'[j]}, mm")
-        bar = figure.colorbar(drawn_points, cax=figure.add_axes((0.885, 0.14, 0.02, 0.74)))
+        place: dict[str, Any] = {"ax": panels}
+        if drawn.is_new:
+            place = {"cax": drawn.figure.add_axes((0.885, 0.14, 0.02, 0.74))}
+        bar = drawn.figure.colorbar(drawn_points, **place)
         bar.set_label(f"{100 * tolerance.confidence:g} % within, mm")
-    return Path(path)
+    return drawn.outcome
 
 
-def plot_regions(tolerance: ToleranceResult, path: Path | str) -> Path:
-    """Radii of regions and worst cases over poses, or time; returns the path, errors as of ``canvas``."""
+def plot_regions(tolerance: ToleranceResult, path: Path | str | None = None, *, ax: Any = None) -> Plotted:
+    """Plot radii of regions and worst cases over poses, or time.
+
+    Args:
+        tolerance: of ``identification.tolerance``.
+        path: to write to, .png, .svg or .pdf.
+        ax: two axes.
+
+    Returns:
+        The path where there is one, else the figure and its axes.
+
+    Raises:
+        InputError: ``tolerance`` is something else, or as of ``style.sheet``.
+    """
+    check_kind(tolerance, ToleranceResult, "tolerance", "identification.tolerance")
     over = np.arange(len(tolerance.q)) if tolerance.t is None else tolerance.t
     style = "." if tolerance.t is None else "-"
-    with canvas(6.4, 4.4, path, f"{tolerance.robot}: deviation of {tolerance.frame} by tolerances") as figure:
-        panels = figure.subplots(2, 1, sharex=True, gridspec_kw={"top": 0.91, "bottom": 0.11, "left": 0.11})
+    title = f"{tolerance.robot}: deviation of {tolerance.frame} by tolerances"
+    with sheet(6.4, 4.4, path, title, ax) as drawn:
+        room = {"top": 0.87, "bottom": 0.11, "left": 0.11, "right": 0.97}
+        panels = drawn.panels(2, lambda figure: figure.subplots(2, 1, sharex=True, gridspec_kw=room))
         for panel, quantity, unit in zip(panels, PARTS, _UNITS, strict=True):
             label = f"{100 * tolerance.confidence:g} % within"
             panel.plot(over, 1e3 * tolerance.radius[quantity], style, color=COLORS["m"]["x"], label=label)
@@ -121,6 +167,6 @@ def plot_regions(tolerance: ToleranceResult, path: Path | str) -> Path:
             most = max(float(tolerance.radius[quantity].max()), float(tolerance.farthest[quantity].max()))
             panel.set_ylim(0.0, 1.1e3 * most if most > 0.0 else 1.0)
             panel.set_ylabel(f"{quantity}, {unit}")
-        panels[0].legend()
+        panels[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2)
         panels[1].set_xlabel("pose" if tolerance.t is None else "time, s")
-    return Path(path)
+    return drawn.outcome
