@@ -79,7 +79,12 @@ def _report(options: argparse.Namespace) -> None:
 
 
 def _add_view(parser: argparse.ArgumentParser) -> None:
-    add_result(parser)
+    parser.add_argument(
+        "subject",
+        metavar="ROBOT|RESULT",
+        help="built-in name, or path of a .toml, .urdf or .xml (MJCF) file; folder of eomgen simulate, or its .npz",
+    )
+    parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="page of a robot (out/NAME.view.html)")
     parser.add_argument("--port", type=int, default=8080, help="to listen at on this machine (8080, or the next free)")
     parser.add_argument(
         "--tolerance",
@@ -92,12 +97,42 @@ def _add_view(parser: argparse.ArgumentParser) -> None:
 
 
 def _view(options: argparse.Namespace) -> None:
+    path = Path(options.subject)
+    if path.suffix == ".npz" or path.is_dir():
+        _view_result(options, result_path(path))
+    else:
+        _view_robot(options)
+
+
+def _view_robot(options: argparse.Namespace) -> None:
+    """Write a page with a slider for each joint, and open it."""
+    import webbrowser
+
+    from ..export.live.view import robot_page
+
+    for option in ("robot", "tolerance"):
+        if getattr(options, option) is not None:
+            raise InputError(f"--{option}: comes together with a robot; allowed: with a result")
+    options.robot = options.subject
+    robot = read_robot(options)
+    page = robot_page(robot)
+    for note in page.notes:
+        say(f"note: {note}")
+    written = page.save(options.output or Path("out") / f"{robot.name}.view.html")
+    show_written([written])
+    if not options.no_browser:
+        webbrowser.open(written.resolve().as_uri())
+
+
+def _view_result(options: argparse.Namespace, path: Path) -> None:
+    """Serve a result until the browser or Ctrl-C ends it."""
     import webbrowser
 
     from ..pictures.browser import View
     from ..simulation.result import load_result, simulated_robot
 
-    path = result_path(options.result)
+    if options.output is not None:
+        raise InputError("--output: comes together with a result, which is served; allowed: with a robot")
     result = load_result(path)
     robot = read_robot(options) if options.robot is not None else None
     regions = None
@@ -131,6 +166,12 @@ COMMANDS = (
         {"report out": "one page about a result: out/report.html"},
     ),
     Command(
-        _add_view, _view, "a result in 3-D in the browser", {"view out": "the result in 3-D, deviations exaggerated"}
+        _add_view,
+        _view,
+        "a robot, or a result, in 3-D in the browser",
+        {
+            "view ur5": "the robot with a slider for each joint, nothing is simulated",
+            "view out": "the result in 3-D, deviations exaggerated",
+        },
     ),
 )

@@ -101,7 +101,9 @@ def _set_view(axes: Any, points: Array, view: str) -> None:
     """Look at points (P, 3), m, with ticks of which none stands on another."""
     extents = np.ptp(points, axis=0)
     flat = (62.0, -75.0) if extents[2] < FLAT * extents.max() else (22.0, -58.0)
-    set_space(axes, points, 0.52, 0.95 if view == "oblique" else 1.3, VIEWS[view] or flat, -3.0 if view == "oblique" else 2.0)
+    set_space(
+        axes, points, 0.52, 0.95 if view == "oblique" else 1.3, VIEWS[view] or flat, -3.0 if view == "oblique" else 2.0
+    )
     for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
         axis.set_major_locator(ticker().MaxNLocator(4, steps=[1, 2, 5, 10], prune="both"))
     axes.tick_params(pad=-1.0 if view == "oblique" else 2.0)

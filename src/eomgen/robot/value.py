@@ -12,10 +12,12 @@ from __future__ import annotations
 import math
 from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any, TypeVar
 
 from ..errors import UnknownNameError
+from ..lazily import from_above
 from ..names import NAME_LENGTH, html_table, joint_of, kind_of, nearest_or_all, show, split_component
 from ..once import kept
 from .bounds import Limits
@@ -556,6 +558,21 @@ class Robot(_Picklable):
             "frames": ", ".join(frame.name for frame in self.frames) or "none",
         }
         return html_table(f"Robot {self.name}", rows)
+
+    def show(self, path: Path | str | None = None, *, browser: bool | None = None) -> Any:
+        """Show the robot as a page with a slider for each joint; nothing is simulated or compiled.
+
+        Args:
+            path: to write the page to, .html; None for none.
+            browser: whether to open it; by default unless a notebook shows it, or it is written to a path.
+
+        Returns:
+            The page: notebooks show it below their cell, ``save(path)`` writes it, ``open()`` opens it in the browser.
+
+        Raises:
+            InputError: the file cannot be written.
+        """
+        return from_above(".export.live.view", "show_robot")(self, path, browser=browser)
 
     @property
     def link_elements(self) -> tuple[LinkElement, ...]:

@@ -99,33 +99,50 @@ def kernel_of(robot: Robot, kernels: tuple[str, ...]) -> tuple[str, str]:
 
 
 def _html(values: dict[str, Any], modules: dict[str, str]) -> str:
+    drives, count = len(values["drives"]), len(values["coordinates"])
+    words = [f"{count} coordinate{'s' * (count != 1)}", f"{drives} drive{'s' * (drives != 1)}"]
+    line = f"{', '.join(words)}; simulated in this page by its equations of motion"
+    texts = {f"#live/{name}": _file(f"{name}.mjs") for name in SCRIPTS} | modules
+    return filled_page(TEMPLATE, values, texts, start="#live/page", title=f"{values['name']}: eomgen live", line=line)
+
+
+def filled_page(template: str, values: dict[str, Any], scripts: dict[str, str], **about: str) -> str:
+    """Return the text of a page that asks for nothing outside of it.
+
+    Args:
+        template: of the page.
+        values: its data, as JSON holds them; ``name`` is that of the robot.
+        scripts: texts of modules by the names that they import each other by.
+        about: ``start``, the module that begins, ``title`` and a ``line`` below the name.
+    """
     from markupsafe import Markup
 
-    texts = {f"#live/{name}": _file(f"{name}.mjs") for name in SCRIPTS}
-    texts |= {name: _file(place) for name, place in THREE.items()} | modules
+    texts = scripts | {name: _file(place) for name, place in THREE.items()}
     imports = _json({"imports": {name: _module(text) for name, text in texts.items()}})
-    style, start = _file("style.css"), 'import "#live/page";'
+    style, start = _file("style.css"), f'import "{about["start"]}";'
     allowed = " ".join(f"'sha256-{_digest(text)}'" for text in (imports, start))
     policy = (
         f"default-src 'none'; script-src {allowed} data: 'wasm-unsafe-eval'; style-src 'sha256-{_digest(style)}';"
         " img-src data:; base-uri 'none'; form-action 'none'"
     )
-    drives, count = len(values["drives"]), len(values["coordinates"])
-    words = [f"{count} coordinate{'s' * (count != 1)}", f"{drives} drive{'s' * (drives != 1)}"]
-    line = f"{', '.join(words)}; simulated in this page by its equations of motion"
     html = environment().overlay(autoescape=True, keep_trailing_newline=False)
-    return html.get_template(TEMPLATE).render(
+    return html.get_template(template).render(
         policy=Markup(policy),  # nothing of a description is in it
         version=__version__,
-        title=f"{values['name']}: eomgen live",
+        title=about["title"],
         name=values["name"],
-        line=line,
+        line=about["line"],
         style=Markup(style),
         imports=Markup(imports),
         data=Markup(_json(values)),
         licence=_file("three/LICENSE.txt"),
         start=Markup(start),
     )
+
+
+def module_text(name: str) -> str:
+    """Return the text of a script of pages by its name."""
+    return _file(f"{name}.mjs")
 
 
 def _file(name: str) -> str:

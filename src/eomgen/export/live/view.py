@@ -1,0 +1,223 @@
+"""A robot to look at: one file of HTML with a slider for each joint, without a simulation and without a compiler."""
+
+from __future__ import annotations
+
+import html
+import sys
+import tempfile
+import webbrowser
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...arrays import Array
+from ...description import RobotLike, as_robot
+from ...files import as_path, write_atomically
+from ...names import component_name
+from ...pictures.scene import extent, placed
+from ...robot.coordinates import unit_of
+from ...robot.cuts import rigid_parts
+from ...robot.geometry import ANGULAR, COORDINATES
+from ...robot.model import Model, build_model
+from ...robot.value import Joint, Loop, Robot
+from .geometry import geometry_of, tool_place
+from .page import filled_page, module_text
+
+TEMPLATE = "live/view.html.jinja"
+SCRIPTS = (  # as they import each other: "#live/NAME"
+    *("numbers", "signals", "fragment", "settings", "simulation"),
+    *("scene", "controls", "mechanism", "view"),
+)
+HEIGHT = 520  # in a notebook, pixels
+MOST_FRAMES = 4  # whose positions are shown
+
+
+@dataclass(frozen=True)
+class RobotPage:
+    """A self-contained page with a slider for each joint of a robot.
+
+    Attributes:
+        robot: the robot's name.
+        html: its text.
+        notes: lines about what is not drawn: meshes that are missing, say.
+    """
+
+    robot: str
+    html: str
+    notes: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        return f"RobotPage(robot={self.robot!r}, notes={len(self.notes)}): save(path), open()"
+
+    def _repr_html_(self) -> str:
+        """Show the page in a notebook, below its cell."""
+        text = html.escape(self.html, quote=True)
+        return f'<iframe srcdoc="{text}" width="100%" height="{HEIGHT}" style="border: 0"></iframe>'
+
+    def save(self, path: Path | str) -> Path:
+        """Write the page and return its path; InputError if it cannot be written."""
+        text = self.html.encode("utf-8", "replace")  # a lone surrogate of a name
+        return write_atomically(as_path(path), lambda stream: stream.write(text))
+
+    def open(self) -> Path:
+        """Open the page in the browser, from a temporary file; returns its path."""
+        path = self.save(Path(tempfile.mkdtemp(prefix="eomgen-")) / f"{self.robot}.html")
+        webbrowser.open(path.as_uri())
+        return path
+
+
+def show_robot(robot: RobotLike, path: Path | str | None = None, *, browser: bool | None = None) -> RobotPage:
+    """Show a robot as a page with a slider for each joint; nothing is simulated or compiled.
+
+    Elastic joints are drawn rigid.  Closed mechanisms are assembled wherever a slider is; where that cannot be, the
+    page names the loop.
+
+    Args:
+        robot: a Robot, the name of a built-in one, or the path of a description.
+        path: to write the page to, .html; None for none.
+        browser: whether to open it in the browser; by default unless a notebook shows it, or it is written to a path.
+
+    Returns:
+        The page, which notebooks show below their cell.
+
+    Raises:
+        InputError: the robot is none, or the file cannot be written.
+    """
+    page = robot_page(robot)
+    if path is not None:
+        page.save(path)
+    if browser is None:
+        browser = path is None and "ipykernel" not in sys.modules
+    if browser:
+        page.open()
+    return page
+
+
+def robot_page(robot: RobotLike) -> RobotPage:
+    """Return the page of ``show_robot``."""
+    described = as_robot(robot)
+    values = contents_of_view(described)
+    count = len(values["sliders"])
+    line = f"{count} joint coordinate{'s' * (count != 1)}; elastic joints are drawn rigid, nothing is simulated"
+    texts = {f"#live/{name}": module_text(name) for name in SCRIPTS}
+    text = filled_page(TEMPLATE, values, texts, start="#live/view", title=f"{described.name}: eomgen view", line=line)
+    return RobotPage(described.name, text, tuple(values["notes"]))
+
+
+def contents_of_view(described: Robot) -> dict[str, Any]:
+    """Return what the page knows: the geometry, the mechanism, and ranges of its sliders, as JSON holds them."""
+    robot = described.rigid()
+    model = build_model(robot)
+    geometry, notes = geometry_of(robot, model.coordinates, np.array(model.home))
+    frames = [
+        dict(zip(("name", "link", "point"), (frame.name, *tool_place(robot, frame.name)), strict=True))
+        for frame in robot.frames[:MOST_FRAMES]
+    ]
+    return {
+        "name": described.name,
+        **geometry,
+        **mechanism_of(model),
+        "sliders": [_slider(robot, name, i, model.home[i]) for i, name in enumerate(model.coordinates)],
+        "held": sorted({*model.driven, *model.prescribed}),
+        "frames": frames,
+        "notes": notes,
+    }
+
+
+def mechanism_of(model: Model) -> dict[str, Any]:
+    """Return joints, loops and couplings as the script ``mechanism`` takes them; poses are 16 numbers, row by row."""
+    robot = model.robot
+    followers = [
+        {"name": name, "offset": x.offset or 0.0, "to": [[key, ratio] for key, ratio in x.to.items()]}
+        for name, x in robot.followers.items()
+    ]
+    couplings = [
+        {"name": x.name, "of": x.of, "offset": x.offset or 0.0, "to": [[key, ratio] for key, ratio in x.to.items()]}
+        for x in model.rigid_couplings
+    ]
+    return {
+        "coordinates": list(model.coordinates),
+        "home": list(model.home),
+        "joints": [_joint(joint) for joint in robot.joints],
+        "followers": followers,
+        "loops": [_loop(loop) for loop in robot.loops],
+        "couplings": couplings,
+    }
+
+
+def _joint(joint: Joint) -> dict[str, Any]:
+    turn = _turned(np.array(joint.axis_turn))
+    return {
+        "parent": joint.parent,
+        "child": joint.child,
+        "before": _flat(placed(joint.placement) @ turn),
+        "after": _flat(turn.T),
+        "offset": [x or 0.0 for x in joint.offset],
+        "coordinates": [component_name(joint.name, x) if x in joint.coordinates else None for x in COORDINATES],
+    }
+
+
+def _loop(loop: Loop) -> dict[str, Any]:
+    """Return a loop: the frames of its cut joint, how their axes are turned by offsets, and what is blocked.
+
+    Where all angles are rigid, their offsets turn the axes of the first frame; otherwise alpha turns these, gamma those
+    of the second one back, and beta is taken off its component.
+    """
+    blocked = rigid_parts(loop)
+    rigid = {part.name for part in blocked if part.axis is None}
+    offset = [x or 0.0 for x in loop.offset]
+    first, second, sine = np.eye(3), np.eye(3), 0.0
+    for axis, (name, angle) in enumerate(zip(ANGULAR, offset[3:], strict=True)):
+        if name not in rigid:
+            continue
+        if len(rigid) == len(ANGULAR) or axis == 0:
+            first = first @ _about(axis, angle)
+        elif axis == 1:
+            sine = float(np.sin(angle))
+        else:
+            second = second @ _about(axis, angle).T
+    components = [
+        {
+            "axis": part.axis,
+            "products": [list(product) for product in part.products],
+            "kept": offset[part.axis] if part.axis is not None else sine if part.name == "beta" else 0.0,
+        }
+        for part in blocked
+    ]
+    return {
+        "name": loop.name,
+        "links": list(loop.links),
+        "frames": [_flat(placed(placement)) for placement in loop.placements],
+        "turns": [_flat(_turned(first)), _flat(_turned(second))],
+        "components": components,
+    }
+
+
+def _about(axis: int, angle: float) -> Array:
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    R = np.eye(3)
+    R[i, i] = R[j, j] = np.cos(angle)
+    R[j, i] = np.sin(angle)
+    R[i, j] = -R[j, i]
+    return R
+
+
+def _turned(rotation: Array) -> Array:
+    pose = np.eye(4)
+    pose[:3, :3] = rotation
+    return pose
+
+
+def _flat(pose: Array) -> list[float]:
+    return [float(x) for x in pose.ravel()]
+
+
+def _slider(robot: Robot, name: str, index: int, home: float) -> dict[str, Any]:
+    """Return name, unit and range of a slider: the limits, else half a turn, or the robot's size, to each side."""
+    unit = unit_of(name)
+    usual = float(np.pi) if unit == "rad" else extent(robot)
+    low, high = robot.limits_of(name).range
+    low, high = low if np.isfinite(low) else home - usual, high if np.isfinite(high) else home + usual
+    return {"name": name, "index": index, "low": min(low, home), "high": max(high, home), "unit": unit}

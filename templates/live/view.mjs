@@ -1,0 +1,130 @@
+// The page that shows a robot: a slider for each joint, loops assembled wherever a slider is.
+
+import { element, group, slider } from "#live/controls";
+import { Mechanism, NEAR } from "#live/mechanism";
+import { shown } from "#live/numbers";
+import { Scene } from "#live/scene";
+import { Settings } from "#live/settings";
+import { moved } from "#live/simulation";
+
+const by = (id) => document.getElementById(id);
+const key = (name) => `q.${name}`;
+
+class View {
+  constructor(data) {
+    this.data = data;
+    this.mechanism = new Mechanism(data);
+    this.settings = new Settings();
+    this.held = new Set(data.held);
+    this.first = this.mechanism.start(this.held);
+    this.q = this.first.q;
+    this.scene = new Scene(by("view"), data);
+    this.scene.ghost.root.visible = false;
+    this.following = false;
+    data.sliders.forEach(({ name, index, low, high }) => {
+      const allowed = (value) => value >= low && value <= high;
+      this.settings.define(key(name), this.q[index], (value) => this.move(index, value), this.mechanism.closed ? () => true : allowed);
+    });
+    this.settings.define("theme", "", (value) => this.dress(value), (value) => ["", "light", "dark"].includes(value));
+    this.build();
+    this.listen();
+  }
+
+  /** Sliders: of joints that are driven, and of those that follow them through loops. */
+  build() {
+    const made = this.data.sliders.map(({ name, index, low, high, unit }) =>
+      [index, slider(this.settings, key(name), name, { low, high, unit })]);
+    const [first, others] = [true, false].map((held) =>
+      made.filter(([index]) => (this.held.has(index) || !this.mechanism.closed) === held).map(([, bar]) => bar));
+    const reset = element("button", { type: "button", onclick: () => this.reset() }, "Home");
+    const look = element("button", { type: "button", onclick: () => this.scene.look() }, "First view");
+    by("panel").append(element("div", { class: "row" }, reset, look));
+    if (first.length) by("panel").append(group("Joints", true, ...first));
+    if (others.length) by("panel").append(group("Joints that loops move", !first.length, ...others));
+    if (!made.length) by("panel").append(element("p", {}, "No joint moves."));
+    for (const note of this.data.notes) by("panel").append(element("p", {}, note));
+  }
+
+  listen() {
+    by("theme").addEventListener("click", () => this.settings.put("theme", this.isDark() ? "light" : "dark"));
+    by("share").addEventListener("click", async () => {
+      const address = window.location.href.split("#")[0] + this.settings.fragment();
+      try {
+        await navigator.clipboard.writeText(address);
+      } catch {
+        this.say(address); // where a page may not write to the clipboard
+      }
+    });
+    this.frame = this.frame.bind(this);
+  }
+
+  begin() {
+    this.reset();
+    const refused = this.settings.read(window.location.hash);
+    this.scene.theme(this.isDark());
+    if (refused.length) this.say(`The address has settings that this page does not know: ${refused.join(", ")}`);
+    document.documentElement.dataset.ready = "yes";
+    requestAnimationFrame(this.frame);
+  }
+
+  frame() {
+    this.scene.draw();
+    requestAnimationFrame(this.frame);
+  }
+
+  reset() {
+    this.q = this.first.q;
+    this.follow();
+    this.show();
+    const { off, owner } = this.first;
+    this.say(off > NEAR ? `${owner} cannot be assembled at home: ${shown(off, 2)} is left` : "");
+  }
+
+  /** Put a joint where its slider is; where loops cannot follow, it stays, and the page says which. */
+  move(index, value) {
+    if (this.following) return;
+    const { q, reached, off, owner } = this.mechanism.move(this.q, index, value, this.held);
+    this.q = q;
+    const { name, unit } = this.data.sliders.find((one) => one.index === index);
+    this.say(reached ? "" : `${owner} cannot be assembled with ${name} at ${shown(value)} ${unit}: ${shown(off, 2)} is left`);
+    if (this.mechanism.closed) this.follow();
+    this.show();
+  }
+
+  /** Set all sliders to where the joints are. */
+  follow() {
+    this.following = true;
+    this.data.sliders.forEach(({ name, index }) => this.settings.put(key(name), this.q[index]));
+    this.following = false;
+  }
+
+  show() {
+    const poses = this.mechanism.poses(this.q), poseOf = (link) => poses.get(link);
+    this.scene.pose(this.scene.reality, poseOf);
+    this.scene.moveSprings(poseOf);
+    const { frames } = this.data;
+    by("readout").replaceChildren(...frames.flatMap(({ name, link, point }) => [
+      element("dt", {}, name),
+      element("dd", {}, `${moved(poseOf(link), point).map((x) => x.toFixed(4)).join(", ")} m`),
+    ]));
+  }
+
+  say(text) {
+    by("message").textContent = text;
+    by("message").hidden = !text;
+  }
+
+  isDark() {
+    return (this.settings.get("theme") || (window.matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light")) === "dark";
+  }
+
+  dress(value) {
+    if (value) document.documentElement.dataset.theme = value;
+    else delete document.documentElement.dataset.theme;
+    this.scene.theme(this.isDark());
+  }
+}
+
+const view = new View(JSON.parse(by("data").textContent));
+window.view3d = view; // for tests, and who is curious
+view.begin();

@@ -1,0 +1,203 @@
+"""Pages that show a robot: the mechanism under node beside Python's poses and constraints, the command, the method."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import eomgen
+from eomgen.cli import entry as cli
+from eomgen.errors import InputError
+from eomgen.export.live.view import RobotPage, contents_of_view, mechanism_of, robot_page, show_robot
+from eomgen.pictures.scene import link_poses
+from eomgen.robot import build_model
+from eomgen.robot.value import Robot
+from tests.support.browser import open_page
+from tests.support.random_followers import with_followers
+from tests.support.random_robots import random_robot, with_random_loops
+
+MODULES = Path(__file__).parents[2] / "templates" / "live"
+NODE = shutil.which("node")
+needs_node = pytest.mark.skipif(NODE is None, reason="node is not installed")
+
+SCRIPT = """
+import { Mechanism } from "#live/mechanism";
+import { readFileSync } from "node:fs";
+
+const cases = JSON.parse(readFileSync(0, "utf8"));
+console.log(JSON.stringify(cases.map(({ data, states, held, moves }) => {
+  const mechanism = new Mechanism(data), start = mechanism.start(held ?? []);
+  return {
+    poses: states.map((q) => Object.fromEntries(mechanism.poses(q))),
+    off: states.map((q) => mechanism.residual(q).off),
+    start: { q: [...start.q], off: start.off, owner: start.owner },
+    moves: (moves ?? []).map(([index, value]) => {
+      const made = mechanism.move(start.q, index, value, new Set(held));
+      return { ...made, q: [...made.q] };
+    }),
+  };
+})));
+"""
+
+
+def run(tmp_path: Path, cases: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """What the script answers; beside the modules, whose names it imports."""
+    for path in (*MODULES.glob("*.mjs"), MODULES / "package.json"):
+        shutil.copy(path, tmp_path / path.name)
+    (tmp_path / "test.mjs").write_text(SCRIPT)
+    done = subprocess.run(
+        [NODE or "node", "test.mjs"], cwd=tmp_path, input=json.dumps(cases), capture_output=True, text=True, check=True
+    )
+    answers: list[dict[str, Any]] = json.loads(done.stdout)
+    return answers
+
+
+def _case(robot: Robot, states: Any, **more: Any) -> dict[str, Any]:
+    return {
+        "data": {"base": robot.base, **mechanism_of(build_model(robot))},
+        "states": np.asarray(states).tolist(),
+        **more,
+    }
+
+
+@needs_node
+def test_poses_are_those_of_python(tmp_path: Path) -> None:
+    """With offsets, angles of all six coordinates, and followers."""
+    rng = np.random.default_rng(4)
+    robots = [eomgen.load_robot(name) for name in ("puma560_elastic", "geared_arm", "shaken_arm", "delta")]
+    robots += [random_robot(seed, (3, 4), 6, tree=True) for seed in range(4)]
+    robots += [with_followers(random_robot(seed, (3, 4), 3), seed) for seed in range(3)]
+    states = [rng.uniform(-1.0, 1.0, (3, len(build_model(robot).coordinates))) for robot in robots]
+    answers = run(tmp_path, [_case(robot, q) for robot, q in zip(robots, states, strict=True)])
+    assert any(robot.followers for robot in robots)
+    for robot, q, answer in zip(robots, states, answers, strict=True):
+        poses = link_poses(robot, build_model(robot).coordinates, q)
+        for k, drawn in enumerate(answer["poses"]):
+            assert drawn.keys() == {robot.base, *(link.name for link in robot.links)}
+            for link, numbers in drawn.items():
+                np.testing.assert_allclose(np.reshape(numbers, (4, 4)), poses[link][k], atol=1e-12)
+
+
+TYPES = ((1, ("universal", "prismatic")), (2, ("revolute", "planar")))
+
+
+@needs_node
+def test_residuals_are_the_constraint_of_the_kernel(tmp_path: Path) -> None:
+    """Of cut joints of several types, with offsets, and of couplings."""
+    rng = np.random.default_rng(5)
+    robots = [eomgen.load_robot("four_bar").rigid(), eomgen.load_robot("geared_arm").rigid().with_constraints()]
+    robots += [with_random_loops(random_robot(seed, (3, 3), 3), seed, types) for seed, types in TYPES]
+    robots = [robot for robot in robots if build_model(robot).constraints]
+    assert len(robots) >= 3
+    states = [rng.uniform(-0.7, 0.7, (3, len(build_model(robot).coordinates))) for robot in robots]
+    answers = run(tmp_path, [_case(robot, q) for robot, q in zip(robots, states, strict=True)])
+    for robot, q, answer in zip(robots, states, answers, strict=True):
+        kernel = eomgen.build(robot, kernels=("constraint",))
+        np.testing.assert_allclose(answer["off"], kernel.constraint(q), atol=1e-12)
+
+
+CLOSED = ("andrews", "bennett", "delta", "four_bar", "gough", "hexapod_elastic")
+
+
+@needs_node
+def test_mechanisms_are_assembled_wherever_a_slider_is(tmp_path: Path) -> None:
+    cases, contents = [], []
+    for name in CLOSED:
+        page = contents_of_view(eomgen.load_robot(name))
+        moves = [[i, page["home"][i] + 0.05] for i in page["held"]]
+        cases.append({"data": page, "states": [page["home"]], "held": page["held"], "moves": moves})
+        contents.append(page)
+    for name, page, case, answer in zip(CLOSED, contents, cases, run(tmp_path, cases), strict=True):
+        assert page["held"], name
+        assert answer["start"]["off"] < 1e-9, name
+        np.testing.assert_allclose(answer["start"]["q"], page["home"], atol=2e-3, err_msg=name)
+        for (index, value), made in zip(case["moves"], answer["moves"], strict=True):
+            assert made["reached"], (name, page["coordinates"][index])
+            assert made["q"][index] == value
+    (far,) = run(tmp_path, [{**cases[3], "moves": [[1, 3.0 * np.pi / 2.0], [2, 3.0]]}])
+    stuck = [made for made in far["moves"] if not made["reached"]]
+    assert stuck, "a rocker has a range"
+    assert all(made["owner"] == eomgen.load_robot("four_bar").loops[0].name for made in stuck)
+    assert all(made["off"] > 1e-9 for made in stuck)
+
+
+def test_the_page_asks_for_nothing_and_has_sliders_with_limits() -> None:
+    page = robot_page("puma560_elastic")
+    assert not re.findall(r'(?:src|href)="(?!data:)', page.html)
+    assert "default-src 'none'" in page.html
+    contents = contents_of_view(eomgen.load_robot("puma560_elastic"))
+    assert [one["name"] for one in contents["sliders"]] == [f"joint{k}.gamma" for k in range(1, 7)]
+    robot = eomgen.load_robot("puma560_elastic")
+    for one in contents["sliders"]:
+        low, high = robot.limits_of(one["name"]).range
+        assert one["low"] == low or not np.isfinite(low)
+        assert one["high"] == high or not np.isfinite(high)
+    assert page.notes == ()
+
+
+@pytest.mark.skipif(NODE is None, reason="node is not installed")
+def test_scripts_are_well_formed() -> None:
+    for name in ("mechanism", "view"):
+        subprocess.run([NODE or "node", "--check", MODULES / f"{name}.mjs"], check=True)
+
+
+def test_a_robot_shows_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Opened in the browser, written to a path, or shown by a notebook; hostile names stay texts."""
+    opened: list[str] = []
+    monkeypatch.setattr("webbrowser.open", opened.append)
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    robot = eomgen.load_robot("one_link")
+    page = robot.show()
+    assert isinstance(page, RobotPage)
+    assert len(opened) == 1
+    assert opened[0].startswith("file://")
+    assert opened[0].endswith("one_link.html")
+    robot.show(tmp_path / "page.html")
+    assert (tmp_path / "page.html").read_text(encoding="utf-8") == page.html
+    assert len(opened) == 1
+    frame = page._repr_html_()
+    assert frame.startswith("<iframe srcdoc=")
+    assert "<!DOCTYPE" not in frame
+    monkeypatch.setitem(__import__("sys").modules, "ipykernel", object())
+    robot.show()
+    assert len(opened) == 1
+    with pytest.raises(InputError, match=r"^robot: got a value of type int"):
+        show_robot(3)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=r"^path: got a value of type int"):
+        robot.show(3)  # type: ignore[arg-type]
+
+
+def test_the_command_shows_a_robot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
+    opened: list[str] = []
+    monkeypatch.setattr("webbrowser.open", opened.append)
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["view", "one_link", "-o", "a.html", "--no-browser"]) == 0
+    assert "a.html" in capsys.readouterr().out
+    assert (tmp_path / "a.html").read_text(encoding="utf-8") == robot_page("one_link").html
+    assert opened == []
+    assert cli.main(["view", "one_link"]) == 0
+    assert opened == [(tmp_path / "out" / "one_link.view.html").resolve().as_uri()]
+    assert cli.main(["view", "one_lnk"]) != 0
+    assert "one_link" in capsys.readouterr().err
+    assert cli.main(["view", "one_link", "--robot", "ur5"]) != 0
+    assert "--robot" in capsys.readouterr().err
+
+
+def test_the_page_moves_in_a_browser(tmp_path: Path) -> None:
+    show_robot("four_bar", tmp_path / "page.html")
+    with open_page() as page:
+        page.page.goto((tmp_path / "page.html").as_uri())
+        page.page.wait_for_selector("html[data-ready]", timeout=60_000)
+        before = page.page.evaluate("[...window.view3d.q]")
+        page.page.evaluate("window.view3d.settings.put('q.joint1.gamma', 1.3)")
+        after = page.page.evaluate("[...window.view3d.q]")
+        assert after[0] == 1.3
+        assert after[1] != before[1]
+        assert page.errors == []
