@@ -63,10 +63,10 @@ def calls_of(equations: Equations, name: str) -> tuple[str, ...]:
     return equations.calls.get(name, (name,))
 
 
-def halves(equations: Equations, *, batches: bool = True) -> dict[str, tuple[str, ...]]:
+def functions_of_libraries(equations: Equations, *, batches: bool = True) -> dict[str, tuple[str, ...]]:
     """List the functions of the scalar and of the batch library, without the robot's name in front.
 
-    The half "singles" has those for one state, and the batches that call these state by state; "batches" has those that
+    The library "singles" has those for one state, and batches that call these state by state; "batches" has those that
     work on vectors.  Each begins with "setup", which a library of both has once.
     """
     singles = [function.name for function in functions(equations.kernels)]

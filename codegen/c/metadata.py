@@ -16,7 +16,7 @@ from ..kernels.operation_counts import operations
 from ..kernels.signatures import KERNELS
 from ..kernels.steps.tolerances import coordinate_sizes, rubbing_parameters
 from .contexts import kept_of_a_step, statuses
-from .lanes import halves
+from .lanes import functions_of_libraries
 
 
 def kernel_metadata(equations: Equations, dtype: str, *, batches: bool = True) -> dict[str, Any]:
@@ -27,7 +27,7 @@ def kernel_metadata(equations: Equations, dtype: str, *, batches: bool = True) -
         "hoisted": len(equations.setup.outputs),
         "operations": operations(equations),
         "survivors": survivors(model) if mapped else {},
-        "halves": halves(equations, batches=batches),
+        "halves": functions_of_libraries(equations, batches=batches),
         **({"statuses": statuses(model)} if model.constraints else {}),
         **(_sizes(model) if any(KERNELS[name].kind == "adaptive" for name in equations.kernels) else {}),
         **_kept(equations),

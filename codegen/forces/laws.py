@@ -1,4 +1,4 @@
-"""Formulas of the laws in ``robot.laws``: what a deviation s at the rate v is resisted with.
+"""Formulas of the laws in ``robot.laws``: forces that resist a deviation s at the rate v.
 
 Every law is a function of s and v with its slopes and the energy that it stores (zero at s = 0), over any kind of
 scalar.  There are no branches: u = max(s - a, 0) is what of s lies beyond a, and min(u, w) what of it is inside an

@@ -1,4 +1,4 @@
-"""Springs between two points: rows, derivatives and wrenches of what acts along a line, in closed form.
+"""Point-to-point springs: rows, derivatives and wrenches of forces along a line, in closed form.
 
 d is the vector from a spring's first point to its second, in the axes of the last body that carries both: what moves
 that body moves both points alike and does not appear.  With s = d.d / 2, g = ds/dq, w = g.v and the length

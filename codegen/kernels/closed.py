@@ -1,4 +1,4 @@
-"""Mechanisms with closed loops: accelerations and multipliers, and the nearest state that is closed.
+"""Mechanisms with closed loops: accelerations and multipliers, and the projection onto the constraint.
 
 M a + h = u + J^T lambda,    J a + J_dot v = 0,    g(q) = 0.
 """

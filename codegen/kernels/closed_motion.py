@@ -1,4 +1,4 @@
-"""Inverse dynamics of a closed mechanism: drives, reactions, and the derivatives of what closes it."""
+"""Inverse dynamics of a closed mechanism: drives, reactions, and the derivatives of the constraint."""
 
 from __future__ import annotations
 

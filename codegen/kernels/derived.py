@@ -51,8 +51,8 @@ def _of(name: str, kernel: Signature) -> dict[str, Signature]:
     whole = replace(adjoint, writes=f"{adjoint.writes}{WITH_PARAMETERS}", by_parameters=True)
     hessian = replace(back, kind="hessian", writes=f"{HESSIAN}{arrays}")
     return {
-        f"{name}_tangent": replace(tangent, text=f"What {name} changes by along {', '.join(rates)}."),
-        f"{name}_parameter_tangent": replace(along, text=f"What {name} changes by along rates of the parameters."),
+        f"{name}_tangent": replace(tangent, text=f"Derivative of {name} along {', '.join(rates)}."),
+        f"{name}_parameter_tangent": replace(along, text=f"Derivative of {name} along rates of the parameters."),
         f"{name}_adjoint": replace(adjoint, text=f"Gradient by {x} of {weighted}."),
         f"{name}_parameter_adjoint": replace(whole, text=f"Gradient by {x} and the parameters of {weighted}."),
         f"{name}_hessian": replace(hessian, text=f"Second derivatives by {x} of {weighted}."),
@@ -82,7 +82,7 @@ def _along(of: str, writes: str, reads: tuple[str, ...], *moving: str) -> Signat
     return Signature(
         (*reads, *(f"d{array}" for array in moving), PARAMETER_RATES),
         writes,
-        f"What {of} changes by along {', '.join(f'd{array}' for array in moving)} and rates of the parameters.",
+        f"Derivative of {of} along {', '.join(f'd{array}' for array in moving)} and rates of the parameters.",
         "tangent",
         derivative_of=of,
         by_parameters=True,

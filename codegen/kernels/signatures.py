@@ -18,7 +18,7 @@ from .derived import BACKWARDS, GRADIENTS, derivative_shapes, differentiated
 from .entries import KINDS, Kind, Signature, kernel, table
 
 DTYPES = ("float64", "float32")  # types of kernels' numbers
-SINGLES, BATCHES = "singles", "batches"  # halves of the C of all kernels: for one state, and on vectors for several
+SINGLES, BATCHES = "singles", "batches"  # the C of all kernels as two libraries: for one state, and on vectors
 
 
 TOLD = ("constraint", "constraint_jacobian", "constraint_bias", "constrained_drives")  # what errors of loops tell
@@ -27,7 +27,7 @@ OWN_KERNELS: Mapping[str, Signature] = table(
     kernel("mass_matrix(q) -> matrix", "Mass matrix M(q), eq. (11).", symmetric=True),
     kernel("bias_force(q, v) -> vector", "Coriolis and centrifugal terms, eq. (12) contracted."),
     kernel("generalized_force(q, v) -> vector", "Springs, dampers, gravity: Q_P + Q_G, eqs. (13), (14)."),
-    kernel("external_force(q, wrench) -> vector", "Q_F of eq. (14), its moment term corrected; base axes."),
+    kernel("external_force(q, wrench) -> vector", "Q_F of eq. (14), its moment term corrected; base frame."),
     kernel("residual(q, v, a, u) -> vector", "M a + bias - Q - u, eq. (5) unexpanded; zero on a motion."),
     kernel(
         "inverse_dynamics(q, v, a) -> vector",
@@ -67,7 +67,7 @@ OWN_KERNELS: Mapping[str, Signature] = table(
     ),
     kernel(
         "constrained_dynamics(q, v, u) -> constrained",
-        "Accelerations under the drives u, multipliers, g and J v; whatever the gaps are.",
+        "Accelerations under the drives u, multipliers, g and J v; whatever g is.",
         solves=True,
         needs="constraints",
         beside=("following",),  # charts, along which it is integrated
@@ -82,13 +82,13 @@ OWN_KERNELS: Mapping[str, Signature] = table(
     ),
     kernel(
         "settling(q, v) -> settling",
-        "Changes of q and v towards the nearest closed state, by the kinetic energy, and g.",
+        "Projection of q and v onto the constraint, by the kinetic energy: changes of both, and g.",
         solves=True,
         needs="constraints",
     ),
     kernel(
         "following(q, v, a, chart) -> following",
-        "A state whose dependent coordinates, rates and accelerations keep the loops closed, as a chart chooses them.",
+        "Solve for the dependent coordinates of a chart, their rates and accelerations: loops stay assembled.",
         "composed",
         calls=("constraint", "constraint_jacobian", "constraint_bias"),
         needs="constraints",
@@ -127,7 +127,7 @@ OWN_KERNELS: Mapping[str, Signature] = table(
             kernel("frame_pose(q) -> pose", "Pose A_0k of a frame in the base; eqs. (1) and (2)."),
             kernel(
                 "frame_jacobian(q) -> jacobian",
-                "Velocity of a frame's origin (3 rows) and angular velocity (3 rows) per coordinate rate, base axes.",
+                "Velocity of a frame's origin (3 rows) and angular velocity (3 rows) per coordinate rate, base frame.",
             ),
         ),
     ),
@@ -160,18 +160,18 @@ OWN_KERNELS: Mapping[str, Signature] = table(
     kernel("energy(q, v) -> pair", "Kinetic energy, eq. (4), and potential energy of gravity and springs."),
     kernel(
         "reactions(q, v, a) -> reactions",
-        "Force and moment on each joint's child link, moved joint's axes.",
+        "Joint reaction wrenches: force and moment on child links, joint frames after the motion.",
         closed=("tree_reactions", "constrained_drives", "closing_reactions"),
         beside=("tree_reactions", "reactions_under_load", *TOLD),
     ),
     kernel(
         "tree_reactions(q, v, a) -> reactions",
-        "Force and moment on each joint's child link, moved joint's axes, loops cut.",
+        "Joint reaction wrenches: force and moment on child links, joint frames after the motion, loops cut.",
         needs="constraints",
     ),
     kernel(
         "reactions_under_load(q, v, a, u) -> reactions",
-        "The reactions where forces u act beside the drives, without their own part.",
+        "Joint reaction wrenches where forces u act beside the drives, without reactions to u.",
         "composed",
         calls=("tree_reactions", "constrained_drives", "closing_reactions"),
         needs="constraints",
@@ -191,7 +191,8 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         needs="cuts",
     ),
     kernel(
-        "external_reactions(q, wrench) -> reactions", "What external wrenches add to the reactions, moved joint's axes."
+        "external_reactions(q, wrench) -> reactions",
+        "Joint reaction wrenches to external wrenches alone, joint frames after the motion.",
     ),
     kernel(
         "regressor(q, v, a) -> regressor", "Y of inverse dynamics without springs and dampers, u = Y theta; loops cut."
@@ -211,7 +212,7 @@ OWN_KERNELS: Mapping[str, Signature] = table(
     ),
     kernel(
         "external_coupling_forces(q, wrench) -> couplings",
-        "What external wrenches add to the couplings' forces.",
+        "Forces of the couplings by external wrenches alone.",
         needs="followers",
     ),
     kernel(
@@ -219,9 +220,7 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         "Per loop the cut frame on its second link seen from that on its first.",
         needs="loops",
     ),
-    kernel(
-        "spring_forces(q, v) -> spring_pairs", "Per spring between two points its length and tension.", needs="springs"
-    ),
+    kernel("spring_forces(q, v) -> spring_pairs", "Length and tension of each point-to-point spring.", needs="springs"),
     kernel(
         "spring_jacobian(q) -> spring_rows", "Derivatives of the springs' lengths by q: moment arms.", needs="springs"
     ),
@@ -247,7 +246,7 @@ OWN_KERNELS: Mapping[str, Signature] = table(
     ),
     kernel(
         "spring_stiffness(q) -> matrix",
-        "What the springs between points stiffen at most: sum of k (dd/dq)^T dd/dq.",
+        "Largest stiffness of the point-to-point springs: sum of k (dd/dq)^T dd/dq.",
         symmetric=True,
         needs="springs",
     ),
@@ -291,7 +290,7 @@ PARTS: Mapping[str, Signature] = table(  # programs that only other kernels call
         "closing_derivatives(q, v, a, multipliers) -> closing",
         "Per loop J, the derivatives of J a + J_dot v by q and v, and of J^T lambda by q, where they may not vanish.",
     ),
-    kernel("closing_reactions(q, multipliers) -> reactions", "What the tree's joints bear of the forces in the cuts."),
+    kernel("closing_reactions(q, multipliers) -> reactions", "Joint reaction wrenches to the forces in the cuts."),
     kernel(
         "loop_wrenches(q, v, multipliers) -> loop_reactions", "Force and moment of each cut joint on its second link."
     ),

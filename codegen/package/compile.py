@@ -217,10 +217,10 @@ def carried_files() -> dict[str, Path]:
 
 @dataclass(frozen=True)
 class Linked:
-    """Objects of the C library that halves of a source are linked with instead of compiling it themselves.
+    """Objects of the C library that a source's scalar or batch library is linked with instead of compiling it again.
 
     Attributes:
-        halves: names of these halves of the source.
+        halves: "singles", "batches" or both: which of them are.
         objects: gives the objects' content, and waits for it.
     """
 

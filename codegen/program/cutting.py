@@ -1,4 +1,4 @@
-"""One program taken apart by what its values depend on: what can be computed early, and what has to wait."""
+"""Programs cut by what their values depend on: what can be computed early, and what has to wait."""
 
 from __future__ import annotations
 

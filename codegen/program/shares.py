@@ -1,4 +1,4 @@
-"""A program that writes along a tree, taken apart: what every node computes beyond the nodes in front of it."""
+"""Programs along a tree, taken apart: what every node computes beyond the nodes in front of it."""
 
 from __future__ import annotations
 

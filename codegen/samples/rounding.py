@@ -1,4 +1,4 @@
-"""States in which another order of sums and products shows: what a compiler does that takes arithmetic for algebra.
+"""States in which another order of sums and products shows: compilers that take arithmetic for algebra.
 
 Sines and cosines tell on it at once, because their reduction to a quarter turn is a sum in a certain order.  Programs
 without angles get numbers that are chosen for them.

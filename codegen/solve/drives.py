@@ -1,4 +1,4 @@
-"""Drives of closed mechanisms: the least ones that take what a motion needs, together with the forces in the loops.
+"""Drives of closed mechanisms: minimum-norm actuation of a motion, together with the forces in the loops.
 
     u + J^T lambda = needed,    u = 0 where there is no drive,    sum of u^2 the least.
 
@@ -32,7 +32,7 @@ class Weighing:
 
 @dataclass(frozen=True)
 class Weighings:
-    """For mechanisms that have no more drives than freedoms for certain, and for all others; see ``Weighing``.
+    """Weighings of mechanisms that have no more drives than freedoms for certain, and of all others.
 
     Without a choice between drives they may weigh next to nothing, so that a drive with little leverage, near a dead
     centre, is solved for as well.  With a choice their weight has to stand out from round-off and from ``added``.

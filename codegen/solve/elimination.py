@@ -57,7 +57,7 @@ class _Step:
 
 @dataclass(frozen=True)
 class _Block:
-    """A joint's three translations, the same way: accelerations = free - yielding a - gain w_dot."""
+    """An eliminated block of a joint's translations: accelerations = free - yielding a - gain w_dot."""
 
     free: Vec
     yielding: Mat

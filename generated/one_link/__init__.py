@@ -3,7 +3,7 @@
     import one_link
     one_link.mass_matrix(q)             # the functions of one_link.kernel
     one_link.kernel.coordinates         # the order of q
-    other = one_link.load()             # a kernel with parameters of its own
+    other = one_link.load()             # a kernel with separate parameters
 
 Needs NumPy and cffi.
 """
@@ -29,7 +29,7 @@ _META = _json.loads(_read("one_link.json"))
 
 
 def load() -> Kernel:
-    """A kernel with parameters of its own, at the description's values."""
+    """Return a kernel with separate parameters, at the description's values."""
     return Kernel(OneLibrary(_ffi, _lib, _META, _read), (load, ()), _FACE)
 
 

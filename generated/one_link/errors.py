@@ -29,7 +29,7 @@ class DescriptionError(InputError):
 
     Attributes:
         line, column: in the file, from 1: of the value, of a key that is unknown, or of the table where one is missing;
-            in an URDF of the element; None where they are not known.
+            in a URDF of the element; None where they are not known.
     """
 
     def __init__(

@@ -97,7 +97,7 @@ int one_link_generalized_force(const double *restrict h, const double *restrict 
     return 0;
 }
 
-/* Q_F of eq. (14), its moment term corrected; base axes. */
+/* Q_F of eq. (14), its moment term corrected; base frame. */
 int one_link_external_force(const double *restrict h, const double *restrict q, const double *restrict wrench, double *restrict out)
 {
     TURN(1, q[1]);
@@ -289,7 +289,7 @@ int one_link_energy(const double *restrict h, const double *restrict q, const do
     return 0;
 }
 
-/* Force and moment on each joint's child link, moved joint's axes. */
+/* Joint reaction wrenches: force and moment on child links, joint frames after the motion. */
 int one_link_reactions(const double *restrict h, const double *restrict q, const double *restrict v, const double *restrict a, double *restrict out)
 {
     TURN(1, q[1]);
@@ -307,7 +307,7 @@ int one_link_reactions(const double *restrict h, const double *restrict q, const
     return 0;
 }
 
-/* What external wrenches add to the reactions, moved joint's axes. */
+/* Joint reaction wrenches to external wrenches alone, joint frames after the motion. */
 int one_link_external_reactions(const double *restrict h, const double *restrict q, const double *restrict wrench, double *restrict out)
 {
     TURN(1, q[1]);
@@ -545,7 +545,7 @@ int one_link_frame_pose(const double *restrict h, const double *restrict q, int 
     return 0;
 }
 
-/* Linear velocity of a frame's origin (rows 0 to 2) and angular velocity (rows 3 to 5) per coordinate, base axes. */
+/* Linear velocity of a frame's origin (rows 0 to 2) and angular velocity (rows 3 to 5) per coordinate, base frame. */
 int one_link_frame_jacobian(const double *restrict h, const double *restrict q, int frame, double *restrict out)
 {
     double pose[12];
@@ -590,7 +590,7 @@ int one_link_adaptive_rollout(const double *restrict h, const one_link_drive *re
     return eom_integrate_adaptive(&one_link_robot, h, drive, loads, allowed, times, samples, method, q, v, q_out, v_out, progress, record, work);
 }
 
-/* Drives of loads at times, and accelerations that are given; motions that are given are put into q and v. */
+/* Drives of loads at times, and prescribed accelerations; prescribed motions are put into q and v. */
 void one_link_loaded(size_t count, const one_link_loads *restrict loads, const double *restrict times, double *restrict q, double *restrict v, double *restrict u)
 {
     double input[EOM_INPUT_ROOM(2, 1, 0)];
@@ -643,7 +643,7 @@ static int one_link_generalized_force_lanes(const lanes *restrict h, const lanes
     return 0;
 }
 
-/* Q_F of eq. (14), its moment term corrected; base axes. */
+/* Q_F of eq. (14), its moment term corrected; base frame. */
 static int one_link_external_force_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict wrench, lanes *restrict out)
 {
     TURN_AT(1, q + 1);
@@ -835,7 +835,7 @@ static int one_link_energy_lanes(const lanes *restrict h, const lanes *restrict 
     return 0;
 }
 
-/* Force and moment on each joint's child link, moved joint's axes. */
+/* Joint reaction wrenches: force and moment on child links, joint frames after the motion. */
 static int one_link_reactions_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, lanes *restrict out)
 {
     TURN_AT(1, q + 1);
@@ -853,7 +853,7 @@ static int one_link_reactions_lanes(const lanes *restrict h, const lanes *restri
     return 0;
 }
 
-/* What external wrenches add to the reactions, moved joint's axes. */
+/* Joint reaction wrenches to external wrenches alone, joint frames after the motion. */
 static int one_link_external_reactions_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict wrench, lanes *restrict out)
 {
     TURN_AT(1, q + 1);
@@ -1187,7 +1187,7 @@ static int one_link_frame_pose_lanes(const double *restrict h, const lanes *rest
     return 0;
 }
 
-/* Linear velocity of a frame's origin (rows 0 to 2) and angular velocity (rows 3 to 5) per coordinate, base axes. */
+/* Linear velocity of a frame's origin (rows 0 to 2) and angular velocity (rows 3 to 5) per coordinate, base frame. */
 static int one_link_frame_jacobian_lanes(const double *restrict h, const lanes *restrict q, int frame, lanes *restrict out)
 {
     lanes pose[12];
@@ -1233,7 +1233,7 @@ long long one_link_rollout_batch(size_t count, const double *restrict h, const d
     return EOM_WIDE(integrate_fixed_batch)(&one_link_robot_lanes, count, h, q, q_step, v, v_step, drive, dt, steps, every, method, q_out, v_out, work);
 }
 
-/* Several states, each by steps of its own, those at ``place``, or the first ones: what one of them does changes no bit of
+/* Several states, each by separate steps, those at ``place``, or the first ones: what one of them does changes no bit of
  * another. */
 void one_link_adaptive_rollout_batch(size_t count, const size_t *restrict place, const double *restrict h, size_t h_step, const one_link_drive *restrict drive, const one_link_loads *restrict loads, size_t loads_step, const one_link_tolerance *restrict allowed, size_t allowed_step, const double *restrict times, size_t samples, int method, double *restrict q, double *restrict v, double *restrict q_out, double *restrict v_out, one_link_progress *restrict progress)
 {

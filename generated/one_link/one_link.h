@@ -101,18 +101,18 @@ extern "C" {
  * - torque: forces.  control: kp (program - q / ratio) + kd (its rate - v / ratio), over the ratio.
  * - model: a rigid robot of so many coordinates, at place, behind gears.  Its inverse dynamics (in double precision) at
  *   the program's accelerations, with errors that die out by the bandwidth; column: of the program that drives it, or -1;
- *   given: which of the given motions it follows, or -1.  If it holds, its inverse dynamics at rest.  Several states ask
+ *   given: which of the prescribed motions it follows, or -1.  If it holds, its inverse dynamics at rest.  Several states ask
  *   the same of many at a time, with batch_h, if that is not NULL and all of them know one model.
  * - given: motions of prescribed coordinates, whose q and v are put in place, and whose accelerations are u: waves (size, 4),
  *   amplitude, angular frequency, phase and offset, and the signals of ``count`` tracks, whose places are among them.
- * - wrench: on the centre of mass of a link, force and moment from t0 on until t1, in the base's axes, or those of a frame if
+ * - wrench: on the centre of mass of a link, force and moment from t0 on until t1, in the base frame, or in a frame's axes if
  *   it turns, and the arm of the force in that frame's axes if that is not zero (then frame counts).  external_force takes
  *   force_h, or if that is NULL the h of the rollout.
  * - work: NULL, or with it works are integrated, J: of the drives, of what moves prescribed coordinates, of wrenches, and
  *   what dampers and friction take; progress->work has them, and progress->works those at all samples, (samples + 1, 4),
  *   where it is not NULL.  generalized_force is this robot's, and needed its inverse_dynamics (NULL if nothing is
  *   prescribed).  Steps and states have the same bits.  It is the same for all states, or NULL for all.
- * one_link_loaded gives drives (and accelerations that are given) at times, and puts given motions into q and v. */
+ * one_link_loaded gives drives (and prescribed accelerations) at times, and puts prescribed motions into q and v. */
 
 void one_link_setup(const double *p, double *h);
 int one_link_mass_matrix(const double *h, const double *q, double *out);

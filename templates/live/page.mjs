@@ -131,7 +131,7 @@ class Page {
     try {
       window.history.replaceState(null, "", fragment || window.location.pathname);
     } catch {
-      window.location.hash = fragment; // where a document may not replace its own address
+      window.location.hash = fragment; // where a document may not replace its address
     }
   }
 
@@ -577,7 +577,7 @@ class Page {
     scene.stale = true;
   }
 
-  /** The tool's place with deviations as they are exaggerated; found once for each row and factor. */
+  /** The tool's place with deviations as they are exaggerated; computed once for each row and factor. */
   pathPoint(q, stiff, factor) {
     if (q.drawn !== factor) {
       q.drawn = factor;
@@ -610,7 +610,7 @@ class Page {
     by("energy").textContent = `kinetic ${shown(kinetic, 5)} J, potential ${shown(potential, 5)} J, total ${shown(total, 6)} J; since the start or the last change ${shown(drift, 3)} J`;
   }
 
-  /** Rows of all of a recording, found when they are first asked for. */
+  /** Rows of all of a recording, computed when they are first asked for. */
   whole() {
     if (!this.all) {
       const { t } = this.recorded, now = this.at, stride = Math.max(1, Math.ceil(t.length / SAMPLED));

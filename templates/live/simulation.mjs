@@ -1,4 +1,4 @@
-// A robot over time: drives, loads and what carries it, held over a period each; its own kernel does the steps between.
+// A robot over time: drives, loads and what carries it, held over a period each; the kernel does the steps between.
 
 import { cycleAt, signalAt, wavesAt } from "#live/signals";
 
@@ -136,7 +136,7 @@ export class Simulation {
     this.waves.place.forEach((to, i) => { [this.q[to], this.v[to]] = [q[i], v[i]]; });
   }
 
-  /** Forces of drives and loads in the state of now, for a time; with the gains and the target of the kernel's own. */
+  /** Forces of drives and loads in the state of now, for a time; with the kernel's gains and target. */
   drives(t) {
     const { n, data } = this, u = new Float64Array(n);
     let kp, kd, target;
