@@ -2,7 +2,7 @@
 
 import { shown } from "#live/numbers";
 
-export const LINES = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#999999"];
+export const LINES = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#882255", "#56b4e9", "#999999"];
 
 /** About `count` round numbers from low to high. */
 export function ticks(low, high, count) {

@@ -9,7 +9,7 @@ const COLORS = {
   light: { back: 0xf4f6f8, grid: 0xd5dae0, section: 0xb8c0c8, real: 0x4678aa, ghost: 0x8b939b, ground: 0x9aa4ae },
   dark: { back: 0x15191e, grid: 0x2b323a, section: 0x3d464f, real: 0x6fa3d8, ghost: 0x9aa3ab, ground: 0x59636d },
 };
-const PATH = 0xcc3311, SPRING = 0x009e73, PUSH = 0xe69f00, DRUM = 0x39424c;
+const PATH = 0xcc3311, SPRING = 0x009e73, PUSH = 0x882255, DRUM = 0x39424c;
 const TRAIL = 600; // points of a path
 
 export class Scene {

@@ -84,7 +84,7 @@ def test_every_kind_has_a_page() -> None:
         assert sum(tag == "svg" for tag, _ in reader.elements) == len(page.figures)
         assert page.tables, name
         for line in getattr(found, "notes", ()):
-            assert line in page.warnings
+            assert line in (*page.warnings, *page.notes)
     with pytest.raises(InputError, match=r"report: got 'dict'; allowed: SimulationResult, .*CalibrationResult"):
         report_of({})
 
@@ -112,6 +112,8 @@ def test_fits_and_identified_numbers() -> None:
     page = report_of(identified())
     assert tables_of(page)["Residuals of drives, rms"]["joint1.gamma"] == ("N m", "0.1", "0.2", "2.5", "5", "500")
     assert page.warnings == ("a warning",)
+    page = report_of(fitted())
+    assert (page.warnings, page.notes) == (("a warning",), ("a note",))
 
 
 def test_names_are_escaped() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field, replace
+from datetime import date
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -238,3 +239,22 @@ def test_a_browser_shows_the_page_without_a_word(page: str, tmp_path: Path) -> N
         assert all(box["width"] > 400 and box["height"] > 200 for box in boxes)
         width = found.page.evaluate("document.documentElement.scrollWidth")
         assert width <= 1000
+
+
+def test_the_page_has_its_date_and_amber_is_for_warnings(
+    result: SimulationResult, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "1764115200")
+    plain, odd = "method: rosenbrock (implicit), it is stiff", "the motion exceeds limits of the robot: joint1.gamma"
+    page = report_of(replace(result, notes=(plain, odd)), modes=False)
+    assert page.made == "2025-11-26"
+    assert odd in page.warnings
+    assert odd not in page.notes
+    assert plain in page.notes
+    text = page.html()
+    assert f"Made on 2025-11-26 by eomgen {eomgen.__version__}" in text
+    amber = text[text.index('id="warnings"') : text.index('id="notes"')]
+    assert odd in amber
+    assert plain not in amber
+    monkeypatch.delenv("SOURCE_DATE_EPOCH")
+    assert report_of(result, modes=False).made == date.today().isoformat()

@@ -37,7 +37,7 @@ from .shapes import Shape, meshes_of, urdf_shapes
 
 REAL_COLOR, PROGRAM_COLOR, FORCE_COLOR, SPRING_COLOR = (70, 120, 170), (150, 150, 150), (204, 51, 17), (0, 158, 115)
 PROGRAM_OPACITY = 0.35
-REGION_COLOR, REGION_OPACITY = (230, 159, 0), 0.45
+REGION_COLOR, REGION_OPACITY = (136, 34, 85), 0.45
 PATH_POINTS = 300
 RATE = 30.0  # pictures per s
 HEIGHT = 520  # in a notebook, pixels

@@ -19,7 +19,7 @@ from ..robot.value import MOTOR, PRINCIPAL, Coordinate, Robot
 from ..simulation.balance import TERMS
 from ..simulation.result import SimulationResult, simulated_robot
 from .page_figures import figures_of
-from .report import Report, Table
+from .report import Report, Table, sorted_notes
 
 ROWS = 12  # of a table that a scenario shows of a long one
 
@@ -63,12 +63,15 @@ def report_of(
     if info is not None:
         tables.append(_operation_table(info))
     tables.append(_origin_table(result))
-    notes = [*result.notes, *(simulated.notes if simulated else ())]
-    if result.stopped:
-        notes.insert(0, f"stopped too early: {result.stopped['reason']}")
+    said = [*result.notes, *(simulated.notes if simulated else ())]
+    unclosed = result.balance.note() if result.balance is not None else None
+    warnings, notes = sorted_notes(line for line in said if line != unclosed)
+    stopped = [f"stopped too early: {result.stopped['reason']}"] if result.stopped else []
+    warnings = (*stopped, *([unclosed] if unclosed else []), *warnings)
     title = f"{result.robot}: {result.trajectory.t[-1]:g} s of simulated motion"
-    lines = [line.strip() for line in result.summary_lines() if line.strip() not in notes]
-    return Report(title, tuple(lines), tuple(notes), tuple(missing), tuple(figures), tuple(t for t in tables if t.rows))
+    lines = [line.strip() for line in result.summary_lines() if line.strip() not in (*warnings, *notes)]
+    drawn_tables = tuple(table for table in tables if table.rows)
+    return Report(title, tuple(lines), warnings, tuple(missing), tuple(figures), drawn_tables, notes)
 
 
 def _robot(

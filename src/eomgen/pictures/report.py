@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+import os
+import re
 import tempfile
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from datetime import date, datetime, timezone
 from pathlib import Path
 from typing import Any
 
+from .._version import __version__
 from ..files import write_atomically
 from .svg import inline_svg
 
 TEMPLATE = "report/report.html.jinja"
+_WARNS = re.compile(  # notes of results that ask to be minded, among those that say how it was done
+    r"\?$|\bexceed|\bbeyond\b|\bfailed\b|does not close|not in balance|no better|\bstopped\b|more may lead further"
+    r"|never measured|still moves|\bsaturated\b|cannot be|check little|\bclipped\b|MuJoCo warns|\bsuspicious\b"
+)
 
 
 @dataclass(frozen=True)
@@ -39,10 +47,12 @@ class Report:
     Attributes:
         title: its heading.
         summary: lines about what came out.
-        warnings: what is to be minded.
+        warnings: what is to be minded, in amber; of ``sorted_notes``.
+        notes: how it was done, and what was assumed.
         missing: what the page should have and has not, each with its reason.
         figures: in the order of the page.
         tables: in the order of the page.
+        made: date of the page, "2026-11-23"; that of the environment's SOURCE_DATE_EPOCH where it is set, in UTC.
     """
 
     title: str
@@ -51,6 +61,8 @@ class Report:
     missing: tuple[str, ...] = ()
     figures: tuple[Figure, ...] = ()
     tables: tuple[Table, ...] = ()
+    notes: tuple[str, ...] = ()
+    made: str = field(default_factory=lambda: _today().isoformat())
 
     def html(self) -> str:
         """One page that refers to nothing outside of it."""
@@ -63,12 +75,23 @@ class Report:
             trim_blocks=True,
             lstrip_blocks=True,
         )
-        return environment.get_template(TEMPLATE).render(report=self)
+        return environment.get_template(TEMPLATE).render(report=self, version=__version__)
 
     def save(self, path: Path | str) -> Path:
         """Write the page and return its path; InputError if it cannot be written."""
         text = self.html().encode("utf-8", "replace")  # a lone surrogate of a name
         return write_atomically(Path(path), lambda stream: stream.write(text))
+
+
+def sorted_notes(notes: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the notes that are warnings, and those that say how it was done or what was assumed."""
+    lines = tuple(notes)
+    return tuple(x for x in lines if _WARNS.search(x)), tuple(x for x in lines if not _WARNS.search(x))
+
+
+def _today() -> date:
+    epoch = os.environ.get("SOURCE_DATE_EPOCH", "")
+    return datetime.fromtimestamp(int(epoch), tz=timezone.utc).date() if epoch.isdecimal() else date.today()
 
 
 def drawn(result: Any, drawings: Iterable[tuple[str, str, Callable[[Any, Path], Path]]]) -> tuple[Figure, ...]:

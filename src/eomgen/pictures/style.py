@@ -19,9 +19,9 @@ from ..files import FIGURE_ENDINGS, check_ending, write_atomically
 from ..optional import optional_import
 from ..simulation.result import SimulationResult
 
-COLORS = {  # Okabe and Ito: told apart by colour-blind readers
+COLORS = {  # Okabe and Ito, told apart by colour-blind readers; without amber, which warnings alone have
     "m": {"x": "#0072b2", "y": "#d55e00", "z": "#009e73"},
-    "rad": {"alpha": "#56b4e9", "beta": "#e69f00", "gamma": "#cc79a7"},
+    "rad": {"alpha": "#56b4e9", "beta": "#882255", "gamma": "#cc79a7"},
 }
 PROGRAM_COLOR, TOOL_COLOR, GRID_COLOR = "#777777", "#cc3311", "#dddddd"
 DPI = 200

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ...identification.iso_9283.result import AccuracyResult
-from ..report import Report, Table, drawn
+from ..report import Report, Table, drawn, sorted_notes
 from ..style import BESIDE, COLORS, PROGRAM_COLOR, Plotted, check_kind, literal, scale_of, sheet
 from .tables import columns_of, table
 
@@ -34,7 +34,8 @@ def accuracy_page(accuracy: AccuracyResult) -> Report:
     return Report(
         title=f"{accuracy.robot or accuracy.frame}: accuracy by ISO 9283",
         summary=(f"frame {accuracy.frame}, {accuracy.source}", f"load: {accuracy.load}", f"rate: {accuracy.rate}"),
-        warnings=accuracy.notes,
+        warnings=sorted_notes(accuracy.notes)[0],
+        notes=sorted_notes(accuracy.notes)[1],
         figures=drawn(accuracy, figures),
         tables=tuple(tables),
     )

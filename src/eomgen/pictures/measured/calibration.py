@@ -10,7 +10,7 @@ import numpy as np
 from ...errors import InputError
 from ...identification.calibration.result import CalibrationResult
 from ...identification.calibration.variants import VARIANTS
-from ..report import Report, Table, drawn
+from ..report import Report, Table, drawn, sorted_notes
 from ..style import COLORS, PROGRAM_COLOR, Plotted, check_kind, literal, scale_of, sheet
 from .tables import merged_table, number, table, weak_table
 
@@ -36,7 +36,8 @@ def calibration_page(calibration: CalibrationResult) -> Report:
     return Report(
         title=f"{calibration.robot}: calibration by {calibration.rows} poses",
         summary=tuple(lines),
-        warnings=calibration.notes,
+        warnings=sorted_notes(calibration.notes)[0],
+        notes=sorted_notes(calibration.notes)[1],
         figures=drawn(calibration, figures),
         tables=(
             _residual_table(calibration),

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...identification.choosing.result import PosesResult
-from ..report import Report, drawn
+from ..report import Report, drawn, sorted_notes
 from ..style import COLORS, Plotted, check_kind, label_rows, row_panel, sheet
 from .tables import merged_table, number, table, weak_table
 
@@ -27,7 +27,8 @@ def poses_page(chosen: PosesResult) -> Report:
     return Report(
         title=f"{chosen.robot}: {len(chosen.q)} poses to measure",
         summary=tuple(chosen.summary_lines()),
-        warnings=chosen.notes,
+        warnings=sorted_notes(chosen.notes)[0],
+        notes=sorted_notes(chosen.notes)[1],
         figures=drawn(chosen, [("poses", text, plot_poses)]),
         tables=(
             *table("Poses in the order to measure them, m and rad", ("pose", *chosen.coordinates), poses),

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...identification.compensating.result import AXES, CompensationResult
-from ..report import Report, drawn
+from ..report import Report, drawn, sorted_notes
 from ..style import COLORS, Plotted, check_kind, scale_of, sheet
 from .tables import number, table
 
@@ -43,7 +43,8 @@ def compensation_page(compensation: CompensationResult) -> Report:
             f"rms of the position's error {compensation.gain:.3g} times smaller",
             f"directions that can be corrected: {compensation.rank[0]} to {compensation.rank[1]}",
         ),
-        warnings=compensation.notes,
+        warnings=sorted_notes(compensation.notes)[0],
+        notes=sorted_notes(compensation.notes)[1],
         figures=drawn(compensation, [("errors", text, plot_compensation)]),
         tables=(
             *table("Errors of the tool, um and urad", head, errors),

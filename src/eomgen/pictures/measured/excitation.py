@@ -9,7 +9,7 @@ import numpy as np
 
 from ...identification.exciting.result import ExciteResult
 from ...robot.coordinates import force_unit_of, unit_of
-from ..report import Report, drawn
+from ..report import Report, drawn, sorted_notes
 from ..style import FULL_WIDTH, PROGRAM_COLOR, Plotted, check_kind, literal, sheet
 from .accuracy import CYCLE, MOST
 from .tables import number, table
@@ -45,7 +45,8 @@ def excitation_page(excitation: ExciteResult) -> Report:
             f" {len(excitation.t)} samples",
             f"criterion {excitation.criterion}; median of {excitation.randoms} random motions, seed {excitation.seed}",
         ),
-        warnings=excitation.notes,
+        warnings=sorted_notes(excitation.notes)[0],
+        notes=sorted_notes(excitation.notes)[1],
         figures=drawn(excitation, [("motion", text, plot_excitation)]),
         tables=(
             *table("Beside others", ("", "this motion", "its start", "random"), compared),

@@ -12,7 +12,7 @@ from ...identification.from_motion import ForcesResult
 from ...identification.stiffness.result import KEYS, Estimate, FitResult
 from ...names import component_name
 from ...robot.coordinates import force_unit_of
-from ..report import Report, drawn
+from ..report import Report, drawn, sorted_notes
 from ..style import (
     BAR_ROOM,
     COLORS,
@@ -57,7 +57,8 @@ def fit_page(fit: FitResult) -> Report:
     return Report(
         title=f"{fit.robot}: stiffness and damping by least squares",
         summary=(f"{len(rows)} parameters of {len(fit.fitted)} coordinates",),
-        warnings=(*fit.warnings, *fit.notes),
+        warnings=fit.warnings,
+        notes=fit.notes,
         figures=drawn(fit, figures),
         tables=(
             *table("Stiffness and damping", (*head, "unexplained, %"), rows),
@@ -76,7 +77,8 @@ def forces_page(forces: ForcesResult) -> Report:
     return Report(
         title=f"{forces.robot}: forces of a measured motion",
         summary=(f"{len(forces.t)} samples, {len(rows)} coordinates",),
-        warnings=forces.notes,
+        warnings=sorted_notes(forces.notes)[0],
+        notes=sorted_notes(forces.notes)[1],
         tables=(*table("Largest values over time", ("coordinate", "unit", *forces.parts), rows),),
     )
 
@@ -150,7 +152,8 @@ def identify_page(identified: IdentifyResult) -> Report:
     return Report(
         title=f"{identified.base.robot}: {len(identified.base)} base parameters",
         summary=(f"{len(identified.residuals)} drives, filter of {number(identified.width, 1.0, 3)} s",),
-        warnings=(*identified.warnings, *identified.notes),
+        warnings=identified.warnings,
+        notes=identified.notes,
         figures=drawn(identified, figures if drives else []),
         tables=(
             *table("Residuals of drives, rms", head, drives),

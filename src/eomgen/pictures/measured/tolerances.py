@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...identification.tolerances.result import PARTS, ToleranceResult
-from ..report import Report, drawn
+from ..report import Report, drawn, sorted_notes
 from ..style import BAR_ROOM, COLORS, FULL_WIDTH, PROGRAM_COLOR, Plotted, bars_in_pairs, check_kind, sheet
 from .tables import number, table
 
@@ -35,7 +35,8 @@ def tolerance_page(tolerance: ToleranceResult) -> Report:
             f"worst position by the exact model at the vertices: {1e3 * tolerance.exact_worst:.4g} mm",
             f"the exact model is off a linear one by {100 * tolerance.nonlinearity:.2g} % of the worst case",
         ),
-        warnings=tolerance.notes,
+        warnings=sorted_notes(tolerance.notes)[0],
+        notes=sorted_notes(tolerance.notes)[1],
         figures=drawn(tolerance, figures),
         tables=(*table("Accuracy", *_accuracy(tolerance)), *table("Contributions", *_contributions(tolerance))),
     )
