@@ -1,4 +1,4 @@
-/* adaptive_steps.h: steps whose length the error controls, of one state, or of one in every lane with steps of its own. */
+/* adaptive_steps.h: steps whose length the error controls, of one state, or of one in every lane with a step of its length. */
 
 /* A step: states x = (q, v) at its beginning and at its end, their rates dx = (v, a), its error, factors of its matrix, and
  * its polynomial, or what bends that. */
@@ -20,10 +20,10 @@ EOM_LOCAL void F(put_prescribed_ends)(const F(problem) *restrict problem, const 
     const int n = N_OF(problem->motion.robot->sizes);
     const int closed = (M_OF(problem->motion.robot->sizes) > 0) ? 1 : 0;
     for (int l = 0; l < problem->clock.here; ++l) {
-        const eom_prescribed *const given = (problem->clock.inputs[l] == NULL) ? NULL : problem->clock.inputs[l]->given;
+        const eom_prescribed *const motions = (problem->clock.inputs[l] == NULL) ? NULL : problem->clock.inputs[l]->given;
         F(put_prescribed)(problem, l, (closed != 0) ? eom_instant_of(problem->clock.end[l]) : F(instant_at)(&problem->clock, l, 1.0), step->x_end, work);
-        for (int k = 0; (given != NULL) && (k < given->size); ++k) {
-            const int i = given->place[k];
+        for (int k = 0; (motions != NULL) && (k < motions->size); ++k) {
+            const int i = motions->place[k];
             LANE_OF(step->error[i], l) = (EOM_SCALAR)0.0;
             LANE_OF(step->error[n + i], l) = (EOM_SCALAR)0.0;
         }
@@ -34,8 +34,8 @@ EOM_LOCAL void F(put_prescribed_ends)(const F(problem) *restrict problem, const 
 EOM_LOCAL void F(power_of_prescribed)(const F(problem) *restrict problem, int stage, const REAL *restrict q, const REAL *restrict v, const REAL *restrict a, EOM_SCALAR *restrict work)
 {
     const int n = N_OF(problem->motion.robot->sizes);
-    EOM_SCALAR *const own = work;
-    EOM_SCALAR *const rate = &own[n];
+    EOM_SCALAR *const position = work;
+    EOM_SCALAR *const rate = &position[n];
     EOM_SCALAR *const second = &rate[n];
     EOM_SCALAR *const needed = &second[n];
     EOM_SCALAR *const none = &needed[n];
@@ -43,15 +43,15 @@ EOM_LOCAL void F(power_of_prescribed)(const F(problem) *restrict problem, int st
         const EOM(energy_balance) *const balance = problem->clock.inputs[l]->work;
         double *const power = &problem->clock.power[stage * EOM_WORKS * (int)WIDTH + l];
         for (int i = 0; i < n; ++i) {
-            own[i] = LANE_OF(q[i], l);
+            position[i] = LANE_OF(q[i], l);
             rate[i] = LANE_OF(v[i], l);
             second[i] = LANE_OF(a[i], l);
             none[i] = (EOM_SCALAR)0.0;
         }
         if (balance->residual != NULL) {
-            (void)balance->residual(balance->needed_h, own, rate, second, none, needed);
+            (void)balance->residual(balance->needed_h, position, rate, second, none, needed);
         } else {
-            (void)balance->needed(balance->needed_h, own, rate, second, needed);
+            (void)balance->needed(balance->needed_h, position, rate, second, needed);
         }
         double moving = -power[0] - power[2 * (int)WIDTH];
         for (int i = 0; i < n; ++i) { moving += (double)needed[i] * (double)rate[i]; }
@@ -73,21 +73,21 @@ EOM_LOCAL void F(rate)(const F(problem) *restrict problem, double share, int sta
     if ((robot->sizes->is_prescribed != NULL) && (problem->clock.power != NULL)) { F(power_of_prescribed)(problem, stage, x, &x[n], &dx[n], (EOM_SCALAR *)(void *)work.state); }
 }
 
-/* Take one stage of the Rosenbrock method, a linear system with the step's matrix, from the rate dx there; part: (stages, 2 n). */
-EOM_INLINE void F(rosenbrock_stage)(const F(problem) *restrict problem, int stage, const REAL *restrict factors, REAL time, REAL inverse, const REAL *restrict dx, REAL *restrict part, REAL *restrict right, REAL *restrict w)
+/* Take one stage of the Rosenbrock method, a linear system with the step's matrix, from the rate dx there; increments: (stages, 2 n). */
+EOM_INLINE void F(rosenbrock_stage)(const F(problem) *restrict problem, int stage, const REAL *restrict factors, REAL time, REAL inverse, const REAL *restrict dx, REAL *restrict increments, REAL *restrict right, REAL *restrict w)
 {
     const int n = N_OF(problem->motion.robot->sizes);
     const int apart = PADDED_TO_BLOCKS(2 * n);
-    REAL *restrict const own = &part[stage * apart];
+    REAL *restrict const increment = &increments[stage * apart];
     if (stage == 0) {
         F(copy)(2 * n, dx, right);
     } else {
-        F(advance)(2 * n, stage, eom_rosenbrock_c[stage], inverse, part, apart, dx, right);
+        F(advance)(2 * n, stage, eom_rosenbrock_c[stage], inverse, increments, apart, dx, right);
     }
     (void)problem->motion.robot->stage_solution(problem->motion.h, factors, &right[n], right, w);
     for (int i = 0; i < n; ++i) {
-        own[n + i] = time * (right[n + i] + w[i]);
-        own[i] = time * (own[n + i] + right[i]);
+        increment[n + i] = time * (right[n + i] + w[i]);
+        increment[i] = time * (increment[n + i] + right[i]);
     }
 }
 
@@ -105,33 +105,33 @@ EOM_LOCAL void F(rosenbrock_step)(const F(problem) *restrict problem, REAL dt, c
     REAL *restrict const kd = &kp[n];
     REAL *restrict const w = &kp[apart];
     REAL *restrict const right = &w[PADDED_TO_BLOCKS(n)];
-    REAL *restrict const part = &right[apart];                   /* (stages, 2 n) */
-    REAL *restrict const dx = &part[ROSENBROCK_STAGES * apart]; /* 2 n + 3 m */
+    REAL *restrict const increments = &right[apart];                   /* (stages, 2 n) */
+    REAL *restrict const dx = &increments[ROSENBROCK_STAGES * apart]; /* 2 n + 3 m */
     work.state = &dx[PADDED_TO_BLOCKS(2 * n + 3 * M_OF(robot->sizes))];
     times[0] = eom_rosenbrock_diagonal * dt;
     times[1] = times[0] * times[0];
     F(gains)(problem, step->x, kp, kd, work);
     (void)robot->stage_factors(h, step->x, &step->x[n], kp, kd, times, step->factors);
-    F(rosenbrock_stage)(problem, 0, step->factors, times[0], inverse, step->dx, part, right, w);
+    F(rosenbrock_stage)(problem, 0, step->factors, times[0], inverse, step->dx, increments, right, w);
     if (power != NULL) { (void)memcpy(&power[EOM_WORKS * (int)WIDTH], power, (size_t)EOM_WORKS * (size_t)WIDTH * sizeof *power); }
-    F(rosenbrock_stage)(problem, 1, step->factors, times[0], inverse, step->dx, part, right, w);
+    F(rosenbrock_stage)(problem, 1, step->factors, times[0], inverse, step->dx, increments, right, w);
     UNROLL(4)
     for (int stage = 2; stage < ROSENBROCK_STAGES; ++stage) {
-        F(accumulate)(2 * n, stage, eom_rosenbrock_a[stage], part, apart, step->x, step->x_end);
+        F(accumulate)(2 * n, stage, eom_rosenbrock_a[stage], increments, apart, step->x, step->x_end);
         if (robot->sizes->has_redundant_rows != 0) { (void)F(assemble)(robot, h, step->x_end, &step->x_end[n], work.state); } /* redundant rows answer to violations */
         F(rate)(problem, eom_rosenbrock_shares[stage], stage, step->x_end, dx, work);
-        F(rosenbrock_stage)(problem, stage, step->factors, times[0], inverse, dx, part, right, w);
+        F(rosenbrock_stage)(problem, stage, step->factors, times[0], inverse, dx, increments, right, w);
     }
-    F(accumulate)(2 * n, ROSENBROCK_STAGES, eom_rosenbrock_b, part, apart, step->x, step->x_end);
-    F(weigh)(2 * n, ROSENBROCK_STAGES, eom_rosenbrock_error, part, apart, step->error);
+    F(accumulate)(2 * n, ROSENBROCK_STAGES, eom_rosenbrock_b, increments, apart, step->x, step->x_end);
+    F(weigh)(2 * n, ROSENBROCK_STAGES, eom_rosenbrock_error, increments, apart, step->error);
     if (robot->sizes->has_friction != 0) {
-        /* Friction that lets go within the step holds in its matrix, and both orders agree: what the end's own matrix leaves of
+        /* Friction that lets go within the step holds in its matrix, and both orders agree: what the matrix of the end leaves of
          * the difference between the end's rates and those of the last stage counts, too. */
         const int last = ROSENBROCK_STAGES - 1;
         F(rate)(problem, 1.0, END_STAGE, step->x_end, step->dx_end, work);
         (void)robot->stage_factors(h, step->x_end, &step->x_end[n], kp, kd, times, step->factors);
-        F(advance)(2 * n, last, eom_rosenbrock_c[last], inverse, part, apart, step->dx_end, right);
-        for (int i = 0; i < 2 * n; ++i) { right[i] = times[0] * right[i] - part[last * apart + i]; }
+        F(advance)(2 * n, last, eom_rosenbrock_c[last], inverse, increments, apart, step->dx_end, right);
+        for (int i = 0; i < 2 * n; ++i) { right[i] = times[0] * right[i] - increments[last * apart + i]; }
         (void)robot->stage_solution(h, step->factors, &right[n], right, w);
         for (int i = 0; i < n; ++i) {
             const REAL v_left = right[n + i] + w[i];
@@ -261,7 +261,7 @@ EOM_LOCAL double F(work_of_step)(const double *restrict power, int work, int l, 
         double weight = 0.0;
         if (method == 1) {
             for (int k = TSIT5_DEGREE - 1; k >= 0; --k) { weight = share * (weight + eom_tsit5_works[stage][k]); }
-        } else if (method == 2) { /* the first one is no stage of its own */
+        } else if (method == 2) { /* the first one is no separate stage */
             for (int k = RADAU_STAGES - 1; (stage > 0) && (k >= 0); --k) { weight = share * (weight + eom_radau_works[stage - 1][k]); }
         } else {
             weight = eom_rosenbrock_works[stage];
@@ -378,29 +378,29 @@ EOM_LOCAL void F(integrate_works)(const F(problem) *restrict problem, int l, int
     const double *const power = &problem->clock.power[INSIDE_STAGE * EOM_WORKS * (int)WIDTH + l];
     REAL *const x_here = work.state;
     REAL *const dx_here = &x_here[PADDED_TO_BLOCKS(2 * n)];
-    EOM_SCALAR *const own = (EOM_SCALAR *)(void *)&dx_here[PADDED_TO_BLOCKS(2 * n + 3 * M_OF(problem->motion.robot->sizes))];
+    EOM_SCALAR *const output = (EOM_SCALAR *)(void *)&dx_here[PADDED_TO_BLOCKS(2 * n + 3 * M_OF(problem->motion.robot->sizes))];
     double last[EOM_WORKS];
     double sum[EOM_WORKS];
     int settled = 0;
-    work.state = (REAL *)(void *)own + PADDED_TO_BLOCKS(2 * n);
+    work.state = (REAL *)(void *)output + PADDED_TO_BLOCKS(2 * n);
     (void)memset(last, 0, sizeof last);
     for (int pieces = 1; (pieces <= 64) && (settled == 0); pieces *= 2) {
-        const double part = (to - from) / (double)pieces;
+        const double width = (to - from) / (double)pieces;
         double top[EOM_WORKS];
         (void)memset(sum, 0, sizeof sum);
         (void)memset(top, 0, sizeof top);
         for (int k = 0; k < 5 * pieces; ++k) {
             const int piece = k / 5;
-            const double share = from + part * ((double)piece + eom_gauss_nodes[k % 5]);
-            F(dense_output)(share, length, n, l, method, step, own, &own[n]);
+            const double share = from + width * ((double)piece + eom_gauss_nodes[k % 5]);
+            F(dense_output)(share, length, n, l, method, step, output, &output[n]);
             for (int i = 0; i < 2 * n; ++i) {
                 x_here[i] = step->x_end[i];
-                LANE_OF(x_here[i], l) = own[i];
+                LANE_OF(x_here[i], l) = output[i];
             }
             F(rate)(problem, share, INSIDE_STAGE, x_here, dx_here, work);
             for (int w = 0; w < EOM_WORKS; ++w) {
                 const double here = length * power[w * (int)WIDTH];
-                sum[w] += part * eom_gauss_weights[k % 5] * here;
+                sum[w] += width * eom_gauss_weights[k % 5] * here;
                 if (fabs(here) > top[w]) { top[w] = fabs(here); }
             }
         }

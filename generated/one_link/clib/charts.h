@@ -314,25 +314,25 @@ EOM_LOCAL void F(turned_wrench_forces)(const EOM(sizes) *restrict sizes, const E
 {
     const int n = N_OF(sizes);
     const int count = ROTATIONS_OF(sizes);
-    EOM_SCALAR *const own = work;
+    EOM_SCALAR *const position = work;
     EOM_SCALAR *const pushed = &work[n];
     EOM_SCALAR *const other = &work[2 * n];
     EOM_SCALAR *const total = &work[3 * n];
     int turned = 0;
     for (int k = 0; k < count; ++k) { turned += is_turned[k]; }
-    for (int i = 0; i < n; ++i) { own[i] = (EOM_SCALAR)q[i]; }
-    eom_wrenches_at(inputs, sizes->wrench, at, own, total);
+    for (int i = 0; i < n; ++i) { position[i] = (EOM_SCALAR)q[i]; }
+    eom_wrenches_at(inputs, sizes->wrench, at, position, total);
     if (inputs->force_h == NULL) {
-        for (int i = 0; i < n; ++i) { own[i] = (EOM_SCALAR)q_here[i]; }
-        (void)inputs->external_force(here, own, total, pushed);
+        for (int i = 0; i < n; ++i) { position[i] = (EOM_SCALAR)q_here[i]; }
+        (void)inputs->external_force(here, position, total, pushed);
         turned = 0;
     } else if (turned < count) {
-        (void)inputs->external_force(inputs->force_h, own, total, pushed);
+        (void)inputs->external_force(inputs->force_h, position, total, pushed);
     } else {
         (void)here;
     }
     if (turned > 0) {
-        for (int i = 0; i < n; ++i) { own[i] = (EOM_SCALAR)q_here[i]; }
+        for (int i = 0; i < n; ++i) { position[i] = (EOM_SCALAR)q_here[i]; }
         for (int k = 0; k < count; ++k) {
             const int angles = sizes->angles_at[k];
             const int origin = sizes->origin_at[k];
@@ -340,11 +340,11 @@ EOM_LOCAL void F(turned_wrench_forces)(const EOM(sizes) *restrict sizes, const E
             if (is_turned[k] != 0) { continue; }
             eom_other_angles(1, &q[angles], near);
             for (int i = 0; i < 3; ++i) {
-                own[angles + i] = (EOM_SCALAR)near[i];
-                if (origin >= 0) { own[origin + i] = (EOM_SCALAR)q[origin + (i + 1) % 3]; }
+                position[angles + i] = (EOM_SCALAR)near[i];
+                if (origin >= 0) { position[origin + i] = (EOM_SCALAR)q[origin + (i + 1) % 3]; }
             }
         }
-        (void)inputs->external_force(inputs->force_turned, own, total, other);
+        (void)inputs->external_force(inputs->force_turned, position, total, other);
         for (int k = 0; k < count; ++k) {
             const int begin = (sizes->origin_at[k] < 0) ? sizes->angles_at[k] : sizes->origin_at[k];
             if (is_turned[k] != 0) { continue; }

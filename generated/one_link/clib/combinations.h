@@ -10,46 +10,46 @@ EOM_INLINE void F(copy)(int n, const REAL *restrict x, REAL *restrict y)
     EACH(i, n) { y[i] = x[i]; }
 }
 
-/* y = x + scale (weight[0] part[0] + weight[1] part[1] + ...); parts lie apart numbers from each other. */
-EOM_INLINE void F(advance)(int n, int stages, const EOM_SCALAR *restrict weight, REAL scale, const REAL *restrict part, int apart, const REAL *restrict x, REAL *restrict y)
+/* y = x + scale (weight[0] increment[0] + weight[1] increment[1] + ...); increments lie apart numbers from each other. */
+EOM_INLINE void F(advance)(int n, int stages, const EOM_SCALAR *restrict weight, REAL scale, const REAL *restrict increment, int apart, const REAL *restrict x, REAL *restrict y)
 {
     EACH(i, n) {
-        REAL sum = weight[0] * part[i];
+        REAL sum = weight[0] * increment[i];
         UNROLL(8)
-        for (int s = 1; s < stages; ++s) { sum += weight[s] * part[s * apart + i]; }
+        for (int s = 1; s < stages; ++s) { sum += weight[s] * increment[s * apart + i]; }
         y[i] = x[i] + scale * sum;
     }
 }
 
-/* y = x + weight[0] part[0] + weight[1] part[1] + ... */
-EOM_INLINE void F(accumulate)(int n, int stages, const EOM_SCALAR *restrict weight, const REAL *restrict part, int apart, const REAL *restrict x, REAL *restrict y)
+/* y = x + weight[0] increment[0] + weight[1] increment[1] + ... */
+EOM_INLINE void F(accumulate)(int n, int stages, const EOM_SCALAR *restrict weight, const REAL *restrict increment, int apart, const REAL *restrict x, REAL *restrict y)
 {
     EACH(i, n) {
         REAL sum = x[i];
         UNROLL(8)
-        for (int s = 0; s < stages; ++s) { sum += weight[s] * part[s * apart + i]; }
+        for (int s = 0; s < stages; ++s) { sum += weight[s] * increment[s * apart + i]; }
         y[i] = sum;
     }
 }
 
-/* y = weight[0] part[0] + weight[1] part[1] + ... */
-EOM_INLINE void F(weigh)(int n, int stages, const EOM_SCALAR *restrict weight, const REAL *restrict part, int apart, REAL *restrict y)
+/* y = weight[0] increment[0] + weight[1] increment[1] + ... */
+EOM_INLINE void F(weigh)(int n, int stages, const EOM_SCALAR *restrict weight, const REAL *restrict increment, int apart, REAL *restrict y)
 {
     EACH(i, n) {
-        REAL sum = weight[0] * part[i];
+        REAL sum = weight[0] * increment[i];
         UNROLL(8)
-        for (int s = 1; s < stages; ++s) { sum += weight[s] * part[s * apart + i]; }
+        for (int s = 1; s < stages; ++s) { sum += weight[s] * increment[s * apart + i]; }
         y[i] = sum;
     }
 }
 
 /* The same with weights that are those of lanes: values of a polynomial without its constant by powers of where it is asked for. */
-EOM_INLINE void F(follow)(int n, int powers, const REAL *restrict power, const REAL *restrict part, int apart, REAL *restrict y)
+EOM_INLINE void F(follow)(int n, int powers, const REAL *restrict power, const REAL *restrict increment, int apart, REAL *restrict y)
 {
     EACH(i, n) {
-        REAL sum = power[0] * part[i];
+        REAL sum = power[0] * increment[i];
         UNROLL(8)
-        for (int s = 1; s < powers; ++s) { sum += power[s] * part[s * apart + i]; }
+        for (int s = 1; s < powers; ++s) { sum += power[s] * increment[s * apart + i]; }
         y[i] = sum;
     }
 }
@@ -91,13 +91,13 @@ EOM_INLINE REAL F(sum_of_squares)(int n, const REAL *restrict x, const REAL *res
     for (int k = 0; k < 4; ++k) { sum[k] = WHOLE((EOM_SCALAR)0.0); }
     for (int block = 0; block < whole; block += 4) {
         for (int k = 0; k < 4; ++k) {
-            const REAL part = x[block + k] * y[block + k];
-            sum[k] += part * part;
+            const REAL scaled = x[block + k] * y[block + k];
+            sum[k] += scaled * scaled;
         }
     }
     for (int i = whole; i < n; ++i) {
-        const REAL part = x[i] * y[i];
-        sum[i - whole] += part * part;
+        const REAL scaled = x[i] * y[i];
+        sum[i - whole] += scaled * scaled;
     }
     return (sum[0] + sum[1]) + (sum[2] + sum[3]);
 }

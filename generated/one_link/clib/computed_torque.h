@@ -1,10 +1,10 @@
 /* computed_torque.h: inverse dynamics of a mechanism with closed loops, as forces of its drives; in double precision. */
 
-/* The distance of the angles of a mechanism's joints from singular ones, as a chart has them; q of these into own. */
-EOM_LOCAL double eom_chart_distance(const eom_mechanism *restrict mechanism, const eom_chart *restrict chart, int size, const double *restrict q, double *restrict own)
+/* Return the least |cos beta| of a mechanism's joints in the angles of a chart, 0 where they are singular; q_chart gets q in these. */
+EOM_LOCAL double eom_chart_distance(const eom_mechanism *restrict mechanism, const eom_chart *restrict chart, int size, const double *restrict q, double *restrict q_chart)
 {
     double least = 1.0;
-    for (int i = 0; i < size; ++i) { own[i] = q[i]; }
+    for (int i = 0; i < size; ++i) { q_chart[i] = q[i]; }
     for (int k = 0; k < mechanism->joints; ++k) {
         const int angles = mechanism->angles[k];
         const int origin = mechanism->origin[k];
@@ -12,11 +12,11 @@ EOM_LOCAL double eom_chart_distance(const eom_mechanism *restrict mechanism, con
             double near[3] = { 0.0, 0.0, 0.0 };
             eom_other_angles(1, &q[angles], near);
             for (int i = 0; i < 3; ++i) {
-                own[angles + i] = near[i];
-                if (origin >= 0) { own[origin + i] = q[origin + (i + 1) % 3]; }
+                q_chart[angles + i] = near[i];
+                if (origin >= 0) { q_chart[origin + i] = q[origin + (i + 1) % 3]; }
             }
         }
-        const double far = fabs(cos(own[angles + 1]));
+        const double far = fabs(cos(q_chart[angles + 1]));
         if (far < least) { least = far; }
     }
     return least;
@@ -61,8 +61,8 @@ EOM_LOCAL void eom_drive_forces(const eom_computed_torque *restrict model, const
     const eom_mechanism *const mechanism = model->mechanism;
     const eom_chart *chart = mechanism->charts;
     const int size = model->size;
-    double *const own = work;
-    double *const left = &own[size];
+    double *const q_chart = work;
+    double *const left = &q_chart[size];
     double *const still = &left[size];
     double *const factor = &still[size];
     double *const solution = &factor[size * size]; /* q, v and a that follow, their slopes, and what loops violate */
@@ -71,17 +71,17 @@ EOM_LOCAL void eom_drive_forces(const eom_computed_torque *restrict model, const
     int freedoms = 0;
     int closed = 1;
     int rank = 0;
-    double farthest = eom_chart_distance(mechanism, chart, size, q, own);
+    double farthest = eom_chart_distance(mechanism, chart, size, q, q_chart);
     for (int c = 1; c < mechanism->count; ++c) {
-        const double far = (farthest < 0.5) ? eom_chart_distance(mechanism, &mechanism->charts[c], size, q, own) : 0.0;
+        const double far = (farthest < 0.5) ? eom_chart_distance(mechanism, &mechanism->charts[c], size, q, q_chart) : 0.0;
         if (far > farthest) {
             farthest = far;
             chart = &mechanism->charts[c];
         }
     }
-    (void)eom_chart_distance(mechanism, chart, size, q, own);
+    (void)eom_chart_distance(mechanism, chart, size, q, q_chart);
     (void)memset(still, 0, (size_t)size * sizeof *still);
-    (void)mechanism->following(chart->following_h, own, v, a, chart->chart, solution);
+    (void)mechanism->following(chart->following_h, q_chart, v, a, chart->chart, solution);
     (void)mechanism->residual(chart->residual_h, solution, &solution[size], &solution[2 * size], still, left);
     const double *const slope = &solution[3 * size];
     const double *const violation = &solution[3 * size + mechanism->gaps * size];

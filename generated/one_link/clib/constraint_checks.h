@@ -27,17 +27,17 @@ EOM_LOCAL int F(check_constraints)(int n, int m, EOM_SCALAR allowed, const REAL 
     return 0;
 }
 
-/* Check that drives make a motion; found is that of constrained_drives: drives, multipliers, violations and their rates, then
+/* Check that drives make a motion; solution is that of constrained_drives: drives, multipliers, violations and their rates, then
  * second derivatives of the constraint that accelerations make and that velocities make, forces that no drive gives, and those
  * that are needed.  0, or a status of check_constraints, or 1 + n + 2 m + r where constraint r opens at the accelerations, or
  * 1 + n + 3 m + i where coordinate i needs a force that no drive gives. */
-EOM_LOCAL int F(check_drives)(int n, int m, EOM_SCALAR allowed, const REAL *restrict v, const REAL *restrict a, const REAL *restrict found)
+EOM_LOCAL int F(check_drives)(int n, int m, EOM_SCALAR allowed, const REAL *restrict v, const REAL *restrict a, const REAL *restrict solution)
 {
-    const REAL *const driven = &found[n + 3 * m];
-    const REAL *const bias = &found[n + 4 * m];
-    const REAL *const left = &found[n + 5 * m];
-    const REAL *const needed = &found[2 * n + 5 * m];
-    const int status = F(check_constraints)(n, m, allowed, v, &found[n + m]);
+    const REAL *const driven = &solution[n + 3 * m];
+    const REAL *const bias = &solution[n + 4 * m];
+    const REAL *const left = &solution[n + 5 * m];
+    const REAL *const needed = &solution[2 * n + 5 * m];
+    const int status = F(check_constraints)(n, m, allowed, v, &solution[n + m]);
     if (status != 0) { return status; }
     for (int l = 0; l < (int)WIDTH; ++l) {
         const EOM_SCALAR fastest = F(largest)(m, bias, l, F(largest)(n, a, l, (EOM_SCALAR)1.0));

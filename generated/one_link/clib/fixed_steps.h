@@ -50,7 +50,7 @@ EOM_LOCAL void F(begin_fixed_step)(F(problem) *restrict problem, size_t state, s
 EOM_LOCAL int F(rk4_step)(const F(problem) *restrict problem, size_t state, size_t step, EOM_SCALAR dt, REAL *restrict x, F(workspace) work)
 {
     static const double share[4] = { 0.0, 0.5, 0.5, 1.0 };
-    static const EOM_SCALAR part[4] = { (EOM_SCALAR)0.5, (EOM_SCALAR)0.5, (EOM_SCALAR)1.0, (EOM_SCALAR)0.0 };
+    static const EOM_SCALAR ahead[4] = { (EOM_SCALAR)0.5, (EOM_SCALAR)0.5, (EOM_SCALAR)1.0, (EOM_SCALAR)0.0 };
     static const EOM_SCALAR weight[4] = { (EOM_SCALAR)1.0, (EOM_SCALAR)2.0, (EOM_SCALAR)2.0, (EOM_SCALAR)1.0 };
     const F(motion) *const motion = &problem->motion;
     const F(robot) *const robot = motion->robot;
@@ -77,8 +77,8 @@ EOM_LOCAL int F(rk4_step)(const F(problem) *restrict problem, size_t state, size
         for (int i = 0; i < n; ++i) {
             sum[i] += weight[stage] * x_here[n + i];
             sum[n + i] += weight[stage] * a[i];
-            x_here[i] = x[i] + part[stage] * dt * x_here[n + i];
-            x_here[n + i] = x[n + i] + part[stage] * dt * a[i];
+            x_here[i] = x[i] + ahead[stage] * dt * x_here[n + i];
+            x_here[n + i] = x[n + i] + ahead[stage] * dt * a[i];
         }
     }
     for (int i = 0; i < 2 * n; ++i) { x[i] += dt / (EOM_SCALAR)6.0 * sum[i]; }

@@ -92,11 +92,11 @@ EOM_PUBLIC int EOM(integrate_adaptive)(const EOM(robot) *restrict robot, const E
 EOM_PUBLIC void EOM(inputs_over_time)(const EOM(sizes) *restrict sizes, size_t count, const EOM(inputs) *restrict inputs, const double *restrict times, EOM_SCALAR *restrict q, EOM_SCALAR *restrict v, EOM_SCALAR *restrict u, double *restrict work, int *restrict index)
 {
     const int n = N_OF(sizes);
-    double *const own = work;
-    double *const rate = &own[n];
+    double *const position = work;
+    double *const rate = &position[n];
     double *const force = &rate[n];
-    double *const given = &force[n];
-    double *const asked = &given[n];
+    double *const prescribed = &force[n];
+    double *const asked = &prescribed[n];
     double *const answer = &asked[3 * n];
     double *const rest = &answer[n];
     EOM(clock) clock;
@@ -108,15 +108,15 @@ EOM_PUBLIC void EOM(inputs_over_time)(const EOM(sizes) *restrict sizes, size_t c
         EOM_SCALAR *const v_row = &v[k * (size_t)n];
         EOM_SCALAR *const u_row = &u[k * (size_t)n];
         for (int i = 0; i < n; ++i) {
-            own[i] = (double)q_row[i];
+            position[i] = (double)q_row[i];
             rate[i] = (double)v_row[i];
             force[i] = 0.0;
         }
-        eom_inputs_at(inputs, n, eom_instant_of(times[k]), own, rate, force, given, asked, rest);
+        eom_inputs_at(inputs, n, eom_instant_of(times[k]), position, rate, force, prescribed, asked, rest);
         EOM(ask_model)(&clock, n, asked, answer, rest, index);
-        eom_finish_drives(inputs, n, given, answer, force, NULL);
+        eom_finish_drives(inputs, n, prescribed, answer, force, NULL);
         for (int i = 0; i < n; ++i) {
-            q_row[i] = (EOM_SCALAR)own[i];
+            q_row[i] = (EOM_SCALAR)position[i];
             v_row[i] = (EOM_SCALAR)rate[i];
             u_row[i] = (EOM_SCALAR)force[i];
         }

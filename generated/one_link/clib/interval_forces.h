@@ -1,6 +1,6 @@
 /* interval_forces.h: a step that is differentiated, and the forces of drives and inputs in it; of one state. */
 
-/* Derivatives of the robot's equations: those given, or with EOM_DERIVATIVES those of that name, which compilers then call
+/* Derivatives of the robot's equations: those passed in, or with EOM_DERIVATIVES those of that name, which compilers then call
  * without a table. */
 #if defined(EOM_DERIVATIVES)
 #define KNOWN(derivatives) (&EOM_DERIVATIVES)
@@ -37,7 +37,7 @@ EOM_INLINE size_t EOM(forces_room)(const EOM(robot_derivatives) *restrict deriva
     return (size_t)(7 * N_OF(sizes) + 2 * (sizes->wrench + sizes->parameters + KNOWN(derivatives)->poses));
 }
 
-/* Step k of those that are given; work begins with room for its forces. */
+/* Step k of a sequence; work begins with room for its forces. */
 EOM_LOCAL EOM(interval) EOM(interval_of)(const EOM(robot_derivatives) *restrict derivatives, const EOM_SCALAR *restrict h, const EOM(drive) *restrict drive, const EOM(inputs) *restrict inputs, const EOM(step_sequence) *restrict steps, size_t k, EOM(workspace) work)
 {
     EOM(interval) interval;
@@ -86,7 +86,7 @@ EOM_INLINE int EOM(size_of)(const EOM(interval) *restrict interval)
     return N_OF(EOM(sizes_of)(interval));
 }
 
-/* Add a share of x to y: pointers of their own, so that compilers know that numbers do not overlap. */
+/* Add a share of x to y: separate pointers, so that compilers know that numbers do not overlap. */
 EOM_INLINE void EOM(add_share)(int n, EOM_SCALAR share, const EOM_SCALAR *restrict x, EOM_SCALAR *restrict y)
 {
     for (int i = 0; i < n; ++i) { y[i] += share * x[i]; }
@@ -99,34 +99,34 @@ EOM_INLINE const eom_prescribed *EOM(prescribed_of)(const EOM(interval) *restric
 }
 
 /* Put prescribed motions at a time into q and v. */
-EOM_LOCAL void EOM(prescribe)(const EOM(interval) *restrict interval, const eom_prescribed *restrict given, eom_instant at, EOM_SCALAR *restrict q, EOM_SCALAR *restrict v)
+EOM_LOCAL void EOM(prescribe)(const EOM(interval) *restrict interval, const eom_prescribed *restrict motions, eom_instant at, EOM_SCALAR *restrict q, EOM_SCALAR *restrict v)
 {
     const int n = EOM(size_of)(interval);
     double *const work = interval->room.input;
-    eom_prescribed_at(given, n, at, work, &work[n], &work[2 * n], &work[3 * n]);
-    for (int i = 0; i < given->size; ++i) {
-        q[given->place[i]] = (EOM_SCALAR)work[i];
-        v[given->place[i]] = (EOM_SCALAR)work[n + i];
+    eom_prescribed_at(motions, n, at, work, &work[n], &work[2 * n], &work[3 * n]);
+    for (int i = 0; i < motions->size; ++i) {
+        q[motions->place[i]] = (EOM_SCALAR)work[i];
+        v[motions->place[i]] = (EOM_SCALAR)work[n + i];
     }
 }
 
 /* The same at a share of the step, if any are prescribed. */
 EOM_INLINE void EOM(prescribe_within)(const EOM(interval) *restrict interval, double share, EOM_SCALAR *restrict q, EOM_SCALAR *restrict v)
 {
-    const eom_prescribed *const given = EOM(prescribed_of)(interval);
-    if (given != NULL) { EOM(prescribe)(interval, given, EOM(instant_within)(interval, share), q, v); }
+    const eom_prescribed *const motions = EOM(prescribed_of)(interval);
+    if (motions != NULL) { EOM(prescribe)(interval, motions, EOM(instant_within)(interval, share), q, v); }
 }
 
 /* Evaluate inputs at a share of a step: where they act, q + ahead v, what a model of computed torque is asked, and prescribed
  * accelerations; forces of the drives are added to u.  work: 5 n. */
-EOM_LOCAL void EOM(evaluate_inputs)(const EOM(interval) *restrict interval, double share, EOM_SCALAR ahead, const EOM_SCALAR *restrict q, const EOM_SCALAR *restrict v, double *restrict own, double *restrict rate, double *restrict u, double *restrict given, double *restrict asked, double *restrict work)
+EOM_LOCAL void EOM(evaluate_inputs)(const EOM(interval) *restrict interval, double share, EOM_SCALAR ahead, const EOM_SCALAR *restrict q, const EOM_SCALAR *restrict v, double *restrict position, double *restrict rate, double *restrict u, double *restrict prescribed, double *restrict asked, double *restrict work)
 {
     const int n = EOM(size_of)(interval);
     for (int i = 0; i < n; ++i) {
-        own[i] = (double)(q[i] + ahead * v[i]);
+        position[i] = (double)(q[i] + ahead * v[i]);
         rate[i] = (double)v[i];
     }
-    eom_inputs_at(interval->inputs, n, EOM(instant_within)(interval, share), own, rate, u, given, asked, work);
+    eom_inputs_at(interval->inputs, n, EOM(instant_within)(interval, share), position, rate, u, prescribed, asked, work);
 }
 
 /* Add what inputs do at a share of a step to the forces, drives within their limits; slope, if it is not NULL, becomes 0 where
@@ -137,22 +137,22 @@ EOM_LOCAL void EOM(add_input_forces)(const EOM(interval) *restrict interval, dou
     const EOM(sizes) *const sizes = EOM(sizes_of)(interval);
     const eom_computed_torque *const model = (inputs->control == NULL) ? NULL : inputs->model;
     const int n = N_OF(sizes);
-    double *const own = interval->room.input;
-    double *const rate = &own[n];
+    double *const position = interval->room.input;
+    double *const rate = &position[n];
     double *const force = &rate[n];
-    double *const given = &force[n];
-    double *const asked = &given[n];
+    double *const prescribed = &force[n];
+    double *const asked = &prescribed[n];
     double *const answer = &asked[3 * n];
     double *const rest = &answer[n];
     for (int i = 0; i < n; ++i) { force[i] = (double)u[i]; }
-    EOM(evaluate_inputs)(interval, share, ahead, q, v, own, rate, force, given, asked, rest);
+    EOM(evaluate_inputs)(interval, share, ahead, q, v, position, rate, force, prescribed, asked, rest);
     if (model != NULL) { (void)model->inverse_dynamics(model->h, asked, &asked[n], &asked[2 * n], answer); }
-    eom_finish_drives(inputs, n, given, answer, force, rest);
+    eom_finish_drives(inputs, n, prescribed, answer, force, rest);
     if (slope != NULL) {
         for (int i = 0; i < n; ++i) { slope[i] = (inputs->effort == NULL) ? (EOM_SCALAR)1.0 : (EOM_SCALAR)rest[i]; }
     }
     if (inputs->wrenches > 0U) {
-        eom_wrench_forces(sizes, inputs, interval->h, EOM(instant_within)(interval, share), own, rest, &interval->room.state[2 * n]);
+        eom_wrench_forces(sizes, inputs, interval->h, EOM(instant_within)(interval, share), position, rest, &interval->room.state[2 * n]);
         eom_add_forces(sizes, rest, force);
     }
     for (int i = 0; i < n; ++i) { u[i] = (EOM_SCALAR)force[i]; }

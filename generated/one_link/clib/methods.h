@@ -131,7 +131,7 @@ static const double eom_gauss_nodes[5] = { 0.04691007703066802, 0.23076534494715
 static const double eom_gauss_weights[5] = { 0.11846344252809454, 0.23931433524968324, 0.2844444444444444, 0.23931433524968324, 0.11846344252809454 };
 
 /* Explicit methods in steps that are differentiated: the classical Runge-Kutta method, and Tsitouras' without its last stage.
- * Behind the rows of the stages stands the step's own. */
+ * Behind the rows of the stages stands that of the step. */
 enum { EXPLICIT_STAGES = 6 };
 
 static const EOM_SCALAR eom_explicit_a[2][EXPLICIT_STAGES + 1][EXPLICIT_STAGES] = {

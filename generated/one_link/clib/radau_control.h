@@ -23,8 +23,8 @@ EOM_LOCAL void F(measure_radau)(F(integration) *restrict it, const REAL *restric
         if ((radau->solves[l] == 0) || ((double)LANE_OF(*sum, l) < HUGE_VAL)) { continue; }
         F(scale_radau)(it, l, last, radau->scale);
         for (int i = 0; i < 2 * N_OF(it->problem.motion.robot->sizes); ++i) {
-            const EOM_SCALAR part = LANE_OF(last[i], l) * LANE_OF(radau->scale[i], l);
-            squares += part * part;
+            const EOM_SCALAR scaled = LANE_OF(last[i], l) * LANE_OF(radau->scale[i], l);
+            squares += scaled * scaled;
         }
         LANE_OF(*sum, l) = squares;
     }

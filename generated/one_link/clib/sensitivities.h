@@ -66,15 +66,15 @@ EOM_LOCAL void EOM(step_tangent)(const EOM(interval) *restrict interval, const E
 /* Put prescribed motions into the end of a step, if there are any. */
 EOM_INLINE void EOM(prescribe_end)(const EOM(interval) *restrict interval, EOM_SCALAR *restrict q_end, EOM_SCALAR *restrict v_end)
 {
-    const eom_prescribed *const given = EOM(prescribed_of)(interval);
-    if (given != NULL) { EOM(prescribe)(interval, given, eom_instant_of(interval->end), q_end, v_end); }
+    const eom_prescribed *const motions = EOM(prescribed_of)(interval);
+    if (motions != NULL) { EOM(prescribe)(interval, motions, eom_instant_of(interval->end), q_end, v_end); }
 }
 
 /* Go back from the end of a step into which prescribed motions were put. */
 EOM_INLINE void EOM(prescribe_end_adjoint)(const EOM(interval) *restrict interval, EOM_SCALAR *restrict to_q, EOM_SCALAR *restrict to_v, const EOM(slopes) *restrict slopes)
 {
-    const eom_prescribed *const given = EOM(prescribed_of)(interval);
-    if (given != NULL) { EOM(prescribe_adjoint)(interval, given, eom_instant_of(interval->end), to_q, to_v, slopes); }
+    const eom_prescribed *const motions = EOM(prescribed_of)(interval);
+    if (motions != NULL) { EOM(prescribe_adjoint)(interval, motions, eom_instant_of(interval->end), to_q, to_v, slopes); }
 }
 
 /* What the failure of a step says of all steps. */
@@ -90,13 +90,13 @@ EOM_PUBLIC long long EOM(rollout_states)(const EOM(robot_derivatives) *restrict 
     const EOM(sizes) *const sizes = KNOWN(derivatives)->robot->sizes;
     const size_t n = (size_t)N_OF(sizes);
     const size_t size = EOM(kept_of_step)(sizes, steps->method);
-    EOM_SCALAR *const own = &work.state[EOM(forces_room)(derivatives)];
-    EOM_SCALAR *const rest = &own[size];
+    EOM_SCALAR *const stages_here = &work.state[EOM(forces_room)(derivatives)];
+    EOM_SCALAR *const rest = &stages_here[size];
     for (size_t k = 0; k < steps->count; ++k) {
         EOM_SCALAR *const q_end = &q[(k + 1U) * n];
         EOM_SCALAR *const v_end = &v[(k + 1U) * n];
         const EOM(interval) interval = EOM(interval_of)(derivatives, h, drive, inputs, steps, k, work);
-        const int status = EOM(step_forward)(&interval, &q[k * n], &v[k * n], (kept == NULL) ? own : &kept[k * size], q_end, v_end, rest);
+        const int status = EOM(step_forward)(&interval, &q[k * n], &v[k * n], (kept == NULL) ? stages_here : &kept[k * size], q_end, v_end, rest);
         if (status != 0) { return EOM(failure_of_step)(sizes, k, status); }
         EOM(prescribe_end)(&interval, q_end, v_end);
         if (M_OF(sizes) > 0) {
@@ -113,8 +113,8 @@ EOM_PUBLIC void EOM(rollout_gradient)(const EOM(robot_derivatives) *restrict der
     const size_t n = (size_t)N_OF(sizes);
     const size_t size = EOM(kept_of_step)(sizes, steps->method);
     const int closed = (M_OF(sizes) > 0) ? 1 : 0;
-    EOM_SCALAR *const own = &work.state[EOM(forces_room)(derivatives)];
-    EOM_SCALAR *const q_end = &own[size];
+    EOM_SCALAR *const stages_here = &work.state[EOM(forces_room)(derivatives)];
+    EOM_SCALAR *const q_end = &stages_here[size];
     EOM_SCALAR *const v_end = &q_end[n];
     EOM_SCALAR *const to_q = &v_end[n];
     EOM_SCALAR *const to_v = &to_q[n];
@@ -126,9 +126,9 @@ EOM_PUBLIC void EOM(rollout_gradient)(const EOM(robot_derivatives) *restrict der
         const EOM_SCALAR *const q_here = &q[k * n];
         const EOM_SCALAR *const v_here = &v[k * n];
         const EOM(interval) interval = EOM(interval_of)(derivatives, h, drive, inputs, steps, k, work);
-        const EOM_SCALAR *stages = own;
+        const EOM_SCALAR *stages = stages_here;
         if (kept == NULL) {
-            (void)EOM(step_forward)(&interval, q_here, v_here, own, q_end, v_end, rest);
+            (void)EOM(step_forward)(&interval, q_here, v_here, stages_here, q_end, v_end, rest);
         } else {
             stages = &kept[k * size];
             if (closed != 0) { EOM(step_end)(&interval, q_here, v_here, stages, q_end, v_end); }
@@ -153,8 +153,8 @@ EOM_PUBLIC long long EOM(rollout_sensitivity)(const EOM(robot_derivatives) *rest
     const EOM(sizes) *const sizes = KNOWN(derivatives)->robot->sizes;
     const size_t n = (size_t)N_OF(sizes);
     const size_t width = directions * n;
-    EOM_SCALAR *const own = &work.state[EOM(forces_room)(derivatives)];
-    EOM_SCALAR *const rest = &own[EOM(kept_of_step)(sizes, steps->method)];
+    EOM_SCALAR *const stages_here = &work.state[EOM(forces_room)(derivatives)];
+    EOM_SCALAR *const rest = &stages_here[EOM(kept_of_step)(sizes, steps->method)];
     for (size_t k = 0; k < steps->count; ++k) {
         const EOM_SCALAR *const q_here = &q[k * n];
         const EOM_SCALAR *const v_here = &v[k * n];
@@ -163,11 +163,11 @@ EOM_PUBLIC long long EOM(rollout_sensitivity)(const EOM(robot_derivatives) *rest
         EOM_SCALAR *const dq_end = &dq[(k + 1U) * width];
         EOM_SCALAR *const dv_end = &dv[(k + 1U) * width];
         const EOM(interval) interval = EOM(interval_of)(derivatives, h, drive, inputs, steps, k, work);
-        const int status = EOM(step_forward)(&interval, q_here, v_here, own, q_end, v_end, rest);
+        const int status = EOM(step_forward)(&interval, q_here, v_here, stages_here, q_end, v_end, rest);
         if (status != 0) { return EOM(failure_of_step)(sizes, k, status); }
         (void)memcpy(dq_end, &dq[k * width], width * sizeof *dq);
         (void)memcpy(dv_end, &dv[k * width], width * sizeof *dv);
-        EOM(step_tangent)(&interval, q_here, v_here, own, directions, rates, dq_end, dv_end, rest);
+        EOM(step_tangent)(&interval, q_here, v_here, stages_here, directions, rates, dq_end, dv_end, rest);
         EOM(prescribe_end)(&interval, q_end, v_end);
         for (size_t d = 0; d < directions; ++d) {
             EOM(prescribe_tangent)(&interval, &dq_end[d * n], &dv_end[d * n]);

@@ -11,7 +11,7 @@ EOM_LOCAL int EOM(assembles_stages)(const EOM(sizes) *restrict sizes)
     return ((M_OF(sizes) > 0) && (sizes->has_redundant_rows != 0)) ? 1 : 0;
 }
 
-/* Go back from an assembled state to the one, q and v, that assemble was given: its passes once more, then each of them back.
+/* Go back from an assembled state to the one, q and v, that assemble began with: its passes once more, then each of them back.
  * work: 18 n + 2 m + parameters. */
 EOM_LOCAL void EOM(assemble_adjoint)(const EOM(interval) *restrict interval, const EOM_SCALAR *restrict q, const EOM_SCALAR *restrict v, EOM_SCALAR *restrict by_q, EOM_SCALAR *restrict by_v, const EOM(slopes) *restrict slopes, EOM_SCALAR *restrict work)
 {
@@ -21,7 +21,7 @@ EOM_LOCAL void EOM(assemble_adjoint)(const EOM(interval) *restrict interval, con
     EOM_SCALAR *const on_way = work; /* (passes, n) */
     EOM_SCALAR *const change = &on_way[12 * n];
     EOM_SCALAR *const weight = &change[2 * n + m];
-    EOM_SCALAR *const found = &weight[2 * n + m];
+    EOM_SCALAR *const gradient = &weight[2 * n + m];
     int passes = 0;
     int settled = 0;
     (void)memcpy(on_way, q, (size_t)n * sizeof *on_way);
@@ -41,16 +41,16 @@ EOM_LOCAL void EOM(assemble_adjoint)(const EOM(interval) *restrict interval, con
             weight[n + i] = (k == passes - 1) ? by_v[i] : (EOM_SCALAR)0.0;
         }
         for (int r = 2 * n; r < 2 * n + m; ++r) { weight[r] = (EOM_SCALAR)0.0; }
-        (void)KNOWN(interval->derivatives)->settling_adjoint(interval->h, &on_way[k * n], v, weight, found);
+        (void)KNOWN(interval->derivatives)->settling_adjoint(interval->h, &on_way[k * n], v, weight, gradient);
         for (int i = 0; i < n; ++i) {
-            by_q[i] += found[i];
-            by_v[i] += found[n + i];
+            by_q[i] += gradient[i];
+            by_v[i] += gradient[n + i];
         }
-        EOM(parameters_adjoint)(interval, &found[2 * n], slopes);
+        EOM(parameters_adjoint)(interval, &gradient[2 * n], slopes);
     }
 }
 
-/* Carry rates dq and dv of the state that assemble is given to those of the assembled one.  work: 5 n + 2 m. */
+/* Carry rates dq and dv of the state that assemble begins with to those of the assembled one.  work: 5 n + 2 m. */
 EOM_LOCAL void EOM(assemble_tangent)(const EOM(interval) *restrict interval, const EOM_SCALAR *restrict q, const EOM_SCALAR *restrict v, const EOM_SCALAR *restrict dp, EOM_SCALAR *restrict dq, EOM_SCALAR *restrict dv, EOM_SCALAR *restrict work)
 {
     const EOM(robot) *const robot = KNOWN(interval->derivatives)->robot;
@@ -151,8 +151,8 @@ EOM_LOCAL void EOM(explicit_adjoint)(const EOM(interval) *restrict interval, con
     EOM_SCALAR *restrict const u = &by_v[n];
     EOM_SCALAR *const q_open = &u[n];
     EOM_SCALAR *const v_open = &q_open[n];
-    EOM_SCALAR *restrict const found = &v_open[n];
-    EOM_SCALAR *const rest = &found[3 * n + sizes->parameters]; /* of assembly, or states of a tree's stages */
+    EOM_SCALAR *restrict const gradient = &v_open[n];
+    EOM_SCALAR *const rest = &gradient[3 * n + sizes->parameters]; /* of assembly, or states of a tree's stages */
     const EOM_SCALAR *const states = EOM(explicit_states)(interval, q, v, kept, rest);
     for (int j = 0; j < count; ++j) { /* what the end adds */
         const EOM_SCALAR share = interval->dt * eom_explicit_a[interval->method][count][j];
@@ -162,18 +162,18 @@ EOM_LOCAL void EOM(explicit_adjoint)(const EOM(interval) *restrict interval, con
         }
     }
     for (int s = count - 1; s >= 0; --s) {
-        const double part = eom_explicit_shares[interval->method][s];
+        const double stage_share = eom_explicit_shares[interval->method][s];
         const EOM_SCALAR *const q_here = &states[2 * n * s];
         const EOM_SCALAR *const v_here = &q_here[n];
-        EOM(forces_within)(interval, part, (EOM_SCALAR)0.0, q_here, v_here, u, NULL);
-        (void)KNOWN(interval->derivatives)->forward_dynamics_adjoint(interval->h, q_here, v_here, u, &by_a[n * s], found);
+        EOM(forces_within)(interval, stage_share, (EOM_SCALAR)0.0, q_here, v_here, u, NULL);
+        (void)KNOWN(interval->derivatives)->forward_dynamics_adjoint(interval->h, q_here, v_here, u, &by_a[n * s], gradient);
         for (int i = 0; i < n; ++i) {
-            by_q[i] = found[i];
-            by_v[i] = found[n + i] + by_rate[n * s + i];
+            by_q[i] = gradient[i];
+            by_v[i] = gradient[n + i] + by_rate[n * s + i];
         }
-        EOM(forces_adjoint)(interval, part, (EOM_SCALAR)0.0, q_here, v_here, &found[2 * n], by_q, by_v, slopes);
-        EOM(prescribe_within_adjoint)(interval, part, by_q, by_v, slopes);
-        EOM(parameters_adjoint)(interval, &found[3 * n], slopes);
+        EOM(forces_adjoint)(interval, stage_share, (EOM_SCALAR)0.0, q_here, v_here, &gradient[2 * n], by_q, by_v, slopes);
+        EOM(prescribe_within_adjoint)(interval, stage_share, by_q, by_v, slopes);
+        EOM(parameters_adjoint)(interval, &gradient[3 * n], slopes);
         if ((s > 0) && (EOM(assembles_stages)(sizes) != 0)) {
             EOM(explicit_stage)(interval, s, q, v, kept, states, q_open, v_open);
             EOM(assemble_adjoint)(interval, q_open, v_open, by_q, by_v, slopes, rest);
@@ -280,22 +280,22 @@ EOM_LOCAL void EOM(implicit_adjoint)(const EOM(interval) *restrict interval, con
     EOM_SCALAR *restrict const added = &u[n];
     EOM_SCALAR *restrict const slope = &added[n];
     EOM_SCALAR *restrict const by_a = &slope[n];
-    EOM_SCALAR *restrict const found = &by_a[n]; /* 4 n + parameters */
+    EOM_SCALAR *restrict const gradient = &by_a[n]; /* 4 n + parameters */
     EOM_SCALAR times[2];
-    EOM(implicit_added)(interval, q, v, added, times, slope, found);
+    EOM(implicit_added)(interval, q, v, added, times, slope, gradient);
     EOM(forces_within)(interval, 1.0, dt, q, v, u, NULL);
     for (int i = 0; i < n; ++i) {
         to_v[i] += dt * to_q[i];
         by_a[i] = dt * to_v[i];
     }
-    (void)KNOWN(interval->derivatives)->implicit_step_adjoint(interval->h, q, v, u, added, times, by_a, found);
+    (void)KNOWN(interval->derivatives)->implicit_step_adjoint(interval->h, q, v, u, added, times, by_a, gradient);
     for (int i = 0; i < n; ++i) {
-        to_q[i] += found[i];
-        to_v[i] += found[n + i];
-        EOM(gains_adjoint)(interval, i, slope[i] * dt * dt * found[3 * n + i], slope[i] * dt * found[3 * n + i], slopes);
+        to_q[i] += gradient[i];
+        to_v[i] += gradient[n + i];
+        EOM(gains_adjoint)(interval, i, slope[i] * dt * dt * gradient[3 * n + i], slope[i] * dt * gradient[3 * n + i], slopes);
     }
-    EOM(forces_adjoint)(interval, 1.0, dt, q, v, &found[2 * n], to_q, to_v, slopes);
-    EOM(parameters_adjoint)(interval, &found[4 * n], slopes);
+    EOM(forces_adjoint)(interval, 1.0, dt, q, v, &gradient[2 * n], to_q, to_v, slopes);
+    EOM(parameters_adjoint)(interval, &gradient[4 * n], slopes);
 }
 
 /* Carry rates dq and dv along directions from the beginning of a step of the linearly implicit Euler method to its end, in front

@@ -21,7 +21,7 @@ typedef struct {
     const int *place;  /* of each constraint among them, or -1 */
     const int *start;  /* of the coordinates that move each of them, in moved */
     const int *count;  /* how many they are */
-    const int *kind;   /* 0, 1, ...: rows of lengths and rows of angles have diagonals of their own */
+    const int *kind;   /* 0, 1, ...: rows of lengths and rows of angles have separate diagonals */
     int kinds;
     int refinements;
     EOM_SCALAR share;  /* added to the diagonal, of the sum over the kind */

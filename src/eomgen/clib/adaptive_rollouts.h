@@ -292,7 +292,7 @@ EOM_LOCAL void F(carve_integration)(const EOM(sizes) *restrict sizes, F(integrat
     (void)memset(it->u, 0, (size_t)(work->state - it->u) * sizeof *it->u);
 }
 
-/* Go on with up to WIDTH states, those at place, from where their progress is, each by steps of its own; at most so many in
+/* Go on with up to WIDTH states, those at place, from where their progress is, each by steps of its length; at most so many in
  * this call.  The numbers at place behind the ones that are here are those of one of them.  x = (q, v). */
 EOM_LOCAL void F(adapt)(const F(robot) *restrict robot, const REAL *restrict h, const EOM(drive) *restrict drive, const EOM(inputs) *restrict inputs, size_t inputs_step, const EOM(tolerance) *restrict allowed, size_t allowed_step, const size_t *restrict place, int here, const double *restrict times, size_t samples, int method, REAL *restrict x, EOM_SCALAR *restrict q_out, EOM_SCALAR *restrict v_out, eom_progress *restrict progress, EOM(record) *restrict record, F(workspace) work)
 {
@@ -335,8 +335,8 @@ EOM_LOCAL void F(adapt)(const F(robot) *restrict robot, const REAL *restrict h, 
 #endif
     F(begin_motion)(&it, inputs, inputs_step, here);
     for (int l = 0; l < (int)WIDTH; ++l) {
-        const long long own = F(tolerance_of)(&it, l)->most;
-        most = (own > most) ? own : most;
+        const long long limit = F(tolerance_of)(&it, l)->most;
+        most = (limit > most) ? limit : most;
     }
     if (ROTATIONS_OF(sizes) > 0) {
         F(carve_charts)(sizes, &charts, &work);

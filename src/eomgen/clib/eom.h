@@ -142,7 +142,7 @@ typedef struct {
     long long left;   /* until one is chosen anew */
     int method;
     int tried[2];
-    int settled;      /* whether one was found better, */
+    int settled;      /* whether one proved better, */
     int better;       /* which, */
     int length;       /* and for how many trials' lengths it goes on */
 } eom_switching;

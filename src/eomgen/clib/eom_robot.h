@@ -10,7 +10,7 @@ typedef struct {
     int wrench;     /* 6 per link */
     int gaps;       /* constraints of a computed torque model's loops, at most */
     int rotations;  /* joints of three rotations that change charts */
-    int has_friction;         /* Coulomb friction: the error counts what the end's own matrix leaves */
+    int has_friction;         /* Coulomb friction: the error counts what the matrix of the end leaves */
     int has_redundant_rows;   /* states of stages are assembled, too */
     const int *is_prescribed; /* n, or NULL */
     const int *angles_at;     /* first angle of each joint of three rotations */

@@ -76,12 +76,12 @@ EOM_LOCAL void F(ask_model)(const F(clock) *restrict clock, int n, const double 
 #endif
     for (int l = 0; l < clock->here; ++l) {
         const eom_computed_torque *const model = (clock->inputs[l]->control == NULL) ? NULL : clock->inputs[l]->model;
-        const double *const own = &asked[3 * n * l];
+        const double *const state = &asked[3 * n * l];
         if (model == NULL) { continue; }
         if (model->mechanism != NULL) {
-            eom_drive_forces(model, own, &own[n], &own[2 * n], &force[n * l], work, index);
+            eom_drive_forces(model, state, &state[n], &state[2 * n], &force[n * l], work, index);
         } else {
-            (void)model->inverse_dynamics(model->h, own, &own[n], &own[2 * n], &force[n * l]);
+            (void)model->inverse_dynamics(model->h, state, &state[n], &state[2 * n], &force[n * l]);
         }
     }
 }
@@ -93,11 +93,11 @@ EOM_LOCAL void F(add_inputs)(const F(problem) *restrict problem, double share, i
     const EOM(sizes) *const sizes = problem->motion.robot->sizes;
     const F(clock) *const clock = &problem->clock;
     const int n = N_OF(sizes);
-    double *const own = work.input;
-    double *const rate = &own[WIDTH * n];
+    double *const position = work.input;
+    double *const rate = &position[WIDTH * n];
     double *const u = &rate[WIDTH * n];
-    double *const given = &u[WIDTH * n];
-    double *const asked = &given[WIDTH * n];
+    double *const prescribed = &u[WIDTH * n];
+    double *const asked = &prescribed[WIDTH * n];
     double *const answer = &asked[3 * WIDTH * n];
     double *const inside = &answer[WIDTH * n];
     double *const pushed = &inside[n];
@@ -106,13 +106,13 @@ EOM_LOCAL void F(add_inputs)(const F(problem) *restrict problem, double share, i
     eom_instant t[WIDTH];
     int moved = 0;
 #if defined(EOM_LANES_HERE) && !defined(EOM_SINGLE)
-    scatter(q, NULL, (size_t)clock->here, 0, n, (size_t)n, own);
+    scatter(q, NULL, (size_t)clock->here, 0, n, (size_t)n, position);
     scatter(v, NULL, (size_t)clock->here, 0, n, (size_t)n, rate);
     scatter(force, NULL, (size_t)clock->here, 0, n, (size_t)n, u);
 #else
     for (int l = 0; l < clock->here; ++l) {
         for (int i = 0; i < n; ++i) {
-            own[l * n + i] = (double)LANE_OF(q[i], l);
+            position[l * n + i] = (double)LANE_OF(q[i], l);
             rate[l * n + i] = (double)LANE_OF(v[i], l);
             u[l * n + i] = (double)LANE_OF(force[i], l);
         }
@@ -120,21 +120,21 @@ EOM_LOCAL void F(add_inputs)(const F(problem) *restrict problem, double share, i
 #endif
     for (int l = 0; l < clock->here; ++l) {
         t[l] = F(instant_at)(clock, l, share);
-        eom_inputs_at(clock->inputs[l], n, t[l], &own[l * n], &rate[l * n], &u[l * n], &given[l * n], &asked[3 * l * n], rest);
+        eom_inputs_at(clock->inputs[l], n, t[l], &position[l * n], &rate[l * n], &u[l * n], &prescribed[l * n], &asked[3 * l * n], rest);
     }
     F(ask_model)(clock, n, asked, answer, rest, work.index);
     for (int l = 0; l < clock->here; ++l) {
         const EOM(inputs) *const inputs = clock->inputs[l];
-        eom_finish_drives(inputs, n, &given[l * n], &answer[l * n], &u[l * n], inside);
+        eom_finish_drives(inputs, n, &prescribed[l * n], &answer[l * n], &u[l * n], inside);
         if (slope != NULL) {
             for (int i = 0; i < n; ++i) { LANE_OF(slope[i], l) = (inputs->effort == NULL) ? (EOM_SCALAR)1.0 : (EOM_SCALAR)inside[i]; }
         }
         if (ROTATIONS_OF(sizes) == 0) {
             (void)memset(pushed, 0, (size_t)n * sizeof *pushed);
-            if (inputs->wrenches > 0U) { eom_wrench_forces(sizes, inputs, HERE_OF(problem->motion.h), t[l], &own[l * n], pushed, scratch); }
+            if (inputs->wrenches > 0U) { eom_wrench_forces(sizes, inputs, HERE_OF(problem->motion.h), t[l], &position[l * n], pushed, scratch); }
             if (clock->power != NULL) {
                 double power[EOM_WORKS];
-                eom_powers_at(sizes, inputs->work, &own[l * n], &rate[l * n], &u[l * n], pushed, power, scratch);
+                eom_powers_at(sizes, inputs->work, &position[l * n], &rate[l * n], &u[l * n], pushed, power, scratch);
                 for (int w = 0; w < EOM_WORKS; ++w) { clock->power[(stage * EOM_WORKS + w) * (int)WIDTH + l] = power[w]; }
             }
             if (inputs->wrenches > 0U) { eom_add_forces(sizes, pushed, &u[l * n]); }
@@ -144,7 +144,7 @@ EOM_LOCAL void F(add_inputs)(const F(problem) *restrict problem, double share, i
 #if defined(EOM_LANES_HERE) && !defined(EOM_SINGLE)
     gather(u, (size_t)n, (size_t)clock->here, 0, n, force);
     if (moved != 0) {
-        gather(own, (size_t)n, (size_t)clock->here, 0, n, q);
+        gather(position, (size_t)n, (size_t)clock->here, 0, n, q);
         gather(rate, (size_t)n, (size_t)clock->here, 0, n, v);
     }
 #else
@@ -152,7 +152,7 @@ EOM_LOCAL void F(add_inputs)(const F(problem) *restrict problem, double share, i
         for (int i = 0; i < n; ++i) {
             LANE_OF(force[i], l) = (EOM_SCALAR)u[l * n + i];
             if (moved != 0) {
-                LANE_OF(q[i], l) = (EOM_SCALAR)own[l * n + i];
+                LANE_OF(q[i], l) = (EOM_SCALAR)position[l * n + i];
                 LANE_OF(v[i], l) = (EOM_SCALAR)rate[l * n + i];
             }
         }
@@ -169,17 +169,17 @@ EOM_LOCAL void F(add_turned_inputs)(const F(problem) *restrict problem, double s
     const int n = N_OF(sizes);
     REAL *const q_told = work.state;
     REAL *const v_told = &q_told[n];
-    double *const own = work.input;
-    double *const here = &own[n];
+    double *const position = work.input;
+    double *const here = &position[n];
     double *const u = &here[n];
     double *const pushed = &u[n];
     work.state += 2 * n;
     F(describe_near)(sizes, charts, q, v, q_told, v_told);
     F(add_inputs)(problem, share, 0, q_told, v_told, force, slope, work);
     for (int l = 0; l < clock->here; ++l) {
-        const eom_prescribed *const given = clock->inputs[l]->given;
-        for (int k = 0; (given != NULL) && (k < given->size); ++k) {
-            const int i = given->place[k];
+        const eom_prescribed *const motions = clock->inputs[l]->given;
+        for (int k = 0; (motions != NULL) && (k < motions->size); ++k) {
+            const int i = motions->place[k];
             LANE_OF(q[i], l) = LANE_OF(q_told[i], l);
             LANE_OF(v[i], l) = LANE_OF(v_told[i], l);
         }
@@ -188,11 +188,11 @@ EOM_LOCAL void F(add_turned_inputs)(const F(problem) *restrict problem, double s
     for (int l = 0; l < clock->here; ++l) {
         if (clock->inputs[l]->wrenches == 0U) { continue; }
         for (int i = 0; i < n; ++i) {
-            own[i] = (double)LANE_OF(q_told[i], l);
+            position[i] = (double)LANE_OF(q_told[i], l);
             here[i] = (double)LANE_OF(q[i], l);
             u[i] = (double)LANE_OF(force[i], l);
         }
-        F(turned_wrench_forces)(sizes, clock->inputs[l], HERE_OF(problem->motion.h), F(instant_at)(clock, l, share), own, here, &charts->is_turned[l * ROTATIONS_OF(sizes)], pushed, (EOM_SCALAR *)(void *)work.state);
+        F(turned_wrench_forces)(sizes, clock->inputs[l], HERE_OF(problem->motion.h), F(instant_at)(clock, l, share), position, here, &charts->is_turned[l * ROTATIONS_OF(sizes)], pushed, (EOM_SCALAR *)(void *)work.state);
         eom_add_forces(sizes, pushed, u);
         for (int i = 0; i < n; ++i) { LANE_OF(force[i], l) = (EOM_SCALAR)u[i]; }
     }
@@ -202,11 +202,11 @@ EOM_LOCAL void F(add_turned_inputs)(const F(problem) *restrict problem, double s
 EOM_LOCAL void F(put_prescribed)(const F(problem) *restrict problem, int l, eom_instant at, REAL *restrict x, double *restrict work)
 {
     const int n = N_OF(problem->motion.robot->sizes);
-    const eom_prescribed *const given = (problem->clock.inputs[l] == NULL) ? NULL : problem->clock.inputs[l]->given;
-    if (given == NULL) { return; }
-    eom_prescribed_at(given, n, at, work, &work[n], &work[2 * n], &work[3 * n]);
-    for (int k = 0; k < given->size; ++k) {
-        const int i = given->place[k];
+    const eom_prescribed *const motions = (problem->clock.inputs[l] == NULL) ? NULL : problem->clock.inputs[l]->given;
+    if (motions == NULL) { return; }
+    eom_prescribed_at(motions, n, at, work, &work[n], &work[2 * n], &work[3 * n]);
+    for (int k = 0; k < motions->size; ++k) {
+        const int i = motions->place[k];
         LANE_OF(x[i], l) = (EOM_SCALAR)work[k];
         LANE_OF(x[n + i], l) = (EOM_SCALAR)work[n + k];
     }

@@ -22,11 +22,11 @@ EOM_LOCAL void EOM(gains_adjoint)(const EOM(interval) *restrict interval, int i,
 }
 
 /* Add derivatives by parameters. */
-EOM_LOCAL void EOM(parameters_adjoint)(const EOM(interval) *restrict interval, const EOM_SCALAR *restrict found, const EOM(slopes) *restrict slopes)
+EOM_LOCAL void EOM(parameters_adjoint)(const EOM(interval) *restrict interval, const EOM_SCALAR *restrict gradient, const EOM(slopes) *restrict slopes)
 {
     const int count = EOM(sizes_of)(interval)->parameters;
     EOM_SCALAR *restrict const by = slopes->parameters;
-    for (int i = 0; i < count; ++i) { by[i] += found[i]; }
+    for (int i = 0; i < count; ++i) { by[i] += gradient[i]; }
 }
 
 /* Multiply a vector by the axes of a frame: from its numbers along them to those in the base frame, or back. */
@@ -54,7 +54,7 @@ EOM_LOCAL void eom_wrench_at(const eom_wrench *restrict wrench, eom_instant at, 
 }
 
 /* Add derivatives by a spline's columns at a time, their rates and accelerations to those by its coefficients; its profile
- * counts as given. */
+ * counts as constant. */
 EOM_LOCAL void eom_spline_adjoint(const eom_spline *restrict spline, eom_instant at, const double *restrict by_x, const double *restrict by_dx, const double *restrict by_ddx, double *restrict slope)
 {
     const size_t columns = (size_t)spline->columns;
@@ -64,7 +64,7 @@ EOM_LOCAL void eom_spline_adjoint(const eom_spline *restrict spline, eom_instant
     int inside = 0;
     const eom_instant where = (spline->profile == NULL) ? at : eom_profile_at(spline->profile, at, &ds, &dds);
     const int piece = eom_piece_at(spline, where, &ahead, &inside);
-    double *const own = &slope[(size_t)piece * ((size_t)spline->degree + 1U) * columns];
+    double *const piece_slope = &slope[(size_t)piece * ((size_t)spline->degree + 1U) * columns];
     for (size_t i = 0; i < columns; ++i) {
         const double by_rate = (inside != 0) ? (by_dx[i] * ds + by_ddx[i] * dds) : 0.0;
         const double by_second = (inside != 0) ? (by_ddx[i] * ds * ds) : 0.0;
@@ -72,7 +72,7 @@ EOM_LOCAL void eom_spline_adjoint(const eom_spline *restrict spline, eom_instant
         double rate = 0.0;
         double second = 0.0;
         for (int power = 0; power <= spline->degree; ++power) { /* ahead to this power, and its derivatives */
-            own[(size_t)power * columns + i] += by_x[i] * value + by_rate * rate + by_second * second;
+            piece_slope[(size_t)power * columns + i] += by_x[i] * value + by_rate * rate + by_second * second;
             second = second * ahead + 2.0 * rate;
             rate = rate * ahead + value;
             value *= ahead;
@@ -81,15 +81,15 @@ EOM_LOCAL void eom_spline_adjoint(const eom_spline *restrict spline, eom_instant
 }
 
 /* Add derivatives by prescribed motions, their rates and accelerations, n numbers each, to those by their signals.  work: 3 n. */
-EOM_LOCAL void eom_prescribed_adjoint(const eom_prescribed *restrict given, int n, eom_instant at, const double *restrict by, const eom_input_slopes *restrict slopes, double *restrict work)
+EOM_LOCAL void eom_prescribed_adjoint(const eom_prescribed *restrict motions, int n, eom_instant at, const double *restrict by, const eom_input_slopes *restrict slopes, double *restrict work)
 {
-    for (int k = 0; k < given->count; ++k) {
-        const eom_track *const track = &given->tracks[k];
+    for (int k = 0; k < motions->count; ++k) {
+        const eom_track *const track = &motions->tracks[k];
         for (int i = 0; i < track->signal->columns; ++i) {
             const int place = track->place[i];
             int last = 1; /* a later track may stand in its place */
-            for (int later = k + 1; later < given->count; ++later) {
-                for (int j = 0; j < given->tracks[later].signal->columns; ++j) { last = (given->tracks[later].place[j] == place) ? 0 : last; }
+            for (int later = k + 1; later < motions->count; ++later) {
+                for (int j = 0; j < motions->tracks[later].signal->columns; ++j) { last = (motions->tracks[later].place[j] == place) ? 0 : last; }
             }
             for (int order = 0; order < 3; ++order) { work[order * n + i] = (last != 0) ? by[order * n + place] : 0.0; }
         }
@@ -98,25 +98,25 @@ EOM_LOCAL void eom_prescribed_adjoint(const eom_prescribed *restrict given, int 
 }
 
 /* Go back from a state into which prescribed motions were put. */
-EOM_LOCAL void EOM(prescribe_adjoint)(const EOM(interval) *restrict interval, const eom_prescribed *restrict given, eom_instant at, EOM_SCALAR *restrict by_q, EOM_SCALAR *restrict by_v, const EOM(slopes) *restrict slopes)
+EOM_LOCAL void EOM(prescribe_adjoint)(const EOM(interval) *restrict interval, const eom_prescribed *restrict motions, eom_instant at, EOM_SCALAR *restrict by_q, EOM_SCALAR *restrict by_v, const EOM(slopes) *restrict slopes)
 {
     const int n = EOM(size_of)(interval);
     double *const by = interval->room.input;
     (void)memset(by, 0, (size_t)(3 * n) * sizeof *by);
-    for (int i = 0; i < given->size; ++i) {
-        by[i] = (double)by_q[given->place[i]];
-        by[n + i] = (double)by_v[given->place[i]];
-        by_q[given->place[i]] = (EOM_SCALAR)0.0;
-        by_v[given->place[i]] = (EOM_SCALAR)0.0;
+    for (int i = 0; i < motions->size; ++i) {
+        by[i] = (double)by_q[motions->place[i]];
+        by[n + i] = (double)by_v[motions->place[i]];
+        by_q[motions->place[i]] = (EOM_SCALAR)0.0;
+        by_v[motions->place[i]] = (EOM_SCALAR)0.0;
     }
-    eom_prescribed_adjoint(given, n, at, by, slopes->loads, &by[3 * n]);
+    eom_prescribed_adjoint(motions, n, at, by, slopes->loads, &by[3 * n]);
 }
 
 /* The same at a share of the step, if any are prescribed. */
 EOM_INLINE void EOM(prescribe_within_adjoint)(const EOM(interval) *restrict interval, double share, EOM_SCALAR *restrict by_q, EOM_SCALAR *restrict by_v, const EOM(slopes) *restrict slopes)
 {
-    const eom_prescribed *const given = EOM(prescribed_of)(interval);
-    if (given != NULL) { EOM(prescribe_adjoint)(interval, given, EOM(instant_within)(interval, share), by_q, by_v, slopes); }
+    const eom_prescribed *const motions = EOM(prescribed_of)(interval);
+    if (motions != NULL) { EOM(prescribe_adjoint)(interval, motions, EOM(instant_within)(interval, share), by_q, by_v, slopes); }
 }
 
 /* Go back through a wrench in points or axes of a frame, from derivatives by what acts on its link, by_row, to those by its
@@ -150,7 +150,7 @@ EOM_LOCAL void EOM(framed_wrench_adjoint)(const eom_wrench *restrict wrench, con
 
 /* Add what wrenches do, by weights of the forces that they make, to derivatives by where they act, by their signals and by
  * parameters.  work: 4 n + 2 wrench + 2 parameters + poses. */
-EOM_LOCAL void EOM(wrenches_adjoint)(const EOM(interval) *restrict interval, eom_instant at, const double *restrict own, const double *restrict weight, double *restrict by_own, const EOM(slopes) *restrict slopes, EOM_SCALAR *restrict work)
+EOM_LOCAL void EOM(wrenches_adjoint)(const EOM(interval) *restrict interval, eom_instant at, const double *restrict position, const double *restrict weight, double *restrict by_position, const EOM(slopes) *restrict slopes, EOM_SCALAR *restrict work)
 {
     const EOM(inputs) *const inputs = interval->inputs;
     const EOM(sizes) *const sizes = EOM(sizes_of)(interval);
@@ -159,24 +159,24 @@ EOM_LOCAL void EOM(wrenches_adjoint)(const EOM(interval) *restrict interval, eom
     EOM_SCALAR *const q = work;
     EOM_SCALAR *const total = &q[n];
     EOM_SCALAR *const pushed = &total[sizes->wrench];
-    EOM_SCALAR *const found = &pushed[n];
-    EOM_SCALAR *const by_poses = &found[behind + sizes->parameters];
+    EOM_SCALAR *const gradient = &pushed[n];
+    EOM_SCALAR *const by_poses = &gradient[behind + sizes->parameters];
     EOM_SCALAR *const turned = &by_poses[KNOWN(interval->derivatives)->poses];
     int framed = 0;
     (void)memset(by_poses, 0, (size_t)KNOWN(interval->derivatives)->poses * sizeof *by_poses);
     for (int i = 0; i < n; ++i) {
-        q[i] = (EOM_SCALAR)own[i];
+        q[i] = (EOM_SCALAR)position[i];
         pushed[i] = (eom_is_prescribed(sizes, i) != 0) ? (EOM_SCALAR)0.0 : (EOM_SCALAR)weight[i];
     }
     eom_wrenches_at(inputs, sizes->wrench, at, q, total);
-    (void)inputs->force_back(inputs->force_back_h, q, total, pushed, found);
+    (void)inputs->force_back(inputs->force_back_h, q, total, pushed, gradient);
     for (size_t k = 0; k < inputs->wrenches; ++k) {
         const eom_wrench *const wrench = &inputs->wrench[k];
         const double none[6] = { 0.0, 0.0, 0.0, 0.0, 0.0, 0.0 };
         double row[6];
         double by_row[6];
         eom_wrench_at(wrench, at, row);
-        for (int i = 0; i < 6; ++i) { by_row[i] = (double)found[n + 6 * wrench->link + i]; }
+        for (int i = 0; i < 6; ++i) { by_row[i] = (double)gradient[n + 6 * wrench->link + i]; }
         if (wrench->frame >= 0) {
             EOM_SCALAR pose[16];
             framed = 1;
@@ -187,28 +187,28 @@ EOM_LOCAL void EOM(wrenches_adjoint)(const EOM(interval) *restrict interval, eom
     }
     if (framed != 0) {
         (void)inputs->pose_back(inputs->pose_back_h, q, by_poses, turned);
-        for (int i = 0; i < n; ++i) { found[i] += turned[i]; }
-        for (int i = 0; i < sizes->parameters; ++i) { found[behind + i] += turned[n + i]; }
+        for (int i = 0; i < n; ++i) { gradient[i] += turned[i]; }
+        for (int i = 0; i < sizes->parameters; ++i) { gradient[behind + i] += turned[n + i]; }
     }
-    for (int i = 0; i < n; ++i) { by_own[i] += (double)found[i]; }
-    EOM(parameters_adjoint)(interval, &found[behind], slopes);
+    for (int i = 0; i < n; ++i) { by_position[i] += (double)gradient[i]; }
+    EOM(parameters_adjoint)(interval, &gradient[behind], slopes);
 }
 
 /* Add what computed torque does, by weights of its forces, to derivatives by where it acts, by its reference, x, dx and ddx of
  * which derivatives are by_x, by its bandwidth and by prescribed accelerations.  work: 4 n. */
-EOM_LOCAL void eom_computed_torque_adjoint(const eom_computed_torque *restrict model, int n, const double *restrict x, const double *restrict asked, const double *restrict weight, double *restrict by_own, double *restrict by_rate, double *restrict by_given, double *restrict by_x, const eom_input_slopes *restrict slopes, double *restrict work)
+EOM_LOCAL void eom_computed_torque_adjoint(const eom_computed_torque *restrict model, int n, const double *restrict x, const double *restrict asked, const double *restrict weight, double *restrict by_position, double *restrict by_rate, double *restrict by_prescribed, double *restrict by_x, const eom_input_slopes *restrict slopes, double *restrict work)
 {
     const double b = model->bandwidth;
     double *const answer = work;
-    double *const found = &answer[n];
+    double *const gradient = &answer[n];
     for (int i = 0; i < model->size; ++i) { answer[i] = (model->given[i] < 0) ? (weight[model->place[i]] / model->ratio[i]) : 0.0; }
-    (void)model->back(model->back_h, asked, &asked[n], &asked[2 * n], answer, found);
+    (void)model->back(model->back_h, asked, &asked[n], &asked[2 * n], answer, gradient);
     for (int i = 0; i < model->size; ++i) {
         const int column = model->column[i];
         const int place = model->place[i];
-        const double by_a = (model->holds != 0) ? 0.0 : found[2 * model->size + i];
-        double by_q = found[i];
-        double by_v = found[model->size + i];
+        const double by_a = (model->holds != 0) ? 0.0 : gradient[2 * model->size + i];
+        double by_q = gradient[i];
+        double by_v = gradient[model->size + i];
         if ((model->holds == 0) && (column >= 0)) {
             by_x[column] += b * b * by_a;
             by_x[n + column] += 2.0 * b * by_a;
@@ -217,18 +217,18 @@ EOM_LOCAL void eom_computed_torque_adjoint(const eom_computed_torque *restrict m
             by_v -= 2.0 * b * by_a;
             *slopes->bandwidth += by_a * 2.0 * (b * (x[column] - asked[i]) + (x[n + column] - asked[n + i]));
         } else if ((model->holds == 0) && (model->given[i] >= 0)) {
-            by_given[model->given[i]] += by_a / model->ratio[i];
+            by_prescribed[model->given[i]] += by_a / model->ratio[i];
         } else {
             by_v = (model->holds != 0) ? 0.0 : by_v;
         }
-        by_own[place] += by_q / model->ratio[i];
+        by_position[place] += by_q / model->ratio[i];
         by_rate[place] += by_v / model->ratio[i];
     }
 }
 
 /* Add what tracking control and computed torque do, by weights of their forces, to derivatives by where they act, by what they
  * are made of and by prescribed accelerations.  work: 10 n. */
-EOM_LOCAL void eom_control_adjoint(const eom_tracking *restrict control, const eom_computed_torque *restrict model, int n, eom_instant at, const double *restrict own, const double *restrict rate, const double *restrict asked, const double *restrict weight, double *restrict by_own, double *restrict by_rate, double *restrict by_given, const eom_input_slopes *restrict slopes, double *restrict work)
+EOM_LOCAL void eom_control_adjoint(const eom_tracking *restrict control, const eom_computed_torque *restrict model, int n, eom_instant at, const double *restrict position, const double *restrict rate, const double *restrict asked, const double *restrict weight, double *restrict by_position, double *restrict by_rate, double *restrict by_prescribed, const eom_input_slopes *restrict slopes, double *restrict work)
 {
     double *const x = work;
     double *const by_x = &x[3 * n];
@@ -240,12 +240,12 @@ EOM_LOCAL void eom_control_adjoint(const eom_tracking *restrict control, const e
         const double force = weight[place] / ratio;
         by_x[i] += control->kp[i] * force;
         by_x[n + i] += control->kd[i] * force;
-        by_own[place] -= control->kp[i] * force / ratio;
+        by_position[place] -= control->kp[i] * force / ratio;
         by_rate[place] -= control->kd[i] * force / ratio;
-        slopes->kp[i] += force * (x[i] - own[place] / ratio);
+        slopes->kp[i] += force * (x[i] - position[place] / ratio);
         slopes->kd[i] += force * (x[n + i] - rate[place] / ratio);
     }
-    if (model != NULL) { eom_computed_torque_adjoint(model, n, x, asked, weight, by_own, by_rate, by_given, by_x, slopes, &by_x[3 * n]); }
+    if (model != NULL) { eom_computed_torque_adjoint(model, n, x, asked, weight, by_position, by_rate, by_prescribed, by_x, slopes, &by_x[3 * n]); }
     eom_spline_adjoint(control->program.signal, at, by_x, &by_x[n], &by_x[2 * n], slopes->program);
 }
 
@@ -258,19 +258,19 @@ EOM_LOCAL void EOM(inputs_adjoint)(const EOM(interval) *restrict interval, doubl
     const eom_instant at = EOM(instant_within)(interval, share);
     const eom_instant within = eom_within_span(inputs->first, inputs->last, at);
     const int n = EOM(size_of)(interval);
-    double *const own = interval->room.input;
-    double *const rate = &own[n];
-    double *const given = &rate[n];
-    double *const asked = &given[n];
+    double *const position = interval->room.input;
+    double *const rate = &position[n];
+    double *const prescribed = &rate[n];
+    double *const asked = &prescribed[n];
     double *const weight = &asked[3 * n];
     double *const pull = &weight[n];
-    double *const force = &pull[n]; /* 6 n zeros: forces, and derivatives by own, by rate and by prescribed motions */
-    double *const by_own = &force[n];
-    double *const by_rate = &by_own[n];
+    double *const force = &pull[n]; /* 6 n zeros: forces, and derivatives by position, by rate and by prescribed motions */
+    double *const by_position = &force[n];
+    double *const by_rate = &by_position[n];
     double *const by = &by_rate[n];
     double *const rest = &by[3 * n];
     (void)memset(force, 0, (size_t)(6 * n) * sizeof *force);
-    EOM(evaluate_inputs)(interval, share, ahead, q, v, own, rate, force, given, asked, rest);
+    EOM(evaluate_inputs)(interval, share, ahead, q, v, position, rate, force, prescribed, asked, rest);
     for (int i = 0; i < n; ++i) { weight[i] = (double)by_u[i]; }
     for (int i = 0; (moved != NULL) && (i < moved->size); ++i) { /* accelerations stand in their places */
         by[2 * n + i] = weight[moved->place[i]];
@@ -286,20 +286,20 @@ EOM_LOCAL void EOM(inputs_adjoint)(const EOM(interval) *restrict interval, doubl
         for (int i = 0; i < inputs->torque->signal->columns; ++i) { rest[i] = weight[inputs->torque->place[i]]; }
         eom_spline_adjoint(inputs->torque->signal, within, rest, &by[n], &by[n], slopes->loads->torque);
     }
-    if (inputs->control != NULL) { eom_control_adjoint(inputs->control, inputs->model, n, within, own, rate, asked, weight, by_own, by_rate, &by[2 * n], slopes->loads, rest); }
-    if (inputs->wrenches > 0U) { EOM(wrenches_adjoint)(interval, within, own, pull, by_own, slopes, &interval->room.state[2 * n]); }
-    if (moved != NULL) { /* own and rate are where these motions are */
+    if (inputs->control != NULL) { eom_control_adjoint(inputs->control, inputs->model, n, within, position, rate, asked, weight, by_position, by_rate, &by[2 * n], slopes->loads, rest); }
+    if (inputs->wrenches > 0U) { EOM(wrenches_adjoint)(interval, within, position, pull, by_position, slopes, &interval->room.state[2 * n]); }
+    if (moved != NULL) { /* position and rate are where these motions are */
         for (int i = 0; i < moved->size; ++i) {
-            by[i] += by_own[moved->place[i]];
+            by[i] += by_position[moved->place[i]];
             by[n + i] += by_rate[moved->place[i]];
-            by_own[moved->place[i]] = 0.0;
+            by_position[moved->place[i]] = 0.0;
             by_rate[moved->place[i]] = 0.0;
         }
         eom_prescribed_adjoint(moved, n, at, by, slopes->loads, rest);
     }
     for (int i = 0; i < n; ++i) {
-        by_q[i] += (EOM_SCALAR)by_own[i];
-        by_v[i] += ahead * (EOM_SCALAR)by_own[i] + (EOM_SCALAR)by_rate[i];
+        by_q[i] += (EOM_SCALAR)by_position[i];
+        by_v[i] += ahead * (EOM_SCALAR)by_position[i] + (EOM_SCALAR)by_rate[i];
     }
 }
 
@@ -330,10 +330,10 @@ EOM_LOCAL void EOM(forces_adjoint)(const EOM(interval) *restrict interval, doubl
 /* Set rates of prescribed coordinates to zero: their motions move along no direction. */
 EOM_LOCAL void EOM(prescribe_tangent)(const EOM(interval) *restrict interval, EOM_SCALAR *restrict dq, EOM_SCALAR *restrict dv)
 {
-    const eom_prescribed *const given = EOM(prescribed_of)(interval);
-    for (int i = 0; (given != NULL) && (i < given->size); ++i) {
-        dq[given->place[i]] = (EOM_SCALAR)0.0;
-        dv[given->place[i]] = (EOM_SCALAR)0.0;
+    const eom_prescribed *const motions = EOM(prescribed_of)(interval);
+    for (int i = 0; (motions != NULL) && (i < motions->size); ++i) {
+        dq[motions->place[i]] = (EOM_SCALAR)0.0;
+        dv[motions->place[i]] = (EOM_SCALAR)0.0;
     }
 }
 
@@ -357,7 +357,7 @@ EOM_LOCAL void EOM(framed_wrench_tangent)(const eom_wrench *restrict wrench, con
 }
 
 /* Rates of the forces that wrenches make, along those of q and of parameters.  work: 2 n + 2 wrench + 2 poses. */
-EOM_LOCAL void EOM(wrenches_tangent)(const EOM(interval) *restrict interval, eom_instant at, const double *restrict own, const EOM_SCALAR *restrict dq, const EOM_SCALAR *restrict dp, EOM_SCALAR *restrict force, EOM_SCALAR *restrict work)
+EOM_LOCAL void EOM(wrenches_tangent)(const EOM(interval) *restrict interval, eom_instant at, const double *restrict position, const EOM_SCALAR *restrict dq, const EOM_SCALAR *restrict dp, EOM_SCALAR *restrict force, EOM_SCALAR *restrict work)
 {
     const EOM(inputs) *const inputs = interval->inputs;
     const EOM(sizes) *const sizes = EOM(sizes_of)(interval);
@@ -370,7 +370,7 @@ EOM_LOCAL void EOM(wrenches_tangent)(const EOM(interval) *restrict interval, eom
     EOM_SCALAR *const turning = &dtotal[sizes->wrench];
     EOM_SCALAR *const turning_too = &turning[poses];
     int framed = 0;
-    for (int i = 0; i < n; ++i) { q[i] = (EOM_SCALAR)own[i]; }
+    for (int i = 0; i < n; ++i) { q[i] = (EOM_SCALAR)position[i]; }
     (void)memset(dtotal, 0, (size_t)sizes->wrench * sizeof *dtotal);
     eom_wrenches_at(inputs, sizes->wrench, at, q, total);
     for (size_t k = 0; k < inputs->wrenches; ++k) { framed = (inputs->wrench[k].frame >= 0) ? 1 : framed; }
@@ -426,17 +426,17 @@ EOM_LOCAL void EOM(inputs_tangent)(const EOM(interval) *restrict interval, doubl
     const EOM(inputs) *const inputs = interval->inputs;
     const EOM(sizes) *const sizes = EOM(sizes_of)(interval);
     const int n = N_OF(sizes);
-    double *const own = interval->room.input;
-    double *const rate = &own[n];
+    double *const position = interval->room.input;
+    double *const rate = &position[n];
     double *const force = &rate[n];
-    double *const given = &force[n];
-    double *const asked = &given[n];
+    double *const prescribed = &force[n];
+    double *const asked = &prescribed[n];
     double *const rest = &asked[3 * n];
     EOM_SCALAR *const moved = &interval->room.state[2 * n];
     EOM_SCALAR *const speed = &moved[n];
     EOM_SCALAR *const pushed = &speed[n];
     (void)memset(force, 0, (size_t)n * sizeof *force);
-    EOM(evaluate_inputs)(interval, share, ahead, q, v, own, rate, force, given, asked, rest);
+    EOM(evaluate_inputs)(interval, share, ahead, q, v, position, rate, force, prescribed, asked, rest);
     for (int i = 0; i < n; ++i) {
         moved[i] = dq[i] + ahead * dv[i];
         speed[i] = dv[i];
@@ -448,7 +448,7 @@ EOM_LOCAL void EOM(inputs_tangent)(const EOM(interval) *restrict interval, doubl
     for (int i = 0; (inputs->given != NULL) && (i < inputs->given->size); ++i) { force[inputs->given->place[i]] = 0.0; }
     for (int i = 0; i < n; ++i) { du[i] = (EOM_SCALAR)force[i]; }
     if (inputs->wrenches > 0U) {
-        EOM(wrenches_tangent)(interval, eom_within_span(inputs->first, inputs->last, EOM(instant_within)(interval, share)), own, moved, dp, pushed, &pushed[n]);
+        EOM(wrenches_tangent)(interval, eom_within_span(inputs->first, inputs->last, EOM(instant_within)(interval, share)), position, moved, dp, pushed, &pushed[n]);
         for (int i = 0; i < n; ++i) { du[i] += (eom_is_prescribed(sizes, i) != 0) ? (EOM_SCALAR)0.0 : pushed[i]; }
     }
 }

@@ -123,7 +123,7 @@ EOM_LOCAL void F(factor_radau)(const F(problem) *restrict problem, F(radau) *res
     }
 }
 
-/* Have factors of where steps begin in lanes whose own are for a step of another length, or led to slow iterations. */
+/* Have factors of where steps begin in lanes whose present ones are for a step of another length, or led to slow iterations. */
 EOM_LOCAL void F(renew_radau)(const F(problem) *restrict problem, const F(step) *restrict step, F(radau) *restrict radau, F(workspace) work)
 {
     const int n = N_OF(problem->motion.robot->sizes);
@@ -230,11 +230,11 @@ EOM_LOCAL void F(rates_of_radau)(const F(problem) *restrict problem, const F(ste
     }
 }
 
-/* A right-hand side, of q, then of v: transformed rates less (real own - imaginary other) / h. */
+/* A right-hand side, of q, then of v: transformed rates less (real w_row - imaginary other) / h. */
 EOM_INLINE void F(radau_right)(const F(radau) *restrict radau, int pair, int rows, int row, int beside, REAL real, REAL imaginary, REAL *restrict right)
 {
     const int apart = PADDED_TO_BLOCKS(pair);
-    const REAL *const own = &radau->w[row * apart];
+    const REAL *const w_row = &radau->w[row * apart];
     const REAL *const other = &radau->w[beside * apart];
     const EOM_SCALAR *const weight = eom_radau_ahead[row];
     const REAL *restrict const rates = radau->rates;
@@ -243,7 +243,7 @@ EOM_INLINE void F(radau_right)(const F(radau) *restrict radau, int pair, int row
             REAL sum = weight[0] * rates[i];
             UNROLL(5)
             for (int s = 1; s < RADAU_STAGES; ++s) { sum += weight[s] * rates[s * rows + i]; }
-            right[i] = sum - (real * own[i] - imaginary * other[i]);
+            right[i] = sum - (real * w_row[i] - imaginary * other[i]);
         }
     }
 }

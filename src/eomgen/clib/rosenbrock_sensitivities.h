@@ -12,10 +12,10 @@ EOM_LOCAL void EOM(rosenbrock_state)(const EOM(interval) *restrict interval, int
     (void)memcpy(v_here, v, (size_t)n * sizeof *v);
     for (int j = 0; j < stage; ++j) {
         const EOM_SCALAR share = weight[j];
-        const EOM_SCALAR *const part = &stages[n * (STAGE_ROWS * j + ROW_PART)];
+        const EOM_SCALAR *const increment = &stages[n * (STAGE_ROWS * j + ROW_PART)];
         for (int i = 0; i < n; ++i) {
-            q_here[i] += share * part[i];
-            v_here[i] += share * part[n + i];
+            q_here[i] += share * increment[i];
+            v_here[i] += share * increment[n + i];
         }
     }
 }
@@ -27,10 +27,10 @@ EOM_LOCAL void EOM(rosenbrock_added)(const EOM(interval) *restrict interval, int
     const EOM_SCALAR inverse = (EOM_SCALAR)1.0 / interval->dt;
     for (int j = 0; j < stage; ++j) {
         const EOM_SCALAR share = inverse * eom_rosenbrock_c[stage][j];
-        const EOM_SCALAR *const part = &stages[n * (STAGE_ROWS * j + ROW_PART)];
+        const EOM_SCALAR *const increment = &stages[n * (STAGE_ROWS * j + ROW_PART)];
         for (int i = 0; i < n; ++i) {
-            shift[i] += share * part[i];
-            rate[i] += share * part[n + i];
+            shift[i] += share * increment[i];
+            rate[i] += share * increment[n + i];
         }
     }
 }
@@ -45,15 +45,15 @@ EOM_LOCAL const EOM_SCALAR *EOM(rosenbrock_stages)(const EOM(interval) *restrict
     for (int s = 0; s < ROSENBROCK_STAGES; ++s) {
         EOM_SCALAR *const here = &room[n * STAGE_ROWS * s];
         EOM_SCALAR *const shift = &here[n * ROW_SHIFT];
-        EOM_SCALAR *const part = &here[n * ROW_PART];
+        EOM_SCALAR *const increment = &here[n * ROW_PART];
         EOM(rosenbrock_state)(interval, (s == 1) ? 0 : s, q, v, room, here, &here[n]);
         EOM(prescribe_within)(interval, eom_rosenbrock_shares[s], here, &here[n]);
         (void)memcpy(shift, &here[n], (size_t)n * sizeof *here);
         (void)memset(none, 0, (size_t)n * sizeof *none);
         EOM(rosenbrock_added)(interval, s, room, shift, none);
         (void)memcpy(&here[n * ROW_RATE], &kept[2 * n * s], (size_t)n * sizeof *here);
-        (void)memcpy(&part[n], &kept[2 * n * s + n], (size_t)n * sizeof *here);
-        for (int i = 0; i < n; ++i) { part[i] = time * (part[n + i] + shift[i]); }
+        (void)memcpy(&increment[n], &kept[2 * n * s + n], (size_t)n * sizeof *here);
+        for (int i = 0; i < n; ++i) { increment[i] = time * (increment[n + i] + shift[i]); }
     }
     return room;
 }
@@ -88,7 +88,7 @@ EOM_LOCAL int EOM(rosenbrock_forward)(const EOM(interval) *restrict interval, co
         EOM_SCALAR *const here = &stages[n * STAGE_ROWS * s];
         EOM_SCALAR *const rate = &here[n * ROW_RATE];
         EOM_SCALAR *const shift = &here[n * ROW_SHIFT];
-        EOM_SCALAR *const part = &here[n * ROW_PART];
+        EOM_SCALAR *const increment = &here[n * ROW_PART];
         if (s == 1) { /* where the first one is */
             (void)memcpy(here, stages, (size_t)(2 * n) * sizeof *here);
             (void)memcpy(a, &stages[n * ROW_RATE], (size_t)n * sizeof *a); /* nothing was added to those */
@@ -108,12 +108,12 @@ EOM_LOCAL int EOM(rosenbrock_forward)(const EOM(interval) *restrict interval, co
         EOM(rosenbrock_added)(interval, s, stages, shift, rate);
         (void)robot->stage_solution(interval->h, factors, rate, shift, w);
         for (int i = 0; i < n; ++i) {
-            part[n + i] = times[0] * (rate[i] + w[i]);
-            part[i] = times[0] * (part[n + i] + shift[i]);
+            increment[n + i] = times[0] * (rate[i] + w[i]);
+            increment[i] = times[0] * (increment[n + i] + shift[i]);
         }
         if (closed == 0) {
             (void)memcpy(&kept[2 * n * s], rate, (size_t)n * sizeof *here);
-            (void)memcpy(&kept[2 * n * s + n], &part[n], (size_t)n * sizeof *here);
+            (void)memcpy(&kept[2 * n * s + n], &increment[n], (size_t)n * sizeof *here);
         }
     }
     EOM(rosenbrock_state)(interval, ROSENBROCK_STAGES, q, v, stages, q_end, v_end);
@@ -131,19 +131,19 @@ EOM_LOCAL void EOM(rosenbrock_state_adjoint)(const EOM(interval) *restrict inter
     EOM_SCALAR *restrict const u = work;
     EOM_SCALAR *const q_open = &u[n];
     EOM_SCALAR *const v_open = &q_open[n];
-    EOM_SCALAR *restrict const found = &v_open[n];
+    EOM_SCALAR *restrict const gradient = &v_open[n];
     EOM(forces_within)(interval, share, (EOM_SCALAR)0.0, here, &here[n], u, NULL);
-    (void)KNOWN(interval->derivatives)->forward_dynamics_adjoint(interval->h, here, &here[n], u, by_rate, found);
+    (void)KNOWN(interval->derivatives)->forward_dynamics_adjoint(interval->h, here, &here[n], u, by_rate, gradient);
     for (int i = 0; i < n; ++i) {
-        by_q[i] = found[i];
-        by_v[i] += found[n + i];
+        by_q[i] = gradient[i];
+        by_v[i] += gradient[n + i];
     }
-    EOM(forces_adjoint)(interval, share, (EOM_SCALAR)0.0, here, &here[n], &found[2 * n], by_q, by_v, slopes);
+    EOM(forces_adjoint)(interval, share, (EOM_SCALAR)0.0, here, &here[n], &gradient[2 * n], by_q, by_v, slopes);
     EOM(prescribe_within_adjoint)(interval, share, by_q, by_v, slopes);
-    EOM(parameters_adjoint)(interval, &found[3 * n], slopes);
+    EOM(parameters_adjoint)(interval, &gradient[3 * n], slopes);
     if ((s > 0) && (EOM(assembles_stages)(sizes) != 0)) {
         EOM(rosenbrock_state)(interval, s, q, v, stages, q_open, v_open);
-        EOM(assemble_adjoint)(interval, q_open, v_open, by_q, by_v, slopes, &found[3 * n + sizes->parameters]);
+        EOM(assemble_adjoint)(interval, q_open, v_open, by_q, by_v, slopes, &gradient[3 * n + sizes->parameters]);
     }
 }
 
@@ -164,8 +164,8 @@ EOM_LOCAL void EOM(rosenbrock_adjoint)(const EOM(interval) *restrict interval, c
     EOM_SCALAR *restrict const by_w = &by_q[n];
     EOM_SCALAR *restrict const factors = &by_w[n];
     EOM_SCALAR *restrict const by_factors = &factors[size];
-    EOM_SCALAR *restrict const found = &by_factors[size];
-    EOM_SCALAR *const room = &found[size + 4 * n + sizes->parameters];
+    EOM_SCALAR *restrict const gradient = &by_factors[size];
+    EOM_SCALAR *const room = &gradient[size + 4 * n + sizes->parameters];
     EOM_SCALAR *const rest = (M_OF(sizes) > 0) ? room : &room[n * STAGE_ROWS * ROSENBROCK_STAGES];
     EOM_SCALAR times[2];
     const EOM_SCALAR *const stages = EOM(rosenbrock_stages)(interval, q, v, kept, room, rest);
@@ -183,18 +183,18 @@ EOM_LOCAL void EOM(rosenbrock_adjoint)(const EOM(interval) *restrict interval, c
             by_shift[i] = times[0] * by_part[2 * n * s + i];
             by_w[i] = times[0] * (by_part[2 * n * s + n + i] + by_shift[i]);
         }
-        (void)KNOWN(interval->derivatives)->stage_solution_adjoint(interval->h, factors, &here[n * ROW_RATE], &here[n * ROW_SHIFT], by_w, found);
-        for (int i = 0; i < size; ++i) { by_factors[i] += found[i]; }
+        (void)KNOWN(interval->derivatives)->stage_solution_adjoint(interval->h, factors, &here[n * ROW_RATE], &here[n * ROW_SHIFT], by_w, gradient);
+        for (int i = 0; i < size; ++i) { by_factors[i] += gradient[i]; }
         for (int i = 0; i < n; ++i) {
-            by_rate[i] = by_w[i] + found[size + i];
-            by_shift[i] += found[size + n + i];
+            by_rate[i] = by_w[i] + gradient[size + i];
+            by_shift[i] += gradient[size + n + i];
         }
         for (int j = 0; j < s; ++j) {
             const EOM_SCALAR share = inverse * eom_rosenbrock_c[s][j];
             EOM(add_share)(n, share, by_shift, &by_part[2 * n * j]);
             EOM(add_share)(n, share, by_rate, &by_part[2 * n * j + n]);
         }
-        EOM(parameters_adjoint)(interval, &found[size + 2 * n], slopes);
+        EOM(parameters_adjoint)(interval, &gradient[size + 2 * n], slopes);
         if (s == 1) { /* where the first one is, whose accelerations it shares */
             for (int i = 0; i < n; ++i) {
                 by_second[i] = by_rate[i];
@@ -214,13 +214,13 @@ EOM_LOCAL void EOM(rosenbrock_adjoint)(const EOM(interval) *restrict interval, c
             EOM(add_share)(n, share, by_shift, &by_part[2 * n * j + n]);
         }
     }
-    (void)KNOWN(interval->derivatives)->stage_factors_adjoint(interval->h, q, v, gains, &gains[n], times, by_factors, found);
+    (void)KNOWN(interval->derivatives)->stage_factors_adjoint(interval->h, q, v, gains, &gains[n], times, by_factors, gradient);
     for (int i = 0; i < n; ++i) {
-        to_q[i] += found[i];
-        to_v[i] += found[n + i];
-        EOM(gains_adjoint)(interval, i, gains[2 * n + i] * found[2 * n + i], gains[2 * n + i] * found[3 * n + i], slopes);
+        to_q[i] += gradient[i];
+        to_v[i] += gradient[n + i];
+        EOM(gains_adjoint)(interval, i, gains[2 * n + i] * gradient[2 * n + i], gains[2 * n + i] * gradient[3 * n + i], slopes);
     }
-    EOM(parameters_adjoint)(interval, &found[4 * n], slopes);
+    EOM(parameters_adjoint)(interval, &gradient[4 * n], slopes);
 }
 
 /* Carry rates dq and dv along directions from the beginning of a step of the Rosenbrock method to its end, in front of assembly.
@@ -254,7 +254,7 @@ EOM_LOCAL void EOM(rosenbrock_tangent)(const EOM(interval) *restrict interval, c
             EOM_SCALAR *const there = &moved[n * STAGE_ROWS * s];
             EOM_SCALAR *const rate = &there[n * ROW_RATE];
             EOM_SCALAR *const shift = &there[n * ROW_SHIFT];
-            EOM_SCALAR *const part = &there[n * ROW_PART];
+            EOM_SCALAR *const increment = &there[n * ROW_PART];
             if (s == 1) { /* where the first one is, whose accelerations it shares */
                 (void)memcpy(there, moved, (size_t)(3 * n) * sizeof *there);
             } else {
@@ -272,8 +272,8 @@ EOM_LOCAL void EOM(rosenbrock_tangent)(const EOM(interval) *restrict interval, c
             EOM(rosenbrock_added)(interval, s, moved, shift, rate);
             (void)derivatives->stage_solution_tangent(interval->h, factors, &here[n * ROW_RATE], &here[n * ROW_SHIFT], moved_factors, rate, shift, dp, dw);
             for (int i = 0; i < n; ++i) {
-                part[n + i] = times[0] * (rate[i] + dw[i]);
-                part[i] = times[0] * (part[n + i] + shift[i]);
+                increment[n + i] = times[0] * (rate[i] + dw[i]);
+                increment[i] = times[0] * (increment[n + i] + shift[i]);
             }
         }
         EOM(rosenbrock_state)(interval, ROSENBROCK_STAGES, dq_own, dv_own, moved, end, &end[n]);

@@ -1,13 +1,13 @@
 /* signals.h: inputs over time, in double precision and for one state: splines, prescribed motions, tracking control, computed
  * torque, wrenches, and the powers of an energy balance. */
 
-/* A time, and one beside it by which pieces of splines are chosen: where signals jump, both sides have their own. */
+/* A time, and one beside it by which pieces of splines are chosen: where signals jump, both sides have one. */
 typedef struct {
     double t;
     double beside;
 } eom_instant;
 
-/* A time that is its own side: behind what jumps there. */
+/* A time whose side is itself: behind what jumps there. */
 EOM_LOCAL eom_instant eom_instant_of(double t)
 {
     eom_instant at;
@@ -110,21 +110,21 @@ EOM_LOCAL void eom_spline_at(const eom_spline *restrict spline, eom_instant at, 
 }
 
 /* Positions, velocities and accelerations of prescribed coordinates.  work: 3 n. */
-EOM_LOCAL void eom_prescribed_at(const eom_prescribed *restrict given, int n, eom_instant at, double *restrict x, double *restrict dx, double *restrict ddx, double *restrict work)
+EOM_LOCAL void eom_prescribed_at(const eom_prescribed *restrict motions, int n, eom_instant at, double *restrict x, double *restrict dx, double *restrict ddx, double *restrict work)
 {
     double *const value = work;
     double *const rate = &work[n];
     double *const acceleration = &work[2 * n];
-    for (int i = 0; i < given->size; ++i) {
-        const double *const wave = &given->wave[4 * i];
+    for (int i = 0; i < motions->size; ++i) {
+        const double *const wave = &motions->wave[4 * i];
         const double angle = wave[1] * at.t + wave[2];
-        const double part = wave[0] * sin(angle);
-        x[i] = wave[3] + part;
+        const double sine = wave[0] * sin(angle);
+        x[i] = wave[3] + sine;
         dx[i] = wave[0] * wave[1] * cos(angle);
-        ddx[i] = -(wave[1] * wave[1]) * part;
+        ddx[i] = -(wave[1] * wave[1]) * sine;
     }
-    for (int k = 0; k < given->count; ++k) {
-        const eom_track *const track = &given->tracks[k];
+    for (int k = 0; k < motions->count; ++k) {
+        const eom_track *const track = &motions->tracks[k];
         eom_spline_at(track->signal, at, value, rate, acceleration);
         for (int i = 0; i < track->signal->columns; ++i) {
             x[track->place[i]] = value[i];
@@ -135,7 +135,7 @@ EOM_LOCAL void eom_prescribed_at(const eom_prescribed *restrict given, int n, eo
 }
 
 /* Add tracking control to u, and write what computed torque asks its model: q, v and a, n numbers each.  work: 3 n. */
-EOM_LOCAL void eom_track_reference(const eom_tracking *restrict control, const eom_computed_torque *restrict model, int n, eom_instant at, const double *restrict q, const double *restrict v, const double *restrict given, double *restrict u, double *restrict asked, double *restrict work)
+EOM_LOCAL void eom_track_reference(const eom_tracking *restrict control, const eom_computed_torque *restrict model, int n, eom_instant at, const double *restrict q, const double *restrict v, const double *restrict prescribed, double *restrict u, double *restrict asked, double *restrict work)
 {
     double *const x = work;
     double *const dx = &work[n];
@@ -161,7 +161,7 @@ EOM_LOCAL void eom_track_reference(const eom_tracking *restrict control, const e
                 if (column >= 0) {
                     a_model[i] = ddx[column] + model->bandwidth * (model->bandwidth * (x[column] - q_model[i]) + 2.0 * (dx[column] - v_model[i]));
                 } else if (model->given[i] >= 0) {
-                    a_model[i] = given[model->given[i]] / model->ratio[i];
+                    a_model[i] = prescribed[model->given[i]] / model->ratio[i];
                 } else {
                     a_model[i] = 0.0;
                 }
@@ -171,15 +171,15 @@ EOM_LOCAL void eom_track_reference(const eom_tracking *restrict control, const e
 }
 
 /* Add forces of drives but for those of computed torque, and write what that asks its model; positions and velocities of
- * prescribed coordinates are put into q and v, their accelerations into given.  work: 5 n. */
-EOM_LOCAL void eom_inputs_at(const EOM(inputs) *restrict inputs, int n, eom_instant at, double *restrict q, double *restrict v, double *restrict u, double *restrict given, double *restrict asked, double *restrict work)
+ * prescribed coordinates are put into q and v, their accelerations into prescribed.  work: 5 n. */
+EOM_LOCAL void eom_inputs_at(const EOM(inputs) *restrict inputs, int n, eom_instant at, double *restrict q, double *restrict v, double *restrict u, double *restrict prescribed, double *restrict asked, double *restrict work)
 {
     const eom_instant within = eom_within_span(inputs->first, inputs->last, at);
     double *const x = work;
     double *const dx = &work[n];
-    (void)memset(given, 0, (size_t)n * sizeof *given);
+    (void)memset(prescribed, 0, (size_t)n * sizeof *prescribed);
     if (inputs->given != NULL) {
-        eom_prescribed_at(inputs->given, n, at, x, dx, given, &work[2 * n]);
+        eom_prescribed_at(inputs->given, n, at, x, dx, prescribed, &work[2 * n]);
         for (int i = 0; i < inputs->given->size; ++i) {
             q[inputs->given->place[i]] = x[i];
             v[inputs->given->place[i]] = dx[i];
@@ -189,12 +189,12 @@ EOM_LOCAL void eom_inputs_at(const EOM(inputs) *restrict inputs, int n, eom_inst
         eom_spline_at(inputs->torque->signal, within, x, dx, &work[2 * n]);
         for (int i = 0; i < inputs->torque->signal->columns; ++i) { u[inputs->torque->place[i]] += x[i]; }
     }
-    if (inputs->control != NULL) { eom_track_reference(inputs->control, inputs->model, n, within, q, v, given, u, asked, work); }
+    if (inputs->control != NULL) { eom_track_reference(inputs->control, inputs->model, n, within, q, v, prescribed, u, asked, work); }
 }
 
 /* Add what computed torque answers, saturate drives, and put accelerations of prescribed coordinates in their places; slope, if
  * it is not NULL, becomes 0 where drives saturate, else 1. */
-EOM_LOCAL void eom_finish_drives(const EOM(inputs) *restrict inputs, int n, const double *restrict given, const double *restrict answer, double *restrict u, double *restrict slope)
+EOM_LOCAL void eom_finish_drives(const EOM(inputs) *restrict inputs, int n, const double *restrict prescribed, const double *restrict answer, double *restrict u, double *restrict slope)
 {
     const eom_computed_torque *const model = (inputs->control == NULL) ? NULL : inputs->model;
     if (model != NULL) {
@@ -208,7 +208,7 @@ EOM_LOCAL void eom_finish_drives(const EOM(inputs) *restrict inputs, int n, cons
         u[i] = (u[i] > most) ? most : ((u[i] < -most) ? -most : u[i]);
     }
     if (inputs->given != NULL) {
-        for (int i = 0; i < inputs->given->size; ++i) { u[inputs->given->place[i]] = given[i]; }
+        for (int i = 0; i < inputs->given->size; ++i) { u[inputs->given->place[i]] = prescribed[i]; }
     }
 }
 
