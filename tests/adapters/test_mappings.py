@@ -8,7 +8,7 @@ import pytest
 import eomgen
 from eomgen.adapters.mappings import FUNCTIONS, DifferentiableFunction, kernels_for
 from eomgen.errors import InputError, UnknownNameError
-from eomgen.pipeline.closing import mechanism_kernels
+from eomgen.pipeline.mechanisms import mechanism_kernels
 from eomgen.robot.model import build_model
 from tests.oracles.complex_step import complex_jacobian
 from tests.support.adapter_samples import built_for, differences, functions_of, sample, second_differences, states

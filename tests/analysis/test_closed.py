@@ -13,7 +13,7 @@ from eomgen.analysis.options import KERNELS
 from eomgen.cli import entry as cli
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import EomgenWarning, LoopError
-from eomgen.pipeline.closing import mechanism_kernels
+from eomgen.pipeline.mechanisms import mechanism_kernels
 from tests.loops.test_elastic_cuts import linkages
 from tests.support.builds import Build
 from tests.support.random_robots import Array

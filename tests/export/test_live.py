@@ -16,7 +16,7 @@ import pytest
 import eomgen
 from eomgen.export.live.contents import contents_of
 from eomgen.export.live.page import live_page
-from eomgen.export.wasm.loads import as_json
+from eomgen.export.wasm.signals import as_json
 from eomgen.motion.point_to_point import PointToPoint
 from eomgen.motion.splines import Spline
 from eomgen.progress import no_progress

@@ -24,7 +24,7 @@ from eomgen.identification.stiffness.result import FitResult
 from eomgen.identification.stiffness.solve import fit
 from eomgen.motion.files import motion_from_columns
 from eomgen.motion.smoothing import Differentiator, local_polynomials, noise_deviation
-from eomgen.pipeline.closing import mechanism_kernels
+from eomgen.pipeline.mechanisms import mechanism_kernels
 from eomgen.robot.model import build_model
 from tests.loops.test_elastic_cuts import linkages
 from tests.oracles.pinocchio_models import PinocchioOracle

@@ -10,7 +10,7 @@ from eomgen.codegen.kernels.constraint_rows import general_rank
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import SingularError
 from eomgen.integration import integrate
-from eomgen.pipeline.closing import closing_kernels
+from eomgen.pipeline.mechanisms import assembly_kernels
 from eomgen.robot.model import build_model
 from eomgen.simulation.segments import joined_info
 from tests.support.builds import Build
@@ -74,7 +74,7 @@ def test_what_is_redundant_everywhere_is_not_singular() -> None:
 
 def test_bennetts_linkage_goes_on(built: Build) -> None:
     robot = eomgen.load_robot("bennett")
-    kernel = built(robot, "forward_dynamics", *closing_kernels(robot))
+    kernel = built(robot, "forward_dynamics", *assembly_kernels(robot))
     q = kernel.close(np.array(build_model(robot).home))
     assert np.isfinite(kernel.forward_dynamics(q, np.zeros(3), np.array([1.0, 0.0, 0.0]))).all()
 

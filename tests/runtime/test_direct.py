@@ -299,7 +299,7 @@ def test_a_method_shows_itself_as_in_python(built: Build) -> None:
     assert inspect.isroutine(method)
     assert inspect.unwrap(method).__func__ is Kernel.forward_dynamics
     told = pydoc.plain(pydoc.render_doc(method))
-    assert "Accelerations, (n,), m/s^2 or rad/s^2, under the drives u." in told
+    assert "Return accelerations, (n,), m/s^2 or rad/s^2, under the drives u." in told
     assert "forward_dynamics(q:'ArrayLike'" in "".join(told.split())  # from Python 3.13 on in several lines
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
         _ = method.nothing  # type: ignore[attr-defined]

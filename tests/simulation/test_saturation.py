@@ -139,5 +139,5 @@ def _limited(robot: Robot) -> Robot:
 
 
 def test_a_page_does_not_clip() -> None:
-    with pytest.raises(InputError, match=r"saturate: drives that are clipped are not part of a page; allowed: without"):
+    with pytest.raises(InputError, match=r"saturate: drives that are clipped are not in a page; allowed: without"):
         acting_on(robot_from_toml(ARM), scenario(CONTROLS["pd"]), "link2", no_progress, [])

@@ -1,4 +1,4 @@
-/* Plain calls: arguments are looked at, codes are found and called, results are made.  Part of direct.c. */
+/* Plain calls: arguments are looked at, codes are looked up and called, results are made; direct.c includes it. */
 #include "direct_data.h"
 
 /* ---- numbers ------------------------------------------------------------------------------------------------- */
@@ -145,12 +145,12 @@ static PyArrayObject *computed_from(PyArrayObject *values, const Function *f, co
     return h;
 }
 
-/* What the code's library reads of the parameters; a new reference, so that a running call keeps its own. */
+/* What the code's library reads of the parameters; a new reference, which a running call keeps. */
 static PyArrayObject *hoisted(State *state, const Function *f, const Code *code)
 {
     PyArrayObject *h = NULL, *other = NULL, *values = NULL;
     Py_BEGIN_CRITICAL_SECTION(state);
-    h = state->h[code->part];
+    h = state->h[code->number];
     Py_XINCREF(h);
     if (h == NULL) values = state->values;
     Py_XINCREF(values);
@@ -160,10 +160,10 @@ static PyArrayObject *hoisted(State *state, const Function *f, const Code *code)
     if (h != NULL) {
         Py_BEGIN_CRITICAL_SECTION(state);
         if (state->values == values) { /* no assignment came between */
-            other = state->h[code->part];
+            other = state->h[code->number];
             Py_INCREF(h);
-            state->h[code->part] = h;
-            if (state->parts <= code->part) state->parts = code->part + 1;
+            state->h[code->number] = h;
+            if (state->libraries <= code->number) state->libraries = code->number + 1;
         }
         Py_END_CRITICAL_SECTION();
     }
@@ -174,17 +174,17 @@ static PyArrayObject *hoisted(State *state, const Function *f, const Code *code)
 
 /* Values of the parameters by place; -1 where a keyword is none of them, or comes twice. */
 static int sort_arguments(const Function *f, PyObject *const *args, Py_ssize_t count, PyObject *names,
-                          PyObject **given)
+                          PyObject **arguments)
 {
     if (count > f->positional) return -1;
-    for (Py_ssize_t i = 0; i < count; ++i) given[i] = args[i];
+    for (Py_ssize_t i = 0; i < count; ++i) arguments[i] = args[i];
     const Py_ssize_t named = names == NULL ? 0 : PyTuple_GET_SIZE(names);
     for (Py_ssize_t k = 0; k < named; ++k) {
         PyObject *name = PyTuple_GET_ITEM(names, k);
         int place = 0;
         while (place < f->places && f->place[place].label != name) ++place;
-        if (place == f->places || given[place] != NULL) return -1;
-        given[place] = args[count + k];
+        if (place == f->places || arguments[place] != NULL) return -1;
+        arguments[place] = args[count + k];
     }
     return 0;
 }
@@ -201,26 +201,26 @@ typedef struct {
     npy_intp wrench_size;
     size_t wrench_step;
     npy_intp wrench_states; /* of the first array and the wrenches together, 0 for one alone */
-    Code *codes[WAYS];      /* that it calls; NULL for none */
+    Code *codes[KINDS];      /* that it calls; NULL for none */
 } Plain;
 
 /* Find the codes that a call needs; 0 where all are armed. */
 static int find_codes(Function *f, Plain *call)
 {
     int lacking = 0;
-    call->codes[OWN] = &f->codes[OWN][call->states > 0];
+    call->codes[MAIN] = &f->codes[MAIN][call->states > 0];
     if (call->wrench != NULL) call->codes[ADDED] = &f->codes[ADDED][call->wrench_states > 0];
-    for (int way = 0; way < WAYS; ++way)
-        lacking |= call->codes[way] != NULL && PUBLISHED(call->codes[way]->address) == 0;
+    for (int kind = 0; kind < KINDS; ++kind)
+        lacking |= call->codes[kind] != NULL && PUBLISHED(call->codes[kind]->address) == 0;
     return lacking ? -1 : 0;
 }
 
 /* Look at the arguments; 0 where the call is plain. */
-static int look(Function *f, const State *state, PyObject *const *given, Plain *call)
+static int look(Function *f, const State *state, PyObject *const *arguments, Plain *call)
 {
     for (int i = 0; i < f->places; ++i) { /* shapes first: what is large and not plain is read once */
         const Place *place = &f->place[i];
-        PyObject *value = given[i];
+        PyObject *value = arguments[i];
         if (place->role <= WRENCH) {
             if (place->role != READ && (value == NULL || value == Py_None)) continue;
             if (value == NULL) return -1;
@@ -257,7 +257,7 @@ static int look(Function *f, const State *state, PyObject *const *given, Plain *
     if (call->states > 0) {
         const Py_ssize_t threads = PUBLISHED(state->threads);
         if (threads > 1 && call->states >= 2 * SHARE) return -1;
-        if (call->states > call->codes[OWN]->piece) return -1;
+        if (call->states > call->codes[MAIN]->piece) return -1;
         if (call->wrench_states > 0 && call->states > call->codes[ADDED]->piece) return -1;
     }
     if (call->out != NULL) {
@@ -291,9 +291,9 @@ static long long compute(const Function *f, const void *h, const Plain *call, vo
 {
     const int is_double = f->dtype->type_num == NPY_DOUBLE;
     if (call->states == 0)
-        return (is_double ? one_double : one_float)(call->codes[OWN], f->framed, call->reads, h, call->x, call->frame,
+        return (is_double ? one_double : one_float)(call->codes[MAIN], f->framed, call->reads, h, call->x, call->frame,
                                                     out);
-    return (is_double ? many_double : many_float)(call->codes[OWN], f->framed, call->reads, (size_t)call->states, h,
+    return (is_double ? many_double : many_float)(call->codes[MAIN], f->framed, call->reads, (size_t)call->states, h,
                                                   call->x, call->steps, call->frame, out);
 }
 
@@ -383,15 +383,15 @@ static int compute_all(const Function *f, const void *h, const void *h_added, Pl
 static PyObject *straight(Function *f, State *state, PyObject *const *args, Py_ssize_t count, PyObject *names,
                           Code **codes)
 {
-    PyObject *given[PLACES] = {NULL};
+    PyObject *arguments[PLACES] = {NULL};
     Plain call = {.states = 0};
     Beside beside;
-    if (sort_arguments(f, args, count, names, given) < 0) return NULL;
-    const int is_plain = look(f, state, given, &call) == 0;
+    if (sort_arguments(f, args, count, names, arguments) < 0) return NULL;
+    const int is_plain = look(f, state, arguments, &call) == 0;
     memcpy(codes, call.codes, sizeof call.codes);
     if (!is_plain || (call.wrench != NULL && make_room(f, &call, &beside) < 0)) return NULL;
-    PyObject *found = NULL;
-    PyArrayObject *out = NULL, *kept = hoisted(state, f, codes[OWN]), *kept_added = NULL;
+    PyObject *answer = NULL;
+    PyArrayObject *out = NULL, *kept = hoisted(state, f, codes[MAIN]), *kept_added = NULL;
     if (kept != NULL && call.wrench != NULL) kept_added = hoisted(state, f, codes[ADDED]);
     if (kept == NULL || (call.wrench != NULL && kept_added == NULL)) goto end;
     const void *h = PyArray_DATA(kept), *h_added = kept_added == NULL ? NULL : PyArray_DATA(kept_added);
@@ -403,7 +403,7 @@ static PyObject *straight(Function *f, State *state, PyObject *const *args, Py_s
     if (out == NULL) goto end;
     void *written = PyArray_DATA(out);
     const npy_intp states = call.states > 0 ? call.states : 1;
-    const double operations = codes[OWN]->operations + (call.wrench == NULL ? 0.0 : codes[ADDED]->operations);
+    const double operations = codes[MAIN]->operations + (call.wrench == NULL ? 0.0 : codes[ADDED]->operations);
     const int checks = PUBLISHED(state->checks);
     int failed;
     if (operations * (double)states < LONG)
@@ -415,10 +415,10 @@ static PyObject *straight(Function *f, State *state, PyObject *const *args, Py_s
     }
     if (!failed) {
         if (f->in_three)
-            found = three_views(f, out, call.states);
+            answer = three_views(f, out, call.states);
         else {
-            found = (PyObject *)out;
-            Py_INCREF(found);
+            answer = (PyObject *)out;
+            Py_INCREF(answer);
         }
     }
 end:
@@ -426,11 +426,11 @@ end:
     Py_XDECREF(kept);
     Py_XDECREF(kept_added);
     if (call.wrench != NULL) PyMem_Free(beside.memory);
-    return found;
+    return answer;
 }
 
 /* Ask for the address of a code, once: after a first call it is there. */
-static int arm_once(Function *f, Way way, Code *code)
+static int arm_once(Function *f, CodeKind kind, Code *code)
 {
     int again = 1;
     Py_BEGIN_CRITICAL_SECTION(f);
@@ -438,8 +438,8 @@ static int arm_once(Function *f, Way way, Code *code)
     code->asked = 1;
     Py_END_CRITICAL_SECTION();
     if (again) return 0;
-    PyObject *many = code == &f->codes[way][1] ? Py_True : Py_False;
-    PyObject *answer = PyObject_CallFunction(f->arming, "OsO", (PyObject *)f, WAY_NAMES[way], many);
+    PyObject *many = code == &f->codes[kind][1] ? Py_True : Py_False;
+    PyObject *answer = PyObject_CallFunction(f->arming, "OsO", (PyObject *)f, KIND_NAMES[kind], many);
     Py_XDECREF(answer);
     return answer == NULL ? -1 : 0;
 }
@@ -448,15 +448,15 @@ static PyObject *direct_vectorcall(PyObject *self, PyObject *const *args, size_t
 {
     Direct *direct = (Direct *)self;
     Function *f = direct->function;
-    Code *codes[WAYS] = {NULL};
-    PyObject *found = straight(f, direct->state, args, PyVectorcall_NARGS(nargsf), names, codes);
-    if (found != NULL || PyErr_Occurred()) return found;
+    Code *codes[KINDS] = {NULL};
+    PyObject *answer = straight(f, direct->state, args, PyVectorcall_NARGS(nargsf), names, codes);
+    if (answer != NULL || PyErr_Occurred()) return answer;
     PyObject *bound = PyMethod_New(f->method, direct->owner);
     if (bound == NULL) return NULL;
-    found = PyObject_Vectorcall(bound, args, nargsf, names);
+    answer = PyObject_Vectorcall(bound, args, nargsf, names);
     Py_DECREF(bound);
-    for (int way = 0; way < WAYS && found != NULL; ++way)
-        if (codes[way] != NULL && PUBLISHED(codes[way]->address) == 0 && arm_once(f, (Way)way, codes[way]) < 0)
-            Py_CLEAR(found);
-    return found;
+    for (int kind = 0; kind < KINDS && answer != NULL; ++kind)
+        if (codes[kind] != NULL && PUBLISHED(codes[kind]->address) == 0 && arm_once(f, (CodeKind)kind, codes[kind]) < 0)
+            Py_CLEAR(answer);
+    return answer;
 }

@@ -11,10 +11,10 @@ static PyObject *bound_method(PyObject *self, void *closure)
 
 static PyObject *attribute_of_method(PyObject *self, const char *name)
 {
-    PyObject *bound = bound_method(self, NULL), *found = NULL;
-    if (bound != NULL) found = PyObject_GetAttrString(bound, name);
+    PyObject *bound = bound_method(self, NULL), *attribute = NULL;
+    if (bound != NULL) attribute = PyObject_GetAttrString(bound, name);
     Py_XDECREF(bound);
-    return found;
+    return attribute;
 }
 
 static PyObject *direct_doc(PyObject *self, void *closure)
@@ -26,13 +26,13 @@ static PyObject *direct_doc(PyObject *self, void *closure)
 static PyObject *direct_is_armed(PyObject *self, void *closure)
 {
     (void)closure;
-    return PyBool_FromLong(PUBLISHED(((Direct *)self)->function->codes[OWN][0].address) != 0);
+    return PyBool_FromLong(PUBLISHED(((Direct *)self)->function->codes[MAIN][0].address) != 0);
 }
 
 static PyObject *direct_takes_many(PyObject *self, void *closure)
 {
     (void)closure;
-    return PyBool_FromLong(PUBLISHED(((Direct *)self)->function->codes[OWN][1].address) != 0);
+    return PyBool_FromLong(PUBLISHED(((Direct *)self)->function->codes[MAIN][1].address) != 0);
 }
 
 /* All that a bound method shows: its names, annotations, signature. */
@@ -40,21 +40,21 @@ static PyObject *direct_getattro(PyObject *self, PyObject *name)
 {
     if (PyUnicode_Check(name) && PyUnicode_CompareWithASCIIString(name, "__module__") == 0)
         return attribute_of_method(self, "__module__");
-    PyObject *found = PyObject_GenericGetAttr(self, name);
-    if (found != NULL || !PyErr_ExceptionMatches(PyExc_AttributeError)) return found;
+    PyObject *attribute = PyObject_GenericGetAttr(self, name);
+    if (attribute != NULL || !PyErr_ExceptionMatches(PyExc_AttributeError)) return attribute;
     PyErr_Clear();
     PyObject *bound = bound_method(self, NULL);
-    if (bound != NULL) found = PyObject_GetAttr(bound, name);
+    if (bound != NULL) attribute = PyObject_GetAttr(bound, name);
     Py_XDECREF(bound);
-    return found;
+    return attribute;
 }
 
 static PyObject *direct_repr(PyObject *self)
 {
-    PyObject *bound = bound_method(self, NULL), *found = NULL;
-    if (bound != NULL) found = PyObject_Repr(bound);
+    PyObject *bound = bound_method(self, NULL), *text = NULL;
+    if (bound != NULL) text = PyObject_Repr(bound);
     Py_XDECREF(bound);
-    return found;
+    return text;
 }
 
 /* As a bound method: the attribute of that name of its kernel. */
@@ -91,7 +91,7 @@ static int direct_traverse(PyObject *self, visitproc visit, void *arg)
     return 0;
 }
 
-/* No tp_clear: a Direct is never without its parts, and whoever keeps it in a circle can be cleared instead. */
+/* No tp_clear: a Direct is never without its fields, and whoever keeps it in a circle can be cleared instead. */
 static void direct_dealloc(PyObject *self)
 {
     PyTypeObject *type = Py_TYPE(self);
@@ -158,20 +158,20 @@ static int read_shape(PyObject *lengths, Shape *shape)
     return 0;
 }
 
-static int read_place(PyObject *given, Place *place)
+static int read_place(PyObject *entry, Place *place)
 {
     static const char *const names[] = {"read", "beside", "wrench", "frame", "out", "nothing", "cut"};
     PyObject *label, *lengths;
     const char *role;
-    if (!PyArg_ParseTuple(given, "UsO:place", &label, &role, &lengths) || read_shape(lengths, &place->shape) < 0)
+    if (!PyArg_ParseTuple(entry, "UsO:place", &label, &role, &lengths) || read_shape(lengths, &place->shape) < 0)
         return -1;
-    size_t found = 0;
-    while (found < sizeof names / sizeof *names && strcmp(names[found], role) != 0) ++found;
-    if (found == sizeof names / sizeof *names) {
+    size_t role_number = 0;
+    while (role_number < sizeof names / sizeof *names && strcmp(names[role_number], role) != 0) ++role_number;
+    if (role_number == sizeof names / sizeof *names) {
         PyErr_Format(PyExc_ValueError, "role %s is none of a parameter", role);
         return -1;
     }
-    place->role = (Role)found;
+    place->role = (Role)role_number;
     Py_INCREF(label);
     PyUnicode_InternInPlace(&label);
     place->label = label;
@@ -202,10 +202,10 @@ static int read_places(Function *f, PyObject *places)
 }
 
 /* What is added of wrenches: a sign, the place of the array that takes it or -1, and its numbers that take nothing. */
-static int read_added(Function *f, PyObject *given)
+static int read_added(Function *f, PyObject *entry)
 {
     PyObject *left;
-    if (!PyArg_ParseTuple(given, "diO!:added", &f->sign, &f->into, &PyTuple_Type, &left)) return -1;
+    if (!PyArg_ParseTuple(entry, "diO!:added", &f->sign, &f->into, &PyTuple_Type, &left)) return -1;
     int reads = 0; /* at the beginning: there the number of a place is that of its array */
     while (reads < f->places && f->place[reads].role == READ) ++reads;
     if (f->into < -1 || f->into >= reads) {
@@ -265,9 +265,9 @@ failed:
     return NULL;
 }
 
-PyDoc_STRVAR(arm_doc, "arm(way, many, library, part, code, setup, hoisted, operations, piece)\n\n"
+PyDoc_STRVAR(arm_doc, "arm(kind, many, library, number, code, setup, hoisted, operations, piece)\n\n"
                       "Tell where a code is; from then on plain calls go there.\n\n"
-                      "Arguments: which code: the \"own\" one or what is \"added\", for many states or for one; its\n"
+                      "Arguments: which code: the \"main\" one or what is \"added\", for many states or for one; its\n"
                       "library, which is kept, and the number of that; addresses of the code and of what computes\n"
                       "from the parameters, how many numbers; operations of a state; states that one call computes at\n"
                       "most.");
@@ -278,24 +278,24 @@ static PyObject *function_arm(PyObject *self, PyObject *args)
     unsigned long long address, setup;
     PyObject *library;
     const char *name;
-    int many, part, way = 0;
+    int many, number, kind = 0;
     double operations;
     Py_ssize_t hoisted_count, piece;
-    if (!PyArg_ParseTuple(args, "spOiKKndn:arm", &name, &many, &library, &part, &address, &setup, &hoisted_count,
+    if (!PyArg_ParseTuple(args, "spOiKKndn:arm", &name, &many, &library, &number, &address, &setup, &hoisted_count,
                           &operations, &piece))
         return NULL;
-    while (way < WAYS && strcmp(WAY_NAMES[way], name) != 0) ++way;
-    if (way == WAYS) return PyErr_Format(PyExc_ValueError, "arm: %s is no code of a function", name);
-    if (part < 0 || part >= PARTS) Py_RETURN_FALSE;
+    while (kind < KINDS && strcmp(KIND_NAMES[kind], name) != 0) ++kind;
+    if (kind == KINDS) return PyErr_Format(PyExc_ValueError, "arm: %s is no code of a function", name);
+    if (number < 0 || number >= LIBRARIES) Py_RETURN_FALSE;
     npy_intp least = f->result.size;
     for (int i = 0; i < f->places; ++i)
         if (f->place[i].role <= WRENCH && f->place[i].shape.size < least) least = f->place[i].shape.size;
     if (least < 1 || address == 0 || setup == 0) Py_RETURN_FALSE; /* nothing to point to */
-    Code *code = &f->codes[way][many];
+    Code *code = &f->codes[kind][many];
     Py_BEGIN_CRITICAL_SECTION(self);
     if (code->address == 0) {
         Py_INCREF(library), code->library = library;
-        code->part = part;
+        code->number = number;
         code->operations = operations;
         code->piece = piece;
         code->hoisted = hoisted_count;
@@ -313,8 +313,8 @@ static int function_traverse(PyObject *self, visitproc visit, void *arg)
     Py_VISIT(f->method);
     Py_VISIT(f->arming);
     Py_VISIT(f->frames);
-    for (int way = 0; way < WAYS; ++way)
-        for (int many = 0; many < 2; ++many) Py_VISIT(f->codes[way][many].library);
+    for (int kind = 0; kind < KINDS; ++kind)
+        for (int many = 0; many < 2; ++many) Py_VISIT(f->codes[kind][many].library);
     return 0;
 }
 
@@ -327,8 +327,8 @@ static void function_dealloc(PyObject *self)
     Py_XDECREF(f->name);
     Py_XDECREF(f->arming);
     Py_XDECREF(f->frames);
-    for (int way = 0; way < WAYS; ++way)
-        for (int many = 0; many < 2; ++many) Py_XDECREF(f->codes[way][many].library);
+    for (int kind = 0; kind < KINDS; ++kind)
+        for (int many = 0; many < 2; ++many) Py_XDECREF(f->codes[kind][many].library);
     PyMem_Free(f->left);
     Py_XDECREF(f->dtype);
     for (int i = 0; i < f->places; ++i) Py_DECREF(f->place[i].label);
@@ -425,9 +425,9 @@ static PyObject *state_setup(PyObject *self, void *closure)
 static PyObject *state_assign(PyObject *self, PyObject *const *args, Py_ssize_t count)
 {
     State *state = (State *)self;
-    PyArrayObject *old = NULL, *values = NULL, *gone[PARTS];
+    PyArrayObject *old = NULL, *values = NULL, *gone[LIBRARIES];
     PyObject *setup = NULL;
-    int parts = 0;
+    int cleared = 0;
     if (count % 2 != 0) return PyErr_Format(PyExc_TypeError, "assign: a number for every slot");
     Py_BEGIN_CRITICAL_SECTION(self);
     values = (PyArrayObject *)PyArray_NewCopy(state->values, NPY_CORDER);
@@ -448,14 +448,14 @@ static PyObject *state_assign(PyObject *self, PyObject *const *args, Py_ssize_t 
         state->values = values;
         setup = state->setup;
         state->setup = NULL;
-        for (; parts < state->parts; ++parts) {
-            gone[parts] = state->h[parts];
-            state->h[parts] = NULL;
+        for (; cleared < state->libraries; ++cleared) {
+            gone[cleared] = state->h[cleared];
+            state->h[cleared] = NULL;
         }
-        state->parts = 0;
+        state->libraries = 0;
     }
     Py_END_CRITICAL_SECTION();
-    while (parts > 0) Py_XDECREF(gone[--parts]);
+    while (cleared > 0) Py_XDECREF(gone[--cleared]);
     Py_XDECREF(setup);
     if (old == NULL) return NULL;
     Py_DECREF(old);
@@ -473,8 +473,8 @@ static PyObject *state_copy(PyObject *self, PyObject *unused)
     Py_XINCREF(state->setup), other->setup = state->setup;
     other->checks = state->checks;
     other->threads = state->threads;
-    other->parts = state->parts;
-    for (int i = 0; i < state->parts; ++i) {
+    other->libraries = state->libraries;
+    for (int i = 0; i < state->libraries; ++i) {
         Py_XINCREF(state->h[i]);
         other->h[i] = state->h[i];
     }
@@ -498,7 +498,7 @@ static void state_dealloc(PyObject *self)
     Py_XDECREF(state->values);
     Py_XDECREF(state->make);
     Py_XDECREF(state->setup);
-    for (int i = 0; i < state->parts; ++i) Py_XDECREF(state->h[i]);
+    for (int i = 0; i < state->libraries; ++i) Py_XDECREF(state->h[i]);
     type->tp_free(self);
     Py_DECREF(type);
 }

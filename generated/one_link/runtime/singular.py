@@ -8,7 +8,7 @@ import numpy as np
 
 from .raw import Array
 
-VANISHED = 1e-11  # of the largest inertia, in units of each coordinate's own: round-off
+VANISHED = 1e-11  # of the largest inertia, in units of each coordinate: round-off
 NEARLY = 1e-4  # the same in single precision
 NO_SIZE = 1e-14  # of the largest inertia: what a coordinate without any counts with
 SMALL = 1e-4  # of the largest inertia: coordinates with less weigh alike where null vectors are looked at
@@ -38,7 +38,7 @@ def null_coordinates(M: Array, names: Sequence[str], limit: float = VANISHED) ->
     """
     values, vectors = scaled_eigenvalues(M)
     null = vectors[:, values <= max(limit, values[0])] / _sizes(M, NO_SIZE)[:, np.newaxis]
-    null *= _sizes(M, SMALL)[:, np.newaxis]  # a part of a null vector counts, though its own inertia is small
+    null *= _sizes(M, SMALL)[:, np.newaxis]  # a component of a null vector counts, though its inertia is small
     parts = np.linalg.norm(null / np.linalg.norm(null, axis=0), axis=1)
     return tuple(name for name, share in zip(names, parts, strict=True) if share > SHARE * parts.max())
 

@@ -62,7 +62,7 @@ def function(
             f" not beginning with {kernel.name}_"
         )
     library = external_library(differentiable, chosen, flags, order)
-    # one gradient by adj1, which has derivatives of its own; more at once by the Jacobian
+    # one gradient by adj1, which has derivatives; more at once by the Jacobian
     options = {"jac_penalty": 1.5 / max(int(differentiable.patterns()[0].sum()), 1)} if order == 2 else {}
     return linked(library, f"{chosen}.so", lambda path: casadi.external(chosen, path, options))
 

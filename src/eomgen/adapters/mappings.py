@@ -151,7 +151,7 @@ class DifferentiableFunction:
         reads, result: names of what it takes and of what it gives.
         inputs: shapes of what it takes; output: that of its result.
         idle: what the kernel's function reads behind that, which is 0 here.
-        whole: shape of what the kernel's derivatives are of, which is more than the result where that is a part of it,
+        whole: shape of what the kernel's derivatives are of, which is more than the result where that is a block of it,
             and the poses or Jacobians of all frames.
         begins: where the result begins in that; moving: how many numbers of the result change at all, the first ones.
 

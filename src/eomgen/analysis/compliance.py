@@ -17,7 +17,7 @@ from ..motion.ends import limits_beside
 from ..motion.reaching import Target, reach, starting_points, within_limits
 from ..motion.tool_path import space_point
 from ..names import show
-from ..pipeline.closing import mechanism_kernels
+from ..pipeline.mechanisms import mechanism_kernels
 from ..pipeline.stages import build
 from ..progress import Progress, StageReport, no_progress
 from ..results.kinds import Kind, Saved, declare

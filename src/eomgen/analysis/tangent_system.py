@@ -126,7 +126,7 @@ def refuse_singular_pose(kernel: Kernel, q: Array, moving: Mask) -> None:
     space is that of a manifold.
 
     Args:
-        kernel: with the kernels of ``pipeline.closing.mechanism_kernels``.
+        kernel: with the kernels of ``pipeline.mechanisms.mechanism_kernels``.
         q: coordinates that close the loops, (n,).
         moving: which of them may move, (n,).
 

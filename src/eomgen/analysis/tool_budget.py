@@ -16,7 +16,7 @@ from ..arrays import RANK, Array
 from ..description import RobotLike, as_robot
 from ..errors import InputError
 from ..names import joint_of
-from ..pipeline.closing import mechanism_kernels
+from ..pipeline.mechanisms import mechanism_kernels
 from ..pipeline.stages import build
 from ..robot.coordinates import MOTIONS, index_of
 from ..robot.model import build_model, tool_of

@@ -25,7 +25,7 @@ from ..arrays import Array
 from ..description import RobotLike, as_robot
 from ..errors import InputError, InternalError, LoopError
 from ..names import listed
-from ..pipeline.closing import closing_kernels
+from ..pipeline.mechanisms import assembly_kernels
 from ..pipeline.stages import Options, build, build_flags
 from ..progress import StageReport, no_report
 from ..robot.model import build_model, open_tree
@@ -267,7 +267,7 @@ def _inputs(robot: Robot, kernel: Kernel) -> dict[str, Array]:
 def _closed_inputs(robot: Robot, given: dict[str, Array], rng: np.random.Generator) -> dict[str, Array]:
     """Draw states of a closed mechanism: near home, with rates and accelerations that keep it closed."""
     model = build_model(robot)
-    kernel = build(robot, kernels=("mass_matrix", "forward_dynamics", *closing_kernels(robot)))
+    kernel = build(robot, kernels=("mass_matrix", "forward_dynamics", *assembly_kernels(robot)))
     home, driven = np.array(model.home), [model.coordinates[i] for i in model.driven]
     q, reach = np.tile(kernel.close(home), (STATES, 1)), 0.1
     away = rng.uniform(-1.0, 1.0, q.shape) * np.isin(model.coordinates, driven)

@@ -24,7 +24,7 @@ from ..description.mjcf.values import about, matrix, triple
 from ..errors import EomgenWarning, InputError
 from ..files import write_atomically
 from ..names import component_name, joint_of, kind_of, show
-from ..pipeline.closing import closed_home
+from ..pipeline.mechanisms import assembled_home
 from ..robot.bounds import Limits
 from ..robot.coordinates import coordinate_names
 from ..robot.geometry import IDENTITY
@@ -115,7 +115,7 @@ def mjcf(
         ElementTree.SubElement(bodies[frame.link], "site", {"name": frame.name, **_place(frame.placement)})
     _add_tendons(root, robot, bodies)
     if robot.loops or robot.couplings:
-        add_equalities(root, robot, bodies, positions(robot, closed_home(robot.with_constraints())), step)
+        add_equalities(root, robot, bodies, positions(robot, assembled_home(robot.with_constraints())), step)
     speeds = {name: robot.limits_of(name).velocity for name in coordinate_names(robot)}
     if any(speeds.values()):
         section = ElementTree.SubElement(root, "custom")

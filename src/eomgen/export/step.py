@@ -8,7 +8,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..errors import SingularError
-from ..pipeline.closing import closed_home
+from ..pipeline.mechanisms import assembled_home
 from ..pipeline.stages import build
 from ..progress import StageReport, no_report
 from ..robot.model import build_model
@@ -50,7 +50,7 @@ def _open(robot: Robot, progress: StageReport) -> tuple[Array, Array]:
 
 def _closed(robot: Robot, progress: StageReport) -> tuple[Array, Array]:
     """Return the step of a robot with loops at its assembled home, at rest."""
-    q = np.array(closed_home(robot, progress))
+    q = np.array(assembled_home(robot, progress))
     names = ("constrained_dynamics", "constrained_dynamics_tangent")
     kernel = build(robot, kernels=names, flags=("-O0",), progress=progress)
     n, zero = kernel.n, np.zeros(kernel.n)

@@ -20,7 +20,7 @@ from ..motion.files import MeasuredMotion, measured_motion
 from ..motion.measured_numbers import answers_in_numbers
 from ..motion.smoothing import local_polynomials
 from ..names import component_name, split_component
-from ..pipeline.closing import mechanism_kernels
+from ..pipeline.mechanisms import mechanism_kernels
 from ..pipeline.stages import build
 from ..progress import StageReport
 from ..results.contents import Contents

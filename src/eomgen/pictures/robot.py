@@ -13,7 +13,7 @@ from ..analysis.at_rest import closed
 from ..description import RobotLike, as_robot
 from ..errors import EomgenWarning, InputError, UnknownNameError
 from ..names import nearest, show
-from ..pipeline.closing import closing_kernels
+from ..pipeline.mechanisms import assembly_kernels
 from ..pipeline.stages import build
 from ..robot.model import build_model
 from ..robot.value import Robot
@@ -79,7 +79,7 @@ def plot_robot(
             raise UnknownNameError(f"pose: {show(name)} is unknown{nearest(name, names)}; allowed: {', '.join(names)}")
     q = np.array([(pose or {}).get(name, home) for name, home in zip(names, model.home, strict=True)])
     if model.constraints:
-        kernel = build(robot, kernels=closing_kernels(robot))
+        kernel = build(robot, kernels=assembly_kernels(robot))
         q = closed(kernel, q, np.isin(names, list(pose or ())))
     poses = link_poses(robot, names, q)
     shapes, notes = urdf_shapes(robot)

@@ -73,7 +73,7 @@ def _wrong(module: ModuleType, dtype: np.dtype[Any]) -> Iterator[str]:
     module.bind((function,), kept, state, bound)
     call = bound["doubled"]
     for many, address in ((False, code), (True, batch)):
-        function.arm("own", many, kept, int(many), address, setup, 1, 1.0, 16)
+        function.arm("main", many, kept, int(many), address, setup, 1, 1.0, 16)
     for numbers in PLAIN:
         argument, out = np.array(numbers, dtype), np.empty(4, dtype)
         rows = np.array([numbers, numbers[::-1]], dtype)  # which no memory holds twice of before

@@ -12,7 +12,7 @@ from ..loops.redundant import redundancy
 from ..progress import StageReport, no_report
 from ..robot.model import build_model
 from ..robot.value import Robot
-from .closing import closing_kernels
+from .mechanisms import assembly_kernels
 from .stages import build
 
 BRANCHES = 8  # ways to close that are looked for
@@ -61,7 +61,7 @@ def mobility_of(robot: Robot, *, progress: StageReport = no_report) -> Mobility 
     if not model.constraints:
         return None
     try:
-        kernel = build(rigid, kernels=("mass_matrix", *closing_kernels(rigid)), flags=("-O0",), progress=progress)
+        kernel = build(rigid, kernels=("mass_matrix", *assembly_kernels(rigid)), flags=("-O0",), progress=progress)
         driven = [model.coordinates[i] for i in model.driven]
         home = kernel.close(np.array(model.home))
         constraints = redundancy(kernel, home)

@@ -39,11 +39,11 @@ class Difference:
     function: str
     state: str
     place: int
-    found: float
+    actual: float
     expected: float
 
     def __str__(self) -> str:
-        return f"{self.function} gives {self.found!r} for {self.expected!r} at {self.place} in a state: {self.state}"
+        return f"{self.function} gives {self.actual!r} for {self.expected!r} at {self.place} in a state: {self.state}"
 
 
 def check_package(

@@ -181,7 +181,7 @@ class CompiledCode:
         """
         if self._functions is None or self._functions[0] is not module:
             known = {name: getattr(type(self), name, None) for name in self.raw.functions}
-            methods = {  # those of a subclass elsewhere are its own
+            methods = {  # not those of a subclass elsewhere
                 name: method
                 for name, method in known.items()
                 if isinstance(method, FunctionType) and method.__module__.startswith(PACKAGE)

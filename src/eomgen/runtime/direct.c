@@ -1,7 +1,7 @@
 /* Methods of kernels as callables in C: calls with plain arrays go from Python to the compiled function at once.
  *
  * Nothing here knows a robot.  A Function is what one method of all kernels of a package does: the method in Python,
- * the names, roles and shapes of its parameters, and, once they are armed, the addresses of its codes: its own and that
+ * the names, roles and shapes of its parameters, and, once they are armed, the addresses of its codes: its main one and that
  * of wrenches, each for one state and for many, each armed after a first call that needs it, which may have compiled
  * it.  A State is what may change of one kernel: its parameters, checks and threads.  A Direct is the method of one
  * kernel: a Function and a State, with a kernel that has methods in Python alone.

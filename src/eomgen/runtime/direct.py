@@ -206,11 +206,11 @@ def _place(label: str, reads: tuple[str, ...], raw: RawKernel, name: str) -> tup
 
 
 def _arm(
-    raw: RawKernel, libraries: dict[Library, int], new: itertools.count[int], function: Any, way: str, many: bool
+    raw: RawKernel, libraries: dict[Library, int], new: itertools.count[int], function: Any, kind: str, many: bool
 ) -> None:
-    """Tell a ``Function`` where its "own" code is, or what wrenches have "added": for one state, or for many."""
-    code = raw.functions[function.name if way == "own" else WRENCHED[function.name].function]
+    """Tell a ``Function`` where its "main" code is, or that of wrenches, "added": for one state, or for many."""
+    code = raw.functions[function.name if kind == "main" else WRENCHED[function.name].function]
     address, library, work = code.address(batch=many), code.where(batch=many), code.operations
     number = libraries[library] if library in libraries else libraries.setdefault(library, next(new))
     setup = library.address(library.setup)
-    function.arm(way, many, library, number, address, setup, library.hoisted, float(work), states_at_once(work))
+    function.arm(kind, many, library, number, address, setup, library.hoisted, float(work), states_at_once(work))

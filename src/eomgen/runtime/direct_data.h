@@ -22,11 +22,11 @@
 #define PUBLISHED(place) (place)
 #endif
 
-enum { ARRAYS = 4, PLACES = 8, AXES = 3, PARTS = 64 }; /* that a function reads, parameters, axes, libraries: at most */
+enum { ARRAYS = 4, PLACES = 8, AXES = 3, LIBRARIES = 64 }; /* that a function reads, parameters, axes, libraries: at most */
 
 /* Work that others may run beside: multiplications and additions; microseconds, in which a GIL's return is lost. */
 static const double LONG = 2e4;
-/* States that are worth a thread of their own, as in calls.py. */
+/* States that are worth a separate thread, as in calls.py. */
 static const npy_intp SHARE = 256;
 
 /* What a parameter is for. */
@@ -54,16 +54,16 @@ typedef struct {
 
 /* What a method calls, and for what: for one state or for many. */
 typedef enum {
-    OWN,   /* what it is for */
-    ADDED, /* what wrenches add: reads the first array and them, writes what "own" writes or one of its arrays */
-    WAYS
-} Way;
-static const char *const WAY_NAMES[WAYS] = {"own", "added"};
+    MAIN,  /* the function itself */
+    ADDED, /* what wrenches add: reads the first array and them, writes what "main" writes or one of its arrays */
+    KINDS
+} CodeKind;
+static const char *const KIND_NAMES[KINDS] = {"main", "added"};
 
 /* Code for one state or for many, and what it reads of the parameters. */
 typedef struct {
     PyObject *library; /* which keeps it */
-    int part;          /* number of the library */
+    int number;        /* of the library */
     npy_intp hoisted;  /* numbers that the library computes from the parameters */
     double operations; /* of a state */
     npy_intp piece;    /* states that one call computes at most */
@@ -76,7 +76,7 @@ typedef struct {
     PyObject_HEAD
     PyObject *method; /* the function of Python */
     PyObject *name;
-    PyObject *arming; /* arming(function, way, many) tells the address of a code after a first call of it */
+    PyObject *arming; /* arming(function, kind, many) tells the address of a code after a first call of it */
     PyObject *frames; /* their numbers by name, a dict */
     PyArray_Descr *dtype;
     int places, positional;
@@ -84,7 +84,7 @@ typedef struct {
     Shape result;
     int framed, in_three; /* takes a frame's number; its result are three views */
     int cut_must_be_false;
-    Code codes[WAYS][2]; /* of each way for one state and for many */
+    Code codes[KINDS][2]; /* of each kind for one state and for many */
     double sign;         /* of what is added to the result */
     int into;            /* number of the array that it is added to instead, with sign 1; -1 for the result */
     npy_intp *left;      /* places of this array that nothing is added to */
@@ -97,8 +97,8 @@ typedef struct {
     PyObject *make, *setup; /* setup is make(values), for callers in Python; NULL until they ask for it */
     char checks;
     Py_ssize_t threads;
-    int parts; /* as many of h as may be there */
-    PyArrayObject *h[PARTS]; /* what each library computes of the values, when it is first needed; NULL before */
+    int libraries; /* as many of h as may be there */
+    PyArrayObject *h[LIBRARIES]; /* what each library computes of the values, when it is first needed; NULL before */
 } State;
 
 typedef struct {

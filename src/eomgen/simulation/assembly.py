@@ -19,7 +19,7 @@ from ..motion.splines import Standstill, signal_of
 from ..motion.timetable import TimeTable
 from ..names import joint_of, listed, nearest, split_component
 from ..pipeline.ahead import Ahead
-from ..pipeline.closing import mechanism_kernels
+from ..pipeline.mechanisms import mechanism_kernels
 from ..pipeline.stages import build, build_groups
 from ..progress import Progress
 from ..robot.coordinates import coordinate_names, index_of

@@ -31,7 +31,7 @@ from eomgen.robot.value import Robot
 from eomgen.runtime.stepping.options import ADAPTIVE as STEPPERS
 from eomgen.runtime.stepping.options import rollout_of
 
-from ...pipeline.closing import closed_home
+from ...pipeline.mechanisms import assembled_home
 from ..step import default_step
 from .choices import ADAPTIVE, AUTO, METHODS, VERSIONS
 
@@ -86,7 +86,7 @@ def export_fmu(
     """
     robot = as_robot(robot)
     _check(version, method, rtol, step)
-    home = closed_home(robot, progress)
+    home = assembled_home(robot, progress)
     solver = _solver(robot, method, rtol, step, progress)
     kernels = CLOSED_KERNELS if build_model(robot).constraints else KERNELS
     stepping = (rollout_of(method),) if method in ADAPTIVE else ("rollout",)

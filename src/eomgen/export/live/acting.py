@@ -25,12 +25,12 @@ from ...scenario.value import Initial, Scenario, Section
 from ...simulation.assembly import Assembly, assemble, rigid_kernels
 from ...simulation.initial import initial_state
 from ...simulation.loads import loaded_parameters
-from ..wasm.loads import as_json
+from ..wasm.signals import as_json
 
 STIFF = 15.0  # rad/s: what gains of default drives make of the rigid robot
 CLOSED_PART = 0.35  # of a default motion, for mechanisms: far from where they are singular
 WAY, PAUSE = 1.6, 0.7  # s, of the default motion to and fro
-SHAKE = {"m": 0.01, "rad": 0.01}  # amplitude of motions that are given and that nothing says
+SHAKE = {"m": 0.01, "rad": 0.01}  # amplitude of prescribed motions without another one
 SHAKE_RATE = 1.5  # Hz, likewise
 HELD = 1.0  # s, of a scenario whose robot is only held
 
@@ -105,7 +105,7 @@ def acting_on(
     data = assembly.drive.load_data()
     if data is not None and data.effort is not None:
         raise InputError(
-            f"{scenario.label('control.saturate')}: drives that are clipped are not part of a page; allowed: without"
+            f"{scenario.label('control.saturate')}: drives that are clipped are not in a page; allowed: without"
         )
     if data is None:
         raise InputError(

@@ -6,5 +6,5 @@ Uses what export uses.
 from ...lazily import imports_when_used
 
 with imports_when_used(globals()):
-    from .loads import plain_loads as plain_loads
     from .pack import export_wasm as export_wasm
+    from .signals import plain_loads as plain_loads

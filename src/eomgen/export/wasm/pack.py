@@ -19,7 +19,7 @@ from eomgen.codegen.package.compile import LONG
 from eomgen.description import RobotLike, as_robot
 from eomgen.errors import InputError
 from eomgen.files import write_atomically
-from eomgen.pipeline.closing import closed_home
+from eomgen.pipeline.mechanisms import assembled_home
 from eomgen.pipeline.stages import Options, make_source
 from eomgen.progress import StageReport, no_report
 from eomgen.robot.model import build_model
@@ -120,7 +120,7 @@ def make_wasm(
     rigid = _rigid(robot, progress) if model else None
     meta = json.loads(source.meta)
     context = _context(robot, meta, rigid)
-    home = closed_home(robot, progress)
+    home = assembled_home(robot, progress)
     described = _description(meta, context["pushed"], home, None if rigid is None else json.loads(rigid.meta))
     progress(f"compiling {source.statements} statements of C")
     exported = ["setup", *(name for name, function in meta["functions"].items() if function["kind"] not in _ROLLING)]

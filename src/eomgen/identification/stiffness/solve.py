@@ -35,7 +35,7 @@ from ...motion.measured_numbers import answers_in_numbers
 from ...motion.smoothing import Differentiator, bell, filtered, noise_deviation
 from ...names import component_name, listed, nearest, parameter_name, split_component
 from ...optional import optional_import
-from ...pipeline.closing import mechanism_kernels
+from ...pipeline.mechanisms import mechanism_kernels
 from ...pipeline.stages import build
 from ...progress import StageReport
 from ...robot.model import Model, build_model

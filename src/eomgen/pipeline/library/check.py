@@ -325,7 +325,7 @@ class _Examination:
         times, inputs, wanted = self._motion()
         count = 2 * self.lanes + 1
         state = tuple(np.tile(x, (count, 1)) for x in self.states[0][:2])
-        first = [0.5 / (1.0 + k) for k in range(count)]  # so that lanes have steps of their own
+        first = [0.5 / (1.0 + k) for k in range(count)]  # so that lanes have different steps
         drive, atol = self._drive(np.zeros((1, N), self.dtype), controlled=False), np.full(2 * N, rtol, self.dtype)
         for method in (0, 1):
             out, _ = self._adapted_many(method, drive, (state[0], state[1]), times, (rtol, atol, first), inputs)

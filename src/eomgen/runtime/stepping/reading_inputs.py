@@ -132,7 +132,7 @@ def check_signals(calls: Calls, loads: InputSignals) -> None:
         InputError: shapes, places or numbers are not allowed; says which.
     """
     drive, waves = loads.drive, loads.given
-    moved = () if waves is not None else calls.prescribed  # without motions of their own their drives are accelerations
+    moved = () if waves is not None else calls.prescribed  # without motions their drives are accelerations
     free = [i for i, name in enumerate(calls.coordinates) if name not in moved]
     if np.isnan([loads.first, loads.last]).any():
         _refuse("first and last", (loads.first, loads.last), "times, s")

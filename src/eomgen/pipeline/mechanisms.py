@@ -1,4 +1,4 @@
-"""Kernels that close a mechanism, and the description's home with its loops closed."""
+"""Kernels that assemble a mechanism, and the description's home with its loops assembled."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from ..robot.value import Robot
 from .stages import build
 
 
-def closing_kernels(robot: Robot) -> tuple[str, ...]:
-    """Return names of the kernels that ``Kernel.close`` calls; none where nothing rigid closes."""
+def assembly_kernels(robot: Robot) -> tuple[str, ...]:
+    """Return names of the kernels that ``Kernel.close`` calls; none without loops and couplings."""
     if not build_model(robot).constraints:
         return ()
     return ("constraint", "constraint_jacobian", *(("cut_poses",) if robot.loops else ()))
@@ -17,17 +17,17 @@ def closing_kernels(robot: Robot) -> tuple[str, ...]:
 
 def mechanism_kernels(robot: Robot) -> tuple[str, ...]:
     """Add what moves the mechanism along its loops: charts, residual, mass matrix, the constraint's bias."""
-    kernels = closing_kernels(robot)
+    kernels = assembly_kernels(robot)
     return (*kernels, "following", "constraint_bias", "mass_matrix", "residual") if kernels else ()
 
 
-def closed_home(robot: Robot, progress: StageReport = no_report) -> tuple[float, ...]:
-    """Return the description's home, (n,), m or rad, closed; compiles ``closing_kernels`` where there are some.
+def assembled_home(robot: Robot, progress: StageReport = no_report) -> tuple[float, ...]:
+    """Return the description's home, (n,), m or rad, assembled; compiles ``assembly_kernels`` where there are some.
 
     Raises:
         LoopError: a loop or a coupling stays open, or closes turned over alone.
     """
-    home, kernels = build_model(robot).home, closing_kernels(robot)
+    home, kernels = build_model(robot).home, assembly_kernels(robot)
     if not kernels:
         return home
     kernel = build(robot, kernels=kernels, flags=("-O0",), progress=progress)
