@@ -1,4 +1,4 @@
-"""Write the measured part of docs/arrays.md: native text under NumPy and JAX beside the kernel's C, for batches.
+"""Write the measurements of docs/arrays.md: native text under NumPy and JAX beside the kernel's C, for batches.
 
     python -m benchmarks.arrays [--print]
 
@@ -35,7 +35,7 @@ def seconds(call: Callable[[], Any]) -> float:
 
 
 def row(name: str) -> str:
-    """The table's row of a robot: forward dynamics."""
+    """Return the table's row of a robot: forward dynamics."""
     import jax
     import jax.numpy as jnp
 
@@ -47,9 +47,9 @@ def row(name: str) -> str:
     rng = np.random.default_rng(0)
     x = [rng.uniform(-0.3, 0.3, (STATES, kernel.n)) * scale for scale in (1.0, 0.01, 1.0)]
     plain = module["make"](np).forward_dynamics
-    own = jax.jit(module["make"](jnp).forward_dynamics)
+    compiled_call = jax.jit(module["make"](jnp).forward_dynamics)
     began = time.perf_counter()
-    compiled = own.lower(*x).compile()
+    compiled = compiled_call.lower(*x).compile()
     compiling = time.perf_counter() - began
     expected = kernel.forward_dynamics(*x)
     error = max(float(np.abs(f(*x) - expected).max() / np.abs(expected).max()) for f in (plain, compiled))
@@ -58,13 +58,13 @@ def row(name: str) -> str:
         lambda: compiled(*x).block_until_ready(),
         lambda: plain(*x),
     )
-    found = np.median([[seconds(call) for call in calls] for _ in range(ROUNDS)], axis=0) / STATES * 1e9
-    cells = (f"{compiling:.1f}", *(f"{ns:.0f}" for ns in found), f"{error:.0e}")
+    medians = np.median([[seconds(call) for call in calls] for _ in range(ROUNDS)], axis=0) / STATES * 1e9
+    cells = (f"{compiling:.1f}", *(f"{ns:.0f}" for ns in medians), f"{error:.0e}")
     return f"| {name} | {' | '.join(cells)} |"
 
 
 def report() -> str:
-    """The table, and what it was measured on."""
+    """Return the table, and what it was measured on."""
     import jax
 
     jax.config.update("jax_enable_x64", True)
@@ -82,7 +82,7 @@ def report() -> str:
 
 
 def main() -> None:
-    """Measure, and write the page's part or print it."""
+    """Measure, and write the figures into the page or print them."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.arrays")
     parser.add_argument("--print", action="store_true", help="print the table, write nothing")
     text = report()

@@ -65,12 +65,12 @@ class Rows:
     digits: int = 2
 
     def lines(self) -> list[str]:
-        """As Markdown."""
-        found = ["| robot | kernel | " + " | ".join(self.head) + " |", "|---|---|" + "---:|" * len(self.head)]
+        """Return the rows as a table of Markdown."""
+        lines = ["| robot | kernel | " + " | ".join(self.head) + " |", "|---|---|" + "---:|" * len(self.head)]
         for robot, kernel, ratios in self.cells:
             numbers = ["" if ratio is None else f"{ratio:.{self.digits}f}" for ratio in ratios]
-            found.append("| " + " | ".join((robot, kernel.replace("_", " "), *numbers)) + " |")
-        return found
+            lines.append("| " + " | ".join((robot, kernel.replace("_", " "), *numbers)) + " |")
+        return lines
 
 
 class Measurement:
@@ -84,15 +84,15 @@ class Measurement:
         self.stopwatch: Stopwatch = compile_yardstick(build_model(eomgen.load_robot("one_link")), ()).stopwatch
 
     def ratio(self, robot: Robot, kernel: str, flags: Sequence[str], count: int, *, cold: bool = False) -> float:
-        """The time of calls one by one, by that of one call.
+        """Return the time of calls one by one, by that of one call.
 
         Args:
             flags: of the compiler.
             count: states.
             cold: whether arguments and results come from memory, because all caches are filled with something else.
         """
-        given = states(robot, count)
-        arrays = [given[name] for name in READS[kernel]]
+        inputs = states(robot, count)
+        arrays = [inputs[name] for name in READS[kernel]]
         n = arrays[0].shape[1]
         size = n * n if kernel == "mass_matrix" else n
         pairs = [self._pair(robot, kernel, (*flags, f"-DCOPY={copy}"), len(arrays), size) for copy in range(COPIES)]
@@ -108,7 +108,7 @@ class Measurement:
     def _pair(
         self, robot: Robot, kernel: str, flags: Sequence[str], reads: int, size: int
     ) -> tuple[Contender, Contender]:
-        """One call for all states, and a call for each of them."""
+        """Return one call for all states, and a call for each of them."""
         built = eomgen.build(robot, kernels=KERNELS, flags=flags)
         setup = built.parameters.setup
         h = setup.address(built.raw.function(kernel).library)
@@ -123,17 +123,17 @@ class Measurement:
         )
 
     def widths(self) -> Rows:
-        """Every kernel of every robot, for vectors of every width."""
+        """Return every kernel of every robot, for vectors of every width."""
         had = {name: flags for name, (feature, flags) in LEVELS.items() if feature in processor()}
         cells = []
         for key in ROBOTS:
             for kernel in KERNELS:
-                found = {name: self.ratio(case(key).robot, kernel, flags, MANY) for name, flags in had.items()}
-                cells.append((TITLES[key], kernel, tuple(found.get(name) for name in LEVELS)))
+                ratios = {name: self.ratio(case(key).robot, kernel, flags, MANY) for name, flags in had.items()}
+                cells.append((TITLES[key], kernel, tuple(ratios.get(name) for name in LEVELS)))
         return Rows(tuple(LEVELS), tuple(cells))
 
     def places(self) -> Rows:
-        """Where arguments and results lie: in the nearest caches, in the last one, in memory."""
+        """Return where arguments and results lie: in the nearest caches, in the last one, in memory."""
         flags = self._widest()
         cells = []
         for key in ROBOTS[1:]:
@@ -144,18 +144,18 @@ class Measurement:
         return Rows((f"{FEW} states", f"{MANY} states", f"{COLD} states, from memory"), tuple(cells))
 
     def parts(self) -> Rows:
-        """What is lost without a part of the code, from memory."""
+        """Return what is lost without an optimization of the code, from memory."""
         flags = self._widest()
         cells = []
         for key in ROBOTS[1:]:
             robot = case(key).robot
             for kernel in KERNELS:
-                found = [self.ratio(robot, kernel, (*flags, *more), COLD, cold=True) for more in WITHOUT.values()]
-                cells.append((TITLES[key], kernel, tuple(found)))
+                ratios = [self.ratio(robot, kernel, (*flags, *more), COLD, cold=True) for more in WITHOUT.values()]
+                cells.append((TITLES[key], kernel, tuple(ratios)))
         return Rows(tuple(WITHOUT), tuple(cells))
 
     def alive(self) -> Rows:
-        """Values that are kept for later statements, on the average and at most."""
+        """Return values that are kept for later statements, on the average and at most."""
         cells = []
         for key in ROBOTS[1:]:
             for kernel in KERNELS:
@@ -164,12 +164,12 @@ class Measurement:
         return Rows(("on the average", "at most"), tuple(cells), digits=0)
 
     def _widest(self) -> tuple[str, ...]:
-        """Flags of the widest vectors that the processor has."""
+        """Return flags of the widest vectors that the processor has."""
         return [flags for feature, flags in LEVELS.values() if feature in processor()][-1]
 
 
 def alive(program: Program) -> tuple[float, float]:
-    """Values between the statements of a program that later ones need: on the average, at most."""
+    """Return values between the statements of a program that later ones need: on the average, at most."""
     apart = trig_values(program)
     order = [i for i, x in enumerate(program.instructions) if x.args and i not in apart]
     place = {index: position for position, index in enumerate(order)}
@@ -236,7 +236,7 @@ What does not matter, as it turned out, is the order of statements. So many valu
 
 A recursion along branches is a good order by itself: depth first from the outputs, or those statements first that end
 most values, keep as many alive or more. The exception is forward dynamics of 6-DOF joints, where depth first is worth a
-few percent. Longer or shorter functions (300 or 1500 values instead of 900), the compiler's own scheduling, and squares
+few percent. Longer or shorter functions (300 or 1500 values instead of 900), the compiler's scheduling, and squares
 of zeros left out change times as little, in either direction.
 
 No bit differs from what batches gave before any of this: it is a matter of where numbers lie, not of how they are

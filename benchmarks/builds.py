@@ -1,6 +1,6 @@
 """What starts and first builds cost: ``python -m benchmarks.builds [--rounds N] [--deep N] [-o FILE] [ROBOT ...]``.
 
-All of them take turns, each in a process of its own with an empty cache; the least of all rounds counts.
+All of them take turns, each in a process with an empty cache; the least of all rounds counts.
 """
 
 from __future__ import annotations
@@ -69,9 +69,9 @@ elif kernels != "all":
     kernels = tuple(filter(None, kernels.split(",")))
 kernel = eomgen.build(robot, kernels=kernels)
 kernel.forward_dynamics(*np.zeros((3, kernel.n)))
-own, others = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
-memory = [x.ru_maxrss / 1024 for x in (own, others)]
-print(json.dumps([own.ru_utime + own.ru_stime, others.ru_utime + others.ru_stime, max(memory)]))
+here, others = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+memory = [x.ru_maxrss / 1024 for x in (here, others)]
+print(json.dumps([here.ru_utime + here.ru_stime, others.ru_utime + others.ru_stime, max(memory)]))
 """
 HEAD = """# What a first build costs
 

@@ -66,7 +66,7 @@ class Trial:
 
 
 def trial(folder: Path, count: int) -> Trial:
-    """Poses of a UR5 that is off in all six coordinates of every joint."""
+    """Return poses of a UR5 that is off in all six coordinates of every joint."""
     rng = np.random.default_rng(1)
     urdf = Path(case("UR5").urdf)
     robot = eomgen.load_robot(urdf)
@@ -101,18 +101,18 @@ def _angles(poses: Array) -> Array:
 
 
 def ours(made: Trial) -> tuple[Callable[[], Any], Callable[[Any], Array]]:
-    """A whole fit by eomgen, and what it predicts elsewhere: positions, (HELD, 3), m."""
+    """Fit with eomgen, and return what it predicts elsewhere: positions, (HELD, 3), m."""
     head = [*(f"{name}.gamma" for name in made.joints), *(f"{TOOL}.{x}" for x in ("x", "y", "z", "rx", "ry", "rz"))]
     file = _write(made.folder / "ours.csv", head, (made.q, made.poses[:, :3, 3], _angles(made.poses)))
     robot = eomgen.load_robot(made.urdf)
     return (
         lambda: calibrate(robot, file, rotation="rpy", folds=0),
-        lambda found: found.predict(made.elsewhere, TOOL, series=0)[0][:, :3, 3],
+        lambda calibration: calibration.predict(made.elsewhere, TOOL, series=0)[0][:, :3, 3],
     )
 
 
 def figaroh(made: Trial) -> tuple[Callable[[], Any], Callable[[Any], Array]]:
-    """The same by FIGAROH; ImportError where it is not installed."""
+    """Return a fit and predictions by FIGAROH; ImportError where it is not installed."""
     import pinocchio
     from figaroh.calibration.base_calibration import BaseCalibration
     from figaroh.calibration.calibration_tools import calc_updated_fkm
@@ -121,8 +121,8 @@ def figaroh(made: Trial) -> tuple[Callable[[], Any], Callable[[Any], Array]]:
         """The cost function of its documentation."""
 
         def cost_function(self, var: Array) -> Any:
-            found = calc_updated_fkm(self.model, self.data, var, self.q_measured, self.calib_config)
-            return self.apply_measurement_weighting(self._compute_logmap_residuals(self.PEE_measured, found))
+            predicted = calc_updated_fkm(self.model, self.data, var, self.q_measured, self.calib_config)
+            return self.apply_measurement_weighting(self._compute_logmap_residuals(self.PEE_measured, predicted))
 
     head = ["x1", "y1", "z1", "phix1", "phiy1", "phiz1", *made.joints]
     file = _write(made.folder / "figaroh.csv", head, (made.poses[:, :3, 3], _angles(made.poses), made.q))
@@ -135,15 +135,15 @@ def figaroh(made: Trial) -> tuple[Callable[[], Any], Callable[[Any], Array]]:
         robot = pinocchio.robot_wrapper.RobotWrapper(model)
         with contextlib.redirect_stdout(io.StringIO()), warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            found = Calibration(robot, str(config))
-            found.calib_config["known_baseframe"] = found.calib_config["known_tipframe"] = False
-            found.initialize()
-            found.solve(enable_logging=False)
-        return found
+            calibration = Calibration(robot, str(config))
+            calibration.calib_config["known_baseframe"] = calibration.calib_config["known_tipframe"] = False
+            calibration.initialize()
+            calibration.solve(enable_logging=False)
+        return calibration
 
-    def predict(found: Any) -> Array:
-        config = {**found.calib_config, "NbSample": len(made.elsewhere)}
-        flat = calc_updated_fkm(found.model, found.data, found.LM_result.x, made.elsewhere, config)
+    def predict(calibration: Any) -> Array:
+        config = {**calibration.calib_config, "NbSample": len(made.elsewhere)}
+        flat = calc_updated_fkm(calibration.model, calibration.data, calibration.LM_result.x, made.elsewhere, config)
         return np.asarray(flat).reshape(6, -1)[:3].T
 
     return fit, predict
@@ -166,15 +166,15 @@ def main(words: Sequence[str] | None = None) -> int:
         except ImportError as error:
             print(f"FIGAROH is left out: {error}")
         seconds: dict[str, list[float]] = {name: [] for name in peers}
-        found = {}
+        fits = {}
         for _ in range(options.rounds):
             for name, (fit, _) in peers.items():
                 begin = perf_counter()
-                found[name] = fit()
+                fits[name] = fit()
                 seconds[name].append(perf_counter() - begin)
         print(f"{options.poses} poses of a UR5, least of {options.rounds} turns, {processor_name()}")
         for name, (_, predict) in peers.items():
-            off = np.linalg.norm(predict(found[name]) - made.truth[:, :3, 3], axis=1)
+            off = np.linalg.norm(predict(fits[name]) - made.truth[:, :3, 3], axis=1)
             print(f"{name:<10}{min(seconds[name]):8.3f} s  off elsewhere {1e3 * np.sqrt(np.mean(off**2)):.4f} mm rms")
         if len(peers) > 1:
             print(f"FIGAROH takes {min(seconds['FIGAROH']) / min(seconds['eomgen']):.1f} times as long")

@@ -74,12 +74,12 @@ class Ours:
         self.robot = robot
 
     def contenders(self) -> Sequence[Contender]:
-        """The kernel for one state, and for many."""
+        """Return the kernel for one state, and for many."""
         made = Kernels(self.robot, (KERNEL,), lambda line: None)
         return [made.contender(KERNEL), made.contender(KERNEL, batch=True)]
 
     def operations(self) -> Mapping[str, int]:
-        """Operations of the kernel for one state."""
+        """Return operations of the kernel for one state."""
         return operations(derive_equations(build_model(self.robot), (KERNEL,)))[KERNEL]
 
 
@@ -87,10 +87,10 @@ class Ours:
 
 
 def closed_states(robot: Robot, case: Case, count: int) -> list[Array]:
-    """Random q, v, u, (count, n) each, that close the loops to round-off; the same on every run."""
+    """Return random q, v, u, (count, n) each, that close the loops to round-off; the same on every run."""
     kernel, rng = eomgen.build(robot, kernels=LOOPS), np.random.default_rng(1)
-    found: list[tuple[Array, Array, Array]] = []
-    while len(found) < count:
+    drawn: list[tuple[Array, Array, Array]] = []
+    while len(drawn) < count:
         q, v = case.guess(rng)
         for _ in range(30):
             g = kernel.constraint(q)
@@ -102,12 +102,12 @@ def closed_states(robot: Robot, case: Case, count: int) -> list[Array]:
         J = kernel.constraint_jacobian(q)
         for _ in range(2):
             v = v - np.linalg.lstsq(J, J @ v, rcond=1e-9)[0]
-        found.append((q, v, rng.uniform(-1.0, 1.0, len(q))))
-    return [np.array(column) for column in zip(*found, strict=True)]
+        drawn.append((q, v, rng.uniform(-1.0, 1.0, len(q))))
+    return [np.array(column) for column in zip(*drawn, strict=True)]
 
 
 def _gough(rng: np.random.Generator) -> tuple[Array, Array]:
-    """A pose of the platform, and the legs that reach it."""
+    """Return a pose of the platform, and the legs that reach it."""
     robot = eomgen.load_robot("gough")
     pose = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0]) + rng.uniform(-0.15, 0.15, 6)
     (sa, sb, sc), (ca, cb, cc) = np.sin(pose[3:]), np.cos(pose[3:])
@@ -122,7 +122,7 @@ def _gough(rng: np.random.Generator) -> tuple[Array, Array]:
 
 
 def _four_bar(rng: np.random.Generator) -> tuple[Array, Array]:
-    """A crank's angle, with the circles of coupler and rocker cut above the ground."""
+    """Return a crank's angle, with the circles of coupler and rocker cut above the ground."""
     angle = rng.uniform(-3.0, 3.0)
     tip = 0.2 * np.exp(1j * angle)
     reach = abs(0.5 - tip)
@@ -132,7 +132,7 @@ def _four_bar(rng: np.random.Generator) -> tuple[Array, Array]:
 
 
 def _andrews(rng: np.random.Generator) -> tuple[Array, Array]:
-    """Near the published start (F. Mazzia, C. Magherini, Test Set for IVP Solvers), the crank turned."""
+    """Return a state near the published start (F. Mazzia, C. Magherini, Test Set for IVP Solvers), the crank turned."""
     start = {"beta": -0.0617138900142764, "gamma": 0.45527981916307, "phi": 0.222668390165886,
              "delta": 0.487364979543843, "omega": -0.222668390165886, "epsilon": 1.23054744454982}  # fmt: skip
     joints = [joint.name for joint in eomgen.load_robot("andrews").joints]
@@ -148,7 +148,7 @@ def _ladder(windows: int, rng: np.random.Generator) -> tuple[Array, Array]:
 
 
 def _settings(dynamics: tuple[float, int], lcaba: tuple[float, int]) -> Mapping[str, Settings]:
-    """Pinocchio's regularisation and iterations: the fastest that agree."""
+    """Return Pinocchio's regularisation and iterations: the fastest that agree."""
     return {DYNAMICS: Settings(dynamics[0], RESIDUAL, dynamics[1]), LCABA: Settings(lcaba[0], RESIDUAL, lcaba[1])}
 
 
@@ -219,7 +219,7 @@ class Count:
 
 
 @dataclass(frozen=True)
-class Found:
+class Measured:
     """A run: rows, operations, and the most iterations of the peer by (title, algorithm)."""
 
     rows: Sequence[Row]
@@ -229,12 +229,12 @@ class Found:
 
 
 def without_springs(robot: Robot) -> Robot:
-    """The robot without springs between points, which Pinocchio does not have."""
+    """Return the robot without springs between points, which Pinocchio does not have."""
     return replace(robot, springs=())
 
 
-def measure(names: Sequence[str], rounds: int, progress: Callable[[str], None]) -> Found:
-    """Every mechanism: compared, then timed."""
+def measure(names: Sequence[str], rounds: int, progress: Callable[[str], None]) -> Measured:
+    """Compare and time every mechanism; return its rows."""
     stopwatch = compile_yardstick(build_model(eomgen.load_robot("one_link")), ()).stopwatch
     rows, iterations = [], {}
     for name in names:
@@ -254,11 +254,11 @@ def measure(names: Sequence[str], rounds: int, progress: Callable[[str], None]) 
             arrays = [np.tile(x, (MANY // DIFFERENT, 1)) if first.batch else x[:STATES].copy() for x in different]
             rows.append(row(stopwatch, case, [first, *others], arrays, rounds))
         iterations |= {(case.title, other.label): peer.iterations(other) for other in others}
-    return Found(rows, list(counted(names, progress)), iterations, elastic_step(progress))
+    return Measured(rows, list(counted(names, progress)), iterations, elastic_step(progress))
 
 
 def elastic_step(progress: Callable[[str], None] = lambda line: None) -> float:
-    """Operations of a linearly implicit step with elastic joints that close loops, by those with the loops open."""
+    """Return operations of a linearly implicit step with elastic loops, by those with the loops open."""
     progress(f"{ELASTIC}: counting a linearly implicit step")
     whole = eomgen.load_robot(ELASTIC)
     costs = []
@@ -269,7 +269,7 @@ def elastic_step(progress: Callable[[str], None] = lambda line: None) -> float:
 
 
 def counted(names: Sequence[str], progress: Callable[[str], None]) -> Iterator[Count]:
-    """Operations of the mechanisms, and of shorter and longer ladders."""
+    """Yield operations of the mechanisms, and of shorter and longer ladders."""
     wanted = [(CASES[name].title, CASES[name].robot, CASES[name].most) for name in names]
     if "ladder" in names:
         wanted += [(f"ladder of {n} windows", partial(ladder, n), most) for n, most in LADDERS.items()]
@@ -279,7 +279,7 @@ def counted(names: Sequence[str], progress: Callable[[str], None]) -> Iterator[C
 
 
 def row(stopwatch: Stopwatch, case: Case, contenders: Sequence[Contender], arrays: Sequence[Array], rounds: int) -> Row:
-    """Ours, which comes first, beside the others; without times if they differ."""
+    """Compare our contender, which comes first, with the others; without times if they differ."""
     batch = contenders[0].batch
     base = Row(case.title, batch, required=case.required.get(batch))
     size, label = arrays[0].shape[1], contenders[0].label
@@ -336,30 +336,30 @@ Of the kernel for one state, as its C says them: a subtraction counts as an addi
 """
 
 
-def page(found: Found, rounds: int) -> str:
-    """The whole page."""
+def page(measured: Measured, rounds: int) -> str:
+    """Return the whole page."""
     return TEXT.format(
         rounds=rounds,
         few=max(3, round(rounds * BATCH_ROUNDS)),
         states=STATES,
         many=MANY,
-        difference=max((row.difference for row in found.rows), default=0.0),
-        ratios="\n".join(ratio_lines(found.rows)),
-        required="\n".join(required_lines(found.rows)),
+        difference=max((row.difference for row in measured.rows), default=0.0),
+        ratios="\n".join(ratio_lines(measured.rows)),
+        required="\n".join(required_lines(measured.rows)),
         processor=processor_name(),
         compiler=find_compiler().version.splitlines()[0],
         used=" ".join(USED),
         version=pinocchio_peer.version(),
         flags=" ".join(pinocchio_peer.FLAGS),
-        operations="\n".join(operation_lines(found.counts)),
-        step=step_line(found.step),
+        operations="\n".join(operation_lines(measured.counts)),
+        step=step_line(measured.step),
         windows=WINDOWS,
-        settings="\n".join(setting_lines(found.iterations)),
+        settings="\n".join(setting_lines(measured.iterations)),
     )
 
 
 def ratio_lines(rows: Sequence[Row]) -> list[str]:
-    """The table of ratios."""
+    """Return the table of ratios."""
     lines = [f"| mechanism | {' | '.join(CODE)} |", "|---" + "|---:" * len(CODE) + "|"]
     for row in rows:
         cells = [_quartiles(row.ratios.get(label)) for label in CODE]
@@ -369,7 +369,7 @@ def ratio_lines(rows: Sequence[Row]) -> list[str]:
 
 
 def required_lines(rows: Sequence[Row]) -> list[str]:
-    """What has to be reached, and whether it is."""
+    """Return the required ratios, and whether they are reached."""
     return [
         f"- Required of {row.title}, {'batch' if row.batch else 'one state'}: {bar.required:g} times"
         f" `{DYNAMICS}`: {bar.verdict}."
@@ -379,7 +379,7 @@ def required_lines(rows: Sequence[Row]) -> list[str]:
 
 
 def operation_lines(counts: Sequence[Count]) -> list[str]:
-    """The table of operations."""
+    """Return the table of operations."""
     names = ("mul", "add", "div", "sincos")
     lines = [f"| mechanism | {' | '.join(names)} | mul and add at most |", "|---" + "|---:" * (len(names) + 1) + "|"]
     for count in counts:
@@ -392,7 +392,7 @@ def operation_lines(counts: Sequence[Count]) -> list[str]:
 
 
 def step_line(step: float | None) -> str:
-    """What a linearly implicit step with elastic loops costs."""
+    """Return what a linearly implicit step with elastic loops costs."""
     if step is None:
         return ""
     bar = Bar(ELASTIC, step, STEP_AT_MOST, at_most=True)
@@ -404,7 +404,7 @@ def step_line(step: float | None) -> str:
 
 
 def setting_lines(iterations: Mapping[tuple[str, str], int]) -> list[str]:
-    """The table of Pinocchio's settings."""
+    """Return the table of Pinocchio's settings."""
     by_title = {case.title: case for case in CASES.values()}
     titles = dict.fromkeys(title for title, _ in iterations)
     lines = [f"| mechanism | {' | '.join(CODE)} |", "|---" + "|---" * len(CODE) + "|"]
@@ -433,13 +433,13 @@ def main(words: Sequence[str] | None = None) -> int:
     if arguments.repeat < 1:
         parser.error(f"--repeat: {arguments.repeat} is not a number of rounds; at least 1")
     progress = (lambda line: print(line, file=sys.stderr)) if sys.stderr.isatty() else (lambda line: None)
-    found = measure(arguments.mechanisms or list(CASES), arguments.repeat, progress)
-    print("\n".join([*ratio_lines(found.rows), *required_lines(found.rows), *operation_lines(found.counts)]))
-    for row in found.rows:
+    measured = measure(arguments.mechanisms or list(CASES), arguments.repeat, progress)
+    print("\n".join([*ratio_lines(measured.rows), *required_lines(measured.rows), *operation_lines(measured.counts)]))
+    for row in measured.rows:
         print(f"{row.title}{', batch' * row.batch}: ns " + ", ".join(f"{x} {ns:.0f}" for x, ns in row.ns.items()))
     if arguments.mechanisms:
         return 0
-    arguments.output.write_text(page(found, arguments.repeat), encoding="ascii")
+    arguments.output.write_text(page(measured, arguments.repeat), encoding="ascii")
     print(f"wrote {arguments.output}")
     return 0
 

@@ -38,7 +38,7 @@ class Settings:
 
 
 def library() -> Path:
-    """The compiled peer; minutes the first time.
+    """Return the compiled peer; minutes the first time.
 
     Raises:
         MissingPeer: a header or the compiler is missing.
@@ -58,18 +58,18 @@ class ClosedPeer:
         self._library = FFI.dlopen(str(library()))
 
     def contender(self, algorithm: str, settings: Settings) -> Contender:
-        """An algorithm with its settings, initialised once."""
+        """Return an algorithm with its settings, initialised once."""
         h = self._library.closed_load(self.model, self.loops, settings.mu, settings.accuracy, settings.iterations)
         code = address(FFI, FFI.addressof(self._library, CODE[algorithm]))
         return Contender(algorithm, code, address(FFI, h), keeps_result=True, kept=(self, h))
 
     def iterations(self, contender: Contender) -> int:
-        """The most iterations that a state has taken so far."""
+        """Return the most iterations that a state has taken so far."""
         return int(self._library.closed_iterations(FFI.cast("double *", contender.h)))
 
 
 def loops_text(robot: Robot) -> str:
-    """What ``closed_load`` reads of the loops.
+    """Return what ``closed_load`` reads of the loops.
 
     Raises:
         MissingPeer: Pinocchio has no such joint to close.
@@ -86,7 +86,7 @@ def loops_text(robot: Robot) -> str:
 
 
 def _sides(model: Any, loop: Any) -> Iterator[tuple[int, list[float]]]:
-    """Joint, and rotation and origin, of both frames of a cut joint."""
+    """Yield the joint, and rotation and origin, of both frames of a cut joint."""
     import pinocchio as pin
 
     for link, placement in zip(loop.links, loop.placements, strict=True):

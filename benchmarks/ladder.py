@@ -16,7 +16,10 @@ GRAVITY = 9.81
 
 
 def ladder(windows: int) -> Robot:
-    """Uprights crank0 ... on the ground, 1 m apart; bar k hangs on upright k - 1, and its end on upright k is cut."""
+    """Return uprights crank0 ... on the ground, 1 m apart.
+
+    Bar k hangs on upright k - 1, and its end on upright k is cut.
+    """
     links, joints, loops = [rod("crank0")], [_hinge("foot0", "base", "crank0", 0.0)], []
     for k in range(1, windows + 1):
         bar, crank = f"bar{k}", f"crank{k}"
@@ -27,12 +30,12 @@ def ladder(windows: int) -> Robot:
 
 
 def rod(name: str) -> Link:
-    """A thin rod of 1 m and 1 kg along x."""
+    """Return a thin rod of 1 m and 1 kg along x."""
     return Link(name, 1.0, (0.5, 0.0, 0.0), (0.0, 1 / 12, 1 / 12, 0.0, 0.0, 0.0))
 
 
 def ladder_state(windows: int, angle: float, rate: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """q and v, (2 windows + 1,), of uprights at an angle (rad) from x that turn at a rate (rad/s)."""
+    """Return q and v, (2 windows + 1,), of uprights at an angle (rad) from x that turn at a rate (rad/s)."""
     q, v = (np.full(2 * windows + 1, x) for x in (angle, rate))
     q[1::2], v[1::2] = -angle, -rate
     return q, v

@@ -1,4 +1,4 @@
-"""Write the measured part of docs/levels.md: how many times as fast wider instructions are.
+"""Write the measurements of docs/levels.md: how many times as fast wider instructions are.
 
     python -m benchmarks.levels [--rounds ROUNDS] [--print]
 
@@ -36,24 +36,27 @@ FUSED = "-ffp-contract=fast"
 
 
 def ways() -> dict[str, dict[str, object]]:
-    """Options of builds by what they are called, the base first."""
-    found: dict[str, dict[str, object]] = {}
+    """Return options of builds by what they are called, the base first."""
+    options: dict[str, dict[str, object]] = {}
     for level in allowed_levels():
-        found[level] = {"level": level}
+        options[level] = {"level": level}
         if level != BASE:
-            found[f"{level}, fused"] = {"level": level, "flags": (FUSED,)}
-    return found | {"native": {"native": True}}
+            options[f"{level}, fused"] = {"level": level, "flags": (FUSED,)}
+    return options | {"native": {"native": True}}
 
 
-def rows(given: Case, rounds: int) -> Iterator[tuple[str, bool, dict[str, float]]]:
-    """Kernel, whether for states together, and by way the base's time by its own: the median of rounds in turns."""
-    kernels = {way: eomgen.build(given.robot, kernels=KERNELS, **options) for way, options in ways().items()}  # type: ignore[arg-type]
-    stopwatch = compile_yardstick(build_model(given.robot), FLAGS).stopwatch
+def rows(chosen: Case, rounds: int) -> Iterator[tuple[str, bool, dict[str, float]]]:
+    """Yield kernel, whether for states together, and by way the base's time over its time.
+
+    The median of rounds in turns.
+    """
+    kernels = {way: eomgen.build(chosen.robot, kernels=KERNELS, **options) for way, options in ways().items()}  # type: ignore[arg-type]
+    stopwatch = compile_yardstick(build_model(chosen.robot), FLAGS).stopwatch
     for together in (False, True):
-        inputs = states(given.robot, TOGETHER if together else STATES)
+        inputs = states(chosen.robot, TOGETHER if together else STATES)
         for name in KERNELS:
             arrays = [inputs[array] for array in READS[name]]
-            size = SIZES[name](given.coordinates) if name in SIZES else given.coordinates
+            size = SIZES[name](chosen.coordinates) if name in SIZES else chosen.coordinates
             contenders = [contender(way, kernel, name, together) for way, kernel in kernels.items()]
             check_bits(contenders, arrays, size)
             ns = time(stopwatch, contenders, arrays, size, max(5, rounds // 5) if together else rounds)
@@ -61,14 +64,14 @@ def rows(given: Case, rounds: int) -> Iterator[tuple[str, bool, dict[str, float]
 
 
 def contender(way: str, kernel: eomgen.Kernel, name: str, together: bool) -> Contender:
-    """A kernel as the stopwatch takes it."""
+    """Return a kernel as the stopwatch takes it."""
     function, setup = kernel.raw.functions[name], kernel.parameters.setup
     address = kernel.raw.address(name, batch=together)
     return Contender(way, address, setup.address(function.where(batch=together)), batch=together, kept=(kernel, setup))
 
 
 def check_bits(contenders: Sequence[Contender], arrays: Sequence[np.ndarray], size: int) -> None:
-    """InternalError where levels without fused multiply-adds differ."""
+    """Raise InternalError where levels without fused multiply-adds differ."""
     base, *others = (c for c in contenders if c.label in allowed_levels())
     expected = base.results(arrays, size)
     for other in others:
@@ -76,39 +79,39 @@ def check_bits(contenders: Sequence[Contender], arrays: Sequence[np.ndarray], si
             raise InternalError(f"{other.label} gives other bits than {base.label}")
 
 
-def table(found: Mapping[tuple[str, str], Mapping[str, float]]) -> list[str]:
-    """Rows by robot and kernel, a column for each way."""
-    heads = list(next(iter(found.values())))
+def table(ratios_of: Mapping[tuple[str, str], Mapping[str, float]]) -> list[str]:
+    """Return rows by robot and kernel, a column for each way."""
+    heads = list(next(iter(ratios_of.values())))
     lines = [f"| robot | kernel | {' | '.join(heads)} |", "|---|---" + "|---:" * len(heads) + "|"]
-    for (robot, kernel), ratios in found.items():
+    for (robot, kernel), ratios in ratios_of.items():
         cells = [f"{ratios[head]:.2f}" for head in heads]
         lines.append(f"| {robot} | {kernel.replace('_', ' ')} | {' | '.join(cells)} |")
     return lines
 
 
 def report(rounds: int) -> str:
-    """Both tables, and what they were measured on."""
-    found: dict[bool, dict[tuple[str, str], dict[str, float]]] = {False: {}, True: {}}
+    """Return both tables, and what they were measured on."""
+    ratios_of: dict[bool, dict[tuple[str, str], dict[str, float]]] = {False: {}, True: {}}
     for key in ROBOTS:
-        given = case(key)
-        for kernel, together, ratios in rows(given, rounds):
-            found[together][given.title, kernel] = ratios
-            print(f"{given.title}: {kernel}{' together' if together else ''}: {ratios}", file=sys.stderr, flush=True)
+        chosen = case(key)
+        for kernel, together, ratios in rows(chosen, rounds):
+            ratios_of[together][chosen.title, kernel] = ratios
+            print(f"{chosen.title}: {kernel}{' together' if together else ''}: {ratios}", file=sys.stderr, flush=True)
     lines = [
         f"Measured by `python -m benchmarks.levels` on {processor_name()}, {find_compiler().version.splitlines()[0]}:",
         f"the time of `{BASE}` by that of the others, the median of rounds in which all take turns. One state a call:",
         "",
-        *table(found[False]),
+        *table(ratios_of[False]),
         "",
         f"{TOGETHER} states a call:",
         "",
-        *table(found[True]),
+        *table(ratios_of[True]),
     ]
     return "\n".join(lines) + "\n"
 
 
 def main() -> None:
-    """Measure, and write the page's part or print it."""
+    """Measure, and write the figures into the page or print them."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.levels")
     parser.add_argument("--rounds", type=int, default=200, help="rounds in turns (200)")
     parser.add_argument("--print", action="store_true", help="print the tables, write nothing")

@@ -28,7 +28,7 @@ from .peers import mujoco_peer
 from .peers.contender import MissingPeer
 from .peers.run import one_core
 from .precision_cases import OTHERS, OURS, PROBLEMS, Motion, Problem, Run
-from .precision_report import Found, Point, Report, read
+from .precision_report import Measured, Point, Report, read
 
 Array = NDArray[np.float64]
 
@@ -70,8 +70,10 @@ class _Timed:
         self.spent, self.times, self.best = self.spent + spent, self.times + 1, min(self.best, spent)
 
 
-def measure(problem: Problem, rounds: int, progress: Progress, contenders: Sequence[str] = (*OURS, *OTHERS)) -> Found:
-    """All contenders at one problem.
+def measure(
+    problem: Problem, rounds: int, progress: Progress, contenders: Sequence[str] = (*OURS, *OTHERS)
+) -> Measured:
+    """Return all contenders at one problem.
 
     Raises:
         Disagreement: two of our methods do not agree on what is exact.
@@ -96,12 +98,12 @@ def measure(problem: Problem, rounds: int, progress: Progress, contenders: Seque
     for name in contenders:
         if name not in missing and not any(p.contender == name for p in kept):
             missing[name] = next((each.why for each in timed if each.run.contender == name), "") or "no run is exact"
-    return Found(problem.key, difference, kept, missing)
+    return Measured(problem.key, difference, kept, missing)
 
 
 def _first(motion: Motion, contenders: Sequence[str], exact: Array, progress: Progress) -> list[_Timed]:
-    """Every run once; what asks for more than a contender's last precise or longest one is left out."""
-    found: list[_Timed] = []
+    """Make every run once; what asks for more than a contender's last precise or longest one is left out."""
+    timed: list[_Timed] = []
     for name in contenders:
         progress(f"{motion.problem.key}: {name}")
         done = False
@@ -110,9 +112,9 @@ def _first(motion: Motion, contenders: Sequence[str], exact: Array, progress: Pr
                 break
             each = _Timed(run)
             each.again()
-            found.append(each)
+            timed.append(each)
             done = done or each.best > ENDLESS or (not each.why and np.abs(each.q - exact).max() < BEST)
-    return found
+    return timed
 
 
 def _point(timed: _Timed, exact: Array) -> Point:
@@ -122,7 +124,7 @@ def _point(timed: _Timed, exact: Array) -> Point:
 
 
 def machine() -> dict[str, str]:
-    """What has to be said beside a time."""
+    """Return what has to be said beside a time."""
     import importlib.metadata
 
     def version(name: str) -> str:
@@ -161,10 +163,10 @@ def main(words: Sequence[str] | None = None) -> int:
     if not arguments.page:
         progress = (lambda line: print(line, file=sys.stderr)) if sys.stderr.isatty() else (lambda line: None)
         before = {each.problem: each for each in read(stored).found} if arguments.problems and stored.exists() else {}
-        found: dict[str, Found] = {}
+        measured: dict[str, Measured] = {}
         for name in arguments.problems or PROBLEMS:
-            found[name] = measure(PROBLEMS[name], arguments.rounds, progress)
-            whole = before | found
+            measured[name] = measure(PROBLEMS[name], arguments.rounds, progress)
+            whole = before | measured
             kept = tuple(whole[problem] for problem in PROBLEMS if problem in whole)
             Report(machine(), arguments.rounds, kept).write(stored)
     report = read(stored)

@@ -1,6 +1,6 @@
 """Motions that are integrated to many precisions, and everybody who integrates them.
 
-A run is a contender with one setting, a relative tolerance or a length of steps.  All of a problem are given the same
+A run is a contender with one setting, a relative tolerance or a length of steps.  All of a problem have the same
 state, constant drives, and times of samples, and return coordinates there.
 """
 
@@ -81,18 +81,18 @@ def _home(kernel: eomgen.Kernel) -> Array:
 
 
 def _let_go(kernel: eomgen.Kernel) -> tuple[Array, Array]:
-    """At home, no drives."""
+    """Return a state at home, no drives."""
     return _home(kernel), np.zeros(kernel.n)
 
 
 def _sagged(kernel: eomgen.Kernel) -> tuple[Array, Array]:
-    """At home with the springs loaded as gravity loads them while the drives hold; then no drives."""
+    """Return a state at home with the springs loaded as gravity loads them while the drives hold; then no drives."""
     held = [name for name in kernel.coordinates if name.endswith(".gamma")]
     return static_equilibrium(kernel, _home(kernel), held=held)[0], np.zeros(kernel.n)
 
 
 def _lifted(kernel: eomgen.Kernel) -> tuple[Array, Array]:
-    """At home, legs that lift and tilt the platform."""
+    """Return a state at home, legs that lift and tilt the platform."""
     u = np.zeros(kernel.n)
     for leg, force in enumerate((64.0, 60.0, 62.0, 58.0, 61.0, 63.0), 1):
         u[kernel.coordinates.index(f"leg{leg}.z")] = force
@@ -183,7 +183,7 @@ class Motion:
         self.missing = dict(problem.missing)
 
     def exact(self) -> tuple[Array, Array]:
-        """Coordinates at the samples by the two references."""
+        """Return coordinates at the samples by the two references."""
         first, second = (
             (self.chosen(method, setting) if method in CHOSEN else self.fixed(method, int(setting)))[0]
             for method, setting in self.problem.references
@@ -191,44 +191,46 @@ class Motion:
         return first, second
 
     def chosen(self, method: str, rtol: float) -> tuple[Array, int]:
-        """Ours, with adaptive step size."""
+        """Integrate with our rollout, with adaptive step size."""
         p = self.problem
-        found = self.kernel.rollout(
+        rollout = self.kernel.rollout(
             self.q, self.v, self.u, method=method, duration=p.duration, samples=p.samples, rtol=rtol
         )
-        return found[0], int(found.steps) + int(found.rejected)
+        return rollout[0], int(rollout.steps) + int(rollout.rejected)
 
     def in_turn(self, rtol: float) -> tuple[Array, int]:
-        """Ours, by the methods that "auto" takes in turn."""
+        """Integrate with ours, by the methods that "auto" takes in turn."""
         p = self.problem
         times = np.linspace(0.0, p.duration, p.samples + 1)
-        found = integrate(self.kernel, self.q, self.v, p.duration, drive=self.u, method=IN_TURN, rtol=rtol, times=times)
-        return found.q, int(found.info["steps"] + found.info["rejected"])
+        trajectory = integrate(
+            self.kernel, self.q, self.v, p.duration, drive=self.u, method=IN_TURN, rtol=rtol, times=times
+        )
+        return trajectory.q, int(trajectory.info["steps"] + trajectory.info["rejected"])
 
     def fixed(self, method: str, every: int) -> tuple[Array, int]:
-        """Ours, so many steps from sample to sample."""
+        """Integrate with ours, so many steps from sample to sample."""
         p = self.problem
         steps = every * p.samples
-        given = (self.q, self.v, self.u, p.duration / steps, steps)
-        return self.kernel.rollout(*given, method=method, every=every)[0], steps
+        arguments = (self.q, self.v, self.u, p.duration / steps, steps)
+        return self.kernel.rollout(*arguments, method=method, every=every)[0], steps
 
     def python(self, method: str, rtol: float) -> tuple[Array, int]:
-        """SciPy's or SUNDIALS'; the step count is that of evaluations where there is no other."""
+        """Integrate with SciPy's or SUNDIALS' solver; the step count is that of evaluations where there is no other."""
         p = self.problem
         times = np.linspace(0.0, p.duration, p.samples + 1)
-        found = integrate(
+        trajectory = integrate(
             self.kernel, self.q, self.v, p.duration, drive=self._drive, method=method, rtol=rtol, times=times
         )
-        return found.q, int(found.info["steps"] or found.info["evaluations"])
+        return trajectory.q, int(trajectory.info["steps"] or trajectory.info["evaluations"])
 
     def simulated(self, peer: MujocoPeer, every: int) -> tuple[Array, int]:
-        """MuJoCo's, so many steps from sample to sample."""
+        """Integrate with MuJoCo, so many steps from sample to sample."""
         p = self.problem
         steps = every * p.samples
         return peer.rollout(self.q, self.v, self.u, p.duration / steps, steps, every), steps
 
     def runs(self, contenders: Sequence[str]) -> Iterator[Run]:
-        """Every setting of these contenders; ``missing`` says of the others why not."""
+        """Yield every setting of these contenders; ``missing`` says of the others why not."""
         length = self.problem.duration / self.problem.samples
         for name in contenders:
             method = name.split(" ")[-1]

@@ -10,7 +10,7 @@ from eomgen.pictures.style import FULL_WIDTH, canvas
 
 from .bars import Bar, conclusion
 from .precision_cases import ERRORS, ONE, OTHERS, OURS, PROBLEMS, WITH_RADAU
-from .precision_report import Found, Point, Report
+from .precision_report import Measured, Point, Report
 
 STYLES = {  # colour and marker; Okabe and Ito: told apart by colour-blind readers
     "eomgen rosenbrock": ("#0072b2", "o"),
@@ -33,62 +33,64 @@ NONE = "-"
 
 
 def label(contender: str) -> str:
-    """The name of a contender in a table."""
+    """Return the name of a contender in a table."""
     who, _, method = contender.partition(" ")
     return f"{who} `{method}`" if method else who
 
 
 def milliseconds(point: Point | None) -> str:
-    """The time of a run, or a dash."""
+    """Return the time of a run, or a dash."""
     return NONE if point is None else f"{1e3 * point.seconds:.3g}"
 
 
-def table(found: Found) -> list[str]:
-    """Times to every error of every contender that has points, ms."""
-    names = [name for name in (*OURS, *OTHERS) if any(p.contender == name for p in found.points)]
+def table(measured: Measured) -> list[str]:
+    """Return times to every error of every contender that has points, ms."""
+    names = [name for name in (*OURS, *OTHERS) if any(p.contender == name for p in measured.points)]
     lines = [f"| ms to an error of | {' | '.join(f'{e:.0e}' for e in ERRORS)} |", "|---" + "|---:" * len(ERRORS) + "|"]
     for name in names:
-        cells = [milliseconds(found.cheapest([name], error)) for error in ERRORS]
+        cells = [milliseconds(measured.cheapest([name], error)) for error in ERRORS]
         lines.append(f"| {label(name)} | {' | '.join(cells)} |")
-    cells = [(NONE if bar.measured is None else f"{bar.measured:.1f}") + f" {bar.brackets}" for bar in at_errors(found)]
+    cells = [
+        (NONE if bar.measured is None else f"{bar.measured:.1f}") + f" {bar.brackets}" for bar in at_errors(measured)
+    ]
     lines.append(f"| best of the others by best of ours | {' | '.join(cells)} |")
-    spared = [found.ratio(error, [x for x in OURS if x not in WITH_RADAU]) for error in ERRORS]
+    spared = [measured.ratio(error, [x for x in OURS if x not in WITH_RADAU]) for error in ERRORS]
     cells = [NONE if ratio is None else f"{ratio:.2f}" for ratio in spared]
     return [*lines, f"| best of ours without Radau IIA by best of ours | {' | '.join(cells)} |"]
 
 
-def at_errors(found: Found) -> list[Bar]:
+def at_errors(measured: Measured) -> list[Bar]:
     """Return what is required of a problem at every error: the best of the others' time by the best of ours."""
-    problem = PROBLEMS[found.problem]
-    return [Bar(f"{problem.title} at {e:.0e}", found.ratio(e), required) for e, required in problem.bars.items()]
+    problem = PROBLEMS[measured.problem]
+    return [Bar(f"{problem.title} at {e:.0e}", measured.ratio(e), required) for e, required in problem.bars.items()]
 
 
-def winners(found: Found) -> Iterator[str]:
-    """At every error the best of both sides, with their settings, and whether the required ratio is held."""
-    for error, bar in zip(PROBLEMS[found.problem].bars, at_errors(found), strict=True):
-        ours, others = found.cheapest(OURS, error), found.cheapest(OTHERS, error)
+def winners(measured: Measured) -> Iterator[str]:
+    """Yield at every error the best of both sides, with their settings, and whether the required ratio is held."""
+    for error, bar in zip(PROBLEMS[measured.problem].bars, at_errors(measured), strict=True):
+        ours, others = measured.cheapest(OURS, error), measured.cheapest(OTHERS, error)
         if ours is None or others is None:
-            yield f"{found.problem:16} {error:.0e}  nobody's, or one side's, is as exact   bar {bar.required:g}"
+            yield f"{measured.problem:16} {error:.0e}  nobody's, or one side's, is as exact   bar {bar.required:g}"
             continue
         yield (
-            f"{found.problem:16} {error:.0e}  {ours.contender:18} {1e3 * ours.seconds:8.3g} ms"
+            f"{measured.problem:16} {error:.0e}  {ours.contender:18} {1e3 * ours.seconds:8.3g} ms"
             f"  {others.contender:20} {1e3 * others.seconds:8.3g} ms  {bar.measured:6.1f}"
             f"  bar {bar.required:g}  {bar.verdict}"
         )
 
 
-def at_one_tolerance(found: Found) -> list[tuple[Bar, str]]:
+def at_one_tolerance(measured: Measured) -> list[tuple[Bar, str]]:
     """Return ratios of 2 s of the elastic arm, at the same tolerance or at the same error, and our method in each."""
     rows = []
     for peer, required, same_error in AT_ONE:
-        theirs = found.at(peer, NAMED[1])
+        theirs = measured.at(peer, NAMED[1])
         if theirs is None:
             continue
         what = f"{peer} at a relative tolerance of {NAMED[1]:.0e}, {'at the same error' if same_error else 'ours too'}"
         if same_error:
-            ours = found.cheapest(OURS, theirs.error)
+            ours = measured.cheapest(OURS, theirs.error)
         else:
-            fit = [p for p in (found.at(name, NAMED[1]) for name in OURS) if p is not None]
+            fit = [p for p in (measured.at(name, NAMED[1]) for name in OURS) if p is not None]
             ours = min(fit, key=lambda p: p.seconds, default=None)
         if ours is not None:
             rows.append((Bar(what, theirs.seconds / ours.seconds, required), ours.contender))
@@ -96,8 +98,8 @@ def at_one_tolerance(found: Found) -> list[tuple[Bar, str]]:
 
 
 def lines(report: Report) -> list[str]:
-    """For the terminal: every required ratio, and whether this run holds it."""
-    said = [line for found in report.found for line in winners(found)]
+    """Return lines for the terminal: every required ratio, and whether this run holds it."""
+    said = [line for measured in report.found for line in winners(measured)]
     named = report.of(NAMED[0])
     for bar, ours in at_one_tolerance(named) if named else []:
         said.append(f"{bar.what}, {ours}: {bar.measured:.1f}  bar {bar.required:g}  {bar.verdict}")
@@ -108,18 +110,18 @@ def ratios(report: Report) -> str:
     """Return the table of docs/comparison.md: at every error the best of the others' time by the best of ours."""
     head = " | ".join(f"{error:.0e}" for error in ERRORS)
     rows = [f"| best of the others' time by ours, to an error of | {head} |", "|---" + "|---:" * len(ERRORS) + "|"]
-    for found in report.found:
+    for measured in report.found:
         cells = []
         for error in ERRORS:
-            ratio, others = found.ratio(error), found.cheapest(OTHERS, error)
+            ratio, others = measured.ratio(error), measured.cheapest(OTHERS, error)
             cells.append(NONE if ratio is None or others is None else f"{ratio:.1f} ({others.contender})")
-        rows.append(f"| {PROBLEMS[found.problem].title} | {' | '.join(cells)} |")
+        rows.append(f"| {PROBLEMS[measured.problem].title} | {' | '.join(cells)} |")
     return "\n".join(rows)
 
 
 def page(report: Report) -> str:
-    """The whole page docs/precision.md."""
-    worst = max((found.difference for found in report.found), default=0.0)
+    """Return the whole page docs/precision.md."""
+    worst = max((measured.difference for measured in report.found), default=0.0)
     said = [
         "# Work-precision diagrams",
         "",
@@ -158,26 +160,26 @@ def page(report: Report) -> str:
         "",
         *_required(report),
     ]
-    for found in report.found:
-        problem = PROBLEMS[found.problem]
+    for measured in report.found:
+        problem = PROBLEMS[measured.problem]
         said += ["", f"## {problem.title}", ""]
         said += [
             f"`{problem.key}`: {problem.duration:g} s {problem.what}; {problem.samples} samples.",
             "",
-            *table(found),
+            *table(measured),
         ]
         grouped: dict[str, list[str]] = {}
-        for name, why in found.missing.items():
+        for name, why in measured.missing.items():
             grouped.setdefault(why, []).append(label(name))
         said += [""] * bool(grouped) + [f"- {', '.join(names)}: {why}." for why, names in grouped.items()]
     return "\n".join(said).rstrip() + "\n"
 
 
 def _required(report: Report) -> Iterator[str]:
-    """What was missed of all that is required, or that nothing was; and ratios at one tolerance."""
+    """Yield what was missed of all that is required, or that nothing was; and ratios at one tolerance."""
     named = report.of(NAMED[0])
     single = at_one_tolerance(named) if named else []
-    yield conclusion([*(bar for found in report.found for bar in at_errors(found)), *(bar for bar, _ in single)])
+    yield conclusion([*(bar for measured in report.found for bar in at_errors(measured)), *(bar for bar, _ in single)])
     if named is not None:
         yield ""
         yield f"{PROBLEMS[NAMED[0]].duration:g} s of the {PROBLEMS[NAMED[0]].title} at one tolerance:"
@@ -194,8 +196,8 @@ def draw(report: Report, path: Path) -> None:
     rows = (len(report.found) + 1) // 2
     with canvas(FULL_WIDTH, 2.9 * rows + 0.5, path) as figure:
         panels = figure.subplots(rows, 2, squeeze=False).ravel()
-        for axes, found in zip(panels, report.found, strict=False):
-            _panel(axes, found)
+        for axes, measured in zip(panels, report.found, strict=False):
+            _panel(axes, measured)
         for axes in panels[len(report.found) :]:
             axes.set_axis_off()
         seen: dict[str, Any] = {}
@@ -208,12 +210,12 @@ def draw(report: Report, path: Path) -> None:
         )
 
 
-def _panel(axes: Any, found: Found) -> None:
-    axes.set_title(PROBLEMS[found.problem].title)
+def _panel(axes: Any, measured: Measured) -> None:
+    axes.set_title(PROBLEMS[measured.problem].title)
     axes.set_xlabel("time, s")
     axes.set_ylabel("error, m or rad")
     for name, (color, marker) in STYLES.items():
-        points = sorted((p.setting, p.seconds, p.error) for p in found.points if p.contender == name)
+        points = sorted((p.setting, p.seconds, p.error) for p in measured.points if p.contender == name)
         if points:
             _, seconds, errors = zip(*points, strict=True)
             line = "-" if name in OURS else "--"

@@ -1,4 +1,4 @@
-"""What a run of ``benchmarks.precision`` found, as plain values: docs/precision.json."""
+"""Results of a run of ``benchmarks.precision``, as plain values: docs/precision.json."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Point:
 
 
 @dataclass(frozen=True)
-class Found:
+class Measured:
     """One problem: how far the two references are apart, the points, and why there are none of a contender."""
 
     problem: str
@@ -40,50 +40,53 @@ class Found:
     missing: Mapping[str, str]
 
     def cheapest(self, contenders: Sequence[str], error: float) -> Point | None:
-        """The fastest run of these contenders that is as exact, or None."""
+        """Return the fastest run of these contenders that is as exact, or None."""
         fit = [p for p in self.points if p.contender in contenders and p.error <= error]
         return min(fit, key=lambda p: p.seconds, default=None)
 
     def ratio(self, error: float, contenders: Sequence[str] = OTHERS) -> float | None:
-        """The best time of the others, or of these, by the best of ours; None where one of both is not as exact."""
+        """Return the best time of the others, or of these, by the best of ours.
+
+        None where one of both is not as exact.
+        """
         ours, others = self.cheapest(OURS, error), self.cheapest(contenders, error)
         return others.seconds / ours.seconds if ours and others else None
 
     def at(self, contender: str, setting: float) -> Point | None:
-        """The run of a contender with this tolerance or step."""
+        """Return the run of a contender with this tolerance or step."""
         return next((p for p in self.points if (p.contender, p.setting) == (contender, setting)), None)
 
 
 @dataclass(frozen=True)
 class Report:
-    """A run: where, how often, and what was found."""
+    """A run: where, how often, and results by problem."""
 
     machine: Mapping[str, str]
     rounds: int
-    found: tuple[Found, ...]
+    found: tuple[Measured, ...]
 
-    def of(self, problem: str) -> Found | None:
-        """What was found of a problem."""
+    def of(self, problem: str) -> Measured | None:
+        """Return the results of a problem."""
         return next((each for each in self.found if each.problem == problem), None)
 
     def write(self, path: Path) -> None:
-        """As JSON, four digits of every measured number."""
+        """Write it as JSON, four digits of every measured number."""
         values = asdict(self)
-        for found in values["found"]:
-            found["difference"] = _short(found["difference"])
-            for point in found["points"]:
+        for entry in values["found"]:
+            entry["difference"] = _short(entry["difference"])
+            for point in entry["points"]:
                 point |= {name: _short(point[name]) for name in ("error", "end", "seconds")}
         text = json.dumps(values, indent=1)
         path.write_text(text + "\n", encoding="ascii")
 
 
 def read(path: Path) -> Report:
-    """The report of a JSON file."""
+    """Return the report of a JSON file."""
     values = json.loads(path.read_text(encoding="ascii"))
-    found = tuple(
-        Found(**{**each, "points": tuple(Point(**point) for point in each["points"])}) for each in values["found"]
+    measured = tuple(
+        Measured(**{**each, "points": tuple(Point(**point) for point in each["points"])}) for each in values["found"]
     )
-    return Report(values["machine"], values["rounds"], found)
+    return Report(values["machine"], values["rounds"], measured)
 
 
 def _short(value: float) -> float:

@@ -2,7 +2,7 @@
 
     python benchmarks/run.py [--repeat ROUNDS] [--output FILE] [ROBOT ...]
 
-Counts are exact and the same on every machine.  Times are given as ratios alone: two contenders that took turns in one
+Counts are exact and the same on every machine.  Times are ratios alone: two contenders that took turns in one
 process on one machine.
 """
 
@@ -23,12 +23,12 @@ TARGET = HERE.parent / "docs" / "benchmarks.md"
 
 
 def generic(name: str) -> Robot:
-    """A robot of benchmarks/data: all ten inertial parameters of every link are non-zero."""
+    """Return a robot of benchmarks/data: all ten inertial parameters of every link are non-zero."""
     return eomgen.load_robot(str(HERE / "data" / f"{name}.urdf"))
 
 
 def six(robot: Robot) -> Robot:
-    """The same chain with six active coordinates in every joint."""
+    """Return the same chain with six active coordinates in every joint."""
     every = {
         joint.name: {name: Coordinate() for name in COORDINATES if name not in joint.coordinates}
         for joint in robot.joints
@@ -48,7 +48,7 @@ ROBOTS: Mapping[str, Callable[[], Robot]] = {
 
 
 def page(results: list[BenchResult], command: str) -> str:
-    """The whole page."""
+    """Return the whole page."""
     first = results[0]
     lines = [
         "# Benchmarks",
@@ -78,7 +78,7 @@ def page(results: list[BenchResult], command: str) -> str:
 
 
 def table(result: BenchResult) -> list[str]:
-    """One robot: counts and ratios."""
+    """Return the table of one robot: counts and ratios."""
     lines = [
         f"## {result.robot} ({result.coordinates} coordinates)",
         "",
@@ -134,7 +134,7 @@ def _report(name: str) -> Callable[[str], None]:
 
 
 def _silent(_: str) -> None:
-    """No progress report."""
+    """Report no progress."""
 
 
 if __name__ == "__main__":

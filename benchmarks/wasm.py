@@ -1,4 +1,4 @@
-"""Write the measured part of docs/wasm.md: WebAssembly under node beside native code on numbers, and sizes.
+"""Write the measurements of docs/wasm.md: WebAssembly under node beside native code on numbers, and sizes.
 
     python -m benchmarks.wasm [--turns TURNS] [--print]
 
@@ -37,7 +37,7 @@ ROBOTS = ("ur5", "puma560", "puma560_elastic")
 KERNELS = ("inverse_dynamics", "forward_dynamics", "mass_matrix")
 ROUNDS = 30
 
-# The module's functions by addresses, as a page's own loop would call them: median nanoseconds of a call, and results.
+# The module's functions by addresses, as a page's loop would call them: median nanoseconds of a call, and results.
 RUNNER = """
 import { readFileSync } from "node:fs";
 const { name, hoisted, kernels, rounds } = JSON.parse(readFileSync(0, "utf8"));
@@ -51,7 +51,7 @@ const put = (values) => {
   top += 8 * values.length;
   return at;
 };
-const found = {};
+const timings = {};
 for (const { kernel, p, arrays, size } of kernels) {
   const h = put(new Array(hoisted).fill(0));
   c[`${name}_setup`](put(p), h);
@@ -74,14 +74,14 @@ for (const { kernel, p, arrays, size } of kernels) {
   const count = Math.max(1, Math.round(2e6 / (repeat(20) * states)));
   repeat(count);
   const times = Array.from({ length: rounds }, () => repeat(count)).sort((x, y) => x - y);
-  found[kernel] = { ns: times[rounds >> 1], results };
+  timings[kernel] = { ns: times[rounds >> 1], results };
 }
-console.log(JSON.stringify(found));
+console.log(JSON.stringify(timings));
 """
 
 
 def under_node(robot: str, folder: Path, inputs: Mapping[str, NDArray[np.float64]]) -> dict[str, float]:
-    """Nanoseconds of a call by kernel, of the module in the folder.
+    """Return nanoseconds of a call by kernel, of the module in the folder.
 
     Raises:
         InternalError: it answers other bits than native code.
@@ -100,31 +100,31 @@ def under_node(robot: str, folder: Path, inputs: Mapping[str, NDArray[np.float64
     text = json.dumps({"name": robot, "hoisted": meta["hoisted"], "kernels": asked, "rounds": ROUNDS})
     command = ["node", "--input-type=module", "-e", RUNNER]
     answer = subprocess.run(command, input=text, capture_output=True, text=True, check=True, cwd=folder)
-    found = json.loads(answer.stdout)
+    timings = json.loads(answer.stdout)
     for name in KERNELS:
         expected = [getattr(kernel, name)(*rows) for rows in zip(*(inputs[x] for x in READS[name]), strict=True)]
-        if not np.array_equal(np.ravel(found[name]["results"]), np.ravel(expected)):
+        if not np.array_equal(np.ravel(timings[name]["results"]), np.ravel(expected)):
             raise InternalError(f"{robot}: {name} has other bits under node")
-    return {name: found[name]["ns"] for name in KERNELS}
+    return {name: timings[name]["ns"] for name in KERNELS}
 
 
 def native(robot: str, inputs: Mapping[str, NDArray[np.float64]]) -> dict[str, float]:
-    """Nanoseconds of a call of native code by kernel, the loop in C."""
+    """Return nanoseconds of a call of native code by kernel, the loop in C."""
     kernel = eomgen.build(robot, kernels=KERNELS, level=BASE)
     stopwatch = compile_yardstick(build_model(eomgen.load_robot(robot)), FLAGS).stopwatch
-    found = {}
+    medians = {}
     for name in KERNELS:
         function, setup = kernel.raw.functions[name], kernel.parameters.setup
         address = kernel.raw.address(name, batch=False)
         one = Contender("native", address, setup.address(function.where(batch=False)), kept=(kernel, setup))
         size = SIZES[name](kernel.n) if name in SIZES else kernel.n
         ns = time(stopwatch, [one], [inputs[array] for array in READS[name]], size, ROUNDS)
-        found[name] = float(np.median(ns["native"]))
-    return found
+        medians[name] = float(np.median(ns["native"]))
+    return medians
 
 
 def measured(robot: str, turns: int) -> tuple[list[dict[str, tuple[float, float]]], int]:
-    """Native and WebAssembly's nanoseconds by kernel, a row for each turn; and bytes of the module."""
+    """Return native and WebAssembly's nanoseconds by kernel, a row for each turn; and bytes of the module."""
     inputs = states(eomgen.load_robot(robot), STATES)
     with tempfile.TemporaryDirectory() as work:
         folder = Path(work)
@@ -138,13 +138,13 @@ def measured(robot: str, turns: int) -> tuple[list[dict[str, tuple[float, float]
     return rows, len(made.binary)
 
 
-def table(found: Mapping[str, tuple[Sequence[Mapping[str, tuple[float, float]]], int]]) -> list[str]:
-    """A row per robot and kernel."""
+def table(measurements: Mapping[str, tuple[Sequence[Mapping[str, tuple[float, float]]], int]]) -> list[str]:
+    """Return a row per robot and kernel."""
     lines = [
         "| robot | module, kB | kernel | native, ns | WebAssembly, ns | speed of native |",
         "|---|---:|---|---:|---:|---:|",
     ]
-    for robot, (rows, size) in found.items():
+    for robot, (rows, size) in measurements.items():
         for name in KERNELS:
             pairs = np.array([row[name] for row in rows])
             ns, share = np.median(pairs, axis=0), float(np.median(pairs[:, 0] / pairs[:, 1]))
@@ -155,23 +155,23 @@ def table(found: Mapping[str, tuple[Sequence[Mapping[str, tuple[float, float]]],
 
 
 def report(turns: int) -> str:
-    """The table, and what it was measured on."""
+    """Return the table, and what it was measured on."""
     version = subprocess.run(["node", "--version"], capture_output=True, text=True, check=True).stdout.strip()
-    found = {}
+    measurements = {}
     for robot in ROBOTS:
-        found[robot] = measured(robot, turns)
-        print(f"{robot}: {found[robot]}", file=sys.stderr, flush=True)
+        measurements[robot] = measured(robot, turns)
+        print(f"{robot}: {measurements[robot]}", file=sys.stderr, flush=True)
     lines = [
         f"Measured by `python -m benchmarks.wasm` on {processor_name()}, {find_compiler().version.splitlines()[0]},"
         f" node {version}: one state a call, medians of {turns} turns. Last: native time by that under node.",
         "",
-        *table(found),
+        *table(measurements),
     ]
     return "\n".join(lines) + "\n"
 
 
 def main() -> None:
-    """Measure, and write the page's part or print it."""
+    """Measure, and write the figures into the page or print them."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.wasm")
     parser.add_argument("--turns", type=int, default=7, help="of both, one after the other (7)")
     parser.add_argument("--print", action="store_true", help="print the table, write nothing")

@@ -64,7 +64,7 @@ def main() -> int:
 
 
 def consistent_version() -> str:
-    """The version, which all files that name one agree about.
+    """Return the version, which all files that name one agree about.
 
     Raises:
         Refused: one of them does not, or the changelog has no date of it.
@@ -72,9 +72,9 @@ def consistent_version() -> str:
     text = {name: (ROOT / name).read_text(encoding="utf-8") for name in (*_VERSIONS, "src/eomgen/_version.py")}
     (version,) = re.findall(r'^__version__ = "(.+)"$', text["src/eomgen/_version.py"], re.MULTILINE)
     for name, pattern in _VERSIONS.items():
-        found = re.search(pattern, text[name], re.MULTILINE)
-        if found is None or found[1] != version:
-            raise Refused(f"{name}: names {found[1] if found else 'no version'}; expected {version}, with a date")
+        named = re.search(pattern, text[name], re.MULTILINE)
+        if named is None or named[1] != version:
+            raise Refused(f"{name}: names {named[1] if named else 'no version'}; expected {version}, with a date")
     dates = {re.search(_DATES[name], text[name], re.MULTILINE)[1] for name in _DATES}  # type: ignore[index]
     if len(dates) != 1:
         raise Refused(f"{' and '.join(_DATES)}: date the release {' and '.join(sorted(dates))}; expected one date")
@@ -90,42 +90,42 @@ _DATES: Mapping[str, str] = {"CHANGELOG.md": r"^## \S+ \((\S+)\)$", "CITATION.cf
 
 
 def clean_tree() -> None:
-    """Refused where something is changed or untracked: what is built is what was committed."""
+    """Refuse a tree with changes or untracked files: what is built is what was committed."""
     done = subprocess.run(["git", "status", "--porcelain"], cwd=ROOT, capture_output=True, text=True, check=False)
     if done.returncode or done.stdout:
         raise Refused(f"the tree is not clean:\n{done.stdout or done.stderr}commit or remove that first")
 
 
 def build(out: Path, version: str) -> tuple[Path, Path]:
-    """The source distribution and the wheel in a folder that holds nothing else."""
+    """Return the source distribution and the wheel in a folder that holds nothing else."""
     shutil.rmtree(out, ignore_errors=True)
     shutil.rmtree(ROOT / "build" / "lib", ignore_errors=True)
     run([sys.executable, "-m", "build", "--outdir", str(out)], ROOT)
     source, wheel = out / f"eomgen-{version}.tar.gz", out / f"eomgen-{version}-py3-none-any.whl"
-    found = sorted(path.name for path in out.iterdir())
-    if found != sorted((source.name, wheel.name)):
-        raise Refused(f"built are {', '.join(found)}; expected {source.name} and {wheel.name}")
+    built = sorted(path.name for path in out.iterdir())
+    if built != sorted((source.name, wheel.name)):
+        raise Refused(f"built are {', '.join(built)}; expected {source.name} and {wheel.name}")
     run([sys.executable, "-m", "twine", "check", "--strict", str(source), str(wheel)], ROOT)
     return source, wheel
 
 
 def interpreters(wanted: Sequence[str], *, required: bool) -> dict[str, str]:
-    """Commands of these Pythons by their versions, those on the path and those of pyenv.
+    """Return commands of these Pythons by their versions, those on the path and those of pyenv.
 
     Raises:
         Refused: one that is required is not here, or none is.
     """
-    found = {version: python for version in wanted if (python := interpreter(version)) is not None}
-    missing = [version for version in wanted if version not in found]
-    if not found or (required and missing):
+    pythons = {version: python for version in wanted if (python := interpreter(version)) is not None}
+    missing = [version for version in wanted if version not in pythons]
+    if not pythons or (required and missing):
         raise Refused(f"Python {', '.join(missing)} is not here; allowed: --pythons with those that are")
     if missing:
         print(f"note: Python {', '.join(missing)} is not here and was not tried")
-    return found
+    return pythons
 
 
 def interpreter(version: str) -> str | None:
-    """The command of a Python of that version, None where there is none."""
+    """Return the command of a Python of that version, None where there is none."""
     root = Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv"), "versions")
     for python in (f"python{version}", *map(str, sorted(root.glob(f"{version}.*/bin/python")))):
         try:
@@ -148,12 +148,12 @@ def check_python(version: str, python: str, source: Path, wheel: Path) -> None:
         folder, venv = Path(work, "folder"), Path(work, "venv")
         folder.mkdir()
         run([python, "-m", "venv", str(venv)], folder)
-        own = str(venv / "bin" / "python")
-        run([own, "-m", "pip", "install", "-q", "--disable-pip-version-check", f"{wheel}[sim]"], folder)
-        run([own, "-m", "pip", "check"], folder)
+        interpreter_path = str(venv / "bin" / "python")
+        run([interpreter_path, "-m", "pip", "install", "-q", "--disable-pip-version-check", f"{wheel}[sim]"], folder)
+        run([interpreter_path, "-m", "pip", "check"], folder)
         for command in COMMANDS:
             run([str(venv / "bin" / command[0]), *command[1:]], folder)
-        run([own, "-c", KERNEL], folder)
+        run([interpreter_path, "-c", KERNEL], folder)
         print(f"Python {version}: make demo in the source distribution", flush=True)
         with tarfile.open(source) as archive:
             archive.extractall(work, **({"filter": "data"} if hasattr(tarfile, "data_filter") else {}))  # type: ignore[arg-type]
@@ -161,17 +161,17 @@ def check_python(version: str, python: str, source: Path, wheel: Path) -> None:
 
 
 def run(command: Sequence[str], folder: Path) -> None:
-    """Run a command with a cache of its own, and without what would lead to this tree.
+    """Run a command with a new cache, and without what would lead to this tree.
 
     Raises:
         Refused: it fails; the end of what it said is in the message.
     """
-    own = {
+    environment = {
         key: value for key, value in os.environ.items() if not key.startswith(("PYTHON", "EOMGEN", "MAKE", "VIRTUAL"))
     }
-    own["XDG_CACHE_HOME"] = str(folder / ".cache")
+    environment["XDG_CACHE_HOME"] = str(folder / ".cache")
     print(f"  {' '.join(command)}", flush=True)
-    done = subprocess.run(command, cwd=folder, env=own, capture_output=True, text=True, check=False)
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
     if done.returncode:
         raise Refused(f"{' '.join(command)}: status {done.returncode}\n{(done.stdout + done.stderr)[-3000:]}")
 

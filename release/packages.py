@@ -15,11 +15,11 @@ PLACES = {"eomgen": "src/eomgen", "eomgen.codegen": "codegen", "eomgen.templates
 
 def packages(root: Path = ROOT) -> list[str]:
     """Return the full names of all packages of a tree, sorted."""
-    found = []
+    names = []
     for package, place in PLACES.items():
         for path in (root / place).rglob("__init__.py"):
-            found.append(".".join((package, *path.parent.relative_to(root / place).parts)))
-    return sorted(found)
+            names.append(".".join((package, *path.parent.relative_to(root / place).parts)))
+    return sorted(names)
 
 
 def with_packages(text: str, names: list[str]) -> str:

@@ -29,35 +29,35 @@ def main() -> None:
     parser.add_argument("--processes", type=int, default=2, help="how many mutants at once")
     parser.add_argument("--survivors", action="store_true", help="of the last run, those alone that survived it")
     parser.add_argument("--page", action="store_true", help="the page alone, of the last run")
-    given = parser.parse_args()
-    if unknown := [name for name in given.modules if name not in MODULES]:
+    options = parser.parse_args()
+    if unknown := [name for name in options.modules if name not in MODULES]:
         parser.error(f"no module of the page: {', '.join(unknown)}; it has {', '.join(MODULES)}")
     RAW.parent.mkdir(exist_ok=True)
-    if given.survivors:
+    if options.survivors:
         before = _read()
-        again = {o.mutant: o for o in _run([o.mutant for o in before if o.result == "survived"], given.processes)}
+        again = {o.mutant: o for o in _run([o.mutant for o in before if o.result == "survived"], options.processes)}
         _write([again.get(o.mutant, o) for o in before])
-    elif not given.page:
-        _write([o for o in _read() if o.mutant.module not in given.modules])
-        chosen = [mutant for name in given.modules for mutant in mutants_of(name, source_of(name), given.sample)[0]]
-        _run(chosen, given.processes)
+    elif not options.page:
+        _write([o for o in _read() if o.mutant.module not in options.modules])
+        chosen = [mutant for name in options.modules for mutant in mutants_of(name, source_of(name), options.sample)[0]]
+        _run(chosen, options.processes)
     _report(_read())
 
 
 def _run(mutants: Sequence[Mutant], processes: int) -> list[Outcome]:
-    """Outcomes, each appended to the file as it comes."""
+    """Run mutants and return their outcomes, each appended to the file as it comes."""
     cases(), small_cases()
     for check in every_check():  # all pass on the code as it is; and what children need is imported
         check()
-    dependents("joint.lemmas")  # what imports what is found out once
-    clock, found = Clock(len(mutants)), []
+    dependents("joint.lemmas")  # what imports what, once for all
+    clock, outcomes = Clock(len(mutants)), []
     with RAW.open("a", encoding="utf-8") as file:
         for outcome in run(mutants, _judge, processes):
-            found.append(outcome)
+            outcomes.append(outcome)
             file.write(json.dumps(asdict(outcome)) + "\n")
             file.flush()
             clock.tick(outcome)
-    return found
+    return outcomes
 
 
 def _judge(mutant: Mutant) -> None:
@@ -80,10 +80,10 @@ def _report(outcomes: Sequence[Outcome]) -> None:
 
 def _read() -> list[Outcome]:
     lines = RAW.read_text(encoding="utf-8").splitlines() if RAW.exists() else []
-    found = {o.mutant: o for o in (Outcome(Mutant(**x.pop("mutant")), **x) for x in map(json.loads, lines))}
-    if unknown := {mutant.module for mutant in found} - {*MODULES}:
+    outcomes = {o.mutant: o for o in (Outcome(Mutant(**x.pop("mutant")), **x) for x in map(json.loads, lines))}
+    if unknown := {mutant.module for mutant in outcomes} - {*MODULES}:
         raise ValueError(f"{RAW}: no module of the page: {', '.join(sorted(unknown))}; remove the file")
-    return sorted(found.values(), key=lambda o: (MODULES.index(o.mutant.module), o.mutant.place()))
+    return sorted(outcomes.values(), key=lambda o: (MODULES.index(o.mutant.module), o.mutant.place()))
 
 
 def _write(outcomes: Sequence[Outcome]) -> None:

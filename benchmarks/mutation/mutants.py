@@ -36,16 +36,16 @@ class Mutant:
     text: str
 
     def place(self) -> tuple[int, int, str]:
-        """By which mutants of a module are ordered."""
+        """Return the key by which mutants of a module are ordered."""
         return self.start, self.end, self.text
 
     def applied(self, source: str) -> str:
-        """The module's text with the change."""
+        """Return the module's text with the change."""
         raw = source.encode()
         return (raw[: self.start] + self.text.encode() + raw[self.end :]).decode()
 
     def change(self, source: str) -> str:
-        """The lines that it touches, before and after."""
+        """Return the lines that it touches, before and after."""
         raw = source.encode()
         first, last = raw.rfind(b"\n", 0, self.start) + 1, raw.find(b"\n", self.end)
         after = raw[first : self.start] + self.text.encode() + raw[self.end : last]
@@ -54,7 +54,7 @@ class Mutant:
 
 
 def swap_arguments(node: cst.Call) -> Iterator[cst.CSTNode]:
-    """f(a, b) -> f(b, a) for neighbours without a keyword."""
+    """Yield mutants f(a, b) -> f(b, a) for neighbours without a keyword."""
     for i in range(len(node.args) - 1):
         pair = node.args[i : i + 2]
         if not any(arg.keyword or arg.star for arg in pair) and not pair[0].deep_equals(pair[1]):
@@ -65,14 +65,14 @@ def swap_arguments(node: cst.Call) -> Iterator[cst.CSTNode]:
 
 
 def drop_operand(node: cst.BinaryOperation) -> Iterator[cst.CSTNode]:
-    """a + b -> a, a + b -> b, a - b -> a, a * b -> a."""
+    """Yield mutants a + b -> a, a + b -> b, a - b -> a, a * b -> a."""
     yield node.left
     if isinstance(node.operator, cst.Add | cst.BitAnd | cst.BitOr):
         yield node.right
 
 
 def drop_call(node: cst.Call) -> Iterator[cst.CSTNode]:
-    """matvec(R, x) -> x, add(x, y) -> x and y: of functions that return what one of their arguments is."""
+    """Yield mutants matvec(R, x) -> x, add(x, y) -> x and y of functions that return the kind of an argument."""
     if isinstance(node.func, cst.Name) and node.func.value in UNARY_CALLS:
         for arg in node.args:
             if not arg.keyword and not arg.star:
@@ -80,7 +80,7 @@ def drop_call(node: cst.Call) -> Iterator[cst.CSTNode]:
 
 
 def turn_condition(node: cst.If | cst.While) -> Iterator[cst.CSTNode]:
-    """if x -> if not x."""
+    """Yield mutants if x -> if not x."""
     inside = node.test.with_changes(lpar=[cst.LeftParen()], rpar=[cst.RightParen()])
     yield cst.UnaryOperation(cst.Not(), inside)
 
@@ -99,7 +99,7 @@ class _Collector(cst.CSTVisitor):
 
     def __init__(self, module: str, source: str) -> None:
         super().__init__()
-        self.module, self.source, self.found = module, source, list[Mutant]()
+        self.module, self.source, self.mutants = module, source, list[Mutant]()
         self.functions: list[str] = []
 
     def on_visit(self, node: cst.CSTNode) -> bool:
@@ -131,11 +131,11 @@ class _Collector(cst.CSTVisitor):
             text = f"({text})"
         line = self.get_metadata(PositionProvider, node).start.line
         where = ".".join(self.functions)
-        self.found.append(Mutant(self.module, line, where, span.start, span.start + span.length, text))
+        self.mutants.append(Mutant(self.module, line, where, span.start, span.start + span.length, text))
 
 
 def _is_silent(node: cst.CSTNode) -> bool:
-    """Where nothing is mutated."""
+    """Return whether a node is left as it is."""
     if isinstance(node, cst.Annotation | cst.Decorator | cst.Raise | cst.Assert | cst.Import | cst.ImportFrom):
         return True
     if isinstance(node, cst.Arg) and node.keyword is not None and node.keyword.value == "strict":
@@ -147,20 +147,22 @@ def _is_silent(node: cst.CSTNode) -> bool:
 
 
 def mutants_of(module: str, source: str, most: int = 0) -> tuple[list[Mutant], int]:
-    """Mutants of a module in the order of its text, and how many there are; at most ``most`` of them, if it is given.
+    """Return mutants of a module in the order of its text, and how many there are.
+
+    At most ``most`` of them, if that is not 0.
 
     The choice is random with the module's name as the seed.  A text that means the same is no mutant.
     """
     collector = _Collector(module, source)
     MetadataWrapper(cst.parse_module(source)).visit(collector)
-    unique = sorted({m.place(): m for m in collector.found}.values(), key=Mutant.place)
+    unique = sorted({m.place(): m for m in collector.mutants}.values(), key=Mutant.place)
     order = random.Random(module).sample(unique, len(unique))
-    plain, found = ast.dump(ast.parse(source)), list[Mutant]()
-    while order and (not most or len(found) < most):
+    plain, mutants = ast.dump(ast.parse(source)), list[Mutant]()
+    while order and (not most or len(mutants) < most):
         mutant = order.pop()
         if _means(mutant.applied(source)) not in (plain, None):
-            found.append(mutant)
-    return sorted(found, key=Mutant.place), len(unique)
+            mutants.append(mutant)
+    return sorted(mutants, key=Mutant.place), len(unique)
 
 
 def _means(text: str) -> str | None:

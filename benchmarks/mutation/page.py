@@ -54,22 +54,22 @@ class Survivor:
 
 
 def file_of(module: str) -> str:
-    """Its path in ``codegen/``."""
+    """Return its path in ``codegen/``."""
     return f"{module.replace('.', '/')}.py"
 
 
 def survivors(outcomes: Sequence[Outcome], sources: dict[str, str]) -> list[Survivor]:
-    """Those that survived, each with the first argument whose pattern its function and change match."""
+    """Return those that survived, each with the first argument whose pattern its function and change match."""
     rules = _rules()
-    found = []
+    listed = []
     for outcome in outcomes:
         if outcome.result == "survived":
             mutant = outcome.mutant
             change = mutant.change(sources[mutant.module])
             where = f"{mutant.module}.{mutant.function}: {change}"
             rule = next((rule for rule in rules if re.search(rule["match"], where)), {"kind": "", "why": ""})
-            found.append(Survivor(outcome, change, rule["kind"], rule["why"]))
-    return found
+            listed.append(Survivor(outcome, change, rule["kind"], rule["why"]))
+    return listed
 
 
 def _rules() -> list[dict[str, str]]:

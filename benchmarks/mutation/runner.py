@@ -1,4 +1,4 @@
-"""Run the checks of the tests on mutants, each in a process of its own that is forked from a warm one."""
+"""Run the checks of the tests on mutants, each in a process that is forked from a warm one."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Outcome:
 
 
 def run(mutants: Sequence[Mutant], judge: Callable[[Mutant], None], processes: int) -> Iterator[Outcome]:
-    """Outcomes as they come.
+    """Yield outcomes as they come.
 
     Args:
         judge: runs the checks on a mutant; what it raises says "wrong" (a check failed) or "error".
@@ -59,7 +59,7 @@ def _start(mutant: Mutant, judge: Callable[[Mutant], None]) -> int:
         sys.setrecursionlimit(1000)
         judge(mutant)
         code = 0
-    except BaseException as error:  # Failed: of pytest.raises; InternalError: a proof of the generator's own
+    except BaseException as error:  # Failed: of pytest.raises; InternalError: a proof of the generator
         code = 1 if type(error).__name__ in ("AssertionError", "Failed", "InternalError") else 2
     finally:
         os._exit(code)

@@ -29,12 +29,12 @@ for _name in KERNELS:
 
 
 def version() -> str:
-    """Version of the wheel."""
+    """Return the version of the wheel."""
     return importlib.metadata.version("casadi")
 
 
 def tracer() -> Path:
-    """The compiled program that traces.
+    """Return the compiled program that traces.
 
     Raises:
         MissingPeer: CasADi, a header or the compiler is missing.
@@ -76,6 +76,6 @@ class CasadiPeer:
         self._library = FFI.dlopen(str(path))
 
     def contender(self, kernel: str) -> Contender:
-        """The traced algorithm of a kernel of ``KERNELS``."""
+        """Return the traced algorithm of a kernel of ``KERNELS``."""
         code = address(FFI, FFI.addressof(self._library, f"casadi_{kernel}"))
         return Contender(NAME, code, 0, kept=self)

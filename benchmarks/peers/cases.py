@@ -53,7 +53,7 @@ class Case:
 
 @cache
 def case(key: str) -> Case:
-    """A case by its key in ``TITLES``.
+    """Return a case by its key in ``TITLES``.
 
     Raises:
         MissingPeer: it is a URDF of example-robot-data, which is not installed.
@@ -62,17 +62,17 @@ def case(key: str) -> Case:
         return Case(key, eomgen.load_robot("puma560_elastic"))
     if key == CHAIN:
         return chain(6)
-    found = [path for entry in sys.path if (path := Path(entry, FOLDER, URDFS[key])).exists()]
-    if not found:
+    paths = [path for entry in sys.path if (path := Path(entry, FOLDER, URDFS[key])).exists()]
+    if not paths:
         raise MissingPeer("the wheel example-robot-data is not installed")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", EomgenWarning)  # what is said of inertias and dampings; results are compared
-        robot = eomgen.load_robot(found[0], inertia="warn", urdf_mimic=False)  # peers read joints that mimic as free
-    return Case(key, robot, found[0])
+        robot = eomgen.load_robot(paths[0], inertia="warn", urdf_mimic=False)  # peers read joints that mimic as free
+    return Case(key, robot, paths[0])
 
 
 def chain(joints: int) -> Case:
-    """A serial chain of 6-DOF joints: those of puma560_generic, again and again."""
+    """Return a serial chain of 6-DOF joints: those of puma560_generic, again and again."""
     arm = six(generic("puma560_generic"))
     made, links, parent = [], [], arm.base
     for i in range(joints):

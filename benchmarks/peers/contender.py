@@ -34,7 +34,7 @@ class Contender:
     """A function with a kernel's arguments, by address: see ``eomgen.bench.clock.Timed``.
 
     label: who computes.  h: its first argument.  batch: one call takes all states.  keeps_result: it has a place of
-    its own for the result, and is timed with a null ``out`` so that no copy is timed.  kept: what must stay alive.
+    an array for the result, and is timed with a null ``out`` so that no copy is timed.  kept: what must stay alive.
     """
 
     label: str
@@ -45,7 +45,7 @@ class Contender:
     kept: Any = field(default=None, repr=False)
 
     def results(self, arrays: Sequence[Array], size: int) -> Array:
-        """Its results in all states, (states, size)."""
+        """Return its results in all states, (states, size)."""
         out = np.zeros((len(arrays[0]), size))
         if self.batch:
             kind = f"long long (*)(size_t, const double *{', const double *, size_t' * len(arrays)}, double *)"
@@ -66,7 +66,7 @@ def _pointer(array: Array) -> Any:
 
 
 def address(ffi: Any, pointer: Any) -> int:
-    """A cffi pointer as a number."""
+    """Return a cffi pointer as a number."""
     return int(ffi.cast("intptr_t", pointer))
 
 
@@ -80,7 +80,7 @@ def build_library(
     *,
     program: bool = False,
 ) -> Path:
-    """A shared library, or a program, compiled once and then from the cache.
+    """Return a shared library, or a program, compiled once and then from the cache.
 
     Args:
         name: of the library.

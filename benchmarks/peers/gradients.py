@@ -1,4 +1,4 @@
-"""The gradient of a rollout: ours in C, MuJoCo's transition matrices by differences, JAX through our own kernels.
+"""The gradient of a rollout: ours in C, MuJoCo's transition matrices by differences, JAX through our kernels.
 
 All take turns in one process.  Errors are those beside central differences of the same steps, of fourth order.
 """
@@ -40,12 +40,12 @@ DRIVES = 4  # steps whose drives errors are taken of
 def gradients(
     rounds: int, robots: Sequence[str] = ROBOTS, steps: int = STEPS
 ) -> tuple[tuple[Gradient, ...], list[str]]:
-    """Least times and errors of all ways, and why others are missing.
+    """Return least times and errors of all ways, and why others are missing.
 
     Raises:
         MissingPeer: a robot is of example-robot-data, which is not installed.
     """
-    found, missing = [], dict[str, None]()
+    measured, missing = [], dict[str, None]()
     for key in robots:
         chosen = case(key)
         task, calls = Task(chosen, steps), dict[str, Callable[[], Derivatives]]()
@@ -58,8 +58,8 @@ def gradients(
         calls = {label: call for label, call in calls.items() if not (key in STIFF and SCHEME[label] == "rk4")}
         errors = {label: task.error(call(), SCHEME[label]) for label, call in calls.items()}
         ns = least(calls, rounds)
-        found.append(Gradient(chosen.title, processor_name(), steps, ns, errors))
-    return tuple(found), list(missing)
+        measured.append(Gradient(chosen.title, processor_name(), steps, ns, errors))
+    return tuple(measured), list(missing)
 
 
 class Task:
@@ -67,14 +67,14 @@ class Task:
 
     def __init__(self, chosen: Case, steps: int) -> None:
         self.robot, self.steps = chosen.robot, steps
-        given = states(chosen.robot, steps)
-        self.q, self.v, self.u, self.w = 0.5 * given["q"][0], 0.1 * given["v"][0], 0.2 * given["u"], given["w"][0]
+        inputs = states(chosen.robot, steps)
+        self.q, self.v, self.u, self.w = 0.5 * inputs["q"][0], 0.1 * inputs["v"][0], 0.2 * inputs["u"], inputs["w"][0]
         kernels = (*kernels_for("forward_dynamics", order=1), "rollout", "explicit_gradient", "implicit_gradient")
         self.kernel = eomgen.build(chosen.robot, kernels=kernels, native=True)
         self._exact: dict[str, Array] = {}
 
     def ours(self, method: str) -> Callable[[], Derivatives]:
-        """``rollout_gradient``, from Python."""
+        """Return ``rollout_gradient``, from Python."""
 
         def loss(t: Array, q: Array, v: Array) -> tuple[float, Array, Array]:
             by_q = np.zeros_like(q)
@@ -88,7 +88,7 @@ class Task:
         return call
 
     def mujoco(self) -> Mapping[str, Callable[[], Derivatives]]:
-        """Transition matrices by finite differences in every step, chained backwards.
+        """Return transition matrices by finite differences in every step, chained backwards.
 
         Raises:
             MissingPeer: MuJoCo cannot be had, or not for this robot.
@@ -100,7 +100,7 @@ class Task:
         }
 
     def jax(self) -> Mapping[str, Callable[[], Derivatives]]:
-        """JAX's reverse mode through the adapter: of a scan of steps, and of a whole rollout.
+        """Return JAX's reverse mode through the adapter: of a scan of steps, and of a whole rollout.
 
         Raises:
             MissingPeer: JAX is not installed.
@@ -121,8 +121,8 @@ class Task:
 
         def step(state: tuple[object, ...], u: object) -> tuple[tuple[object, ...], None]:
             rates = [slope(*state, u)]
-            for part in (0.5, 0.5, 1.0):
-                rates.append(slope(*(x + part * DT * dx for x, dx in zip(state, rates[-1], strict=True)), u))
+            for share in (0.5, 0.5, 1.0):
+                rates.append(slope(*(x + share * DT * dx for x, dx in zip(state, rates[-1], strict=True)), u))
             sums = [a + 2 * b + 2 * c + d for a, b, c, d in zip(*rates, strict=True)]
             return tuple(x + DT / 6 * dx for x, dx in zip(state, sums, strict=True)), None
 
@@ -132,34 +132,34 @@ class Task:
         def end_of_rollout(q: object, v: object, u: object) -> object:
             return self.w @ whole(q, v, u)[0][-1]
 
-        given = [jnp.asarray(x) for x in (self.q, self.v, self.u)]
+        inputs = [jnp.asarray(x) for x in (self.q, self.v, self.u)]
 
         def call_of(end: Callable[..., object]) -> Callable[[], Derivatives]:
             compiled = jax.jit(jax.grad(end, argnums=(0, 1, 2)))
 
             def call() -> Derivatives:
-                by_q, by_v, by_u = (np.asarray(x) for x in compiled(*given))
+                by_q, by_v, by_u = (np.asarray(x) for x in compiled(*inputs))
                 return by_q, by_v, by_u
 
             return call
 
         return {THROUGH: call_of(end_of_steps), ADAPTER: call_of(end_of_rollout)}
 
-    def error(self, found: Derivatives, method: str) -> float:
-        """Greatest relative error (max-norm) of the derivatives by q, by v and by drives of some steps."""
+    def error(self, derivatives: Derivatives, method: str) -> float:
+        """Return the greatest relative error (max-norm) of the derivatives by q, by v and by drives of some steps."""
         if method not in self._exact:
             self._exact[method] = self._differences(method)
-        exact, (by_q, by_v, by_u) = self._exact[method], found
+        exact, (by_q, by_v, by_u) = self._exact[method], derivatives
         wrong = np.vstack([by_q, by_v, by_u[self._told()]]) - exact
         kinds = slice(0, 1), slice(1, 2), slice(2, None)
         return max(float(np.abs(wrong[kind]).max() / max(np.abs(exact[kind]).max(), 1e-300)) for kind in kinds)
 
     def _told(self) -> list[int]:
-        """Steps whose drives are looked at."""
+        """Return steps whose drives are looked at."""
         return [round(i * (self.steps - 1) / (DRIVES - 1)) for i in range(DRIVES)]
 
     def _differences(self, method: str) -> Array:
-        """By q, v and drives of some steps, rows of (n,); from rollouts of the same steps."""
+        """Return derivatives by q, v and drives of some steps, rows of (n,), from rollouts of the same steps."""
         arrays, n = [np.vstack([self.q, self.v]), self.u], len(self.q)
         rows = [(0, 0), (0, 1), *((1, step) for step in self._told())]
         moved = list(self._moved(arrays, rows))
@@ -169,7 +169,7 @@ class Task:
 
     @staticmethod
     def _moved(arrays: Sequence[Array], rows: Sequence[tuple[int, int]]) -> Iterator[tuple[Array, Array, Array]]:
-        """Beginnings and drives with one number changed, in all places of a difference."""
+        """Yield beginnings and drives with one number changed, in all places of a difference."""
         for array, row in rows:
             for i in range(arrays[0].shape[1]):
                 for place in PLACES:

@@ -52,13 +52,13 @@ class Timing:
         return float(np.median(self.ns[label]))
 
     def ratio(self, label: str, ours: str) -> tuple[float, float, float]:
-        """First quartile, median, third quartile over the rounds of that time by ours."""
+        """Return first quartile, median, third quartile over the rounds of that time by ours."""
         low, middle, high = np.quantile(self.ns[label] / self.ns[ours], (0.25, 0.5, 0.75))
         return float(low), float(middle), float(high)
 
 
 def states(robot: Robot, count: int) -> dict[str, Array]:
-    """Random states, the same on every run, (count, n) by name.
+    """Return random states, the same on every run, (count, n) by name.
 
     Principal coordinates over most of their range, deviations and rates small where a spring or damper is stiff, so
     that its force does not drown the others in the comparison.
@@ -66,10 +66,10 @@ def states(robot: Robot, count: int) -> dict[str, Array]:
     rng = np.random.default_rng(1)
     reach, rate = [], []
     for joint in robot.joints:
-        for name, given in joint.coordinates.items():
+        for name, coordinate in joint.coordinates.items():
             wide = name == PRINCIPAL.get(joint.type)
-            reach.append(min(3.0 if wide else 0.3, 100.0 / max(given.stiffness or 0.0, 1e-9)))
-            rate.append(min(2.0, 100.0 / max(given.damping or 0.0, 1e-9)))
+            reach.append(min(3.0 if wide else 0.3, 100.0 / max(coordinate.stiffness or 0.0, 1e-9)))
+            rate.append(min(2.0, 100.0 / max(coordinate.damping or 0.0, 1e-9)))
     n = len(reach)
     return {
         "q": rng.uniform(-1.0, 1.0, (count, n)) * reach,
@@ -88,7 +88,7 @@ def compare(
     what: str,
     compared: int | None = None,
 ) -> float:
-    """Greatest relative difference (max-norm, per state) from the first contender.
+    """Return the greatest relative difference (max-norm, per state) from the first contender.
 
     Args:
         contenders: at least one.
@@ -105,21 +105,21 @@ def compare(
     scale = np.maximum(np.abs(first).max(axis=1), 1e-300)
     worst = 0.0
     for other in contenders[1:]:
-        found = np.abs(other.results(arrays, size)[:, :compared] - first).max(axis=1) / scale
-        if not (found <= tolerance).all():
-            state = int(np.argmax(np.where(np.isnan(found), np.inf, found / tolerance)))
+        errors = np.abs(other.results(arrays, size)[:, :compared] - first).max(axis=1) / scale
+        if not (errors <= tolerance).all():
+            state = int(np.argmax(np.where(np.isnan(errors), np.inf, errors / tolerance)))
             raise Disagreement(
-                f"{what}: {other.label} differs from {contenders[0].label} by {found[state]:.1e} (relative) in state"
+                f"{what}: {other.label} differs from {contenders[0].label} by {errors[state]:.1e} (relative) in state"
                 f" {state}; nothing is timed"
             )
-        worst = max(worst, float(found.max()))
+        worst = max(worst, float(errors.max()))
     return worst
 
 
 def time(
     stopwatch: Stopwatch, contenders: Sequence[Contender], arrays: Sequence[Array], size: int, rounds: int
 ) -> dict[str, Array]:
-    """Nanoseconds per state by label, (rounds,)."""
+    """Return nanoseconds per state by label, (rounds,)."""
     out = np.zeros(size * len(arrays[0]) if any(c.batch for c in contenders) else size)
     target = int(out.ctypes.data)
     timed = [Timed(c.code, c.h, 0 if c.keeps_result else target, c.batch) for c in contenders]
@@ -145,8 +145,8 @@ def measure(
     Raises:
         Disagreement: results differ.
     """
-    given = states(robot, count)
-    arrays = [given[name] for name in READS[kernel]]
+    inputs = states(robot, count)
+    arrays = [inputs[name] for name in READS[kernel]]
     n = arrays[0].shape[1]
     size = SIZES[kernel](n) if kernel in SIZES else n
     tolerance: float | Array = TOLERANCE

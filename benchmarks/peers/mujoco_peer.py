@@ -42,12 +42,12 @@ FFI.cdef(
 
 
 def version() -> str:
-    """Version of the wheel."""
+    """Return the version of the wheel."""
     return importlib.metadata.version("mujoco")
 
 
 def library() -> Path:
-    """The compiled peer.
+    """Return the compiled peer.
 
     Raises:
         MissingPeer: MuJoCo or the compiler is missing.
@@ -56,15 +56,15 @@ def library() -> Path:
     if spec is None or spec.origin is None:
         raise MissingPeer("the wheel mujoco is not installed")
     folder = Path(spec.origin).parent
-    found = sorted(folder.glob("libmujoco.so*"))
-    if not found:
+    libraries = sorted(folder.glob("libmujoco.so*"))
+    if not libraries:
         raise MissingPeer("the wheel mujoco has no libmujoco.so")
     try:
         compiler = find_compiler()
     except BuildError as error:
         raise MissingPeer(str(error)) from None
     parts = [("-std=c99", "-O2", f"-I{folder / 'include'}", SOURCE.name)]
-    link = (str(found[0]), f"-Wl,-rpath,{folder}")
+    link = (str(libraries[0]), f"-Wl,-rpath,{folder}")
     return build_library(
         "mujoco_peer",
         " ".join(compiler.command),
@@ -98,20 +98,20 @@ class MujocoPeer:
             raise MissingPeer(f"refuses the robot: {text.removeprefix('Error: ')}")
 
     def contender(self, kernel: str) -> Contender:
-        """MuJoCo's function for a kernel: a key of ``CODE``."""
+        """Return MuJoCo's function for a kernel: a key of ``CODE``."""
         code = address(FFI, FFI.addressof(self._library, CODE[kernel][0]))
         return Contender(NAME, code, address(FFI, self._model), keeps_result=True, kept=self)
 
     def rollout(self, q: Array, v: Array, u: Array, dt: float, steps: int, every: int) -> Array:
-        """Coordinates after every so many steps of dt, s, (steps // every + 1, n), the beginning first.
+        """Return coordinates after every so many steps of dt, s, (steps // every + 1, n), the beginning first.
 
         Raises:
             ArithmeticError: they are not finite any more.
         """
         out = np.empty((steps // every + 1, len(q)))
         arrays = [*(np.ascontiguousarray(x) for x in (q, v, u)), out]
-        given = [FFI.cast("double *", x.ctypes.data) for x in arrays]
-        done = self._library.mujoco_rollout(FFI.cast("double *", self._model), dt, steps, every, *given)
+        addresses = [FFI.cast("double *", x.ctypes.data) for x in arrays]
+        done = self._library.mujoco_rollout(FFI.cast("double *", self._model), dt, steps, every, *addresses)
         if done < steps:
             raise ArithmeticError(f"{NAME} diverges after {done} steps of {dt:g} s")
         return out
@@ -119,7 +119,7 @@ class MujocoPeer:
     def gradient(
         self, q: Array, v: Array, u: Array, w: Array, dt: float, *, eps: float, centered: bool
     ) -> Callable[[], tuple[Array, Array, Array]]:
-        """The call that gives derivatives of w . q at the end by q, v (n,) and drives (steps, n).
+        """Return the call that gives derivatives of w . q at the end by q, v (n,) and drives (steps, n).
 
         Transition matrices of every step come from ``mjd_transitionFD``, in C as all of this.
 

@@ -40,14 +40,16 @@ class Ours:
         self.kernel = eomgen.build(robot, kernels=names, native=True, progress=progress)
 
     def contender(self, kernel: str, *, batch: bool = False) -> Contender:
-        """A kernel for one state, or for all states in one call."""
+        """Return a kernel for one state, or for all states in one call."""
         function = self.kernel.raw.function(NAMES.get(kernel, kernel))
         code, setup = self.kernel.raw.address(function.name, batch=batch), self.kernel.parameters.setup
         address = setup.address(function.where(batch=batch))
         return Contender(BATCH if batch else NAME, code, address, batch=batch, kept=(self, setup))
 
     def step(self, dt: float, states: int = 0) -> Contender:
-        """Ten linearly implicit steps of dt, s, q and v after them; with ``states`` those of so many in one call.
+        """Return ten linearly implicit steps of dt, s, q and v after them.
+
+        With ``states`` those of so many in one call.
 
         Raises:
             MissingPeer: the robot is too large.
@@ -62,13 +64,13 @@ class Ours:
         code, setup = kernel.raw.address("rollout", batch=batch), kernel.parameters.setup
         h = setup.address(kernel.raw.function("rollout").where(batch=batch))
         room = np.zeros((2, max(states, 1), 2, kernel.n))
-        parts = [FFI.cast("double *", part.ctypes.data) for part in room]
+        parts = [FFI.cast("double *", array.ctypes.data) for array in room]
         both = (FFI.NULL, FFI.cast("void *", code))[:: -1 if not batch else 1]
-        given = FFI.new("OurStep *", (both[0], FFI.cast("double *", h), dt, kernel.n, both[1], *parts))
+        arguments = FFI.new("OurStep *", (both[0], FFI.cast("double *", h), dt, kernel.n, both[1], *parts))
         called = address(FFI, FFI.addressof(library, "ours_step_batch" if batch else "ours_step"))
-        kept = (self, setup, library, given, room)
+        kept = (self, setup, library, arguments, room)
         label = BATCH if batch else NAME
-        return Contender(label, called, address(FFI, given), batch=batch, keeps_result=True, kept=kept)
+        return Contender(label, called, address(FFI, arguments), batch=batch, keeps_result=True, kept=kept)
 
 
 class Textbook:
@@ -78,5 +80,5 @@ class Textbook:
         self.yardstick: Yardstick = compile_yardstick(build_model(robot), USED)
 
     def contender(self, kernel: str) -> Contender:
-        """The textbook's algorithm for a kernel."""
+        """Return the textbook's algorithm for a kernel."""
         return Contender(TEXTBOOK, self.yardstick.address(kernel), 0, kept=self)

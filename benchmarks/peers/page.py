@@ -53,12 +53,15 @@ NONE = "-"
 
 
 def title(kernel: str, batch: bool, states: int) -> str:
-    """A kernel's name in a table."""
+    """Return a kernel's name in a table."""
     return KERNELS[kernel] + (f", per state of {states}" if batch else "")
 
 
 def summary(report: Report) -> list[str]:
-    """The table of ratios: like for like first, then a library, then what our own batches gain; and what is missed."""
+    """Return the table of ratios: like for like first, then a library, then what our batches gain.
+
+    And what is missed.
+    """
     heads = [next((e.title for e in report.entries if e.case == key), TITLES[key]) for key in ROBOTS]
     lines = [f"| beside | time by eomgen's | {' | '.join(heads)} |", "|---|---" + "|---:" * len(ROBOTS) + "|"]
     for peer, kernel, batch in ROWS:
@@ -69,7 +72,7 @@ def summary(report: Report) -> list[str]:
 
 
 def _steps(report: Report) -> list[str]:
-    """Linearly implicit steps beside those of MuJoCo."""
+    """Return linearly implicit steps beside those of MuJoCo."""
     step = report.entry(ELASTIC, "step")
     if step is None:
         return []
@@ -82,16 +85,16 @@ def _steps(report: Report) -> list[str]:
 
 def required(report: Report) -> list[Bar]:
     """Return every ratio that is required of this run."""
-    found = [(entry, entry.bar(peer)) for entry in report.entries for peer in PEERS]
+    bars = [(entry, entry.bar(peer)) for entry in report.entries for peer in PEERS]
     return [
         replace(bar, what=f"{title(entry.kernel, entry.batch, report.batch_states)} of {bar.what}")
-        for entry, bar in found
+        for entry, bar in bars
         if bar is not None
     ]
 
 
 def _lost(report: Report) -> list[str]:
-    """Rows in which somebody else, or our own kernel alone, is as fast or faster."""
+    """Return rows in which somebody else, or our kernel alone, is as fast or faster."""
     lost = [
         f"{title(e.kernel, e.batch, report.batch_states)} of {e.title} beside {BESIDE.get(peer, peer)}"
         f" ({ratio[1][1]:.2f})"
@@ -111,15 +114,15 @@ def _lost(report: Report) -> list[str]:
 def _cell(entry: Entry | None, peer: str) -> str:
     if entry is None:
         return NONE
-    bar, found = entry.bar(peer), entry.against(peer)
+    bar, against = entry.bar(peer), entry.against(peer)
     brackets = "" if bar is None else f" {bar.brackets}"
-    if found is None:
+    if against is None:
         return ("not built" if "eomgen" in entry.missing else NONE) + brackets
-    return f"{found[1][1]:.{1 if found[1][1] >= 2.0 else 2}f}{brackets}"
+    return f"{against[1][1]:.{1 if against[1][1] >= 2.0 else 2}f}{brackets}"
 
 
 def rolled(report: Report) -> list[str]:
-    """Lines about gradients of rollouts: time beside error."""
+    """Return lines about gradients of rollouts: time beside error."""
     if not report.gradients:
         return []
     first = report.gradients[0]
@@ -147,7 +150,7 @@ def rolled(report: Report) -> list[str]:
 
 
 def called(report: Report) -> list[str]:
-    """Lines about calls from Python beside the C, in microseconds, and Pinocchio's binding beside them."""
+    """Return lines about calls from Python beside the C, in microseconds, and Pinocchio's binding beside them."""
     if not report.calls:
         return []
     ways = list(dict.fromkeys(way for call in report.calls for way in call.ns))
@@ -168,7 +171,7 @@ def called(report: Report) -> list[str]:
 
 
 def page(report: Report) -> str:
-    """The whole page docs/peers.md."""
+    """Return the whole page docs/peers.md."""
     worst = max((entry.difference for entry in (*report.entries, *report.growing)), default=0.0)
     lines = [
         "# Comparison with other libraries",
@@ -223,7 +226,7 @@ def page(report: Report) -> str:
 
 
 def _details(report: Report) -> Iterator[str]:
-    """A table per robot: ratios to every peer."""
+    """Yield a table per robot: ratios to every peer."""
     for case in dict.fromkeys(entry.case for entry in report.entries):
         entries = [entry for entry in report.entries if entry.case == case]
         labels = sorted(dict.fromkeys(label for e in entries for label in e.ratios), key=_order)
@@ -252,13 +255,13 @@ def _quartiles(ratio: Quartiles | None) -> str:
 
 
 def _why(entry: Entry, peer: str) -> str:
-    """Why there is no ratio to a peer."""
+    """Return why there is no ratio to a peer."""
     return next((entry.missing[label] for label in ("not timed", "eomgen", peer) if label in entry.missing), "")
 
 
 def lines(report: Report) -> list[str]:
-    """For the terminal: every ratio that is required, and whether this run holds it."""
-    found = []
+    """Return lines for the terminal: every ratio that is required, and whether this run holds it."""
+    rows = []
     for entry in report.entries:
         for peer in PEERS:
             bar = entry.bar(peer)
@@ -266,7 +269,7 @@ def lines(report: Report) -> list[str]:
                 continue
             name = f"{entry.title:34}{title(entry.kernel, entry.batch, report.batch_states):40}{peer:10}"
             if bar.measured is None:
-                found.append(f"{name} {'-':>7}   bar {bar.required:4g}   {_why(entry, peer)}")
+                rows.append(f"{name} {'-':>7}   bar {bar.required:4g}   {_why(entry, peer)}")
             else:
-                found.append(f"{name} {bar.measured:7.2f}   bar {bar.required:4g}   {bar.verdict}")
-    return found
+                rows.append(f"{name} {bar.measured:7.2f}   bar {bar.required:4g}   {bar.verdict}")
+    return rows

@@ -20,7 +20,7 @@ NAME = "Pinocchio"
 SOURCE = Path(__file__).with_suffix(".cpp")
 HEADER = SOURCE.with_name("pinocchio_model.hpp")
 FLAGS = ("-O3", "-march=native")
-OTHERS = (  # as Pinocchio's own build sets them
+OTHERS = (  # as Pinocchio's build sets them
     "-std=c++17",
     "-DNDEBUG",
     "-w",
@@ -47,28 +47,28 @@ for _name in (name for names in CODE.values() for name in names.values()):
 
 
 def version() -> str:
-    """Version of the wheel."""
+    """Return the version of the wheel."""
     return importlib.metadata.version("pin")
 
 
 def library(parts: Sequence[int] = PARTS, flags: Sequence[str] = FLAGS) -> Path:
-    """The compiled peer, or some parts of its source; minutes the first time.
+    """Return the compiled peer, or some parts of its source; minutes the first time.
 
     Raises:
         MissingPeer: a header or the compiler is missing.
     """
     flags = (*flags, *compile_flags())
-    compiled = [(*flags, f"-DPART={part}", SOURCE.name) for part in parts]
+    compiled = [(*flags, f"-DPART={unit}", SOURCE.name) for unit in parts]
     return build_library("pinocchio_peer", cxx(), compiled, (), sources(SOURCE), versions())
 
 
 def cxx() -> str:
-    """The C++ compiler: $CXX or g++."""
+    """Return the C++ compiler: $CXX or g++."""
     return os.environ.get("CXX", "") or "g++"
 
 
 def compile_flags() -> tuple[str, ...]:
-    """What every translation unit with Pinocchio's headers is compiled with.
+    """Return what every translation unit with Pinocchio's headers is compiled with.
 
     Raises:
         MissingPeer: a header is missing.
@@ -78,14 +78,14 @@ def compile_flags() -> tuple[str, ...]:
 
 
 def versions() -> tuple[str, ...]:
-    """Of the headers."""
+    """Return the versions of the headers."""
     text = (_eigen() / "Eigen/src/Core/util/Macros.h").read_text(encoding="utf-8")
     eigen = "".join(line for line in text.splitlines() if "define EIGEN_" in line and "_VERSION" in line)
     return version(), eigen
 
 
 def sources(main: Path) -> dict[str, str]:
-    """A source with the header that it shares."""
+    """Return a source with the header that it shares."""
     return {path.name: path.read_text(encoding="ascii") for path in (main, HEADER)}
 
 
@@ -108,7 +108,7 @@ def _eigen() -> Path:
 
 
 class PinocchioPeer:
-    """A robot in Pinocchio: its own reading of the URDF, or a chain of joints of one coordinate.
+    """A robot in Pinocchio: as it reads the URDF, or a chain of joints of one coordinate.
 
     Args:
         case: the robot.
@@ -121,7 +121,7 @@ class PinocchioPeer:
         self._model = self._library.pinocchio_load(self.text.encode())
 
     def contenders(self, kernel: str) -> list[Contender]:
-        """Pinocchio's algorithm for a kernel, in each convention that it has."""
+        """Return Pinocchio's algorithm for a kernel, in each convention that it has."""
         return [
             Contender(
                 label,
@@ -135,7 +135,7 @@ class PinocchioPeer:
 
 
 def model_text(case: Case) -> str:
-    """What ``pinocchio_load`` reads.
+    """Return what ``pinocchio_load`` reads.
 
     Raises:
         MissingPeer: the wheel is missing, or a joint is of a kind that the text has no line for.
@@ -154,7 +154,7 @@ def model_text(case: Case) -> str:
 
 
 def coordinate_joints() -> dict[str, Any]:
-    """Pinocchio's kind of joint for each of the six coordinates."""
+    """Return Pinocchio's kind of joint for each of the six coordinates."""
     import pinocchio as pin
 
     kinds = (
@@ -169,7 +169,7 @@ def coordinate_joints() -> dict[str, Any]:
 
 
 def one_by_one(robot: Robot) -> Any:
-    """A pinocchio.Model with a joint per coordinate, and no bodies in between: faster than its composite joints.
+    """Return a pinocchio.Model with a joint per coordinate, and no bodies in between: faster than its composite joints.
 
     Links are frames of it, by their names.
     """
@@ -197,7 +197,7 @@ def one_by_one(robot: Robot) -> Any:
 
 
 def _rows(model: Any) -> Iterator[list[float]]:
-    """A joint per line: parent, kind, axis, rotation, origin, mass, com, inertia about it."""
+    """Yield a joint per line: parent, kind, axis, rotation, origin, mass, com, inertia about it."""
     for i in range(1, model.njoints):
         joint, name = model.joints[i], model.joints[i].shortname()
         axis = {"X": (1, 0, 0), "Y": (0, 1, 0), "Z": (0, 0, 1)}.get(name.removeprefix("JointModel")[1:])

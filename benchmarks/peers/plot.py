@@ -62,11 +62,11 @@ def _panel(axes: Any, report: Report, kernel: str) -> None:
 
 
 def _points(entries: Sequence[Entry], kernel: str, label: str) -> list[tuple[int, float]]:
-    """(coordinates, ns) of a label, of its fastest variant."""
-    found = []
+    """Return (coordinates, ns) of a label, of its fastest variant."""
+    points = []
     for entry in entries:
         if entry.kernel == kernel and entry.batch == label.endswith("batch"):
             times = [ns for name, ns in entry.ns.items() if name.split(" (")[0] == label]
             if times:
-                found.append((entry.coordinates, min(times)))
-    return sorted(found)
+                points.append((entry.coordinates, min(times)))
+    return sorted(points)

@@ -40,7 +40,7 @@ Way = Callable[..., Any]
 
 
 def python_calls(rounds: int, robots: Sequence[str] = ROBOTS) -> tuple[Call, ...]:
-    """Least times of robots' kernels in C, and called from Python with one state and with many.
+    """Return least times of robots' kernels in C, and called from Python with one state and with many.
 
     Raises:
         MissingPeer: a robot is of example-robot-data, which is not installed.
@@ -80,7 +80,7 @@ def _calls_of(chosen: Case, rounds: int) -> Iterator[Call]:
 def _one_by_one(
     function: Way, arrays: Sequence[Array], *further: object, out: Array | None = None
 ) -> Callable[[], object]:
-    """One call for each state; the rows are views that exist before anything is timed."""
+    """Return one call for each state; the rows are views that exist before anything is timed."""
     rows = [(*row, *further) for row in zip(*arrays, strict=True)]
 
     def call() -> None:
@@ -95,13 +95,16 @@ def _one_by_one(
 
 
 def least(ways: Mapping[str, Callable[[], object]], rounds: int) -> dict[str, float]:
-    """Least time of each over the rounds, in which they take turns, ns: what interrupts a process is no part of it."""
+    """Return the least time of each over the rounds, in which they take turns, ns.
+
+    What interrupts a process does not count.
+    """
     again = {way: max(1, round(SAMPLE / max(_ns(code, 1), 1.0))) for way, code in ways.items()}
-    found = dict.fromkeys(ways, float("inf"))
+    best = dict.fromkeys(ways, float("inf"))
     for _ in range(rounds):
         for way, code in ways.items():
-            found[way] = min(found[way], _ns(code, again[way]))
-    return found
+            best[way] = min(best[way], _ns(code, again[way]))
+    return best
 
 
 def _ns(code: Callable[[], object], again: int) -> float:
@@ -112,7 +115,10 @@ def _ns(code: Callable[[], object], again: int) -> float:
 
 
 def _pinocchio(chosen: Case, frame: str) -> Mapping[str, Way]:
-    """Its functions of the same robot by kernel, those of frames for this one; none where it cannot be imported."""
+    """Return its functions of the same robot by kernel, those of frames for this one.
+
+    None where it cannot be imported.
+    """
     try:
         import pinocchio
     except ImportError:

@@ -33,9 +33,9 @@ class Entry:
     missing: Mapping[str, str] = field(default_factory=dict)
 
     def against(self, peer: str) -> tuple[str, Quartiles] | None:
-        """Label and ratio of the peer, of its fastest variant where it has several; None if there is none."""
-        found = [(label, ratio) for label, ratio in self.ratios.items() if label.split(" (")[0] == peer]
-        return min(found, key=lambda item: item[1][1], default=None)
+        """Return label and ratio of the peer, of its fastest variant where it has several; None without any."""
+        candidates = [(label, ratio) for label, ratio in self.ratios.items() if label.split(" (")[0] == peer]
+        return min(candidates, key=lambda item: item[1][1], default=None)
 
     def bar(self, peer: str) -> Bar | None:
         """Return what is required of the ratio to this peer, or None."""
@@ -83,16 +83,16 @@ class Report:
     gradients: tuple[Gradient, ...] = ()
 
     def entry(self, case: str, kernel: str, batch: bool = False) -> Entry | None:
-        """The entry of a kernel of a robot, or None."""
+        """Return the entry of a kernel of a robot, or None."""
         return next((e for e in self.entries if (e.case, e.kernel, e.batch) == (case, kernel, batch)), None)
 
     def write(self, path: Path) -> None:
-        """As JSON, four digits of every number."""
+        """Write it as JSON, four digits of every number."""
         path.write_text(json.dumps(_rounded(asdict(self)), indent=1) + "\n", encoding="ascii")
 
 
 def read(path: Path) -> Report:
-    """The report of a JSON file."""
+    """Return the report of a JSON file."""
     values = json.loads(path.read_text(encoding="ascii"))
     for key in ("entries", "growing"):
         values[key] = tuple(

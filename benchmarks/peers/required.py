@@ -39,6 +39,6 @@ AGAINST_MUJOCO: Mapping[tuple[str, str, bool], float] = {
 
 
 def required(peer: str, case: str, kernel: str, batch: bool) -> float | None:
-    """The ratio that is required of this comparison, or None."""
+    """Return the ratio that is required of this comparison, or None."""
     table = {"Pinocchio": AGAINST_PINOCCHIO, "MuJoCo": AGAINST_MUJOCO}.get(peer, {})
     return table.get((case, kernel, batch))

@@ -40,7 +40,7 @@ LARGEST_MATRIX = 36  # coordinates: the size of the code for a mass matrix grows
 
 @dataclass
 class Run:
-    """A run in progress: which peers there are, and what was found wrong."""
+    """A run in progress: which peers there are, and what went wrong."""
 
     rounds: int
     progress: Progress
@@ -61,28 +61,28 @@ class Run:
                 self.missing[module.NAME] = str(error)
                 self.progress(f"{module.NAME} is missing: {error}")
 
-    def peers(self, given: Case, missing: dict[str, str]) -> dict[str, Any]:
-        """The robot in every peer that can be had; the others' reasons go to ``missing``."""
-        found: dict[str, Any] = {TEXTBOOK: Textbook(given.robot)}
+    def peers(self, chosen: Case, missing: dict[str, str]) -> dict[str, Any]:
+        """Build the robot in every peer that can be had; the others' reasons go to ``missing``."""
+        peers: dict[str, Any] = {TEXTBOOK: Textbook(chosen.robot)}
         for name, make in (
-            (pinocchio_peer.NAME, lambda: PinocchioPeer(given)),
-            (casadi_peer.NAME, lambda: CasadiPeer(given, USED)),
-            (mujoco_peer.NAME, lambda: MujocoPeer(given.robot, mujoco_peer.CONTINUOUS)),
+            (pinocchio_peer.NAME, lambda: PinocchioPeer(chosen)),
+            (casadi_peer.NAME, lambda: CasadiPeer(chosen, USED)),
+            (mujoco_peer.NAME, lambda: MujocoPeer(chosen.robot, mujoco_peer.CONTINUOUS)),
         ):
             if name in self.missing:
                 continue
-            if given.key == ELASTIC and name != mujoco_peer.NAME:
+            if chosen.key == ELASTIC and name != mujoco_peer.NAME:
                 missing[name] = "its `rnea`, `crba` and `aba` know no springs and dampers of joints"
                 continue
             try:
-                found[name] = make()
+                peers[name] = make()
             except MissingPeer as error:
                 missing[name] = str(error)
-        return found
+        return peers
 
     def entry(
         self,
-        given: Case,
+        chosen: Case,
         kernel: str,
         contenders: Sequence[Contender],
         stopwatch: Stopwatch,
@@ -91,8 +91,8 @@ class Run:
         batch: bool = False,
         condition: Callable[[np.ndarray], float] | None = None,
     ) -> Entry:
-        """Contenders compared and timed; if they differ, an entry that says so and has no times."""
-        base = Entry(given.key, given.title, given.coordinates, kernel, batch, missing=missing)
+        """Compare and time contenders; if they differ, an entry that says so and has no times."""
+        base = Entry(chosen.key, chosen.title, chosen.coordinates, kernel, batch, missing=missing)
         rounds = max(3, round(self.rounds * BATCH_ROUNDS)) if batch else self.rounds
         self.progress(f"timing {kernel}{' in a batch' if batch else ''}")
         try:
@@ -100,7 +100,7 @@ class Run:
                 timing = measure(
                     stopwatch,
                     contenders,
-                    given.robot,
+                    chosen.robot,
                     kernel,
                     rounds,
                     count=BATCH_STATES if batch else STATES,
@@ -114,56 +114,56 @@ class Run:
         ratios = {label: timing.ratio(label, ours) for label in ns if label != ours and ours in ns}
         return Entry(**{**vars(base), "ns": ns, "ratios": ratios, "difference": timing.difference})
 
-    def standard(self, given: Case) -> Iterator[Entry]:
-        """Every kernel of a robot: one state, a batch, derivatives, a step."""
+    def standard(self, chosen: Case) -> Iterator[Entry]:
+        """Yield every kernel of a robot: one state, a batch, derivatives, a step."""
         missing: dict[str, str] = {}
-        peers = self.peers(given, missing)
+        peers = self.peers(chosen, missing)
         stopwatch = peers[TEXTBOOK].yardstick.stopwatch
-        ours = Ours(given.robot, STANDARD, self.progress)
+        ours = Ours(chosen.robot, STANDARD, self.progress)
         for kernel in STANDARD:
             contenders = [ours.contender(kernel), *_contenders(peers, kernel)]
-            condition = _condition(peers[TEXTBOOK], given.coordinates) if kernel == "forward_dynamics" else None
-            yield self.entry(given, kernel, contenders, stopwatch, missing, condition=condition)
+            condition = _condition(peers[TEXTBOOK], chosen.coordinates) if kernel == "forward_dynamics" else None
+            yield self.entry(chosen, kernel, contenders, stopwatch, missing, condition=condition)
         for kernel in STANDARD:
             pinocchio = peers[pinocchio_peer.NAME].contenders(kernel) if pinocchio_peer.NAME in peers else []
             contenders = [ours.contender(kernel, batch=True), ours.contender(kernel), *pinocchio]
-            condition = _condition(peers[TEXTBOOK], given.coordinates) if kernel == "forward_dynamics" else None
-            yield self.entry(given, kernel, contenders, stopwatch, missing, batch=True, condition=condition)
+            condition = _condition(peers[TEXTBOOK], chosen.coordinates) if kernel == "forward_dynamics" else None
+            yield self.entry(chosen, kernel, contenders, stopwatch, missing, batch=True, condition=condition)
         slopes = ("derivatives", "forward_derivatives", "second_derivatives")
         for kernel, name in (*((slope, pinocchio_peer.NAME) for slope in slopes), ("step", mujoco_peer.NAME)):
-            if name not in peers or (kernel == "step") != (given.key == ELASTIC):
+            if name not in peers or (kernel == "step") != (chosen.key == ELASTIC):
                 continue
-            made = Ours(given.robot, (kernel,), self.progress)
+            made = Ours(chosen.robot, (kernel,), self.progress)
             if kernel == "step":
-                contenders = [MujocoPeer(given.robot).contender(kernel)]
+                contenders = [MujocoPeer(chosen.robot).contender(kernel)]
                 single, many = (made.step(mujoco_peer.TIME_STEP, states) for states in (0, BATCH_STATES))
-                yield self.entry(given, kernel, [single, *contenders], stopwatch, missing)
-                yield self.entry(given, kernel, [many, single, *contenders], stopwatch, missing, batch=True)
+                yield self.entry(chosen, kernel, [single, *contenders], stopwatch, missing)
+                yield self.entry(chosen, kernel, [many, single, *contenders], stopwatch, missing, batch=True)
                 continue
             contenders = _contenders({name: peers[name]}, kernel)
             inverted = kernel == "forward_derivatives"
-            condition = _condition(peers[TEXTBOOK], given.coordinates) if inverted else None
+            condition = _condition(peers[TEXTBOOK], chosen.coordinates) if inverted else None
             yield self.entry(
-                given, kernel, [made.contender(kernel), *contenders], stopwatch, missing, condition=condition
+                chosen, kernel, [made.contender(kernel), *contenders], stopwatch, missing, condition=condition
             )
 
-    def growing(self, given: Case) -> Iterator[Entry]:
-        """The kernels of the plot: one state beside the textbook and Pinocchio, and a batch."""
-        kernels = [k for k in STANDARD if k != "mass_matrix" or given.coordinates <= LARGEST_MATRIX]
-        ours, textbook = Ours(given.robot, kernels, self.progress), Textbook(given.robot)
+    def growing(self, chosen: Case) -> Iterator[Entry]:
+        """Yield the kernels of the plot: one state beside the textbook and Pinocchio, and a batch."""
+        kernels = [k for k in STANDARD if k != "mass_matrix" or chosen.coordinates <= LARGEST_MATRIX]
+        ours, textbook = Ours(chosen.robot, kernels, self.progress), Textbook(chosen.robot)
         stopwatch = textbook.yardstick.stopwatch
-        pinocchio = None if pinocchio_peer.NAME in self.missing else PinocchioPeer(given)
+        pinocchio = None if pinocchio_peer.NAME in self.missing else PinocchioPeer(chosen)
         for kernel in kernels:
             others = [textbook.contender(kernel), *(pinocchio.contenders(kernel) if pinocchio else [])]
-            condition = _condition(textbook, given.coordinates) if kernel == "forward_dynamics" else None
-            yield self.entry(given, kernel, [ours.contender(kernel), *others], stopwatch, {}, condition=condition)
-            yield self.entry(given, kernel, [ours.contender(kernel, batch=True)], stopwatch, {}, batch=True)
+            condition = _condition(textbook, chosen.coordinates) if kernel == "forward_dynamics" else None
+            yield self.entry(chosen, kernel, [ours.contender(kernel), *others], stopwatch, {}, condition=condition)
+            yield self.entry(chosen, kernel, [ours.contender(kernel, batch=True)], stopwatch, {}, batch=True)
 
 
 def run(
     rounds: int, progress: Progress, keys: Sequence[str] = (), growing: Sequence[int] = GROWING
 ) -> tuple[Report, list[str]]:
-    """The report of a run, and what contenders disagreed on.
+    """Return the report of a run, and what contenders disagreed on.
 
     Args:
         rounds: per row.
@@ -204,7 +204,7 @@ def run(
 
 
 def machine(missing: dict[str, str]) -> dict[str, str]:
-    """What has to be said beside a time."""
+    """Return what has to be said beside a time."""
     flags = " ".join((*pinocchio_peer.FLAGS, "-std=c++17", "-DNDEBUG"))
     said = {
         "Processor": processor_name(),
@@ -227,21 +227,21 @@ def _first_line(command: str) -> str:
 
 
 def _contenders(peers: dict[str, Any], kernel: str) -> list[Contender]:
-    """Those of the peers that have the kernel."""
-    found: list[Contender] = []
+    """Return those of the peers that have the kernel."""
+    contenders: list[Contender] = []
     if TEXTBOOK in peers and kernel in STANDARD:
-        found.append(peers[TEXTBOOK].contender(kernel))
+        contenders.append(peers[TEXTBOOK].contender(kernel))
     if pinocchio_peer.NAME in peers and kernel in pinocchio_peer.CODE:
-        found += peers[pinocchio_peer.NAME].contenders(kernel)
+        contenders += peers[pinocchio_peer.NAME].contenders(kernel)
     if casadi_peer.NAME in peers and kernel in casadi_peer.KERNELS:
-        found.append(peers[casadi_peer.NAME].contender(kernel))
+        contenders.append(peers[casadi_peer.NAME].contender(kernel))
     if mujoco_peer.NAME in peers and kernel in mujoco_peer.CODE:
-        found.append(peers[mujoco_peer.NAME].contender(kernel))
-    return found
+        contenders.append(peers[mujoco_peer.NAME].contender(kernel))
+    return contenders
 
 
 def _condition(textbook: Textbook, n: int) -> Callable[[np.ndarray], float]:
-    """Condition number of the mass matrix."""
+    """Return the condition number of the mass matrix."""
 
     def condition(q: np.ndarray) -> float:
         matrix = np.zeros((n, n))

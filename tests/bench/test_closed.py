@@ -10,7 +10,7 @@ import pytest
 
 import eomgen
 from benchmarks import closed, closed_peer
-from benchmarks.closed import CASES, Case, Count, Found, Row, closed_states, page, row, without_springs
+from benchmarks.closed import CASES, Case, Count, Measured, Row, closed_states, page, row, without_springs
 from benchmarks.closed_peer import DYNAMICS, LCABA
 from benchmarks.peers.contender import MissingPeer
 from benchmarks.peers.measure import states
@@ -101,7 +101,7 @@ def test_the_page() -> None:
         Row("pair of tongs", False, missing="not here"),
     ]
     counts = [Count(gough, {"mul": 10, "add": 8, "div": 3, "sincos": 2}, (12, 9))]
-    text = page(Found(rows, counts, {(gough, DYNAMICS): 1, (gough, LCABA): 2}), 100)
+    text = page(Measured(rows, counts, {(gough, DYNAMICS): 1, (gough, LCABA): 2}), 100)
     assert text.isascii()
     for line in (
         f"| {gough}, one state | 6.00 (5.00 - 7.00) | 2.00 (1.00 - 3.00) |",

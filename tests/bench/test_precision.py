@@ -13,7 +13,7 @@ from benchmarks import precision, precision_page
 from benchmarks.peers.contender import MissingPeer
 from benchmarks.peers.mujoco_peer import MujocoPeer
 from benchmarks.precision_cases import ERRORS, OTHERS, OURS, PROBLEMS, TOLERANCES, Motion, Problem
-from benchmarks.precision_report import Found, Point, Report, read
+from benchmarks.precision_report import Measured, Point, Report, read
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -36,7 +36,7 @@ def one_link(**given: object) -> Problem:
 
 
 @pytest.fixture
-def found() -> Found:
+def found() -> Measured:
     points = (
         Point("eomgen tsit5", 1e-6, 5e-7, 4e-7, 0.002, 90),
         Point("eomgen rosenbrock", 1e-6, 2e-4, 1e-4, 0.001, 40),
@@ -44,17 +44,17 @@ def found() -> Found:
         Point("CVODE", 1e-6, 9e-5, 1e-7, 0.012, 30),
     )
     missing = {"MuJoCo RK4": "no equal", "MuJoCo discrete": "no equal"}
-    return Found("puma560_elastic", 3e-12, points, missing)
+    return Measured("puma560_elastic", 3e-12, points, missing)
 
 
-def test_the_fastest_that_is_exact_enough(found: Found) -> None:
+def test_the_fastest_that_is_exact_enough(found: Measured) -> None:
     assert found.cheapest(OURS, 1e-3) == found.points[1]
     assert found.cheapest(OURS, 1e-4) == found.points[0]
     assert found.cheapest(OURS, 1e-8) is None
     assert [found.ratio(error) for error in ERRORS] == [12.0, 6.0, 30.0, 30.0, None, None]
 
 
-def test_tables(found: Found, tmp_path: Path) -> None:
+def test_tables(found: Measured, tmp_path: Path) -> None:
     report = Report({"Processor": "some"}, 3, (found,))
     report.write(tmp_path / "report.json")
     assert read(tmp_path / "report.json") == report
@@ -73,7 +73,7 @@ def test_tables(found: Found, tmp_path: Path) -> None:
     assert "12.0 (CVODE) | 6.0 (CVODE) | 30.0 (Radau)" in precision_page.ratios(report)
 
 
-def test_figures_are_the_same_bytes(found: Found, tmp_path: Path) -> None:
+def test_figures_are_the_same_bytes(found: Measured, tmp_path: Path) -> None:
     for name in ("one.svg", "two.svg"):
         precision_page.draw(Report({}, 1, (found,) * 3), tmp_path / name)
     assert (tmp_path / "one.svg").read_bytes() == (tmp_path / "two.svg").read_bytes()
