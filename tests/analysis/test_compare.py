@@ -120,7 +120,7 @@ def test_wrong_input_is_said(built: Build) -> None:
         ([ur5], {}, "two or more"),
         ([ur5, ur5], {}, "different names"),
         ([ur5, rod], {}, "one_link has principal coordinates in rad, ur5 in rad, rad"),
-        ([ur5, puma], {"goal": [0.0] * 6, "line": ([0, 0, 0], [1, 0, 0])}, "both given"),
+        ([ur5, puma], {"goal": [0.0] * 6, "line": ([0, 0, 0], [1, 0, 0])}, "both set"),
         ([ur5, puma], {"goal": [0.0] * 5}, "6 numbers"),
         ([ur5, puma], {"line": ([9, 0, 0], [1, 0, 0])}, r"ur5_rigid: tcp does not reach \(9, 0, 0\) m"),
         ([ur5, puma], {"line": ([0.4, 0, 0.3], [5, 0, 0.3])}, "cannot follow the line"),

@@ -276,11 +276,11 @@ def test_input_that_is_refused() -> None:
         ({"loads": {"tcp": [1.0]}}, ArrayError, "wrench at tcp"),
         ({"frame": "hand"}, UnknownNameError, "'hand' is unknown"),
         ({"parameters": {"gravity.w": 1.0}}, UnknownNameError, "gravity.w"),
-        ({"parameters": {"gravity.x": 1.0}, "kernel": kernel}, InputError, "both given"),
+        ({"parameters": {"gravity.x": 1.0}, "kernel": kernel}, InputError, "both set"),
     ):
         with pytest.raises(kind, match=words):
             modes(robot, **options)  # type: ignore[arg-type]
-    with pytest.raises(InputError, match="poses: none given"):
+    with pytest.raises(InputError, match="poses: none; allowed"):
         modes_along(robot, [])
     with pytest.raises(InputError, match="has not the coordinates"):
         modes(eomgen.load_robot("shaken_arm"), kernel=kernel)

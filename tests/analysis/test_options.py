@@ -53,5 +53,5 @@ def test_a_kernel_serves_many_analyses() -> None:
     assert again.kernel is arm.kernel
     assert again.kernel.parameters["gravity.y"] == 0.0
     assert again.loads["link1"].tolist() == [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]
-    with pytest.raises(eomgen.InputError, match="parameters and kernel are both given"):
+    with pytest.raises(eomgen.InputError, match="parameters and kernel are both set"):
         prepared("one_link", kernel=arm.kernel, parameters={"gravity.y": 0.0})

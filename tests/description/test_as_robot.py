@@ -141,7 +141,7 @@ def test_an_analysis_takes_names() -> None:
 
 
 def test_one_robot_is_nothing_to_compare() -> None:
-    with pytest.raises(eomgen.InputError, match="robots: 1 given; allowed: two or more"):
+    with pytest.raises(eomgen.InputError, match="robots: 1; allowed: two or more"):
         compare("one_link")
 
 

@@ -159,7 +159,7 @@ def test_other_coordinates_become_independent_where_that_is_better(example) -> N
     assert (rates[1:] * rates[:-1] < 0.0).sum() >= 2
     assert np.ptp(motion.energy.sum(axis=1)) <= 1e-6 * motion.energy[:, 0].max()
     chart = Chart(kernel, q)
-    chart.use(q, chart.close(q[np.newaxis])[1][0])
+    chart.use(q, chart.assemble(q[np.newaxis])[1][0])
     assert chart.moved() is None
 
 

@@ -147,9 +147,9 @@ def test_a_hanging_mechanism_rests_at_its_lowest_point(four_bar: eomgen.Kernel) 
     q = closed_equilibrium(four_bar, [-1.5, 0.8, -0.9])
     assert np.abs(four_bar.constraint(q)).max() <= 1e-12
     chart, zero = Chart(four_bar, q), np.zeros(3)
-    slope = four_bar.residual(q, zero, zero, zero) @ chart.ways(chart.close(q[np.newaxis])[1])[0]
+    slope = four_bar.residual(q, zero, zero, zero) @ chart.tangent_basis(chart.assemble(q[np.newaxis])[1])[0]
     assert np.abs(slope).max() <= 1e-8  # of potential energy along the mechanism's way, N m
-    around = [four_bar.energy(chart.close(q + d * np.eye(3)[chart.free])[0][0], zero)[1] for d in (-1e-2, 0.0, 1e-2)]
+    around = [four_bar.energy(chart.assemble(q + d * np.eye(3)[chart.free])[0][0], zero)[1] for d in (-1e-2, 0.0, 1e-2)]
     assert around[1] < min(around[0], around[2])
     held = closed_equilibrium(four_bar, q + [0.3, 0.0, 0.0], held=["joint1.gamma"])
     assert held[0] == q[0] + 0.3

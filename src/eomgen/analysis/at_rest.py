@@ -1,4 +1,4 @@
-"""States of rest under gravity and dead wrenches, with contacts that close and loops; exact derivatives.
+"""Static equilibria under gravity and dead wrenches, with contacts that close and loops; exact derivatives.
 
 Newton's method inside a pseudo-transient continuation: the steps are those of an overdamped motion, linearly implicit,
 whose time step grows without limit.  A coordinate in its clearance falls to the end that it rests on.
@@ -30,7 +30,7 @@ POSE = 1e-14  # m or rad, or of the largest coordinate: round-off of the pose, w
 
 @dataclass(frozen=True)
 class RestState(Shown):
-    """A state of rest.
+    """A static equilibrium.
 
     Attributes:
         q: coordinates, (n,).
@@ -55,7 +55,7 @@ def rest(
     *,
     sagging: bool = False,
 ) -> RestState:
-    """The state of rest near q, (n,).
+    """Return the static equilibrium near q, (n,).
 
     Args:
         kernel: float64, with the kernels of ``options.KERNELS`` and ``mechanism_kernels``.
@@ -77,9 +77,9 @@ def rest(
     for _ in range(STEPS):
         force = kernel.inverse_dynamics(q, zero, zero, cut=True) - load_force(kernel, q, loads) + springs * (q - target)
         multipliers, closing = _constraint(kernel, q, force, still)
-        found = tangent(kernel, q, zero, zero, loads, multipliers)
+        slopes = tangent(kernel, q, zero, zero, loads, multipliers)
         basis, _ = moving_basis(kernel, q, ~still)
-        K = found.K + np.diag(springs)
+        K = slopes.K + np.diag(springs)
         change = closing
         if basis.shape[1]:
             left = basis.T @ (force + K @ closing)
@@ -89,20 +89,20 @@ def rest(
         imbalance = float(np.linalg.norm((basis.T @ force) / np.sqrt(basis.T**2 @ inertia)))
         small = (np.abs(change) <= SMALL * size + POSE * max(1.0, np.abs(q).max())).all()
         if small and (tau > 1.0 or imbalance == before):
-            return _found(kernel, q + change, target, springs, still, loads)
+            return _rest_state(kernel, q + change, target, springs, still, loads)
         q = q + change * min(1.0, LONGEST / max(float(np.abs(change).max()), 1e-300))
         tau = min(tau * (GROWTH if imbalance <= before else 0.5), LAST)
         before = imbalance
     spread = np.where(still, 0.0, np.abs(change) / size)
     worst = kernel.coordinates[int(np.argmax(spread))]
     raise IntegrationError(
-        f"{kernel.name}: no state of rest near the pose: {worst} stays out of balance; give it a stiffness, or list it"
-        " in held"
+        f"{kernel.name}: no static equilibrium near the pose: {worst} stays out of balance; give it a stiffness, or"
+        " list it in held"
     )
 
 
 def closed(kernel: Kernel, q: Array, still: Mask) -> Array:
-    """The pose near q, (n,), in which loops are closed and couplings kept; what is ``still`` stays.
+    """Return the pose near q, (n,), in which loops are closed and couplings kept; what is ``still`` stays.
 
     Where more stays than the mechanism has freedoms, the pose may be closed already, up to round-off, which is shared.
 
@@ -117,7 +117,7 @@ def closed(kernel: Kernel, q: Array, still: Mask) -> Array:
     return np.asarray(kernel.close(q, held=names))
 
 
-def _found(
+def _rest_state(
     kernel: Kernel, q: Array, target: Array, springs: Array, still: Mask, loads: Mapping[str, Array]
 ) -> RestState:
     zero = np.zeros(kernel.n)
@@ -125,21 +125,21 @@ def _found(
     multipliers, _ = _constraint(kernel, q, needed + springs * (q - target), still)
     reaction = kernel.constraint_jacobian(q).T @ multipliers if kernel.constraints else zero
     u = np.where(still, needed - reaction, -springs * (q - target))
-    found = tangent(kernel, q, zero, zero, loads, multipliers)
+    slopes = tangent(kernel, q, zero, zero, loads, multipliers)
     notes = notes_of_play(kernel, q)
     basis, independent = moving_basis(kernel, q, ~still)
     if independent:
-        K = basis.T @ (found.K + np.diag(springs)) @ basis
+        K = basis.T @ (slopes.K + np.diag(springs)) @ basis
         root = np.sqrt(np.maximum(np.abs(np.diagonal(K)), 1e-300))
         values, vectors = np.linalg.eigh(0.5 * (K + K.T) / np.outer(root, root))
         if values[0] < -1e-9:
             name = kernel.coordinates[independent[int(np.argmax(np.abs(vectors[:, 0])))]]
             notes.append(f"the state is not stable: it buckles along {name}")
-    return RestState(q, u, multipliers, found, tuple(notes))
+    return RestState(q, u, multipliers, slopes, tuple(notes))
 
 
 def _constraint(kernel: Kernel, q: Array, force: Array, still: Mask) -> tuple[Array, Array]:
-    """Multipliers of least norm that balance a force best, and the smallest change that closes the loops."""
+    """Return multipliers of least norm that balance a force best, and the smallest change that closes the loops."""
     change = np.zeros(kernel.n)
     if not kernel.constraints:
         return np.zeros(0), change
@@ -151,7 +151,7 @@ def _constraint(kernel: Kernel, q: Array, force: Array, still: Mask) -> tuple[Ar
 
 
 def _stable(K: Array, M: Array, tau: float) -> tuple[Array, float]:
-    """M / tau + K and the longest time step, at most tau, with which it is positive definite: no way uphill."""
+    """Return M / tau + K and the longest time step, at most tau, with which it is positive definite: no way uphill."""
     while tau > SHORTEST:
         matrix = M / tau + K
         scale = 1.0 / np.sqrt(np.maximum(np.abs(np.diagonal(matrix)), 1e-300))
@@ -175,7 +175,7 @@ def _solve(matrix: Array, right: Array) -> Array:
 def system_at_rest(
     kernel: Kernel, q: Array, fixation: Fixation, loads: Mapping[str, Array] | None = None
 ) -> tuple[LinearSystem, RestState]:
-    """The linear system about the state of rest near q, and that state; arguments and errors as of ``rest``."""
+    """Return the linear system about the static equilibrium near q, and that; arguments and errors as of ``rest``."""
     state, zero = rest(kernel, q, fixation, loads), np.zeros(kernel.n)
     still = MotionState(state.q, zero, zero, state.u)
     return reduced(kernel, still, state.tangent, fixation, state.notes), state

@@ -44,8 +44,8 @@ class ComplianceMap(Plotting, Shown, Saved, plot="plot_compliance"):
     Attributes:
         robot, frame: names.
         coordinates: names, n.
-        points: (A, B, 3), m, base axes: corner + a / (A - 1) first + b / (B - 1) second.
-        q: loaded states of rest, (A, B, n).
+        points: (A, B, 3), m, base frame: corner + a / (A - 1) first + b / (B - 1) second.
+        q: loaded static equilibria, (A, B, n).
         deflection: (A, B, 6), see ``deflection.Deflection``.
         compliance: (A, B, 6, 6).
         notes: lines about what was assumed.
@@ -63,13 +63,13 @@ class ComplianceMap(Plotting, Shown, Saved, plot="plot_compliance"):
     @property
     def softest(self) -> Array:
         """Displacement per force in the direction where that is greatest, (A, B), m/N."""
-        found = np.full(self.points.shape[:2], np.nan)
+        softest = np.full(self.points.shape[:2], np.nan)
         known = np.isfinite(self.compliance).all(axis=(2, 3))
-        found[known] = np.linalg.norm(self.compliance[known][:, :3, :3], 2, axis=(1, 2))
-        return found
+        softest[known] = np.linalg.norm(self.compliance[known][:, :3, :3], 2, axis=(1, 2))
+        return softest
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values, for JSON; None where the tool cannot be."""
+        """Return plain values, for JSON; None where the tool cannot be."""
         softest = [[float(x) if np.isfinite(x) else None for x in row] for row in self.softest]
         return {
             "robot": self.robot,
@@ -80,7 +80,7 @@ class ComplianceMap(Plotting, Shown, Saved, plot="plot_compliance"):
         }
 
     def lines(self) -> list[str]:
-        """Lines of text about the map."""
+        """Return lines of text about the map."""
         values = self.softest
         known = np.isfinite(values)
         lines = [f"{self.robot}: {self.frame} reaches {int(known.sum())} of {values.size} points"]
@@ -106,14 +106,14 @@ def compliance_map(
     progress: Progress | None = None,
     **options: Unpack[StateKeywords],
 ) -> ComplianceMap:
-    """Compliance where the tool of the rigid robot is at the points of a parallelogram.
+    """Return compliance where the tool of the rigid robot is at the points of a parallelogram.
 
     Principal coordinates by inverse kinematics within their limits, from one point to the next the nearest ones; how
     the tool turns is left open.
 
     Args:
         robot: a Robot, the name of a built-in one, or the path of a description.
-        corner, first, second: a corner and the two edges from it, (3,) each, m, base axes.
+        corner, first, second: a corner and the two edges from it, (3,) each, m, base frame.
         points: along the edges, 2 or more each.
         pose: near which the first point is looked for.
         frame: to look at; default as in ``simulate``.
@@ -139,22 +139,22 @@ def compliance_map(
     guess, notes, unbalanced = q0, dict[str, None](), 0
     for count, (i, j) in enumerate(_serpentine(shape)):
         report(count / (shape[0] * shape[1]), "compliance")
-        found_q = _inverse_kinematics(rigid, frame, places[i, j], guess[index], q0[index], limits)
-        if found_q is None:
+        solution = _inverse_kinematics(rigid, frame, places[i, j], guess[index], q0[index], limits)
+        if solution is None:
             continue
         reached = q0.copy()
-        reached[index] = found_q
+        reached[index] = solution
         turn_motors(kernel, reached, ())
         guess = reached
         try:
-            found = deflection_of(arm, reached, frame)
+            bent = deflection_of(arm, reached, frame)
         except IntegrationError:
             unbalanced += 1
             continue
-        q[i, j], deflected[i, j], matrix[i, j] = found.q, found.deflection, found.compliance
-        notes |= dict.fromkeys(found.notes)
+        q[i, j], deflected[i, j], matrix[i, j] = bent.q, bent.deflection, bent.compliance
+        notes |= dict.fromkeys(bent.notes)
     if unbalanced:
-        notes[f"{unbalanced} points are reached, but have no state of rest"] = None
+        notes[f"{unbalanced} points are reached, but have no static equilibrium"] = None
     return ComplianceMap(
         robot=robot.name,
         frame=frame,
@@ -168,7 +168,10 @@ def compliance_map(
 
 
 def _rigid(arm: HeldRobot, report: StageReport) -> Kernel:
-    """The kernel by which the tool is placed: of a closed mechanism that of the rigid one, which closes as a whole."""
+    """Return the kernel by which the tool is placed.
+
+    Of a closed mechanism that of the rigid one, which closes as a whole.
+    """
     if not arm.robot.is_closed:
         return arm.kernel
     rigid = arm.robot.rigid()
@@ -190,16 +193,19 @@ def _grid(corner: ArrayLike, first: ArrayLike, second: ArrayLike, points: tuple[
 
 
 def _serpentine(shape: tuple[int, ...]) -> list[tuple[int, int]]:
-    """Every point beside the one before."""
+    """Return every point beside the one before."""
     return [(i, j if i % 2 == 0 else shape[1] - 1 - j) for i in range(shape[0]) for j in range(shape[1])]
 
 
 def _inverse_kinematics(
     kernel: Kernel, frame: str, point: Array, guess: Array, first: Array, limits: Array
 ) -> Array | None:
-    """Coordinates within the limits that put the frame there, from the guess or from others; None if there are none."""
+    """Return coordinates within the limits that put the frame there, from the guess or from others.
+
+    None if there are none.
+    """
     for trial in (guess, *islice(starting_points(first, limits), GUESSES)):
-        found = reach(kernel, Target(frame, point), trial, limits)
-        if found.is_there and within_limits(found.q, limits):
-            return found.q
+        solution = reach(kernel, Target(frame, point), trial, limits)
+        if solution.is_there and within_limits(solution.q, limits):
+            return solution.q
     return None

@@ -1,7 +1,7 @@
 """Frequency response functions of a robot at rest: from drives and wrenches to what moves.
 
-H(w) = Y (-w^2 M + i w D + K)^-1 F about a state of rest, displacements per unit force; velocities and accelerations are
-i w and -w^2 times that.  ``h1`` estimates the same from signals over time.
+H(w) = Y (-w^2 M + i w D + K)^-1 F about a static equilibrium, displacements per unit force; velocities and
+accelerations are i w and -w^2 times that.  ``h1`` estimates the same from signals over time.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ Complex = NDArray[np.complex128]
 
 @dataclass(frozen=True, kw_only=True)
 class Response(Plotting, Shown, Tabular, SavedColumns, plot="plot_response"):
-    """Frequency responses about a state of rest.
+    """Frequency responses about a static equilibrium.
 
     Attributes:
         robot: the robot's name.
@@ -46,7 +46,7 @@ class Response(Plotting, Shown, Tabular, SavedColumns, plot="plot_response"):
         H: complex, (F, outputs, inputs): output per input, e^(+i w t); units as of ``unit``.
         inputs, outputs: names, see ``ports``.
         kind: of the outputs: displacement, velocity or acceleration.
-        coordinates, q: names, and the state of rest, (n,).
+        coordinates, q: names, and the static equilibrium, (n,).
         notes: lines about what was assumed.
     """
 
@@ -61,25 +61,25 @@ class Response(Plotting, Shown, Tabular, SavedColumns, plot="plot_response"):
     notes: Annotated[tuple[str, ...], Stored(otherwise=())]
 
     def of(self, output: str, source: str) -> Complex:
-        """One response, (F,); InputError if there is none of these names."""
+        """Return one response, (F,); InputError if there is none of these names."""
         for label, name, known in (("output", output, self.outputs), ("input", source, self.inputs)):
             if name not in known:
                 raise InputError(f"{label}: {name!r} is not in this response; it has {', '.join(known)}")
         return self.H[:, self.outputs.index(output), self.inputs.index(source)]
 
     def unit(self, output: str, source: str) -> str:
-        """Its unit, such as "m/s per N"."""
+        """Return its unit, such as "m/s per N"."""
         return f"{unit_of_output(output, self.kind)} per {force_unit_of(source)}"
 
     def as_rows(self) -> Rows:
-        """A row per frequency: the complex response of every output to every input, "tcp.x from tcp.fx"."""
+        """Return a row per frequency: the complex response of every output to every input, "tcp.x from tcp.fx"."""
         columns = [
             TableColumn(f"{y} from {x}", self.unit(y, x), self.of(y, x)) for y in self.outputs for x in self.inputs
         ]
         return Rows("frequency", "Hz", self.frequencies, columns, {"robot": self.robot, "kind": self.kind})
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values, for JSON; complex numbers as [real, imaginary]."""
+        """Return plain values, for JSON; complex numbers as [real, imaginary]."""
         pairs = [(y, x) for y in self.outputs for x in self.inputs]
         return {
             "robot": self.robot,
@@ -98,7 +98,7 @@ class Response(Plotting, Shown, Tabular, SavedColumns, plot="plot_response"):
         }
 
     def lines(self) -> list[str]:
-        """The peak of every response, for people."""
+        """Return the peak of every response, for people."""
         low, high = self.frequencies[0], self.frequencies[-1]
         lines = [f"{self.robot}: {self.kind}, {len(self.frequencies)} frequencies from {low:g} to {high:g} Hz", ""]
         lines.append(f"{'output':<24}{'input':<24}{'peak':>12}{'at [Hz]':>12}  unit")
@@ -110,7 +110,7 @@ class Response(Plotting, Shown, Tabular, SavedColumns, plot="plot_response"):
         return lines + [f"note: {note}" for note in self.notes]
 
     def columns(self) -> dict[str, Array]:
-        """Columns of a table by name, (F,) each: frequency, OUTPUT/INPUT.real and OUTPUT/INPUT.imag."""
+        """Return columns of a table by name, (F,) each: frequency, OUTPUT/INPUT.real and OUTPUT/INPUT.imag."""
         columns = {"frequency": self.frequencies}
         for y in self.outputs:
             for x in self.inputs:
@@ -132,7 +132,7 @@ def response(
     progress: StageReport | None = None,
     **options: Unpack[StateKeywords],
 ) -> Response:
-    """Frequency responses about the state of rest at a pose.
+    """Return frequency responses about the static equilibrium at a pose.
 
     Args:
         robot: a Robot, the name of a built-in one, or the path of a description; prescribed coordinates stay.
@@ -146,7 +146,7 @@ def response(
 
     Raises:
         InputError: an argument cannot be used, or the response is infinite at a frequency.
-        IntegrationError: there is no state of rest near the pose.
+        IntegrationError: there is no static equilibrium near the pose.
     """
     checked_kind(kind)
     hertz = _frequencies(frequencies)
@@ -176,7 +176,7 @@ def response(
 def h1(
     t: ArrayLike, force: ArrayLike, motion: ArrayLike, *, segment: int | None = None
 ) -> tuple[Array, Complex, Array]:
-    """The estimator H1 = S_fx / S_ff of a response from signals, by Welch's method with a Hann window.
+    """Return the estimator H1 = S_fx / S_ff of a response from signals, by Welch's method with a Hann window.
 
     Noise in the motion does not bias it; noise in the force does.
 
@@ -224,11 +224,11 @@ def _frequencies(values: ArrayLike) -> Array:
 
 
 def _solved(system: LinearSystem, forces: Array, rows: Array, hertz: Array) -> Complex:
-    """rows Z^-1 forces at all frequencies, rows and columns of Z scaled to one size."""
+    """Return rows Z^-1 forces at all frequencies, rows and columns of Z scaled to one size."""
     if not system.independent:
         return np.zeros((len(hertz), len(rows), forces.shape[1]), dtype=np.complex128)
     size = 1.0 / np.sqrt(np.diagonal(system.M))
-    M, D, K = (part * np.outer(size, size) for part in (system.M, system.D, system.K))
+    M, D, K = (matrix * np.outer(size, size) for matrix in (system.M, system.D, system.K))
     result = np.empty((len(hertz), len(rows), forces.shape[1]), dtype=np.complex128)
     for k, w in enumerate(2.0 * np.pi * hertz):
         Z = K - w * w * M + 1j * w * D

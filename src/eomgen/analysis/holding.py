@@ -32,7 +32,7 @@ class Fixation:
 
     Attributes:
         drives: "locked", "free" or "pd".
-        still: coordinates that stay at the given pose while the others come to rest, (n,).
+        still: coordinates that stay at the pose while the others come to rest, (n,).
         locked: those that do not move about the state either, (n,).
         driven: coordinates that drives move, (n,).
         kp, kd: gains that drives add to K and D, (n,), N/m, N m/rad and per rate; 0 where there is none.
@@ -57,7 +57,7 @@ def fixation_of(
     kd: Gains | None = None,
     held: Iterable[str] | None = None,
 ) -> Fixation:
-    """Which coordinates an analysis holds fixed, and its drives' gains.
+    """Return which coordinates an analysis holds fixed, and its drives' gains.
 
     Prescribed coordinates always do.  About the state driven coordinates are locked, or free under constant
     drives, or held by gains ("pd").  At the state itself they stay where they are put, and with them what nothing
@@ -67,7 +67,7 @@ def fixation_of(
     Args:
         robot, kernel: whose coordinates they are.
         drives: "locked", "free" or "pd".
-        kp, kd: gains of "pd": a number for all driven coordinates, or by their names; kd is 0 if not given.
+        kp, kd: gains of "pd": a number for all driven coordinates, or by their names; kd is 0 by default.
         held: names of the coordinates that stay at the state and, if drives are "locked", about it; instead of the
             above.
 
@@ -78,21 +78,21 @@ def fixation_of(
     if drives not in DRIVES:
         raise InputError(f"drives: {drives!r} is unknown; allowed: {', '.join(DRIVES)}")
     model, names = build_model(robot), kernel.coordinates
-    driven, given = _mask(names, model.driven), _mask(names, model.prescribed)
+    driven, prescribed = _mask(names, model.driven), _mask(names, model.prescribed)
     notes: list[str] = []
     if held is not None:
         chosen = list(held)
         for name in chosen:
             if name not in names:
                 raise UnknownNameError(f"held: {show(str(name))} is unknown; known: {', '.join(names)}")
-        still = given | np.array([name in chosen for name in names])
+        still = prescribed | np.array([name in chosen for name in names])
         locked = still.copy()
     else:
-        loose = _loose(kernel) & ~driven & ~given & ~_led(robot, names)
-        still, locked = driven | given | loose, driven | given
+        loose = _loose(kernel) & ~driven & ~prescribed & ~_led(robot, names)
+        still, locked = driven | prescribed | loose, driven | prescribed
         if loose.any():
-            found = ", ".join(np.array(names)[loose])
-            notes.append(f"nothing holds {found}: constant forces do at the state")
+            free = ", ".join(np.array(names)[loose])
+            notes.append(f"nothing holds {free}: constant forces do at the state")
     if drives == "pd":
         gains = _gains("kp", kp, kernel, driven), _gains("kd", 0.0 if kd is None else kd, kernel, driven)
     else:
@@ -100,12 +100,12 @@ def fixation_of(
             raise InputError(f"kp and kd are gains of drives 'pd'; drives are {drives!r}")
         gains = np.zeros(kernel.n), np.zeros(kernel.n)
     if drives != "locked":
-        locked = given
+        locked = prescribed
     return Fixation(drives, still, locked, driven, *gains, tuple(notes))
 
 
 def pose_of(robot: Robot, kernel: Kernel, pose: PoseLike | None) -> Array:
-    """Coordinates of a pose, (n,): deviations not given are at home, motors not given follow their joints.
+    """Return coordinates of a pose, (n,): deviations left out are at home, motors left out follow their joints.
 
     Args:
         robot, kernel: whose coordinates they are.
@@ -146,7 +146,7 @@ def pose_of(robot: Robot, kernel: Kernel, pose: PoseLike | None) -> Array:
 
 
 def floating(kernel: Kernel, q: Array) -> tuple[str, ...]:
-    """Names of the coordinates that touch no end of their clearance at q, (n,), and of journals that do not."""
+    """Return names of the coordinates that touch no end of their clearance at q, (n,), and of journals that do not."""
     gaps, names = clearances(law_numbers(kernel)), acting(kernel)
     there = deflections(kernel) @ q
     there[kernel.n :] += kernel.follower_matrix()[1]
@@ -160,8 +160,8 @@ def floating(kernel: Kernel, q: Array) -> tuple[str, ...]:
 
 
 def floating_cuts(kernel: Kernel, q: Array) -> list[str]:
-    """Names of the cut joints' coordinates and couplings that touch no end of their clearance at q, (n,)."""
-    gaps = {name: given["clearance"] for name, given in cut_numbers(kernel).items() if given.get("clearance")}
+    """Return names of the loop joints' coordinates and couplings that touch no end of their clearance at q, (n,)."""
+    gaps = {name: law["clearance"] for name, law in cut_numbers(kernel).items() if law.get("clearance")}
     known = {"cut_forces", "cut_jacobian"} <= set(kernel.raw.functions)  # a kernel that the caller built may lack them
     contacts = cut_contacts(kernel)
     if not (gaps or contacts) or not known:
@@ -177,17 +177,17 @@ def floating_cuts(kernel: Kernel, q: Array) -> list[str]:
 
 
 def notes_of_play(kernel: Kernel, q: Array) -> list[str]:
-    """Lines about the coordinates, those of cut joints and couplings too, that touch no end of their clearance."""
+    """Return lines about coordinates, also of loop joints and couplings, that touch no end of their clearance."""
     names = [*floating(kernel, q), *floating_cuts(kernel, q)]
     return [f"{name} floats in its clearance: no stiffness there" for name in names]
 
 
 def _loose(kernel: Kernel) -> Mask:
-    """Coordinates that no spring of their own, no transmission, journal or spring between points holds, (n,)."""
-    own = [
-        name in kernel.knots or any(given.get(key) for key in SPRINGS) for name, given in law_numbers(kernel).items()
+    """Return coordinates that no spring, no transmission, journal or spring between points holds, (n,)."""
+    elastic = [
+        name in kernel.knots or any(law.get(key) for key in SPRINGS) for name, law in law_numbers(kernel).items()
     ]
-    held = np.array(own[: kernel.n]) | kernel.follower_matrix()[0][np.array(own[kernel.n :], bool)].any(axis=0)
+    held = np.array(elastic[: kernel.n]) | kernel.follower_matrix()[0][np.array(elastic[kernel.n :], bool)].any(axis=0)
     held |= _mask(kernel.coordinates, map(kernel.coordinates.index, kernel.motors.values()))
     if kernel.springs:
         anywhere = 0.3 + 0.1 * np.arange(kernel.n)
@@ -200,7 +200,10 @@ def _loose(kernel: Kernel) -> Mask:
 
 
 def _led(robot: Robot, names: tuple[str, ...]) -> Mask:
-    """Coordinates on which loops and couplings act, (n,): what moves both sides of a loop alike is not among them."""
+    """Return coordinates on which loops and couplings act, (n,).
+
+    What moves both sides of a loop alike is not among them.
+    """
     before = {joint.child: joint for joint in robot.joints}
     joints: set[str] = set()
     for loop in robot.loops:
@@ -223,16 +226,16 @@ def _mask(names: tuple[str, ...], places: Iterable[int]) -> Mask:
 
 
 def _gains(label: str, value: Gains | None, kernel: Kernel, driven: Mask) -> Array:
-    """A gain for every driven coordinate, 0 for the others."""
+    """Return a gain for every driven coordinate, 0 for the others."""
     names = [name for name, drives in zip(kernel.coordinates, driven, strict=True) if drives]
     if value is None:
         raise InputError(f"{label}: drives 'pd' need it; allowed: a number, or numbers by names of {', '.join(names)}")
     table = value if isinstance(value, Mapping) else dict.fromkeys(names, value)
     result = np.zeros(kernel.n)
-    for name, given in table.items():
+    for name, entry in table.items():
         if name not in names:
             raise UnknownNameError(f"{label}: {show(str(name))} has no drive; known: {', '.join(names)}")
-        gain = _number(f"{label}: {name}", given)
+        gain = _number(f"{label}: {name}", entry)
         if gain < 0.0:
             raise InputError(f"{label}: {name} = {gain:g}; allowed: at least 0")
         result[kernel.coordinates.index(name)] = gain

@@ -23,7 +23,7 @@ OPEN = 1e-9  # of the greatest of what adds up: more is not round-off
 
 
 def moving_system(arm: HeldRobot, q: Array, v: ArrayLike, a: ArrayLike | None, u: ArrayLike | None) -> LinearSystem:
-    """The system about a motion at one time: drives are constant, or gains about the motion.
+    """Return the system about a motion at one time: drives are constant, or gains about the motion.
 
     Args:
         arm: the robot.
@@ -32,15 +32,15 @@ def moving_system(arm: HeldRobot, q: Array, v: ArrayLike, a: ArrayLike | None, u
         a, u: accelerations or drives, (n,); one of them.
 
     Raises:
-        InputError: both or none of a and u are given, or one is no such array.
+        InputError: both or none of a and u, or one is no such array.
         LoopError: v or a open a loop, or these drives cannot make the motion.
     """
-    given = a if u is None else u
-    if given is None or (a is not None and u is not None):
-        raise InputError("a and u: a motion is given by one of them; allowed: v and a, or v and u")
+    driving = a if u is None else u
+    if driving is None or (a is not None and u is not None):
+        raise InputError("a and u: a motion is set by one of them; allowed: v and a, or v and u")
     kernel = arm.kernel
     rates = state_vector("v", v, kernel.coordinates)
-    wanted = state_vector("a" if u is None else "u", given, kernel.coordinates)
+    wanted = state_vector("a" if u is None else "u", driving, kernel.coordinates)
     if kernel.constraints:
         return _closed_system(arm, closed(kernel, q, arm.fixation.still), rates, wanted, is_drive=u is not None)
     dead = load_force(kernel, q, arm.loads)
@@ -52,27 +52,27 @@ def moving_system(arm: HeldRobot, q: Array, v: ArrayLike, a: ArrayLike | None, u
         acceleration = np.zeros(kernel.n)
         acceleration[free] = np.linalg.solve(M[np.ix_(free, free)], missing[free])
     forces = kernel.inverse_dynamics(q, rates, acceleration, cut=True) - dead
-    found = tangent(kernel, q, rates, acceleration, arm.loads)
+    slopes = tangent(kernel, q, rates, acceleration, arm.loads)
     state, unsaid = MotionState(q, rates, acceleration, forces), replace(arm.fixation, notes=())  # those are about rest
-    return reduced(kernel, state, found, unsaid, tuple(notes_of_play(kernel, q)))
+    return reduced(kernel, state, slopes, unsaid, tuple(notes_of_play(kernel, q)))
 
 
-def _closed_system(arm: HeldRobot, q: Array, v: Array, given: Array, *, is_drive: bool) -> LinearSystem:
-    """The system about a motion with loops closed; ``given`` are the drives, or the accelerations, (n,)."""
+def _closed_system(arm: HeldRobot, q: Array, v: Array, driving: Array, *, is_drive: bool) -> LinearSystem:
+    """Return the system about a motion with loops closed; ``driving`` are the drives, or the accelerations, (n,)."""
     kernel, fixation = arm.kernel, arm.fixation
     zero = np.zeros(kernel.n)
     J, bias = kernel.constraint_jacobian(q), kernel.constraint_bias(q, v)
     _refuse_opening(kernel, J @ v, np.abs(J).max() * np.abs(v).max(), "v", "/s", "v of kernel.close_rates")
     dead = load_force(kernel, q, arm.loads)
     if is_drive:
-        a = _accelerations(kernel, q, v, J, bias, given + dead, ~fixation.locked)
+        a = _accelerations(kernel, q, v, J, bias, driving + dead, ~fixation.locked)
     else:
-        a = given
+        a = driving
         size = max(float(np.abs(J).max() * np.abs(a).max()), float(np.abs(bias).max()))
         _refuse_opening(kernel, J @ a + bias, size, "a", "/s^2", "those of its motion, or u")
     needed = kernel.residual(q, v, a, zero) - dead
     prescribed = np.isin(kernel.coordinates, kernel.prescribed)
-    u = given.copy() if is_drive else np.zeros(kernel.n)
+    u = driving.copy() if is_drive else np.zeros(kernel.n)
     ways, _ = moving_basis(kernel, q, ~prescribed)
     if not is_drive:
         u[fixation.driven] = np.linalg.lstsq(ways[fixation.driven].T, ways.T @ needed, rcond=RANK)[0]
@@ -89,14 +89,14 @@ def _closed_system(arm: HeldRobot, q: Array, v: Array, given: Array, *, is_drive
         )
     multipliers = np.linalg.lstsq(J[:, ~held].T, (needed - u)[~held], rcond=RANK)[0]
     u[held] = (needed - J.T @ multipliers)[held]
-    found = tangent(kernel, q, v, a, arm.loads, multipliers)
+    slopes = tangent(kernel, q, v, a, arm.loads, multipliers)
     bending = _jacobian_rates(arm, q, v, a)
     state, unsaid = MotionState(q, v, a, u), replace(fixation, notes=())  # those are about rest
-    return reduced(kernel, state, found, unsaid, tuple(notes_of_play(kernel, q)), bending)
+    return reduced(kernel, state, slopes, unsaid, tuple(notes_of_play(kernel, q)), bending)
 
 
 def _accelerations(kernel: Kernel, q: Array, v: Array, J: Array, bias: Array, forces: Array, moving: Mask) -> Array:
-    """Accelerations, (n,), under generalized forces, loops closed; what does not move has none."""
+    """Return accelerations, (n,), under generalized forces, loops closed; what does not move has none."""
     zero = np.zeros(kernel.n)
     a = zero.copy()
     a[moving] = -np.linalg.lstsq(J[:, moving], bias, rcond=RANK)[0]
@@ -111,7 +111,7 @@ def _accelerations(kernel: Kernel, q: Array, v: Array, J: Array, bias: Array, fo
 
 
 def _jacobian_rates(arm: HeldRobot, q: Array, v: Array, a: Array) -> tuple[Array, Array]:
-    """First and second derivative by time of the constraint's Jacobian, (constraints, n) each.
+    """Return first and second derivative by time of the constraint's Jacobian, (constraints, n) each.
 
     With H the second derivatives of g the bias is v^T H v, whose derivatives by q are those of H along the motion.
     """
@@ -125,6 +125,6 @@ def _jacobian_rates(arm: HeldRobot, q: Array, v: Array, a: Array) -> tuple[Array
 
 
 def _refuse_opening(kernel: Kernel, gaps: Array, size: float, what: str, per: str, allowed: str) -> None:
-    """LoopError if rates or accelerations open a loop by more than round-off of their size."""
+    """Raise LoopError if rates or accelerations open a loop by more than round-off of their size."""
     if np.abs(gaps).max() > OPEN * max(1.0, size):
         raise left_open(kernel.raw, gaps, f"opens at {what}", allowed, per)

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class StateSpace(Shown, Saved):
-    """x' = A x + B w, y = C x + D w: small changes about a state of rest, or about a motion at one time.
+    """x' = A x + B w, y = C x + D w: small changes about a static equilibrium, or about a motion at one time.
 
     Attributes:
         robot: the robot's name.
@@ -67,7 +67,7 @@ class StateSpace(Shown, Saved):
         return self.A, self.B, self.C, self.D
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values, for JSON."""
+        """Return plain values, for JSON."""
         state = {name: dict(zip(self.coordinates, getattr(self, name).tolist(), strict=True)) for name in "qvau"}
         return {
             "robot": self.robot,
@@ -78,7 +78,7 @@ class StateSpace(Shown, Saved):
         }
 
     def lines(self) -> list[str]:
-        """Sizes, names and eigenvalues for people."""
+        """Return sizes, names and eigenvalues for people."""
         lines = [
             f"{self.robot}: {len(self.states)} states, {len(self.inputs)} inputs, {len(self.outputs)} outputs",
             f"  states: {', '.join(self.states[: len(self.states) // 2])}, and their rates",
@@ -109,7 +109,7 @@ def linearize(  # noqa: PLR0913
     progress: StageReport | None = None,
     **options: Unpack[StateKeywords],
 ) -> StateSpace:
-    """A, B, C and D about the state of rest at a pose, or about a motion where v and a, or v and u, are given.
+    """Return A, B, C and D about the static equilibrium at a pose, or about a motion set by v and a, or by v and u.
 
     Args:
         robot: a Robot, the name of a built-in one, or the path of a description; prescribed coordinates do
@@ -122,14 +122,14 @@ def linearize(  # noqa: PLR0913
         inputs: see ``ports.input_matrix``; default: the drives that can move something.
         outputs: see ``ports.output_matrices``; default: the frame's six components.
         kind: of the outputs: "displacement", "velocity" or, at rest, "acceleration".
-        frame: of the default outputs; as in ``simulate`` if not given.
+        frame: of the default outputs; as in ``simulate`` by default.
         progress: called with a line of text when a stage of building begins.
         **options: drives, kp, kd, held, loads, parameters and kernel, see ``StateOptions``; drives are free
             here if nothing else is said.
 
     Raises:
         InputError: an argument cannot be used.
-        IntegrationError: there is no state of rest near the pose.
+        IntegrationError: there is no static equilibrium near the pose.
         LoopError: v or a open a loop, or these drives cannot make the motion.
     """
     checked_kind(kind)
@@ -147,14 +147,14 @@ def linearize(  # noqa: PLR0913
     if inputs is None:
         inputs = [name for i, name in enumerate(kernel.coordinates) if fixation.driven[i] and not fixation.locked[i]]
     if outputs is None:
-        outputs = [component_name(frame, part) for part in MOTIONS]
+        outputs = [component_name(frame, component) for component in MOTIONS]
     return state_space(system, fixation, arm.robot.name, inputs, outputs, kind)
 
 
 def state_space(
     system: LinearSystem, fixation: Fixation, robot: str, inputs: Sequence[str], outputs: Sequence[str], kind: str
 ) -> StateSpace:
-    """The matrices of a linear system with these inputs and outputs; ``robot`` is the robot's name.
+    """Return the matrices of a linear system with these inputs and outputs; ``robot`` is the robot's name.
 
     Raises:
         InputError: a name is unknown, or accelerations are asked for about a motion.

@@ -1,6 +1,6 @@
 """Eigenfrequencies, damping ratios and mode shapes of a robot at rest, at a pose and along a path.
 
-About a state of rest small motions obey M e'' + D e' + K e = 0 with the exact derivatives of the residual.  With
+About a static equilibrium small motions obey M e'' + D e' + K e = 0 with the exact derivatives of the residual.  With
 e = phi exp(s t) that is a quadratic eigenproblem, solved in the scaled state (L^T e, L^T e'), M = L L^T.
 """
 
@@ -41,7 +41,7 @@ def modes(
     progress: StageReport | None = None,
     **options: Unpack[StateKeywords],
 ) -> Modes:
-    """Modes about the state of rest at a pose.
+    """Return modes about the static equilibrium at a pose.
 
     Args:
         robot: a Robot, the name of a built-in one, or the path of a description; prescribed coordinates stay.
@@ -52,7 +52,7 @@ def modes(
 
     Raises:
         InputError: an argument cannot be used.
-        IntegrationError: there is no state of rest near the pose.
+        IntegrationError: there is no static equilibrium near the pose.
     """
     arm = prepared(robot, progress, **options)
     frame = tool_of(arm.robot, frame)
@@ -69,29 +69,29 @@ def modes_along(
     progress: StageReport | None = None,
     **options: Unpack[StateKeywords],
 ) -> TrackedModes:
-    """Modes at poses along a path, each mode followed by its shape; other arguments and errors as ``modes``.
+    """Return modes at poses along a path, each mode followed by its shape; other arguments and errors as ``modes``.
 
-    A mode goes on as the one whose shape is most like its own (modal assurance criterion in the metric of M), as far
-    as all can have one of their own.
+    A mode goes on as the one whose shape is most like it (modal assurance criterion in the metric of M), as far
+    as all can have one.
 
     Raises:
         InputError: no pose, or SciPy is not installed.
     """
     if not len(poses):
-        raise InputError("poses: none given; allowed: one or more")
+        raise InputError("poses: none; allowed: one or more")
     arm = prepared(robot, progress, **options)
     frame = tool_of(arm.robot, frame)
-    found, metrics = [], []
+    entries, metrics = [], []
     for pose in poses:
         system, _ = system_at_rest(arm.kernel, arm.coordinates(pose), arm.fixation, arm.loads)
-        found.append(modes_of(system, arm.robot.name, frame))
+        entries.append(modes_of(system, arm.robot.name, frame))
         metrics.append(system.kernel.residual_jacobian(system.q, system.v, system.a)[2])
-    warn_of(dict.fromkeys(note for entry in found for note in entry.notes))
-    return TrackedModes(tuple(found), _tracked(found, metrics))
+    warn_of(dict.fromkeys(note for entry in entries for note in entry.notes))
+    return TrackedModes(tuple(entries), _tracked(entries, metrics))
 
 
 def modes_of(system: LinearSystem, robot: str, frame: str) -> Modes:
-    """The modes of a linear system; ``robot`` is the robot's name, ``frame`` a frame's."""
+    """Return the modes of a linear system; ``robot`` is the robot's name, ``frame`` a frame's."""
     eigenvalues, shapes, undamped, resolution = _solved(system)
     return Modes(
         robot=robot,
@@ -108,12 +108,12 @@ def modes_of(system: LinearSystem, robot: str, frame: str) -> Modes:
 
 
 def _solved(system: LinearSystem) -> tuple[Complex, Complex, Array, float]:
-    """Eigenvalues, shapes, undamped frequencies and resolution, as ``Modes`` has them."""
+    """Return eigenvalues, shapes, undamped frequencies and resolution, as ``Modes`` has them."""
     m = len(system.independent)
     if not m:
         return np.zeros(0, complex), np.zeros((0, system.kernel.n), complex), np.zeros(0), 0.0
     L: Array = np.asarray(np.linalg.cholesky(system.M))
-    S, B = (np.linalg.solve(L, np.linalg.solve(L, part).T).T for part in (system.K, system.D))
+    S, B = (np.linalg.solve(L, np.linalg.solve(L, matrix).T).T for matrix in (system.K, system.D))
     state = np.block([[np.zeros((m, m)), np.eye(m)], [-S, -B]])
     # states of one size: a rate is a frequency times a deflection
     weight = float(np.sqrt(np.linalg.norm(S, 2))) or 1.0
@@ -128,13 +128,13 @@ def _solved(system: LinearSystem) -> tuple[Complex, Complex, Array, float]:
     shapes = np.linalg.solve(L.T, _most_real(scaled)).T @ system.basis.T
     values = np.linalg.eigvalsh(0.5 * (S + S.T))
     values[np.argsort(np.abs(values), kind="stable")[: rigid.shape[1]]] = 0.0
-    found = np.concatenate([np.zeros(rigid.shape[1]), s[chosen]])
+    eigenvalues = np.concatenate([np.zeros(rigid.shape[1]), s[chosen]])
     undamped = np.sign(values) * np.sqrt(np.abs(values)) / (2.0 * np.pi)
-    return found, shapes, undamped, float(np.sqrt(ROUND_OFF * m) * weight / (2.0 * np.pi))
+    return eigenvalues, shapes, undamped, float(np.sqrt(ROUND_OFF * m) * weight / (2.0 * np.pi))
 
 
 def _rigid(system: LinearSystem, L: Array) -> tuple[Array, int]:
-    """Rigid-body modes, columns of an orthonormal basis of the null space of S, and the number of eigenvalues of 0.
+    """Return rigid-body modes, an orthonormal basis of the null space of S in columns, and how many eigenvalues are 0.
 
     A mode that dampers brake has one eigenvalue of 0 and one that is negative; one that nothing brakes has two of 0.
     """
@@ -150,7 +150,7 @@ def _rigid(system: LinearSystem, L: Array) -> tuple[Array, int]:
 
 
 def _most_real(scaled: Complex) -> Complex:
-    """Columns with the phase that makes them most real, the largest entry positive."""
+    """Return columns with the phase that makes them most real, the largest entry positive."""
     with np.errstate(divide="ignore", invalid="ignore"):
         square = (scaled**2).sum(axis=0)
         turned = scaled * np.exp(-0.5j * np.angle(square))
@@ -158,18 +158,18 @@ def _most_real(scaled: Complex) -> Complex:
     return np.asarray(turned * np.where(largest.real < 0.0, -1.0, 1.0))
 
 
-def _tracked(found: Sequence[Modes], metrics: Sequence[Array]) -> Index:
+def _tracked(entries: Sequence[Modes], metrics: Sequence[Array]) -> Index:
     with optional_import("SciPy", "modes along a path need"):
         from scipy.optimize import linear_sum_assignment
-    tracks = [[k] for k in range(len(found[0].eigenvalues))]
+    tracks = [[k] for k in range(len(entries[0].eigenvalues))]
     last = [(0, k) for k in range(len(tracks))]  # pose and mode where a track was seen
-    for i in range(1, len(found)):
-        now, metric = found[i], metrics[i]
-        shapes = np.array([found[p].shapes[k] for p, k in last]).reshape(len(last), len(metric))
-        values = np.array([found[p].eigenvalues[k] for p, k in last], dtype=np.complex128)
+    for i in range(1, len(entries)):
+        now, metric = entries[i], metrics[i]
+        shapes = np.array([entries[p].shapes[k] for p, k in last]).reshape(len(last), len(metric))
+        values = np.array([entries[p].eigenvalues[k] for p, k in last], dtype=np.complex128)
         overlap = np.abs(shapes.conj() @ metric @ now.shapes.T) ** 2
-        own = np.abs(np.einsum("ki,ij,kj->k", shapes.conj(), metric, shapes))
-        likeness = overlap / own[:, np.newaxis]
+        norms = np.abs(np.einsum("ki,ij,kj->k", shapes.conj(), metric, shapes))
+        likeness = overlap / norms[:, np.newaxis]
         # of shapes that are alike the nearer eigenvalue: an overdamped pair has one shape
         apart = np.abs(values[:, np.newaxis] - now.eigenvalues)
         size = np.maximum(np.abs(values)[:, np.newaxis] + np.abs(now.eigenvalues), 1e-300)
@@ -182,4 +182,4 @@ def _tracked(found: Sequence[Modes], metrics: Sequence[Array]) -> Index:
         for column in sorted(set(range(len(now.eigenvalues))) - set(pairs.values())):
             tracks.append([-1] * i + [column])
             last.append((i, column))
-    return np.asarray(np.array(tracks, dtype=np.intp).reshape(len(tracks), len(found)).T)
+    return np.asarray(np.array(tracks, dtype=np.intp).reshape(len(tracks), len(entries)).T)

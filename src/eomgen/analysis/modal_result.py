@@ -18,20 +18,20 @@ Complex = NDArray[np.complex128]
 
 @dataclass(frozen=True, kw_only=True)
 class Modes(Plotting, Shown, Tabular, plot="plot_mode_shapes"):
-    """Modes of small motions about a state of rest, by rising natural frequency; m of them.
+    """Modes of small motions about a static equilibrium, by rising natural frequency; m of them.
 
     A pair of conjugate eigenvalues s is one mode, a real eigenvalue is one, too (overdamped, or divergent).
 
     Attributes:
         robot: the robot's name.
         coordinates: names, n.
-        q: the state of rest, (n,), m or rad.
+        q: the static equilibrium, (n,), m or rad.
         eigenvalues: s, (m,), 1/s, with imaginary parts at least 0.
         shapes: motion of all coordinates, (m, n), complex, m or rad: phi^H M phi = 1, the phase such that phi is as
-            real as can be and its largest inertial part is positive.
+            real as can be and its largest inertial component is positive.
         frame: name of the frame that is looked at.
-        frame_shapes: its displacement and rotation, (m, 6), base axes, m and rad, in the scale of ``shapes``.
-        undamped: natural frequencies without dampers, Hz, of the symmetric part of K; negative where it is unstable.
+        frame_shapes: its displacement and rotation, (m, 6), base frame, m and rad, in the scale of ``shapes``.
+        undamped: natural frequencies without dampers, Hz, of the symmetric K; negative where it is unstable.
         resolution: Hz; slower oscillations cannot be told from rigid-body modes, whose frequency is 0.
         notes: lines about what was assumed.
     """
@@ -65,7 +65,7 @@ class Modes(Plotting, Shown, Tabular, plot="plot_mode_shapes"):
             return np.asarray(-self.eigenvalues.real / np.where(size > 0.0, size, np.nan))
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values, for JSON; complex numbers as [real, imaginary]."""
+        """Return plain values, for JSON; complex numbers as [real, imaginary]."""
         rows = []
         for k, s in enumerate(self.eigenvalues):
             ratio = float(self.damping_ratios[k])
@@ -90,7 +90,10 @@ class Modes(Plotting, Shown, Tabular, plot="plot_mode_shapes"):
         }
 
     def as_rows(self) -> Rows:
-        """A row per mode, from 1 on: frequencies, damping ratio, eigenvalue, shape by coordinates and of the frame."""
+        """Return a row per mode, from 1 on.
+
+        Frequencies, damping ratio, eigenvalue, shape by coordinates and of the frame.
+        """
         shape = TableColumn("shape", "m or rad", self.shapes, self.coordinates, "coordinate")
         moved = TableColumn(f"{self.frame}.shape", "m or rad", self.frame_shapes, MOTIONS, "motion")
         columns = [
@@ -105,7 +108,7 @@ class Modes(Plotting, Shown, Tabular, plot="plot_mode_shapes"):
         return Rows("mode", "1", np.arange(1, len(self.eigenvalues) + 1), columns, about)
 
     def lines(self, largest: int = 3) -> list[str]:
-        """A table for people: each mode with the coordinates that take the largest part in it."""
+        """Return a table for people: each mode with the coordinates that move most in it."""
         lines = [f"{self.robot}: {len(self.eigenvalues)} modes; {self.frame} moves by this per unit of modal mass", ""]
         lines.append(f"{'mode':>4}{'f [Hz]':>12}{'damping':>10}  {f'{self.frame} [mm, mrad]':<26}coordinates")
         size = np.abs(self.shapes)
@@ -134,14 +137,17 @@ class TrackedModes(Plotting, Shown, Tabular, plot="plot_tracks"):
     tracks: Index
 
     def values(self, name: str) -> Array:
-        """``frequencies``, ``damped_frequencies`` or ``damping_ratios`` of all tracks, (P, tracks); NaN where none."""
-        found = np.full(self.tracks.shape, np.nan)
-        for row, modes, index in zip(found, self.modes, self.tracks, strict=True):
+        """Return ``frequencies``, ``damped_frequencies`` or ``damping_ratios`` of all tracks, (P, tracks).
+
+        NaN where none.
+        """
+        table = np.full(self.tracks.shape, np.nan)
+        for row, modes, index in zip(table, self.modes, self.tracks, strict=True):
             row[index >= 0] = getattr(modes, name)[index[index >= 0]]
-        return found
+        return table
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values, for JSON."""
+        """Return plain values, for JSON."""
 
         def plain(name: str) -> list[list[float | None]]:
             return [[float(x) if np.isfinite(x) else None for x in row] for row in self.values(name)]
@@ -157,14 +163,17 @@ class TrackedModes(Plotting, Shown, Tabular, plot="plot_tracks"):
         }
 
     def as_rows(self) -> Rows:
-        """A row per pose, from 0 on: frequencies and damping ratios of the tracks, from 1 on, NaN where none is."""
+        """Return a row per pose, from 0 on.
+
+        Frequencies and damping ratios of the tracks, from 1 on, NaN where none is.
+        """
         tracks = tuple(str(k + 1) for k in range(self.tracks.shape[1]))
         units = {"frequencies": "Hz", "damped_frequencies": "Hz", "damping_ratios": "1"}
         columns = [TableColumn(name, unit, self.values(name), tracks, "track") for name, unit in units.items()]
         return Rows("pose", "1", np.arange(len(self.modes)), columns, {"robot": self.modes[0].robot})
 
     def lines(self) -> list[str]:
-        """Range of every track for people."""
+        """Return the range of every track for people."""
         first = self.modes[0]
         lines = [f"{first.robot}: modes over {len(self.modes)} poses", ""]
         lines.append(f"{'track':>5}{'first [Hz]':>12}{'least':>12}{'most':>12}{'last':>12}{'damping':>18}")

@@ -49,13 +49,13 @@ class StateOptions:
         drives: "locked" (principal coordinates do not move), "free" (they move under the constant forces that hold the
             pose) or "pd" (gains ``kp`` and ``kd`` hold them).
         kp, kd: gains of "pd", N/m or N m/rad, and per rate: a number for all driven coordinates, or by their names;
-            kd is 0 if not given.
+            kd is 0 by default.
         held: names of the coordinates that stay in the state and, if drives are "locked", about it, instead of those
             that ``fixation_of`` finds.
-        loads: dead wrenches by frame or link, (6,) each: force (N), moment (N m) at its origin, base axes.
+        loads: dead wrenches by frame or link, (6,) each: force (N), moment (N m) at its origin, base frame.
         parameters: values that differ from the description's, {"gravity.z": 0.0} say.
         kernel: of the robot, float64, with KERNELS and ``mechanism_kernels``, and with cut_forces and
-            cut_jacobian for what floats in the play of a cut joint; built if not given.  Its parameters count.
+            cut_jacobian for what floats in the clearance of a loop joint; built if None.  Its parameters count.
     """
 
     drives: str = "locked"
@@ -77,20 +77,20 @@ class HeldRobot:
     loads: Mapping[str, Array]
 
     def coordinates(self, pose: PoseLike | None) -> Array:
-        """Coordinates of a pose, (n,), m or rad; arguments and errors as ``pose_of``."""
+        """Return coordinates of a pose, (n,), m or rad; arguments and errors as ``pose_of``."""
         return pose_of(self.robot, self.kernel, pose)
 
 
 def prepared(robot: RobotLike, progress: StageReport | None = None, **options: Unpack[StateKeywords]) -> HeldRobot:
-    """The robot with its kernel, by the options of an analysis about a state.
+    """Return the robot with its kernel, by the options of an analysis about a state.
 
     Raises:
         InputError: an option cannot be used.
     """
-    given, arm = StateOptions(**options), as_robot(robot)
-    kernel = kernel_of(arm, given.kernel, given.parameters, progress)
-    fixation = fixation_of(arm, kernel, given.drives, kp=given.kp, kd=given.kd, held=given.held)
-    return HeldRobot(arm, kernel, fixation, checked_loads(kernel, given.loads))
+    settings, arm = StateOptions(**options), as_robot(robot)
+    kernel = kernel_of(arm, settings.kernel, settings.parameters, progress)
+    fixation = fixation_of(arm, kernel, settings.drives, kp=settings.kp, kd=settings.kd, held=settings.held)
+    return HeldRobot(arm, kernel, fixation, checked_loads(kernel, settings.loads))
 
 
 def kernel_of(
@@ -99,10 +99,10 @@ def kernel_of(
     parameters: Mapping[str, float] | None = None,
     progress: StageReport | None = None,
 ) -> Kernel:
-    """The kernel of an analysis: the one given, or one that is built, with these parameters.
+    """Return the kernel of an analysis: ``kernel``, or one that is built with these parameters.
 
     Raises:
-        InputError: the kernel is of another robot or not float64, or parameters are given beside a kernel.
+        InputError: the kernel is of another robot or not float64, or parameters stand beside a kernel.
     """
     if kernel is None:
         cuts = ("cut_forces", "cut_jacobian") if build_model(robot).cut_laws else ()
@@ -110,22 +110,24 @@ def kernel_of(
         kernel.parameters.update(parameters or {})
         return kernel
     if parameters:
-        raise InputError("parameters and kernel are both given; allowed: one of them (a kernel has its own parameters)")
+        raise InputError("parameters and kernel are both set; allowed: one of them (a kernel has parameters)")
     if kernel.coordinates != build_model(robot).coordinates:
-        raise InputError(f"kernel: {kernel.name} has not the coordinates of {robot.name}; allowed: its own kernel")
+        raise InputError(
+            f"kernel: {kernel.name} has not the coordinates of {robot.name}; allowed: a kernel of {robot.name}"
+        )
     if kernel.dtype != np.float64:
         raise InputError(f"kernel: {kernel.name} is {kernel.dtype}; allowed: float64")
     return kernel
 
 
 def checked_loads(kernel: Kernel, loads: FrameLoads | None) -> dict[str, Array]:
-    """Dead wrenches by frame, (6,) each, force (N) and moment (N m) at its origin in base axes.
+    """Return dead wrenches by frame, (6,) each, force (N) and moment (N m) at its origin in the base frame.
 
     Raises:
         UnknownNameError: no frame or link of that name.
         ArrayError: a wrench that is not six finite numbers.
     """
-    found = {}
+    wrenches = {}
     for frame, value in (loads or {}).items():
         kernel.frame_index(frame)  # refuses a name that is none
         try:
@@ -134,11 +136,11 @@ def checked_loads(kernel: Kernel, loads: FrameLoads | None) -> dict[str, Array]:
             wrench = np.zeros(0)
         if wrench.shape != (6,) or not np.isfinite(wrench).all():
             raise ArrayError(f"wrench at {frame}: {value!r}; allowed: six finite numbers, N and N m")
-        found[frame] = wrench
-    return found
+        wrenches[frame] = wrench
+    return wrenches
 
 
 def warn_of(notes: Iterable[str]) -> None:
-    """An EomgenWarning for each note, at the line that called the analysis."""
+    """Warn of each note with an EomgenWarning, at the line that called the analysis."""
     for note in notes:
         warnings.warn(note, EomgenWarning, stacklevel=3)

@@ -20,10 +20,10 @@ KINDS: tuple[str, ...] = get_args(PortKind)
 
 
 def input_matrix(kernel: Kernel, q: Array, names: Sequence[str], fixation: Fixation) -> Array:
-    """Generalized forces per unit of each input, (n, inputs).
+    """Return generalized forces per unit of each input, (n, inputs).
 
     An input is a coordinate's name (its drive, or a force like one; N or N m), or a frame or link with a component of a
-    wrench at its origin, base axes: "tcp.fx", "link3.mz".
+    wrench at its origin, base frame: "tcp.fx", "link3.mz".
 
     Raises:
         UnknownNameError: a name is neither.
@@ -37,15 +37,15 @@ def input_matrix(kernel: Kernel, q: Array, names: Sequence[str], fixation: Fixat
                 raise InputError(f"input: {name} does not move; allowed: drives that are free or pd, or another input")
             columns.append(np.eye(kernel.n)[i])
             continue
-        frame, part = _component("input", name, kernel, FORCES)
-        columns.append(kernel.frame_jacobian(q, frame)[part])
+        frame, component = _component("input", name, kernel, FORCES)
+        columns.append(kernel.frame_jacobian(q, frame)[component])
     return np.asarray(np.array(columns).reshape(-1, kernel.n).T)
 
 
 def output_matrices(kernel: Kernel, q: Array, v: Array, names: Sequence[str]) -> tuple[Array, Array]:
-    """Displacements of the outputs per change of the coordinates, (outputs, n), and the rate of that along the motion.
+    """Return displacements of the outputs per change of coordinates, (outputs, n), and their rate along the motion.
 
-    An output is a coordinate's name, or a frame or link with a component of its motion, base axes: "tcp.x", "tcp.rz".
+    An output is a coordinate's name, or a frame or link with a component of its motion, base frame: "tcp.x", "tcp.rz".
     With J the first matrix and J' the second, velocities change by J dv + J' dq.
 
     Raises:
@@ -57,30 +57,30 @@ def output_matrices(kernel: Kernel, q: Array, v: Array, names: Sequence[str]) ->
             rows.append(np.eye(kernel.n)[kernel.coordinates.index(name)])
             rates.append(np.zeros(kernel.n))
             continue
-        frame, part = _component("output", name, kernel, MOTIONS)
+        frame, component = _component("output", name, kernel, MOTIONS)
         J = kernel.frame_jacobian(q, frame)
-        rows.append(J[part])
-        rates.append(v @ frame_hessian(J)[part])
+        rows.append(J[component])
+        rates.append(v @ frame_hessian(J)[component])
     shape = (-1, kernel.n)
     return np.array(rows).reshape(shape), np.array(rates).reshape(shape)
 
 
 def checked_kind(kind: str) -> str:
-    """The kind of an output; InputError if it is none of KINDS."""
+    """Return the kind of an output; InputError if it is none of KINDS."""
     if kind not in KINDS:
         raise InputError(f"kind: {kind!r} is unknown; allowed: {', '.join(KINDS)}")
     return kind
 
 
 def unit_of_output(name: str, kind: str) -> str:
-    """Unit of an output by its name and kind: "m", "rad/s", "m/s^2", ..."""
+    """Return the unit of an output by its name and kind: "m", "rad/s", "m/s^2", ..."""
     return unit_of(name) + {"displacement": "", "velocity": "/s", "acceleration": "/s^2"}[kind]
 
 
 def _component(label: str, name: str, kernel: Kernel, parts: Sequence[str]) -> tuple[str, int]:
-    frame, part = split_component(str(name))
-    if part in parts and frame in kernel.frames:
-        return frame, parts.index(part)
+    frame, component = split_component(str(name))
+    if component in parts and frame in kernel.frames:
+        return frame, parts.index(component)
     raise UnknownNameError(
         f"{label}: {show(str(name))} is unknown; allowed: a coordinate ({', '.join(kernel.coordinates)}), or one of"
         f" {', '.join(kernel.frames)} with .{', .'.join(parts)}"

@@ -20,7 +20,7 @@ from ..robot.value import COORDINATES, Coordinate
 def offset_sensitivity(
     robot: RobotLike, q: ArrayLike, frame: str, *, parameters: Mapping[str, float] | None = None
 ) -> tuple[tuple[str, ...], Array]:
-    """Motion of a frame per unit of every joint's six constant offsets, active coordinates or not.
+    """Return the motion of a frame per unit of every joint's six constant offsets, active coordinates or not.
 
     An offset moves what hangs on it as its coordinate would, so these are the columns of the frame's Jacobian in the
     same robot with six coordinates in each joint, fixed ones included; the primary deviations of the paper's section 1.
@@ -33,7 +33,7 @@ def offset_sensitivity(
 
     Returns:
         Names ("joints.joint1.offset.x", ...), and (6, names) or (N, 6, names): displacement of the frame's origin and
-        small rotation in base axes, m or rad per m or rad.
+        small rotation in the base frame, m or rad per m or rad.
 
     Raises:
         UnknownNameError: no frame or link of that name.
@@ -45,13 +45,13 @@ def offset_sensitivity(
     joints = tuple(replace(joint, motor=None) for joint in whole.joints)  # motors move no frame
     whole = replace(whole, name=robot.name[:44] + "_six", joints=joints, tunable=())
     kernel = build(whole, kernels=("kinematics",))
-    own = build_model(robot).coordinates
+    active = build_model(robot).coordinates
     kernel.parameters.update({name: value for name, value in (parameters or {}).items() if name in kernel.parameters})
-    given = np.asarray(q, dtype=np.float64)
-    if given.shape[-1:] != (len(own),) or given.ndim > 2:
-        raise ArrayError(f"q: expected shape ({len(own)},) or (N, {len(own)}), got {given.shape}")
-    full = np.zeros((*given.shape[:-1], kernel.n))
-    moving = [i for i, name in enumerate(own) if name in kernel.coordinates]
-    full[..., [kernel.coordinates.index(own[i]) for i in moving]] = given[..., moving]
+    states = np.asarray(q, dtype=np.float64)
+    if states.shape[-1:] != (len(active),) or states.ndim > 2:
+        raise ArrayError(f"q: expected shape ({len(active)},) or (N, {len(active)}), got {states.shape}")
+    full = np.zeros((*states.shape[:-1], kernel.n))
+    moving = [i for i, name in enumerate(active) if name in kernel.coordinates]
+    full[..., [kernel.coordinates.index(active[i]) for i in moving]] = states[..., moving]
     names = tuple(parameter_name("joints", joint_of(name), "offset", kind_of(name)) for name in kernel.coordinates)
     return names, np.asarray(kernel.frame_jacobian(full, frame))

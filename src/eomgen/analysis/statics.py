@@ -35,12 +35,12 @@ class Deflection(Shown):
     Attributes:
         robot, frame: names.
         coordinates: names, n.
-        q: the loaded state of rest, (n,), m or rad.
+        q: the loaded static equilibrium, (n,), m or rad.
         u: forces that hold it, (n,), N or N m.
-        rigid_pose, pose: of the frame without and with all deviations, (4, 4), base axes, m.
-        deflection: displacement (m) and rotation vector (rad) from the one to the other, (6,), base axes.
+        rigid_pose, pose: of the frame without and with all deviations, (4, 4), base frame, m.
+        deflection: displacement (m) and rotation vector (rad) from the one to the other, (6,), base frame.
         by_loads: what the wrenches add to gravity's deflection, (6,).
-        compliance: change of displacement and rotation per change of a wrench at the frame, (6, 6), base axes: m/N,
+        compliance: change of displacement and rotation per change of a wrench at the frame, (6, 6), base frame: m/N,
             rad/N, m/(N m), rad/(N m); the derivative at the loaded state.
         stiffness: its inverse, (6, 6), or None where there is none.
         rank: of the compliance, in units that make both of its diagonal blocks one size.
@@ -62,7 +62,7 @@ class Deflection(Shown):
     notes: tuple[str, ...]
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values, for JSON."""
+        """Return plain values, for JSON."""
         return {
             "robot": self.robot,
             "frame": self.frame,
@@ -77,13 +77,13 @@ class Deflection(Shown):
         }
 
     def lines(self) -> list[str]:
-        """Deflection and stiffness for people."""
-        lines = [f"{self.robot}: {self.frame} beside that of the rigid robot, base axes", ""]
+        """Return deflection and stiffness for people."""
+        lines = [f"{self.robot}: {self.frame} beside that of the rigid robot, base frame", ""]
         lines.append(f"{'':<10}{'deflection':>14}{'of it by loads':>16}")
-        for k, part in enumerate(MOTIONS):
+        for k, component in enumerate(MOTIONS):
             unit = "um" if k < 3 else "urad"
             lines.append(
-                f"{part + ' [' + unit + ']':<10}{1e6 * self.deflection[k]:>14.5g}{1e6 * self.by_loads[k]:>16.5g}"
+                f"{component + ' [' + unit + ']':<10}{1e6 * self.deflection[k]:>14.5g}{1e6 * self.by_loads[k]:>16.5g}"
             )
         matrix, title = (
             self.compliance,
@@ -104,7 +104,7 @@ def deflection(
     progress: StageReport | None = None,
     **options: Unpack[StateKeywords],
 ) -> Deflection:
-    """Deflection and stiffness of a frame in the state of rest at a pose.
+    """Return deflection and stiffness of a frame in the static equilibrium at a pose.
 
     Drives are "locked", or "pd": springs kp (target - q) about the pose, which sag under gravity, too.  The rigid
     robot is the pose itself; of a robot with loops the pose with its loops closed.
@@ -118,12 +118,12 @@ def deflection(
 
     Raises:
         InputError: an argument cannot be used, drives are free, nothing holds a coordinate, or a loop is singular.
-        IntegrationError: there is no state of rest near the pose.
+        IntegrationError: there is no static equilibrium near the pose.
     """
     arm = fixed_at_rest(prepared(robot, progress, **options))
-    found = deflection_of(arm, arm.coordinates(pose), tool_of(arm.robot, frame))
-    warn_of(found.notes)
-    return found
+    bent = deflection_of(arm, arm.coordinates(pose), tool_of(arm.robot, frame))
+    warn_of(bent.notes)
+    return bent
 
 
 def fixed_at_rest(arm: HeldRobot) -> HeldRobot:
@@ -135,7 +135,10 @@ def fixed_at_rest(arm: HeldRobot) -> HeldRobot:
 
 
 def deflection_of(arm: HeldRobot, q: Array, frame: str) -> Deflection:
-    """Deflection and stiffness of a frame near coordinates q, (n,), of the rigid robot; errors as ``deflection``."""
+    """Return deflection and stiffness of a frame near coordinates q, (n,), of the rigid robot.
+
+    Errors as ``deflection``.
+    """
     kernel, fixation, loads = arm.kernel, arm.fixation, arm.loads
     q = closed(kernel, q, fixation.locked)
     state = rest(kernel, q, fixation, loads, sagging=True)
@@ -162,11 +165,11 @@ def deflection_of(arm: HeldRobot, q: Array, frame: str) -> Deflection:
 
 
 def motion_between(first: Array, second: Array) -> Array:
-    """Displacement of the origin and rotation vector from one pose, (4, 4), to another, (6,), in base axes."""
+    """Return displacement and rotation vector from one pose, (4, 4), to another, (6,), in the base frame."""
     turn = second[:3, :3] @ first[:3, :3].T
     skew = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
     sine, cosine = float(np.linalg.norm(skew)), 0.5 * (np.trace(turn) - 1.0)
-    if cosine < -0.999:  # near half a turn the axis is that of the symmetric part
+    if cosine < -0.999:  # near half a turn the axis is that of the symmetric matrix
         values, axes = np.linalg.eigh(0.5 * (turn + turn.T))
         axis = axes[:, int(np.argmax(values))]
         skew = axis * np.arctan2(sine, cosine) * (1.0 if axis @ skew >= 0.0 else -1.0)
@@ -176,7 +179,7 @@ def motion_between(first: Array, second: Array) -> Array:
 
 
 def _compliance(kernel: Kernel, q: Array, K: Array, fixation: Fixation, frame: str) -> Array:
-    """J K^-1 J^T over what may move; coordinates that float in their clearance stay, those of cut joints too."""
+    """Return J K^-1 J^T over what may move; coordinates that float in their clearance stay, also of loop joints."""
     stuck = np.isin(kernel.coordinates, floating(kernel, q))
     refuse_singular_pose(kernel, q, ~(fixation.locked | stuck))
     cuts = np.isin(kernel.cut_laws, floating_cuts(kernel, q))
@@ -197,7 +200,7 @@ def _compliance(kernel: Kernel, q: Array, K: Array, fixation: Fixation, frame: s
 
 def _inverse(compliance: Array) -> tuple[int, Array | None]:
     """Rank and, if that is 6, the inverse; lengths are measured so that both diagonal blocks have one size."""
-    linear, angular = (float(np.linalg.norm(part)) for part in (compliance[:3, :3], compliance[3:, 3:]))
+    linear, angular = (float(np.linalg.norm(block)) for block in (compliance[:3, :3], compliance[3:, 3:]))
     length = np.sqrt(linear / angular) if linear > 0.0 and angular > 0.0 else 1.0
     size = np.repeat([1.0, length], 3)
     scaled = compliance * np.outer(size, size)

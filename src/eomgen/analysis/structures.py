@@ -1,7 +1,7 @@
 """Alternative structures for one task: what the same motion costs each of them.
 
-The search for a kinematic structure of the paper's section 7: drives, support reactions and tool deviations of several
-robots that do the same.
+The search for a kinematic structure of the paper's section 7: drives, joint reaction wrenches and tool deviations of
+several robots that do the same.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class Entry:
     tool_deviation: tuple[float, float] | None
 
     def rows(self) -> dict[str, str]:
-        """Texts by what they are."""
+        """Return texts by what they are."""
         rows = {"coordinates": str(self.coordinates), "moving mass [kg]": f"{self.mass:.4g}"}
         for name, (mul, add) in self.operations.items():
             rows[f"{name}, mul/add"] = f"{mul}/{add}"
@@ -87,11 +87,11 @@ class Comparison(Shown):
     notes: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values, for JSON."""
+        """Return plain values, for JSON."""
         return {"task": self.task, "robots": [dict(vars(entry)) for entry in self.entries], "notes": list(self.notes)}
 
     def lines(self) -> list[str]:
-        """A table: a column per robot."""
+        """Return a table: a column per robot."""
         columns = [entry.rows() for entry in self.entries]
         width = max(14, *(len(entry.robot) + 2 for entry in self.entries))
         labels = sorted(dict.fromkeys(label for column in columns for label in column), key=_order)
@@ -119,9 +119,9 @@ def compare(
         duration: s; the motion takes 80 percent of it.
         goal: of the principal coordinates, of closed mechanisms of the driven ones, rad or m, the same numbers for
             every robot: they start where the first robot would (``default_motion``), which also says the goal if none
-            is given.
-        line: two points, (3,), m, base axes: the tool of every robot moves along that line instead (``ToolLine``).
-        tool: frame or link, known to all; each robot's own as in ``simulate`` if not given.
+            is set.
+        line: two points, (3,), m, base frame: the tool of every robot moves along that line instead (``ToolLine``).
+        tool: frame or link, known to all; each robot's as in ``simulate`` by default.
         method: of the integration, see ``integrate``.
         progress: called with a fraction from 0 to 1 and a line of text.
 
@@ -134,14 +134,14 @@ def compare(
     arms = [as_robot(robot) for robot in ([robots] if isinstance(robots, (Robot, str, Path)) else robots)]
     names = [robot.name for robot in arms]
     if len(arms) < 2:
-        raise InputError(f"robots: {len(arms)} given; allowed: two or more")
+        raise InputError(f"robots: {len(arms)}; allowed: two or more")
     if len(set(names)) < len(names):
         raise InputError(f"robots: {', '.join(names)}; allowed: robots with different names")
     if line is not None and any(robot.is_closed for robot in arms):
         closed = listed([robot.name for robot in arms if robot.is_closed])
         raise InputError(f"line: {closed} is closed by loops or couplings; allowed: a goal of the driven coordinates")
     if line is not None and goal is not None:
-        raise InputError("goal and line are both given; allowed: one of them")
+        raise InputError("goal and line are both set; allowed: one of them")
     motion = None if line is not None else _common_motion(arms, duration, goal)
     entries: list[Entry] = []
     notes: list[str] = []
@@ -151,8 +151,10 @@ def compare(
             options["motion"] = _line_motion(robot, line, MOVING_PART * duration, tool)
         result = simulate(robot, duration=duration, tool=tool, method=method, progress=progress, **options)
         entries.append(_entry(robot, result))
-        found, x = result.trajectory, result.trajectory.coordinates
-        notes += excess_notes(robot.name, excesses(robot, x, t=found.t, q=found.q, v=found.v, u=found.u))
+        trajectory, x = result.trajectory, result.trajectory.coordinates
+        notes += excess_notes(
+            robot.name, excesses(robot, x, t=trajectory.t, q=trajectory.q, v=trajectory.v, u=trajectory.u)
+        )
     if line is not None:
         task = f"tool along the line {_numbers(line[0])} to {_numbers(line[1])} m"
     else:
@@ -162,7 +164,7 @@ def compare(
 
 
 def _movable(robot: Robot) -> list[str]:
-    """Names of the principal coordinates (of free joints there are none), of closed mechanisms of the driven ones."""
+    """Return names of the principal coordinates (none of free joints), of closed mechanisms of the driven ones."""
     if robot.is_closed:
         return list(program_coordinates(robot))
     names = build_model(robot.rigid()).coordinates
@@ -223,7 +225,7 @@ def _largest(vectors: Array) -> float:
 
 
 def _order(label: str) -> int:
-    """Rows that not all robots have stand with those of their kind."""
+    """Return rows that not all robots have stand with those of their kind."""
     kinds = ("coordinates", "moving mass", *COUNTED, "drive", "support", "tool")
     return next(place for place, kind in enumerate(kinds) if label.startswith(kind))
 

@@ -1,7 +1,7 @@
 """First-order changes of the equations of motion about a state, exact: what modes, responses and deflections need.
 
 With r = M a + bias - Q the residual without drives, J the Jacobian of a frame under the dead wrench w, and g the
-constraint of cut joints,
+constraint of loop joints,
 
     r(q, v, a) = u + J^T w + (dg/dq)^T lambda
 
@@ -30,7 +30,7 @@ BENT = 1e-6  # of second derivatives, m/rad^2 and the like: round-off
 
 
 def frame_hessian(J: Array) -> Array:
-    """Second derivatives of a frame's motion from its Jacobian, (6, n, n): entry [:, i, j] is dJ_i/dq_j.
+    """Return second derivatives of a frame's motion from its Jacobian, (6, n, n): entry [:, i, j] is dJ_i/dq_j.
 
     Along the path to a frame coordinate order is the order of the elementary transforms.  What is upstream turns a
     column as a whole; downstream it moves the point that a rotation's column refers to.  Columns of coordinates
@@ -49,7 +49,7 @@ def frame_hessian(J: Array) -> Array:
 
 
 def constraint_hessian(kernel: Kernel, q: Array) -> Array:
-    """Second derivatives of the loops' constraint, (constraints, n, n): its bias is v^T H v, polarised."""
+    """Return second derivatives of the loops' constraint, (constraints, n, n): its bias is v^T H v, polarised."""
     n = kernel.n
     row, column = np.triu_indices(n)
     unit = np.eye(n)
@@ -62,7 +62,7 @@ def constraint_hessian(kernel: Kernel, q: Array) -> Array:
 
 
 def load_force(kernel: Kernel, q: Array, loads: Mapping[str, Array]) -> Array:
-    """Generalized forces J^T w of dead wrenches at frames, (n,)."""
+    """Return generalized forces J^T w of dead wrenches at frames, (n,)."""
     return sum((kernel.frame_jacobian(q, frame).T @ w for frame, w in loads.items()), np.zeros(kernel.n))
 
 
@@ -87,7 +87,7 @@ class Tangent(Shown):
 def tangent(
     kernel: Kernel, q: Array, v: Array, a: Array, loads: Mapping[str, Array], multipliers: Array | None = None
 ) -> Tangent:
-    """The derivatives at a state, drives constant."""
+    """Return the derivatives at a state, drives constant."""
     by_q, by_v, by_a = kernel.residual_jacobian(q, v, a)
     K = by_q.copy()
     for frame, w in loads.items():
@@ -98,7 +98,7 @@ def tangent(
 
 
 def moving_basis(kernel: Kernel, q: Array, moving: Mask, stays: Array | None = None) -> tuple[Array, tuple[int, ...]]:
-    """Changes of all coordinates per change of the independent ones, (n, m), and which those are.
+    """Return changes of all coordinates per change of the independent ones, (n, m), and which those are.
 
     Without loops all that may move is independent.  With loops the null space of the constraint's Jacobian, in those
     coordinates that describe it best.  ``stays``: derivatives by q of what else does not change, (k, n).
@@ -156,7 +156,10 @@ def refuse_singular_pose(kernel: Kernel, q: Array, moving: Mask) -> None:
 def _basis_rates(
     kernel: Kernel, q: Array, basis: Array, bound: Index, J_rate: Array, J_second: Array
 ) -> tuple[Array, Array]:
-    """First and second derivative of a basis by time, (n, m) each, from J N = 0; independent rows are constant."""
+    """Return first and second derivative of a basis by time, (n, m) each, from J N = 0.
+
+    Independent rows are constant.
+    """
     inverse = np.linalg.pinv(kernel.constraint_jacobian(q)[:, bound], rcond=RANK)
     rate, second = np.zeros_like(basis), np.zeros_like(basis)
     rate[bound] = -inverse @ (J_rate @ basis)
@@ -196,12 +199,12 @@ class LinearSystem(Shown):
 def reduced(
     kernel: Kernel,
     state: MotionState,
-    found: Tangent,
+    tangents: Tangent,
     fixation: Fixation,
     notes: tuple[str, ...] = (),
     bending: tuple[Array, Array] | None = None,
 ) -> LinearSystem:
-    """The system in independent coordinates, what is locked left out, gains of the drives added.
+    """Return the system in independent coordinates, what is locked left out, gains of the drives added.
 
     Where nothing can move, it has no coordinates, and says so in its notes.  With constraints the changes are N e,
     N the basis, all along the motion: those of rates are N e' + N' e, those of accelerations N e'' + 2 N' e' + N'' e.
@@ -209,7 +212,7 @@ def reduced(
     Args:
         kernel: of the robot.
         state: that the system is about.
-        found: derivatives there.
+        tangents: derivatives there.
         fixation: what is locked, and gains.
         notes: further lines.
         bending: about a motion with constraints: the first and the second derivative by time of their Jacobian.
@@ -222,12 +225,12 @@ def reduced(
     refuse_singular_pose(kernel, q, ~fixation.locked)
     basis, independent = moving_basis(kernel, q, ~fixation.locked)
     names = tuple(kernel.coordinates[i] for i in independent)
-    whole = found.M, found.D + np.diag(fixation.kd), found.K + np.diag(fixation.kp)
+    whole = tangents.M, tangents.D + np.diag(fixation.kd), tangents.K + np.diag(fixation.kp)
     rate, second = np.zeros_like(basis), np.zeros_like(basis)
     if bending is not None:
         moving = np.flatnonzero(~fixation.locked)
         rate, second = _basis_rates(kernel, q, basis, np.setdiff1d(moving, independent), *bending)
-    M, D, K = (basis.T @ part @ basis for part in whole)
+    M, D, K = (basis.T @ matrix @ basis for matrix in whole)
     D += basis.T @ (2.0 * whole[0] @ rate)
     K += basis.T @ (whole[1] @ rate + whole[0] @ second)
     if not independent:

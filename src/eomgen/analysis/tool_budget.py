@@ -30,9 +30,9 @@ from .statics import motion_between
 
 @dataclass(frozen=True)
 class BudgetRow:
-    """One coordinate's part, or the remainder: rms and peak size over time (m or rad), when, and its share.
+    """One coordinate's contribution, or the remainder: rms and peak size over time (m or rad), when, and its share.
 
-    The share is the part of the deviation that points along it, integral(c . d) / integral(d . d): shares add up to
+    The share is the projection of the deviation onto it, integral(c . d) / integral(d . d): shares add up to
     1, and one that is negative makes the deviation smaller.
     """
 
@@ -51,7 +51,7 @@ class Budget(Plotting, Shown, Tabular, plot="plot_budget"):
         robot, frame: names.
         coordinates: names, n: deviations, and drives with their tracking errors.
         t: times, (T,), s.
-        deviation: displacement (m) and rotation vector (rad) of the frame from its program, (T, 6), base axes.
+        deviation: displacement (m) and rotation vector (rad) of the frame from its program, (T, 6), base frame.
         contributions: of every coordinate to first order, (T, n, 6).
         notes: lines about what was assumed.
     """
@@ -70,7 +70,7 @@ class Budget(Plotting, Shown, Tabular, plot="plot_budget"):
         return np.asarray(self.deviation - self.contributions.sum(axis=1))
 
     def as_rows(self) -> Rows:
-        """A row per time: the deviation, what every coordinate contributes, and the remainder, each in six components.
+        """Return a row per time: deviation, contributions of the coordinates and remainder, each in six components.
 
         x, y and z are in m, rx, ry and rz in rad.
         """
@@ -80,7 +80,7 @@ class Budget(Plotting, Shown, Tabular, plot="plot_budget"):
         return Rows("t", "s", self.t, columns, {"robot": self.robot, "frame": self.frame})
 
     def table(self, part: str = "displacement", by: str = "coordinate") -> tuple[BudgetRow, ...]:
-        """Rows of all coordinates, or joints, by falling rms, the remainder last.
+        """Return rows of all coordinates, or joints, by falling rms, the remainder last.
 
         Args:
             part: "displacement" (m) or "rotation" (rad).
@@ -112,39 +112,39 @@ class Budget(Plotting, Shown, Tabular, plot="plot_budget"):
         return BudgetRow(name, rms, float(size[peak]), float(self.t[peak]), share)
 
     def _mean(self, values: Array) -> Any:
-        """Over time, by trapezia."""
+        """Return the mean over time, by the trapezoidal rule."""
         if len(self.t) < 2:
             return values[0]
         return (0.5 * (values[1:] + values[:-1]) * np.diff(self.t)).sum() / (self.t[-1] - self.t[0])
 
     def joints(self) -> dict[str, Array]:
-        """Contributions summed over each joint's coordinates, (T, 6) by joint."""
-        found: dict[str, Array] = {}
+        """Return contributions summed over each joint's coordinates, (T, 6) by joint."""
+        by_joint: dict[str, Array] = {}
         for name, values in zip(self.coordinates, self._columns(), strict=True):
             joint = joint_of(name)
-            found[joint] = found.get(joint, np.zeros_like(self.deviation)) + values
-        return found
+            by_joint[joint] = by_joint.get(joint, np.zeros_like(self.deviation)) + values
+        return by_joint
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values, for JSON."""
+        """Return plain values, for JSON."""
         tables = {
-            part: {by: [dict(vars(row)) for row in self.table(part, by)] for by in ("coordinate", "joint")}
-            for part in ("displacement", "rotation")
+            space: {by: [dict(vars(row)) for row in self.table(space, by)] for by in ("coordinate", "joint")}
+            for space in ("displacement", "rotation")
         }
         return {"robot": self.robot, "frame": self.frame, "samples": len(self.t), **tables, "notes": list(self.notes)}
 
     def lines(self, most: int = 15) -> list[str]:
-        """Ranked tables for people, of the ``most`` largest coordinates, then of the joints."""
+        """Return ranked tables for people, of the ``most`` largest coordinates, then of the joints."""
         lines = [f"{self.robot}: what {self.frame} is off its program by, to first order in each coordinate"]
-        for part, columns, unit in (("displacement", slice(0, 3), "um"), ("rotation", slice(3, 6), "urad")):
+        for space, columns, unit in (("displacement", slice(0, 3), "um"), ("rotation", slice(3, 6), "urad")):
             size = np.linalg.norm(self.deviation[:, columns], axis=1)
             rms = float(np.sqrt(self._mean(size**2)))
-            lines += ["", f"{part}: rms {1e6 * rms:.4g} {unit}, peak {1e6 * size.max():.4g} {unit}"]
+            lines += ["", f"{space}: rms {1e6 * rms:.4g} {unit}, peak {1e6 * size.max():.4g} {unit}"]
             lines.append(
                 f"{'coordinate, joint':<28}{f'rms [{unit}]':>12}{f'peak [{unit}]':>12}{'at [s]':>10}{'share':>9}"
             )
-            rows = self.table(part)
-            for row in (*rows[:-1][:most], rows[-1], *self.table(part, "joint")[:-1]):
+            rows = self.table(space)
+            for row in (*rows[:-1][:most], rows[-1], *self.table(space, "joint")[:-1]):
                 numbers = f"{1e6 * row.rms:>12.4g}{1e6 * row.peak:>12.4g}{row.peak_at:>10.3f}{100 * row.share:>8.1f}%"
                 lines.append(f"{row.name:<28}{numbers}")
         return lines + [f"note: {note}" for note in self.notes]
@@ -159,12 +159,12 @@ class _Following:
     def __init__(self, robot: Robot, result: SimulationResult) -> None:
         motion = result.trajectory
         names = motion.coordinates
-        self.passive, given = (index_of(names, part) for part in (result.passive, result.prescribed))
+        self.passive, prescribed = (index_of(names, names_of) for names_of in (result.passive, result.prescribed))
         loops = tuple(loop.rigid() for loop in robot.loops)
         firm = replace(robot, loops=loops, tunable=())
         kernel = build(firm, kernels=mechanism_kernels(firm))
         guess = np.zeros_like(motion.q)
-        for columns in (self.passive, given):
+        for columns in (self.passive, prescribed):
             guess[:, columns] = motion.q[:, columns]
         guess[:, index_of(names, result.program_coordinates)] = result.program_q
         held = [name for name in names if name not in result.passive]
@@ -174,9 +174,9 @@ class _Following:
         self.slopes = -np.linalg.pinv(J[:, :, self.passive], rcond=RANK) @ J[:, :, self.others]
 
     def split(self, J: Array, off: Array) -> tuple[Array, Array]:
-        """Jacobians, (T, 6, n), and what coordinates are off by, (T, n), with what follows counted where it comes from.
+        """Return Jacobians, (T, 6, n), and deviations of coordinates, (T, n), dependent ones counted in their causes.
 
-        Of passive coordinates that leaves what no other accounts for: cut joints that yield.
+        Of passive coordinates that leaves what no other accounts for: compliant loop joints.
         """
         J, off = J.copy(), off.copy()
         off[:, self.passive] -= np.einsum("tij,tj->ti", self.slopes, off[:, self.others])
@@ -192,8 +192,8 @@ def budget(
     Args:
         result: of ``simulate``.
         robot: the one that was simulated: a Robot, the name of a built-in one, or the path of a description.
-        frame: frame or link; that of the result if not given.
-        kernel: of the robot, float64, with kinematics; built if not given.
+        frame: frame or link; that of the result by default.
+        kernel: of the robot, float64, with kinematics; built if None.
 
     Raises:
         InputError: the result is of another robot, or holds values that are not finite.

@@ -93,11 +93,11 @@ class BenchResult:
     note: str = ""
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values for JSON; times in ns per call."""
+        """Return plain values for JSON; times in ns per call."""
         return asdict(self)
 
     def lines(self) -> list[str]:
-        """A table for the terminal: a counterpart stands under its kernel, with the ratio of times."""
+        """Return a table for the terminal: a counterpart stands under its kernel, with the ratio of times."""
         lines = [
             f"{self.robot}: {self.coordinates} coordinates; times in ns per call, {self.rounds} rounds in turns over"
             f" {self.states} states",
@@ -139,7 +139,7 @@ def bench(
     flags: Sequence[str] = (),
     progress: StageReport = no_report,
 ) -> BenchResult:
-    """Operation counts and time per call of every kernel, beside Newton-Euler in C, alternately in this process.
+    """Return operation counts and time per call of every kernel, beside Newton-Euler in C, alternately in this process.
 
     Args:
         robot: a Robot, the name of a built-in one, or the path of a description.
@@ -205,41 +205,41 @@ def _closed_note(robot: Robot, kernel: Kernel) -> str:
 
 
 def _call_from_python(kernel: Kernel, name: str, inputs: Mapping[str, Array], rounds: int) -> tuple[float, float]:
-    """Median times of a kernel's method with one state, ns, with its checks and without, in turns.
+    """Return the median times of a kernel's method with one state, ns, with its checks and without, in turns.
 
-    It is called as whoever builds the robot calls it: arrays of the kernel's own, a new one comes back.
+    It is called as whoever builds the robot calls it: arrays of the kernel's dtype, a new one comes back.
     """
     function, shapes = kernel.raw.functions[name], kernel.raw.shapes
     arrays = [np.ascontiguousarray(inputs[label][0]).reshape(shapes[label]) for label in function.reads]
-    given = (*arrays, kernel.frames[0]) if function.is_framed else tuple(arrays)
+    arguments = (*arrays, kernel.frames[0]) if function.is_framed else tuple(arrays)
     times = np.zeros((rounds, 2))
     methods = [getattr(kernel.with_checks(wanted), name) for wanted in (True, False)]
     for method in methods:
-        method(*given)  # the first call may take another way
+        method(*arguments)  # the first call may take another way
     for turn in times:
         for i, method in enumerate(methods):
             begin = time.perf_counter_ns()
             for _ in range(CALLS):
-                method(*given)
+                method(*arguments)
             turn[i] = (time.perf_counter_ns() - begin) / CALLS
     with_checks, without = (float(x) for x in np.median(times, axis=0))
     return with_checks, without
 
 
 def processor_name() -> str:
-    """The processor's name, as the machine gives it."""
+    """Return the processor's name, as the machine gives it."""
     info = Path("/proc/cpuinfo")
     if info.exists():
-        found = re.search(r"^model name\s*:\s*(.+)$", info.read_text(encoding="utf-8", errors="replace"), re.MULTILINE)
-        if found:
-            return found.group(1).strip()
+        named = re.search(r"^model name\s*:\s*(.+)$", info.read_text(encoding="utf-8", errors="replace"), re.MULTILINE)
+        if named:
+            return named.group(1).strip()
     import platform
 
     return platform.processor() or platform.machine()
 
 
 def _inputs(robot: Robot, kernel: Kernel) -> dict[str, Array]:
-    """Random states, the same on every run, by the name of the array: shape (STATES, size).
+    """Return random states, the same on every run, by the name of the array: shape (STATES, size).
 
     Principal coordinates over their whole range, deviations and rates small where a spring or damper is stiff, so
     that its force does not drown the others in the comparison.
@@ -247,24 +247,24 @@ def _inputs(robot: Robot, kernel: Kernel) -> dict[str, Array]:
     rng = np.random.default_rng(1)
     q, v = [], []
     for joint in robot.joints:
-        for name, given in joint.coordinates.items():
+        for name, coordinate in joint.coordinates.items():
             wide = name == PRINCIPAL.get(joint.type) or joint.type == "free"
-            reach = min({"beta": 1.2}.get(name, 3.0) if wide else 0.3, 100.0 / max(given.stiffness or 0.0, 1e-9))
-            rate = min(2.0, 100.0 / max(given.damping or 0.0, 1e-9))
+            reach = min({"beta": 1.2}.get(name, 3.0) if wide else 0.3, 100.0 / max(coordinate.stiffness or 0.0, 1e-9))
+            rate = min(2.0, 100.0 / max(coordinate.damping or 0.0, 1e-9))
             q.append(rng.uniform(-reach, reach, STATES))
             v.append(rng.uniform(-rate, rate, STATES))
     n = kernel.n
-    found = {
+    inputs = {
         "q": np.ascontiguousarray(np.transpose(q)),
         "v": np.ascontiguousarray(np.transpose(v)),
         "a": rng.uniform(-2.0, 2.0, (STATES, n)),
         "u": rng.uniform(-20.0, 20.0, (STATES, n)),
         "wrench": rng.uniform(-20.0, 20.0, (STATES, 6 * len(kernel.links))),
     }
-    return _closed_inputs(robot, found, rng) if kernel.constraints else found
+    return _closed_inputs(robot, inputs, rng) if kernel.constraints else inputs
 
 
-def _closed_inputs(robot: Robot, given: dict[str, Array], rng: np.random.Generator) -> dict[str, Array]:
+def _closed_inputs(robot: Robot, inputs: dict[str, Array], rng: np.random.Generator) -> dict[str, Array]:
     """Draw states of a closed mechanism: near home, with rates and accelerations that keep it closed."""
     model = build_model(robot)
     kernel = build(robot, kernels=("mass_matrix", "forward_dynamics", *assembly_kernels(robot)))
@@ -277,27 +277,27 @@ def _closed_inputs(robot: Robot, given: dict[str, Array], rng: np.random.Generat
             break
         except LoopError:
             reach *= 0.5
-    v = kernel.close_rates(q, np.minimum(np.abs(given["v"]), 1.0))
-    return {**given, "q": q, "v": v, "a": kernel.forward_dynamics(q, v, given["u"])}
+    v = kernel.close_rates(q, np.minimum(np.abs(inputs["v"]), 1.0))
+    return {**inputs, "q": q, "v": v, "a": kernel.forward_dynamics(q, v, inputs["u"])}
 
 
 def counterparts(kernel: Kernel) -> dict[str, str]:
-    """Names of the textbook's algorithms by the kernels beside which they stand.
+    """Return names of the textbook's algorithms by the kernels beside which they stand.
 
     Articulated bodies know no prescribed coordinate, and none of them knows loops or what follows other coordinates.
     """
-    found = {}
+    pairs = {}
     for name in () if kernel.couplings else kernel.raw.functions:
         textbook = name.removeprefix(TREE)
         if textbook not in COUNTERPARTS or _is_closed(kernel, name):
             continue
         if COUNTERPARTS[textbook].prescribes or not kernel.prescribed:
-            found[name] = textbook
-    return dict(sorted(found.items(), key=lambda pair: list(COUNTERPARTS).index(pair[1])))
+            pairs[name] = textbook
+    return dict(sorted(pairs.items(), key=lambda pair: list(COUNTERPARTS).index(pair[1])))
 
 
 def _is_closed(kernel: Kernel, name: str) -> bool:
-    """Whether a function keeps loops closed and couplings."""
+    """Return whether a function keeps loops closed and couplings."""
     from ..codegen.kernels.signatures import SIGNATURES
 
     known = SIGNATURES.get(name)
@@ -305,7 +305,7 @@ def _is_closed(kernel: Kernel, name: str) -> bool:
 
 
 def compare(kernel: Kernel, yardstick: Yardstick, inputs: Mapping[str, Array]) -> float:
-    """Greatest relative difference (max-norm) between kernels and their counterparts over the states.
+    """Return the greatest relative difference (max-norm) between kernels and their counterparts over the states.
 
     Raises:
         InternalError: it is more than 1e-9 (forward dynamics: more than 100 condition numbers of round-off, too).

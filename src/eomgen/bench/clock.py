@@ -27,7 +27,7 @@ FRAME = 0  # ``reads`` of a kernel of q and a frame's number
 class Timed:
     """A function that is timed, by addresses.
 
-    code: ``int (const double *h, const double *..., double *out)``, with as many arrays as are given to ``time``; if
+    code: ``int (const double *h, const double *..., double *out)``, with as many arrays as ``time`` gets; if
     ``batch``, ``long long (size_t count, const double *h, const double *, size_t step, ..., double *out)``, one call
     for all states.  h, out: its first and last argument; whoever asks for a time keeps them alive.
     """
@@ -45,7 +45,7 @@ class Stopwatch:
         self._ffi, self._lib = ffi, lib
 
     def time(self, timed: Sequence[Timed], reads: int, arrays: Sequence[Array], rounds: int) -> Array:
-        """Nanoseconds per state, (rounds, functions).
+        """Return nanoseconds per state, (rounds, functions).
 
         Args:
             timed: the functions, in the order of their turns.
@@ -64,9 +64,9 @@ class Stopwatch:
     ) -> Array:
         ffi = self._ffi
         table = ffi.new("Timed[]", len(timed))
-        for entry, given, number in zip(table, timed, calls, strict=True):
-            entry.code, entry.batch, entry.calls = ffi.cast("Code", given.code), given.batch, number
-            entry.h, entry.out = ffi.cast("double *", given.h), ffi.cast("double *", given.out)
+        for entry, code, number in zip(table, timed, calls, strict=True):
+            entry.code, entry.batch, entry.calls = ffi.cast("Code", code.code), code.batch, number
+            entry.h, entry.out = ffi.cast("double *", code.h), ffi.cast("double *", code.out)
         inputs = ffi.new("const double *[4]", [ffi.cast("double *", array.ctypes.data) for array in arrays])
         steps = ffi.new("size_t[4]", [array[0].size for array in arrays])
         ns = np.zeros((rounds, len(timed)))

@@ -46,7 +46,7 @@ class Counterpart:
     title: what it is called.
     reads: how many arrays it reads, which are the kernel's.
     solves: whether it inverts the mass matrix, so that its round-off grows with the matrix's condition number.
-    prescribes: whether it can do with coordinates whose motion is given.
+    prescribes: whether it can do with coordinates whose motion is prescribed.
     """
 
     title: str
@@ -63,7 +63,7 @@ COUNTERPARTS: Mapping[str, Counterpart] = {
 
 
 def newton_euler(model: Model) -> str:
-    """Model -> C source of the textbook algorithms, the description's numbers in its tables.
+    """Return C source of the textbook algorithms of a model, the description's numbers in its tables.
 
     Raises:
         InputError: a coordinate has a force that is no linear spring or damper's, or a joint has a motor.
@@ -85,8 +85,8 @@ def newton_euler(model: Model) -> str:
             links[-1]["name"] = model.coordinates[index]
             law = bound.laws[index]
             links[-1]["forces"] = _numbers((law.stiffness, law.damping, bound.armature[index]))
-    own = ["l->stiffness * q"] if any(law.stiffness for law in bound.laws) else []
-    own += ["l->damping * v"] if any(law.damping for law in bound.laws) else []
+    force_terms = ["l->stiffness * q"] if any(law.stiffness for law in bound.laws) else []
+    force_terms += ["l->damping * v"] if any(law.damping for law in bound.laws) else []
     return (
         environment()
         .get_template("bench/newton_euler.c.jinja")
@@ -95,7 +95,7 @@ def newton_euler(model: Model) -> str:
             version=__version__,
             gravity=_numbers(bound.gravity),
             links=links,
-            own_force=" + ".join(own),
+            own_force=" + ".join(force_terms),
             armatures=any(bound.armature),
             offsets=any(bound.angle_offsets),
         )
@@ -120,12 +120,15 @@ def _sincos(angle: float) -> tuple[float, float]:
 
 
 def _last_link(model: Model, body: int) -> int:
-    """The link, counted from 1, that moves with a body; 0 is the base."""
+    """Return the link, counted from 1, that moves with a body; 0 is the base."""
     return 0 if body < 0 else model.bodies[body].indices[-1] + 1
 
 
 def _link(coordinate: str, parent: int, placed: Any, body: Any) -> dict[str, str]:
-    """The table's entry of a coordinate: with its joint's placement if it is the first, the inertia if the last."""
+    """Return the table's entry of a coordinate.
+
+    With its joint's placement if it is the first, the inertia if the last.
+    """
     from ..codegen.tree.spatial import Pose
 
     pose = Pose(IDENTITY, ZERO) if placed is None else placed.placement
@@ -174,7 +177,7 @@ class Yardstick:
         return int(function(self.ffi.NULL, *pointers, self.ffi.from_buffer("double[]", out)))
 
     def address(self, name: str) -> int:
-        """Address of an algorithm's code."""
+        """Return the address of an algorithm's code."""
         return int(self.ffi.cast("intptr_t", self.ffi.addressof(self.lib, f"newton_euler_{name}")))
 
     @property
@@ -182,7 +185,7 @@ class Yardstick:
         return Stopwatch(self.ffi, self.lib)
 
     def operations(self, name: str, arrays: Sequence[Array], out: Array) -> dict[str, int]:
-        """Operations of one call: no branch depends on the state, so that any state does."""
+        """Return operations of one call: no branch depends on the state, so that any state does."""
         self.counting.operations_clear()
         self.run(name, arrays, out, counted=True)
         return {key: int(self.counting.operations[i]) for i, key in enumerate(("mul", "add", "div", "sincos"))}
@@ -263,7 +266,7 @@ class _Declarations(c_ast.NodeVisitor):  # type: ignore[misc]
 
 
 def _is_double(node: Any, kinds: Mapping[str, str]) -> bool:
-    """Whether an expression of arithmetic is a double."""
+    """Return whether an expression of arithmetic is a double."""
     if isinstance(node, c_ast.Constant):
         return bool(node.type == "double")
     if isinstance(node, c_ast.ID):
@@ -274,7 +277,7 @@ def _is_double(node: Any, kinds: Mapping[str, str]) -> bool:
 
 
 def _counted(node: Any, kinds: Mapping[str, str]) -> Any:
-    """The node with its operations replaced, the outermost first, because types are read off the original."""
+    """Return the node with its operations replaced, the outermost first, because types are read off the original."""
 
     def call(operation: str, *arguments: Any) -> Any:
         return c_ast.FuncCall(c_ast.ID(f"counted_{operation}"), c_ast.ExprList(list(arguments)))

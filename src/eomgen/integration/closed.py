@@ -134,7 +134,7 @@ class ClosedSystem(System):
         if self._given:
             u[self._given] = self._given_at(t)
         by_q, by_v, by_u = self.here.forward_dynamics_jacobian(q, v, u)
-        ways, free = self.chart.ways(slopes), self.chart.free
+        ways, free = self.chart.tangent_basis(slopes), self.chart.free
         turning = self._turning(q, v, ways)
         result = np.zeros((2 * f, 2 * f))
         result[:f, f:] = np.eye(f)

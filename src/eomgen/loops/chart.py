@@ -1,7 +1,7 @@
 """Coordinates of a closed mechanism that may be chosen freely, and the others as functions of them.
 
 g(q) = 0 is solved, by Newton's method, for as many dependent coordinates as there are independent constraints, out of
-as many constraints; redundant ones follow where those are met, and are looked at there alone: at open states they
+as many constraints; redundant ones follow where those are met, and are looked at there alone: at violating states they
 contradict the others.
 """
 
@@ -40,31 +40,31 @@ class Followed(NamedTuple):
 
 
 class Chart:
-    """A choice of independent coordinates, with the closed state about which it was used last.
+    """A choice of independent coordinates, with the assembled state about which it was used last.
 
     Attributes:
         free: indices of the independent coordinates, (f,).
         bound: those of the dependent ones, (rank,).
-        rest: of all that are not dependent: the free ones and those that are given, in the coordinates' order.
-        rank: of the constraint in the coordinates that are not given.
+        rest: of all that are not dependent: the free ones and the prescribed ones, in the coordinates' order.
+        rank: of the constraint in the coordinates that are not prescribed.
     """
 
     def __init__(
-        self, kernel: Kernel, q: Array, *, given: Mask | None = None, free: Sequence[int] | None = None
+        self, kernel: Kernel, q: Array, *, prescribed: Mask | None = None, free: Sequence[int] | None = None
     ) -> None:
-        """The best chart about a closed state.
+        """Choose the best independent coordinates about an assembled state.
 
         Args:
             kernel: of a robot with loops.
-            q: a closed state, (n,).
-            given: which coordinates something else moves, (n,); the prescribed ones if not given.
-            free: indices of the coordinates out of which the independent ones are to be; any if not given.
+            q: a assembled state, (n,).
+            prescribed: which coordinates something else moves, (n,); those of the robot by default.
+            free: indices of the coordinates out of which the independent ones are to be; any by default.
 
         Raises:
             LoopError: these do not hold all the others.
         """
         self.kernel = kernel
-        moving = np.flatnonzero(~(prescribed_mask(kernel) if given is None else given))
+        moving = np.flatnonzero(~(prescribed_mask(kernel) if prescribed is None else prescribed))
         J = kernel.constraint_jacobian(q)
         self._sizes = 1.0 / np.sqrt(np.maximum(np.diagonal(kernel.mass_matrix(q)), 1e-12))  # of equal kinetic energy
         scaled = J * self._sizes
@@ -85,7 +85,7 @@ class Chart:
         self._start(q, J, rows)
 
     def _start(self, q: Array, J: Array, rows: Index) -> None:
-        """Prepare the arrays that ``following`` takes for this chart, with the slopes at a closed state."""
+        """Prepare the arrays that ``following`` takes for this chart, with the slopes at a assembled state."""
         kernel = self.kernel
         n, m = kernel.n, len(kernel.constraints)
         if "following" not in kernel.raw.functions:
@@ -113,7 +113,7 @@ class Chart:
 
     @property
     def q(self) -> Array:
-        """The closed state about which it was used last, (n,)."""
+        """The assembled state about which it was used last, (n,)."""
         return self._q
 
     @property
@@ -121,16 +121,19 @@ class Chart:
         """The choice as the kernel's function "following" reads it where the dependent coordinates are good guesses."""
         return np.array(self._given)
 
-    def close(self, q: Array, *, near: bool = False) -> tuple[Array, Array]:
-        """States, (n,) or (N, n), closed by their dependent coordinates, and the slopes there; see ``follow``."""
-        found = self.follow(q, near=near)
-        return found.q, found.slopes
+    def assemble(self, q: Array, *, near: bool = False) -> tuple[Array, Array]:
+        """Return states, (n,) or (N, n), closed by their dependent coordinates, and the slopes there.
+
+        See ``follow``.
+        """
+        assembled = self.follow(q, near=near)
+        return assembled.q, assembled.slopes
 
     def follow(self, q: Array, v: Array | None = None, a: Array | None = None, *, near: bool = False) -> Followed:
-        """States whose dependent coordinates, rates and accelerations keep the loops closed, by one call of C.
+        """Return states whose dependent coordinates, rates and accelerations keep the loops closed, by one call of C.
 
         Args:
-            q, v, a: (n,) or (N, n) each; all that is not dependent stays.  No rates and accelerations if not given.
+            q, v, a: (n,) or (N, n) each; all that is not dependent stays.  Rates and accelerations are 0 by default.
             near: whether the dependent coordinates are good guesses; otherwise they are not looked at.
 
         Raises:
@@ -157,7 +160,10 @@ class Chart:
         return Followed(out[..., :first], out[..., first:second], out[..., second:third], slopes)
 
     def _trouble(self, arrays: tuple[Array, ...], out: Array) -> LoopError:
-        """The error that says where C could not close states, or what cannot follow; ArrayError of what was given."""
+        """Return the error that says where C could not close states, or what cannot follow.
+
+        ArrayError of an argument.
+        """
         kernel, n = self.kernel, self.kernel.n
         for label, x in zip("qva", arrays[:3], strict=True):
             kernel.refuse_not_finite(label, x, (n,))
@@ -171,30 +177,33 @@ class Chart:
         return self._singular(kernel.constraint_jacobian(np.where(np.isfinite(q[worst]), q[worst], self._q)))
 
     def _singular(self, J: Array) -> LoopError:
-        """The error that says that dependent coordinates do not follow where the constraint has this Jacobian."""
+        """Return error that says that dependent coordinates do not follow where the constraint has this Jacobian."""
         what, allowed = "is in a singular position", "a motion that does not pass it"
         return left_open(self.kernel.raw, np.abs(J).max(axis=1), what, allowed)
 
     def use(self, q: Array, slopes: Array) -> None:
-        """Go on from a closed state, (n,), with the slopes there."""
+        """Go on from a assembled state, (n,), with the slopes there."""
         self._q, self._slopes = q, slopes
         n, first = self.kernel.n, self._ends[0] + len(self.kernel.constraints) + 1
         self._chart[first : first + n] = q
         self._chart[first + n : first + (1 + self.rank) * n] = slopes.ravel()
 
     def moved(self) -> Chart | None:
-        """A better chart for where this one was used last; None while this one is good, or no other is better."""
+        """Return a better chart for where this one was used last.
+
+        None while this one is good, or no other is better.
+        """
         if self.steepness <= STEEP:
             return None
         other = Chart(self.kernel, self._q)
         return other if other.rank == self.rank and other.steepness <= BETTER * self.steepness else None
 
-    def ways(self, slopes: Array) -> Array:
-        """Derivatives of all coordinates by the independent ones, (..., n, f)."""
-        found = np.zeros((*slopes.shape[:-2], self.kernel.n, self.free.size))
-        found[..., self.free, np.arange(self.free.size)] = 1.0
-        found[..., self.bound, :] = slopes[..., self.free]
-        return found
+    def tangent_basis(self, slopes: Array) -> Array:
+        """Return derivatives of all coordinates by the independent ones, (..., n, f)."""
+        basis = np.zeros((*slopes.shape[:-2], self.kernel.n, self.free.size))
+        basis[..., self.free, np.arange(self.free.size)] = 1.0
+        basis[..., self.bound, :] = slopes[..., self.free]
+        return basis
 
 
 def _beside(J: Array, others: Array) -> Array:
@@ -204,7 +213,7 @@ def _beside(J: Array, others: Array) -> Array:
 
 
 def _loose(kernel: Kernel, J: Array, moving: Index, others: Index, free: list[str]) -> LoopError:
-    """The error that says that some coordinates do not hold a mechanism, naming what they leave loose."""
+    """Return the error that says that some coordinates do not hold a mechanism, naming what they leave loose."""
     ways = np.linalg.svd(J[:, others])[2]
     name = kernel.coordinates[others[int(np.abs(ways[-1]).argmax())]]
     loop, freedoms, missing = joint_of(kernel.constraints[0]), moving.size - rank_of(J[:, moving]), others.size

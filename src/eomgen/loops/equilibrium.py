@@ -31,12 +31,12 @@ def closed_equilibrium(
     held: Iterable[str] = (),
     wrench: ArrayLike | None = None,
 ) -> Array:
-    """The state of rest near a guess, its loops closed, (n,); of a robot without loops ``static_equilibrium``.
+    """Return the static equilibrium near a guess, loops closed, (n,); without loops ``static_equilibrium``.
 
     Args:
         kernel: float64, with residual, mass_matrix and the constraint.
         q_guess: coordinates, (n,).
-        u: drives, (n,), N or N m, or a function of q, (n,) or (N, n), to the same shape; none if not given.
+        u: drives, (n,), N or N m, or a function of q, (n,) or (N, n), to the same shape; none by default.
         held: names of coordinates that stay at their guess, whatever drive that takes; prescribed ones do.
         wrench: external wrenches, (links, 6).
 
@@ -48,9 +48,9 @@ def closed_equilibrium(
     if not kernel.constraints:
         return static_equilibrium(kernel, q_guess, u=u, held=held, wrench=wrench)[0]
     kept = known_coordinates(held, kernel) | set(kernel.prescribed)
-    given = np.array([name in kept for name in kernel.coordinates])
+    fixed = np.array([name in kept for name in kernel.coordinates])
     q = kernel.close(state_vector("q_guess", q_guess, kernel.coordinates), kept)
-    forces, turns = given_forces(kernel, u), Turns(kernel, given)
+    forces, turns = given_forces(kernel, u), Turns(kernel, fixed)
 
     def imbalance(qs: Array) -> Array:
         zero, told = np.zeros_like(qs), turns.q_back(qs, q)
@@ -60,7 +60,7 @@ def closed_equilibrium(
     for _ in range(ROUNDS):
         turns.take(singular_joints(q, turns.joints))
         here = turns.q_on(q)
-        chart = Chart(turns.here, here, given=given)
+        chart = Chart(turns.here, here, prescribed=fixed)
         if not chart.free.size:
             return q
         change, size = _newton_step(chart, here, imbalance)
@@ -81,10 +81,10 @@ def _newton_step(chart: Chart, q: Array, imbalance: Callable[[Array], Array]) ->
     size = coordinate_sizes(kernel, q)[0][free]
     states = np.tile(q, (free.size + 1, 1))
     states[np.arange(1, free.size + 1), free] += Q_STEP
-    states, slopes = chart.close(states)
-    r, ways = _along(chart, imbalance(states), slopes), chart.ways(slopes[:1])[0]
+    states, slopes = chart.assemble(states)
+    r, basis = _along(chart, imbalance(states), slopes), chart.tangent_basis(slopes[:1])[0]
     springs = (stiffnesses(kernel) + np.diagonal(line_rates(kernel, q)[0]))[free] * size / REFERENCE_ACCELERATION
-    inertia = np.maximum(np.einsum("ni,nm,mi->i", ways, kernel.mass_matrix(q), ways), np.maximum(springs, 1e-12))
+    inertia = np.maximum(np.einsum("ni,nm,mi->i", basis, kernel.mass_matrix(q), basis), np.maximum(springs, 1e-12))
     matrix = ((r[1:] - r[0]).T / Q_STEP * size) / inertia[:, np.newaxis]
     refuse_singular(matrix, [kernel.coordinates[i] for i in free], kernel.name)
     change = -np.linalg.solve(matrix, r[0] / inertia) * size
@@ -92,17 +92,17 @@ def _newton_step(chart: Chart, q: Array, imbalance: Callable[[Array], Array]) ->
 
 
 def _taken(chart: Chart, q: Array, change: Array, imbalance: Callable[[Array], Array]) -> tuple[Array, bool]:
-    """The state to which as much of a change as lessens the imbalance leads, and whether none of it does."""
-    before = np.linalg.norm(_along(chart, imbalance(q[np.newaxis]), chart.close(q[np.newaxis])[1]))
+    """Return the state to which as much of a change as lessens the imbalance leads, and whether none of it does."""
+    before = np.linalg.norm(_along(chart, imbalance(q[np.newaxis]), chart.assemble(q[np.newaxis])[1]))
     for factor in 0.5 ** np.arange(12):
         trial = q[np.newaxis].copy()
         trial[0, chart.free] += factor * change
-        trial, slopes = chart.close(trial)
+        trial, slopes = chart.assemble(trial)
         if np.linalg.norm(_along(chart, imbalance(trial), slopes)) <= (1.0 - 1e-4 * factor) * before:
             return trial[0], False
     return q, bool(np.abs(change).max() <= 1e-7)
 
 
 def _along(chart: Chart, forces: Array, slopes: Array) -> Array:
-    """Forces, (N, n), of states as the independent coordinates feel them, (N, f); the loops do no work."""
-    return np.asarray(np.einsum("kni,kn->ki", chart.ways(slopes), forces))
+    """Return forces, (N, n), of states as the independent coordinates feel them, (N, f); the loops do no work."""
+    return np.asarray(np.einsum("kni,kn->ki", chart.tangent_basis(slopes), forces))

@@ -37,7 +37,7 @@ class Redundancy(Shown):
 
 
 def redundancy(kernel: Kernel, q: ArrayLike) -> Redundancy:
-    """The rank of a mechanism's constraint at q, where prescribed coordinates do not move, and what is redundant.
+    """Return rank of a mechanism's constraint at q, where prescribed coordinates do not move, and what is redundant.
 
     Args:
         kernel: of a robot with loops.
@@ -67,14 +67,17 @@ class Factors:
         self.U = U[:, : self.rank]
 
     def dependent_rows(self) -> list[int]:
-        """Rows of J that follow from the others: what Gram-Schmidt with pivoting leaves when the rank is reached."""
+        """Return rows of J that follow from the others.
+
+        What Gram-Schmidt with pivoting leaves when the rank is reached.
+        """
         independent = independent_columns(self.scaled.T, self.rank)
         return [i for i in range(len(self.J)) if i not in independent]
 
     def undetermined_rows(self) -> list[int]:
-        """Rows that take part in a dependence between rows: their part in the range of J is not all of them."""
+        """Return rows that take part in a dependence between rows: their projection onto the range of J is shorter."""
         inside = np.einsum("ij,ij->i", self.U, self.U)
-        return [i for i, part in enumerate(inside) if part < 1.0 - 1e-8]
+        return [i for i, share in enumerate(inside) if share < 1.0 - 1e-8]
 
     def redundancy(self, constraints: Sequence[str]) -> Redundancy:
         """Name what is redundant, by the constraints."""

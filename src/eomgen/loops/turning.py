@@ -16,13 +16,13 @@ from .chart import Chart, Followed
 
 
 @dataclass(frozen=True)
-class Part:
+class ChartRows:
     """States of which the same angles are singular: their rows, the kernel and the chart that know them otherwise."""
 
     rows: Index | EllipsisType
     kernel: Kernel
     chart: Chart
-    found: Followed
+    assembled: Followed
 
 
 class TurningChart:
@@ -36,11 +36,11 @@ class TurningChart:
     """
 
     def __init__(self, kernel: Kernel, q: Array, free: Sequence[int]) -> None:
-        """The best chart about a closed state.
+        """Begin with the best chart about an assembled state.
 
         Args:
             kernel: of a robot with loops.
-            q: a closed state, (n,).
+            q: a assembled state, (n,).
             free: indices of the coordinates out of which the independent ones are to be.
 
         Raises:
@@ -63,7 +63,7 @@ class TurningChart:
         return self._charts
 
     def go_on(self, q: Array, *, near: bool = False) -> Array:
-        """The closed state, (n,), about which it is used next.
+        """Return the assembled state, (n,), about which it is used next.
 
         Args:
             q: (n,); what is not dependent stays.
@@ -76,15 +76,15 @@ class TurningChart:
             self._begin(q)
         self._turns.take(self._turned)
         chart = self._here(q)
-        here, slopes = chart.close(self._turns.q_on(q) if near else q, near=near)
+        here, slopes = chart.assemble(self._turns.q_on(q) if near else q, near=near)
         self._told = self._turns.q_back(here, self._told)
         chart.use(here, slopes)
         if singular_joints(here, self._turns.joints):
             self._begin(self._told)
         return self._told
 
-    def follow(self, q: Array, v: Array, a: Array) -> Iterator[Part]:
-        """States near closure, (n,) or (T, n), whose dependent coordinates, rates and accelerations follow.
+    def follow(self, q: Array, v: Array, a: Array) -> Iterator[ChartRows]:
+        """Yield states near closure, (n,) or (T, n), whose dependent coordinates, rates and accelerations follow.
 
         Raises:
             LoopError: one does not close near there.
@@ -93,23 +93,26 @@ class TurningChart:
             self._turns.take(singular_joints(q, self._turns.joints))
             here = self._turns.q_on(q)
             chart = self._here(here)
-            yield Part(..., self._turns.here, chart, chart.follow(here, v, a, near=True))
+            yield ChartRows(..., self._turns.here, chart, chart.follow(here, v, a, near=True))
             return
         for rows in self._turns.regular(q):
             here = self._turns.q_on(q[rows])
             chart = self._here(here[0])
-            yield Part(rows, self._turns.here, chart, chart.follow(here, v[rows], a[rows], near=True))
+            yield ChartRows(rows, self._turns.here, chart, chart.follow(here, v[rows], a[rows], near=True))
 
     def _begin(self, q: Array) -> Chart:
-        """The chart that is good about a described state near closure, about which it is used next."""
+        """Return the chart that is good about a described state near closure, about which it is used next."""
         self._turns.take(singular_joints(q, self._turns.joints))
         self._turned, self._told, here = self._turns.turned, q, self._turns.q_on(q)
         chart = self._here(here)
-        chart.use(*chart.close(here, near=True))
+        chart.use(*chart.assemble(here, near=True))
         return chart
 
     def _here(self, q: Array) -> Chart:
-        """The chart of the joints that are turned now; where there is none, made about a state in their coordinates."""
+        """Return the chart of the joints that are turned now.
+
+        Where there is none, made about a state in their coordinates.
+        """
         turned = self._turns.turned
         if turned not in self._charts:
             self._charts[turned] = Chart(self._turns.here, q, free=self._among)

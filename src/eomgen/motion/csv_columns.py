@@ -33,7 +33,7 @@ _BREAKS = "\r\n"
 def read_csv(
     path: Path, *, rule: str = COLUMNS_RULE, blanks: bool = False
 ) -> tuple[dict[str, Array], NDArray[np.int32]]:
-    """Columns (T,) by the names in the header, and the line that each row stands on, (T,).
+    """Return columns (T,) by the names in the header, and the line that each row stands on, (T,).
 
     Empty lines, and lines that begin with #, are left out.  A file may have 128 MiB and 6 million numbers, which have
     the limits of ``measured_numbers``.
@@ -121,7 +121,7 @@ class _Reader:
         self._lines.append(numbers)
 
     def columns(self) -> tuple[dict[str, Array], NDArray[np.int32]]:
-        """Columns and lines of all that was taken; InputError where it has no rows."""
+        """Return columns and lines of all that was taken; InputError where it has no rows."""
         if not self._tables:
             raise InputError(f"{self._path}: has no values; allowed: a header ({self._rule}), then a line for each row")
         table = np.empty((len(self._header), sum(map(len, self._tables))))

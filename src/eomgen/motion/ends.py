@@ -24,7 +24,10 @@ SPAN_ANGULAR, SPAN_LINEAR = np.pi / 4, 0.2  # rad, m: default motion of a joint,
 
 
 def principal_limits(robot: Robot, coordinate: str) -> tuple[float, float]:
-    """Limits of a driven coordinate, m or rad; infinite if there are none, home where it is held: of a free joint."""
+    """Return limits of a driven coordinate, m or rad.
+
+    Infinite if there are none, home where it is held: of a free joint.
+    """
     limits, held = _limits(robot, coordinate)
     home = leading_home(robot).get(coordinate, 0.0)
     return (home, home) if held else limits
@@ -45,15 +48,15 @@ def limits_beside(robot: Robot, coordinates: Sequence[str], driven: Container[st
     if robot.is_closed:
         model = build_model(robot.rigid())
         follow = {name for i, name in enumerate(model.coordinates) if i not in model.prescribed}
-    found = [
+    limits = [
         principal_limits(robot, name) if name in driven else (-np.inf, np.inf) if name in follow else (x, x)
         for name, x in zip(coordinates, q.tolist(), strict=True)
     ]
-    return np.array(found)
+    return np.array(limits)
 
 
 def _limits(robot: Robot, coordinate: str) -> tuple[tuple[float, float], bool]:
-    """Limits of a driven coordinate (infinite if there are none), and whether it is held: one of a free joint.
+    """Return limits of a driven coordinate (infinite if there are none), and whether it is held: one of a free joint.
 
     Those of what follows it count, as far as they leave room.
     """
@@ -99,7 +102,9 @@ def default_motion(
     start: Point | None = None,
     goal: Point | None = None,
 ) -> PointToPoint:
-    """Point-to-point motion of these coordinates (those of ``robot.rigid()``); see ``simulate`` for start and goal.
+    """Return point-to-point motion of these coordinates (those of ``robot.rigid()``).
+
+    See ``simulate`` for start and goal.
 
     Raises:
         InputError: a value outside the joint's limits, a wrong number of them.
@@ -119,24 +124,24 @@ def size_question(name: str, value: float) -> str:
     return unit_question(name, value, unit) if is_unusual(value, unit) else ""
 
 
-def point_of(robot: Robot, coordinates: Sequence[str], label: str, given: Point | None, default: Array) -> Array:
-    """The point of all driven coordinates, from what the user gave, inside the limits."""
-    if given is None:
+def point_of(robot: Robot, coordinates: Sequence[str], label: str, requested: Point | None, default: Array) -> Array:
+    """Return the point of all driven coordinates, as requested, inside the limits."""
+    if requested is None:
         return default
     point: Array = default.copy()
     movable = [i for i, name in enumerate(coordinates) if not _limits(robot, name)[1]]
-    if isinstance(given, Mapping):
+    if isinstance(requested, Mapping):
         places = {coordinates[i]: i for i in movable} | {joint_of(coordinates[i]): i for i in movable}
-        for name, value in given.items():
+        for name, value in requested.items():
             if name not in places:
                 known = ", ".join(coordinates[i] for i in movable)
                 raise UnknownNameError(f"{label}: {name!r} is no principal coordinate; known: {known}")
             point[places[name]] = _number(f"{label}: {name}", value)
     else:
         try:
-            values, size = list(given) if np.ndim(given) == 1 else [], str(np.size(given))
+            values, size = list(requested) if np.ndim(requested) == 1 else [], str(np.size(requested))
         except (TypeError, ValueError):  # rows of different lengths
-            values, size = [], show(given)
+            values, size = [], show(requested)
         if len(values) != len(movable):
             names = ", ".join(coordinates[i] for i in movable)
             raise InputError(f"{label}: expected {len(movable)} numbers ({names}), got {size}")

@@ -32,19 +32,19 @@ class Excess:
     at: float | None = None
 
     def text(self) -> str:
-        """Return name and figures in a line's part."""
+        """Return name and figures for a line."""
         when = "" if self.at is None else f" at {self.at:.4g} s"
         return f"{self.coordinate} {self.kind} {self.value:.4g} {self.unit}{when} (limit {self.limit:.4g})"
 
 
 def limits_known(robot: Robot) -> frozenset[str]:
     """Return the kinds of limits that a robot has, of KINDS."""
-    found: set[str] = set()
+    kinds: set[str] = set()
     for joint in robot.joints:
         for limits in map(joint.limits_of, joint.all_coordinates):
-            found |= {"position"} if (limits.lower, limits.upper) != (None, None) else set()
-            found |= {kind for kind, x in (("speed", limits.velocity), ("effort", limits.effort)) if x is not None}
-    return frozenset(found)
+            kinds |= {"position"} if (limits.lower, limits.upper) != (None, None) else set()
+            kinds |= {kind for kind, x in (("speed", limits.velocity), ("effort", limits.effort)) if x is not None}
+    return frozenset(kinds)
 
 
 def excesses(
@@ -58,7 +58,7 @@ def excesses(
 ) -> tuple[Excess, ...]:
     """Return where a motion exceeds the robot's limits, the worst place of each; none within round-off.
 
-    Followers of rigid couplings have limits of position and speed of their own.
+    Followers of rigid couplings have limits of position and speed, too.
 
     Args:
         robot: whose limits hold.
@@ -66,20 +66,20 @@ def excesses(
         t: times, s, (T,), if there are any.
         q, v, u: coordinates, rates and drives, (T, n), m or rad, N or N m; what is left out is not looked at.
     """
-    found = []
+    candidates = []
     efforts = dict.fromkeys(names) if u is None else dict(zip(names, u.T, strict=True))
     places, speeds = _columns(robot, names, q), _columns(robot, names, v, rates=True)
     for name in (*names, *(follower for follower in robot.followers if follower not in names)):
         limits, unit = robot.limits_of(name), unit_of(name)
         if name in places and (limits.lower is not None or limits.upper is not None):
-            found.append(_worst(name, "position", unit, t, places[name], *limits.range))
-        for kind, column, limit, own in (
+            candidates.append(_worst(name, "position", unit, t, places[name], *limits.range))
+        for kind, column, limit, unit_there in (
             ("speed", speeds.get(name), limits.velocity, f"{unit}/s"),
             ("effort", efforts.get(name), effort_of(robot, name), force_unit_of(name)),
         ):
             if column is not None and limit is not None:
-                found.append(_worst(name, kind, own, t, column, -limit, limit))
-    return tuple(excess for excess in found if excess is not None)
+                candidates.append(_worst(name, kind, unit_there, t, column, -limit, limit))
+    return tuple(excess for excess in candidates if excess is not None)
 
 
 def _columns(robot: Robot, names: Sequence[str], x: Array | None, *, rates: bool = False) -> dict[str, Array]:
@@ -93,7 +93,7 @@ def _columns(robot: Robot, names: Sequence[str], x: Array | None, *, rates: bool
 
 
 def _worst(name: str, kind: str, unit: str, t: Array | None, x: Array, low: float, high: float) -> Excess | None:
-    """The number of a column, (T,), that is farthest beyond its limits; None where all are within."""
+    """Return the number of a column, (T,), that is farthest beyond its limits; None where all are within."""
     if not x.size:
         return None
     beyond = np.maximum(low - x, x - high)
@@ -105,14 +105,14 @@ def _worst(name: str, kind: str, unit: str, t: Array | None, x: Array, low: floa
     return Excess(name, kind, float(x[worst]), float(limit), unit, None if t is None else float(t[worst]))
 
 
-def excess_notes(what: str, found: Sequence[Excess]) -> tuple[str, ...]:
+def excess_notes(what: str, exceeding: Sequence[Excess]) -> tuple[str, ...]:
     """Return one line about all that exceeds limits, or none.
 
     Args:
         what: subject of the line, "the motion" say.
-        found: from ``excesses``.
+        exceeding: from ``excesses``.
     """
-    if not found:
+    if not exceeding:
         return ()
-    more = f" and {len(found) - SHOWN} more" if len(found) > SHOWN else ""
-    return (f"{what} exceeds limits of the robot: {', '.join(x.text() for x in found[:SHOWN])}{more}",)
+    more = f" and {len(exceeding) - SHOWN} more" if len(exceeding) > SHOWN else ""
+    return (f"{what} exceeds limits of the robot: {', '.join(x.text() for x in exceeding[:SHOWN])}{more}",)

@@ -54,7 +54,7 @@ def read_motion(path: Path | str, coordinates: Sequence[str]) -> MeasuredMotion:
     A .csv has a header with the columns t (s), then names of coordinates (m, rad); NAME.rate, NAME.acceleration and
     NAME.drive are optional.  Lines that begin with # are comments.  A .npz has arrays of these names, or, as
     ``eomgen simulate`` writes it, t, q (T, k) and coordinates (k names), optionally v, a and u.  Coordinates that the
-    file does not have are zero.  Rates (accelerations) are given for all measured coordinates or for none.
+    file does not have are zero.  Rates (accelerations) are there for all measured coordinates or for none.
 
     Raises:
         InputError: with the file, line and column (or array and element), the value and what is allowed.
@@ -91,28 +91,28 @@ def write_motion(path: Path | str, motion: MeasuredMotion, comments: Sequence[st
 
 
 def read_columns(path: Path) -> tuple[dict[str, Array], NDArray[np.int32] | None]:
-    """Columns (T,) of a .csv or .npz by name, and the line of each row of a .csv; errors as ``read_motion``."""
+    """Return columns (T,) of a .csv or .npz by name, and the line of each row of a .csv; errors as ``read_motion``."""
     return read_csv(path) if path.suffix == ".csv" else (_read_npz(path), None)
 
 
 def measured_motion(robot: str, motion: MeasuredMotion | Path | str, coordinates: tuple[str, ...]) -> MeasuredMotion:
-    """The motion, read if it is a file's path.
+    """Return the motion, read if it is a file's path.
 
     Raises:
         InputError: it cannot be read, or is of other coordinates than that robot's.
     """
     if not isinstance(motion, (MeasuredMotion, Path, str)):
         raise InputError(f"motion: got {show(motion)}; allowed: a MeasuredMotion, or the path of a .csv or .npz file")
-    found = motion if isinstance(motion, MeasuredMotion) else read_motion(motion, coordinates)
-    if found.coordinates != coordinates:
-        raise InputError(f"motion: is of other coordinates than {robot}'s: {', '.join(found.coordinates[:6])}, ...")
-    return found
+    measured = motion if isinstance(motion, MeasuredMotion) else read_motion(motion, coordinates)
+    if measured.coordinates != coordinates:
+        raise InputError(f"motion: is of other coordinates than {robot}'s: {', '.join(measured.coordinates[:6])}, ...")
+    return measured
 
 
 def motion_from_columns(
     columns: Mapping[str, Array], coordinates: Sequence[str], source: str = "motion"
 ) -> MeasuredMotion:
-    """A motion from arrays (T,) by the names that a file's columns have; errors as ``read_motion``."""
+    """Return a motion from arrays (T,) by the names that a file's columns have; errors as ``read_motion``."""
     arrays = {
         name: checked_numbers(name, values, lambda row: f"{source}: sample {row}") for name, values in columns.items()
     }
@@ -188,11 +188,11 @@ def _motion(
             name = coordinates[(missing or foreign)[0]]
             lack = name + suffix if missing else name
             raise InputError(
-                f"{source}: the column {lack} is missing; allowed: {suffix} of all coordinates given, or none"
+                f"{source}: the column {lack} is missing; allowed: {suffix} of all measured coordinates, or none"
             )
     if parts["a"] and not parts["v"]:
         raise InputError(f"{source}: accelerations without rates; allowed: columns .rate as well")
-    filled = {key: _filled(part, len(t), len(coordinates)) for key, part in parts.items()}
+    filled = {key: _filled(by_index, len(t), len(coordinates)) for key, by_index in parts.items()}
     return MeasuredMotion(
         coordinates=coordinates,
         t=t,
@@ -207,7 +207,7 @@ def _motion(
 
 
 def _which(name: str, coordinates: Sequence[str], source: str) -> tuple[str, int]:
-    """Kind of a column ("q", "v", "a", "u") and index of its coordinate."""
+    """Return the kind of a column ("q", "v", "a", "u") and index of its coordinate."""
     for suffix, key in SUFFIXES.items():
         stem = name.removesuffix(suffix) if suffix else name
         if name.endswith(suffix) and stem in coordinates:
@@ -216,8 +216,8 @@ def _which(name: str, coordinates: Sequence[str], source: str) -> tuple[str, int
     raise InputError(f"{source}: column {show(name)} is unknown{hint}; allowed: {COLUMNS_RULE}")
 
 
-def _filled(part: Mapping[int, Array], samples: int, n: int) -> Array:
+def _filled(by_index: Mapping[int, Array], samples: int, n: int) -> Array:
     whole = np.zeros((samples, n))
-    for i, values in part.items():
+    for i, values in by_index.items():
         whole[:, i] = values
     return whole

@@ -54,17 +54,17 @@ def checked_numbers(name: str, values: Any, place: Callable[[int], str], *, blan
     Raises:
         InputError: they are no numbers, not finite, or beyond the limits, with the first that is wrong.
     """
-    given = np.asarray(values)
-    if given.dtype.kind not in "fiu":
-        raise InputError(f"{place(0)}: array {show(name)} has dtype {given.dtype}; allowed: numbers")
+    array = np.asarray(values)
+    if array.dtype.kind not in "fiu":
+        raise InputError(f"{place(0)}: array {show(name)} has dtype {array.dtype}; allowed: numbers")
     with np.errstate(over="ignore"):  # of longer floats; what becomes infinite is refused
-        found = given.astype(np.float64, copy=False)
-    good = within_limits(found, blanks=blanks)
+        numbers = array.astype(np.float64, copy=False)
+    good = within_limits(numbers, blanks=blanks)
     if not good.all():
         row = np.argwhere(~good)[0].tolist()
-        value = found[tuple(row)]
+        value = numbers[tuple(row)]
         raise InputError(f"{place(row[0] if row else 0)}: column {show(name)}: {value:g}; allowed: {ALLOWED}")
-    return found
+    return numbers
 
 
 def answers_in_numbers(argument: str) -> Callable[[Callable[Arguments, Result]], Callable[Arguments, Result]]:
@@ -99,16 +99,16 @@ def answers_in_numbers(argument: str) -> Callable[[Callable[Arguments, Result]],
     return decorate
 
 
-def _source(given: Any) -> str:
-    if isinstance(given, (str, Path)):
-        return str(given)
-    if isinstance(given, (list, tuple)) and given:
-        return _source(given[0])
-    return str(getattr(given, "source", "") or "what was measured")
+def _source(origin: Any) -> str:
+    if isinstance(origin, (str, Path)):
+        return str(origin)
+    if isinstance(origin, (list, tuple)) and origin:
+        return _source(origin[0])
+    return str(getattr(origin, "source", "") or "what was measured")
 
 
 def _numbers_of(values: Any, name: str) -> Iterator[tuple[str, float]]:
-    """Floats of plain values, with the keys that lead to them."""
+    """Yield floats of plain values, with the keys that lead to them."""
     if isinstance(values, Mapping):
         for key, value in values.items():
             yield from _numbers_of(value, f"{name}.{key}" if name else str(key))

@@ -24,7 +24,7 @@ class Program(Protocol):
         """Coordinates at the beginning, (n,), m or rad."""
 
     def at(self, t: ArrayLike) -> tuple[Array, Array, Array]:
-        """Coordinates, rates and accelerations at times t; each of shape (*t.shape, n)."""
+        """Return coordinates, rates and accelerations at times t; each of shape (*t.shape, n)."""
 
 
 @dataclass(frozen=True, eq=False)  # arrays have no one truth
@@ -47,15 +47,15 @@ class Harmonic(Shown):
     def __post_init__(self) -> None:
         object.__setattr__(self, "amplitude", _vector("amplitude", self.amplitude, ()))
         for name in ("frequency", "phase"):
-            given = np.asarray(getattr(self, name), dtype=np.float64)
-            if given.shape not in ((), np.shape(self.amplitude)) or not np.isfinite(given).all():
+            numbers = np.asarray(getattr(self, name), dtype=np.float64)
+            if numbers.shape not in ((), np.shape(self.amplitude)) or not np.isfinite(numbers).all():
                 raise ArrayError(
                     f"{name}: expected a finite number, or one for each of the {np.size(self.amplitude)} amplitudes"
                 )
-            object.__setattr__(self, name, given)
+            object.__setattr__(self, name, numbers)
 
     def __call__(self, t: float) -> tuple[Array, Array, Array]:
-        """q, v and a at a time (s), (m,) each."""
+        """Return q, v and a at a time (s), (m,) each."""
         rate = 2.0 * np.pi * np.asarray(self.frequency)
         angle = rate * t + np.asarray(self.phase)
         amplitude = np.asarray(self.amplitude)
@@ -118,7 +118,7 @@ class PointToPoint(Shown):
         return self.begin + self.duration
 
     def at(self, t: ArrayLike) -> tuple[Array, Array, Array]:
-        """Coordinates, rates and accelerations at times t of any shape; each of shape (*t.shape, n); m, rad, s.
+        """Return coordinates, rates and accelerations at times t of any shape; each of shape (*t.shape, n); m, rad, s.
 
         Raises:
             ArrayError: a time that is NaN.
@@ -143,7 +143,7 @@ class PointToPoint(Shown):
 
 
 def _vector(label: str, value: Any, names: tuple[str, ...]) -> Array:
-    """A read-only copy of a vector of finite numbers."""
+    """Return a read-only copy of a vector of finite numbers."""
     try:
         array = np.array(value, dtype=np.float64)
     except (TypeError, ValueError) as error:

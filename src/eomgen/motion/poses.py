@@ -31,16 +31,16 @@ def inverse_kinematics(
     guess: ArrayLike | None = None,
     limits: bool | ArrayLike = True,
 ) -> Array:
-    """Coordinates that bring a frame into a pose, (n,): those to which the least change from the guess leads.
+    """Return coordinates that bring a frame into a pose, (n,): those to which the least change from the guess leads.
 
     Where the guess leads nowhere, or out of the limits, 40 other starts are tried, always the same, and steps that end
     at limits.  Redundant robots take the least steps, by the sum of squares of all coordinates' changes, rad and m
-    alike.  Loops are closed.  Each of several poses is found by itself.
+    alike.  Loops are closed.  Each of several poses is solved for by itself.
 
     Args:
         kernel: float64, with kinematics; of a mechanism with loops with all that ``close`` takes, and mass_matrix.
-        pose: (4, 4) as ``frame_pose`` has it, base axes, m; or (3,), the frame's origin, whatever its axes; or several,
-            (..., 4, 4) or (..., 3).
+        pose: (4, 4) as ``frame_pose`` has it, base frame, m; or (3,), the frame's origin, whatever its axes; or
+            several, (..., 4, 4) or (..., 3).
         robot: whose kernel it is: its driven coordinates move, and of a mechanism those that follow; deviations stay
             where the guess has them, and motors turn with their joints.  Without it all coordinates move that are not
             prescribed.
@@ -67,7 +67,7 @@ def inverse_kinematics(
     tool = _frame(kernel, robot, frame)
     targets, lead = _targets(tool, pose)
     starts = _starts(kernel, robot, guess, lead)
-    found = np.empty((len(targets), kernel.n))
+    solutions = np.empty((len(targets), kernel.n))
     for k, (target, start) in enumerate(zip(targets, starts, strict=True)):
         between = _between(kernel, robot, known, start, limits)
         reached = search(kernel, target, start, between)
@@ -75,10 +75,10 @@ def inverse_kinematics(
             place = f" (pose {[int(i) for i in np.unravel_index(k, lead)]})" if lead else ""
             label = f"{tool} does not reach {target.text()}{place}"
             raise unreached(kernel, target, reached, between, label)
-        found[k] = reached.q
+        solutions[k] = reached.q
         if robot is not None:
-            turn_motors(kernel, found[k], ())
-    return found.reshape(*lead, kernel.n)
+            turn_motors(kernel, solutions[k], ())
+    return solutions.reshape(*lead, kernel.n)
 
 
 def _frame(kernel: Kernel, robot: Robot | None, frame: str | None) -> str:
@@ -93,24 +93,24 @@ def _frame(kernel: Kernel, robot: Robot | None, frame: str | None) -> str:
 
 
 def _targets(tool: str, pose: ArrayLike) -> tuple[list[Target], tuple[int, ...]]:
-    """Every pose or point that is asked for, and their leading axes."""
-    given = as_floats(pose)
-    if given.ndim and given.shape[-1] == 3 and np.isfinite(given).all():
-        return [Target(tool, point) for point in given.reshape(-1, 3)], given.shape[:-1]
-    whole = given.ndim > 1 and given.shape[-2:] == (4, 4) and np.isfinite(given).all()
-    if not whole or np.abs(given[..., 3, :] - [0.0, 0.0, 0.0, 1.0]).max(initial=0.0) > 0.0:
+    """Return every pose or point that is asked for, and their leading axes."""
+    poses = as_floats(pose)
+    if poses.ndim and poses.shape[-1] == 3 and np.isfinite(poses).all():
+        return [Target(tool, point) for point in poses.reshape(-1, 3)], poses.shape[:-1]
+    whole = poses.ndim > 1 and poses.shape[-2:] == (4, 4) and np.isfinite(poses).all()
+    if not whole or np.abs(poses[..., 3, :] - [0.0, 0.0, 0.0, 1.0]).max(initial=0.0) > 0.0:
         raise ArrayError(
-            f"pose: got shape {given.shape}; allowed: finite numbers (..., 4, 4) with [0, 0, 0, 1] in the last row, or"
+            f"pose: got shape {poses.shape}; allowed: finite numbers (..., 4, 4) with [0, 0, 0, 1] in the last row, or"
             " points (..., 3)"
         )
-    lead = given.shape[:-2]
-    axes = rotation_matrices("pose", given[..., :3, :3], lead).reshape(-1, 3, 3)
-    points = given[..., :3, 3].reshape(-1, 3)
+    lead = poses.shape[:-2]
+    axes = rotation_matrices("pose", poses[..., :3, :3], lead).reshape(-1, 3, 3)
+    points = poses[..., :3, 3].reshape(-1, 3)
     return [Target(tool, point, R) for point, R in zip(points, axes, strict=True)], lead
 
 
 def _starts(kernel: Kernel, robot: Robot | None, guess: ArrayLike | None, lead: Sequence[int]) -> Array:
-    """A guess for each pose, (N, n)."""
+    """Return a guess for each pose, (N, n)."""
     given = np.zeros(kernel.n) if guess is None else as_floats(guess)
     if guess is None and robot is not None:
         names = program_coordinates(robot)
@@ -127,15 +127,15 @@ def _starts(kernel: Kernel, robot: Robot | None, guess: ArrayLike | None, lead: 
 def _between(kernel: Kernel, robot: Robot | None, driven: set[str], start: Array, limits: bool | ArrayLike) -> Array:
     """Lower and upper limits, (n, 2); both are the guess where a coordinate stays."""
     stays = prescribed_mask(kernel)
-    found = np.tile([-np.inf, np.inf], (kernel.n, 1))
+    bounds = np.tile([-np.inf, np.inf], (kernel.n, 1))
     if robot is not None:
-        found = limits_beside(robot, kernel.coordinates, driven, start)
-        stays = stays | (found[:, 0] == found[:, 1])
+        bounds = limits_beside(robot, kernel.coordinates, driven, start)
+        stays = stays | (bounds[:, 0] == bounds[:, 1])
     if not isinstance(limits, bool):
-        found = as_floats(limits)
-        if found.shape != (kernel.n, 2) or not (found[:, 0] <= found[:, 1]).all():
-            raise ArrayError(f"limits: got shape {found.shape}; allowed: ({kernel.n}, 2), lower and upper ones")
+        bounds = as_floats(limits)
+        if bounds.shape != (kernel.n, 2) or not (bounds[:, 0] <= bounds[:, 1]).all():
+            raise ArrayError(f"limits: got shape {bounds.shape}; allowed: ({kernel.n}, 2), lower and upper ones")
     elif not limits:
-        found = np.tile([-np.inf, np.inf], (kernel.n, 1))
-    found[stays] = start[stays, np.newaxis]
-    return found
+        bounds = np.tile([-np.inf, np.inf], (kernel.n, 1))
+    bounds[stays] = start[stays, np.newaxis]
+    return bounds

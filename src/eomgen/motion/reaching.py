@@ -27,7 +27,7 @@ class Target:
 
     Attributes:
         tool: a frame or link.
-        point: of its origin, (3,), m, base axes.
+        point: of its origin, (3,), m, base frame.
         axes: its axes as columns, (3, 3); None leaves them open.
     """
 
@@ -46,13 +46,13 @@ class Target:
         return 3 if self.axes is None else 6
 
     def error(self, kernel: Kernel, q: Array) -> Array:
-        """Return what is missing at q: displacement, m, and rotation vector, rad, base axes, (3,) or (6,)."""
+        """Return what is missing at q: displacement, m, and rotation vector, rad, base frame, (3,) or (6,)."""
         pose = kernel.frame_pose(q, self.tool)
         off = self.point - pose[:3, 3]
         return off if self.axes is None else np.concatenate([off, vector_of(self.axes @ pose[:3, :3].T)])
 
     def slopes(self, kernel: Kernel, q: Array) -> Array:
-        """The tool's Jacobian in the rows of ``error``, (3, n) or (6, n)."""
+        """Return the tool's Jacobian in the rows of ``error``, (3, n) or (6, n)."""
         J = kernel.frame_jacobian(q, self.tool)
         return np.array(J[:3] if self.axes is None else J)
 
@@ -103,7 +103,7 @@ class Reached:
 def reach(
     kernel: Kernel, target: Target, q: Array, limits: Array, *, bounded: bool = False, weights: Array | None = None
 ) -> Reached:
-    """Coordinates near a guess that bring the tool there, or as near as it gets.
+    """Return coordinates near a guess that bring the tool there, or as near as it gets.
 
     Each step is the least one, by the sum of squares of all coordinates' changes, rad and m alike.
 
@@ -113,7 +113,7 @@ def reach(
         q: the guess, (n,).
         limits: lower and upper limits, (n, 2); where both are equal the coordinate stays.
         bounded: whether steps end at limits, of robots without loops; else limits are not looked at.
-        weights: how willingly coordinates move, (n,), 1 for all if not given: changes are divided by them before
+        weights: how willingly coordinates move, (n,), 1 for all by default: changes are divided by them before
             they are squared.
     """
     w = np.ones(kernel.n) if weights is None else weights
@@ -121,90 +121,92 @@ def reach(
         return _reach_closed(kernel, target, q, limits, w)
     held = limits[:, 0] == limits[:, 1]
     q, damping = (np.clip(q, limits[:, 0], limits[:, 1]) if bounded else q.copy()), 1e-8
-    found = Reached(q, target.error(kernel, q), target.close)
+    best = Reached(q, target.error(kernel, q), target.close)
     for _ in range(STEPS):
-        if found.is_there:
+        if best.is_there:
             break
-        J = target.slopes(kernel, found.q)
-        step = _least_step(J, found.error, damping, w, held)
+        J = target.slopes(kernel, best.q)
+        step = _least_step(J, best.error, damping, w, held)
         if bounded:
-            step = _bounded_step(J, found, damping, w, held, limits)
+            step = _bounded_step(J, best, damping, w, held, limits)
         step *= min(1.0, STEP / max(float(np.abs(step).max()), 1e-300))
-        trial = found.q + step
+        trial = best.q + step
         if bounded:
             trial = np.clip(trial, limits[:, 0], limits[:, 1])
         other = Reached(trial, target.error(kernel, trial), target.close)
-        if other.missed < found.missed:
-            found, damping = other, max(damping / 10.0, 1e-14)
+        if other.missed < best.missed:
+            best, damping = other, max(damping / 10.0, 1e-14)
         elif np.abs(step).max() < _LEAST_STEP:
             break
         else:
             damping *= 10.0
-    return found
+    return best
 
 
 def _least_step(J: Array, error: Array, damping: Array | float, weights: Array, held: Mask) -> Array:
-    """The damped step of least weighted change, (n,); those that are held have none."""
+    """Return the damped step of least weighted change, (n,); those that are held have none."""
     w = np.where(held, 0.0, weights)
     U, S, Vt = np.linalg.svd(J * w, full_matrices=False)
     return np.asarray(w * (Vt.T @ (S / (S**2 + damping) * (U.T @ error))))
 
 
-def _bounded_step(J: Array, found: Reached, damping: float, weights: Array, held: Mask, limits: Array) -> Array:
-    """The step without those coordinates that would leave their limits at once."""
+def _bounded_step(J: Array, reached: Reached, damping: float, weights: Array, held: Mask, limits: Array) -> Array:
+    """Return the step without those coordinates that would leave their limits at once."""
     still = held.copy()
     while True:
-        step = _least_step(J, found.error, damping, weights, still)
-        leaving = at_limits(found.q, step, limits) & ~still
+        step = _least_step(J, reached.error, damping, weights, still)
+        leaving = at_limits(reached.q, step, limits) & ~still
         if not leaving.any():
             return step
         still |= leaving
 
 
 def at_limits(q: Array, step: Array, limits: Array) -> Mask:
-    """Which coordinates stand at a limit beyond which a step leads, (n,)."""
+    """Return which coordinates stand at a limit beyond which a step leads, (n,)."""
     low, high = limits.T
     return np.asarray(((q <= low + AT_LIMIT) & (step < 0.0)) | ((q >= high - AT_LIMIT) & (step > 0.0)))
 
 
 def _reach_closed(kernel: Kernel, target: Target, q: Array, limits: Array, weights: Array) -> Reached:
-    """``reach`` along the ways in which a closed mechanism can move."""
+    """Return ``reach`` along the motions that a closed mechanism allows."""
     held = limits[:, 0] == limits[:, 1]
     try:
         q = kernel.close(q, [name for name, stays in zip(kernel.coordinates, held, strict=True) if stays])
     except LoopError:
         return Reached(q, np.full(target.rows, np.inf), target.close)
-    found, damping = Reached(q, target.error(kernel, q), target.close), 1e-8
-    chart = Chart(kernel, q, given=held)
+    best, damping = Reached(q, target.error(kernel, q), target.close), 1e-8
+    chart = Chart(kernel, q, prescribed=held)
     for _ in range(STEPS):
-        if found.is_there or not chart.free.size:
+        if best.is_there or not chart.free.size:
             break
-        ways = chart.ways(chart.close(found.q)[1])
-        orthogonal, _ = np.linalg.qr(ways / weights[:, np.newaxis])  # so that the least step is that of all coordinates
+        tangent = chart.tangent_basis(chart.assemble(best.q)[1])
+        orthogonal, _ = np.linalg.qr(
+            tangent / weights[:, np.newaxis]
+        )  # so that the least step is that of all coordinates
         along = weights[:, np.newaxis] * orthogonal
-        U, S, Vt = np.linalg.svd(target.slopes(kernel, found.q) @ along, full_matrices=False)
-        step = along @ (Vt.T @ (S / (S**2 + damping) * (U.T @ found.error)))
+        U, S, Vt = np.linalg.svd(target.slopes(kernel, best.q) @ along, full_matrices=False)
+        step = along @ (Vt.T @ (S / (S**2 + damping) * (U.T @ best.error)))
         step *= min(1.0, STEP / max(float(np.abs(step).max()), 1e-300))
-        trial = found.q.copy()
+        trial = best.q.copy()
         trial[chart.free] += step[chart.free]
         try:
-            trial = chart.close(trial)[0]
+            trial = chart.assemble(trial)[0]
         except LoopError:
             damping *= 10.0
             continue
         other = Reached(trial, target.error(kernel, trial), target.close)
-        if other.missed < found.missed:
-            found, damping = other, max(damping / 10.0, 1e-14)
-            chart = Chart(kernel, found.q, given=held)
+        if other.missed < best.missed:
+            best, damping = other, max(damping / 10.0, 1e-14)
+            chart = Chart(kernel, best.q, prescribed=held)
         elif np.abs(step).max() < _LEAST_STEP:
             break
         else:
             damping *= 10.0
-    return found
+    return best
 
 
 def search(kernel: Kernel, target: Target, guess: Array, limits: Array, guesses: int = GUESSES) -> Reached:
-    """Coordinates within the limits that bring the tool there: from the guess, or from others, always the same.
+    """Return coordinates within the limits that bring the tool there: from the guess, or from others, always the same.
 
     Where none do, the nearest that are within the limits (of a robot with loops: the nearest of all).
     """
@@ -212,15 +214,15 @@ def search(kernel: Kernel, target: Target, guess: Array, limits: Array, guesses:
     for bounded in tried:
         ends = [Reached(guess, np.full(target.rows, np.inf), target.close)]
         for trial in starting_points(guess, limits, guesses):
-            found = reach(kernel, target, trial, limits, bounded=bounded)
-            if found.is_there and within_limits(found.q, limits):
-                return found
-            ends.append(found)
+            reached = reach(kernel, target, trial, limits, bounded=bounded)
+            if reached.is_there and within_limits(reached.q, limits):
+                return reached
+            ends.append(reached)
     return min(ends, key=lambda end: end.missed)
 
 
 def starting_points(guess: Array, limits: Array, guesses: int = GUESSES) -> Iterator[Array]:
-    """The guess, then others about it within the limits, always the same."""
+    """Yield the guess, then others about it within the limits, always the same."""
     yield guess
     rng = np.random.default_rng(0)
     low, high = np.maximum(limits[:, 0], guess - 3.0), np.minimum(limits[:, 1], guess + 3.0)
@@ -232,19 +234,19 @@ def within_limits(q: Array, limits: Array) -> bool:
     return bool(((limits[:, 0] - AT_LIMIT <= q) & (q <= limits[:, 1] + AT_LIMIT)).all())
 
 
-def binding(kernel: Kernel, target: Target, found: Reached, limits: Array) -> str:
-    """Text about the limits that keep a tool away, or that its coordinates leave; "" without any."""
+def binding(kernel: Kernel, target: Target, reached: Reached, limits: Array) -> str:
+    """Return text about the limits that keep a tool away, or that its coordinates leave; "" without any."""
     low, high = limits.T
     moving = low < high
-    beyond = np.maximum(low - found.q, found.q - high)
+    beyond = np.maximum(low - reached.q, reached.q - high)
     worst = int(np.argmax(np.where(moving, beyond, -np.inf)))
     if moving[worst] and beyond[worst] > AT_LIMIT:
         span = f"its limits are {limits[worst, 0]:.4g} to {limits[worst, 1]:.4g}"
-        return f"{kernel.coordinates[worst]} = {found.q[worst]:.4g}; {span}"
+        return f"{kernel.coordinates[worst]} = {reached.q[worst]:.4g}; {span}"
     if kernel.constraints:
         return ""
-    pull = target.slopes(kernel, found.q).T @ found.error
-    standing = at_limits(found.q, pull, limits) & moving & (np.abs(pull) > 1e-6 * found.missed)
+    pull = target.slopes(kernel, reached.q).T @ reached.error
+    standing = at_limits(reached.q, pull, limits) & moving & (np.abs(pull) > 1e-6 * reached.missed)
     stops = np.where(pull < 0.0, low, high)
     return ", ".join(
         f"{name} is at its limit {stop:.4g} {unit_of(name)}"
@@ -254,5 +256,5 @@ def binding(kernel: Kernel, target: Target, found: Reached, limits: Array) -> st
 
 
 def point_text(point: Array) -> str:
-    """A point for messages."""
+    """Return a point for messages."""
     return "(" + ", ".join(f"{x:.4g}" for x in point) + ") m"

@@ -16,9 +16,9 @@ DIFFERENCE = 6  # order of the differences that show the noise
 
 
 def local_polynomials(t: Array, x: Array, window: int, degree: int) -> tuple[Array, Array, Array]:
-    """Values, first and second derivatives of least-squares polynomials through a sliding window.
+    """Return values, first and second derivatives of least-squares polynomials through a sliding window.
 
-    Savitzky and Golay's method (Analytical Chemistry 36, 1964), for times at any distance; at the ends the first and
+    Savitzky-Golay filter (Analytical Chemistry 36, 1964), for times at any distance; at the ends the first and
     last window are read off their middle.
 
     Args:
@@ -34,7 +34,7 @@ def local_polynomials(t: Array, x: Array, window: int, degree: int) -> tuple[Arr
         raise InputError(f"window: {window} samples; allowed: an odd number from {degree + 1} to {len(t)}")
     if degree < 2:
         raise InputError(f"degree: {degree}; allowed: at least 2")
-    found = np.empty((3, *x.shape))
+    coefficients = np.empty((3, *x.shape))
     starts = np.clip(np.arange(len(t)) - window // 2, 0, len(t) - window)
     times, samples = sliding_window_view(t, window), sliding_window_view(x, window, axis=0)
     for first in range(0, len(t), ROWS):
@@ -43,10 +43,10 @@ def local_polynomials(t: Array, x: Array, window: int, degree: int) -> tuple[Arr
         size = np.abs(at).max(axis=1)[:, np.newaxis]
         powers = (at / size)[..., np.newaxis] ** np.arange(degree + 1)
         weights = np.linalg.pinv(powers)[:, :3]
-        found[:, rows] = np.einsum("tpm,tkm->ptk", weights, samples[starts[rows]])
-        found[1, rows] /= size
-        found[2, rows] *= 2.0 / size**2
-    return found[0], found[1], found[2]
+        coefficients[:, rows] = np.einsum("tpm,tkm->ptk", weights, samples[starts[rows]])
+        coefficients[1, rows] /= size
+        coefficients[2, rows] *= 2.0 / size**2
+    return coefficients[0], coefficients[1], coefficients[2]
 
 
 class Differentiator:
@@ -67,30 +67,33 @@ class Differentiator:
         self.weights = np.stack([np.convolve(smooth, stencil) for stencil in stencils])
 
     def __call__(self, x: Array, order: int = 0) -> Array:
-        """The derivative of that order of the filtered samples, (T - 2 half, k)."""
+        """Return the derivative of that order of the filtered samples, (T - 2 half, k)."""
         return filtered(x, self.weights[order])
 
 
 def bell(half: int) -> Array:
-    """Weights (1 - s^2)^6 with sum 1, (2 half + 1,), none of them zero."""
+    """Return weights (1 - s^2)^6 with sum 1, (2 half + 1,), none of them zero."""
     weights: Array = (1.0 - (np.arange(-half, half + 1) / (half + 1)) ** 2) ** 6
     weights /= weights.sum()
     return weights
 
 
 def filtered(x: Array, weights: Array) -> Array:
-    """Columns convolved with the weights, where all of these have samples: (T - len(weights) + 1, k)."""
+    """Return columns convolved with the weights, where all of these have samples: (T - len(weights) + 1, k)."""
     return np.stack([np.convolve(column, weights, "valid") for column in x.T], axis=1)
 
 
 def _mirrored(right: tuple[float, ...], sign: float) -> Array:
-    """A stencil from its middle and right half, in the order in which a convolution takes it."""
+    """Return a stencil from its middle and right half, in the order in which a convolution takes it."""
     middle, *rest = right
     return np.array([*rest[::-1], middle, *(sign * value for value in rest)])
 
 
 def noise_deviation(x: Array) -> Array:
-    """Standard deviation of white noise on smooth samples, (k,): from their sixth differences, by the median."""
+    """Return the standard deviation of white noise on smooth samples, (k,).
+
+    From their sixth differences, by the median.
+    """
     differences = np.diff(x, DIFFERENCE, axis=0)
     binomials = np.poly1d([1.0, -1.0]) ** DIFFERENCE
     spread: Array = np.median(np.abs(differences), axis=0) / 0.6744897501960817  # of a normal distribution

@@ -26,7 +26,7 @@ class Standstill(Shown):
     start: Array
 
     def at(self, t: ArrayLike) -> tuple[Array, Array, Array]:
-        """Coordinates, rates and accelerations; see ``Program``."""
+        """Return coordinates, rates and accelerations; see ``Program``."""
         q = np.broadcast_to(self.start, (*np.shape(t), self.start.size)).copy()
         return q, np.zeros_like(q), np.zeros_like(q)
 
@@ -66,7 +66,7 @@ class Spline:
         return self.at(self.t[0])[0]
 
     def at(self, t: ArrayLike) -> tuple[Array, Array, Array]:
-        """Coordinates, rates and accelerations; see ``Program``."""
+        """Return coordinates, rates and accelerations; see ``Program``."""
         times = np.asarray(t, dtype=np.float64)
         inside = ((times >= self.t[0]) & (times <= self.t[-1]))[..., np.newaxis]
         times = np.clip(times, self.t[0], self.t[-1])
@@ -91,7 +91,7 @@ class Columns:
         return self.program.start[self.index]
 
     def at(self, t: ArrayLike) -> tuple[Array, Array, Array]:
-        """Coordinates, rates and accelerations; see ``Program``."""
+        """Return coordinates, rates and accelerations; see ``Program``."""
         q, v, a = (x[..., self.index] for x in self.program.at(t))
         return q, v, a
 
@@ -102,13 +102,13 @@ class Columns:
 
 
 def signal_of(program: Program) -> Signal | None:
-    """A program as data that C follows; None of one that only Python can ask."""
-    found: Callable[[], Signal | None] | None = getattr(program, "as_signal", None)
-    return None if found is None else found()
+    """Return a program as data that C follows; None of one that only Python can ask."""
+    method: Callable[[], Signal | None] | None = getattr(program, "as_signal", None)
+    return None if method is None else method()
 
 
 def spline_signal(spline: Any, profile: Signal | None = None) -> Signal:
-    """SciPy's spline through points (T, n) as a signal, over time or over the column of a profile."""
+    """Return SciPy's spline through points (T, n) as a signal, over time or over the column of a profile."""
     knots = np.unique(spline.t[spline.k : spline.t.size - spline.k])
     powers = [spline(knots[:-1])]
     for power in range(1, spline.k + 1):

@@ -37,13 +37,13 @@ class TimeTable(Shown):
     hold: bool = False
 
     def at(self, t: float) -> Array:
-        """The columns at a time, (k,)."""
+        """Return the columns at a time, (k,)."""
         i = int(np.searchsorted(self.t, t, side="right")) - 1
         if i < 0 or i + 1 >= self.t.size or self.hold:
             row: Array = self.values[max(i, 0)]
             return row
-        part = (t - self.t[i]) / (self.t[i + 1] - self.t[i])
-        between: Array = self.values[i] + part * (self.values[i + 1] - self.values[i])
+        share = (t - self.t[i]) / (self.t[i + 1] - self.t[i])
+        between: Array = self.values[i] + share * (self.values[i + 1] - self.values[i])
         return between
 
     def as_signal(self) -> Signal:
@@ -55,7 +55,7 @@ class TimeTable(Shown):
 
 
 def inline_table(table: Table, key: str, columns: tuple[str, ...], hold: bool) -> TimeTable:
-    """The table of rows [t, ...] under a key; DescriptionError if they are none, or not in order of time."""
+    """Return the table of rows [t, ...] under a key; DescriptionError if they are none, or not in order of time."""
     rows = table.rows(key, len(columns) + 1)
     if not rows:
         table.fail(f"got no rows; allowed: one or more rows of t and {listed(columns)}", key)
@@ -68,19 +68,21 @@ def inline_table(table: Table, key: str, columns: tuple[str, ...], hold: bool) -
 
 
 def read_table(path: Path, columns: Sequence[str] | None, hold: bool) -> TimeTable:
-    """The table of a .csv file: a header with t and the columns' names, in any order; all of ``columns`` if given.
+    """Return the table of a .csv file: a header with t and the columns' names, in any order.
+
+    All of ``columns`` must be there.
 
     Raises:
         InputError: with the file, line and column, the value and what is allowed.
     """
-    found, lines = read_columns(path)
-    if "t" not in found:
+    columns_read, lines = read_columns(path)
+    if "t" not in columns_read:
         raise InputError(f"{path}: there is no column t; allowed: t (s) and {listed(columns or ['coordinates'])}")
-    t = found.pop("t")
-    names = tuple(found) if columns is None else tuple(columns)
+    t = columns_read.pop("t")
+    names = tuple(columns_read) if columns is None else tuple(columns)
     known = set(names)
-    missing = [name for name in names if name not in found]
-    foreign = [name for name in found if name not in known]
+    missing = [name for name in names if name not in columns_read]
+    foreign = [name for name in columns_read if name not in known]
     if missing or foreign or not names:
         what = f"column {show(foreign[0])} is unknown" if foreign else f"the columns {listed(missing)} are missing"
         raise InputError(f"{path}: {what}; allowed: t, {listed(names) or 'and coordinates'}")
@@ -89,4 +91,4 @@ def read_table(path: Path, columns: Sequence[str] | None, hold: bool) -> TimeTab
         i = int(back[0]) + 1
         place = f"line {lines[i]}" if lines is not None else f"sample {i}"
         raise InputError(f"{path}: {place}: column 't': {t[i]:g} after {t[i - 1]:g}; allowed: increasing times")
-    return TimeTable(names, t, np.stack([found[name] for name in names], axis=1), hold)
+    return TimeTable(names, t, np.stack([columns_read[name] for name in names], axis=1), hold)

@@ -53,8 +53,8 @@ class Course:
 
     Attributes:
         name: of the path, for messages.
-        points: (P, 3), m, base axes.
-        parts: which part of the path's length lies before them, (P,).
+        points: (P, 3), m, base frame.
+        parts: fraction of the path's length before them, (P,).
         t: when they are passed, (P,), s.
         turning: its orientations; None leaves them open.
     """
@@ -90,7 +90,7 @@ class ToolPath:
     Args:
         kernel: of the rigid robot, with kinematics; all its coordinates may move, as far as its loops let them.
         tool: a frame or link.
-        points: (POINTS, 3), m, base axes, at equal parts of the path.
+        points: (POINTS, 3), m, base frame, at equal parts of the path.
         duration: s.
         guess: coordinates, (n,), near which the first point is looked for.
         limits: lower and upper limits, (n, 2), infinite where there is none.
@@ -135,7 +135,10 @@ class ToolPath:
         return self.at(0.0)[0]
 
     def at(self, t: ArrayLike) -> tuple[Array, Array, Array]:
-        """Coordinates, rates and accelerations at times t of any shape; each of shape (*t.shape, n); m, rad, s."""
+        """Return coordinates, rates and accelerations at times t of any shape.
+
+        Each of shape (*t.shape, n); m, rad, s.
+        """
         s, ds, dds = self.profile.at(t)
         q, by_s, by_ss = (spline(s[..., 0]) for spline in self._splines)
         return q, by_s * ds, by_ss * ds**2 + by_s * dds
@@ -149,7 +152,7 @@ class ToolLine(ToolPath):
     """The tool's origin moves straight from one point to another; arguments and errors as ``ToolPath``, and
 
     Args:
-        begin, end: points, (3,), m, base axes.
+        begin, end: points, (3,), m, base frame.
         **options: guess, limits, start_time and orientation, as ``ToolPath`` has them.
 
     Raises:
@@ -177,8 +180,8 @@ class ToolCircle(ToolPath):
     """The tool's origin moves along a circle; arguments and errors as ``ToolPath``, and
 
     Args:
-        center, normal: (3,), base axes; the tool turns about the normal as a right-handed screw does.
-        begin: a point of the circle, (3,), m, base axes; in the plane through the center across the normal.
+        center, normal: (3,), base frame; the tool turns about the normal as a right-handed screw does.
+        begin: a point of the circle, (3,), m, base frame; in the plane through the center across the normal.
         angle: rad, of the whole path.
         **options: guess, limits, start_time and orientation, as ``ToolPath`` has them.
 
@@ -212,16 +215,16 @@ class ToolCircle(ToolPath):
 
 
 class ToolSpline(Spline):
-    """The tool passes points in space at given times, at rest at the first and the last; errors as ``ToolPath``, and
+    """The tool passes points in space at these times, at rest at the first and the last; errors as ``ToolPath``, and
 
     Its origin follows a spline of degree 5; orientations are interpolated spherically, with continuous angular
     velocity and acceleration (``turns.spherical_spline``).
 
     Args:
         kernel, tool, guess, limits: as ``ToolPath`` has them.
-        points: (K, 3), m, base axes, two or more.
+        points: (K, 3), m, base frame, two or more.
         times: (K,), s, rising.
-        orientation: "keep", or the tool's axes at the points as columns, (K, 3, 3); open if not given.
+        orientation: "keep", or the tool's axes at the points as columns, (K, 3, 3); open by default.
 
     Raises:
         ArrayError: arrays that do not fit together, or are not finite.
@@ -267,13 +270,13 @@ def _keep(orientation: str) -> Literal["keep"]:
 def _turning(orientation: Orientation | None, parts: Array) -> Turning | None:
     if orientation is None:
         return None
-    given = (None, None) if isinstance(orientation, str) and _keep(orientation) else orientation
-    first, last = (None if R is None else rotation_matrices("orientation", R) for R in given)
+    ends = (None, None) if isinstance(orientation, str) and _keep(orientation) else orientation
+    first, last = (None if R is None else rotation_matrices("orientation", R) for R in ends)
     return Turning(first, lambda begin: spherical(begin, begin if last is None else last, parts))
 
 
 def _followed(kernel: Kernel, tool: str, course: Course, guess: Array, limits: Array) -> Array:
-    """Coordinates at the points of a course, (P, n); errors as of ``ToolPath``."""
+    """Return coordinates at the points of a course, (P, n); errors as of ``ToolPath``."""
     turning = course.turning
     target = Target(tool, course.points[0], None if turning is None else turning.first)
     begun = _first(kernel, target, course, guess, limits)
@@ -299,70 +302,78 @@ class _LimitError(Exception):
 
 
 def _first(kernel: Kernel, target: Target, course: Course, guess: Array, limits: Array) -> Array:
-    found = search(kernel, target, guess, limits)
-    if found.is_there and within_limits(found.q, limits):
-        return found.q
-    raise unreached(kernel, target, found, limits, f"{target.tool} does not reach {target.text()}", course, 0)
+    reached = search(kernel, target, guess, limits)
+    if reached.is_there and within_limits(reached.q, limits):
+        return reached.q
+    raise unreached(kernel, target, reached, limits, f"{target.tool} does not reach {target.text()}", course, 0)
 
 
 def _tracked(
     kernel: Kernel, targets: list[Target], course: Course, begun: Array, limits: Array, *, sparing: bool
 ) -> Array:
-    """Coordinates at all targets, each from those before; ``sparing`` is for those near their limits."""
+    """Return coordinates at all targets, each from those before; ``sparing`` is for those near their limits."""
     q = np.empty((len(targets), kernel.n))
     q[0] = begun
     for k in range(1, len(targets)):
         weights = _willingness(q[k - 1], limits) if sparing else None
-        found = reach(kernel, targets[k], q[k - 1], limits, weights=weights)
-        jump = np.abs(found.q - q[k - 1])
+        reached = reach(kernel, targets[k], q[k - 1], limits, weights=weights)
+        jump = np.abs(reached.q - q[k - 1])
         label = f"{targets[k].tool} cannot follow the {course.name} at {targets[k].text()}"
-        if not found.is_there:
-            raise unreached(kernel, targets[k], found, limits, label, course, k)
+        if not reached.is_there:
+            raise unreached(kernel, targets[k], reached, limits, label, course, k)
         if jump.max() > JUMP:
             name, most = kernel.coordinates[int(jump.argmax())], float(jump.max())
             what = f"the arm is singular there, {name} would jump by {most:.3g}"
-            raise ReachError(f"{kernel.name}: {label}, {course.text(k)}: {what}", found.distance, found.angle, found.q)
-        if not within_limits(found.q, limits):
-            raise _LimitError(_beyond(kernel, targets[k], found, q[k - 1], limits, label, course, k))
-        q[k] = found.q
+            raise ReachError(
+                f"{kernel.name}: {label}, {course.text(k)}: {what}", reached.distance, reached.angle, reached.q
+            )
+        if not within_limits(reached.q, limits):
+            raise _LimitError(_beyond(kernel, targets[k], reached, q[k - 1], limits, label, course, k))
+        q[k] = reached.q
     return q
 
 
 def _willingness(q: Array, limits: Array) -> Array:
-    """Weights of coordinates, (n,): less than 1 near a limit, smoothly."""
+    """Return weights of coordinates, (n,): less than 1 near a limit, smoothly."""
     low, high = limits.T
     with np.errstate(invalid="ignore"):
         room = np.minimum(q - low, high - q) / (NEAR_LIMIT * (high - low))
-    part = np.clip(np.where(np.isfinite(room), room, 1.0), 0.0, 1.0)
-    return np.asarray(np.maximum(part**2 * (3.0 - 2.0 * part), LEAST_WEIGHT))
+    share = np.clip(np.where(np.isfinite(room), room, 1.0), 0.0, 1.0)
+    return np.asarray(np.maximum(share**2 * (3.0 - 2.0 * share), LEAST_WEIGHT))
 
 
 def _beyond(
-    kernel: Kernel, target: Target, found: Reached, before: Array, limits: Array, label: str, course: Course, k: int
+    kernel: Kernel, target: Target, reached: Reached, before: Array, limits: Array, label: str, course: Course, k: int
 ) -> ReachError:
-    """The error of a point that is reached beyond the limits alone."""
-    inside = found if kernel.constraints else reach(kernel, target, before, limits, bounded=True)
+    """Return the error of a point that is reached beyond the limits alone."""
+    inside = reached if kernel.constraints else reach(kernel, target, before, limits, bounded=True)
     within = "" if kernel.constraints or inside.is_there else f"; within them it misses by {inside.text()}"
-    what = f"{binding(kernel, target, found, limits)}{within}"
+    what = f"{binding(kernel, target, reached, limits)}{within}"
     return ReachError(f"{kernel.name}: {label}, {course.text(k)}: {what}", inside.distance, inside.angle, inside.q)
 
 
 def unreached(
-    kernel: Kernel, target: Target, found: Reached, limits: Array, label: str, course: Course | None = None, k: int = 0
+    kernel: Kernel,
+    target: Target,
+    reached: Reached,
+    limits: Array,
+    label: str,
+    course: Course | None = None,
+    k: int = 0,
 ) -> ReachError:
-    """The error of a target that is missed, or reached beyond the limits alone, by how much."""
+    """Return the error of a target that is missed, or reached beyond the limits alone, by how much."""
     place = "" if course is None or k == 0 else f", {course.text(k)}"
-    bound = binding(kernel, target, found, limits)
-    if found.is_there:
+    bound = binding(kernel, target, reached, limits)
+    if reached.is_there:
         what = f"not within its limits: {bound}"
     else:
         out = "it is out of reach, or the arm singular: " if k else ""
-        miss = f"it misses by {found.text()}" if k else f"it gets as near as {found.text()}"
+        miss = f"it misses by {reached.text()}" if k else f"it gets as near as {reached.text()}"
         what = f"{out}{miss}{f'; {bound}' if bound else ''}"
     far = next(((axis, x) for axis, x in zip("xyz", target.point.tolist(), strict=True) if is_unusual(x, "m")), None)
     if far is not None:
         what += f"; {unit_question(*far, 'm')}"
-    return ReachError(f"{kernel.name}: {label}{place}: {what}", found.distance, found.angle, found.q)
+    return ReachError(f"{kernel.name}: {label}{place}: {what}", reached.distance, reached.angle, reached.q)
 
 
 def space_point(label: str, value: ArrayLike) -> Array:

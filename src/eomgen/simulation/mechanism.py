@@ -55,17 +55,19 @@ class Mechanism:
         """
         u, index = np.zeros_like(q), np.sort(self.driven)
         for part in self.chart.follow(q, v, a):
-            chart, found = part.chart, part.found
-            q_closed, v_closed, a_closed = (np.ascontiguousarray(x) for x in found[:3])
+            chart, assembled = part.chart, part.assembled
+            q_closed, v_closed, a_closed = (np.ascontiguousarray(x) for x in assembled[:3])
             r = part.kernel.residual(q_closed, v_closed, a_closed, np.zeros_like(q_closed))
             r_bound = r[..., np.newaxis, chart.bound]
-            needed = r[..., chart.free] + (r_bound @ found.slopes[..., chart.free])[..., 0, :]  # the loops do no work
+            needed = (
+                r[..., chart.free] + (r_bound @ assembled.slopes[..., chart.free])[..., 0, :]
+            )  # the loops do no work
             forces = np.zeros_like(q_closed)
             if np.array_equal(index, chart.free):  # the independent coordinates are all of the driven ones
                 forces[..., chart.free] = needed
             else:
-                ways = chart.ways(found.slopes)[..., self.driven, :]
-                forces[..., self.driven] = (needed[..., np.newaxis, :] @ np.linalg.pinv(ways))[..., 0, :]
+                tangent = chart.tangent_basis(assembled.slopes)[..., self.driven, :]
+                forces[..., self.driven] = (needed[..., np.newaxis, :] @ np.linalg.pinv(tangent))[..., 0, :]
             u[part.rows] = forces
         return u
 

@@ -274,7 +274,7 @@ def _assumptions(robot: Robot, loose: tuple[str, ...], scenario: Scenario, assem
     if motors and programmed:
         notes.append(f"drives act at {', '.join(motors)} and know their angles alone, not their joints'")
     if assembly.wanted is not None:
-        notes.append("drives follow a corrected program; what is compared is the program that it corrects")
+        notes.append("drives follow a compensated path; what is compared is the path that is wanted")
     if loose:
         why = "without a stiffness of its own or a drive, or inside a clearance"
         notes.append(f"{why}, so not in balance at the start: {', '.join(loose)}")
