@@ -80,7 +80,7 @@ def test_a_corrected_program_says_it() -> None:
     scenario = scenario_from_toml(
         "duration = 0.5\noutput_step = 0.01\n[motion]\ntype = 'point_to_point'\nstart = [-0.45]\ngoal = [0.45]\n"
     )
-    assert "the motion of the corrected program exceeds" in told(compensate(arm(), scenario, mode="static").notes)
+    assert "the motion of the compensated path exceeds" in told(compensate(arm(), scenario, mode="static").notes)
 
 
 @pytest.mark.soak

@@ -23,7 +23,7 @@ from eomgen.identification.choosing.proposals import MEASURES
 from eomgen.identification.choosing.sampling import AXES
 from eomgen.identification.compensating.solve import MODES
 from eomgen.identification.dynamics.further import FURTHER, SHAPES
-from eomgen.identification.exciting.telling import CRITERIA as EXCITATION_CRITERIA
+from eomgen.identification.exciting.weighted_columns import CRITERIA as EXCITATION_CRITERIA
 from eomgen.identification.geometry.poses import ROTATIONS
 from eomgen.identification.geometry.solve import LOSSES
 from eomgen.identification.identifiable import TERMS, TRANSMISSIONS

@@ -17,17 +17,17 @@ from eomgen.analysis.sensitivity import offset_sensitivity
 from eomgen.cli import entry as cli
 from eomgen.errors import ArrayError, InputError, UnknownNameError
 from eomgen.identification import CalibrationResult, MeasuredPoses, calibrate, load_calibration, poses_from_columns
-from eomgen.identification.calibration.as_toml import Found, write_toml
-from eomgen.identification.geometry.closing import closed_readings, closing_of
+from eomgen.identification.calibration.as_toml import FittedParameters, write_toml
 from eomgen.identification.geometry.error_model import (
     COMPLIANCE,
     DRIVE,
     ErrorModel,
-    Quantity,
+    ErrorParameter,
     Rows,
-    quantities_of,
+    model_parameters,
     rows_of,
 )
+from eomgen.identification.geometry.loop_constraints import closed_readings, closing_of
 from eomgen.identification.geometry.rotations import from_rpy, pose_from
 from eomgen.identification.geometry.solve import algebraic_rank
 from eomgen.identification.geometry.stations import chain_of, forces_on, located, matrix_of
@@ -81,10 +81,10 @@ def test_stations_are_where_kernels_have_frames() -> None:
     kernel = eomgen.build(robot, kernels=("kinematics",))
     pose = np.asarray(kernel.frame_pose(q, "tcp"))
     tool = model.chain.tools["tcp"]
-    np.testing.assert_allclose(state.found.R[tool], pose[:, :3, :3], atol=1e-14)
-    np.testing.assert_allclose(state.found.p[tool], pose[:, :3, 3], atol=1e-14)
+    np.testing.assert_allclose(state.located.R[tool], pose[:, :3, :3], atol=1e-14)
+    np.testing.assert_allclose(state.located.p[tool], pose[:, :3, 3], atol=1e-14)
     names, slopes = offset_sensitivity(robot, q, "tcp", parameters=dict(kernel.parameters))
-    own = {quantity.name: i for i, quantity in enumerate(model.quantities)}
+    own = {parameter.name: i for i, parameter in enumerate(model.parameters)}
     S = state.sensitivities(tool)[:, :, [own[name] for name in names]]
     np.testing.assert_allclose(S, slopes, atol=1e-13)
 
@@ -94,18 +94,18 @@ def test_sensitivities_are_derivatives() -> None:
     robot = arm()
     load = {f"tcp.{part}": np.linspace(-50.0, 80.0, 6) for part in ("fx", "fy", "fz", "mz")}
     more = [
-        Quantity("joints.joint2.alpha.stiffness", COMPLIANCE, 2, 3, "force", 1e-8, 1e-8),
-        Quantity("joints.joint1.gain", DRIVE, 1, 5, "gain", 0.0, 1e-3),
-        Quantity("joints.joint1.eccentricity.cos", DRIVE, 1, 5, "cos", 0.0, 1e-3),
-        Quantity("joints.joint2.coupling.joint1", DRIVE, 2, 5, "coupling", 0.0, 1e-3, 1),
+        ErrorParameter("joints.joint2.alpha.stiffness", COMPLIANCE, 2, 3, "force", 1e-8, 1e-8),
+        ErrorParameter("joints.joint1.gain", DRIVE, 1, 5, "gain", 0.0, 1e-3),
+        ErrorParameter("joints.joint1.eccentricity.cos", DRIVE, 1, 5, "cos", 0.0, 1e-3),
+        ErrorParameter("joints.joint2.coupling.joint1", DRIVE, 2, 5, "coupling", 0.0, 1e-3, 1),
     ]
     made = trial(robot, 3, 6, more=more, columns=load, noise=(0.0, 0.0))
     tool = made.model.chain.tools["tcp"]
     S = made.model.at(made.truth, made.rows).sensitivities(tool)
     for i in range(len(made.truth)):
         step = np.zeros(len(made.truth))
-        step[i] = 1e-6 * (1.0 if made.model.quantities[i].kind != COMPLIANCE else 1e-5)
-        ahead, behind = (made.model.at(made.truth + sign * step, made.rows).found for sign in (1.0, -1.0))
+        step[i] = 1e-6 * (1.0 if made.model.parameters[i].kind != COMPLIANCE else 1e-5)
+        ahead, behind = (made.model.at(made.truth + sign * step, made.rows).located for sign in (1.0, -1.0))
         slope = (ahead.p[tool] - behind.p[tool]) / (2.0 * step[i])
         turn = np.array([vector_of(a @ b.T) for a, b in zip(ahead.R[tool], behind.R[tool], strict=True)])
         whole = np.hstack([slope, turn / (2.0 * step[i])])
@@ -151,7 +151,7 @@ def test_ranks_are_those_of_the_count(kinds: str, special: bool) -> None:
     columns = []
     for i in range(S.shape[-1]):
         step = np.eye(S.shape[-1])[i] * 1e-5
-        ahead, behind = (made.model.at(made.model.nominal + x, made.rows).found for x in (step, -step))
+        ahead, behind = (made.model.at(made.model.nominal + x, made.rows).located for x in (step, -step))
         parts = [(ahead.p[tool] - behind.p[tool]).ravel(), (ahead.R[tool] - behind.R[tool]).ravel()]
         columns.append(np.concatenate(parts) / 2e-5)
     values = np.linalg.svd(np.array(columns), compute_uv=False)
@@ -197,8 +197,8 @@ def test_the_truth_is_recovered() -> None:
     predicted, covariance = found.predict(q, "tcp", series=0)
     state = made.model.at(made.truth, others.rows)
     tool = made.model.chain.tools["tcp"]
-    np.testing.assert_allclose(predicted[:, :3, 3], state.found.p[tool], atol=1e-10)
-    np.testing.assert_allclose(predicted[:, :3, :3], state.found.R[tool], atol=1e-10)
+    np.testing.assert_allclose(predicted[:, :3, 3], state.located.p[tool], atol=1e-10)
+    np.testing.assert_allclose(predicted[:, :3, :3], state.located.R[tool], atol=1e-10)
     assert covariance.shape == (20, 6, 6)
     again = calibrate(found.calibrated, made.poses(), folds=0)  # the least change from the truth is none
     moved = [name for name in again.names if ".offset." in name]
@@ -290,7 +290,7 @@ def test_what_moves_nothing_is_one_line() -> None:
     assert len(unseen) == 18
     lines = [line for line in found.lines() if "nothing that was measured" in line]
     assert len(lines) == 1
-    assert lines[0].startswith("18 quantities")
+    assert lines[0].startswith("18 parameters")
     assert not any(name in line for name in unseen for line in found.lines())
     assert set(unseen) <= set(found.as_dict()["merged"])
 
@@ -323,7 +323,7 @@ def test_known_noise_and_lack_of_fit() -> None:
 
 
 @pytest.mark.parametrize("loss", ["huber", "cauchy", "tukey"])
-def test_outliers_are_mistrusted(loss: str) -> None:
+def test_outliers_are_down_weighted(loss: str) -> None:
     made = trial(arm(), 7, 60)
     columns = {name: values.copy() for name, values in made.columns.items()}
     for row in (5, 30, 31):
@@ -375,8 +375,8 @@ def test_stiffness_shows_under_loads() -> None:
     rng = np.random.default_rng(0)
     loads = {f"tcp.{part}": rng.uniform(-200.0, 200.0, 80) for part in ("fx", "fy", "fz")}
     more = [
-        Quantity("joints.joint2.alpha.stiffness", COMPLIANCE, 2, 3, "force", 2e-5, 1e-5),
-        Quantity("joints.joint1.gamma.stiffness", COMPLIANCE, 1, 5, "force", 0.0, 4e-5),
+        ErrorParameter("joints.joint2.alpha.stiffness", COMPLIANCE, 2, 3, "force", 2e-5, 1e-5),
+        ErrorParameter("joints.joint1.gamma.stiffness", COMPLIANCE, 1, 5, "force", 0.0, 4e-5),
     ]
     made = trial(robot, 1, 80, more=more, columns=loads, noise=(1e-5, 2e-5))
     found = calibrate(robot, made.poses(), stiffness=["joint1.gamma"], folds=0)
@@ -396,18 +396,18 @@ def test_stiffness_shows_under_loads() -> None:
 def test_terms_of_drives_are_taken_up_if_they_show() -> None:
     robot = chain(8, "RRR")
     more = [
-        Quantity("joints.joint2.gain", DRIVE, 2, 5, "gain", 0.0, 2e-3),
-        Quantity("joints.joint3.eccentricity.sin", DRIVE, 3, 5, "sin", 0.0, 1e-3),
-        Quantity("joints.joint1.backlash", DRIVE, 1, 5, "backlash", 0.0, 5e-4),
+        ErrorParameter("joints.joint2.gain", DRIVE, 2, 5, "gain", 0.0, 2e-3),
+        ErrorParameter("joints.joint3.eccentricity.sin", DRIVE, 3, 5, "sin", 0.0, 1e-3),
+        ErrorParameter("joints.joint1.backlash", DRIVE, 1, 5, "backlash", 0.0, 5e-4),
     ]
     made = trial(robot, 1, 100, more=more)
     found = calibrate(robot, made.poses(), drives=True, folds=0)
     drives = {name for name in found.names if set(name.split(".")) & DRIVES}
-    wanted = {quantity.name for quantity in more}
+    wanted = {parameter.name for parameter in more}
     assert drives == wanted | {"joints.joint3.eccentricity.cos"}
-    for quantity in more:
-        deviation = found.deviations[found.names.index(quantity.name)]
-        assert abs(found[quantity.name] - quantity.size) < 4.0 * deviation
+    for parameter in more:
+        deviation = found.deviations[found.names.index(parameter.name)]
+        assert abs(found[parameter.name] - parameter.size) < 4.0 * deviation
     none = calibrate(robot, trial(robot, 1, 100).poses(), drives=True, folds=0)
     assert not any(set(name.split(".")) & DRIVES for name in none.names)
 
@@ -415,7 +415,7 @@ def test_terms_of_drives_are_taken_up_if_they_show() -> None:
 def test_drift_with_warmth() -> None:
     """Of a zero, by a column of temperatures."""
     robot = chain(8, "RRR")
-    more = [Quantity("joints.joint2.temperature.gamma", DRIVE, 2, 5, "temperature", 0.0, 5e-5)]
+    more = [ErrorParameter("joints.joint2.temperature.gamma", DRIVE, 2, 5, "temperature", 0.0, 5e-5)]
     made = trial(robot, 1, 100, more=more, columns={"temperature": np.linspace(20.0, 45.0, 100)})
     found = calibrate(robot, made.poses(), drives=True, folds=0)
     name = next(name for name in found.names if ".temperature." in name)
@@ -431,7 +431,7 @@ def test_transmissions_give_way_behind_motors() -> None:
     robot = replace(nominal, joints=(nominal.joints[0], replace(nominal.joints[1], motor=spring), nominal.joints[2]))
     rng = np.random.default_rng(0)
     loads = {f"tcp.{part}": rng.uniform(-200.0, 200.0, 80) for part in ("fx", "fy", "fz")}
-    more = [Quantity("joints.joint2.motor.stiffness", COMPLIANCE, 2, 5, "force", 5e-5, 2e-5)]
+    more = [ErrorParameter("joints.joint2.motor.stiffness", COMPLIANCE, 2, 5, "force", 5e-5, 2e-5)]
     made = trial(nominal, 1, 80, more=more, columns=loads)
     columns = {name: values for name, values in made.columns.items() if name != "joint2.gamma"}
     columns["joint2.motor"] = 80.0 * made.columns["joint2.gamma"]
@@ -471,7 +471,7 @@ def test_what_is_fixed_stays() -> None:
     found = calibrate(arm(), trial(arm(), 3, 60).poses(), fixed=["frames.tcp", "joints.joint1.offset.x"], folds=0)
     assert not any(name.startswith("frames.") for name in found.names)
     assert "joints.joint1.offset.x" not in found.names
-    with pytest.raises(UnknownNameError, match=r"there is no quantity .joints\.joint9"):
+    with pytest.raises(UnknownNameError, match=r"there is no parameter .joints\.joint9"):
         calibrate(arm(), trial(arm(), 3, 60).poses(), fixed=["joints.joint9"], folds=0)
 
 
@@ -506,9 +506,9 @@ def four_bar(count: int = 25) -> tuple[ErrorModel, Rows, Array]:
     )
     closing = closing_of(tree, stations, [(1, 5)], "poses")
     readings = closed_readings(stations, closing, tree, rows.readings, [""] * count)
-    quantities = tuple(quantities_of(robot, stations, [0], {"tcp": True}))
-    model = ErrorModel(robot, stations, quantities, {0: np.eye(4)}, closing)
-    values = model.nominal + model.sizes * np.random.default_rng(2).normal(size=len(quantities))
+    parameters = tuple(model_parameters(robot, stations, [0], {"tcp": True}))
+    model = ErrorModel(robot, stations, parameters, {0: np.eye(4)}, closing)
+    values = model.nominal + model.sizes * np.random.default_rng(2).normal(size=len(parameters))
     return model, replace(rows, readings=readings), np.where(model.sizes > 0.05, 0.0, values)
 
 
@@ -522,7 +522,7 @@ def test_closed_mechanisms_are_where_kernels_close_them() -> None:
             q[0] += share * (angle - q[0])
             q = np.asarray(kernel.close(q, ["joint1.gamma"]))
         pose = kernel.frame_pose(q, "tcp")
-        np.testing.assert_allclose(state.found.p[model.chain.tools["tcp"], k], pose[:3, 3], atol=1e-9)
+        np.testing.assert_allclose(state.located.p[model.chain.tools["tcp"], k], pose[:3, 3], atol=1e-9)
 
 
 def test_sensitivities_through_loops_are_derivatives() -> None:
@@ -531,14 +531,14 @@ def test_sensitivities_through_loops_are_derivatives() -> None:
     S = model.at(values, rows).sensitivities(tool)[:, :3]
     for i in range(len(values)):
         step = 1e-6 * np.eye(len(values))[i]
-        ahead, behind = (model.at(values + x, rows).found.p[tool] for x in (step, -step))
+        ahead, behind = (model.at(values + x, rows).located.p[tool] for x in (step, -step))
         np.testing.assert_allclose(S[:, :, i], (ahead - behind) / 2e-6, atol=1e-6)
 
 
 @pytest.mark.soak
 def test_a_linkage_is_calibrated_by_its_drive_alone(tmp_path: Path) -> None:
     model, rows, values = four_bar()
-    p = model.at(values, rows).found.p[model.chain.tools["tcp"]]
+    p = model.at(values, rows).located.p[model.chain.tools["tcp"]]
     columns = {"joint1.gamma": rows.readings[:, 1, 5]} | {f"tcp.{axis}": x for axis, x in zip("xyz", p.T, strict=True)}
     poses = poses_from_columns(columns, build_model(model.robot).coordinates, ["tcp"])
     found = calibrate(model.robot, poses, folds=5)
@@ -721,7 +721,9 @@ def test_angles_are_written_in_the_unit_of_the_file(tmp_path: Path, unit: str) -
     values = {"joints.rail.axis.alpha": 0.02, "joints.rail.axis.beta": -0.01}
     values |= {f"frames.tcp.{kind}": 0.1 * i for i, kind in enumerate(COORDINATES)}
     stations = chain_of(robot, {"tcp": frame_of(robot)})
-    found = Found(robot, stations, {"tcp": "slide"}, values, dict.fromkeys(values, 1e-4), dict.fromkeys(values, "rad"))
+    found = FittedParameters(
+        robot, stations, {"tcp": "slide"}, values, dict.fromkeys(values, 1e-4), dict.fromkeys(values, "rad")
+    )
     path = write_toml(found, tmp_path / "new.toml")
     lines = [line.split("#")[0] for line in path.read_text().splitlines() if line.startswith("placement")]
     assert len(lines) == 2

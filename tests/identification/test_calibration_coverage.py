@@ -39,8 +39,8 @@ def with_truth(clean: Trial, made: Trial) -> Trial:
     state = made.model.at(made.truth, made.rows)
     tool = made.model.chain.tools["tcp"]
     columns = {name: made.columns[name] for name in build_model(made.robot).coordinates}
-    columns |= {f"tcp.{axis}": x for axis, x in zip("xyz", state.found.p[tool].T, strict=True)}
-    columns |= {f"tcp.r{axis}": x for axis, x in zip("xyz", vectors_of(state.found.R[tool]).T, strict=True)}
+    columns |= {f"tcp.{axis}": x for axis, x in zip("xyz", state.located.p[tool].T, strict=True)}
+    columns |= {f"tcp.r{axis}": x for axis, x in zip("xyz", vectors_of(state.located.R[tool]).T, strict=True)}
     return Trial(clean.robot, columns, made.model, made.rows, made.truth)
 
 
@@ -51,8 +51,8 @@ def elsewhere(found: CalibrationResult, made: Trial, seed: int) -> Array:
     tool = made.model.chain.tools["tcp"]
     q = np.stack([other.columns[name] for name in build_model(made.robot).coordinates], axis=1)
     poses, covariance = found.predict(q, "tcp", series=0)
-    turn = vectors_of(state.found.R[tool] @ poses[:, :3, :3].transpose(0, 2, 1))
-    off = np.hstack([state.found.p[tool] - poses[:, :3, 3], turn])
+    turn = vectors_of(state.located.R[tool] @ poses[:, :3, :3].transpose(0, 2, 1))
+    off = np.hstack([state.located.p[tool] - poses[:, :3, 3], turn])
     return np.abs(off) <= found.quantile * np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
 
 

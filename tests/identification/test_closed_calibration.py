@@ -13,8 +13,8 @@ import eomgen
 from eomgen.errors import ArrayError, InputError
 from eomgen.identification import CalibrationResult, calibrate, load_calibration, poses_from_columns
 from eomgen.identification.calibration.calibrated import placement_of
-from eomgen.identification.geometry.closing import closed_readings, closing_of, constants_of
-from eomgen.identification.geometry.error_model import ErrorModel, Rows, quantities_of, rows_of
+from eomgen.identification.geometry.error_model import ErrorModel, Rows, model_parameters, rows_of
+from eomgen.identification.geometry.loop_constraints import closed_readings, closing_of, constants_of
 from eomgen.identification.geometry.rotations import pose_from, vectors_of
 from eomgen.identification.geometry.solve import algebraic_rank
 from eomgen.identification.geometry.stations import Chain, Located, chain_of, located, matrix_of
@@ -47,8 +47,8 @@ def model_of(robot: Robot, drives: dict[str, Array]) -> tuple[ErrorModel, Rows]:
     rows = rows_of(stations, robot, poses_from_columns(drives | blank, tree.coordinates, ["tcp"]), places)
     closing = closing_of(tree, stations, [place[:2] for place in places.values()], "poses")
     readings = closed_readings(stations, closing, tree, rows.readings, [""] * count)
-    quantities = tuple(quantities_of(robot, stations, [0], {"tcp": True}))
-    return ErrorModel(robot, stations, quantities, {0: np.eye(4)}, closing), replace(rows, readings=readings)
+    parameters = tuple(model_parameters(robot, stations, [0], {"tcp": True}))
+    return ErrorModel(robot, stations, parameters, {0: np.eye(4)}, closing), replace(rows, readings=readings)
 
 
 def stations_at(model: ErrorModel, chain: Chain, readings: Array) -> tuple[Located, Array]:
@@ -229,7 +229,7 @@ def test_a_linkage_calibrates_itself_by_its_encoders() -> None:
     assert "mrad" in found.lines()[2]
     model, rows = model_of(robot, others)
     assert model.closing is not None
-    own = ErrorModel(robot, found.model.chain, found.model.quantities, found.model.bases, found.model.closing)
+    own = ErrorModel(robot, found.model.chain, found.model.parameters, found.model.bases, found.model.closing)
     readings = np.zeros((20, len(own.chain.stations), 6))
     at = {s.name: k for k, s in enumerate(own.chain.stations) if s.joint is not None}
     before = {s.name: k for k, s in enumerate(model.chain.stations) if s.joint is not None}

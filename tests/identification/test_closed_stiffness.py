@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 import eomgen
 from eomgen.errors import InputError
 from eomgen.identification import MeasuredPoses, calibrate, poses_from_columns
-from eomgen.identification.geometry.closing import closed_readings, closing_of
-from eomgen.identification.geometry.error_model import COMPLIANCE, OFFSET, ErrorModel, Quantity, Rows, rows_of
+from eomgen.identification.geometry.error_model import COMPLIANCE, OFFSET, ErrorModel, ErrorParameter, Rows, rows_of
+from eomgen.identification.geometry.loop_constraints import closed_readings, closing_of
 from eomgen.identification.geometry.stations import chain_of, matrix_of
 from eomgen.robot.model import build_model
 
@@ -30,18 +30,18 @@ def columns() -> dict[str, Array]:
     return {"joint1.gamma": drive} | load | {f"tcp.{axis}": np.zeros(COUNT) for axis in "xyz"}
 
 
-def linkage(given: dict[str, Array], quantities: tuple[Quantity, ...]) -> tuple[ErrorModel, Rows]:
+def linkage(given: dict[str, Array], parameters: tuple[ErrorParameter, ...]) -> tuple[ErrorModel, Rows]:
     robot = eomgen.load_robot("four_bar")
     tree = build_model(robot)
     chain = chain_of(robot, {"tcp": ("coupler", matrix_of(robot.frames[0].placement))})
     rows = rows_of(chain, robot, poses_from_columns(given, tree.coordinates, ["tcp"]), {"joint1.gamma": (1, 5, 1.0)})
     closing = closing_of(tree, chain, [(1, 5)], "poses")
     readings = closed_readings(chain, closing, tree, rows.readings, [""] * len(rows.series))
-    return ErrorModel(robot, chain, quantities, {0: np.eye(4)}, closing), replace(rows, readings=readings)
+    return ErrorModel(robot, chain, parameters, {0: np.eye(4)}, closing), replace(rows, readings=readings)
 
 
-def compliances() -> tuple[Quantity, ...]:
-    return tuple(Quantity(name, COMPLIANCE, *place, "force", c, c) for place, (name, c) in SOFT.items())
+def compliances() -> tuple[ErrorParameter, ...]:
+    return tuple(ErrorParameter(name, COMPLIANCE, *place, "force", c, c) for place, (name, c) in SOFT.items())
 
 
 def test_deflections_are_those_of_least_energy() -> None:
@@ -50,12 +50,12 @@ def test_deflections_are_those_of_least_energy() -> None:
     state = model.at(model.nominal, rows)
     found = state.factors * model.nominal
     assert np.abs(found).max(axis=0) == pytest.approx(np.array([3e-3, 2e-5]), rel=9.0)  # far above round-off
-    rigid = tuple(Quantity(f"offset {i}", OFFSET, *place, "one", 0.0, 1.0) for i, place in enumerate(SOFT))
-    other = replace(model, quantities=rigid)
+    rigid = tuple(ErrorParameter(f"offset {i}", OFFSET, *place, "one", 0.0, 1.0) for i, place in enumerate(SOFT))
+    other = replace(model, parameters=rigid)
     tool, base = model.chain.tools["tcp"], np.array(model.robot.gravity)
 
     def work(row: int, e: Array) -> float:
-        at = other.at(e, rows.part(np.array([row]))).found
+        at = other.at(e, rows.part(np.array([row]))).located
         total = sum(
             station.mass * float(base @ (at.p[k, 0] + at.R[k, 0] @ station.com))
             for k, station in enumerate(model.chain.stations)
@@ -70,7 +70,7 @@ def test_deflections_are_those_of_least_energy() -> None:
             step = h * np.eye(2)[i]
             force = (work(row, found[row] + step) - work(row, found[row] - step)) / (2.0 * h)
             assert found[row, i] == pytest.approx(model.nominal[i] * force, rel=1e-4, abs=1e-12)
-    np.testing.assert_allclose(other.at(found[7], rows.part(np.array([7]))).found.p[tool], state.found.p[tool, 7:8])
+    np.testing.assert_allclose(other.at(found[7], rows.part(np.array([7]))).located.p[tool], state.located.p[tool, 7:8])
 
 
 def test_sensitivities_of_compliances_are_derivatives() -> None:
@@ -80,7 +80,7 @@ def test_sensitivities_of_compliances_are_derivatives() -> None:
     S = model.at(x, rows).sensitivities(tool)[:, :3]
     for i, c in enumerate(x):
         step = 0.1 * c * np.eye(2)[i]
-        ahead, behind = (model.at(x + change, rows).found.p[tool] for change in (step, -step))
+        ahead, behind = (model.at(x + change, rows).located.p[tool] for change in (step, -step))
         slope = (ahead - behind) / (2.0 * step[i])
         np.testing.assert_allclose(S[:, :, i], slope, atol=2e-3 * np.abs(slope).max())
 
@@ -88,7 +88,7 @@ def test_sensitivities_of_compliances_are_derivatives() -> None:
 def measured() -> MeasuredPoses:
     """Positions of the soft linkage under its loads."""
     model, rows = linkage(columns(), compliances())
-    p = model.at(model.nominal, rows).found.p[model.chain.tools["tcp"]]
+    p = model.at(model.nominal, rows).located.p[model.chain.tools["tcp"]]
     given = columns() | {f"tcp.{axis}": x for axis, x in zip("xyz", p.T, strict=True)}
     return poses_from_columns(given, build_model(model.robot).coordinates, ["tcp"])
 

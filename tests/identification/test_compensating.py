@@ -157,7 +157,7 @@ def test_scenario_that_is_written_does_the_same(found: CompensationResult, arm: 
     turned = np.swapaxes(result.program_pose[:, :3, :3], 1, 2)
     off = (turned @ result.tool_deviation[..., np.newaxis])[..., 0]
     assert np.abs(off - found.after[:, :3]).max() < 5e-8  # where the profile sets in, its spline is off by as much
-    assert "a corrected program" in " ".join(result.notes)
+    assert "a compensated path" in " ".join(result.notes)
     assert np.abs(result.program_q[::2] - found.program).max() < 1e-12
 
     motion = read_motion(tmp_path / "better.csv", arm_coordinates(arm))

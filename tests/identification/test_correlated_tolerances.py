@@ -39,7 +39,7 @@ def pair(coefficient: float, first: str = "frames.tcp.x", second: str = "base.x"
 
 
 def random_table(rng: np.random.Generator) -> tuple[dict[str, Any], list[str], Array]:
-    """A table with normal quantities, correlated at random in a random order, and bounded ones; names and matrix."""
+    """A table with normal parameters, correlated at random in a random order, and bounded ones; names and matrix."""
     names = [f"joints.joint{j}.offset.{c}" for j in (1, 2, 3) for c in ("x", "y", "z", "alpha", "beta", "gamma")]
     chosen = rng.permutation([*names, "frames.tcp.x", "frames.tcp.beta", "base.y"])[:10].tolist()
     root = rng.normal(size=(6, 4))  # of rank 4: the edge of what can be
@@ -53,7 +53,7 @@ def random_table(rng: np.random.Generator) -> tuple[dict[str, Any], list[str], A
 
 
 def covariance_of(found: ToleranceResult, names: list[str], matrix: Array) -> Array:
-    """C of the quantities, (K, K), by the formula: r_ij s_i s_j."""
+    """C of the parameters, (K, K), by the formula: r_ij s_i s_j."""
     whole = np.diag(found.deviations**2)
     for i, first in enumerate(names):
         for j, second in enumerate(names):
@@ -191,12 +191,15 @@ QUANTITIES = "base.x.deviation = 1e-4\nbase.y.deviation = 1e-4\nbase.z.deviation
         ("coefficient = 0.1", r"correlations\[0\]\.names: .*; allowed: an array of up to 400 names"),
         ("names = 'base.x'\ncoefficient = 0.1", r"names: 'base.x'; allowed: an array"),
         ("names = ['base.x', 3]\ncoefficient = 0.1", r"names: \['base\.x', 3\]; allowed: an array"),
-        ("names = ['base.x']\ncoefficient = 0.1", "'base.x' is alone; allowed: at least two quantities"),
+        ("names = ['base.x']\ncoefficient = 0.1", "'base.x' is alone; allowed: at least two parameters"),
         ("names = ['base.x', 'base.*']\ncoefficient = 0.1", "'base.x' is there twice; allowed: once"),
         ("names = ['base.x', 'base.w']\ncoefficient = 0.1", "the table has no 'base.w'; did you mean 'base"),
         ("names = ['base.x', 'base.alpha']\ncoefficient = 0.1", "the table has no 'base.alpha'"),
         ("names = ['base.x', '*.x']\ncoefficient = 0.1", "'base.x' is there twice"),
-        ("names = ['base.x', 'frames.*.x']\ncoefficient = 0.1", "'frames.tcp.x' is even within a bound; allowed: quan"),
+        (
+            "names = ['base.x', 'frames.*.x']\ncoefficient = 0.1",
+            "'frames.tcp.x' is uniformly distributed within a bound; allowed: quan",
+        ),
         (
             "names = ['base.*']\ncoefficient = 1.1",
             r"t\.toml:7:\d+: .*coefficient: 1\.1; allowed: a number from",

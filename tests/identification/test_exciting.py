@@ -22,7 +22,7 @@ from eomgen.identification.exciting.constraints import held_by
 from eomgen.identification.exciting.fourier import FourierSeries, at_rest
 from eomgen.identification.exciting.searching import Search, objective
 from eomgen.identification.exciting.solve import KERNELS, moving_robot
-from eomgen.identification.exciting.telling import CRITERIA, Telling
+from eomgen.identification.exciting.weighted_columns import CRITERIA, WeightedColumns
 from eomgen.identification.identifiable import TERMS, combinations
 from eomgen.identification.relations import tree_relations
 from eomgen.motion.files import motion_from_columns, read_motion
@@ -118,12 +118,12 @@ def test_gradients_are_exact(kind: str, size: float, kernel: eomgen.Kernel) -> N
     base = combinations(kernel, TERMS, everywhere, everywhere, tree_relations(arm()))
     rng = np.random.default_rng(2)
     sizes = rng.uniform(0.1, 1.0, len(base))
-    telling = Telling(kernel, base, np.arange(3), np.array([0.2, 0.3, 0.4]), sizes, np.full(3, 0.1))
+    weighted = WeightedColumns(kernel, base, np.arange(3), np.array([0.2, 0.3, 0.4]), sizes, np.full(3, 0.1))
     narrowed = [rng.uniform(0.0, 0.01, len(held.names)) for held in search.held]
     x = size * rng.uniform(-0.3, 0.3, (3, 5))
 
     def value(x: Array) -> tuple[float, Array]:
-        return objective(search, telling, kind, 1e-3, narrowed, x)
+        return objective(search, weighted, kind, 1e-3, narrowed, x)
 
     gradient, h = value(x)[1], 3e-6
     for i, j in np.ndindex(x.shape):
@@ -280,7 +280,7 @@ def test_deviations_stay_at_zero_and_what_is_assumed_is_said(kernel: eomgen.Kern
         ({"ranges": [(-1.0, 1.0)]}, r"ranges: .*; allowed: a table by names"),
         ({"rates": 0.0}, r"rates: 0; allowed: a number above 0"),
         ({"rates": {"joint1": -1.0}}, r"rates: joint1: -1"),
-        ({"drives": {"joint3": 0.9}}, r"drives: joint3.gamma: 0.9 N m; allowed: more than its dry friction, 1 N m"),
+        ({"drives": {"joint3": 0.9}}, r"drives: joint3.gamma: 0.9 N m; allowed: more than its Coulomb friction, 1 N m"),
         ({"noise": 0.0}, r"noise: 0; allowed: a number above 0"),
         ({"noise": {"joint1": 0.1, "joint2": 0}}, r"noise: joint2: 0"),
         ({"boxes": {"hand": [[0, 0, 0], [1, 1, 1]]}}, r"hand box: there is no frame or link 'hand'"),

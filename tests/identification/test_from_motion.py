@@ -18,7 +18,7 @@ import eomgen
 from eomgen.cli import entry as cli
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import InputError
-from eomgen.identification.closing import closed_motion
+from eomgen.identification.closed_motions import closed_motion
 from eomgen.identification.from_motion import forces
 from eomgen.identification.stiffness.result import FitResult
 from eomgen.identification.stiffness.solve import fit
@@ -265,7 +265,7 @@ def test_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert np.abs(drive - u[:2000, 5])[20:-20].max() < 0.02 * np.abs(drive).max()
     assert facts["coordinates"]["elbow.gamma"]["drive"]["value"] == drive[np.abs(drive).argmax()]
     assert cli.main(["forces", str(robot), str(motion), "-o", str(tmp_path / "f.npz")]) == 0
-    assert "support reaction" in capsys.readouterr().out
+    assert "joint reaction" in capsys.readouterr().out
     with np.load(tmp_path / "f.npz") as data:
         assert np.array_equal(data["elbow.gamma.drive"], drive)
     kept = eomgen.load_result(tmp_path / "f.npz")

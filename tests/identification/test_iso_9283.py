@@ -370,11 +370,11 @@ def test_files_that_are_none(tmp_path: Path) -> None:
         with pytest.raises(InputError, match=message):
             accuracy(tmp_path / name)
     good = write(tmp_path / "good.csv", GOOD)
-    with pytest.raises(InputError, match="is given twice"):
+    with pytest.raises(InputError, match="stands twice"):
         accuracy(good, tmp_path / "folder" / ".." / "good.csv")
-    with pytest.raises(InputError, match="nothing is given; allowed: results, or a robot, a scenario and a plan"):
+    with pytest.raises(InputError, match="no results; allowed: results, or a robot, a scenario and a plan"):
         accuracy()
-    with pytest.raises(InputError, match="results are given, and a robot"):
+    with pytest.raises(InputError, match="results, and a robot"):
         accuracy(good, robot="one_link")
     bare = write(tmp_path / "bare.csv", {name: GOOD[name] for name in ("pose", "tool.x", "tool.y", "tool.z")})
     commands = write(tmp_path / "commands.csv", {"pose": [2], **at(np.zeros((1, 3)))})
@@ -472,7 +472,7 @@ def test_results_that_are_no_cycles_of_one_program(simulated: SimulationResult, 
         accuracy(simulated, frame="hand")
     with pytest.raises(InputError, match=r"good.csv is measured, and results.0. simulated; allowed: all of one kind"):
         accuracy(simulated, write(tmp_path / "good.csv", GOOD))
-    with pytest.raises(InputError, match="command: simulations have commands of their own"):
+    with pytest.raises(InputError, match="command: simulations know their commands"):
         accuracy(simulated, command=tmp_path / "good.csv")
 
 

@@ -112,7 +112,7 @@ def test_positions_do_not_tell_mirrors_apart() -> None:
     made = blind()
     columns = {name: values for name, values in made.columns.items() if not name.startswith("tcp.r")}
     columns["tcp.x"] = -columns["tcp.x"]
-    with pytest.raises(InputError, match="these poses do not tell it from") as caught:
+    with pytest.raises(InputError, match="these poses do not distinguish it from") as caught:
         calibrate(made.robot, poses_of(made, columns), folds=0)
     assert "x mirrored" in str(caught.value)
     assert "millimetres" not in str(caught.value)

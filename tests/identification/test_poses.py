@@ -20,7 +20,7 @@ from eomgen.identification import calibrate, poses, poses_from_columns, read_pos
 from eomgen.identification.choosing.continuous import bound_of
 from eomgen.identification.choosing.exchange import chosen_by
 from eomgen.identification.choosing.information import Information, added, criterion_of, inverse, removed
-from eomgen.identification.geometry.error_model import ErrorModel, Rows, quantities_of
+from eomgen.identification.geometry.error_model import ErrorModel, Rows, model_parameters
 from eomgen.identification.geometry.rotations import vectors_of
 from eomgen.identification.geometry.stations import chain_of, located, matrix_of
 from eomgen.robot.model import build_model
@@ -51,7 +51,7 @@ def six() -> Robot:
 def sensitivities(robot: Robot, q: Array, parts: int) -> Array:
     """Rows of the tool's ``parts`` first components at principal coordinates, in units of noise and expected sizes."""
     stations = chain_of(robot, {"tcp": (robot.frames[0].link, matrix_of(robot.frames[0].placement))})
-    model = ErrorModel(robot, stations, tuple(quantities_of(robot, stations, [0], {"tcp": True})), {0: np.eye(4)})
+    model = ErrorModel(robot, stations, tuple(model_parameters(robot, stations, [0], {"tcp": True})), {0: np.eye(4)})
     readings = np.zeros((len(q), len(stations.stations), 6))
     moving = [(k, s.principal) for k, s in enumerate(stations.stations) if s.principal is not None]
     for i, (k, c) in enumerate(moving):
@@ -309,7 +309,7 @@ def test_noise_of_a_first_fit(tmp_path: Path) -> None:
         ({"axis": "w"}, InputError, "axis: 'w'; allowed: x, y, z"),
         ({"noise": (0.0, 1.0)}, ArrayError, "noise: "),
         ({"sizes": (1.0,)}, ArrayError, "sizes: "),
-        ({"fixed": ["joints.joint9"]}, UnknownNameError, "there is no quantity 'joints.joint9'"),
+        ({"fixed": ["joints.joint9"]}, UnknownNameError, "there is no parameter 'joints.joint9'"),
     ],
 )
 def test_mistakes_have_names(

@@ -14,7 +14,7 @@ from eomgen.errors import InputError
 from eomgen.identification import CalibrationResult, calibrate, load_calibration, poses_from_columns
 from eomgen.identification.calibration import diagnosing
 from eomgen.identification.calibration.serial import correlated, serial_of
-from eomgen.identification.geometry.error_model import DRIVE, Quantity
+from eomgen.identification.geometry.error_model import DRIVE, ErrorParameter
 from eomgen.identification.geometry.observations import observations_of
 from eomgen.identification.geometry.rotations import vectors_of
 from eomgen.motion.turns import rotation_of
@@ -49,7 +49,7 @@ def going_on(seed: int, rho: float) -> Trial:
     robot, count = chain(rng, KINDS[seed % len(KINDS)]), int(rng.integers(25, 60))
     made = trial(robot, seed, count, noise=(0.0, 0.0))
     tool = made.model.chain.tools["tcp"]
-    at = made.model.at(made.truth, made.rows).found
+    at = made.model.at(made.truth, made.rows).located
     p = at.p[tool] + NOISE[0] * first_order(rng, rho, (count, 3))
     R = rotation_of(NOISE[1] * first_order(rng, rho, (count, 3))) @ at.R[tool]
     columns = made.columns | {f"tcp.{axis}": x for axis, x in zip("xyz", p.T, strict=True)}
@@ -204,7 +204,7 @@ def test_a_drift_over_time_is_said_with_its_size() -> None:
 )
 def test_a_pattern_along_a_joint_is_named(key: str, factor: str) -> None:
     """Blind arms with one error of a drive, by default; --drives fits what was named."""
-    more = [Quantity(f"joints.joint2.{key}", DRIVE, 2, 5, factor, 0.0, 5e-4)]
+    more = [ErrorParameter(f"joints.joint2.{key}", DRIVE, 2, 5, factor, 0.0, 5e-4)]
     made = trial(chain(6, "RRRRR"), 6, 60, more=more)
     found = found_of(made, made.columns)
     name = f"joints.joint2.{key.partition('.')[0]}"

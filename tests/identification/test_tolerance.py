@@ -104,7 +104,7 @@ def imhof(variances: Array, x: float) -> float:
 
 
 def in_plane(bound: float, deviation: float, r: float) -> float:
-    """Probability that an even number within a bound and a normal one stay below r together, by quadrature."""
+    """Probability that a uniform number within a bound and a normal one stay below r together, by quadrature."""
     from scipy.integrate import quad
     from scipy.special import ndtr
 
@@ -116,7 +116,7 @@ def in_plane(bound: float, deviation: float, r: float) -> float:
 
 @pytest.mark.parametrize("probability", [0.3, 0.683, 0.95, 0.999])
 def test_mixed_quantiles(probability: float) -> None:
-    """Against closed forms, quadrature, and sums of many even numbers, which are normal."""
+    """Against closed forms, quadrature, and sums of many uniform numbers, which are normal."""
     found = mixed_quantiles(np.array([0.0, 2.0, 0.0]), np.array([[3.0, 0.0], [0.0, 0.0], [1.0, 1.0]]), probability)
     assert found[0] == pytest.approx(3.0 * probability, rel=1e-9)
     assert found[1] == pytest.approx(2.0 * quantile_of_normal(probability), rel=1e-9)
@@ -202,7 +202,7 @@ def test_a_bound_is_an_even_distribution() -> None:
     assert found.deviations.tolist() == pytest.approx([3e-4 / np.sqrt(3.0), 1e-4])
     assert found.bounds.tolist() == pytest.approx([3e-4, 3e-4])
     assert drawn.std() > 0.0
-    assert any("even within its bound" in note for note in found.notes)
+    assert any("uniform within its bound" in note for note in found.notes)
     assert np.abs(found.sample(10_000).std(axis=0)[:3]).max() == pytest.approx(3e-4 / np.sqrt(3.0), rel=0.03)
 
 
@@ -318,7 +318,7 @@ def test_poses_are_given_by_name_at_random_or_along_a_motion(tmp_path: Path) -> 
         ({"poses": {"joint2.z": "a"}}, InputError, r"joint2\.z: 'a'; allowed: a finite number"),
         ({"random": -1}, InputError, "random: -1; allowed: a whole number"),
         ({"random": 2, "seed": -1}, InputError, "seed: -1; allowed"),
-        ({"random": 2, "poses": [0.0] * 3}, InputError, "more than one is given"),
+        ({"random": 2, "poses": [0.0] * 3}, InputError, "more than one of them"),
         ({"wrench": [1.0]}, ArrayError, r"wrench: .*allowed: 6 finite"),
         ({"confidence": 1.0}, InputError, "confidence: 1.0; allowed"),
         ({"frame": "tip"}, UnknownNameError, "frame: 'tip' is unknown; known: .*tcp"),
@@ -340,8 +340,14 @@ def test_random_poses_need_limits_of_joints_that_slide() -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("joints.joint2.offset.w.bound = 1.0", r"t\.toml:1:22: joints\.joint2\.offset\.w: .*no such quantity; did you"),
-        ("[joints.joint2.offset]\nz = 3", r"t\.toml:1:\d+: joints\.joint2\.offset: there is no such quantity; did you"),
+        (
+            "joints.joint2.offset.w.bound = 1.0",
+            r"t\.toml:1:22: joints\.joint2\.offset\.w: .*no such parameter; did you",
+        ),
+        (
+            "[joints.joint2.offset]\nz = 3",
+            r"t\.toml:1:\d+: joints\.joint2\.offset: there is no such parameter; did you",
+        ),
         ("base.x = { deviation = -1.0 }", r"t\.toml:1:\d+: base\.x\.deviation: -1\.0; allowed"),
         ("base.x = { bound = nan }", r"base\.x\.bound: nan; allowed: a finite"),
         ("base.x = { bound = 1e-3, deviation = 1e-3 }", r"base\.x: has deviation and bound; allowed: one of"),
@@ -351,7 +357,7 @@ def test_random_poses_need_limits_of_joints_that_slide() -> None:
         ("base.x = { bnd = 1.0 }", r"base\.x\.bnd: is unknown; did you mean 'bound'"),
         ("base.x = { bound = 1.0, relative = true }", r"base\.x: is relative, but nothing is described"),
         ("'base.x'.bound = 1.0\n[base]\nx.bound = 1.0", r"base\.x: is there twice"),
-        ("", "no quantity is named; allowed: 'base"),
+        ("", "no parameter is named; allowed: 'base"),
         ("joints = [", "not valid TOML"),
     ],
 )
@@ -430,7 +436,7 @@ def test_the_result_is_plain_and_shows_itself() -> None:
     found = example("rigid")
     assert json.loads(json.dumps(found.as_dict()))["names"] == list(found.names)
     text = "\n".join(found.lines())
-    assert "95 % within" in text
+    assert "95 % coverage" in text
     assert "joints.joint3.offset.gamma" in text
     assert repr(found).startswith("ToleranceResult(robot=")
     assert len(found.as_rows().columns) == 4
@@ -453,7 +459,7 @@ def test_results_are_saved_and_load_again(kind: str, tmp_path: Path) -> None:
         ({"kind": "fit"}, "is no result of the kind tolerance"),
         ({"t": [0.0]}, "is no accuracy by tolerances" if len(found.q) > 1 else ""),
         ({"description": 3}, ""),
-        ({"table": {"joints.none.offset.x": {"bound": 1.0}}}, "no such quantity"),
+        ({"table": {"joints.none.offset.x": {"bound": 1.0}}}, "no such parameter"),
     ):
         if message:
             (tmp_path / "wrong.json").write_text(json.dumps({**data, **change}))
@@ -477,6 +483,6 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert found["radius"]["position"] == direct.radius["position"].tolist()
     assert found["allocation"]["radius"] == direct.allocate(3e-4).radius
     assert cli.main(words) == 0
-    assert "95 % within 0.3 mm instead of" in capsys.readouterr().out
+    assert "95 % coverage radius 0.3 mm instead of" in capsys.readouterr().out
     assert cli.main(["tolerance", "ur5", str(tmp_path / "none.toml")]) == 1
     assert "there is no such file" in capsys.readouterr().err

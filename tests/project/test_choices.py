@@ -11,7 +11,7 @@ from eomgen.analysis.ports import KINDS
 from eomgen.identification.calibration.variants import VARIANTS
 from eomgen.identification.choosing.information import CRITERIA as POSE_CRITERIA
 from eomgen.identification.choosing.proposals import MEASURES
-from eomgen.identification.exciting.telling import CRITERIA as EXCITATION_CRITERIA
+from eomgen.identification.exciting.weighted_columns import CRITERIA as EXCITATION_CRITERIA
 from eomgen.identification.geometry.solve import LOSSES
 from eomgen.integration.methods import EXPLICIT_IN_PYTHON, IN_C, METHODS, SCIPY_IMPLICIT, SUNDIALS
 from eomgen.runtime.kinematics import REFERENCES

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from eomgen.identification.geometry.error_model import ErrorModel, Quantity, Rows, quantities_of, rows_of
+from eomgen.identification.geometry.error_model import ErrorModel, ErrorParameter, Rows, model_parameters, rows_of
 from eomgen.identification.geometry.poses import MeasuredPoses, poses_from_columns
 from eomgen.identification.geometry.rotations import pose_from, vectors_of
 from eomgen.identification.geometry.stations import chain_of, matrix_of
@@ -64,12 +64,12 @@ def trial(
     noise: tuple[float, float] = (5e-5, 1e-4),
     size: float = 1.0,
     frames: Mapping[str, tuple[str, Array]] | None = None,
-    more: Sequence[Quantity] = (),
+    more: Sequence[ErrorParameter] = (),
     columns: Mapping[str, Array] | None = None,
 ) -> Trial:
     """Poses of a robot whose offsets are off by random numbers of the sizes that are expected, times ``size``.
 
-    frames: link and pose of measured ones, by default the description's first.  more: further quantities, true at
+    frames: link and pose of measured ones, by default the description's first.  more: further parameters, true at
     their size.  columns: further ones of the file, such as loads.
     """
     rng = np.random.default_rng(seed)
@@ -86,20 +86,20 @@ def trial(
     known = {name: (place[name.rpartition(".")[0]], 5 if name.endswith("gamma") else 2, 1.0) for name in q}
     rows = rows_of(stations, robot, poses_from_columns(given, build_model(robot).coordinates, list(measured)), known)
     described = {*(frame.name for frame in robot.frames), *(link.name for link in robot.links)}
-    quantities = (*quantities_of(robot, stations, [0], {name: name in described for name in measured}), *more)
-    model = ErrorModel(robot, stations, quantities, {0: pose_from(BASE)})
-    truth = model.nominal + size * model.sizes * rng.normal(size=len(quantities))
+    parameters = (*model_parameters(robot, stations, [0], {name: name in described for name in measured}), *more)
+    model = ErrorModel(robot, stations, parameters, {0: pose_from(BASE)})
+    truth = model.nominal + size * model.sizes * rng.normal(size=len(parameters))
     truth[:6] = 0.0
-    for i, quantity in enumerate(quantities):
-        if quantity in more:
-            truth[i] = quantity.nominal + quantity.size
-        elif quantity.size > 0.2:  # of frames that are attached
+    for i, parameter in enumerate(parameters):
+        if parameter in more:
+            truth[i] = parameter.nominal + parameter.size
+        elif parameter.size > 0.2:  # of frames that are attached
             truth[i] = model.nominal[i]
     state = model.at(truth, rows)
     found = {**q, **(columns or {})}
     for frame, station in stations.tools.items():
-        p = state.found.p[station] + noise[0] * rng.normal(size=(count, 3))
-        R = rotation_of(noise[1] * rng.normal(size=(count, 3))) @ state.found.R[station]
+        p = state.located.p[station] + noise[0] * rng.normal(size=(count, 3))
+        R = rotation_of(noise[1] * rng.normal(size=(count, 3))) @ state.located.R[station]
         found |= {f"{frame}.{axis}": values for axis, values in zip("xyz", p.T, strict=True)}
         found |= {f"{frame}.r{axis}": values for axis, values in zip("xyz", vectors_of(R).T, strict=True)}
     return Trial(robot, found, model, rows, truth)

@@ -5,7 +5,7 @@ A body has mass everywhere or nowhere: its pseudo-inertia H is positive definite
 
     1/2 (B theta - beta)^T W (B theta - beta) + sum_k (tr(H0^-1 H) - log det H) / s^2,
 
-the measured values beta weighted by what they are sure of, and the divergence of every link from the drawing's H0,
+the measured values beta weighted by their inverse variances, and the divergence of every link from the drawing's H0,
 which is about half of its relative change squared, and infinite where H is no body's.  Armatures and friction are
 positive, too, and count as bodies of one number; where they stand alone among base parameters, it is the measured
 number that they are near to.  It is convex: Newton's method.
@@ -28,33 +28,33 @@ from .identifiable import BaseParameters
 INERTIAL = ("m", "mx", "my", "mz", "ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 THINNEST = 1e-4  # of the greatest number of its kind: what the drawing has at least of each
 WEAK = 1e-6  # of offsets: no drawing has them
-SURE = 1e-5  # of a base value: it counts as no surer than that
+SURE = 1e-5  # of a base value: the least standard deviation that counts
 STEPS, ENOUGH = 200, 1e-10  # of Newton's method: most of them, and the decrement that ends it
 
 
 def _units() -> Array:
-    """Derivatives of H by the ten numbers, (10, 4, 4); J = 1/2 tr(I) 1 - I."""
-    found = np.zeros((10, 4, 4))
-    found[0, 3, 3] = 1.0
+    """Return derivatives of H by the ten numbers, (10, 4, 4); J = 1/2 tr(I) 1 - I."""
+    units = np.zeros((10, 4, 4))
+    units[0, 3, 3] = 1.0
     for i in range(3):
-        found[1 + i, i, 3] = found[1 + i, 3, i] = 1.0
+        units[1 + i, i, 3] = units[1 + i, 3, i] = 1.0
     for place, (i, j) in enumerate(((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)), 4):
         inertia = np.zeros((3, 3))
         inertia[i, j] = inertia[j, i] = 1.0
-        found[place, :3, :3] = 0.5 * np.trace(inertia) * np.eye(3) - inertia
-    return found
+        units[place, :3, :3] = 0.5 * np.trace(inertia) * np.eye(3) - inertia
+    return units
 
 
 UNITS = _units()
 
 
 def pseudo_inertias(links: Array) -> Array:
-    """H, (k, 4, 4), of ten numbers per link, (k, 10)."""
+    """Return H, (k, 4, 4), of ten numbers per link, (k, 10)."""
     return np.asarray(np.einsum("ki,iab->kab", links, UNITS))
 
 
 def numbers_of(H: Array) -> Array:
-    """Ten numbers per link, (k, 10), of H, (k, 4, 4)."""
+    """Return ten numbers per link, (k, 10), of H, (k, 4, 4)."""
     J = H[:, :3, :3]
     inertia = np.trace(J, axis1=1, axis2=2)[:, None, None] * np.eye(3) - J
     upper = np.triu_indices(3)
@@ -69,7 +69,7 @@ class Bodies:
     """
 
     def __init__(self, names: tuple[str, ...], drawn: Array, size: float) -> None:
-        """The divergence from a drawing.
+        """Prepare the divergence from a drawing.
 
         Args:
             names: of the parameters.
@@ -89,11 +89,11 @@ class Bodies:
         self.drawn[self.links] = numbers_of(np.einsum("kai,ki,kbi->kab", axes, values, axes))
         self.inverse: Array = np.einsum("kai,ki,kbi->kab", axes, 1.0 / values, axes)
         for kind in {kinds[i] for i in self.single}:
-            own = [i for i in self.single if kinds[i] == kind]
-            self.drawn[own] = np.maximum(self.drawn[own], max(0.1 * float(self.drawn[own].max()), THINNEST))
+            of_kind = [i for i in self.single if kinds[i] == kind]
+            self.drawn[of_kind] = np.maximum(self.drawn[of_kind], max(0.1 * float(self.drawn[of_kind].max()), THINNEST))
 
     def value(self, theta: Array) -> float:
-        """The divergence, infinite where parameters are no body's."""
+        """Return the divergence, infinite where parameters are no body's."""
         H, ratio = pseudo_inertias(theta[self.links]), theta[self.single] / self.drawn[self.single]
         if (ratio <= 0.0).any() or (np.linalg.eigvalsh(H) <= 0.0).any():
             return np.inf
@@ -101,12 +101,12 @@ class Bodies:
         return float(of_links + (ratio - np.log(ratio)).sum() + 0.5 * WEAK * (theta[self.free] ** 2).sum())
 
     def slopes(self, theta: Array) -> tuple[Array, Array]:
-        """Gradient, (p,), and Hessian, (p, p)."""
+        """Return gradient, (p,), and Hessian, (p, p)."""
         slope, curvature = np.zeros(len(theta)), np.zeros((len(theta), len(theta)))
         for places, inverse in zip(self.links, self.inverse, strict=True):
-            own = np.linalg.inv(pseudo_inertias(theta[places][None])[0])
-            turned = np.einsum("ab,ibc->iac", own, UNITS)
-            slope[places] = np.einsum("ab,iba->i", inverse - own, UNITS)
+            current = np.linalg.inv(pseudo_inertias(theta[places][None])[0])
+            turned = np.einsum("ab,ibc->iac", current, UNITS)
+            slope[places] = np.einsum("ab,iba->i", inverse - current, UNITS)
             curvature[np.ix_(places, places)] = np.einsum("iab,jba->ij", turned, turned)
         slope[self.single] = 1.0 / self.drawn[self.single] - 1.0 / theta[self.single]
         curvature[self.single, self.single] = 1.0 / theta[self.single] ** 2
@@ -120,7 +120,7 @@ def doubt(values: Array) -> Array:
 
 
 def nearest_bodies(base: BaseParameters, values: Array, covariance: Array, drawn: Array, spread: float) -> Array:
-    """Parameters of bodies, (p,), that fit base values and are near to the drawing's.
+    """Return parameters of bodies, (p,), that fit base values and are near to the drawing's.
 
     Args:
         base: the combinations.
@@ -161,9 +161,9 @@ def nearest_bodies(base: BaseParameters, values: Array, covariance: Array, drawn
 
 
 def with_parameters(robot: Robot, theta: Mapping[str, float]) -> Robot:
-    """The robot with parameters of links, rotors and friction in the place of its own, by their names.
+    """Return the robot with parameters of links, rotors and friction in the place of its values, by their names.
 
-    A link that others are fixed to gets all that moves with it, and these have no mass of their own then.
+    A link that others are fixed to gets all that moves with it, and these have no mass then.
     """
     model = build_model(robot)
     links: dict[str, Link] = {}
@@ -176,62 +176,62 @@ def with_parameters(robot: Robot, theta: Mapping[str, float]) -> Robot:
 
 
 def _link(name: str, numbers: Array) -> Link:
-    """A link with its centre of mass, and the inertia about that."""
+    """Return a link with its centre of mass, and the inertia about that."""
     mass, first = float(numbers[0]), numbers[1:4]
     com = first / mass
     xx, xy, xz, yy, yz, zz = numbers[4:]
     x, y, z = com
-    own = (xx - mass * (y * y + z * z), yy - mass * (x * x + z * z), zz - mass * (x * x + y * y))
+    moments = (xx - mass * (y * y + z * z), yy - mass * (x * x + z * z), zz - mass * (x * x + y * y))
     across = (xy + mass * x * y, xz + mass * x * z, yz + mass * y * z)
-    a, b, c, d, e, f = (float(value) for value in (*own, *across))
+    a, b, c, d, e, f = (float(value) for value in (*moments, *across))
     return Link(name, mass, (float(x), float(y), float(z)), (a, b, c, d, e, f))
 
 
 def _joint(joint: Joint, theta: Mapping[str, float]) -> Joint:
-    """A joint with the numbers of its coordinates and its motor."""
-    given: dict[str, dict[str, Any]] = {}
+    """Return a joint with the numbers of its coordinates and its motor."""
+    by_kind: dict[str, dict[str, Any]] = {}
     for name, value in theta.items():
         coordinate, key = split_component(name)
         if joint_of(coordinate) == joint.name:
-            given.setdefault(kind_of(coordinate), {})[key] = value
+            by_kind.setdefault(kind_of(coordinate), {})[key] = value
     motor = joint.motor
-    if motor is not None and MOTOR in given:
-        motor = _motor(motor, given.pop(MOTOR))
-    moved = {kind: _coordinate(joint.coordinates[kind], own) for kind, own in given.items()}
+    if motor is not None and MOTOR in by_kind:
+        motor = _motor(motor, by_kind.pop(MOTOR))
+    moved = {kind: _coordinate(joint.coordinates[kind], values) for kind, values in by_kind.items()}
     return replace(joint, coordinates={**joint.coordinates, **moved}, motor=motor)
 
 
-def _motor(motor: Motor, own: Mapping[str, float]) -> Motor:
-    """A motor with its rotor's inertia and friction, and its transmission's stiffness and damping."""
+def _motor(motor: Motor, values: Mapping[str, float]) -> Motor:
+    """Return a motor with its rotor's inertia and friction, and its transmission's stiffness and damping."""
     friction, spring = motor.friction, motor.transmission
-    if "dry" in own or "viscous" in own:
+    if "dry" in values or "viscous" in values:
         old = friction or Friction()
-        friction = _friction(old, own, own.get("viscous", old.viscous))
-    found: dict[str, Any] = {key: own[key] for key in ("stiffness", "damping") if key in own}
-    inertia = own.get("inertia", motor.inertia)
-    return replace(motor, inertia=inertia, friction=friction, transmission=replace(spring, **found))
+        friction = _friction(old, values, values.get("viscous", old.viscous))
+    spring_law: dict[str, Any] = {key: values[key] for key in ("stiffness", "damping") if key in values}
+    inertia = values.get("inertia", motor.inertia)
+    return replace(motor, inertia=inertia, friction=friction, transmission=replace(spring, **spring_law))
 
 
-def _friction(old: Friction, own: Mapping[str, float], viscous: float | None) -> Friction:
-    """Dry friction that was found, in the place of an old one; with Stribeck's where that was found, too."""
-    coulomb = own.get("dry", old.coulomb)
-    if "breakaway" not in own:
+def _friction(old: Friction, values: Mapping[str, float], viscous: float | None) -> Friction:
+    """Return identified Coulomb friction in the place of an old one, with Stribeck's where that was identified."""
+    coulomb = values.get("dry", old.coulomb)
+    if "breakaway" not in values:
         return Friction(coulomb=coulomb, viscous=viscous, smoothing=old.smoothing)
-    static, shape = coulomb + own["breakaway"], "gaussian" if "gaussian" in own else None
-    rate = own["gaussian"] if shape else own["stribeck"]
+    static, shape = coulomb + values["breakaway"], "gaussian" if "gaussian" in values else None
+    rate = values["gaussian"] if shape else values["stribeck"]
     return Friction(coulomb=coulomb, static=static, stribeck=rate, viscous=viscous, shape=shape)
 
 
-def _coordinate(given: Coordinate, own: Mapping[str, float]) -> Coordinate:
-    """A coordinate with its armature, damping, dry friction and preload."""
+def _coordinate(coordinate: Coordinate, values: Mapping[str, float]) -> Coordinate:
+    """Return a coordinate with its armature, damping, Coulomb friction and preload."""
     more: dict[str, Any] = {}
     for key, name in (("armature", "armature"), ("viscous", "damping"), ("offset", "preload")):
-        if key in own:
-            more[name] = own[key]
-    old = given.friction or Friction()
-    viscous = None if "viscous" in own else old.viscous
-    if "dry" in own:
-        more["friction"] = _friction(old, own, viscous)
-    elif given.friction:
-        more["friction"] = replace(given.friction, viscous=viscous)
-    return replace(given, **more)
+        if key in values:
+            more[name] = values[key]
+    old = coordinate.friction or Friction()
+    viscous = None if "viscous" in values else old.viscous
+    if "dry" in values:
+        more["friction"] = _friction(old, values, viscous)
+    elif coordinate.friction:
+        more["friction"] = replace(coordinate.friction, viscous=viscous)
+    return replace(coordinate, **more)

@@ -16,17 +16,17 @@ EVEN = 1e-3  # of a step: by so much a sample's time may be off
 
 
 def least_samples(half: int) -> int:
-    """Samples that a filter of that half width needs."""
+    """Return samples that a filter of that half width needs."""
     return 2 * half + BLOCKS[0] * BLOCK_WIDTHS * half
 
 
 def block_count(samples: int, half: int) -> int:
-    """Blocks of time that so many samples behind a filter of that half width are cut into."""
+    """Return blocks of time that so many samples behind a filter of that half width are cut into."""
     return min(BLOCKS[1], samples // (BLOCK_WIDTHS * half))
 
 
 def even_step(motion: MeasuredMotion) -> float:
-    """Distance of the samples, s.
+    """Return the distance of the samples, s.
 
     Raises:
         InputError: too few samples, or they are not evenly spaced.

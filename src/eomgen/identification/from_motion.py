@@ -1,4 +1,4 @@
-"""From measured motion to forces: drives, springs, dampers and support reactions; and to stiffness and damping.
+"""From measured motion to forces: drives, springs, dampers and joint reaction wrenches; and to stiffness and damping.
 
 The paper's inverse use of its model: from what the variations in the joints are, the forces and moments that belong to
 them.  ``forces`` evaluates the equations of motion; ``fit`` finds parameters (``fitting``).
@@ -37,7 +37,7 @@ from ..state.motors import deflections
 from ..state.springs import law_numbers
 from ..state.turning import quaternion_columns
 from ..tabular import Rows, TableColumn, Tabular
-from .closing import closed_motion
+from .closed_motions import closed_motion
 from .rotating import rotation_derivatives
 from .stiffness.result import KEYS
 
@@ -65,7 +65,7 @@ class ForcesResult(Shown, Tabular, SavedColumns):
         springs: names of those, s of them.
         lengths, tensions: of each, (T, s), m and N; tension is positive where it pulls.
         reactions: what each joint exerts on its child link, (T, j, 6): force, moment, moved joint's axes; N, N m.
-        loops: names of the joints that are cut, l of them.
+        loops: names of the loop joints, l of them.
         loop_reactions: what each of those exerts on its second link, (T, l, 6): force, moment, at the origin and in the
             axes of the cut frame on that link; N, N m.
         is_closed: whether the robot has loops or couplings.
@@ -97,18 +97,20 @@ class ForcesResult(Shown, Tabular, SavedColumns):
 
     @property
     def supports(self) -> dict[str, Array]:
-        """Reactions by the names of the joints, then of the loops' cut joints, (T, 6) each, N and N m."""
-        found = {name: self.reactions[:, k] for k, name in enumerate(self.joints)}
-        return found | {name: self.loop_reactions[:, k] for k, name in enumerate(self.loops)}
+        """Reactions by the names of the joints, then of the loop joints, (T, 6) each, N and N m."""
+        reactions = {name: self.reactions[:, k] for k, name in enumerate(self.joints)}
+        return reactions | {name: self.loop_reactions[:, k] for k, name in enumerate(self.loops)}
 
     @property
     def parts(self) -> tuple[str, ...]:
-        """Names of the forces of a coordinate: "line" where there are springs between points, "closing" with loops."""
+        """Names of the forces of a coordinate: "line" where there are point-to-point springs, "closing" with loops."""
         more = ("line",) if self.springs else ()
         return ("required", "drive", "spring", "damper", *more, *(("closing",) if self.is_closed else ()))
 
     def as_rows(self) -> Rows:
-        """A row per time: every coordinate, with .rate, .acceleration and each of ``parts``; springs with .length and
+        """Return a row per time: every coordinate, with .rate, .acceleration and each of ``parts``.
+
+        Springs with .length and
         .tension; joints and loops with .reaction, in six components, N and N m; joints with alpha, beta and gamma with
         .qw, .qx, .qy and .qz, unit quaternions.
         """
@@ -117,7 +119,7 @@ class ForcesResult(Shown, Tabular, SavedColumns):
             unit, force = unit_of(name), force_unit_of(name)
             columns += [TableColumn(name, unit, self.q[:, i]), TableColumn(f"{name}.rate", f"{unit}/s", self.v[:, i])]
             columns.append(TableColumn(f"{name}.acceleration", f"{unit}/s^2", self.a[:, i]))
-            columns += [TableColumn(f"{name}.{part}", force, getattr(self, part)[:, i]) for part in self.parts]
+            columns += [TableColumn(f"{name}.{kind}", force, getattr(self, kind)[:, i]) for kind in self.parts]
         for i, name in enumerate(self.springs):
             columns.append(TableColumn(f"{name}.length", "m", self.lengths[:, i]))
             columns.append(TableColumn(f"{name}.tension", "N", self.tensions[:, i]))
@@ -127,7 +129,7 @@ class ForcesResult(Shown, Tabular, SavedColumns):
         return Rows("t", "s", self.t, columns, {"robot": self.robot})
 
     def as_dict(self) -> dict[str, Any]:
-        """Largest values with their signs and times, plain values, for JSON."""
+        """Return largest values with their signs and times, plain values, for JSON."""
         parts = self.parts
         between = {
             name: {"length": self._peak(self.lengths[:, i]), "tension": self._peak(self.tensions[:, i])}
@@ -138,7 +140,7 @@ class ForcesResult(Shown, Tabular, SavedColumns):
             "samples": len(self.t),
             "duration": float(self.t[-1] - self.t[0]),
             "coordinates": {
-                name: {part: self._peak(getattr(self, part)[:, i]) for part in parts}
+                name: {kind: self._peak(getattr(self, kind)[:, i]) for kind in parts}
                 for i, name in enumerate(self.coordinates)
             },
             **({"springs": between} if between else {}),
@@ -153,19 +155,19 @@ class ForcesResult(Shown, Tabular, SavedColumns):
         }
 
     def lines(self) -> list[str]:
-        """A table of the largest values for people."""
+        """Return a table of the largest values for people."""
         facts = self.as_dict()
         lines = [f"{self.robot}: {len(self.t)} samples, {facts['duration']:g} s; largest values over time", ""]
-        lines.append(f"{'coordinate':<28}" + "".join(f"{part:>12}" for part in self.parts))
+        lines.append(f"{'coordinate':<28}" + "".join(f"{kind:>12}" for kind in self.parts))
         for name, row in facts["coordinates"].items():
             label = f"{name} [{force_unit_of(name)}]"
             lines.append(f"{label:<28}" + "".join(f"{entry['value']:>12.4g}" for entry in row.values()))
         lines += _peak_lines("spring between points", {"tension": "N", "length": "m"}, facts.get("springs", {}))
-        lines += _peak_lines("support reaction", {"force": "N", "moment": "N m"}, facts["reactions"])
+        lines += _peak_lines("joint reaction", {"force": "N", "moment": "N m"}, facts["reactions"])
         return lines + ["", *(f"note: {note}" for note in self.notes)]
 
     def columns(self) -> dict[str, Array]:
-        """Forces over time by name, (T,) each: t, NAME.required, NAME.drive, ..., JOINT.reaction.fx, ...
+        """Return forces over time by name, (T,) each: t, NAME.required, NAME.drive, ..., JOINT.reaction.fx, ...
 
         Cut joints by the name of their loop.  Springs between two points: SPRING.length, SPRING.tension.
         """
@@ -179,7 +181,7 @@ class ForcesResult(Shown, Tabular, SavedColumns):
 
 
 def _peak_lines(title: str, units: Mapping[str, str], facts: Mapping[str, Any]) -> list[str]:
-    """Lines of a table of two largest values of each, with their times; none where there are none."""
+    """Return lines of a table of two largest values of each, with their times; none where there are none."""
     (one, unit), (other, its_unit) = units.items()
     lines = ["", f"{title:<28}{f'{one} [{unit}]':>12}{'at [s]':>10}{f'{other} [{its_unit}]':>14}{'at [s]':>10}"]
     for name, row in facts.items():
@@ -193,12 +195,12 @@ _PARTS = ("required", "drive", "spring", "damper", "line", "closing")
 
 
 def _rebuild(file: Contents) -> dict[str, Array]:
-    """Arrays of coordinates, springs, joints and loops that stand in a file as ``columns``."""
+    """Return arrays of coordinates, springs, joints and loops that stand in a file as ``columns``."""
     names = {key: file.value(tuple[str, ...], key) for key in ("coordinates", "springs", "joints", "loops")}
     rows = len(file.array("t", _COLUMN))
 
-    def stacked(owners: Sequence[str], part: str) -> Array:
-        columns = [file.array(f"{name}.{part}", _COLUMN) for name in owners]
+    def stacked(owners: Sequence[str], kind: str) -> Array:
+        columns = [file.array(f"{name}.{kind}", _COLUMN) for name in owners]
         return np.stack(columns, axis=-1) if columns else np.zeros((rows, 0))
 
     def wrenches(owners: Sequence[str]) -> Array:
@@ -208,7 +210,7 @@ def _rebuild(file: Contents) -> dict[str, Array]:
     has = {"line": bool(names["springs"]), "closing": file.value(bool, "is_closed")}  # else they are 0, and not there
     nothing = np.zeros((rows, len(names["coordinates"])))
     return {
-        **{part: stacked(names["coordinates"], part) if has.get(part, True) else nothing for part in _PARTS},
+        **{term: stacked(names["coordinates"], term) if has.get(term, True) else nothing for term in _PARTS},
         "lengths": stacked(names["springs"], "length"),
         "tensions": stacked(names["springs"], "tension"),
         "reactions": wrenches(names["joints"]),
@@ -238,7 +240,7 @@ def forces(
     kernel: Kernel | None = None,
     progress: StageReport | None = None,
 ) -> ForcesResult:
-    """Forces and moments that belong to a measured motion.
+    """Return forces and moments that belong to a measured motion.
 
     Rates and accelerations that the motion does not have come from local polynomials (``smoothing``), and so do then
     the coordinates: a longer window smooths more, and bends motions that are fast beside it.  Of joints that turn
@@ -251,7 +253,7 @@ def forces(
         window, degree: samples and degree of the local polynomials.
         kernel: of that robot, float64, with inverse_dynamics and reactions, with what closes loops
             (``mechanism_kernels``), with loop_reactions where there are loops, cut_forces and cut_jacobian where there
-            are ``cut_laws``; built if not given.  Its parameters count.
+            are ``cut_laws``; built if None.  Its parameters count.
 
     Raises:
         InputError: the file or an argument cannot be used, or a motion leaves a mechanism's coordinates open.
@@ -272,7 +274,7 @@ def forces(
         notes.append(f"not in the file, they follow from the others: {', '.join(following)}")
     drive = np.asarray(kernel.inverse_dynamics(q, v, a))
     rows = deflections(kernel)
-    numbers = (np.array([given.get(key, 0.0) for given in law_numbers(kernel).values()]) for key in KEYS)
+    numbers = (np.array([law.get(key, 0.0) for law in law_numbers(kernel).values()]) for key in KEYS)
     off = np.concatenate([np.zeros(kernel.n), kernel.follower_matrix()[1]])  # of followers, where coordinates are 0
     pairs_of = zip((q, v), (off, 0.0 * off), numbers, strict=True)
     spring, damper = (-((x @ rows.T + shift) * k) @ rows for x, shift, k in pairs_of)
@@ -315,7 +317,10 @@ def forces(
 
 
 def _closing(kernel: Kernel, q: Array, v: Array, rigid: Array) -> Array:
-    """Generalized forces of what closes the loops, (T, n): the rigid part, and of the laws in cuts and couplings."""
+    """Return generalized forces of what closes the loops, (T, n).
+
+    Multipliers of the rigid constraint, and laws in cuts and couplings.
+    """
     if not kernel.cut_laws:
         return rigid
     resisting = kernel.cut_forces(q, v)[..., 1]
@@ -328,15 +333,15 @@ def _cut_kernels(robot: Robot) -> tuple[str, ...]:
 
 
 def _refuse_transmissions(kernel: Kernel, motion: MeasuredMotion) -> None:
-    """InputError where the force of a motor's transmission is not known from what was measured, or not linear."""
+    """Raise InputError where the force of a motor's transmission is not known from what was measured, or not linear."""
     for motor, principal in kernel.motors.items():
         for name in (motor, principal):
             if name not in motion.measured:
                 raise InputError(
                     f"forces: {name} was not measured; allowed: both ends of the transmission in the motion"
                 )
-        names, own = tuple(kernel.parameters), kernel.elements[JOINTS].get(motor, {})
-        laws = [names[place] for place in own.values() if not _is_plain(names[place])]
+        names, places = tuple(kernel.parameters), kernel.elements[JOINTS].get(motor, {})
+        laws = [names[place] for place in places.values() if not _is_plain(names[place])]
         if laws:
             raise InputError(f"forces: {laws[0]}: allowed: transmissions of stiffness and damping alone")
 
@@ -348,11 +353,11 @@ def _is_plain(name: str) -> bool:
 def _derivatives(
     motion: MeasuredMotion, window: int, degree: int, turning: Sequence[str]
 ) -> tuple[Array, Array, Array, list[str]]:
-    """Coordinates, rates and accelerations, and how they were found; ``turning`` are joints that turn freely."""
+    """Return coordinates, rates and accelerations, and their origin; ``turning``: joints with 3-DOF rotation."""
     if motion.v is not None and motion.a is not None:
         return motion.q, motion.v, motion.a, ["rates and accelerations: from the file"]
     span = float(np.median(np.diff(motion.t))) * (window - 1) if len(motion.t) > 1 else 0.0
-    method = f"local polynomials of degree {degree} through {window} samples ({span:.4g} s), Savitzky and Golay"
+    method = f"local polynomials of degree {degree} through {window} samples ({span:.4g} s), Savitzky-Golay"
     if motion.v is not None:
         q, (v, a, _) = motion.q.copy(), local_polynomials(motion.t, motion.v, window, degree)
         notes = [f"rates: from the file, smoothed; accelerations: their derivatives; {method}"]

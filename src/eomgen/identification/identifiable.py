@@ -1,7 +1,7 @@
 """Base parameters: which combinations of inertial parameters, rotors and friction forces can show, by name.
 
 Forces are linear in all of them, u = Y(q, v, a) theta.  Columns of Y that depend on others at every motion belong to
-parameters that no measurement tells apart from those: they are regrouped (M. Gautier, W. Khalil 1990).
+parameters that depend linearly on those: they are regrouped (M. Gautier, W. Khalil 1990).
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class BaseParameters(Shown):
         return len(self.names)
 
     def regressor(self, kernel: Kernel, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
-        """Columns of the regressor that belong to the combinations, (..., n, b), N or N m per unit of each.
+        """Return columns of the regressor that belong to the combinations, (..., n, b), N or N m per unit of each.
 
         With rigid couplings rows are those of the coordinates that follow from no others.
 
@@ -76,17 +76,17 @@ class BaseParameters(Shown):
         return columns(kernel, q, v, a, self.terms, self.relations)[1][..., self.chosen]
 
     def values(self, theta: ArrayLike) -> Array:
-        """Values of the combinations, (b,), from those of the parameters, (p,).
+        """Return values of the combinations, (b,), from those of the parameters, (p,).
 
         Raises:
             InputError: another number of parameters.
         """
-        given = np.asarray(theta, dtype=np.float64)
-        if given.shape != (len(self.parameters),):
+        values = np.asarray(theta, dtype=np.float64)
+        if values.shape != (len(self.parameters),):
             raise InputError(
-                f"theta: shape {given.shape}; allowed: ({len(self.parameters)},), in the order of parameters"
+                f"theta: shape {values.shape}; allowed: ({len(self.parameters)},), in the order of parameters"
             )
-        return np.asarray(self.matrix @ given)
+        return np.asarray(self.matrix @ values)
 
     def texts(self) -> dict[str, Any]:
         """Return the fields of a file that are texts; ``from_texts`` reads them."""
@@ -110,20 +110,20 @@ class BaseParameters(Shown):
         return BaseParameters(**texts, chosen=chosen, matrix=matrix)
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values, for JSON: per combination its parameters with their coefficients."""
-        found = {
+        """Return plain values, for JSON: per combination its parameters with their coefficients."""
+        plain = {
             name: {self.parameters[j]: float(row[j]) for j in np.flatnonzero(row).tolist()}
             for name, row in zip(self.names, self.matrix, strict=True)
         }
         return {
             "robot": self.robot,
             "terms": list(self.terms),
-            "base_parameters": found,
+            "base_parameters": plain,
             "without_effect": list(self.without_effect),
         }
 
     def lines(self) -> list[str]:
-        """A list for people."""
+        """Return a list for people."""
         head = f"{self.robot}: {len(self)} base parameters of {len(self.parameters)} ({', '.join(self.terms)})"
         lines = [head, "", *self.names]
         return [*lines, "", f"without effect: {', '.join(self.without_effect)}"] if self.without_effect else lines
@@ -137,9 +137,9 @@ def base_parameters(
     kernel: Kernel | None = None,
     known: Collection[str] = (),
 ) -> BaseParameters:
-    """Which combinations of parameters forces can show, found on random motions of the robot.
+    """Return which combinations of parameters forces can show, on random motions of the robot.
 
-    A parameter that cannot be told apart from others goes to those that stand before it: from a link to the one that it
+    A parameter that depends linearly on others goes to those that stand before it: from a link to the one that it
     hangs on, from an armature to links.  Gravity is the robot's, and so are lengths: special ones, such as axes that
     meet, leave fewer combinations.  Of a robot with loops: of its open tree, with forces known at every coordinate.  Of
     one with rigid couplings: along the coordinates that follow from no others, so that a motor that turns with two
@@ -152,11 +152,11 @@ def base_parameters(
             rate), "dry" (times the sign of its rate) and "offset" (a constant force); "transmissions" (stiffness and
             damping between motors and their joints).
         static: whether the robot stands still in every sample.
-        kernel: of that robot, with its regressor; built if not given.  Its parameters count, gravity among them.
+        kernel: of that robot, with its regressor; built if None.  Its parameters count, gravity among them.
         known: names of links whose parameters are known, and not among those of "links".
 
     Raises:
-        InputError: terms that there are not, or that nothing can be found of.
+        InputError: terms that there are not, or whose effect no motion shows.
     """
     robot = as_robot(robot).with_constraints()
     kernel = kernel or build(robot, kernels=("regressor",))
@@ -176,7 +176,7 @@ def combinations(
     *,
     static: bool = False,
 ) -> BaseParameters:
-    """``base_parameters`` where some coordinates stand at 0, and forces are known at some.
+    """Return ``base_parameters`` where some coordinates stand at 0, and forces are known at some.
 
     Args:
         kernel: with its regressor.
@@ -211,34 +211,36 @@ def with_formulas(
     matrix: Array,
     relations: Relations | None,
 ) -> BaseParameters:
-    """Combinations with their names, from what ``regrouped`` found among the parameters of these names."""
+    """Return combinations with their names, from ``regrouped`` of the parameters of these names."""
     formulas = tuple(_formula(names, int(first), row) for first, row in zip(chosen, matrix, strict=True))
     idle = tuple(name for name, column in zip(names, matrix.T, strict=True) if not column.any())
     return BaseParameters(robot, tuple(terms), names, chosen, matrix, formulas, idle, relations)
 
 
 def parameter_names(kernel: Kernel, terms: Collection[str], relations: Relations | None = None) -> tuple[str, ...]:
-    """Names of the columns of ``columns``.
+    """Return names of the columns of ``columns``.
 
     Raises:
         InputError: no terms, or unknown ones, or transmissions of a robot without motors.
     """
     _check_terms(terms)
     names = kernel.regressor_names
-    found = [names[i] for i in inertial_places(kernel, terms, relations)]
+    parameters = [names[i] for i in inertial_places(kernel, terms, relations)]
     for term in FRICTION:
-        found += [component_name(kernel.coordinates[i], term) for i in _rubbing(kernel, relations) if term in terms]
+        parameters += [
+            component_name(kernel.coordinates[i], term) for i in _rubbing(kernel, relations) if term in terms
+        ]
     if TRANSMISSIONS in terms:
         motors = relations.motors if relations else ()
         if not motors:
             raise InputError(f"terms: transmissions: no joint of {kernel.name} has a motor; allowed: other terms")
         for i, _, _ in motors:
-            found += [component_name(kernel.coordinates[i], key) for key in ("stiffness", "damping")]
-    return tuple(found)
+            parameters += [component_name(kernel.coordinates[i], key) for key in ("stiffness", "damping")]
+    return tuple(parameters)
 
 
 def inertial_places(kernel: Kernel, terms: Collection[str], relations: Relations | None) -> Index:
-    """Index of the kernel's columns that are sought: of links that are not known, and of armatures."""
+    """Return the index of the kernel's columns that are sought: of links that are not known, and of armatures."""
     names, links = kernel.regressor_names, 10 * len(kernel.joints)
     known = relations.known if relations else frozenset()
     of_links = [i for i in range(links) if LINKS in terms and names[i].rpartition(".")[0] not in known]
@@ -253,7 +255,7 @@ def columns(
     terms: Collection[str],
     relations: Relations | None = None,
 ) -> tuple[tuple[str, ...], Array]:
-    """Names of the parameters of the terms, and their columns (..., n, parameters).
+    """Return names of the parameters of the terms, and their columns (..., n, parameters).
 
     Args:
         kernel: with its regressor.
@@ -268,26 +270,26 @@ def columns(
     Y = kernel.regressor(q, v, a)
     rates = np.broadcast_to(np.asarray(v, dtype=np.float64), Y.shape[:-1])
     parts = [Y[..., inertial_places(kernel, terms, relations)]]
-    own = np.eye(kernel.n)[:, _rubbing(kernel, relations)]
+    unit_rows = np.eye(kernel.n)[:, _rubbing(kernel, relations)]
     factors = {"viscous": rates, "dry": np.sign(rates), "offset": np.ones_like(rates)}
-    parts += [factors[term][..., None] * own for term in FRICTION if term in terms]
+    parts += [factors[term][..., None] * unit_rows for term in FRICTION if term in terms]
     if TRANSMISSIONS in terms and relations:
         angles = np.broadcast_to(np.asarray(q, dtype=np.float64), Y.shape[:-1])
         parts += [_transmission(x, motor) for motor in relations.motors for x in (angles, rates)]
-    found = np.concatenate(parts, axis=-1)
-    return names, relations.columns(found) if relations else found
+    stacked = np.concatenate(parts, axis=-1)
+    return names, relations.columns(stacked) if relations else stacked
 
 
 def _transmission(x: Array, motor: tuple[int, int, float]) -> Array:
-    """The column, (..., n, 1), of a force in the deflection of a transmission, or in its rate."""
+    """Return the column, (..., n, 1), of a force in the deflection of a transmission, or in its rate."""
     rotor, joint, ratio = motor
-    deflection, found = x[..., rotor] / ratio - x[..., joint], np.zeros((*x.shape, 1))
-    found[..., rotor, 0], found[..., joint, 0] = deflection / ratio, -deflection
-    return found
+    deflection, rows = x[..., rotor] / ratio - x[..., joint], np.zeros((*x.shape, 1))
+    rows[..., rotor, 0], rows[..., joint, 0] = deflection / ratio, -deflection
+    return rows
 
 
 def _rubbing(kernel: Kernel, relations: Relations | None) -> list[int]:
-    """Numbers of the coordinates whose friction counts: with a drive, or in a coupling."""
+    """Return numbers of the coordinates whose friction counts: with a drive, or in a coupling."""
     return list(relations.rubbing) if relations else list(kernel.raw.libraries.meta["driven"])
 
 
@@ -296,11 +298,11 @@ def _check_terms(terms: Collection[str]) -> None:
         if term not in LINEAR:
             raise InputError(f"terms: {show(term)}; allowed: {', '.join(LINEAR)}")
     if not terms:
-        raise InputError(f"terms: none are given; allowed: one or more of {', '.join(LINEAR)}")
+        raise InputError(f"terms: none; allowed: one or more of {', '.join(LINEAR)}")
 
 
 def regrouped(W: Array) -> tuple[Index, Array]:
-    """Columns that depend on no columns before them, and what the others are of these.
+    """Return columns that depend on no columns before them, and what the others are of these.
 
     Args:
         W: (samples, p), the columns of all parameters, stacked.
@@ -315,8 +317,8 @@ def regrouped(W: Array) -> tuple[Index, Array]:
     for j in np.flatnonzero(lengths > ZERO * lengths.max(initial=0.0)):
         left, row = W[:, j] / lengths[j], np.zeros(len(chosen))
         for _ in range(2):  # once more for round-off
-            part = Q.T @ left
-            left, row = left - Q @ part, row + part
+            projection = Q.T @ left
+            left, row = left - Q @ projection, row + projection
         R[:, j] = row * lengths[j]
         length = float(np.linalg.norm(left))
         if length > DEPENDENT:
@@ -329,13 +331,13 @@ def regrouped(W: Array) -> tuple[Index, Array]:
 
 
 def _cleaned(matrix: NDArray[Any]) -> Array:
-    """Coefficients without round-off, where they are meant to be whole numbers."""
+    """Return coefficients without round-off, where they are meant to be whole numbers."""
     whole = np.round(matrix)
     return np.asarray(np.where(np.abs(matrix - whole) < ROUND_OFF, whole, matrix) + 0.0, dtype=np.float64)
 
 
 def _formula(names: Sequence[str], first: int, row: Array) -> str:
-    """A combination as a sum: the parameter that begins it, then what goes to it, in their order."""
+    """Return a combination as a sum: the parameter that begins it, then what goes to it, in their order."""
     text = names[first]
     for j in np.flatnonzero(row).tolist():
         if j != first:

@@ -13,7 +13,7 @@ _ROUND = 4.0 * np.pi  # rad: joints without limits turn no further
 
 
 def odd_angles_of(source: str, measured: Iterable[tuple[str, Joint, Array]]) -> str:
-    """A message where joints turn further than they can: degrees, or angles of motors; else "".
+    """Return a message where joints turn further than they can: degrees, or angles of motors; else "".
 
     Args:
         source: the file, for the message.

@@ -62,20 +62,20 @@ class Relations:
         return len(self.free) < len(self.coordinates)
 
     def forces(self, u: Array) -> Array:
-        """Forces along the free coordinates, (..., f), of those at all, (..., n)."""
+        """Return forces along the free coordinates, (..., f), of those at all, (..., n)."""
         return np.asarray(u @ self.onto) if self.is_coupled or self.sums is not None else u
 
     def columns(self, Y: Array) -> Array:
-        """Columns of the free coordinates' rows, (..., f, p), from (..., n, p)."""
+        """Return columns of the free coordinates' rows, (..., f, p), from (..., n, p)."""
         return np.asarray(self.onto.T @ Y) if self.is_coupled or self.sums is not None else Y
 
     def rows_of(self, marked: Mask) -> Mask:
-        """Rows that a marked coordinate acts in, (..., f), from (..., n)."""
+        """Return rows that a marked coordinate acts in, (..., f), from (..., n)."""
         return np.asarray((marked.astype(np.float64) @ (self.onto != 0.0)) > 0.0)
 
 
 def refuse_followers(kernel: Kernel) -> None:
-    """InputError where a given kernel lacks coordinates that follow others, whose forces are looked for."""
+    """Raise InputError where a kernel lacks coordinates that follow others, whose forces are looked for."""
     if kernel.follower_names:
         raise InputError(
             f"kernel: {listed(kernel.follower_names)} of {kernel.name} is no coordinate of it; allowed: a kernel of"
@@ -84,7 +84,7 @@ def refuse_followers(kernel: Kernel) -> None:
 
 
 def relations_of(robot: Robot, known: Collection[str] = ()) -> Relations:
-    """The relations of a robot.
+    """Return the relations of a robot.
 
     Args:
         robot: without loops and elastic couplings.
@@ -119,7 +119,7 @@ def relations_of(robot: Robot, known: Collection[str] = ()) -> Relations:
 def anchored(relations: Relations) -> Relations:
     """Add the row of a motor, times its ratio, to that of the joint behind it.
 
-    The transmission's force is in both and cancels.  The joint's own row, in which no drive is, would be 0 = 0 for
+    The transmission's force is in both and cancels.  The joint's row, in which no drive is, would be 0 = 0 for
     parameters that are all 0, and the less noise it has the more that counts.
     """
     sums, free = np.eye(len(relations.free)), {place: row for row, place in enumerate(relations.free)}
@@ -130,7 +130,7 @@ def anchored(relations: Relations) -> Relations:
 
 
 def tree_relations(robot: Robot, known: Collection[str] = ()) -> Relations:
-    """The relations of the open tree, in which no coordinate follows from others; errors as ``relations_of``."""
+    """Return the relations of the open tree, in which no coordinate follows from others; errors as ``relations_of``."""
     model = build_model(robot)
     bodies = tuple(body.name for body in model.bodies)
     for name in known:
@@ -144,16 +144,16 @@ def tree_relations(robot: Robot, known: Collection[str] = ()) -> Relations:
 
 
 def _motors(robot: Robot, model: Model) -> tuple[tuple[int, int, float], ...]:
-    found = []
+    motors = []
     for index, principal in model.motors.items():
         motor = robot.joint(joint_of(model.coordinates[index])).motor
         assert motor is not None
-        found.append((index, principal, motor.ratio))
-    return tuple(found)
+        motors.append((index, principal, motor.ratio))
+    return tuple(motors)
 
 
 def completed(robot: Robot, motion: MeasuredMotion) -> MeasuredMotion:
-    """The motion with the coordinates that couplings make of those that were measured.
+    """Return the motion with the coordinates that couplings make of those that were measured.
 
     Raises:
         InputError: measured coordinates contradict a coupling.
@@ -169,11 +169,11 @@ def completed(robot: Robot, motion: MeasuredMotion) -> MeasuredMotion:
             missing = [name for name in terms if name not in measured and terms[name] != 0.0]
             if len(missing) != 1:
                 continue
-            given = {index[name]: ratio for name, ratio in terms.items() if name != missing[0]}
-            place, own = index[missing[0]], terms[missing[0]]
+            known = {index[name]: ratio for name, ratio in terms.items() if name != missing[0]}
+            place, factor = index[missing[0]], terms[missing[0]]
             for x, offset in ((q, rule.offset or 0.0), (v, 0.0), (a, 0.0)):
                 if x is not None:
-                    x[:, place] = -(x[:, list(given)] @ np.array(list(given.values())) + offset) / own
+                    x[:, place] = -(x[:, list(known)] @ np.array(list(known.values())) + offset) / factor
             measured.add(missing[0])
     for rule in robot.couplings:
         terms = {rule.of: -1.0, **rule.to}

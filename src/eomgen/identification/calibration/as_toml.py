@@ -1,4 +1,4 @@
-"""A calibrated robot as TOML: the description's own text with what was found in its places, or beside a URDF."""
+"""A calibrated robot as TOML: the description's text with calibrated values in their places, or beside a URDF."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ Numbers = Callable[[Robot], Iterator[tuple[str, Sequence[float | None]]]]  # by 
 
 _CLOSE = 1e-12  # by how much what was written may be off when it is read again
 HEAD = (
-    "# Calibrated.  Offsets (m, rad) are added to the joint's six coordinates before they move anything, in its own",
+    "# Calibrated.  Offsets (m, rad) are added to the joint's six coordinates before they move anything, in its",
     "# axes, with the sign of the coordinate: a positive offset.gamma turns the child as a positive gamma does.",
-    "# Behind +- are standard deviations; a merged number is what the least change from the description gives it.",
+    "# Behind +- are standard deviations; a number that is not identifiable has the least change from the description.",
 )
 
 
 @dataclass(frozen=True)
-class Found:
+class FittedParameters:
     """Things to write: the robot as described, its stations, links of measured frames, and by name values,
     standard deviations and units."""
 
@@ -51,39 +51,39 @@ class Found:
         return calibrated_robot(self.robot, self.chain, self.links, self.values)
 
     def said(self, *name: str) -> str:
-        """Return standard deviations as comments have them: of a name's six components, as far as they were found."""
+        """Return standard deviations as comments have them: of a name's six components, as far as they were fitted."""
         keys = [parameter_name(*name, kind) for kind in COORDINATES]
         return "+- " + ", ".join(deviation_text(self.deviations[key]) for key in keys if key in self.deviations)
 
 
-def write_toml(found: Found, target: Path) -> Path:
-    """Write the description with what was found, and return the path.
+def write_toml(fitted: FittedParameters, target: Path) -> Path:
+    """Write the description with calibrated values, and return the path.
 
     Raises:
         InputError: see ``CalibrationResult.to_toml``.
     """
     check_ending(target, ".toml")
-    return write_compared((found.robot, found.calibrated), toml_text(found, target.parent), target, _numbers)
+    return write_compared((fitted.robot, fitted.calibrated), toml_text(fitted, target.parent), target, _numbers)
 
 
-def toml_text(found: Found, folder: Path) -> str:
-    """The text for a file in that folder."""
-    robot, lines = found.robot, [*HEAD, *_comments(found)]
+def toml_text(fitted: FittedParameters, folder: Path) -> str:
+    """Return the text for a file in that folder."""
+    robot, lines = fitted.robot, [*HEAD, *_comments(fitted)]
     body = body_of(robot, folder)
     for joint in robot.joints:
-        _put_joint(found, joint, body, robot)
+        _put_joint(fitted, joint, body, robot)
     for loop in robot.loops:
-        offset = offset_of(loop, found.values)
+        offset = offset_of(loop, fitted.values)
         if offset:
-            _put_offset(found, LOOPS, loop.name, offset, body)
-        if second_of(loop, found.values) is not None:
-            _put_second(found, loop.name, body)
-    own = {robot.base, *(link.name for link in robot.links)}
-    for name, link, pose in placements(found.links, found.values):
-        new = name + OF_LINK if name in own else name
+            _put_offset(fitted, LOOPS, loop.name, offset, body)
+        if second_of(loop, fitted.values) is not None:
+            _put_second(fitted, loop.name, body)
+    links = {robot.base, *(link.name for link in robot.links)}
+    for name, link, pose in placements(fitted.links, fitted.values):
+        new = name + OF_LINK if name in links else name
         block = block_of(body, "frames", new)
         table = _table(placement_of(pose), _in_degrees(body, block))
-        line = f"placement = {table}  # {found.said(FRAMES, name)}"
+        line = f"placement = {table}  # {fitted.said(FRAMES, name)}"
         if block is None:
             body += ["", "[[frames]]", f'name = "{new}"', f'link = "{link}"', line]
         else:
@@ -92,7 +92,9 @@ def toml_text(found: Found, folder: Path) -> str:
 
 
 def body_of(robot: Robot, folder: Path, *more: str) -> list[str]:
-    """Lines for a file in that folder that say what the robot's own does: these, or a URDF to refine, with more lines.
+    """Return lines for a file in that folder that say what the robot's file does.
+
+    These, or a URDF to refine, with more lines.
 
     Raises:
         InputError: the robot was read from no file, or from one of another format.
@@ -106,13 +108,13 @@ def body_of(robot: Robot, folder: Path, *more: str) -> list[str]:
 
 
 def headed(head: Sequence[str], body: Sequence[str]) -> str:
-    """The text of a file: lines for its head, which come behind that of editors, and its body."""
+    """Return the text of a file: lines for its head, which come behind that of editors, and its body."""
     first = 1 if body and body[0].startswith("#:schema") else 0
     return "\n".join([*body[:first], *head, *body[first:]]) + "\n"
 
 
 def own_text(robot: Robot, source: Path, folder: Path) -> list[str]:
-    """Lines of the robot's own file; names of files in them lead to the same files from the new folder."""
+    """Return lines of the robot's file; names of files in them lead to the same files from the new folder."""
     if str(source) in builtin_robots():
         return read_text(BUILTIN / f"{source}.toml", str(source)).splitlines()
     if source.suffix != ".toml":
@@ -129,22 +131,22 @@ def relative_path(path: Path, folder: Path) -> str:
     return Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
 
 
-def _comments(found: Found) -> list[str]:
-    """Comments for what has no place in a description: where the base stands, terms of drives."""
+def _comments(fitted: FittedParameters) -> list[str]:
+    """Return comments for what has no place in a description: where the base stands, terms of drives."""
     lines = []
-    for name, value in found.values.items():
+    for name, value in fitted.values.items():
         parts = name.split(".")
         is_joint = parts[0] in (JOINTS, LOOPS) and (parts[2] in ("offset", TILT, SECOND) or parts[-1] == "stiffness")
         if is_joint and parts[-1] == "stiffness":
-            is_joint = parts[2] in stiffness_of(found.robot.joint(parts[1]), found.values)
+            is_joint = parts[2] in stiffness_of(fitted.robot.joint(parts[1]), fitted.values)
         if BASE in parts[:-1] or not (is_joint or parts[0] == FRAMES):
-            lines.append(f"# {name} = {value!r} +- {deviation_text(found.deviations[name])} {found.units[name]}")
+            lines.append(f"# {name} = {value!r} +- {deviation_text(fitted.deviations[name])} {fitted.units[name]}")
     return lines
 
 
-def _put_joint(found: Found, joint: Joint, body: list[str], robot: Robot) -> None:
-    offset, stiffness = offset_of(joint, found.values), stiffness_of(joint, found.values)
-    tilt = tilt_of(joint, found.values)
+def _put_joint(fitted: FittedParameters, joint: Joint, body: list[str], robot: Robot) -> None:
+    offset, stiffness = offset_of(joint, fitted.values), stiffness_of(joint, fitted.values)
+    tilt = tilt_of(joint, fitted.values)
     if not offset and not stiffness and tilt is None:
         return
     if block_of(body, JOINTS, joint.name) is None:
@@ -152,9 +154,9 @@ def _put_joint(found: Found, joint: Joint, body: list[str], robot: Robot) -> Non
             raise unwritable(robot, joint.name)
         body += ["", "[[joints]]", f'name = "{joint.name}"']
     if offset:
-        _put_offset(found, JOINTS, joint.name, offset, body)
+        _put_offset(fitted, JOINTS, joint.name, offset, body)
     if tilt is not None:
-        _put_placement(found, joint, body)
+        _put_placement(fitted, joint, body)
     for kind, value in stiffness.items():
         block = block_of(body, JOINTS, joint.name)
         assert block is not None
@@ -163,44 +165,44 @@ def _put_joint(found: Found, joint: Joint, body: list[str], robot: Robot) -> Non
             raise unwritable(robot, f"{joint.name}.{kind}")
         key = parameter_name(JOINTS, joint.name, kind, "stiffness")
         changed = re.sub(r"(?<!_)\bstiffness\s*=\s*[^,}\s]+", f"stiffness = {value!r}", body[at[0]], count=1)
-        body[at[0]] = f"{changed}  # stiffness +- {deviation_text(found.deviations[key])}"
+        body[at[0]] = f"{changed}  # stiffness +- {deviation_text(fitted.deviations[key])}"
 
 
-def _put_offset(found: Found, table: str, name: str, offset: Mapping[str, float], body: list[str]) -> None:
-    """The offsets of a joint, or of a loop's, in its entry."""
+def _put_offset(fitted: FittedParameters, table: str, name: str, offset: Mapping[str, float], body: list[str]) -> None:
+    """Write the offsets of a joint, or of a loop joint, into its entry."""
     block = block_of(body, table, name)
     if block is None:
-        raise unwritable(found.robot, name)
+        raise unwritable(fitted.robot, name)
     values = ", ".join(f"{kind} = {value!r}" for kind, value in offset.items())
-    line = f"offset = {{ {values} }}  # {found.said(table, name, 'offset')}"
-    replace_line(body, block, "offset", line, found.robot)
+    line = f"offset = {{ {values} }}  # {fitted.said(table, name, 'offset')}"
+    replace_line(body, block, "offset", line, fitted.robot)
 
 
-def _put_placement(found: Found, joint: Joint, body: list[str]) -> None:
-    """The placement of a joint with its first axis tilted, in the place of what is there."""
+def _put_placement(fitted: FittedParameters, joint: Joint, body: list[str]) -> None:
+    """Replace the placement of a joint by one with its first axis tilted."""
     block = block_of(body, JOINTS, joint.name)
     assert block is not None
     degrees = _in_degrees(body, block)
     dh = [i for i in range(*block) if re.match(r"\s*dh\s*=", body[i])]
     for i in reversed(dh):
         del body[i]
-    table = _table(found.calibrated.joint(joint.name).placement, degrees)
+    table = _table(fitted.calibrated.joint(joint.name).placement, degrees)
     block = block_of(body, JOINTS, joint.name)
     assert block is not None
-    line = f"placement = {table}  # tilt of its axis {found.said(JOINTS, joint.name, TILT)}"
-    replace_line(body, block, "placement", line, found.robot)
+    line = f"placement = {table}  # tilt of its axis {fitted.said(JOINTS, joint.name, TILT)}"
+    replace_line(body, block, "placement", line, fitted.robot)
 
 
-def _put_second(found: Found, name: str, body: list[str]) -> None:
-    """Placements of a cut joint whose frame on the second link has moved."""
+def _put_second(fitted: FittedParameters, name: str, body: list[str]) -> None:
+    """Replace the placements of a loop joint whose frame on the second link has moved."""
     block = block_of(body, LOOPS, name)
     if block is None:
-        raise unwritable(found.robot, name)
-    loop = next(loop for loop in found.calibrated.loops if loop.name == name)
+        raise unwritable(fitted.robot, name)
+    loop = next(loop for loop in fitted.calibrated.loops if loop.name == name)
     degrees = _in_degrees(body, block)
     tables = ", ".join(_table(placement_of(matrix_of(placement)), degrees) for placement in loop.placements)
-    line = f"placements = [{tables}]  # the second {found.said(LOOPS, name, SECOND)}"
-    replace_line(body, block, "placements", line, found.robot)
+    line = f"placements = [{tables}]  # the second {fitted.said(LOOPS, name, SECOND)}"
+    replace_line(body, block, "placements", line, fitted.robot)
 
 
 def _in_degrees(body: Sequence[str], block: tuple[int, int] | None) -> bool:
@@ -217,7 +219,7 @@ def _table(placement: Placement, degrees: bool) -> str:
 
 
 def block_of(body: Sequence[str], table: str, name: str) -> tuple[int, int] | None:
-    """Lines from the header of an entry of an array of tables to the next header; None where there is none."""
+    """Return lines from the header of an entry of an array of tables to the next header; None where there is none."""
     heads = [i for i, line in enumerate(body) if re.match(r"\s*\[", line)] + [len(body)]
     for first, last in itertools.pairwise(heads):
         if re.match(rf"\s*\[\[\s*{table}\s*\]\]", body[first]):
@@ -240,28 +242,28 @@ def replace_line(body: list[str], block: tuple[int, int], key: str, line: str, r
 
 
 def _numbers(robot: Robot) -> Iterator[tuple[str, Sequence[float | None]]]:
-    """Numbers of a description that a calibration changes, by the joints' names."""
+    """Yield numbers of a description that a calibration changes, by the joints' names."""
     for joint in robot.joints:
-        found = (joint.coordinates.get(kind) for kind in COORDINATES)
-        stiffness = (given.stiffness if given else None for given in found)
+        coordinates = (joint.coordinates.get(kind) for kind in COORDINATES)
+        stiffness = (coordinate.stiffness if coordinate else None for coordinate in coordinates)
         yield joint.name, (*joint.offset, *stiffness, *matrix_of(joint.placement).ravel().tolist())
     for loop in robot.loops:
         yield loop.name, (*loop.offset, *np.ravel([matrix_of(placement) for placement in loop.placements]).tolist())
 
 
-def write_compared(found: tuple[Robot, Robot], text: str, target: Path, numbers: Numbers) -> Path:
-    """Write a text, which is read again and compared with what was found, and return the path.
+def write_compared(robots: tuple[Robot, Robot], text: str, target: Path, numbers: Numbers) -> Path:
+    """Write a text, which is read again and compared with the calibrated robot, and return the path.
 
-    found: the robot as it was described, and as it was found.  numbers: that are compared, by names for messages.
+    robots: as described, and as calibrated.  numbers: that are compared, by names for messages.
 
     Raises:
         InputError: the text says something else, or the file cannot be written.
     """
-    described, wanted = found
+    described, wanted = robots
     try:
         read = robot_from_toml(text, source=str(target), folder=target.parent, inertia="warn")
     except DescriptionError as error:
-        raise InputError(f"{described.name}: what was found makes no robot: {error}") from None
+        raise InputError(f"{described.name}: the calibrated values make no robot: {error}") from None
     for (name, ours), (other, theirs) in zip(numbers(wanted), numbers(read), strict=False):
         pairs = [(a or 0.0, b or 0.0) for a, b in zip(ours, theirs, strict=False)]
         far = any(abs(a - b) > _CLOSE * max(1.0, abs(a)) for a, b in pairs)
@@ -271,7 +273,7 @@ def write_compared(found: tuple[Robot, Robot], text: str, target: Path, numbers:
 
 
 def deviation_text(value: float) -> str:
-    """A standard deviation as comments have it."""
+    """Return a standard deviation as comments have it."""
     return "unknown" if np.isnan(value) else f"{value:.2g}"
 
 

@@ -1,4 +1,4 @@
-"""A calibrated robot as a URDF: the origins of its file with what was found, or a plain one of a robot in TOML."""
+"""A calibrated robot as a URDF: the calibrated origins of its file, or a plain one of a robot in TOML."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ...robot.bounds import Limits
 from ...robot.value import PRINCIPAL, Joint, Robot
 from ..geometry.rotations import pose_from, pose_of
 from ..geometry.stations import matrix_of
-from .as_toml import HEAD, Found
+from .as_toml import HEAD, FittedParameters
 from .calibrated import OF_LINK, calibrated_robot, placements
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ _NONE = 1e6  # effort and velocity, which other readers need, where the descript
 _TYPES = {"revolute": "revolute", "prismatic": "prismatic", "fixed": "fixed", "free": "floating"}
 
 
-def write_urdf(found: Found, target: Path) -> Path:
+def write_urdf(fitted: FittedParameters, target: Path) -> Path:
     """Write the URDF, and return the path.
 
     Raises:
@@ -40,10 +40,10 @@ def write_urdf(found: Found, target: Path) -> Path:
     check_ending(target, ".urdf")
     from xml.etree import ElementTree
 
-    source = Path(found.robot.source)
+    source = Path(fitted.robot.source)
     is_urdf = source.suffix in (".urdf", ".xml")
-    root = parse_xml(read_text(source, str(source)), str(source)).root if is_urdf else _plain(found.robot)
-    robot = calibrated_robot(found.robot, found.chain, found.links, found.values)
+    root = parse_xml(read_text(source, str(source)), str(source)).root if is_urdf else _plain(fitted.robot)
+    robot = calibrated_robot(fitted.robot, fitted.chain, fitted.links, fitted.values)
     elements = [element for element in root.findall("joint") if element.get("name")]
     names = unique_identifiers([str(element.get("name")) for element in elements])
     by_name = {names[str(element.get("name"))]: element for element in elements}
@@ -52,7 +52,7 @@ def write_urdf(found: Found, target: Path) -> Path:
             _set_origin(by_name[joint.name], joint)
         elif any(joint.offset):
             raise InputError(f"{robot.name}: {joint.name} has offsets and is no joint of the URDF; allowed: its joints")
-    _add_frames(root, found, robot)
+    _add_frames(root, fitted, robot)
     ElementTree.indent(root)
     comment = "".join(f"<!-- {line.removeprefix('# ')} -->\n" for line in HEAD[:1]) + (
         "<!-- Origins (and axes of prismatic joints) hold the offsets; m, rad. -->\n"
@@ -62,7 +62,7 @@ def write_urdf(found: Found, target: Path) -> Path:
 
 
 def _set_origin(element: Element, joint: Joint) -> None:
-    """Origin and axis of a joint with its offsets in them."""
+    """Write origin and axis of a joint with its offsets in them."""
     turn, offset = pose_of(joint.axis_turn), np.array([value or 0.0 for value in joint.offset])
     pose = matrix_of(joint.placement) @ turn @ pose_from(offset) @ turn.T
     if not offset.any() and element.find("origin") is not None:
@@ -75,12 +75,12 @@ def _set_origin(element: Element, joint: Joint) -> None:
         _put(element, "axis", xyz=_numbers(along))
 
 
-def _add_frames(root: Element, found: Found, robot: Robot) -> None:
-    """A link and a fixed joint for every measured frame whose placement was found."""
+def _add_frames(root: Element, fitted: FittedParameters, robot: Robot) -> None:
+    """Add a link and a fixed joint for every measured frame with a calibrated placement."""
     taken = {str(element.get("name")) for element in root.findall("link")}
-    own = {found.robot.base, *(link.name for link in found.robot.links)}
-    for name, link, pose in placements(found.links, found.values):
-        new = name + OF_LINK if name in own else name
+    links = {fitted.robot.base, *(link.name for link in fitted.robot.links)}
+    for name, link, pose in placements(fitted.links, fitted.values):
+        new = name + OF_LINK if name in links else name
         if new in taken:
             raise InputError(f"{robot.name}: the URDF has a link {new!r} already; allowed: another name of the frame")
         _add(root, "link", name=new)
@@ -91,7 +91,7 @@ def _add_frames(root: Element, found: Found, robot: Robot) -> None:
 
 
 def _plain(robot: Robot) -> Element:
-    """A URDF of a robot's links and joints, without origins."""
+    """Return a URDF of a robot's links and joints, without origins."""
     from xml.etree.ElementTree import Element
 
     root = Element("robot", {"name": robot.name})

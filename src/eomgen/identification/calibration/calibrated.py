@@ -1,4 +1,4 @@
-"""The robot with what a calibration found, as a value."""
+"""The calibrated robot, as a value."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from ..geometry.error_model import FRAMES, JOINTS, LOOPS, SECOND, TILT
 from ..geometry.rotations import pose_from, pose_of
 from ..geometry.stations import Chain, matrix_of
 
-OF_LINK = "_calibrated"  # behind the name of a link whose frame was measured: its placement is a frame of its own
+OF_LINK = "_calibrated"  # behind the name of a link whose frame was measured: its placement is a new frame
 
 
 def calibrated_robot(robot: Robot, chain: Chain, links: Mapping[str, str], values: Mapping[str, float]) -> Robot:
-    """The robot with offsets, stiffness and placements of measured frames, by the names of quantities.
+    """Return the robot with offsets, stiffness and placements of measured frames, by the names of parameters.
 
     links: of every measured frame, the link that it is on.
     """
     joints = tuple(_joint(joint, values) for joint in robot.joints)
     frames = {frame.name: frame for frame in robot.frames}
-    own = {robot.base, *(link.name for link in robot.links)}
+    taken = {robot.base, *(link.name for link in robot.links)}
     for name, link, pose in placements(links, values):
-        new = name + OF_LINK if name in own else name
+        new = name + OF_LINK if name in taken else name
         placement = placement_of(pose)
         frames[new] = replace(frames[new], placement=placement) if new in frames else Frame(new, link, placement)
     loops = tuple(_loop(loop, values) for loop in robot.loops)
@@ -35,34 +35,43 @@ def calibrated_robot(robot: Robot, chain: Chain, links: Mapping[str, str], value
 
 
 def six_of(values: Mapping[str, float], *name: str) -> list[float | None]:
-    """Values of the six components of a name, such as ("joints", "joint1", "offset"); None of what was not found."""
+    """Return values of the six components of a name, such as ("joints", "joint1", "offset").
+
+    None for those that were not fitted.
+    """
     return [values.get(parameter_name(*name, kind)) for kind in COORDINATES]
 
 
 def placements(links: Mapping[str, str], values: Mapping[str, float]) -> Iterator[tuple[str, str, Array]]:
-    """Name, link and pose on it, (4, 4), of every measured frame whose placement was found."""
+    """Name, link and pose on it, (4, 4), of every measured frame with a calibrated placement."""
     for name, link in links.items():
-        found = six_of(values, FRAMES, name)
-        if None not in found:
-            yield name, link, _pose(found)
+        pose = six_of(values, FRAMES, name)
+        if None not in pose:
+            yield name, link, _pose(pose)
 
 
 def offset_of(joint: Joint | Loop, values: Mapping[str, float]) -> dict[str, float]:
-    """Offsets of a joint, or of one that is cut, by its coordinates, m and rad: those that were found."""
-    found = six_of(values, JOINTS if isinstance(joint, Joint) else LOOPS, joint.name, "offset")
-    return {kind: value for kind, value in zip(COORDINATES, found, strict=True) if value is not None}
+    """Return offsets of a joint, or of a loop joint, by its coordinates, m and rad: those that were fitted."""
+    offset = six_of(values, JOINTS if isinstance(joint, Joint) else LOOPS, joint.name, "offset")
+    return {kind: value for kind, value in zip(COORDINATES, offset, strict=True) if value is not None}
 
 
 def tilt_of(joint: Joint, values: Mapping[str, float]) -> Array | None:
-    """Rotation of a joint's first axis about its own x, y and z as a pose, (4, 4); None where it was not found."""
-    found = six_of(values, JOINTS, joint.name, TILT)
-    return None if found == [None] * 6 else _pose(found)
+    """Return the rotation of a joint's first axis about its x, y and z as a pose, (4, 4).
+
+    None where it was not fitted.
+    """
+    tilt = six_of(values, JOINTS, joint.name, TILT)
+    return None if tilt == [None] * 6 else _pose(tilt)
 
 
 def second_of(loop: Loop, values: Mapping[str, float]) -> Array | None:
-    """Pose of a cut joint's frame on its second link, (4, 4), with what was found; None where nothing was."""
-    found = six_of(values, LOOPS, loop.name, SECOND)
-    return np.asarray(matrix_of(loop.placements[1]) @ _pose(found)) if any(found) else None
+    """Return the pose of a loop joint's frame on its second link, (4, 4), calibrated.
+
+    None where nothing of it was fitted.
+    """
+    change = six_of(values, LOOPS, loop.name, SECOND)
+    return np.asarray(matrix_of(loop.placements[1]) @ _pose(change)) if any(change) else None
 
 
 def _pose(six: Sequence[float | None]) -> Array:
@@ -70,7 +79,7 @@ def _pose(six: Sequence[float | None]) -> Array:
 
 
 def stiffness_of(joint: Joint, values: Mapping[str, float]) -> dict[str, float]:
-    """Stiffness by coordinate, or "motor" for the transmission's, N/m and N m/rad: what was found and can be.
+    """Return stiffness by coordinate, or "motor" for the transmission's, N/m and N m/rad: fitted and greater than 0.
 
     That of coordinates whose stiffness is described: elsewhere, at a driven coordinate say, it would be another spring.
     """
@@ -81,24 +90,24 @@ def stiffness_of(joint: Joint, values: Mapping[str, float]) -> dict[str, float]:
 
 
 def placement_of(pose: Array) -> Placement:
-    """A pose, (4, 4), as a placement with roll, pitch and yaw."""
+    """Return a pose, (4, 4), as a placement with roll, pitch and yaw."""
     x, y, z = (float(value) for value in pose[:3, 3])
     roll, pitch, yaw = (float(value) for value in rpy_of(pose[:3, :3]))
     return Placement.from_rpy((x, y, z), (roll, pitch, yaw))
 
 
 def _loop(loop: Loop, values: Mapping[str, float]) -> Loop:
-    found = offset_of(loop, values)
-    offset = tuple(found.get(k, old) for k, old in zip(COORDINATES, loop.offset, strict=True))
+    fitted = offset_of(loop, values)
+    offset = tuple(fitted.get(k, old) for k, old in zip(COORDINATES, loop.offset, strict=True))
     second = second_of(loop, values)
     placed = loop.placements if second is None else (loop.placements[0], placement_of(second))
     return replace(loop, offset=offset, placements=placed)
 
 
 def _joint(joint: Joint, values: Mapping[str, float]) -> Joint:
-    found, tilt = offset_of(joint, values), tilt_of(joint, values)
+    fitted, tilt = offset_of(joint, values), tilt_of(joint, values)
     placement = joint.placement if tilt is None else placement_of(_tilted(joint, tilt))
-    offset = tuple(found.get(kind, before) for kind, before in zip(COORDINATES, joint.offset, strict=True))
+    offset = tuple(fitted.get(kind, before) for kind, before in zip(COORDINATES, joint.offset, strict=True))
     coordinates, motor = dict(joint.coordinates), joint.motor
     for kind, value in stiffness_of(joint, values).items():
         if kind == MOTOR and motor is not None:
@@ -109,6 +118,6 @@ def _joint(joint: Joint, values: Mapping[str, float]) -> Joint:
 
 
 def _tilted(joint: Joint, tilt: Array) -> Array:
-    """Placement of a joint whose first axis is tilted about its own x, y and z, (4, 4)."""
+    """Return the placement of a joint whose first axis is tilted about its x, y and z, (4, 4)."""
     turn = pose_of(joint.axis_turn)
     return np.asarray(matrix_of(joint.placement) @ turn @ tilt @ turn.T)

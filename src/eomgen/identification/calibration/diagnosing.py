@@ -102,7 +102,7 @@ def diagnosed(
 
 
 def outlying_rows(problem: Problem, fit: Fit) -> tuple[tuple[int, float], ...]:
-    """Rows with a vector that is further off than chance has it, with its length in usual standard deviations.
+    """Return rows with a vector that is further off than chance has it, with its length in usual standard deviations.
 
     The usual ones are from the median of the magnitudes, block by block, so that outliers do not hide themselves.
     """
@@ -119,32 +119,32 @@ def outlying_rows(problem: Problem, fit: Fit) -> tuple[tuple[int, float], ...]:
     off = np.flatnonzero(fdtrc(many, freedoms, squares / many) * samples.size < CHANCE)
     row_of = np.zeros(samples.size, dtype=np.intp)
     row_of[place] = seen.row
-    found: dict[int, float] = {}
+    outlying: dict[int, float] = {}
     for k in off.tolist():
         row = int(row_of[k])
-        found[row] = max(found.get(row, 0.0), float(np.sqrt(squares[k])))
-    return tuple(sorted(found.items(), key=lambda entry: -entry[1]))
+        outlying[row] = max(outlying.get(row, 0.0), float(np.sqrt(squares[k])))
+    return tuple(sorted(outlying.items(), key=lambda entry: -entry[1]))
 
 
 def _basis(S: Array) -> Array:
-    """Orthonormal basis of the directions that a fit takes away, (M, k)."""
+    """Return an orthonormal basis of the directions that a fit takes away, (M, k)."""
     U, values, _ = np.linalg.svd(S, full_matrices=False)
     return np.asarray(U[:, (values > HIDDEN) & (values > 1e-9 * values.max(initial=0.0))])
 
 
 def _patterns(problem: Problem, fit: Fit, white: Array, U: Array, inflation: float) -> tuple[Pattern, ...]:
-    """Patterns that explain more than chance does, one after the other, on the linearised problem.
+    """Return patterns that explain more than chance does, one after the other, on the linearised problem.
 
     inflation: by which errors that go on make a drift look larger, as a variance.
     """
-    known = {problem.model.quantities[i].name for i in problem.active}
+    known = {problem.model.parameters[i].name for i in problem.active}
     groups = [group for group in drive_terms(problem.model.chain, problem.rows) if group[0].name not in known]
     _, S, columns = with_columns(problem, fit, groups)
     columns.insert(0, _drift_columns(problem, S))
     left = white - U @ (U.T @ white)
-    freedoms, tried, found = fit.freedoms, len(columns), list[Pattern]()
+    freedoms, tried, patterns = fit.freedoms, len(columns), list[Pattern]()
     open_groups = list(range(len(columns)))
-    while open_groups and len(found) < _MOST:
+    while open_groups and len(patterns) < _MOST:
         by_chance = [inflation if k == 0 else 1.0 for k in open_groups]
         best = best_group(left, U, [columns[k] for k in open_groups], freedoms, by_chance)
         if best is None or best.probability * tried >= CHANCE:
@@ -153,16 +153,16 @@ def _patterns(problem: Problem, fit: Fit, white: Array, U: Array, inflation: flo
         if k == 0:
             sizes = problem.model.sizes[_base_places(problem)]
             values = best.values * sizes
-            found.append(Pattern(DRIFT, best.probability * tried, _norm(values[:3]), _norm(values[3:])))
+            patterns.append(Pattern(DRIFT, best.probability * tried, _norm(values[:3]), _norm(values[3:])))
         else:
             group = groups[k - 1]
             values = best.values * np.array([term.size for term in group])
             name = group[0].name.removesuffix(".cos")
-            found.append(Pattern(name, best.probability * tried, _norm(values)))
+            patterns.append(Pattern(name, best.probability * tried, _norm(values)))
         U = np.hstack([U, best.Q])
         left = left - best.Q @ (best.Q.T @ left)
         freedoms -= best.Q.shape[1]
-    return tuple(found)
+    return tuple(patterns)
 
 
 def _norm(values: Array) -> float:
@@ -170,27 +170,30 @@ def _norm(values: Array) -> float:
 
 
 def _base_places(problem: Problem) -> list[int]:
-    """Quantities of the base before the device, six of the first series."""
-    quantities = problem.model.quantities
+    """Return parameters of the base before the device, six of the first series."""
+    parameters = problem.model.parameters
     first = min(problem.model.bases)
-    return [i for i, q in enumerate(quantities) if q.kind == PLACEMENT and q.station == 0 and q.series == first]
+    return [i for i, q in enumerate(parameters) if q.kind == PLACEMENT and q.station == 0 and q.series == first]
 
 
 def _drift_columns(problem: Problem, S: Array) -> Array:
-    """Sensitivities of the base's six coordinates times time, (M, 6): rows at equal distances, from -1/2 to 1/2."""
-    quantities = problem.model.quantities
+    """Return sensitivities of the base's six coordinates times time, (M, 6).
+
+    Rows at equal distances, from -1/2 to 1/2.
+    """
+    parameters = problem.model.parameters
     total = np.zeros((len(S), 6))
-    for i, quantity in enumerate(quantities):
-        if quantity.kind == PLACEMENT and quantity.station == 0:
-            total[:, quantity.coordinate] += S[:, i]
+    for i, parameter in enumerate(parameters):
+        if parameter.kind == PLACEMENT and parameter.station == 0:
+            total[:, parameter.coordinate] += S[:, i]
     count = len(problem.rows.series)
     time = np.arange(count) / max(count - 1, 1) - 0.5
     return np.asarray(total * time[problem.seen.row][:, np.newaxis])
 
 
-def diagnosis_notes(found: Diagnosis, poses: MeasuredPoses, problem: Problem, rank: int) -> list[str]:
-    """Notes that say what was found, for people."""
-    if not found.is_checked:
+def diagnosis_notes(about: Diagnosis, poses: MeasuredPoses, problem: Problem, rank: int) -> list[str]:
+    """Return notes about outliers, correlation and patterns, for people."""
+    if not about.is_checked:
         many = problem.seen.group.size
         return [
             f"nothing can be checked: {many} numbers of {len(poses.q)} rows for {rank} unknowns; residuals are no"
@@ -199,20 +202,20 @@ def diagnosis_notes(found: Diagnosis, poses: MeasuredPoses, problem: Problem, ra
     notes = list[str]()
     if (left := problem.seen.group.size - rank) < _LITTLE:
         notes.append(f"{left} numbers more than unknowns: residuals check little")
-    if found.outlying:
-        said = ", ".join(f"{_row(poses, row)} by {size:.3g}" for row, size in found.outlying[:_NAMED])
-        more = f" and {len(found.outlying) - _NAMED} more" if len(found.outlying) > _NAMED else ""
+    if about.outlying:
+        said = ", ".join(f"{_row(poses, row)} by {size:.3g}" for row, size in about.outlying[:_NAMED])
+        more = f" and {len(about.outlying) - _NAMED} more" if len(about.outlying) > _NAMED else ""
         notes.append(
             f"outlying rows, by how many usual standard deviations they are off: {said}{more}; look at them, or count"
             " them less (--loss)"
         )
-    if found.correlation:
+    if about.correlation:
         notes.append(
-            f"errors go on from row to row: correlation {found.correlation:.2f} of neighbours in the measured order, as"
-            f" if of {100 * found.effective:.0f} % of the rows; deviations are up to {found.widened:.3g} times as large"
+            f"errors go on from row to row: correlation {about.correlation:.2f} of neighbours in the measured order, as"
+            f" if of {100 * about.effective:.0f} % of the rows; deviations are up to {about.widened:.3g} times as large"
             " as if they did not"
         )
-    return notes + [_pattern_note(pattern) for pattern in found.patterns]
+    return notes + [_pattern_note(pattern) for pattern in about.patterns]
 
 
 def _row(poses: MeasuredPoses, row: int) -> str:

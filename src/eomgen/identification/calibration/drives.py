@@ -11,7 +11,7 @@ import numpy as np
 from ...arrays import Array
 from ...optional import optional_import
 from ...progress import StageReport
-from ..geometry.error_model import Quantity, drive_terms
+from ..geometry.error_model import ErrorParameter, drive_terms
 from ..geometry.observations import at_rows
 from ..geometry.solve import Fit, Problem, fitted, whitened
 
@@ -21,7 +21,7 @@ _NEW = 1e-4  # of a column's size: what must be left of it beside the others
 
 
 def with_drives(problem: Problem, fit: Fit, loss: str | None, report: StageReport) -> tuple[Problem, Fit, list[str]]:
-    """The problem with the terms that explain more than chance does, its fit, and a note for each of them.
+    """Return the problem with the terms that explain more than chance does, its fit, and a note for each of them.
 
     They are taken up one after the other, the most significant first, by the F test of what it explains; the number of
     terms that are tried is taken into account.
@@ -29,10 +29,10 @@ def with_drives(problem: Problem, fit: Fit, loss: str | None, report: StageRepor
     groups = list(drive_terms(problem.model.chain, problem.rows))
     notes = []
     for _ in range(_MOST):
-        found = _best(problem, fit, groups) if groups else None
-        if found is None:
+        best = _best(problem, fit, groups) if groups else None
+        if best is None:
             break
-        group, probability = groups.pop(found[0]), found[1]
+        group, probability = groups.pop(best[0]), best[1]
         problem = extended(problem, group)
         report(f"fitting {group[0].name}")
         fit = fitted(problem, np.concatenate([fit.x, np.zeros(len(group))]), loss=loss)
@@ -41,9 +41,9 @@ def with_drives(problem: Problem, fit: Fit, loss: str | None, report: StageRepor
     return problem, fit, notes
 
 
-def extended(problem: Problem, group: tuple[Quantity, ...]) -> Problem:
-    """The problem with further quantities, which are active."""
-    many = len(problem.model.quantities)
+def extended(problem: Problem, group: tuple[ErrorParameter, ...]) -> Problem:
+    """Return the problem with further parameters, which are active."""
+    many = len(problem.model.parameters)
     return replace(
         problem,
         model=problem.model.with_quantities(group),
@@ -52,9 +52,9 @@ def extended(problem: Problem, group: tuple[Quantity, ...]) -> Problem:
 
 
 def with_columns(
-    problem: Problem, fit: Fit, groups: Sequence[tuple[Quantity, ...]]
+    problem: Problem, fit: Fit, groups: Sequence[tuple[ErrorParameter, ...]]
 ) -> tuple[Array, Array, list[Array]]:
-    """Whitened differences, (M,), and sensitivities, (M, P), of a fit, and columns of further quantities by group."""
+    """Return whitened differences, (M,), and sensitivities, (M, P), of a fit, and columns of further parameters."""
     terms = tuple(term for group in groups for term in group)
     whole = extended(problem, terms)
     r, A = at_rows(whole.model, whole.rows, whole.seen, np.concatenate([fit.x, np.zeros(len(terms))]))
@@ -76,14 +76,16 @@ class Explained:
 def best_group(
     left: Array, U: Array, groups: Sequence[Array], freedoms: float, inflations: Sequence[float] = ()
 ) -> Explained | None:
-    """The most significant group of columns, by the F test of what it explains; None where none can be told apart.
+    """Return the most significant group of columns, by the F test of what it explains.
+
+    None where none is identifiable.
 
     Args:
         left: whitened residuals without what is in U, (M,).
         U: orthonormal basis of what is fitted already, (M, p).
         groups: whitened columns, (M, k) each.
         freedoms: of the residuals.
-        inflations: by how much each group explains more by chance than with independent errors; 1 if not given.
+        inflations: by how much each group explains more by chance than with independent errors; 1 by default.
     """
     with optional_import("SciPy", "calibrate needs"):
         from scipy.special import fdtrc
@@ -106,8 +108,8 @@ def best_group(
     return best
 
 
-def _best(problem: Problem, fit: Fit, groups: list[tuple[Quantity, ...]]) -> tuple[int, float] | None:
-    """Index of the most significant group and its probability by chance; None if none is significant."""
+def _best(problem: Problem, fit: Fit, groups: list[tuple[ErrorParameter, ...]]) -> tuple[int, float] | None:
+    """Return the index of the most significant group and its probability by chance; None if none is significant."""
     white, S, columns = with_columns(problem, fit, groups)
     U, values, _ = np.linalg.svd(S[:, problem.active], full_matrices=False)
     U = U[:, values > 1e-9 * values[0]]

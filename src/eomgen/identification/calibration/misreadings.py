@@ -1,7 +1,7 @@
 """Other ways to read a file of poses: units, axes, orientations, joints, rows; which one explains what was measured.
 
-All readings, the file's own among them, are fitted with the same simple model, the placements of base and tool alone,
-and compared by the same robust figure: the median of what is left, beside how far the measurements spread.
+All readings, the file as it is among them, are fitted with the same simple model, base and tool transforms alone, and
+compared by the same robust figure: the median of what is left, beside how far the measurements spread.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ LENGTHS, ANGLES, AXES, ORIENTATIONS, JOINTS, ROWS = "lengths", "angles", "axes",
 EXPLAINED = 0.12  # of the spread of positions, or rad: what a reading that is right leaves at most
 _BETTER = 5.0  # times less: what another reading must leave to be the cause
 _TIED = 1.3  # times: readings that leave no more than that are as good
-_PROMISING = 0.75  # of what the file's own reading leaves: what a second cause is looked for beside
+_PROMISING = 0.75  # of what the file as it is leaves: what a second cause is looked for beside
 _SECOND = 3  # readings that a second one is looked for beside
 _SAID = 8  # readings in a message
 
@@ -59,7 +59,7 @@ class Left:
         return all(share < EXPLAINED for share in self.shares.values())
 
     def is_like(self, other: Left) -> bool:
-        """Whether it leaves lengths and angles that are not much larger."""
+        """Return whether it leaves lengths and angles that are not much larger."""
         return all(value <= 1.5 * other.medians.get(kind, 0.0) for kind, value in self.medians.items())
 
     def __str__(self) -> str:
@@ -71,7 +71,7 @@ class Left:
 class Judged:
     """Readings by what they leave, the best first: that of the file, the cause and what is as good, and the others."""
 
-    own: Left
+    as_read: Left
     cause: tuple[tuple[str, Left], ...]
     others: tuple[tuple[str, Left], ...]
 
@@ -84,11 +84,11 @@ def judged(poses: MeasuredPoses, again: Callable[[MeasuredPoses], Left], *, is_c
         again: what the simple model leaves of poses; InputError where it cannot be fitted.
         is_closed: whether a mechanism has to be closed anew for other coordinates, which are not tried then.
     """
-    own = again(poses)
+    as_read = again(poses)
     readings = [x for x in readings_of(poses) if not (is_closed and x.about in (ANGLES, JOINTS))]
     tried = _tried(poses, again, [((reading,), reading.text) for reading in readings])
-    if not (own.explains or any(_is_cause(left, own) for _, _, left in tried)):
-        firsts = [entry for entry in tried if entry[2].total < _PROMISING * own.total][:_SECOND]
+    if not (as_read.explains or any(_is_cause(left, as_read) for _, _, left in tried)):
+        firsts = [entry for entry in tried if entry[2].total < _PROMISING * as_read.total][:_SECOND]
         pairs = [
             ((first[0][0], other), f"{first[1]} and {other.text}")
             for first in firsts
@@ -97,14 +97,14 @@ def judged(poses: MeasuredPoses, again: Callable[[MeasuredPoses], Left], *, is_c
         ]
         tried = sorted([*tried, *_tried(poses, again, pairs)], key=lambda entry: entry[2].total)
     ranked = [(text, left) for _, text, left in tried]
-    if not ranked or not _is_cause(ranked[0][1], own):
-        return Judged(own, (), tuple(ranked[:_SAID]))
+    if not ranked or not _is_cause(ranked[0][1], as_read):
+        return Judged(as_read, (), tuple(ranked[:_SAID]))
     tied = [entry for entry in ranked if entry[1].total <= _TIED * ranked[0][1].total]
-    return Judged(own, tuple(tied[:_SAID]), tuple(ranked[len(tied) :][:_SAID]))
+    return Judged(as_read, tuple(tied[:_SAID]), tuple(ranked[len(tied) :][:_SAID]))
 
 
-def _is_cause(left: Left, own: Left) -> bool:
-    return left.explains and left.total * _BETTER < own.total
+def _is_cause(left: Left, as_read: Left) -> bool:
+    return left.explains and left.total * _BETTER < as_read.total
 
 
 def _tried(
@@ -112,21 +112,21 @@ def _tried(
     again: Callable[[MeasuredPoses], Left],
     candidates: Sequence[tuple[tuple[Reading, ...], str]],
 ) -> list[tuple[tuple[Reading, ...], str, Left]]:
-    """The readings with what is left of them, the best first; without those that cannot be fitted."""
-    found = []
+    """Return the readings with what is left of them, the best first; without those that cannot be fitted."""
+    readings_tried = []
     for readings, text in candidates:
         changed = poses
         for reading in readings:
             changed = reading.change(changed)
         try:
-            found.append((readings, text, again(changed)))
+            readings_tried.append((readings, text, again(changed)))
         except (InputError, np.linalg.LinAlgError):
             continue
-    return sorted(found, key=lambda entry: entry[2].total)
+    return sorted(readings_tried, key=lambda entry: entry[2].total)
 
 
 def left_of(problem: Problem, start: Array) -> Left:
-    """Remainder of a problem with placements of base and tool alone: medians over vectors, by kind."""
+    """Return the remainder of a problem with placements of base and tool alone: medians over vectors, by kind."""
     x = roughly_placed(problem, start)
     r, _ = at_rows(problem.model, problem.rows, problem.seen, x)
     medians, shares = dict[str, float](), dict[str, float]()
@@ -145,7 +145,7 @@ def left_of(problem: Problem, start: Array) -> Left:
 
 
 def readings_of(poses: MeasuredPoses) -> Iterator[Reading]:
-    """All other readings of a file that are tried."""
+    """Yield all other readings of a file that are tried."""
     turned = any(m.written is not None or np.isfinite(m.orientation).any() for m in poses.frames.values())
     placed = any(np.isfinite(m.position).any() for m in poses.frames.values())
     yield from _units(poses)
@@ -199,7 +199,7 @@ def _scaling(factor: float) -> Change:
 
 
 def _axes(turned: bool) -> Iterator[Reading]:
-    """Axes mirrored and exchanged: of positions alone, or with orientations in the same axes."""
+    """Yield axes mirrored and exchanged: of positions alone, or with orientations in the same axes."""
     eye = np.eye(3)
     odd = [(f"{axis} mirrored", eye - 2.0 * np.diag(eye[i])) for i, axis in enumerate("xyz")]
     odd += [(f"{'xyz'[i]} and {'xyz'[k]} swapped", eye[_exchanged(3, i, k)]) for i, k in combinations(range(3), 2)]
@@ -221,7 +221,7 @@ def _exchanged(count: int, i: int, k: int) -> list[int]:
 
 
 def _moved(M: Array, of_turns: Array | None) -> Change:
-    """Positions M p, and orientations T R T^T where a T is given."""
+    """Return positions M p, and orientations T R T^T where there is a T."""
 
     def change(m: Measured) -> Measured:
         R = m.orientation if of_turns is None else of_turns @ m.orientation @ of_turns.T
@@ -241,7 +241,7 @@ def _mirrored_turns() -> Iterator[Reading]:
 
 
 def _orientations(poses: MeasuredPoses) -> Iterator[Reading]:
-    """Every way to read the numbers of orientations that the file has."""
+    """Yield every way to read the numbers of orientations that the file has."""
     for width in sorted({m.written.shape[1] for m in poses.frames.values() if m.written is not None}):
         units = (("", 1.0),) if width == 4 else (("", 1.0), (" in degrees", np.pi / 180.0))
         for name, reading in (FOUR if width == 4 else READINGS).items():
@@ -291,12 +291,15 @@ def _joints(poses: MeasuredPoses) -> Iterator[Reading]:
 
 
 def _mixed(M: Array, shift: Array | float = 0.0) -> Change:
-    """Coordinates q M + shift, rows of q."""
+    """Return coordinates q M + shift, rows of q."""
     return lambda poses: replace(poses, q=poses.q @ M + shift)
 
 
 def _shifted(by: int) -> Change:
-    """Coordinates of the row after (1) or before (-1) for what was measured in each; rows at the end are left out."""
+    """Return coordinates of the row after (1) or before (-1) for what was measured in each.
+
+    Rows at the end are left out.
+    """
 
     def change(poses: MeasuredPoses) -> MeasuredPoses:
         rows = np.arange(max(-by, 0), len(poses.q) - max(by, 0))

@@ -16,8 +16,8 @@ from ...results.contents import Contents
 from ...robot.model import build_model
 from ...robot.record import record_of
 from ...robot.value import COORDINATES
-from ..geometry.closing import closing_of
-from ..geometry.error_model import COMPLIANCE, DRIVE, OFFSET, PLACEMENT, ZERO, ErrorModel, Quantity
+from ..geometry.error_model import COMPLIANCE, DRIVE, OFFSET, PLACEMENT, ZERO, ErrorModel, ErrorParameter
+from ..geometry.loop_constraints import closing_of
 from ..geometry.stations import chain_of
 
 _KINDS = (PLACEMENT, ZERO, OFFSET, COMPLIANCE, DRIVE)
@@ -34,7 +34,7 @@ def record_of_model(model: ErrorModel, frames: Mapping[str, str]) -> dict[str, A
     """
     return {
         "description": record_of(model.robot),
-        "quantities": model.quantities,
+        "quantities": model.parameters,
         "bases": {str(number): pose for number, pose in model.bases.items()},
         "tools": {name: model.tool_on_link(name, link) for name, link in frames.items()},
     }
@@ -48,19 +48,19 @@ def model_from_record(file: Contents, links: Mapping[str, str]) -> ErrorModel:
         DescriptionError: its robot cannot be.
     """
     robot = robot_from_record(file.plain.get("description", {}), file.path)
-    quantities = file.value(tuple[Quantity, ...], "quantities")
+    parameters = file.value(tuple[ErrorParameter, ...], "quantities")
     tools = _poses(file, "tools")
     if set(tools) != set(links):
         raise InputError(f"{file.path}: tools: got {listed(tools)}; allowed: those of frames, {listed(links)}")
     frames = {name: (link, tools[name]) for name, link in links.items()}
     bases = {_series(number, file.path): pose for number, pose in _poses(file, "bases").items()}
     chain, closing = chain_of(robot, frames), None
-    for quantity in quantities:
-        _check(quantity, len(chain.stations), file.path)
+    for parameter in parameters:
+        _check(parameter, len(chain.stations), file.path)
     if robot.is_closed:
         every = [(k, c) for k in range(len(chain.stations)) for c in range(6)]
         closing = closing_of(build_model(robot), chain, every, file.path)
-    return ErrorModel(robot, chain, quantities, bases, closing)
+    return ErrorModel(robot, chain, parameters, bases, closing)
 
 
 def _poses(file: Contents, name: str) -> dict[str, Array]:
@@ -77,19 +77,19 @@ def _series(number: str, path: str) -> int:
     return int(number)
 
 
-def _check(quantity: Quantity, stations: int, path: str) -> None:
-    """Refuse a quantity that no model has; the message has the file and the key."""
-    harmonic = quantity.factor[3:] if quantity.factor.startswith(("cos", "sin")) else ""
-    where = f"{path}: quantities: {show(quantity.name)}"
+def _check(parameter: ErrorParameter, stations: int, path: str) -> None:
+    """Refuse a parameter that no model has; the message has the file and the key."""
+    harmonic = parameter.factor[3:] if parameter.factor.startswith(("cos", "sin")) else ""
+    where = f"{path}: quantities: {show(parameter.name)}"
     if harmonic and not _HARMONIC.fullmatch(harmonic):
-        raise InputError(f"{where}: factor: got {show(quantity.factor)}")
+        raise InputError(f"{where}: factor: got {show(parameter.factor)}")
     for key, value, allowed in (
-        ("kind", quantity.kind, _KINDS),
-        ("coordinate", str(quantity.coordinate), tuple(map(str, range(len(COORDINATES))))),
+        ("kind", parameter.kind, _KINDS),
+        ("coordinate", str(parameter.coordinate), tuple(map(str, range(len(COORDINATES))))),
     ):
         if value not in allowed:
             raise InputError(f"{where}: {key}: got {show(value)}; allowed: {listed(allowed)}")
-    if not 0 <= quantity.station < stations:
+    if not 0 <= parameter.station < stations:
         raise InputError(
-            f"{path}: {show(quantity.name)} is of station {quantity.station}; allowed: 0 to {stations - 1}"
+            f"{path}: {show(parameter.name)} is of station {parameter.station}; allowed: 0 to {stations - 1}"
         )

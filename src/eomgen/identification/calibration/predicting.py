@@ -8,12 +8,12 @@ from ...arrays import Array
 from ...errors import ArrayError, InputError
 from ...robot.model import build_model
 from ...robot.value import COORDINATES
-from ..geometry.closing import CLOSED, closed_readings
 from ..geometry.error_model import ErrorModel, State
+from ..geometry.loop_constraints import CLOSED, closed_readings
 
 
 def readings_from(model: ErrorModel, q: Array) -> Array:
-    """Six coordinates of every station, (N, S, 6), from those of a robot's joints, (n,) or (N, n), m or rad.
+    """Return six coordinates of every station, (N, S, 6), from those of a robot's joints, (n,) or (N, n), m or rad.
 
     Of a closed mechanism from those of its drives alone, too, (d,) or (N, d); the others then close the described one.
 
@@ -46,11 +46,11 @@ def readings_from(model: ErrorModel, q: Array) -> Array:
 
 
 def refuse_open(model: ErrorModel, state: State) -> None:
-    """InputError where loops are not closed."""
+    """Raise InputError where loops are not closed."""
     closing = model.closing
     if closing is None:
         return
-    gaps = np.abs(closing.residuals(model.chain, state.found, state.q)).max(axis=1)
+    gaps = np.abs(closing.residuals(model.chain, state.located, state.q)).max(axis=1)
     bad = np.flatnonzero(~(gaps < CLOSED))
     if bad.size:
         raise InputError(

@@ -1,4 +1,4 @@
-"""Results of calibrations: values with their standard deviations, what merges, residuals; predictions; files."""
+"""Results of calibrations: values with standard deviations, linearly dependent ones, residuals; predictions; files."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ from ...tabular import Rows as TableRows
 from ...tabular import TableColumn, Tabular
 from ..geometry.error_model import ErrorModel, Rows
 from ..geometry.observations import ENCODER, ORIENTATION, POSITION
-from .as_toml import Found, write_toml
+from .as_toml import FittedParameters, write_toml
 from .as_urdf import write_urdf
 from .diagnosing import Diagnosis
-from .identifiability import merged_rows
+from .identifiability import unidentifiable_rows
 from .model_record import model_from_record, record_of_model
 from .predicting import readings_from, refuse_open
 from .variants import NO_GAIN, VARIANTS, Gain, Gains
@@ -44,27 +44,27 @@ class CalibrationResult(Plotting, Shown, Tabular, Saved, plot="plot_calibration"
         robot: the robot's name.
         frames: link of every measured frame.
         rows: of the file.
-        names, units: of the P quantities: placements of bases ("base.x") and of measured frames ("frames.tcp.x"),
+        names, units: of the P parameters: placements of bases ("base.x") and of measured frames ("frames.tcp.x"),
             offsets ("joints.joint2.offset.z"), stiffness, terms of drives.
-        values: what the description would say, (P,), m, rad, N/m, N m/rad; of merged ones the least change.
+        values: what the description would say, (P,), m, rad, N/m, N m/rad; of dependent ones the least change.
         described: what it says, (P,); NaN where it says nothing.
         deviations: standard deviations, (P,).
         confidence: of intervals.
         rank: independent combinations that the poses show; rank_above_noise: those above their noise.
-        merged: why a quantity is not identifiable, by name.
-        weak: directions that show less than their noise, with their standard deviations.
+        merged: why a parameter is not identifiable, by name.
+        weak: poorly observable directions, which show less than their noise, with their standard deviations.
         residuals: by variant ("placement", "zeros", "full", "prior"), then "fitted" and "held_out", then "position" (m)
             and "orientation" (rad): rms of components; and "fitted_norm" and "held_out_norm": rms of vectors, such as
             the distance of two points.
         variant: the one that values are of.
         noise: standard deviations by what was measured, such as "tcp.position", known or estimated; m or rad.
-        is_noise_known: whether they were given.
+        is_noise_known: whether they were known before the fit.
         freedoms: degrees of freedom of the residuals.
         chi2: reduced chi-square, where the noise is known; else None.
         prior: the size that was chosen for the prior, in expected sizes; None without folds.
         gains: over placement alone, held out, by variant, then "position" and "orientation"; none without folds.
-        mistrusted: rows that the loss counts less than half, with their weights.
-        notes: what was found on the way.
+        mistrusted: rows that the loss down-weights as outliers, to less than half, with their weights.
+        notes: remarks and warnings.
         diagnosis: what residuals show: outlying rows, correlation from row to row, drift, patterns along joints.
         model, x, covariance: the error model, its values and their covariance, for ``predict``.
         source: the file of poses.
@@ -103,7 +103,7 @@ class CalibrationResult(Plotting, Shown, Tabular, Saved, plot="plot_calibration"
     is_explained: Annotated[bool, Stored(otherwise=True)] = True
 
     def __getitem__(self, name: str) -> float:
-        """The value of a quantity; UnknownNameError if there is none of that name."""
+        """Return the value of a parameter; UnknownNameError if there is none of that name."""
         if name not in self.names:
             raise UnknownNameError(f"calibrate: {name!r} was not fitted{nearest_or_all(name, self.names)}")
         return float(self.values[self.names.index(name)])
@@ -123,19 +123,19 @@ class CalibrationResult(Plotting, Shown, Tabular, Saved, plot="plot_calibration"
         return float(ndtri(share) if self.is_noise_known else stdtrit(max(self.freedoms, 1.0), share))
 
     def intervals(self) -> tuple[Array, Array]:
-        """Ends of the intervals of all values, (P,) each."""
+        """Return ends of the intervals of all values, (P,) each."""
         half = self.quantile * self.deviations
         return self.values - half, self.values + half
 
     def predict(self, q: ArrayLike, frame: str, *, series: int | None = None) -> tuple[Array, Array]:
-        """Poses of a measured frame at other configurations, without loads, and what is not sure of them.
+        """Return poses of a measured frame at other configurations, without loads, and their uncertainty.
 
         Args:
             q: coordinates of the calibrated robot, (n,) or (N, n), m or rad: those of its joints' coordinates.  Of a
                 closed mechanism those of its drives alone, (d,) or (N, d), will do: loops are closed, from the
-                description's home on, or from the passive coordinates that are given.
+                description's home on, or from the passive coordinates in q.
             frame: a measured one.
-            series: number of the series whose device looks; None: poses in the robot's own base axes.
+            series: number of the series whose device looks; None: poses in the robot's base frame.
 
         Returns:
             poses, (4, 4) or (N, 4, 4), and covariances of displacement and small turn, (6, 6) or (N, 6, 6), m and rad;
@@ -151,8 +151,8 @@ class CalibrationResult(Plotting, Shown, Tabular, Saved, plot="plot_calibration"
             raise UnknownNameError(f"predict: {frame!r} was not measured{nearest_or_all(frame, chain.tools)}")
         if series is not None and series not in self.model.bases:
             raise UnknownNameError(f"predict: there is no series {series!r}; known: {sorted(self.model.bases)}")
-        given = np.asarray(q, dtype=np.float64)
-        readings = readings_from(self.model, given)
+        coordinates = np.asarray(q, dtype=np.float64)
+        readings = readings_from(self.model, coordinates)
         number = min(self.model.bases) if series is None else series
         many = len(readings)
         rows = Rows(readings, np.full(many, number), {}, np.zeros(readings.shape[:2]), np.zeros(many))
@@ -160,31 +160,31 @@ class CalibrationResult(Plotting, Shown, Tabular, Saved, plot="plot_calibration"
         refuse_open(self.model, state)
         S = state.sensitivities(chain.tools[frame])
         poses = np.tile(np.eye(4), (many, 1, 1))
-        poses[:, :3, :3], poses[:, :3, 3] = state.found.R[chain.tools[frame]], state.found.p[chain.tools[frame]]
+        poses[:, :3, :3], poses[:, :3, 3] = state.located.R[chain.tools[frame]], state.located.p[chain.tools[frame]]
         if series is None:
-            turn, origin = state.found.R[0].transpose(0, 2, 1), state.found.p[0]
+            turn, origin = state.located.R[0].transpose(0, 2, 1), state.located.p[0]
             arm = poses[:, :3, 3] - origin
             poses[:, :3, :3], poses[:, :3, 3] = turn @ poses[:, :3, :3], np.einsum("nij,nj->ni", turn, arm)
-            S[:, :, [i for i, quantity in enumerate(self.model.quantities) if quantity.station == 0]] = 0.0
+            S[:, :, [i for i, parameter in enumerate(self.model.parameters) if parameter.station == 0]] = 0.0
             S = np.concatenate([turn @ S[:, :3], turn @ S[:, 3:]], axis=1)
         covariance = S @ self.covariance @ S.transpose(0, 2, 1)
         if not (self.is_noise_known or self.diagnosis.is_checked):
             covariance = np.full_like(covariance, np.nan)
-        lead = given.shape[:-1]
+        lead = coordinates.shape[:-1]
         return poses.reshape(*lead, 4, 4), covariance.reshape(*lead, 6, 6)
 
     @property
     def calibrated(self) -> Robot:
-        """The robot with offsets, stiffness and placements of frames as they were found."""
-        return self._found.calibrated
+        """The robot with offsets, stiffness and placements of frames, calibrated."""
+        return self._fitted.calibrated
 
     @property
-    def _found(self) -> Found:
+    def _fitted(self) -> FittedParameters:
         values, deviations = (
-            dict(zip(self.names, part.tolist(), strict=True)) for part in (self.values, self.deviations)
+            dict(zip(self.names, array.tolist(), strict=True)) for array in (self.values, self.deviations)
         )
         units = dict(zip(self.names, self.units, strict=True))
-        return Found(self.model.robot, self.model.chain, self.frames, values, deviations, units)
+        return FittedParameters(self.model.robot, self.model.chain, self.frames, values, deviations, units)
 
     def _refuse_unexplained(self, force: bool) -> None:
         if not (self.is_explained or force):
@@ -194,7 +194,7 @@ class CalibrationResult(Plotting, Shown, Tabular, Saved, plot="plot_calibration"
             )
 
     def to_toml(self, path: Path | str, *, force: bool = False) -> Path:
-        """Write the description with what was found, standard deviations as comments, and return the path.
+        """Write the description with calibrated values, standard deviations as comments, and return the path.
 
         Args:
             path: of the file.
@@ -205,10 +205,10 @@ class CalibrationResult(Plotting, Shown, Tabular, Saved, plot="plot_calibration"
                 can be changed, or the file cannot be written.
         """
         self._refuse_unexplained(force)
-        return write_toml(self._found, Path(path))
+        return write_toml(self._fitted, Path(path))
 
     def to_urdf(self, path: Path | str, *, force: bool = False) -> Path:
-        """Write a URDF whose origins (and axes of prismatic joints) have what was found, and return the path.
+        """Write a URDF with calibrated origins (and axes of prismatic joints), and return the path.
 
         Args:
             path: of the file.
@@ -219,10 +219,10 @@ class CalibrationResult(Plotting, Shown, Tabular, Saved, plot="plot_calibration"
                 written.
         """
         self._refuse_unexplained(force)
-        return write_urdf(self._found, Path(path))
+        return write_urdf(self._fitted, Path(path))
 
     def as_rows(self) -> TableRows:
-        """A row per quantity: value, standard deviation, what is described; SI units."""
+        """Return a row per parameter: value, standard deviation, what is described; SI units."""
         columns = [
             TableColumn(key, "SI", getattr(self, f"{key}s" if key != "described" else key))
             for key in ("value", "deviation", "described")
@@ -232,7 +232,7 @@ class CalibrationResult(Plotting, Shown, Tabular, Saved, plot="plot_calibration"
         return TableRows("name", "", np.array(self.names, dtype=object), columns, {"robot": self.robot})
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values, for JSON."""
+        """Return plain values, for JSON."""
         return {
             **plain_fields(self, "frames", "model", "x", "covariance", "source"),
             **{name: _known(getattr(self, name)) for name in ("values", "described", "deviations")},
@@ -247,12 +247,12 @@ class CalibrationResult(Plotting, Shown, Tabular, Saved, plot="plot_calibration"
         }
 
     def lines(self) -> list[str]:
-        """Tables for people: residuals, values, what merges."""
+        """Return tables for people: residuals, values, what is not identifiable."""
         lines = [f"{self.robot}: {self.rows} poses, rank {self.rank}, {self.rank_above_noise} above the noise", ""]
         lines += self._residual_lines()
         lines += ["", *self.summary_lines()] if any(self.residuals["full"]["held_out"]) else self.summary_lines()
         width = max(len(name) for name in self.names) + 2
-        lines += ["", f"{'quantity':<{width}}{'value':>14}{'std. deviation':>16}{'described':>14}  unit"]
+        lines += ["", f"{'parameter':<{width}}{'value':>14}{'std. deviation':>16}{'described':>14}  unit"]
         for i, name in enumerate(self.names):
             if name not in self.merged:
                 before = "" if np.isnan(self.described[i]) else f"{self.described[i]:.7g}"
@@ -260,18 +260,18 @@ class CalibrationResult(Plotting, Shown, Tabular, Saved, plot="plot_calibration"
                 row = f"{self.values[i]:>14.7g}{deviation:>16}{before:>14}  {self.units[i]}"
                 lines.append(f"{name:<{width}}{row}")
         if self.merged:
-            lines += ["", "not identifiable; their values are part of the least change:"]
-            lines += [f"{name:<{width}}{why}" for name, why in merged_rows(self.merged)]
+            lines += ["", "not identifiable; their values are those of the least change:"]
+            lines += [f"{name:<{width}}{why}" for name, why in unidentifiable_rows(self.merged)]
         if self.weak:
-            lines += ["", "weak: standard deviation of the first, along the direction"]
+            lines += ["", "poorly observable: standard deviation of the first, along the direction"]
             lines += [f"{value:>10.2g}  {text}" for text, value in self.weak]
         if self.mistrusted:
             rows = ", ".join(f"{row} ({weight:.2f})" for row, weight in self.mistrusted[:12])
-            lines += ["", f"mistrusted rows, with their weights: {rows}"]
+            lines += ["", f"rows down-weighted as outliers, with their weights: {rows}"]
         return lines + ["", *(f"note: {note}" for note in self.notes)]
 
     def summary_lines(self) -> list[str]:
-        """Lines about the gains over placement alone, reduced chi-square, and the noise."""
+        """Return lines about the gains over placement alone, reduced chi-square, and the noise."""
         lines = self._gain_lines() if any(self.residuals["full"]["held_out"]) else []
         lines += [f"reduced chi-square {self.chi2:.3g}"] if self.chi2 is not None else []
         known = "known" if self.is_noise_known else "estimated"
@@ -287,16 +287,16 @@ class CalibrationResult(Plotting, Shown, Tabular, Saved, plot="plot_calibration"
                 continue
             row = ""
             for kind in kinds:
-                for part, width in (("fitted", 14), ("fitted_norm", 10), ("held_out", 10), ("held_out_norm", 10)):
-                    value = self.residuals[name].get(part, {}).get(kind)
+                for split, width in (("fitted", 14), ("fitted_norm", 10), ("held_out", 10), ("held_out_norm", 10)):
+                    value = self.residuals[name].get(split, {}).get(kind)
                     row += f"{'' if value is None else f'{1e3 * value:.4g}':>{width}}"
             lines.append(f"{name:<18}{row}".rstrip())
         return lines
 
     def _gain_lines(self) -> list[str]:
-        """The verdict, and by how much every variant is better or worse than placement alone."""
+        """Return the verdict, and by how much every variant is better or worse than placement alone."""
         if not self.gains:
-            return ["gain: too few poses to tell"]
+            return ["gain: too few poses to say"]
         better, worse = list[str](), list[str]()
         lines = []
         for name, gains in self.gains.items():
@@ -327,10 +327,13 @@ def _shown(value: float, name: str) -> str:
 
 
 def _gains(file: Contents) -> Gains:
-    """Gains by variant and kind; files of before have that of the full one alone, of positions where there are any."""
+    """Return gains by variant and kind.
+
+    Files of before have that of the full one alone, of positions where there are any.
+    """
     if "gains" in file.plain:
-        found: Gains = file.value(Mapping[str, Mapping[str, Gain]], "gains")
-        return found
+        gains: Gains = file.value(Mapping[str, Mapping[str, Gain]], "gains")
+        return gains
     gain = file.value(Gain | None, "gain")
     kind = next(kind for kind in (POSITION, ORIENTATION) if kind in file.plain["residuals"]["full"]["fitted"])
     return {} if gain is None else {"full": {kind: gain}}
@@ -340,31 +343,31 @@ def _rebuild(file: Contents) -> dict[str, Any]:
     return {"gains": _gains(file), "model": model_from_record(file, file.value(Mapping[str, str], "frames"))}
 
 
-def _sizes(found: CalibrationResult) -> dict[str, int]:
-    return {"P": len(found.names), "X": len(found.model.quantities)}
+def _sizes(result: CalibrationResult) -> dict[str, int]:
+    return {"P": len(result.names), "X": len(result.model.parameters)}
 
 
-def _check(found: CalibrationResult, path: str) -> None:
-    many = len(found.names)
+def _check(result: CalibrationResult, path: str) -> None:
+    many = len(result.names)
     for key, good, allowed in (
         ("names", many > 0, "one or more"),
-        ("units", len(found.units) == many, f"{many}, one for each of names"),
-        ("confidence", 0.0 < found.confidence < 1.0, "a number between 0 and 1"),
-        ("variant", found.variant in VARIANTS, listed(VARIANTS)),
-        ("residuals", _is_whole(found.residuals), "fitted and held_out of the variants, full among them"),
-        ("noise", all(map(is_divisor, found.noise.values())), f"of each, {ALLOWED_DIVISOR}"),
+        ("units", len(result.units) == many, f"{many}, one for each of names"),
+        ("confidence", 0.0 < result.confidence < 1.0, "a number between 0 and 1"),
+        ("variant", result.variant in VARIANTS, listed(VARIANTS)),
+        ("residuals", _is_whole(result.residuals), "fitted and held_out of the variants, full among them"),
+        ("noise", all(map(is_divisor, result.noise.values())), f"of each, {ALLOWED_DIVISOR}"),
     ):
         if not good:
-            raise InputError(f"{path}: {key}: got {show(str(getattr(found, key)))}; allowed: {allowed}")
+            raise InputError(f"{path}: {key}: got {show(str(getattr(result, key)))}; allowed: {allowed}")
 
 
 def _is_whole(residuals: Residuals) -> bool:
-    """Whether residuals have all that lines say of them."""
+    """Return whether residuals have all that lines say of them."""
     parts = [residuals[name] for name in VARIANTS if name in residuals]
     kinds = set(residuals.get("full", {}).get("fitted", {}))
     known, norms = {"fitted", "held_out"}, {"fitted_norm", "held_out_norm"}
     return "full" in residuals and all(
-        known <= set(part) <= known | norms and kinds.issubset(part["fitted"]) for part in parts
+        known <= set(table) <= known | norms and kinds.issubset(table["fitted"]) for table in parts
     )
 
 
@@ -373,7 +376,7 @@ load_calibration = declare(
         "calibration",
         CalibrationResult,
         rebuilt=("gains", "model"),
-        record=lambda found: {"gains": found.gains, **record_of_model(found.model, found.frames)},
+        record=lambda result: {"gains": result.gains, **record_of_model(result.model, result.frames)},
         rebuild=_rebuild,
         sizes=_sizes,
         check=_check,

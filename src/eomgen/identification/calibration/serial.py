@@ -1,8 +1,8 @@
 """Errors that go on from row to row: how much neighbours have in common, and what that makes of deviations.
 
 The residuals of a component are taken as a process of first order, with correlation rho^d between rows d apart.  A fit
-takes away a part of what neighbours share, so rho is the one whose residuals, behind such a fit, have on average the
-correlation that was found.  Deviations follow from (S^T S)^-1 S^T R S (S^T S)^-1.
+takes away some of what neighbours share, so rho is the one whose residuals, behind such a fit, have on average the
+estimated correlation.  Deviations follow from (S^T S)^-1 S^T R S (S^T S)^-1.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ..geometry.observations import Observations
 
 _ERRORS = 3.0  # standard errors of a correlation that is none
 _LEAST = 0.05  # correlation that is not worth a word
-_MOST = 0.98  # what is more cannot be told from a drift
+_MOST = 0.98  # more is indistinguishable from a drift
 _HALVINGS = 12
 _FEW = 10  # pairs of neighbours, at least
 
@@ -43,17 +43,17 @@ class Serial:
         return (1.0 - self.rho) / (1.0 + self.rho)
 
     def widened(self, covariance: Array, S: Array, *, estimated: bool) -> Array:
-        """Covariance of values, (P, P), with errors that go on; ``S``: whitened sensitivities, (M, P).
+        """Return the covariance of values, (P, P), with errors that go on; ``S``: whitened sensitivities, (M, P).
 
         estimated: whether the noise is, so that it has to grow by ``scale``, too.
         """
         Y = S @ covariance
-        found = covariance + Y.T @ (correlated(self.steps, self.rho, Y) - Y)
-        return np.asarray((self.scale if estimated else 1.0) * 0.5 * (found + found.T))
+        widened = covariance + Y.T @ (correlated(self.steps, self.rho, Y) - Y)
+        return np.asarray((self.scale if estimated else 1.0) * 0.5 * (widened + widened.T))
 
 
 def serial_of(seen: Observations, series: NDArray[np.int64], white: Array, U: Array) -> Serial | None:
-    """Correlation of neighbouring rows in whitened residuals, (M,); None where none shows.
+    """Return the correlation of neighbouring rows in whitened residuals, (M,); None where none shows.
 
     U: orthonormal basis of what the fit takes away, (M, k).
     """
@@ -61,7 +61,7 @@ def serial_of(seen: Observations, series: NDArray[np.int64], white: Array, U: Ar
     pairs = sum(int((d == 1.0).sum()) * places.shape[1] for places, d in steps)
     if pairs < _FEW or white.size <= U.shape[1] + 1 or not white.any():  # a loss may leave no number any weight
         return None
-    found = float(white @ _neighbours(steps, white[:, np.newaxis])[:, 0]) / float(white @ white)
+    estimate = float(white @ _neighbours(steps, white[:, np.newaxis])[:, 0]) / float(white @ white)
     LU = _neighbours(steps, U)
     taken = U.T @ LU
 
@@ -73,17 +73,20 @@ def serial_of(seen: Observations, series: NDArray[np.int64], white: Array, U: Ar
 
     without = expected(0.0)
     error = float(np.sqrt(pairs)) / (white.size - U.shape[1])
-    if found - without < _ERRORS * error:
+    if estimate - without < _ERRORS * error:
         return None
     low, high = 0.0, _MOST
-    for _ in range(_HALVINGS if expected(high) > found else 0):
+    for _ in range(_HALVINGS if expected(high) > estimate else 0):
         middle = 0.5 * (low + high)
-        low, high = (low, middle) if expected(middle) > found else (middle, high)
+        low, high = (low, middle) if expected(middle) > estimate else (middle, high)
     return None if high < _LEAST else _at(high, steps, U, white.size)
 
 
 def _at(rho: float, steps: tuple[tuple[Index, Array], ...], U: Array, many: int) -> Serial:
-    """Effective degrees of freedom: those of a chi-square with the mean and variance of the sum of squares."""
+    """Return the effective degrees of freedom.
+
+    Those of a chi-square with the mean and variance of the sum of squares.
+    """
     RU = correlated(steps, rho, U)
     of_R = U.T @ RU
     left = many - float(np.trace(of_R))
@@ -93,8 +96,8 @@ def _at(rho: float, steps: tuple[tuple[Index, Array], ...], U: Array, many: int)
 
 
 def correlated(steps: tuple[tuple[Index, Array], ...], rho: float, X: Array) -> Array:
-    """R X, (M, k), with R_ij = rho^(distance in rows) between numbers of one sequence, else 0."""
-    found = np.array(X)
+    """Return R X, (M, k), with R_ij = rho^(distance in rows) between numbers of one sequence, else 0."""
+    product = np.array(X)
     for places, distance in steps:
         factor = np.where(np.isfinite(distance), rho ** np.where(np.isfinite(distance), distance, 0.0), 0.0)
         ahead = X[places]
@@ -105,12 +108,12 @@ def correlated(steps: tuple[tuple[Index, Array], ...], rho: float, X: Array) -> 
         for i in range(len(places) - 2, -1, -1):
             if factor[i + 1]:
                 behind[i] += factor[i + 1] * behind[i + 1]
-        found[places] = ahead + behind - X[places]
-    return found
+        product[places] = ahead + behind - X[places]
+    return product
 
 
 def _sequences(seen: Observations, series: NDArray[np.int64]) -> Iterator[tuple[Index, Array]]:
-    """Index of a block's numbers, (R, width), and how far rows are behind the one before, infinite in a new series."""
+    """Yield indices of a block's numbers, (R, width), and distances to the row before, infinite in a new series."""
     first = 0
     for block in seen.blocks:
         many = block.rows.size * block.width
@@ -123,10 +126,10 @@ def _sequences(seen: Observations, series: NDArray[np.int64]) -> Iterator[tuple[
 
 
 def _neighbours(steps: tuple[tuple[Index, Array], ...], X: Array) -> Array:
-    """L X, (M, k), with 1/2 between numbers of neighbouring rows of one sequence, else 0."""
-    found = np.zeros_like(X)
+    """Return L X, (M, k), with 1/2 between numbers of neighbouring rows of one sequence, else 0."""
+    sums = np.zeros_like(X)
     for places, distance in steps:
         at = np.flatnonzero(distance == 1.0)
-        found[places[at]] += 0.5 * X[places[at - 1]]
-        found[places[at - 1]] += 0.5 * X[places[at]]
-    return found
+        sums[places[at]] += 0.5 * X[places[at - 1]]
+        sums[places[at - 1]] += 0.5 * X[places[at]]
+    return sums

@@ -21,7 +21,6 @@ from ...optional import optional_import
 from ...progress import StageReport, no_report
 from ...robot.model import build_model
 from ...robot.value import COORDINATES, MOTOR, Robot
-from ..geometry.closing import Closing, closed_readings, closing_of, held_by_loops
 from ..geometry.error_model import (
     COMPLIANCE,
     OFFSET,
@@ -29,11 +28,12 @@ from ..geometry.error_model import (
     SIZES,
     ZERO,
     ErrorModel,
-    Quantity,
+    ErrorParameter,
     compliances_of,
-    quantities_of,
+    model_parameters,
     rows_of,
 )
+from ..geometry.loop_constraints import LoopConstraints, closed_readings, closing_of, held_by_loops
 from ..geometry.observations import ENCODER, ORIENTATION, POSITION, Block, at_rows, observations_of, two_divisors
 from ..geometry.placing import placed
 from ..geometry.poses import MeasuredPoses, read_poses
@@ -56,7 +56,7 @@ OFF = 0.03  # of the reach: median of what is left of positions that nothing exp
 _FAR = 30.0  # expected sizes: offsets that are larger are those of another robot
 _SUSPECT = 0.15  # of both: what is left where other readings are tried
 _ROWS, _ROWS_CLOSED = 32, 12  # rows that readings are tried with
-_SOFT = 1e-3  # rad or m: what a stiffness that nothing is said of is expected to give way in all
+_SOFT = 1e-3  # rad or m: what a stiffness that nothing is said of is expected to deflect in all
 _ROUND_OFF = 1e-9  # of the terms of a variance
 
 
@@ -95,20 +95,20 @@ def calibrate(  # noqa: PLR0913
     force: bool = False,
     progress: StageReport | None = None,
 ) -> CalibrationResult:
-    """Offsets, placements and stiffness of a robot from poses, positions or distances of its frames.
+    """Return offsets, placements and stiffness of a robot from poses, positions or distances of its frames.
 
     Args:
         robot: a Robot, the name of a built-in one, or the path of a description.
         poses: from ``read_poses``, or the path of a .csv or .npz file.
         frames: link of every measured frame that the description does not have, {"probe": "link6"}.
         rotation: how the file writes orientations: "rotvector", "rpy" or "quaternion".
-        noise: standard deviations of lengths (m) and turns (rad) where the file has none; estimated if not given.
+        noise: standard deviations of lengths (m) and rotations (rad) where the file has none; estimated by default.
         covariance: of a frame's errors, (3, 3) or (6, 6), by its name: of position, or of position and turn; for every
-            row its own as (R, 3, 3) or (R, 6, 6).  From files by ``read_covariances``.
+            row one as (R, 3, 3) or (R, 6, 6).  From files by ``read_covariances``.
         loss: "huber", "cauchy" or "tukey": samples count the less, the more they are off.
         folds: contiguous parts of the poses that are held out, one after the other; "loo": every pose; 0: none, and the
             full variant alone.
-        fixed: names of quantities that stay as described, or beginnings of them ("joints.joint1", "frames").
+        fixed: names of parameters that stay as described, or beginnings of them ("joints.joint1", "frames").
         stiffness: coordinates ("joint2.gamma") that are elastic though the description does not say so; those with a
             stiffness in the description are fitted in any case.
         drives: whether to look for terms of drives: gain, eccentricity, backlash, coupling, drift with warmth.
@@ -120,7 +120,7 @@ def calibrate(  # noqa: PLR0913
 
     Raises:
         InputError: a file or an option cannot be used, or the file shows one of the known mistakes.
-        UnknownNameError: there is no frame, link, quantity or coordinate of a name.
+        UnknownNameError: there is no frame, link, parameter or coordinate of a name.
     """
     robot, report = as_robot(robot).with_constraints(), progress or no_report
     count = folds_from(folds)
@@ -159,24 +159,24 @@ def calibrate(  # noqa: PLR0913
         problem, fit, notes = with_drives(problem, fit, loss, report)
         start = fit.x
     if count:
-        found = variants_of(problem, start, loss, units, count, confidence, report)
+        variants = variants_of(problem, start, loss, units, count, confidence, report)
     else:
         fit = only_fitted(problem, start, loss)
         parts = {"full": residuals_of(problem, fit.residuals, None, fit.trust)}
-        found = Variants({"full": fit}, parts, {}, None, {})
+        variants = Variants({"full": fit}, parts, {}, None, {})
     report("looking for mistakes")
-    full, medians = found.fits["full"], medians_of(problem, found, variant)
+    full, medians = variants.fits["full"], medians_of(problem, variants, variant)
     limits = {POSITION: OFF * problem.model.chain.reach, ORIENTATION: TURN}
     is_explained = all(value <= limits[kind] for kind, value in medians.items())
     if any(value > _SUSPECT * limits[kind] for kind, value in medians.items()):
         notes += _other_readings(task, poses, problem, medians, is_explained=is_explained, force=force)
     effect, more = design_effect(poses, problem.seen, full, units)
-    notes += [*more, *_notes(task, problem), *_far_off(problem, found.fits[variant])]
+    notes += [*more, *_notes(task, problem), *_far_off(problem, variants.fits[variant])]
     report("looking at what is identifiable")
     shown = identifiable(problem, full)
     report("looking at residuals")
     diagnosis, serial = diagnosed(problem, full, shown.rank, loss, is_serial=effect == 1.0)
-    fit = found.fits[variant]
+    fit = variants.fits[variant]
     sure, freedoms = effect * fit.covariance, full.freedoms / effect
     if serial is not None:
         sure, freedoms = _widened(problem, fit, serial), serial.freedoms
@@ -185,14 +185,14 @@ def calibrate(  # noqa: PLR0913
         diagnosis = replace(diagnosis, widened=float(np.sqrt(np.nanmax(ratios))))
     notes += diagnosis_notes(diagnosis, poses, problem, shown.rank)
     uncertainty = _Uncertainty(variant, sure, freedoms, diagnosis, confidence)
-    result = _result(task, poses, problem, found, shown, uncertainty, notes)
+    result = _result(task, poses, problem, variants, shown, uncertainty, notes)
     return replace(result, is_explained=is_explained)
 
 
 def _other_readings(
     task: Task, poses: MeasuredPoses, problem: Problem, medians: Rms, *, is_explained: bool, force: bool
 ) -> list[str]:
-    """Notes about other readings of the file; InputError where one explains it, without ``force``."""
+    """Return notes about other readings of the file; InputError where one explains it, without ``force``."""
     simple = replace(task, noise=None, covariance={}, stiffness=())
     closing, closed = problem.model.closing, None
     if closing is not None:
@@ -206,12 +206,12 @@ def _other_readings(
         frames = {name: replace(measured, sigma={}) for name, measured in other.frames.items()}
         return left_of(*problem_of(simple, replace(other, frames=frames), careful=False, closed=closed))
 
-    found = judged(poses, again, is_closed=task.robot.is_closed)
-    own = f"as it is read, placements of base and tool leave {found.own}"
-    if found.cause:
-        (text, left), *tied = found.cause
-        more = f"; these poses do not tell it from: {'; '.join(name for name, _ in tied)}" if tied else ""
-        said = f"{poses.source}: {own}; read as {text}: {left}{more}"
+    judgement = judged(poses, again, is_closed=task.robot.is_closed)
+    as_read = f"as it is read, placements of base and tool leave {judgement.as_read}"
+    if judgement.cause:
+        (text, left), *tied = judgement.cause
+        more = f"; these poses do not distinguish it from: {'; '.join(name for name, _ in tied)}" if tied else ""
+        said = f"{poses.source}: {as_read}; read as {text}: {left}{more}"
         if not force:
             raise InputError(
                 f"{said}; allowed: m and rad, axes of one device, orientations as --rotation (rotation=) says, or"
@@ -220,34 +220,34 @@ def _other_readings(
         return [said]
     if is_explained:
         return []
-    others = [(text, left) for text, left in found.others if left.is_like(found.own)]
+    others = [(text, left) for text, left in judgement.others if left.is_like(judgement.as_read)]
     best = "; ".join(f"{text}: {left}" for text, left in others[:3])
     large = ", ".join(f"{value:.3g} {'m' if kind == POSITION else 'rad'} of {kind}" for kind, value in medians.items())
     return [
-        f"what was measured is not explained: the fit leaves {large} (medians of vectors); {own}, and other readings"
-        f" of the file no less: {best}"
+        f"what was measured is not explained: the fit leaves {large} (medians of vectors); {as_read}, and other"
+        f" readings of the file no less: {best}"
     ]
 
 
 def _widened(problem: Problem, fit: Fit, serial: Serial) -> Array:
-    """Covariance of a fit's values, (P, P), with errors that go on from row to row."""
+    """Return the covariance of a fit's values, (P, P), with errors that go on from row to row."""
     r, A = at_rows(problem.model, problem.rows, problem.seen, fit.x)
     S = whitened(problem, fit, r, A)[1] / problem.model.sizes
     return serial.widened(fit.covariance, S, estimated=bool(np.isnan(problem.seen.sigma).any()))
 
 
 def links_of(robot: Robot, frames: Mapping[str, str]) -> dict[str, tuple[str, Array]]:
-    """Link and pose on it of every frame that may have been measured."""
+    """Return the link and pose on it of every frame that may have been measured."""
     links = {robot.base: robot.base, **{link.name: link.name for link in robot.links}}
-    found = {name: (name, np.eye(4)) for name in links}
-    found |= {frame.name: (frame.link, matrix_of(frame.placement)) for frame in robot.frames}
+    poses = {name: (name, np.eye(4)) for name in links}
+    poses |= {frame.name: (frame.link, matrix_of(frame.placement)) for frame in robot.frames}
     for name, link in frames.items():
         if link not in links:
             raise UnknownNameError(f"frames: {name}: there is no link {link!r}{nearest_or_all(link, links)}")
-        if not is_identifier(name) or name in found:
+        if not is_identifier(name) or name in poses:
             raise InputError(f"frames: {show(name)}; allowed: an identifier that no frame or link has yet")
-        found[name] = link, np.eye(4)
-    return found
+        poses[name] = link, np.eye(4)
+    return poses
 
 
 def problem_of(
@@ -255,9 +255,9 @@ def problem_of(
     poses: MeasuredPoses,
     *,
     careful: bool,
-    closed: tuple[Closing, Mapping[bytes, Array]] | None = None,
+    closed: tuple[LoopConstraints, Mapping[bytes, Array]] | None = None,
 ) -> tuple[Problem, Array]:
-    """The problem to fit, and first values.
+    """Return the problem to fit, and first values.
 
     careful: whether mistakes that show before a fit are refused.  closed: loops, and readings that close them by the
     bytes of a row of coordinates, where they are known already.
@@ -283,9 +283,9 @@ def problem_of(
         rows = replace(rows, readings=closed_readings(chain, closing, tree, rows.readings, places))
     series = sorted(set(poses.series.tolist()))
     known = {name: task.known[name] for name in measured}
-    quantities = tuple(quantities_of(robot, chain, series, known, task.sizes))
+    parameters = tuple(model_parameters(robot, chain, series, known, task.sizes))
     bases = {number: np.eye(4) for number in series}
-    model = ErrorModel(robot, chain, (*quantities, *_compliances(task, chain, poses, closing)), bases, closing)
+    model = ErrorModel(robot, chain, (*parameters, *_compliances(task, chain, poses, closing)), bases, closing)
     encoders = _encoders(poses, columns, closing)
     if not encoders and not any(m.is_measured for m in poses.frames.values()):
         raise InputError(
@@ -294,11 +294,11 @@ def problem_of(
     seen = observations_of(poses, task.noise, task.covariance, encoders)
     model = placed(model, rows, seen, {name: known[name] for name in known if poses.frames[name].is_measured})
     model = _sized(model, Problem(model, rows, seen, np.zeros(0, dtype=np.intp)))
-    chosen = [i for i, quantity in enumerate(model.quantities) if not _is_fixed(quantity.name, task.fixed)]
+    chosen = [i for i, parameter in enumerate(model.parameters) if not _is_fixed(parameter.name, task.fixed)]
     for name in task.fixed:
-        if not any(_is_fixed(quantity.name, (name,)) for quantity in model.quantities):
-            names = [quantity.name for quantity in model.quantities]
-            raise UnknownNameError(f"fixed: there is no quantity {name!r}{nearest_or_all(name, names)}")
+        if not any(_is_fixed(parameter.name, (name,)) for parameter in model.parameters):
+            names = [parameter.name for parameter in model.parameters]
+            raise UnknownNameError(f"fixed: there is no parameter {name!r}{nearest_or_all(name, names)}")
     problem = Problem(model, rows, seen, np.array(chosen, dtype=np.intp))
     if careful and closing is None:
         refuse_too_few(problem, poses.source)
@@ -306,9 +306,9 @@ def problem_of(
 
 
 def _encoders(
-    poses: MeasuredPoses, columns: Mapping[str, tuple[int, int, float]], closing: Closing | None
+    poses: MeasuredPoses, columns: Mapping[str, tuple[int, int, float]], closing: LoopConstraints | None
 ) -> list[Block]:
-    """Readings of passive coordinates of a closed mechanism: its loops say what they should be."""
+    """Return readings of passive coordinates of a closed mechanism: its loops say what they should be."""
     passive = () if closing is None else closing.passive
     rows = np.arange(len(poses.q))
     return [
@@ -319,13 +319,13 @@ def _encoders(
 
 
 def _is_fixed(name: str, fixed: Sequence[str]) -> bool:
-    return any(name == given or name.startswith(f"{given}.") for given in fixed)
+    return any(name == prefix or name.startswith(f"{prefix}.") for prefix in fixed)
 
 
 def _columns(robot: Robot, chain: Chain, poses: MeasuredPoses) -> dict[str, tuple[int, int, float]]:
-    """Station, coordinate and factor of every column of coordinates; InputError where a joint's is missing."""
+    """Return station, coordinate and factor of every column of coordinates; InputError where a joint's is missing."""
     station = {s.name: k for k, s in enumerate(chain.stations) if s.joint is not None}
-    found = {}
+    columns = {}
     for name in poses.coordinates:
         owner, kind = split_component(name)
         at = chain.stations[station[owner]]
@@ -335,10 +335,10 @@ def _columns(robot: Robot, chain: Chain, poses: MeasuredPoses) -> dict[str, tupl
             assert at.principal is not None
             if component_name(owner, COORDINATES[at.principal]) in poses.coordinates:
                 raise InputError(f"{poses.source}: {name} and its joint's coordinate are both there; allowed: one")
-            found[name] = station[owner], at.principal, 1.0 / at.joint.motor.ratio
+            columns[name] = station[owner], at.principal, 1.0 / at.joint.motor.ratio
         else:
-            found[name] = station[owner], COORDINATES.index(kind), 1.0
-    read = {place[:2] for place in found.values()}
+            columns[name] = station[owner], COORDINATES.index(kind), 1.0
+    read = {place[:2] for place in columns.values()}
     moving = {k for tool in chain.tools.values() for k in chain.ancestors(tool)}
     for name, k in station.items():
         principal = chain.stations[k].principal
@@ -347,11 +347,13 @@ def _columns(robot: Robot, chain: Chain, poses: MeasuredPoses) -> dict[str, tupl
             raise InputError(
                 f"{poses.source}: the column {column} is missing; allowed: all joints that move what was measured"
             )
-    return found
+    return columns
 
 
-def _compliances(task: Task, chain: Chain, poses: MeasuredPoses, closing: Closing | None) -> list[Quantity]:
-    """Compliances that are fitted; of closed mechanisms those whose deflections the loops let happen.
+def _compliances(
+    task: Task, chain: Chain, poses: MeasuredPoses, closing: LoopConstraints | None
+) -> list[ErrorParameter]:
+    """Return compliances that are fitted; of closed mechanisms those whose deflections the loops let happen.
 
     Raises:
         InputError: a coordinate that is asked for follows from the loops, or is held by them.
@@ -360,13 +362,18 @@ def _compliances(task: Task, chain: Chain, poses: MeasuredPoses, closing: Closin
     for name in task.stiffness:
         if name not in names:
             raise UnknownNameError(f"stiffness: there is no coordinate {name!r}{nearest_or_all(name, names)}")
-    found = list(compliances_of(chain, poses.coordinates, task.stiffness))
-    return found if closing is None else _free_ones(task, chain, closing, found)
+    compliances = list(compliances_of(chain, poses.coordinates, task.stiffness))
+    return compliances if closing is None else _free_ones(task, chain, closing, compliances)
 
 
-def _free_ones(task: Task, chain: Chain, closing: Closing, found: Sequence[Quantity]) -> list[Quantity]:
-    """Compliances of a closed mechanism whose deflections passive coordinates can take up; see ``_compliances``."""
-    places = [(quantity.station, quantity.coordinate) for quantity in found]
+def _free_ones(
+    task: Task, chain: Chain, closing: LoopConstraints, compliances: Sequence[ErrorParameter]
+) -> list[ErrorParameter]:
+    """Return compliances of a closed mechanism whose deflections passive coordinates can take up.
+
+    See ``_compliances``.
+    """
+    places = [(parameter.station, parameter.coordinate) for parameter in compliances]
     held = held_by_loops(build_model(task.robot), chain, closing, places)
     for k, c in places:
         name = component_name(chain.stations[k].name, COORDINATES[c])
@@ -376,47 +383,47 @@ def _free_ones(task: Task, chain: Chain, closing: Closing, found: Sequence[Quant
                 f"stiffness: {name} {why}; allowed: drives of {task.robot.name}, and coordinates whose deflections the"
                 " passive ones can take up"
             )
-    return [quantity for quantity, place in zip(found, places, strict=True) if place not in held]
+    return [parameter for parameter, place in zip(compliances, places, strict=True) if place not in held]
 
 
 def _sized(model: ErrorModel, problem: Problem) -> ErrorModel:
-    """The model with expected sizes of compliances that the description says nothing of, by the loads there are."""
-    if not any(quantity.size == 0.0 for quantity in model.quantities):
+    """Return model with expected sizes of compliances that the description says nothing of, by the loads there are."""
+    if not any(parameter.size == 0.0 for parameter in model.parameters):
         return model
     state = model.at(model.nominal, problem.rows)
-    forces = np.abs(model.forces(state.found, problem.rows)).max(axis=0)
-    quantities = tuple(
+    forces = np.abs(model.forces(state.located, problem.rows)).max(axis=0)
+    parameters = tuple(
         replace(q, size=_SOFT / max(float(forces[q.station, q.coordinate]), 1e-3)) if q.size == 0.0 else q
-        for q in model.quantities
+        for q in model.parameters
     )
-    return replace(model, quantities=quantities)
+    return replace(model, parameters=parameters)
 
 
 def _notes(task: Task, problem: Problem) -> list[str]:
-    """Notes about what a result leaves out, and what counts beside frames."""
+    """Return notes about what a result leaves out, and what counts beside frames."""
     notes = []
     encoders = [block.frame for block in problem.seen.blocks if block.kind == ENCODER]
     if encoders:
         notes.append(f"encoders of passive coordinates count as measured: {listed(encoders)}")
-    soft = any(quantity.kind == COMPLIANCE for quantity in problem.model.quantities)
+    soft = any(parameter.kind == COMPLIANCE for parameter in problem.model.parameters)
     if soft and task.robot.springs:
-        notes.append("springs between points are left out of the loads")
+        notes.append("point-to-point springs are left out of the loads")
     if problem.model.closing is not None:
-        fitted = {(q.station, q.coordinate) for q in problem.model.quantities if q.kind == COMPLIANCE}
+        fitted = {(q.station, q.coordinate) for q in problem.model.parameters if q.kind == COMPLIANCE}
         left = [
             component_name(station.name, kind)
             for k, station in enumerate(problem.model.chain.stations)
             if station.joint is not None
-            for kind, given in station.joint.coordinates.items()
-            if given.stiffness and (k, COORDINATES.index(kind)) not in fitted
+            for kind, coordinate in station.joint.coordinates.items()
+            if coordinate.stiffness and (k, COORDINATES.index(kind)) not in fitted
         ]
         if left:
             notes.append(f"stiffness of {listed(left)} is not fitted: the loops hold these coordinates, too")
     bent = [
         component_name(joint.name, kind)
         for joint in task.robot.joints
-        for kind, given in joint.coordinates.items()
-        if given.law() and given.has_stiffness
+        for kind, coordinate in joint.coordinates.items()
+        if coordinate.law() and coordinate.has_stiffness
     ]
     if bent:
         notes.append(f"of {listed(bent)} the linear stiffness alone counts")
@@ -424,14 +431,14 @@ def _notes(task: Task, problem: Problem) -> list[str]:
 
 
 def _far_off(problem: Problem, fit: Fit) -> list[str]:
-    """A note about offsets that are too large for a robot that was built as it is described."""
-    quantities = problem.model.quantities
+    """Return a note about offsets that are too large for a robot that was built as it is described."""
+    parameters = problem.model.parameters
     off = (fit.x - problem.model.nominal) / problem.model.sizes
-    far = [i for i in problem.active if quantities[i].kind in (ZERO, OFFSET) and abs(off[i]) > _FAR]
+    far = [i for i in problem.active if parameters[i].kind in (ZERO, OFFSET) and abs(off[i]) > _FAR]
     if not far:
         return []
     named = listed(
-        [f"{quantities[i].name} by {fit.x[i] - quantities[i].nominal:.3g} {quantities[i].unit}" for i in far]
+        [f"{parameters[i].name} by {fit.x[i] - parameters[i].nominal:.3g} {parameters[i].unit}" for i in far]
     )
     return [f"further off than a robot is built: {named}; is a zero, or a length, another one than in the description?"]
 
@@ -451,15 +458,15 @@ def _result(
     task: Task,
     poses: MeasuredPoses,
     problem: Problem,
-    found: Variants,
+    variants: Variants,
     shown: Identifiable,
     uncertainty: _Uncertainty,
     notes: list[str],
 ) -> CalibrationResult:
-    model, fit, full = problem.model, found.fits[uncertainty.variant], found.fits["full"]
+    model, fit, full = problem.model, variants.fits[uncertainty.variant], variants.fits["full"]
     values, described, deviations = _described(task, model, fit.x, uncertainty.covariance)
     chosen = problem.active
-    names = tuple(model.quantities[i].name for i in chosen)
+    names = tuple(model.parameters[i].name for i in chosen)
     is_known = not np.isnan(problem.seen.sigma).any()
     if not (is_known or uncertainty.diagnosis.is_checked):
         deviations = np.full_like(deviations, np.nan)
@@ -471,7 +478,7 @@ def _result(
         frames={name: task.links[name][0] for name in model.chain.tools},
         rows=len(poses.q),
         names=names,
-        units=tuple(model.quantities[i].unit for i in chosen),
+        units=tuple(model.parameters[i].unit for i in chosen),
         values=values[chosen],
         described=described[chosen],
         deviations=deviations[chosen],
@@ -479,13 +486,13 @@ def _result(
         rank_above_noise=shown.rank_above_noise,
         merged=shown.merged,
         weak=shown.weak,
-        residuals=found.residuals,
+        residuals=variants.residuals,
         noise=_noise(problem, full),
         is_noise_known=is_known,
         chi2=chi2,
-        prior=found.prior,
-        gains=found.gains,
-        mistrusted=_mistrusted(problem, full),
+        prior=variants.prior,
+        gains=variants.gains,
+        mistrusted=_down_weighted(problem, full),
         notes=tuple(notes),
         model=model,
         x=fit.x,
@@ -495,19 +502,19 @@ def _result(
 
 
 def _described(task: Task, model: ErrorModel, x: Array, covariance: Array) -> tuple[Array, Array, Array]:
-    """Values as a description has them, what it says, and standard deviations, (P,) each.
+    """Return values as a description has them, what it says, and standard deviations, (P,) each.
 
     Placements are whole ones, of the frame on its link and of the base before the device; compliances are stiffnesses.
     """
     values, described = x.copy(), model.nominal
     variance = np.diagonal(covariance).copy()
     groups: dict[tuple[int, int], list[int]] = {}
-    for i, quantity in enumerate(model.quantities):
-        if quantity.kind == PLACEMENT:
-            groups.setdefault((quantity.station, quantity.series), []).append(i)
-        elif quantity.kind == COMPLIANCE:
+    for i, parameter in enumerate(model.parameters):
+        if parameter.kind == PLACEMENT:
+            groups.setdefault((parameter.station, parameter.series), []).append(i)
+        elif parameter.kind == COMPLIANCE:
             values[i] = 1.0 / x[i] if x[i] != 0.0 else np.inf
-            described[i] = 1.0 / quantity.nominal if quantity.nominal else np.nan
+            described[i] = 1.0 / parameter.nominal if parameter.nominal else np.nan
             variance[i] *= values[i] ** 4
     for (station, number), places in groups.items():
         if station == 0:
@@ -518,15 +525,15 @@ def _described(task: Task, model: ErrorModel, x: Array, covariance: Array) -> tu
             before = model.tool_on_link(frame, link)
             said = coordinates_of(pose) if task.known[frame] else np.full(6, np.nan)
 
-        def whole(part: Array, before: Array = before) -> Array:
-            return coordinates_of(before @ pose_from(part))
+        def whole(vector: Array, before: Array = before) -> Array:
+            return coordinates_of(before @ pose_from(vector))
 
         values[places], described[places] = whole(x[places]), said
         slope = _slope(whole, x[places])
-        own = covariance[np.ix_(places, places)]
-        size = np.einsum("ij,jk,ik->i", np.abs(slope), np.abs(own), np.abs(slope))
-        found = np.einsum("ij,jk,ik->i", slope, own, slope)
-        variance[places] = np.where((found < 0.0) & (found > -_ROUND_OFF * size), 0.0, found)
+        block = covariance[np.ix_(places, places)]
+        size = np.einsum("ij,jk,ik->i", np.abs(slope), np.abs(block), np.abs(slope))
+        variances = np.einsum("ij,jk,ik->i", slope, block, slope)
+        variance[places] = np.where((variances < 0.0) & (variances > -_ROUND_OFF * size), 0.0, variances)
     if (variance < 0.0).any():
         raise np.linalg.LinAlgError("a variance comes out negative")
     with np.errstate(invalid="ignore"):
@@ -534,7 +541,7 @@ def _described(task: Task, model: ErrorModel, x: Array, covariance: Array) -> tu
 
 
 def _slope(function: Callable[[Array], Array], x: Array, step: float = 1e-6) -> Array:
-    """Derivatives of six coordinates by six, (6, 6), by central differences."""
+    """Return derivatives of six coordinates by six, (6, 6), by central differences."""
     columns = []
     for i in range(6):
         off = np.zeros(6)
@@ -547,15 +554,15 @@ def _slope(function: Callable[[Array], Array], x: Array, step: float = 1e-6) -> 
 
 
 def _noise(problem: Problem, fit: Fit) -> dict[str, float]:
-    """Root of the mean square of the standard deviations of what was measured, by frame and kind."""
-    found = {}
+    """Return the root of the mean square of the standard deviations of what was measured, by frame and kind."""
+    noise = {}
     for group, block in enumerate(problem.seen.blocks):
         places = problem.seen.group == group
-        found[component_name(block.frame, block.kind)] = float(np.sqrt(np.mean(fit.sigma[places] ** 2)))
-    return found
+        noise[component_name(block.frame, block.kind)] = float(np.sqrt(np.mean(fit.sigma[places] ** 2)))
+    return noise
 
 
-def _mistrusted(problem: Problem, fit: Fit) -> tuple[tuple[int, float], ...]:
+def _down_weighted(problem: Problem, fit: Fit) -> tuple[tuple[int, float], ...]:
     rows: dict[int, float] = {}
     for i in np.flatnonzero(fit.trust < 0.5):
         row = int(problem.seen.row[i])
@@ -564,7 +571,7 @@ def _mistrusted(problem: Problem, fit: Fit) -> tuple[tuple[int, float], ...]:
 
 
 def _lack_of_fit(fit: Fit) -> list[str]:
-    """A note where known noise does not explain what is left."""
+    """Return a note where known noise does not explain what is left."""
     with optional_import("SciPy", "calibrate needs"):
         from scipy.special import chdtrc
     probability = float(chdtrc(fit.freedoms, fit.chi2))
@@ -573,7 +580,7 @@ def _lack_of_fit(fit: Fit) -> list[str]:
     ratio = fit.chi2 / fit.freedoms
     return [
         f"lack of fit: reduced chi-square {ratio:.3g}, by chance with a probability of {probability:.1g}; the model"
-        " lacks something that the poses show (drives, stiffness), or the noise is larger than given"
+        " lacks something that the poses show (drives, stiffness), or the noise is larger than stated"
     ]
 
 
@@ -585,5 +592,5 @@ def _one_of(label: str, value: str | None, allowed: Sequence[str | None]) -> str
 
 
 def two_sizes(sizes: ArrayLike) -> tuple[float, float]:
-    """Expected sizes of offsets: of the reach, and rad; ArrayError if they are none."""
+    """Return expected sizes of offsets: of the reach, and rad; ArrayError if they are none."""
     return two_divisors("sizes", sizes, "of the reach and rad")

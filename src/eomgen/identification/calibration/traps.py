@@ -33,7 +33,10 @@ def refuse_impossible(poses: MeasuredPoses, chain: Chain) -> None:
 
 
 def suspicion_of(poses: MeasuredPoses, chain: Chain, rows: Rows) -> str:
-    """A message about ranges that the robot does not have: of angles and of positions; "" where there are none such."""
+    """Return a message about ranges that the robot does not have: of angles and of positions.
+
+    "" where there are none such.
+    """
     angles = odd_angles(poses, chain, rows)
     if angles:
         return angles
@@ -55,7 +58,7 @@ def suspicion_of(poses: MeasuredPoses, chain: Chain, rows: Rows) -> str:
 
 
 def _refuse_copies(poses: MeasuredPoses) -> None:
-    """InputError where two columns of coordinates, or of measurements, have the same numbers in all rows."""
+    """Raise InputError where two columns of coordinates, or of measurements, have the same numbers in all rows."""
     columns: dict[str, Array] = dict(zip(poses.coordinates, poses.q.T, strict=True))
     seen: dict[str, Array] = {}
     for frame, measured in poses.frames.items():
@@ -87,7 +90,7 @@ def _refuse_alike(poses: MeasuredPoses, chain: Chain) -> None:
 
 
 def odd_angles(poses: MeasuredPoses, chain: Chain, rows: Rows) -> str:
-    """A message where joints turn further than they can: degrees, or angles of motors; else ""."""
+    """Return a message where joints turn further than they can: degrees, or angles of motors; else ""."""
     turning = [
         (station.name, station.joint, rows.readings[:, k, station.principal])
         for k, station in enumerate(chain.stations)
@@ -97,7 +100,7 @@ def odd_angles(poses: MeasuredPoses, chain: Chain, rows: Rows) -> str:
 
 
 def correlation_within(seen: Observations, fit: Fit, groups: Index) -> tuple[float, float, float]:
-    """Correlation of residuals that were measured at once, its standard error if there is none, and how many they are.
+    """Return the correlation of residuals measured at once, its standard error without any, and their number.
 
     groups: number of what was measured at once of every number, (M,).
     """
@@ -128,12 +131,15 @@ def correlation_within(seen: Observations, fit: Fit, groups: Index) -> tuple[flo
 
 
 def _axis(seen: Observations) -> Index:
-    """Which of a block's components every number is, (M,)."""
+    """Return which of a block's components every number is, (M,)."""
     return np.concatenate([np.tile(np.arange(block.width), block.rows.size) for block in seen.blocks])
 
 
 def at_once(poses: MeasuredPoses) -> Index:
-    """Number, from 0, of what was measured at once, of every row: by ``body``, or where nothing moved between rows."""
+    """Return number, from 0, of what was measured at once, of every row.
+
+    By ``body``, or where nothing moved between rows.
+    """
     if poses.body is not None:
         return np.unique(poses.body, return_inverse=True)[1].reshape(-1).astype(np.intp)
     moved = np.any(np.diff(poses.q, axis=0) != 0.0, axis=1) | (np.diff(poses.series) != 0)

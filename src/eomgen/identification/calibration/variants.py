@@ -82,9 +82,9 @@ def variants_of(
     problems = {"placement": _part(problem, PLACEMENT), "zeros": _part(problem, PLACEMENT, ZERO), "full": problem}
     fits: dict[str, Fit] = {}
     x = start
-    for name, part in problems.items():
+    for name, reduced in problems.items():
         report(f"fitting {name}")
-        fits[name] = fitted(part, x, loss=loss)
+        fits[name] = fitted(reduced, x, loss=loss)
         x = fits[name].x
     full = fits["full"]
     report("choosing a prior")
@@ -102,45 +102,48 @@ def variants_of(
 
 
 def residuals_of(problem: Problem, fitted: Array, held: Array | None, trust: Array) -> dict[str, Rms]:
-    """Rms of residuals, fitted and held out, (M,) each, of components and of whole vectors; see ``Variants``."""
-    found = {}
-    for part, differences in (("fitted", fitted), ("held_out", held)):
-        found[part] = {} if differences is None else rms(problem, differences, trust)
-        found[f"{part}_norm"] = {} if differences is None else rms(problem, differences, trust, whole=True)
-    return found
+    """Return rms of residuals, fitted and held out, (M,) each, of components and of whole vectors; see ``Variants``."""
+    residuals = {}
+    for kind, differences in (("fitted", fitted), ("held_out", held)):
+        residuals[kind] = {} if differences is None else rms(problem, differences, trust)
+        residuals[f"{kind}_norm"] = {} if differences is None else rms(problem, differences, trust, whole=True)
+    return residuals
 
 
 def only_fitted(problem: Problem, start: Array, loss: str | None) -> Fit:
-    """The full fit alone, from placement on."""
+    """Return the full fit alone, from placement on."""
     return fitted(problem, roughly(_part(problem, PLACEMENT), start), loss=loss)
 
 
 def roughly_placed(problem: Problem, start: Array) -> Array:
-    """Values, (P,), with placements of base and tool alone after a few steps: enough to tell readings apart."""
+    """Return values, (P,), with placements of base and tool alone after a few steps: enough to distinguish readings."""
     return roughly(_part(problem, PLACEMENT), start, ROUGH // 2)
 
 
 def rms(problem: Problem, differences: Array, trust: Array, *, whole: bool = False) -> Rms:
-    """Root of the mean square of what was measured less what is predicted, by kind: m and rad.
+    """Return the root of the mean square of what was measured less what is predicted, by kind: m and rad.
 
     whole: of whole vectors, such as the distance between two points; else of their components.
     """
-    found = {}
+    values = {}
     kinds = problem.seen.kinds
     widths = np.array([block.width for block in problem.seen.blocks])[problem.seen.group]
     for kind in (POSITION, ORIENTATION):
         inside = (kinds == kind) & np.isfinite(differences)
         weight = (trust / widths if whole else trust)[inside].sum()
         if weight > 0.0:
-            found[kind] = float(np.sqrt((trust[inside] * differences[inside] ** 2).sum() / weight))
-    return found
+            values[kind] = float(np.sqrt((trust[inside] * differences[inside] ** 2).sum() / weight))
+    return values
 
 
-def medians_of(problem: Problem, found: Variants, variant: str) -> Rms:
-    """Median length of what a variant leaves of vectors, by kind, m and rad: fitted or held out, whichever is more."""
+def medians_of(problem: Problem, variants: Variants, variant: str) -> Rms:
+    """Return the median length of what a variant leaves of vectors, by kind, m and rad.
+
+    Fitted or held out, whichever is more.
+    """
     medians: Rms = {}
     kinds = problem.seen.kinds
-    for differences in (found.fits[variant].residuals, found.held_out.get(variant)):
+    for differences in (variants.fits[variant].residuals, variants.held_out.get(variant)):
         for group, block in enumerate(problem.seen.blocks):
             inside = problem.seen.group == group
             if differences is None or not np.isfinite(differences[inside]).any():
@@ -152,41 +155,44 @@ def medians_of(problem: Problem, found: Variants, variant: str) -> Rms:
 
 
 def fold_rows(units: Index, folds: int) -> list[Mask]:
-    """Rows of every fold, (R,) each: parts of the units one behind the other, as even as possible."""
+    """Return rows of every fold, (R,) each: parts of the units one behind the other, as even as possible."""
     many = int(units.max()) + 1
     count = min(folds, many)
     fold_of = np.arange(many) * count // many
     return [fold_of[units] == k for k in range(count)]
 
 
-def folds_from(given: object) -> int:
-    """The number of folds of an option: a whole number, or "loo" for as many as there are poses.
+def folds_from(folds: object) -> int:
+    """Return the number of folds of an option: a whole number, or "loo" for as many as there are poses.
 
     Raises:
         InputError: it is neither 0 nor at least 2.
     """
-    if given == "loo":
+    if folds == "loo":
         return 1 << 30
-    if isinstance(given, bool) or not isinstance(given, int) or given < 0 or given == 1:
-        raise InputError(f"folds: {show(given)}; allowed: 0 (none), a whole number from 2 on, or 'loo'")
-    return given
+    if isinstance(folds, bool) or not isinstance(folds, int) or folds < 0 or folds == 1:
+        raise InputError(f"folds: {show(folds)}; allowed: 0 (none), a whole number from 2 on, or 'loo'")
+    return folds
 
 
 def _part(problem: Problem, *kinds: str) -> Problem:
-    """The problem with the active quantities of these kinds alone; drives' terms come with the full one."""
-    chosen = [i for i in problem.active if problem.model.quantities[i].kind in kinds]
+    """Return the problem with the active parameters of these kinds alone; drives' terms come with the full one."""
+    chosen = [i for i in problem.active if problem.model.parameters[i].kind in kinds]
     return replace(problem, active=np.array(chosen, dtype=np.intp))
 
 
 def _prior(problem: Problem, size: float) -> Array:
-    """Standard deviations of all quantities, (P,): of bases and of frames that are attached there is no prior."""
+    """Return standard deviations of all parameters, (P,).
+
+    Of bases and of frames that are attached there is no prior.
+    """
     model, large = problem.model, (problem.model.chain.reach, 1.0)  # of lengths and angles
-    free = np.array([q.kind == PLACEMENT and q.size > 0.5 * large[q.coordinate // 3] for q in model.quantities])
+    free = np.array([q.kind == PLACEMENT and q.size > 0.5 * large[q.coordinate // 3] for q in model.parameters])
     return np.where(free, _WIDE * model.sizes, size * model.sizes)
 
 
 def _chosen_prior(problem: Problem, fit: Fit, folds: Sequence[Mask], kept: Index | None = None) -> float:
-    """Size of the prior that predicts held-out numbers best, by the problem linearised at a fit of all.
+    """Return the size of the prior that predicts held-out numbers best, by the problem linearised at a fit of all.
 
     kept: places of the numbers that count; others are not looked at.
     """
@@ -209,37 +215,40 @@ def _chosen_prior(problem: Problem, fit: Fit, folds: Sequence[Mask], kept: Index
         N, n = G - T.T @ T, g - T.T @ y[test]
         for k, size in enumerate(PRIORS):
             held = (problem.model.sizes / _prior(problem, size))[problem.active]
-            found = np.linalg.solve(N + np.diag(held**2), n)
-            errors[k] += float(((y[test] - T @ found) ** 2).sum())
+            estimate = np.linalg.solve(N + np.diag(held**2), n)
+            errors[k] += float(((y[test] - T @ estimate) ** 2).sum())
     return float(PRIORS[int(errors.argmin())])
 
 
 def _held_out(problem: Problem, fit: Fit, full: Fit, folds: Sequence[Mask], is_prior: bool) -> Array:
-    """Differences of numbers, (M,), whose rows the fit has not seen; a prior is chosen anew from the others alone."""
-    found = np.full(problem.seen.group.size, np.nan)
+    """Return differences of numbers, (M,), whose rows the fit has not seen.
+
+    a prior is chosen anew from the others alone.
+    """
+    differences = np.full(problem.seen.group.size, np.nan)
     for fold in folds:
         kept, out = problem.seen.part(~fold), problem.seen.part(fold)
         if not (kept.size and out.size):
             continue
-        part = problem
+        reduced = problem
         if is_prior:
             inner = _together([other for other in folds if other is not fold], INNER)
-            part = replace(problem, prior=_prior(problem, _chosen_prior(problem, full, inner, kept)))
-        x = refitted(part, fit, kept)
-        found[out] = at_rows(problem.model, problem.rows, problem.seen, x)[0][out]
-    return found
+            reduced = replace(problem, prior=_prior(problem, _chosen_prior(problem, full, inner, kept)))
+        x = refitted(reduced, fit, kept)
+        differences[out] = at_rows(problem.model, problem.rows, problem.seen, x)[0][out]
+    return differences
 
 
 def _together(folds: Sequence[Mask], most: int) -> list[Mask]:
-    """The folds, neighbours put together where there are more than so many."""
+    """Return the folds, neighbours put together where there are more than so many."""
     parts = np.array_split(np.arange(len(folds)), min(most, len(folds)))
-    return [np.any([folds[k] for k in part], axis=0) for part in parts]
+    return [np.any([folds[k] for k in group], axis=0) for group in parts]
 
 
 def _gains(problem: Problem, held: Mapping[str, Array], trust: Array, units: Index, confidence: float) -> Gains:
     """Return by how much variants beat placement alone where they have not looked, by variant and kind."""
     kinds = problem.seen.kinds
-    found: dict[str, dict[str, Gain]] = {}
+    by_frame: dict[str, dict[str, Gain]] = {}
     for name in VARIANTS[1:] if held else ():
         known = np.isfinite(held["placement"]) & np.isfinite(held[name])
         gains = {
@@ -247,20 +256,25 @@ def _gains(problem: Problem, held: Mapping[str, Array], trust: Array, units: Ind
             for kind in (POSITION, ORIENTATION)
             if (inside := (kinds == kind) & known).any()
         }
-        found[name] = {kind: gain for kind, gain in gains.items() if gain is not None}
-    return {name: gains for name, gains in found.items() if gains}
+        by_frame[name] = {kind: gain for kind, gain in gains.items() if gain is not None}
+    return {name: gains for name, gains in by_frame.items() if gains}
 
 
 def _gain(before: Array, after: Array, trust: Array, unit: Index, inside: Mask, confidence: float) -> Gain | None:
-    """Ratio of the rms of two sets of held-out differences, (M,); its interval by the jackknife over units."""
+    """Return the ratio of the rms of two sets of held-out differences, (M,).
+
+    Its interval by the jackknife over units.
+    """
     with optional_import("SciPy", "calibrate needs"):
         from scipy.special import stdtrit
     there, place = np.unique(unit[inside], return_inverse=True)
     many = there.size
-    sums = [np.bincount(place, trust[inside] * part[inside] ** 2, minlength=many) for part in (before, after)]
-    if many < 3 or not all(part.sum() > 0.0 for part in sums):
+    sums = [
+        np.bincount(place, trust[inside] * differences[inside] ** 2, minlength=many) for differences in (before, after)
+    ]
+    if many < 3 or not all(differences.sum() > 0.0 for differences in sums):
         return None
-    whole = [np.maximum(part.sum() - part, 1e-300) for part in sums]
+    whole = [np.maximum(differences.sum() - differences, 1e-300) for differences in sums]
     each = 0.5 * np.log(whole[0] / whole[1])
     middle = 0.5 * float(np.log(sums[0].sum() / sums[1].sum()))
     error = float(np.sqrt((many - 1) / many * ((each - each.mean()) ** 2).sum()))

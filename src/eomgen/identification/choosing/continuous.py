@@ -15,11 +15,11 @@ from .information import Criterion, Information, inverse
 CLOSE = 1e-3  # gap: of the p-th root of the determinant, or of the squared error
 _STEPS = 5000
 _LOOK = 10  # steps between looks at all candidates
-_GONE = 1e-3  # of an equal share: weights that are left out until they tell more than others
+_GONE = 1e-3  # of an equal share: weights that are left out until they are more informative than others
 
 
 def bound_of(information: Information, criterion: Criterion, count: int) -> tuple[float, float]:
-    """The criterion that no design of so many poses exceeds, and the gap to the weights that were found, as a share."""
+    """Return an upper bound of the criterion of so many poses, and the gap of these weights to it, as a share."""
     many = len(information.Y)
     weights = np.full(many, 1.0 / many)
     active = np.arange(many)
@@ -43,7 +43,7 @@ def bound_of(information: Information, criterion: Criterion, count: int) -> tupl
 
 
 def _revived(weights: Array, slopes: Array, many: int) -> tuple[Array, Index]:
-    """Weights without those that are next to nothing, and with a little for the candidate that would tell most."""
+    """Return weights without the smallest, and with a little for the most informative candidate."""
     usual = float(weights @ slopes)
     kept = np.where((weights > _GONE / many) | (slopes > usual), weights, 0.0)
     kept[slopes > usual] = np.maximum(kept[slopes > usual], _GONE / many)

@@ -18,7 +18,7 @@ _GAIN = 1e-9  # of the function's gain, below which an exchange is none
 def chosen_by(
     information: Information, criterion: Criterion, count: int, possible: float, rng: np.random.Generator
 ) -> Index:
-    """Indices of the chosen candidates, each once, the ones that tell most first.
+    """Return indices of the chosen candidates, each once, the most informative ones first.
 
     possible: the bound; while less than ENOUGH of it is reached, exchanges begin anew with random candidates.
     """
@@ -36,35 +36,35 @@ def chosen_by(
 
 
 def _greedy(information: Information, criterion: Criterion, count: int) -> Index:
-    """The candidate that gains most, again and again."""
-    covariance, left, found = inverse(information.start), np.arange(len(information.Y)), list[int]()
+    """Return the candidate that gains most, again and again."""
+    covariance, left, chosen = inverse(information.start), np.arange(len(information.Y)), list[int]()
     for _ in range(count):
         best = int(criterion.gains(information.Y[left], covariance).argmax())
-        found.append(int(left[best]))
+        chosen.append(int(left[best]))
         covariance = added(covariance, information.Y[left[best]])
         left = np.delete(left, best)
-    return np.array(found, dtype=np.intp)
+    return np.array(chosen, dtype=np.intp)
 
 
 def _exchanged(information: Information, criterion: Criterion, chosen: Index) -> Index:
-    """The chosen ones with each replaced by the best candidate, until none is better."""
-    found = chosen.copy()
+    """Return the chosen ones with each replaced by the best candidate, until none is better."""
+    design = chosen.copy()
     free = np.ones(len(information.Y), dtype=bool)
-    free[found] = False
+    free[design] = False
     for _ in range(_PASSES):
-        covariance = inverse(information.total(np.bincount(found, minlength=free.size).astype(np.float64)))
+        covariance = inverse(information.total(np.bincount(design, minlength=free.size).astype(np.float64)))
         swaps = 0
-        for k, own in enumerate(found.tolist()):
-            without = removed(covariance, information.Y[own])
-            free[own] = True
+        for k, pose in enumerate(design.tolist()):
+            without = removed(covariance, information.Y[pose])
+            free[pose] = True
             places = np.flatnonzero(free)
             gains = criterion.gains(information.Y[places], without)
-            best, kept = int(gains.argmax()), float(gains[np.searchsorted(places, own)])
+            best, kept = int(gains.argmax()), float(gains[np.searchsorted(places, pose)])
             if gains[best] > kept + _GAIN * abs(kept):
-                found[k] = places[best]
+                design[k] = places[best]
                 swaps += 1
-                covariance = added(without, information.Y[found[k]])
-            free[found[k]] = False
+                covariance = added(without, information.Y[design[k]])
+            free[design[k]] = False
         if not swaps:
             break
-    return np.asarray(found)
+    return np.asarray(design)

@@ -21,7 +21,7 @@ CRITERIA = (DETERMINANT, ERROR)
 
 @dataclass(frozen=True)
 class Information:
-    """Candidates as they tell of p combinations of quantities.
+    """Information of candidates about p combinations of parameters.
 
     start: what is known before, (p, p).  Y: of every candidate, (N, m, p).
     tool: mean over the workspace of J^T J of the tool's position, (p, p), m^2.
@@ -37,13 +37,13 @@ class Information:
         return len(self.start)
 
     def total(self, weights: Array) -> Array:
-        """Information of all with candidates as often as the weights say, (N,), whole numbers or not."""
+        """Return information of all with candidates as often as the weights say, (N,), whole numbers or not."""
         there = np.flatnonzero(weights)
         scaled = (self.Y[there] * np.sqrt(weights[there])[:, np.newaxis, np.newaxis]).reshape(-1, self.size)
         return np.asarray(self.start + scaled.T @ scaled)
 
     def error(self, covariance: Array) -> float:
-        """Root of the mean square of the tool's distance from where it is thought to be, m."""
+        """Return the root of the mean square of the tool's distance from where it is thought to be, m."""
         return float(np.sqrt(max(np.trace(self.tool @ covariance), 0.0)))
 
 
@@ -57,7 +57,7 @@ class Criterion:
     tool: Array | None
 
     def value(self, A: Array) -> float:
-        """The function's value."""
+        """Return the function's value."""
         if self.tool is None:
             return float(np.linalg.slogdet(A)[1])
         return -float(np.trace(np.linalg.solve(A, self.tool)))
@@ -72,37 +72,40 @@ class Criterion:
         return np.asarray(np.trace(np.linalg.solve(inner, seen), axis1=1, axis2=2))
 
     def slopes(self, Y: Array, covariance: Array) -> Array:
-        """Derivatives of the function by the weight of each of N candidates, (N,)."""
+        """Return derivatives of the function by the weight of each of N candidates, (N,)."""
         YC = Y @ covariance
         if self.tool is None:
             return np.asarray(np.einsum("nmp,nmp->n", YC, Y))
         return np.asarray(np.einsum("nmp,nmp->n", YC @ self.tool, YC))
 
     def efficiency(self, reached: float, possible: float, size: int) -> float:
-        """Share of what is possible that is reached, 0 to 1: of the p-th root of the determinant, or of 1 / error^2."""
+        """Return the share of what is possible that is reached, 0 to 1.
+
+        Of the p-th root of the determinant, or of 1 / error^2.
+        """
         if self.tool is None:
             return float(np.exp(min(reached - possible, 0.0) / size))
         return float(min(max(possible / reached, 0.0), 1.0))
 
 
 def criterion_of(name: str, information: Information) -> Criterion:
-    """The criterion of that name."""
+    """Return the criterion of that name."""
     return Criterion(None if name == DETERMINANT else information.tool)
 
 
 def added(covariance: Array, Y: Array) -> Array:
-    """The inverse of the information with one candidate more, (m, p), by its m rows alone."""
+    """Return the inverse of the information with one candidate more, (m, p), by its m rows alone."""
     YC = Y @ covariance
     return np.asarray(covariance - YC.T @ np.linalg.solve(np.eye(len(Y)) + YC @ Y.T, YC))
 
 
 def removed(covariance: Array, Y: Array) -> Array:
-    """The inverse of the information with one candidate less, (m, p), by its m rows alone."""
+    """Return the inverse of the information with one candidate less, (m, p), by its m rows alone."""
     YC = Y @ covariance
     return np.asarray(covariance + YC.T @ np.linalg.solve(np.eye(len(Y)) - YC @ Y.T, YC))
 
 
 def inverse(A: Array) -> Array:
-    """Inverse of a symmetric and positive definite matrix."""
+    """Return the inverse of a symmetric and positive definite matrix."""
     root = np.linalg.inv(np.linalg.cholesky(A))
     return np.asarray(root.T @ root)

@@ -23,9 +23,9 @@ WIDTHS = {POSE: 6, POSITION: 3, DISTANCE: 1}  # numbers of a frame in a pose
 def proposed(
     chain: Chain, ranges: Ranges, q: Array, base: Array, series: int, measure: str, noise: tuple[float, float]
 ) -> MeasuredPoses:
-    """Rows that the described robot would show at coordinates q, (N, n), to a device that sees its base at ``base``.
+    """Return rows that the described robot would show at q, (N, n), to a device that sees its base at ``base``.
 
-    measure: one of MEASURES, of all frames of the chain.  noise: standard deviations of lengths (m) and turns (rad).
+    measure: one of MEASURES, of all frames of the chain.  noise: deviations of lengths (m) and rotations (rad).
     """
     at = located(chain, ranges.readings(chain, q), np.tile(base, (len(q), 1, 1)))
     lengths = dict.fromkeys(("x", "y", "z", "distance", "travel"), np.full(len(q), noise[0]))
@@ -51,7 +51,7 @@ def proposed(
 
 
 def joined(before: MeasuredPoses, more: MeasuredPoses, noise: tuple[float, float]) -> MeasuredPoses:
-    """Poses that were measured, and proposed ones behind them.
+    """Return poses that were measured, and proposed ones behind them.
 
     Raises:
         InputError: the file of the former has other coordinates.
@@ -76,7 +76,7 @@ def joined(before: MeasuredPoses, more: MeasuredPoses, noise: tuple[float, float
 
 
 def _both(name: str, before: MeasuredPoses, more: MeasuredPoses, noise: tuple[float, float]) -> Measured:
-    """A frame in both; blank where it was not measured, with usual noise where a file has none."""
+    """Return a frame in both; blank where it was not measured, with usual noise where a file has none."""
     tables = [poses.frames.get(name) or blank_frame(name, len(poses.q)) for poses in (before, more)]
     keys = dict.fromkeys(key for table in tables for key in table.sigma)
     sigma = {
@@ -86,5 +86,5 @@ def _both(name: str, before: MeasuredPoses, more: MeasuredPoses, noise: tuple[fl
         for key in keys
     }
     parts = ("position", "orientation", "distance", "travel", "wrench")
-    stacked = {part: np.concatenate([getattr(table, part) for table in tables]) for part in parts}
+    stacked = {field: np.concatenate([getattr(table, field) for table in tables]) for field in parts}
     return Measured(frame=name, sigma=sigma, **stacked)

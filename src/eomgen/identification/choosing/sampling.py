@@ -17,7 +17,7 @@ from ..geometry.stations import Chain, Located, located
 AXES = ("x", "y", "z", "-x", "-y", "-z")
 _DRAWN = 2000  # poses at once
 _ROUNDS = 150
-_NEAR = 0.05  # of a range: steps from poses that were found to further ones
+_NEAR = 0.05  # of a range: steps from poses that are inside to further ones
 
 
 @dataclass(frozen=True)
@@ -30,14 +30,14 @@ class Ranges:
     high: Array
 
     def readings(self, chain: Chain, q: Array) -> Array:
-        """Six coordinates of every station, (N, S, 6), with constants of the description, at coordinates (N, n)."""
-        found = np.zeros((len(q), len(chain.stations), 6))
+        """Return six coordinates of every station, (N, S, 6), constants of the description included, at (N, n)."""
+        readings = np.zeros((len(q), len(chain.stations), 6))
         for k, station in enumerate(chain.stations):
             if station.offset is not None and station.principal is not None:
-                found[:, k] = station.offset
+                readings[:, k] = station.offset
         for i, (k, c) in enumerate(self.places):
-            found[:, k, c] += q[:, i]
-        return found
+            readings[:, k, c] += q[:, i]
+        return readings
 
 
 @dataclass(frozen=True)
@@ -58,27 +58,27 @@ class Where:
     axis: str = "z"
 
     def kept(self, chain: Chain, at: Located) -> dict[str, Mask]:
-        """Which of N poses are inside, (N,), by the name of what limits them."""
-        found: dict[str, Mask] = {}
+        """Return which of N poses are inside, (N,), by the name of what limits them."""
+        masks: dict[str, Mask] = {}
         tools = list(chain.tools.values())
         p = at.p[tools]
         if self.boxes is not None:
             inside = (p[:, :, np.newaxis] >= self.boxes[:, 0]) & (p[:, :, np.newaxis] <= self.boxes[:, 1])
-            found["boxes"] = np.asarray(inside.all(axis=-1).any(axis=-1).all(axis=0))
+            masks["boxes"] = np.asarray(inside.all(axis=-1).any(axis=-1).all(axis=0))
         if self.reach is not None:
             length = np.linalg.norm(p, axis=-1)
-            found["reach"] = np.asarray(((length >= self.reach[0]) & (length <= self.reach[1])).all(axis=0))
+            masks["reach"] = np.asarray(((length >= self.reach[0]) & (length <= self.reach[1])).all(axis=0))
         if self.angle is not None and self.device is not None:
             toward = self.device - p
             toward /= np.maximum(np.linalg.norm(toward, axis=-1, keepdims=True), 1e-12)
             sign = -1.0 if self.axis.startswith("-") else 1.0
             axis = sign * at.R[tools][..., "xyz".index(self.axis[-1])]
-            found["angle"] = np.asarray(((toward * axis).sum(axis=-1) >= np.cos(self.angle)).all(axis=0))
-        return found
+            masks["angle"] = np.asarray(((toward * axis).sum(axis=-1) >= np.cos(self.angle)).all(axis=0))
+        return masks
 
 
-def ranges_of(robot: Robot, chain: Chain, given: Mapping[str, Sequence[float]]) -> Ranges:
-    """Ranges of all principal coordinates: those given, by the coordinate's or the joint's name, or limits.
+def ranges_of(robot: Robot, chain: Chain, requested: Mapping[str, Sequence[float]]) -> Ranges:
+    """Return ranges of all principal coordinates: requested ones, by the coordinate's or the joint's name, or limits.
 
     Raises:
         UnknownNameError: there is no coordinate of a name.
@@ -93,7 +93,7 @@ def ranges_of(robot: Robot, chain: Chain, given: Mapping[str, Sequence[float]]) 
     if not places:
         raise InputError(f"poses: {robot.name} has no joint that turns or slides; allowed: robots that have one")
     said = {}
-    for name, ends in given.items():
+    for name, ends in requested.items():
         if name not in places and name not in owners:
             raise UnknownNameError(f"ranges: there is no coordinate {name!r}{nearest_or_all(name, places)}")
         said[owners.get(name, name)] = _ends(f"ranges: {name}", ends)
@@ -115,7 +115,7 @@ def where_from(
     angle: float | None,
     axis: str,
 ) -> Where:
-    """Limits of places from options.
+    """Return limits of places from options.
 
     Raises:
         ArrayError: a box or a place has another shape.
@@ -133,31 +133,35 @@ def where_from(
 
 
 def boxes_from(label: str, boxes: ArrayLike | None) -> Array | None:
-    """Boxes, (B, 2, 3), from one, (2, 3), or several; None as it is."""
+    """Return boxes, (B, 2, 3), from one, (2, 3), or several; None as it is."""
     if boxes is None:
         return None
     shape = np.shape(boxes)
-    found = _array(label, boxes, (2, 3) if len(shape) == 2 else (shape[:1] or (1,)) + (2, 3)).reshape(-1, 2, 3)
-    if not len(found) or (found[:, 0] > found[:, 1]).any():
-        raise ArrayError(f"{label}: {show(found.tolist())}; allowed: lower corners before upper ones, at least one box")
-    return found
+    corners = _array(label, boxes, (2, 3) if len(shape) == 2 else (shape[:1] or (1,)) + (2, 3)).reshape(-1, 2, 3)
+    if not len(corners) or (corners[:, 0] > corners[:, 1]).any():
+        raise ArrayError(
+            f"{label}: {show(corners.tolist())}; allowed: lower corners before upper ones, at least one box"
+        )
+    return corners
 
 
 def sampled(
     chain: Chain, ranges: Ranges, where: Where, count: int, least: int, rng: np.random.Generator, label: str
 ) -> Array:
-    """Coordinates of so many poses, (N, n): random ones within the ranges; near those that were found if these are few.
+    """Return coordinates of so many poses, (N, n): random ones within the ranges.
+
+    Near those inside if these are few.
 
     Raises:
-        InputError: fewer than ``least`` were found; it names what excludes the others.
+        InputError: fewer than ``least`` are inside; it names what excludes the others.
     """
-    found = np.empty((0, len(ranges.names)))
+    poses = np.empty((0, len(ranges.names)))
     seen: dict[str, int] = {}
     width = ranges.high - ranges.low
     for round_number in range(_ROUNDS):
         q = rng.uniform(ranges.low, ranges.high, (_DRAWN, len(width)))
-        if round_number and len(found):
-            near = found[rng.integers(len(found), size=_DRAWN // 2)]
+        if round_number and len(poses):
+            near = poses[rng.integers(len(poses), size=_DRAWN // 2)]
             near = near + _NEAR * width * rng.normal(size=near.shape)
             q[: len(near)] = np.where((near < ranges.low) | (near > ranges.high), q[: len(near)], near)
         at = located(chain, ranges.readings(chain, q), np.tile(np.eye(4), (len(q), 1, 1)))
@@ -165,17 +169,17 @@ def sampled(
         for name, kept in where.kept(chain, at).items():
             seen[name] = seen.get(name, 0) + int(kept.sum())
             inside &= kept
-        found = np.vstack([found, q[inside]])
-        if len(found) >= count:
-            return found[:count]
-    if len(found) < least:
+        poses = np.vstack([poses, q[inside]])
+        if len(poses) >= count:
+            return poses[:count]
+    if len(poses) < least:
         none = [name for name, many in seen.items() if not many]
         names = label or ", ".join(none or list(seen))
         raise InputError(
-            f"{names}: {len(found)} of {_ROUNDS * _DRAWN} poses within the ranges are there; allowed: at least {least}"
+            f"{names}: {len(poses)} of {_ROUNDS * _DRAWN} poses within the ranges are there; allowed: at least {least}"
             f" ({_extent(chain, ranges, rng)})"
         )
-    return found
+    return poses
 
 
 def _extent(chain: Chain, ranges: Ranges, rng: np.random.Generator) -> str:
@@ -190,18 +194,18 @@ def _extent(chain: Chain, ranges: Ranges, rng: np.random.Generator) -> str:
     return "; ".join(parts)
 
 
-def _ends(label: str, given: Sequence[float]) -> tuple[float, float]:
-    low, high = _array(label, given, (2,))
+def _ends(label: str, requested: Sequence[float]) -> tuple[float, float]:
+    low, high = _array(label, requested, (2,))
     if not low < high:
         raise ArrayError(f"{label}: {low:g} .. {high:g}; allowed: a lower end below the upper one")
     return float(low), float(high)
 
 
-def _array(label: str, given: ArrayLike, shape: tuple[int, ...]) -> Array:
+def _array(label: str, numbers: ArrayLike, shape: tuple[int, ...]) -> Array:
     try:
-        values = np.array(given, dtype=np.float64)
+        values = np.array(numbers, dtype=np.float64)
     except (TypeError, ValueError):
         values = np.zeros(0)
     if values.shape != shape or not np.isfinite(values).all():
-        raise ArrayError(f"{label}: {show(str(given))}; allowed: finite numbers of shape {shape}")
+        raise ArrayError(f"{label}: {show(str(numbers))}; allowed: finite numbers of shape {shape}")
     return values

@@ -42,7 +42,7 @@ _WORKSPACE = 500  # poses that stand for it
 
 @dataclass(frozen=True)
 class _Offer:
-    """Candidates: all rows, measured ones first, candidates, then the workspace; the problem; what candidates tell.
+    """Candidates: all rows, measured ones first, candidates, then the workspace; the problem; their information.
 
     V: directions that show, (p, P) in expected sizes.
     """
@@ -80,7 +80,7 @@ def poses(  # noqa: PLR0913
     seed: int = 0,
     progress: StageReport | None = None,
 ) -> PosesResult:
-    """Poses to measure, so that ``calibrate`` finds as much as it can from them.
+    """Return poses to measure, so that ``calibrate`` finds as much as it can from them.
 
     Args:
         robot: a Robot, the name of a built-in one, or the path of a description.
@@ -89,9 +89,9 @@ def poses(  # noqa: PLR0913
         measure: "pose", "position" or "distance" (from the device) of these frames.
         frames: link of frames that the description does not have, {"probe": "link6"}.
         ranges: ends of coordinates, by name, in place of the joints' limits, m or rad.
-        boxes: lower and upper corner, (2, 3) or (B, 2, 3), m: one of them holds every frame; base axes.
+        boxes: lower and upper corner, (2, 3) or (B, 2, 3), m: one of them holds every frame; base frame.
         reach: least and greatest distance of the frames from the base's origin, m.
-        device: place of the measuring device, (3,), m, base axes.
+        device: place of the measuring device, (3,), m, base frame.
         angle: between the frames' axis and the direction to the device at most, rad.
         axis: that axis, "x", "y", "z", "-x", "-y" or "-z".
         criterion: "D", the determinant of the information, or "V", the expected error of the tool over the workspace.
@@ -99,15 +99,15 @@ def poses(  # noqa: PLR0913
         after: poses that were measured already, from ``read_poses``, or the path of a file; they count.
         rotation: how that file writes orientations: "rotvector", "rpy" or "quaternion".
         fit: a first calibration, or its file: its noise is taken.
-        noise: standard deviations of lengths (m) and turns (rad); by default those of ``fit``, or 0.05 mm and 0.1 mrad.
-        fixed, stiffness, sizes: which quantities there are, as ``calibrate`` takes them.
+        noise: standard deviations of lengths (m) and rotations (rad); those of ``fit``, or 0.05 mm and 0.1 mrad.
+        fixed, stiffness, sizes: which parameters there are, as ``calibrate`` takes them.
         candidates: poses to choose from.
         seed: of their random numbers; the same seed, the same poses.
         progress: called with a line of text when a stage begins.
 
     Raises:
         InputError: an option cannot be used, no pose is where it has to be, or the poses are too few.
-        UnknownNameError: there is no frame, link, quantity or coordinate of a name.
+        UnknownNameError: there is no frame, link, parameter or coordinate of a name.
     """
     robot, report = as_robot(robot), progress or no_report
     if robot.loops or robot.couplings:
@@ -142,7 +142,7 @@ def poses(  # noqa: PLR0913
     before = _measured(task, after, rotation)
     base, series = _base(task, before, where, measure)
     more = proposed(chain, span, np.vstack([q, of_tool]), base, series, measure, deviations)
-    report("looking at what they tell")
+    report("evaluating their information")
     offer = _offer(task, before, more, len(q), chain, deviations)
     _refuse_too_few(offer, count, WIDTHS[measure] * len(chosen_frames))
     information, judge = offer.information, criterion_of(criterion, offer.information)
@@ -155,8 +155,8 @@ def poses(  # noqa: PLR0913
     shown = _shown(task, offer, chosen)
     scales = offer.problem.model.sizes[offer.problem.active]
     covariance = inverse(A)
-    quantities = [offer.problem.model.quantities[i] for i in offer.problem.active]
-    notes = [f"{len(q)} candidates were found where they have to be"] if len(q) < candidates else []
+    parameters = [offer.problem.model.parameters[i] for i in offer.problem.active]
+    notes = [f"{len(q)} candidates satisfy all limits of places"] if len(q) < candidates else []
     notes += [f"the bound is known to {gap:.1g} alone"] if gap > CLOSE else []
     notes += excess_notes("the choice of poses", excesses(robot, span.names, q=q[chosen]))
     return PosesResult(
@@ -174,9 +174,9 @@ def poses(  # noqa: PLR0913
         size=information.size,
         rank=shown.rank,
         rank_above_noise=shown.rank_above_noise,
-        names=tuple(quantity.name for quantity in quantities),
+        names=tuple(parameter.name for parameter in parameters),
         deviations=scales * np.sqrt(np.einsum("pi,pq,qi->i", offer.V, covariance, offer.V)),
-        units=tuple(quantity.unit for quantity in quantities),
+        units=tuple(parameter.unit for parameter in parameters),
         merged=shown.merged,
         weak=shown.weak,
         error=information.error(covariance),
@@ -190,7 +190,7 @@ def poses(  # noqa: PLR0913
 
 
 def _frames(task: Task, frame: str | Sequence[str] | None, attached: Mapping[str, str]) -> tuple[str, ...]:
-    """Names of the frames to measure; by default the attached ones, or the robot's tool."""
+    """Return names of the frames to measure; by default the attached ones, or the robot's tool."""
     if frame is None:
         return tuple(attached) or (tool_of(task.robot, None),)
     names = (frame,) if isinstance(frame, str) else tuple(frame)
@@ -203,12 +203,12 @@ def _frames(task: Task, frame: str | Sequence[str] | None, attached: Mapping[str
 
 
 def _noise_of(fit: CalibrationResult | Path | str | None) -> tuple[float, float]:
-    """The largest noise of lengths and of turns that a calibration found or was told."""
+    """Return the largest noise of lengths and of rotations of a calibration, estimated or stated."""
     if fit is None:
         return NOISE
-    found = fit if isinstance(fit, CalibrationResult) else load_calibration(fit)
-    turns = [value for name, value in found.noise.items() if name.endswith(ORIENTATION)]
-    lengths = [value for name, value in found.noise.items() if not name.endswith(ORIENTATION)]
+    calibration = fit if isinstance(fit, CalibrationResult) else load_calibration(fit)
+    turns = [value for name, value in calibration.noise.items() if name.endswith(ORIENTATION)]
+    lengths = [value for name, value in calibration.noise.items() if not name.endswith(ORIENTATION)]
     return max(lengths, default=NOISE[0]), max(turns, default=NOISE[1])
 
 
@@ -219,7 +219,10 @@ def _measured(task: Task, after: MeasuredPoses | Path | str | None, rotation: st
 
 
 def _base(task: Task, before: MeasuredPoses | None, where: Where, measure: str) -> tuple[Array, int]:
-    """Pose of the base before the device, (4, 4), and the series that poses to come belong to: the last one."""
+    """Return the pose of the base before the device, (4, 4), and the series that poses to come belong to.
+
+    The last one.
+    """
     if before is not None:
         series = int(before.series[-1])
         return problem_of(task, before, careful=False)[0].model.bases[series], series
@@ -234,7 +237,7 @@ def _base(task: Task, before: MeasuredPoses | None, where: Where, measure: str) 
 def _offer(
     task: Task, before: MeasuredPoses | None, more: MeasuredPoses, many: int, chain: Chain, noise: tuple[float, float]
 ) -> _Offer:
-    """Information of the first ``many`` of the proposed rows; the others stand for the workspace."""
+    """Return information of the first ``many`` of the proposed rows; the others stand for the workspace."""
     first = 0 if before is None else len(before.q)
     whole = more if before is None else joined(before, more, noise)
     problem, x = problem_of(task, whole, careful=False)
@@ -260,25 +263,25 @@ def _offer(
 
 
 def _shown_directions(S: Array) -> Array:
-    """Directions that sensitivities show at all, (p, P), whatever their noise."""
+    """Return directions that sensitivities show at all, (p, P), whatever their noise."""
     R, norms = normed_triangle(S)
     return np.asarray(np.linalg.svd(R * norms)[2][: algebraic_rank(S)])
 
 
 def _refuse_too_few(offer: _Offer, count: int, numbers: int) -> None:
-    """InputError where the chosen poses and those before cannot show what the candidates can."""
+    """Raise InputError where the chosen poses and those before cannot show what the candidates can."""
     seen, size = offer.problem.seen, offer.information.size
     known = int((seen.row < offer.first).sum())
     if known + count * numbers < size:
         least = int(np.ceil((size - known) / numbers))
         raise InputError(
             f"count: {count} poses with {numbers} numbers each for {size} combinations that are identifiable; allowed:"
-            f" {least} poses or more, or fewer quantities (fixed)"
+            f" {least} poses or more, or fewer parameters (fixed)"
         )
 
 
 def _shown(task: Task, offer: _Offer, chosen: Index) -> Identifiable:
-    """Ranks, merged quantities and weak directions of the chosen poses with those before."""
+    """Return identifiability, ranks and poorly observable directions of the chosen poses with those before."""
     kept = np.concatenate([np.arange(offer.first), offer.first + chosen])
     problem, x = problem_of(task, offer.poses.part(kept), careful=False)
     none = np.zeros(problem.seen.group.size)

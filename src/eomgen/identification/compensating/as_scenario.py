@@ -1,4 +1,4 @@
-"""Corrected programs as files: samples, and a scenario that follows them."""
+"""Compensated paths as files: samples, and a scenario that follows them."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from ...scenario.value import Integrator, Payload, Scenario, Section, Wrench
 def write_program(result: Any, target: Path) -> list[Path]:
     """Write samples and scenario, and return both paths; errors as ``CompensationResult.to_scenario``."""
     check_ending(target, ".toml", label="toml")
-    own, wanted = target.with_suffix(".csv"), target.with_name(f"{target.stem}_wanted.csv")
-    tables = {own: result.corrected, wanted: result.program}
+    table, wanted = target.with_suffix(".csv"), target.with_name(f"{target.stem}_wanted.csv")
+    tables = {table: result.corrected, wanted: result.program}
     texts: dict[Path, Iterator[str]] = {path: _sample_lines(result, samples) for path, samples in tables.items()}
-    texts[target] = _scenario_lines(result.scenario, own.name, wanted.name, target.parent)
+    texts[target] = _scenario_lines(result.scenario, table.name, wanted.name, target.parent)
     return [_written(path, lines) for path, lines in texts.items()]
 
 
@@ -34,7 +34,7 @@ def _written(path: Path, lines: Iterator[str]) -> Path:
 
 
 def _sample_lines(result: Any, samples: Array) -> Iterator[str]:
-    what = "corrected program" if samples is result.corrected else "program that is wanted"
+    what = "compensated path" if samples is result.corrected else "path that is wanted"
     yield f"# {what} of {result.robot}: m, rad, s"
     names = result.coordinates
     yield ",".join(["t", *names, *(f"{x}.rate" for x in names), *(f"{x}.acceleration" for x in names)])
@@ -45,8 +45,8 @@ def _sample_lines(result: Any, samples: Array) -> Iterator[str]:
 
 
 def _scenario_lines(scenario: Scenario, samples: str, wanted: str, folder: Path) -> Iterator[str]:
-    """Lines of a scenario that follows a file of samples."""
-    yield "# A corrected program: the tool of the elastic robot goes where that of the rigid one would."
+    """Yield lines of a scenario that follows a file of samples."""
+    yield "# A compensated path: the tool of the elastic robot goes where that of the rigid one would."
     yield from _pairs({"duration": scenario.duration, "output_step": scenario.output_step, "frame": scenario.frame})
     initial = scenario.initial
     if initial is not None:
@@ -70,7 +70,7 @@ def _scenario_lines(scenario: Scenario, samples: str, wanted: str, folder: Path)
 
 
 def _beside(section: Section, folder: Path) -> dict[str, Any]:
-    """Values of a section, with the path of its file as it is seen from a folder."""
+    """Return values of a section, with the path of its file as it is seen from a folder."""
     values = dict(section.values)
     if "file" in values:
         values["file"] = Path(os.path.relpath(values["file"], folder)).as_posix()
@@ -106,7 +106,7 @@ def _pairs(values: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _value(value: Any) -> str:
-    """A value in TOML."""
+    """Return a value in TOML."""
     if isinstance(value, Mapping):
         pairs = ", ".join(f"{_key(name)} = {_value(x)}" for name, x in value.items())
         return f"{{ {pairs} }}"
@@ -118,5 +118,5 @@ def _value(value: Any) -> str:
 
 
 def _key(name: str) -> str:
-    """A key as TOML takes it beside others that begin with the same words."""
+    """Return a key as TOML takes it beside others that begin with the same words."""
     return json.dumps(name) if "." in name else name

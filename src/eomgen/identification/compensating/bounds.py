@@ -1,4 +1,4 @@
-"""Limits that corrected programs keep: they take from corrections what leads beyond, without a kink."""
+"""Limits that compensated paths keep: they take from corrections what leads beyond, without a kink."""
 
 from __future__ import annotations
 
@@ -13,28 +13,28 @@ HELD = 1e-3  # of the greatest correction: what is taken from it counts from the
 
 
 def within_limits(setting: Setting, correction: Array) -> Array:
-    """The part of corrections, (T, m), with which the program keeps its limits of place and rate.
+    """Return as much of corrections, (T, m), as lets the path keep its limits of place and rate.
 
     Where the program without them is beyond a limit, it gets no further beyond it.
     """
-    found = np.empty_like(correction)
+    bounded = np.empty_like(correction)
     for j, (low, high) in enumerate(setting.limits):
-        place, given = setting.original[:, j], correction[:, j]
-        room = np.where(given > 0.0, np.maximum(high - place, 0.0), np.maximum(place - low, 0.0))
-        found[:, j] = _softly(given, room)
-    return found * _shares(setting, found)
+        place, wish = setting.original[:, j], correction[:, j]
+        room = np.where(wish > 0.0, np.maximum(high - place, 0.0), np.maximum(place - low, 0.0))
+        bounded[:, j] = _softly(wish, room)
+    return bounded * _shares(setting, bounded)
 
 
-def _softly(given: Array, room: Array) -> Array:
-    """Numbers held within +- room, with continuous second derivatives."""
+def _softly(wish: Array, room: Array) -> Array:
+    """Return numbers held within +- room, with continuous second derivatives."""
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        part = np.where(room > 0.0, np.abs(given) / room, np.inf)
-        bent = KNEE + (1.0 - KNEE) * np.tanh((part - KNEE) / (1.0 - KNEE))
-        return np.where(part <= KNEE, given, np.where(room > 0.0, np.sign(given) * bent * room, 0.0))
+        share = np.where(room > 0.0, np.abs(wish) / room, np.inf)
+        bent = KNEE + (1.0 - KNEE) * np.tanh((share - KNEE) / (1.0 - KNEE))
+        return np.where(share <= KNEE, wish, np.where(room > 0.0, np.sign(wish) * bent * room, 0.0))
 
 
 def _shares(setting: Setting, correction: Array) -> Array:
-    """Shares of all of a coordinate's correction, (m,), with which its rate keeps its limit."""
+    """Return shares of all of a coordinate's correction, (m,), with which its rate keeps its limit."""
     shares = np.ones(len(setting.rates))
     if np.isinf(setting.rates).all():
         return shares

@@ -52,14 +52,14 @@ class Learnt:
 
 
 def reach_along(setting: Setting, motion: SimulationResult) -> Reach:
-    """Effects of changes of the program on the tool along a motion, at and between the samples."""
+    """Return effects of changes of the program on the tool along a motion, at and between the samples."""
     kernel = setting.assembly.kernel
     slopes = np.asarray(kernel.frame_jacobian(motion.trajectory.q, setting.frame))[:, :, setting.index]
     return Reach(in_tool_axes(slopes, setting.want) * setting.movable, setting.weights)
 
 
 def error_of(setting: Setting, motion: SimulationResult) -> Array:
-    """The tool's error at the program's samples and between them, (2 T - 1, 6)."""
+    """Return the tool's error at the program's samples and between them, (2 T - 1, 6)."""
     return tool_error(setting.want, motion.pose)
 
 
@@ -82,7 +82,7 @@ class _Mixing:
     steps: list[Array] = field(default_factory=list)
 
     def next(self, x: Array, step: Array, share: float) -> Array:
-        """The next iterate."""
+        """Return the next iterate."""
         self.points, self.steps = [*self.points, x][-MEMORY:], [*self.steps, step][-MEMORY:]
         if len(self.points) == 1:
             return x + share * step
@@ -93,7 +93,7 @@ class _Mixing:
 
 
 def learn(setting: Setting, iterations: int, report: Progress) -> Learnt:
-    """The correction with which the simulated tool follows best.
+    """Return the correction with which the simulated tool follows best.
 
     Args:
         setting: the task.
@@ -177,7 +177,7 @@ class _Search:
 
 
 def _resting(setting: Setting) -> tuple[bool, bool]:
-    """Whether the program rests at its first and at its last sample."""
+    """Return whether the program rests at its first and at its last sample."""
     assert setting.assembly.program is not None
     rates = np.abs(setting.assembly.program.at(setting.t)[1])
     still = rates[[0, -1]].max(axis=1, initial=0.0) <= 1e-9 * max(1.0, float(rates.max(initial=0.0)))
@@ -204,15 +204,15 @@ def _commanded(setting: Setting, basis: Basis, change: Array, motion: Simulation
     kernel, (places, ratios) = setting.assembly.kernel, places_of(setting.assembly.kernel, setting)
     q = np.ascontiguousarray(motion.trajectory.q[::2])
     zero, a = np.zeros_like(q), np.zeros_like(q)
-    own, column = places.T
-    a[:, own] = ratios * (basis.accelerations @ change)[:, column]
+    rows, column = places.T
+    a[:, rows] = ratios * (basis.accelerations @ change)[:, column]
     force = np.asarray(kernel.inverse_dynamics(q, zero, a)) - np.asarray(kernel.inverse_dynamics(q, zero, zero))
     needed = drive.kp * (basis.values @ change) + drive.kd * (basis.rates @ change)
-    for j, share in zip(column.tolist(), (ratios * force[:, own]).T, strict=True):
+    for j, share in zip(column.tolist(), (ratios * force[:, rows]).T, strict=True):
         needed[:, j] += share
-    found = np.zeros_like(change)
+    lead = np.zeros_like(change)
     for j, (kp, kd) in enumerate(zip(drive.kp, drive.kd, strict=True)):
         law = kp * basis.values + kd * basis.rates
         if kp > 0.0:
-            found[:, j] = np.linalg.solve(regular(law.T @ law), law.T @ needed[:, j])
-    return found
+            lead[:, j] = np.linalg.solve(regular(law.T @ law), law.T @ needed[:, j])
+    return lead

@@ -1,4 +1,4 @@
-"""The tool's error along and about its own axes, and the change of a program that undoes it as far as one can."""
+"""The tool's error in the tool frame, and the change of a program that undoes it as far as one can."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def tool_error(want: Array, pose: Array) -> Array:
 
 
 def in_tool_axes(jacobian: Array, want: Array) -> Array:
-    """Jacobians of a frame in base axes, (T, 6, m), in the wanted tool's axes."""
+    """Return Jacobians of a frame in the base frame, (T, 6, m), in the wanted tool's axes."""
     turned = np.swapaxes(want[:, :3, :3], 1, 2)
     return np.concatenate([turned @ jacobian[:, :3], turned @ jacobian[:, 3:]], axis=1)
 
@@ -47,25 +47,25 @@ class Reach:
         return U, inverse, values * inverse, Vt
 
     def undoing(self, error: Array) -> Array:
-        """Changes of the program, (T, m), that undo errors, (T, 6), by weighted and damped least squares."""
+        """Return changes of the program, (T, m), that undo errors, (T, 6), by weighted and damped least squares."""
         U, inverse, _, Vt = self._parts
         along = np.einsum("tik,ti->tk", U, self.weights * error)
         return np.asarray(-np.einsum("tkj,tk->tj", Vt, inverse * along))
 
     def reached(self, error: Array) -> Array:
-        """The part of weighted errors that changes of the program can undo, (T, 6)."""
+        """Return the weighted errors that changes of the program can undo, (T, 6)."""
         U, _, shares, _ = self._parts
         along = np.einsum("tik,ti->tk", U, self.weights * error)
         return np.asarray(np.einsum("tik,tk->ti", U, shares * along))
 
     def beyond(self, error: Array) -> Array:
-        """The part of errors, (T, 6), that no change of the program undoes; 0 along axes without a weight."""
+        """Return the errors, (T, 6), that no change of the program undoes; 0 along axes without a weight."""
         left = self.weights * error - self.reached(error)
         return np.where(self.weights > 0.0, left / np.where(self.weights > 0.0, self.weights, 1.0), 0.0)
 
     @property
     def shares(self) -> Array:
-        """The part of a small motion along each axis that cannot be undone, (6,), mean of all samples."""
+        """The fraction of a small motion along each axis that cannot be undone, (6,), mean of all samples."""
         U, _, shares, _ = self._parts
         return np.asarray(1.0 - np.einsum("tik,tk,tik->ti", U, shares, U).mean(axis=0))
 

@@ -1,4 +1,4 @@
-"""Corrections of states of rest: at each sample the drives hold what brings the tool where the rigid one's would be."""
+"""Corrections in static equilibrium: at each sample the drives hold the tool where the rigid one's would be."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ class _Still:
     a: Array
 
     def at(self, t: ArrayLike) -> tuple[Array, Array, Array]:
-        """Coordinates, rates and accelerations; see ``Program``."""
+        """Return coordinates, rates and accelerations; see ``Program``."""
         del t
         return self.start, self.v, self.a
 
 
 def at_rest(setting: Setting, accelerations: bool, report: Progress) -> tuple[Array, Array]:
-    """Corrections of the program's samples, and those that they were without limits, (T, m) each.
+    """Return corrections of the program's samples, and those that they were without limits, (T, m) each.
 
     Args:
         setting: the task.
@@ -50,23 +50,23 @@ def at_rest(setting: Setting, accelerations: bool, report: Progress) -> tuple[Ar
         report: told how far it has come.
 
     Raises:
-        IntegrationError: there is no state of rest at a sample; says when.
+        IntegrationError: there is no static equilibrium at a sample; says when.
     """
     stride = -(-(setting.t.size - 1) // MOST_PLACES)
     chosen = np.unique(np.append(np.arange(0, setting.t.size, stride), setting.t.size - 1))
     states = _States(setting, accelerations)
-    found = np.zeros((2, chosen.size, len(setting.index)))
+    corrections = np.zeros((2, chosen.size, len(setting.index)))
     guess, change = states.q0, np.zeros(len(setting.index))
     for k, i in enumerate(chosen.tolist()):
-        report(k / chosen.size, f"states of rest, {setting.t[i]:.3g} s")
+        report(k / chosen.size, f"static equilibria, {setting.t[i]:.3g} s")
         change, wanted, guess = states.corrected(i, change, guess)
-        found[:, k] = change, wanted
-    taken, wanted = (Spline(setting.t[chosen], x, at_rest=False).at(setting.t)[0] for x in found)
+        corrections[:, k] = change, wanted
+    taken, wanted = (Spline(setting.t[chosen], x, at_rest=False).at(setting.t)[0] for x in corrections)
     return within_limits(setting, taken), wanted
 
 
 class _States:
-    """States of rest of a task."""
+    """Static equilibria of a task."""
 
     def __init__(self, setting: Setting, accelerations: bool) -> None:
         self._setting, self._accelerations = setting, accelerations
@@ -80,12 +80,12 @@ class _States:
         self._given = index_of(kernel.coordinates, kernel.prescribed)
 
     def corrected(self, i: int, change: Array, guess: Array) -> tuple[Array, Array, Array]:
-        """Correction of sample i, what it were without limits, (m,) each, and its state of rest, (n,).
+        """Return the correction of sample i, what it were without limits, (m,) each, and its static equilibrium, (n,).
 
         Args:
             i: of the program's samples.
             change: where the correction is looked for, (m,).
-            guess: a state of rest that is near, (n,).
+            guess: a static equilibrium that is near, (n,).
         """
         setting = self._setting
         t = float(setting.t[i])
@@ -112,7 +112,7 @@ class _States:
         return best[1:]
 
     def _taken(self, i: int, change: Array) -> Array:
-        """The part of a correction that keeps limits of place."""
+        """Return as much of a correction as keeps limits of place."""
         setting = self._setting
         here = replace(setting, original=setting.original[i : i + 1], rates=np.full_like(setting.rates, np.inf))
         return np.asarray(within_limits(here, change[np.newaxis])[0])
@@ -123,7 +123,7 @@ class _States:
         return tool_error(setting.want[2 * i : 2 * i + 1], pose[np.newaxis])
 
     def _rest(self, i: int, change: Array, guess: Array) -> tuple[Array, Array]:
-        """State of rest with a corrected sample, (n,), and how the tool moves with the correction, (6, m)."""
+        """Return the static equilibrium of a corrected sample, (n,), and the tool's motion by it, (6, m)."""
         setting, t = self._setting, float(self._setting.t[i])
         kernel = setting.assembly.kernel
         kernel.parameters.update(loaded_parameters(setting.robot, setting.scenario, t))
@@ -153,7 +153,10 @@ class _States:
         return q, in_tool_axes(slopes, setting.want[2 * i : 2 * i + 1])[0]
 
     def _moving(self, i: int, guess: Array) -> tuple[Array, Array, Array]:
-        """The state at sample i with its prescribed coordinates; rates and accelerations of the program's motion."""
+        """Return the state at sample i with its prescribed coordinates.
+
+        Rates and accelerations of the program's motion.
+        """
         setting, t = self._setting, float(self._setting.t[i])
         assembly = setting.assembly
         q, v, a = guess.copy(), np.zeros_like(guess), np.zeros_like(guess)
@@ -169,7 +172,10 @@ class _States:
         return q, v, a
 
     def _forces(self, i: int, change: Array, v: Array, a: Array) -> Any:
-        """Forces that act at sample i with a correction, less what accelerates the masses: q -> (n,) or (N, n)."""
+        """Return forces that act at sample i with a correction, less what accelerates the masses.
+
+        q -> (n,) or (N, n).
+        """
         setting, t = self._setting, float(self._setting.t[i])
         assembly, kernel = setting.assembly, setting.assembly.kernel
         v_m, a_m = v[setting.index], a[setting.index]

@@ -1,4 +1,4 @@
-"""Results of compensations: the corrected program, the tool's error without and with it, and what is left, and why."""
+"""Results of compensations: the compensated path, the tool's error without and with it, and what is left, and why."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from ...shown import Plotting, Shown
 from ...tabular import Rows, TableColumn, Tabular
 from .as_scenario import write_program
 
-AXES = ("x", "y", "z", "rx", "ry", "rz")  # of the tool: displacements along them and turns about them
+AXES = ("x", "y", "z", "rx", "ry", "rz")  # of the tool: displacements along them and rotations about them
 UNITS = ("m",) * 3 + ("rad",) * 3
 _PART = 0.01  # of a motion along an axis that cannot be corrected, from which on it is said
 
 
 def sizes(error: Array) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Rms of position and of orientation of errors, (T, 6), and the greatest of both; m, rad."""
+    """Return rms of position and of orientation of errors, (T, 6), and the greatest of both; m, rad."""
     lengths = np.linalg.norm(error.reshape(-1, 2, 3), axis=2)
     (p, o), (p_peak, o_peak) = np.sqrt((lengths**2).mean(axis=0)).tolist(), lengths.max(axis=0).tolist()
     return (p, o), (p_peak, o_peak)
@@ -62,7 +62,7 @@ class HeldBack:
 
 @dataclass(frozen=True, kw_only=True)
 class CompensationResult(Plotting, Shown, Tabular, Saved, plot="plot_compensation"):
-    """A corrected program, T samples of m driven coordinates; errors at and between them, in the wanted tool's axes.
+    """A compensated path, T samples of m driven coordinates; errors at and between them, in the wanted tool's axes.
 
     Attributes:
         robot, frame: names.
@@ -77,7 +77,7 @@ class CompensationResult(Plotting, Shown, Tabular, Saved, plot="plot_compensatio
         history: weighted rms of the error that can be undone, m: of each simulation of "dynamic", the first without
             correction; empty of "static".
         rank: least and greatest number of directions that can be corrected.
-        shares: part of a small motion along each axis that cannot be undone, (6,), mean of the path.
+        shares: fraction of a small motion along each axis that cannot be undone, (6,), mean of the path.
         limits: coordinates that limits held back.
         robustness: other robots.
         scenario: the simulation, without its motion.
@@ -110,23 +110,23 @@ class CompensationResult(Plotting, Shown, Tabular, Saved, plot="plot_compensatio
         return sizes(self.before)[0][0] / max(sizes(self.after)[0][0], 1e-300)
 
     def figures(self) -> dict[str, dict[str, float]]:
-        """Rms and greatest of all errors by axis, and of the lengths of position and orientation; m, rad."""
-        found: dict[str, dict[str, float]] = {}
+        """Return rms and greatest of all errors by axis, and of the lengths of position and orientation; m, rad."""
+        errors: dict[str, dict[str, float]] = {}
         parts = {"before": self.before, "after": self.after, "beyond": self.beyond}
         for i, axis in enumerate(AXES):
-            found[axis] = {}
+            errors[axis] = {}
             for name, error in parts.items():
-                found[axis][f"{name}_rms"] = float(np.sqrt((error[:, i] ** 2).mean()))
-                found[axis][f"{name}_peak"] = float(np.abs(error[:, i]).max())
+                errors[axis][f"{name}_rms"] = float(np.sqrt((error[:, i] ** 2).mean()))
+                errors[axis][f"{name}_peak"] = float(np.abs(error[:, i]).max())
         for i, kind in enumerate(("position", "orientation")):
-            found[kind] = {}
+            errors[kind] = {}
             for name, error in parts.items():
                 rms, peak = sizes(error)
-                found[kind] |= {f"{name}_rms": rms[i], f"{name}_peak": peak[i]}
-        return found
+                errors[kind] |= {f"{name}_rms": rms[i], f"{name}_peak": peak[i]}
+        return errors
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values, for JSON."""
+        """Return plain values, for JSON."""
         return {
             "robot": self.robot,
             "frame": self.frame,
@@ -149,7 +149,7 @@ class CompensationResult(Plotting, Shown, Tabular, Saved, plot="plot_compensatio
         }
 
     def as_rows(self) -> Rows:
-        """A row per time: the errors before and after by axis."""
+        """Return a row per time: the errors before and after by axis."""
         columns = [
             TableColumn(f"{name}.{axis}", unit, error[:, i])
             for name, error in (("before", self.before), ("after", self.after))
@@ -158,14 +158,14 @@ class CompensationResult(Plotting, Shown, Tabular, Saved, plot="plot_compensatio
         return Rows("t", "s", self.times, columns, {"robot": self.robot, "frame": self.frame})
 
     def lines(self) -> list[str]:
-        """Tables for people: um and urad."""
-        how = f"{len(self.history)} simulations" if self.mode == "dynamic" else "states of rest"
-        lines = [f"{self.robot}: {self.frame} off its program, in its own axes; {self.mode} compensation, {how}", ""]
+        """Return tables for people: um and urad."""
+        how = f"{len(self.history)} simulations" if self.mode == "dynamic" else "static equilibria"
+        lines = [f"{self.robot}: tracking error of {self.frame}, in its axes; {self.mode} compensation, {how}", ""]
         lines.append(f"{'':<18}{'before':^20}{'after':^20}{'of it out of reach':^20}")
         lines.append(f"{'':<18}" + f"{'rms':>10}{'peak':>10}" * 3)
         for name, row in self.figures().items():
             unit = "um" if name in (*AXES[:3], "position") else "urad"
-            numbers = [row[f"{part}_{kind}"] for part in ("before", "after", "beyond") for kind in ("rms", "peak")]
+            numbers = [row[f"{stage}_{kind}"] for stage in ("before", "after", "beyond") for kind in ("rms", "peak")]
             lines.append(f"{name + ' [' + unit + ']':<18}" + "".join(f"{1e6 * x:>10.4g}" for x in numbers))
         lines += ["", *self._reach_lines(), *self._limit_lines()]
         if self.robustness:
@@ -196,9 +196,9 @@ class CompensationResult(Plotting, Shown, Tabular, Saved, plot="plot_compensatio
             yield f"  {item.label:<24}{numbers}, {item.gain:.3g} times less"
 
     def to_scenario(self, path: Path | str) -> list[Path]:
-        """Write a scenario .toml that follows the corrected program, which stands beside it; returns all paths.
+        """Write a scenario .toml that follows the compensated path, which stands beside it; returns all paths.
 
-        NAME.csv is the corrected program, and NAME_wanted.csv the one as it was, with which results are compared.
+        NAME.csv is the compensated path, and NAME_wanted.csv the one as it was, with which results are compared.
         Columns are t (s), the driven coordinates, their rates and accelerations, as the scenario's spline has them.
 
         Raises:
@@ -207,12 +207,12 @@ class CompensationResult(Plotting, Shown, Tabular, Saved, plot="plot_compensatio
         return write_program(self, Path(path))
 
 
-def _sizes(found: CompensationResult) -> dict[str, int]:
-    return {"T": found.t.size, "m": len(found.coordinates), "2 T - 1": 2 * found.t.size - 1}
+def _sizes(result: CompensationResult) -> dict[str, int]:
+    return {"T": result.t.size, "m": len(result.coordinates), "2 T - 1": 2 * result.t.size - 1}
 
 
-def _check(found: CompensationResult, path: str) -> None:
-    if (np.diff(found.t) <= 0.0).any():
+def _check(result: CompensationResult, path: str) -> None:
+    if (np.diff(result.t) <= 0.0).any():
         raise InputError(f"{path}: array t does not increase; allowed: increasing times")
 
 
@@ -221,7 +221,7 @@ load_compensation = declare(
         "compensation",
         CompensationResult,
         rebuilt=("scenario",),
-        record=lambda found: {"scenario": found.scenario.as_dict()},
+        record=lambda result: {"scenario": result.scenario.as_dict()},
         rebuild=lambda file: {
             "scenario": scenario_from_record(file.plain.get("scenario", {}), f"{file.path}: scenario")
         },

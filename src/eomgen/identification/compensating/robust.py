@@ -1,4 +1,4 @@
-"""Corrected programs on robots whose stiffness is not what the description says."""
+"""Compensated paths on robots whose stiffness is not what the description says."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ STIFFNESS = ".stiffness"  # at the end of a parameter's name
 
 
 def variants(setting: Setting, samples: Array, wrong: float, draws: int, seed: int, report: Progress) -> list[Variant]:
-    """The tool's error without and with a correction on robots whose stiffnesses are wrong by a share.
+    """Return the tool's error without and with a correction on robots whose stiffnesses are wrong by a share.
 
     All of them are softer, then stiffer; then each is one of both by chance.
 
     Args:
         setting: the task.
-        samples: the corrected program, (T, m).
+        samples: the compensated path, (T, m).
         wrong: the share, between 0 and 1.
         draws, seed: of the signs by chance.
         report: told how far it has come.
@@ -38,7 +38,7 @@ def variants(setting: Setting, samples: Array, wrong: float, draws: int, seed: i
             f"robustness: {setting.robot.name} has no stiffness; allowed: with a robot whose joints, transmissions or"
             " springs have one"
         )
-    found = []
+    rows = []
     for k, (label, signs) in enumerate(_signs(len(names), wrong, draws, seed)):
         report(k / (draws + 2), f"{label} stiffness")
         numbers = setting.assembly.kernel.parameters
@@ -47,8 +47,8 @@ def variants(setting: Setting, samples: Array, wrong: float, draws: int, seed: i
             errors = [tool_error(setting.want, setting.run(x, changed).pose) for x in (None, samples)]
         except IntegrationError as error:
             raise IntegrationError(f"robustness: {label} stiffness: {error}") from None
-        found.append(Variant(label, *(rms for error in errors for rms in sizes(error)[0])))
-    return found
+        rows.append(Variant(label, *(rms for error in errors for rms in sizes(error)[0])))
+    return rows
 
 
 def _signs(count: int, wrong: float, draws: int, seed: int) -> Iterator[tuple[str, list[float]]]:

@@ -1,4 +1,4 @@
-"""The task of a compensation: a scenario whose program is corrected, at samples, and what its simulations say."""
+"""The task of a compensation: a scenario whose path is compensated, at samples, and what its simulations say."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from ...simulation.run import run_assembly
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """A program that is to be corrected: T samples of m driven coordinates, n coordinates in all.
+    """A path to compensate: T samples of m driven coordinates, n coordinates in all.
 
     Attributes:
         robot, frame: whose tool is to follow.
@@ -67,12 +67,12 @@ class Setting:
         return np.asarray((self.limits[:, 0] < self.limits[:, 1]) & (gains > 0.0))
 
     def with_program(self, samples: Array) -> Assembly:
-        """The assembly whose program goes through samples, (T, m)."""
+        """Return the assembly whose program goes through samples, (T, m)."""
         program, drive = Spline(self.t, samples, at_rest=False), cast("Any", self.assembly.drive)
         return replace(self.assembly, program=program, drive=replace(drive, motion=program))
 
     def run(self, samples: Array | None, parameters: Mapping[str, float] | None = None) -> SimulationResult:
-        """The simulation of a program through samples, (T, m), or of the one as it was.
+        """Return the simulation of a program through samples, (T, m), or of the one as it was.
 
         Args:
             samples: of the program.
@@ -89,7 +89,7 @@ class Setting:
 
 
 def simulated(robot: Robot, scenario: Scenario, assembly: Assembly, frame: str) -> SimulationResult:
-    """The simulation of an assembly to the scenario's duration; errors as ``run_scenario``."""
+    """Return the simulation of an assembly to the scenario's duration; errors as ``run_scenario``."""
     return run_assembly(robot, scenario, assembly, frame, no_progress, balance=False)
 
 
@@ -102,7 +102,7 @@ def setting_of(
     rates: Mapping[str, float],
     weights: Array,
 ) -> Setting:
-    """The task of an assembly whose program is corrected at samples; its first simulation is done.
+    """Return the task of an assembly whose path is compensated at samples; its first simulation is done.
 
     Args:
         robot, frame, scenario, assembly, t, weights: as of ``Setting``.
@@ -114,7 +114,7 @@ def setting_of(
     assembly = replace(assembly, until=None)
     before = simulated(robot, fine, assembly, frame)
     places = {name: value for name, value in assembly.given.items() if name not in assembly.driven}
-    assembly = replace(assembly, given=places)  # a corrected program says itself where it begins
+    assembly = replace(assembly, given=places)  # a compensated path says itself where it begins
     return Setting(
         robot=robot,
         frame=frame,
@@ -131,7 +131,7 @@ def setting_of(
 
 
 def places_of(kernel: Kernel, setting: Setting) -> tuple[Index, Array]:
-    """Coordinates that follow a program rigidly, k of them: driven ones and their motors.
+    """Return coordinates that follow a program rigidly, k of them: driven ones and their motors.
 
     Returns:
         places, (k, 2), among the robot's coordinates and of the driven one that each follows; and ratios, (k,).

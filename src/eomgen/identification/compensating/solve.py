@@ -1,4 +1,4 @@
-"""Robot and Scenario -> CompensationResult: a program is corrected until the simulated tool follows the rigid one's."""
+"""Robot and Scenario -> CompensationResult: a path is compensated until the simulated tool follows the rigid one's."""
 
 from __future__ import annotations
 
@@ -54,11 +54,11 @@ def compensate(  # noqa: PLR0913
     seed: int = 0,
     progress: Progress | None = None,
 ) -> CompensationResult:
-    """Correct a scenario's program until the simulated tool goes where the rigid robot's would.
+    """Compensate a scenario's path until the simulated tool goes where the rigid robot's would.
 
-    "static" looks for the correction sample by sample, in the state of rest under gravity, wrenches and payloads of
+    "static" looks for the correction sample by sample, in static equilibrium under gravity, wrenches and payloads of
     that time, held by the drives.  "dynamic" repeats the simulation, takes from the program what the tool is off by,
-    and keeps the best of all iterates.  Both say what a simulation of the corrected program is off by.
+    and keeps the best of all iterates.  Both say what the tracking error of a simulation of the compensated path is.
 
     Args:
         robot: a Robot, the name of a built-in one, or the path of a description.
@@ -66,7 +66,7 @@ def compensate(  # noqa: PLR0913
             ``simulate``.
         frame: whose origin and axes are to follow; default that of the scenario.
         mode: "static" or "dynamic".
-        step: between samples of the corrected program, s; default the scenario's output step.
+        step: between samples of the compensated path, s; default the scenario's output step.
         weights: of errors along the tool's axes x, y, z (1) and about them, rx, ry, rz (m/rad, 0.1); axes with 0 are
             not corrected.
         accelerations: of "static": what accelerates the masses along the program bends the robot, too.
@@ -83,7 +83,7 @@ def compensate(  # noqa: PLR0913
         InputError: an argument is wrong, the scenario has no program, loops are to be closed, nothing is to be
             corrected.
         ReachError: the tool cannot follow the path.
-        IntegrationError: there is no state of rest, or a motion does not come to its end.
+        IntegrationError: there is no static equilibrium, or a motion does not come to its end.
     """
     arm, report = as_robot(robot), progress or no_progress
     _check(mode, iterations, robustness, draws)
@@ -92,26 +92,26 @@ def compensate(  # noqa: PLR0913
             f"{arm.name}: has loops or couplings, by which its other joints follow the driven ones; allowed: robots"
             " without them"
         )
-    given = _scenario(scenario)
+    planned = _scenario(scenario)
     if frame is not None:
         tool_of(arm, frame, "frame")  # refuses a name that is none, before anything is built
-    own = tool_of(arm, given.frame, given.label("frame") if given.source else "frame")
-    t = _samples(given, step)
-    assembly = assemble(arm, given, own, report)
-    _check_program(arm, given, assembly)
+    tool = tool_of(arm, planned.frame, planned.label("frame") if planned.source else "frame")
+    t = _samples(planned, step)
+    assembly = assemble(arm, planned, tool, report)
+    _check_program(arm, planned, assembly)
     assert assembly.shown is not None
     numbers = _weights(weights)
     limited = _by_coordinate("rates", rates, arm, assembly)
     forces = _by_coordinate("drives", drives, arm, assembly)
     report(0.0, "the program as it is")
-    setting = setting_of(arm, frame or own, given, assembly, t, limited, numbers)
+    setting = setting_of(arm, frame or tool, planned, assembly, t, limited, numbers)
     wanted, taken, history, notes = _corrected(setting, mode, accelerations, iterations, report)
     motion = setting.run(setting.original + taken)
     taken, motion, note = _within_drives(setting, taken, motion, forces)
     after, before = error_of(setting, motion), error_of(setting, setting.before)
-    found: tuple[Variant, ...] = ()
+    drawn: tuple[Variant, ...] = ()
     if robustness is not None:
-        found = tuple(variants(setting, setting.original + taken, robustness, draws, seed, report))
+        drawn = tuple(variants(setting, setting.original + taken, robustness, draws, seed, report))
     reach = reach_along(setting, motion)
     x = motion.trajectory
     beyond = excesses(arm, x.coordinates, t=x.t, q=x.q, v=x.v, u=x.u)
@@ -132,11 +132,11 @@ def compensate(  # noqa: PLR0913
         rank=reach.rank,
         shares=tuple(reach.shares.tolist()),
         limits=tuple(_held_back(setting, wanted, after)),
-        robustness=found,
-        scenario=_followed(given, setting.frame, assembly, t),
+        robustness=drawn,
+        scenario=_followed(planned, setting.frame, assembly, t),
         notes=(
-            *(*notes, *note, *_notes(setting, before, after, given)),
-            *excess_notes("the motion of the corrected program", beyond),
+            *(*notes, *note, *_notes(setting, before, after, planned)),
+            *excess_notes("the motion of the compensated path", beyond),
         ),
     )
 
@@ -152,14 +152,14 @@ def _check(mode: str, iterations: int, robustness: float | None, draws: int) -> 
         raise InputError(f"draws: {draws}; allowed: 0 or more")
 
 
-def _scenario(given: Scenario | Path | str | None) -> Scenario:
-    if given is None:
+def _scenario(scenario: Scenario | Path | str | None) -> Scenario:
+    if scenario is None:
         return Scenario(2.0, motion=Section("point_to_point"), control=Section("computed_torque"))
-    return given if isinstance(given, Scenario) else load_scenario(given)
+    return scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
 
 
 def _samples(scenario: Scenario, step: float | None) -> Array:
-    """Times of the corrected program's samples."""
+    """Return times of the compensated path's samples."""
     t = output_times(scenario.duration, scenario.output_step if step is None else step)
     if not FEWEST_SAMPLES <= t.size <= MOST_SAMPLES:
         raise InputError(
@@ -170,7 +170,7 @@ def _samples(scenario: Scenario, step: float | None) -> Array:
 
 
 def _check_program(robot: Robot, scenario: Scenario, assembly: Assembly) -> None:
-    """InputError where nothing is programmed, or where the tool cannot be off the program."""
+    """Raise InputError where nothing is programmed, or where the tool cannot be off the program."""
     if assembly.program is None:
         scenario.fail("motion", "nothing is programmed that could be corrected; allowed: a scenario with a motion")
     control = scenario.control
@@ -182,55 +182,57 @@ def _check_program(robot: Robot, scenario: Scenario, assembly: Assembly) -> None
         )
 
 
-def _weights(given: Mapping[str, float] | None) -> Array:
-    found = dict(zip(AXES, WEIGHTS, strict=True))
-    for name, value in (given or {}).items():
-        if name not in found:
+def _weights(weights: Mapping[str, float] | None) -> Array:
+    by_axis = dict(zip(AXES, WEIGHTS, strict=True))
+    for name, value in (weights or {}).items():
+        if name not in by_axis:
             raise InputError(f"weights: {show(str(name))}{nearest(str(name), AXES)}; allowed: {', '.join(AXES)}")
         if not (is_usable(value) and value >= 0.0):
             raise InputError(
                 f"weights: {name} = {show(value)}; allowed: 0, or a number from {SMALLEST:g} to {LARGEST:g}"
             )
-        found[name] = float(value)
-    if not any(found.values()):
+        by_axis[name] = float(value)
+    if not any(by_axis.values()):
         raise InputError("weights: all are 0, so that nothing is to be corrected; allowed: one greater than 0, or more")
-    return np.array(list(found.values()))
+    return np.array(list(by_axis.values()))
 
 
-def _by_coordinate(label: str, given: Mapping[str, float] | None, robot: Robot, assembly: Assembly) -> dict[str, float]:
-    """Limits by the full names of driven coordinates."""
-    places, found = names_in_scenarios(robot), {}
-    for name, value in (given or {}).items():
+def _by_coordinate(
+    label: str, requested: Mapping[str, float] | None, robot: Robot, assembly: Assembly
+) -> dict[str, float]:
+    """Return limits by the full names of driven coordinates."""
+    places, limits = names_in_scenarios(robot), {}
+    for name, value in (requested or {}).items():
         full = places.get(str(name), "")
         if full not in assembly.driven:
             hint = nearest(str(name), assembly.driven)
             raise InputError(f"{label}: {show(str(name))} is not driven{hint}; allowed: {listed(assembly.driven)}")
         if not (is_usable(value) and value > 0.0):
             raise InputError(f"{label}: {name} = {show(value)}; allowed: a number from {SMALLEST:g} to {LARGEST:g}")
-        found[full] = float(value)
-    return found
+        limits[full] = float(value)
+    return limits
 
 
 def _corrected(
     setting: Setting, mode: str, accelerations: bool, iterations: int, report: Progress
 ) -> tuple[Array, Array, tuple[float, ...], list[str]]:
-    """Corrections without and with limits, (T, m) each, the history of simulations, and notes."""
+    """Return corrections without and with limits, (T, m) each, the history of simulations, and notes."""
     if mode == "static":
         taken, wanted = at_rest(setting, accelerations, report)
         loads = "gravity, wrenches, payloads" + (" and what accelerates the masses" if accelerations else "")
         return wanted, taken, (), [f"static: the robot bends under {loads} as at rest; what swings is left"]
-    found = learn(setting, iterations, report)
-    span = 1e3 * (setting.t[-1] - setting.t[0]) / found.intervals
+    learned = learn(setting, iterations, report)
+    span = 1e3 * (setting.t[-1] - setting.t[0]) / learned.intervals
     notes = [f"knots of the correction are {span:.3g} ms apart"]
-    if len(found.history) > iterations:
+    if len(learned.history) > iterations:
         notes.append(f"it ended with {iterations} simulations, as allowed; more may lead further")
-    return found.wanted, found.taken, found.history, notes
+    return learned.wanted, learned.taken, learned.history, notes
 
 
 def _within_drives(
     setting: Setting, taken: Array, motion: SimulationResult, limits: Mapping[str, float]
 ) -> tuple[Array, SimulationResult, list[str]]:
-    """The greatest share of a correction with which drives keep their limits, its simulation, and a note about it."""
+    """Return the greatest share of a correction within effort limits, its simulation, and a note about it."""
     kernel = setting.assembly.kernel
     motors = shafts(kernel)
     places = {name: kernel.coordinates.index(motors.get(name, name)) for name in limits}
@@ -252,18 +254,18 @@ def _within_drives(
 
 
 def _held_back(setting: Setting, wanted: Array, after: Array) -> list[HeldBack]:
-    """Coordinates whose limits take something from the correction that was wanted, (T, m)."""
+    """Return coordinates whose limits take something from the correction that was wanted, (T, m)."""
     held = held_back(wanted, within_limits(setting, wanted)) & setting.movable
-    step, found = float(setting.t[1] - setting.t[0]), []
+    step, corrections = float(setting.t[1] - setting.t[0]), []
     for name, column in zip(setting.assembly.driven, held.T, strict=True):
         if column.any():
             position, orientation = sizes(after[::2][column])[1]
-            found.append(HeldBack(name, float(column.sum()) * step, position, orientation))
-    return found
+            corrections.append(HeldBack(name, float(column.sum()) * step, position, orientation))
+    return corrections
 
 
 def _followed(scenario: Scenario, frame: str, assembly: Assembly, t: Array) -> Scenario:
-    """The scenario of the corrected program, without its motion: that says where driven coordinates begin."""
+    """Return the scenario of the compensated path, without its motion: that says where driven coordinates begin."""
     initial = scenario.initial
     if initial is not None:
         initial = Initial(
@@ -281,11 +283,11 @@ def _followed(scenario: Scenario, frame: str, assembly: Assembly, t: Array) -> S
     )
 
 
-def _notes(setting: Setting, before: Array, after: Array, given: Scenario) -> list[str]:
+def _notes(setting: Setting, before: Array, after: Array, scenario: Scenario) -> list[str]:
     notes = []
-    if given.until is not None:
+    if scenario.until is not None:
         notes.append("errors are those up to the duration, whatever [until] ends before")
-    (peak, _), (between, _) = (sizes(after[part::2])[1] for part in (0, 1))
+    (peak, _), (between, _) = (sizes(after[offset::2])[1] for offset in (0, 1))
     if between > BETWEEN * peak:
         notes.append(
             f"between its samples the tool is off by up to {1e6 * between:.3g} um, at them {1e6 * peak:.3g} um"

@@ -36,17 +36,17 @@ class Basis:
         return regular(self.values.T @ self.values)
 
     def fit(self, samples: Array) -> Array:
-        """Coefficients, (N, m), of the splines that are nearest to samples, (T, m)."""
+        """Return coefficients, (N, m), of the splines that are nearest to samples, (T, m)."""
         return np.asarray(np.linalg.solve(self._square, self.values.T @ samples))
 
 
 def regular(square: Array) -> Array:
-    """A positive semidefinite matrix, (N, N), with so much on its diagonal that it can be solved with."""
+    """Return a positive semidefinite matrix, (N, N), with so much on its diagonal that it can be solved with."""
     return np.asarray(square + 1e-12 * np.trace(square) / len(square) * np.eye(len(square)))
 
 
 def _joined(columns: Array, resting: tuple[bool, bool]) -> Array:
-    """Columns (T, N) with the first two, and the last two, added up where the splines rest there."""
+    """Return columns (T, N) with the first two, and the last two, added up where the splines rest there."""
     begin, end = (2 if rests else 1 for rests in resting)
     inner = columns[:, begin : columns.shape[1] - end]
     first, last = columns[:, :begin].sum(axis=1), columns[:, columns.shape[1] - end :].sum(axis=1)

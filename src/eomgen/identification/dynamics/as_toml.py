@@ -1,4 +1,4 @@
-"""An identified robot as TOML: the description's own text with links, rotors and friction that were found."""
+"""An identified robot as TOML: the description's text with identified links, rotors and friction."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ def write_toml(robot: Robot, parameters: Mapping[str, float], comments: Sequence
     """Write the description of an identified robot, and return the path.
 
     Args:
-        robot: with what was found.
-        parameters: what was found, by the names of ``IdentifyResult.parameters``; the rest stays as it is written.
+        robot: the identified one.
+        parameters: identified values, by the names of ``IdentifyResult.parameters``; the rest stays as it is written.
         comments: lines that begin with #.
         target: ends in .toml.
 
@@ -44,7 +44,7 @@ def write_toml(robot: Robot, parameters: Mapping[str, float], comments: Sequence
 
 
 def toml_text(robot: Robot, parameters: Mapping[str, float], comments: Sequence[str], folder: Path) -> str:
-    """The text for a file in that folder."""
+    """Return the text for a file in that folder."""
     body = body_of(robot, folder, 'inertia = "warn"')
     owners = {split_component(name)[0] for name in parameters}
     if owners.intersection(link.name for link in robot.links):
@@ -65,7 +65,7 @@ def _is_refined(body: Sequence[str]) -> bool:
 
 
 def _entry(robot: Robot, table: str, name: str, body: list[str]) -> tuple[int, int]:
-    """Lines of an entry, which is added where a description refines a URDF."""
+    """Return lines of an entry, which is added where a description refines a URDF."""
     block = block_of(body, table, name)
     if block is None:
         if not _is_refined(body):
@@ -94,7 +94,7 @@ def _put(body: list[str], block: tuple[int, int], key: str, text: str, robot: Ro
 
 
 def _put_coordinate(robot: Robot, joint: Joint, kind: str, keys: set[str], body: list[str]) -> None:
-    """Put the numbers of a coordinate or motor that were found into its table, beside the others."""
+    """Put identified numbers of a coordinate or motor into its table, beside the others."""
     block = _entry(robot, "joints", joint.name, body)
     at = [i for i in range(*block) if re.match(rf"\s*{kind}\s*=\s*\{{", body[i])]
     if not at and any(re.match(rf"\s*(\[joints\.{kind}\]|{kind}\.)", line) for line in body[slice(*block)]):
@@ -118,23 +118,29 @@ def _put_coordinate(robot: Robot, joint: Joint, kind: str, keys: set[str], body:
 
 
 def _numbers(joint: Joint, kind: str, keys: set[str]) -> dict[str, Any]:
-    """Numbers of a coordinate or motor that were found, by their keys in a description; None where there is none."""
+    """Return identified numbers of a coordinate or motor, by their keys in a description.
+
+    None where there is none.
+    """
     if kind == MOTOR:
         assert joint.motor is not None
         friction, spring = joint.motor.friction, joint.motor.transmission
         numbers = {"inertia": joint.motor.inertia, "stiffness": spring.stiffness, "damping": spring.damping}
-        found: dict[str, Any] = {key: value for key, value in numbers.items() if key in keys}
+        law: dict[str, Any] = {key: value for key, value in numbers.items() if key in keys}
     else:
-        given = joint.coordinates[kind]
-        found, friction = {key: getattr(given, key) for term, key in _KEYS.items() if term in keys}, given.friction
+        coordinate = joint.coordinates[kind]
+        law, friction = (
+            {key: getattr(coordinate, key) for term, key in _KEYS.items() if term in keys},
+            coordinate.friction,
+        )
     if keys & {"dry", "viscous"}:
-        own = None if friction is None else {key: value for key, value in vars(friction).items() if value is not None}
-        found["friction"] = own
-    return found
+        plain = None if friction is None else {key: value for key, value in vars(friction).items() if value is not None}
+        law["friction"] = plain
+    return law
 
 
 def _inline(value: Any) -> str:
-    """A value in TOML, on one line."""
+    """Return a value in TOML, on one line."""
     if isinstance(value, Mapping):
         return "{ " + ", ".join(f"{key} = {_inline(x)}" for key, x in value.items()) + " }" if value else "{}"
     if isinstance(value, (list, tuple)):
@@ -143,9 +149,9 @@ def _inline(value: Any) -> str:
 
 
 def _changed(robot: Robot) -> Iterator[tuple[str, Sequence[float | None]]]:
-    """Numbers of a description that an identification changes, by names of links and coordinates."""
+    """Yield numbers of a description that an identification changes, by names of links and coordinates."""
     for link in robot.links:
         yield link.name, (link.mass, *link.com, *link.inertia)
     for joint in robot.joints:
-        for kind, given in joint.coordinates.items():
-            yield f"{joint.name}.{kind}", (given.damping, given.armature, *given.law().values())
+        for kind, coordinate in joint.coordinates.items():
+            yield f"{joint.name}.{kind}", (coordinate.damping, coordinate.armature, *coordinate.law().values())

@@ -1,4 +1,4 @@
-"""Parameters that forces are not linear in: gains of drives, a delay, Stribeck's friction; by Gauss and Newton.
+"""Parameters that forces are not linear in: gains of drives, a delay, Stribeck's friction; by Gauss-Newton.
 
 About their present values each of them is one more column beside those of the base parameters: of a gain what its drive
 should be by all parameters, not what was measured, so that noise of the drive is in no column; of the delay the rate of
@@ -25,13 +25,15 @@ DEVIATIONS = 2.0  # of what static friction is more, below which there is none
 HARDLY = 0.2  # of a gain: a deviation that leaves it open
 SHAPES = LORENTZIAN, GAUSSIAN = "lorentzian", "gaussian"
 SLOWEST, FASTEST = 0.5 * FRACTIONS[0], 1.5 * FRACTIONS[-1]  # of the rms of a rate: Stribeck's rate lies between
-EDGE = 1e-3  # relative, next to an end of these: the curve is not told from dry and viscous friction there
+EDGE = (
+    1e-3  # relative, next to an end of these: the curve cannot be distinguished from Coulomb and viscous friction there
+)
 NEIGHBOURS = 3  # on each side of the place that a sample is interpolated at
 
 
 @dataclass(frozen=True)
 class State:
-    """Present values: delay (s), gains of drives, (d,), Stribeck's static less dry friction and rate, (k,) each."""
+    """Present values: delay (s), gains of drives, (d,), Stribeck's static less Coulomb friction and rate, (k,) each."""
 
     delay: float
     gains: Array
@@ -47,7 +49,7 @@ class Sought:
         terms: among FURTHER.
         coordinates: names of all.
         drives: indices of the coordinates whose drive was measured, d of them.
-        free_gains: those among ``drives``, by place, whose gain can be told from the rest.
+        free_gains: those among ``drives``, by place, whose gain is identifiable.
         rubbing: indices of the coordinates whose friction is sought, k of them.
         matrix: (n, r), forces at all coordinates to the rows that are known.
         step: of the samples, s.
@@ -70,13 +72,13 @@ class Sought:
         return State(0.0, np.ones(len(self.drives)), np.zeros(len(self.rubbing)), np.ones(len(self.rubbing)))
 
     def names(self) -> list[str]:
-        """Names of the columns of ``columns``."""
-        found = ["delay"] if DELAY in self.terms else []
-        found += [component_name(self.coordinates[self.drives[k]], "gain") for k in self.free_gains]
+        """Return names of the columns of ``columns``."""
+        names = ["delay"] if DELAY in self.terms else []
+        names += [component_name(self.coordinates[self.drives[k]], "gain") for k in self.free_gains]
         if STRIBECK in self.terms:
             for key in ("breakaway", self.rate_name):
-                found += [component_name(self.coordinates[i], key) for i in self.rubbing]
-        return found
+                names += [component_name(self.coordinates[i], key) for i in self.rubbing]
+        return names
 
     @property
     def rate_name(self) -> str:
@@ -93,7 +95,7 @@ class Sought:
         return share, 2.0 * x**2 * share
 
     def columns(self, state: State, predicted: Array, slopes: Array, v: Array) -> Array:
-        """Columns of steps of all, (T, r, e).
+        """Return columns of steps of all, (T, r, e).
 
         Args:
             state: about which.
@@ -113,27 +115,27 @@ class Sought:
         return np.concatenate(parts, axis=-1)
 
     def gain_columns(self, predicted: Array) -> Array:
-        """Columns of relative changes of all gains, (T, r, d)."""
+        """Return columns of relative changes of all gains, (T, r, d)."""
         onto = self.matrix[list(self.drives)]  # (d, r)
         drives = predicted @ np.linalg.pinv(onto)
         return np.asarray(-drives[:, None, :] * onto.T)
 
     def friction(self, state: State, v: Array) -> Array:
-        """Resistance by Stribeck's law beyond dry friction, along all coordinates, (T, n)."""
-        found = np.zeros_like(v)
+        """Return resistance by Stribeck's law beyond Coulomb friction, along all coordinates, (T, n)."""
+        friction = np.zeros_like(v)
         if STRIBECK in self.terms:
             rates = v[:, self.rubbing]
-            found[:, self.rubbing] = np.sign(rates) * state.breakaway * self._share(rates / state.rates)[0]
-        return found
+            friction[:, self.rubbing] = np.sign(rates) * state.breakaway * self._share(rates / state.rates)[0]
+        return friction
 
     def drives_of(self, state: State, u: Array) -> Array:
-        """Drives, (T, n), N or N m, of what was measured of them: with their gains, and without their delay."""
-        found = np.array(u)
-        found[:, list(self.drives)] *= state.gains
-        return shifted(found, state.delay / self.step)
+        """Return drives, (T, n), N or N m, of what was measured of them: with their gains, and without their delay."""
+        drives = np.array(u)
+        drives[:, list(self.drives)] *= state.gains
+        return shifted(drives, state.delay / self.step)
 
     def stepped(self, state: State, steps: Array) -> State:
-        """The state after steps of what ``columns`` is of."""
+        """Return the state after steps of what ``columns`` is of."""
         left = list(steps)
         delay, gains = state.delay, np.array(state.gains)
         if DELAY in self.terms:
@@ -148,7 +150,7 @@ class Sought:
         return State(delay, gains, state.breakaway + left[:many], rates)
 
     def narrowed(self, state: State, deviations: Array) -> tuple[Sought, State]:
-        """Go on with coordinates alone whose static friction is more than dry friction.
+        """Go on with coordinates alone whose static friction is more than Coulomb friction.
 
         Args:
             state: with all of ``rubbing``.
@@ -164,8 +166,8 @@ class Sought:
         left = replace(state, breakaway=state.breakaway[shown], rates=state.rates[shown])
         return replace(self, terms=terms, rubbing=rubbing, rms=self.rms[shown]), left
 
-    def found(self, state: State, deviations: Sequence[float]) -> dict[str, Further]:
-        """Values with standard deviations of the steps that ``columns`` is of."""
+    def further(self, state: State, deviations: Sequence[float]) -> dict[str, Further]:
+        """Return values with standard deviations of the steps that ``columns`` is of."""
         values: list[tuple[float, float, str]] = [(state.delay, 1.0, "s")] if DELAY in self.terms else []
         for k in self.free_gains:
             unit = force_unit_of(self.coordinates[self.drives[k]])
@@ -179,7 +181,7 @@ class Sought:
 
 
 def told_apart(R: Array, base: int) -> tuple[int, ...]:
-    """Index of the drives whose gains can be told from base parameters and from gains before them.
+    """Return the index of the drives whose gains are identifiable beside base parameters and gains before them.
 
     Args:
         R: triangle of the columns of base parameters and of the gains of all drives, by what some values of the former
@@ -192,36 +194,38 @@ def told_apart(R: Array, base: int) -> tuple[int, ...]:
 
 
 def shifted(x: Array, samples: float) -> Array:
-    """Columns at times that are so many samples later, (T, k): polynomials of fifth degree; held at the ends."""
+    """Return columns at times that are so many samples later, (T, k): polynomials of fifth degree; held at the ends."""
     if samples == 0.0:
         return x
     whole = int(np.floor(samples))
     offsets = np.arange(1 - NEIGHBOURS, NEIGHBOURS + 1)
-    part = samples - whole
-    weights = [np.prod([(part - other) / (place - other) for other in offsets if other != place]) for place in offsets]
+    fraction = samples - whole
+    weights = [
+        np.prod([(fraction - other) / (place - other) for other in offsets if other != place]) for place in offsets
+    ]
     rows = np.arange(len(x))[:, None] + whole + offsets
     return np.asarray(np.einsum("j,tjk->tk", np.array(weights), x[np.clip(rows, 0, len(x) - 1)]))
 
 
-def further_doubts(asked: Sought, sought: Sought, found: dict[str, Further]) -> list[str]:
-    """Warnings about what cannot be told, what the motion hardly shows, and gains that are negative.
+def further_doubts(asked: Sought, sought: Sought, further: dict[str, Further]) -> list[str]:
+    """Return warnings about what is not identifiable, what the motion hardly shows, and gains that are negative.
 
     Args:
         asked: what was asked for.
         sought: what of it there is.
-        found: its values.
+        further: its values.
     """
     warnings = []
     for k, i in enumerate(sought.drives if GAINS in sought.terms else ()):
         name = component_name(sought.coordinates[i], "gain")
         if k not in sought.free_gains:
             warnings.append(
-                f"{name} cannot be told from masses, inertias, friction and gains of other drives, and stays 1: links"
+                f"{name} depends linearly on masses, inertias, friction and gains of other drives, and stays 1: links"
                 " whose numbers are known are a measure"
             )
-        elif found[name].deviation > HARDLY * abs(found[name].value):
-            warnings.append(f"{name} is hardly shown: {found[name].value:.3g} +- {found[name].deviation:.2g}")
-        elif found[name].value < 0.0:
+        elif further[name].deviation > HARDLY * abs(further[name].value):
+            warnings.append(f"{name} is hardly shown: {further[name].value:.3g} +- {further[name].deviation:.2g}")
+        elif further[name].value < 0.0:
             warnings.append(f"{name} is negative; is the drive's sign right?")
     rubbing = sought.rubbing if STRIBECK in sought.terms else ()
     lost = [asked.coordinates[i] for i in asked.rubbing if i not in rubbing] if STRIBECK in asked.terms else []

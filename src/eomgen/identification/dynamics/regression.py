@@ -29,13 +29,13 @@ NOISES = 3.0  # deviations of a rate's noise below which it stands still, too
 LEFT = 0.25  # of the rows of every drive that a filter must leave
 PIECE = 2000  # samples at a time whose columns are in memory
 SIZES = {"stiffness": 1e5, "damping": 1e2}  # N m/rad, N m s/rad: deflections are small, and no round-off
-CLEAR = 0.2  # of a column's square: what noise must leave of it for a parameter to be told
+CLEAR = 0.2  # of a column's square: what noise must leave of it for a parameter to be identifiable
 EXACT = 1e-6  # of the largest residual: smaller ones weigh no more
 UNDETERMINED = 1e-13  # of the greatest singular value: directions that round-off alone decides stay 0
 GAINED = 1e-7  # of a logarithm of residuals, by which a step must leave less
 PARTS = (1.0, 0.5, 0.25, 0.125)  # of a step, the first that leaves less is taken
 ROOT = "sqrt|v|"  # a curve of friction that is told, and no law
-STEPS, SETTLED = 20, 1e-2  # of Gauss and Newton: most of them, and deviations that the last one moves by at most
+STEPS, SETTLED = 20, 1e-2  # of Gauss-Newton: most of them, and deviations that the last one moves by at most
 
 
 class Data:
@@ -44,7 +44,7 @@ class Data:
     Columns are made anew, PIECE samples at a time, wherever they are needed, and are never all in memory.
 
     half: of that filter; 0 where rates and accelerations come with the motion.  names: of the rows' coordinates.
-    resting: whether a drive stands still, (T, r), so that its dry friction is unknown.  total: measured drives, and
+    resting: whether a drive stands still, (T, r), so that its Coulomb friction is unknown.  total: measured drives, and
     laws what of them is the description's, (T, r).  v: rates, (T, n).  spoiled_samples: (T, n) of the motion, whose
     rows are left out as those at rest are.
     """
@@ -97,9 +97,9 @@ class Data:
 
     def columns(self, at: slice) -> Array:
         """Make the columns at some samples, (t, r, count)."""
-        found = columns(self.kernel, self._q[at], self.v[at], self._a[at], self.base.terms, self.relations)[1]
-        own = found[:, self.known][..., self.base.chosen]
-        return own if self.extra is None else np.concatenate([own, self.extra(at)], axis=-1)
+        rows = columns(self.kernel, self._q[at], self.v[at], self._a[at], self.base.terms, self.relations)[1]
+        block = rows[:, self.known][..., self.base.chosen]
+        return block if self.extra is None else np.concatenate([block, self.extra(at)], axis=-1)
 
     def triangle(self, counting: Mask, size: Array | float = 1.0) -> Array:
         """Give what QR leaves of all columns, (count, count): R of the rows that count, (T, r), over their size."""
@@ -109,7 +109,7 @@ class Data:
         return R
 
     def _motion(self) -> tuple[Array, Array, Array, Array]:
-        """Coordinates, rates and accelerations behind the filter, (T, n), and the noise of the rates, (n,)."""
+        """Return coordinates, rates and accelerations behind the filter, (T, n), and the noise of the rates, (n,)."""
         motion = self.motion
         if motion.v is not None and motion.a is not None:
             return motion.q, motion.v, motion.a, np.zeros(len(motion.coordinates))
@@ -117,8 +117,8 @@ class Data:
         self.half = narrow.half
         v = narrow(motion.q, 1) if motion.v is None else narrow(motion.v)
         a = narrow(motion.q, 2) if motion.v is None else narrow(motion.v, 1)
-        order, given = (1, motion.q) if motion.v is None else (0, motion.v)
-        noise = noise_deviation(given) * np.linalg.norm(narrow.weights[order])
+        order, measured = (1, motion.q) if motion.v is None else (0, motion.v)
+        noise = noise_deviation(measured) * np.linalg.norm(narrow.weights[order])
         if not self.relations.is_coupled:
             return narrow(motion.q), v, a, noise
         free, matrix = list(self.relations.free), self.relations.matrix.T  # exactly, which kernels ask for
@@ -126,45 +126,45 @@ class Data:
         return q, v[:, free] @ matrix, a[:, free] @ matrix, noise
 
     def _differentiator(self) -> Differentiator:
-        """The narrowest filter behind which noise is a small part of all accelerations, and else the widest."""
+        """Return the narrowest filter behind which noise is small beside all accelerations, and else the widest."""
         motion, places = self.motion, [self.motion.coordinates.index(name) for name in self.motion.measured]
-        given, order = (motion.q, 2) if motion.v is None else (motion.v, 1)
+        measured, order = (motion.q, 2) if motion.v is None else (motion.v, 1)
         strict = STRICT if TRANSMISSIONS in self.base.terms else 1.0
         unit = np.ones(len(motion.coordinates))
         for rotor, _, ratio in self.relations.motors:  # shafts beside joints, as these turn
             unit[rotor] = 1.0 / abs(ratio)
-        given = given * unit
-        noise, found = noise_deviation(given)[places], Differentiator(FIRST, self.step)
+        measured = measured * unit
+        noise, differentiator = noise_deviation(measured)[places], Differentiator(FIRST, self.step)
         for half in FIRSTS:
             if len(motion.t) < least_samples(half):
                 break
-            found = Differentiator(half, self.step)
-            size = np.sqrt(np.mean(found(given[:, places], order) ** 2, axis=0))
-            off = noise * np.linalg.norm(found.weights[order])
+            differentiator = Differentiator(half, self.step)
+            size = np.sqrt(np.mean(differentiator(measured[:, places], order) ** 2, axis=0))
+            off = noise * np.linalg.norm(differentiator.weights[order])
             if (off <= strict * np.maximum(NOISY * size, RESTING * size.max())).all():
                 break
-        return found
+        return differentiator
 
     def measured(self, u: Array) -> Array:
-        """Forces of the rows, (T, r), behind the filter, of drives at all coordinates."""
+        """Return forces of the rows, (T, r), behind the filter, of drives at all coordinates."""
         return self.relations.forces(self._narrow(u) if self._narrow else u)[:, self.known]
 
     def at(self, sought: Sought, state: State) -> Data:
         """Return the data with present values of what forces are not linear in."""
-        found = copy(self)
-        found.total = self.measured(sought.drives_of(state, self.motion.u))
-        found.forces = found.total - self.laws - sought.friction(state, self.v) @ sought.matrix
+        data = copy(self)
+        data.total = self.measured(sought.drives_of(state, self.motion.u))
+        data.forces = data.total - self.laws - sought.friction(state, self.v) @ sought.matrix
         ends = int(np.ceil(abs(state.delay) / self.step)) + NEIGHBOURS if state.delay else 0
         if ends:
-            found.resting = self.resting.copy()
-            found.resting[:ends], found.resting[-ends:] = True, True
-        return found
+            data.resting = self.resting.copy()
+            data.resting[:ends], data.resting[-ends:] = True, True
+        return data
 
     def beside(self, extra: Callable[[slice], Array]) -> Data:
         """Give the same data with further columns, (t, r, e) of t samples, beside those of the base parameters."""
-        found = copy(self)
-        found.extra, found.extra_count = extra, extra(slice(0, 1)).shape[-1]
-        return found
+        data = copy(self)
+        data.extra, data.extra_count = extra, extra(slice(0, 1)).shape[-1]
+        return data
 
     def with_steps(self, sought: Sought, state: State, solution: Solution) -> Data:
         """Give the same data with columns of steps of what forces are not linear in, about a state and its solution."""
@@ -174,18 +174,18 @@ class Data:
 
     def turned(self, row: int) -> Data:
         """Return the data with one drive in the other sense."""
-        found = copy(self)
-        found.forces = self.forces.copy()
-        found.forces[:, row] -= 2.0 * self.total[:, row]
-        return found
+        data = copy(self)
+        data.forces = self.forces.copy()
+        data.forces[:, row] -= 2.0 * self.total[:, row]
+        return data
 
     def predicted(self, solution: Solution) -> Array:
-        """Forces of the rows, (T, r), by all that is known and found."""
+        """Return forces of the rows, (T, r), by known terms and identified parameters."""
         values = solution.values[: self.count]
         return np.concatenate([self.columns(at) @ values for at in self.pieces()]) + self.total - self.forces
 
     def shown(self, base: BaseParameters) -> tuple[BaseParameters, list[str]]:
-        """Give what of the combinations this motion can tell apart, and a warning where that is fewer."""
+        """Return the combinations that this motion can distinguish, and a warning where these are fewer."""
         if self.resting.all():
             return base, []
         size = np.array([SIZES.get(base.parameters[place].rpartition(".")[2], 1.0) for place in base.chosen])
@@ -194,11 +194,11 @@ class Data:
         if len(chosen) == len(base):
             return base, []
         places, whole = base.chosen[chosen], matrix @ base.matrix
-        found = with_formulas(base.robot, base.terms, base.parameters, places, whole, base.relations)
-        return found, [f"the motion shows {len(chosen)} of {len(base)} base parameters; others move it as these do"]
+        formulas = with_formulas(base.robot, base.terms, base.parameters, places, whole, base.relations)
+        return formulas, [f"the motion shows {len(chosen)} of {len(base)} base parameters; others move it as these do"]
 
     def kept(self, half: int) -> Mask:
-        """Rows without a standstill in the window of a filter, (T - 2 half, r)."""
+        """Return rows without a standstill in the window of a filter, (T - 2 half, r)."""
         if not half:
             return ~self.resting
         counts = np.cumsum(np.vstack([np.zeros((1, self.resting.shape[1])), self.resting]), axis=0)
@@ -210,7 +210,7 @@ class Data:
         Behind the first filter and a bell of that half width.  Deflections are small beside what they are the
         difference of, so that noise of both ends counts there long before it does elsewhere.
         """
-        found, motion = np.zeros((len(self.names), count)), self.motion
+        variances, motion = np.zeros((len(self.names), count)), self.motion
         names = [self.base.parameters[place] for place in self.base.chosen]
         first = np.ones((2, 1)) if self._narrow is None else self._narrow.weights[: 2 if motion.v is None else 1]
         gains = [float((np.convolve(row, bell(half) if half else [1.0]) ** 2).sum()) for row in first]
@@ -223,20 +223,20 @@ class Data:
             for key, noise, gain in (("stiffness", angles, gains[0]), ("damping", rates, gains[-1])):
                 name = component_name(motion.coordinates[rotor], key)
                 if name in names:
-                    found[:, names.index(name)] = onto**2 * gain * ((noise[rotor] / ratio) ** 2 + noise[joint] ** 2)
-        return found
+                    variances[:, names.index(name)] = onto**2 * gain * ((noise[rotor] / ratio) ** 2 + noise[joint] ** 2)
+        return variances
 
     def residuals(self, solution: Solution) -> dict[str, Residuals]:
         """Give the residuals of a solution by the names of the rows' coordinates."""
-        found = {}
+        residuals = {}
         for row, name in enumerate(self.names):
             drive = float(np.sqrt(np.mean(self.total[:, row] ** 2)))
             fitted, held_out = float(solution.fitted[row]), float(solution.held_out[row])
-            found[name] = Residuals(fitted, held_out, drive, int(solution.counts[row]))
-        return found
+            residuals[name] = Residuals(fitted, held_out, drive, int(solution.counts[row]))
+        return residuals
 
     def over_time(self, solution: Solution) -> tuple[Array, Array, Array, Mask]:
-        """Times, (T,), drives, what the solution makes of them behind its filter, and whether they count, (T, r)."""
+        """Return times, (T,), and drives, measured and predicted behind the filter, and whether they count, (T, r)."""
         drives, fitted = self.total, self.predicted(solution)
         if solution.half:
             drives, fitted = (filtered(x, bell(solution.half)) for x in (drives, fitted))
@@ -245,7 +245,7 @@ class Data:
 
 
 def best_of(data: Data, widths: Sequence[int]) -> Solution:
-    """The solution behind the filter with the smallest standard deviations.
+    """Return the solution behind the filter with the smallest standard deviations.
 
     Raises:
         InputError: no filter leaves enough samples.
@@ -257,20 +257,20 @@ def best_of(data: Data, widths: Sequence[int]) -> Solution:
             f"{data.motion.source}: {samples} samples; a filter of half width {min(widths)} needs at least"
             f" {least_samples(first + min(widths))}"
         )
-    found = [Solution.of(data, half) for half in fitting if data.kept(half).mean(axis=0).min(initial=1.0) >= LEFT]
-    if not found:
+    solutions = [Solution.of(data, half) for half in fitting if data.kept(half).mean(axis=0).min(initial=1.0) >= LEFT]
+    if not solutions:
         raise InputError(
             f"{data.motion.source}: drives stand still too often between {samples} samples; allowed: motions that"
             " turn round less often, narrower filters, or terms without dry"
         )
-    return min(found, key=lambda solution: float(np.log(solution.variances).sum()))
+    return min(solutions, key=lambda solution: float(np.log(solution.variances).sum()))
 
 
 def iterated(data: Data, sought: Sought, half: int) -> tuple[Data, Solution, Sought, State]:
-    """Find what forces are not linear in, by Gauss and Newton; Stribeck's friction where there is some.
+    """Find what forces are not linear in, by Gauss-Newton; Stribeck's friction where there is some.
 
     Returns:
-        The data there, the solution, whose last values are further steps, what could be told apart, and its values.
+        The data there, the solution, whose last values are further steps, which are identifiable, and its values.
     """
     state = sought.start()
     solution = Solution.of(data, half)
@@ -311,8 +311,8 @@ def iterated(data: Data, sought: Sought, half: int) -> tuple[Data, Solution, Sou
 def _nearer(data: Data, sought: Sought, state: State, steps: Array, half: int) -> State | None:
     """Take the longest of some parts of a step that leaves less; None where none does."""
     before = _left_of(Solution.of(data.at(sought, state), half).fitted)
-    for part in PARTS:
-        trial = sought.stepped(state, part * steps)
+    for share in PARTS:
+        trial = sought.stepped(state, share * steps)
         if _left_of(Solution.of(data.at(sought, trial), half).fitted) < before - GAINED:
             return trial
     return None
@@ -335,9 +335,11 @@ def shaped(data: Data, asked: Sought, half: int) -> tuple[tuple[Data, Solution, 
     """
     if STRIBECK not in asked.terms:
         return iterated(data, asked, half), [], []
-    found = {shape: iterated(data, replace(asked, shape=shape), half) for shape in SHAPES if asked.shape in ("", shape)}
+    by_shape = {
+        shape: iterated(data, replace(asked, shape=shape), half) for shape in SHAPES if asked.shape in ("", shape)
+    }
     drive = np.maximum(np.sqrt(np.mean(data.total**2, axis=0)), 1e-300)
-    left = {shape: _left_of(one[1].held_out / drive) for shape, one in found.items() if STRIBECK in one[2].terms}
+    left = {shape: _left_of(one[1].held_out / drive) for shape, one in by_shape.items() if STRIBECK in one[2].terms}
     less = tuple(term for term in asked.terms if term != STRIBECK)
     plain = iterated(data, replace(asked, terms=less, rubbing=(), rms=asked.rms[:0], shape=SHAPES[0]), half)
     without = _left_of(plain[1].held_out / drive)
@@ -347,7 +349,7 @@ def shaped(data: Data, asked: Sought, half: int) -> tuple[tuple[Data, Solution, 
     notes = [_compared(data, plain[0], asked, half, left, without)]
     if left[best] >= without:
         return plain, [f"Stribeck friction is left out: {best} is no better on blocks that were held out"], notes
-    return found[best], [], notes
+    return by_shape[best], [], notes
 
 
 def _compared(data: Data, here: Data, asked: Sought, half: int, left: dict[str, float], without: float) -> str:
@@ -367,7 +369,7 @@ def _compared(data: Data, here: Data, asked: Sought, half: int, left: dict[str, 
 
 
 def _first_gains(data: Data, sought: Sought, state: State) -> State:
-    """Gains that leave least of the drives' own size, whatever the base parameters; a little off by noise.
+    """Return gains that leave least of the drives' size, whatever the base parameters; a little off by noise.
 
     The least of |Y beta + k - C g| relative to |C g| and |k|, so that gains of 0 are no answer.
     """
@@ -392,7 +394,7 @@ def _first_gains(data: Data, sought: Sought, state: State) -> State:
 
 
 def _first_friction(data: Data, sought: Sought, state: State, half: int) -> tuple[Sought, State]:
-    """Stribeck's friction at the best of some rates, of each coordinate by the rows that it acts in, where it shows."""
+    """Return Stribeck friction of each coordinate at the best of some rates, by the rows that it acts in."""
     rms = sought.rms
     onto, many = sought.matrix[list(sought.rubbing)] != 0.0, len(sought.rubbing)
     left, values, variances = [], [], []
@@ -411,7 +413,7 @@ def _first_friction(data: Data, sought: Sought, state: State, half: int) -> tupl
 
 
 def _static(sought: Sought, state: State, v: Array, at: slice) -> Array:
-    """Give columns of static friction beyond dry friction at some samples, (t, r, k), from rates at all, (T, n)."""
+    """Give columns of static friction beyond Coulomb friction at some samples, (t, r, k), from rates at all, (T, n)."""
     none = np.zeros((0, 0))
     return sought.columns(state, none, none, v[at])[..., : len(sought.rubbing)]
 
@@ -442,7 +444,7 @@ class Solution:
         R, size = _triangles(data, half, kept, blocks)
         counts, weights = kept.sum(axis=0), np.ones(rows)
         blurred = data.column_noise(half, count) / size**2
-        seen = np.stack([part.sum(axis=0) for part in np.array_split(kept, blocks)])  # samples, (blocks, r)
+        seen = np.stack([block.sum(axis=0) for block in np.array_split(kept, blocks)])  # samples, (blocks, r)
         for _ in range(REWEIGHTED):
             values = _solved(R * weights[:, None, None], counts * weights**2 @ blurred)
             fitted = np.sqrt(_left(R, values).sum(axis=0) / np.maximum(counts, 1))
@@ -464,21 +466,21 @@ class Solution:
 
 
 def _covariance(R: Array, variances: Array) -> Array:
-    """The covariance, (b, b), that rows of weighted triangles give, with these variances on average."""
+    """Return the covariance, (b, b), that rows of weighted triangles give, with these variances on average."""
     rows = R.reshape(-1, R.shape[-1])[:, :-1]
     white = np.linalg.pinv(rows.T @ rows, rcond=UNDETERMINED, hermitian=True)
-    own = np.maximum(np.diagonal(white), 1e-300)
-    return np.asarray(white * np.exp(np.mean(np.log(variances / own))))
+    variance = np.maximum(np.diagonal(white), 1e-300)
+    return np.asarray(white * np.exp(np.mean(np.log(variances / variance))))
 
 
 def _noise_share(R: Array, noise: Array) -> Array:
-    """Share of noise in what a column has beside all others, (b,), of stacked triangles."""
-    found, places = np.zeros(len(noise)), np.flatnonzero(noise)
+    """Return the share of noise in what a column has beside all others, (b,), of stacked triangles."""
+    shares, places = np.zeros(len(noise)), np.flatnonzero(noise)
     if places.size:
         rows = R.reshape(-1, R.shape[-1])[:, :-1]
-        own = np.diagonal(np.linalg.pinv(rows.T @ rows, rcond=UNDETERMINED, hermitian=True))[places]
-        found[places] = noise[places] * own
-    return found
+        variance = np.diagonal(np.linalg.pinv(rows.T @ rows, rcond=UNDETERMINED, hermitian=True))[places]
+        shares[places] = noise[places] * variance
+    return shares
 
 
 def _triangles(data: Data, half: int, kept: Mask, blocks: int) -> tuple[Array, Array]:
@@ -491,7 +493,7 @@ def _triangles(data: Data, half: int, kept: Mask, blocks: int) -> tuple[Array, A
     """
     R = np.zeros((blocks, kept.shape[1], data.count + 1, data.count + 1))
     squares, wide = np.zeros(data.count), bell(half)
-    block_of = np.repeat(np.arange(blocks), [len(part) for part in np.array_split(kept, blocks)])
+    block_of = np.repeat(np.arange(blocks), [len(rows) for rows in np.array_split(kept, blocks)])
     for at in data.pieces(2 * half):
         seen = slice(at.start, at.stop + 2 * half)
         both = np.concatenate([data.columns(seen), data.forces[seen, :, None]], axis=2)
@@ -516,7 +518,7 @@ def _solved(R: Array, noise: Array) -> Array:
     """Solve least squares of stacked rows whose last column is the right side, (b,).
 
     noise: what noise adds to the diagonal of the normal matrix, (b,), which is taken off it (errors in variables) where
-    more is left than ``CLEAR`` of a column's own length.
+    more is left than ``CLEAR`` of a column's length.
     """
     rows = np.asarray(np.linalg.qr(R.reshape(-1, R.shape[-1]), mode="r"))
     plain = np.asarray(np.linalg.lstsq(rows[:, :-1], rows[:, -1], rcond=UNDETERMINED)[0])
@@ -528,8 +530,8 @@ def _solved(R: Array, noise: Array) -> Array:
         return plain
     # (R'R - E D E') x = R'y by Woodbury's formula, in the few columns that noise is in
     inner = np.linalg.solve(triangle.T, np.eye(len(plain))[:, places])
-    own = 1.0 / (inner**2).sum(axis=0)  # of a column, beside all others
-    kept = noise[places] <= (1.0 - CLEAR) * own
+    variance = 1.0 / (inner**2).sum(axis=0)  # of a column, beside all others
+    kept = noise[places] <= (1.0 - CLEAR) * variance
     inner, places = inner[:, kept], places[kept]
     middle = np.diag(1.0 / noise[places]) - inner.T @ inner
     if not places.size or np.linalg.eigvalsh(middle)[0] <= 0.0:
@@ -538,5 +540,5 @@ def _solved(R: Array, noise: Array) -> Array:
 
 
 def _left(R: Array, values: Array) -> Array:
-    """Sums of squares of what values leave of triangles (..., b + 1, b + 1)."""
+    """Return sums of squares of what values leave of triangles (..., b + 1, b + 1)."""
     return np.asarray(((R[..., :-1] @ values - R[..., -1]) ** 2).sum(axis=-1))

@@ -56,7 +56,7 @@ class IdentifyResult(Plotting, Shown, Saved, plot="plot_identification"):
     """Base parameters with their standard deviations, and what they leave of each drive.
 
     Attributes:
-        robot: the description with links that have these base parameters, near to its own, and that are bodies.
+        robot: the description with physically consistent links of these base parameters, near to the described ones.
         base: the combinations that the motion shows, with their formulas.
         base_values: of these, (b,), SI units.
         deviations: standard deviations, (b,), the jackknife's over blocks of time.
@@ -108,7 +108,7 @@ class IdentifyResult(Plotting, Shown, Saved, plot="plot_identification"):
 
         Raises:
             InputError: the robot was read from no TOML or URDF, another ending, the file cannot be written, or blocks
-                of time that were held out contradict what was found.
+                of time that were held out contradict the identified model.
         """
         for name, left in self.contradicted.items():
             fitted, held_out = left.relative
@@ -125,17 +125,17 @@ class IdentifyResult(Plotting, Shown, Saved, plot="plot_identification"):
         return write_toml(self.robot, self.parameters, lines, Path(path))
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values, for JSON."""
+        """Return plain values, for JSON."""
         return {
             **self.base.as_dict(),
             "values": dict(zip(self.base_names, self.base_values.tolist(), strict=True)),
             "deviations": dict(zip(self.base_names, self.deviations.tolist(), strict=True)),
             "described": dict(zip(self.base_names, self.described.tolist(), strict=True)),
-            "further": {name: vars(found) for name, found in self.further.items()},
+            "further": {name: vars(entry) for name, entry in self.further.items()},
             "parameters": self.parameters,
             "residuals": {
-                name: {**vars(found), "relative": dict(zip(("fitted", "held_out"), found.relative, strict=True))}
-                for name, found in self.residuals.items()
+                name: {**vars(entry), "relative": dict(zip(("fitted", "held_out"), entry.relative, strict=True))}
+                for name, entry in self.residuals.items()
             },
             "width": self.width,
             "warnings": list(self.warnings),
@@ -143,14 +143,14 @@ class IdentifyResult(Plotting, Shown, Saved, plot="plot_identification"):
         }
 
     def lines(self) -> list[str]:
-        """Tables for people."""
+        """Return tables for people."""
         lines = [f"{self.base.robot}: {len(self.base)} base parameters by least squares", ""]
         lines.append(f"{'value':>12}{'std. dev.':>12}{'described':>12}  parameter")
         for name, *numbers in zip(self.base_names, self.base_values, self.deviations, self.described, strict=True):
             value, deviation, described = (float(x) for x in numbers)
             lines.append(f"{value:>12.5g}{deviation:>12.2g}{described:>12.5g}  {name}")
-        for name, found in self.further.items():
-            lines.append(f"{found.value:>12.5g}{found.deviation:>12.2g}{'':>12}  {name}, {found.unit}")
+        for name, further in self.further.items():
+            lines.append(f"{further.value:>12.5g}{further.deviation:>12.2g}{'':>12}  {name}, {further.unit}")
         lines += ["", f"{'residual, rms':<28}{'fitted':>12}{'held out':>12}{'of the drive':>24}"]
         for name, left in self.residuals.items():
             label, (fitted, held_out) = f"{name} [{force_unit_of(name)}]", left.relative
@@ -159,9 +159,9 @@ class IdentifyResult(Plotting, Shown, Saved, plot="plot_identification"):
         return lines + ["", *(f"warning: {x}" for x in self.warnings), *(f"note: {x}" for x in self.notes)]
 
 
-def _record(found: IdentifyResult) -> dict[str, Any]:
-    base = found.base
-    record = record_of(found.robot)
+def _record(result: IdentifyResult) -> dict[str, Any]:
+    base = result.base
+    record = record_of(result.robot)
     return {"description": record, "base": base.texts(), "chosen": base.chosen, "matrix": base.matrix}
 
 
@@ -172,8 +172,8 @@ def _rebuild(file: Contents) -> dict[str, Any]:
     return {"robot": robot_from_record(file.plain.get("description", {}), file.path), "base": base}
 
 
-def _sizes(found: IdentifyResult) -> dict[str, int]:
-    return {"b": len(found.base), "T": len(found.t), "r": len(found.residuals)}
+def _sizes(result: IdentifyResult) -> dict[str, int]:
+    return {"b": len(result.base), "T": len(result.t), "r": len(result.residuals)}
 
 
 _MATRIX = Stored(("b", "p"), "SI")
@@ -194,7 +194,7 @@ _UNITS = {"m": "kg", "mx": "kg m", "my": "kg m", "mz": "kg m", "inertia": "kg m^
 
 
 def unit_of_parameter(formula: str) -> str:
-    """The unit of a combination, which is that of the parameter that begins it."""
+    """Return the unit of a combination, which is that of the parameter that begins it."""
     name = formula.split(" ")[0]
     owner, _, key = name.rpartition(".")
     if key in _UNITS or key.startswith("i"):

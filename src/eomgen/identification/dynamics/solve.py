@@ -2,8 +2,8 @@
 
     Y_b(q, v, a) beta = u - laws(q, v)
 
-over time, one row per coordinate whose force is known, each weighted by what its own noise is.  All terms pass the same
-filters, as in ``fit``.  Where a drive stands still in a filter's window its dry friction is unknown, and its row is
+over time, one row per coordinate whose force is known, each weighted by its noise.  All terms pass the same
+filters, as in ``fit``.  Where a drive stands still in a filter's window its Coulomb friction is unknown, and its row is
 left out.  What noise of the motion adds to the columns on average is not taken off.  ``consistent`` then chooses links
 that have these base parameters.
 """
@@ -36,11 +36,11 @@ from ..relations import Relations, anchored, completed, refuse_followers, relati
 from .further import FURTHER, GAINS, GAUSSIAN, SHAPES, STRIBECK, Sought, further_doubts
 from .regression import Data, Solution, best_of, shaped
 from .result import IdentifyResult
-from .traps import other_readings, refuse_impossible, spoiled, zeros_apart
+from .traps import offset_warnings, other_readings, refuse_impossible, spoiled
 
 ALL_TERMS = (*LINEAR, *FURTHER)
-APART = 0.05  # of a drive: residuals from which on zeros of joints are looked at
-HIDDEN = 0.5  # of the square of a column: noise that a parameter is not told behind
+APART = 0.05  # of a drive: residuals from which on joint offsets are looked at
+HIDDEN = 0.5  # of the square of a column: noise behind which a parameter is not identifiable
 UNSETTLED = 0.1  # of a standard deviation, by which the last step moves at most
 SPREAD = 0.5  # relative, of the description's numbers of single links
 
@@ -58,11 +58,12 @@ def identify(  # noqa: PLR0913
     kernel: Kernel | None = None,
     progress: StageReport | None = None,
 ) -> IdentifyResult:
-    """Base parameters of a robot from a motion and its drives.
+    """Return base parameters of a robot from a motion and its drives.
 
     Geometry and gravity are the description's, and so are springs and all other laws of coordinates but for those that
-    are sought: damping, dry friction and preload of coordinates with a drive or in a rigid coupling.  The motion has
-    samples at equal distances in time; coordinates that couplings make of measured ones need not be in it.  Forces are
+    are sought: damping, Coulomb friction and preload of coordinates with a drive or in a rigid coupling.  The motion
+    has samples at equal distances in time; coordinates that couplings make of measured ones need not be in it.  Forces
+    are
     known where a drive is in the motion, and, 0, at coordinates that were measured and have none.
 
     Args:
@@ -77,7 +78,7 @@ def identify(  # noqa: PLR0913
             that is better on blocks held out if None.
         spread: how far the description's numbers of single links are off, relative to themselves; what base parameters
             leave open stays near to them.
-        kernel: of ``without_sought(robot, terms)``, float64, with regressor and inverse_dynamics; built if not given.
+        kernel: of ``without_sought(robot, terms)``, float64, with regressor and inverse_dynamics; built if None.
 
     Raises:
         InputError: the file or an argument cannot be used, samples are too few or not evenly spaced, they are in other
@@ -128,13 +129,13 @@ def identify(  # noqa: PLR0913
     theta = nearest_bodies(shown, values, best.covariance[:many, :many], drawn, spread)
     parameters = dict(zip(shown.parameters, theta.tolist(), strict=True))
     deviations = np.sqrt(variances)
-    found = sought.found(state, np.sqrt(best.variances[many:]).tolist())
+    further = sought.further(state, np.sqrt(best.variances[many:]).tolist())
     for name in hidden:  # is no answer
         parameters.pop(name, None)
     warnings += (
         [f"{name}: noise of the angles hides the deflection; the description's value stays" for name in hidden]
         + _doubts(shown, values, deviations)
-        + further_doubts(asked, sought, found)
+        + further_doubts(asked, sought, further)
         + _unsettled(sought, best)
         + other_readings(data, best)
     )
@@ -144,9 +145,9 @@ def identify(  # noqa: PLR0913
             again = Data(kernel, other, shown, forces, step, bad)
             return float(np.log(np.maximum(Solution.of(again, width).fitted, 1e-300)).sum())
 
-        warnings += zeros_apart(motion, robot, left_of)
+        warnings += offset_warnings(motion, robot, left_of)
     parameters |= {
-        name: x.value for name, x in found.items() if name.endswith((".breakaway", ".stribeck", f".{GAUSSIAN}"))
+        name: x.value for name, x in further.items() if name.endswith((".breakaway", ".stribeck", f".{GAUSSIAN}"))
     }
     sure = np.hypot(deviations, doubt(values))
     moved = float((np.abs(shown.matrix @ theta - values) / sure).max())
@@ -167,7 +168,7 @@ def identify(  # noqa: PLR0913
         width=2 * (data.half + best.half) * step,
         warnings=tuple(warnings),
         notes=(*notes, *curves),
-        further=found,
+        further=further,
         t=t,
         drives=drives,
         fitted=fitted,
@@ -209,7 +210,7 @@ def _further(data: Data, terms: Sequence[str], shape: str) -> Sought:
 
 
 def _unsettled(sought: Sought, solution: Solution) -> list[str]:
-    """Warnings about what forces are not linear in, and what still moved at the last step."""
+    """Return warnings about what forces are not linear in, and what still moved at the last step."""
     many = len(sought.names())
     steps, deviations = solution.values[-many or len(solution.values) :], np.sqrt(solution.variances)[-many:]
     moving = [name for name, x, d in zip(sought.names(), steps, deviations, strict=False) if abs(x) > UNSETTLED * d]
@@ -217,7 +218,7 @@ def _unsettled(sought: Sought, solution: Solution) -> list[str]:
 
 
 def without_sought(robot: Robot, terms: Sequence[str]) -> Robot:
-    """The robot without what is sought of damping, dry friction, preload and transmissions.
+    """Return the robot without what is sought of damping, Coulomb friction, preload and transmissions.
 
     These are of coordinates with a drive or in a rigid coupling; all of the latter are coordinates of it.
     """
@@ -229,18 +230,18 @@ def without_sought(robot: Robot, terms: Sequence[str]) -> Robot:
     lost |= {"preload": None} if "offset" in terms else {}
     joints = []
     for joint in robot.joints:
-        own = {
-            name: replace(given, **lost, friction=_known_friction(given.friction, terms))
+        coordinates = {
+            name: replace(coordinate, **lost, friction=_known_friction(coordinate.friction, terms))
             if component_name(joint.name, name) in driven
-            else given
-            for name, given in joint.coordinates.items()
+            else coordinate
+            for name, coordinate in joint.coordinates.items()
         }
         motor = joint.motor
         if motor is not None and component_name(joint.name, MOTOR) in driven:
             motor = replace(motor, friction=_known_friction(motor.friction, terms))
         if motor is not None and TRANSMISSIONS in terms:
             motor = replace(motor, transmission=replace(motor.transmission, stiffness=0.0, damping=None))
-        joints.append(replace(joint, coordinates=own, motor=motor))
+        joints.append(replace(joint, coordinates=coordinates, motor=motor))
     gone = {f"joints.{name}.{key}" for name in driven for key in (*lost, "friction")}
     if TRANSMISSIONS in terms:
         gone |= {f"joints.{joint.name}.{MOTOR}.{key}" for joint in robot.joints for key in ("stiffness", "damping")}
@@ -274,7 +275,10 @@ def _without_idle_drives(robot: Robot, motion: MeasuredMotion) -> tuple[Measured
 
 
 def _known(robot: Robot, motion: MeasuredMotion, relations: Relations) -> Mask:
-    """Rows in which all forces are known, (f,): drives of the motion, and those of measured ones that have no drive."""
+    """Return rows in which all forces are known, (f,).
+
+    Drives of the motion, and those of measured ones that have no drive.
+    """
     model = build_model(robot)
     driven = {model.coordinates[i] for i in (*model.driven, *model.prescribed)}
     free = [name for name in motion.measured if name not in driven]
@@ -288,18 +292,18 @@ def _known(robot: Robot, motion: MeasuredMotion, relations: Relations) -> Mask:
 
 
 def _described(robot: Robot, kernel: Kernel, base: BaseParameters) -> Array:
-    """The description's values of all parameters, (p,)."""
+    """Return the description's values of all parameters, (p,)."""
     theta = dict(zip(kernel.regressor_names, kernel.regressor_values.tolist(), strict=True))
     relations = base.relations
     assert relations is not None
     for name in (kernel.coordinates[i] for i in relations.rubbing):
         joint = robot.joint(joint_of(name))
-        given = joint.motor.rotor if joint.motor and kind_of(name) == MOTOR else joint.coordinates[kind_of(name)]
-        dry = given.friction
+        coordinate = joint.motor.rotor if joint.motor and kind_of(name) == MOTOR else joint.coordinates[kind_of(name)]
+        dry = coordinate.friction
         is_own = kind_of(name) != MOTOR  # a rotor's damping is its transmission's
-        theta[f"{name}.viscous"] = (given.damping or 0.0) * is_own + (dry.viscous or 0.0 if dry else 0.0)
+        theta[f"{name}.viscous"] = (coordinate.damping or 0.0) * is_own + (dry.viscous or 0.0 if dry else 0.0)
         theta[f"{name}.dry"] = dry.coulomb if dry else 0.0
-        theta[f"{name}.offset"] = given.preload or 0.0
+        theta[f"{name}.offset"] = coordinate.preload or 0.0
     for rotor, _, _ in relations.motors:
         name = kernel.coordinates[rotor]
         motor = robot.joint(joint_of(name)).motor
@@ -310,13 +314,13 @@ def _described(robot: Robot, kernel: Kernel, base: BaseParameters) -> Array:
 
 
 def _doubts(base: BaseParameters, values: Array, deviations: Array) -> list[str]:
-    """Warnings about parameters that the motion hardly shows, and about friction that drives."""
+    """Return warnings about parameters that the motion hardly shows, and about friction that drives."""
     hardly = [name for name, x, d in zip(base.names, values, deviations, strict=True) if abs(x) < 2.0 * d]
-    found = [f"within two standard deviations of zero: {listed(hardly)}"] if hardly else []
+    doubts = [f"within two standard deviations of zero: {listed(hardly)}"] if hardly else []
     for name, x, d in zip(base.names, values, deviations, strict=True):
         if name.endswith((".viscous", ".dry")) and x < -2.0 * d:
-            found.append(f"{name} is negative; is the drive's sign right?")
-    return found
+            doubts.append(f"{name} is negative; is the drive's sign right?")
+    return doubts
 
 
 def _notes(kernel: Kernel, motion: MeasuredMotion, data: Data) -> tuple[str, ...]:

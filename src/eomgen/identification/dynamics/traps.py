@@ -69,7 +69,7 @@ def spoiled(motion: MeasuredMotion) -> tuple[Mask, list[str]]:
     Returns:
         Whether a sample is no good, (T, n), by the coordinate whose force is not known there; and warnings.
     """
-    found, warnings = np.zeros(motion.q.shape, dtype=np.bool_), []
+    faulty, warnings = np.zeros(motion.q.shape, dtype=np.bool_), []
     for name in motion.driven:
         i = motion.coordinates.index(name)
         u = motion.u[:, i]
@@ -77,7 +77,7 @@ def spoiled(motion: MeasuredMotion) -> tuple[Mask, list[str]]:
             at = np.abs(u - end) <= _SATURATED * np.ptp(u)
             runs = at[:-1] & at[1:]
             if np.ptp(u) > 0.0 and runs.sum() >= max(_RUN, _SHARE * len(u)):
-                found[:, i] |= at
+                faulty[:, i] |= at
                 warnings.append(
                     f"{component_name(name, 'drive')} stands at {end:.4g} in {int(at.sum())} samples: saturated? they"
                     " are left out"
@@ -92,16 +92,16 @@ def spoiled(motion: MeasuredMotion) -> tuple[Mask, list[str]]:
         jumps = np.flatnonzero(bend > max(_JUMP * usual, _JUMPS_BY * float(np.ptp(motion.q[:, i]))))
         if jumps.size:
             at = int(jumps[bend[jumps].argmax()]) + 1
-            found[np.unique(np.clip(jumps[:, None] + np.arange(4), 0, len(found) - 1))] = True
+            faulty[np.unique(np.clip(jumps[:, None] + np.arange(4), 0, len(faulty) - 1))] = True
             warnings.append(
                 f"{name} jumps by {steps[at]:.3g} rad or m at {motion.t[at]:.6g} s: an encoder that lost counts?"
                 " samples beside it are left out"
             )
-    return found, warnings
+    return faulty, warnings
 
 
-def zeros_apart(motion: MeasuredMotion, robot: Robot, left: Callable[[MeasuredMotion], float]) -> list[str]:
-    """Warn of joints whose angles fit much better with a zero that is a quarter turn or half a turn elsewhere.
+def offset_warnings(motion: MeasuredMotion, robot: Robot, left: Callable[[MeasuredMotion], float]) -> list[str]:
+    """Warn of joints whose angles fit much better with an offset of a quarter or half a revolution.
 
     Args:
         motion: whose residuals are large.
@@ -124,7 +124,7 @@ def zeros_apart(motion: MeasuredMotion, robot: Robot, left: Callable[[MeasuredMo
 
 
 def _refuse_angles(robot: Robot, motion: MeasuredMotion) -> None:
-    """InputError where joints turn further than they can: degrees, or angles of motors."""
+    """Raise InputError where joints turn further than they can: degrees, or angles of motors."""
     coupled = {name for coupling in robot.couplings for name in (coupling.of, *coupling.to)}
     turning = []
     for joint in robot.joints:
@@ -136,17 +136,17 @@ def _refuse_angles(robot: Robot, motion: MeasuredMotion) -> None:
         raise InputError(message)
 
 
-def _refuse_foreign(motion: MeasuredMotion, slopes: Array, given: Array, suffix: str) -> None:
-    """InputError where a column is not the derivative of the one that it should be."""
+def _refuse_foreign(motion: MeasuredMotion, slopes: Array, measured: Array, suffix: str) -> None:
+    """Raise InputError where a column is not the derivative of the one that it should be."""
     largest = float(np.sqrt(np.mean(slopes**2, axis=0)).max())
     largest = max(largest, _ROUND_OFF * float(np.abs(motion.q).max()) / float(motion.t[1] - motion.t[0]) / _MOVES)
     for name in motion.measured:
         i = motion.coordinates.index(name)
         size = float(np.sqrt(np.mean(slopes[:, i] ** 2)))
-        if size <= _MOVES * largest or np.sqrt(np.mean((given[:, i] - slopes[:, i]) ** 2)) <= _ALIKE * size:
+        if size <= _MOVES * largest or np.sqrt(np.mean((measured[:, i] - slopes[:, i]) ** 2)) <= _ALIKE * size:
             continue
-        factor = float(given[:, i] @ slopes[:, i]) / float(slopes[:, i] @ slopes[:, i])
-        off = np.sqrt(np.mean((given[:, i] - factor * slopes[:, i]) ** 2))
+        factor = float(measured[:, i] @ slopes[:, i]) / float(slopes[:, i] @ slopes[:, i])
+        off = np.sqrt(np.mean((measured[:, i] - factor * slopes[:, i]) ** 2))
         if off > _ALIKE * abs(factor) * size:
             continue  # noise, or a motion of which the filter takes much away
         cause = next((text for x, text in _FACTORS if abs(factor / x - 1.0) < 0.1), "other units")
@@ -157,7 +157,7 @@ def _refuse_foreign(motion: MeasuredMotion, slopes: Array, given: Array, suffix:
 
 
 def other_readings(data: Data, solution: Solution) -> list[str]:
-    """Warnings about drives that would fit much better in the other sense, and about residuals that are too large."""
+    """Return warnings about drives that fit much better with the other sign, and about too large residuals."""
     drive = np.sqrt(np.mean(data.total**2, axis=0))
     share = solution.fitted / np.maximum(drive, 1e-300)
     if share.max() < BAD:

@@ -1,4 +1,4 @@
-"""Motions that excite: Fourier series within limits, what they tell of base parameters, and their exact gradients.
+"""Exciting motions: Fourier series within limits, their information about base parameters, and its exact gradients.
 
 Uses ``dynamics`` and ``identifiable``, runtime, robot, description, motion and pipeline.
 """

@@ -93,24 +93,24 @@ def limits_of(robot: Robot, names: tuple[str, ...], frames: Sequence[str], reque
         InputError: a limit allows nothing, or is no number.
         UnknownNameError: there is no coordinate or frame of a name.
     """
-    for label, given in (("ranges", requested.ranges), ("boxes", requested.boxes)):
-        if given is not None and not isinstance(given, Mapping):
-            raise InputError(f"{label}: {show(given)}; allowed: a table by names")
+    for label, entry in (("ranges", requested.ranges), ("boxes", requested.boxes)):
+        if entry is not None and not isinstance(entry, Mapping):
+            raise InputError(f"{label}: {show(entry)}; allowed: a table by names")
     notes: list[str] = []
     low, high = _ranges(robot, names, requested.ranges or {}, notes)
-    own = [robot.rigid().limits_of(name) for name in names]
-    fastest = _within(amounts("rates", requested.rates, names), [limits.velocity for limits in own])
-    strongest = _within(amounts("drives", requested.drives, names), [limits.effort for limits in own])
+    described = [robot.rigid().limits_of(name) for name in names]
+    fastest = _within(amounts("rates", requested.rates, names), [limits.velocity for limits in described])
+    strongest = _within(amounts("drives", requested.drives, names), [limits.effort for limits in described])
     for unit, usual in RATES.items():
         unknown = [i for i, name in enumerate(names) if np.isinf(fastest[i]) and unit_of(name) == unit]
         fastest[unknown] = usual
         if unknown:
             notes.append(f"rates of {these(names, unknown)} without a limit: {usual:g} {unit}/s is assumed")
     if requested.accelerations is None and np.isinf(strongest).all():
-        notes.append("no limits of accelerations and drives are given: harmonics and rates alone hold them")
+        notes.append("no limits of accelerations and drives: harmonics and rates alone hold them")
     regions = [_box(frame, box) for frame, box in (requested.boxes or {}).items()]
-    regions += [_half_space(*given) for given in _triples("half_spaces", requested.half_spaces)]
-    regions += [_distance(*given) for given in _triples("clear_of", requested.clear_of)]
+    regions += [_half_space(*entry) for entry in _triples("half_spaces", requested.half_spaces)]
+    regions += [_distance(*entry) for entry in _triples("clear_of", requested.clear_of)]
     for region in regions:
         if region.frame not in frames:
             raise UnknownNameError(
@@ -128,40 +128,42 @@ def limits_of(robot: Robot, names: tuple[str, ...], frames: Sequence[str], reque
     )
 
 
-def amounts(label: str, given: Amounts | None, names: tuple[str, ...]) -> Array:
-    """Positive numbers of coordinates, (m,): one for all, or by the name of coordinate or joint; infinite elsewhere.
+def amounts(label: str, requested: Amounts | None, names: tuple[str, ...]) -> Array:
+    """Return positive numbers of coordinates, (m,): one for all, or by the name of coordinate or joint.
+
+    Infinite elsewhere.
 
     Raises:
         InputError: a number is not positive and finite.
         UnknownNameError: there is no coordinate of a name.
     """
-    if given is None:
+    if requested is None:
         return np.full(len(names), np.inf)
-    if not isinstance(given, Mapping):
-        return np.full(len(names), _positive(label, given))
-    found = np.full(len(names), np.inf)
-    for name, value in given.items():
-        found[_place(label, name, names)] = _positive(f"{label}: {name}", value)
-    return found
+    if not isinstance(requested, Mapping):
+        return np.full(len(names), _positive(label, requested))
+    limits = np.full(len(names), np.inf)
+    for name, value in requested.items():
+        limits[_place(label, name, names)] = _positive(f"{label}: {name}", value)
+    return limits
 
 
-def _within(given: Array, own: Sequence[float | None]) -> Array:
-    """Amounts that are given, and where none is those of the description, (m,)."""
-    described = np.array([np.inf if value is None else value for value in own], dtype=np.float64)
-    return np.where(np.isinf(given), described, given)
+def _within(requested: Array, limits: Sequence[float | None]) -> Array:
+    """Return requested amounts, and those of the description elsewhere, (m,)."""
+    described = np.array([np.inf if value is None else value for value in limits], dtype=np.float64)
+    return np.where(np.isinf(requested), described, requested)
 
 
 def these(names: Sequence[str], places: Sequence[int]) -> str:
-    """Coordinates at some places, for notes."""
+    """Return coordinates at some places, for notes."""
     return "all coordinates" if len(places) == len(names) else listed(names[i] for i in places)
 
 
 def _ranges(
-    robot: Robot, names: tuple[str, ...], given: Mapping[str, Sequence[float]], notes: list[str]
+    robot: Robot, names: tuple[str, ...], requested: Mapping[str, Sequence[float]], notes: list[str]
 ) -> tuple[Array, Array]:
-    """Ends of all coordinates: those given, or limits; what is assumed is noted."""
+    """Return ends of all coordinates, requested ones or limits; what is assumed is noted."""
     ends = np.array([principal_limits(robot, name) for name in names], dtype=np.float64)
-    for name, values in given.items():
+    for name, values in requested.items():
         ends[_place("ranges", name, names)] = _array(f"ranges: {name}", values, (2,))
     for i, name in enumerate(names):
         is_open = ~np.isfinite(ends[i])
@@ -179,8 +181,8 @@ def _ranges(
     return ends[:, 0], ends[:, 1]
 
 
-def _box(frame: str, given: ArrayLike) -> Region:
-    corners = _array(f"boxes: {frame}", given, (2, 3))
+def _box(frame: str, corners: ArrayLike) -> Region:
+    corners = _array(f"boxes: {frame}", corners, (2, 3))
     if not (corners[0] < corners[1]).all():
         raise InputError(
             f"boxes: {frame}: {show(corners.tolist())}; allowed: the lower corner, then the upper one, (2, 3)"
@@ -204,8 +206,8 @@ def _distance(frame: str, point: Any, radius: Any) -> Region:
     return Region(frame, f"{frame} distance", np.array([low]), None, place)
 
 
-def _triples(label: str, given: Sequence[Any]) -> list[tuple[Any, Any, Any]]:
-    rows: list[Any] = list(given) if isinstance(given, (list, tuple)) else [given]
+def _triples(label: str, entries: Sequence[Any]) -> list[tuple[Any, Any, Any]]:
+    rows: list[Any] = list(entries) if isinstance(entries, (list, tuple)) else [entries]
     for row in rows:
         if not isinstance(row, (list, tuple)) or len(row) != 3 or not isinstance(row[0], str):
             raise InputError(f"{label}: {show(row)}; allowed: rows of a frame, a vector (3,) and a number")
@@ -216,27 +218,27 @@ def _place(label: str, name: str, names: tuple[str, ...]) -> int:
     """Place of a coordinate by its name or its joint's."""
     if name in names:
         return names.index(name)
-    owners = [joint_of(own) for own in names]
+    owners = [joint_of(component) for component in names]
     if name in owners:
         return owners.index(name)
     raise UnknownNameError(f"{label}: no coordinate that moves is called {name!r}{nearest_or_all(name, names)}")
 
 
-def _positive(label: str, given: Any) -> float:
-    value = float(_array(label, given, ()))
+def _positive(label: str, number: Any) -> float:
+    value = float(_array(label, number, ()))
     if not (is_usable(value) and value > 0.0):
         raise InputError(f"{label}: {value:g}; allowed: a number above 0, from {SMALLEST:g} to {LARGEST:g}")
     return value
 
 
-def _array(label: str, given: Any, shape: tuple[int, ...]) -> Array:
+def _array(label: str, numbers: Any, shape: tuple[int, ...]) -> Array:
     try:
-        values = np.array(given, dtype=np.float64)
+        values = np.array(numbers, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         values = np.full(1, np.nan)
-    if isinstance(given, (str, bytes, bool)):  # NumPy makes numbers of these
+    if isinstance(numbers, (str, bytes, bool)):  # NumPy makes numbers of these
         values = np.full(1, np.nan)
     if values.shape != shape or not (np.abs(values) <= LARGEST).all():
         what = f"finite numbers of shape {shape}" if shape else "a finite number"
-        raise ArrayError(f"{label}: {show(str(given))}; allowed: {what}")
+        raise ArrayError(f"{label}: {show(str(numbers))}; allowed: {what}")
     return values

@@ -35,11 +35,11 @@ class Held(ABC):
 
     @abstractmethod
     def values(self, course: Course) -> Array:
-        """The numbers, (T, k)."""
+        """Return the numbers, (T, k)."""
 
     @abstractmethod
     def gradient(self, course: Course, weights: Array) -> Course:
-        """Derivatives of the sum of weighted numbers by coordinates, rates and accelerations, (T, n) each."""
+        """Return derivatives of the sum of weighted numbers by coordinates, rates and accelerations, (T, n) each."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +60,7 @@ class _Direct(Held):
 
 @dataclass(frozen=True, eq=False)
 class _Drives(Held):
-    """Drives without dry friction, between limits that leave room for it, whichever way it acts."""
+    """Drives without Coulomb friction, between limits that leave room for it, whichever way it acts."""
 
     kernel: Kernel
     index: Index
@@ -97,12 +97,12 @@ class _Place(Held):
         return np.asarray(self.kernel.frame_pose(course[0], self.region.frame))[:, :3, 3]
 
     def _away(self, course: Course) -> Array:
-        """From the point that the frame keeps clear of to the frame, (T, 3), m."""
+        """Return from the point that the frame keeps clear of to the frame, (T, 3), m."""
         assert self.region.point is not None
         return np.asarray(self._points(course) - self.region.point)
 
     def _normals(self, course: Course) -> Array:
-        """Directions in which the numbers grow, (k, 3) or (T, 1, 3)."""
+        """Return directions in which the numbers grow, (k, 3) or (T, 1, 3)."""
         if self.region.normals is not None:
             return self.region.normals
         away = self._away(course)
@@ -111,15 +111,15 @@ class _Place(Held):
 
 
 def held_by(limits: Limits, kernel: Kernel, rubbing: Array) -> tuple[Held, ...]:
-    """All that limits hold.
+    """Return all that limits hold.
 
     Args:
         limits: of the coordinates that move, m of them.
-        kernel: without dry friction, with inverse_dynamics and kinematics.
-        rubbing: the dry friction that drives may have to overcome, (m,), N or N m.
+        kernel: without Coulomb friction, with inverse_dynamics and kinematics.
+        rubbing: the Coulomb friction that drives may have to overcome, (m,), N or N m.
     """
     index = np.array([kernel.coordinates.index(name) for name in limits.names], dtype=np.intp)
-    found: list[Held] = []
+    held: list[Held] = []
     for order, (kind, behind) in enumerate((("position", ""), ("rate", "/s"), ("acceleration", "/s^2"))):
         high = (limits.high, limits.rates, limits.accelerations)[order]
         low = limits.low if order == 0 else -high
@@ -127,27 +127,27 @@ def held_by(limits: Limits, kernel: Kernel, rubbing: Array) -> tuple[Held, ...]:
         names = tuple(f"{limits.names[i]} {kind}" for i in kept)
         units = tuple(unit_of(limits.names[i]) + behind for i in kept)
         if kept.size:
-            found.append(_Direct(names, units, low[kept], high[kept], order, index[kept]))
+            held.append(_Direct(names, units, low[kept], high[kept], order, index[kept]))
     kept = np.flatnonzero(np.isfinite(limits.drives))
     if kept.size:
         names = tuple(f"{limits.names[i]} drive" for i in kept)
         units = tuple(force_unit_of(limits.names[i]) for i in kept)
         room = (limits.drives - rubbing)[kept]
-        found.append(_Drives(names, units, -room, room, kernel, index[kept]))
+        held.append(_Drives(names, units, -room, room, kernel, index[kept]))
     for region in limits.regions:
         names, none = region.names, np.full(len(region.low), np.inf)
-        found.append(_Place(names, ("m",) * len(names), region.low, none, kernel, region))
-    return tuple(found)
+        held.append(_Place(names, ("m",) * len(names), region.low, none, kernel, region))
+    return tuple(held)
 
 
 def widths(held: Held) -> Array:
-    """The unit of distances to limits, (k,): from one limit to the other, 1 m where there is one alone."""
+    """Return the unit of distances to limits, (k,): from one limit to the other, 1 m where there is one alone."""
     both = np.isfinite(held.low) & np.isfinite(held.high)
     return np.where(both, np.where(both, held.high, 1.0) - np.where(both, held.low, 0.0), 1.0)
 
 
 def extremes(held: Held, course: Course) -> tuple[Array, Array]:
-    """Least and greatest numbers of a whole period, between samples too, (k,) each.
+    """Return least and greatest numbers of a whole period, between samples too, (k,) each.
 
     Between samples a number leaves the straight line by an eighth of its second difference at most.
 
@@ -161,7 +161,7 @@ def extremes(held: Held, course: Course) -> tuple[Array, Array]:
 
 
 def beyond(held: Held, course: Course) -> Array:
-    """How far numbers go beyond their limits, (k,), in ``widths``; negative where room is left."""
+    """Return how far numbers go beyond their limits, (k,), in ``widths``; negative where room is left."""
     least, greatest = extremes(held, course)
     return np.asarray(np.maximum(held.low - least, greatest - held.high) / widths(held))
 
@@ -186,8 +186,8 @@ def barrier(everything: Sequence[Held], course: Course, narrowed: Sequence[Array
             value, slope = _penalty(room)
             total += value
             weights[:, kept] += sign * slope / scale[kept]
-        for sum_, part in zip(gradient, held.gradient(course, weights), strict=True):
-            sum_ += part
+        for sum_, row in zip(gradient, held.gradient(course, weights), strict=True):
+            sum_ += row
     q, v, a = gradient
     return total, (q, v, a)
 

@@ -16,7 +16,9 @@ SMALL = 1e-7  # a step that wins less, relative to the value or 1, is the last o
 
 
 def descended(function: Function, z: Array, steps: int) -> Array:
-    """Numbers near a local minimum of a function, (n,), from those where the search begins; in so many steps at most.
+    """Return numbers near a local minimum of a function, (n,), from those where the search begins.
+
+    In so many steps at most.
 
     Values never rise.  Source of the line search: A. S. Lewis, M. L. Overton, "Nonsmooth optimization via quasi-Newton
     methods", Mathematical Programming 141 (2013).
@@ -27,10 +29,10 @@ def descended(function: Function, z: Array, steps: int) -> Array:
         direction = -(H @ gradient)
         if not direction @ gradient < 0.0:
             break
-        found = _along(function, z, value, gradient, direction)
-        if found is None:
+        step = _along(function, z, value, gradient, direction)
+        if step is None:
             break
-        x, less, slope = found
+        x, less, slope = step
         s, y = x - z, slope - gradient
         won, curved = value - less, float(s @ y)
         z, value, gradient = x, less, slope
@@ -47,7 +49,7 @@ def descended(function: Function, z: Array, steps: int) -> Array:
 def _along(
     function: Function, z: Array, value: float, gradient: Array, direction: Array
 ) -> tuple[Array, float, Array] | None:
-    """Numbers along a direction with their value and gradient; None where none is less."""
+    """Return numbers along a direction with their value and gradient; None where none is less."""
     slope, low, high, t = float(gradient @ direction), 0.0, np.inf, 1.0
     best = None
     for _ in range(HALVINGS):

@@ -41,7 +41,7 @@ class FourierSeries(Shown):
         return np.asarray(self.offset + self.cosines.sum(axis=1))
 
     def at(self, t: ArrayLike) -> tuple[Array, Array, Array]:
-        """Coordinates, rates and accelerations at times t; each of shape (*t.shape, m)."""
+        """Return coordinates, rates and accelerations at times t; each of shape (*t.shape, m)."""
         times = np.asarray(t, dtype=np.float64)
         inside = ((times >= 0.0) & (times <= self.duration))[..., np.newaxis]
         coefficients = np.concatenate([self.offset[:, np.newaxis], self.sines, self.cosines], axis=1)
@@ -51,7 +51,7 @@ class FourierSeries(Shown):
 
 
 def waves(t: Array, duration: float, harmonics: int) -> Array:
-    """Offset, sines and cosines at times t with their first and second derivatives, (3, *t.shape, 2 N + 1)."""
+    """Return offset, sines and cosines at times t with their first and second derivatives, (3, *t.shape, 2 N + 1)."""
     rates = 2.0 * np.pi / duration * np.arange(1, harmonics + 1)
     angles = rates * t[..., np.newaxis]
     s, c, one = np.sin(angles), np.cos(angles), np.ones((*t.shape, 1))
@@ -65,19 +65,19 @@ def waves(t: Array, duration: float, harmonics: int) -> Array:
 
 
 def at_rest(harmonics: int) -> Array:
-    """Coefficients (2 N + 1, 2 N - 1) whose combinations have no rate and no acceleration at t = 0.
+    """Return coefficients (2 N + 1, 2 N - 1) whose combinations have no rate and no acceleration at t = 0.
 
     Rates there are the sum of k sines_k, accelerations that of k^2 cosines_k: one sine and one cosine follow from the
     others.  Columns are orthonormal in coefficients times k, so that no harmonic moves faster than the others.
     """
     k = np.arange(1.0, harmonics + 1)
-    found = np.zeros((2 * harmonics + 1, 2 * harmonics - 1))
-    found[0, 0] = 1.0
-    found[1 : harmonics + 1, 1:harmonics] = _across(np.ones(harmonics)) / k[:, np.newaxis]
-    found[harmonics + 1 :, harmonics:] = _across(k) / k[:, np.newaxis]
-    return found
+    basis = np.zeros((2 * harmonics + 1, 2 * harmonics - 1))
+    basis[0, 0] = 1.0
+    basis[1 : harmonics + 1, 1:harmonics] = _across(np.ones(harmonics)) / k[:, np.newaxis]
+    basis[harmonics + 1 :, harmonics:] = _across(k) / k[:, np.newaxis]
+    return basis
 
 
 def _across(row: Array) -> Array:
-    """Orthonormal columns, (N, N - 1), on which a row vanishes."""
+    """Return an orthonormal columns, (N, N - 1), on which a row vanishes."""
     return np.asarray(np.linalg.qr(row[:, np.newaxis], mode="complete")[0][:, 1:])

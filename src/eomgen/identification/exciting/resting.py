@@ -20,7 +20,7 @@ STEPS = 100  # on the way, at most
 
 
 def standing(limits: Limits, held: Sequence[Held], n: int, index: Index, rng: np.random.Generator) -> Array:
-    """Poses in which a robot may stand, (P, m).
+    """Return poses in which a robot may stand, (P, m).
 
     Args:
         limits: of the coordinates that move, m of them.
@@ -55,14 +55,14 @@ def standing(limits: Limits, held: Sequence[Held], n: int, index: Index, rng: np
     nearest = far[np.argsort(np.maximum(out[far], 0.0).sum(axis=1), kind="stable")[:LED]]
     led = np.array([descended(value, poses[k] / (high - low), STEPS) for k in nearest]) * (high - low)
     left = _beyond(held, course(led))
-    found = np.concatenate([poses[inside], led[left.max(axis=1) <= 0.0]])
-    if not len(found):
+    poses_at_rest = np.concatenate([poses[inside], led[left.max(axis=1) <= 0.0]])
+    if not len(poses_at_rest):
         raise InputError(f"limits: no pose at rest is within all of them; {_nearest(held, course(led), left)}")
-    return found
+    return poses_at_rest
 
 
 def _beyond(held: Sequence[Held], course: Course) -> Array:
-    """How far poses are beyond limits, (P, all limits), in ``widths``; negative within."""
+    """Return how far poses are beyond limits, (P, all limits), in ``widths``; negative within."""
     parts = []
     for entry in held:
         values = entry.values(course)

@@ -1,4 +1,4 @@
-"""A motion that excites: its series and samples, what it tells beside others, and how near it comes to its limits."""
+"""An exciting motion: series, samples, its information beside that of others, and how near it comes to its limits."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ...results.stored import ALLOWED, Stored
 from ...shown import Plotting, Shown
 from ..identifiable import BaseParameters
 from .fourier import FourierSeries
-from .telling import CRITERIA
+from .weighted_columns import CRITERIA
 
 CONTROL = 20.0  # rad/s: bandwidth of computed torque in scenarios that are written
 
@@ -54,7 +54,7 @@ class ExciteResult(Plotting, Shown, Saved, plot="plot_excitation"):
         limited: names of what limits hold, such as "joint1.gamma rate" (l of them).
         units: of these.
         limits: least and greatest that is allowed, (l, 2); infinite where there is no limit.
-        extremes: least and greatest of the motion, between samples too, (l, 2); of drives with dry friction either way.
+        extremes: least and greatest of the motion, between samples too, (l, 2); of drives with Coulomb friction.
         randoms, starts, seed: of random motions, of searches, of the random numbers.
         notes: what was assumed.
     """
@@ -101,7 +101,7 @@ class ExciteResult(Plotting, Shown, Saved, plot="plot_excitation"):
         return np.asarray(np.where(both, of_two, 1.0 / (1.0 + np.maximum(gap, 0.0))))
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values, for JSON."""
+        """Return plain values, for JSON."""
         limited = zip(self.limited, self.units, self.limits.tolist(), self.extremes.tolist(), strict=True)
         return {
             "robot": self.robot,
@@ -127,7 +127,7 @@ class ExciteResult(Plotting, Shown, Saved, plot="plot_excitation"):
         }
 
     def lines(self) -> list[str]:
-        """Tables for people: the criterion beside others, and how near the motion comes to its limits."""
+        """Return tables for people: the criterion beside others, and how near the motion comes to its limits."""
         series, terms = self.series, ", ".join(self.base.terms)
         lines = [
             f"{self.robot}: {series.duration:g} s, {series.harmonics} harmonics of {1.0 / series.duration:.4g} Hz,"
@@ -136,8 +136,8 @@ class ExciteResult(Plotting, Shown, Saved, plot="plot_excitation"):
             "",
             f"{'':<34}{'this motion':>14}{'its start':>14}{'random':>14}",
         ]
-        for label, found in (("condition number", self.condition), ("mean deviation over size", self.deviation)):
-            lines.append(f"{label:<34}{found.found:>14.4g}{found.start:>14.4g}{found.random:>14.4g}")
+        for label, compared in (("condition number", self.condition), ("mean deviation over size", self.deviation)):
+            lines.append(f"{label:<34}{compared.found:>14.4g}{compared.start:>14.4g}{compared.random:>14.4g}")
         width = max(34, *(len(f"{x} [{unit}]") + 2 for x, unit in zip(self.limited, self.units, strict=True)))
         lines += ["", f"{'limits':<{width}}{'least':>12}{'greatest':>12}   allowed"]
         for name, unit, (low, high), (least, greatest) in zip(
@@ -205,8 +205,8 @@ def _finite(x: float) -> float | None:
     return x if np.isfinite(x) else None
 
 
-def _record(found: ExciteResult) -> dict[str, Any]:
-    series, base = found.series, found.base
+def _record(result: ExciteResult) -> dict[str, Any]:
+    series, base = result.series, result.base
     return {
         "base": {**base.texts(), "chosen": base.chosen, "matrix": base.matrix},
         "coordinates": series.names,
@@ -235,13 +235,13 @@ def _rebuild(file: Contents) -> dict[str, Any]:
     }
 
 
-def _sizes(found: ExciteResult) -> dict[str, int]:
-    return {"T": len(found.t), "m": len(found.coordinates), "b": len(found.base), "l": len(found.limited)}
+def _sizes(result: ExciteResult) -> dict[str, int]:
+    return {"T": len(result.t), "m": len(result.coordinates), "b": len(result.base), "l": len(result.limited)}
 
 
-def _check(found: ExciteResult, path: str) -> None:
-    if len(found.units) != len(found.limited):
-        raise InputError(f"{path}: units: got {len(found.units)}; allowed: {len(found.limited)}, one for each limit")
+def _check(result: ExciteResult, path: str) -> None:
+    if len(result.units) != len(result.limited):
+        raise InputError(f"{path}: units: got {len(result.units)}; allowed: {len(result.limited)}, one for each limit")
 
 
 _SERIES = {

@@ -17,7 +17,7 @@ from .constraints import Course, Held, barrier, beyond
 from .descending import descended
 from .fourier import FourierSeries, at_rest, waves
 from .resting import standing
-from .telling import Telling, information, smooth_criterion
+from .weighted_columns import WeightedColumns, information, smooth_criterion
 
 SAMPLES = 24  # of a period of the highest harmonic, on which motions are optimised
 CHECKED = 200  # of it, between which limits are checked
@@ -69,24 +69,29 @@ class Search:
         return np.asarray(waves(t, self.duration, self.harmonics) @ self.combined)
 
     def course(self, rows: Array, x: Array) -> Course:
-        """The motion with these numbers, (m, 2 N - 1), at the times of rows; all coordinates, (T, n) each."""
+        """Return the motion with these numbers, (m, 2 N - 1), at the times of rows; all coordinates, (T, n) each."""
         whole = np.zeros((3, rows.shape[1], self.n))
         whole[:, :, self.index] = rows @ x.T
         return whole[0], whole[1], whole[2]
 
     def series(self, x: Array) -> FourierSeries:
-        """The motion with these numbers."""
-        found = x @ self.combined.T
+        """Return the motion with these numbers."""
+        coefficients = x @ self.combined.T
         first = self.harmonics + 1
-        return FourierSeries(self.limits.names, self.duration, found[:, 0], found[:, 1:first], found[:, first:])
+        return FourierSeries(
+            self.limits.names, self.duration, coefficients[:, 0], coefficients[:, 1:first], coefficients[:, first:]
+        )
 
     def admits(self, x: Array) -> bool:
-        """Whether a motion stays within all limits."""
+        """Return whether a motion stays within all limits."""
         course = self.course(self.fine, x)
         return all((beyond(held, course) <= 0.0).all() for held in self.held)
 
     def random(self, rng: np.random.Generator, poses: Array) -> Array | None:
-        """Numbers of a random motion about one of these poses that fills what limits leave; None if all is too much."""
+        """Return numbers of a random motion about one of these poses that fills what limits leave.
+
+        None if all is too much.
+        """
         x = np.zeros((len(self.index), self.combined.shape[1]))
         x[:, 0] = poses[rng.integers(len(poses))]
         x[:, 1:] = rng.standard_normal(x[:, 1:].shape)
@@ -101,63 +106,63 @@ class Search:
         return None
 
     def poses(self, rng: np.random.Generator) -> Array:
-        """Random poses in which the robot may stand, (P, m); errors as ``standing``."""
+        """Return random poses in which the robot may stand, (P, m); errors as ``standing``."""
         return standing(self.limits, self.held, self.n, self.index, rng)
 
 
-def improved(search: Search, telling: Telling, kind: str, x: Array) -> Array:
-    """Numbers of a motion within limits at which a criterion is about as little as it gets near another one.
+def improved(search: Search, weighted: WeightedColumns, kind: str, x: Array) -> Array:
+    """Return numbers of a motion within limits at which a criterion is about as little as it gets near another one.
 
     Args:
         search: the series and their limits.
-        telling: what motions tell.
+        weighted: what motions tell.
         kind: of CRITERIA.
         x: numbers of a motion within limits, (m, 2 N - 1).
     """
-    scale, found = _scale(search), x
+    scale, better = _scale(search), x
     narrowed = [np.zeros(len(held.names)) for held in search.held]
     for weight in (*WEIGHTS, *WEIGHTS[-1:] * ROUNDS):
 
         def value(z: Array, weight: float = weight, less: Sequence[Array] = narrowed) -> tuple[float, Array]:
-            total, gradient = objective(search, telling, kind, weight, less, z.reshape(x.shape) * scale)
+            total, gradient = objective(search, weighted, kind, weight, less, z.reshape(x.shape) * scale)
             return total, (gradient * scale).ravel()
 
-        found = descended(value, (found / scale).ravel(), STEPS).reshape(x.shape) * scale
+        better = descended(value, (better / scale).ravel(), STEPS).reshape(x.shape) * scale
         if weight == WEIGHTS[-1]:
-            course = search.course(search.fine, found)
+            course = search.course(search.fine, better)
             left = [beyond(held, course) for held in search.held]
             if all((room <= 0.0).all() for room in left):
-                return found
+                return better
             narrowed = [
                 less + np.where(room > 0.0, room + SPARE, 0.0) for less, room in zip(narrowed, left, strict=True)
             ]
-    return _between(search, x, found)
+    return _between(search, x, better)
 
 
 def objective(
-    search: Search, telling: Telling, kind: str, weight: float, narrowed: Sequence[Array], x: Array
+    search: Search, weighted: WeightedColumns, kind: str, weight: float, narrowed: Sequence[Array], x: Array
 ) -> tuple[float, Array]:
-    """Criterion and weighted barrier of the motion with numbers x, and the gradient by them, (m, 2 N - 1)."""
+    """Return criterion and weighted barrier of the motion with numbers x, and the gradient by them, (m, 2 N - 1)."""
     course = search.course(search.coarse, x)
-    W = telling.columns(course, smooth=True)
+    W = weighted.columns(course, smooth=True)
     total, slope = smooth_criterion(kind, information(W))
-    gradient = telling.gradient(course, 2.0 * (W @ slope))
+    gradient = weighted.gradient(course, 2.0 * (W @ slope))
     hindered, back = barrier(search.held, course, narrowed)
     both = np.stack([a + weight * b for a, b in zip(gradient, back, strict=True)])[:, :, search.index]
     return total + weight * hindered, np.asarray(np.einsum("stm,stp->mp", both, search.coarse))
 
 
 def _scale(search: Search) -> Array:
-    """Sizes of the numbers of motions, (m, 2 N - 1): half a range, and what the rates allow the harmonics."""
+    """Return sizes of the numbers of motions, (m, 2 N - 1): half a range, and what the rates allow the harmonics."""
     half = (search.limits.high - search.limits.low) / 2.0
     moving = np.minimum(half, search.limits.rates * search.duration / (2.0 * np.pi * np.sqrt(search.harmonics)))
-    found = np.repeat(moving[:, np.newaxis], search.combined.shape[1], axis=1)
-    found[:, 0] = half
-    return found
+    scale = np.repeat(moving[:, np.newaxis], search.combined.shape[1], axis=1)
+    scale[:, 0] = half
+    return scale
 
 
 def _between(search: Search, admitted: Array, wanted: Array) -> Array:
-    """Numbers of the motion on the way from one within limits to another that is not as far as it stays within them."""
+    """Return the motion between one within limits and one that is not, as far on as it stays within them."""
     low, high = 0.0, 1.0
     for _ in range(30):
         middle = (low + high) / 2.0

@@ -33,26 +33,26 @@ from .constraints import Course, extremes, held_by
 from .fourier import waves
 from .result import Compared, ExciteResult
 from .searching import Search, improved
-from .telling import (
+from .weighted_columns import (
     CONDITION,
     CRITERIA,
     DETERMINANT,
     ExcitationCriterion,
-    Telling,
+    WeightedColumns,
     criterion_of,
     information,
     singular_values,
 )
 
 KERNELS = ("regressor", "regressor_adjoint", "inverse_dynamics", "inverse_dynamics_adjoint", "kinematics")
-RANDOMS = 20  # motions beside which the found one stands; searches begin with the best of them
+RANDOMS = 20  # random motions with which the optimum is compared; searches begin with the best of them
 TRIES = 5  # times as many as are drawn where limits leave little
 PER_WAVE = 20  # samples of a period of the highest harmonic, at least
 MOST_HARMONICS = 50
 MOST_NUMBERS = 20_000_000  # of all columns at all samples
 NOISE = 0.01  # of the drives' rms in random motions, where nothing is said
 USUAL = 0.1  # of a drive's rms: what friction and rotors are expected to take where the description has none
-SLOW = 0.05  # of a coordinate's greatest rate: over which dry friction turns round in gradients
+SLOW = 0.05  # of a coordinate's greatest rate: over which Coulomb friction turns round in gradients
 
 
 def excite(  # noqa: PLR0913
@@ -76,11 +76,11 @@ def excite(  # noqa: PLR0913
     kernel: Kernel | None = None,
     progress: StageReport | None = None,
 ) -> ExciteResult:
-    """A motion that excites the parameters of a robot, so that ``identify`` finds them as well as limits allow.
+    """Return a motion that excites the parameters of a robot, so that ``identify`` finds them as well as limits allow.
 
     Principal coordinates move along Fourier series that begin and end at rest.  Deviations are 0 and transmissions
     rigid: what moves is ``robot.rigid()``.  All limits hold along the whole period; drives within theirs whichever way
-    dry friction acts.
+    Coulomb friction acts.
 
     Args:
         robot: a Robot, the name of a built-in one, or the path of a description.
@@ -91,14 +91,14 @@ def excite(  # noqa: PLR0913
         terms: what is sought, as of ``identify``.
         ranges: ends of coordinates, by the coordinate's or the joint's name, in place of the joints' limits, m or rad.
         rates, accelerations, drives: greatest ones, per s, per s^2, N or N m: one number, or by name.  Rates and drives
-            that are not given keep the robot's own limits, where it has some.
-        boxes: lower and upper corner, (2, 3), by the frame or link whose origin is to stay between them, m, base axes.
+            left out are the robot's limits, where it has some.
+        boxes: lower and upper corner, (2, 3), by the frame or link whose origin is to stay between them, m, base frame.
         half_spaces: frame, normal and distance d: the frame stays where normal . p >= d, the normal as a unit vector.
         clear_of: frame, point and distance, m: the frame keeps that far from the point.
         noise: standard deviations of drives, N or N m: one number, or by name; the weights of their rows.
         starts: searches, each from another random motion.
         seed: of the random numbers; the same seed, the same motion.
-        kernel: of ``moving_robot(robot)`` with KERNELS; built if not given.
+        kernel: of ``moving_robot(robot)`` with KERNELS; built if None.
         progress: called with a line of text when a stage begins.
 
     Raises:
@@ -137,25 +137,25 @@ def excite(  # noqa: PLR0913
     search = Search(limits, duration, harmonics, held_by(limits, kernel, rubbing), kernel.n, index)
     report("drawing random motions")
     drawn = _drawn(search, np.random.default_rng(seed))
-    telling, notes = _telling(kernel, base, search, deviation, drawn)
+    weighted, notes = _weighted_columns(kernel, base, search, deviation, drawn)
     t = np.asarray(np.arange(samples + 1) * (duration / samples), dtype=np.float64)
     rows = np.asarray(waves(t, duration, harmonics) @ search.combined)
 
     def singular(x: Array) -> Array:
-        return singular_values(telling.columns(search.course(rows, x)))
+        return singular_values(weighted.columns(search.course(rows, x)))
 
-    found_of = [singular(x) for x in drawn]
-    order = sorted(range(len(drawn)), key=lambda k: criterion_of(criterion, found_of[k]))
+    values_of = [singular(x) for x in drawn]
+    order = sorted(range(len(drawn)), key=lambda k: criterion_of(criterion, values_of[k]))
     best, start = drawn[order[0]], order[0]
-    least = criterion_of(criterion, found_of[start])
+    least = criterion_of(criterion, values_of[start])
     for number, k in enumerate(order[:starts], 1):
         report(f"search {number} of {min(starts, len(drawn))}")
-        x = improved(search, telling, criterion, drawn[k])
+        x = improved(search, weighted, criterion, drawn[k])
         value = criterion_of(criterion, singular(x))
         if value < least:
             best, start, least = x, k, value
-    course, own = search.course(rows, best), singular(best)
-    G = information(telling.columns(course))
+    course, values = search.course(rows, best), singular(best)
+    G = information(weighted.columns(course))
     q, v, a = (x[:, index] for x in course)
     u = _drives(robot, kernel, course)[:, index]
     beyond = excesses(robot.rigid(), names, t=t, q=q, v=v, u=u)
@@ -168,12 +168,12 @@ def excite(  # noqa: PLR0913
         a=a,
         u=u,
         base=base,
-        noise=telling.noise,
-        sizes=telling.sizes,
-        deviations=telling.sizes * np.sqrt(np.diagonal(np.linalg.pinv(G, hermitian=True))),
+        noise=weighted.noise,
+        sizes=weighted.sizes,
+        deviations=weighted.sizes * np.sqrt(np.diagonal(np.linalg.pinv(G, hermitian=True))),
         criterion=criterion,
-        condition=_compared(CONDITION, own, found_of[start], found_of),
-        deviation=_compared(DETERMINANT, own, found_of[start], found_of),
+        condition=_compared(CONDITION, values, values_of[start], values_of),
+        deviation=_compared(DETERMINANT, values, values_of[start], values_of),
         **_limited(search, rubbing, best),
         randoms=len(drawn),
         starts=min(starts, len(drawn)),
@@ -183,12 +183,12 @@ def excite(  # noqa: PLR0913
 
 
 def moving_robot(robot: Robot) -> Robot:
-    """The robot whose equations the search takes: rigid, and without dry friction."""
+    """Return the robot whose equations the search takes: rigid, and without Coulomb friction."""
     return without_sought(robot.rigid(), ("dry",))
 
 
 def moving_coordinates(robot: Robot) -> tuple[str, ...]:
-    """Names of the principal coordinates, each of which needs a drive or a given motion.
+    """Return names of the principal coordinates, each of which needs a drive or a prescribed motion.
 
     Raises:
         InputError: the robot has loops, couplings, a free joint, none of these coordinates, or one without a drive.
@@ -214,7 +214,7 @@ def moving_coordinates(robot: Robot) -> tuple[str, ...]:
 
 
 def _samples(duration: float, harmonics: int, step: float) -> int:
-    """Samples of a period, without its end."""
+    """Return samples of a period, without its end."""
     for label, value in (("duration", duration), ("step", step)):
         if not (is_usable(value) and value > 0.0):
             raise InputError(f"{label}: {show(value)}; allowed: seconds, from {SMALLEST:g} to {LARGEST:g}")
@@ -238,42 +238,43 @@ def _whole(label: str, value: Any, least: int, most: int | None = None) -> None:
 
 
 def _rubbing(robot: Robot, limits: Limits) -> Array:
-    """Dry friction of the coordinates that move, at most, (m,), N or N m.
+    """Return Coulomb friction of the coordinates that move, at most, (m,), N or N m.
 
     Raises:
         InputError: a drive's limit is no more than that.
     """
-    rigid, found = robot.rigid(), np.zeros(len(limits.names))
+    rigid, coulomb = robot.rigid(), np.zeros(len(limits.names))
     for i, name in enumerate(limits.names):
         friction = rigid.joint(joint_of(name)).coordinates[kind_of(name)].friction
         if friction is not None:
-            found[i] = max(friction.coulomb, friction.static or 0.0)
-        if found[i] >= limits.drives[i]:
+            coulomb[i] = max(friction.coulomb, friction.static or 0.0)
+        if coulomb[i] >= limits.drives[i]:
             unit = force_unit_of(name)
             raise InputError(
-                f"drives: {name}: {limits.drives[i]:g} {unit}; allowed: more than its dry friction, {found[i]:g} {unit}"
+                f"drives: {name}: {limits.drives[i]:g} {unit}; allowed: more than its Coulomb friction,"
+                f" {coulomb[i]:g} {unit}"
             )
-    return found
+    return coulomb
 
 
 def _drawn(search: Search, rng: np.random.Generator) -> list[Array]:
-    """Random motions within limits."""
-    poses, found = search.poses(rng), list[Array]()
+    """Return random motions within limits."""
+    poses, draws = search.poses(rng), list[Array]()
     for _ in range(TRIES * RANDOMS):
         x = search.random(rng, poses)
         if x is not None:
-            found.append(x)
-        if len(found) == RANDOMS:
+            draws.append(x)
+        if len(draws) == RANDOMS:
             break
-    if not found:
+    if not draws:
         raise InputError("limits: no motion about a random pose is within all of them; allowed: limits that leave room")
-    return found
+    return draws
 
 
-def _telling(
+def _weighted_columns(
     kernel: Kernel, base: BaseParameters, search: Search, noise: Array, drawn: Sequence[Array]
-) -> tuple[Telling, list[str]]:
-    """Telling, with noise and sizes from random motions where nothing is said; notes about that."""
+) -> tuple[WeightedColumns, list[str]]:
+    """Return weighted, with noise and sizes from random motions where nothing is said; notes about that."""
     whole = [search.course(search.coarse, x) for x in drawn]
     forces = _rms([np.asarray(kernel.inverse_dynamics(*course)) for course in whole], search.index)
     speeds, slopes = (_rms([course[order] for course in whole], search.index) for order in (1, 2))
@@ -285,16 +286,16 @@ def _telling(
     notes = [f"noise of the drives of {about} is assumed: {NOISE:.0%} of their rms in random motions"]
     sizes = _sizes(kernel, base, dict(zip(search.limits.names, zip(forces, speeds, slopes, strict=True), strict=True)))
     turning = SLOW * search.limits.rates
-    return Telling(kernel, base, search.index, deviation, sizes, turning), notes if unknown else []
+    return WeightedColumns(kernel, base, search.index, deviation, sizes, turning), notes if unknown else []
 
 
 def _rms(values: Sequence[Array], index: Index) -> Array:
-    """Median over motions of the rms over time, (m,)."""
+    """Return the median over motions of the rms over time, (m,)."""
     return np.asarray(np.median([np.sqrt((x[:, index] ** 2).mean(axis=0)) for x in values], axis=0))
 
 
 def _sizes(kernel: Kernel, base: BaseParameters, scales: Mapping[str, tuple[float, float, float]]) -> Array:
-    """Sizes that are expected of the combinations, (b,), from the description and the drives of random motions.
+    """Return sizes that are expected of the combinations, (b,), from the description and the drives of random motions.
 
     Args:
         kernel: with the regressor.
@@ -307,28 +308,31 @@ def _sizes(kernel: Kernel, base: BaseParameters, scales: Mapping[str, tuple[floa
     square = bodies[:, [4, 7, 9]].sum(axis=1) / 2.0 / mass  # mean of the squared distance from the frame's origin
     square = np.maximum(square, max(1e-3 * square.max(initial=0.0), 1e-6))
     spread = np.repeat(np.stack([mass, mass * np.sqrt(square), mass * square], axis=1), (1, 3, 6), axis=1).ravel()
-    found = dict(zip(kernel.regressor_names, spread.tolist(), strict=False))
-    own = dict(zip(kernel.regressor_names[links:], kernel.regressor_values[links:].tolist(), strict=True))
+    by_name = dict(zip(kernel.regressor_names, spread.tolist(), strict=False))
+    rotors = dict(zip(kernel.regressor_names[links:], kernel.regressor_values[links:].tolist(), strict=True))
     for name, (force, rate, acceleration) in scales.items():
         usual = USUAL * force
-        found |= {component_name(name, "viscous"): usual / max(rate, 1e-9)}
-        found |= dict.fromkeys((component_name(name, "dry"), component_name(name, "offset")), usual)
+        by_name |= {component_name(name, "viscous"): usual / max(rate, 1e-9)}
+        by_name |= dict.fromkeys((component_name(name, "dry"), component_name(name, "offset")), usual)
         rotor = component_name(name, "armature")
-        if rotor in own:
-            found[rotor] = own[rotor] or usual / max(acceleration, 1e-9)
-    least = min(found.values())
-    sizes = np.array([found.get(name) or own.get(name) or least for name in base.parameters])
+        if rotor in rotors:
+            by_name[rotor] = rotors[rotor] or usual / max(acceleration, 1e-9)
+    least = min(by_name.values())
+    sizes = np.array([by_name.get(name) or rotors.get(name) or least for name in base.parameters])
     return np.asarray(np.sqrt(base.matrix**2 @ sizes**2))
 
 
-def _compared(kind: str, own: Array, start: Array, randoms: Sequence[Array]) -> Compared:
-    """A figure of the motion, of its start, and the median of random ones, from singular values of their columns."""
-    found, begun = (float(np.exp(criterion_of(kind, x))) for x in (own, start))
-    return Compared(found, begun, float(np.exp(np.median([criterion_of(kind, x) for x in randoms]))))
+def _compared(kind: str, best: Array, start: Array, randoms: Sequence[Array]) -> Compared:
+    """Return a figure of the motion, of its start, and the median of random ones, from their singular values."""
+    optimum, begun = (float(np.exp(criterion_of(kind, x))) for x in (best, start))
+    return Compared(optimum, begun, float(np.exp(np.median([criterion_of(kind, x) for x in randoms]))))
 
 
 def _limited(search: Search, rubbing: Array, x: Array) -> dict[str, Any]:
-    """Limits by name, and what the motion reaches; drives with the dry friction that they may have to overcome."""
+    """Return limits by name, and what the motion reaches.
+
+    Drives with the Coulomb friction that they may have to overcome.
+    """
     course, limits, reached = search.course(search.fine, x), list[Array](), list[Array]()
     friction = {f"{name} drive": force for name, force in zip(search.limits.names, rubbing.tolist(), strict=True)}
     names, units = list[str](), list[str]()
@@ -348,7 +352,7 @@ def _limited(search: Search, rubbing: Array, x: Array) -> dict[str, Any]:
 
 
 def _drives(robot: Robot, kernel: Kernel, course: Course) -> Array:
-    """Drives of a motion, dry friction included, (T, n)."""
+    """Return drives of a motion, Coulomb friction included, (T, n)."""
     rigid = replace(robot.rigid(), tunable=())
     if rigid == replace(moving_robot(robot), tunable=()):
         return np.asarray(kernel.inverse_dynamics(*course))
@@ -356,7 +360,7 @@ def _drives(robot: Robot, kernel: Kernel, course: Course) -> Array:
 
 
 def _about(robot: Robot, names: tuple[str, ...]) -> list[str]:
-    """Notes about what does not move."""
+    """Return notes about what does not move."""
     if set(build_model(robot).coordinates) == set(names):
         return []
     motors = [joint.name for joint in robot.joints if joint.motor is not None]

@@ -21,7 +21,7 @@ _SYMMETRIC = 1e-9  # relative: by more than that sides differ
 
 
 def read_covariances(paths: Iterable[Path | str]) -> dict[str, Array]:
-    """Covariances by frame from files, (c, c) or (R, c, c), m^2, m rad and rad^2.
+    """Return covariances by frame from files, (c, c) or (R, c, c), m^2, m rad and rad^2.
 
     A .csv has the matrix of one frame under the names of its components, or one matrix per pose below each other.  A
     .npz has arrays by the names of frames.
@@ -29,16 +29,16 @@ def read_covariances(paths: Iterable[Path | str]) -> dict[str, Array]:
     Raises:
         InputError: a file cannot be read, has other columns, or has a frame that another file has.
     """
-    found: dict[str, Array] = {}
+    covariances: dict[str, Array] = {}
     for path in map(Path, paths):
         if path.suffix not in (".csv", ".npz"):
             raise InputError(f"covariance: {show(str(path))}; allowed: a path that ends in .csv or .npz")
-        given = read_npz(path) if path.suffix == ".npz" else _from_csv(path)
-        for frame, matrix in given.items():
-            if frame in found:
+        matrices = read_npz(path) if path.suffix == ".npz" else _from_csv(path)
+        for frame, matrix in matrices.items():
+            if frame in covariances:
                 raise InputError(f"{path}: {show(frame)} has a covariance already; allowed: one of each frame")
-            found[frame] = _numbers(path, frame, matrix)
-    return found
+            covariances[frame] = _numbers(path, frame, matrix)
+    return covariances
 
 
 def _numbers(path: Path, frame: str, matrix: Array) -> Array:
@@ -50,7 +50,7 @@ def _from_csv(path: Path) -> Mapping[str, Array]:
     names = list(columns)
     frame = split_component(names[0])[0]
     size = len(names)
-    if not frame or names not in ([f"{frame}.{part}" for part in MOTIONS[:many]] for many in (3, 6)):
+    if not frame or names not in ([f"{frame}.{key}" for key in MOTIONS[:many]] for many in (3, 6)):
         raise InputError(f"{path}: has the columns {listed(names)}; allowed: {COVARIANCE_RULE}")
     table = np.stack(list(columns.values()), axis=1)
     if len(table) % size:
@@ -59,7 +59,7 @@ def _from_csv(path: Path) -> Mapping[str, Array]:
 
 
 def matrices_of(frame: str, value: ArrayLike, rows: int, sizes: Iterable[int]) -> Array:
-    """Covariances of a frame as float64, (c, c), or one for each of the rows of the poses, (rows, c, c).
+    """Return covariances of a frame as float64, (c, c), or one for each of the rows of the poses, (rows, c, c).
 
     Raises:
         ArrayError: they have another shape.
@@ -73,7 +73,7 @@ def matrices_of(frame: str, value: ArrayLike, rows: int, sizes: Iterable[int]) -
 
 
 def whitening_factor(of: str, matrix: Array) -> Array:
-    """Inverse of the Cholesky factor of a covariance, (c, c): it makes errors independent and of size 1.
+    """Return the inverse of the Cholesky factor of a covariance, (c, c): it makes errors independent and of size 1.
 
     Raises:
         ArrayError: the matrix is not finite, symmetric and positive definite; ``of`` says whose it is.

@@ -1,6 +1,6 @@
-"""The error model: every quantity is a coordinate of a station times a factor of the row, so that all have one form.
+"""The error model: every parameter is a coordinate of a station times a factor of the row, so that all have one form.
 
-    s = reading + sum over quantities of value * factor(row)
+    s = reading + sum over parameters of value * factor(row)
 
 The factor is 1 of an offset, whether the row is of that series of a base's placement, the force (13) in a coordinate of
 its compliance, the reading itself of a gain, and so on.
@@ -19,20 +19,20 @@ from ...names import component_name, parameter_name
 from ...robot.coordinates import UNITS
 from ...robot.cuts import rigid_parts
 from ...robot.value import COORDINATES, MOTOR, Robot
-from .closing import Closing
+from .loop_constraints import LoopConstraints
 from .poses import MeasuredPoses, rows_at
 from .stations import Chain, Located, Station, forces_on, jacobian, located
 
 BASE, FRAMES, JOINTS, LOOPS = "base", "frames", "joints", "loops"
-TILT = "axis"  # of a prismatic joint: joints.NAME.axis.alpha turns its placement about its own x
-SECOND = "second"  # of a cut joint: loops.NAME.second.x moves its frame on the second link
+TILT = "axis"  # of a prismatic joint: joints.NAME.axis.alpha turns its placement about the local x axis
+SECOND = "second"  # of a loop joint: loops.NAME.second.x moves its frame on the second link
 SIZES = (1e-3, 3e-3)  # of an offset that is expected: of the reach (1), and rad
 PLACEMENT, ZERO, OFFSET, COMPLIANCE, DRIVE = "placement", "zero", "offset", "compliance", "drive"
 PASSES = 3  # of loads on what they deflect; each is as exact as the last times the deflection
 
 
 @dataclass(frozen=True)
-class Quantity:
+class ErrorParameter:
     """One unknown.
 
     name: such as "joints.joint2.offset.z"; of a compliance that of its stiffness.  kind: one of the five above.
@@ -91,157 +91,163 @@ class ErrorModel:
 
     robot: Robot
     chain: Chain
-    quantities: tuple[Quantity, ...]
+    parameters: tuple[ErrorParameter, ...]
     bases: Mapping[int, Array]
-    closing: Closing | None = None
+    closing: LoopConstraints | None = None
 
     @property
     def nominal(self) -> Array:
         """Values in the description, (P,)."""
-        return np.array([quantity.nominal for quantity in self.quantities])
+        return np.array([parameter.nominal for parameter in self.parameters])
 
     @property
     def sizes(self) -> Array:
         """Expected sizes, (P,)."""
-        return np.array([quantity.size for quantity in self.quantities])
+        return np.array([parameter.size for parameter in self.parameters])
 
     def tool_on_link(self, frame: str, link: str) -> Array:
-        """Pose of a measured frame on its link before its own six coordinates, (4, 4)."""
+        """Return the pose of a measured frame on its link before its six coordinates, (4, 4)."""
         return np.asarray(np.linalg.inv(self.chain.link_pose[link][1]) @ self._tool(frame).before)
 
     def _tool(self, frame: str) -> Station:
         return self.chain.stations[self.chain.tools[frame]]
 
     def indices(self, *kinds: str) -> Index:
-        """Indices of the quantities of these kinds."""
-        return np.array([i for i, quantity in enumerate(self.quantities) if quantity.kind in kinds], dtype=np.intp)
+        """Return indices of the parameters of these kinds."""
+        return np.array([i for i, parameter in enumerate(self.parameters) if parameter.kind in kinds], dtype=np.intp)
 
-    def with_quantities(self, more: Sequence[Quantity]) -> ErrorModel:
-        """Return the model with more quantities behind the others."""
-        return replace(self, quantities=(*self.quantities, *more))
+    def with_quantities(self, more: Sequence[ErrorParameter]) -> ErrorModel:
+        """Return the model with more parameters behind the others."""
+        return replace(self, parameters=(*self.parameters, *more))
 
     def at(self, x: Array, rows: Rows) -> State:
-        """Return all stations with these values, (P,), or (P, N) of every row, and the factors of the quantities."""
+        """Return all stations with these values, (P,), or (P, N) of every row, and the factors of the parameters."""
         factors = self._factors(rows)
-        moved = [i for i, quantity in enumerate(self.quantities) if quantity.kind != COMPLIANCE]
-        soft = [i for i, quantity in enumerate(self.quantities) if quantity.kind == COMPLIANCE]
+        moved = [i for i, parameter in enumerate(self.parameters) if parameter.kind != COMPLIANCE]
+        soft = [i for i, parameter in enumerate(self.parameters) if parameter.kind == COMPLIANCE]
         bases = np.array([self.bases[k] for k in rows.series.tolist()]).reshape(-1, 4, 4)
-        places = [(q.station, q.coordinate) for q in self.quantities]
+        places = [(q.station, q.coordinate) for q in self.parameters]
         rigid = rows.readings.copy()
         for i in moved:
             rigid[:, places[i][0], places[i][1]] += x[i] * factors[:, i]
-        found, q = self._located(rigid, rows, bases)
+        located, q = self._located(rigid, rows, bases)
         for _ in range(PASSES if soft else 0):
-            forces = self.forces(found, rows)
+            forces = self.forces(located, rows)
             values = rigid.copy()
             for i in soft:
                 factors[:, i] = forces[:, places[i][0], places[i][1]]
                 values[:, places[i][0], places[i][1]] += x[i] * factors[:, i]
-            found, q = self._located(values, rows, bases)
-        return State(self, found, factors, q)
+            located, q = self._located(values, rows, bases)
+        return State(self, located, factors, q)
 
     def _located(self, values: Array, rows: Rows, bases: Array) -> tuple[Located, Array]:
-        """Stations by their coordinates, (N, S, 6), whose passive ones are made to close loops; what encoders read."""
+        """Return stations by their coordinates, (N, S, 6), whose passive ones are made to close loops.
+
+        What encoders read.
+        """
         if self.closing is None:
             return located(self.chain, values, bases), rows.readings
         constants = values - rows.readings
         values = self.closing.closed(self.chain, values, constants, bases)
         return located(self.chain, values, bases), values - constants
 
-    def forces(self, found: Located, rows: Rows) -> Array:
-        """Generalized forces of gravity and of loads at all stations' coordinates, (N, S, 6), N and N m.
+    def forces(self, located: Located, rows: Rows) -> Array:
+        """Return generalized forces of gravity and of loads at all stations' coordinates, (N, S, 6), N and N m.
 
         Of closed mechanisms they are those of coordinates that passive ones follow.
         """
-        forces = forces_on(self.chain, found, np.array(self.robot.gravity), rows.loads)
-        return forces if self.closing is None else self.closing.carried(self.chain, found, forces)
+        forces = forces_on(self.chain, located, np.array(self.robot.gravity), rows.loads)
+        return forces if self.closing is None else self.closing.carried(self.chain, located, forces)
 
     def _factors(self, rows: Rows) -> Array:
-        """Factors of all quantities, (N, P); those of compliances are still 0."""
-        found = np.ones((len(rows.series), len(self.quantities)))
-        for i, quantity in enumerate(self.quantities):
-            if quantity.factor != "one":
-                found[:, i] = factor_of(quantity, rows)
-        return found
+        """Return factors of all parameters, (N, P); those of compliances are still 0."""
+        factors = np.ones((len(rows.series), len(self.parameters)))
+        for i, parameter in enumerate(self.parameters):
+            if parameter.factor != "one":
+                factors[:, i] = factor_of(parameter, rows)
+        return factors
 
 
 @dataclass(frozen=True)
 class State:
-    """Stations of an error model at some values, with what one unit of each quantity does.
+    """Stations of an error model at some values, with what one unit of each parameter does.
 
     q: coordinates without offsets and deflections, (N, S, 6): what ideal encoders read of passive ones.
     """
 
     model: ErrorModel
-    found: Located
+    located: Located
     factors: Array
     q: Array
 
     def sensitivities(self, tool: int) -> Array:
-        """Motion of a station per unit of every quantity, (N, 6, P): displacement, small turn, the device's axes."""
-        before, by_place = jacobian(self.model.chain, self.found, tool)
+        """Return the motion of a station per unit of every parameter, (N, 6, P).
+
+        Displacement, small turn, the device's axes.
+        """
+        before, by_place = jacobian(self.model.chain, self.located, tool)
         place = {station: k for k, station in enumerate(before)}
-        chosen = [i for i, quantity in enumerate(self.model.quantities) if quantity.station in place]
-        flat = [place[self.model.quantities[i].station] * 6 + self.model.quantities[i].coordinate for i in chosen]
-        found = np.zeros((*by_place.shape[:2], len(self.model.quantities)))
+        chosen = [i for i, parameter in enumerate(self.model.parameters) if parameter.station in place]
+        flat = [place[self.model.parameters[i].station] * 6 + self.model.parameters[i].coordinate for i in chosen]
+        sensitivities = np.zeros((*by_place.shape[:2], len(self.model.parameters)))
         columns = by_place.reshape(*by_place.shape[:2], -1)
-        found[:, :, chosen] = columns[:, :, flat] * self.factors[:, np.newaxis, chosen]
+        sensitivities[:, :, chosen] = columns[:, :, flat] * self.factors[:, np.newaxis, chosen]
         if self.model.closing is not None:
-            found += self._through_loops(by_place, before)
-        return found
+            sensitivities += self._through_loops(by_place, before)
+        return sensitivities
 
     def _through_loops(self, by_place: Array, before: Sequence[int]) -> Array:
-        """Motion of a station by what passive coordinates do per unit of every quantity, (N, 6, P)."""
+        """Return the motion of a station by what passive coordinates do per unit of every parameter, (N, 6, P)."""
         model = self.model
         assert model.closing is not None
         by_quantity = self.passive_slopes()
         moving = [(i, before.index(k), c) for i, (k, c) in enumerate(model.closing.passive) if k in before]
-        which, at, part = np.array(moving, dtype=np.intp).reshape(-1, 3).T
-        return np.asarray(by_place[:, :, at, part] @ by_quantity[:, which])
+        which, at, component = np.array(moving, dtype=np.intp).reshape(-1, 3).T
+        return np.asarray(by_place[:, :, at, component] @ by_quantity[:, which])
 
     def passive_slopes(self) -> Array:
-        """Change of the passive coordinates, without their own offsets, per unit of every quantity, (N, k, P)."""
+        """Change of the passive coordinates, without their offsets, per unit of every parameter, (N, k, P)."""
         model = self.model
         assert model.closing is not None
-        follow = model.closing.followed(model.chain, self.found)
-        places = [(quantity.station, quantity.coordinate) for quantity in model.quantities]
+        follow = model.closing.followed(model.chain, self.located)
+        places = [(parameter.station, parameter.coordinate) for parameter in model.parameters]
         ks, cs = np.array(places, dtype=np.intp).T
         return np.asarray(follow[:, :, ks, cs] * self.factors[:, np.newaxis])
 
 
-def factor_of(quantity: Quantity, rows: Rows) -> Array:
-    """Factor of a quantity in every row, (N,)."""
-    reading = rows.readings[:, quantity.station, quantity.coordinate]
-    kind = quantity.factor
+def factor_of(parameter: ErrorParameter, rows: Rows) -> Array:
+    """Return factor of a parameter in every row, (N,)."""
+    reading = rows.readings[:, parameter.station, parameter.coordinate]
+    kind = parameter.factor
     if kind == "series":
-        return np.asarray(rows.series == quantity.series, dtype=np.float64)
+        return np.asarray(rows.series == parameter.series, dtype=np.float64)
     if kind == "gain":
         return np.asarray(reading)
     if kind.startswith(("cos", "sin")):
         angle = float(kind[3:] or 1.0) * reading
         return np.asarray(np.cos(angle) if kind.startswith("cos") else np.sin(angle))
     if kind == "backlash":
-        return np.asarray(rows.direction[:, quantity.station])
+        return np.asarray(rows.direction[:, parameter.station])
     if kind == "coupling":
-        return np.asarray(rows.readings[:, quantity.series, quantity.coordinate])
+        return np.asarray(rows.readings[:, parameter.series, parameter.coordinate])
     if kind == "temperature":
         assert rows.temperature is not None
         return np.asarray(rows.temperature - rows.temperature.mean())
     return np.zeros(len(rows.series))
 
 
-def quantities_of(
+def model_parameters(
     robot: Robot,
     chain: Chain,
     series: Sequence[int],
     known: Mapping[str, bool],
     sizes: tuple[float, float] = SIZES,
-) -> Iterator[Quantity]:
-    """Placements of bases and frames, the offsets of all six coordinates of every joint that moves, tilts of axes.
+) -> Iterator[ErrorParameter]:
+    """Yield placements of bases and frames, offsets of all six coordinates of every moving joint, tilts of axes.
 
-    Of loops those of the cut joint's rigid coordinates, and the placement of its frame on the second link.
+    Of loops those of the loop joint's rigid coordinates, and the placement of its frame on the second link.
 
-    Where several quantities do the same, those that come first here stand for all of them.
+    Where several parameters do the same, those that come first here stand for all of them.
 
     known: of every measured frame, whether the description places it.
     sizes: expected ones: a length as a share of the reach, and rad.
@@ -251,49 +257,49 @@ def quantities_of(
     for number in series:
         owner = BASE if len(series) == 1 else parameter_name("series", str(number), BASE)
         for c, name in enumerate(COORDINATES):
-            yield Quantity(component_name(owner, name), PLACEMENT, 0, c, "series", 0.0, large[c // 3], number)
+            yield ErrorParameter(component_name(owner, name), PLACEMENT, 0, c, "series", 0.0, large[c // 3], number)
     yield from _placements(chain, [frame for frame in chain.tools if not known[frame]], large)
     for k, station in enumerate(chain.stations):
         for c in station.tilts:
             name = parameter_name(JOINTS, station.name, TILT, COORDINATES[c])
-            yield Quantity(name, OFFSET, k, c, "one", 0.0, small[1])
+            yield ErrorParameter(name, OFFSET, k, c, "one", 0.0, small[1])
         if station.offset is None or not _has_offsets(robot, station):
             continue
         for c in sorted(range(6), key=lambda c: (c != station.principal, c)):
             name = parameter_name(JOINTS, station.name, "offset", COORDINATES[c])
             kind = ZERO if c == station.principal else OFFSET
-            yield Quantity(name, kind, k, c, "one", float(station.offset[c]), small[c // 3])
+            yield ErrorParameter(name, kind, k, c, "one", float(station.offset[c]), small[c // 3])
     for loop, (first, _) in zip(robot.loops, chain.cuts, strict=True):
-        for part in rigid_parts(loop):
-            c = COORDINATES.index(part.name)
-            name, nominal = parameter_name(LOOPS, loop.name, "offset", part.name), float(loop.offset[c] or 0.0)
-            yield Quantity(name, OFFSET, first, c, "one", nominal, small[c // 3])
+        for condition in rigid_parts(loop):
+            c = COORDINATES.index(condition.name)
+            name, nominal = parameter_name(LOOPS, loop.name, "offset", condition.name), float(loop.offset[c] or 0.0)
+            yield ErrorParameter(name, OFFSET, first, c, "one", nominal, small[c // 3])
     for loop, (_, second) in zip(robot.loops, chain.cuts, strict=True):
         for c, kind in enumerate(COORDINATES):
             name = parameter_name(LOOPS, loop.name, SECOND, kind)
-            yield Quantity(name, OFFSET, second, c, "one", 0.0, small[c // 3])
+            yield ErrorParameter(name, OFFSET, second, c, "one", 0.0, small[c // 3])
     yield from _placements(chain, [frame for frame in chain.tools if known[frame]], small)
 
 
 def _has_offsets(robot: Robot, station: Station) -> bool:
-    """Whether constants of a joint's coordinates may show: not of one with all six free, as a platform's."""
+    """Return whether constants of a joint's coordinates may show: not of one with all six free, as a platform's."""
     if station.principal is not None:
         return True
     joint = station.joint
     return bool(robot.loops) and joint is not None and len(joint.coordinates) < len(COORDINATES)
 
 
-def _placements(chain: Chain, frames: Sequence[str], size: tuple[float, float]) -> Iterator[Quantity]:
+def _placements(chain: Chain, frames: Sequence[str], size: tuple[float, float]) -> Iterator[ErrorParameter]:
     for frame in frames:
         for c, name in enumerate(COORDINATES):
             key = parameter_name(FRAMES, frame, name)
-            yield Quantity(key, PLACEMENT, chain.tools[frame], c, "one", 0.0, size[c // 3])
+            yield ErrorParameter(key, PLACEMENT, chain.tools[frame], c, "one", 0.0, size[c // 3])
 
 
 def compliances_of(
     chain: Chain, motors: Container[str] | None = None, others: Container[str] = ()
-) -> Iterator[Quantity]:
-    """Compliances of deviations and transmissions, in m/N and rad/(N m), by the names of the described stiffness.
+) -> Iterator[ErrorParameter]:
+    """Yield compliances of deviations and transmissions, in m/N and rad/(N m), by the names of the described stiffness.
 
     motors: names of those whose transmissions count; None: all.  others: coordinates without a stiffness that count.
     """
@@ -301,27 +307,32 @@ def compliances_of(
         joint = station.joint
         for c, kind in enumerate(COORDINATES if joint else ()):
             assert joint is not None
-            name, given = component_name(joint.name, kind), joint.coordinates.get(kind)
-            key, stiffness = name, None if given is None or c == station.principal else given.stiffness
+            name, coordinate = component_name(joint.name, kind), joint.coordinates.get(kind)
+            key, stiffness = name, None if coordinate is None or c == station.principal else coordinate.stiffness
             motor = component_name(joint.name, MOTOR)
             if c == station.principal and joint.motor and (motors is None or motor in motors):
                 key, stiffness = motor, joint.motor.transmission.stiffness
             if stiffness or name in others:
                 nominal = 1.0 / stiffness if stiffness else 0.0
-                yield Quantity(parameter_name(JOINTS, key, "stiffness"), COMPLIANCE, k, c, "force", nominal, nominal)
+                yield ErrorParameter(
+                    parameter_name(JOINTS, key, "stiffness"), COMPLIANCE, k, c, "force", nominal, nominal
+                )
 
 
-def drive_terms(chain: Chain, rows: Rows) -> Iterator[tuple[Quantity, ...]]:
-    """Error terms of drives that rows can show, in groups that come together: gain, eccentricity and so on."""
+def drive_terms(chain: Chain, rows: Rows) -> Iterator[tuple[ErrorParameter, ...]]:
+    """Yield the error terms of drives that rows can show, in groups that come together.
+
+    Gain, eccentricity and so on.
+    """
     joints = [k for k, station in enumerate(chain.stations) if station.principal is not None]
     moving = [k for k in joints if np.ptp(rows.readings[:, k, chain.stations[k].principal or 0]) > 0.0]
     for k in moving:
         station, c = chain.stations[k], chain.stations[k].principal or 0
         size = SIZES[1] if c >= 3 else SIZES[0] * chain.reach
 
-        def term(key: str, factor: str, size: float, other: int = 0, k: int = k, c: int = c) -> Quantity:
+        def term(key: str, factor: str, size: float, other: int = 0, k: int = k, c: int = c) -> ErrorParameter:
             name = parameter_name(JOINTS, chain.stations[k].name, key)
-            return Quantity(name, DRIVE, k, c, factor, 0.0, size, other)
+            return ErrorParameter(name, DRIVE, k, c, factor, 0.0, size, other)
 
         yield (term("gain", "gain", 1e-3),)
         if c >= 3:
@@ -333,14 +344,17 @@ def drive_terms(chain: Chain, rows: Rows) -> Iterator[tuple[Quantity, ...]]:
             if other != k and chain.stations[other].principal == c:
                 yield (term(f"coupling.{chain.stations[other].name}", "coupling", 1e-3, other),)
         if rows.temperature is not None and np.ptp(rows.temperature) > 0.0:
-            for part in (0, 1, 2, *((c,) if c >= 3 else ())):
-                drift = 1e-5 * (chain.reach if part < 3 else 1.0)
-                name = parameter_name(JOINTS, station.name, "temperature", COORDINATES[part])
-                yield (Quantity(name, DRIVE, k, part, "temperature", 0.0, drift),)
+            for component in (0, 1, 2, *((c,) if c >= 3 else ())):
+                drift = 1e-5 * (chain.reach if component < 3 else 1.0)
+                name = parameter_name(JOINTS, station.name, "temperature", COORDINATES[component])
+                yield (ErrorParameter(name, DRIVE, k, component, "temperature", 0.0, drift),)
 
 
 def _harmonics(station: Station) -> Iterator[tuple[str, str]]:
-    """Names of a drive's harmonics, and how often they come in a turn of the joint: two of it, and two of its motor."""
+    """Yield names of a drive's harmonics, and how often they come in a turn of the joint.
+
+    Two of it, and two of its motor.
+    """
     yield "eccentricity", ""
     yield "harmonic2", "2"
     motor = None if station.joint is None else station.joint.motor
@@ -351,7 +365,7 @@ def _harmonics(station: Station) -> Iterator[tuple[str, str]]:
 
 
 def rows_of(chain: Chain, robot: Robot, poses: MeasuredPoses, known: Mapping[str, tuple[int, int, float]]) -> Rows:
-    """Measured poses as the error model takes them.
+    """Return measured poses as the error model takes them.
 
     known: of every column of coordinates its station, coordinate, and the factor from the column to the coordinate.
     """
@@ -369,12 +383,12 @@ def rows_of(chain: Chain, robot: Robot, poses: MeasuredPoses, known: Mapping[str
 
 
 def _directions(values: Array, series: NDArray[np.int64]) -> Array:
-    """Sense of the last motion before each row: -1, 1, or 0 where there was none yet."""
-    found = np.zeros(len(values))
+    """Return sense of the last motion before each row: -1, 1, or 0 where there was none yet."""
+    directions = np.zeros(len(values))
     last: dict[int, tuple[float, float]] = {}
     for row, (number, value) in enumerate(zip(series.tolist(), values.tolist(), strict=True)):
         before, sense = last.get(number, (value, 0.0))
         sense = float(np.sign(value - before)) or sense
         last[number] = value, sense
-        found[row] = sense
-    return found
+        directions[row] = sense
+    return directions

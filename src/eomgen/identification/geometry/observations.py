@@ -72,24 +72,24 @@ class Observations:
         return np.asarray(names[self.group])
 
     def differences(self, state: State, tools: Mapping[str, int]) -> tuple[Array, Array]:
-        """Measured less predicted, (M,), and the sensitivities of what is predicted, (M, P)."""
-        found, slopes = list[Array](), list[Array]()
+        """Return measured less predicted, (M,), and the sensitivities of what is predicted, (M, P)."""
+        differences, slopes = list[Array](), list[Array]()
         by_frame: dict[str, Array] = {}
         for block in self.blocks:
             if block.kind == ENCODER:
                 r, slope = _read(state, block)
-                found.append(r)
+                differences.append(r)
                 slopes.append(slope)
                 continue
             tool = tools[block.frame]
             if block.frame not in by_frame:
                 by_frame[block.frame] = state.sensitivities(tool)
             J, rows = by_frame[block.frame], block.rows
-            p = state.found.p[tool]
+            p = state.located.p[tool]
             if block.kind == POSITION:
                 r, slope = block.values - p[rows], J[rows, :3]
             elif block.kind == ORIENTATION:
-                r = vectors_of(block.values @ state.found.R[tool][rows].transpose(0, 2, 1))
+                r = vectors_of(block.values @ state.located.R[tool][rows].transpose(0, 2, 1))
                 slope = J[rows, 3:]
             else:
                 step, by = p[rows], J[rows, :3]
@@ -98,12 +98,12 @@ class Observations:
                 length = np.linalg.norm(step, axis=1)
                 unit = step / np.maximum(length, _LEAST)[:, np.newaxis]
                 r, slope = block.values - length, np.einsum("ni,nip->np", unit, by)
-            found.append(r.reshape(-1))
+            differences.append(r.reshape(-1))
             slopes.append(slope.reshape(-1, slope.shape[-1]))
-        return np.concatenate(found), np.concatenate(slopes)
+        return np.concatenate(differences), np.concatenate(slopes)
 
     def whiten(self, values: Array, sigma: Array) -> Array:
-        """Numbers, (M,) or (M, P), in units of their standard deviations ``sigma``, (M,)."""
+        """Return numbers, (M,) or (M, P), in units of their standard deviations ``sigma``, (M,)."""
         columns = values.reshape(len(values), -1)
         scaled = columns * (np.sqrt(self.weight) / sigma)[:, np.newaxis]
         for places, factor in self.mixed:
@@ -112,12 +112,12 @@ class Observations:
         return np.asarray(scaled.reshape(values.shape))
 
     def part(self, kept: Mask) -> Index:
-        """Index of the numbers whose rows are kept, (R,) of the file."""
+        """Return the index of the numbers whose rows are kept, (R,) of the file."""
         return np.flatnonzero(kept[self.row])
 
 
 def _read(state: State, block: Block) -> tuple[Array, Array]:
-    """Differences, (R,), and sensitivities, (R, P), of an encoder of a passive coordinate."""
+    """Return differences, (R,), and sensitivities, (R, P), of an encoder of a passive coordinate."""
     closing = state.model.closing
     assert closing is not None
     k, c = block.place
@@ -132,11 +132,11 @@ def observations_of(
     covariance: Mapping[str, ArrayLike],
     encoders: Sequence[Block] = (),
 ) -> Observations:
-    """All that was measured, with what is known of its noise.
+    """Return all that was measured, with what is known of its noise.
 
     Args:
         poses: from a file.
-        noise: standard deviations of lengths (m) and of turns (rad) where the file has none; None: not known.
+        noise: standard deviations of lengths (m) and of rotations (rad) where the file has none; None: not known.
         covariance: of the errors of a frame, (3, 3) of its position or (6, 6) of position and turn, in place of that;
             or one for each of the R rows, (R, 3, 3) or (R, 6, 6).
         encoders: readings of passive coordinates.
@@ -164,9 +164,9 @@ def observations_of(
     deviations = np.concatenate(sigma)
     mixed = []
     for frame, value in covariance.items():
-        places, factor, own = _mixed(poses, frame, value, starts)
+        places, factor, deviation = _mixed(poses, frame, value, starts)
         mixed.append((places, factor))
-        deviations[places] = own
+        deviations[places] = deviation
     return Observations(
         tuple(blocks),
         np.repeat(np.arange(len(blocks)), widths),
@@ -190,7 +190,7 @@ def _blocks(poses: MeasuredPoses, measured: Measured) -> list[Block]:
 
 
 def _sigma(poses: MeasuredPoses, measured: Measured, block: Block, usual: Sequence[float]) -> Array:
-    """Standard deviations of a block's numbers, NaN where they are not known."""
+    """Return standard deviations of a block's numbers, NaN where they are not known."""
     keys = {POSITION: MOTIONS[:3], ORIENTATION: MOTIONS[3:]}.get(block.kind, (block.kind,))
     columns = []
     for key in keys:
@@ -205,35 +205,35 @@ def _sigma(poses: MeasuredPoses, measured: Measured, block: Block, usual: Sequen
             columns.append(values)
         else:
             columns.append(np.full(block.rows.size, usual[block.kind == ORIENTATION]))
-    found = np.stack(columns, axis=1).reshape(-1)
-    known = np.isfinite(found)
+    sigma = np.stack(columns, axis=1).reshape(-1)
+    known = np.isfinite(sigma)
     if known.any() and not known.all():
         raise InputError(
             f"{poses.source}: {measured.frame}: standard deviations of some of {listed(keys)} alone; allowed: of all"
         )
-    return found
+    return sigma
 
 
 def usual_noise(noise: ArrayLike) -> tuple[float, float]:
-    """Standard deviations of lengths (m) and of turns (rad); ArrayError if they are none."""
+    """Return standard deviations of lengths (m) and of rotations (rad); ArrayError if they are none."""
     return two_divisors("noise", noise, "m and rad")
 
 
-def two_divisors(label: str, given: ArrayLike, units: str) -> tuple[float, float]:
-    """Two numbers that can be divided by; ArrayError if they are none, with the label."""
+def two_divisors(label: str, divisors: ArrayLike, units: str) -> tuple[float, float]:
+    """Return two numbers that can be divided by; ArrayError if they are none, with the label."""
     try:
-        values = np.array(given, dtype=np.float64)
+        values = np.array(divisors, dtype=np.float64)
     except (TypeError, ValueError):
         values = np.zeros(0)
     if values.shape != (2,) or not is_divisor(values).all():
-        raise ArrayError(f"{label}: {show(str(given))}; allowed: {units}, each {ALLOWED_DIVISOR}")
+        raise ArrayError(f"{label}: {show(str(divisors))}; allowed: {units}, each {ALLOWED_DIVISOR}")
     return float(values[0]), float(values[1])
 
 
 def _mixed(
     poses: MeasuredPoses, frame: str, value: ArrayLike, starts: Mapping[tuple[str, str], tuple[int, Block]]
 ) -> tuple[Index, Array, Array]:
-    """Index of a frame's numbers that a covariance is of, inverse Cholesky factors, and standard deviations."""
+    """Return index of a frame's numbers that a covariance is of, inverse Cholesky factors, and standard deviations."""
     if (frame, POSITION) not in starts:
         known = [name for name, kind in starts if kind == POSITION]
         raise InputError(f"covariance: {show(frame)} has no measured position; allowed: {listed(known)}")
@@ -244,7 +244,7 @@ def _mixed(
     if matrices.shape[-1] == 6:
         second, turned = starts[frame, ORIENTATION]
         if not np.array_equal(block.rows, turned.rows):
-            raise InputError(f"covariance: {frame} has positions without turns; allowed: both in all rows")
+            raise InputError(f"covariance: {frame} has positions without rotations; allowed: both in all rows")
         places = np.hstack([places, second + 3 * np.arange(block.rows.size)[:, np.newaxis] + np.arange(3)])
     if matrices.ndim == 2:
         return places, whitening_factor(frame, matrices), np.sqrt(np.diagonal(matrices))
@@ -255,5 +255,5 @@ def _mixed(
 
 
 def at_rows(model: ErrorModel, rows: Rows, seen: Observations, x: Array) -> tuple[Array, Array]:
-    """Differences, (M,), and sensitivities, (M, P), with these values."""
+    """Return differences, (M,), and sensitivities, (M, P), with these values."""
     return seen.differences(model.at(x, rows), model.chain.tools)

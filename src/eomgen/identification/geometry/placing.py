@@ -18,7 +18,7 @@ _RANK = 1e-8  # of the greatest singular value: what does not show is left at 0
 
 @dataclass(frozen=True)
 class _Seen:
-    """A frame in one series: the carrier's pose in the robot's base axes, and what was measured of it."""
+    """A frame in one series: the carrier's pose in the robot's base frame, and what was measured of it."""
 
     R: Array
     p: Array
@@ -28,11 +28,11 @@ class _Seen:
 
 
 def placed(model: ErrorModel, rows: Rows, seen: Observations, known: Mapping[str, bool]) -> ErrorModel:
-    """The model with bases and attached frames where measured poses of the nominal robot put them.
+    """Return the model with bases and attached frames where measured poses of the nominal robot put them.
 
     known: of every measured frame, whether the description places it.  Such frames place the bases, if there are any.
     """
-    found, settled = model, {frame for frame, is_known in known.items() if is_known}
+    fitted, settled = model, {frame for frame, is_known in known.items() if is_known}
     open_series = list(model.bases)
     while open_series or settled != set(known):
         pairs = [
@@ -43,23 +43,23 @@ def placed(model: ErrorModel, rows: Rows, seen: Observations, known: Mapping[str
         ]
         pairs = [pair for pair in pairs if _count(seen, rows, pair[2], pair[3])]
         if not pairs:
-            return found
+            return fitted
         has_frame, has_base, frame, number = max(
             pairs, key=lambda pair: (pair[0] or pair[1], _count(seen, rows, pair[2], pair[3]))
         )
-        about = _seen(found, rows, seen, frame, number)
-        tool = found.chain.stations[found.chain.tools[frame]].before
-        base = found.bases[number]
+        about = _seen(fitted, rows, seen, frame, number)
+        tool = fitted.chain.stations[fitted.chain.tools[frame]].before
+        base = fitted.bases[number]
         if has_frame:
             base = _base(about, tool)
         elif has_base:
             tool = _tool(about, base)
         else:
             base, tool = _both(about)
-        found = _with(found, frame, tool, number, base)
+        fitted = _with(fitted, frame, tool, number, base)
         settled.add(frame)
         open_series = [other for other in open_series if other != number]
-    return found
+    return fitted
 
 
 def _with(model: ErrorModel, frame: str, tool: Array, number: int, base: Array) -> ErrorModel:
@@ -76,13 +76,13 @@ def _count(seen: Observations, rows: Rows, frame: str, number: int) -> int:
 
 
 def _seen(model: ErrorModel, rows: Rows, seen: Observations, frame: str, number: int) -> _Seen:
-    """Measurements of a frame in a series; NaN where it was not."""
+    """Return measurements of a frame in a series; NaN where it was not."""
     chosen = np.flatnonzero(rows.series == number)
     many = len(chosen)
     of_offsets = rows.readings[chosen].copy()
-    for quantity in model.quantities:
-        if quantity.factor == "one":
-            of_offsets[:, quantity.station, quantity.coordinate] += quantity.nominal
+    for parameter in model.parameters:
+        if parameter.factor == "one":
+            of_offsets[:, parameter.station, parameter.coordinate] += parameter.nominal
     at = located(model.chain, of_offsets, np.tile(np.eye(4), (many, 1, 1)))
     carrier = model.chain.stations[model.chain.tools[frame]].parent
     values = {POSITION: np.full((many, 3), np.nan), ORIENTATION: np.full((many, 3, 3), np.nan)}
@@ -95,7 +95,7 @@ def _seen(model: ErrorModel, rows: Rows, seen: Observations, frame: str, number:
 
 
 def _base(about: _Seen, tool: Array) -> Array:
-    """The base before the device where the frame's place on its link is known."""
+    """Return the base before the device where the frame's place on its link is known."""
     R, p = about.R @ tool[:3, :3], about.p + about.R @ tool[:3, 3]
     there, turned = np.isfinite(about.position[:, 0]), np.isfinite(about.turned[:, 0, 0])
     if not there.any():
@@ -112,7 +112,10 @@ def _base(about: _Seen, tool: Array) -> Array:
 
 
 def _from_distances(p: Array, distance: Array) -> Array:
-    """The base with the device's origin where the distances meet; its axes as the device's, which they do not show."""
+    """Return the base with the device's origin where the distances meet.
+
+    Its axes as the device's, which they do not show.
+    """
     there = np.isfinite(distance)
     if there.sum() < 4:
         return np.eye(4)
@@ -122,7 +125,7 @@ def _from_distances(p: Array, distance: Array) -> Array:
 
 
 def _tool(about: _Seen, base: Array) -> Array:
-    """The frame on its link where the base is known."""
+    """Return the frame on its link where the base is known."""
     there, turned = np.isfinite(about.position[:, 0]), np.isfinite(about.turned[:, 0, 0])
     R = base[:3, :3] @ about.R
     turn, origin = np.eye(3), np.zeros(3)
@@ -135,7 +138,10 @@ def _tool(about: _Seen, base: Array) -> Array:
 
 
 def _both(about: _Seen) -> tuple[Array, Array]:
-    """Base and frame together, from positions p + R t = Q m + c, linear in t, Q and c; turns, if measured, join in."""
+    """Return base and frame together, from positions p + R t = Q m + c, linear in t, Q and c.
+
+    Turns, if measured, join in.
+    """
     there, turned = np.isfinite(about.position[:, 0]), np.isfinite(about.turned[:, 0, 0])
     Q = np.eye(3)
     if turned.any():
@@ -148,14 +154,14 @@ def _both(about: _Seen) -> tuple[Array, Array]:
         for i in range(3):
             A[:, i, 3 + 3 * i : 6 + 3 * i] = m - middle
         A[:, :, 12:] = np.eye(3)
-        found = np.linalg.lstsq(A.reshape(-1, 15), about.p[there].reshape(-1), rcond=_RANK)[0]
-        Q = nearest_rotation(np.asarray(found[3:12]).reshape(3, 3))
+        solution = np.linalg.lstsq(A.reshape(-1, 15), about.p[there].reshape(-1), rcond=_RANK)[0]
+        Q = nearest_rotation(np.asarray(solution[3:12]).reshape(3, 3))
     t, c = np.zeros(3), np.zeros(3)
     if there.any():
         A = np.concatenate([about.R[there], np.tile(-np.eye(3), (there.sum(), 1, 1))], axis=2)
         b = about.position[there] @ Q.T - about.p[there]
-        found = np.linalg.lstsq(A.reshape(-1, 6), b.reshape(-1), rcond=_RANK)[0]
-        t, c = found[:3], found[3:]
+        solution = np.linalg.lstsq(A.reshape(-1, 6), b.reshape(-1), rcond=_RANK)[0]
+        t, c = solution[:3], solution[3:]
     elif np.isfinite(about.distance).any():
         c = -_from_distances(about.p, about.distance)[:3, 3]
     base = pose_of(Q.T, -Q.T @ c)
@@ -164,7 +170,10 @@ def _both(about: _Seen) -> tuple[Array, Array]:
 
 
 def _turn_of_base(R: Array, measured: Array) -> Array:
-    """Q of R_i X = Q measured_i for all i, by the null space of both turns, (3, 3): from the device to the base."""
+    """Return Q of R_i X = Q measured_i for all i, by the null space of both rotations, (3, 3).
+
+    From the device to the base.
+    """
     A = np.zeros((len(R), 9, 18))
     for i in range(3):
         for j in range(3):  # row i of R X, column j: sum R[i, k] X[k, j]; less sum Q[i, k] M[k, j]

@@ -62,11 +62,11 @@ class Measured(Shown):
     def is_measured(self) -> bool:
         """Whether anything was: a frame may be there for its wrench alone."""
         parts = (self.position, self.orientation, self.distance, self.travel)
-        return any(np.isfinite(part).any() for part in parts)
+        return any(np.isfinite(array).any() for array in parts)
 
 
 def blank_frame(frame: str, rows: int) -> Measured:
-    """A frame of which nothing was measured in so many rows."""
+    """Return a frame of which nothing was measured in so many rows."""
     blank = np.full(rows, np.nan)
     return Measured(
         frame=frame,
@@ -80,14 +80,14 @@ def blank_frame(frame: str, rows: int) -> Measured:
 
 
 def rows_at(table: Table, kept: Index | Mask) -> Table:
-    """Some rows of a dataclass: of its fields that are arrays, and of tables of arrays."""
-    found: dict[str, Any] = {}
+    """Return some rows of a dataclass: of its fields that are arrays, and of tables of arrays."""
+    arrays: dict[str, Any] = {}
     for name, value in vars(table).items():
         if isinstance(value, np.ndarray):
-            found[name] = value[kept]
+            arrays[name] = value[kept]
         elif isinstance(value, Mapping) and all(isinstance(x, np.ndarray) for x in value.values()):
-            found[name] = {key: x[kept] for key, x in value.items()}
-    return replace(table, **found)  # type: ignore[type-var]
+            arrays[name] = {key: x[kept] for key, x in value.items()}
+    return replace(table, **arrays)  # type: ignore[type-var]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,7 +98,7 @@ class MeasuredPoses(Shown):
         coordinates: names of the columns of q.
         q: readings of the coordinates, (R, k), m or rad.
         frames: what was measured, by frame.
-        series: number of the series of each row, (R,); each has a base placement of its own.
+        series: number of the series of each row, (R,); each has its base placement.
         body: number of what was measured at once, (R,), or None where the file says nothing.
         weight: by which each row's information counts, (R,).
         temperature: (R,), as the file has it, or None.
@@ -121,7 +121,7 @@ class MeasuredPoses(Shown):
         return rows_at(replace(self, frames={name: rows_at(m, kept) for name, m in self.frames.items()}), kept)
 
     def place(self, row: int) -> str:
-        """The file and the line, or the row's number."""
+        """Return the file and the line, or the row's number."""
         return f"{self.source}: line {self.lines[row]}" if self.lines is not None else f"{self.source}: row {row}"
 
 
@@ -168,7 +168,9 @@ def poses_from_columns(
     source: str = "poses",
     lines: NDArray[np.int32] | None = None,
 ) -> MeasuredPoses:
-    """Measured poses from arrays (R,) by the names that a file's columns have; arguments and errors as ``read_poses``.
+    """Return measured poses from arrays (R,) by the names that a file's columns have.
+
+    Arguments and errors as ``read_poses``.
 
     source, lines: the file, and the line of each row, for messages.
     """
@@ -179,17 +181,17 @@ def poses_from_columns(
     chosen = [name for name in table.columns if name in coordinates]
     for name in table.columns:
         if name not in chosen and name not in WHOLE:
-            frame, part = _which(name, coordinates, frames, source)
-            parts.setdefault(frame, set()).add(part)
+            frame, key = _which(name, coordinates, frames, source)
+            parts.setdefault(frame, set()).add(key)
     if not chosen:
         raise InputError(f"{source}: no column is a coordinate; allowed: {listed(coordinates)}")
-    found = {frame: table.frame(frame, given, rotation) for frame, given in parts.items()}
-    if not (encoders or any(measured.is_measured for measured in found.values())):
+    by_frame = {frame: table.frame(frame, keys, rotation) for frame, keys in parts.items()}
+    if not (encoders or any(measured.is_measured for measured in by_frame.values())):
         raise InputError(f"{source}: nothing is measured; allowed: {POSES_RULE}")
     return MeasuredPoses(
         coordinates=tuple(chosen),
         q=np.stack([table.finite(name) for name in chosen], axis=1),
-        frames=found,
+        frames=by_frame,
         series=table.whole("series", 0),
         body=table.whole("body", 0) if "body" in table.columns else None,
         weight=table.positive("weight") if "weight" in table.columns else np.ones(table.rows),
@@ -200,32 +202,32 @@ def poses_from_columns(
 
 
 def _arrays(columns: Mapping[str, Array], source: str) -> dict[str, Array]:
-    """The columns as float64, of one length."""
-    found: dict[str, Array] = {}
+    """Return the columns as float64, of one length."""
+    arrays: dict[str, Array] = {}
     for name, values in columns.items():
         array = np.asarray(values)
         if array.dtype.kind not in "fiu" or array.ndim != 1:
             raise InputError(
                 f"{source}: {show(name)} has dtype {array.dtype} and shape {array.shape}; allowed: numbers in one row"
             )
-        found[name] = checked_numbers(name, array, lambda row: f"{source}: row {row}", blanks=True)
-    sizes = {len(array) for array in found.values()}
+        arrays[name] = checked_numbers(name, array, lambda row: f"{source}: row {row}", blanks=True)
+    sizes = {len(array) for array in arrays.values()}
     if len(sizes) != 1:
         raise InputError(f"{source}: columns of {len(sizes)} lengths; allowed: one length for all columns")
     if not 1 <= sizes.copy().pop() <= MOST_ROWS:
         raise InputError(f"{source}: {sizes.pop()} rows; allowed: 1 to {MOST_ROWS}")
-    return found
+    return arrays
 
 
 def _which(name: str, coordinates: Sequence[str], frames: Sequence[str], source: str) -> tuple[str, str]:
-    """Frame and part of a column: ("tcp", "x"), ("tcp", "sigma.x")."""
-    owner, part = split_component(name)
+    """Return the frame and component of a column: ("tcp", "x"), ("tcp", "sigma.x")."""
+    owner, component = split_component(name)
     if owner.endswith(".sigma"):
-        owner, part = owner.removesuffix(".sigma"), f"sigma.{part}"
+        owner, component = owner.removesuffix(".sigma"), f"sigma.{component}"
     measured = (*MOTIONS, *QUATERNION, *SINGLE, *FORCES, *(f"sigma.{key}" for key in (*MOTIONS, *SINGLE)))
-    if owner in frames and part in measured:
-        return owner, part
-    if part in measured and owner:
+    if owner in frames and component in measured:
+        return owner, component
+    if component in measured and owner:
         raise InputError(
             f"{source}: column {show(name)}: there is no frame {show(owner)}{nearest(owner, frames)}; allowed:"
             f" {listed(frames)}, or a frame that is attached to a link (frames, --attach)"
@@ -242,36 +244,36 @@ class _Table:
         self.rows = len(next(iter(columns.values())))
 
     def finite(self, name: str) -> Array:
-        """A column without empty cells."""
+        """Return a column without empty cells."""
         values = self.columns[name]
         self._refuse(name, ~np.isfinite(values), "a finite number")
         return values
 
     def positive(self, name: str) -> Array:
-        """A column of positive numbers; blanks are not looked at in columns of standard deviations."""
+        """Return a column of positive numbers; blanks are not looked at in columns of standard deviations."""
         values = self.finite(name)
         self._refuse(name, ~is_divisor(values), f"{ALLOWED_DIVISOR} (to leave a row out, remove it)")
         return values
 
     def whole(self, name: str, default: int) -> NDArray[np.int64]:
-        """A column of whole numbers, or the default in all rows."""
+        """Return a column of whole numbers, or the default in all rows."""
         if name not in self.columns:
             return np.full(self.rows, default, dtype=np.int64)
         values = self.finite(name)
         self._refuse(name, (values != np.round(values)) | (np.abs(values) > 1e9), "a whole number")
         return values.astype(np.int64)
 
-    def frame(self, frame: str, given: set[str], rotation: str) -> Measured:
-        """Measurements of a frame."""
+    def frame(self, frame: str, columns: set[str], rotation: str) -> Measured:
+        """Return measurements of a frame."""
         turned = QUATERNION if rotation == "quaternion" else TURNED
-        wrong = given & set(TURNED if rotation == "quaternion" else QUATERNION)
+        wrong = columns & set(TURNED if rotation == "quaternion" else QUATERNION)
         if wrong:
             kind = "quaternion" if rotation != "quaternion" else "rotvector or rpy"
             raise InputError(
                 f"{self._source}: column {show(f'{frame}.{min(wrong)}')} with rotation {rotation!r}; allowed: the"
                 f" rotation {kind}"
             )
-        position, written = self._together(frame, MOTIONS[:3], given), self._together(frame, turned, given)
+        position, written = self._together(frame, MOTIONS[:3], columns), self._together(frame, turned, columns)
         blank = blank_frame(frame, self.rows)
         orientation = blank.orientation
         if written is not None:
@@ -282,15 +284,15 @@ class _Table:
             reading = FOUR[rotation] if rotation == "quaternion" else READINGS[rotation]
             orientation[there] = reading(written[there])
         sigma = {}
-        for key in given:
+        for key in columns:
             if key.startswith("sigma."):
                 name = f"{frame}.{key}"
                 self._refuse(name, ~is_divisor(self.columns[name]) & np.isfinite(self.columns[name]), ALLOWED_DIVISOR)
                 sigma[key.removeprefix("sigma.")] = self.columns[name]
-        single = {key: self.columns[f"{frame}.{key}"] if key in given else blank.distance for key in SINGLE}
+        single = {key: self.columns[f"{frame}.{key}"] if key in columns else blank.distance for key in SINGLE}
         for key in SINGLE:
             self._refuse(f"{frame}.{key}", single[key] < 0.0, "a distance that is not negative")
-        wrench = [self.finite(f"{frame}.{key}") if key in given else np.zeros(self.rows) for key in FORCES]
+        wrench = [self.finite(f"{frame}.{key}") if key in columns else np.zeros(self.rows) for key in FORCES]
         return replace(
             blank,
             position=blank.position if position is None else position,
@@ -302,13 +304,13 @@ class _Table:
             travel=single["travel"],
         )
 
-    def _together(self, frame: str, keys: Sequence[str], given: set[str]) -> Array | None:
-        """Columns that go together, (R, k): all of them in a row, or none; None where the file has none."""
-        there = [key for key in keys if key in given]
+    def _together(self, frame: str, keys: Sequence[str], columns: set[str]) -> Array | None:
+        """Return columns that go together, (R, k): all of them in a row, or none; None where the file has none."""
+        there = [key for key in keys if key in columns]
         if not there:
             return None
         if len(there) != len(keys):
-            missing = next(key for key in keys if key not in given)
+            missing = next(key for key in keys if key not in columns)
             raise InputError(
                 f"{self._source}: the column {frame}.{missing} is missing; allowed: {frame}.{there[0]}"
                 f" with {listed(f'{frame}.{key}' for key in keys)}, or none of them"

@@ -1,4 +1,4 @@
-"""Gauss and Newton's method on the whole error model: scaled columns, whitened rows, least change where none shows."""
+"""Gauss-Newton on the whole error model: scaled columns, whitened rows, least change where none shows."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ ALGEBRAIC = 1e-10  # of the greatest singular value of normed columns: what is l
 HIDDEN = 0.03  # of an expected size, in units of its noise: what shows less keeps its nominal value
 _ROUND_OFF = 1e-13  # of the longest column: what is shorter is 0
 _BLOCK = 2  # rows of a block over its columns
-_STEPS = 25  # of Gauss and Newton, at most
+_STEPS = 25  # of Gauss-Newton, at most
 ROUGH = 4  # steps of a fit that another one goes on from
 _HALVINGS = 12
 _SMALL = 1e-9  # of a step, in expected sizes
@@ -39,7 +39,7 @@ LOSSES: dict[str, Callable[[Array], Array]] = {  # weight of a sample by its siz
 
 @dataclass(frozen=True)
 class Problem:
-    """A fit to make: a model, its rows, the numbers measured, and which quantities may change.
+    """A fit to make: a model, its rows, the numbers measured, and which parameters may change.
 
     active: indices of these.  prior: standard deviation of their change from nominal, (P,), infinite without one.
     kept: places of the numbers that count, for folds; None: all.
@@ -55,7 +55,7 @@ class Problem:
 
 @dataclass(frozen=True)
 class Fit:
-    """Values and noise that were found.
+    """Estimated values and noise.
 
     Attributes:
         x: all values, (P,).
@@ -94,14 +94,14 @@ class _Linear:
 def fitted(
     problem: Problem, x: Array, sigma: Array | None = None, loss: str | None = None, trust: Array | None = None
 ) -> Fit:
-    """Fit the active quantities, beginning with the values x, (P,).
+    """Fit the active parameters, beginning with the values x, (P,).
 
     Args:
         problem: what to fit.
-        x: first values of all quantities; others than the active keep them.
+        x: first values of all parameters; others than the active keep them.
         sigma: standard deviations of all numbers, (M,), which then stay; by default those known, others estimated.
         loss: one of LOSSES: samples count the less, the more they are off.
-        trust: weights of all numbers, (M,), where there is no loss; 1 if not given.
+        trust: weights of all numbers, (M,), where there is no loss; 1 by default.
     """
     seen = problem.seen
     kept = np.arange(seen.group.size) if problem.kept is None else problem.kept
@@ -139,7 +139,10 @@ def fitted(
 
 
 def roughly(problem: Problem, x: Array, steps: int = ROUGH) -> Array:
-    """Values, (P,), near enough to begin a fit with: all noise that is not known is that of what is left at x."""
+    """Return values, (P,), near enough to begin a fit with.
+
+    All noise that is not known is that of what is left at x.
+    """
     seen = problem.seen
     r, A = at_rows(problem.model, problem.rows, seen, x)
     places, ones = np.arange(seen.group.size), np.ones(seen.group.size)
@@ -148,14 +151,14 @@ def roughly(problem: Problem, x: Array, steps: int = ROUGH) -> Array:
 
 
 def refitted(problem: Problem, fit: Fit, kept: Index, steps: int = 4) -> Array:
-    """Values, (P,), fitted to some of the numbers alone, from a fit of all: its noise and weights stay."""
-    part = replace(problem, kept=kept)
+    """Return values, (P,), fitted to some of the numbers alone, from a fit of all: its noise and weights stay."""
+    fold = replace(problem, kept=kept)
     r, A = at_rows(problem.model, problem.rows, problem.seen, fit.x)
-    return _descend(part, fit.x, r, A, fit.sigma, fit.trust, kept, steps)[0]
+    return _descend(fold, fit.x, r, A, fit.sigma, fit.trust, kept, steps)[0]
 
 
 def whitened(problem: Problem, fit: Fit, r: Array, A: Array) -> tuple[Array, Array]:
-    """Differences and sensitivities per expected size, whitened by the noise of a fit, (M,) and (M, P)."""
+    """Return differences and sensitivities per expected size, whitened by the noise of a fit, (M,) and (M, P)."""
     scale = problem.model.sizes
     return _weighed(problem.seen, r, fit.sigma, fit.trust), _weighed(problem.seen, A * scale, fit.sigma, fit.trust)
 
@@ -168,7 +171,7 @@ def _weighed(seen: Observations, values: Array, sigma: Array, trust: Array) -> A
 def _descend(
     problem: Problem, x: Array, r: Array, A: Array, sigma: Array, trust: Array, kept: Index, steps: int = _STEPS
 ) -> tuple[Array, Array, Array, _Linear]:
-    """Values, differences and sensitivities at the least sum of squares near x, and the problem linearised there.
+    """Give values, differences and sensitivities at the least sum of squares near x, and the problem linearised there.
 
     Steps are halved while the sum grows.
     """
@@ -206,9 +209,9 @@ def _descend(
 
 
 def _linear(problem: Problem, r: Array, A: Array, x: Array, sigma: Array, trust: Array, kept: Index) -> _Linear:
-    """The problem linearised at x, in the directions that show: above round-off and above noise.
+    """Return the problem linearised at x, in the directions that show: above round-off and above noise.
 
-    A prior is a row for each quantity; it holds all directions, so that none is hidden.
+    A prior is a row for each parameter; it holds all directions, so that none is hidden.
     """
     active, sizes = problem.active, problem.model.sizes[problem.active]
     S = _weighed(problem.seen, A[:, active], sigma, trust)[kept] * sizes
@@ -230,12 +233,12 @@ def _linear(problem: Problem, r: Array, A: Array, x: Array, sigma: Array, trust:
 
 
 def _covariance(problem: Problem, linear: _Linear) -> Array:
-    """Covariance of all values, (P, P); in hidden directions that of the expected sizes."""
-    many = len(problem.model.quantities)
+    """Return the covariance of all values, (P, P); in hidden directions that of the expected sizes."""
+    many = len(problem.model.parameters)
     roots = np.vstack([linear.V / linear.values[:, np.newaxis], linear.hidden]) * problem.model.sizes[problem.active]
-    found = np.zeros((many, many))
-    found[np.ix_(problem.active, problem.active)] = roots.T @ roots
-    return found
+    covariance = np.zeros((many, many))
+    covariance[np.ix_(problem.active, problem.active)] = roots.T @ roots
+    return covariance
 
 
 def _scaled(
@@ -248,34 +251,36 @@ def _scaled(
     leverage: Array,
     scale: Callable[[Array, Array, Array, Array], float | None],
 ) -> Array:
-    """Standard deviations, (M,): where they are not known, one for each block, by a scale of its numbers that count.
+    """Return standard deviations, (M,).
+
+    Where they are not known, one for each block, by a scale of its numbers that count.
 
     scale: of differences, their weights of information, weights by the loss, and leverages; None: it stays as it is.
     """
-    found = np.array(sigma)
+    scaled = np.array(sigma)
     for group in range(len(seen.blocks)):
         inside = seen.group[kept] == group
         places = kept[inside]
         if places.size and estimated[places[0]]:
             size = scale(r[places], seen.weight[places], trust[places], leverage[inside])
             if size is not None:
-                found[seen.group == group] = max(size, _FLOOR)
-    return found
+                scaled[seen.group == group] = max(size, _FLOOR)
+    return scaled
 
 
 def _median_size(r: Array, weight: Array, trust: Array, leverage: Array) -> float:
-    """Noise to begin with: the size of what is not explained yet."""
+    """Return noise to begin with: the size of what is not explained yet."""
     return _MAD * float(np.median(np.abs(r) * np.sqrt(weight)))
 
 
 def _rms_size(r: Array, weight: Array, trust: Array, leverage: Array) -> float | None:
-    """Noise by a block's share of the degrees of freedom."""
+    """Return noise by a block's share of the degrees of freedom."""
     freedoms = float(trust.sum() - leverage.sum())
     return float(np.sqrt(float((trust * weight * r**2).sum()) / freedoms)) if freedoms > 0.5 else None
 
 
 def _robust_size(r: Array, weight: Array, trust: Array, leverage: Array) -> float:
-    """Noise that outliers do not enlarge.
+    """Return noise that outliers do not enlarge.
 
     The median of the magnitudes (MAD) says what is near; the root of the mean square of that is the estimate, with what
     the tails of a normal distribution lack.  A weighted mean square would grow with every outlier's size.
@@ -289,7 +294,7 @@ def _robust_size(r: Array, weight: Array, trust: Array, leverage: Array) -> floa
 def _trust(
     seen: Observations, r: Array, sigma: Array, loss: Callable[[Array], Array], kept: Index, rescaled: bool
 ) -> Array:
-    """Weights of all numbers, (M,), one for each sample, by its size beside the noise, or beside the usual sample."""
+    """Return weights of all numbers, (M,), one for each sample, by its size over the noise or the usual sample."""
     white = seen.whiten(r, sigma) ** 2
     many = np.bincount(seen.sample)
     size = np.sqrt(np.bincount(seen.sample, white) / np.maximum(many, 1))
@@ -307,7 +312,10 @@ def algebraic_rank(S: Array) -> int:
 
 
 def normed_triangle(S: Array) -> tuple[Array, Array]:
-    """R of S = Q R, (p, p) at most, with columns of length 1, and the lengths; both are 0 where S is round-off."""
+    """Return R of S = Q R, (p, p) at most, with columns of length 1, and the lengths.
+
+    Both are 0 where S is round-off.
+    """
     R: NDArray[Any] = S
     while len(R) > _BLOCK * S.shape[1]:  # in blocks: one large matrix would wait for threads
         many = len(R) // (_BLOCK * S.shape[1])

@@ -2,7 +2,7 @@
 
 The first station is the base's placement before the measuring device, then come the joints that have coordinates, then
 one for each measured frame, its placement on its link.  Joints without coordinates are constants between stations.  A
-prismatic joint moves along its axis before its own angles turn what it carries, so that these cannot tilt the axis: a
+prismatic joint moves along its axis before its angles turn what it carries, so that these cannot tilt the axis: a
 station in front of it does, and makes the error model complete.
 """
 
@@ -26,7 +26,7 @@ class Station:
     before: pose of its axes in those of its parent, (4, 4).  joint: None of the base, of frames and of tilts.
     is_tilt: whether it tilts the first axis of the joint of that name, about the axes ``tilts`` (3, 4 or 5).
     offset: constants that the description adds to the coordinates, (6,).
-    mass, com: of the links that hang on it (kg; m, its own axes).
+    mass, com: of the links that hang on it (kg; m, its axes).
     """
 
     name: str
@@ -60,11 +60,11 @@ class Chain:
     cuts: tuple[tuple[int, int], ...] = ()
 
     def ancestors(self, station: int) -> list[int]:
-        """The station and those before it, from the base on."""
-        found = [station]
-        while self.stations[found[-1]].parent >= 0:
-            found.append(self.stations[found[-1]].parent)
-        return found[::-1]
+        """Return the station and those before it, from the base on."""
+        ancestors = [station]
+        while self.stations[ancestors[-1]].parent >= 0:
+            ancestors.append(self.stations[ancestors[-1]].parent)
+        return ancestors[::-1]
 
     @property
     def reach(self) -> float:
@@ -81,7 +81,7 @@ class Chain:
 class Located:
     """Stations in N rows: R (S, N, 3, 3) and p (S, N, 3) behind their coordinates, in the device's axes.
 
-    axes: directions of the six coordinates, (S, N, 6, 3), three of translations and three of turns.
+    axes: directions of the six coordinates, (S, N, 6, 3), three translations and three rotations.
     """
 
     R: Array
@@ -90,7 +90,7 @@ class Located:
 
 
 def chain_of(robot: Robot, frames: Mapping[str, tuple[str, Array]]) -> Chain:
-    """Stations of a robot; ``frames`` has link and pose on it, (4, 4), of every measured frame."""
+    """Return stations of a robot; ``frames`` has link and pose on it, (4, 4), of every measured frame."""
     stations = [Station("", -1, np.eye(4))]
     where: dict[str, tuple[int, Array]] = {robot.base: (0, np.eye(4))}
     for joint in robot.joints:
@@ -123,9 +123,11 @@ def chain_of(robot: Robot, frames: Mapping[str, tuple[str, Array]]) -> Chain:
 
 
 def _tilts(robot: Robot, joint: Joint) -> tuple[int, ...]:
-    """Angles that offsets of a joint cannot stand for: they would have to come before its first coordinate that moves.
+    """Return angles that offsets of a joint cannot stand for.
 
-    Of joints of a given type that turn about several axes alone where loops show them: in a tree the next joint's
+    They would have to come before its first coordinate that moves.
+
+    Of joints of one type that turn about several axes alone where loops show them: in a tree the next joint's
     offsets do the same.
     """
     if joint.type == "prismatic":
@@ -137,7 +139,7 @@ def _tilts(robot: Robot, joint: Joint) -> tuple[int, ...]:
 
 
 def _with_masses(robot: Robot, stations: Sequence[Station], where: Mapping[str, tuple[int, Array]]) -> list[Station]:
-    """The stations with mass and centre of mass of what hangs on each, up to the next ones."""
+    """Return the stations with mass and centre of mass of what hangs on each, up to the next ones."""
     mass, moment = np.zeros(len(stations)), np.zeros((len(stations), 3))
     for link in robot.links:
         at, pose = where[link.name]
@@ -150,14 +152,14 @@ def _with_masses(robot: Robot, stations: Sequence[Station], where: Mapping[str, 
 
 
 def matrix_of(placement: Placement) -> Array:
-    """A placement as a pose, (4, 4)."""
+    """Return a placement as a pose, (4, 4)."""
     return pose_of(placement.rotation, placement.xyz)
 
 
 def located(chain: Chain, values: Array, bases: Array) -> Located:
     """Return poses of stations by their six coordinates, (N, S, 6), m and rad.
 
-    bases: pose of the base in the device's axes, (N, 4, 4), in front of the base's own six coordinates.
+    bases: pose of the base in the device's axes, (N, 4, 4), in front of the base's six coordinates.
     """
     count, many = len(chain.stations), len(values)
     R, p, axes = np.empty((count, many, 3, 3)), np.empty((count, many, 3)), np.empty((count, many, 6, 3))
@@ -181,7 +183,7 @@ def located(chain: Chain, values: Array, bases: Array) -> Located:
 
 
 def jacobian(chain: Chain, at: Located, tool: int) -> tuple[list[int], Array]:
-    """Motion of a station's origin and axes per unit of the coordinates of those before it, and of its own.
+    """Return the Jacobian of a station's origin and axes by its coordinates and those of the stations before it.
 
     Returns:
         indices of these stations, K of them, and (N, 6, K, 6): displacement and small turn in the device's axes.
@@ -189,24 +191,24 @@ def jacobian(chain: Chain, at: Located, tool: int) -> tuple[list[int], Array]:
     before = chain.ancestors(tool)
     axes = at.axes[before]  # (K, N, 6, 3)
     arm = at.p[tool] - at.p[before]  # (K, N, 3)
-    found = np.zeros((len(arm[0]), 6, len(before), 6))
-    found[:, :3, :, :3] = axes[:, :, :3].transpose(1, 3, 0, 2)
-    found[:, 3:, :, 3:] = axes[:, :, 3:].transpose(1, 3, 0, 2)
-    found[:, :3, :, 3:] = cross(axes[:, :, 3:], arm[:, :, np.newaxis]).transpose(1, 3, 0, 2)
-    return before, found
+    by_place = np.zeros((len(arm[0]), 6, len(before), 6))
+    by_place[:, :3, :, :3] = axes[:, :, :3].transpose(1, 3, 0, 2)
+    by_place[:, 3:, :, 3:] = axes[:, :, 3:].transpose(1, 3, 0, 2)
+    by_place[:, :3, :, 3:] = cross(axes[:, :, 3:], arm[:, :, np.newaxis]).transpose(1, 3, 0, 2)
+    return before, by_place
 
 
 def cross(a: Array, b: Array) -> Array:
-    """Cross products along the last axis; NumPy's own takes several times as long."""
+    """Return cross products along the last axis; numpy.cross takes several times as long."""
     first = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
     second = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
     return np.stack([first, second, a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]], axis=-1)
 
 
 def forces_on(chain: Chain, at: Located, gravity: Array, wrenches: Mapping[int, Array]) -> Array:
-    """Generalized forces of gravity and of loads at the six coordinates of every station, (N, S, 6), N and N m.
+    """Return generalized forces of gravity and of loads at the six coordinates of every station, (N, S, 6), N and N m.
 
-    gravity: m/s^2, robot's base axes, (3,).  wrenches: force and moment at the origins of stations, those axes, (N, 6).
+    gravity: m/s^2, robot's base frame, (3,).  wrenches: force and moment at the origins of stations, there, (N, 6).
     """
     count, many = len(chain.stations), at.p.shape[1]
     base = at.R[0]
@@ -224,7 +226,7 @@ def forces_on(chain: Chain, at: Located, gravity: Array, wrenches: Mapping[int, 
         force[chain.stations[k].parent] += force[k]
         moment[chain.stations[k].parent] += moment[k]
     about = moment - cross(at.p, force)
-    found = np.empty((many, count, 6))
-    found[:, :, :3] = np.einsum("snca,sna->nsc", at.axes[:, :, :3], force)
-    found[:, :, 3:] = np.einsum("snca,sna->nsc", at.axes[:, :, 3:], about)
-    return found
+    forces = np.empty((many, count, 6))
+    forces[:, :, :3] = np.einsum("snca,sna->nsc", at.axes[:, :, :3], force)
+    forces[:, :, 3:] = np.einsum("snca,sna->nsc", at.axes[:, :, 3:], about)
+    return forces

@@ -29,9 +29,9 @@ class Pose:
 
     Attributes:
         name: of the pose.
-        position, rotation: the command, (3,), m, base axes, and (3, 3), or None where no orientation is known.
+        position, rotation: the command, (3,), m, base frame, and (3, 3), or None where no orientation is known.
         cycles: a record for each cycle, whose last sample is what was attained.
-        labels: numbers of the cycles, by which poses of the same cycle are found.
+        labels: numbers of the cycles, which poses of one cycle share.
     """
 
     name: str
@@ -48,8 +48,8 @@ class Pose:
     @property
     def attained_rotation(self) -> Array | None:
         """Attained orientations, (n, 3, 3), or None."""
-        found = [record.rotation[-1] for record in self.cycles if record.rotation is not None]
-        return np.array(found) if len(found) == len(self.cycles) else None
+        rotations = [record.rotation[-1] for record in self.cycles if record.rotation is not None]
+        return np.array(rotations) if len(rotations) == len(self.cycles) else None
 
 
 @dataclass(frozen=True)

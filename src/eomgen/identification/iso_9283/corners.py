@@ -15,7 +15,7 @@ CYCLES = 3  # that the standard asks for
 SHARPEST = np.deg2rad(170.0)  # a path that turns by more comes back, and has no outer side
 BLUNTEST = np.deg2rad(20.0)  # between neighbouring steps of a command, from which on it is a corner
 _STRAIGHT = 0.1  # of a corner's angle, by which the steps before and behind it may turn
-_SHARP = np.deg2rad(60.0)  # corners that follow each other: no curve is given by so few points
+_SHARP = np.deg2rad(60.0)  # corners that follow each other: no curve has so few points
 
 
 @dataclass(frozen=True)
@@ -35,48 +35,51 @@ class Corner:
 
 
 def corner_figures(path: Path, command: Record) -> tuple[CornerFigures, ...]:
-    """Figures of all corners of a path whose command, (m, 3), has no rests: clause 8.5."""
+    """Return figures of all corners of a path whose command, (m, 3), has no rests: clause 8.5."""
     points = command.position
     corners = corners_of(points)
     if not corners:
         return ()
     length = arc(points)
     ends = [0.0, *(0.5 * (length[x.first] + length[x.last]) for x in corners), float(length[-1])]
-    found = []
+    figures = []
     for i, corner in enumerate(corners):
         begin = 0.5 * (ends[i] + ends[i + 1])
         last = i + 2 == len(ends) - 1
         end = ends[i + 2] if last else 0.5 * (ends[i + 1] + ends[i + 2])
         parts = [_part(points, length, record, begin, end) for record in path.cycles]
-        found.append(
+        figures.append(
             CornerFigures(
                 along=ends[i + 1],
                 angle=corner.angle,
                 cycles=len(parts),
-                rounding=max(distance_to_path(corner.point, part) for part in parts),
-                overshoot=max(corner_overshoot(part, corner.point, corner.before, corner.behind) for part in parts),
+                rounding=max(distance_to_path(corner.point, piece) for piece in parts),
+                overshoot=max(corner_overshoot(piece, corner.point, corner.before, corner.behind) for piece in parts),
             )
         )
-    return tuple(found)
+    return tuple(figures)
 
 
 def corners_of(points: Array) -> list[Corner]:
-    """Corners of a path through points, (m, 3): where straight parts meet, at a point or between two of them."""
+    """Return corners of a path through points, (m, 3): where straight parts meet, at a point or between two of them."""
     steps = np.diff(points, axis=0)
     ways = steps / np.linalg.norm(steps, axis=1, keepdims=True)
-    found, k = [], 1
+    corners, k = [], 1
     while k < len(ways):
         corner = _corner(points, ways, k, k) or (_corner(points, ways, k, k + 1) if k + 1 < len(ways) else None)
         if corner is None:
             k += 1
         else:
-            found.append(corner)
+            corners.append(corner)
             k = corner.last + 1
-    return found
+    return corners
 
 
 def _corner(points: Array, ways: Array, first: int, last: int) -> Corner | None:
-    """The corner between the steps in front of ``first`` and behind ``last``, points of the path; None without one."""
+    """Return the corner between the steps in front of ``first`` and behind ``last``, points of the path.
+
+    None without one.
+    """
     before, behind = ways[first - 1], ways[last]
     angle = _angle(before, behind)
     if not BLUNTEST <= angle <= SHARPEST:
@@ -105,7 +108,7 @@ def _angle(one: Array, other: Array) -> float:
 
 
 def _part(points: Array, length: Array, record: Record, begin: float, end: float) -> Array:
-    """The attained path between lengths of the commanded one, (k, 3): as far as it goes through their planes."""
+    """Return the attained path between lengths of the commanded one, (k, 3): as far as it goes through their planes."""
     index = np.interp((begin, end), length, np.arange(len(points)))
     steps = np.diff(points, axis=0)[np.minimum(index.astype(np.intp), len(points) - 2)]
     ways = steps / np.linalg.norm(steps, axis=1, keepdims=True)

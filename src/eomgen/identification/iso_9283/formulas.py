@@ -30,21 +30,21 @@ class Scatter:
 
 
 def scatter(positions: Array) -> Scatter:
-    """Scatter of positions, (n, 3), m."""
+    """Return the scatter of positions, (n, 3), m."""
     barycentre = positions.mean(axis=0)
     distances = np.linalg.norm(positions - barycentre, axis=1)
     return Scatter(barycentre, float(distances.mean()), float(deviations(distances)))
 
 
 def deviations(values: Array) -> Array:
-    """Standard deviations by n - 1 along the first axis; 0 of a single value."""
+    """Return standard deviations by n - 1 along the first axis; 0 of a single value."""
     if len(values) < 2:
         return np.zeros(values.shape[1:])
     return np.asarray(values.std(axis=0, ddof=1))
 
 
 def turns_from(command: Array, attained: Array) -> Array:
-    """Angles a, b, c about the axes of the base by which attained axes are turned from the commanded ones, (..., 3).
+    """Return angles a, b, c from the commanded to the attained orientation, (..., 3), rad, about base frame axes.
 
     They are the components of the rotation vector of R R_c^T, so that no pose is a pole.
     """
@@ -52,7 +52,7 @@ def turns_from(command: Array, attained: Array) -> Array:
 
 
 def stabilization(t: Array, positions: Array, attained: Array, band: float) -> tuple[float, float]:
-    """Stabilization time, s, and overshoot, m, of one stop: clauses 7.4 and 7.5.
+    """Return the stabilization time, s, and overshoot, m, of one stop: clauses 7.4 and 7.5.
 
     The time begins where the tool first comes within ``band`` of the attained position and ends where it comes in for
     good, both interpolated between samples.  Overshoot is the greatest distance after the first coming in, and 0 where
@@ -78,12 +78,12 @@ def _crossing(t: Array, distance: Array, i: int, band: float) -> float:
     """Time at which the distance falls to the band in front of sample i, that is within it."""
     if i == 0:
         return float(t[0])
-    part = (distance[i - 1] - band) / (distance[i - 1] - distance[i])
-    return float(t[i - 1] + part * (t[i] - t[i - 1]))
+    share = (distance[i - 1] - band) / (distance[i - 1] - distance[i])
+    return float(t[i - 1] + share * (t[i] - t[i - 1]))
 
 
 def tangents(points: Array) -> Array:
-    """Unit tangents, (m, 3), of a path through points, (m, 3), of which no two neighbours are the same."""
+    """Return the unit tangents, (m, 3), of a path through points, (m, 3), of which no two neighbours are the same."""
     along = np.empty_like(points)
     along[1:-1] = points[2:] - points[:-2]
     along[0], along[-1] = points[1] - points[0], points[-1] - points[-2]
@@ -94,12 +94,12 @@ def tangents(points: Array) -> Array:
 
 
 def arc(points: Array) -> Array:
-    """Lengths of the path from its begin to each point, (m,), m."""
+    """Return lengths of the path from its begin to each point, (m,), m."""
     return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
 
 
 def at_planes(points: Array, along: Array, near: Index, attained: Array) -> Array:
-    """Index at which an attained path goes through the normal planes of the commanded one.
+    """Return the index at which an attained path goes through the normal planes of the commanded one.
 
     Args:
         points, along: of the commanded path, (m, 3) and its unit tangents.
@@ -109,12 +109,12 @@ def at_planes(points: Array, along: Array, near: Index, attained: Array) -> Arra
     Returns:
         Samples with their fractions, (m,); NaN where the path ends before the plane.
     """
-    found = np.full(len(points), np.nan)
+    points_hit = np.full(len(points), np.nan)
     open_ones = np.arange(len(points))
     here = near.copy()
     height = np.einsum("mi,mi->m", attained[here] - points, along)
     hit = height == 0.0
-    found[hit] = here[hit]
+    points_hit[hit] = here[hit]
     open_ones = open_ones[~hit]
     way = np.where(height < 0.0, 1, -1)  # behind the plane: on, in front of it: back
     while open_ones.size:
@@ -125,23 +125,25 @@ def at_planes(points: Array, along: Array, near: Index, attained: Array) -> Arra
         new = np.einsum("mi,mi->m", attained[following] - points[open_ones], along[open_ones])
         through = (old < 0.0) != (new < 0.0)
         with np.errstate(invalid="ignore", divide="ignore"):
-            part = old / (old - new)
-        found[open_ones[through]] = (here[open_ones] + way[open_ones] * part)[through]
+            share = old / (old - new)
+        points_hit[open_ones[through]] = (here[open_ones] + way[open_ones] * share)[through]
         here[open_ones], height[open_ones] = following, new
         open_ones = open_ones[~through]
-    return found
+    return points_hit
 
 
 def between(values: Array, places: Array) -> Array:
-    """Values, (k, ...), at samples with fractions, (m,), linear between samples."""
+    """Return values, (k, ...), at samples with fractions, (m,), linear between samples."""
     low = np.minimum(places.astype(np.intp), len(values) - 1)
     high = np.minimum(low + 1, len(values) - 1)
-    part = (places - low).reshape(-1, *(1,) * (values.ndim - 1))
-    return np.asarray(values[low] + part * (values[high] - values[low]))
+    share = (places - low).reshape(-1, *(1,) * (values.ndim - 1))
+    return np.asarray(values[low] + share * (values[high] - values[low]))
 
 
 def path_scatter(command: Array, attained: Array) -> tuple[Array, Array]:
-    """Attained points of a path, (n, m, 3), against the commanded ones, (m, 3): distances by point, (m,) each, m.
+    """Return attained points of a path, (n, m, 3), against the commanded ones, (m, 3).
+
+    Distances by point, (m,) each, m.
 
     Clauses 8.2 and 8.3, whose figures are the greatest of each: that of the barycentre to the command, l-bar + 3 S_l.
     """
@@ -152,14 +154,14 @@ def path_scatter(command: Array, attained: Array) -> tuple[Array, Array]:
 
 
 def speeds(t: Array, positions: Array) -> Array:
-    """Speeds along a path, (T,), m/s: differences of neighbouring samples on both sides."""
+    """Return speeds along a path, (T,), m/s: differences of neighbouring samples on both sides."""
     if len(t) < 2:
         return np.zeros(len(t))
     return np.asarray(np.linalg.norm(np.gradient(positions, t, axis=0), axis=1))
 
 
 def distance_to_path(point: Array, path: Array) -> float:
-    """Distance of a point, (3,), from a path, (k, 3), straight between its points: clause 8.5, m."""
+    """Return the distance of a point, (3,), from a path, (k, 3), straight between its points: clause 8.5, m."""
     begin, steps = path[:-1], np.diff(path, axis=0)
     squares = np.maximum(np.einsum("ki,ki->k", steps, steps), 1e-300)
     share = np.clip(np.einsum("ki,ki->k", point - begin, steps) / squares, 0.0, 1.0)
@@ -167,7 +169,7 @@ def distance_to_path(point: Array, path: Array) -> float:
 
 
 def corner_overshoot(attained: Array, corner: Array, before: Array, behind: Array) -> float:
-    """Overshoot of an attained path, (k, 3), over the line behind a corner: clause 8.5, m.
+    """Return the overshoot of an attained path, (k, 3), over the line behind a corner: clause 8.5, m.
 
     It is the greatest distance from that line of points that have passed the corner and lie on the outer side, to which
     the path in front of the corner points; 0 where none does.

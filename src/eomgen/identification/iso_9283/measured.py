@@ -45,7 +45,7 @@ class _Rows:
 def from_files(
     paths: Sequence[File], *, command: File | None = None, frame: str | None = None, rotation: str = "rotvector"
 ) -> Measured:
-    """Poses and paths of one or more files.
+    """Return poses and paths of one or more files.
 
     Rows with a column ``pose`` are of poses, those with ``path`` of paths; numbers say which.  Rows of one pose are its
     cycles, unless ``cycle`` says which they are of; with ``t`` each cycle may have many rows, of which the last one is
@@ -63,25 +63,25 @@ def from_files(
     if rotation not in ROTATIONS:
         raise InputError(f"rotation: {show(rotation)}; allowed: {', '.join(ROTATIONS)}")
     tables = [_read(path) for path in paths]
-    given = None if command is None else _read(command)
+    command_rows = None if command is None else _read(command)
     frame = _frame(tables[0], frame)
-    found: dict[str, dict[int, _Gathered]] = {"pose": {}, "path": {}}
+    by_kind: dict[str, dict[int, _Gathered]] = {"pose": {}, "path": {}}
     for table in tables:
-        kinds = [kind for kind in found if kind in table.columns]
+        kinds = [kind for kind in by_kind if kind in table.columns]
         if len(kinds) != 1:
             got = "both columns, pose and path" if kinds else "no column pose or path"
             raise table.fail(f"has {got}; allowed: {COLUMNS}, with one of the two")
         record = _record(table, frame, rotation)
-        commands = _commands(table, given, kinds[0], frame, rotation)
-        before = [label for items in found.values() for item in items.values() for label in item.cycles]
-        _gather(table, kinds[0], record, commands, found[kinds[0]], max(before, default=None))
+        commands = _commands(table, command_rows, kinds[0], frame, rotation)
+        before = [label for items in by_kind.values() for item in items.values() for label in item.cycles]
+        _gather(table, kinds[0], record, commands, by_kind[kinds[0]], max(before, default=None))
     notes: list[str] = []
-    for kind, items in found.items():
-        if given is not None and kind in given.columns and items:
-            unused = sorted(set(_numbers(given, kind).tolist()) - set(items))
+    for kind, items in by_kind.items():
+        if command_rows is not None and kind in command_rows.columns and items:
+            unused = sorted(set(_numbers(command_rows, kind).tolist()) - set(items))
             notes += [f"{kind} {number} is commanded and was never measured" for number in unused]
-    records_found = [record for items in found.values() for item in items.values() for record in item.cycles.values()]
-    if any(record.rotation is None for record in records_found):
+    records = [record for items in by_kind.values() for item in items.values() for record in item.cycles.values()]
+    if any(record.rotation is None for record in records):
         wanted = ", ".join(component_name(frame, key) for key in TURNED)
         notes.append(f"no orientation was measured ({wanted}): figures are of positions alone")
     return Measured(
@@ -90,8 +90,8 @@ def from_files(
         frame=frame,
         load="",
         rate="",
-        poses=tuple(_pose(number, gathered) for number, gathered in sorted(found["pose"].items())),
-        paths=tuple(_path(number, gathered) for number, gathered in sorted(found["path"].items())),
+        poses=tuple(_pose(number, gathered) for number, gathered in sorted(by_kind["pose"].items())),
+        paths=tuple(_path(number, gathered) for number, gathered in sorted(by_kind["path"].items())),
         exact=False,
         notes=tuple(notes),
     )
@@ -116,12 +116,12 @@ def _read(path: File) -> _Rows:
             )
     if not arrays:
         raise InputError(f"{path}: has no arrays; allowed: {COLUMNS}")
-    found = {name: checked_numbers(name, array, lambda row: f"{path}: row {row}") for name, array in arrays.items()}
-    return _Rows(str(path), found, lambda row: f"{path}: row {row}")
+    checked = {name: checked_numbers(name, array, lambda row: f"{path}: row {row}") for name, array in arrays.items()}
+    return _Rows(str(path), checked, lambda row: f"{path}: row {row}")
 
 
 def _frame(table: _Rows, wanted: str | None) -> str:
-    """The frame that is looked at: the one that is named, or the only one that has x, y and z."""
+    """Return the frame that is looked at: the one that is named, or the only one that has x, y and z."""
     owners = dict.fromkeys(split_component(name)[0] for name in table.columns if "." in name)
     whole = [owner for owner in owners if all(component_name(owner, axis) in table.columns for axis in AXES)]
     known = [owner for owner in whole if split_component(owner)[1] != COMMAND]
@@ -148,17 +148,17 @@ def _numbers(table: _Rows, name: str) -> NDArray[np.int64]:
 
 
 def _record(table: _Rows, owner: str, rotation: str) -> Record:
-    """All rows of an owner's columns: times, positions and rotations, as far as they are there."""
+    """Return all rows of an owner's columns: times, positions and rotations, as far as they are there."""
     t = table.columns.get("t")
     position = np.stack([table.columns[component_name(owner, axis)] for axis in AXES], axis=1)
     keys, others = (QUATERNION, TURNED) if rotation == "quaternion" else (TURNED, QUATERNION)
     names = [component_name(owner, key) for key in keys]
     missing = [name for name in names if name not in table.columns]
     if missing:
-        found = [name for key in (*keys, *others) if (name := component_name(owner, key)) in table.columns]
-        if found:
+        present = [name for key in (*keys, *others) if (name := component_name(owner, key)) in table.columns]
+        if present:
             raise table.fail(
-                f"has {listed(found)} and not {listed(missing)}; allowed: all of {listed(names)} (rotation:"
+                f"has {listed(present)} and not {listed(missing)}; allowed: all of {listed(names)} (rotation:"
                 f" {rotation}), or none"
             )
         return Record(t, position, None)
@@ -186,29 +186,34 @@ class _Gathered:
 _Commands = Callable[[int, Index], Record]
 
 
-def _commands(table: _Rows, given: _Rows | None, kind: str, frame: str, rotation: str) -> _Commands:
-    """A function that says what is commanded of the rows of one pose or path: from their columns or the other file."""
+def _commands(table: _Rows, command_rows: _Rows | None, kind: str, frame: str, rotation: str) -> _Commands:
+    """Return a function that says what is commanded of the rows of one pose or path.
+
+    From their columns or the other file.
+    """
     owner = component_name(frame, COMMAND)
     beside = all(component_name(owner, axis) in table.columns for axis in AXES)
-    if given is None and not beside:
+    if command_rows is None and not beside:
         wanted = ", ".join(component_name(owner, axis) for axis in AXES)
         raise table.fail(f"says no commands; allowed: columns {wanted}, or a file of commands")
-    if given is not None and beside:
-        raise table.fail(f"has commands, and so has {given.source}; allowed: one of them")
-    source, owner = (table, owner) if given is None else (given, frame)
-    if given is not None:
-        _frame(given, frame)
-        if kind not in given.columns:
-            raise given.fail(f"has no column {kind}, which {table.source} has; allowed: with it")
+    if command_rows is not None and beside:
+        raise table.fail(f"has commands, and so has {command_rows.source}; allowed: one of them")
+    source, owner = (table, owner) if command_rows is None else (command_rows, frame)
+    if command_rows is not None:
+        _frame(command_rows, frame)
+        if kind not in command_rows.columns:
+            raise command_rows.fail(f"has no column {kind}, which {table.source} has; allowed: with it")
     whole = _record(source, owner, rotation)
-    known = None if given is None else _numbers(given, kind)
+    known = None if command_rows is None else _numbers(command_rows, kind)
     rows_of = {} if known is None else {int(known[rows[0]]): rows for rows in _groups(known)}
 
     def commands(number: int, rows: Index) -> Record:
-        chosen = rows_of.get(number) if given is not None else rows
+        chosen = rows_of.get(number) if command_rows is not None else rows
         if chosen is None:
-            assert given is not None
-            raise given.fail(f"has no command of {kind} {number}, which {table.source} has; allowed: one for each")
+            assert command_rows is not None
+            raise command_rows.fail(
+                f"has no command of {kind} {number}, which {table.source} has; allowed: one for each"
+            )
         return rows_at(whole, chosen)
 
     return commands
@@ -238,14 +243,17 @@ def _gather(
 
 
 def _groups(*keys: NDArray[np.int64]) -> list[Index]:
-    """Rows that have the same keys, in their order; groups by rising keys, the first key first."""
+    """Return rows that have the same keys, in their order; groups by rising keys, the first key first."""
     order = np.lexsort(keys[::-1])
     changes = np.logical_or.reduce([np.diff(key[order]) != 0 for key in keys])
     return np.split(order, np.flatnonzero(changes) + 1)
 
 
 def _cycles(table: _Rows, kind: str, numbers: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The cycle of each row: as the file says; else rows of one pose are cycles, and a file with paths is one."""
+    """Return the cycle of each row: as the file says.
+
+    Else rows of one pose are cycles, and a file with paths is one.
+    """
     if "cycle" in table.columns:
         return _numbers(table, "cycle")
     if kind == "pose" and "t" in table.columns:
@@ -270,7 +278,7 @@ def _check_rows(table: _Rows, kind: str, what: str, rows: Index) -> None:
 
 
 def _check_command(table: _Rows, kind: str, what: str, known: Record, new: Record, row: int) -> None:
-    """InputError where rows of one pose or path are commanded different things."""
+    """Raise InputError where rows of one pose or path are commanded different things."""
     pairs = [(known.position, new.position)]
     if known.rotation is not None and new.rotation is not None:
         pairs.append((known.rotation, new.rotation))

@@ -18,7 +18,7 @@ _SAME = 1e-9  # s: by less than that times are the same
 
 
 def path_figures(path: Path, match: str) -> PathFigures:
-    """Figures of a path; ``match`` is one of MATCHES.
+    """Return figures of a path; ``match`` is one of MATCHES.
 
     Raises:
         InputError: it has too few points, or no point that all cycles pass; cycles have other samples than the command.
@@ -66,13 +66,13 @@ def path_figures(path: Path, match: str) -> PathFigures:
 
 
 def _without_rests(command: Record) -> Record:
-    """The command without points that repeat the one before: a path's tangent is there nowhere."""
+    """Return the command without points that repeat the one before: a path's tangent is there nowhere."""
     steps = np.linalg.norm(np.diff(command.position, axis=0), axis=1)
     return rows_at(command, np.concatenate([[True], steps > 0.0]))
 
 
 def _by_planes(path: Path, command: Record) -> tuple[Array, Array | None, Mask]:
-    """Return where cycles pass the normal planes: positions (n, m, 3), turns from the command, and passed by all."""
+    """Return where cycles pass the normal planes: positions (n, m, 3), rotations from the command, passed by all."""
     along = tangents(command.position)
     share = arc(command.position)
     positions, turns = [], []
@@ -90,17 +90,20 @@ def _by_planes(path: Path, command: Record) -> tuple[Array, Array | None, Mask]:
 
 
 def _near(command: Record, record: Record, share: Array) -> Index:
-    """Samples of a cycle that are about where the points of the command are: at the same time, or share of the way."""
+    """Return samples of a cycle that are about where the points of the command are.
+
+    At the same time, or share of the way.
+    """
     if command.t is not None and record.t is not None:
-        found = np.searchsorted(record.t - record.t[0], command.t - command.t[0])
+        nearest = np.searchsorted(record.t - record.t[0], command.t - command.t[0])
     else:
         length = arc(record.position)
-        found = np.searchsorted(length / length[-1] if length[-1] > 0.0 else length, share)
-    return np.asarray(np.minimum(found, len(record.position) - 1), dtype=np.intp)
+        nearest = np.searchsorted(length / length[-1] if length[-1] > 0.0 else length, share)
+    return np.asarray(np.minimum(nearest, len(record.position) - 1), dtype=np.intp)
 
 
 def _turns_at(command: Array, attained: Array, places: Array) -> Array:
-    """Turns from commanded axes at samples with fractions: linear between both neighbours' turns."""
+    """Return rotations from commanded axes at samples with fractions: linear between both neighbours."""
     low = np.minimum(places.astype(np.intp), len(attained) - 1)
     high = np.minimum(low + 1, len(attained) - 1)
     first, last = turns_from(command, attained[low]), turns_from(command, attained[high])
@@ -108,7 +111,7 @@ def _turns_at(command: Array, attained: Array, places: Array) -> Array:
 
 
 def _by_samples(path: Path) -> tuple[Array, Array | None, Mask]:
-    """Cycles whose samples are those of the command, row by row; a rest behind its end is left out."""
+    """Return cycles whose samples are those of the command, row by row; a rest behind its end is left out."""
     command, size = path.command, len(path.command.position)
     positions, turns = [], []
     for number, record in enumerate(path.cycles, 1):
@@ -130,7 +133,7 @@ def _begins_with(t: Array | None, first: Array | None) -> bool:
 
 
 def _speed(path: Path) -> SpeedFigures | None:
-    """Velocities where the command is nearly as fast as it ever is; None without times."""
+    """Return velocities where the command is nearly as fast as it ever is; None without times."""
     command = path.command
     if command.t is None or any(record.t is None or len(record.t) < _FEWEST for record in path.cycles):
         return None
@@ -143,12 +146,12 @@ def _speed(path: Path) -> SpeedFigures | None:
     for record in path.cycles:
         assert record.t is not None
         clock = record.t - record.t[0]
-        part = (clock >= begin) & (clock <= end)
-        if not part.any():
+        inside = (clock >= begin) & (clock <= end)
+        if not inside.any():
             return None
-        found = speeds(record.t, record.position)[part]
-        means.append(float(found.mean()))
-        swings.append(float(np.ptp(found)))
+        attained = speeds(record.t, record.position)[inside]
+        means.append(float(attained.mean()))
+        swings.append(float(np.ptp(attained)))
     clock = command.t - command.t[0]
     mean = float(wanted[(clock >= begin) & (clock <= end)].mean())
     return SpeedFigures(

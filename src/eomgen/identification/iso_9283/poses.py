@@ -22,7 +22,7 @@ _ALIKE = np.deg2rad(45.0)  # between directions that differ
 
 
 def pose_figures(pose: Pose) -> PoseFigures:
-    """Figures of a pose."""
+    """Return figures of a pose."""
     spread = scatter(pose.attained)
     offset = spread.barycentre - pose.position
     turned = turning = None
@@ -47,7 +47,7 @@ def pose_figures(pose: Pose) -> PoseFigures:
 
 
 def distance_figures(poses: Sequence[Pose], pairs: Sequence[tuple[str, str]] | None) -> tuple[DistanceFigures, ...]:
-    """Distances of pairs of poses, by name; of each and the next one where no pairs are given.
+    """Return distances of pairs of poses, by name; of each and the next one without pairs.
 
     Raises:
         InputError: both poses of a pair have no cycle in common; UnknownNameError: there is no pose of that name.
@@ -55,7 +55,7 @@ def distance_figures(poses: Sequence[Pose], pairs: Sequence[tuple[str, str]] | N
     by_name = {pose.name: pose for pose in poses}
     following = [(a.name, b.name) for a, b in pairwise(poses) if not same_command(a, b)]
     wanted = following if pairs is None else list(pairs)
-    found = []
+    figures = []
     for pair in wanted:
         for name in pair:
             if name not in by_name:
@@ -68,15 +68,15 @@ def distance_figures(poses: Sequence[Pose], pairs: Sequence[tuple[str, str]] | N
             continue
         if not both:
             raise InputError(f"distances: poses {listed(pair)} have no cycle in common; allowed: one or more")
-        found.append(_distance(one, other, both))
-    return tuple(found)
+        figures.append(_distance(one, other, both))
+    return tuple(figures)
 
 
 def _distance(one: Pose, other: Pose, both: Sequence[int]) -> DistanceFigures:
-    """Distance of two poses in the cycles that they have in common, by their labels: clause 7.3."""
+    """Return the distance of two poses in the cycles that they have in common, by their labels: clause 7.3."""
     rows = [[pose.labels.index(label) for label in both] for pose in (one, other)]
-    wanted, found = other.position - one.position, other.attained[rows[1]] - one.attained[rows[0]]
-    length, lengths = float(np.linalg.norm(wanted)), np.linalg.norm(found, axis=1)
+    wanted, attained = other.position - one.position, other.attained[rows[1]] - one.attained[rows[0]]
+    length, lengths = float(np.linalg.norm(wanted)), np.linalg.norm(attained, axis=1)
     turned = turning = None
     first, last = one.attained_rotation, other.attained_rotation
     if one.rotation is not None and other.rotation is not None and first is not None and last is not None:
@@ -90,8 +90,8 @@ def _distance(one: Pose, other: Pose, both: Sequence[int]) -> DistanceFigures:
         mean=float(lengths.mean()),
         accuracy=float(lengths.mean()) - length,
         repeatability=3.0 * float(deviations(lengths)),
-        by_axis=vector(np.abs(found).mean(axis=0) - np.abs(wanted)),
-        by_axis_repeatability=vector(3.0 * deviations(np.abs(found))),
+        by_axis=vector(np.abs(attained).mean(axis=0) - np.abs(wanted)),
+        by_axis_repeatability=vector(3.0 * deviations(np.abs(attained))),
         turned=turned,
         turning=turning,
     )
@@ -100,8 +100,8 @@ def _distance(one: Pose, other: Pose, both: Sequence[int]) -> DistanceFigures:
 def stop_figures(
     poses: Sequence[Pose], figures: Sequence[PoseFigures], band: float | None
 ) -> tuple[tuple[StopFigures, ...], list[str]]:
-    """Stops of the poses whose approach was recorded, and notes about those that have no band."""
-    found, without = [], []
+    """Return stops of the poses whose approach was recorded, and notes about those that have no band."""
+    stops, without = [], []
     for pose, figure in zip(poses, figures, strict=True):
         if any(record.t is None or len(record.t) < _FEWEST for record in pose.cycles):
             continue
@@ -115,7 +115,7 @@ def stop_figures(
             if record.t is not None
         ]
         times, overshoots = zip(*outcomes, strict=True)
-        found.append(
+        stops.append(
             StopFigures(
                 pose=pose.name,
                 cycles=len(outcomes),
@@ -125,11 +125,11 @@ def stop_figures(
             )
         )
     text = "stabilization and overshoot need a limit band, and the repeatability is 0: give a band in m (--band)"
-    return tuple(found), [text] if without else []
+    return tuple(stops), [text] if without else []
 
 
 def same_command(one: Pose, other: Pose) -> bool:
-    """Whether two poses are commanded alike."""
+    """Return whether two poses are commanded alike."""
     if np.abs(one.position - other.position).max() > _SAME:
         return False
     if one.rotation is None or other.rotation is None:
@@ -140,7 +140,7 @@ def same_command(one: Pose, other: Pose) -> bool:
 def variation_figures(
     poses: Sequence[Pose], figures: Sequence[PoseFigures]
 ) -> tuple[tuple[VariationFigures, ...], list[str]]:
-    """Variations of the poses that are commanded several times, clause 7.2.3, and notes about their directions."""
+    """Give variations of the poses that are commanded several times, clause 7.2.3, and notes about their directions."""
     groups = list[list[int]]()
     for i, pose in enumerate(poses):
         group = next((group for group in groups if same_command(poses[group[0]], pose)), None)
@@ -148,12 +148,12 @@ def variation_figures(
             groups.append([i])
         else:
             group.append(i)
-    found, notes = [], list[str]()
+    variations, notes = [], list[str]()
     for group in groups:
         if len(group) > 1:
-            found.append(_variation([figures[i] for i in group]))
+            variations.append(_variation([figures[i] for i in group]))
             notes += _directions([poses[i] for i in group])
-    return tuple(found), notes
+    return tuple(variations), notes
 
 
 def _variation(group: Sequence[PoseFigures]) -> VariationFigures:
@@ -186,7 +186,7 @@ def _directions(group: Sequence[Pose]) -> list[str]:
 
 
 def _approach(record: Record) -> Array | None:
-    """Unit vector of the last part of the way to a pose; None where the record has no way."""
+    """Return the unit vector of the end of the way to a pose; None where the record has no way."""
     way = arc(record.position)
     if not way[-1] > 0.0:
         return None

@@ -22,7 +22,7 @@ STANDARD = "ISO 9283:1998"
 
 
 def vector(values: Array) -> Vector:
-    """Three numbers of an array."""
+    """Return three numbers of an array."""
     x, y, z = values.tolist()
     return x, y, z
 
@@ -203,7 +203,7 @@ class AccuracyResult(Plotting, Shown, Tabular, Saved, plot="plot_accuracy"):
     variations: tuple[VariationFigures, ...] = ()
 
     def summary(self) -> dict[str, Any]:
-        """The worst of each figure, as plain numbers in SI units; None where there is none."""
+        """Return the worst of each figure, as plain numbers in SI units; None where there is none."""
         worst = {
             "AP": [item.accuracy for item in self.poses],
             "RP": [item.repeatability for item in self.poses],
@@ -220,22 +220,22 @@ class AccuracyResult(Plotting, Shown, Tabular, Saved, plot="plot_accuracy"):
         return {name: max(values, default=None) for name, values in worst.items()}
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values, for JSON."""
+        """Return plain values, for JSON."""
         return {"standard": STANDARD, "summary": self.summary(), **asdict(self)}
 
     def as_rows(self) -> Rows:
-        """A row per figure by its symbol and what it is of: value and unit, SI."""
-        found = list(self._figures())
+        """Return a row per figure by its symbol and what it is of: value and unit, SI."""
+        figures = list(self._figures())
         columns = [
-            TableColumn("of", "", np.array([of for of, _, _, _ in found], dtype=object)),
-            TableColumn("value", "SI", np.array([value for _, _, value, _ in found], dtype=np.float64)),
-            TableColumn("unit", "", np.array([unit for _, _, _, unit in found], dtype=object)),
+            TableColumn("of", "", np.array([of for of, _, _, _ in figures], dtype=object)),
+            TableColumn("value", "SI", np.array([value for _, _, value, _ in figures], dtype=np.float64)),
+            TableColumn("unit", "", np.array([unit for _, _, _, unit in figures], dtype=object)),
         ]
         about = {"robot": self.robot, "frame": self.frame, "source": self.source}
-        return Rows("figure", "", np.array([symbol for _, symbol, _, _ in found], dtype=object), columns, about)
+        return Rows("figure", "", np.array([symbol for _, symbol, _, _ in figures], dtype=object), columns, about)
 
     def _figures(self) -> Iterator[tuple[str, str, float, str]]:
-        """Every figure: whose it is, symbol, value and unit."""
+        """Yield every figure: whose it is, symbol, value and unit."""
         for pose in self.poses:
             of = f"pose {pose.name}"
             yield of, "AP_p", pose.accuracy, "m"
@@ -273,7 +273,7 @@ class AccuracyResult(Plotting, Shown, Tabular, Saved, plot="plot_accuracy"):
             yield f"pose {stop.pose}", "OV", stop.overshoot, "m"
 
     def lines(self) -> list[str]:
-        """Tables for people: lengths in mm, angles in mrad."""
+        """Return tables for people: lengths in mm, angles in mrad."""
         name = f"{self.robot}, {self.frame}" if self.robot else self.frame
         lines = [f"{name}: accuracy by the definitions of {STANDARD}, {self.source}"]
         lines += [f"  load: {self.load}", f"  rate: {self.rate}", ""]
@@ -282,7 +282,10 @@ class AccuracyResult(Plotting, Shown, Tabular, Saved, plot="plot_accuracy"):
         return lines + [f"note: {text}" for text in self.notes]
 
     def tables(self) -> dict[str, Sequence[tuple[str, ...]]]:
-        """Rows of texts by what they are of, the first with what is in the columns: lengths in mm, angles in mrad."""
+        """Return rows of texts by what they are of, the first with what is in the columns.
+
+        Lengths in mm, angles in mrad.
+        """
         return {
             "Poses": [
                 ("pose", "cycles", "AP mm", "RP mm", "AP a b c mrad", "RP a b c mrad"),
@@ -318,8 +321,8 @@ def _read(file: Contents) -> AccuracyResult:
     values = dict(file.plain)
     if values.pop("standard", None) != STANDARD:
         raise InputError(f"{file.path}: holds no figures of {STANDARD}; allowed: a file that eomgen accuracy wrote")
-    found: AccuracyResult = value_of(AccuracyResult, values, file.path)
-    return found
+    result: AccuracyResult = value_of(AccuracyResult, values, file.path)
+    return result
 
 
 load_accuracy = declare(
@@ -334,7 +337,7 @@ def _by_axis(of: str, symbol: str, values: Vector | None, unit: str = "rad") -> 
 
 
 def _table(rows: Sequence[tuple[str, ...]]) -> list[str]:
-    """Rows as text, their columns under each other; columns without entries are left out."""
+    """Return rows as text, their columns under each other; columns without entries are left out."""
     kept = [i for i in range(len(rows[0])) if any(row[i] for row in rows[1:])]
     widths = [max(len(row[i]) for row in rows) for i in kept]
     return ["  ".join(row[i].rjust(width) for i, width in zip(kept, widths, strict=True)) for row in rows]

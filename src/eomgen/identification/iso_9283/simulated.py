@@ -32,7 +32,7 @@ _CREEPING = 1e-5  # of the greatest step of a program between two samples, below
 def from_simulations(
     results: Sequence[SimulationResult], labels: Sequence[str], frame: str | None = None, source: str = "simulated"
 ) -> Measured:
-    """Poses and paths of results, whose ``labels`` are what messages call them.
+    """Return poses and paths of results, whose ``labels`` are what messages call them.
 
     A pose is where the program of the tool comes to rest after it moved, and where it ends; a path is what lies
     between.  Clause by clause, the tool's place at the end of the rest is what was attained.
@@ -85,7 +85,7 @@ def _check(result: SimulationResult, label: str, frame: str | None) -> None:
 
 
 def _check_same(first: SimulationResult, name: str, result: SimulationResult, label: str) -> None:
-    """InputError where a result is no cycle of the first one's program."""
+    """Raise InputError where a result is no cycle of the first one's program."""
     if result.tool != first.tool:
         raise InputError(f"{label}: looks at {show(result.tool)}, and {name} at {show(first.tool)}{_ALLOWED}")
     ours, theirs = result.trajectory.t, first.trajectory.t
@@ -109,7 +109,10 @@ def _relative(one: Array, other: Array) -> Array:
 
 
 def _rests(program: Array) -> list[tuple[int, int]]:
-    """First and last sample of each rest of the program that follows upon a motion; the last sample always is one."""
+    """Return first and last sample of each rest of the program that follows upon a motion.
+
+    The last sample always is one.
+    """
     steps = np.linalg.norm(np.diff(program[:, :3, 3], axis=0), axis=1)
     turns = np.linalg.norm(vectors_of(_relative(program[:-1], program[1:])), axis=1)
     changes = np.maximum(steps, turns)
@@ -119,17 +122,17 @@ def _rests(program: Array) -> list[tuple[int, int]]:
         return [(0, last)]
     arrivals = np.flatnonzero(moving & ~np.append(moving[1:], False)) + 1
     next_ones = np.append(departures, last)[np.searchsorted(departures, arrivals)]
-    found = list(zip(arrivals.tolist(), next_ones.tolist(), strict=True))
-    return found if found[-1][1] == last else [*found, (last, last)]
+    stays = list(zip(arrivals.tolist(), next_ones.tolist(), strict=True))
+    return stays if stays[-1][1] == last else [*stays, (last, last)]
 
 
 def _record(t: Array, pose: Array, begin: int, end: int) -> Record:
-    part = slice(begin, end + 1)
-    return Record(t[part], pose[part, :3, 3], pose[part, :3, :3])
+    rows = slice(begin, end + 1)
+    return Record(t[rows], pose[rows, :3, 3], pose[rows, :3, :3])
 
 
 def load_of(scenario: Mapping[str, Any]) -> str:
-    """The payloads of a recorded scenario in words."""
+    """Return the payloads of a recorded scenario in words."""
     payloads = scenario.get("payloads", ())
     if not payloads:
         return "the robot as described, no payload"
@@ -182,7 +185,7 @@ def from_plan(
     if len(motions) < 2:
         number, error = next(iter(failed.items()))
         raise InputError(f"{plan.source or 'plan'}: {len(failed)} of {count} samples fail; sample {number}: {error}")
-    found = from_simulations(motions, labels, frame, "samples of a plan")
+    measured = from_simulations(motions, labels, frame, "samples of a plan")
     varied = ", ".join(entry.parameter or f"scenario {entry.scenario}" for entry in plan.vary)
     notes = [
         f"cycles are samples of a plan that varies {varied}: their scatter is that of these numbers,"
@@ -190,4 +193,4 @@ def from_plan(
     ]
     notes += [f"{len(failed)} of {count} samples failed and are left out"] if failed else []
     load = load_of(job.scenario().as_dict())
-    return replace(found, load=load, notes=(*notes, *found.notes))
+    return replace(measured, load=load, notes=(*notes, *measured.notes))

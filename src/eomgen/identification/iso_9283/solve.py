@@ -44,7 +44,7 @@ def accuracy(  # noqa: PLR0913
     rate: str = "",
     progress: Progress | None = None,
 ) -> AccuracyResult:
-    """Accuracy and repeatability by the definitions of ISO 9283:1998.
+    """Return accuracy and repeatability by the definitions of ISO 9283:1998.
 
     Args:
         results: simulations (results, their files or folders), which are cycles of one program; or measured files,
@@ -61,7 +61,7 @@ def accuracy(  # noqa: PLR0913
         progress: called with a fraction from 0 to 1 and a line of text while samples are simulated.
 
     Raises:
-        InputError: what was given does not belong together, or holds too little; with its name.
+        InputError: arguments that do not belong together, or hold too little; with their names.
     """
     if match not in MATCHES:
         raise InputError(f"match: {show(match)}; allowed: {', '.join(MATCHES)}")
@@ -69,14 +69,14 @@ def accuracy(  # noqa: PLR0913
         raise InputError(f"band: {show(band)}; allowed: a length greater than 0, m")
     sampled = (robot, scenario, plan)
     if results and any(item is not None for item in sampled):
-        raise InputError("results are given, and a robot, scenario or plan; allowed: results, or all three of those")
+        raise InputError("results, and a robot, scenario or plan; allowed: results, or all three of those")
     if results:
-        found = _from_results(results, None if command is None else Path(command), frame, rotation)
+        measured = _from_results(results, None if command is None else Path(command), frame, rotation)
     elif robot is not None and scenario is not None and plan is not None:
-        found = from_plan(robot, scenario, plan, frame, progress or no_progress)
+        measured = from_plan(robot, scenario, plan, frame, progress or no_progress)
     else:
-        raise InputError("nothing is given; allowed: results, or a robot, a scenario and a plan")
-    return figures_of(found, match=match, band=band, distances=distances, load=load, rate=rate)
+        raise InputError("no results; allowed: results, or a robot, a scenario and a plan")
+    return figures_of(measured, match=match, band=band, distances=distances, load=load, rate=rate)
 
 
 def _from_results(
@@ -85,7 +85,7 @@ def _from_results(
     paths = [Path(item).resolve() for item in results if not isinstance(item, SimulationResult)]
     twice = [path for path in paths if paths.count(path) > 1]
     if twice:
-        raise InputError(f"{twice[0]}: is given twice; allowed: once, or its cycles would count twice")
+        raise InputError(f"{twice[0]}: stands twice; allowed: once, or its cycles would count twice")
     kinds = [_kind(item) for item in results]
     if len(set(kinds)) > 1:
         i = next(i for i, kind in enumerate(kinds) if kind != kinds[0])
@@ -95,7 +95,7 @@ def _from_results(
     if kinds[0] == "measured":
         return from_files([Path(str(item)) for item in results], command=command, frame=frame, rotation=rotation)
     if command is not None:
-        raise InputError("command: simulations have commands of their own; allowed: with measured files")
+        raise InputError("command: simulations know their commands; allowed: with measured files")
     loaded = [item if isinstance(item, SimulationResult) else load_result(_file(Path(item))) for item in results]
     return from_simulations(loaded, [_label(item, i) for i, item in enumerate(results)], frame)
 
@@ -135,7 +135,7 @@ def _file(path: Path) -> Path:
 
 
 def figures_of(
-    found: Measured,
+    measured: Measured,
     *,
     match: str = "plane",
     band: float | None = None,
@@ -143,35 +143,35 @@ def figures_of(
     load: str = "",
     rate: str = "",
 ) -> AccuracyResult:
-    """All figures of attained poses and paths; arguments and errors as of ``accuracy``."""
-    _check_cycles(found)
-    poses = tuple(pose_figures(pose) for pose in found.poses)
-    paths = tuple(path_figures(path, match) for path in found.paths)
-    variations, directions = variation_figures(found.poses, poses)
-    stops, unsettled = stop_figures(found.poses, poses, band)
-    exactly = ["the simulation repeats itself exactly: RP and RT are 0 and say nothing of the robot"] * found.exact
-    notes = [*_standard(found), *exactly, *found.notes, *_convention(found, match), *_far(poses, paths)]
+    """Return all figures of attained poses and paths; arguments and errors as of ``accuracy``."""
+    _check_cycles(measured)
+    poses = tuple(pose_figures(pose) for pose in measured.poses)
+    paths = tuple(path_figures(path, match) for path in measured.paths)
+    variations, directions = variation_figures(measured.poses, poses)
+    stops, unsettled = stop_figures(measured.poses, poses, band)
+    exactly = ["the simulation repeats itself exactly: RP and RT are 0 and say nothing of the robot"] * measured.exact
+    notes = [*_standard(measured), *exactly, *measured.notes, *_convention(measured, match), *_far(poses, paths)]
     return AccuracyResult(
-        source=found.source,
-        robot=found.robot,
-        frame=found.frame,
-        load=load or found.load or "not stated",
-        rate=rate or found.rate or "not stated",
-        exact=found.exact,
+        source=measured.source,
+        robot=measured.robot,
+        frame=measured.frame,
+        load=load or measured.load or "not stated",
+        rate=rate or measured.rate or "not stated",
+        exact=measured.exact,
         poses=poses,
         paths=paths,
-        distances=distance_figures(found.poses, distances),
+        distances=distance_figures(measured.poses, distances),
         stops=stops,
         variations=variations,
         notes=(*notes, *directions, *unsettled),
     )
 
 
-def _check_cycles(found: Measured) -> None:
-    """InputError where something was done once, though nothing says that it repeats itself."""
-    for kind, items in (("pose", found.poses), ("path", found.paths)):
+def _check_cycles(measured: Measured) -> None:
+    """Raise InputError where something was done once, though nothing says that it repeats itself."""
+    for kind, items in (("pose", measured.poses), ("path", measured.paths)):
         for item in items:
-            if len(item.cycles) < 2 and not found.exact:
+            if len(item.cycles) < 2 and not measured.exact:
                 raise InputError(
                     f"{kind} {item.name}: has one cycle, which says nothing of repeatability; allowed: 2 or more"
                 )
@@ -180,13 +180,13 @@ def _check_cycles(found: Measured) -> None:
 # Notes
 
 
-def _standard(found: Measured) -> list[str]:
+def _standard(measured: Measured) -> list[str]:
     """Say what the standard asks for and is not there: figures then follow its formulas and are not its figures."""
     lacks = []
-    cycles = min((len(pose.cycles) for pose in found.poses), default=CYCLES)
-    if found.poses and (cycles < CYCLES or len(found.poses) < POSES):
-        lacks.append(f"{CYCLES} cycles at {POSES} poses (here {cycles} at {len(found.poses)})")
-    cycles = min((len(path.cycles) for path in found.paths), default=PATH_CYCLES)
+    cycles = min((len(pose.cycles) for pose in measured.poses), default=CYCLES)
+    if measured.poses and (cycles < CYCLES or len(measured.poses) < POSES):
+        lacks.append(f"{CYCLES} cycles at {POSES} poses (here {cycles} at {len(measured.poses)})")
+    cycles = min((len(path.cycles) for path in measured.paths), default=PATH_CYCLES)
     if cycles < PATH_CYCLES:
         lacks.append(f"{PATH_CYCLES} cycles of a path (here {cycles})")
     if not lacks:
@@ -194,11 +194,13 @@ def _standard(found: Measured) -> list[str]:
     return [f"{STANDARD} asks for {' and '.join(lacks)}: the figures follow its formulas and are not those of it"]
 
 
-def _convention(found: Measured, match: str) -> list[str]:
+def _convention(measured: Measured, match: str) -> list[str]:
     notes = []
-    if any(pose.rotation is not None and pose.attained_rotation is not None for pose in found.poses):
-        notes.append("a, b and c: components of the rotation vector from the commanded to the attained axes, base axes")
-    if found.paths:
+    if any(pose.rotation is not None and pose.attained_rotation is not None for pose in measured.poses):
+        notes.append(
+            "a, b and c: components of the rotation vector from the commanded to the attained axes, base frame"
+        )
+    if measured.paths:
         by = "in planes normal to the commanded path" if match == "plane" else "sample by sample"
         notes.append(f"paths are compared {by}")
     return notes

@@ -49,25 +49,25 @@ class FittedCoordinate:
 
 
 def doubts(entry: FittedCoordinate) -> list[str]:
-    """Warnings about a fitted coordinate."""
-    found = []
+    """Return warnings about a fitted coordinate."""
+    doubts = []
     for key in KEYS:
         estimate: Estimate | None = getattr(entry, key)
         if estimate is None:
             continue
         name = component_name(entry.coordinate, key)
         if estimate.low <= 0.0 <= estimate.high:
-            found.append(f"{name}: its interval holds zero, so the motion does not determine it")
+            doubts.append(f"{name}: its interval holds zero, so the motion does not determine it")
         elif estimate.value < 0.0:
-            found.append(f"{name} is negative; is the drive known, and the inertia right?")
+            doubts.append(f"{name} is negative; is the drive known, and the inertia right?")
         elif estimate.unexplained > 0.5:
-            found.append(f"{name}: {100 * estimate.unexplained:.0f} % of the force stays unexplained")
-    return found
+            doubts.append(f"{name}: {100 * estimate.unexplained:.0f} % of the force stays unexplained")
+    return doubts
 
 
 @dataclass(frozen=True)
 class FitResult(Plotting, Shown, Tabular, Saved, plot="plot_fit"):
-    """Fitted coordinates, warnings about what could not be found, and notes about the method."""
+    """Fitted coordinates, warnings about what could not be fitted, and notes about the method."""
 
     robot: str
     confidence: float
@@ -76,7 +76,7 @@ class FitResult(Plotting, Shown, Tabular, Saved, plot="plot_fit"):
     notes: tuple[str, ...]
 
     def __getitem__(self, coordinate: str) -> FittedCoordinate:
-        """The result of one coordinate; UnknownNameError if it was not fitted."""
+        """Return the result of one coordinate; UnknownNameError if it was not fitted."""
         names = [entry.coordinate for entry in self.fitted]
         if coordinate not in names:
             raise UnknownNameError(f"fit: {coordinate!r} was not fitted; fitted: {', '.join(names) or 'none'}")
@@ -85,17 +85,17 @@ class FitResult(Plotting, Shown, Tabular, Saved, plot="plot_fit"):
     @property
     def parameters(self) -> dict[str, float]:
         """Fitted values that a kernel takes, by parameter name: those that are not negative."""
-        found = {}
+        parameters = {}
         for entry in self.fitted:
             for key in KEYS:
                 estimate = getattr(entry, key)
                 if estimate is not None and estimate.value >= 0.0:
-                    found[parameter_name(entry.owner, entry.coordinate, key)] = estimate.value
-        return found
+                    parameters[parameter_name(entry.owner, entry.coordinate, key)] = estimate.value
+        return parameters
 
     def as_rows(self) -> Rows:
-        """A row per parameter that was found: value, standard error, interval, what is described; SI units."""
-        found = {
+        """Return a row per fitted parameter: value, standard error, interval, what is described; SI units."""
+        estimates = {
             parameter_name(entry.coordinate, key): getattr(entry, key)
             for entry in self.fitted
             for key in KEYS
@@ -104,25 +104,27 @@ class FitResult(Plotting, Shown, Tabular, Saved, plot="plot_fit"):
         columns = []
         for field in fields(Estimate):
             unit = {"width": "s", "unexplained": "1"}.get(field.name, "SI")
-            values = np.array([getattr(estimate, field.name) for estimate in found.values()], dtype=np.float64)
+            values = np.array([getattr(estimate, field.name) for estimate in estimates.values()], dtype=np.float64)
             columns.append(TableColumn(field.name, unit, values))
-        return Rows("parameter", "", np.array(list(found), dtype=object), columns, {"robot": self.robot})
+        return Rows("parameter", "", np.array(list(estimates), dtype=object), columns, {"robot": self.robot})
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values, for JSON."""
+        """Return plain values, for JSON."""
         return asdict(self)
 
     def lines(self) -> list[str]:
-        """A table for people."""
+        """Return a table for people."""
         interval = f"{100 * self.confidence:g} % interval"
         lines = [f"{self.robot}: stiffness and damping by least squares", ""]
         lines.append(f"{'parameter':<34}{'value':>12}{'std. error':>12}{interval:>26}{'described':>12}")
         for entry in self.fitted:
             for key in KEYS:
-                found = getattr(entry, key)
-                if found is not None:
-                    span = f"{found.low:.5g} .. {found.high:.5g}"
-                    row = f"{found.value:>12.5g}{found.standard_error:>12.2g}{span:>26}{found.described:>12.5g}"
+                estimate = getattr(entry, key)
+                if estimate is not None:
+                    span = f"{estimate.low:.5g} .. {estimate.high:.5g}"
+                    row = (
+                        f"{estimate.value:>12.5g}{estimate.standard_error:>12.2g}{span:>26}{estimate.described:>12.5g}"
+                    )
                     lines.append(f"{entry.coordinate + '.' + key:<34}{row}")
         lines += ["", *(f"warning: {text}" for text in self.warnings), *(f"note: {text}" for text in self.notes)]
         return lines

@@ -4,9 +4,9 @@ With N a basis of the motions that loops, couplings and unknown drives allow, th
 
     N^T sum_i d_i (a_i s_i + b_i s_i_dot) = N^T y,    y = u - (M q_ddot + bias - Q_G),
 
-is linear in the parameters; d_i = ds_i/dq is a unit vector, or of a cut joint's coordinate its row.  A motion does not
+is linear in the parameters; d_i = ds_i/dq is a unit vector, or of a loop joint's coordinate its row.  A motion does not
 determine what lies in the null space of these columns.  In a tree N is the unit matrix: every coordinate has an
-equation of its own, a s + b s_dot = y, and is fitted by itself.
+equation, a s + b s_dot = y, and is fitted by itself.
 
 Three things keep noise out of the result: all terms pass the same filters, the first of which gives derivatives of
 eighth order of what it returns; the width of the second is, for each parameter, the one with the smallest standard
@@ -42,7 +42,7 @@ from ...robot.model import Model, build_model
 from ...robot.value import MOTOR, PRINCIPAL, Robot
 from ...runtime.kernel import Kernel
 from ...state.springs import cut_numbers, law_numbers
-from ..closing import closed_motion
+from ..closed_motions import closed_motion
 from ..estimating import FIRST, HALF_WIDTHS, SIGNAL, block_count, even_step, least_samples
 from ..relations import refuse_followers
 from .result import KEYS, Estimate, FitResult, FittedCoordinate, doubts
@@ -61,24 +61,24 @@ def fit(
     kernel: Kernel | None = None,
     progress: StageReport | None = None,
 ) -> FitResult:
-    """Stiffness and damping of each coordinate from motion and known drives.
+    """Return stiffness and damping of each coordinate from motion and known drives.
 
     Of deviations both are fitted; without a drive in the motion they have none.  Of principal coordinates, whose drive
     must be known, those that the description gives; transmissions of motors are not fitted.  The motion has samples at
     equal distances in time; what noise there is should be white and independent between coordinates.
 
-    Of robots with loops and couplings those that the description gives are fitted, of cut joints and elastic couplings
+    Of robots with loops and couplings those that the description gives are fitted, of loop joints and elastic couplings
     too, or those that are asked for: all together along what the loops leave free, so that the loops'
     forces need not be known.  A drive that is not in the motion takes its coordinate out of the equations.  There what
     noise adds on average is not taken off.
 
     Args:
         robot: a Robot, the name of a built-in one, or the path of a description.  Masses, geometry,
-            gravity and springs between points count, its coordinates' stiffness and damping do not.
+            gravity and point-to-point springs count, its coordinates' stiffness and damping do not.
         motion: from ``read_motion`` or ``motion_from_columns``, or the path of a file.
         coordinates: names of those to fit; all that can be if empty.
         confidence: of the intervals, between 0 and 1; Student's t over blocks of time.
-        kernel: of that robot, float64, with ``fitting_kernels``; built if not given.
+        kernel: of that robot, float64, with ``fitting_kernels``; built if None.
 
     Raises:
         InputError: the file or an argument cannot be used, samples are too few or not evenly spaced, or they leave a
@@ -114,17 +114,17 @@ def fit(
         able = [half for half in HALF_WIDTHS if len(motion.t) >= least_samples(FIRST + half)]
         solutions = [_solve(system, half, moved.half + half) for half in able]
         for item in system.sought:
-            found: dict[str, Estimate | None] = dict.fromkeys(KEYS)
+            estimates: dict[str, Estimate | None] = dict.fromkeys(KEYS)
             for column in item.columns:
                 place = system.places.index((item, column))
                 best = min(solutions, key=lambda one: float(one.variances[place]))
                 if np.isfinite(best.values[place]):
                     before = described.get(item.parameter(column)) or 0.0
-                    found[KEYS[column]] = _estimate(best, place, confidence, before, step)
+                    estimates[KEYS[column]] = _estimate(best, place, confidence, before, step)
                 elif system.noise is None:
                     open_names.append(component_name(item.name, KEYS[column]))
-            if any(found.values()):
-                entry = FittedCoordinate(item.name, **found, noise=noise.get(item.name, 0.0), owner=item.owner)
+            if any(estimates.values()):
+                entry = FittedCoordinate(item.name, **estimates, noise=noise.get(item.name, 0.0), owner=item.owner)
                 warnings += doubts(entry)
                 fitted.append(entry)
             elif system.noise is not None:
@@ -138,14 +138,14 @@ def fit(
 
 
 def fitting_kernels(robot: Robot) -> tuple[str, ...]:
-    """Names of the kernels that a fit calls."""
+    """Return names of the kernels that a fit calls."""
     laws = ("cut_forces", "cut_jacobian") if robot.is_closed and build_model(robot).cut_laws else ()
     return ("inverse_dynamics", *dict.fromkeys(("mass_matrix", *mechanism_kernels(robot), *laws)))
 
 
 @dataclass(frozen=True)
 class _Sought:
-    """A coordinate whose parameters are looked for: of a joint, a cut joint or an elastic coupling.
+    """A coordinate whose parameters are looked for: of a joint, a loop joint or an elastic coupling.
 
     owner: "joints", "loops" or "couplings".  columns: places in KEYS.
     """
@@ -188,10 +188,10 @@ class _Noise:
     is_derived: bool
 
     def behind(self, wide: Array) -> tuple[Array, Array]:
-        """Average share of it in squares of s and s_dot, and in their products with y, (2,) each, behind a bell."""
+        """Return its average share in squares of s and s_dot, and in their products with y, (2,) each, filtered."""
         both = np.stack([np.convolve(row, wide) for row in self.weights])
         square = self.sigma**2 * (both @ both.T)
-        if not self.is_derived:  # with rates or accelerations of their own, the noise of q is in no other term
+        if not self.is_derived:  # with measured rates or accelerations, the noise of q is in no other term
             return np.array([square[0, 0], 0.0]), np.zeros(2)
         return np.array([square[0, 0], square[1, 1]]), np.array([-self.inertia * square[0, 2], 0.0])
 
@@ -223,7 +223,7 @@ class _Solution:
 
 
 def _moved(kernel: Kernel, model: Model, motion: MeasuredMotion, step: float) -> _Moved:
-    """The motion with its loops closed; rates and accelerations of a file are taken as they are, or derived.
+    """Return the motion with its loops closed; rates and accelerations of a file are taken as they are, or derived.
 
     The narrowest filter gives the derivatives, so that it hardly bends what is not linear in the motion.  Of a tree it
     is in front of all that a file has.
@@ -250,7 +250,7 @@ def _moved(kernel: Kernel, model: Model, motion: MeasuredMotion, step: float) ->
 def _sought(
     model: Model, kernel: Kernel, motion: MeasuredMotion, asked: Sequence[str], following: Sequence[str]
 ) -> tuple[list[_Sought], list[str]]:
-    """Coordinates to fit, and warnings about those that cannot be.
+    """Return coordinates to fit, and warnings about those that cannot be.
 
     Of a tree's deviations both parameters are fitted; elsewhere those that are described, or asked for.
     """
@@ -259,21 +259,21 @@ def _sought(
         if name not in known:
             raise UnknownNameError(f"coordinates: {name!r} is unknown{nearest(name, known)}")
     driven = [kernel.coordinates[i] for i in model.driven]
-    found, warnings = [], []
+    sought, warnings = [], []
     for name in asked or known:
         owner = "joints" if name in kernel.coordinates else "loops" if "." in name else "couplings"
-        given = [c for c, key in enumerate(KEYS) if numbers.get(parameter_name(owner, name, key)) is not None]
+        described = [c for c, key in enumerate(KEYS) if numbers.get(parameter_name(owner, name, key)) is not None]
         if model.robot.is_closed:
-            columns = tuple(given) or ((0, 1) if asked else ())
+            columns = tuple(described) or ((0, 1) if asked else ())
             reason = _reason(model.robot, kernel, motion, name, following, driven) if columns else ""
         else:
-            columns = tuple(given) if _is_principal(model.robot, name) else (0, 1)
+            columns = tuple(described) if _is_principal(model.robot, name) else (0, 1)
             reason, columns = _reason_in_tree(model.robot, motion, name, columns, is_asked=bool(asked))
         if reason:
             warnings.append(f"{name} {reason}")
         elif columns:
-            found.append(_Sought(owner, name, columns))
-    return found, warnings
+            sought.append(_Sought(owner, name, columns))
+    return sought, warnings
 
 
 def _is_principal(robot: Robot, name: str) -> bool:
@@ -282,10 +282,10 @@ def _is_principal(robot: Robot, name: str) -> bool:
 
 
 def _is_transmitted(robot: Robot, name: str) -> bool:
-    """Whether a coordinate hangs on the transmission between a motor and its joint."""
+    """Return whether a coordinate hangs on the transmission between a motor and its joint."""
     joint, short = split_component(name)
-    part = robot.joint(joint)
-    return part.motor is not None and short in (MOTOR, PRINCIPAL[part.type])
+    moved = robot.joint(joint)
+    return moved.motor is not None and short in (MOTOR, PRINCIPAL[moved.type])
 
 
 _TRANSMITTED = "hangs on a transmission between motor and joint, which is not fitted"
@@ -326,13 +326,13 @@ def _reason(
 
 
 def _moves(kernel: Kernel, moved: _Moved, item: _Sought, noise: dict[str, float]) -> bool:
-    """Whether a coordinate moves more than its noise does."""
+    """Return whether a coordinate moves more than its noise does."""
     s, _, _ = _deviation(kernel, moved, item)
     return bool(np.mean(s**2) > (1.0 + SIGNAL) * noise.get(item.name, 0.0) ** 2 + 1e-30)
 
 
 def _deviation(kernel: Kernel, moved: _Moved, item: _Sought) -> tuple[Array, Array, Array]:
-    """Deviation and rate of a coordinate, (T,) each, and its derivatives by all coordinates, (T, n)."""
+    """Return deviation and rate of a coordinate, (T,) each, and its derivatives by all coordinates, (T, n)."""
     if item.owner == "joints":
         i = kernel.coordinates.index(item.name)
         return moved.q[:, i], moved.v[:, i], np.broadcast_to(np.eye(kernel.n)[i], moved.q.shape)
@@ -344,7 +344,7 @@ def _deviation(kernel: Kernel, moved: _Moved, item: _Sought) -> tuple[Array, Arr
 def _alone(
     kernel: Kernel, motion: MeasuredMotion, moved: _Moved, sought: Sequence[_Sought], noise: dict[str, float]
 ) -> Iterator[_System]:
-    """The equation of every coordinate of a tree by itself."""
+    """Yield the equation of every coordinate of a tree by itself."""
     y = moved.u - np.asarray(kernel.inverse_dynamics(moved.q, moved.v, moved.a))
     inertia = np.diagonal(kernel.mass_matrix(moved.q), axis1=1, axis2=2).mean(axis=0)
     numbers = law_numbers(kernel)
@@ -352,15 +352,15 @@ def _alone(
         i = kernel.coordinates.index(item.name)
         columns = np.stack([moved.q[:, i], moved.v[:, i]], axis=1)
         right = y[:, i] + columns @ np.array([numbers[item.name].get(key, 0.0) for key in KEYS])
-        own = _Noise(noise[item.name], moved.weights, float(inertia[i]), motion.v is None)
+        measured = _Noise(noise[item.name], moved.weights, float(inertia[i]), motion.v is None)
         places = tuple((item, column) for column in range(len(KEYS)))
-        yield _System((item,), places, columns[:, np.newaxis], right[:, np.newaxis], own)
+        yield _System((item,), places, columns[:, np.newaxis], right[:, np.newaxis], measured)
 
 
 def _together(
     kernel: Kernel, model: Model, motion: MeasuredMotion, moved: _Moved, sought: Sequence[_Sought]
 ) -> _System:
-    """The equations of all coordinates of a mechanism, along the motions that are left to it."""
+    """Return the equations of all coordinates of a mechanism, along the motions that are left to it."""
     places = tuple((item, column) for item in sought for column in item.columns)
     N = _ways(kernel, model, motion, moved)
     y = moved.u - np.asarray(kernel.inverse_dynamics(moved.q, moved.v, moved.a, cut=True))
@@ -375,7 +375,9 @@ def _together(
 
 
 def _ways(kernel: Kernel, model: Model, motion: MeasuredMotion, moved: _Moved) -> Array:
-    """Motions along which neither loops, couplings nor unknown drives do work, (T, n, f); lengths by kinetic energy.
+    """Return motions along which neither loops, couplings nor unknown drives do work, (T, n, f).
+
+    Lengths by kinetic energy.
 
     The null space's projector is smooth over time; it is seen from the directions that it has most of on average.
 
@@ -403,7 +405,7 @@ def _ways(kernel: Kernel, model: Model, motion: MeasuredMotion, moved: _Moved) -
 
 
 def _solve(system: _System, half: int, width: int) -> _Solution:
-    """Least squares behind a bell of that half width; variances are the jackknife's over blocks of time.
+    """Return least squares behind a bell of that half width; variances are the jackknife's over blocks of time.
 
     width: half width of all filters together, samples.
     """
@@ -443,7 +445,7 @@ def _solve(system: _System, half: int, width: int) -> _Solution:
 
 
 def _estimate(solution: _Solution, place: int, confidence: float, described: float, step: float) -> Estimate:
-    """A parameter with its interval, by Student's t."""
+    """Return a parameter with its interval, by Student's t."""
     with optional_import("SciPy", "fit needs"):
         from scipy.stats import t as student
     quantile = float(student.ppf(0.5 + confidence / 2, solution.freedoms))

@@ -3,7 +3,7 @@
     least sum of c_i (1 / x_i - 1)    with sum_i A_pi x_i^2 <= V_p at every pose p    and x_i <= 1
 
 x_i is a tolerance over what it was.  In z = x^2 the problem is convex: z_i = min(1, (c_i / (2 (A^T m)_i))^(2/3)) for
-multipliers m of the poses, which are found by scaling each with what its pose is off.
+multipliers m of the poses, which are iterated by scaling each with its pose's excess.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Allocation(Shown):
 
     Attributes:
         accuracy: wanted radius of position, m; confidence: probability of being within.
-        names, units: of the K quantities.
+        names, units: of the K parameters.
         before, after: their deviations or bounds, whichever the table has, (K,).
         factors: after / before, (K,); 1 of what stays.
         radius_before, radius: the greatest of all poses, m.
@@ -60,12 +60,12 @@ class Allocation(Shown):
         return tuple(self.names[k] for k in order if self.factors[k] < 1.0 - _SHOWN_FROM)
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values, for JSON."""
+        """Return plain values, for JSON."""
         return {**plain_fields(self), "tightened": list(self.tightened)}
 
     def lines(self) -> list[str]:
-        """A table of what is tightened."""
-        share = f"{100 * self.confidence:g} % within"
+        """Return a table of what is tightened."""
+        share = f"{100 * self.confidence:g} % coverage radius"
         head = f"{share} {1e3 * self.radius:.4g} mm instead of {1e3 * self.radius_before:.4g} mm"
         if not self.tightened:
             return [f"{head}: nothing has to be tightened for {1e3 * self.accuracy:.4g} mm"]
@@ -87,7 +87,7 @@ def allocated(
     accuracy: float,
     confidence: float,
 ) -> Allocation:
-    """The allocation; scaled: sensitivities of position times standard deviations, (N, 3, K).
+    """Return the allocation; scaled: sensitivities of position times standard deviations, (N, 3, K).
 
     Raises:
         InputError: the accuracy is no positive number, or what is fixed alone makes it impossible.
@@ -117,12 +117,12 @@ def allocated(
 
 
 def _radii(scaled: Array, x: Array, confidence: float) -> Array:
-    part = scaled * x
-    return radii(part @ part.transpose(0, 2, 1), confidence)
+    deviations = scaled * x
+    return radii(deviations @ deviations.transpose(0, 2, 1), confidence)
 
 
 def _tightened(scaled: Array, costs: Array, fixed: Mask, accuracy: float, confidence: float) -> Array:
-    """Factors, (K,): the radius is that of the trace times a ratio, which is corrected until it stays."""
+    """Return factors, (K,): the radius is that of the trace times a ratio, which is corrected until it stays."""
     A = (scaled**2).sum(axis=1)  # (N, K)
     x = np.ones(len(costs))
     m = np.ones(len(A))
@@ -136,7 +136,7 @@ def _tightened(scaled: Array, costs: Array, fixed: Mask, accuracy: float, confid
         if np.abs(x - last).max() < 1e-7:
             break
 
-    def part(share: float) -> Array:
+    def scaled_by(share: float) -> Array:
         return np.where(fixed, 1.0, x * share)
 
     low, high = 0.0, 1.0  # what round-off and the last change of the ratio leave
@@ -144,33 +144,33 @@ def _tightened(scaled: Array, costs: Array, fixed: Mask, accuracy: float, confid
         return x
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
-        if _radii(scaled, part(middle), confidence).max() <= accuracy:
+        if _radii(scaled, scaled_by(middle), confidence).max() <= accuracy:
             low = middle
         else:
             high = middle
-    return part(low)
+    return scaled_by(low)
 
 
 def least(A: Array, V: Array, costs: Array, fixed: Mask, m: Array) -> tuple[Array, Array]:
-    """Squares of the factors, (K,), and multipliers, (N,), beginning with those given.
+    """Return squares of the factors, (K,), and multipliers, (N,), beginning with these.
 
-    A: variances by pose and quantity, (N, K).  V: those that are allowed, (N,); inf where all are.
+    A: variances by pose and parameter, (N, K).  V: those that are allowed, (N,); inf where all are.
     """
     bound = np.flatnonzero(np.isfinite(V))
-    part = A[bound] / V[bound, np.newaxis]
-    room = np.maximum(1.0 - part[:, fixed].sum(axis=1), 1e-6)
-    part = np.where(fixed, 0.0, part) / room[:, np.newaxis]
+    ratios = A[bound] / V[bound, np.newaxis]
+    room = np.maximum(1.0 - ratios[:, fixed].sum(axis=1), 1e-6)
+    ratios = np.where(fixed, 0.0, ratios) / room[:, np.newaxis]
     some = np.maximum(m[bound], 1e-12)
     z = np.ones(len(costs))
     for _ in range(_STEPS):
-        slope = part.T @ some
+        slope = ratios.T @ some
         with np.errstate(divide="ignore"):
             z = np.where(slope > 0.0, np.minimum(1.0, (0.5 * costs / np.maximum(slope, 1e-300)) ** (2.0 / 3.0)), 1.0)
-        use = part @ z
+        use = ratios @ z
         is_done = use.max() < 1.0 + _CLOSE and float(some @ np.abs(1.0 - use)) < _CLOSE * float(some.sum())
         if is_done:
             break
         some = np.maximum(some * use**_POWER, 1e-30)
-    found = m.copy()
-    found[bound] = some
-    return z, found
+    multipliers = m.copy()
+    multipliers[bound] = some
+    return z, multipliers

@@ -1,4 +1,4 @@
-"""Subjects of tolerances, as directions in the quantities of the error model; the exact model of all of them.
+"""Subjects of tolerances, as directions in the parameters of the error model; the exact model of all of them.
 
 x = nominal + D y    but 1 / (k + y) of a stiffness    where y are deviations of what the table names
 """
@@ -14,8 +14,17 @@ from ...arrays import Array, Index
 from ...names import parameter_name
 from ...robot.coordinates import UNITS
 from ...robot.value import COORDINATES, Robot
-from ..geometry.closing import Closing
-from ..geometry.error_model import COMPLIANCE, DRIVE, JOINTS, ErrorModel, Quantity, Rows, compliances_of, quantities_of
+from ..geometry.error_model import (
+    COMPLIANCE,
+    DRIVE,
+    JOINTS,
+    ErrorModel,
+    ErrorParameter,
+    Rows,
+    compliances_of,
+    model_parameters,
+)
+from ..geometry.loop_constraints import LoopConstraints
 from ..geometry.rotations import vectors_of
 from ..geometry.stations import Chain, Station
 
@@ -24,10 +33,10 @@ CHUNK = 20_000  # rows that are evaluated at once: 150 MB of a six-axis arm
 
 @dataclass(frozen=True)
 class Contribution:
-    """One quantity that a table may name.
+    """One parameter that a table may name.
 
-    described: what the description says, in its unit; None where that is no number of its own.
-    parts: indices of quantities of the error model, and by how much each moves per unit; of a stiffness the index of
+    described: what the description says, in its unit; None where that is no number.
+    parts: indices of parameters of the error model, and by how much each moves per unit; of a stiffness the index of
         its compliance.
     """
 
@@ -38,18 +47,18 @@ class Contribution:
     is_stiffness: bool = False
 
 
-def model_of(robot: Robot, chain: Chain, closing: Closing | None) -> ErrorModel:
-    """The error model with everything that can be off: placements, offsets, compliances, terms of drives."""
+def model_of(robot: Robot, chain: Chain, closing: LoopConstraints | None) -> ErrorModel:
+    """Return the error model with everything that can be off: placements, offsets, compliances, terms of drives."""
     known = dict.fromkeys(chain.tools, True)
-    quantities = list(quantities_of(robot, chain, [0], known))
+    parameters = list(model_parameters(robot, chain, [0], known))
     if closing is None:
-        quantities += compliances_of(chain)
-    quantities += _drives(chain)
-    return ErrorModel(robot, chain, tuple(quantities), {0: np.eye(4)}, closing)
+        parameters += compliances_of(chain)
+    parameters += _drives(chain)
+    return ErrorModel(robot, chain, tuple(parameters), {0: np.eye(4)}, closing)
 
 
-def _drives(chain: Chain) -> Iterator[Quantity]:
-    """Gain of every principal coordinate, eccentricity of those that turn."""
+def _drives(chain: Chain) -> Iterator[ErrorParameter]:
+    """Yield the gain of every principal coordinate, eccentricity of those that turn."""
     for k, station in enumerate(chain.stations):
         c = station.principal
         if c is None:
@@ -57,26 +66,26 @@ def _drives(chain: Chain) -> Iterator[Quantity]:
         terms = [("gain", "gain")]
         terms += [("eccentricity.cos", "cos"), ("eccentricity.sin", "sin")] if c >= 3 else []
         for key, factor in terms:
-            yield Quantity(parameter_name(JOINTS, station.name, key), DRIVE, k, c, factor, 0.0, 1.0)
+            yield ErrorParameter(parameter_name(JOINTS, station.name, key), DRIVE, k, c, factor, 0.0, 1.0)
 
 
 def contributions_of(model: ErrorModel) -> dict[str, Contribution]:
-    """Everything that a table may name, by name."""
-    found = [_own(i, quantity) for i, quantity in enumerate(model.quantities)]
-    index = {quantity.name: i for i, quantity in enumerate(model.quantities)}
+    """Return everything that a table may name, by name."""
+    contributions = [_own(i, parameter) for i, parameter in enumerate(model.parameters)]
+    index = {parameter.name: i for i, parameter in enumerate(model.parameters)}
     for station in model.chain.stations:
-        found += _of_joint(station, index)
-    return {one.name: one for one in found}
+        contributions += _of_joint(station, index)
+    return {one.name: one for one in contributions}
 
 
-def _own(i: int, quantity: Quantity) -> Contribution:
-    if quantity.kind == COMPLIANCE:
-        return Contribution(quantity.name, quantity.unit, 1.0 / quantity.nominal, ((i, 1.0),), True)
-    return Contribution(quantity.name, quantity.unit, quantity.nominal, ((i, 1.0),))
+def _own(i: int, parameter: ErrorParameter) -> Contribution:
+    if parameter.kind == COMPLIANCE:
+        return Contribution(parameter.name, parameter.unit, 1.0 / parameter.nominal, ((i, 1.0),), True)
+    return Contribution(parameter.name, parameter.unit, parameter.nominal, ((i, 1.0),))
 
 
 def _of_joint(station: Station, index: Mapping[str, int]) -> Iterator[Contribution]:
-    """A joint's placement along the axes of its parent, its length, and its clearances."""
+    """Yield a joint's placement along the axes of its parent, its length, and its clearances."""
     joint = station.joint
     if joint is None or station.principal is None:
         return
@@ -91,8 +100,8 @@ def _of_joint(station: Station, index: Mapping[str, int]) -> Iterator[Contributi
         parts = tuple(zip(offsets[:3], (turn.T @ along).tolist(), strict=True))
         yield Contribution(parameter_name(JOINTS, joint.name, key), "m", float(described), parts)
     for c, kind in enumerate(COORDINATES):
-        given = joint.coordinates.get(kind)
-        described = None if given is None else given.clearance
+        coordinate = joint.coordinates.get(kind)
+        described = None if coordinate is None else coordinate.clearance
         name = parameter_name(JOINTS, joint.name, kind, "clearance")
         yield Contribution(name, UNITS[kind], described, ((offsets[c], 1.0),))
 
@@ -112,10 +121,10 @@ class Exact:
     @property
     def is_soft(self) -> bool:
         """Whether loads deflect the robot."""
-        return any(quantity.kind == COMPLIANCE for quantity in self.model.quantities)
+        return any(parameter.kind == COMPLIANCE for parameter in self.model.parameters)
 
     def values(self, y: Array) -> Array:
-        """Values of the error model's quantities, (P, M), of deviations of the contributions, (K, M)."""
+        """Return values of the error model's parameters, (P, M), of deviations of the contributions, (K, M)."""
         x = np.repeat(self.model.nominal[:, np.newaxis], y.shape[1], axis=1)
         for one, off in zip(self.contributions, y, strict=True):
             for i, factor in one.parts:
@@ -123,16 +132,19 @@ class Exact:
         return x
 
     def poses(self, y: Array, chosen: Index) -> tuple[Array, Array]:
-        """Rotation (M, 3, 3) and position (M, 3), m, of the tool, with deviations (K, M), at the poses ``chosen``."""
+        """Return rotation (M, 3, 3) and position (M, 3), m, of the tool, with deviations (K, M), at poses chosen."""
         R, p = np.empty((len(chosen), 3, 3)), np.empty((len(chosen), 3))
         for first in range(0, len(chosen), CHUNK):
-            part = slice(first, first + CHUNK)
-            found = self.model.at(self.values(y[:, part]), self.rows.part(chosen[part])).found
-            R[part], p[part] = found.R[self.tool], found.p[self.tool]
+            chunk = slice(first, first + CHUNK)
+            located = self.model.at(self.values(y[:, chunk]), self.rows.part(chosen[chunk])).located
+            R[chunk], p[chunk] = located.R[self.tool], located.p[self.tool]
         return R, p
 
     def motions(self, y: Array, chosen: Index) -> Array:
-        """Displacement (m) and rotation vector (rad) of the tool, (M, 6), base axes; arguments as of ``poses``."""
+        """Return the displacement (m) and rotation vector (rad) of the tool, (M, 6), base frame.
+
+        Arguments as of ``poses``.
+        """
         which, places = np.unique(chosen, return_inverse=True)
         R0, p0 = self.poses(np.zeros((len(self.contributions), len(which))), which)
         R, p = self.poses(y, chosen)
@@ -140,7 +152,7 @@ class Exact:
         return np.hstack([p - p0[places], turn])
 
     def sensitivities(self, sizes: Array) -> Array:
-        """Motion of the tool per unit of every contribution, (N, 6, K), m and rad.
+        """Return the motion of the tool per unit of every contribution, (N, 6, K), m and rad.
 
         Exact where nothing is elastic; else by central differences over a hundredth of the sizes, (K,), because what is
         off moves loads, too.
@@ -148,15 +160,15 @@ class Exact:
         count, many = len(self.contributions), len(self.rows.series)
         if not self.is_soft:
             by_quantity = self.model.at(self.model.nominal, self.rows).sensitivities(self.tool)
-            D = np.zeros((len(self.model.quantities), count))
+            D = np.zeros((len(self.model.parameters), count))
             for k, one in enumerate(self.contributions):
                 for i, factor in one.parts:
                     D[i, k] += factor
             return np.asarray(by_quantity @ D)
-        found = np.empty((many, 6, count))
+        sensitivities = np.empty((many, 6, count))
         everywhere = np.arange(many)
         for k in range(count):
             y = np.zeros((count, many))
             y[k] = step = 1e-2 * sizes[k] if sizes[k] > 0.0 else 1e-6 * (self.contributions[k].described or 1.0)
-            found[:, :, k] = (self.motions(y, everywhere) - self.motions(-y, everywhere)) / (2.0 * step)
-        return found
+            sensitivities[:, :, k] = (self.motions(y, everywhere) - self.motions(-y, everywhere)) / (2.0 * step)
+        return sensitivities

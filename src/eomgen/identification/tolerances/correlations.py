@@ -20,21 +20,21 @@ _SHOWN = 0.1  # of the greatest component of an eigenvector: names that a refusa
 
 
 def read_correlations(table: Table) -> Array:
-    """Coefficients of correlation of a table's K quantities, (K, K), symmetric with ones on the diagonal.
+    """Return coefficients of correlation of a table's K parameters, (K, K), symmetric with ones on the diagonal.
 
     Entries whose names are all written out go before those with "*".
 
     Raises:
-        DescriptionError: an entry with its place in the file, what came and what is allowed; a bounded quantity; a pair
-            that is given twice; coefficients that no quantities can have together, with the names.
+        DescriptionError: an entry with its place in the file, what came and what is allowed; a bounded parameter; a
+            pair that stands twice; coefficients that no parameters can have together, with the names.
     """
     count = len(table.entries)
-    found, ranks = np.eye(count), np.zeros((count, count), dtype=np.intp)
-    given = table.correlations
-    if not isinstance(given, (list, tuple)):
-        message = f"{show(given)}; allowed: tables [[{CORRELATIONS}]] with names and coefficient or matrix"
+    correlation, ranks = np.eye(count), np.zeros((count, count), dtype=np.intp)
+    tables = table.correlations
+    if not isinstance(tables, (list, tuple)):
+        message = f"{show(tables)}; allowed: tables [[{CORRELATIONS}]] with names and coefficient or matrix"
         raise table.refused((CORRELATIONS,), CORRELATIONS, message)
-    for i, entry in enumerate(given):
+    for i, entry in enumerate(tables):
         chosen, block, rank = _read(table, i, entry)
         at = np.ix_(chosen, chosen)
         twice = np.argwhere(np.triu(ranks[at] == rank, 1))
@@ -42,17 +42,17 @@ def read_correlations(table: Table) -> Array:
             names = listed(table.entries[chosen[k]].name for k in twice[0])
             raise _refusal(table, i, "names", f"{names} are correlated twice; allowed: once")
         is_set = ~np.eye(len(chosen), dtype=bool) & (ranks[at] < rank)
-        found[at] = np.where(is_set, block, found[at])
+        correlation[at] = np.where(is_set, block, correlation[at])
         ranks[at] = np.where(is_set, rank, ranks[at])
-    _check_together(table, found)
-    return found
+    _check_together(table, correlation)
+    return correlation
 
 
 def groups_of(correlation: Array) -> list[Index]:
-    """Indices of quantities that are correlated with each other, directly or by others, by groups of at least two."""
+    """Return indices of tolerances that are correlated, directly or by others, by groups of at least two."""
     linked = correlation != 0.0
     left = set(np.flatnonzero(linked.sum(axis=1) > 1).tolist())
-    found = []
+    groups = []
     while left:
         group: set[int] = set()
         new = {min(left)}
@@ -60,22 +60,25 @@ def groups_of(correlation: Array) -> list[Index]:
             group |= new
             new = set(np.flatnonzero(linked[sorted(new)].any(axis=0)).tolist()) - group
         left -= group
-        found.append(np.array(sorted(group), dtype=np.intp))
-    return found
+        groups.append(np.array(sorted(group), dtype=np.intp))
+    return groups
 
 
 def root_of(correlation: Array) -> Array:
-    """A matrix L, (K, K), with L L^T the correlation, (K, K); of what is not correlated its part is that of ones."""
-    found = np.eye(len(correlation))
+    """Return a matrix L, (K, K), with L L^T the correlation, (K, K).
+
+    Its rows are those of the identity where nothing is correlated.
+    """
+    root = np.eye(len(correlation))
     for group in groups_of(correlation):
         at = np.ix_(group, group)
         values, axes = np.linalg.eigh(correlation[at])
-        found[at] = axes * np.sqrt(np.where(values > _LEAST * len(group), values, 0.0))
-    return found
+        root[at] = axes * np.sqrt(np.where(values > _LEAST * len(group), values, 0.0))
+    return root
 
 
 def plain_correlations(names: Sequence[str], correlation: Array) -> list[dict[str, Any]]:
-    """Entries that a table has the correlation, (K, K), of K names by: names and a matrix of every group."""
+    """Return entries that a table has the correlation, (K, K), of K names by: names and a matrix of every group."""
     return [
         {"names": [names[k] for k in group], "matrix": correlation[np.ix_(group, group)].tolist()}
         for group in groups_of(correlation)
@@ -83,7 +86,10 @@ def plain_correlations(names: Sequence[str], correlation: Array) -> list[dict[st
 
 
 def _read(table: Table, i: int, entry: Any) -> tuple[list[int], Array, int]:
-    """Indices of an entry's quantities, their coefficients, and its rank: 2 where all names are written out, else 1."""
+    """Return indices of an entry's parameters, their coefficients, and its rank.
+
+    2 where all names are written out, else 1.
+    """
     if not isinstance(entry, Mapping):
         raise _refusal(table, i, "", f"{show(entry)}; allowed: a table with names and coefficient or matrix")
     for key in entry:
@@ -106,13 +112,13 @@ def _read(table: Table, i: int, entry: Any) -> tuple[list[int], Array, int]:
 
 
 def _chosen(table: Table, i: int, names: Any) -> tuple[list[int], bool]:
-    """Indices of the quantities that names mean, in their order, and whether one of the names is a pattern."""
+    """Return indices of the parameters that names mean, in their order, and whether one of the names is a pattern."""
     is_list = isinstance(names, (list, tuple)) and all(isinstance(name, str) for name in names)
     if not is_list or not 0 < len(names) <= MOST:
         raise _refusal(table, i, "names", f"{show(names)}; allowed: an array of up to {MOST} names of the table")
     known = [entry.name for entry in table.entries]
     index = {name: k for k, name in enumerate(known)}
-    found: list[int] = []
+    places: list[int] = []
     for name in names:
         ones = meant(name, known)
         if not ones:
@@ -120,19 +126,22 @@ def _chosen(table: Table, i: int, names: Any) -> tuple[list[int], bool]:
             raise _refusal(table, i, "names", message)
         for one in ones:
             if table.entries[index[one]].bound is not None:
-                message = f"{show(one)} is even within a bound; allowed: quantities with a deviation, which are normal"
+                message = (
+                    f"{show(one)} is uniformly distributed within a bound; allowed: parameters with a deviation,"
+                    " which are normal"
+                )
                 raise _refusal(table, i, "names", message)
-            if index[one] in found:
+            if index[one] in places:
                 raise _refusal(table, i, "names", f"{show(one)} is there twice; allowed: once")
-            found.append(index[one])
-    if len(found) < 2:
-        raise _refusal(table, i, "names", f"{show(known[found[0]])} is alone; allowed: at least two quantities")
-    return found, any("*" in name for name in names)
+            places.append(index[one])
+    if len(places) < 2:
+        raise _refusal(table, i, "names", f"{show(known[places[0]])} is alone; allowed: at least two parameters")
+    return places, any("*" in name for name in names)
 
 
-def _matrix(table: Table, i: int, given: Any, count: int) -> Array:
-    """Coefficients of an entry's matrix, (count, count)."""
-    rows = given.tolist() if isinstance(given, np.ndarray) else given
+def _matrix(table: Table, i: int, entry: Any, count: int) -> Array:
+    """Return coefficients of an entry's matrix, (count, count)."""
+    rows = entry.tolist() if isinstance(entry, np.ndarray) else entry
     is_square = (
         isinstance(rows, (list, tuple))
         and len(rows) == count
@@ -140,24 +149,24 @@ def _matrix(table: Table, i: int, given: Any, count: int) -> Array:
     )
     if not is_square:
         raise _refusal(
-            table, i, "matrix", f"{show(given)}; allowed: {count} rows of {count} numbers, as there are names"
+            table, i, "matrix", f"{show(entry)}; allowed: {count} rows of {count} numbers, as there are names"
         )
     for j, row in enumerate(rows):
         for k, value in enumerate(row):
             if not _is_coefficient(value):
                 raise _refusal(table, i, "matrix", f"row {j}, column {k}: {show(value)}; allowed: {_NUMBER}")
-    found = np.array(rows, dtype=np.float64)
+    matrix = np.array(rows, dtype=np.float64)
     for j in range(count):
-        if abs(found[j, j] - 1.0) > _ROUND:
-            raise _refusal(table, i, "matrix", f"row {j}, column {j}: {found[j, j]:g}; allowed: 1 on the diagonal")
-    apart = np.argwhere(np.abs(found - found.T) > _ROUND)
+        if abs(matrix[j, j] - 1.0) > _ROUND:
+            raise _refusal(table, i, "matrix", f"row {j}, column {j}: {matrix[j, j]:g}; allowed: 1 on the diagonal")
+    apart = np.argwhere(np.abs(matrix - matrix.T) > _ROUND)
     if len(apart):
         j, k = apart[0].tolist()
         got = f"row {j}, column {k}: {show(rows[j][k])}, but {show(rows[k][j])} the other way"
         raise _refusal(table, i, "matrix", f"{got}; allowed: symmetric matrices")
-    found = np.clip(0.5 * (found + found.T), -1.0, 1.0)
-    np.fill_diagonal(found, 1.0)
-    return np.asarray(found)
+    matrix = np.clip(0.5 * (matrix + matrix.T), -1.0, 1.0)
+    np.fill_diagonal(matrix, 1.0)
+    return np.asarray(matrix)
 
 
 def _is_coefficient(value: Any) -> bool:
@@ -165,7 +174,7 @@ def _is_coefficient(value: Any) -> bool:
 
 
 def _check_together(table: Table, correlation: Array) -> None:
-    """Refuse coefficients with which a sum of quantities would have a negative variance."""
+    """Refuse coefficients with which a sum of parameters would have a negative variance."""
     for group in groups_of(correlation):
         values, axes = np.linalg.eigh(correlation[np.ix_(group, group)])
         if values[0] < -_LEAST * len(group):
@@ -180,6 +189,6 @@ def _check_together(table: Table, correlation: Array) -> None:
 
 
 def _refusal(table: Table, i: int, key: str, message: str) -> DescriptionError:
-    """The error of an entry, or of a key of it, with its line in the file."""
+    """Return the error of an entry, or of a key of it, with its line in the file."""
     keys: Sequence[str] = (CORRELATIONS, str(i), *((key,) if key else ()))
     return table.refused(keys, f"{CORRELATIONS}[{i}]{f'.{key}' if key else ''}", message)

@@ -11,60 +11,60 @@ _NODES = 32  # directions in a quarter of the plane
 _ROUND = 1e-6  # a r below which D(a r) / a is r
 _STEPS = 60
 _FLAT = 1e-12  # of the greatest variance: none
-_TERMS = 256  # of a Fourier series; one even number beside a small normal one is off by 8e-4 at most
+_TERMS = 256  # of a Fourier series; one uniform number beside a small normal one is off by 8e-4 at most
 _TAIL = 9.0  # standard deviations within which a normal number stays
 _HALVINGS = 40
 _CHUNK = 1000  # poses at once
 
 
 def radii(covariance: Array, probability: float) -> Array:
-    """Radius of the sphere that holds a normal vector of mean 0 with that probability, (N,), of (N, 3, 3).
+    """Return the radius of the sphere that holds a normal vector of mean 0 with that probability, (N,), of (N, 3, 3).
 
     It is the quantile of the root of l1 z1^2 + l2 z2^2 + l3 z3^2 where l are the eigenvalues and z normal.
     """
     variances = np.maximum(np.linalg.eigvalsh(covariance), 0.0)[:, ::-1]
-    found = np.zeros(len(variances))
+    radii = np.zeros(len(variances))
     there = np.flatnonzero(variances[:, 0] > 0.0)
     for first in range(0, len(there), _CHUNK):
-        part = there[first : first + _CHUNK]
-        largest = variances[part, 0]
-        found[part] = np.sqrt(largest) * _quantiles(variances[part, 1:] / largest[:, np.newaxis], probability)
-    return found
+        chunk = there[first : first + _CHUNK]
+        largest = variances[chunk, 0]
+        radii[chunk] = np.sqrt(largest) * _quantiles(variances[chunk, 1:] / largest[:, np.newaxis], probability)
+    return radii
 
 
 def quantile_of_normal(probability: float) -> float:
-    """Standard deviations in half an interval that holds a normal number with that probability."""
+    """Return standard deviations in half an interval that holds a normal number with that probability."""
     with optional_import("SciPy", "regions need"):
         from scipy.special import ndtri
     return float(ndtri(0.5 + 0.5 * probability))
 
 
 def worst_deviations(covariance: Array) -> Array:
-    """Standard deviation along the direction in which it is greatest, (N,), of (N, 3, 3)."""
+    """Return the standard deviation along the direction in which it is greatest, (N,), of (N, 3, 3)."""
     return np.asarray(np.sqrt(np.maximum(np.linalg.eigvalsh(covariance)[:, -1], 0.0)))
 
 
 def worst_directions(covariance: Array) -> Array:
-    """Unit vectors along which the standard deviation is greatest, (N, 3), of (N, 3, 3)."""
+    """Return the unit vectors along which the standard deviation is greatest, (N, 3), of (N, 3, 3)."""
     return np.asarray(np.linalg.eigh(covariance)[1][..., -1])
 
 
 def mixed_quantiles(deviation: Array, amplitudes: Array, probability: float) -> Array:
-    """Half an interval that holds a sum of a normal number and of even ones with that probability, (N,).
+    """Return half an interval that holds a sum of a normal number and of uniform ones with that probability, (N,).
 
     By the characteristic function, exp(-(w s)^2 / 2) times all sin(w a_k) / (w a_k): where the sum stays within L, its
     distribution is the Fourier series P(|x| < r) = r / L + sum of 2 / (pi m) f(pi m / L) sin(pi m r / L).
 
     Args:
         deviation: of the normal number, (N,).
-        amplitudes: half widths of the even numbers, (N, K).
+        amplitudes: half widths of the uniform numbers, (N, K).
         probability: between 0 and 1.
     """
-    found = np.empty(len(deviation))
+    quantiles = np.empty(len(deviation))
     for first in range(0, len(deviation), _CHUNK):
-        part = slice(first, first + _CHUNK)
-        found[part] = _mixed(deviation[part], np.abs(amplitudes[part]), probability)
-    return found
+        chunk = slice(first, first + _CHUNK)
+        quantiles[chunk] = _mixed(deviation[chunk], np.abs(amplitudes[chunk]), probability)
+    return quantiles
 
 
 def _mixed(deviation: Array, amplitudes: Array, probability: float) -> Array:
@@ -85,7 +85,7 @@ def _mixed(deviation: Array, amplitudes: Array, probability: float) -> Array:
 
 
 def ellipsoids(covariance: Array, probability: float) -> tuple[Array, Array]:
-    """Half axes, (N, 3), and their directions in columns of rotations, (N, 3, 3), of (N, 3, 3).
+    """Return half axes, (N, 3), and their directions in columns of rotations, (N, 3, 3), of (N, 3, 3).
 
     The ellipsoids hold a normal vector of mean 0 with that probability; they are flat where it cannot go.
     """
@@ -100,7 +100,10 @@ def ellipsoids(covariance: Array, probability: float) -> tuple[Array, Array]:
 
 
 def _quantiles(ratios: Array, probability: float) -> Array:
-    """Quantiles of the root where the greatest variance is 1 and the others are ``ratios``, (N, 2): guarded Newton."""
+    """Return quantiles of the root where the greatest variance is 1 and the others are ``ratios``, (N, 2).
+
+    Guarded Newton.
+    """
     with optional_import("SciPy", "regions need"):
         from scipy.special import chdtri
     low = np.full(len(ratios), np.sqrt(chdtri(1.0, 1.0 - probability)))
@@ -108,11 +111,11 @@ def _quantiles(ratios: Array, probability: float) -> Array:
     slopes = _slopes(ratios)
     r = 0.5 * (low + high)
     for _ in range(_STEPS):
-        found, density = _probabilities(r, slopes)
-        below = found < probability
+        reached, density = _probabilities(r, slopes)
+        below = reached < probability
         low, high = np.where(below, r, low), np.where(below, high, r)
         with np.errstate(divide="ignore", invalid="ignore"):
-            step = (probability - found) / density
+            step = (probability - reached) / density
         trial = r + step
         is_inside = (trial >= low) & (trial <= high)
         r = np.where(is_inside, trial, 0.5 * (low + high))
@@ -122,16 +125,16 @@ def _quantiles(ratios: Array, probability: float) -> Array:
 
 
 def _slopes(ratios: Array) -> Array:
-    """a^2 = (1 / g - 1) / 2 of the variances g along directions between the two smaller axes, (N, nodes)."""
+    """Return a^2 = (1 / g - 1) / 2 of the variances g along directions between the two smaller axes, (N, nodes)."""
     squares = np.cos(0.5 * np.pi * (np.arange(_NODES) + 0.5) / _NODES) ** 2
     g = ratios[:, :1] * squares + ratios[:, 1:] * (1.0 - squares)
     return np.asarray(0.5 * (1.0 / np.maximum(g, 1e-300) - 1.0))
 
 
 def _probabilities(r: Array, slopes: Array) -> tuple[Array, Array]:
-    """Probability that the root is below r, and its density, (N,).
+    """Return the probability that the root is below r, and its density, (N,).
 
-    Along a direction between the two smaller axes their part is g times a chi-square number of two degrees of freedom,
+    Along a direction between the two smaller axes their share is g times a chi-square number of two degrees of freedom,
     so that with z1 the probability is erf(r / sqrt 2) - sqrt(2 / pi) exp(-r^2 / 2) D(a r) / a with Dawson's D; the mean
     over directions, which is periodic, converges fast by even steps.
     """
@@ -140,9 +143,9 @@ def _probabilities(r: Array, slopes: Array) -> tuple[Array, Array]:
     r = r[:, np.newaxis]
     a = np.sqrt(np.maximum(slopes, 0.0))
     is_round = a * r < _ROUND
-    # D(a r) / a tends to r; where g vanishes a is infinite and the part vanishes
-    part = np.where(is_round, r, dawsn(a * r) / np.where(is_round, 1.0, a))
+    # D(a r) / a tends to r; where g vanishes a is infinite and ``between`` vanishes
+    between = np.where(is_round, r, dawsn(a * r) / np.where(is_round, 1.0, a))
     bell = np.sqrt(2.0 / np.pi) * np.exp(-0.5 * r * r)
-    # part (1 + 2 a^2) r as what is left of 1 + r part - D', D' = 1 - 2 a r D
-    density = bell * r * part * (1.0 + 2.0 * slopes)
-    return (erf(r / np.sqrt(2.0)) - bell * part).mean(axis=1), density.mean(axis=1)
+    # between (1 + 2 a^2) r as what is left of 1 + r between - D', D' = 1 - 2 a r D
+    density = bell * r * between * (1.0 + 2.0 * slopes)
+    return (erf(r / np.sqrt(2.0)) - bell * between).mean(axis=1), density.mean(axis=1)

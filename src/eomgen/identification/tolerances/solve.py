@@ -28,8 +28,8 @@ from ...results.kinds import Kind, declare
 from ...robot.model import Model, build_model, tool_of
 from ...robot.record import record_of
 from ...robot.value import COORDINATES, MOTOR, PRINCIPAL, Robot
-from ..geometry.closing import closed_readings, closing_of
 from ..geometry.error_model import Rows
+from ..geometry.loop_constraints import closed_readings, closing_of
 from ..geometry.stations import Chain, chain_of, matrix_of
 from .contributions import Contribution, Exact, contributions_of, model_of
 from .correlations import groups_of, plain_correlations, read_correlations, root_of
@@ -40,10 +40,10 @@ from .vertices import farthest
 
 ALONG = 200  # samples of a motion, at most
 MOST_POSES = 10_000
-COVERAGE = 3.0  # standard deviations that a worst case goes up to where no bound is given
+COVERAGE = 3.0  # standard deviations that a worst case goes up to without a bound
 LINEAR = 0.01  # of the worst case: what a linear prediction may be off without a warning
 VERTICES = 8  # contributors whose 2^8 vertices are looked at
-EVEN = 0.3  # of a variance: one even distribution that a sum is no longer normal with
+EVEN = 0.3  # of a variance: one uniform distribution that a sum is no longer normal with
 _LINE = 1e-12  # of the greatest variance: no motion across
 _EVERY = 20  # poses at which the linear prediction is compared
 _SOFTEST = 0.2  # of a stiffness: its greatest standard deviation
@@ -63,20 +63,21 @@ def tolerance(  # noqa: PLR0913
     confidence: float = 0.95,
     progress: StageReport | None = None,
 ) -> ToleranceResult:
-    """Accuracy of a frame by the tolerances of offsets, placements, lengths, stiffness, clearances and drives.
+    """Return accuracy of a frame by the tolerances of offsets, placements, lengths, stiffness, clearances and drives.
 
     Args:
         robot: a Robot, the name of a built-in one, or the path of a description.
         table: path of a .toml file, or a mapping of the same form, {"joints.joint2.offset.z": {"bound": 1e-4}}:
-            "deviation" (normal) or "bound" (even within), optionally "relative", "cost" and "fixed"; and optionally
-            "correlations", [{"names": [...], "coefficient": 0.6}, {"names": [...], "matrix": [[...]]}] of normal ones.
+            "deviation" (normal) or "bound" (uniformly distributed within it), optionally "relative", "cost" and
+            "fixed"; and optionally "correlations", [{"names": [...], "coefficient": 0.6}, {"names": [...],
+            "matrix": [[...]]}] of normal ones.
         frame: frame or link to look at; by default the tool.
         poses: values of the moving joints' coordinates, (k,) or (N, k), m and rad, or values by name, others at home;
             by default home.  Of a mechanism with loops those of the drives.
         random: number of poses within the joints' limits instead; a joint without limits that turns goes all around.
         along: a motion instead, or its path: a .csv or .npz, such as that of a simulation; up to 200 samples of it.
         seed: of the random poses.
-        wrench: force (N) and moment (N m) on the frame, (6,), base axes; beside gravity.
+        wrench: force (N) and moment (N m) on the frame, (6,), base frame; beside gravity.
         confidence: probability of regions.
         progress: called with a line of text when a stage begins.
 
@@ -92,7 +93,7 @@ def tolerance(  # noqa: PLR0913
     if isinstance(random, bool) or not isinstance(random, (int, np.integer)):
         raise InputError(f"random: {show(random)}; allowed: a whole number of poses")
     if sum((poses is not None, bool(random), along is not None)) > 1:
-        raise InputError("poses, random and along: more than one is given; allowed: one of them")
+        raise InputError("poses, random and along: more than one of them; allowed: one")
     report("reading tolerances")
     model = build_model(robot)
     names = _coordinates(robot, model)
@@ -109,12 +110,15 @@ def tolerance(  # noqa: PLR0913
     chosen = tuple(known[entry.name] for entry in read.entries)
     exact = Exact(exact.model, exact.rows, exact.tool, chosen)
     entries = [_sized(read, entry, one) for entry, one in zip(read.entries, chosen, strict=True)]
-    found = _result(exact, frame, names, q, entries, read_correlations(read), confidence, report)
-    return found if t is None else replace(found, t=t)
+    result = _result(exact, frame, names, q, entries, read_correlations(read), confidence, report)
+    return result if t is None else replace(result, t=t)
 
 
 def _coordinates(robot: Robot, model: Model) -> tuple[str, ...]:
-    """Names of the coordinates that say where a robot is: of a tree those of all moving joints, else of all drives."""
+    """Return names of the coordinates that say where a robot is.
+
+    Of a tree those of all moving joints, else of all drives.
+    """
     if not robot.is_closed:
         return tuple(
             component_name(joint.name, PRINCIPAL[joint.type])
@@ -126,7 +130,7 @@ def _coordinates(robot: Robot, model: Model) -> tuple[str, ...]:
 
 
 def _of_joint(robot: Robot, name: str) -> str:
-    """The coordinate of the joint that a motor turns."""
+    """Return the coordinate of the joint that a motor turns."""
     if kind_of(name) != MOTOR:
         return name
     return component_name(joint_of(name), PRINCIPAL[robot.joint(joint_of(name)).type])
@@ -146,18 +150,18 @@ def _given_poses(model: Model, names: Sequence[str], poses: ArrayLike | Mapping[
             start[names.index(name)] = float(value)
         return start[np.newaxis]
     try:
-        given = np.asarray(poses, dtype=np.float64)
+        states = np.asarray(poses, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         raise ArrayError(f"poses: {show(poses)}; allowed: numbers") from None
     shape = f"({len(names)},) or (N, {len(names)})"
-    is_shaped = given.ndim in (1, 2) and given.shape[-1] == len(names) and given.size > 0
-    if not is_shaped or not within_limits(given).all():
+    is_shaped = states.ndim in (1, 2) and states.shape[-1] == len(names) and states.size > 0
+    if not is_shaped or not within_limits(states).all():
         what = f"finite numbers of shape {shape}, up to {LARGEST:g}: {listed(names)}"
-        raise ArrayError(f"poses: got shape {given.shape}; allowed: {what}")
-    given = given.reshape(-1, len(names))
-    if len(given) > MOST_POSES:
-        raise ArrayError(f"poses: {len(given)} rows; allowed: up to {MOST_POSES}")
-    return given
+        raise ArrayError(f"poses: got shape {states.shape}; allowed: {what}")
+    states = states.reshape(-1, len(names))
+    if len(states) > MOST_POSES:
+        raise ArrayError(f"poses: {len(states)} rows; allowed: up to {MOST_POSES}")
+    return states
 
 
 def _random_poses(robot: Robot, names: Sequence[str], count: int, seed: int) -> Array:
@@ -165,10 +169,10 @@ def _random_poses(robot: Robot, names: Sequence[str], count: int, seed: int) -> 
     check_whole("seed", seed, 0, 2**63)
     limits = []
     for name in names:
-        given = robot.joint(joint_of(name)).limits
-        if given is None and kind_of(name) in COORDINATES[:3]:
+        ends = robot.joint(joint_of(name)).limits
+        if ends is None and kind_of(name) in COORDINATES[:3]:
             raise InputError(f"random: {name} has no limits; allowed: limits of all joints that slide")
-        limits.append(given or (-np.pi, np.pi))
+        limits.append(ends or (-np.pi, np.pi))
     low_ends, high_ends = np.array(limits, dtype=np.float64).reshape(-1, 2).T
     return np.random.default_rng(seed).uniform(low_ends, high_ends, (count, len(names)))
 
@@ -184,7 +188,7 @@ def _motion(model: Model, names: Sequence[str], along: MeasuredMotion | Path | s
 
 
 def _exact(robot: Robot, model: Model, frame: str, names: Sequence[str], q: Array, wrench: ArrayLike | None) -> Exact:
-    """The exact model at the poses, without contributions."""
+    """Return the exact model at the poses, without contributions."""
     frames = {one.name: (one.link, matrix_of(one.placement)) for one in robot.frames}
     chain = chain_of(robot, {frame: frames.get(frame, (frame, np.eye(4)))})
     places = _places(chain, names)
@@ -206,22 +210,22 @@ def _places(chain: Chain, names: Sequence[str]) -> list[tuple[int, int]]:
     return [(station[joint_of(name)], COORDINATES.index(kind_of(name))) for name in names]
 
 
-def _wrench(given: ArrayLike) -> Array:
+def _wrench(requested: ArrayLike) -> Array:
     try:
-        found = np.asarray(given, dtype=np.float64)
+        wrench = np.asarray(requested, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
-        found = np.zeros(0)
-    if found.shape != (6,) or not within_limits(found).all():
-        raise ArrayError(f"wrench: {show(str(given))}; allowed: 6 finite numbers up to {LARGEST:g}, N and N m")
-    return found
+        wrench = np.zeros(0)
+    if wrench.shape != (6,) or not within_limits(wrench).all():
+        raise ArrayError(f"wrench: {show(str(requested))}; allowed: 6 finite numbers up to {LARGEST:g}, N and N m")
+    return wrench
 
 
 def _sized(table: Table, entry: Tolerance, one: Contribution) -> tuple[Tolerance, float, float]:
-    """The entry, its standard deviation and its bound, in the quantity's unit."""
+    """Return the entry, its standard deviation and its bound, in the parameter's unit."""
     scale = 1.0
     if entry.relative:
         if not one.described:
-            raise table.refusal(entry.name, "is relative, but nothing is described; allowed: a size of its own")
+            raise table.refusal(entry.name, "is relative, but nothing is described; allowed: a size")
         scale = abs(one.described)
     if entry.bound is not None:
         deviation, bound = scale * entry.bound / np.sqrt(3.0), scale * entry.bound
@@ -254,18 +258,18 @@ def _result(
     apart = scaled @ root_of(correlation) if correlated else scaled  # by independent numbers of variance 1
     covariance = apart @ apart.transpose(0, 2, 1)
     report("looking for worst cases")
-    ends = {part: [farthest(row[at]) for row in reach] for part, at in PARTS.items()}
-    lengths = {part: np.array([length for length, _ in found]) for part, found in ends.items()}
+    ends = {name: [farthest(row[at]) for row in reach] for name, at in PARTS.items()}
+    lengths = {name: np.array([length for length, _ in vertices]) for name, vertices in ends.items()}
     worst_pose = int(lengths["position"].argmax())
     signs = ends["position"][worst_pose][1]
     report("comparing with the exact model")
     exact_worst = _at_vertices(exact, reach[worst_pose, :3], bounds, signs, worst_pose)
     off, bent = _nonlinear(exact, S, bounds, ends, lengths)
-    shares = {part: shares_of(scaled[:, at], correlation) for part, at in PARTS.items()}
+    shares = {name: shares_of(scaled[:, at], correlation) for name, at in PARTS.items()}
     is_even = np.array([entry.bound is not None for entry, _, _ in entries])
     regions = {
-        part: _regions(covariance[:, at, at], apart[:, at], reach[:, at], is_even, lengths[part], confidence)
-        for part, at in PARTS.items()
+        name: _regions(covariance[:, at, at], apart[:, at], reach[:, at], is_even, lengths[name], confidence)
+        for name, at in PARTS.items()
     }
     notes = []
     if off > LINEAR:
@@ -280,10 +284,10 @@ def _result(
             " of each, as if they were not"
         )
     notes += _of_bounds(entries, shares)
-    for part, (_, _, ended) in regions.items():
+    for name, (_, _, ended) in regions.items():
         if ended:
             notes.append(
-                f"{part}: at {ended} of {len(q)} poses the region of normal numbers passes what bounds allow, and ends"
+                f"{name}: at {ended} of {len(q)} poses the region of normal numbers passes what bounds allow, and ends"
                 " there"
             )
     if max(float(x.max()) for x in lengths.values()) == 0.0:
@@ -303,8 +307,8 @@ def _result(
         sensitivities=S,
         covariance=covariance,
         confidence=float(confidence),
-        radius={part: found for part, (_, found, _) in regions.items()},
-        direction={part: least for part, (least, _, _) in regions.items()},
+        radius={name: radius for name, (_, radius, _) in regions.items()},
+        direction={name: least for name, (least, _, _) in regions.items()},
         worst=np.abs(reach).sum(axis=2),
         farthest=lengths,
         worst_pose=worst_pose,
@@ -320,26 +324,26 @@ def _result(
 def _regions(
     covariance: Array, scaled: Array, reach: Array, is_even: Mask, farthest_of_all: Array, confidence: float
 ) -> tuple[Array, Array, int]:
-    """Half intervals along the directions in which a part of the motion is greatest, radii of regions, (N,) each.
+    """Return half intervals along the directions of greatest displacement or rotation, radii of regions, (N,) each.
 
     Radii are those of normal numbers between two bounds that hold for every distribution: no sphere is smaller than the
-    interval along one direction, and none need be larger than the farthest that even numbers reach with the sphere of
-    the normal ones around it.  Where all motion is along one line the interval is the sphere.
+    interval along one direction, and none need be larger than the farthest that uniform numbers reach with the sphere
+    of the normal ones around it.  Where all motion is along one line the interval is the sphere.
 
     Args:
-        covariance: of the part, (N, 3, 3).
+        covariance: of displacement or rotation, (N, 3, 3).
         scaled, reach: sensitivities times standard deviations, correlated ones by independent numbers, and times
             bounds, (N, 3, K).
-        is_even: which quantities are even within their bounds, (K,); the others are normal.
+        is_even: which parameters are uniformly distributed within their bounds, (K,); the others are normal.
         farthest_of_all: greatest displacements with all at their bounds, (N,).
         confidence: probability of intervals and regions.
 
     Returns:
         also at how many poses regions end at what bounds allow.
     """
-    found = radii(covariance, confidence)
+    sphere = radii(covariance, confidence)
     if not is_even.any():
-        return np.asarray(quantile_of_normal(confidence) * worst_deviations(covariance)), found, 0
+        return np.asarray(quantile_of_normal(confidence) * worst_deviations(covariance)), sphere, 0
     normal, even = scaled[..., ~is_even], reach[..., is_even]
     along = worst_directions(covariance)[:, np.newaxis]
     least = mixed_quantiles(np.linalg.norm((along @ normal)[:, 0], axis=1), (along @ even)[:, 0], confidence)
@@ -349,34 +353,34 @@ def _regions(
         most = within + radii(normal @ normal.transpose(0, 2, 1), confidence)
     variances = np.linalg.eigvalsh(covariance)
     on_a_line = variances[:, 1] <= _LINE * variances[:, 2]
-    ended = (found > most * (1.0 + 1e-12)) & ~on_a_line
-    return least, np.where(on_a_line, least, np.minimum(np.maximum(found, least), most)), int(ended.sum())
+    ended = (sphere > most * (1.0 + 1e-12)) & ~on_a_line
+    return least, np.where(on_a_line, least, np.minimum(np.maximum(sphere, least), most)), int(ended.sum())
 
 
 def _of_bounds(entries: Sequence[tuple[Tolerance, float, float]], shares: Mapping[str, Array]) -> Iterator[str]:
-    """A note where one even distribution makes so much that sums are not normal."""
+    """Yield a note where one uniform distribution makes so much that sums are not normal."""
     is_even = np.array([entry.bound is not None for entry, _, _ in entries])
-    for part in PARTS:
-        k = int(np.where(is_even, shares[part], -1.0).argmax())  # no share of an even one is negative
-        share, entry = float(shares[part][k]), entries[k][0]
+    for kind in PARTS:
+        k = int(np.where(is_even, shares[kind], -1.0).argmax())  # no share of a uniform one is negative
+        share, entry = float(shares[kind][k]), entries[k][0]
         if is_even[k] and share > EVEN:
             yield (
-                f"{part}: {entry.name}, even within its bound, makes {100 * share:.3g} % of the variance; spheres are"
-                " those of normal numbers, as far as bounds allow; intervals along a direction are exact"
+                f"{kind}: {entry.name}, uniform within its bound, makes {100 * share:.3g} % of the variance; spheres"
+                " are those of normal numbers, as far as bounds allow; intervals along a direction are exact"
             )
 
 
 def _at_vertices(exact: Exact, reach: Array, bounds: Array, signs: Array, pose: int) -> float:
-    """Greatest displacement by the exact model, m, at all vertices of the main contributors, others at their signs."""
+    """Return the greatest displacement by the exact model, m, at all vertices of the main contributors."""
     main = np.argsort(-np.linalg.norm(reach, axis=0), kind="stable")[:VERTICES]
     corners = np.array(list(product((1.0, -1.0), repeat=len(main)))).T
-    found = 0.0
+    farthest = 0.0
     for others in (signs, -signs):
         y = np.repeat((others * bounds)[:, np.newaxis], corners.shape[1], axis=1)
         y[main] = corners * bounds[main, np.newaxis]
         motions = exact.motions(y, np.full(corners.shape[1], pose, dtype=np.intp))
-        found = max(found, float(np.linalg.norm(motions[:, :3], axis=1).max()))
-    return found
+        farthest = max(farthest, float(np.linalg.norm(motions[:, :3], axis=1).max()))
+    return farthest
 
 
 def _nonlinear(
@@ -386,7 +390,7 @@ def _nonlinear(
     ends: Mapping[str, Sequence[tuple[float, Array]]],
     lengths: Mapping[str, Array],
 ) -> tuple[float, list[str]]:
-    """Error of the linear model as a share of the worst case, the greatest, and names of single causes above LINEAR.
+    """Return the greatest error of the linear model as a share of the worst case, and single causes above LINEAR.
 
     At both bounds of every contribution by itself, and of all at the worst vertices of position and turn.
     """
@@ -395,13 +399,13 @@ def _nonlinear(
     poses = np.union1d(poses, [int(lengths["position"].argmax())])
     greatest, causes = 0.0, np.zeros(count)
     for pose in poses.tolist():
-        vertices = [ends[part][pose][1] for part in PARTS]
+        vertices = [ends[kind][pose][1] for kind in PARTS]
         y = np.hstack(
             [np.diag(bounds), -np.diag(bounds), *((s * bounds)[:, np.newaxis] for v in vertices for s in (v, -v))]
         )
         left = exact.motions(y, np.full(y.shape[1], pose, dtype=np.intp)) - (S[pose] @ y).T
-        for part, at in PARTS.items():
-            whole = float(lengths[part].max())
+        for kind, at in PARTS.items():
+            whole = float(lengths[kind].max())
             if whole > 0.0:
                 off = np.linalg.norm(left[:, at], axis=1) / whole
                 greatest = max(greatest, float(off.max()))
@@ -410,18 +414,18 @@ def _nonlinear(
     return greatest, [exact.contributions[k].name for k in order[:3]]
 
 
-def _record(found: ToleranceResult) -> dict[str, Any]:
+def _record(result: ToleranceResult) -> dict[str, Any]:
     """Return what was asked, from which everything else follows."""
-    loads = found.exact.rows.loads.get(found.exact.tool)
+    loads = result.exact.rows.loads.get(result.exact.tool)
     return {
-        "description": record_of(found.exact.model.robot),
-        "table": {given.name: given.as_table() for given in found.tolerances},
-        CORRELATIONS: plain_correlations(found.names, found.correlation),
-        "frame": found.frame,
-        "q": found.q,
-        "t": found.t,
+        "description": record_of(result.exact.model.robot),
+        "table": {entry.name: entry.as_table() for entry in result.tolerances},
+        CORRELATIONS: plain_correlations(result.names, result.correlation),
+        "frame": result.frame,
+        "q": result.q,
+        "t": result.t,
         "wrench": None if loads is None else np.asarray(loads)[0],
-        "confidence": found.confidence,
+        "confidence": result.confidence,
     }
 
 
@@ -440,7 +444,7 @@ def _read(file: Contents) -> ToleranceResult:
     related: Any = ()  # files from before there were correlations have none
     if CORRELATIONS in file.plain:
         related = file.value(tuple[Mapping[str, Any], ...], CORRELATIONS)
-    found = tolerance(
+    result = tolerance(
         robot_from_record(file.plain.get("description", {}), file.path),
         {**asked["table"], CORRELATIONS: related},
         asked["frame"],
@@ -449,11 +453,11 @@ def _read(file: Contents) -> ToleranceResult:
         confidence=asked["confidence"],
     )
     if asked["t"] is None:
-        return found
+        return result
     t = np.array(asked["t"], dtype=np.float64)
-    if t.shape != (len(found.q),) or not np.isfinite(t).all():
+    if t.shape != (len(result.q),) or not np.isfinite(t).all():
         raise ValueError(f"t of shape {t.shape}")
-    return replace(found, t=t)
+    return replace(result, t=t)
 
 
 load_tolerance = declare(

@@ -1,4 +1,4 @@
-"""Tables of tolerances: a TOML file, or a mapping, that names quantities as calibrate does; checked value by value."""
+"""Tables of tolerances: a TOML file, or a mapping, that names parameters as calibrate does; checked value by value."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from ...limits import LARGEST
 from ...names import listed, nearest, show
 
 KEYS = ("deviation", "bound", "relative", "cost", "fixed")
-CORRELATIONS = "correlations"  # the key beside the quantities
-MOST = 400  # quantities: a worst case looks at every pair of them
+CORRELATIONS = "correlations"  # the key beside the parameters
+MOST = 400  # parameters: a worst case looks at every pair of them
 _LARGEST_COST = 1e12
 _SIZES = ("deviation", "bound")
 
 
 @dataclass(frozen=True)
 class Tolerance:
-    """Tolerance of one quantity, as a table states it.
+    """Tolerance of one parameter, as a table states it.
 
-    deviation: standard deviation of a normal distribution; bound: half the width of an even one; one of them is None.
+    deviation: standard deviation of a normal distribution; bound: half the width of a uniform one; one of them is None.
     relative: they are shares of the described value.  cost: of tightening, beside others.  is_fixed: stays as it is.
     """
 
@@ -44,7 +44,7 @@ class Tolerance:
 
 @dataclass(frozen=True)
 class Table:
-    """A table as it was read: its tolerances in order, correlations as they were given, and where it came from."""
+    """A table as it was read: its tolerances in order, correlations as they were read, and where it came from."""
 
     entries: tuple[Tolerance, ...]
     source: str = "tolerances"
@@ -52,11 +52,11 @@ class Table:
     correlations: Any = ()
 
     def refusal(self, name: str, message: str) -> DescriptionError:
-        """The error of a quantity's entry, with its line in the file."""
+        """Return the error of a parameter's entry, with its line in the file."""
         return self.refused(name.split("."), name, message)
 
     def refused(self, keys: Sequence[str], where: str, message: str) -> DescriptionError:
-        """The error of what has these keys, with its line in the file."""
+        """Return the error of what has these keys, with its line in the file."""
         where = where if where.isascii() and where.isprintable() else ascii(where)
         error = DescriptionError(message, where=where, source=self.source, path=tuple(keys))
         if self.text:
@@ -64,53 +64,53 @@ class Table:
         return error
 
 
-def read_table(given: Mapping[str, Any] | Path | str, known: Sequence[str]) -> Table:
-    """A table of tolerances, from the path of a .toml file or a mapping of the same form.
+def read_table(tolerances: Mapping[str, Any] | Path | str, known: Sequence[str]) -> Table:
+    """Return a table of tolerances, from the path of a .toml file or a mapping of the same form.
 
     Args:
-        given: names, nested or with dots, with tables of KEYS; a part of a name may be "*".  Names that are written out
-            go before those with "*".  Beside them CORRELATIONS, which stay as they are.
-        known: names of quantities that there are.
+        tolerances: names, nested or with dots, with tables of KEYS; "*" in a name stands for any letters.
+            Names that are written out go before those with "*".  Beside them CORRELATIONS, which stay as they are.
+        known: names of parameters that there are.
 
     Raises:
         DescriptionError: with the file, the name, what came and what is allowed.
     """
-    if isinstance(given, Mapping):
-        values, text, source = dict(given), "", "tolerances"
+    if isinstance(tolerances, Mapping):
+        values, text, source = dict(tolerances), "", "tolerances"
     else:
-        path = Path(given)
-        source = str(given)
+        path = Path(tolerances)
+        source = str(tolerances)
         if path.suffix != ".toml":
             raise DescriptionError(f"the table {show(source)} is no .toml file; allowed: a path that ends in .toml")
         text = read_text(path, source, ".toml file")
         values = parse_toml(text, source)
     table = Table((), source, text, values.pop(CORRELATIONS, ()))
-    found: dict[str, Tolerance] = {}
+    entries: dict[str, Tolerance] = {}
     exact: set[str] = set()
     for keys, entry in _entries(table, values, ()):
         name = ".".join(keys)
         names = meant(name, known)
         if not names:
             allowed = f"{nearest(name, known)}; allowed: {listed(known)}"
-            raise table.refused(keys, name, f"there is no such quantity{allowed}")
+            raise table.refused(keys, name, f"there is no such parameter{allowed}")
         read = _read(table, entry, keys)
         for one in names:
             if "*" not in name and one in exact:
                 raise table.refused(keys, name, "is there twice; allowed: once")
             if "*" not in name or one not in exact:
-                found[one] = Tolerance(one, **read)
+                entries[one] = Tolerance(one, **read)
         exact |= set() if "*" in name else {name}
-    if not found:
-        raise DescriptionError(f"no quantity is named; allowed: {listed(known)}", source=source)
-    if len(found) > MOST:
-        raise DescriptionError(f"{len(found)} quantities are named; allowed: up to {MOST}", source=source)
-    return replace(table, entries=tuple(found[name] for name in known if name in found))
+    if not entries:
+        raise DescriptionError(f"no parameter is named; allowed: {listed(known)}", source=source)
+    if len(entries) > MOST:
+        raise DescriptionError(f"{len(entries)} parameters are named; allowed: up to {MOST}", source=source)
+    return replace(table, entries=tuple(entries[name] for name in known if name in entries))
 
 
 def _entries(
     table: Table, values: Mapping[str, Any], before: tuple[str, ...]
 ) -> Iterator[tuple[tuple[str, ...], Mapping[str, Any]]]:
-    """Names, in the keys that the file has them by, and their tables."""
+    """Yield names, in the keys that the file has them by, and their tables."""
     for key, value in values.items():
         keys = (*before, str(key))
         if not isinstance(value, Mapping):
@@ -123,15 +123,15 @@ def _entries(
 
 
 def meant(name: str, known: Sequence[str]) -> list[str]:
-    """Return the known names that a name means: itself, or those that it matches, part by part."""
+    """Return the known names that a name means: itself, or those that its pattern matches."""
     if "*" not in name:
         return [name] if name in known else []
-    pattern = re.compile(r"[^.]*".join(re.escape(part) for part in re.split(r"\*+", name)))
+    pattern = re.compile(r"[^.]*".join(re.escape(piece) for piece in re.split(r"\*+", name)))
     return [one for one in known if pattern.fullmatch(one)]
 
 
 def _read(table: Table, entry: Mapping[str, Any], keys: Sequence[str]) -> dict[str, Any]:
-    """Keywords of a Tolerance."""
+    """Return keywords of a Tolerance."""
     name = ".".join(keys)
 
     def refuse(key: str, message: str) -> DescriptionError:
@@ -140,12 +140,12 @@ def _read(table: Table, entry: Mapping[str, Any], keys: Sequence[str]) -> dict[s
     for key in entry:
         if key not in KEYS:
             raise refuse(str(key), f"is unknown{nearest(str(key), KEYS)}; allowed: {', '.join(KEYS)}")
-    given = [key for key in _SIZES if key in entry]
-    if len(given) != 1:
-        message = f"has {' and '.join(given) or 'neither deviation nor bound'}; allowed: one of deviation, bound"
+    sizes = [key for key in _SIZES if key in entry]
+    if len(sizes) != 1:
+        message = f"has {' and '.join(sizes) or 'neither deviation nor bound'}; allowed: one of deviation, bound"
         raise table.refused(keys, name, message)
-    found: dict[str, Any] = {}
-    for key in (*given, *(("cost",) if "cost" in entry else ())):
+    fields: dict[str, Any] = {}
+    for key in (*sizes, *(("cost",) if "cost" in entry else ())):
         value = entry[key]
         is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
         if not is_number or not 0.0 <= value <= LARGEST or (key == "cost" and not 0.0 < value <= _LARGEST_COST):
@@ -155,10 +155,10 @@ def _read(table: Table, entry: Mapping[str, Any], keys: Sequence[str]) -> dict[s
                 else f"a finite number that is not negative, up to {LARGEST:g}"
             )
             raise refuse(key, f"{show(value)}; allowed: {allowed}")
-        found[key] = float(value)
+        fields[key] = float(value)
     for key, field in (("relative", "relative"), ("fixed", "is_fixed")):
         value = entry.get(key, False)
         if not isinstance(value, bool):
             raise refuse(key, f"{show(value)}; allowed: true or false")
-        found[field] = value
-    return found
+        fields[field] = value
+    return fields

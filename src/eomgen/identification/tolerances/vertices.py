@@ -14,26 +14,26 @@ _FLAT = 1e-12  # of the greatest product: on the facet
 
 
 def farthest(generators: Array) -> tuple[float, Array]:
-    """Length of the longest sum of vectors with signs, (3, K), and the signs, (K,)."""
+    """Return the length of the longest sum of vectors with signs, (3, K), and the signs, (K,)."""
     size = np.linalg.norm(generators, axis=0)
     used = np.flatnonzero(size > 1e-15 * size.max(initial=0.0))
     signs = np.ones(generators.shape[1])
     if used.size == 0:
         return 0.0, signs
     chosen = generators[:, used] / size[used].max()
-    best, found = -1.0, np.ones(used.size)
+    best, vertex = -1.0, np.ones(used.size)
     for i in range(used.size):
         trial = _vertices_along(chosen, i)
         lengths = np.linalg.norm(trial @ chosen.T, axis=1)
         k = int(lengths.argmax())
         if lengths[k] > best * (1.0 + 1e-12):
-            best, found = float(lengths[k]), trial[k]
-    signs[used] = found
+            best, vertex = float(lengths[k]), trial[k]
+    signs[used] = vertex
     return best * float(size[used].max()), signs
 
 
 def _vertices_along(generators: Array, i: int) -> Array:
-    """Signs, (M, K), of the ends of all edges along vector i: one of each pair of opposite ones.
+    """Return signs, (M, K), of the ends of all edges along vector i: one of each pair of opposite ones.
 
     By the facet's normal, then by the side of the edge in the facet, then by the end of the edge.
     """
@@ -49,12 +49,12 @@ def _vertices_along(generators: Array, i: int) -> Array:
     along = _sign(edge @ generators, length_of_edge)
     across = _sign(np.cross(normals, edge) @ generators, length_of_edge)
     facet = _sign(normals @ generators, 1.0)
-    found = []
+    vertices = []
     for side in (1.0, -1.0):
         for end in (1.0, -1.0):
             inner = np.where(across != 0.0, side * across, np.where(along != 0.0, end * along, 1.0))
-            found.append(np.where(facet != 0.0, facet, inner))
-    return np.concatenate(found)
+            vertices.append(np.where(facet != 0.0, facet, inner))
+    return np.concatenate(vertices)
 
 
 def _across(edge: Array) -> Array:
@@ -63,5 +63,8 @@ def _across(edge: Array) -> Array:
 
 
 def _sign(values: Array, size: float) -> Array:
-    """Signs of products of a vector of that size with generators, the greatest of length 1; 0 where they are flat."""
+    """Return signs of products of a vector of that size with generators, the greatest of length 1.
+
+    0 where they are flat.
+    """
     return np.where(values > _FLAT * size, 1.0, np.where(values < -_FLAT * size, -1.0, 0.0))

@@ -16,12 +16,12 @@ from .tables import merged_table, number, table, weak_table
 
 _KINDS = (("position", "m"), ("orientation", "rad"))
 _UNITS = {"position": "mm", "orientation": "mrad"}
-_MOST = 40  # quantities of a panel
+_MOST = 40  # parameters of a panel
 _ROW = 0.14  # inches of one of them
 
 
 def calibration_page(calibration: CalibrationResult) -> Report:
-    """A page about a calibration: residuals, values with deviations, what merges, what is weak, what was mistrusted."""
+    """A page about a calibration: residuals, values with deviations, identifiability, outliers."""
     lines = [f"{calibration.rows} poses of {calibration.source}" if calibration.source else f"{calibration.rows} poses"]
     ranks = f"rank {calibration.rank}, {calibration.rank_above_noise} combinations above the noise"
     lines.append(f"{ranks}; values of {calibration.variant!r}")
@@ -29,7 +29,7 @@ def calibration_page(calibration: CalibrationResult) -> Report:
     figures = [("residuals", "Rms of residuals per axis by variant, fitted and held out.", plot_calibration)]
     if _changed(calibration):
         text = (
-            f"Changes from the description, with {100 * calibration.confidence:g} % intervals; what merges is left out."
+            f"Changes from the description, with {100 * calibration.confidence:g} % intervals; identifiable ones alone."
         )
         figures.append(("changes", text, plot_changes))
     mistrusted = [(str(row), f"{weight:.2f}") for row, weight in calibration.mistrusted]
@@ -44,7 +44,7 @@ def calibration_page(calibration: CalibrationResult) -> Report:
             _value_table(calibration),
             *merged_table(calibration.merged),
             *weak_table(calibration.weak),
-            *table("Mistrusted rows", ("row", "weight"), mistrusted),
+            *table("Rows down-weighted as outliers", ("row", "weight"), mistrusted),
         ),
     )
 
@@ -77,7 +77,7 @@ def _value_table(calibration: CalibrationResult) -> Table:
         if name not in calibration.merged
     )
     share = f"{100 * calibration.confidence:g} %"
-    head = ("quantity", "value", "std. deviation", f"{share} from", f"{share} to", "described", "unit")
+    head = ("parameter", "value", "std. deviation", f"{share} from", f"{share} to", "described", "unit")
     return Table("Values", head, rows)
 
 
@@ -156,7 +156,7 @@ def plot_changes(calibration: CalibrationResult, path: Path | str | None = None,
 
 
 def _changed(calibration: CalibrationResult) -> dict[str, list[int]]:
-    """Places of the quantities to draw, by their unit: m and rad."""
+    """Places of the parameters to draw, by their unit: m and rad."""
     changes = np.abs(calibration.values - calibration.described)
     panels = {}
     for unit in ("m", "rad"):

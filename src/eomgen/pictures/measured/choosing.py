@@ -16,7 +16,7 @@ _ROW = 0.24  # inches of a coordinate
 
 
 def poses_page(chosen: PosesResult) -> Report:
-    """A page about chosen poses: where they are, what they will tell of each quantity, what stays weak."""
+    """A page about chosen poses: where they are, expected deviations, what stays poorly observable."""
     poses = [(str(i + 1), *(f"{value:.6f}" for value in row)) for i, row in enumerate(chosen.q)]
     told = [
         (name, number(chosen.deviations[i], 1.0, 3), chosen.units[i])
@@ -32,7 +32,7 @@ def poses_page(chosen: PosesResult) -> Report:
         figures=drawn(chosen, [("poses", text, plot_poses)]),
         tables=(
             *table("Poses in the order to measure them, m and rad", ("pose", *chosen.coordinates), poses),
-            *table("Expected standard deviations", ("quantity", "std. deviation", "unit"), told),
+            *table("Expected standard deviations", ("parameter", "std. deviation", "unit"), told),
             *merged_table(chosen.merged),
             *weak_table(chosen.weak),
         ),

@@ -16,7 +16,7 @@ _PARTS = ("before", "after", "beyond")
 
 
 def compensation_page(compensation: CompensationResult) -> Report:
-    """A page about a corrected program: errors without and with it, what is out of reach, limits, other robots."""
+    """A page about a compensated path: errors without and with it, what is out of reach, limits, other robots."""
     errors = [
         (name, *(number(row[f"{stage}_{kind}"], 1e6, 4) for stage in _PARTS for kind in ("rms", "peak")))
         for name, row in compensation.figures().items()
@@ -38,7 +38,7 @@ def compensation_page(compensation: CompensationResult) -> Report:
     head = ("", "before, rms", "peak", "after, rms", "peak", "out of reach, rms", "peak")
     text = "The tool's errors along and about its axes, without the correction above and with it below."
     return Report(
-        title=f"{compensation.robot}, {compensation.frame}: a corrected program ({compensation.mode})",
+        title=f"{compensation.robot}, {compensation.frame}: a compensated path ({compensation.mode})",
         summary=(
             f"rms of the position's error {compensation.gain:.3g} times smaller",
             f"directions that can be corrected: {compensation.rank[0]} to {compensation.rank[1]}",
@@ -72,7 +72,7 @@ def plot_compensation(compensation: CompensationResult, path: Path | str | None 
     """
     check_kind(compensation, CompensationResult, "compensation", "identification.compensate")
     colors = tuple(COLORS["m"].values())
-    title = f"{compensation.robot}: errors of {compensation.frame} in its axes"
+    title = f"{compensation.robot}: tracking error of {compensation.frame} in its axes"
     with sheet(6.8, 4.4, path, title, ax) as drawn:
         room = {"top": 0.84, "bottom": 0.12, "left": 0.1, "right": 0.98, "wspace": 0.3, "hspace": 0.2}
         panels = drawn.panels(4, lambda figure: figure.subplots(2, 2, sharex=True, gridspec_kw=room))

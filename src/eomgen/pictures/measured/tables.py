@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from ...identification.calibration.identifiability import merged_rows
+from ...identification.calibration.identifiability import unidentifiable_rows
 from ..report import Table
 
 
@@ -23,7 +23,7 @@ def table(title: str, head: Sequence[str], rows: Iterable[Sequence[str]]) -> tup
 
 def merged_table(merged: Mapping[str, str]) -> tuple[Table, ...]:
     """Quantities that are not identifiable, and why."""
-    return table("Not identifiable", ("quantity", "why"), merged_rows(merged))
+    return table("Not identifiable", ("parameter", "why"), unidentifiable_rows(merged))
 
 
 def weak_table(weak: Iterable[tuple[str, float]]) -> tuple[Table, ...]:

@@ -43,15 +43,15 @@ def tolerance_page(tolerance: ToleranceResult) -> Report:
 
 
 def _accuracy(tolerance: ToleranceResult) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Head and rows: mean and greatest over the poses of radius, worst direction and worst case."""
+    """Head and rows: mean and greatest over the poses of coverage radius, largest half-axis and worst case."""
     several = (("", np.max),) if len(tolerance.q) == 1 else ((", mean", np.mean), (", greatest", np.max))
     rows = []
     for quantity, unit in zip(PARTS, _UNITS, strict=True):
         for kind, function in several:
             values = [float(function(x[quantity])) for x in (tolerance.radius, tolerance.direction, tolerance.farthest)]
             rows.append((f"{quantity}{kind}", *(number(value, 1e3, 4) for value in values), unit))
-    share = f"{100 * tolerance.confidence:g} % within"
-    return ("", share, "in the worst direction", "worst case", "unit"), rows
+    share = f"{100 * tolerance.confidence:g} % coverage"
+    return ("", share, "largest half-axis", "worst case", "unit"), rows
 
 
 def _contributions(tolerance: ToleranceResult) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
@@ -65,7 +65,7 @@ def _contributions(tolerance: ToleranceResult) -> tuple[tuple[str, ...], list[tu
         )
         for k in tolerance.by_share.tolist()
     ]
-    return ("quantity", "std. deviation", "bound", "unit", "share of position, %", "share of orientation, %"), rows
+    return ("parameter", "std. deviation", "bound", "unit", "share of position, %", "share of orientation, %"), rows
 
 
 def plot_shares(tolerance: ToleranceResult, path: Path | str | None = None, *, ax: Any = None) -> Plotted:
@@ -136,7 +136,7 @@ def plot_tolerance(tolerance: ToleranceResult, path: Path | str | None = None, *
         if drawn.is_new:
             place = {"cax": drawn.figure.add_axes((0.885, 0.14, 0.02, 0.74))}
         bar = drawn.figure.colorbar(drawn_points, **place)
-        bar.set_label(f"{100 * tolerance.confidence:g} % within, mm")
+        bar.set_label(f"{100 * tolerance.confidence:g} % coverage radius, mm")
     return drawn.outcome
 
 
@@ -162,7 +162,7 @@ def plot_regions(tolerance: ToleranceResult, path: Path | str | None = None, *, 
         room = {"top": 0.87, "bottom": 0.11, "left": 0.11, "right": 0.97}
         panels = drawn.panels(2, lambda figure: figure.subplots(2, 1, sharex=True, gridspec_kw=room))
         for panel, quantity, unit in zip(panels, PARTS, _UNITS, strict=True):
-            label = f"{100 * tolerance.confidence:g} % within"
+            label = f"{100 * tolerance.confidence:g} % coverage"
             panel.plot(over, 1e3 * tolerance.radius[quantity], style, color=COLORS["m"]["x"], label=label)
             panel.plot(over, 1e3 * tolerance.farthest[quantity], style, color=COLORS["m"]["y"], label="worst case")
             most = max(float(tolerance.radius[quantity].max()), float(tolerance.farthest[quantity].max()))

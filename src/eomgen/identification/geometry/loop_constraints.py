@@ -20,15 +20,15 @@ from .stations import Chain, Located, cross, jacobian, located
 
 Place = tuple[int, int]  # station and coordinate
 
-CLOSED = 1e-9  # m or rad: gaps that are none
-_HELD = 1e-6  # m/rad and the like: of gaps that a deflection leaves
+CLOSED = 1e-9  # m or rad: closure residuals that are none
+_HELD = 1e-6  # m/rad and the like: of closure residuals that a deflection leaves
 _STEPS = 30  # from home to a pose
 _EACH = 2  # of Newton's method at every step
 _LAST = 12  # at the pose itself
 
 
 @dataclass(frozen=True)
-class Closing:
+class LoopConstraints:
     """Loops and couplings of a robot, and the coordinates that follow.
 
     couplings: place of a coordinate, those that it follows with their ratios, and what is added, m or rad.
@@ -42,24 +42,24 @@ class Closing:
     kept: tuple[int, ...] = ()
 
     def residuals(self, chain: Chain, at: Located, q: Array) -> Array:
-        """g of all loops and couplings, (N, m), m and rad, by coordinates without offsets, (N, S, 6)."""
-        found = []
+        """Return g of all loops and couplings, (N, m), m and rad, by coordinates without offsets, (N, S, 6)."""
+        residuals = []
         for loop, (a, b) in zip(self.robot.loops, chain.cuts, strict=True):
             R_a = at.R[a].transpose(0, 2, 1)
             p, R = np.einsum("nij,nj->ni", R_a, at.p[b] - at.p[a]), R_a @ at.R[b]
-            for part in rigid_parts(loop):
-                if part.axis is not None:
-                    found.append(p[:, part.axis])
+            for condition in rigid_parts(loop):
+                if condition.axis is not None:
+                    residuals.append(p[:, condition.axis])
                 else:
-                    found.append(sum((f * R[:, i, j] for f, i, j in part.products), np.zeros(len(p))))
+                    residuals.append(sum((f * R[:, i, j] for f, i, j in condition.products), np.zeros(len(p))))
         for (k, c), others, offset in self.couplings:
-            found.append(q[:, k, c] - offset - sum((r * q[:, i, j] for (i, j), r in others), np.zeros(len(q))))
-        return np.stack([found[i] for i in self.kept or range(len(found))], axis=1)
+            residuals.append(q[:, k, c] - offset - sum((r * q[:, i, j] for (i, j), r in others), np.zeros(len(q))))
+        return np.stack([residuals[i] for i in self.kept or range(len(residuals))], axis=1)
 
     def slopes(self, chain: Chain, at: Located) -> Array:
-        """Derivatives of g by the six coordinates of all stations, (N, m, S, 6)."""
+        """Return derivatives of g by the six coordinates of all stations, (N, m, S, 6)."""
         many, count = at.p.shape[1], len(chain.stations)
-        found = []
+        rows = []
         for loop, (a, b) in zip(self.robot.loops, chain.cuts, strict=True):
             J = np.zeros((2, many, 6, count, 6))
             for side, station in enumerate((a, b)):
@@ -72,35 +72,35 @@ class Closing:
             linear = linear - np.moveaxis(cross(turned, arm[:, np.newaxis, np.newaxis]), -1, 1)
             linear = np.einsum("nij,njsc->nisc", R_a, linear)
             angular = np.einsum("nij,njsc->nisc", R_a, J[1, :, 3:] - J[0, :, 3:])
-            for part in rigid_parts(loop):
-                if part.axis is not None:
-                    found.append(linear[:, part.axis])
+            for condition in rigid_parts(loop):
+                if condition.axis is not None:
+                    rows.append(linear[:, condition.axis])
                     continue
                 total = np.zeros((many, count, 6))
-                for factor, i, j in part.products:
+                for factor, i, j in condition.products:
                     change = cross(np.moveaxis(angular, 1, -1), R[:, np.newaxis, np.newaxis, :, j])
                     total += factor * change[..., i]
-                found.append(total)
+                rows.append(total)
         for (k, c), others, _ in self.couplings:
             row = np.zeros((many, count, 6))
             row[:, k, c] = 1.0
             for (i, j), ratio in others:
                 row[:, i, j] = -ratio
-            found.append(row)
-        return np.stack([found[i] for i in self.kept or range(len(found))], axis=1)
+            rows.append(row)
+        return np.stack([rows[i] for i in self.kept or range(len(rows))], axis=1)
 
     def closed(self, chain: Chain, values: Array, constants: Array, bases: Array, steps: int = _LAST) -> Array:
-        """Values with passive coordinates that close, (N, S, 6), from those that are near."""
-        found = values.copy()
+        """Return values with passive coordinates that close, (N, S, 6), from those that are near."""
+        closed = values.copy()
         ks, cs = np.array(self.passive, dtype=np.intp).T
         for _ in range(steps):
-            at = located(chain, found, bases)
-            g = self.residuals(chain, at, found - constants)
+            at = located(chain, closed, bases)
+            g = self.residuals(chain, at, closed - constants)
             if np.abs(g).max() < 1e-14:
                 break
             G = self.slopes(chain, at)[:, :, ks, cs]
-            found[:, ks, cs] -= np.einsum("nqm,nm->nq", np.linalg.pinv(G, rcond=RANK), g)
-        return np.asarray(found)
+            closed[:, ks, cs] -= np.einsum("nqm,nm->nq", np.linalg.pinv(G, rcond=RANK), g)
+        return np.asarray(closed)
 
     def followed(self, chain: Chain, at: Located) -> Array:
         """Change of the passive coordinates per change of all stations' coordinates by offsets, (N, k, S, 6).
@@ -117,28 +117,28 @@ class Closing:
         return np.asarray(-np.einsum("nqm,nmsc->nqsc", inverse, G))
 
     def carried(self, chain: Chain, at: Located, forces: Array) -> Array:
-        """Forces in all stations' coordinates, (N, S, 6), with what acts on the passive ones that follow them."""
+        """Give forces in all stations' coordinates, (N, S, 6), with what acts on the passive ones that follow them."""
         ks, cs = np.array(self.passive, dtype=np.intp).T
         passed_on = np.einsum("nqsc,nq->nsc", self.followed(chain, at), forces[:, ks, cs])
         return np.asarray(forces + passed_on)
 
 
-def held_by_loops(model: Model, chain: Chain, closing: Closing, places: Sequence[Place]) -> list[Place]:
-    """Index of some whose deflections passive coordinates cannot take up: loops share them among several."""
+def held_by_loops(model: Model, chain: Chain, closing: LoopConstraints, places: Sequence[Place]) -> list[Place]:
+    """Return the index of some whose deflections passive coordinates cannot take up: loops share them among several."""
     G = _home_slopes(model, chain, replace(closing, kept=()))
     ks, cs = np.array(closing.passive, dtype=np.intp).reshape(-1, 2).T
     free = G[:, ks, cs]
     G[sum(len(rigid_parts(loop)) for loop in closing.robot.loops) :] = 0.0  # couplings are between drives' sides
-    found = []
+    held = []
     for k, c in places:
         left = G[:, k, c] - free @ (np.linalg.pinv(free, rcond=RANK) @ G[:, k, c])
         if np.abs(left).max(initial=0.0) > _HELD:
-            found.append((k, c))
-    return found
+            held.append((k, c))
+    return held
 
 
-def closing_of(model: Model, chain: Chain, read: Sequence[Place], source: str) -> Closing:
-    """Loops and couplings of a robot whose drives are read; what else moves follows.
+def closing_of(model: Model, chain: Chain, read: Sequence[Place], source: str) -> LoopConstraints:
+    """Return loops and couplings of a robot whose drives are read; what else moves follows.
 
     Raises:
         InputError: a drive's column is missing, drives do not say where a coordinate is, or nothing closes rigidly.
@@ -158,9 +158,9 @@ def closing_of(model: Model, chain: Chain, read: Sequence[Place], source: str) -
     kept = {place(name) for name in driven}
     passive = []
     for joint in robot.joints:
-        for kind, given in joint.coordinates.items():
+        for kind, coordinate in joint.coordinates.items():
             at = place(component_name(joint.name, kind))
-            if at not in kept and not given.has_stiffness:
+            if at not in kept and not coordinate.has_stiffness:
                 passive.append(at)
     couplings = tuple(
         (place(x.of), tuple((place(name), ratio) for name, ratio in x.to.items()), x.offset or 0.0)
@@ -172,10 +172,10 @@ def closing_of(model: Model, chain: Chain, read: Sequence[Place], source: str) -
             f"{robot.name}: all loops are elastic in all coordinates, so that forces alone say where it stands;"
             " allowed: loops with rigid coordinates"
         )
-    return _independent(model, chain, Closing(robot, tuple(passive), couplings))
+    return _independent(model, chain, LoopConstraints(robot, tuple(passive), couplings))
 
 
-def _independent(model: Model, chain: Chain, closing: Closing) -> Closing:
+def _independent(model: Model, chain: Chain, closing: LoopConstraints) -> LoopConstraints:
     """Keep independent constraints alone, with drives that say where everything is; see closing_of."""
     slopes = _home_slopes(model, chain, closing)
     places = [
@@ -193,26 +193,26 @@ def _independent(model: Model, chain: Chain, closing: Closing) -> Closing:
     return replace(closing, kept=kept)
 
 
-def _home_slopes(model: Model, chain: Chain, closing: Closing) -> Array:
-    """Derivatives of the constraints where they close from home on, (m, S, 6)."""
+def _home_slopes(model: Model, chain: Chain, closing: LoopConstraints) -> Array:
+    """Return derivatives of the constraints where they close from home on, (m, S, 6)."""
     constants, bases = constants_of(chain, model.robot, 1), np.eye(4)[np.newaxis]
     home = closing.closed(chain, _home(chain, model, 1) + constants, constants, bases, 4 * _LAST)
     return np.asarray(closing.slopes(chain, located(chain, home, bases))[0])
 
 
 def constants_of(chain: Chain, robot: Robot, count: int) -> Array:
-    """Offsets of the description in the six coordinates of all stations, (count, S, 6), m and rad."""
-    found = np.zeros((count, len(chain.stations), 6))
+    """Return offsets of the description in the six coordinates of all stations, (count, S, 6), m and rad."""
+    offsets = np.zeros((count, len(chain.stations), 6))
     for k, station in enumerate(chain.stations):
         if station.offset is not None:
-            found[:, k] = station.offset
+            offsets[:, k] = station.offset
     for (k, _), loop in zip(chain.cuts, robot.loops, strict=True):
-        found[:, k] = [value or 0.0 for value in loop.offset]
-    return found
+        offsets[:, k] = [value or 0.0 for value in loop.offset]
+    return offsets
 
 
 def _home(chain: Chain, model: Model, count: int) -> Array:
-    """The description's home in the six coordinates of all stations, (count, S, 6), m and rad."""
+    """Return the description's home in the six coordinates of all stations, (count, S, 6), m and rad."""
     home = np.zeros((count, len(chain.stations), 6))
     names = {s.name: k for k, s in enumerate(chain.stations) if s.joint is not None}
     for name, value in zip(model.coordinates, model.home, strict=True):
@@ -221,8 +221,10 @@ def _home(chain: Chain, model: Model, count: int) -> Array:
     return home
 
 
-def closed_readings(chain: Chain, closing: Closing, model: Model, readings: Array, places: Sequence[str]) -> Array:
-    """Readings with passive coordinates that close the described robot, (N, S, 6), from its home on.
+def closed_readings(
+    chain: Chain, closing: LoopConstraints, model: Model, readings: Array, places: Sequence[str]
+) -> Array:
+    """Return readings with passive coordinates that close the described robot, (N, S, 6), from its home on.
 
     places: file and line of every row, for messages.
 
@@ -232,15 +234,15 @@ def closed_readings(chain: Chain, closing: Closing, model: Model, readings: Arra
     constants, home = constants_of(chain, model.robot, len(readings)), _home(chain, model, len(readings))
     ks, cs = np.array(closing.passive, dtype=np.intp).T
     bases = np.tile(np.eye(4), (len(readings), 1, 1))
-    found = closing.closed(chain, home + constants, constants, bases)
-    start = found - constants
+    closed = closing.closed(chain, home + constants, constants, bases)
+    start = closed - constants
     for share in np.linspace(0.0, 1.0, _STEPS + 1)[1:]:
-        before = found[:, ks, cs]
-        found = start + share * (readings - start) + constants
-        found[:, ks, cs] = before
-        found = closing.closed(chain, found, constants, bases, _LAST if share == 1.0 else _EACH)
-    gaps = np.abs(closing.residuals(chain, located(chain, found, bases), found - constants)).max(axis=1)
+        before = closed[:, ks, cs]
+        closed = start + share * (readings - start) + constants
+        closed[:, ks, cs] = before
+        closed = closing.closed(chain, closed, constants, bases, _LAST if share == 1.0 else _EACH)
+    gaps = np.abs(closing.residuals(chain, located(chain, closed, bases), closed - constants)).max(axis=1)
     bad = np.flatnonzero(~(gaps < CLOSED))
     if bad.size:
         raise InputError(f"{places[int(bad[0])]}: the loops of {model.name} do not close there (by {gaps[bad[0]]:.2g})")
-    return np.asarray(found - constants)
+    return np.asarray(closed - constants)

@@ -20,7 +20,7 @@ STRIDE = 16  # samples between those that are closed one after the other; the ot
 def closed_motion(
     kernel: Kernel, model: Model, measured: Sequence[str], q: Array, v: Array, a: Array
 ) -> tuple[Array, Array, Array, tuple[str, ...]]:
-    """The motion with loops closed and couplings kept, (T, n) each, and the names of the coordinates that follow.
+    """Return motion with loops closed and couplings kept, (T, n) each, and the names of the coordinates that follow.
 
     Where what was measured leaves a mechanism no freedom, the others follow from it.  Where more was measured than it
     has freedoms, all of it changes by the least that closes the loops: rates by their kinetic energy, accelerations by
@@ -53,7 +53,7 @@ def closed_motion(
     a = np.where(known, a, 0.0)
     missing = np.einsum("tmn,tn->tm", J, a) + bias
     a[:, ~held] -= np.einsum("tnm,tm->tn", np.linalg.pinv(J[:, :, ~held], rcond=RANK), missing)
-    return q, v, a, tuple(name for name, given in zip(names, known, strict=True) if not given)
+    return q, v, a, tuple(name for name, is_known in zip(names, known, strict=True) if not is_known)
 
 
 def _may_stay(kernel: Kernel, q: Array, known: Mask) -> Mask:
@@ -67,7 +67,7 @@ def _names(kernel: Kernel, mask: Mask) -> list[str]:
 
 
 def _refuse_unknown(kernel: Kernel, J: Array, known: Mask) -> None:
-    """InputError if coordinates that were not measured can move while the others do not."""
+    """Raise InputError if coordinates that were not measured can move while the others do not."""
     others = np.flatnonzero(~known)
     if rank_of(J[:, others]) == others.size:
         return

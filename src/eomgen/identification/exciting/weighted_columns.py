@@ -25,7 +25,7 @@ LEAST = 1e-14  # of the greatest eigenvalue: what round-off leaves of directions
 
 
 @dataclass(frozen=True, eq=False)
-class Telling:
+class WeightedColumns:
     """Columns of base parameters, in units of the parameters' expected sizes and of the drives' noise.
 
     Attributes:
@@ -34,7 +34,7 @@ class Telling:
         index: numbers of the coordinates whose drives are known, (m,).
         noise: standard deviations of their drives, (m,), N or N m.
         sizes: that are expected of the combinations, (b,), SI units.
-        turning: rates over which dry friction turns round, for gradients, (m,).
+        turning: rates over which Coulomb friction turns round, for gradients, (m,).
     """
 
     kernel: Kernel
@@ -45,36 +45,36 @@ class Telling:
     turning: Array
 
     def columns(self, course: Course, *, smooth: bool = False) -> Array:
-        """Weighted columns, (T, m, b).
+        """Return weighted columns, (T, m, b).
 
         Args:
             course: the motion.
-            smooth: whether dry friction turns round over ``turning`` instead of at once.
+            smooth: whether Coulomb friction turns round over ``turning`` instead of at once.
         """
         q, v, a = course
         Y = np.asarray(self.kernel.regressor(q, v, a))[:, self.index]
-        found = np.zeros((*Y.shape[:2], len(self.base)))
+        columns = np.zeros((*Y.shape[:2], len(self.base)))
         inner, outer = self._inertial
-        found[..., inner] = Y[..., outer]
+        columns[..., inner] = Y[..., outer]
         for term, column, row in self._rubbing:
-            found[:, row, column] = self._friction(term, v[:, self.index[row]], row, smooth=smooth)[0]
-        return np.asarray(found / self.noise[:, np.newaxis] * self.sizes)
+            columns[:, row, column] = self._friction(term, v[:, self.index[row]], row, smooth=smooth)[0]
+        return np.asarray(columns / self.noise[:, np.newaxis] * self.sizes)
 
     def gradient(self, course: Course, weights: Array) -> Course:
-        """Derivatives of the sum of weighted smooth columns by the course, weights (T, m, b)."""
+        """Return derivatives of the sum of weighted smooth columns by the course, weights (T, m, b)."""
         q, v, a = course
-        own = weights / self.noise[:, np.newaxis] * self.sizes
+        scaled = weights / self.noise[:, np.newaxis] * self.sizes
         whole = np.zeros((len(q), self.kernel.n, len(self.kernel.regressor_names)))
         inner, outer = self._inertial
-        whole[:, self.index[:, np.newaxis], outer] = own[..., inner]
+        whole[:, self.index[:, np.newaxis], outer] = scaled[..., inner]
         by_q, by_v, by_a = self.kernel.vjp("regressor", (q, v, a), whole)
         for term, column, row in self._rubbing:
             i = self.index[row]
-            by_v[:, i] += own[:, row, column] * self._friction(term, v[:, i], row, smooth=True)[1]
+            by_v[:, i] += scaled[:, row, column] * self._friction(term, v[:, i], row, smooth=True)[1]
         return by_q, by_v, by_a
 
     def _friction(self, term: str, v: Array, row: int, *, smooth: bool) -> tuple[Array, Array]:
-        """A term's factor at rates, and its slope."""
+        """Return a term's factor at rates, and its slope."""
         if term == "viscous":
             return v, np.ones_like(v)
         if term == "offset":
@@ -97,31 +97,34 @@ class Telling:
         """Combinations that begin with friction: the term, the number of each, and its row."""
         names = [self.base.parameters[j] for j in self.base.chosen]
         rows = [self.kernel.coordinates[i] for i in self.index]
-        own = {component_name(name, term): (term, row) for row, name in enumerate(rows) for term in FRICTION}
-        return [(own[name][0], i, own[name][1]) for i, name in enumerate(names) if name in own]
+        terms = {component_name(name, term): (term, row) for row, name in enumerate(rows) for term in FRICTION}
+        return [(terms[name][0], i, terms[name][1]) for i, name in enumerate(names) if name in terms]
 
 
 def information(columns: Array) -> Array:
-    """The matrix of information, (b, b), from weighted columns (T, m, b)."""
+    """Return the matrix of information, (b, b), from weighted columns (T, m, b)."""
     W = columns.reshape(-1, columns.shape[-1])
     return np.asarray(W.T @ W)
 
 
 def singular_values(columns: Array) -> Array:
-    """Singular values of weighted columns (T, m, b), the greatest first."""
+    """Return singular values of weighted columns (T, m, b), the greatest first."""
     R = np.linalg.qr(columns.reshape(-1, columns.shape[-1]), mode="r")
     return np.asarray(np.linalg.svd(R, compute_uv=False))
 
 
 def criterion_of(kind: str, singular: Array) -> float:
-    """A criterion's value, the less the better: log of the mean standard deviation over sizes, or of the condition."""
+    """Return a criterion's value, the less the better.
+
+    Log of the mean standard deviation over sizes, or of the condition.
+    """
     if kind == CONDITION:
         return float(np.log(singular[0]) - np.log(max(singular[-1], LEAST * singular[0])))
     return float(-np.log(np.maximum(singular, LEAST * singular[0])).mean())
 
 
 def smooth_criterion(kind: str, G: Array) -> tuple[float, Array]:
-    """A criterion that has a gradient everywhere, by the matrix of information (b, b), and that gradient, (b, b).
+    """Give a criterion that has a gradient everywhere, by the matrix of information (b, b), and that gradient, (b, b).
 
     The condition number's greatest and least eigenvalues are those of norms of the power POWER.
     """
@@ -129,7 +132,7 @@ def smooth_criterion(kind: str, G: Array) -> tuple[float, Array]:
     values = np.maximum(values, LEAST * values[-1])
     if kind == CONDITION:
         up, down = (values / values[-1]) ** POWER, (values[0] / values) ** POWER
-        found = np.log(values[-1] / values[0]) + np.log(up.sum()) / POWER + np.log(down.sum()) / POWER
+        logarithm = np.log(values[-1] / values[0]) + np.log(up.sum()) / POWER + np.log(down.sum()) / POWER
         slopes = 0.5 * (up / up.sum() - down / down.sum()) / values
-        return float(0.5 * found), np.asarray((vectors * slopes) @ vectors.T)
+        return float(0.5 * logarithm), np.asarray((vectors * slopes) @ vectors.T)
     return float(-0.5 * np.log(values).mean()), np.asarray((vectors * (-0.5 / values / len(values))) @ vectors.T)
