@@ -198,7 +198,7 @@ QUANTITIES = "base.x.deviation = 1e-4\nbase.y.deviation = 1e-4\nbase.z.deviation
         ("names = ['base.x', '*.x']\ncoefficient = 0.1", "'base.x' is there twice"),
         (
             "names = ['base.x', 'frames.*.x']\ncoefficient = 0.1",
-            "'frames.tcp.x' is uniformly distributed within a bound; allowed: quan",
+            "'frames.tcp.x' is uniformly distributed within a bound; allowed: para",
         ),
         (
             "names = ['base.*']\ncoefficient = 1.1",

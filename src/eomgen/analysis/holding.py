@@ -28,7 +28,7 @@ SPRINGS = ("stiffness", *(law.first for law in LAWS.values() if law.is_spring))
 
 @dataclass(frozen=True)
 class Fixation:
-    """Which coordinates are fixed, and the drives' gains.
+    """Fixed coordinates of an analysis, and the gains of drives.
 
     Attributes:
         drives: "locked", "free" or "pd".

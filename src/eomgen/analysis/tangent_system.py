@@ -67,7 +67,7 @@ def load_force(kernel: Kernel, q: Array, loads: Mapping[str, Array]) -> Array:
 
 
 class MotionState(NamedTuple):
-    """A state of a motion, and what makes it: q, v, a and drives u, (n,) each."""
+    """State of a motion: q, v, a and the drives u that make it, (n,) each."""
 
     q: Array
     v: Array
@@ -77,7 +77,7 @@ class MotionState(NamedTuple):
 
 @dataclass(frozen=True)
 class Tangent(Shown):
-    """Derivatives of the left sides at a state, (n, n) each: by q (with geometric stiffness), v and a."""
+    """Tangent matrices at a state, (n, n) each: stiffness K (with the geometric one), damping D and mass M."""
 
     K: Array
     D: Array

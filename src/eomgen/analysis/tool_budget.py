@@ -45,7 +45,7 @@ class BudgetRow:
 
 @dataclass(frozen=True)
 class Budget(Plotting, Shown, Tabular, plot="plot_budget"):
-    """The deviation of a frame over time, taken apart.
+    """Error budget of a frame over time: its deviation by coordinates.
 
     Attributes:
         robot, frame: names.

@@ -25,7 +25,7 @@ OFF = 0.05  # of the rms of a coordinate: by so much measured ones contradict a 
 
 @dataclass(frozen=True)
 class Relations:
-    """Relations of coordinates that a regressor does not say.
+    """Couplings of coordinates that the regressor of a tree leaves out.
 
     Attributes:
         coordinates: names of all, n of them.

@@ -40,7 +40,7 @@ class Followed(NamedTuple):
 
 
 class Chart:
-    """A choice of independent coordinates, with the assembled state about which it was used last.
+    """Independent coordinates of a closed mechanism, with the assembled state of their last use.
 
     Attributes:
         free: indices of the independent coordinates, (f,).
@@ -56,7 +56,7 @@ class Chart:
 
         Args:
             kernel: of a robot with loops.
-            q: a assembled state, (n,).
+            q: an assembled state, (n,).
             prescribed: which coordinates something else moves, (n,); those of the robot by default.
             free: indices of the coordinates out of which the independent ones are to be; any by default.
 
@@ -85,17 +85,17 @@ class Chart:
         self._start(q, J, rows)
 
     def _start(self, q: Array, J: Array, rows: Index) -> None:
-        """Prepare the arrays that ``following`` takes for this chart, with the slopes at a assembled state."""
+        """Prepare the arrays that ``following`` takes for this chart, with the slopes at an assembled state."""
         kernel = self.kernel
         n, m = kernel.n, len(kernel.constraints)
         if "following" not in kernel.raw.functions:
             raise kernel.raw.missing("following")
         self._function, self._still = kernel.raw.functions["following"], np.zeros(n)
         self._ends = np.cumsum([n, n, n, m * n, m])
-        self._given = np.zeros(2 * n + m + 1 + m * n)  # for good guesses, which nothing changes first
-        self._given[self.bound] = self._given[n + rows] = 1.0
-        self._given[n + m] = ROUNDS
-        self._chart = self._given.copy()
+        self._near_choice = np.zeros(2 * n + m + 1 + m * n)  # for good guesses, which nothing changes first
+        self._near_choice[self.bound] = self._near_choice[n + rows] = 1.0
+        self._near_choice[n + m] = ROUNDS
+        self._chart = self._near_choice.copy()
         self._steps = (n, n, n, 0)
         square = J[np.ix_(rows, self.bound)]
         self._slopes = np.zeros((self.rank, n))
@@ -107,19 +107,19 @@ class Chart:
 
     @property
     def steepness(self) -> float:
-        """See above; where the chart was used last."""
+        """Largest slope of dependent by independent coordinates, each over its size, at the last state."""
         scaled = self._slopes[:, self.free] * self._sizes[self.free] / self._sizes[self.bound, np.newaxis]
         return float(np.abs(scaled).max(initial=0.0))
 
     @property
     def q(self) -> Array:
-        """The assembled state about which it was used last, (n,)."""
+        """Assembled state of the last use, (n,)."""
         return self._q
 
     @property
     def choice(self) -> Array:
-        """The choice as the kernel's function "following" reads it where the dependent coordinates are good guesses."""
-        return np.array(self._given)
+        """Array of the choice for the kernel's function "following", with good guesses of dependent coordinates."""
+        return np.array(self._near_choice)
 
     def assemble(self, q: Array, *, near: bool = False) -> tuple[Array, Array]:
         """Return states, (n,) or (N, n), closed by their dependent coordinates, and the slopes there.
@@ -140,7 +140,7 @@ class Chart:
             LoopError: there is none near the guess, or near where the state that was used last leads.
             ArrayError: something is not finite.
         """
-        calls, chart = self.kernel.calls, self._given if near else self._chart
+        calls, chart = self.kernel.calls, self._near_choice if near else self._chart
         if not near:
             q = q.copy()
             q[..., self.bound] = self._q[self.bound]
@@ -182,14 +182,14 @@ class Chart:
         return left_open(self.kernel.raw, np.abs(J).max(axis=1), what, allowed)
 
     def use(self, q: Array, slopes: Array) -> None:
-        """Go on from a assembled state, (n,), with the slopes there."""
+        """Go on from an assembled state, (n,), with the slopes there."""
         self._q, self._slopes = q, slopes
         n, first = self.kernel.n, self._ends[0] + len(self.kernel.constraints) + 1
         self._chart[first : first + n] = q
         self._chart[first + n : first + (1 + self.rank) * n] = slopes.ravel()
 
     def moved(self) -> Chart | None:
-        """Return a better chart for where this one was used last.
+        """Return a better chart for the state of the last use.
 
         None while this one is good, or no other is better.
         """

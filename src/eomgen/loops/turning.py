@@ -17,7 +17,7 @@ from .chart import Chart, Followed
 
 @dataclass(frozen=True)
 class ChartRows:
-    """States of which the same angles are singular: their rows, the kernel and the chart that know them otherwise."""
+    """Rows of a batch with the same singular angles: their kernel, chart and assembled states."""
 
     rows: Index | EllipsisType
     kernel: Kernel
@@ -26,7 +26,7 @@ class ChartRows:
 
 
 class TurningChart:
-    """Charts of one mechanism, each with other joints turned; states as described.
+    """Charts of one mechanism whose joints have 3-DOF rotations; states as described.
 
     Independent coordinates are of joints that stay as they are.
 
@@ -40,7 +40,7 @@ class TurningChart:
 
         Args:
             kernel: of a robot with loops.
-            q: a assembled state, (n,).
+            q: an assembled state, (n,).
             free: indices of the coordinates out of which the independent ones are to be.
 
         Raises:
@@ -59,11 +59,11 @@ class TurningChart:
 
     @property
     def charts(self) -> Mapping[frozenset[str], Chart]:
-        """The charts that were needed so far, by the joints that are turned in them; where it began is the first."""
+        """Charts so far, by the joints whose angles they switch; the first is that of the beginning."""
         return self._charts
 
     def go_on(self, q: Array, *, near: bool = False) -> Array:
-        """Return the assembled state, (n,), about which it is used next.
+        """Assemble a state, (n,), and go on from it; return it.
 
         Args:
             q: (n,); what is not dependent stays.

@@ -19,7 +19,7 @@ KINDS = ("position", "speed", "effort")
 
 @dataclass(frozen=True)
 class Excess:
-    """How far a motion is beyond one limit of a coordinate, at the worst.
+    """Largest violation of one limit of a coordinate by a motion.
 
     kind: of KINDS.  value, limit: in their unit.  at: s, where the motion has times.
     """

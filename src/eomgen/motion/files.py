@@ -25,7 +25,7 @@ _MOST_NUMBERS = 10_000_000  # of all coordinates at all times: a motion has up t
 
 @dataclass(frozen=True, kw_only=True)
 class MeasuredMotion(Shown):
-    """A motion that was measured, sampled at T times.
+    """Measured motion, sampled at T times.
 
     Attributes:
         coordinates: names of all n coordinates of the robot.

@@ -17,7 +17,7 @@ from ..shown import Shown
 
 
 class Program(Protocol):
-    """A motion that drives are to follow, which can be asked for at any time."""
+    """Reference trajectory of drives, defined at all times."""
 
     @property
     def start(self) -> Array:

@@ -111,17 +111,17 @@ def _targets(tool: str, pose: ArrayLike) -> tuple[list[Target], tuple[int, ...]]
 
 def _starts(kernel: Kernel, robot: Robot | None, guess: ArrayLike | None, lead: Sequence[int]) -> Array:
     """Return a guess for each pose, (N, n)."""
-    given = np.zeros(kernel.n) if guess is None else as_floats(guess)
+    guesses = np.zeros(kernel.n) if guess is None else as_floats(guess)
     if guess is None and robot is not None:
         names = program_coordinates(robot)
         start, goal = default_ends(robot, names)
         begun = dict(zip(names, start if robot.is_closed else (start + goal) / 2, strict=True))
         begun |= leading_home(robot)
-        given = np.array([begun.get(name, 0.0) for name in kernel.coordinates])
+        guesses = np.array([begun.get(name, 0.0) for name in kernel.coordinates])
     whole = (*lead, kernel.n)
-    if given.shape not in ((kernel.n,), whole) or not np.isfinite(given).all():
-        raise ArrayError(f"guess: got shape {given.shape}; allowed: finite numbers ({kernel.n},) or {whole}")
-    return np.broadcast_to(given, whole).reshape(-1, kernel.n)
+    if guesses.shape not in ((kernel.n,), whole) or not np.isfinite(guesses).all():
+        raise ArrayError(f"guess: got shape {guesses.shape}; allowed: finite numbers ({kernel.n},) or {whole}")
+    return np.broadcast_to(guesses, whole).reshape(-1, kernel.n)
 
 
 def _between(kernel: Kernel, robot: Robot | None, driven: set[str], start: Array, limits: bool | ArrayLike) -> Array:

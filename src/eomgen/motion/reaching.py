@@ -23,7 +23,7 @@ _LEAST_STEP = 1e-14  # m or rad: nothing is won any more
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """Pose that a tool is to reach.
+    """Pose for a tool to reach.
 
     Attributes:
         tool: a frame or link.
@@ -46,7 +46,7 @@ class Target:
         return 3 if self.axes is None else 6
 
     def error(self, kernel: Kernel, q: Array) -> Array:
-        """Return what is missing at q: displacement, m, and rotation vector, rad, base frame, (3,) or (6,)."""
+        """Return the error at q: displacement, m, and rotation vector, rad, base frame, (3,) or (6,)."""
         pose = kernel.frame_pose(q, self.tool)
         off = self.point - pose[:3, 3]
         return off if self.axes is None else np.concatenate([off, vector_of(self.axes @ pose[:3, :3].T)])
@@ -66,7 +66,7 @@ class Target:
 
 @dataclass(frozen=True, eq=False)
 class Reached:
-    """Coordinates, (n,), and what is still missing there, as ``Target.error`` has it; infinite where loops are open."""
+    """Coordinates, (n,), and their remaining error, as ``Target.error`` has it; infinite where loops are open."""
 
     q: Array
     error: Array
@@ -84,7 +84,7 @@ class Reached:
 
     @property
     def missed(self) -> float:
-        """Both together, m and rad."""
+        """Distance and angle as one size, m and rad."""
         return float(np.linalg.norm(self.error))
 
     @property
@@ -93,7 +93,7 @@ class Reached:
         return self.distance <= self.close and self.angle <= CLOSE
 
     def text(self) -> str:
-        """Say what is missing, for messages."""
+        """Return the remaining error as text for messages."""
         if not np.isfinite(self.distance):
             return "its loops do not close"
         turn = f" and {round(np.degrees(self.angle), 9):.4g} deg" if self.error.size == 6 else ""

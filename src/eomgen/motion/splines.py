@@ -21,7 +21,7 @@ DEGREE = 5  # of splines: accelerations, and their rates too, are continuous
 
 @dataclass(frozen=True, eq=False)  # arrays have no one truth
 class Standstill(Shown):
-    """A program that stays at ``start``, (n,)."""
+    """Reference trajectory that stays at ``start``, (n,)."""
 
     start: Array
 
@@ -80,7 +80,7 @@ class Spline:
 
 @dataclass(frozen=True)
 class Columns:
-    """Some coordinates of a program: those at ``index``."""
+    """Reference trajectory of some coordinates of another one: those at ``index``."""
 
     program: Program
     index: Index

@@ -49,7 +49,7 @@ class Turning:
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """Points that a tool is to pass.
+    """Points of a tool's path.
 
     Attributes:
         name: of the path, for messages.

@@ -35,7 +35,7 @@ HEAD = (
 
 @dataclass(frozen=True)
 class FittedParameters:
-    """Things to write: the robot as described, its stations, links of measured frames, and by name values,
+    """Parameters to write: the robot as described, its stations, links of measured frames, and by name values,
     standard deviations and units."""
 
     robot: Robot
@@ -47,7 +47,7 @@ class FittedParameters:
 
     @property
     def calibrated(self) -> Robot:
-        """The robot with all of it."""
+        """Calibrated robot."""
         return calibrated_robot(self.robot, self.chain, self.links, self.values)
 
     def said(self, *name: str) -> str:

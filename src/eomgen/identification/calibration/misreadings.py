@@ -34,7 +34,7 @@ _SAID = 8  # readings in a message
 
 @dataclass(frozen=True)
 class Reading:
-    """Another way to read a file: in a few words, what kind of thing it is about, and what it makes of the poses."""
+    """Another reading of a file: its text, the kind of mistake, and the function that rereads poses."""
 
     text: str
     about: str
@@ -55,7 +55,7 @@ class Left:
 
     @property
     def explains(self) -> bool:
-        """Whether it may be right."""
+        """Whether the reading may be right."""
         return all(share < EXPLAINED for share in self.shares.values())
 
     def is_like(self, other: Left) -> bool:

@@ -79,7 +79,11 @@ def variants_of(
         confidence: of the gains' intervals.
         report: called with a line of text when a variant begins.
     """
-    problems = {"placement": _part(problem, PLACEMENT), "zeros": _part(problem, PLACEMENT, ZERO), "full": problem}
+    problems = {
+        "placement": _restricted(problem, PLACEMENT),
+        "zeros": _restricted(problem, PLACEMENT, ZERO),
+        "full": problem,
+    }
     fits: dict[str, Fit] = {}
     x = start
     for name, reduced in problems.items():
@@ -112,12 +116,12 @@ def residuals_of(problem: Problem, fitted: Array, held: Array | None, trust: Arr
 
 def only_fitted(problem: Problem, start: Array, loss: str | None) -> Fit:
     """Return the full fit alone, from placement on."""
-    return fitted(problem, roughly(_part(problem, PLACEMENT), start), loss=loss)
+    return fitted(problem, roughly(_restricted(problem, PLACEMENT), start), loss=loss)
 
 
 def roughly_placed(problem: Problem, start: Array) -> Array:
     """Return values, (P,), with placements of base and tool alone after a few steps: enough to distinguish readings."""
-    return roughly(_part(problem, PLACEMENT), start, ROUGH // 2)
+    return roughly(_restricted(problem, PLACEMENT), start, ROUGH // 2)
 
 
 def rms(problem: Problem, differences: Array, trust: Array, *, whole: bool = False) -> Rms:
@@ -175,7 +179,7 @@ def folds_from(folds: object) -> int:
     return folds
 
 
-def _part(problem: Problem, *kinds: str) -> Problem:
+def _restricted(problem: Problem, *kinds: str) -> Problem:
     """Return the problem with the active parameters of these kinds alone; drives' terms come with the full one."""
     chosen = [i for i in problem.active if problem.model.parameters[i].kind in kinds]
     return replace(problem, active=np.array(chosen, dtype=np.intp))

@@ -35,7 +35,7 @@ EXACT = 1e-10  # m, weighted: nothing is left to be done
 
 @dataclass(frozen=True, eq=False)
 class Learnt:
-    """The best iterate.
+    """Best iterate of learning.
 
     Attributes:
         wanted: correction of the program's samples that another iteration would take, (T, m), whatever limits say.

@@ -29,7 +29,7 @@ EXACT = 1e-10  # m, weighted
 
 @dataclass(frozen=True, eq=False)
 class _Still:
-    """A program that is always where it is, with rates and accelerations that it would have there; (m,) each."""
+    """Reference held at one sample, with its rates and accelerations there; (m,) each."""
 
     start: Array
     v: Array

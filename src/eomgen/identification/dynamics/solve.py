@@ -300,8 +300,8 @@ def _described(robot: Robot, kernel: Kernel, base: BaseParameters) -> Array:
         joint = robot.joint(joint_of(name))
         coordinate = joint.motor.rotor if joint.motor and kind_of(name) == MOTOR else joint.coordinates[kind_of(name)]
         dry = coordinate.friction
-        is_own = kind_of(name) != MOTOR  # a rotor's damping is its transmission's
-        theta[f"{name}.viscous"] = (coordinate.damping or 0.0) * is_own + (dry.viscous or 0.0 if dry else 0.0)
+        is_alone = kind_of(name) != MOTOR  # a rotor's damping is its transmission's
+        theta[f"{name}.viscous"] = (coordinate.damping or 0.0) * is_alone + (dry.viscous or 0.0 if dry else 0.0)
         theta[f"{name}.dry"] = dry.coulomb if dry else 0.0
         theta[f"{name}.offset"] = coordinate.preload or 0.0
     for rotor, _, _ in relations.motors:

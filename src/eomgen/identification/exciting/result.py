@@ -36,7 +36,7 @@ class Compared:
 
 @dataclass(frozen=True, eq=False)  # arrays have no one truth
 class ExciteResult(Plotting, Shown, Saved, plot="plot_excitation"):
-    """A motion that excites.
+    """Exciting motion of a robot.
 
     Attributes:
         robot: its name.

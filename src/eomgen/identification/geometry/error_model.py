@@ -33,7 +33,7 @@ PASSES = 3  # of loads on what they deflect; each is as exact as the last times 
 
 @dataclass(frozen=True)
 class ErrorParameter:
-    """One unknown.
+    """One unknown parameter of the error model.
 
     name: such as "joints.joint2.offset.z"; of a compliance that of its stiffness.  kind: one of the five above.
     station, coordinate: what it moves.  factor: "one", "series", "force", "gain", "cos", "sin" (with the number of the
@@ -83,7 +83,7 @@ class Rows:
 
 @dataclass(frozen=True)
 class ErrorModel:
-    """A robot's stations, what is unknown of them, and where the bases of the series stand to begin with.
+    """Error model of a robot: its stations, their parameters, and first base placements of the series.
 
     bases: pose of the robot's base before the device by series, (4, 4), in front of the base's six coordinates.
     closing: what closes a mechanism; None of a tree.

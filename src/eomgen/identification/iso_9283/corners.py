@@ -47,7 +47,7 @@ def corner_figures(path: Path, command: Record) -> tuple[CornerFigures, ...]:
         begin = 0.5 * (ends[i] + ends[i + 1])
         last = i + 2 == len(ends) - 1
         end = ends[i + 2] if last else 0.5 * (ends[i + 1] + ends[i + 2])
-        parts = [_part(points, length, record, begin, end) for record in path.cycles]
+        parts = [_piece(points, length, record, begin, end) for record in path.cycles]
         figures.append(
             CornerFigures(
                 along=ends[i + 1],
@@ -107,7 +107,7 @@ def _angle(one: Array, other: Array) -> float:
     return float(np.arctan2(np.linalg.norm(np.cross(one, other)), one @ other))
 
 
-def _part(points: Array, length: Array, record: Record, begin: float, end: float) -> Array:
+def _piece(points: Array, length: Array, record: Record, begin: float, end: float) -> Array:
     """Return the attained path between lengths of the commanded one, (k, 3): as far as it goes through their planes."""
     index = np.interp((begin, end), length, np.arange(len(points)))
     steps = np.diff(points, axis=0)[np.minimum(index.astype(np.intp), len(points) - 2)]

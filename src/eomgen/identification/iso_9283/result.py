@@ -163,7 +163,7 @@ class VariationFigures:
 
 @dataclass(frozen=True, kw_only=True)
 class StopFigures:
-    """Coming to rest at a pose, clauses 7.4 and 7.5.
+    """Stabilization and overshoot at a pose, clauses 7.4 and 7.5.
 
     band: limit band, m.  time: stabilization time, s, mean of the cycles.  overshoot: the greatest of them, m.
     """

@@ -71,14 +71,14 @@ def _drives(chain: Chain) -> Iterator[ErrorParameter]:
 
 def contributions_of(model: ErrorModel) -> dict[str, Contribution]:
     """Return everything that a table may name, by name."""
-    contributions = [_own(i, parameter) for i, parameter in enumerate(model.parameters)]
+    contributions = [_of_parameter(i, parameter) for i, parameter in enumerate(model.parameters)]
     index = {parameter.name: i for i, parameter in enumerate(model.parameters)}
     for station in model.chain.stations:
         contributions += _of_joint(station, index)
     return {one.name: one for one in contributions}
 
 
-def _own(i: int, parameter: ErrorParameter) -> Contribution:
+def _of_parameter(i: int, parameter: ErrorParameter) -> Contribution:
     if parameter.kind == COMPLIANCE:
         return Contribution(parameter.name, parameter.unit, 1.0 / parameter.nominal, ((i, 1.0),), True)
     return Contribution(parameter.name, parameter.unit, parameter.nominal, ((i, 1.0),))

@@ -148,7 +148,7 @@ class ToleranceResult(Plotting, Shown, Tabular, Saved, plot="plot_tolerance"):
 
     @property
     def positions(self) -> Array:
-        """Index of the frame at the poses, without what is off, (N, 3), m, in the base frame."""
+        """Positions of the frame at the poses, without deviations, (N, 3), m, in the base frame."""
         return self.exact.poses(np.zeros((len(self.names), len(self.q))), np.arange(len(self.q)))[1]
 
     def allocate(self, accuracy: float) -> Allocation:

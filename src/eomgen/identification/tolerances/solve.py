@@ -103,7 +103,7 @@ def tolerance(  # noqa: PLR0913
     elif along is not None:
         t, q = _motion(model, names, along)
     else:
-        q = _given_poses(model, names, poses)
+        q = _checked_poses(model, names, poses)
     exact = _exact(robot, model, frame, names, q, wrench)
     known = contributions_of(exact.model)
     read = read_table(table, tuple(known))
@@ -136,7 +136,7 @@ def _of_joint(robot: Robot, name: str) -> str:
     return component_name(joint_of(name), PRINCIPAL[robot.joint(joint_of(name)).type])
 
 
-def _given_poses(model: Model, names: Sequence[str], poses: ArrayLike | Mapping[str, float] | None) -> Array:
+def _checked_poses(model: Model, names: Sequence[str], poses: ArrayLike | Mapping[str, float] | None) -> Array:
     home = dict(zip(model.coordinates, model.home, strict=True))
     start = np.array([float(home.get(name, 0.0)) for name in names])
     if poses is None:
