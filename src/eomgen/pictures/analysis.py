@@ -22,7 +22,7 @@ from ..names import show
 from .scene import Array, capsules, extent, link_poses, placed
 from .style import (
     BESIDE,
-    COLORS,
+    CYCLE,
     PROGRAM_COLOR,
     TOOL_COLOR,
     Plotted,
@@ -34,7 +34,6 @@ from .style import (
     ticker,
 )
 
-CYCLE = tuple(color for colors in COLORS.values() for color in colors.values())
 DASHES = ("-", "--", ":")  # of the first colours, the second and the third
 COLUMNS = 3  # of shapes beside each other
 SWING = 0.12  # largest displacement that is drawn, of the robot's size

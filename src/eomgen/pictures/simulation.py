@@ -21,6 +21,7 @@ from .energy import SOURCE, plot_energy, plot_tracking
 from .journals import plot_journals, result_journals
 from .style import (
     COLORS,
+    CYCLE,
     PROGRAM_COLOR,
     TOOL_COLOR,
     Plotted,
@@ -107,8 +108,8 @@ def plot_series(result: SimulationResult, *names: str, path: Path | str | None =
         )
         for panel, (unit, curves) in zip(panels, by_unit.items(), strict=True):
             factor, prefixed = scale_of(np.concatenate([np.ravel(series.values) for series in curves]), unit)
-            for label, t, values in _components(curves):
-                panel.plot(t, factor * values, label=literal(label))
+            for k, (label, t, values) in enumerate(_components(curves)):
+                panel.plot(t, factor * values, color=CYCLE[k % len(CYCLE)], label=literal(label))
             panel.set_ylabel(prefixed)
             panel.set_xlim(curves[0].t[0], curves[0].t[-1])
             panel.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0, handlelength=1.4)

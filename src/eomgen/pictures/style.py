@@ -23,6 +23,7 @@ COLORS = {  # Okabe and Ito, told apart by colour-blind readers; without amber, 
     "m": {"x": "#0072b2", "y": "#d55e00", "z": "#009e73"},
     "rad": {"alpha": "#56b4e9", "beta": "#882255", "gamma": "#cc79a7"},
 }
+CYCLE = tuple(color for colors in COLORS.values() for color in colors.values())  # of several curves
 PROGRAM_COLOR, TOOL_COLOR, GRID_COLOR = "#777777", "#cc3311", "#dddddd"
 DPI = 200
 FULL_WIDTH = 7.4  # inches: the widest figure; the others take their share of a page's width, so that type is as large

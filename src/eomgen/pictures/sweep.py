@@ -47,6 +47,7 @@ def plot_sweep(
         with sheet(6.4, 3.8, target / f"{name}.png", f"{result.meta['robot']}: {column}") as drawn:
             [axes] = drawn.panels(1, partial(_single_panel, left=left))
             draw(result, column, axes)
+            _legend_above(axes, 3)
         written.append(drawn.outcome)
     return written
 
@@ -70,10 +71,11 @@ def plot_column(
     """
     column = _column(result, column)
     with sheet(7.4, 3.6, path, f"{result.meta['robot']}: {column}", ax) as drawn:
-        room = {"top": 0.72, "bottom": 0.14, "left": 0.08, "right": 0.98, "wspace": 0.62}
+        room = {"top": 0.76, "bottom": 0.14, "left": 0.08, "right": 0.98, "wspace": 0.62}
         panels = drawn.panels(2, lambda figure: figure.subplots(1, 2, gridspec_kw=room))
         for draw, axes in zip(DRAWS, panels, strict=True):
             draw(result, column, axes)
+            _legend_above(axes, 2)
     return drawn.outcome
 
 
@@ -102,7 +104,6 @@ def _distribution(result: SweepResult, column: str, axes: Any) -> None:
     axes.set_xlabel(literal(f"{column}, {unit or '1'}"))
     axes.set_ylabel(f"samples, of {values.size}")
     axes.grid(visible=False, axis="x")
-    _legend_above(axes)
 
 
 def _scaled(values: Any, unit: str) -> tuple[float, str]:
@@ -125,11 +126,10 @@ def _sensitivity(result: SweepResult, column: str, axes: Any) -> None:
     axes.set_xlim(-1.05, 1.05)
     axes.set_xlabel("standardized coefficient, correlation")
     axes.grid(visible=False, axis="y")
-    _legend_above(axes)
 
 
-def _legend_above(axes: Any) -> None:
-    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, handlelength=1.2, columnspacing=1.0)
+def _legend_above(axes: Any, columns: int) -> None:
+    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, handlelength=1.2, columnspacing=1.0)
 
 
 DRAWS = (_distribution, _sensitivity)

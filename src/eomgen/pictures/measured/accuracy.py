@@ -10,10 +10,9 @@ import numpy as np
 
 from ...identification.iso_9283.result import AccuracyResult
 from ..report import Report, Table, drawn, sorted_notes
-from ..style import BESIDE, COLORS, PROGRAM_COLOR, Plotted, check_kind, literal, scale_of, sheet
+from ..style import BESIDE, CYCLE, PROGRAM_COLOR, Plotted, check_kind, literal, scale_of, sheet
 from .tables import columns_of, table
 
-CYCLE = tuple(color for colors in COLORS.values() for color in colors.values())
 MOST = len(CYCLE)  # poses, and paths, that are drawn
 
 

@@ -10,8 +10,8 @@ import numpy as np
 from ...identification.exciting.result import ExciteResult
 from ...robot.coordinates import force_unit_of, unit_of
 from ..report import Report, drawn, sorted_notes
-from ..style import FULL_WIDTH, PROGRAM_COLOR, Plotted, check_kind, literal, sheet
-from .accuracy import CYCLE, MOST
+from ..style import CYCLE, FULL_WIDTH, PROGRAM_COLOR, Plotted, check_kind, literal, sheet
+from .accuracy import MOST
 from .tables import number, table
 
 
