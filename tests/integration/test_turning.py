@@ -365,7 +365,7 @@ def test_the_code_of_other_robots_knows_nothing_of_it(built: Build) -> None:
         assert "is_turned" not in text
     assert kernel.raw.turning == {}
     assert "free_body_turned_setup" in built(free_body(), *INTEGRATED).source("h")
-    with pytest.raises(UnknownNameError, match="'free' does not turn freely"):
+    with pytest.raises(UnknownNameError, match="'free' has no 3-DOF rotation"):
         kernel.with_turned({"free"})
 
 

@@ -226,7 +226,7 @@ def test_other_refusals(built: Build) -> None:
         kernel.rollout([0.0], [0.0], loads=InputSignals(replace(aim(1.0, 1.0).drive, model=model)), **how)
     turning = built(random_robot(1045, joints=(1, 1), types=("free",), armature=False, forces=False), *LOADED)
     zero = np.zeros(turning.n)
-    with pytest.raises(InputError, match="works: joint1 turns freely; allowed: other joints"):
+    with pytest.raises(InputError, match="works: joint1 has 3-DOF rotation; allowed: other joints"):
         turning.rollout(zero, zero, works=True, **how)
 
 

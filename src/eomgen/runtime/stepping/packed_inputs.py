@@ -330,7 +330,7 @@ class PackedInputs:
     def _function(self, calls: Calls, name: str, *, turned: bool = False) -> tuple[Any, Any]:
         """Return the code of a kernel's function as C of this library takes it, and what that reads of parameters.
 
-        Of these with all joints ``turned`` that turn freely, or as the kernel has them.
+        Of these with all joints with 3-DOF rotation ``turned``, or as the kernel has them.
         """
         parameters = calls.parameters
         if turned:
