@@ -78,10 +78,10 @@ def put(loads: InputSignals, name: str, x: Any) -> InputSignals:
         rows[k] = replace(rows[k], signal=replace(rows[k].signal, coefficients=x))
         return replace(loads, wrenches=rows)
     if name.startswith("prescribed"):
-        assert loads.given is not None
-        track = loads.given.tracks[0]
+        assert loads.prescribed is not None
+        track = loads.prescribed.tracks[0]
         moved = replace(track, signal=replace(track.signal, coefficients=x))
-        return replace(loads, given=replace(loads.given, tracks=[moved]))
+        return replace(loads, prescribed=replace(loads.prescribed, tracks=[moved]))
     _, field, *rest = name.split(".")
     if rest:
         return replace(loads, drive=replace(drive, **{field: replace(getattr(drive, field), **{rest[0]: x})}))
@@ -94,8 +94,8 @@ def numbers(loads: InputSignals, name: str) -> Any:
     if name.startswith("wrench"):
         return loads.wrenches[int(name[7:-1])].signal.coefficients
     if name.startswith("prescribed"):
-        assert loads.given is not None
-        return loads.given.tracks[0].signal.coefficients
+        assert loads.prescribed is not None
+        return loads.prescribed.tracks[0].signal.coefficients
     _, field, *rest = name.split(".")
     own = getattr(loads.drive, field)
     return np.asarray(getattr(own, rest[0]) if rest else own.signal.coefficients)
@@ -252,7 +252,7 @@ def test_a_mechanism_whose_only_freedom_is_prescribed(built: Build, monkeypatch:
     case.q, case.u = kernel.close([0.5, 0.2, 1.2]), np.zeros(3)
     case.v = kernel.close_rates(case.q, [1.0, 0.0, 0.0])
     track = Track(signal(rng, 1, 0.1), np.array([0]))
-    case.loads = InputSignals(given=Waves(np.array([[0.1, 8.0, 0.3, 0.5]]), [track]))
+    case.loads = InputSignals(prescribed=Waves(np.array([[0.1, 8.0, 0.3, 0.5]]), [track]))
     value, found = case.gradient()
     assert [found[name] for name in case.parameters] == pytest.approx([0.0] * 3, abs=1e-12)  # what moves is given
     assert found["gravity.z"] == 0.0  # across its plane

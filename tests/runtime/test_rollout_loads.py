@@ -145,7 +145,7 @@ def test_states_begin_where_tracks_do(built: Build) -> None:
     waves = Waves(np.tile([0.5, 2.0, 0.3, 0.1], (count, 1)))
     every = [
         InputSignals(),
-        *(InputSignals(given=replace(waves, tracks=[Track(x, np.array([0]))])) for x in (line, path)),
+        *(InputSignals(prescribed=replace(waves, tracks=[Track(x, np.array([0]))])) for x in (line, path)),
     ]
     q, v = np.zeros((3, kernel.n)), np.zeros((3, kernel.n))
     place_prescribed(kernel.calls, every, q, v)

@@ -157,12 +157,12 @@ class CompiledCode:
             joints: names of those that are turned; the others are as described.
 
         Raises:
-            UnknownNameError: a joint that does not turn freely.
+            UnknownNameError: a joint without 3-DOF rotation.
         """
         joints = names_in("joints", joints)
         for name in joints:
             if name not in self.raw.turning:
-                raise UnknownNameError(f"joints: {name!r} does not turn freely; known: {', '.join(self.raw.turning)}")
+                raise UnknownNameError(f"joints: {name!r} has no 3-DOF rotation; known: {', '.join(self.raw.turning)}")
         other = self.with_parameters()
         other.parameters.turn(joints)
         return other

@@ -28,7 +28,7 @@ RANK = {8: 1e-7, 4: 1e-3}  # singular values below this fraction of the greatest
 GUESSES = 40  # random ones for every root that is asked for
 REACH = 0.5  # m, at least: how far from the guess lengths are tried
 MOST_ROOTS = 1000  # of each some guesses are tried
-CHANGED = 0.01  # of a gap: what changes it by less does not keep it open
+CHANGED = 0.01  # of a violation: what changes it by less does not keep it open
 SAME = 1e-6  # m or rad: roots that differ by less are one
 
 
@@ -81,7 +81,7 @@ class LoopClosure(CompiledCode):
                 coordinates are held than the mechanism has freedoms, they are any of infinitely many.
 
         Raises:
-            LoopError: they do not close near the guess, or only turned over; names the loop and its remaining gap.
+            LoopError: they do not close near the guess, or only turned over; names the loop and its violation.
             UnknownNameError: a held coordinate is none.
             InputError: the robot has no loops, or roots of many states are asked for.
         """
@@ -89,8 +89,8 @@ class LoopClosure(CompiledCode):
             return _roots(self.calls, q, held, roots)
         calls = self.calls
         guesses, lead = calls.array("q", q, (calls.n,))
-        closed, gaps = _closed(calls, guesses.reshape(-1, calls.n), _free(calls, held))
-        _refuse_gaps(calls, closed, gaps, lead)
+        closed, violations = _closed(calls, guesses.reshape(-1, calls.n), _free(calls, held))
+        _refuse_violations(calls, closed, violations, lead)
         _refuse_turned_over(calls, closed, lead)
         return closed.reshape(guesses.shape)
 
@@ -115,8 +115,10 @@ class LoopClosure(CompiledCode):
         guesses, of_v = calls.array("v", v, (n,))
         lead = joint_lead("v", of_v, of_q)
         states, moving = (np.broadcast_to(x, (*lead, n)).reshape(-1, n).copy() for x in (states, guesses))
-        gaps = calls.run("constraint", None, (states,))
-        _refuse(calls, gaps, OPEN[calls.dtype.itemsize], "is open", "q of kernel.close", lambda i: _place(i, lead))
+        violations = calls.run("constraint", None, (states,))
+        _refuse(
+            calls, violations, OPEN[calls.dtype.itemsize], "is open", "q of kernel.close", lambda i: _place(i, lead)
+        )
         for group in _chart_groups(calls, states, free):
             place = group.place(lead)
             turned, guess = group.turned(states[group.rows], moving[group.rows])
@@ -222,10 +224,10 @@ def _roots(calls: Calls, q: ArrayLike, held: Iterable[str], number: int) -> Arra
     tried[1:] += (rng.uniform(-1.0, 1.0, tried[1:].shape) * spread).astype(calls.dtype)
     with_effect = free & (np.abs(calls.run("constraint_jacobian", None, (tried,))).max(axis=(0, 1)) > 0.0)
     tried[:, ~with_effect] = guess[~with_effect]
-    states, gaps = _closed(calls, tried, with_effect)
-    closed = np.abs(gaps).max(axis=1) <= CLOSED[calls.dtype.itemsize]
+    states, violations = _closed(calls, tried, with_effect)
+    closed = np.abs(violations).max(axis=1) <= CLOSED[calls.dtype.itemsize]
     if not closed.any():
-        _refuse_gaps(calls, states[:1], gaps[:1], ())
+        _refuse_violations(calls, states[:1], violations[:1], ())
     upright = _turned_over(calls, states) < 0
     if not (closed & upright).any():
         _refuse_turned_over(calls, states[closed][:1], ())
@@ -242,12 +244,12 @@ def _roots(calls: Calls, q: ArrayLike, held: Iterable[str], number: int) -> Arra
 
 def _closed(calls: Calls, guesses: Array, free: Mask) -> tuple[Array, Array]:
     """Close states, (N, n), by the Levenberg-Marquardt method; return them and their constraint violations, (N, m)."""
-    q, gaps = guesses.copy(), calls.run("constraint", None, (guesses,))
+    q, violations = guesses.copy(), calls.run("constraint", None, (guesses,))
     for group in _chart_groups(calls, guesses, free):
         still = np.zeros_like(guesses[group.rows])
-        solution, gaps[group.rows] = _by_steps(group.calls, group.turned(guesses[group.rows], still)[0], free)
+        solution, violations[group.rows] = _by_steps(group.calls, group.turned(guesses[group.rows], still)[0], free)
         q[group.rows] = group.described(solution, still, guesses[group.rows], str)[0]
-    return q, gaps
+    return q, violations
 
 
 def _by_steps(calls: Calls, guesses: Array, free: Mask) -> tuple[Array, Array]:
@@ -259,13 +261,13 @@ def _by_steps(calls: Calls, guesses: Array, free: Mask) -> tuple[Array, Array]:
         todo = np.flatnonzero((np.abs(g).max(axis=1) > enough) & (damping <= 1e12))
         if not todo.size:
             break
-        gap = np.linalg.norm(g[todo], axis=1)
+        violation = np.linalg.norm(g[todo], axis=1)
         J = calls.run("constraint_jacobian", None, (q[todo],))[:, :, free]
         trial = q[todo]
-        trial[:, free] += _damped_step(J, g[todo], damping[todo] * gap).astype(calls.dtype)
-        trial_gaps = calls.run("constraint", None, (trial,))
-        better = np.linalg.norm(trial_gaps, axis=1) < gap
-        q[todo[better]], g[todo[better]] = trial[better], trial_gaps[better]
+        trial[:, free] += _damped_step(J, g[todo], damping[todo] * violation).astype(calls.dtype)
+        trial_violations = calls.run("constraint", None, (trial,))
+        better = np.linalg.norm(trial_violations, axis=1) < violation
+        q[todo[better]], g[todo[better]] = trial[better], trial_violations[better]
         damping[todo] = np.where(better, np.maximum(0.2 * damping[todo], 1e-12), 5.0 * damping[todo])
     return q, g
 
@@ -337,24 +339,24 @@ def _refuse_turned_over(calls: Calls, q: Array, lead: tuple[int, ...]) -> None:
     )
 
 
-def _refuse_gaps(calls: Calls, q: Array, gaps: Array, lead: tuple[int, ...]) -> None:
+def _refuse_violations(calls: Calls, q: Array, violations: Array, lead: tuple[int, ...]) -> None:
     """Refuse states, (N, n), that did not close; offsets that nothing takes up are named."""
     enough = CLOSED[calls.dtype.itemsize]
-    bad = ~(np.abs(gaps).max(axis=1) <= enough)
+    bad = ~(np.abs(violations).max(axis=1) <= enough)
     if bad.any():
         state = int(bad.argmax())
         allowed = "a guess nearer to closure, or fewer held coordinates"
-        if offsets := _offsets(calls, q[state], gaps[state]):
+        if offsets := _offsets(calls, q[state], violations[state]):
             allowed = f"a guess nearer to closure, fewer held coordinates, or other offsets: {listed(offsets)}"
-        _refuse(calls, gaps, enough, "does not close near the guess", allowed, lambda i: _place(i, lead))
+        _refuse(calls, violations, enough, "does not close near the guess", allowed, lambda i: _place(i, lead))
 
 
-def _offsets(calls: Calls, q: Array, gaps: Array) -> list[str]:
-    """Name and value of offsets without which the greatest of the gaps would be another one, where q (n,) stays.
+def _offsets(calls: Calls, q: Array, violations: Array) -> list[str]:
+    """Name and value of offsets without which the greatest of the violations would be another one, where q (n,) stays.
 
     Those of coordinates are not among them: their coordinates take them up.
     """
-    worst, offsets = int(np.abs(gaps).argmax()), []
+    worst, offsets = int(np.abs(violations).argmax()), []
     taken_up = {parameter_name("joints", joint_of(name), "offset", kind_of(name)) for name in calls.coordinates}
     for name, value in calls.parameters.items():
         kind, *path = parameter_path(name)
@@ -362,7 +364,7 @@ def _offsets(calls: Calls, q: Array, gaps: Array) -> list[str]:
             other = calls.parameters.copy()
             other[name] = 0.0
             without = calls.with_parameters(other).run("constraint", None, (q[np.newaxis],))[0, worst]
-            if abs(without - gaps[worst]) > CHANGED * abs(gaps[worst]):
+            if abs(without - violations[worst]) > CHANGED * abs(violations[worst]):
                 offsets.append(f"{name} = {value:g}")
     return offsets
 

@@ -16,7 +16,7 @@ Ask = Callable[[str], "Array | None"]  # what a function says of the state; None
 
 LOADED = "_under_load"  # ends the names of functions that methods call where there are wrenches
 WHOLE = ("constraint_forces", "loop_reactions")  # that the open tree has nothing of
-KINDS = (  # of gaps: what it is, per which time, and what is allowed
+KINDS = (  # of violations: what it is, per which time, and what is allowed
     ("is open", "", "q of kernel.close"),
     ("is opening", "/s", "v of kernel.close_rates"),
     ("opens at the accelerations", "/s^2", "those of a motion that keeps it closed"),
@@ -40,24 +40,24 @@ def loop_error(
     if kind >= len(KINDS):
         return _not_held(raw, f"{name}: {raw.name}", reason - len(KINDS) * len(names), place, ask, tree)
     what, per, allowed = KINDS[kind]
-    component, gap = names[row], _gap(ask, arguments, kind, row)
+    component, violation = names[row], _violation(ask, arguments, kind, row)
     loop = component.partition(".")[0]
     return LoopError(
         f"{name}: {raw.name}: {_kind(component)} {loop} {what}{place}: {component} is left with"
-        f" {gap:.3g} {_unit(raw, component)}{per}; allowed: {allowed}{tree}",
+        f" {violation:.3g} {_unit(raw, component)}{per}; allowed: {allowed}{tree}",
         loop=loop,
-        gap=gap,
+        gap=violation,
     )
 
 
-def _gap(ask: Ask, arguments: Mapping[str, Array], kind: int, row: int) -> float:
+def _violation(ask: Ask, arguments: Mapping[str, Array], kind: int, row: int) -> float:
     """Return the size of a component of the constraint, of its rate, or of its acceleration; NaN if unknown."""
     g = ask("constraint" if kind == 0 else "constraint_jacobian")
     bias = ask("constraint_bias") if kind == 2 else None
     if g is None or (kind == 2 and bias is None):
         return math.nan
-    gap = g[row] if kind == 0 else g[row] @ arguments["va"[kind - 1]]
-    return abs(float(gap if bias is None else gap + bias[row]))
+    violation = g[row] if kind == 0 else g[row] @ arguments["va"[kind - 1]]
+    return abs(float(violation if bias is None else violation + bias[row]))
 
 
 def _not_held(raw: RawKernel, title: str, i: int, place: str, ask: Ask, tree: str) -> LoopError:
@@ -102,21 +102,22 @@ def singular_loop(raw: RawKernel, jacobian: Array, elsewhere: Array) -> str:
     )
 
 
-def left_open(raw: RawKernel, gaps: NDArray[Any], what: str, allowed: str, per: str = "") -> LoopError:
+def left_open(raw: RawKernel, violations: NDArray[Any], what: str, allowed: str, per: str = "") -> LoopError:
     """Return the error that names the loop with the greatest constraint violation.
 
     Args:
-        gaps: of all components of the constraint, (constraints,): m or rad, or their derivatives by time.
+        violations: of all components of the constraint, (constraints,): m or rad, or their derivatives by time.
         what, allowed: what is wrong with the loop, and what would not be.
-        per: "" or the unit of time that the gaps are by, such as "/s".
+        per: "" or the unit of time that the violations are by, such as "/s".
     """
-    worst = int(np.abs(gaps).argmax())
+    worst = int(np.abs(violations).argmax())
     component = raw.libraries.meta["constraints"][worst]
-    loop, gap, unit = component.partition(".")[0], float(abs(gaps[worst])), _unit(raw, component) + per
+    loop, violation, unit = component.partition(".")[0], float(abs(violations[worst])), _unit(raw, component) + per
     return LoopError(
-        f"{raw.name}: {_kind(component)} {loop} {what}: {component} is left with {gap:.3g} {unit}; allowed: {allowed}",
+        f"{raw.name}: {_kind(component)} {loop} {what}: {component} is left with {violation:.3g} {unit};"
+        f" allowed: {allowed}",
         loop=loop,
-        gap=gap,
+        gap=violation,
     )
 
 

@@ -79,7 +79,7 @@ class Parameters(MutableMapping[str, float]):
         return parameters_of, (*self._again, dict(self), turned)
 
     def turn(self, joints: Collection[str]) -> None:
-        """Let these joints be turned, of those that turn freely (``RawKernel.turning``), and the others not."""
+        """Let these joints be turned, of those with 3-DOF rotation (``RawKernel.turning``), and the others not."""
         turned = [float(name in joints) for name in self._raw.turning]
         self.state.assign(*(x for k, number in enumerate(turned) for x in (len(self._slots) + k, number)))
 

@@ -116,7 +116,7 @@ class Library:
         name: the robot's name, with which the names of C begin.
         dtype: the dtype of all arrays.
         hoisted: how many numbers are computed from the parameters.
-        setup: name of the function that does it, "setup", or "turned_setup" where joints turn freely.
+        setup: name of the function that does it, "setup", or "turned_setup" where joints have 3-DOF rotation.
         ffi, lib: cffi's objects of the module.
     """
 
@@ -250,9 +250,9 @@ class RawKernel:
         statuses: reasons why a function may fail in one state: a pivot of each coordinate; where there are loops a
             gap of each constraint, then its rate, then its acceleration, then a force on each coordinate that no drive
             takes.
-        turning: by the name of a joint that turns freely the places of alpha and of x among the coordinates; -1 where
+        turning: by the name of a joint with 3-DOF rotation the places of alpha and of x among the coordinates; -1 where
             x does not move.  Integrations choose other axes for it where its angles are singular.
-        turning_room: numbers of a state by which a rollout goes on where another one ended; 0 if no joint turns freely.
+        turning_room: numbers of a state by which a rollout goes on where another one ended; 0 without 3-DOF rotations.
         rollout: the function of many steps, or None where the kernel was built without one; its arguments are in the
             header.
         adaptive: the function of integrations with error control, or None, likewise.
@@ -348,7 +348,7 @@ class Setup:
     What a library reads of them is computed when it is first asked for.
 
     Attributes:
-        values: in the order of the parameters; behind them a number for each joint that turns freely.
+        values: in the order of the parameters; behind them a number for each joint with 3-DOF rotation.
     """
 
     def __init__(self, values: Array) -> None:

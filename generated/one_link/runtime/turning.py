@@ -1,6 +1,6 @@
 """Other angles of a rotation: those about axes that are one or two places on, where the described ones are singular.
 
-A joint that turns freely has the rotation Rx(alpha) Ry(beta) Rz(gamma) after its translations.  Seen from axes that
+A joint with 3-DOF rotation has the rotation Rx(alpha) Ry(beta) Rz(gamma) after its translations.  Seen from axes that
 are so many places on, y, z and x (1) or z, x and y (2) in the place of x, y and z, the same rotation has other angles,
 whose beta is far from +-90 degrees where the first one's is near.  Both have one angular velocity in the body's axes.
 """

@@ -33,7 +33,7 @@ class _Motion:
     stored: q and v, (states, samples + 1, n).
     progress: of every state, in C.
     control: the method and its tolerances.
-    turned: how joints that turn freely are turned, a row per state.
+    turned: how joints with 3-DOF rotation are turned, a row per state.
     loads: of all states, or of each; None without any.
     times: of the samples, s, (samples + 1,).
     left: room of ``keep_steps``.
@@ -96,7 +96,7 @@ def adaptive_rollout(calls: Calls, inputs: Inputs, options: InputStepOptions) ->
     if data is not None:
         data = clipped_signals(calls, data, inputs.control.effort)
     if works and calls.raw.turning:
-        raise InputError(f"rollout: works: {', '.join(calls.raw.turning)} turns freely; allowed: other joints")
+        raise InputError(f"rollout: works: {', '.join(calls.raw.turning)} has 3-DOF rotation; allowed: other joints")
     count = count_of(inputs.count(), data)
     times = options.times(calls, count)
     control = options.error_control(calls, function.where(batch=count is not None).meta)

@@ -376,7 +376,7 @@ def _step_function(calls: Calls, method: str, kind: str) -> RawFunction:
 
     Raises:
         UnknownNameError: the kernel was built without it.
-        InputError: the method has no derivatives, or joints turn freely.
+        InputError: the method has no derivatives, or joints have 3-DOF rotation.
     """
     if method not in STEP_CODES:
         raise InputError(f"rollout_{kind}: method {show(method)} has no derivatives; allowed: {', '.join(STEP_CODES)}")
@@ -385,7 +385,7 @@ def _step_function(calls: Calls, method: str, kind: str) -> RawFunction:
         raise calls.raw.missing(name)
     if calls.raw.turning:
         joints = ", ".join(calls.raw.turning)
-        raise InputError(f"rollout_{kind}: {joints} turn freely; allowed: robots without such joints")
+        raise InputError(f"rollout_{kind}: {joints} have 3-DOF rotation; allowed: robots without such joints")
     return calls.raw.gradients[name]
 
 
@@ -432,7 +432,7 @@ class Motion:
 
     def rest(self, dq: Array, dv: Array, state: int) -> None:
         """Let rates of a state at the beginning, (directions, n) each, be zero where its motions are prescribed."""
-        if self._acting is not None and self._acting.of(state).given is not None:
+        if self._acting is not None and self._acting.of(state).prescribed is not None:
             places = [self.calls.coordinates.index(name) for name in self.calls.prescribed]
             dq[:, places], dv[:, places] = 0.0, 0.0
 

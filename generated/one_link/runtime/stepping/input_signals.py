@@ -186,13 +186,13 @@ class InputSignals:
     Attributes:
         drive: of its drives.
         wrenches: on its links.
-        given: motions of its prescribed coordinates, or None.
+        prescribed: motions of its prescribed coordinates, or None.
         first, last: times, s, between which drives and wrenches are asked: what jumps at either is not seen.
     """
 
     drive: DriveData = field(default_factory=DriveData)
     wrenches: Sequence[LinkWrench] = ()
-    given: Waves | None = None
+    prescribed: Waves | None = None
     first: float = -np.inf
     last: float = np.inf
 
@@ -239,7 +239,7 @@ def jump_times(loads: InputSignals, *, every: bool = False) -> Array:
     """
     drive = loads.drive
     tracks = [x for x in (drive.torque, drive.program) if x is not None]
-    tracks += [] if loads.given is None else loads.given.tracks
+    tracks += [] if loads.prescribed is None else loads.prescribed.tracks
     signals = [track.signal for track in tracks] + [wrench.signal for wrench in loads.wrenches]
     each = {id(signal): signal for signal in signals}.values()
     jumps = [_jumps(signal, every=every) for signal in each]

@@ -60,7 +60,7 @@ class Rollouts(CompiledCode):
         dampers there are.  "radau" is fully implicit, of ninth order, as stable, and for narrower tolerances; it has no
         derivatives.  Theory section "Steps that the error chooses".
 
-        Joints that turn freely (``raw.turning``) pass beta = +-pi/2 in other angles; what comes back is as described,
+        Joints with 3-DOF rotation (``raw.turning``) pass beta = +-pi/2 in other angles; results are as described,
         each angle next to its value before.  A joint with gains on its coordinates stays in the described angles.
 
         Args:
@@ -85,9 +85,9 @@ class Rollouts(CompiledCode):
             loads: with error control, what else acts, over time, for all states or a list with that of each:
                 InputSignals of ``eomgen.runtime.stepping.input_signals``, or a mapping from "drive", "wrench" and
                 "prescribed" to what ``integrate`` takes by these names, where that is data, or has some
-                (``load_data``).  Prescribed coordinates begin where their motions do.  No joint may turn freely.
+                (``load_data``).  Prescribed coordinates begin where their motions do; no joint may have 3-DOF rotation.
             works: whether works are integrated, too: attribute ``works``.  Needs generalized_force, and, of prescribed
-                coordinates, inverse_dynamics (with loops residual); not where joints turn freely.
+                coordinates, inverse_dynamics (with loops residual); not where joints have 3-DOF rotation.
             saturate: True: all that drives do at a coordinate (u, controller, drives of loads) is clipped at +- the
                 effort of its description (``efforts``); or efforts by coordinate, or (n,), infinite where there is
                 none.  What is clipped does not answer to the state in the matrix of an implicit step.
@@ -161,7 +161,7 @@ class Rollouts(CompiledCode):
 
         Raises:
             UnknownNameError: no such parameter, or the kernel was built without the method's gradient.
-            InputError: as of ``rollout``; a loss that returns something else; joints that turn freely; a robot so stiff
+            InputError: as of ``rollout``; another result of a loss; joints with 3-DOF rotation; a robot so stiff
                 that derivatives of tsit5's steps are not those of the motion.
             SingularError, IntegrationStopped: as of ``rollout``; a mechanism begins in a singular pose.
         """
@@ -214,7 +214,7 @@ class Rollouts(CompiledCode):
 
         Raises:
             UnknownNameError: no such parameter, or the kernel was built without the method's sensitivity.
-            InputError: as of ``rollout``; no direction; joints that turn freely; a robot that is too stiff, as there.
+            InputError: as of ``rollout``; no direction; joints with 3-DOF rotation; a robot that is too stiff.
             SingularError, IntegrationStopped: as of ``rollout``.
         """
         inputs = Inputs(q0, v0, u, Control(kp, kd, target, efforts_of(self.calls, saturate)))

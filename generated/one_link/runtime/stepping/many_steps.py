@@ -65,7 +65,7 @@ def rollout(calls: Calls, inputs: Inputs, options: StepOptions) -> Rollout:
 
 
 def _turned_about(calls: Calls, arrays: RolloutArrays) -> str:
-    """Say which forces are on angles of joints that turn freely; nothing where there are none."""
+    """Say which forces are on angles of joints with 3-DOF rotation; nothing where there are none."""
     angles = [at + i for at, _ in calls.raw.turning.values() for i in range(3)]
     names = [calls.coordinates[i] for i in angles if arrays.drives[0][0].reshape(-1, calls.n)[:, i].any()]
     if not names:
@@ -199,7 +199,7 @@ class _Run:
             every: one of so many steps is stored.
             at: q and v where it begins, (n,) or (states, n).
             ends: where q and v are stored, (states, rows, n).
-            turned: how joints that turn freely are turned, a row per state: zeros at first; written.
+            turned: how joints with 3-DOF rotation are turned, a row per state: zeros at first; written.
         """
         view, n, statuses = self.calls.raw.view, self.calls.n, self.calls.raw.statuses
         (first, last), (begin, end) = states, span

@@ -134,7 +134,7 @@ def plain_model(model: ModelDrive) -> Plain:
     return plain if model.bandwidth is None else {**plain, "bandwidth": model.bandwidth}
 
 
-def plain_given(waves: Waves, place: Sequence[int]) -> Plain:
+def plain_prescribed(waves: Waves, place: Sequence[int]) -> Plain:
     """Return the prescribed motions of the coordinates at ``place``."""
     return {"place": place, "waves": waves.wave, "tracks": [plain_track(track) for track in waves.tracks]}
 
@@ -164,8 +164,10 @@ def plain_inputs(calls: Calls, loads: InputSignals, stops: Array | None = None) 
         plain["program"] = plain_program(drive, drive.program)
     if drive.model is not None:
         plain["model"] = plain_model(drive.model)
-    if loads.given is not None:
-        plain["given"] = plain_given(loads.given, [calls.coordinates.index(name) for name in calls.prescribed])
+    if loads.prescribed is not None:
+        plain["given"] = plain_prescribed(
+            loads.prescribed, [calls.coordinates.index(name) for name in calls.prescribed]
+        )
     if loads.wrenches:
         links = calls.raw.libraries.meta["links"]
         plain["wrenches"] = [plain_wrench(wrench, links) for wrench in loads.wrenches]
@@ -330,7 +332,7 @@ class PackedInputs:
     def _function(self, calls: Calls, name: str, *, turned: bool = False) -> tuple[Any, Any]:
         """Return the code of a kernel's function as C of this library takes it, and what that reads of parameters.
 
-        Of these with all joints ``turned`` that turn freely, or as the kernel has them.
+        Of these with all joints with 3-DOF rotation ``turned``, or as the kernel has them.
         """
         parameters = calls.parameters
         if turned:

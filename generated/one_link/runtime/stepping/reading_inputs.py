@@ -131,7 +131,7 @@ def check_signals(calls: Calls, loads: InputSignals) -> None:
     Raises:
         InputError: shapes, places or numbers are not allowed; says which.
     """
-    drive, waves = loads.drive, loads.given
+    drive, waves = loads.drive, loads.prescribed
     moved = () if waves is not None else calls.prescribed  # without motions their drives are accelerations
     free = [i for i, name in enumerate(calls.coordinates) if name not in moved]
     if np.isnan([loads.first, loads.last]).any():
@@ -248,11 +248,11 @@ def place_prescribed(calls: Calls, loads: InputSignals | Sequence[InputSignals],
     places = [calls.coordinates.index(name) for name in calls.prescribed]
     every = [loads] * len(q) if isinstance(loads, InputSignals) else loads
     for signals, x, rate in zip(every, q, v, strict=True):
-        if signals.given is None:
+        if signals.prescribed is None:
             continue
-        amplitude, frequency, phase, offset = signals.given.wave.T
+        amplitude, frequency, phase, offset = signals.prescribed.wave.T
         begins = offset + amplitude * np.sin(phase), amplitude * frequency * np.cos(phase)
-        for track in signals.given.tracks:
+        for track in signals.prescribed.tracks:
             for column, value in zip(begins, _signal_at(track.signal, 0.0), strict=True):
                 column[track.place] = value
         x[places], rate[places] = begins
@@ -265,12 +265,12 @@ def place_adjoint(calls: Calls, loads: InputSignals, q: Array, v: Array, slopes:
         q, v: the derivatives, which are written to.
         slopes: of the coefficients of each track's signal, what theirs are added to.
     """
-    if loads.given is None:
+    if loads.prescribed is None:
         return
     places = np.array([calls.coordinates.index(name) for name in calls.prescribed])
     by = q[places].astype(np.float64), v[places].astype(np.float64)
     q[places], v[places] = 0.0, 0.0
-    for track, slope in zip(reversed(loads.given.tracks), reversed(slopes), strict=True):
+    for track, slope in zip(reversed(loads.prescribed.tracks), reversed(slopes), strict=True):
         piece, value, rate = _weights_at(track.signal, 0.0)
         slope[piece] += np.outer(value, by[0][track.place]) + np.outer(rate, by[1][track.place])
         for x in by:  # what tracks in front have there does not count

@@ -65,7 +65,7 @@ def check_efforts(calls: Calls, effort: Array, label: str) -> None:
         if np.isfinite(value) and name in calls.prescribed:
             raise InputError(f"{label}: {name} has {value:g}, but its motion is prescribed; allowed: drives")
         if np.isfinite(value) and i in turning:
-            raise InputError(f"{label}: {name} has {value:g}, but its joint turns freely; allowed: other joints")
+            raise InputError(f"{label}: {name} has {value:g}, but its joint has 3-DOF rotation; allowed: other joints")
 
 
 def with_efforts(loads: InputSignals | list[InputSignals], effort: Array | None) -> InputSignals | list[InputSignals]:

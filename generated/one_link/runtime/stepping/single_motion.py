@@ -28,7 +28,7 @@ class SingleMotion:
         q, v: the state at the first time, (n,).
         control: the method, or AUTO, and its tolerances.
         steps_kept: how many steps a call takes at most, whose ends it keeps; none are kept without.
-        works: whether works are integrated, too; not where a joint turns freely.
+        works: whether works are integrated, too; not where a joint has 3-DOF rotation.
 
     Attributes:
         samples: q and v, (2, T, n), as far as ``done`` says.

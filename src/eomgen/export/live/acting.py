@@ -20,7 +20,7 @@ from ...robot.mechanism import leading_home
 from ...robot.model import build_model, program_coordinates
 from ...robot.value import Robot
 from ...runtime.stepping.input_signals import ModelDrive, Waves
-from ...runtime.stepping.packed_inputs import plain_given, plain_model, plain_signal, plain_track, plain_wrench
+from ...runtime.stepping.packed_inputs import plain_model, plain_prescribed, plain_signal, plain_track, plain_wrench
 from ...scenario.value import Initial, Scenario, Section
 from ...simulation.assembly import Assembly, assemble, rigid_kernels
 from ...simulation.initial import initial_state
@@ -234,7 +234,7 @@ def _given(waves: Waves, coordinates: tuple[str, ...], names: tuple[str, ...]) -
     most = [max(5.0 * abs(float(row[0])), 3.0 * SHAKE[unit]) for row, unit in zip(waves.wave, units, strict=True)]
     return {
         "names": list(names),
-        **as_json(plain_given(waves, index_of(coordinates, names).tolist())),
+        **as_json(plain_prescribed(waves, index_of(coordinates, names).tolist())),
         "tracked": tracked,
         "units": units,
         "most": most,

@@ -432,7 +432,7 @@ class Motion:
 
     def rest(self, dq: Array, dv: Array, state: int) -> None:
         """Let rates of a state at the beginning, (directions, n) each, be zero where its motions are prescribed."""
-        if self._acting is not None and self._acting.of(state).given is not None:
+        if self._acting is not None and self._acting.of(state).prescribed is not None:
             places = [self.calls.coordinates.index(name) for name in self.calls.prescribed]
             dq[:, places], dv[:, places] = 0.0, 0.0
 

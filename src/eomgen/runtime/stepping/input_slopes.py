@@ -128,6 +128,6 @@ def _sums(loads: InputSignals) -> dict[str, Array]:
         sums |= {f"drive.gains.{name}": np.zeros(np.shape(getattr(drive.gains, name))) for name in ("kp", "kd")}
     if drive.model is not None and drive.model.bandwidth is not None:
         sums["drive.model.bandwidth"] = np.zeros(())
-    if loads.given is not None:
-        sums |= {f"{TRACK}{k}]": of(track.signal) for k, track in enumerate(loads.given.tracks)}
+    if loads.prescribed is not None:
+        sums |= {f"{TRACK}{k}]": of(track.signal) for k, track in enumerate(loads.prescribed.tracks)}
     return sums | {f"{WRENCH}{k}]": of(wrench.signal) for k, wrench in enumerate(loads.wrenches)}
