@@ -233,7 +233,7 @@ def test_files_and_text(found: ExciteResult, tmp_path: Path) -> None:
     (limits,) = (table.rows for table in page.tables if table.title == "Limits")
     assert [row[0] for row in limits] == list(found.limited)
     drawn = plot_excitation(found, tmp_path / "motion.svg").read_text(encoding="utf-8")
-    assert all(name in drawn for name in (*found.coordinates, "position", "rate", "drive", "rad/s", "N m"))
+    assert all(name in drawn for name in (*found.coordinates, "position", "velocity", "drive", "rad/s", "N m"))
     with pytest.raises(InputError, match=r"beside"):
         found.to_scenario(tmp_path / "other" / "motion.toml", tmp_path / "motion.csv")
     for write in (found.save, found.to_csv):

@@ -16,7 +16,7 @@ from .tables import number, table
 
 
 def excitation_page(excitation: ExciteResult) -> Report:
-    """A page about a motion that excites: what it tells beside others, limits, what to expect of each combination."""
+    """A page about an exciting motion: its information beside others', limits, expected deviations."""
     compared = [
         (label, *(number(x, 1.0, 4) for x in (figure.found, figure.start, figure.random)))
         for label, figure in (
@@ -39,7 +39,7 @@ def excitation_page(excitation: ExciteResult) -> Report:
     text = "Positions, rates and drives over the period with their limits."
     series = excitation.series
     return Report(
-        title=f"{excitation.robot}: a motion that excites {len(excitation.base)} base parameters",
+        title=f"{excitation.robot}: an exciting motion of {len(excitation.base)} base parameters",
         summary=(
             f"{series.duration:g} s, {series.harmonics} harmonics of {1.0 / series.duration:.4g} Hz,"
             f" {len(excitation.t)} samples",
@@ -77,7 +77,7 @@ def plot_excitation(excitation: ExciteResult, path: Path | str | None = None, *,
     check_kind(excitation, ExciteResult, "excitation", "identification.excite")
     shown = excitation.coordinates[:MOST]
     height = 1.0 + 0.95 * len(shown)
-    title = f"{excitation.robot}: a motion that excites {len(excitation.base)} base parameters"
+    title = f"{excitation.robot}: an exciting motion of {len(excitation.base)} base parameters"
     with sheet(FULL_WIDTH, height, path, title, ax) as drawn:
         room = {"top": 1.0 - 0.5 / height, "bottom": 0.42 / height, "left": 0.1, "right": 0.985, "wspace": 0.32}
         panels = drawn.panels(

@@ -22,14 +22,14 @@ def table(title: str, head: Sequence[str], rows: Iterable[Sequence[str]]) -> tup
 
 
 def merged_table(merged: Mapping[str, str]) -> tuple[Table, ...]:
-    """Quantities that are not identifiable, and why."""
+    """Return the table of parameters that are not identifiable, and why."""
     return table("Not identifiable", ("parameter", "why"), unidentifiable_rows(merged))
 
 
 def weak_table(weak: Iterable[tuple[str, float]]) -> tuple[Table, ...]:
-    """Directions that show less than their noise."""
+    """Return the table of poorly observable directions, which show less than their noise."""
     rows = [(text, number(value, 1.0, 2)) for text, value in weak]
-    return table("Weak directions", ("along", "std. deviation of the first, m or rad"), rows)
+    return table("Poorly observable directions", ("along", "std. deviation of the first, m or rad"), rows)
 
 
 def columns_of(rows: Sequence[Sequence[str]]) -> list[tuple[str, ...]]:
