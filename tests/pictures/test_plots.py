@@ -153,7 +153,7 @@ def test_names_are_no_mathematics(result: SimulationResult, tmp_path: Path) -> N
     hostile = replace(result, robot="a$\\frac{$ & <b>", tool="$x_{$")
     (path,) = [path for path in plot_result(hostile, tmp_path, ".svg") if path.stem == "tool"]
     texts = "".join(ElementTree.fromstring(path.read_text()).itertext())
-    assert "a$\\frac{$ & <b>: $x_{$ against its program" in texts
+    assert "a$\\frac{$ & <b>: $x_{$ against its reference trajectory" in texts
 
 
 def test_units_have_prefixes() -> None:

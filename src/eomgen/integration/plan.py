@@ -81,7 +81,7 @@ class IntegratorPlan(IntegratorOptions):
         if not self.in_c:
             because = f", because {self.not_in_c}" if self.not_in_c else ""
             return f"{self.method} integrates in Python{because}"
-        return f"{', '.join(kernel.raw.turning)} turns freely" if kernel.raw.turning else ""
+        return f"{', '.join(kernel.raw.turning)} is a joint of 3-DOF rotation" if kernel.raw.turning else ""
 
 
 def plan_integration(

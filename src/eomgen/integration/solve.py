@@ -145,7 +145,7 @@ def integrate_by(
     if until is not None and method in SUNDIALS:
         raise InputError(f"until: {method} goes on to the duration; allowed: other methods")
     if works and (lacking := plan.no_works(kernel)):
-        allowed = "allowed: integrations in C, of joints that do not turn freely"
+        allowed = "allowed: integrations in C, without joints of 3-DOF rotation"
         raise InputError(f"works: {kernel.name}: {lacking}; {allowed}")
     began = time.perf_counter()
     report = reporter(progress, float(times[-1]))

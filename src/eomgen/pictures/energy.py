@@ -1,4 +1,4 @@
-"""Figures of a simulation: driven coordinates against their program, and where energy comes from and goes to."""
+"""Figures of a simulation: tracking errors, and where energy comes from and goes to."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def plot_tracking(result: SimulationResult, path: Path | str | None = None, *, a
     names = result.program_coordinates
     count = len(names)
     if not (result.programmed and names):
-        raise InputError(f"{result.robot} had no program that reality could be drawn against")
+        raise InputError(f"{result.robot} had no reference trajectory to be drawn against")
     across = min(ACROSS, count)
     rows = 2 * -(-count // across)
     width, height = max(4.4, 2.45 * across), 1.3 * rows + 0.75
@@ -68,7 +68,9 @@ def plot_tracking(result: SimulationResult, path: Path | str | None = None, *, a
             panels[k // across * 2 + 1, k % across].set_visible(False)
         return [panels[k // across * 2 + row, k % across] for row in (0, 1) for k in range(count)]
 
-    with sheet(width, height, path, f"{result.robot}: driven coordinates against their program", ax) as drawn:
+    with sheet(
+        width, height, path, f"{result.robot}: driven coordinates against their reference trajectory", ax
+    ) as drawn:
         panels = drawn.panels(2 * count, grid)
         for k, name in enumerate(names):
             upper, lower = panels[k], panels[count + k]
@@ -78,7 +80,7 @@ def plot_tracking(result: SimulationResult, path: Path | str | None = None, *, a
             lower.set_xlabel("time, s" if last else "")
         drawn.legend(
             panels[0].get_lines()[:2],
-            ["program", "reality"],
+            ["reference trajectory", "simulation"],
             loc="upper left",
             ncols=2,
             bbox_to_anchor=(0.12 / width, 1.0 - 0.24 / height),
@@ -96,7 +98,7 @@ def _draw_coordinate(
     upper.tick_params(labelbottom=False)
     factor, small = scale_of(reality - program, unit)
     lower.plot(t, factor * (reality - program), color=TOOL_COLOR)
-    lower.set_title(f"less program, {small}", loc="left", pad=3.0)
+    lower.set_title(f"tracking error, {small}", loc="left", pad=3.0)
     for panel in (upper, lower):
         panel.set_xlim(t[0], t[-1])
         panel.margins(y=0.12)

@@ -21,14 +21,14 @@ from .report import Figure, figure_of
 from .simulation import plot_result
 from .zeros import plot_zeros
 
-POSES = 21  # along the program, of frequencies
+POSES = 21  # along the reference trajectory, of frequencies
 CAPTIONS = {
-    "tool": "The tool's path, its deviation from the program magnified, and over time that of its place and its axes.",
-    "deviations": "Deviations in the joints, the coordinates that no program moves.",
+    "tool": "Path of the TCP with its error magnified, and position and orientation errors over time.",
+    "deviations": "Deviations in the joints, the coordinates without a reference trajectory.",
     "journals": "Paths of journals' centres in their bearings; inside the circle they are free.",
-    "tracking": "Driven coordinates and their program, and what they are off by.",
-    "energy": "Changes of energy, works, and what their balance leaves.",
-    "modes": "Natural frequencies and damping ratios of small motions about the program, drives locked.",
+    "tracking": "Driven coordinates, their reference trajectory and tracking error.",
+    "energy": "Changes of energy, work integrals, and the residue of their balance.",
+    "modes": "Natural frequencies and damping ratios of small motions along the reference trajectory, brakes on.",
     "zeros": "What vanishes identically in the mass matrix and in the tensor C of eqs. (11) and (12).",
 }
 
@@ -45,10 +45,12 @@ def figures_of(
         progress(0.0, "figures")
         paths = plot_result(result, folder, ".svg")
         if not result.programmed:
-            missing.append("driven coordinates against their program: nothing was programmed")
+            missing.append("tracking errors: there is no reference trajectory")
         if robot is not None:
             if modes:
-                paths += _attempt("frequencies along the program", missing, lambda: _modes(result, robot, folder))
+                paths += _attempt(
+                    "frequencies along the reference trajectory", missing, lambda: _modes(result, robot, folder)
+                )
             paths += _attempt("zeros", missing, lambda: [plot_zeros(build_model(robot), Path(folder) / "zeros.svg")])
         return [figure_of(path, CAPTIONS[path.stem]) for path in paths]
 

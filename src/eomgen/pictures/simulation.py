@@ -150,7 +150,7 @@ def plot_tool(result: SimulationResult, path: Path | str | None = None, *, ax: A
         space, upper = figure.add_subplot(places[:, 0], projection="3d"), figure.add_subplot(places[0, 1])
         return [space, upper, *(figure.add_subplot(places[row, 1], sharex=upper) for row in (1, 2))]
 
-    with sheet(7.4, 4.6, path, f"{result.robot}: {result.tool} against its program", ax) as drawn:
+    with sheet(7.4, 4.6, path, f"{result.robot}: {result.tool} against its reference trajectory", ax) as drawn:
         space, *panels = drawn.panels(4, grid, (0,))
         _draw_path(space, result)
         _draw_tool_deviation(panels[0], panels[1], panels[2], result)
@@ -212,7 +212,7 @@ def _rows(joints: Sequence[str], unit: str, across: int) -> list[list[tuple[str,
 
 
 def _draw_path(axes: Any, result: SimulationResult) -> None:
-    """Program and tool in space; the deviation is drawn magnified, as whiskers from the one to the other."""
+    """Draw reference trajectory and TCP in space; the TCP error is magnified, as whiskers from the one to the other."""
     program, deviation = result.program_pose[:, :3, 3], result.tool_deviation
     half = max(0.5 * float(np.ptp(program, axis=0).max()), 1e-3)
     factor = _round_factor(2.0 * half * SHOWN_PART / max(float(np.linalg.norm(deviation, axis=1).max()), 1e-15))
@@ -220,7 +220,7 @@ def _draw_path(axes: Any, result: SimulationResult) -> None:
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(program, axis=0), axis=1))])
     for at in np.unique(np.searchsorted(along, np.linspace(0.0, along[-1], WHISKERS))):
         axes.plot(*np.stack([program[at], shown[at]]).T, color=TOOL_COLOR, linewidth=0.5, alpha=0.6)
-    axes.plot(*program.T, color=PROGRAM_COLOR, linestyle="--", label="program (rigid robot)")
+    axes.plot(*program.T, color=PROGRAM_COLOR, linestyle="--", label="reference trajectory (rigid robot)")
     axes.plot(*shown.T, color=TOOL_COLOR, label=f"tool, deviation x {factor:g}")
     axes.scatter(*program[0], color=PROGRAM_COLOR, s=14, marker="o", label="start", depthshade=False)
     axes.scatter(*program[-1], color=PROGRAM_COLOR, s=18, marker="s", label="goal", depthshade=False)
@@ -240,7 +240,7 @@ def _draw_tool_deviation(upper: Any, middle: Any, lower: Any, result: Simulation
     upper.set_ylabel(f"deviation, {unit}")
     upper.tick_params(labelbottom=False)
     upper.legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=3, handlelength=1.4, borderaxespad=0.0)
-    upper.set_title("components, base axes", loc="left")
+    upper.set_title("components, base frame", loc="left")
     turned, angle_unit = scale_of(result.tool_rotation, "rad")
     for panel, values, label in (
         (middle, np.linalg.norm(deviation, axis=1), f"distance, {unit}"),
@@ -285,7 +285,7 @@ def _legend(drawn: Sheet, colors: Mapping[str, str], columns: int, size: tuple[f
     labels = [f"{name}, {'um' if name in COLORS['m'] else 'urad'}" for name in colors]
     lines.append(Line2D([], [], color=PROGRAM_COLOR, linestyle=":", linewidth=0.9))
     place = (0.12 / size[0], 1.0 - 0.24 / size[1])
-    labels.append("program at rest")
+    labels.append("reference trajectory at a standstill")
     drawn.legend(lines, labels, loc="upper left", bbox_to_anchor=place, ncols=columns, handlelength=1.4)
 
 

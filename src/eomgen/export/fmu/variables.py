@@ -128,7 +128,7 @@ def make_layout(model: Model, solver: Variable, home: Sequence[float]) -> Layout
     add("q", _states(model, "q", "Coordinate", "", len(layout_variables), home))
     add("v", _states(model, "v", "Rate", "/s", len(layout_variables), [0.0] * model.size))
     add("u", _drives(model))
-    add("wrench", _wrenches("wrench", "input", model.links, "on link", "about its centre of mass, base axes", 0.0))
+    add("wrench", _wrenches("wrench", "input", model.links, "on link", "about its centre of mass, base frame", 0.0))
     add("rates", _rates(model, at))
     add("a", _accelerations(model, at))
     add("multipliers", _multipliers(model))

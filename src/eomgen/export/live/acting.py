@@ -109,8 +109,8 @@ def acting_on(
         )
     if data is None:
         raise InputError(
-            f"{scenario.label('motion')}: is a program that only Python can ask; allowed on a page: programs that are"
-            " data, as scenario files have them"
+            f"{scenario.label('motion')}: is a reference trajectory that only Python can ask; allowed on a page: those"
+            " that scenario files have"
         )
     acting: dict[str, Any] = {
         "start": {"t": 0.0, "q": q0.tolist(), "v": v0.tolist()},

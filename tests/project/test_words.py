@@ -1,0 +1,113 @@
+"""What users read says it in the field's words: pages, help texts and messages have none of these phrases."""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from eomgen.cli.entry import make_parser
+
+ROOT = Path(__file__).parents[2]
+REFUSED = {  # a phrase, and what to say
+    r"(?<!functional )mock-up units?": "FMU; functional mock-up unit at the first mention of a page",
+    r"an URDF": "a URDF",
+    r"a FMU": "an FMU",
+    r"lets? go from|when (they|it) lets? go": "unactuated from, released",
+    r"turns? freely|turning freely": "3-DOF rotation",
+    r"loads that are data": "time-signal inputs",
+    r"as they really are": "with compliance, backlash and friction",
+    r"gives? way|giving way": "compliant, deflects",
+    r"corrected programs?": "compensated path",
+    r"off its program": "TCP error, tracking error",
+    r"states? of rest": "static equilibrium",
+    r"steps that the error (chooses|controls)": "adaptive step size",
+    r"whichever leads further": "automatic stiffness switching",
+    r"drives locked": "actuated joints locked (brakes on)",
+    r"least drives": "minimum-norm actuation",
+    r"tells? most": "most informative, D-optimal",
+    r"support reactions?": "joint reaction wrenches",
+    r"base axes": "base frame",
+    r"dry friction": "Coulomb friction",
+    r"(Gauss and Newton|Savitzky and Golay)": "Gauss-Newton, Savitzky-Golay",
+    r"eigenfrequenc(y|ies)": "natural frequency",
+    r"[Bb]eside other people's": "comparison with other libraries",
+    r"[Ss]peed per error": "work-precision diagrams",
+}
+PHRASES = {re.compile(rf"(?<![\w-])(?:{phrase})(?![\w-])", re.IGNORECASE): word for phrase, word in REFUSED.items()}
+EXPLAINED = {"glossary.md"}  # says which of our words of old stand for which of the field's
+FIXED = (  # comments of generated C, and packages whose messages have some of them left
+    *("codegen/kernels/signatures.py", "src/eomgen/analysis/", "src/eomgen/description/", "src/eomgen/identification/"),
+    *("src/eomgen/pictures/measured/", "src/eomgen/robot/", "src/eomgen/scenario/", "src/eomgen/simulation/"),
+)
+SHOWN = re.compile(r"```.*?```|`[^`]*`|\]\([^)]*\)", re.DOTALL)  # names, links, and what is printed
+
+
+def wrong(text: str) -> list[str]:
+    """Say which phrases of a text are refused, and what to say."""
+    words = " ".join(text.split())
+    return [f"{found[0]!r}: {word}" for phrase, word in PHRASES.items() for found in phrase.finditer(words)]
+
+
+def pages() -> list[Path]:
+    """Pages that people read, but for those that explain the words."""
+    found = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "mkdocs.yml")]
+    found += [path for path in (ROOT / "docs").rglob("*.md") if path.name not in EXPLAINED]
+    return found + sorted((ROOT / "examples").rglob("*.md"))
+
+
+def literals(path: Path) -> Iterator[tuple[int, str]]:
+    """Lines and texts of a module's strings that are no docstrings."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    described = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in described:
+            yield node.lineno, node.value
+
+
+@pytest.mark.parametrize("path", pages(), ids=lambda path: path.relative_to(ROOT).as_posix())
+def test_pages(path: Path) -> None:
+    assert wrong(SHOWN.sub(" ", path.read_text(encoding="utf-8"))) == []
+
+
+def test_notebooks() -> None:
+    seen = 0
+    for path in (ROOT / "examples" / "notebooks").glob("*.ipynb"):
+        for cell in json.loads(path.read_text(encoding="utf-8"))["cells"]:
+            if cell["cell_type"] == "markdown":
+                assert wrong("".join(cell["source"])) == [], path.name
+                seen += 1
+    assert seen > 20
+
+
+def test_messages() -> None:
+    seen, bad = 0, []
+    for folder in (ROOT / "src" / "eomgen", ROOT / "codegen"):
+        for path in folder.rglob("*.py"):
+            if path.relative_to(ROOT).as_posix().startswith(FIXED):
+                continue
+            for line, text in literals(path):
+                bad += [f"{path.relative_to(ROOT)}:{line}: {said}" for said in wrong(text)]
+                seen += 1
+    assert bad == []
+    assert seen > 10_000
+
+
+def test_help() -> None:
+    (commands,) = (x for x in make_parser()._actions if isinstance(x, argparse._SubParsersAction))
+    assert len(commands.choices) > 30
+    for name, parser in {"": make_parser(), **commands.choices}.items():
+        assert wrong(parser.format_help()) == [], name
+
+
+def test_phrases_are_seen() -> None:
+    assert wrong("An URDF, and a\nfunctional mock-up unit") == ["'An URDF': a URDF"]
+    for text in ("Mock-up units", "it turns freely", "two states of\nrest", "in base axes", "gives way", "an URDF's"):
+        assert len(wrong(text)) == 1, text
+    for text in ("an FMU", "a URDF", "a program gives ways", "the rest", "in static equilibrium", "dry-friction"):
+        assert wrong(text) == [], text
