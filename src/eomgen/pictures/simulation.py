@@ -285,7 +285,7 @@ def _legend(drawn: Sheet, colors: Mapping[str, str], columns: int, size: tuple[f
     labels = [f"{name}, {'um' if name in COLORS['m'] else 'urad'}" for name in colors]
     lines.append(Line2D([], [], color=PROGRAM_COLOR, linestyle=":", linewidth=0.9))
     place = (0.12 / size[0], 1.0 - 0.24 / size[1])
-    labels.append("reference trajectory at a standstill")
+    labels.append("reference at a standstill")
     drawn.legend(lines, labels, loc="upper left", bbox_to_anchor=place, ncols=columns, handlelength=1.4)
 
 
