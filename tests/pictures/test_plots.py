@@ -133,7 +133,7 @@ def test_figures_are_vectors_with_units(result: SimulationResult, tmp_path: Path
         assert names == [f"{name}{ending}" for name in ("tool", "deviations", "tracking", "energy")]
     text = {name: (tmp_path / f"{name}.svg").read_text() for name in ("tool", "deviations", "tracking", "energy")}
     for name, words in {
-        "tool": ("x, m", "time, s", "program (rigid robot)"),
+        "tool": ("x, m", "time, s", "reference trajectory (rigid robot)"),
         "deviations": ("joint1, um", "time, s"),
         "tracking": ("joint1.gamma, rad", "time, s"),
         "energy": ("since the start, ", "residue, "),

@@ -41,9 +41,8 @@ REFUSED = {  # a phrase, and what to say
 }
 PHRASES = {re.compile(rf"(?<![\w-])(?:{phrase})(?![\w-])", re.IGNORECASE): word for phrase, word in REFUSED.items()}
 EXPLAINED = {"glossary.md"}  # says which of our words of old stand for which of the field's
-FIXED = (  # comments of generated C, and packages whose messages have some of them left
-    *("codegen/kernels/signatures.py", "src/eomgen/analysis/", "src/eomgen/description/", "src/eomgen/identification/"),
-    *("src/eomgen/pictures/measured/", "src/eomgen/robot/", "src/eomgen/scenario/", "src/eomgen/simulation/"),
+FIXED = (  # packages whose messages have some of them left
+    *("src/eomgen/description/", "src/eomgen/robot/", "src/eomgen/scenario/"),
 )
 SHOWN = re.compile(r"```.*?```|`[^`]*`|\]\([^)]*\)", re.DOTALL)  # names, links, and what is printed
 

@@ -135,7 +135,9 @@ class Budget(Plotting, Shown, Tabular, plot="plot_budget"):
 
     def lines(self, most: int = 15) -> list[str]:
         """Return ranked tables for people, of the ``most`` largest coordinates, then of the joints."""
-        lines = [f"{self.robot}: what {self.frame} is off its program by, to first order in each coordinate"]
+        lines = [
+            f"{self.robot}: error of {self.frame} against its reference trajectory, to first order in each coordinate"
+        ]
         for space, columns, unit in (("displacement", slice(0, 3), "um"), ("rotation", slice(3, 6), "urad")):
             size = np.linalg.norm(self.deviation[:, columns], axis=1)
             rms = float(np.sqrt(self._mean(size**2)))
