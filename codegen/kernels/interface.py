@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
 from eomgen._version import __version__
 from eomgen.names import component_name, joint_of, parameter_path
 from eomgen.robot.cuts import UPRIGHT
-from eomgen.robot.mechanism import effort_of
-from eomgen.robot.model import Model
+from eomgen.robot.mechanism import effort_of, leading_home
+from eomgen.robot.model import Model, movable_limits
 from eomgen.robot.parameter_names import element_places, least_of
 from eomgen.robot.value import MOTOR, Loop
 
@@ -17,8 +18,8 @@ from ..tree.regressor import described_values, regressor_names
 from .signatures import KERNELS, element_rows, functions, shapes
 
 IF_ANY = (  # entries of the metadata that are there only where there is something to tell
-    *("motors", "efforts", "turning", "loops", "upright", "constraints", "couplings", "followers", "cut_laws"),
-    *("regressor", "springs", "element_rows"),
+    *("motors", "efforts", "ranges", "home", "frame_links", "turning", "loops", "upright", "constraints", "couplings"),
+    *("followers", "cut_laws", "regressor", "springs", "element_rows"),
 )
 
 
@@ -43,6 +44,10 @@ def describe_kernels(model: Model, kernels: Sequence[str], dtype: str) -> dict[s
         "prescribed": [model.coordinates[i] for i in model.prescribed],
         "motors": {name: [driven, _ratio(model, name)] for name, driven in motors.items()},
         "efforts": {name: effort for name in free if (effort := effort_of(robot, name)) is not None},
+        "ranges": {name: [_finite(x) for x in ends] for name, ends in movable_limits(robot).items()},
+        "frame_links": {frame.name: frame.link for frame in robot.frames},
+        "coms": {link: list(robot.link(link).com) for link in model.links},
+        "home": {name: value for name, value in leading_home(robot).items() if name in model.coordinates},
         "parameters": dict(model.parameters),
         "least": {name: least for name in model.parameters if (least := least_of(name)) is not None},
         "shapes": {key: list(shape) for key, shape in shapes(model, kernels).items()},
@@ -106,6 +111,11 @@ def turning_joints(model: Model) -> dict[str, Any]:
     places = {body.joint: (body.indices[-3], body.first if len(body.active) > 3 else -1) for body in bodies}
     joints = {name: {"angles": angles, "origin": origin} for name, (angles, origin) in places.items()}
     return {"joints": joints, "room": 1 + 4 * len(joints) + 2 * model.size}
+
+
+def _finite(x: float) -> float | None:
+    """A number for JSON, None for infinity."""
+    return x if math.isfinite(x) else None
 
 
 def _ratio(model: Model, motor: str) -> float:

@@ -31,9 +31,10 @@ from eomgen.identification.geometry.loop_constraints import closed_readings, clo
 from eomgen.identification.geometry.rotations import from_rpy, pose_from
 from eomgen.identification.geometry.solve import algebraic_rank
 from eomgen.identification.geometry.stations import chain_of, forces_on, located, matrix_of
-from eomgen.motion.turns import rotation_of, rpy_of, vector_of
+from eomgen.motion.turns import rotation_of
 from eomgen.robot.model import build_model
 from eomgen.robot.value import COORDINATES, Coordinate, Motor, Robot
+from eomgen.runtime.inverse_kinematics.rotations import rpy_of, vector_of
 from tests.support.measured_poses import Trial, chain, trial
 from tests.support.soak import soaked
 

@@ -20,8 +20,9 @@ from eomgen.identification.iso_9283.attained import Measured, Pose, Record
 from eomgen.identification.iso_9283.attained import Path as Way
 from eomgen.identification.iso_9283.formulas import scatter, stabilization
 from eomgen.identification.iso_9283.solve import figures_of
-from eomgen.motion.turns import rotation_of, vector_of
+from eomgen.motion.turns import rotation_of
 from eomgen.pictures import plot_accuracy
+from eomgen.runtime.inverse_kinematics.rotations import vector_of
 from eomgen.scenario.load import scenario_from_values
 from eomgen.simulation.result import SimulationResult
 from eomgen.sweep.driver import prepare

@@ -14,8 +14,9 @@ from eomgen.cli import entry as cli
 from eomgen.errors import InputError
 from eomgen.identification import MeasuredPoses, calibrate, load_calibration, poses_from_columns
 from eomgen.identification.calibration.misreadings import readings_of
-from eomgen.motion.turns import rotation_of, rpy_of, vector_of
+from eomgen.motion.turns import rotation_of
 from eomgen.robot.model import build_model
+from eomgen.runtime.inverse_kinematics.rotations import rpy_of, vector_of
 from tests.identification.test_calibration import TCP, turned, write_csv
 from tests.support.measured_poses import Trial, chain, trial
 from tests.support.soak import share

@@ -114,8 +114,10 @@ def test_a_platform_takes_a_pose() -> None:
     low = tuple(
         replace(x, limits=(1.0, float(q[legs].max()) - 0.01)) if x.name.startswith("leg") else x for x in robot.joints
     )
-    with pytest.raises(ReachError, match=r"not within its limits: leg\d\.z = .*; its limits are 1 to"):
+    with pytest.raises(ReachError, match=r"gets as near as .* mm and .* deg; .*leg\d\.z is at its limit") as caught:
         inverse_kinematics(kernel, pose, robot=replace(robot, joints=low))
+    assert caught.value.q[legs].max() <= q[legs].max() - 0.01 + 1e-9
+    assert np.abs(kernel.constraint(caught.value.q)).max() < 1e-11
     pose[2, 3] = 9.0
     with pytest.raises(ReachError, match=r"gets as near as|loops do not close|not within"):
         inverse_kinematics(kernel, pose, robot=replace(robot, joints=low))

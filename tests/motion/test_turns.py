@@ -7,8 +7,9 @@ import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
 from eomgen.errors import ArrayError
-from eomgen.motion.turns import rotation_matrices, rotation_of, rpy_of, spherical, spherical_spline, vector_of
+from eomgen.motion.turns import rotation_of, spherical, spherical_spline
 from eomgen.robot.geometry import rotation_from_rpy
+from eomgen.runtime.inverse_kinematics.rotations import rotation_matrices, rpy_of, vector_of
 
 
 def test_vectors_and_rotations_are_those_of_scipy() -> None:

@@ -127,6 +127,31 @@ class LoopClosure(CompiledCode):
         return np.asarray(moving.reshape(*lead, n))
 
 
+def closed_near(calls: Calls, guess: Array, free: Mask) -> Array | None:
+    """Return coordinates near a guess, (n,), that close all loops the right way round; None where there are none.
+
+    Args:
+        calls: of a robot with loops.
+        guess: (n,), of the kernel's dtype.
+        free: which coordinates may change, (n,).
+    """
+    states, gaps = _closed(calls, guess[np.newaxis], free)
+    closed = np.abs(gaps).max() <= CLOSED[calls.dtype.itemsize] and (_turned_over(calls, states) < 0).all()
+    return states[0] if closed else None
+
+
+def tangent_directions(calls: Calls, q: Array, weights: Array) -> Array:
+    """Return orthonormal y, (n, k), such that velocities ``weights * y`` keep the loops closed at q, (n,).
+
+    Args:
+        calls: of a robot with loops.
+        weights: (n,); 0 where a coordinate stays.
+    """
+    _, S, Vt = np.linalg.svd(calls.run("constraint_jacobian", None, (q,)) * weights)
+    rank = int(np.count_nonzero(RANK[calls.dtype.itemsize] * S.max(initial=0.0) < S))
+    return np.asarray(Vt[rank:].T)
+
+
 def _closed_rates(calls: Calls, states: Array, moving: Array, free: Mask, place: Place) -> Array:
     """Return rates near guesses, (N, n), that keep the loops closed; both in the coordinates that these calls know."""
     bits, moving = calls.dtype.itemsize, moving.copy()

@@ -5,6 +5,7 @@ Uses runtime, robot, results, description, state, loops, motion, pipeline, integ
 
 from ..lazily import public_names
 from .compliance import ComplianceMap, compliance_map
+from .discrete import DiscreteStateSpace
 from .frequency import Response, h1, response
 from .matrices import StateSpace, linearize
 from .modal import modes, modes_along
@@ -20,6 +21,7 @@ __all__ = [
     "Comparison",
     "ComplianceMap",
     "Deflection",
+    "DiscreteStateSpace",
     "Modes",
     "Response",
     "StateOptions",

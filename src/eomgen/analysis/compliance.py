@@ -14,7 +14,6 @@ from ..description import RobotLike, as_robot
 from ..errors import InputError, IntegrationError
 from ..limits import MOST_COUNTED
 from ..motion.ends import limits_beside
-from ..motion.reaching import Target, reach, starting_points, within_limits
 from ..motion.tool_path import space_point
 from ..names import show
 from ..pipeline.mechanisms import mechanism_kernels
@@ -23,6 +22,7 @@ from ..progress import Progress, StageReport, no_progress
 from ..results.kinds import Kind, Saved, declare
 from ..results.stored import Stored
 from ..robot.model import build_model, tool_of
+from ..runtime.inverse_kinematics.reaching import Target, reach, starting_points, within_limits
 from ..runtime.kernel import Kernel
 from ..shown import Plotting, Shown
 from ..state.motors import turn_motors

@@ -67,6 +67,16 @@ class Response(Plotting, Shown, Tabular, SavedColumns, plot="plot_response"):
                 raise InputError(f"{label}: {name!r} is not in this response; it has {', '.join(known)}")
         return self.H[:, self.outputs.index(output), self.inputs.index(source)]
 
+    @property
+    def magnitude(self) -> Array:
+        """Magnitudes, (F, outputs, inputs), in the units of ``unit``; in decibels 20 log10 of them."""
+        return np.abs(self.H)
+
+    @property
+    def phase(self) -> Array:
+        """Phases, (F, outputs, inputs), rad, without jumps over the frequencies."""
+        return np.unwrap(np.angle(self.H), axis=0)
+
     def unit(self, output: str, source: str) -> str:
         """Return its unit, such as "m/s per N"."""
         return f"{unit_of_output(output, self.kind)} per {force_unit_of(source)}"
@@ -149,7 +159,7 @@ def response(
         IntegrationError: there is no static equilibrium near the pose.
     """
     checked_kind(kind)
-    hertz = _frequencies(frequencies)
+    hertz = checked_frequencies(frequencies)
     arm = prepared(robot, progress, **options)
     kernel = arm.kernel
     system, _ = system_at_rest(kernel, arm.coordinates(pose), arm.fixation, arm.loads)
@@ -213,7 +223,8 @@ def h1(
     return hertz, cross / power, coherence
 
 
-def _frequencies(values: ArrayLike) -> Array:
+def checked_frequencies(values: ArrayLike) -> Array:
+    """Return frequencies, (F,), Hz; ArrayError where they are none."""
     try:
         hertz = np.atleast_1d(np.array(values, dtype=np.float64))
     except (TypeError, ValueError):
@@ -221,6 +232,26 @@ def _frequencies(values: ArrayLike) -> Array:
     if hertz.ndim != 1 or not hertz.size or not np.isfinite(hertz).all() or (hertz < 0.0).any():
         raise ArrayError("frequencies: expected finite numbers of shape (F,), Hz, at least 0")
     return hertz
+
+
+def transfer_function(A: Array, B: Array, C: Array, D: Array, hertz: Array) -> Complex:
+    """Return C (i w 1 - A)^-1 B + D at frequencies, Hz, (F, outputs, inputs).
+
+    Raises:
+        InputError: it is infinite at one of them.
+    """
+    H = np.empty((len(hertz), *D.shape), dtype=np.complex128)
+    for k, w in enumerate(2.0 * np.pi * hertz):
+        Z = 1j * w * np.eye(len(A)) - A
+        try:
+            H[k] = C @ np.linalg.solve(Z, B) + D
+        except np.linalg.LinAlgError:
+            H[k] = np.inf
+        if not np.isfinite(H[k]).all():
+            raise InputError(
+                f"bode: infinite at {hertz[k]:g} Hz (a rigid-body or undamped mode); allowed: other frequencies"
+            )
+    return H
 
 
 def _solved(system: LinearSystem, forces: Array, rows: Array, hertz: Array) -> Complex:

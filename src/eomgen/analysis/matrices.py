@@ -11,15 +11,18 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array
 from ..description import RobotLike
-from ..errors import InputError
-from ..names import component_name
+from ..errors import InputError, UnknownNameError
+from ..names import component_name, nearest_or_all, show
 from ..progress import StageReport
 from ..results.kinds import Kind, Saved, declare
 from ..results.stored import Stored
 from ..robot.coordinates import MOTIONS
 from ..robot.model import tool_of
+from ..runtime.arrays import names_in
 from ..shown import Shown
 from .at_rest import system_at_rest
+from .discrete import DiscreteStateSpace, zero_order_hold
+from .frequency import Response, checked_frequencies, transfer_function
 from .holding import Fixation, PoseLike
 from .in_motion import moving_system
 from .options import StateKeywords, prepared, warn_of
@@ -66,6 +69,49 @@ class StateSpace(Shown, Saved):
         """(A, B, C, D), as scipy.signal.StateSpace(*...) and control.ss(*...) take them."""
         return self.A, self.B, self.C, self.D
 
+    def bode(
+        self,
+        inputs: str | Sequence[str] | None = None,
+        outputs: str | Sequence[str] | None = None,
+        frequencies: ArrayLike | None = None,
+    ) -> Response:
+        """Return frequency responses, with ``magnitude`` and ``phase``; ``eomgen.pictures.plot_response`` draws them.
+
+        Args:
+            inputs, outputs: names of those that are wanted; all if not given.
+            frequencies: (F,), Hz; by default 400 from a tenth of the slowest eigenvalue to ten times the fastest.
+
+        Raises:
+            UnknownNameError: there is no such input or output.
+            InputError: a frequency is none, or the response is infinite there.
+        """
+        of_in, of_out = _chosen("input", inputs, self.inputs), _chosen("output", outputs, self.outputs)
+        hertz = checked_frequencies(_spread(self.A) if frequencies is None else frequencies)
+        x, y = (
+            [known.index(name) for name in names] for known, names in ((self.inputs, of_in), (self.outputs, of_out))
+        )
+        return Response(
+            robot=self.robot,
+            frequencies=hertz,
+            H=transfer_function(self.A, self.B[:, x], self.C[y], self.D[np.ix_(y, x)], hertz),
+            inputs=of_in,
+            outputs=of_out,
+            kind=self.kind,
+            coordinates=self.coordinates,
+            q=self.q,
+            notes=self.notes,
+        )
+
+    def discretize(self, dt: float) -> DiscreteStateSpace:
+        """Return the system in discrete time, exactly, of inputs that hold over dt, s (zero-order hold).
+
+        Raises:
+            InputError: dt is no time above 0, or SciPy is not installed.
+        """
+        A, B = zero_order_hold(self.A, self.B, dt)
+        names = {"states": self.states, "inputs": self.inputs, "outputs": self.outputs}
+        return DiscreteStateSpace(robot=self.robot, A=A, B=B, C=self.C, D=self.D, dt=float(dt), kind=self.kind, **names)
+
     def as_dict(self) -> dict[str, Any]:
         """Return plain values, for JSON."""
         state = {name: dict(zip(self.coordinates, getattr(self, name).tolist(), strict=True)) for name in "qvau"}
@@ -90,6 +136,25 @@ class StateSpace(Shown, Saved):
             worst = roots[int(np.argmax(roots.real))]
             lines.append(f"  eigenvalue furthest to the right: {worst.real:.5g} {worst.imag:+.5g}i 1/s")
         return lines + [f"note: {note}" for note in self.notes]
+
+
+def _chosen(label: str, wanted: str | Sequence[str] | None, known: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the names that are wanted, all of them known."""
+    if wanted is None:
+        return known
+    names = [wanted] if isinstance(wanted, str) else names_in(f"{label}s", wanted)
+    for name in names:
+        if name not in known:
+            raise UnknownNameError(f"{label}: {show(name)} is not in this system{nearest_or_all(name, known)}")
+    return tuple(names)
+
+
+def _spread(A: Array) -> Array:
+    """Return frequencies about the eigenvalues of A, Hz; from 0.1 to 100 where it has none but zeros."""
+    sizes = np.abs(np.linalg.eigvals(A)) / (2.0 * np.pi) if A.size else np.zeros(0)
+    sizes = sizes[sizes > 1e-6 * sizes.max(initial=0.0)]
+    low, high = (0.1 * sizes.min(), 10.0 * sizes.max()) if sizes.size else (0.1, 100.0)
+    return np.asarray(np.geomspace(low, high, 400))
 
 
 declare(Kind("state_space", StateSpace, is_bare=True, is_finite=False))

@@ -12,6 +12,7 @@ from ..arrays import Array
 from ..errors import EomgenError, InputError
 from ..limits import LARGEST, is_usable
 from ..names import show
+from ..runtime.by_name import WrenchLike
 from ..runtime.kernel import Kernel
 from ..runtime.stepping.options import AUTO, NARROW, NARROW_TURNS, RADAU, TURNS, rollout_of
 from ..runtime.stepping.reading_inputs import signals_of
@@ -87,7 +88,7 @@ class IntegratorPlan(IntegratorOptions):
 def plan_integration(
     kernel: Kernel,
     wanted: IntegratorOptions,
-    loads: tuple[DriveFunction | ArrayLike | None, WrenchFunction | ArrayLike | None, MotionFunction | None] = _NONE,
+    loads: tuple[DriveFunction | ArrayLike | None, WrenchFunction | WrenchLike | None, MotionFunction | None] = _NONE,
     q: Array | None = None,
     duration: float = 1.0,
 ) -> IntegratorPlan:
@@ -157,7 +158,7 @@ def choose_method(kernel: Kernel, method: str = "auto", q: Array | None = None, 
 def why_not_in_c(
     kernel: Kernel,
     drive: DriveFunction | ArrayLike | None = None,
-    wrench: WrenchFunction | ArrayLike | None = None,
+    wrench: WrenchFunction | WrenchLike | None = None,
     prescribed: MotionFunction | None = None,
     *,
     method: str = AUTO,

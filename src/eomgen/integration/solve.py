@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from ..arrays import Array
 from ..errors import InputError
 from ..progress import Progress
+from ..runtime.by_name import WrenchLike
 from ..runtime.kernel import Kernel
 from ..runtime.stepping.options import ErrorControl
 from ..runtime.stepping.reading_inputs import input_signals
@@ -40,7 +41,7 @@ def integrate(  # noqa: PLR0913
     duration: float,
     *,
     drive: DriveFunction | ArrayLike | None = None,
-    wrench: WrenchFunction | ArrayLike | None = None,
+    wrench: WrenchFunction | WrenchLike | None = None,
     prescribed: MotionFunction | None = None,
     method: Method = "auto",
     rtol: float = 1e-6,
@@ -73,7 +74,7 @@ def integrate(  # noqa: PLR0913
             ``batched`` that is true it is called with q and v of shape (N, n), too, and returns (N, n).  With a method
             ``slopes``, (t, q, v) -> (du/dq, du/dv), (n, n) each, implicit methods take these instead of finite
             differences of it.
-        wrench: (links, 6) as in the kernel's methods, or (t, q, v) -> that.
+        wrench: as in the kernel's methods, rows of links, (links, 6), or by frame and link; or (t, q, v) -> that.
         prescribed: t -> (q, v, a) of the prescribed coordinates, (m,) each, in the order of ``kernel.prescribed``
             (``eomgen.motion.Harmonic``, say); v and a must be the derivatives of q.  What q0, v0 and drive say of them
             does not count.  The trajectory's u is there the force that the motion needs, so that the kernel must have
@@ -193,7 +194,7 @@ def integrate_by(
 def system_of(
     kernel: Kernel,
     drive: DriveFunction | None,
-    wrench: WrenchFunction | ArrayLike | None,
+    wrench: WrenchFunction | WrenchLike | None,
     prescribed: MotionFunction | None,
 ) -> System:
     """The equations of motion of a kernel as its coordinates need them, arguments as of ``integrate``."""

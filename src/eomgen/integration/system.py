@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -9,8 +10,10 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array, Index
 from ..errors import ArrayError, InputError, IntegrationError, IntegrationStopped, SingularError
+from ..runtime.by_name import WrenchLike, wrench_rows
 from ..runtime.kernel import Kernel
 from ..runtime.stepping.packed_inputs import PackedInputs
+from ..runtime.stepping.reading_inputs import NamedWrenches
 from ..runtime.stepping.single_motion import SingleMotion
 from ..state.springs import coordinate_sizes, rate_step, smoothings
 from ..state.vectors import Q_STEP, DriveFunction, MotionFunction, WrenchFunction, prescribed_mask
@@ -45,7 +48,7 @@ class System:
         self,
         kernel: Kernel,
         drive: DriveFunction | None,
-        wrench: WrenchFunction | ArrayLike | None,
+        wrench: WrenchFunction | WrenchLike | None,
         prescribed: MotionFunction | None = None,
     ) -> None:
         if kernel.dtype != np.float64:
@@ -61,6 +64,8 @@ class System:
         if prescribed is not None and not self._given:
             raise InputError(f"prescribed: {kernel.name} has no prescribed coordinate")
         self._batched = bool(getattr(drive, "batched", False))
+        if isinstance(wrench, Mapping):
+            wrench = NamedWrenches(kernel.calls, wrench)
         self._wrench = wrench
         if wrench is not None and not callable(wrench) and np.shape(wrench) == (len(kernel.links), 6):
             kernel.refuse_not_finite("wrench", np.asarray(wrench, dtype=np.float64), (len(kernel.links), 6))
@@ -74,7 +79,7 @@ class System:
         self._stuck: Array | None = None  # where evaluations lead nowhere
 
     @property
-    def loads(self) -> tuple[DriveFunction | None, WrenchFunction | ArrayLike | None, MotionFunction | None]:
+    def loads(self) -> tuple[DriveFunction | None, WrenchFunction | WrenchLike | None, MotionFunction | None]:
         """Drive, wrench and motion of the prescribed coordinates, as they were given."""
         return self._drive, self._wrench, self._prescribed
 
@@ -176,7 +181,7 @@ class System:
             wrench = self._wrench
             if callable(wrench):
                 each = zip(times.tolist(), q, v, strict=True)
-                wrench = np.array([wrench(*state) for state in each])
+                wrench = np.array([wrench_rows(self.kernel.calls, state[1], wrench(*state)) for state in each])
             for first in range(0, len(u), MANY):
                 rows = slice(first, first + MANY)
                 pull = wrench if wrench is None or np.ndim(wrench) < 3 else np.asarray(wrench)[rows]
@@ -210,7 +215,9 @@ class System:
         """External wrenches in one state, (links, 6)."""
         if not callable(self._wrench):
             return self._wrench
-        wrench = self._wrench(t, q, v)
+        wrench = wrench_rows(self.kernel.calls, q, self._wrench(t, q, v))
+        if wrench is None:
+            return None
         if np.shape(wrench)[-2:] == (len(self.kernel.links), 6):  # another shape is the kernel's to refuse
             self._refuse_not_finite("wrench", np.asarray(wrench, dtype=np.float64), t)
         return wrench

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from ..arrays import Array
 from ..errors import IntegrationError
 from ..robot.sizes import REFERENCE_ACCELERATION
+from ..runtime.by_name import WrenchLike, wrench_rows
 from ..runtime.kernel import Kernel
 from ..runtime.turning import singular_joints
 from ..state.equilibrium import given_forces, known_coordinates, refuse_singular, static_equilibrium
@@ -29,7 +30,7 @@ def closed_equilibrium(
     *,
     u: ArrayLike | Callable[[Array], ArrayLike] | None = None,
     held: Iterable[str] = (),
-    wrench: ArrayLike | None = None,
+    wrench: WrenchLike | None = None,
 ) -> Array:
     """Return the static equilibrium near a guess, loops closed, (n,); without loops ``static_equilibrium``.
 
@@ -38,7 +39,7 @@ def closed_equilibrium(
         q_guess: coordinates, (n,).
         u: drives, (n,), N or N m, or a function of q, (n,) or (N, n), to the same shape; none by default.
         held: names of coordinates that stay at their guess, whatever drive that takes; prescribed ones do.
-        wrench: external wrenches, (links, 6).
+        wrench: external wrenches, as of the kernel's methods: (links, 6), or by frame and link.
 
     Raises:
         LoopError: the loops do not close near the guess.
@@ -55,7 +56,7 @@ def closed_equilibrium(
     def imbalance(qs: Array) -> Array:
         zero, told = np.zeros_like(qs), turns.q_back(qs, q)
         u_here = turns.forces(forces(told), told, qs)
-        return np.asarray(turns.here.residual(qs, zero, zero, u_here, wrench=wrench))
+        return np.asarray(turns.here.residual(qs, zero, zero, u_here, wrench=wrench_rows(kernel.calls, told, wrench)))
 
     for _ in range(ROUNDS):
         turns.take(singular_joints(q, turns.joints))

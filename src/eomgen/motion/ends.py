@@ -11,11 +11,11 @@ from ..arrays import Array
 from ..errors import InputError, UnknownNameError
 from ..forms.unusual_sizes import is_unusual, unit_question
 from ..limits import LARGEST, is_usable
-from ..names import joint_of, show, split_component
+from ..names import joint_of, show
 from ..robot.coordinates import unit_of
-from ..robot.mechanism import follower_limits, leading_home
+from ..robot.mechanism import leading_home, position_limits
 from ..robot.model import build_model
-from ..robot.value import PRINCIPAL, Robot
+from ..robot.value import Robot
 from .point_to_point import PointToPoint
 
 Point = Mapping[str, float] | Sequence[float] | Array
@@ -28,9 +28,8 @@ def principal_limits(robot: Robot, coordinate: str) -> tuple[float, float]:
 
     Infinite if there are none, home where it is held: of a free joint.
     """
-    limits, held = _limits(robot, coordinate)
     home = leading_home(robot).get(coordinate, 0.0)
-    return (home, home) if held else limits
+    return position_limits(robot, coordinate) or (home, home)
 
 
 def limits_beside(robot: Robot, coordinates: Sequence[str], driven: Container[str], q: Array) -> Array:
@@ -55,27 +54,12 @@ def limits_beside(robot: Robot, coordinates: Sequence[str], driven: Container[st
     return np.array(limits)
 
 
-def _limits(robot: Robot, coordinate: str) -> tuple[tuple[float, float], bool]:
-    """Return limits of a driven coordinate (infinite if there are none), and whether it is held: one of a free joint.
-
-    Those of what follows it count, as far as they leave room.
-    """
-    joint_name, name = split_component(coordinate)
-    joint = robot.joint(joint_name)
-    if PRINCIPAL.get(joint.type) != name:
-        return (-np.inf, np.inf), True
-    low, high = joint.range
-    least, most = follower_limits(robot, coordinate)
-    return (max(low, least), min(high, most)) if max(low, least) < min(high, most) else (low, high), False
-
-
 def default_ends(robot: Robot, coordinates: Sequence[str]) -> tuple[Array, Array]:
     """Start and goal of a default motion, (n,) each; from the description's home where it names a coordinate."""
     ends = []
     for name in coordinates:
-        limits, held = _limits(robot, name)
-        home = leading_home(robot).get(name, 0.0 if held else None)
-        ends.append((home or 0.0,) * 2 if held else _default_span(limits, unit_of(name), home))
+        limits, home = position_limits(robot, name), leading_home(robot).get(name)
+        ends.append((home or 0.0,) * 2 if limits is None else _default_span(limits, unit_of(name), home))
     start, goal = np.array(ends).reshape(-1, 2).T
     return start, goal
 
@@ -129,7 +113,7 @@ def point_of(robot: Robot, coordinates: Sequence[str], label: str, requested: Po
     if requested is None:
         return default
     point: Array = default.copy()
-    movable = [i for i, name in enumerate(coordinates) if not _limits(robot, name)[1]]
+    movable = [i for i, name in enumerate(coordinates) if position_limits(robot, name) is not None]
     if isinstance(requested, Mapping):
         places = {coordinates[i]: i for i in movable} | {joint_of(coordinates[i]): i for i in movable}
         for name, value in requested.items():
@@ -147,7 +131,7 @@ def point_of(robot: Robot, coordinates: Sequence[str], label: str, requested: Po
             raise InputError(f"{label}: expected {len(movable)} numbers ({names}), got {size}")
         point[movable] = [_number(f"{label}: {coordinates[i]}", v) for i, v in zip(movable, values, strict=True)]
     for i in movable:
-        low, high = _limits(robot, coordinates[i])[0]
+        low, high = principal_limits(robot, coordinates[i])
         if not low - 1e-9 <= point[i] <= high + 1e-9:
             unit = unit_of(coordinates[i])
             asked = size_question(coordinates[i], point[i])

@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array
-from ..errors import ArrayError, InputError, UnknownNameError
-from ..names import nearest, show
+from ..errors import ArrayError, InputError
 from ..robot.mechanism import leading_home
 from ..robot.model import program_coordinates, tool_of
 from ..robot.value import Robot
+from ..runtime.inverse_kinematics.kernel_method import reach_all, starting_states, targets_of, tool_frame
+from ..runtime.inverse_kinematics.rotations import as_floats
 from ..runtime.kernel import Kernel
 from ..state.motors import turn_motors
-from ..state.vectors import as_floats, prescribed_mask
+from ..state.vectors import prescribed_mask
 from .ends import default_ends, limits_beside
-from .reaching import Target, search, within_limits
-from .tool_path import unreached
-from .turns import rotation_matrices
+from .tool_path import far_point
 
 
 def inverse_kinematics(
@@ -64,21 +61,16 @@ def inverse_kinematics(
     known = set() if robot is None else set(program_coordinates(robot))
     if robot is not None and not known <= set(kernel.coordinates):
         raise InputError(f"robot: {robot.name} has other coordinates than {kernel.name}; allowed: the kernel's robot")
-    tool = _frame(kernel, robot, frame)
-    targets, lead = _targets(tool, pose)
-    starts = _starts(kernel, robot, guess, lead)
-    solutions = np.empty((len(targets), kernel.n))
-    for k, (target, start) in enumerate(zip(targets, starts, strict=True)):
-        between = _between(kernel, robot, known, start, limits)
-        reached = search(kernel, target, start, between)
-        if not (reached.is_there and within_limits(reached.q, between)):
-            place = f" (pose {[int(i) for i in np.unravel_index(k, lead)]})" if lead else ""
-            label = f"{tool} does not reach {target.text()}{place}"
-            raise unreached(kernel, target, reached, between, label)
-        solutions[k] = reached.q
-        if robot is not None:
-            turn_motors(kernel, solutions[k], ())
-    return solutions.reshape(*lead, kernel.n)
+    targets, lead = targets_of(_frame(kernel, robot, frame), pose)
+    begun = starting_states(kernel, "guess", _guess(kernel, robot) if guess is None else guess, lead)
+    between = np.empty((len(targets), kernel.n, 2))
+    for k, start in enumerate(begun):
+        between[k] = _between(kernel, robot, known, start, limits)
+    q = reach_all(kernel, targets, lead, begun, between, remark=far_point)
+    if robot is not None:
+        for state in q:
+            turn_motors(kernel, state, ())
+    return q.reshape(*lead, kernel.n)
 
 
 def _frame(kernel: Kernel, robot: Robot | None, frame: str | None) -> str:
@@ -86,42 +78,18 @@ def _frame(kernel: Kernel, robot: Robot | None, frame: str | None) -> str:
         if robot is not None:
             return tool_of(robot, None)
         return "tcp" if "tcp" in kernel.frames else kernel.frames[0]
-    if frame not in kernel.frames:
-        known = ", ".join(kernel.frames)
-        raise UnknownNameError(f"frame: {show(frame)}{nearest(frame, kernel.frames)} is unknown; known: {known}")
-    return frame
+    return tool_frame(kernel, frame)
 
 
-def _targets(tool: str, pose: ArrayLike) -> tuple[list[Target], tuple[int, ...]]:
-    """Return every pose or point that is asked for, and their leading axes."""
-    poses = as_floats(pose)
-    if poses.ndim and poses.shape[-1] == 3 and np.isfinite(poses).all():
-        return [Target(tool, point) for point in poses.reshape(-1, 3)], poses.shape[:-1]
-    whole = poses.ndim > 1 and poses.shape[-2:] == (4, 4) and np.isfinite(poses).all()
-    if not whole or np.abs(poses[..., 3, :] - [0.0, 0.0, 0.0, 1.0]).max(initial=0.0) > 0.0:
-        raise ArrayError(
-            f"pose: got shape {poses.shape}; allowed: finite numbers (..., 4, 4) with [0, 0, 0, 1] in the last row, or"
-            " points (..., 3)"
-        )
-    lead = poses.shape[:-2]
-    axes = rotation_matrices("pose", poses[..., :3, :3], lead).reshape(-1, 3, 3)
-    points = poses[..., :3, 3].reshape(-1, 3)
-    return [Target(tool, point, R) for point, R in zip(points, axes, strict=True)], lead
-
-
-def _starts(kernel: Kernel, robot: Robot | None, guess: ArrayLike | None, lead: Sequence[int]) -> Array:
-    """Return a guess for each pose, (N, n)."""
-    guesses = np.zeros(kernel.n) if guess is None else as_floats(guess)
-    if guess is None and robot is not None:
-        names = program_coordinates(robot)
-        start, goal = default_ends(robot, names)
-        begun = dict(zip(names, start if robot.is_closed else (start + goal) / 2, strict=True))
-        begun |= leading_home(robot)
-        guesses = np.array([begun.get(name, 0.0) for name in kernel.coordinates])
-    whole = (*lead, kernel.n)
-    if guesses.shape not in ((kernel.n,), whole) or not np.isfinite(guesses).all():
-        raise ArrayError(f"guess: got shape {guesses.shape}; allowed: finite numbers ({kernel.n},) or {whole}")
-    return np.broadcast_to(guesses, whole).reshape(-1, kernel.n)
+def _guess(kernel: Kernel, robot: Robot | None) -> Array:
+    """Return where a search begins, (n,): home, or the middle of a default motion; 0 without a robot."""
+    if robot is None:
+        return np.zeros(kernel.n)
+    names = program_coordinates(robot)
+    start, goal = default_ends(robot, names)
+    begun = dict(zip(names, start if robot.is_closed else (start + goal) / 2, strict=True))
+    begun |= leading_home(robot)
+    return np.array([begun.get(name, 0.0) for name in kernel.coordinates])
 
 
 def _between(kernel: Kernel, robot: Robot | None, driven: set[str], start: Array, limits: bool | ArrayLike) -> Array:

@@ -14,13 +14,22 @@ from ..errors import ArrayError, InputError, ReachError
 from ..forms.unusual_sizes import is_unusual, unit_question
 from ..names import show
 from ..optional import optional_import
+from ..runtime.inverse_kinematics.reaching import (
+    Reached,
+    Target,
+    binding,
+    point_text,
+    reach,
+    search,
+    unreached,
+    within_limits,
+)
+from ..runtime.inverse_kinematics.rotations import as_floats, rotation_matrices
 from ..runtime.kernel import Kernel
 from ..runtime.stepping.input_signals import Signal
-from ..state.vectors import as_floats
 from .point_to_point import PointToPoint
-from .reaching import Reached, Target, binding, point_text, reach, search, within_limits
 from .splines import Spline, spline_signal
-from .turns import rotation_matrices, spherical, spherical_spline
+from .turns import spherical, spherical_spline
 
 if TYPE_CHECKING:
     from typing_extensions import Required, Unpack
@@ -302,10 +311,11 @@ class _LimitError(Exception):
 
 
 def _first(kernel: Kernel, target: Target, course: Course, guess: Array, limits: Array) -> Array:
-    reached = search(kernel, target, guess, limits)
-    if reached.is_there and within_limits(reached.q, limits):
+    reached, is_there = search(kernel, target, guess, limits)
+    if is_there:
         return reached.q
-    raise unreached(kernel, target, reached, limits, f"{target.tool} does not reach {target.text()}", course, 0)
+    label = f"{target.tool} does not reach {target.text()}"
+    raise unreached(kernel, target, reached, limits, label, remark=far_point(target))
 
 
 def _tracked(
@@ -320,7 +330,9 @@ def _tracked(
         jump = np.abs(reached.q - q[k - 1])
         label = f"{targets[k].tool} cannot follow the {course.name} at {targets[k].text()}"
         if not reached.is_there:
-            raise unreached(kernel, targets[k], reached, limits, label, course, k)
+            hint = "it is out of reach, or the arm singular: it misses by"
+            label = f"{label}, {course.text(k)}"
+            raise unreached(kernel, targets[k], reached, limits, label, hint, far_point(targets[k]))
         if jump.max() > JUMP:
             name, most = kernel.coordinates[int(jump.argmax())], float(jump.max())
             what = f"the arm is singular there, {name} would jump by {most:.3g}"
@@ -345,35 +357,17 @@ def _willingness(q: Array, limits: Array) -> Array:
 def _beyond(
     kernel: Kernel, target: Target, reached: Reached, before: Array, limits: Array, label: str, course: Course, k: int
 ) -> ReachError:
-    """Return the error of a point that is reached beyond the limits alone."""
-    inside = reached if kernel.constraints else reach(kernel, target, before, limits, bounded=True)
-    within = "" if kernel.constraints or inside.is_there else f"; within them it misses by {inside.text()}"
+    """The error of a point that is reached beyond the limits alone."""
+    inside = reach(kernel, target, before, limits, bounded=True)
+    within = "" if inside.is_there else f"; within them it misses by {inside.text()}"
     what = f"{binding(kernel, target, reached, limits)}{within}"
     return ReachError(f"{kernel.name}: {label}, {course.text(k)}: {what}", inside.distance, inside.angle, inside.q)
 
 
-def unreached(
-    kernel: Kernel,
-    target: Target,
-    reached: Reached,
-    limits: Array,
-    label: str,
-    course: Course | None = None,
-    k: int = 0,
-) -> ReachError:
-    """Return the error of a target that is missed, or reached beyond the limits alone, by how much."""
-    place = "" if course is None or k == 0 else f", {course.text(k)}"
-    bound = binding(kernel, target, reached, limits)
-    if reached.is_there:
-        what = f"not within its limits: {bound}"
-    else:
-        out = "it is out of reach, or the arm singular: " if k else ""
-        miss = f"it misses by {reached.text()}" if k else f"it gets as near as {reached.text()}"
-        what = f"{out}{miss}{f'; {bound}' if bound else ''}"
-    far = next(((axis, x) for axis, x in zip("xyz", target.point.tolist(), strict=True) if is_unusual(x, "m")), None)
-    if far is not None:
-        what += f"; {unit_question(*far, 'm')}"
-    return ReachError(f"{kernel.name}: {label}{place}: {what}", reached.distance, reached.angle, reached.q)
+def far_point(target: Target) -> str:
+    """Ask whether a point that is far away is in other units; "" of others."""
+    axes = zip("xyz", target.point.tolist(), strict=True)
+    return next((unit_question(axis, x, "m") for axis, x in axes if is_unusual(x, "m")), "")
 
 
 def space_point(label: str, value: ArrayLike) -> Array:

@@ -163,6 +163,19 @@ def follower_limits(robot: Robot, name: str) -> tuple[float, float]:
     return low, high
 
 
+def position_limits(robot: Robot, name: str) -> tuple[float, float] | None:
+    """Limits of a principal coordinate, m or rad, infinite if there are none; None of one that is not principal.
+
+    Those of what follows it count, as far as they leave room.
+    """
+    joint = robot.joint(joint_of(name))
+    if PRINCIPAL.get(joint.type) != kind_of(name):
+        return None
+    low, high = joint.range
+    least, most = follower_limits(robot, name)
+    return (max(low, least), min(high, most)) if max(low, least) < min(high, most) else (low, high)
+
+
 def following_text(robot: Robot, name: str) -> str:
     """Say which coordinates one follows, by its name or, where it is principal, its joint's; "" where it is none."""
     for follower, coupling in robot.followers.items():

@@ -7,6 +7,7 @@ constants or, for the names in ``Model.parameters``, as run-time parameters.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -29,7 +30,7 @@ from ..names import (
 from ..once import kept
 from .cuts import CUTS, rigid_parts
 from .laws import ARMATURE, Conflict
-from .mechanism import coordinate_of, drive_of, leading_coordinate, leading_home, mechanism_conflict
+from .mechanism import coordinate_of, drive_of, leading_coordinate, leading_home, mechanism_conflict, position_limits
 from .parameter_names import number_of
 from .rules import conflict, cut_conflict, motor_conflict, unmoved
 from .value import ANGULAR, COORDINATES, MOTOR, PRINCIPAL, Coordinate, Coupling, Joint, Loop, Robot
@@ -407,6 +408,21 @@ def program_coordinates(robot: Robot) -> tuple[str, ...]:
     if robot.is_closed:
         return tuple(model.coordinates[i] for i in model.driven)
     return tuple(name for i, name in enumerate(model.coordinates) if i not in model.prescribed)
+
+
+def movable_limits(robot: Robot) -> dict[str, tuple[float, float]]:
+    """Give limits, m or rad, between which inverse kinematics moves coordinates, by name; infinite without any.
+
+    They are those that a program moves, but for the coordinates of free joints, and in a closed mechanism the others of
+    the rigid robot, which follow.
+    """
+    driven = program_coordinates(robot)
+    found = {name: ends for name in driven if (ends := position_limits(robot, name)) is not None}
+    if robot.is_closed and driven:
+        model = build_model(robot.rigid())
+        others = [name for i, name in enumerate(model.coordinates) if i not in model.prescribed and name not in driven]
+        found |= dict.fromkeys(others, (-math.inf, math.inf))
+    return found
 
 
 def tool_of(robot: Robot, tool: str | None, label: str = "tool") -> str:

@@ -15,13 +15,13 @@ from ..names import show
 from .value import COORDINATES, Joint, Loop, Robot
 
 
-def record_of(robot: Robot) -> dict[str, Any]:
+def record_of(robot: Robot, *, whole: bool = False) -> dict[str, Any]:
     """The robot as nested dicts, lists, numbers and texts; ``robot_of`` makes an equal robot of it.
 
     Fields that are marked LATER are left out where they have their defaults, so that records and hashes of robots that
-    do not use them stay what they were.
+    do not use them stay what they were; not in a ``whole`` one.
     """
-    plain = _plain(robot)
+    plain = _plain(robot, whole=whole)
     assert isinstance(plain, dict)
     return plain
 
@@ -49,14 +49,14 @@ def _refuse_unknown(what: str, items: Sequence[Joint | Loop], given: Sequence[Ma
                 )
 
 
-def _plain(value: object) -> Any:
+def _plain(value: object, *, whole: bool) -> Any:
     if dataclasses.is_dataclass(value):
         fields = {item: getattr(value, item.name) for item in dataclasses.fields(value)}
-        return {item.name: _plain(x) for item, x in fields.items() if not _is_unused(item, x)}
+        return {item.name: _plain(x, whole=whole) for item, x in fields.items() if whole or not _is_unused(item, x)}
     if isinstance(value, Mapping):
-        return {key: _plain(x) for key, x in value.items()}
+        return {key: _plain(x, whole=whole) for key, x in value.items()}
     if isinstance(value, (tuple, list)):
-        return [_plain(x) for x in value]
+        return [_plain(x, whole=whole) for x in value]
     return value
 
 

@@ -686,6 +686,24 @@ class Robot(_Picklable):
         left = {name for name, _ in made.numbers()}
         return replace(made, tunable=tuple(name for name in self.tunable if name in left))
 
+    def with_value(self, path: str, value: Any) -> Robot:
+        """Return the robot with one value of its description changed, checked as those that are loaded.
+
+        Args:
+            path: keys and names with dots: a parameter ("links.arm.mass", "joints.joint1.x.stiffness", "gravity.z"), or
+                a whole value ("links.arm.com", "joints.joint1.limits").
+            value: a number, a list, a text or a mapping, in SI units; numbers that follow from it follow anew.
+
+        Raises:
+            DescriptionError: there is no such value (says what is there), or no robot can have it.
+        """
+        return self.with_values({path: value})
+
+    def with_values(self, changes: Mapping[str, Any]) -> Robot:
+        """Return the robot with several values changed at once, by their paths; see ``with_value``."""
+        changed: Robot = from_above(".description.changing", "with_values")(self, changes)
+        return changed
+
     def with_coordinates(self, coordinates: Mapping[str, Mapping[str, Coordinate]]) -> Robot:
         """Add these coordinates (by joint, then by name) to the active ones."""
         joints = tuple(

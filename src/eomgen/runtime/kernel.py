@@ -6,16 +6,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .arrays import flag, joint_lead
-from .by_name import NamedViews
+from .by_name import WrenchLike, wrench_rows
 from .derivatives import Differentiation
-from .kinematics import Kinematics
-from .loop_assembly import LoopClosure
+from .inverse_kinematics.kernel_method import InverseKinematics
 from .loop_errors import LOADED
 from .raw import Array
 from .stepping.interface import Rollouts
 
 
-class Kernel(Differentiation, LoopClosure, NamedViews, Rollouts, Kinematics):
+class Kernel(Differentiation, InverseKinematics, Rollouts):
     """Compiled equations of motion of one robot.
 
     Arrays are (n,) for one state, (N, n) for N states, or (..., n); the result gains the same leading axes.  Leading
@@ -92,16 +91,18 @@ class Kernel(Differentiation, LoopClosure, NamedViews, Rollouts, Kinematics):
         return self.calls.run("nonlinear_effects", out, (q, v))
 
     def generalized_force(
-        self, q: ArrayLike, v: ArrayLike, *, wrench: ArrayLike | None = None, out: Array | None = None
+        self, q: ArrayLike, v: ArrayLike, *, wrench: WrenchLike | None = None, out: Array | None = None
     ) -> Array:
         """Return Q_P + Q_G, eqs. (13) and (14), (n,), N or N m; with wrenches Q_F, too.
 
         Args:
             q, v: coordinates and their rates, (n,).
-            wrench: (links, 6), per link force (N) then moment (N m) about its centre of mass, base axes.
+            wrench: (links, 6), per link force (N) then moment (N m) about its centre of mass, base axes; or a mapping
+                from frames and links to six numbers, (6,) or (..., 6), base axes: at a frame's origin, about a link's
+                centre of mass.  Frames take kinematics.
             out: array to write to.
         """
-        return self.calls.run_with_wrench("generalized_force", out, (q, v), wrench)
+        return self._loaded("generalized_force", out, (q, v), wrench)
 
     def residual(
         self,
@@ -110,11 +111,11 @@ class Kernel(Differentiation, LoopClosure, NamedViews, Rollouts, Kinematics):
         a: ArrayLike,
         u: ArrayLike,
         *,
-        wrench: ArrayLike | None = None,
+        wrench: WrenchLike | None = None,
         out: Array | None = None,
     ) -> Array:
         """Return M a + bias - generalized_force - u, (n,), N or N m; zero on a motion."""
-        return self.calls.run_with_wrench("residual", out, (q, v, a, u), wrench)
+        return self._loaded("residual", out, (q, v, a, u), wrench)
 
     def inverse_dynamics(
         self,
@@ -122,7 +123,7 @@ class Kernel(Differentiation, LoopClosure, NamedViews, Rollouts, Kinematics):
         v: ArrayLike,
         a: ArrayLike,
         *,
-        wrench: ArrayLike | None = None,
+        wrench: WrenchLike | None = None,
         out: Array | None = None,
         cut: bool = False,
     ) -> Array:
@@ -133,7 +134,7 @@ class Kernel(Differentiation, LoopClosure, NamedViews, Rollouts, Kinematics):
 
         Args:
             q, v, a: (n,), a motion that keeps the loops closed.
-            wrench: (links, 6) as in ``generalized_force``.
+            wrench: as in ``generalized_force``.
             out: array to write to.
             cut: of a robot with loops, that its loops are open: of the tree alone, at every coordinate.
 
@@ -150,7 +151,7 @@ class Kernel(Differentiation, LoopClosure, NamedViews, Rollouts, Kinematics):
         v: ArrayLike,
         u: ArrayLike,
         *,
-        wrench: ArrayLike | None = None,
+        wrench: WrenchLike | None = None,
         out: Array | None = None,
         cut: bool = False,
     ) -> Array:
@@ -161,7 +162,7 @@ class Kernel(Differentiation, LoopClosure, NamedViews, Rollouts, Kinematics):
 
         Args:
             q, v, u: (n,).
-            wrench: (links, 6) as in ``generalized_force``.
+            wrench: as in ``generalized_force``.
             out: array to write to.
             cut: of a robot with loops, that its loops are open: of the tree alone.
 
@@ -176,7 +177,7 @@ class Kernel(Differentiation, LoopClosure, NamedViews, Rollouts, Kinematics):
         return self.calls.run(self.calls.of_tree(name) if flag("cut", cut) else name, out, (q, v, u))
 
     def constraint_forces(
-        self, q: ArrayLike, v: ArrayLike, u: ArrayLike, *, wrench: ArrayLike | None = None, out: Array | None = None
+        self, q: ArrayLike, v: ArrayLike, u: ArrayLike, *, wrench: WrenchLike | None = None, out: Array | None = None
     ) -> Array:
         """Return multipliers lambda of the constraint, (constraints,), N or N m: M a + h = u + J^T lambda.
 
@@ -186,7 +187,7 @@ class Kernel(Differentiation, LoopClosure, NamedViews, Rollouts, Kinematics):
 
         Args:
             q, v, u: (n,), as in ``forward_dynamics``.
-            wrench: (links, 6) as in ``generalized_force``.
+            wrench: as in ``generalized_force``.
             out: array to write to.
 
         Raises:
@@ -206,7 +207,7 @@ class Kernel(Differentiation, LoopClosure, NamedViews, Rollouts, Kinematics):
         return forces if out is None else out
 
     def coupling_forces(
-        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, *, wrench: ArrayLike | None = None, out: Array | None = None
+        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, *, wrench: WrenchLike | None = None, out: Array | None = None
     ) -> Array:
         """Return forces on the followers of ``couplings`` that a motion takes, (couplings,), N or N m.
 
@@ -214,15 +215,19 @@ class Kernel(Differentiation, LoopClosure, NamedViews, Rollouts, Kinematics):
 
         Args:
             q, v, a: (n,).
-            wrench: (links, 6) as in ``generalized_force``.
+            wrench: as in ``generalized_force``.
             out: array to write to.
 
         Raises:
             UnknownNameError: no rigid coupling makes followers of coordinates.
         """
-        return self.calls.run_with_wrench("coupling_forces", out, (q, v, a), wrench)
+        return self._loaded("coupling_forces", out, (q, v, a), wrench)
 
-    def _with_wrench(self, q: ArrayLike, u: ArrayLike, wrench: ArrayLike) -> Array:
+    def _loaded(self, name: str, out: Array | None, values: tuple[ArrayLike, ...], wrench: WrenchLike | None) -> Array:
+        """Compute a function of q and more with what wrenches add to it."""
+        return self.calls.run_with_wrench(name, out, values, wrench_rows(self.calls, values[0], wrench))
+
+    def _with_wrench(self, q: ArrayLike, u: ArrayLike, wrench: WrenchLike) -> Array:
         """Return drives with the generalized forces of wrenches; of a prescribed coordinate its acceleration."""
         drives, lead = self.calls.array("u", u, self.raw.shapes["u"])
         external = self.external_force(q, wrench)
@@ -239,9 +244,17 @@ class Kernel(Differentiation, LoopClosure, NamedViews, Rollouts, Kinematics):
         """
         return self.calls.run("euler_cosines", out, (q,))
 
-    def external_force(self, q: ArrayLike, wrench: ArrayLike, *, out: Array | None = None) -> Array:
-        """Return Q_F of eq. (14), its moment term corrected, (n,), N or N m, of wrenches (links, 6) in base axes."""
-        return self.calls.run("external_force", out, (q, wrench))
+    def external_force(self, q: ArrayLike, wrench: WrenchLike, *, out: Array | None = None) -> Array:
+        """Return Q_F of eq. (14), its moment term corrected, (n,), N or N m, of wrenches in base axes.
+
+        Args:
+            q: (n,).
+            wrench: as in ``generalized_force``.
+            out: array to write to.
+        """
+        rows = wrench_rows(self.calls, q, wrench)
+        assert rows is not None
+        return self.calls.run("external_force", out, (q, rows))
 
     def coriolis_matrix(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
         """Return the Coriolis matrix C(q, v), (n, n), by Christoffel symbols: C v = bias, M_dot = C + C^T."""
@@ -261,7 +274,7 @@ class Kernel(Differentiation, LoopClosure, NamedViews, Rollouts, Kinematics):
         v: ArrayLike,
         a: ArrayLike,
         *,
-        wrench: ArrayLike | None = None,
+        wrench: WrenchLike | None = None,
         out: Array | None = None,
         cut: bool = False,
     ) -> Array:
@@ -274,7 +287,7 @@ class Kernel(Differentiation, LoopClosure, NamedViews, Rollouts, Kinematics):
 
         Args:
             q, v, a: (n,).
-            wrench: external wrenches, (links, 6), as in ``generalized_force``.
+            wrench: external wrenches as in ``generalized_force``.
             out: array to write to.
             cut: of a robot with loops, that its loops are open: no force passes through them.
 
@@ -299,7 +312,7 @@ class Kernel(Differentiation, LoopClosure, NamedViews, Rollouts, Kinematics):
         return self.calls.run("regressor", out, (q, v, a))
 
     def loop_reactions(
-        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, *, wrench: ArrayLike | None = None, out: Array | None = None
+        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, *, wrench: WrenchLike | None = None, out: Array | None = None
     ) -> Array:
         """Return the wrench that each loop's cut joint exerts on its second link, (loops, 6): force (N), moment (N m).
 
@@ -309,7 +322,7 @@ class Kernel(Differentiation, LoopClosure, NamedViews, Rollouts, Kinematics):
 
         Args:
             q, v, a: (n,), a motion that keeps the loops closed, made by drives at the coordinates that have one.
-            wrench: (links, 6) as in ``generalized_force``.
+            wrench: as in ``generalized_force``.
             out: array to write to.
 
         Raises:
@@ -321,17 +334,17 @@ class Kernel(Differentiation, LoopClosure, NamedViews, Rollouts, Kinematics):
         return self.calls.run("loop_reactions_under_load", out, (q, v, a, self.external_force(q, wrench)))
 
     def _driving(
-        self, name: str, out: Array | None, values: tuple[ArrayLike, ...], wrench: ArrayLike | None, *, cut: bool
+        self, name: str, out: Array | None, values: tuple[ArrayLike, ...], wrench: WrenchLike | None, *, cut: bool
     ) -> Array:
         """Compute what a motion takes, with its loops closed or cut; see ``Calls.run_with_wrench``."""
         if flag("cut", cut) or not self.constraints:
-            return self.calls.run_with_wrench(self.calls.of_tree(name), out, values, wrench)
+            return self._loaded(self.calls.of_tree(name), out, values, wrench)
         if wrench is None:
             return self.calls.run(name, out, values)
         under = (*values, self.external_force(values[0], wrench))
         if name != "reactions":
             return self.calls.run(f"{name}{LOADED}", out, under)
-        return self.calls.run_with_wrench(f"{name}{LOADED}", out, under, wrench)
+        return self._loaded(f"{name}{LOADED}", out, under, wrench)
 
     def spring_forces(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
         """Return length (m) and tension (N) of every point-to-point spring, (springs, 2), in the order of ``springs``.

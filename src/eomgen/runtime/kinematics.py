@@ -91,6 +91,25 @@ class Kinematics(CompiledCode):
             linear = linear + np.cross(velocity, rate) + np.cross(self.frame_pose(q, frame)[..., :3, 3], angular)
         return self._in_axes(q, frame, seen, linear, angular)
 
+    def frame_bias_acceleration(
+        self, q: ArrayLike, v: ArrayLike, frame: str, reference: Reference = "LOCAL_WORLD_ALIGNED"
+    ) -> Array:
+        """Return the rate of a frame's Jacobian times v, J_dot v, (6,): linear (m/s^2), angular (rad/s^2).
+
+        It is ``frame_acceleration`` where a is 0: acceleration is J a + J_dot v.  J of "LOCAL_WORLD_ALIGNED" is
+        ``frame_jacobian``.
+
+        Args:
+            q, v: (n,).
+            frame: one of ``frames``.
+            reference: as of ``frame_acceleration``.
+
+        Raises:
+            UnknownNameError: no frame or link of that name.
+            InputError: another reference.
+        """
+        return self.frame_acceleration(q, v, np.zeros(len(self.coordinates), self.dtype), frame, reference)
+
     def _in_axes(self, q: ArrayLike, frame: str, reference: str, linear: Array, angular: Array) -> Array:
         """Return two vectors of base axes one behind the other, in the axes of a reference."""
         both = np.stack([linear, angular], axis=-2)

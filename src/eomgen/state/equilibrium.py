@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from ..arrays import Array, Mask
 from ..errors import ArrayError, InputError, IntegrationError, LoopError, UnknownNameError
 from ..robot.sizes import REFERENCE_ACCELERATION
+from ..runtime.by_name import WrenchLike
 from ..runtime.kernel import Kernel
 from .springs import coordinate_sizes, line_rates, stiffnesses
 from .vectors import Q_STEP, state_vector
@@ -21,7 +22,7 @@ def static_equilibrium(
     *,
     u: ArrayLike | Callable[[Array], ArrayLike] | None = None,
     held: Iterable[str] = (),
-    wrench: ArrayLike | None = None,
+    wrench: WrenchLike | None = None,
 ) -> tuple[Array, Array]:
     """Find the static equilibrium near a guess by Newton's method: springs, gravity, drives and wrenches in balance.
 
@@ -30,7 +31,7 @@ def static_equilibrium(
         q_guess: coordinates, (n,).
         u: actuator forces, (n,), N or N m, or a function of q, (n,) or (N, n), to the same shape; None: zero.
         held: names of coordinates that stay at their guess, whatever drive that takes; prescribed ones do.
-        wrench: external wrenches, (links, 6).
+        wrench: external wrenches, as of the kernel's methods: (links, 6), or by frame and link.
 
     Returns:
         q, (n,), and the drives that hold it, (n,): u, and in held coordinates what is needed.

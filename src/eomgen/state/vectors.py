@@ -9,10 +9,11 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array, Mask
 from ..errors import ArrayError
+from ..runtime.by_name import WrenchLike
 from ..runtime.kernel import Kernel
 
 DriveFunction = Callable[[float, Array, Array], ArrayLike]  # (t, q, v) -> u, (n,), N or N m
-WrenchFunction = Callable[[float, Array, Array], ArrayLike]  # (t, q, v) -> (links, 6), force and moment, base axes
+WrenchFunction = Callable[[float, Array, Array], WrenchLike]  # (t, q, v) -> (links, 6), or by frame and link
 MotionFunction = Callable[[float], tuple[ArrayLike, ArrayLike, ArrayLike]]  # t -> q, v, a of prescribed coordinates
 
 Q_STEP, V_STEP = 1e-7, 1e-6  # finite differences: small beside 1 rad, 1e9 times the round-off of a force
@@ -21,14 +22,6 @@ Q_STEP, V_STEP = 1e-7, 1e-6  # finite differences: small beside 1 rad, 1e9 times
 def prescribed_mask(kernel: Kernel) -> Mask:
     """Return the mask of prescribed coordinates, (n,)."""
     return np.array([name in kernel.prescribed for name in kernel.coordinates])
-
-
-def as_floats(value: ArrayLike) -> Array:
-    """Return the value as a new array of floats; an empty one, of shape (0,), where it is none."""
-    try:
-        return np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        return np.zeros(0)
 
 
 def state_vector(label: str, value: ArrayLike, coordinates: tuple[str, ...]) -> Array:

@@ -24,6 +24,7 @@ from .._version import __version__
 from ..description import RobotLike, as_robot
 from ..errors import EomgenError, InputError
 from ..files import as_path
+from ..forms.dotted_paths import get_path
 from ..forms.toml_text import parse_toml
 from ..integration.plan import IntegratorPlan
 from ..names import parameter_path, show
@@ -38,7 +39,7 @@ from ..simulation.run import plan_of
 from ..simulation.together import go_together
 from .contents import SampleRow, manifest_of, row_check
 from .design import Design
-from .job import Dimension, Job, SampleRunner, get_path
+from .job import Dimension, Job, SampleRunner
 from .measures import BALANCED, check_record
 from .plan import Distribution, Plan, as_plan
 from .result import SweepResult

@@ -16,8 +16,8 @@ from typing import Any
 from ..arrays import Array
 from ..errors import EomgenError, InputError
 from ..files import open_regular
+from ..forms.dotted_paths import set_path
 from ..motion.exceeding import limits_known
-from ..names import listed, nearest, show
 from ..progress import no_progress
 from ..robot.value import Robot
 from ..scenario.load import scenario_from_values
@@ -94,39 +94,6 @@ class Job:
             for dimension, number in zip(self.dimensions, sample, strict=True)
             if dimension.kind == "parameter"
         }
-
-
-def set_path(values: dict[str, Any], path: str, number: float) -> None:
-    """Put a number where a dotted path leads; UnknownNameError says where it ends."""
-    place, key = _place(values, path)
-    place[key] = number
-
-
-def get_path(values: Mapping[str, Any], path: str) -> Any:
-    """Value at a dotted path; None where a table has no such key yet."""
-    place, key = _place(values, path)
-    return place.get(key) if isinstance(place, dict) else place[key]
-
-
-def _place(values: Any, path: str) -> tuple[Any, Any]:
-    here: Any = values
-    parts = path.split(".")
-    for i, part in enumerate(parts):
-        if isinstance(here, list):
-            if not part.isdecimal() or int(part) >= len(here):
-                raise InputError(f"{show(path)}: {'.'.join(parts[:i])} has entries 0 to {len(here) - 1}")
-            key: Any = int(part)
-        elif isinstance(here, dict):
-            key = part
-            if part not in here and i < len(parts) - 1:
-                known = listed(here)
-                raise InputError(f"{show(path)}: there is no {show(part)}{nearest(part, here)}; known: {known}")
-        else:
-            raise InputError(f"{show(path)}: {'.'.join(parts[:i])} is {show(here)}, which has no parts")
-        if i == len(parts) - 1:
-            return here, key
-        here = here[key]
-    raise InputError(f"{show(path)}: is empty")
 
 
 def file_hashes(job: Job) -> dict[str, str]:

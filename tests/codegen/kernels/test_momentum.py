@@ -84,6 +84,12 @@ def test_references_of_frames(built: Build) -> None:
         assert np.allclose(velocity[1, 2], kernel.frame_velocity(q[1, 2], v[1, 2], "tcp", reference), rtol=1e-14)
         h = 1e-6
         ahead, behind = (kernel.frame_velocity(q + s * h * v, v + s * h * a, "tcp", "WORLD") for s in (1, -1))
+        bias = kernel.frame_bias_acceleration(q, v, "tcp", reference)
+        assert np.array_equal(bias, kernel.frame_acceleration(q, v, 0.0 * a, "tcp", reference))
+        if reference == "LOCAL_WORLD_ALIGNED":
+            J, J_ahead, J_behind = (kernel.frame_jacobian(q + s * h * v, "tcp") for s in (0, 1, -1))
+            assert np.allclose(bias, ((J_ahead - J_behind) / (2 * h) @ v[..., np.newaxis])[..., 0], atol=1e-7)
+            assert np.allclose(acceleration, (J @ a[..., np.newaxis])[..., 0] + bias, atol=1e-12)
         if reference == "WORLD":
             assert np.allclose(acceleration, (ahead - behind) / (2 * h), atol=1e-7)
     with pytest.raises(InputError, match=r"reference: 'world'; allowed: LOCAL_WORLD_ALIGNED, LOCAL, WORLD"):

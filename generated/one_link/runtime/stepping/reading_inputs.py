@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...errors import ArrayError, InputError
 from ...names import listed, show
+from ..by_name import place_of_wrench, wrench_numbers, wrench_rows
 from ..calls import Calls
 from .input_signals import DriveData, InputSignals, LinkWrench, ModelDrive, Signal, Track, Waves
 from .saturation import check_efforts, shared_drives, with_efforts
@@ -33,7 +34,8 @@ def input_signals(calls: Calls, drive: Any = None, wrench: Any = None, prescribe
 
     Args:
         drive: a DriveData, or an object whose ``load_data()`` gives it.
-        wrench: LinkWrenches, an object whose ``load_data()`` gives them, or wrenches that stay, (links, 6).
+        wrench: LinkWrenches, an object whose ``load_data()`` gives them, or wrenches that stay, (links, 6) or by frame
+            or link.
         prescribed: Waves, or an object whose ``load_data()`` gives them.
 
     Raises:
@@ -59,6 +61,8 @@ def _wrenches(calls: Calls, source: Any) -> Sequence[LinkWrench]:
     wrenches = source if signals_of(source) is None else signals_of(source)
     if wrenches is None:
         return []
+    if isinstance(wrenches, Mapping):
+        return link_wrenches(calls, wrenches)
     if isinstance(wrenches, (list, tuple)) and all(isinstance(wrench, LinkWrench) for wrench in wrenches):
         return wrenches
     links = len(calls.raw.libraries.meta["links"])
@@ -295,3 +299,34 @@ def _signal_at(signal: Signal, t: float) -> tuple[Array, Array]:
     k, value, rate = _weights_at(signal, t)
     coefficients = signal.coefficients[k]
     return value @ coefficients, rate @ coefficients
+
+
+def link_wrenches(calls: Calls, wrench: Mapping[str, ArrayLike]) -> list[LinkWrench]:
+    """Return wrenches that stay, by frame or link, as data for integrations in C; errors as of ``wrench_rows``."""
+    found = []
+    for name, value in wrench.items():
+        place, numbers = place_of_wrench(calls, name), wrench_numbers(calls, name, value)
+        if numbers.shape != (6,):
+            raise ArrayError(f"wrench: {name}: got shape {numbers.shape}; allowed: six finite numbers, (6,)")
+        arm = np.zeros(3) if place.arm is None else place.arm.astype(np.float64)
+        found.append(LinkWrench(place.link, Signal.constant(numbers), arm))
+    return found
+
+
+class NamedWrenches:
+    """Wrenches that stay, by frame or link, as integrations take them: (t, q, v) -> (links, 6)."""
+
+    def __init__(self, calls: Calls, wrench: Mapping[str, ArrayLike]) -> None:
+        """Keep checked wrenches; errors as of ``wrench_rows``."""
+        self._calls, self._wrench = calls, dict(wrench)
+        self._data = link_wrenches(calls, wrench)
+
+    def __call__(self, t: float, q: Array, v: Array) -> ArrayLike:
+        """Return the rows of links, (links, 6), in a state."""
+        rows = wrench_rows(self._calls, q, self._wrench)
+        assert rows is not None
+        return rows
+
+    def load_data(self) -> list[LinkWrench]:
+        """Return them as data for integrations in C."""
+        return self._data

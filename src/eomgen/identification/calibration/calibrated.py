@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from ...arrays import Array
-from ...motion.turns import rpy_of
 from ...names import component_name, parameter_name
 from ...robot.value import COORDINATES, MOTOR, Frame, Joint, Loop, Placement, Robot
+from ...runtime.inverse_kinematics.rotations import rpy_of
 from ..geometry.error_model import FRAMES, JOINTS, LOOPS, SECOND, TILT
 from ..geometry.rotations import pose_from, pose_of
 from ..geometry.stations import Chain, matrix_of

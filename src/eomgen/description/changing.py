@@ -1,0 +1,202 @@
+"""A robot with some values of its description changed, by dotted paths."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from ..errors import DescriptionError, InputError
+from ..forms.dotted_paths import CURVE, numbered
+from ..limits import LARGEST
+from ..names import listed, nearest, show
+from ..robot.elements import KINDS
+from ..robot.geometry import Placement, rotation_from_rpy
+from ..robot.inertia_policy import Judged, apply_inertia_policy, link_sizes, lowest_moments
+from ..robot.record import record_of
+from ..robot.value import COORDINATES, INERTIA_KEYS, Robot
+from .recorded import robot_from_record
+
+AXES = ("x", "y", "z")
+NAMED_BY_KEY = ("home", "to", "further")  # mappings whose keys may have dots, and where others may be added
+INSIDE = ("coordinates", "transmission", "law", "further")  # whose values stand for ones of what they are in
+OTHER_NAMES = {"to": "ratio"}  # of parameters
+
+
+@dataclass
+class _Value:
+    """A value of a record: what holds it, its key there, the object that it was made of, and what else is on the way.
+
+    parts: records of parts on the way, each with its object, whose numbers may follow from others.
+    """
+
+    holder: Any
+    key: Any
+    origin: Any
+    parts: list[tuple[dict[str, Any], Any]] = field(default_factory=list)
+
+    @property
+    def now(self) -> Any:
+        return self.holder[self.key]
+
+
+def with_values(robot: Robot, changes: Mapping[str, Any]) -> Robot:
+    """Return a robot with some values of its description changed, checked as those that are loaded.
+
+    Args:
+        robot: it stays what it is.
+        changes: values by path: names of parameters ("links.arm.mass", "joints.joint1.x.stiffness"), and whole ones
+            ("links.arm.com", "joints.joint1.limits").  Numbers that follow from others follow anew.
+
+    Raises:
+        DescriptionError: there is no such value; says what there is.  Or the robot would be none that can be loaded.
+    """
+    if not isinstance(changes, Mapping):
+        raise InputError(f"with_value: {show(changes)}; allowed: a path and a value, or a mapping from paths to values")
+    record = record_of(robot, whole=True)
+    for path, value in changes.items():
+        if not isinstance(path, str) or not path:
+            raise InputError(f"with_value: {show(path)} is no path; allowed: names with dots, as 'links.arm.mass'")
+        _change(record, robot, path, _plain(value))
+    said = "; ".join(f"{path} = {show(value)}" for path, value in changes.items())
+    try:
+        changed = robot_from_record(record, robot.source)
+        _refuse_inertias(robot, changed)
+    except InputError as error:
+        raise DescriptionError(f"{getattr(error, 'message', error)}", where=_where(said, error)) from None
+    return changed
+
+
+def _where(said: str, error: InputError) -> str:
+    place = getattr(error, "where", "")
+    return f"with_value: {said}" + (f": {place}" if place else "")
+
+
+def _plain(value: Any) -> Any:
+    """Return arrays and tuples as lists, and NumPy's numbers as Python's."""
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        return {key: _plain(x) for key, x in value.items()}
+    return [_plain(x) for x in value] if isinstance(value, (list, tuple)) else value
+
+
+def _change(record: dict[str, Any], robot: Robot, path: str, value: Any) -> None:
+    """Put a value where a path leads."""
+    parts, done = path.split("."), 0
+    here = _Value({"robot": record}, "robot", robot)
+    relaxed: list[tuple[dict[str, Any], Any]] = []
+    while done < len(parts):
+        known = dict(_below(here))
+        size = next((n for n in range(len(parts) - done, 0, -1) if ".".join(parts[done : done + n]) in known), 0)
+        if not size and here.key in NAMED_BY_KEY and isinstance(here.now, dict):
+            rest = ".".join(parts[done:])
+            known[rest] = _Value(here.now, rest, None)
+            size = len(parts) - done
+        if not size:
+            raise DescriptionError(_unknown(".".join(parts[:done]), parts[done], here.now, known), where=path)
+        here = known[".".join(parts[done : done + size])]
+        relaxed += here.parts
+        done += size
+    for part, origin in relaxed:
+        _free_derived(part, origin, here)
+    old = here.holder.get(here.key) if isinstance(here.holder, dict) else here.holder[here.key]
+    number = isinstance(value, int) and not isinstance(value, bool)
+    as_float = number and abs(value) < LARGEST and not isinstance(old, (int, bool))
+    here.holder[here.key] = float(value) if as_float else value
+    for part, origin in relaxed:
+        if isinstance(origin, Placement):
+            _turn(part, origin)
+
+
+def _below(here: _Value) -> Iterator[tuple[str, _Value]]:
+    """Yield what is below a value, by the parts of paths that lead there."""
+    now, origin = here.now, here.origin
+    if isinstance(now, list):
+        of_six = INERTIA_KEYS if here.key == "inertia" else COORDINATES
+        names: Sequence[str] = {len(AXES): AXES, len(of_six): of_six}.get(len(now), ())
+        for i, name in numbered(now, names):
+            if here.key == CURVE:
+                yield name, _Value(now[i], 1, None, here.parts)
+            else:
+                yield name, _Value(now, i, _item(origin, i), _part(now[i], _item(origin, i)))
+    elif isinstance(now, dict):
+        for key in now:
+            child = _item(origin, key)
+            value = _Value(now, key, child, _part(now[key], child))
+            yield key, value
+            if key in OTHER_NAMES:
+                yield OTHER_NAMES[key], value
+            if key == "elements" and here.key == "robot":
+                for table in KINDS:
+                    chosen = [i for i, x in enumerate(child) if table == x.TABLE]
+                    if chosen:
+                        entries = {table: [now[key][i] for i in chosen]}
+                        yield table, _Value(entries, table, [child[i] for i in chosen])
+            if key in INSIDE and isinstance(now[key], dict):
+                for name, inner in _below(value):
+                    if name not in now:
+                        yield name, replace(inner, parts=[*value.parts, *inner.parts])
+
+
+def _item(origin: Any, key: Any) -> Any:
+    """Return what an object has under a key, an index or as an attribute; None where there is nothing."""
+    if isinstance(origin, Mapping):
+        return origin.get(key)
+    if isinstance(origin, Sequence) and not isinstance(origin, str):
+        return origin[key] if isinstance(key, int) and key < len(origin) else None
+    return getattr(origin, key, None) if isinstance(key, str) else None
+
+
+def _part(now: Any, origin: Any) -> list[tuple[dict[str, Any], Any]]:
+    return [(now, origin)] if isinstance(now, dict) and dataclasses.is_dataclass(origin) else []
+
+
+def _free_derived(part: dict[str, Any], origin: Any, changed: _Value) -> None:
+    """Leave out numbers of a part that follow from others, so that they follow anew; not the one that is changed."""
+    for item in dataclasses.fields(origin):
+        value = getattr(origin, item.name)
+        if item.name == "further":
+            for key in value:
+                rest = {name: x for name, x in value.items() if name != key}
+                kept = changed.key == key and changed.holder is part["further"]
+                if not kept and replace(origin, further=rest).further.get(key) == value[key]:
+                    part["further"].pop(key, None)
+        elif isinstance(value, float) and item.default is None:
+            kept = changed.key == item.name and changed.holder is part
+            if not kept and getattr(replace(origin, **{item.name: None}), item.name) == value:
+                part[item.name] = None
+
+
+def _turn(part: dict[str, Any], origin: Placement) -> None:
+    """Let the axes of a placement follow from roll, pitch and yaw that are changed; forget these where axes are."""
+    rpy = part["rpy"]
+    if rpy is not None and rpy != _plain(origin.rpy):
+        if isinstance(rpy, list) and len(rpy) == 3 and all(isinstance(x, (int, float)) for x in rpy):
+            x, y, z = rpy
+            part["rotation"] = _plain(rotation_from_rpy((float(x), float(y), float(z))))
+    elif part["rotation"] != _plain(origin.rotation):
+        part["rpy"] = None
+
+
+def _unknown(place: str, part: str, now: Any, known: Mapping[str, Any]) -> str:
+    """Say that there is nothing of that name, and what there is."""
+    where = f" in {place}" if place else ""
+    if now is None:
+        return f"{place} is not given; allowed: a value for it as a whole"
+    if not known:
+        return f"{place} is {show(now)}, which has no parts"
+    return f"there is no {show(part)}{where}{nearest(part, known)}; known: {listed(known, 20)}"
+
+
+def _refuse_inertias(before: Robot, after: Robot) -> None:
+    """Refuse inertias that no body can have, of links that could be bodies before, as reading does."""
+    links = {link.name: link for link in before.links}
+    sizes = link_sizes({link.name: link for link in after.links}, after.joints)
+    changed = [link for link in after.links if link != links.get(link.name)]
+    were = [links.get(link.name, link) for link in changed]
+    lowest = lowest_moments(were, [sizes[link.name] for link in changed]) if changed else ()
+    judged = [Judged(link, "error", sizes[link.name]) for link, x in zip(changed, lowest, strict=True) if x >= 0.0]
+    if judged:
+        apply_inertia_policy(judged)
