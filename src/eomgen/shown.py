@@ -1,13 +1,15 @@
-"""Results that show themselves: one line at a prompt, a small table in a notebook, a plot where there is one."""
+"""Results that show themselves: one line at a prompt, a small table in a notebook, a plot; numbers with prefixes."""
 
 from __future__ import annotations
 
 import html
+import math
+import re
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TextIO
 
 import numpy as np
 
@@ -16,6 +18,9 @@ from .names import listed, show, show_path
 
 LONGEST = 300  # characters of a line
 NAMED = 3  # names of a list that are shown
+PREFIXES = ((1.0, ""), (1e3, "m"), (1e6, "u"), (1e9, "n"), (1e12, "p"))
+_MOST_DIGITS = 15
+_MICRO = re.compile(r"(?<=[0-9] )u(?=(m|rad|s|N|J|W)\b)|(?<=\[)u(?=(m|rad|s|N|J|W)\b)")  # 5 um, [urad]
 
 
 class Shown:
@@ -88,6 +93,54 @@ class Plotting:
             InputError: Matplotlib is not installed (the extra "sim"), or an argument does not fit.
         """
         return from_above(".pictures", self._plot)(self, *about, path=path, ax=ax, **options)
+
+
+def scale_of(values: Any, unit: str) -> tuple[float, str]:
+    """Return factor and name of the unit in which the largest of the values is at least 1: (1e6, "um")."""
+    largest = float(np.abs(values).max(initial=0.0))
+    for factor, prefix in PREFIXES:
+        if factor * largest >= 1.0 or largest == 0.0 or not math.isfinite(largest):
+            return factor, prefix + unit
+    factor, prefix = PREFIXES[-1]
+    return factor, prefix + unit
+
+
+def prefixed(value: float, unit: str, digits: int = 3, *, sign: bool = False) -> str:
+    """Return a quantity as people write it: "31.2 mm" of 0.0312, "m".
+
+    Args:
+        value: in the unit.
+        unit: without a prefix.
+        digits: that count.
+        sign: write the sign of positive numbers, too.
+    """
+    rounded = float(f"{value:.{digits - 1}e}")  # 999.9e-6 is 1 mm
+    factor, name = scale_of(rounded, unit)
+    number = factor * rounded
+    form = ".0f" if 10.0**digits <= abs(number) < 10.0**_MOST_DIGITS else f".{digits}g"
+    return f"{number:{'+' if sign else ''}{form}} {name}"
+
+
+def interval(low: float, high: float, digits: int = 3) -> str:
+    """Return both ends with so many digits that they differ in two: "1.00012 .. 1.00034"; at least ``digits``."""
+    return " .. ".join(interval_ends(low, high, digits))
+
+
+def interval_ends(low: float, high: float, digits: int = 3) -> tuple[str, str]:
+    """Return the ends of ``interval``."""
+    far, width = max(abs(low), abs(high)), abs(high - low)
+    if width > 0.0 and math.isfinite(width):
+        digits = min(max(digits, math.floor(math.log10(far)) - math.floor(math.log10(width)) + 2), _MOST_DIGITS)
+    return f"{low:.{digits}g}", f"{high:.{digits}g}"
+
+
+def with_micro_signs(text: str, stream: TextIO) -> str:
+    """Return the text with micro signs in the place of the u of units, on a terminal whose encoding has them."""
+    try:
+        "\N{MICRO SIGN}".encode(stream.encoding or "ascii")
+    except (UnicodeError, LookupError):
+        return text
+    return _MICRO.sub("\N{MICRO SIGN}", text) if stream.isatty() else text
 
 
 def text_of(value: Any) -> str:

@@ -21,12 +21,12 @@ from eomgen.pictures import energy as motion_plots
 from eomgen.pictures.analysis import plot_mode_shapes
 from eomgen.pictures.robot import plot_robot
 from eomgen.pictures.simulation import plot_deviations, plot_result
-from eomgen.pictures.style import scale_of
 from eomgen.pictures.zeros import plot_zeros
 from eomgen.robot.model import build_model
 from eomgen.robot.record import record_of, robot_hash, robot_of
 from eomgen.robot.value import Robot
 from eomgen.scenario.load import scenario_from_toml
+from eomgen.shown import scale_of
 from eomgen.simulation.result import SimulationResult, simulated_robot
 from eomgen.simulation.run import run_scenario, simulate
 from tests.oracles.force_laws import with_laws

@@ -24,7 +24,7 @@ from ..results.stored import Stored
 from ..robot.model import build_model, tool_of
 from ..runtime.inverse_kinematics.reaching import Target, reach, starting_points, within_limits
 from ..runtime.kernel import Kernel
-from ..shown import Plotting, Shown
+from ..shown import Plotting, Shown, prefixed
 from ..state.motors import turn_motors
 from .holding import PoseLike
 from .options import HeldRobot, StateKeywords, prepared
@@ -87,7 +87,7 @@ class ComplianceMap(Plotting, Shown, Saved, plot="plot_compliance"):
         if known.any():
             for word, flat in (("least", int(np.nanargmin(values))), ("most", int(np.nanargmax(values)))):
                 place = ", ".join(f"{x:.4g}" for x in self.points.reshape(-1, 3)[flat])
-                lines.append(f"  {word} compliance {1e6 * values.flat[flat]:.4g} um/N at ({place}) m")
+                lines.append(f"  {word} compliance {prefixed(float(values.flat[flat]), 'm/N', 4)} at ({place}) m")
         return lines + [f"note: {note}" for note in self.notes]
 
 

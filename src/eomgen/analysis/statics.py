@@ -14,7 +14,7 @@ from ..progress import StageReport
 from ..robot.coordinates import MOTIONS
 from ..robot.model import tool_of
 from ..runtime.kernel import Kernel
-from ..shown import Shown
+from ..shown import Shown, scale_of
 from .at_rest import closed, rest
 from .holding import Fixation, PoseLike, floating, floating_cuts
 from .options import HeldRobot, StateKeywords, prepared, warn_of
@@ -81,10 +81,10 @@ class Deflection(Shown):
         lines = [f"{self.robot}: {self.frame} beside that of the rigid robot, base frame", ""]
         lines.append(f"{'':<10}{'deflection':>14}{'of it by loads':>16}")
         for k, component in enumerate(MOTIONS):
-            unit = "um" if k < 3 else "urad"
-            lines.append(
-                f"{component + ' [' + unit + ']':<10}{1e6 * self.deflection[k]:>14.5g}{1e6 * self.by_loads[k]:>16.5g}"
-            )
+            mine = slice(0, 3) if k < 3 else slice(3, 6)
+            scale, unit = scale_of([self.deflection[mine], self.by_loads[mine]], "m" if k < 3 else "rad")
+            numbers = f"{scale * self.deflection[k]:>14.5g}{scale * self.by_loads[k]:>16.5g}"
+            lines.append(f"{component + ' [' + unit + ']':<10}{numbers}")
         matrix, title = (
             self.compliance,
             f"compliance [m, rad per N, N m], of rank {self.rank} of 6: no stiffness matrix",

@@ -27,7 +27,7 @@ from ..progress import Progress
 from ..robot.coordinates import force_unit_of, index_of, unit_of
 from ..robot.model import build_model, program_coordinates, tool_of
 from ..robot.value import PRINCIPAL, Robot
-from ..shown import Shown
+from ..shown import Shown, prefixed
 from ..simulation.assembly import RIGID_KERNELS
 from ..simulation.controls import actuators
 from ..simulation.programs import MOVING_PART
@@ -73,8 +73,8 @@ class Entry:
         rows["tool"] = self.tool
         rows["tool travel [m]"] = f"{self.tool_travel:.4g}"
         if self.tool_deviation is not None:
-            rows["tool deviation, largest [um]"] = f"{1e6 * self.tool_deviation[0]:.4g}"
-            rows["tool deviation, end [um]"] = f"{1e6 * self.tool_deviation[1]:.4g}"
+            rows["tool deviation, largest"] = prefixed(self.tool_deviation[0], "m", 4)
+            rows["tool deviation, end"] = prefixed(self.tool_deviation[1], "m", 4)
         return rows
 
 

@@ -22,7 +22,7 @@ from ..robot.coordinates import MOTIONS, index_of
 from ..robot.model import build_model, tool_of
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
-from ..shown import Plotting, Shown
+from ..shown import Plotting, Shown, scale_of
 from ..simulation.result import SimulationResult
 from ..tabular import Rows, TableColumn, Tabular
 from .statics import motion_between
@@ -138,17 +138,18 @@ class Budget(Plotting, Shown, Tabular, plot="plot_budget"):
         lines = [
             f"{self.robot}: error of {self.frame} against its reference trajectory, to first order in each coordinate"
         ]
-        for space, columns, unit in (("displacement", slice(0, 3), "um"), ("rotation", slice(3, 6), "urad")):
+        for space, columns, unit in (("displacement", slice(0, 3), "m"), ("rotation", slice(3, 6), "rad")):
             size = np.linalg.norm(self.deviation[:, columns], axis=1)
             rms = float(np.sqrt(self._mean(size**2)))
-            lines += ["", f"{space}: rms {1e6 * rms:.4g} {unit}, peak {1e6 * size.max():.4g} {unit}"]
+            scale, unit = scale_of(size.max(), unit)
+            lines += ["", f"{space}: rms {scale * rms:.4g} {unit}, peak {scale * size.max():.4g} {unit}"]
             lines.append(
                 f"{'coordinate, joint':<28}{f'rms [{unit}]':>12}{f'peak [{unit}]':>12}{'at [s]':>10}{'share':>9}"
             )
             rows = self.table(space)
             for row in (*rows[:-1][:most], rows[-1], *self.table(space, "joint")[:-1]):
-                numbers = f"{1e6 * row.rms:>12.4g}{1e6 * row.peak:>12.4g}{row.peak_at:>10.3f}{100 * row.share:>8.1f}%"
-                lines.append(f"{row.name:<28}{numbers}")
+                sizes = f"{scale * row.rms:>12.4g}{scale * row.peak:>12.4g}"
+                lines.append(f"{row.name:<28}{sizes}{row.peak_at:>10.3f}{100 * row.share:>8.1f}%")
         return lines + [f"note: {note}" for note in self.notes]
 
 

@@ -1,6 +1,7 @@
 """Files that people write: checks of one, a new one to begin with, their JSON Schemas.
 
-Uses runtime, robot and forms, the keys and readers of description, scenario and sweep, and codegen (tree) on floats.
+Uses runtime, robot and forms, the keys and readers of description, scenario and sweep, the names of tolerances of
+identification, and codegen (tree) on floats.
 """
 
 from ..lazily import imports_when_used
@@ -11,5 +12,8 @@ with imports_when_used(globals()):
     from .dh import robot_from_dh as robot_from_dh
     from .new import write_dh_file as write_dh_file
     from .new import write_new_file as write_new_file
+    from .new import write_plan_file as write_plan_file
+    from .new import write_poses_file as write_poses_file
+    from .new import write_tolerances_file as write_tolerances_file
     from .schema_files import schema_path as schema_path
     from .schemas import schema_text as schema_text

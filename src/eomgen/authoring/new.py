@@ -13,6 +13,7 @@ from ..robot.model import program_coordinates, tool_of
 from ..robot.value import Robot
 from .dh import Table, dh_file_text
 from .schema_files import is_schema, schema_path
+from .studies import plan_file_text, tolerances_file_text
 
 KINDS = ("robot", "scenario")
 _FOLDER = Path(__file__).parents[1] / "new_files"
@@ -90,16 +91,32 @@ def write_poses_file(name: str, path: str | Path | None = None) -> Path:
     Raises:
         InputError: there is no such robot, the file exists or cannot be written.
     """
+    return _write_new(poses_file_text(_robot_here(name)), Path(f"{name}_poses.csv" if path is None else path), ".csv")
+
+
+def write_plan_file(name: str, path: str | Path | None = None) -> Path:
+    """Write ``plan_file_text`` to a new file, NAME_plan.toml, and its schema; arguments as of ``write_poses_file``."""
+    target = Path(f"{name}_plan.toml" if path is None else path)
+    return _write_beside_schema(plan_file_text(_robot_here(name)), target, "plan")
+
+
+def write_tolerances_file(name: str, path: str | Path | None = None) -> Path:
+    """Write ``tolerances_file_text`` to a new file, NAME_tolerances.toml; arguments as of ``write_poses_file``."""
+    target = Path(f"{name}_tolerances.toml" if path is None else path)
+    return _write_new(tolerances_file_text(_robot_here(name)), target, ".toml")
+
+
+def _robot_here(name: str) -> Robot:
+    """Return the robot of that name: of a file in the working folder, or a built-in one."""
     if not is_robot_name(name):
         raise InputError(f"new: got the name {show(name)}; allowed: {ROBOT_RULE}")
     own = [Path(f"{name}{ending}") for ending in (".toml", ".urdf") if Path(f"{name}{ending}").is_file()]
     if not own and name not in builtin_robots():
         raise InputError(
-            f"new: there is no robot {show(name)}; allowed with poses: the name of a .toml or .urdf file here, or of a"
-            f" built-in robot ({listed(builtin_robots())})"
+            f"new: there is no robot {show(name)}; allowed: the name of a .toml or .urdf file here, or of a built-in"
+            f" robot ({listed(builtin_robots())})"
         )
-    target = Path(f"{name}_poses.csv") if path is None else Path(path)
-    return _write_new(poses_file_text(load_robot(own[0] if own else name)), target, ".csv")
+    return load_robot(own[0] if own else name)
 
 
 def _write_new(text: str, target: Path, ending: str) -> Path:

@@ -19,6 +19,9 @@ def _add_new(parser: argparse.ArgumentParser) -> None:
     kinds.add_argument(
         "--poses", action="store_true", help="a file for measured poses instead, NAME_poses.csv, of that robot"
     )
+    kinds.add_argument("--plan", action="store_true", help="a plan of a sweep instead, NAME_plan.toml, of that robot")
+    about = "a table of what may be off instead, NAME_tolerances.toml, of that robot"
+    kinds.add_argument("--tolerances", action="store_true", help=about)
     kinds.add_argument(
         "--dh", type=Path, metavar="TABLE", help="from a .csv table of Denavit-Hartenberg parameters, by --convention"
     )
@@ -27,7 +30,7 @@ def _add_new(parser: argparse.ArgumentParser) -> None:
 
 
 def _new(options: argparse.Namespace) -> None:
-    from ..authoring.new import write_dh_file, write_new_file, write_poses_file
+    from ..authoring.new import write_dh_file, write_new_file, write_plan_file, write_poses_file, write_tolerances_file
 
     if (options.dh is None) != (options.convention is None):
         given, missing = ("--dh", "--convention") if options.convention is None else ("--convention", "--dh")
@@ -35,9 +38,11 @@ def _new(options: argparse.Namespace) -> None:
     if options.dh is not None:
         say(f"wrote {write_dh_file(options.name, options.dh, options.convention, options.output)}")
         return
-    if options.poses:
-        say(f"wrote {write_poses_file(options.name, options.output)}")
-        return
+    of_robots = {"poses": write_poses_file, "plan": write_plan_file, "tolerances": write_tolerances_file}
+    for kind, write in of_robots.items():
+        if getattr(options, kind):
+            say(f"wrote {write(options.name, options.output)}")
+            return
     say(f"wrote {write_new_file(options.name, options.output, 'scenario' if options.scenario else 'robot')}")
 
 

@@ -18,6 +18,7 @@ from ..limits import LARGEST, MOST_COUNTED, SMALLEST, is_usable
 from ..names import printable, show
 from ..optional import NotInstalledError
 from ..progress import Progress, StageReport, no_progress
+from ..shown import with_micro_signs
 from .choices import ROTATIONS
 
 if TYPE_CHECKING:
@@ -191,7 +192,7 @@ def result_path(path: Path) -> Path:
 
 def say(text: str, file: TextIO | None = None) -> None:
     """Print a line that may have names of others' files in it; nothing in it steers the terminal or ends the line."""
-    print(printable(text).replace("\n", "\\n"), file=file)
+    print(with_micro_signs(printable(text).replace("\n", "\\n"), file or sys.stdout), file=file)
 
 
 def say_lines(lines: Iterable[str], file: TextIO | None = None) -> None:

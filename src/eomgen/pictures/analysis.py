@@ -19,6 +19,7 @@ from ..analysis.tool_budget import Budget
 from ..description import RobotLike, as_robot
 from ..errors import InputError
 from ..names import show
+from ..shown import scale_of
 from .scene import Array, capsules, extent, link_poses, placed
 from .style import (
     BESIDE,
@@ -28,7 +29,6 @@ from .style import (
     Plotted,
     check_kind,
     literal,
-    scale_of,
     set_space,
     sheet,
     ticker,

@@ -10,6 +10,7 @@ import numpy as np
 from ..arrays import Array
 from ..errors import InputError
 from ..robot.coordinates import index_of, unit_of
+from ..shown import scale_of
 from ..simulation.balance import TERMS
 from ..simulation.result import SimulationResult
 from .style import (
@@ -21,7 +22,6 @@ from .style import (
     literal,
     mark_end,
     panel_grid,
-    scale_of,
     sheet,
     ticker,
 )

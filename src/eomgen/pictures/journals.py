@@ -12,10 +12,11 @@ import numpy as np
 
 from ..arrays import Array
 from ..errors import InputError
+from ..shown import scale_of
 from ..simulation.result import SimulationResult, simulated_robot
 from ..state.journals import JournalContact, contacts_of
 from .energy import SOURCE
-from .style import COLORS, PROGRAM_COLOR, TOOL_COLOR, Plotted, check_kind, literal, panel_grid, scale_of, sheet
+from .style import COLORS, PROGRAM_COLOR, TOOL_COLOR, Plotted, check_kind, literal, panel_grid, sheet
 
 ACROSS = 3
 ENDS = {0: "", 1: ", end towards +z", -1: ", end towards -z"}

@@ -16,6 +16,7 @@ from ..errors import InputError
 from ..files import as_path
 from ..names import component_name, joint_of, kind_of
 from ..robot.coordinates import unit_of
+from ..shown import scale_of
 from ..simulation.result import Series, SimulationResult
 from .energy import SOURCE, plot_energy, plot_tracking
 from .journals import plot_journals, result_journals
@@ -30,7 +31,6 @@ from .style import (
     literal,
     mark_end,
     panel_grid,
-    scale_of,
     set_space,
     sheet,
     ticker,

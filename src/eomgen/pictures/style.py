@@ -57,7 +57,6 @@ BESIDE: Mapping[str, Any] = MappingProxyType(  # where a legend stands beside th
     {"loc": "upper left", "bbox_to_anchor": (1.01, 1.0), "borderaxespad": 0.0, "handlelength": 1.6}
 )
 BAR_ROOM = 1.1  # inches of a figure of bars beside its rows
-PREFIXES = ((1.0, ""), (1e3, "m"), (1e6, "u"), (1e9, "n"), (1e12, "p"))
 
 
 def mark_end(panel: Any, result: SimulationResult) -> None:
@@ -293,13 +292,3 @@ def bars_in_pairs(
 def literal(text: str) -> str:
     """A text that Matplotlib does not read as mathematics."""
     return text.replace("$", r"\$")
-
-
-def scale_of(values: Any, unit: str) -> tuple[float, str]:
-    """Factor and name of the unit in which the largest of the values is at least 1: (1e6, "um")."""
-    largest = float(np.abs(values).max(initial=0.0))
-    for factor, prefix in PREFIXES:
-        if factor * largest >= 1.0 or largest == 0.0:
-            return factor, prefix + unit
-    factor, prefix = PREFIXES[-1]
-    return factor, prefix + unit

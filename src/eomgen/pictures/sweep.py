@@ -10,8 +10,9 @@ import numpy as np
 
 from ..errors import InputError
 from ..files import as_path
+from ..shown import scale_of
 from ..sweep.result import SweepResult
-from .style import COLORS, PROGRAM_COLOR, Plotted, check_kind, literal, scale_of, sheet
+from .style import COLORS, PROGRAM_COLOR, Plotted, check_kind, literal, sheet
 
 MOST_BARS = 15
 NAMES = ("distribution", "sensitivity")

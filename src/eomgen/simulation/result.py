@@ -28,7 +28,7 @@ from ..robot.model import build_model
 from ..robot.record import robot_hash
 from ..robot.value import MOTOR, Robot
 from ..scenario.recorded import scenario_from_record
-from ..shown import Plotting, Shown
+from ..shown import Plotting, Shown, prefixed
 from ..tabular import AXES, Rows, TableColumn, Tabular
 from .balance import TERMS, EnergyBalance
 from .contents import ARRAYS, BALANCE, DERIVED, RESULT, TRAJECTORY, Meta, check_contents, meta_of
@@ -157,9 +157,13 @@ class SimulationResult(Plotting, Shown, Tabular, plot="plot_series"):
         }
 
     def summary_lines(self) -> list[str]:
-        """The summary for a reader, lengths in micrometres and angles in microradians."""
+        """Return the summary for a reader."""
         facts, against = self.summary(), "its program" if self.programmed else "the rigid robot"
         steps = f"{facts['steps']} steps, " if facts["steps"] else ""
+        deviation, rotation = (
+            [prefixed(facts[f"tool_{part}_{when}"], unit) for when in ("max", "end")]
+            for part, unit in (("deviation", "m"), ("rotation", "rad"))
+        )
         lines = [
             f"{self.robot}: {facts['coordinates']} coordinates, "
             f"{f'{len(self.program_coordinates)} of them driven' if self.programmed else 'no program'}, "
@@ -167,16 +171,14 @@ class SimulationResult(Plotting, Shown, Tabular, plot="plot_series"):
             *([f"  stopped too early: {self.stopped['reason']}"] if self.stopped else []),
             f"  {facts['method']}: {steps}{facts['evaluations']} evaluations, {facts['jacobians']} Jacobians, "
             f"{facts['wall_s']:.2f} s",
-            f"  tool {self.tool}: off {against} by at most {facts['tool_deviation_max'] * 1e6:.3g} um "
-            f"(at {facts['tool_deviation_max_at']:.3f} s) and {facts['tool_rotation_max'] * 1e6:.3g} urad; "
-            f"{facts['tool_deviation_end'] * 1e6:.3g} um and {facts['tool_rotation_end'] * 1e6:.3g} urad at the end",
+            f"  tool {self.tool}: off {against} by at most {deviation[0]} (at {facts['tool_deviation_max_at']:.3f} s)"
+            f" and {rotation[0]}; {deviation[1]} and {rotation[1]} at the end",
         ]
         found = [("largest deviation", facts["linear_max"]), ("largest deviation", facts["angular_max"])]
         found += [("largest error of a drive", entry) for entry in facts["tracking_max"].values()]
         for text, entry in found:
             if entry:
-                unit = "um" if entry["unit"] == "m" else "urad"
-                lines.append(f"  {text}: {entry['coordinate']} {entry['value'] * 1e6:+.3g} {unit}")
+                lines.append(f"  {text}: {entry['coordinate']} {prefixed(entry['value'], entry['unit'], sign=True)}")
         if self.balance is not None:
             lines.append(f"  {self.balance.line()}")
         lines += [*self._contact_lines(), *self._rest_lines()]
@@ -269,7 +271,7 @@ class SimulationResult(Plotting, Shown, Tabular, plot="plot_series"):
         shown = {"robot": show(self.robot), "coordinates": str(len(motion.coordinates))}
         shown |= {"driven": str(len(self.program_coordinates) if self.programmed else 0), "samples": str(motion.t.size)}
         shown |= {"duration": f"{motion.t[-1]:.6g} s", "method": show(motion.method), "tool": show(self.tool)}
-        shown["tool_deviation"] = f"{1e6 * float(np.linalg.norm(self.tool_deviation, axis=1).max()):.3g} um"
+        shown["tool_deviation"] = prefixed(float(np.linalg.norm(self.tool_deviation, axis=1).max()), "m")
         return shown | ({"stopped": show(self.stopped.get("reason", ""))} if self.stopped else {})
 
     def as_rows(self) -> Rows:

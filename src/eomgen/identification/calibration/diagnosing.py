@@ -12,6 +12,7 @@ import numpy as np
 
 from ...arrays import Array
 from ...optional import optional_import
+from ...shown import prefixed
 from ..geometry.error_model import PLACEMENT, drive_terms
 from ..geometry.observations import at_rows
 from ..geometry.poses import MeasuredPoses
@@ -226,9 +227,9 @@ def _pattern_note(pattern: Pattern) -> str:
     chance = f"by chance with a probability of {max(pattern.probability, 1e-300):.1g}"
     if pattern.name == DRIFT:
         return (
-            f"residuals drift over time: as if the base or the device moved by {1e3 * pattern.size:.3g} mm and"
-            f" {1e3 * pattern.turn:.3g} mrad from the first row to the last ({chance}); a new series where it happened"
-            " fits it"
+            f"residuals drift over time: as if the base or the device moved by {prefixed(pattern.size, 'm')} and"
+            f" {prefixed(pattern.turn, 'rad')} from the first row to the last ({chance}); a new series where it"
+            " happened fits it"
         )
     if pattern.size > _LARGE:
         why = "no drive has that much: is the column of that joint read rightly, its sense, unit and order?"

@@ -20,7 +20,7 @@ from ...results.kinds import Kind, Saved, declare
 from ...results.stored import Stored
 from ...robot.coordinates import UNITS
 from ...robot.value import Robot
-from ...shown import Plotting, Shown
+from ...shown import Plotting, Shown, interval, prefixed
 from ...tabular import Rows as TableRows
 from ...tabular import TableColumn, Tabular
 from ..geometry.error_model import ErrorModel, Rows
@@ -304,7 +304,7 @@ class CalibrationResult(Plotting, Shown, Tabular, Saved, plot="plot_calibration"
             for kind, gain in gains.items():
                 better += [f"{name} in {kind}"] if gain.is_significant else []
                 worse += [f"{name} in {kind}"] if gain.is_loss else []
-                parts.append(f"{kind} {gain.ratio:.3g} ({gain.low:.3g} .. {gain.high:.3g})")
+                parts.append(f"{kind} {gain.ratio:.3g} ({interval(gain.low, gain.high)})")
             lines.append(f"  over {name + ':':<8} {', '.join(parts)}")
         head = f"gain: {', '.join(better)}" if better else f"{NO_GAIN} over placement alone"
         head += f"; worse than placement alone: {', '.join(worse)}" if worse else ""
@@ -323,7 +323,7 @@ def _known(values: Array) -> list[float | None]:
 def _shown(value: float, name: str) -> str:
     owner, kind = split_component(name)
     is_turn = kind == ORIENTATION or (kind == ENCODER and UNITS[kind_of(owner)] == "rad")
-    return f"{1e3 * value:.4g} {'mrad' if is_turn else 'mm'}"
+    return prefixed(value, "rad" if is_turn else "m", 4)
 
 
 def _gains(file: Contents) -> Gains:

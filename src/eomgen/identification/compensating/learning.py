@@ -15,6 +15,7 @@ import numpy as np
 from ...arrays import Array
 from ...errors import IntegrationError
 from ...progress import Progress
+from ...shown import prefixed
 from ...simulation.controls import JointPD
 from ...simulation.result import SimulationResult
 from .bounds import within_limits
@@ -104,7 +105,7 @@ def learn(setting: Setting, iterations: int, report: Progress) -> Learnt:
     for tried in range(iterations):
         if search.best.cost <= EXACT or (search.is_stale and not search.refine()):
             break
-        left = f"{1e6 * search.best.cost:.3g} um, weighted, left"
+        left = f"{prefixed(search.best.cost, 'm')}, weighted, left"
         report((tried + 1) / (iterations + 1), f"simulation {tried + 1}: {left}")
         search.go_on()
     best, wanted = search.best, search.basis.values @ (search.best.x + search.best.step)

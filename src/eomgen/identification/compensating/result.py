@@ -15,7 +15,7 @@ from ...results.kinds import Kind, Saved, declare
 from ...results.stored import Stored
 from ...scenario.recorded import scenario_from_record
 from ...scenario.value import Scenario
-from ...shown import Plotting, Shown
+from ...shown import Plotting, Shown, prefixed, scale_of
 from ...tabular import Rows, TableColumn, Tabular
 from .as_scenario import write_program
 
@@ -158,15 +158,15 @@ class CompensationResult(Plotting, Shown, Tabular, Saved, plot="plot_compensatio
         return Rows("t", "s", self.times, columns, {"robot": self.robot, "frame": self.frame})
 
     def lines(self) -> list[str]:
-        """Return tables for people: um and urad."""
+        """Return tables for people."""
         how = f"{len(self.history)} simulations" if self.mode == "dynamic" else "static equilibria"
         lines = [f"{self.robot}: tracking error of {self.frame}, in its axes; {self.mode} compensation, {how}", ""]
         lines.append(f"{'':<18}{'before':^20}{'after':^20}{'of it out of reach':^20}")
         lines.append(f"{'':<18}" + f"{'rms':>10}{'peak':>10}" * 3)
         for name, row in self.figures().items():
-            unit = "um" if name in (*AXES[:3], "position") else "urad"
             numbers = [row[f"{stage}_{kind}"] for stage in ("before", "after", "beyond") for kind in ("rms", "peak")]
-            lines.append(f"{name + ' [' + unit + ']':<18}" + "".join(f"{1e6 * x:>10.4g}" for x in numbers))
+            scale, unit = scale_of(numbers, "m" if name in (*AXES[:3], "position") else "rad")
+            lines.append(f"{name + ' [' + unit + ']':<18}" + "".join(f"{scale * x:>10.4g}" for x in numbers))
         lines += ["", *self._reach_lines(), *self._limit_lines()]
         if self.robustness:
             lines += ["", "with other stiffness, rms of position", *self._robust_lines()]
@@ -186,13 +186,13 @@ class CompensationResult(Plotting, Shown, Tabular, Saved, plot="plot_compensatio
     def _limit_lines(self) -> Iterator[str]:
         for item in self.limits:
             yield (
-                f"limits hold {item.coordinate} back for {item.seconds:.3g} s: up to {1e6 * item.position:.4g} um and"
-                f" {1e6 * item.orientation:.4g} urad remain there"
+                f"limits hold {item.coordinate} back for {item.seconds:.3g} s: up to {prefixed(item.position, 'm', 4)}"
+                f" and {prefixed(item.orientation, 'rad', 4)} remain there"
             )
 
     def _robust_lines(self) -> Iterator[str]:
         for item in self.robustness:
-            numbers = f"{1e6 * item.position_before:.4g} um -> {1e6 * item.position_after:.4g} um"
+            numbers = f"{prefixed(item.position_before, 'm', 4)} -> {prefixed(item.position_after, 'm', 4)}"
             yield f"  {item.label:<24}{numbers}, {item.gain:.3g} times less"
 
     def to_scenario(self, path: Path | str) -> list[Path]:

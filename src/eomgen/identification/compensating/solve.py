@@ -20,6 +20,7 @@ from ...robot.model import tool_of
 from ...robot.value import Robot
 from ...scenario.load import load_scenario
 from ...scenario.value import Initial, Scenario, Section
+from ...shown import prefixed
 from ...simulation.assembly import BANDWIDTH, Assembly, assemble, names_in_scenarios
 from ...simulation.result import SimulationResult
 from ...state.motors import shafts
@@ -290,7 +291,7 @@ def _notes(setting: Setting, before: Array, after: Array, scenario: Scenario) ->
     (peak, _), (between, _) = (sizes(after[offset::2])[1] for offset in (0, 1))
     if between > BETWEEN * peak:
         notes.append(
-            f"between its samples the tool is off by up to {1e6 * between:.3g} um, at them {1e6 * peak:.3g} um"
+            f"between its samples the tool is off by up to {prefixed(between, 'm')}, at them {prefixed(peak, 'm')}"
         )
     if sizes(after)[0][0] >= sizes(before)[0][0]:
         notes.append("the position gets no better: what is left is out of reach, or swings faster than samples follow")

@@ -10,7 +10,7 @@ import numpy as np
 from ...errors import UnknownNameError
 from ...names import component_name, parameter_name
 from ...results.kinds import Kind, Saved, declare
-from ...shown import Plotting, Shown
+from ...shown import Plotting, Shown, interval
 from ...tabular import Rows, TableColumn, Tabular
 
 KEYS = ("stiffness", "damping")
@@ -114,14 +114,14 @@ class FitResult(Plotting, Shown, Tabular, Saved, plot="plot_fit"):
 
     def lines(self) -> list[str]:
         """Return a table for people."""
-        interval = f"{100 * self.confidence:g} % interval"
+        share = f"{100 * self.confidence:g} % interval"
         lines = [f"{self.robot}: stiffness and damping by least squares", ""]
-        lines.append(f"{'parameter':<34}{'value':>12}{'std. error':>12}{interval:>26}{'described':>12}")
+        lines.append(f"{'parameter':<34}{'value':>12}{'std. error':>12}{share:>26}{'described':>12}")
         for entry in self.fitted:
             for key in KEYS:
                 estimate = getattr(entry, key)
                 if estimate is not None:
-                    span = f"{estimate.low:.5g} .. {estimate.high:.5g}"
+                    span = interval(estimate.low, estimate.high, 5)
                     row = (
                         f"{estimate.value:>12.5g}{estimate.standard_error:>12.2g}{span:>26}{estimate.described:>12.5g}"
                     )

@@ -114,6 +114,15 @@ def tolerance(  # noqa: PLR0913
     return result if t is None else replace(result, t=t)
 
 
+def tolerance_quantities(robot: RobotLike, frame: str | None = None) -> dict[str, str]:
+    """Return the units of all quantities that a table may name, by name; arguments as of ``tolerance``."""
+    robot = as_robot(robot).with_constraints()
+    model = build_model(robot)
+    names = _coordinates(robot, model)
+    exact = _exact(robot, model, tool_of(robot, frame, "frame"), names, _checked_poses(model, names, None), None)
+    return {name: known.unit for name, known in contributions_of(exact.model).items()}
+
+
 def _coordinates(robot: Robot, model: Model) -> tuple[str, ...]:
     """Return names of the coordinates that say where a robot is.
 

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from ...identification.iso_9283.result import AccuracyResult
+from ...shown import scale_of
 from ..report import Report, Table, drawn, sorted_notes
-from ..style import BESIDE, CYCLE, PROGRAM_COLOR, Plotted, check_kind, literal, scale_of, sheet
+from ..style import BESIDE, CYCLE, PROGRAM_COLOR, Plotted, check_kind, literal, sheet
 from .tables import columns_of, table
 
 MOST = len(CYCLE)  # poses, and paths, that are drawn

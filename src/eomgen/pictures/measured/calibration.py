@@ -10,9 +10,10 @@ import numpy as np
 from ...errors import InputError
 from ...identification.calibration.result import CalibrationResult
 from ...identification.calibration.variants import VARIANTS
+from ...shown import scale_of
 from ..report import Report, Table, drawn, sorted_notes
-from ..style import COLORS, PROGRAM_COLOR, Plotted, check_kind, literal, scale_of, sheet
-from .tables import merged_table, number, table, weak_table
+from ..style import COLORS, PROGRAM_COLOR, Plotted, check_kind, literal, sheet
+from .tables import ends, merged_table, number, table, weak_table
 
 _KINDS = (("position", "m"), ("orientation", "rad"))
 _UNITS = {"position": "mm", "orientation": "mrad"}
@@ -69,10 +70,15 @@ def _residual_table(calibration: CalibrationResult) -> Table:
 
 def _value_table(calibration: CalibrationResult) -> Table:
     low, high = calibration.intervals()
-    columns = (calibration.values, calibration.deviations, low, high, calibration.described)
-    digits = (7, 2, 7, 7, 7)
     rows = tuple(
-        (name, *(number(x[i], 1.0, n) for x, n in zip(columns, digits, strict=True)), calibration.units[i])
+        (
+            name,
+            number(calibration.values[i], 1.0, 7),
+            number(calibration.deviations[i], 1.0, 2),
+            *ends(low[i], high[i]),
+            number(calibration.described[i], 1.0, 7),
+            calibration.units[i],
+        )
         for i, name in enumerate(calibration.names)
         if name not in calibration.merged
     )

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from ...identification.compensating.result import AXES, CompensationResult
+from ...shown import scale_of
 from ..report import Report, drawn, sorted_notes
-from ..style import COLORS, Plotted, check_kind, scale_of, sheet
+from ..style import COLORS, Plotted, check_kind, sheet
 from .tables import number, table
 
 _PARTS = ("before", "after", "beyond")

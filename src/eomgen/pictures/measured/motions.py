@@ -25,7 +25,7 @@ from ..style import (
     row_panel,
     sheet,
 )
-from .tables import number, table
+from .tables import ends, number, table
 
 _ROW = 0.22  # inches of a parameter, or of a drive
 _MOST = 40
@@ -42,8 +42,7 @@ def fit_page(fit: FitResult) -> Report:
             name,
             number(estimate.value),
             number(estimate.standard_error, 1.0, 2),
-            number(estimate.low),
-            number(estimate.high),
+            *ends(estimate.low, estimate.high),
             number(estimate.described),
             number(estimate.width, 1.0, 3),
             number(estimate.unexplained, 100.0, 3),

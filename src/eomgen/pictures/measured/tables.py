@@ -7,12 +7,18 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from ...identification.calibration.identifiability import unidentifiable_rows
+from ...shown import interval_ends
 from ..report import Table
 
 
 def number(value: float | None, factor: float = 1.0, digits: int = 6) -> str:
     """Text of a number times a factor; empty where there is none."""
     return "" if value is None or not np.isfinite(value) else f"{factor * float(value):.{digits}g}"
+
+
+def ends(low: float, high: float) -> tuple[str, str]:
+    """Return the ends of an interval with as many digits that two of them differ; empty where they are not known."""
+    return interval_ends(float(low), float(high), 6) if np.isfinite([low, high]).all() else ("", "")
 
 
 def table(title: str, head: Sequence[str], rows: Iterable[Sequence[str]]) -> tuple[Table, ...]:
