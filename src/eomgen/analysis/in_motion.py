@@ -125,6 +125,6 @@ def _jacobian_rates(arm: HeldRobot, q: Array, v: Array, a: Array) -> tuple[Array
 
 
 def _refuse_opening(kernel: Kernel, gaps: Array, size: float, what: str, per: str, allowed: str) -> None:
-    """Raise LoopError if rates or accelerations open a loop by more than round-off of their size."""
+    """Raise LoopError if velocities or accelerations open a loop by more than round-off of their size."""
     if np.abs(gaps).max() > OPEN * max(1.0, size):
         raise left_open(kernel.raw, gaps, f"opens at {what}", allowed, per)

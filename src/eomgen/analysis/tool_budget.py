@@ -51,7 +51,7 @@ class Budget(Plotting, Shown, Tabular, plot="plot_budget"):
         robot, frame: names.
         coordinates: names, n: deviations, and drives with their tracking errors.
         t: times, (T,), s.
-        deviation: displacement (m) and rotation vector (rad) of the frame from its program, (T, 6), base frame.
+        deviation: displacement (m) and rotation vector (rad) of the frame from its reference, (T, 6), base frame.
         contributions: of every coordinate to first order, (T, n, 6).
         notes: lines about what was assumed.
     """
@@ -154,7 +154,7 @@ class Budget(Plotting, Shown, Tabular, plot="plot_budget"):
 
 
 class _Following:
-    """How the passive coordinates of a closed mechanism follow the others on its program.
+    """How the passive coordinates of a closed mechanism follow the others on its reference trajectory.
 
     ``program`` are all coordinates there, (T, n), deviations zero.
     """
@@ -200,7 +200,7 @@ def budget(
 
     Raises:
         InputError: the result is of another robot, or holds values that are not finite.
-        LoopError: the rigid mechanism does not close on the program.
+        LoopError: the rigid mechanism does not close on the reference.
         UnknownNameError: no frame or link of that name.
     """
     robot, motion = as_robot(robot), result.trajectory

@@ -242,8 +242,8 @@ def forces(
 ) -> ForcesResult:
     """Return forces and moments that belong to a measured motion.
 
-    Rates and accelerations that the motion does not have come from local polynomials (``smoothing``), and so do then
-    the coordinates: a longer window smooths more, and bends motions that are fast beside it.  Of joints that turn
+    Velocities and accelerations that the motion does not have come from local polynomials (``smoothing``), and so do
+    then the coordinates: a longer window smooths more, and bends motions that are fast beside it.  Of joints that turn
     freely (``Model.turning``) quaternions or angular velocities are smoothed in the place of angles.
 
     Args:
@@ -353,7 +353,7 @@ def _is_plain(name: str) -> bool:
 def _derivatives(
     motion: MeasuredMotion, window: int, degree: int, turning: Sequence[str]
 ) -> tuple[Array, Array, Array, list[str]]:
-    """Return coordinates, rates and accelerations, and their origin; ``turning``: joints with 3-DOF rotation."""
+    """Return coordinates, velocities and accelerations, and their origin; ``turning``: joints with 3-DOF rotation."""
     if motion.v is not None and motion.a is not None:
         return motion.q, motion.v, motion.a, ["rates and accelerations: from the file"]
     span = float(np.median(np.diff(motion.t))) * (window - 1) if len(motion.t) > 1 else 0.0

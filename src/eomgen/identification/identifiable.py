@@ -30,7 +30,7 @@ ZERO = 1e-9  # of the longest column: one that is shorter is round-off, or of no
 DEPENDENT = 1e-8  # of a column's length: what is left of one that depends on those before it
 ROUND_OFF = 1e-8  # of coefficients that are meant to be whole numbers
 SEED = 1  # of the random motions
-WIDTH = 3.0  # m and rad: random coordinates are so far from 0 at most; rates and accelerations too, per s and s^2
+WIDTH = 3.0  # m and rad: random coordinates are so far from 0 at most; velocities and accelerations too, per s and s^2
 _TEXTS: Mapping[str, Any] = {
     "robot": str,
     **dict.fromkeys(("terms", "parameters", "names", "without_effect"), tuple[str, ...]),

@@ -13,7 +13,7 @@ from ..state.turning import angle_accelerations, nearest_angles, quaternions
 def rotation_derivatives(
     t: Array, angles: Array, rates: Array | None, window: int, degree: int
 ) -> tuple[Array, Array, Array]:
-    """Return angles of Rx(alpha) Ry(beta) Rz(gamma), their rates and accelerations, (T, 3) each.
+    """Return angles of Rx(alpha) Ry(beta) Rz(gamma), their velocities and accelerations, (T, 3) each.
 
     Local polynomials smooth angular velocities in the body's axes where rates were measured, else quaternions.
 

@@ -29,7 +29,7 @@ class Followed(NamedTuple):
     """States that keep the loops closed.
 
     Attributes:
-        q, v, a: coordinates, rates and accelerations, (n,) or (N, n) each.
+        q, v, a: coordinates, velocities and accelerations, (n,) or (N, n) each.
         slopes: derivatives of the dependent coordinates by all others, 0 by themselves, (rank, n) or (N, rank, n).
     """
 
@@ -130,10 +130,10 @@ class Chart:
         return assembled.q, assembled.slopes
 
     def follow(self, q: Array, v: Array | None = None, a: Array | None = None, *, near: bool = False) -> Followed:
-        """Return states whose dependent coordinates, rates and accelerations keep the loops closed, by one call of C.
+        """Return states whose dependent coordinates, velocities and accelerations keep loops closed, by one call of C.
 
         Args:
-            q, v, a: (n,) or (N, n) each; all that is not dependent stays.  Rates and accelerations are 0 by default.
+            q, v, a: (n,) or (N, n) each; what is not dependent stays.  Velocities and accelerations are 0 by default.
             near: whether the dependent coordinates are good guesses; otherwise they are not looked at.
 
         Raises:

@@ -84,7 +84,7 @@ class TurningChart:
         return self._told
 
     def follow(self, q: Array, v: Array, a: Array) -> Iterator[ChartRows]:
-        """Yield states near closure, (n,) or (T, n), whose dependent coordinates, rates and accelerations follow.
+        """Yield states near closure, (n,) or (T, n), whose dependent coordinates, velocities and accelerations follow.
 
         Raises:
             LoopError: one does not close near there.

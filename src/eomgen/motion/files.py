@@ -31,7 +31,7 @@ class MeasuredMotion(Shown):
         coordinates: names of all n coordinates of the robot.
         t: times, (T,), s, increasing.
         q: coordinates, (T, n), m or rad; zero where not measured.
-        v, a: rates and accelerations, (T, n), or None where the file does not have them.
+        v, a: velocities and accelerations, (T, n), or None where the file does not have them.
         u: drives, (T, n), N or N m; zero where not known.
         measured, driven: names of the coordinates that q has, and of those whose drive is known.
         source: the file.

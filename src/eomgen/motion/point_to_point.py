@@ -24,7 +24,7 @@ class Program(Protocol):
         """Coordinates at the beginning, (n,), m or rad."""
 
     def at(self, t: ArrayLike) -> tuple[Array, Array, Array]:
-        """Return coordinates, rates and accelerations at times t; each of shape (*t.shape, n)."""
+        """Return coordinates, velocities and accelerations at times t; each of shape (*t.shape, n)."""
 
 
 @dataclass(frozen=True, eq=False)  # arrays have no one truth
@@ -118,7 +118,7 @@ class PointToPoint(Shown):
         return self.begin + self.duration
 
     def at(self, t: ArrayLike) -> tuple[Array, Array, Array]:
-        """Return coordinates, rates and accelerations at times t of any shape; each of shape (*t.shape, n); m, rad, s.
+        """Return coordinates, velocities and accelerations at times t of any shape, (*t.shape, n) each; m, rad, s.
 
         Raises:
             ArrayError: a time that is NaN.

@@ -1,4 +1,4 @@
-"""Rates and accelerations of sampled coordinates."""
+"""Velocities and accelerations of sampled coordinates."""
 
 from __future__ import annotations
 

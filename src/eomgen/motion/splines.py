@@ -26,7 +26,7 @@ class Standstill(Shown):
     start: Array
 
     def at(self, t: ArrayLike) -> tuple[Array, Array, Array]:
-        """Return coordinates, rates and accelerations; see ``Program``."""
+        """Return coordinates, velocities and accelerations; see ``Program``."""
         q = np.broadcast_to(self.start, (*np.shape(t), self.start.size)).copy()
         return q, np.zeros_like(q), np.zeros_like(q)
 
@@ -41,7 +41,7 @@ class Spline:
     Args:
         t: times, (T,), s.
         points: (T, n), m or rad.
-        at_rest: whether rates and accelerations are zero at both ends; else the points alone say what they are.
+        at_rest: whether velocities and accelerations are zero at both ends; else the points alone say what they are.
 
     Raises:
         InputError: SciPy is not installed.
@@ -66,7 +66,7 @@ class Spline:
         return self.at(self.t[0])[0]
 
     def at(self, t: ArrayLike) -> tuple[Array, Array, Array]:
-        """Return coordinates, rates and accelerations; see ``Program``."""
+        """Return coordinates, velocities and accelerations; see ``Program``."""
         times = np.asarray(t, dtype=np.float64)
         inside = ((times >= self.t[0]) & (times <= self.t[-1]))[..., np.newaxis]
         times = np.clip(times, self.t[0], self.t[-1])
@@ -91,7 +91,7 @@ class Columns:
         return self.program.start[self.index]
 
     def at(self, t: ArrayLike) -> tuple[Array, Array, Array]:
-        """Return coordinates, rates and accelerations; see ``Program``."""
+        """Return coordinates, velocities and accelerations; see ``Program``."""
         q, v, a = (x[..., self.index] for x in self.program.at(t))
         return q, v, a
 

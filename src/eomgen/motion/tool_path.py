@@ -144,7 +144,7 @@ class ToolPath:
         return self.at(0.0)[0]
 
     def at(self, t: ArrayLike) -> tuple[Array, Array, Array]:
-        """Return coordinates, rates and accelerations at times t of any shape.
+        """Return coordinates, velocities and accelerations at times t of any shape.
 
         Each of shape (*t.shape, n); m, rad, s.
         """

@@ -15,7 +15,7 @@ HELD = 1e-3  # of the greatest correction: what is taken from it counts from the
 def within_limits(setting: Setting, correction: Array) -> Array:
     """Return as much of corrections, (T, m), as lets the path keep its limits of place and rate.
 
-    Where the program without them is beyond a limit, it gets no further beyond it.
+    Where the reference without them is beyond a limit, it gets no further beyond it.
     """
     bounded = np.empty_like(correction)
     for j, (low, high) in enumerate(setting.limits):

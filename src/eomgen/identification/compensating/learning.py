@@ -1,7 +1,7 @@
-"""Corrections by iterated simulation: what the tool is off by is taken from the program, until nothing gets better.
+"""Corrections by iterated simulation: what the tool is off by is taken from the reference, until nothing gets better.
 
 An iteration turns the tool's error by the pseudo-inverse of its Jacobian into one of the joints, and that by the
-inverse of the drives' law on the rigid model into a change of the program (iterative learning control with a model's
+inverse of the drives' law on the rigid model into a change of the reference (iterative learning control with a model's
 inverse).  Iterations are mixed as Anderson's method does, so that what the model does not know is learnt as well.  They
 begin with few knots, whose splines pass nothing fast, and go on with twice as many as long as that helps.
 """
@@ -24,7 +24,7 @@ from .setting import Setting, places_of
 from .splines import Basis, regular
 
 INTERVALS, MOST_INTERVALS = 16, 256  # between knots, to begin with and at most
-SAMPLES = 2  # of the program, in an interval at least
+SAMPLES = 2  # of the reference, in an interval at least
 BETTER, LAST = 0.8, 0.95  # of an error: what counts as better, and where knots cannot be set closer
 PATIENCE, AT_LAST = 3, 4  # iterations without anything better, before knots are set closer, and before it ends
 FINER = 0.95  # of an error that closer knots have to come to, or it ends
@@ -39,7 +39,7 @@ class Learnt:
     """Best iterate of learning.
 
     Attributes:
-        wanted: correction of the program's samples that another iteration would take, (T, m), whatever limits say.
+        wanted: correction of the reference's samples that another iteration would take, (T, m), whatever limits say.
         taken: the correction, (T, m); limits have taken what leads beyond them.
         history: weighted rms of the error that can be undone, m, of every simulation that came to its end, the first
             without correction.
@@ -53,14 +53,14 @@ class Learnt:
 
 
 def reach_along(setting: Setting, motion: SimulationResult) -> Reach:
-    """Return effects of changes of the program on the tool along a motion, at and between the samples."""
+    """Return effects of changes of the reference on the tool along a motion, at and between the samples."""
     kernel = setting.assembly.kernel
     slopes = np.asarray(kernel.frame_jacobian(motion.trajectory.q, setting.frame))[:, :, setting.index]
     return Reach(in_tool_axes(slopes, setting.want) * setting.movable, setting.weights)
 
 
 def error_of(setting: Setting, motion: SimulationResult) -> Array:
-    """Return the tool's error at the program's samples and between them, (2 T - 1, 6)."""
+    """Return the tool's error at the reference's samples and between them, (2 T - 1, 6)."""
     return tool_error(setting.want, motion.pose)
 
 
@@ -178,7 +178,7 @@ class _Search:
 
 
 def _resting(setting: Setting) -> tuple[bool, bool]:
-    """Return whether the program rests at its first and at its last sample."""
+    """Return whether the reference rests at its first and at its last sample."""
     assert setting.assembly.program is not None
     rates = np.abs(setting.assembly.program.at(setting.t)[1])
     still = rates[[0, -1]].max(axis=1, initial=0.0) <= 1e-9 * max(1.0, float(rates.max(initial=0.0)))
@@ -195,7 +195,7 @@ def _point(setting: Setting, basis: Basis, x: Array, motion: SimulationResult, t
 
 
 def _commanded(setting: Setting, basis: Basis, change: Array, motion: SimulationResult) -> Array:
-    """Change of the program by which drives change the joints so, coefficients (N, m) each.
+    """Change of the reference by which drives change the joints so, coefficients (N, m) each.
 
     Computed torque on the rigid model makes them one.  A PD law kp p + kd p' has to bring up what accelerates masses.
     """

@@ -1,4 +1,4 @@
-"""The tool's error in the tool frame, and the change of a program that undoes it as far as one can."""
+"""The tool's error in the tool frame, and the change of a reference that undoes it as far as one can."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ def in_tool_axes(jacobian: Array, want: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Reach:
-    """Effects of changes of a program on the tool, sample by sample.
+    """Effects of changes of a reference on the tool, sample by sample.
 
     Attributes:
-        slopes: change of the tool in its axes by that of the program, (T, 6, m).
+        slopes: change of the tool in its axes by that of the reference, (T, 6, m).
         weights: of the tool's axes, (6,).
     """
 
@@ -47,19 +47,19 @@ class Reach:
         return U, inverse, values * inverse, Vt
 
     def undoing(self, error: Array) -> Array:
-        """Return changes of the program, (T, m), that undo errors, (T, 6), by weighted and damped least squares."""
+        """Return changes of the reference, (T, m), that undo errors, (T, 6), by weighted and damped least squares."""
         U, inverse, _, Vt = self._parts
         along = np.einsum("tik,ti->tk", U, self.weights * error)
         return np.asarray(-np.einsum("tkj,tk->tj", Vt, inverse * along))
 
     def reached(self, error: Array) -> Array:
-        """Return the weighted errors that changes of the program can undo, (T, 6)."""
+        """Return the weighted errors that changes of the reference can undo, (T, 6)."""
         U, _, shares, _ = self._parts
         along = np.einsum("tik,ti->tk", U, self.weights * error)
         return np.asarray(np.einsum("tik,tk->ti", U, shares * along))
 
     def beyond(self, error: Array) -> Array:
-        """Return the errors, (T, 6), that no change of the program undoes; 0 along axes without a weight."""
+        """Return the errors, (T, 6), that no change of the reference undoes; 0 along axes without a weight."""
         left = self.weights * error - self.reached(error)
         return np.where(self.weights > 0.0, left / np.where(self.weights > 0.0, self.weights, 1.0), 0.0)
 

@@ -29,24 +29,24 @@ EXACT = 1e-10  # m, weighted
 
 @dataclass(frozen=True, eq=False)
 class _Still:
-    """Reference held at one sample, with its rates and accelerations there; (m,) each."""
+    """Reference held at one sample, with its velocities and accelerations there; (m,) each."""
 
     start: Array
     v: Array
     a: Array
 
     def at(self, t: ArrayLike) -> tuple[Array, Array, Array]:
-        """Return coordinates, rates and accelerations; see ``Program``."""
+        """Return coordinates, velocities and accelerations; see ``Program``."""
         del t
         return self.start, self.v, self.a
 
 
 def at_rest(setting: Setting, accelerations: bool, report: Progress) -> tuple[Array, Array]:
-    """Return corrections of the program's samples, and those that they were without limits, (T, m) each.
+    """Return corrections of the reference's samples, and those that they were without limits, (T, m) each.
 
     Args:
         setting: the task.
-        accelerations: whether what accelerates the program's masses bends the robot, too, as if it were a load at rest.
+        accelerations: whether inertia forces along the reference bend the robot, too, as if they were loads at rest.
         report: told how far it has come.
 
     Raises:
@@ -83,7 +83,7 @@ class _States:
         """Return the correction of sample i, what it were without limits, (m,) each, and its static equilibrium, (n,).
 
         Args:
-            i: of the program's samples.
+            i: of the reference's samples.
             change: where the correction is looked for, (m,).
             guess: a static equilibrium that is near, (n,).
         """
@@ -129,7 +129,7 @@ class _States:
         kernel.parameters.update(loaded_parameters(setting.robot, setting.scenario, t))
         q, v, a = self._moving(i, guess)
         places, ratios = places_of(kernel, setting)
-        led = ~self._free[places[:, 0]]  # which nothing holds, in play say: they go with the program
+        led = ~self._free[places[:, 0]]  # which nothing holds, in clearance say: they go with the reference
         q[places[led, 0]] = (ratios * (setting.original[i] + change)[places[:, 1]])[led]
 
         def drives(correction: Array) -> Any:
@@ -155,7 +155,7 @@ class _States:
     def _moving(self, i: int, guess: Array) -> tuple[Array, Array, Array]:
         """Return the state at sample i with its prescribed coordinates.
 
-        Rates and accelerations of the program's motion.
+        Velocities and accelerations of the reference's motion.
         """
         setting, t = self._setting, float(self._setting.t[i])
         assembly = setting.assembly

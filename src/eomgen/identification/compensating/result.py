@@ -72,7 +72,7 @@ class CompensationResult(Plotting, Shown, Tabular, Saved, plot="plot_compensatio
         program, corrected: coordinates as they were programmed and as they are to be, (T, m), m or rad.
         times: of the errors, (2 T - 1,), s.
         before, after: the simulated tool's errors without and with the correction, (2 T - 1, 6), m and rad.
-        beyond: what of the latter no change of the program undoes, (2 T - 1, 6).
+        beyond: what of the latter no change of the reference undoes, (2 T - 1, 6).
         weights: of the tool's axes, (6,), 1 and m/rad.
         history: weighted rms of the error that can be undone, m: of each simulation of "dynamic", the first without
             correction; empty of "static".
@@ -199,7 +199,7 @@ class CompensationResult(Plotting, Shown, Tabular, Saved, plot="plot_compensatio
         """Write a scenario .toml that follows the compensated path, which stands beside it; returns all paths.
 
         NAME.csv is the compensated path, and NAME_wanted.csv the one as it was, with which results are compared.
-        Columns are t (s), the driven coordinates, their rates and accelerations, as the scenario's spline has them.
+        Columns are t (s), the driven coordinates, their velocities and accelerations, as the scenario's spline has.
 
         Raises:
             InputError: the path does not end in .toml, or a file cannot be written.

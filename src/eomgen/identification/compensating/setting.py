@@ -28,15 +28,15 @@ class Setting:
 
     Attributes:
         robot, frame: whose tool is to follow.
-        scenario: with samples of its results at those of the program and halfway between them.
-        assembly: of the scenario with the program as it was.
-        t: times of the program's samples, (T,), s.
-        original: the program there, (T, m), m or rad.
+        scenario: with samples of its results at those of the reference and halfway between them.
+        assembly: of the scenario with the reference as it was.
+        t: times of the reference's samples, (T,), s.
+        original: the reference there, (T, m), m or rad.
         index: places of the driven coordinates among the robot's, (m,).
         limits: of the driven coordinates, (m, 2).
         rates: greatest rates of the driven coordinates, (m,); infinite where there are none.
         weights: of the tool's errors along and about its axes, (6,), 1 and m/rad.
-        before: the simulation of the program as it was.
+        before: the simulation of the reference as it was.
     """
 
     robot: Robot
@@ -60,22 +60,22 @@ class Setting:
     def movable(self) -> Mask:
         """Which driven coordinates may be corrected, (m,).
 
-        Those of free joints are only held by drives, and those without a gain do not follow their program.
+        Those of free joints are only held by drives, and those without a gain do not follow their reference.
         """
         drive = self.assembly.drive
         gains = drive.kp if isinstance(drive, JointPD) else np.ones(len(self.limits))
         return np.asarray((self.limits[:, 0] < self.limits[:, 1]) & (gains > 0.0))
 
     def with_program(self, samples: Array) -> Assembly:
-        """Return the assembly whose program goes through samples, (T, m)."""
+        """Return the assembly whose reference goes through samples, (T, m)."""
         program, drive = Spline(self.t, samples, at_rest=False), cast("Any", self.assembly.drive)
         return replace(self.assembly, program=program, drive=replace(drive, motion=program))
 
     def run(self, samples: Array | None, parameters: Mapping[str, float] | None = None) -> SimulationResult:
-        """Return the simulation of a program through samples, (T, m), or of the one as it was.
+        """Return the simulation of a reference through samples, (T, m), or of the one as it was.
 
         Args:
-            samples: of the program.
+            samples: of the reference.
             parameters: by name, of a robot that differs from the described one; drives go on to know that.
 
         Raises:
@@ -131,7 +131,7 @@ def setting_of(
 
 
 def places_of(kernel: Kernel, setting: Setting) -> tuple[Index, Array]:
-    """Return coordinates that follow a program rigidly, k of them: driven ones and their motors.
+    """Return coordinates that follow a reference rigidly, k of them: driven ones and their motors.
 
     Returns:
         places, (k, 2), among the robot's coordinates and of the driven one that each follows; and ratios, (k,).

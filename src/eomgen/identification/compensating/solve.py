@@ -58,19 +58,19 @@ def compensate(  # noqa: PLR0913
     """Compensate a scenario's path until the simulated tool goes where the rigid robot's would.
 
     "static" looks for the correction sample by sample, in static equilibrium under gravity, wrenches and payloads of
-    that time, held by the drives.  "dynamic" repeats the simulation, takes from the program what the tool is off by,
+    that time, held by the drives.  "dynamic" repeats the simulation, takes from the reference what the tool is off by,
     and keeps the best of all iterates.  Both say what the tracking error of a simulation of the compensated path is.
 
     Args:
         robot: a Robot, the name of a built-in one, or the path of a description.
-        scenario: with a program; a Scenario, the name of a built-in one, or a path.  By default the motion of
-            ``simulate``.
+        scenario: with a reference trajectory; a Scenario, the name of a built-in one, or a path.  By default the
+            motion of ``simulate``.
         frame: whose origin and axes are to follow; default that of the scenario.
         mode: "static" or "dynamic".
         step: between samples of the compensated path, s; default the scenario's output step.
         weights: of errors along the tool's axes x, y, z (1) and about them, rx, ry, rz (m/rad, 0.1); axes with 0 are
             not corrected.
-        accelerations: of "static": what accelerates the masses along the program bends the robot, too.
+        accelerations: of "static": what accelerates the masses along the reference bends the robot, too.
         iterations: of "dynamic": simulations at most.
         rates: greatest rates that corrections may lead to, rad/s or m/s, by joint or driven coordinate.
         drives: greatest forces of drives that corrections may lead to, N m or N, by joint or driven coordinate, at the
@@ -81,8 +81,8 @@ def compensate(  # noqa: PLR0913
         progress: called with a fraction from 0 to 1 and a line of text.
 
     Raises:
-        InputError: an argument is wrong, the scenario has no program, loops are to be closed, nothing is to be
-            corrected.
+        InputError: an argument is wrong, the scenario has no reference trajectory, loops are to be closed, nothing is
+            to be corrected.
         ReachError: the tool cannot follow the path.
         IntegrationError: there is no static equilibrium, or a motion does not come to its end.
     """
@@ -171,7 +171,7 @@ def _samples(scenario: Scenario, step: float | None) -> Array:
 
 
 def _check_program(robot: Robot, scenario: Scenario, assembly: Assembly) -> None:
-    """Raise InputError where nothing is programmed, or where the tool cannot be off the program."""
+    """Raise InputError where nothing is programmed, or where the tool cannot be off the reference."""
     if assembly.program is None:
         scenario.fail("motion", "nothing is programmed that could be corrected; allowed: a scenario with a motion")
     control = scenario.control

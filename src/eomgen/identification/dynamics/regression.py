@@ -43,7 +43,7 @@ class Data:
 
     Columns are made anew, PIECE samples at a time, wherever they are needed, and are never all in memory.
 
-    half: of that filter; 0 where rates and accelerations come with the motion.  names: of the rows' coordinates.
+    half: of that filter; 0 where velocities and accelerations come with the motion.  names: of the rows' coordinates.
     resting: whether a drive stands still, (T, r), so that its Coulomb friction is unknown.  total: measured drives, and
     laws what of them is the description's, (T, r).  v: rates, (T, n).  spoiled_samples: (T, n) of the motion, whose
     rows are left out as those at rest are.
@@ -109,7 +109,7 @@ class Data:
         return R
 
     def _motion(self) -> tuple[Array, Array, Array, Array]:
-        """Return coordinates, rates and accelerations behind the filter, (T, n), and the noise of the rates, (n,)."""
+        """Return coordinates, velocities and accelerations behind the filter, (T, n), and the velocities' noise."""
         motion = self.motion
         if motion.v is not None and motion.a is not None:
             return motion.q, motion.v, motion.a, np.zeros(len(motion.coordinates))

@@ -13,7 +13,7 @@ from ...robot.coordinates import force_unit_of, unit_of
 from ...runtime.kernel import Kernel
 from .allowed import Limits, Region
 
-Course = tuple[Array, Array, Array]  # coordinates, rates and accelerations of all coordinates, (T, n) each
+Course = tuple[Array, Array, Array]  # coordinates, velocities and accelerations of all coordinates, (T, n) each
 
 RELAXED = 1e-4  # of a limit's width, or m: nearer than this to a limit, or beyond, the barrier is a parabola
 
@@ -39,12 +39,12 @@ class Held(ABC):
 
     @abstractmethod
     def gradient(self, course: Course, weights: Array) -> Course:
-        """Return derivatives of the sum of weighted numbers by coordinates, rates and accelerations, (T, n) each."""
+        """Return derivatives of the sum of weighted numbers by coordinates, velocities and accelerations, (T, n)."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Direct(Held):
-    """Coordinates, rates or accelerations themselves; order: 0, 1 or 2."""
+    """Coordinates, velocities or accelerations themselves; order: 0, 1 or 2."""
 
     order: int
     index: Index

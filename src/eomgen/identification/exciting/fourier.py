@@ -41,7 +41,7 @@ class FourierSeries(Shown):
         return np.asarray(self.offset + self.cosines.sum(axis=1))
 
     def at(self, t: ArrayLike) -> tuple[Array, Array, Array]:
-        """Return coordinates, rates and accelerations at times t; each of shape (*t.shape, m)."""
+        """Return coordinates, velocities and accelerations at times t; each of shape (*t.shape, m)."""
         times = np.asarray(t, dtype=np.float64)
         inside = ((times >= 0.0) & (times <= self.duration))[..., np.newaxis]
         coefficients = np.concatenate([self.offset[:, np.newaxis], self.sines, self.cosines], axis=1)

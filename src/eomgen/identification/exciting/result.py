@@ -42,7 +42,7 @@ class ExciteResult(Plotting, Shown, Saved, plot="plot_excitation"):
         robot: its name.
         series: the motion, of the m coordinates that move.
         t: times of the samples, (T,), s; the period's end is the last one.
-        q, v, a: coordinates, rates, accelerations, (T, m), m or rad and s.
+        q, v, a: coordinates, velocities, accelerations, (T, m), m or rad and s.
         u: drives that the description's numbers take, (T, m), N or N m.
         base: the combinations of parameters that forces can show.
         noise: standard deviations of the drives' noise that count as weights, (m,), N or N m.

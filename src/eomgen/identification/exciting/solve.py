@@ -300,7 +300,7 @@ def _sizes(kernel: Kernel, base: BaseParameters, scales: Mapping[str, tuple[floa
     Args:
         kernel: with the regressor.
         base: the combinations.
-        scales: rms of drive, rate and acceleration by coordinate.
+        scales: rms of drive, velocity and acceleration by coordinate.
     """
     links = 10 * len(kernel.joints)
     bodies = np.abs(kernel.regressor_values[:links]).reshape(-1, 10)

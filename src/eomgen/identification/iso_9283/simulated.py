@@ -1,4 +1,4 @@
-"""Poses and paths of simulated motions, results or samples of a plan: the cycles of a program whose rests are poses."""
+"""Poses and paths of simulated motions, results or samples of a plan: cycles of a reference whose rests are poses."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from ..geometry.rotations import vectors_of
 from .attained import Measured, Path, Pose, Record
 from .formulas import speeds
 
-SAME = 1e-9  # m, rad or s: by less than that programs and times are the same
+SAME = 1e-9  # m, rad or s: by less than that references and times are the same
 _ALLOWED = "; allowed: results of one program"
 _FEWEST = 3  # points of a path
 MOST_SAMPLES = 10_000  # whose whole motions are held at once
 _TOGETHER = 16  # samples that are done at once
 _RECORD = ("tool_deviation_max",)  # so that motions have the tool's pose
-_CREEPING = 1e-5  # of the greatest step of a program between two samples, below which it rests
+_CREEPING = 1e-5  # of the greatest step of a reference between two samples, below which it rests
 
 
 def from_simulations(
@@ -34,7 +34,7 @@ def from_simulations(
 ) -> Measured:
     """Return poses and paths of results, whose ``labels`` are what messages call them.
 
-    A pose is where the program of the tool comes to rest after it moved, and where it ends; a path is what lies
+    A pose is where the reference of the tool comes to rest after it moved, and where it ends; a path is what lies
     between.  Clause by clause, the tool's place at the end of the rest is what was attained.
 
     Raises:
@@ -109,7 +109,7 @@ def _relative(one: Array, other: Array) -> Array:
 
 
 def _rests(program: Array) -> list[tuple[int, int]]:
-    """Return first and last sample of each rest of the program that follows upon a motion.
+    """Return first and last sample of each rest of the reference that follows upon a motion.
 
     The last sample always is one.
     """
@@ -155,7 +155,7 @@ def _notes(results: Sequence[SimulationResult], poses: Sequence[Pose]) -> list[s
 def from_plan(
     robot: RobotLike, scenario: str | File | Mapping[str, Any], plan: Plan, frame: str | None, progress: Progress
 ) -> Measured:
-    """Simulate the samples of a plan; what is commanded is the program of the nominal robot.
+    """Simulate the samples of a plan; what is commanded is the reference of the nominal robot.
 
     Raises:
         InputError: plan, scenario and robot do not fit, there are too many samples, all of them fail, or what is

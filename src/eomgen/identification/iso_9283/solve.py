@@ -47,8 +47,8 @@ def accuracy(  # noqa: PLR0913
     """Return accuracy and repeatability by the definitions of ISO 9283:1998.
 
     Args:
-        results: simulations (results, their files or folders), which are cycles of one program; or measured files,
-            .csv or .npz (see ``measured.from_files``); or none, with robot, scenario and plan.
+        results: simulations (results, their files or folders), cycles of one reference trajectory; or measured
+            files, .csv or .npz (see ``measured.from_files``); or none, with robot, scenario and plan.
         robot, scenario, plan: of a sweep whose samples are simulated and taken as cycles.
         command: file with the commanded poses or paths of measured files that do not have them.
         frame: the one to look at; needed where a measured file has several.

@@ -191,7 +191,7 @@ class _Noise:
         """Return its average share in squares of s and s_dot, and in their products with y, (2,) each, filtered."""
         both = np.stack([np.convolve(row, wide) for row in self.weights])
         square = self.sigma**2 * (both @ both.T)
-        if not self.is_derived:  # with measured rates or accelerations, the noise of q is in no other term
+        if not self.is_derived:  # with measured velocities or accelerations, the noise of q is in no other term
             return np.array([square[0, 0], 0.0]), np.zeros(2)
         return np.array([square[0, 0], square[1, 1]]), np.array([-self.inertia * square[0, 2], 0.0])
 
@@ -223,7 +223,7 @@ class _Solution:
 
 
 def _moved(kernel: Kernel, model: Model, motion: MeasuredMotion, step: float) -> _Moved:
-    """Return the motion with its loops closed; rates and accelerations of a file are taken as they are, or derived.
+    """Return the motion with its loops closed; velocities and accelerations are a file's, or derivatives.
 
     The narrowest filter gives the derivatives, so that it hardly bends what is not linear in the motion.  Of a tree it
     is in front of all that a file has.
