@@ -157,7 +157,7 @@ def _bits(text: str, count: int) -> Mask:
 
 
 class NamedViews(CompiledCode):
-    """Parts of a kernel's results and parameters by their names."""
+    """Views by name of a kernel's results and parameters."""
 
     def blocks(self, q: ArrayLike) -> Blocks:
         """Return M and C of eqs. (10)-(12) by names, for one state or a batch; needs mass_matrix and christoffel.

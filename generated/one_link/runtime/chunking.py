@@ -1,4 +1,4 @@
-"""Long work in pieces that take milliseconds, so that Ctrl-C ends it, and what threads share of it."""
+"""Long work in chunks of milliseconds, so that Ctrl-C ends it, shared among threads."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def shared(work: Work, count: int, threads: int) -> int:
 
 
 class _Crew:
-    """Parts of a work, one for a thread each.
+    """Shares of a work, one for each thread.
 
     Ctrl-C ends the caller between any two of its steps, also inside of the library's futures and events, which may then
     keep their locks; so this needs bare locks and lists alone.

@@ -1,4 +1,4 @@
-"""Levels of processors that a package has binaries for, and the best one that the processor at hand runs.
+"""x86-64 levels (SIMD instruction sets) that a package has binaries for, and the best one that this processor runs.
 
 All levels give the same bits where the compiler may not fuse products with sums, which is so unless it was asked to.
 """

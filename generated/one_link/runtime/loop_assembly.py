@@ -1,4 +1,4 @@
-"""Loops of a mechanism: their constraint, and coordinates and rates that close them, for one state or many at once."""
+"""Loops of a mechanism: their constraint, assembly and projection of velocities, for one state or many at once."""
 
 from __future__ import annotations
 
@@ -171,7 +171,7 @@ def _closed_rates(calls: Calls, states: Array, moving: Array, free: Mask, place:
 
 @dataclass(frozen=True)
 class _ChartGroup:
-    """States of one kind: their rows, the joints that are turned in them, and calls that know of that.
+    """States with singular angles in the same joints: their rows, these joints, and calls in turned coordinates.
 
     Joints with 3-DOF rotation have other angles where the described ones are singular, and none of them is fixed.
     """
@@ -377,7 +377,7 @@ def _refuse_violations(calls: Calls, q: Array, violations: Array, lead: tuple[in
 
 
 def _offsets(calls: Calls, q: Array, violations: Array) -> list[str]:
-    """Name and value of offsets without which the greatest of the violations would be another one, where q (n,) stays.
+    """Return name and value of the offsets that change the greatest of the violations, where q (n,) stays.
 
     Those of coordinates are not among them: their coordinates take them up.
     """

@@ -177,7 +177,7 @@ class Arrays:
 
 
 def flag(label: str, value: Any) -> bool:
-    """Give a truth value back; InputError, which begins with the label, of anything else."""
+    """Return a truth value; InputError, which begins with the label, of anything else."""
     if isinstance(value, (bool, np.bool_)):
         return bool(value)
     raise InputError(f"{label}: {show(value)} is neither True nor False")

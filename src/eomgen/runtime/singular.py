@@ -1,4 +1,4 @@
-"""Which coordinates a mass matrix that cannot be inverted fails at."""
+"""Coordinates at which a mass matrix is singular."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which of the methods with error control takes the next steps: the one that leads on further for its cost."""
+"""Automatic stiffness switching: of adaptive methods the one with the most progress for its cost steps next."""
 
 from __future__ import annotations
 
@@ -37,13 +37,13 @@ class Turn:
 
 
 def implicit_spans(turns: Sequence[str], spans: Mapping[str, float]) -> dict[str, float]:
-    """Return how long implicit methods led on, s, for people, of the time that each method of these turns did."""
+    """Return the time that implicit methods integrated, s, of that of each method, by names for reports."""
     totals = {"implicit_s": sum(spans[name] for name in turns if name != "tsit5")}
     return totals | ({"radau_s": spans[RADAU]} if RADAU in turns else {})
 
 
 class Spent:
-    """Work of a state so far: made before a turn, and asked behind it.
+    """Counter of a state's work: made before a turn, and asked behind it.
 
     Args:
         progress: of the state, in C.
@@ -57,7 +57,7 @@ class Spent:
         self._counts = (0, 0) if row is None else (int(row[4]), int(row[5]))
 
     def until_now(self, method: str) -> Turn:
-        """Return what was spent since by a method."""
+        """Return the work of a method since then."""
         steps = int(self._progress.steps + self._progress.rejected - self._steps)
         led = float(self._progress.t - self._t)
         if method != RADAU or self._row is None:
@@ -67,7 +67,7 @@ class Spent:
 
 
 class Alternation:
-    """Which method takes the next steps: the one that leads on furthest for its cost; others are tried now and then.
+    """Automatic stiffness switching: the method with the most progress for its cost; others are tried now and then.
 
     What stiffness costs an explicit method, and accuracy an implicit one of low order, shows on the way alone; all is
     counted, in steps and evaluations, so that a motion is the same on every machine.
@@ -92,7 +92,7 @@ class Alternation:
         self._is_trial, self._runs_up = True, False
 
     def took(self, turn: Turn) -> None:
-        """Note what the method led on by; choose anew at the end of its turn."""
+        """Count a turn's progress and cost; choose a method anew at its end."""
         self._led, self._cost, self.steps = self._led + turn.led, self._cost + turn.cost, self.steps - turn.steps
         if self.steps > 0:
             return
@@ -111,7 +111,7 @@ class Alternation:
         self._begin(better, self._length, runs_up=better != self.method)
 
     def hand_over(self, progress: Any, row: Array | None) -> None:
-        """Let a state's steps be of the length that its next method had before, and of no other method's past.
+        """Set a state's step size to that of its next method's last turn, without the past of other methods.
 
         Args:
             progress, row: as of ``Spent``.

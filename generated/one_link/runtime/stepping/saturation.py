@@ -1,4 +1,4 @@
-"""Drives that push no harder than their efforts: which these are, and where they cannot be clipped."""
+"""Saturation of drives at their efforts: which these are, and where they cannot be clipped."""
 
 from __future__ import annotations
 

@@ -127,7 +127,7 @@ def adaptive_rollout(calls: Calls, inputs: Inputs, options: InputStepOptions) ->
 
 
 def keep_steps(progress: Any, calls: Calls, methods: Sequence[str]) -> Array | None:
-    """Give states room for what steps of Radau IIA leave to the next call, a row each, to be kept as long."""
+    """Allocate what steps of Radau IIA leave to the next call, a row per state, to be kept as long."""
     if RADAU not in methods:
         return None
     kept = np.zeros((len(progress), KEPT_COLUMNS * calls.n + KEPT_NUMBERS))

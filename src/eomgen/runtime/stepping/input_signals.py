@@ -19,7 +19,7 @@ WORKS = ("drives", "prescribed", "wrenches", "dissipated")  # that C integrates,
 
 @dataclass(frozen=True, eq=False)
 class Signal:
-    """Columns over time: polynomials of t - knots[k] between knots[k] and knots[k + 1]; they rest outside.
+    """Columns over time: polynomials of t - knots[k] between knots[k] and knots[k + 1], constant outside.
 
     Attributes:
         knots: (pieces + 1,), s, increasing.
@@ -76,7 +76,7 @@ class Gains:
 
 @dataclass(frozen=True, eq=False)
 class ChartData:
-    """A way in which coordinates of a closed mechanism follow those that are driven.
+    """Chart of a closed mechanism: the coordinates that depend on the driven ones.
 
     Attributes:
         calls: of its kernel, with "following" and "residual", some of whose joints are turned.
@@ -106,7 +106,7 @@ class MechanismData:
 
 @dataclass(frozen=True, eq=False)
 class ModelDrive:
-    """Drives by the inverse dynamics of a rigid robot, of float64.
+    """Actuator forces by the inverse dynamics of a rigid robot, of float64.
 
     Attributes:
         calls: of its kernel.
@@ -161,7 +161,7 @@ class LinkWrench:
 
 @dataclass(frozen=True, eq=False)
 class DriveData:
-    """Drives as data: forces over time, or a program that gains, a model, or both follow.
+    """Actuator forces as data: over time, or of gains, a model, or both that track a reference trajectory.
 
     Attributes:
         torque: forces, N or N m, by coordinate.

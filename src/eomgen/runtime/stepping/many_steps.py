@@ -121,9 +121,9 @@ def _call(calls: Calls, arrays: RolloutArrays, how: tuple[float, int, int, int],
 
 @dataclass
 class _Run:
-    """A rollout as pieces of work: of many states to the end, or of few over some of the steps.
+    """A rollout as chunks of work: of many states to the end, or of few over some of the steps.
 
-    What a piece reaches is handed on to the next one as it is, so that the pieces change no bit.
+    What a chunk reaches is handed on to the next one as it is, so that the chunks change no bit.
     """
 
     calls: Calls
@@ -222,7 +222,7 @@ class _Run:
 
 
 def _spans(steps: int, every: int, most: int) -> Iterator[tuple[int, int]]:
-    """Begin and end of parts of the steps, of which none has more than ``most``; they end where states are stored.
+    """Yield begin and end of chunks of steps, none with more than ``most``; they end where states are stored.
 
     Where these are further apart than that, parts end in between, too.
     """
