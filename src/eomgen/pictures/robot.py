@@ -26,6 +26,7 @@ SPRING_COLOR = "#117733"
 LIGHT = np.array([0.3, -0.5, 0.8])  # from where faces are lit, base axes
 FLAT = 0.3  # height by width below which a robot is one in a plane
 AXIS_LENGTH = 0.09  # of a joint's axis, of the robot's size
+NAMED = 3  # meshes that are missing, in a warning
 MOST_FACES = 20_000  # of a mesh that are drawn, evenly chosen
 
 
@@ -84,7 +85,8 @@ def plot_robot(
     poses = link_poses(robot, names, q)
     shapes, notes = urdf_shapes(robot)
     if notes:
-        warnings.warn(f"{robot.name}: {'; '.join(notes)}", EomgenWarning, stacklevel=2)
+        more = f"; and {len(notes) - NAMED} more" if len(notes) > NAMED else ""
+        warnings.warn(f"{robot.name}: {'; '.join(notes[:NAMED])}{more}", EomgenWarning, stacklevel=2)
     with sheet(4.2, 4.0, path, robot.name, ax) as drawn:
         [axes] = drawn.panels(1, lambda figure: figure.add_axes((0.02, 0.04, 0.9, 0.88), projection="3d"), (0,))
         points = [_draw_links(axes, robot, poses, shapes), _draw_joints(axes, robot, poses)]
