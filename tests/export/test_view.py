@@ -148,6 +148,81 @@ def test_scripts_are_well_formed() -> None:
         subprocess.run([NODE or "node", "--check", MODULES / f"{name}.mjs"], check=True)
 
 
+PAGE = """
+import { readFileSync, writeFileSync } from "node:fs";
+
+class Element {
+  constructor(tag) {
+    Object.assign(this, { tag, children: [], listeners: {}, dataset: {}, attributes: {} });
+    Object.assign(this, { hidden: false, textContent: "" });
+  }
+  append(...inner) { this.children.push(...inner); }
+  replaceChildren(...inner) { this.children = inner; }
+  addEventListener(name, call) { this.listeners[name] = call; }
+  setAttribute(name, value) { this.attributes[name] = String(value); }
+  all() { return [this, ...this.children.flatMap((one) => one instanceof Element ? one.all() : [])]; }
+}
+const known = new Map(), by = (id) => known.get(id) ?? known.set(id, new Element(id)).get(id);
+by("data").textContent = readFileSync(0, "utf8");
+const made = (tag) => new Element(tag), location = { hash: process.argv[2] ?? "", href: "file:///page.html" };
+globalThis.document = { getElementById: by, createElement: made, documentElement: made("html") };
+globalThis.window = { location, matchMedia: () => ({ matches: false }) };
+globalThis.requestAnimationFrame = () => {};
+writeFileSync("scene.mjs", `export class Scene {
+  constructor() { this.ghost = { root: {} }; this.reality = {}; this.looks = 0; }
+  theme(dark) { this.dark = dark; }
+  pose(robot, poseOf) { this.poseOf = poseOf; }
+  moveSprings() {}
+  look() { this.looks += 1; }
+  draw() {}
+}`);
+await import("#live/view");
+const view = window.view3d;
+const inputs = by("panel").all().filter((one) => one.tag === "input" && one.attributes.type === "text");
+const answers = { opened: [...view.q], sliders: inputs.length, said: by("message").textContent };
+answers.read = by("readout").children.length;
+inputs[0].value = "1.3";
+inputs[0].listeners.change();
+answers.moved = [...view.q];
+answers.shown = inputs.map((one) => Number(one.value));
+view.settings.put("q.joint3.gamma", 3.1);
+answers.stuck = [...view.q];
+answers.refusal = by("message").textContent;
+by("theme").listeners.click();
+answers.dark = view.scene.dark;
+view.reset();
+answers.reset = [...view.q];
+answers.silence = by("message").hidden;
+console.log(JSON.stringify(answers));
+"""
+
+
+@needs_node
+def test_sliders_move_what_is_drawn(tmp_path: Path) -> None:
+    """The page's script on a document that has no more than what it asks for."""
+    for path in (*MODULES.glob("*.mjs"), MODULES / "package.json"):
+        shutil.copy(path, tmp_path / path.name)
+    (tmp_path / "page.test.mjs").write_text(PAGE)
+    contents = contents_of_view(eomgen.load_robot("four_bar"))
+    command = [NODE or "node", "page.test.mjs", "#q.joint1.gamma=1.2"]
+    done = subprocess.run(
+        command, cwd=tmp_path, input=json.dumps(contents), capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    answers = json.loads(done.stdout)
+    assert answers["opened"][0] == 1.2
+    assert answers["sliders"] == len(contents["sliders"]) == 3
+    assert answers["read"] == 2 * len(contents["frames"])
+    assert answers["said"] == ""
+    assert answers["moved"][0] == 1.3
+    assert answers["moved"][1] != answers["opened"][1]
+    np.testing.assert_allclose(answers["shown"], answers["moved"], rtol=1e-4)
+    assert re.match(r"^joint4 cannot be assembled with joint3\.gamma at 3\.1 rad: .* is left$", answers["refusal"])
+    assert answers["dark"]
+    np.testing.assert_allclose(answers["reset"], contents["home"], atol=1e-6)
+    assert answers["silence"]
+
+
 def test_a_robot_shows_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Opened in the browser, written to a path, or shown by a notebook; hostile names stay texts."""
     opened: list[str] = []
