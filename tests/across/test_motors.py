@@ -103,7 +103,7 @@ def test_a_position_controlled_motor_shakes_its_joint(built: Build) -> None:
     transmitted = k * (found.q[:, 1] / 100.0 - found.q[:, 0])
     needed = transmitted / 100.0 - 1e-4 * 20.0 * w * w * np.cos(w * found.t)
     assert np.allclose(found.u[:, 1], needed, atol=1e-6)
-    with pytest.raises(InputError, match=r"the motion of joint1\.motor is not given"):
+    with pytest.raises(InputError, match=r"the motion of joint1\.motor is missing"):
         simulate(robot)
 
 

@@ -264,7 +264,7 @@ def test_a_drive_that_fails_later(built: Build) -> None:
         ({"times": [0.0, 0.5, 0.4, 1.0]}, "times: allowed: two or more finite times, increasing"),
         ({"times": [1.0]}, "times: allowed: two or more"),
         ({"times": [0.0, 0.5]}, "times: end at 0.5 s; allowed: at the duration, 1 s"),
-        ({"times": [0.0, 1.0], "output_step": 0.1}, "times and output_step are both given"),
+        ({"times": [0.0, 1.0], "output_step": 0.1}, "times and output_step are both set"),
         ({"q0": [0.0, 0.0]}, r"q0: expected float64 of shape \(1,\)"),
         ({"v0": [np.nan]}, "v0: slide.z is nan"),
         ({"v0": "fast"}, "v0: expected 1 numbers"),

@@ -1,4 +1,4 @@
-"""Whether time advances with the work that an integration does."""
+"""Detection of integrations whose time does not advance."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class Advance:
     """Watches the times at which the equations of motion are evaluated, whatever method asks for them.
 
     A method evaluates at the time that it has reached and ahead of it, so that the earliest of many evaluations is
-    where it stood.  How large states, rates and forces are does not matter: they may be right.  What is judged is
+    where it stood.  How large states, velocities and forces are does not matter: they may be right.  What is judged is
     ``WORK`` evaluations that lead on by less than ``LEAST`` of the span.  Stiff motions and series of impacts stay far
     from that: an impact of 1 us in a motion of 1000 s is 1e-9 of it and takes some hundred evaluations.
 

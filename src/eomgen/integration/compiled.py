@@ -1,4 +1,4 @@
-"""Integration by the C of a kernel, steps that the error controls, loads that are data: no Python in between."""
+"""Integration by the C of a kernel: adaptive step size, time-signal inputs, no Python in between."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .steps import Samples
 from .system import System
 from .until import Reached
 
-PART = 0.5  # of tolerances, for each step: errors of many add up
+STEP_SHARE = 0.5  # of tolerances, for each step: errors of many add up
 KEPT = 1024  # steps of a call in which contacts are looked for
 
 
@@ -33,9 +33,9 @@ def compiled_states(
     watch: ContactWatch,
     works: bool = False,
 ) -> None:
-    """Fill the samples from the first of them; ``system.loaded`` knows the drives at each.
+    """Fill the samples from the first of them, and ``system.loaded``, which has the drives at each.
 
-    With ``works`` these are integrated, too, and ``system.worked`` has them.
+    With ``works`` work integrals are computed, too, and ``system.worked`` has them.
 
     Raises:
         IntegrationStopped: the motion ends early.
@@ -68,23 +68,23 @@ def compiled_states(
         if method == AUTO:
             system.counts |= implicit_spans(control.turns, motion.spans)
         if reached is not None:
-            found = reached.exactly(
+            end = reached.exactly(
                 lambda t0, y, t: np.concatenate(list(_moved(kernel, loads, (t0, t), y, control).state))
             )
             if motion.works is not None:
-                k = int(np.searchsorted(samples.times[: samples.done], found.t)) - 1
-                span = float(samples.times[k]), found.t
+                k = int(np.searchsorted(samples.times[: samples.done], end.t)) - 1
+                span = float(samples.times[k]), end.t
                 last = _moved(kernel, loads, span, samples.states[k], control, works=True)
                 system.works_at_end = motion.works[k] + last.works_until(2)[-1]
-            raise found
+            raise end
         report(float(progress.t), f"t = {progress.t:.3f} s, {method}, {progress.steps} steps")
     if progress.reason != DONE:
         raise _stopped(system, motion, method)
 
 
 def per_step(control: ErrorControl) -> ErrorControl:
-    """Return the method with tolerances of each step of a motion that has these ones as a whole."""
-    return replace(control, rtol=PART * control.rtol, atol=PART * np.maximum(control.atol, 1e-30))
+    """Return the control with tolerances of each step, of a motion that has these as a whole."""
+    return replace(control, rtol=STEP_SHARE * control.rtol, atol=STEP_SHARE * np.maximum(control.atol, 1e-30))
 
 
 def _moved(
@@ -96,7 +96,7 @@ def _moved(
     *,
     works: bool = False,
 ) -> SingleMotion:
-    """The motion over a span, s, from a state, (2n,), at its begin."""
+    """Integrate over a span, s, from a state, (2n,), at its begin; return the finished motion."""
     n = kernel.n
     motion = SingleMotion(kernel.calls, loads, np.array(span), y[:n], y[n:], control, works=works)
     while not motion.progress.reason:
@@ -105,7 +105,7 @@ def _moved(
 
 
 def _stopped(system: System, motion: SingleMotion, method: str) -> IntegrationStopped:
-    """The error that says where and why steps ended; that of the first state itself where nothing led on.
+    """Return the error that says where and why steps ended.
 
     Raises:
         EomgenError: the first state cannot move.
@@ -123,6 +123,6 @@ def _stopped(system: System, motion: SingleMotion, method: str) -> IntegrationSt
         if not progress.steps:
             raise
     where = f"{kernel.name}, t = {t:.6g} s: {method} cannot go on: {what}"
-    found = IntegrationStopped(f"{where}; {trouble}" if trouble else where, t, q, v, name)
-    found.__cause__ = trouble
-    return found
+    stop = IntegrationStopped(f"{where}; {trouble}" if trouble else where, t, q, v, name)
+    stop.__cause__ = trouble
+    return stop

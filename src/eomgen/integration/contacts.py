@@ -1,4 +1,4 @@
-"""When clearances of joints, cut ones too, and couplings close and open, and stops and bearings are touched."""
+"""Contact events of an integration: clearances that close and open, stops, journals in their bearings."""
 
 from __future__ import annotations
 
@@ -48,15 +48,15 @@ class Contact:
 
 
 class Ends(Protocol):
-    """Ends of one kind that a motion may come to."""
+    """Ends of one kind whose contacts a motion may make."""
 
     ends: Sequence[Any]
 
     def gaps(self, q: Array, v: Array) -> Array:
-        """Distances beyond each of the ends in a state, (n,), or in many, (N, n): m or rad, below 0 inside."""
+        """Return penetrations of each end in a state, (n,), or in many, (N, n): m or rad, below 0 inside."""
 
     def contact(self, end: int, t: float, q: Array, v: Array, closes: bool) -> Contact:
-        """The contact at one of the ends, in the state at its time."""
+        """Return the contact at one of the ends, in the state at its time."""
 
 
 @dataclass(frozen=True)
@@ -70,23 +70,26 @@ class _End:
 
 
 def _ends(numbers: Numbers) -> list[_End]:
-    """Both ends of clearances, then of stops those that there are."""
-    found = [_End(name, side, gap, CLEARANCE) for name, gap in clearances(numbers).items() for side in (1, -1)]
+    """Return both ends of clearances, then the finite stops."""
+    ends = [_End(name, side, gap, CLEARANCE) for name, gap in clearances(numbers).items() for side in (1, -1)]
     for name, (lower, upper) in stops(numbers).items():
-        found += [_End(name, side, side * x, STOP) for side, x in ((1, upper), (-1, lower)) if np.isfinite(x)]
-    return found
+        ends += [_End(name, side, side * x, STOP) for side, x in ((1, upper), (-1, lower)) if np.isfinite(x)]
+    return ends
 
 
 class CoordinateEnds(Ends):
-    """Ends of the tree's coordinates, and of transmissions' deflections; a motor's stops are those of its shaft."""
+    """Ends of tree coordinates and of transmission deflections; a motor's stops are those of its shaft."""
 
     def __init__(self, kernel: Kernel) -> None:
         self.ends = _ends(law_numbers(kernel))
         deflected, names = deflections(kernel), acting(kernel)
-        followed, offsets = kernel.follower_matrix()
-        own, shifts = np.vstack([np.eye(kernel.n), followed]), np.concatenate([np.zeros(kernel.n), offsets])
+        followers, offsets = kernel.follower_matrix()
+        coordinates, shifts = np.vstack([np.eye(kernel.n), followers]), np.concatenate([np.zeros(kernel.n), offsets])
         index = [names.index(end.name) for end in self.ends]
-        rows = [end.side * (own if end.kind == STOP else deflected)[i] for end, i in zip(self.ends, index, strict=True)]
+        rows = [
+            end.side * (coordinates if end.kind == STOP else deflected)[i]
+            for end, i in zip(self.ends, index, strict=True)
+        ]
         self._rows = np.array(rows).reshape(-1, kernel.n)
         pairs = zip(self.ends, shifts[index], strict=True)
         self._places = np.array([end.place - end.side * shift for end, shift in pairs])
@@ -100,7 +103,7 @@ class CoordinateEnds(Ends):
 
 
 class CutEnds(Ends):
-    """Ends of cut joints' coordinates and of elastic couplings."""
+    """Ends of loop joints' coordinates and of elastic couplings."""
 
     def __init__(self, kernel: Kernel) -> None:
         self._kernel = kernel
@@ -118,7 +121,7 @@ class CutEnds(Ends):
 
 
 class Bearings(Ends):
-    """Watch for contacts of journals."""
+    """Contacts of journals in bearings."""
 
     def __init__(self, kernel: Kernel) -> None:
         self._kernel = kernel
@@ -136,7 +139,7 @@ class Bearings(Ends):
 
 
 class CutBearings(Bearings):
-    """Watch for contacts of cut joints' journals, in the coordinates of these."""
+    """Contacts of loop joints' journals, in the coordinates of these joints."""
 
     def __init__(self, kernel: Kernel) -> None:
         self._kernel = kernel
@@ -150,7 +153,7 @@ class CutBearings(Bearings):
 
 
 class ContactWatch:
-    """Finds contacts between two states of a motion, and what it goes on to; ``found`` grows.
+    """Locates contacts between two states of a motion, and the end of ``until``; ``contacts`` grows.
 
     A contact that closes and opens again within one step is not seen: the solver has not seen it either.
     """
@@ -160,7 +163,7 @@ class ContactWatch:
         self._n = kernel.n
         groups: Sequence[Ends] = (CoordinateEnds(kernel), CutEnds(kernel), Bearings(kernel), CutBearings(kernel))
         self._groups = [group for group in groups if group.ends]
-        self.found: list[Contact] = []
+        self.contacts: list[Contact] = []
 
     @property
     def is_needed(self) -> bool:
@@ -168,16 +171,16 @@ class ContactWatch:
         return self._until is not None or len(self) > 0
 
     def __len__(self) -> int:
-        """Number of ends that are watched."""
+        """Return the number of ends that are watched."""
         return sum(len(group.ends) for group in self._groups)
 
     def gaps(self, y: Array) -> Array:
-        """Distances beyond each of the ends, m or rad, below 0 inside; y = (q, v), (2n,) or (N, 2n)."""
-        found = [group.gaps(y[..., : self._n], y[..., self._n :]) for group in self._groups]
-        return np.concatenate(found, axis=-1) if found else np.zeros((*y.shape[:-1], 0))
+        """Return penetrations of each end, m or rad, below 0 inside; y = (q, v), (2n,) or (N, 2n)."""
+        distances = [group.gaps(y[..., : self._n], y[..., self._n :]) for group in self._groups]
+        return np.concatenate(distances, axis=-1) if distances else np.zeros((*y.shape[:-1], 0))
 
     def find_all(self, times: Array, states: Array) -> None:
-        """Find the contacts between states, (k, 2n), that follow each other at times, (k,), s, and note them.
+        """Locate the contacts between successive states, (k, 2n), at times, (k,), s, and note them.
 
         Raises:
             Reached: what the motion goes on to is there.
@@ -189,7 +192,7 @@ class ContactWatch:
             self._find(float(times[k]), states[k], float(times[k + 1]), states[k + 1])
 
     def find(self, t0: float, y0: Array, t1: float, y1: Array, at: Callable[[float], Array] | None = None) -> None:
-        """Find the contacts between two states of a motion, and note them.
+        """Locate the contacts between two states of a motion, and note them.
 
         Args:
             t0, t1: s.
@@ -205,7 +208,7 @@ class ContactWatch:
         self._find(t0, y0, t1, y1, at)
 
     def _find(self, t0: float, y0: Array, t1: float, y1: Array, at: Callable[[float], Array] | None = None) -> None:
-        """``find`` of contacts alone."""
+        """Locate contacts alone, as ``find``."""
         if not len(self):
             return
         crossed = np.flatnonzero((self.gaps(y0) > 0.0) != (self.gaps(y1) > 0.0))
@@ -220,12 +223,12 @@ class ContactWatch:
                 else:
                     low = middle
             self.note(int(end), high, state(high), closes)
-        self.found.sort(key=lambda contact: contact.t)
+        self.contacts.sort(key=lambda contact: contact.t)
 
     def note(self, end: int, t: float, y: Array, closes: bool) -> None:
         """Add a contact at one of the ends, whose time t (s) and state y are known."""
         for group in self._groups:
             if end < len(group.ends):
-                self.found.append(group.contact(end, float(t), y[: self._n], y[self._n :], closes))
+                self.contacts.append(group.contact(end, float(t), y[: self._n], y[self._n :], closes))
                 return
             end -= len(group.ends)

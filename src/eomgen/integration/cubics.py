@@ -1,4 +1,4 @@
-"""States within a step: on the cubic through coordinates and rates at its ends, past angles that are singular."""
+"""States within a step: cubic Hermite interpolation of coordinates and velocities, past singular Euler angles."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from ..runtime.turning import BACK, ON, SINGULAR, seen
 
 
 class Cubics:
-    """Cubics between states as described, (2n,).
+    """Cubics between states in described coordinates, (2n,).
 
-    Where the angles of a joint that turns freely are nearly singular, they turn within a step by up to half a turn: the
-    cubic is one of its other angles then, and what is on it is described again.
+    Where the Euler angles of a joint with 3-DOF rotation are nearly singular, they change within a step by up to pi:
+    the cubic is one of its other chart's angles then, and points on it are converted back.
 
     Args:
         joints: places of alpha and of x of such joints, as of ``RawKernel.turning``.
@@ -24,7 +24,7 @@ class Cubics:
         self._joints = joints
 
     def at(self, t: float, t0: float, y0: Array, t1: float, y1: Array) -> Array:
-        """The state at t, s, between two at t0 and t1."""
+        """Interpolate the state at t, s, between two at t0 and t1."""
         turned = [places for places in self._joints.values() if _is_turned(places, y0, y1)]
         if not turned:
             return hermite(t, t0, y0, t1, y1)
@@ -33,22 +33,22 @@ class Cubics:
         return np.asarray(seen(hermite(t, t0, ends[0], t1, ends[1])[np.newaxis], turned, BACK, near)[0])
 
     def among(self, t: float, times: Array, states: Array) -> Array:
-        """The state at t, s, between two neighbours of states, (k, 2n), at times, (k,)."""
+        """Interpolate the state at t, s, between two neighbours of states, (k, 2n), at times, (k,)."""
         k = min(max(int(np.searchsorted(times, t, side="right")) - 1, 0), times.size - 2)
         return self.at(t, float(times[k]), states[k], float(times[k + 1]), states[k + 1])
 
 
 def _is_turned(places: tuple[int, int], y0: Array, y1: Array) -> bool:
-    """Whether the other angles of a joint are better ones for a step between two states: farther from singular ones."""
-    own, beta = np.stack([y0, y1]), places[0] + 1
-    if np.abs(np.cos(own[:, beta])).min() >= SINGULAR:
+    """Return whether the other chart of a joint is better for a step between two states: farther from singular."""
+    states, beta = np.stack([y0, y1]), places[0] + 1
+    if np.abs(np.cos(states[:, beta])).min() >= SINGULAR:
         return False
-    other = seen(own, [places], ON, np.zeros(y0.size // 2))
-    return bool(np.abs(np.cos(other[:, beta])).min() > np.abs(np.cos(own[:, beta])).min())
+    other = seen(states, [places], ON, np.zeros(y0.size // 2))
+    return bool(np.abs(np.cos(other[:, beta])).min() > np.abs(np.cos(states[:, beta])).min())
 
 
 def hermite(t: float, t0: float, y0: Array, t1: float, y1: Array) -> Array:
-    """The state at t on the cubic through q and v at both ends, (2n,)."""
+    """Interpolate the state at t on the cubic through q and v at both ends, (2n,)."""
     n, h = y0.size // 2, t1 - t0
     x = (t - t0) / h
     d = y1[:n] - y0[:n]

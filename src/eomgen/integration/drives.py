@@ -1,4 +1,4 @@
-"""Drives that stay what they are."""
+"""Constant drives."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from ..state.vectors import DriveFunction, state_vector
 
 
 @dataclass(frozen=True, eq=False)
-class Held:
-    """Forces u, (n,), N or N m, at any time and in any state; a drive as ``integrate`` takes it."""
+class ConstantDrive:
+    """Constant forces u, (n,), N or N m, as a drive of ``integrate``."""
 
     u: Array
     batched = True
@@ -24,21 +24,21 @@ class Held:
         return np.array(np.broadcast_to(self.u, q.shape))
 
     def slopes(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
-        """Derivatives by q and v, (n, n) each: zero."""
+        """Return derivatives by q and v, (n, n) each: zero."""
         nothing = np.zeros((q.size, q.size))
         return nothing, nothing
 
     def load_data(self) -> DriveData:
-        """Return it as data for integrations in C."""
+        """Return the time-signal input for integrations in C."""
         return DriveData(torque=Track(Signal.constant(self.u), np.arange(self.u.size)))
 
 
 def drive_of(kernel: Kernel, drive: DriveFunction | ArrayLike | None) -> DriveFunction | None:
-    """A drive that is given as a function, as forces that stay, (n,), or not at all.
+    """Return a drive as a function of (t, q, v): one as it is, constant forces, (n,), wrapped; None stays.
 
     Raises:
         ArrayError: forces that are not finite, or not as many as there are coordinates.
     """
     if drive is None or callable(drive):
         return drive
-    return Held(state_vector("drive", drive, kernel.coordinates))
+    return ConstantDrive(state_vector("drive", drive, kernel.coordinates))

@@ -1,4 +1,4 @@
-"""Choice of a motion's integrator, made once before it: the method, why it is that one, whether it is C, tolerances."""
+"""Choice of a motion's integrator, made once before it: method, reason, whether it is C, tolerances."""
 
 from __future__ import annotations
 
@@ -49,12 +49,12 @@ class IntegratorOptions:
 
 @dataclass(frozen=True, eq=False)
 class IntegratorPlan(IntegratorOptions):
-    """Integrator of a motion; its method is the one that is taken, "auto" methods in C in turn.
+    """Integrator of a motion; its method is the chosen one, "auto" automatic stiffness switching in C.
 
     Attributes:
         asked: the method that was asked for.
         reason: why "auto" came to a method in Python, in words; "" where it did not.
-        not_in_c: why the kernel's own C cannot integrate the motion; "" where it can.
+        not_in_c: why the kernel's C cannot integrate the motion; "" where it can.
         turns: the methods of "auto" in C.
     """
 
@@ -65,11 +65,11 @@ class IntegratorPlan(IntegratorOptions):
 
     @property
     def in_c(self) -> bool:
-        """Whether the kernel's own C integrates."""
+        """Whether the kernel's C integrates."""
         return self.method in (*IN_C, AUTO)
 
     def leading(self, info: Mapping[str, float], duration: float) -> str:
-        """Return the method that led on for most of a duration, s, where some took turns; else the method."""
+        """Return the method that advanced for most of a duration, s, with stiffness switching; else the method."""
         if self.method != AUTO:
             return self.method
         implicit = info.get("implicit_s", 0.0)
@@ -78,7 +78,7 @@ class IntegratorPlan(IntegratorOptions):
         return "tsit5"
 
     def no_works(self, kernel: Kernel) -> str:
-        """Say what a kernel's motion lacks to have its works integrated with it; "" where nothing is missing."""
+        """Say what a kernel's motion lacks to have work integrals; "" where nothing is missing."""
         if not self.in_c:
             because = f", because {self.not_in_c}" if self.not_in_c else ""
             return f"{self.method} integrates in Python{because}"
@@ -92,7 +92,7 @@ def plan_integration(
     q: Array | None = None,
     duration: float = 1.0,
 ) -> IntegratorPlan:
-    """Choose the integrator of a motion; "auto" is the kernel's own C where it can follow the loads.
+    """Choose the integrator of a motion; "auto" is the kernel's C where it can follow the loads.
 
     Where it cannot, "auto" is Radau if something is stiff (``why_stiff``), else DOP853.
 
@@ -130,7 +130,7 @@ def may_take_radau(wanted: IntegratorOptions) -> bool:
 
 
 def turns_of(kernel: Kernel, wanted: IntegratorOptions) -> tuple[str, ...]:
-    """Return the methods in C that "auto" takes in turn, the first one first, by the robot and options alone.
+    """Return the methods in C between which "auto" switches, the first one first, by the robot and options alone.
 
     Radau IIA is one of them at tolerances that are worth its compilation, where stability may hold an explicit method
     back: of a robot with springs, dampers or friction.
@@ -141,7 +141,7 @@ def turns_of(kernel: Kernel, wanted: IntegratorOptions) -> tuple[str, ...]:
 
 
 def choose_method(kernel: Kernel, method: str = "auto", q: Array | None = None, duration: float = 1.0) -> str:
-    """Return the method that ``integrate`` takes for loads that are data.
+    """Return the method that ``integrate`` takes with time-signal inputs.
 
     Args:
         kernel: with the parameters that it has now.
@@ -175,10 +175,10 @@ def why_not_in_c(
 
 
 def stiff_in_real_time(kernel: Kernel, q: Array) -> bool:
-    """Return whether steps that keep pace with a clock must be implicit at q, (n,): rates there are above REAL_TIME.
+    """Return whether fixed steps in real time must be implicit at q, (n,): eigenvalues there are above REAL_TIME.
 
-    Explicit steps are then as short as that all the time.  Where M is singular at q, rates are not known, and steps
-    are implicit.
+    Explicit steps are then as short as that all the time.  Where M is singular at q, eigenvalues are not known, and
+    steps are implicit.
     """
     try:
         return max(fastest_rates(kernel, q)) > REAL_TIME
@@ -189,9 +189,10 @@ def stiff_in_real_time(kernel: Kernel, q: Array) -> bool:
 def why_stiff(kernel: Kernel, q: Array | None = None, duration: float = 1.0) -> str:
     """Say why a method must be implicit; empty where none need be.  Arguments as of ``choose_method``.
 
-    That is any spring, and dampers and friction where they slow something down a ``STIFF`` part of the duration, by the
-    largest slopes of their laws and the inertia at q: explicit steps are as short as that as long as the motion lasts,
-    whatever moves.  Without the kernels that implicit methods need, dampers and friction are left to explicit ones.
+    Stiff is any spring, and dampers and friction whose time constant, by the largest slopes of their laws and the
+    inertia at q, is below 1 / ``STIFF`` of the duration: explicit steps are as short as that as long as the motion
+    lasts, whatever moves.  Without the kernels that implicit methods need, dampers and friction are left to explicit
+    ones.
     """
     if any_spring(kernel):
         return "there are springs"

@@ -56,8 +56,8 @@ def integrate(  # noqa: PLR0913
 ) -> Trajectory:
     """Integrate M(q) a + bias = generalized force + u from a state; loops are closed to 1e-12 throughout.
 
-    Joints that turn freely (``kernel.raw.turning``) pass beta = +-pi/2 in other angles.  Drives and wrenches are asked
-    in those of the description, and samples are told so.
+    Joints with 3-DOF rotation (``kernel.raw.turning``) switch charts of their Euler angles near beta = +-pi/2.  Drives
+    and wrenches are evaluated in those of the description, and samples have them, too.
 
     Args:
         kernel: float64, with forward_dynamics and energy; implicit methods and ``atol=None`` need mass_matrix, and
@@ -67,10 +67,11 @@ def integrate(  # noqa: PLR0913
             place; implicit methods take forward_dynamics_jacobian there, and finite differences without it.
         q0, v0: the state at t = 0, (n,).
         duration: s.
-        drive, wrench, prescribed: what acts, and what moves by itself; each is described below.  C follows forces and
-            wrenches that stay, and objects with a method ``load_data``, as those of scenarios and ``Harmonic`` have it:
-            it gives a DriveData, a list of LinkWrench, or Waves of ``eomgen.runtime.stepping.input_signals``.
-        drive: (t, q, v) -> u, (n,), N or N m, or that u where it stays; none if not given.  With an attribute
+        drive, wrench, prescribed: loads and prescribed motions, each described below.  C takes constant forces and
+            wrenches, and objects with a method ``load_data`` (time-signal inputs), as those of scenarios and
+            ``Harmonic`` have it: it returns a DriveData, a list of LinkWrench, or Waves of
+            ``eomgen.runtime.stepping.input_signals``.
+        drive: (t, q, v) -> u, (n,), N or N m, or that u where it is constant; default none.  With an attribute
             ``batched`` that is true it is called with q and v of shape (N, n), too, and returns (N, n).  With a method
             ``slopes``, (t, q, v) -> (du/dq, du/dv), (n, n) each, implicit methods take these instead of finite
             differences of it.
@@ -79,26 +80,26 @@ def integrate(  # noqa: PLR0913
             (``eomgen.motion.Harmonic``, say); v and a must be the derivatives of q.  What q0, v0 and drive say of them
             does not count.  The trajectory's u is there the force that the motion needs, so that the kernel must have
             inverse_dynamics.
-        method: "rosenbrock", "tsit5" or "radau": the kernel's own C (adaptive_rollout, radau_rollout), where it can
+        method: "rosenbrock", "tsit5" or "radau": the kernel's C (adaptive_rollout, radau_rollout), where it can
             follow drive, wrench and prescribed; "Radau", "BDF", "LSODA", "DOP853", "RK45" (all
-            SciPy's), "CVODE", "IDA" (SUNDIALS', not for loops), or "rk4" with a fixed step.  "auto" is the first two
-            in turn, whichever leads on further for its cost, and "radau", too, where rtol is 1e-7 or less and there are
+            SciPy's), "CVODE", "IDA" (SUNDIALS', not for loops), or "rk4" with a fixed step.  "auto" switches between
+            the first two by stiffness and cost, and "radau", too, where rtol is 1e-7 or less and there are
             springs, dampers or friction (see ``plan.turns_of``); where C cannot do it, Radau if there are springs,
             stiff dampers or friction (see ``plan.why_stiff``), else DOP853.
         rtol, atol: tolerances; atol is a number or (2n,), first of q, then of v.  By default rtol times the size of
-            each coordinate: ``coordinate_sizes``; of a rate that friction resists at most the smoothing of that.
-        step: of rk4, s; shortened so that it divides ``output_step``.  Default: half the time in which the fastest
-            spring turns by 1 rad, or a damper or friction slows down by a factor e.
+            each coordinate: ``coordinate_sizes``; of a velocity that friction resists at most the smoothing of that.
+        step: of rk4, s; shortened so that it divides ``output_step``.  Default: half the shortest time constant, 1 /
+            the angular frequency of a spring, or the decay time by 1 / e of a damper or friction.
         output_step: distance of the samples, s, shortened so that it divides the duration; default duration / 1000.
-        times: of the samples, s, (T,), increasing; instead of ``output_step``.  The state given is that at the first,
+        times: of the samples, s, (T,), increasing; instead of ``output_step``.  q0, v0 are the state at the first,
             which need not be 0; the last must be the duration.
         progress: called with a fraction from 0 to 1 and a line of text.
         until: what the motion ends at, if that comes before the duration does: its last sample is there, and ``info``
             has the time as ended_at.  Not with SUNDIALS' methods.
         record: called with times of samples (k,) and states (k, 2n) as they are reached, the first one not among them.
-        works: whether ``works`` of the trajectory are integrated by the same steps, which they do not change.  By the
-            kernel's own C alone, where no joint turns freely; the kernel must have generalized_force, and, of
-            prescribed coordinates, inverse_dynamics (with loops residual).
+        works: whether the trajectory's work integrals ``works`` are computed by the same steps, which they do not
+            change.  By the kernel's C alone, without joints of 3-DOF rotation; the kernel must have generalized_force,
+            and, of prescribed coordinates, inverse_dynamics (with loops residual).
 
     Returns:
         The samples.  With loops ``info`` also has gap and gap_rate, the greatest |g| and |J v| among them, the number
@@ -106,7 +107,7 @@ def integrate(  # noqa: PLR0913
         (see ``ClosedSystem.margins``): below 1e-4 or so constraint forces are hardly determined.
 
     Raises:
-        LoopError: the state at the first time is open.
+        LoopError: the state at the first time violates the constraints.
         IntegrationStopped: the state diverges, a loop comes open, the step becomes too small, evaluations lead nowhere
             (see ``advance.Advance``), M is singular, or a drive, wrench or acceleration NaN or infinite, whatever
             ``kernel.checks`` says; an IntegrationError that names
@@ -138,7 +139,7 @@ def integrate_by(
         plan: the integrator.
         system: the equations of motion, not integrated before.
         state: q and v at the first time, (n,) each; prescribed coordinates are put in place in these arrays, and C,
-            which goes on where it ended, takes them as they are, others as closed.
+            which goes on where it ended, takes them as they are, others as assembled.
         times: of the samples, s, (T,).
         progress, record, until, works: as of ``integrate``.
     """
@@ -186,7 +187,7 @@ def integrate_by(
             near = {"margin": float(margins.min()), "margin_at": float(t[int(margins.argmin())])}
         info = {**system.about(q, v), **near, "wall_s": time.perf_counter() - began}
         method = plan.leading(system.counts, float(times[-1] - times[0]))
-        return {"method": method, "info": info, "contacts": tuple(watch.found), "rests": rests(kernel, t, q, v)}
+        return {"method": method, "info": info, "contacts": tuple(watch.contacts), "rests": rests(kernel, t, q, v)}
 
     return trajectory_of(system, samples, run_until, described)
 
@@ -197,7 +198,7 @@ def system_of(
     wrench: WrenchFunction | WrenchLike | None,
     prescribed: MotionFunction | None,
 ) -> System:
-    """The equations of motion of a kernel as its coordinates need them, arguments as of ``integrate``."""
+    """Return the equations of motion of a kernel as its coordinates need them, arguments as of ``integrate``."""
     plain, turning = (ClosedSystem, ClosedTurningSystem) if kernel.constraints else (System, TurningSystem)
     kind = turning if kernel.raw.turning else plain
     return kind(kernel, drive, wrench, prescribed)

@@ -1,4 +1,4 @@
-"""From sample to sample: RK4 with a fixed step, and SciPy's methods, with progress, records and contacts."""
+"""Steps from sample to sample: RK4 with a fixed step, and SciPy's methods, with progress, records and contacts."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ MOST_SAMPLES = 100_000_000  # of a motion: with one coordinate some 5 GB
 
 
 def output_times(duration: float, output_step: float | None) -> Array:
-    """Times of the samples, s, the duration at the end; InputError if one of both is no time."""
+    """Return the times of samples, s, the duration at the end; InputError if one of both is no time."""
     if not (is_usable(duration) and duration > 0.0):
         raise InputError(f"duration: {show(duration)} s; an integration takes a time above 0, up to {LARGEST:g}")
     if output_step is None:
@@ -47,18 +47,18 @@ def output_times(duration: float, output_step: float | None) -> Array:
 
 
 def checked_times(times: ArrayLike, duration: float, output_step: float | None) -> Array:
-    found = np.array(times, dtype=np.float64)
+    samples = np.array(times, dtype=np.float64)
     if output_step is not None:
-        raise InputError("times and output_step are both given; allowed: one of them")
-    if found.ndim != 1 or found.size < 2 or not np.isfinite(found).all() or not (np.diff(found) > 0.0).all():
+        raise InputError("times and output_step are both set; allowed: one of them")
+    if samples.ndim != 1 or samples.size < 2 or not np.isfinite(samples).all() or not (np.diff(samples) > 0.0).all():
         raise InputError("times: allowed: two or more finite times, increasing")
-    if found[-1] != duration:
-        raise InputError(f"times: end at {found[-1]:g} s; allowed: at the duration, {duration:g} s")
-    return found
+    if samples[-1] != duration:
+        raise InputError(f"times: end at {samples[-1]:g} s; allowed: at the duration, {duration:g} s")
+    return samples
 
 
 def reporter(progress: Progress | None, duration: float) -> Progress:
-    """A report of the time reached, at most one per percent."""
+    """Return a report of the time reached that calls ``progress`` at most once per percent."""
     last = -1.0
 
     def report(t: float, text: str) -> None:
@@ -72,10 +72,10 @@ def reporter(progress: Progress | None, duration: float) -> Progress:
 
 
 def fixed_step(kernel: Kernel, q0: Array, step: float | None, times: Array) -> float:
-    """The step of rk4, s: the one given, or half the time of the fastest spring, damper or friction, at most 1 ms.
+    """Return the step of rk4, s: ``step``, or half the time constant of the fastest spring or damper, at most 1 ms.
 
-    That is the time in which a spring turns by 1 rad, or a damper, or friction about rest, takes 1 - 1 / e of a rate;
-    of friction that turns round too sharply for that, one of COARSE.
+    That of a spring is 1 / its angular frequency, that of a damper, or of friction about zero velocity, the decay time
+    of a velocity by 1 / e; of friction whose smoothing is too narrow for that, one of COARSE.
     """
     if step is not None:
         return step
@@ -88,7 +88,7 @@ def fixed_step(kernel: Kernel, q0: Array, step: float | None, times: Array) -> f
 
 
 class Samples:
-    """States of a motion at given times, as they are reached.
+    """States of a motion at sample times, as they are reached.
 
     Attributes:
         times: (T,), s.
@@ -101,7 +101,7 @@ class Samples:
         self.states[0] = y0
 
     def take(self, states: Array) -> None:
-        """The next ones, (k, 2n); they are passed on to ``record``."""
+        """Append the next ones, (k, 2n), and pass them on to ``record``."""
         rows = slice(self.done, self.done + len(states))
         self.states[rows] = states
         self.done = rows.stop
@@ -120,7 +120,7 @@ class Samples:
             self._record(self.times[-1:], self.states[-1:])
 
     def until(self, stop: IntegrationStopped) -> tuple[Array, Array]:
-        """Times and states of what is there, and the last good state behind them."""
+        """Return times and states so far, and the last good state behind them."""
         times, states = self.times[: self.done], self.states[: self.done]
         if stop.t > times[-1]:
             times, states = np.append(times, stop.t), np.vstack([states, np.concatenate([stop.q, stop.v])])
@@ -151,7 +151,7 @@ def rk4(
                     k4 = f(t + h, y + h * k3)
                     y = y + (h / 6.0) * (k1 + 2.0 * (k2 + k3) + k4)
                 if np.isfinite(y).all():
-                    y, whole, _ = system.arrived(t + h, y)
+                    y, whole, _ = system.accept(t + h, y)
             except (EomgenError, ValueError, ArithmeticError) as error:
                 system.trouble = error
                 raise system.stopped(f"rk4 cannot go on with a step of {h:.3g} s", t, good) from error
@@ -165,7 +165,7 @@ def rk4(
 
 
 def _solver(system: System, control: ErrorControl, y: Array, span: tuple[float, float], first: float = 0.0) -> Any:
-    """SciPy's solver from y over a span, s: the classes that solve_ivp drives, stepped here to show progress.
+    """Return SciPy's solver from y over a span, s: the classes that solve_ivp drives, stepped here to show progress.
 
     The first step, s, is looked for where it is 0.
     """
@@ -173,8 +173,8 @@ def _solver(system: System, control: ErrorControl, y: Array, span: tuple[float, 
     with optional_import("SciPy", f"method {name} needs", '"rk4" works without'):
         from scipy import integrate as scipy_integrate
     system.derivative(t, y)  # a state that cannot move is the caller's: its error comes as it is
-    part = 1.0 if name == "Radau" else system.part  # whose estimate is larger than its error
-    options: dict[str, Any] = {"rtol": max(part * control.rtol, 1e-13), "atol": part * control.atol[system.index]}
+    share = 1.0 if name == "Radau" else system.tolerance_share  # whose estimate is larger than its error
+    options: dict[str, Any] = {"rtol": max(share * control.rtol, 1e-13), "atol": share * control.atol[system.index]}
     if name in SCIPY_IMPLICIT:
         options["jac"] = system.jacobian
     if first:
@@ -186,7 +186,7 @@ def _solver(system: System, control: ErrorControl, y: Array, span: tuple[float, 
 def sampled(
     system: System, y: Array, samples: Samples, control: ErrorControl, report: Progress, watch: ContactWatch
 ) -> None:
-    """Step SciPy's solver from y to the end, and fill the samples; where y begins anew, so does the solver."""
+    """Step SciPy's solver from y to the end, and fill the samples; where y restarts, so does the solver."""
     times, name, whole = samples.times, control.method, samples.states[0]
     last = float(times[-1])
     solver = _solver(system, control, y, (float(times[0]), last))
@@ -210,7 +210,7 @@ def sampled(
         end = int(np.searchsorted(times, solver.t, side="right"))
         try:
             taken = _between(solver, system, times[samples.done : end], (t, before), watch)
-            y, whole, anew = system.arrived(float(solver.t), solver.y)
+            y, whole, anew = system.accept(float(solver.t), solver.y)
         except EomgenError as error:
             system.trouble = error
             raise system.stopped(f"{name} cannot go on", t, y) from error
@@ -222,21 +222,21 @@ def sampled(
 
 
 def _between(solver: Any, system: System, times: Array, begin: tuple[float, Array], watch: ContactWatch) -> Array:
-    """q and v, (k, 2n), at times within the last step, which began at ``begin``; the watch is told of contacts."""
+    """Interpolate (q, v), (k, 2n), at times within the last step, which began at ``begin``; locates contacts, too."""
     if not (times.size or watch.is_needed):
         return np.empty((0, 2 * system.n))
     between = solver.dense_output()
 
     def at(t: float) -> Array:
-        return np.asarray(system.whole(np.array([t]), between(t)[np.newaxis])[0])
+        return np.asarray(system.expand(np.array([t]), between(t)[np.newaxis])[0])
 
     if watch.is_needed:
-        watch.find(*begin, solver.t, system.whole(np.array([solver.t]), solver.y[np.newaxis])[0], at)
-    return system.whole(times, between(times).T) if times.size else np.empty((0, 2 * system.n))
+        watch.find(*begin, solver.t, system.expand(np.array([solver.t]), solver.y[np.newaxis])[0], at)
+    return system.expand(times, between(times).T) if times.size else np.empty((0, 2 * system.n))
 
 
 def tolerances(system: System, q0: Array, options: IntegratorOptions) -> Array:
-    """Absolute ones of (q, v), (2n,)."""
+    """Return absolute tolerances of (q, v), (2n,)."""
     n, rtol, atol = system.n, options.rtol, options.atol
     if atol is None:
         q_sizes, v_sizes = coordinate_sizes(system.kernel, q0)

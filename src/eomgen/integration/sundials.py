@@ -28,7 +28,7 @@ NEAR = 1e-9  # of a time
 def sundials_states(
     system: System, y: Array, samples: Samples, control: ErrorControl, report: Progress, watch: ContactWatch
 ) -> None:
-    """Fill the samples by CVODE or IDA, from y at the first of them; where y begins anew, so does the solver.
+    """Fill the samples by CVODE or IDA, from y at the first of them; where y restarts, so does the solver.
 
     Raises:
         IntegrationStopped: it cannot go on, with the last good state.
@@ -40,19 +40,19 @@ def sundials_states(
         whole = samples.states[samples.done - 1]
         while reached < t:
             try:
-                found = solver.step(float(t))
+                step = solver.step(float(t))
             except EomgenError as error:
                 system.trouble = error
                 raise system.stopped(f"{method} cannot go on", reached, good) from error
-            if not (found.success and np.isfinite(found.y).all()):
-                reason = str(found.message).rstrip(".").lower()
+            if not (step.success and np.isfinite(step.y).all()):
+                reason = str(step.message).rstrip(".").lower()
                 raise system.stopped(f"{method} cannot go on: {reason}", reached, good)
-            reached = float(found.t)
-            good, whole, anew = system.arrived(reached, np.array(found.y))
+            reached = float(step.t)
+            good, whole, anew = system.accept(reached, np.array(step.y))
             system.trouble = None  # it was overcome
             if reached < t:  # an event stopped it
-                for end in np.flatnonzero(found.i_events[-1][: len(watch)]):
-                    watch.note(int(end), reached, whole, bool(found.i_events[-1][end] > 0))
+                for end in np.flatnonzero(step.i_events[-1][: len(watch)]):
+                    watch.note(int(end), reached, whole, bool(step.i_events[-1][end] > 0))
             if anew:
                 solver = _start(system, good, reached, control, watch)
         samples.take(whole[np.newaxis])
@@ -66,7 +66,7 @@ def _start(system: System, y0: Array, t0: float, control: ErrorControl, watch: C
     is_ida = control.method == "IDA"
     function, jacobian, events = _ida(system, watch) if is_ida else _cvode(system, watch)
     options = {"rtol": control.rtol, "atol": control.atol, "max_num_steps": MOST_STEPS, "jacfn": jacobian}
-    count = len(watch) + system.edges(y0).size
+    count = len(watch) + system.chart_events(y0).size
     if count:
         options |= {"eventsfn": events, "num_events": count}
     slopes = system.derivative(t0, y0)  # a state that cannot move is the caller's: its error comes as it is
@@ -108,7 +108,7 @@ def _cvode(system: System, watch: ContactWatch) -> tuple[Any, Any, Any]:
         fill(t, y, lambda: system.jacobian(t, y), out)
 
     def events(_t: float, y: Array, out: Array) -> None:
-        out[:] = np.concatenate([watch.gaps(y), system.edges(y)])
+        out[:] = np.concatenate([watch.gaps(y), system.chart_events(y)])
 
     return right_side, jacobian, events
 
@@ -123,6 +123,6 @@ def _ida(system: System, watch: ContactWatch) -> tuple[Any, Any, Any]:
         fill(t, y, lambda: system.residual_jacobian(t, y, slopes, c), out)
 
     def events(_t: float, y: Array, _slopes: Array, out: Array) -> None:
-        out[:] = np.concatenate([watch.gaps(y), system.edges(y)])
+        out[:] = np.concatenate([watch.gaps(y), system.chart_events(y)])
 
     return residual, jacobian, events

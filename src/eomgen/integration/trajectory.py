@@ -1,4 +1,4 @@
-"""A sampled motion, and how it is made of what a method of integration leaves."""
+"""Sampled motions, made of the samples of an integration."""
 
 from __future__ import annotations
 
@@ -29,21 +29,21 @@ class Trajectory(Shown, Tabular):
 
     Attributes:
         t: times, (T,), s.
-        q, v: coordinates and rates, (T, n); angles go on next to those of the sample before (see ``quaternions``).
+        q, v: coordinates and velocities, (T, n); angles are unwrapped from sample to sample (see ``quaternions``).
         u: drives, (T, n), N or N m.
         energy: kinetic and potential energy, (T, 2), J.
         coordinates: names, (n,).
-        method: the method that was used; where some took turns, the one that led on for most of the time.
+        method: the method that was used; with stiffness switching the one that advanced for most of the time.
         info: numbers of steps (0: not known), evaluations (of forward or inverse dynamics) and jacobians; wall_s, s.
-            Of C also rejected, the steps that were tried again, and, where methods took turns, implicit_s, the time
-            that rosenbrock and radau led on by, s, and, where radau took turns, its own radau_s.  Where there is
-            friction, friction_smoothing is the largest rate w (m/s or rad/s) over which one turns round: what it holds
-            with the part x of its limit creeps at w x / sqrt(1 - x^2).
-        contacts: when clearances closed and opened, by time.
-        rests: when friction held a coordinate, by time; see ``resting.rests``.
-        works: (T, 4), J, from the first sample on, integrated with the motion; None where that was not asked for.  Of
-            the drives, of what moves prescribed coordinates, of external wrenches, and what dampers and friction took
-            (``eomgen.runtime.stepping.input_signals.WORKS``).
+            Of C also rejected, the steps that were tried again, and, with stiffness switching, implicit_s, the time
+            that rosenbrock and radau advanced, s, and, with radau among them, radau_s of it.  Where there is
+            friction, friction_smoothing is the largest smoothing velocity w (m/s or rad/s): a coordinate that friction
+            holds with the fraction x of its limit creeps at w x / sqrt(1 - x^2).
+        contacts: contact events: clearances that closed and opened, by time.
+        rests: intervals in which friction held a coordinate (stiction), by time; see ``resting.rests``.
+        works: work integrals, (T, 4), J, from the first sample on, integrated with the motion; None where that was not
+            asked for.  Of the drives, of the forces of prescribed motions, of external wrenches, and what dampers and
+            friction dissipated (``eomgen.runtime.stepping.input_signals.WORKS``).
     """
 
     t: Array
@@ -62,16 +62,16 @@ class Trajectory(Shown, Tabular):
         object.__setattr__(self, "info", MappingProxyType(dict(self.info)))
 
     def of(self, coordinate: str) -> Array:
-        """One coordinate over time, (T,), m or rad; InputError if there is none of that name."""
+        """Return one coordinate over time, (T,), m or rad; InputError if there is none of that name."""
         if coordinate not in self.coordinates:
             raise InputError(f"coordinate: {coordinate!r} is unknown; known: {', '.join(self.coordinates)}")
         return self.q[:, self.coordinates.index(coordinate)]
 
     def quaternion(self, joint: str) -> Array:
-        """Rotation of a joint's angles alpha, beta and gamma over time as unit quaternions (w, x, y, z), (T, 4).
+        """Return a joint's rotation over time as unit quaternions (w, x, y, z), (T, 4).
 
-        From the moved joint's axes to those of its described placement, without offsets.  They have no singularity,
-        and follow one another without a jump of sign, from w >= 0 on.
+        From the joint frame after the motion (child side) to that of its described placement, without offsets.  They
+        have no singularity, and follow one another without a jump of sign, from w >= 0 on.
 
         Raises:
             InputError: there are no such three coordinates.
@@ -86,11 +86,11 @@ class Trajectory(Shown, Tabular):
     @property
     def quaternions(self) -> Array | None:
         """Unit quaternions of the joints of ``rotating``, as ``quaternion`` has them, (T, k, 4); None without any."""
-        found = joint_quaternions(self.coordinates, self.q)
-        return np.stack(list(found.values()), axis=1) if found else None
+        by_joint = joint_quaternions(self.coordinates, self.q)
+        return np.stack(list(by_joint.values()), axis=1) if by_joint else None
 
     def as_rows(self) -> Rows:
-        """A row per time: every coordinate, with .rate and .drive, and energy.kinetic and energy.potential.
+        """Return a row per time: every coordinate, with .rate and .drive, and energy.kinetic and energy.potential.
 
         Joints with alpha, beta and gamma have .qw, .qx, .qy and .qz besides, the unit quaternions of ``quaternion``.
         """
@@ -101,13 +101,13 @@ class Trajectory(Shown, Tabular):
 
 
 def motion_columns(motion: Trajectory) -> dict[str, tuple[str, Array]]:
-    """Unit and values over time, (T,), by name: coordinates with .rate and .drive, then quaternions of joints."""
-    found: dict[str, tuple[str, Array]] = {}
+    """Return unit and values over time, (T,), by name: coordinates with .rate and .drive, then joint quaternions."""
+    columns: dict[str, tuple[str, Array]] = {}
     for i, name in enumerate(motion.coordinates):
         unit = unit_of(name)
-        found[name], found[f"{name}.rate"] = (unit, motion.q[:, i]), (f"{unit}/s", motion.v[:, i])
-        found[f"{name}.drive"] = (force_unit_of(name), motion.u[:, i])
-    return found | {name: ("", x) for name, x in quaternion_columns(motion.coordinates, motion.q).items()}
+        columns[name], columns[f"{name}.rate"] = (unit, motion.q[:, i]), (f"{unit}/s", motion.v[:, i])
+        columns[f"{name}.drive"] = (force_unit_of(name), motion.u[:, i])
+    return columns | {name: ("", x) for name, x in quaternion_columns(motion.coordinates, motion.q).items()}
 
 
 def trajectory_of(
@@ -116,7 +116,7 @@ def trajectory_of(
     run: Callable[[], None],
     described: Callable[[Array, Array, Array], Mapping[str, Any]],
 ) -> Trajectory:
-    """The trajectory of the samples that ``run`` fills.
+    """Return the trajectory of the samples that ``run`` fills.
 
     Args:
         described: ``described(t, q, v)`` gives the fields that say how the motion came about, by their names.
@@ -151,7 +151,7 @@ def trajectory_of(
 
 
 def _with_forces(system: System, times: Array, states: Array) -> tuple[dict[str, Any], ArrayError | None]:
-    """Fields of the motion with drives, energies and works as far as these are finite, and why no further."""
+    """Return the motion's fields with drives, energies and works as far as these are finite, and why no further."""
     n = system.n
     q, v = np.ascontiguousarray(states[:, :n]), np.ascontiguousarray(states[:, n:])
     u, trouble = system.forces_over(times, q, v)

@@ -1,4 +1,4 @@
-"""The equations of motion of robots with joints that turn freely, in angles that are not singular."""
+"""Equations of motion of robots with joints of 3-DOF rotation: chart switching of Euler angles."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ from ..state.turning import Turns
 from .closed import ClosedSystem
 from .system import System
 
-LATE = 0.8 * SINGULAR  # of |cos beta|, at which a method that looks for events stops: y surely begins anew there
+LATE = 0.8 * SINGULAR  # of |cos beta|, at which a method that looks for events stops: the chart surely changes there
 
 
 class TurningSystem(System):
-    """The equations of motion, y = (q, v) with other coordinates of joints whose described angles are singular.
+    """Equations of motion, y = (q, v) in the other chart of joints whose described Euler angles are singular.
 
-    Where |cos beta| of such a joint becomes small, y begins anew with its other angles, and with the described ones
-    when those are singular.  Drives, wrenches and prescribed motions are asked in described coordinates, and so are
-    results; a force on a described angle keeps its meaning.
+    Where |cos beta| of such a joint becomes small, y restarts in its other chart, and in the described one when that
+    is singular.  Drives, wrenches and prescribed motions are evaluated in described coordinates, and so are results;
+    a force on a described angle keeps its meaning.
     """
 
     def __init__(self, kernel: Kernel, *loads: Any) -> None:
         super().__init__(kernel, *loads)
         self._turns = Turns(kernel)
-        self._told = np.zeros(kernel.n)  # q of the state that was reached, as described
+        self._reference = np.zeros(kernel.n)  # q of the state that was reached, as described
 
     @property
     def index(self) -> Index:
-        """Places of y in (q, v) as described: where origins are turned, those of the axes that they have."""
+        """Places of y in described (q, v): of joints in their other chart, translations along that chart's axes."""
         places = np.arange(2 * self.n)
         for _, origin in self._turns.places:
             for first in () if origin < 0 else (origin, self.n + origin):
@@ -41,101 +41,101 @@ class TurningSystem(System):
         return np.asarray(places[super().index])
 
     def begin(self, t: float, q: Array, v: Array) -> Array:
-        """y of the state at the first time, (n,) each; what has to be put right is put into its arrays."""
-        self._told = q.copy()
+        """Return y of the initial state, q and v, (n,) each; corrects these in place."""
+        self._reference = q.copy()
         whole = self._turn(singular_joints(q, self._turns.joints), np.concatenate([q, v]))
-        given = whole.copy()
+        unchanged = whole.copy()
         y = super().begin(t, *np.split(whole, 2))
-        if not np.array_equal(whole, given):
+        if not np.array_equal(whole, unchanged):
             q[:], v[:] = np.split(self.described(whole[np.newaxis])[0], 2)
         return y
 
-    def whole(self, times: Array, ys: Array) -> Array:
-        """q and v as described, (N, 2n), of y, (N, size), at the times; angles follow those of the last state."""
-        return self.described(super().whole(times, ys))
+    def expand(self, times: Array, ys: Array) -> Array:
+        """Expand states y, (N, size), at times, (N,), to described (q, v), (N, 2n), unwrapped from the last state."""
+        return self.described(super().expand(times, ys))
 
     def described(self, whole: Array) -> Array:
-        """q and v as described, (N, 2n), of those in the coordinates of ``here``."""
-        return self._turns.back(whole, self._told)
+        """Convert states (q, v), (N, 2n), from the coordinates of ``here`` to those of the description."""
+        return self._turns.back(whole, self._reference)
 
-    def arrived(self, t: float, y: Array) -> tuple[Array, Array, bool]:
-        """y to go on with from t, where a step has led, q and v there, and whether y begins anew."""
-        y, reached, anew = super().arrived(t, y)
+    def accept(self, t: float, y: Array) -> tuple[Array, Array, bool]:
+        """Accept a step that led to t: return the next y, described (q, v), and whether the chart changed."""
+        y, reached, anew = super().accept(t, y)
         whole = self.described(reached[np.newaxis])[0]
-        self._told = whole[: self.n].copy()
+        self._reference = whole[: self.n].copy()
         singular = singular_joints(reached, self._turns.joints)
         if not singular:
             return y, whole, anew
         return self.resume(self._turn(self._turns.turned ^ singular, whole)), whole, True
 
-    def edges(self, y: Array) -> Array:
-        """Numbers of which none changes its sign between two times at which y begins anew."""
+    def chart_events(self, y: Array) -> Array:
+        """Evaluate event functions whose zeros are chart switches, (k,)."""
         return np.array([abs(np.cos(y[first + 1])) - LATE for first, _ in self._turns.joints.values()])
 
     def forces(self, t: float, q: Array, v: Array) -> Array:
-        """u in a described state: the drives, and what the motion of prescribed coordinates needs."""
+        """Evaluate actuator forces in a described state, (n,): the drives, and forces of prescribed motions."""
         u = np.array(super().drives(t, q, v))
-        if self._given:
-            self._told = q.copy()
+        if self._prescribed_index:
+            self._reference = q.copy()
             y = self._turn(singular_joints(q, self._turns.joints), np.concatenate([q, v]))
-            u[self._given] = super().forces(t, y[: self.n], y[self.n :])[self._given]
+            u[self._prescribed_index] = super().forces(t, y[: self.n], y[self.n :])[self._prescribed_index]
         return u
 
-    def _needed(self, q: Array, v: Array, u: Array, wrench: ArrayLike | None) -> Array:
-        """Forces that motions which are given need, at their places in (T, n), where u has their accelerations."""
-        found = np.empty_like(q)
+    def _prescribed_forces(self, q: Array, v: Array, u: Array, wrench: ArrayLike | None) -> Array:
+        """Compute forces of prescribed motions, at their columns of (T, n), where u has their accelerations."""
+        forces = np.empty_like(q)
         for rows, x, rate in self._regular(q, v):
             pull = wrench if wrench is None or np.ndim(wrench) < 3 else np.asarray(wrench)[rows]
-            found[rows] = super()._needed(x, rate, self._turns.forces(u[rows], q[rows], x), pull)
-        return found
+            forces[rows] = super()._prescribed_forces(x, rate, self._turns.forces(u[rows], q[rows], x), pull)
+        return forces
 
     def drives(self, t: float, q: Array, v: Array) -> Array:
-        """u of one state, (n,), or of a batch, (N, n), on the coordinates that y has."""
+        """Evaluate the drives in one state, (n,), or a batch, (N, n), on the coordinates of y."""
         if not self._turns.turned or self._drive is None:
             return super().drives(t, q, v)
-        told = self._told_beside(q, v)
-        return self._turns.forces(super().drives(t, *told), told[0], q)
+        described = self._described_beside(q, v)
+        return self._turns.forces(super().drives(t, *described), described[0], q)
 
     def wrench(self, t: float, q: Array, v: Array) -> ArrayLike | None:
-        """External wrenches in one state, (links, 6)."""
+        """Evaluate external wrenches in one state, (links, 6)."""
         if not self._turns.turned or not callable(self._wrench):
             return super().wrench(t, q, v)
-        return super().wrench(t, *self._told_beside(q, v))
+        return super().wrench(t, *self._described_beside(q, v))
 
-    def _told_beside(self, q: Array, v: Array) -> tuple[Array, Array]:
-        """Described q and v of one state, or of a batch whose states lie about one."""
+    def _described_beside(self, q: Array, v: Array) -> tuple[Array, Array]:
+        """Return described q and v of one state, or of a batch of states about one."""
         ys = np.atleast_2d(np.concatenate([q, v], axis=-1))
-        found = self.described(ys).reshape(*q.shape[:-1], 2 * self.n)
-        return found[..., : self.n], found[..., self.n :]
+        states = self.described(ys).reshape(*q.shape[:-1], 2 * self.n)
+        return states[..., : self.n], states[..., self.n :]
 
     def _turn(self, turned: frozenset[str], whole: Array) -> Array:
-        """q and v of a described state with these joints turned, which are so from now on."""
+        """Switch these joints to their other chart from now on; return a described state's (q, v) there, (2n,)."""
         self._turns.take(turned)
         self.here = self._turns.here
         return np.array(self._turns.on(whole[np.newaxis])[0])
 
     def _regular(self, q: Array, v: Array) -> Iterator[tuple[Index, Array, Array]]:
-        """Samples in angles that are not singular, where ``here`` is of these: their rows, and q and v of them."""
+        """Yield groups of samples in charts that are not singular, with ``here`` set to each: rows, q and v."""
         for rows in self._turns.regular(q):
             self.here = self._turns.here
-            part = self._turns.on(np.hstack([q[rows], v[rows]]))
-            yield rows, np.ascontiguousarray(part[:, : self.n]), np.ascontiguousarray(part[:, self.n :])
+            states = self._turns.on(np.hstack([q[rows], v[rows]]))
+            yield rows, np.ascontiguousarray(states[:, : self.n]), np.ascontiguousarray(states[:, self.n :])
 
 
 class ClosedTurningSystem(TurningSystem, ClosedSystem):
-    """System of a mechanism with closed loops: y has the independent ones of the coordinates that are taken."""
+    """Equations of motion of a mechanism with closed loops: y has independent coordinates of the current chart."""
 
     def margins(self, q: Array) -> Array | None:
-        """How far samples, (T, n), are from singular poses, (T,); None where that would take long."""
-        found = np.empty(len(q))
-        for rows, part, _ in self._regular(q, np.zeros_like(q)):
-            margins = super().margins(part)
-            if margins is None:
+        """Return distances of samples, (T, n), from singular poses, (T,); None where that would take long."""
+        margins = np.empty(len(q))
+        for rows, regular, _ in self._regular(q, np.zeros_like(q)):
+            at_rows = super().margins(regular)
+            if at_rows is None:
                 return None
-            found[rows] = margins
-        return found
+            margins[rows] = at_rows
+        return margins
 
     def about(self, q: Array, v: Array) -> dict[str, float]:
-        """Counts of calls, and more that is said of the motion with samples q and v, (T, n)."""
-        found = [super(ClosedTurningSystem, self).about(*part) for _, *part in self._regular(q, v)]
-        return {key: max(part[key] for part in found) for key in found[0]}
+        """Return counts of calls, and more figures of the motion with samples q and v, (T, n)."""
+        groups = [super(ClosedTurningSystem, self).about(*states) for _, *states in self._regular(q, v)]
+        return {key: max(group[key] for group in groups) for key in groups[0]}

@@ -1,4 +1,4 @@
-"""Motions that end where a number of theirs reaches a value: a coordinate, or the distance of a frame from a point."""
+"""Terminal events of motions: a coordinate, or the distance of a frame from a point, reaches a value."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ CORRECTIONS = 6  # of a time, by secants
 
 @dataclass(eq=False)
 class Reached(Exception):
-    """The end of a motion that has reached what it was to go on to.
+    """The end of a motion that has reached its terminal event.
 
     Attributes:
         t: s.
@@ -37,7 +37,7 @@ class Reached(Exception):
     until: Until
 
     def exactly(self, move: Callable[[float, Array, float], Array]) -> Reached:
-        """Find it by a time and state that steps lead to, instead of a polynomial between two steps' ends.
+        """Refine the event by steps to its time, instead of a polynomial between two steps' ends.
 
         Args:
             move: t, state there, and a later time -> the state then, (2n,).
@@ -58,7 +58,7 @@ class Reached(Exception):
 
 @dataclass(frozen=True, eq=False)
 class Until:
-    """A motion goes on until a number of its states reaches a value, from either side.
+    """A terminal event: a number of the motion's states reaches a value, from either side.
 
     Attributes:
         text: what is reached, for notes.
@@ -70,7 +70,7 @@ class Until:
 
     @classmethod
     def coordinate(cls, kernel: Kernel, name: str, value: float) -> Until:
-        """A coordinate reaches a value, m or rad.
+        """Return the event that a coordinate reaches a value, m or rad.
 
         Raises:
             InputError: there is no coordinate of that name, or the value is not finite.
@@ -86,7 +86,7 @@ class Until:
 
     @classmethod
     def distance(cls, kernel: Kernel, frame: str, point: ArrayLike, distance: float) -> Until:
-        """A frame's or link's origin is so far from a point, (3,), m, base axes.
+        """Return the event that a frame's or link's origin is at a distance, m, from a point, (3,), m, base frame.
 
         Raises:
             InputError: there is no such frame, a number is not finite, or the distance is not greater than 0.
@@ -110,7 +110,7 @@ class Until:
         return cls(f"{frame} at {distance:g} m from {place.tolist()}", beyond)
 
     def look(self, times: Array, states: Array, at: Callable[[float], Array]) -> None:
-        """Look for the value between states, (k, 2n), that follow each other at times, (k,), s.
+        """Look for the value between successive states, (k, 2n), at times, (k,), s.
 
         Args:
             times, states: of the ends of steps.
@@ -131,7 +131,7 @@ class Until:
             raise Reached(high, at(high), at, (float(times[k]), states[k]), self)
 
     def of(self, states: Array) -> Array:
-        """How far the number is beyond the value in states, (N, 2n)."""
+        """Return the number less the value in states, (N, 2n), (N,)."""
         n = states.shape[1] // 2
         return self.beyond(states[:, :n], states[:, n:])
 

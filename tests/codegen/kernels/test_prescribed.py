@@ -254,7 +254,7 @@ def test_integrations_that_are_refused(built: Build) -> None:
         with pytest.raises(kind, match=match):
             integrate(kernel, [0.0, 0.0], [0.0, 0.0], 0.1, prescribed=prescribed)
 
-    refused(InputError, r"the motion of shaker\.z is not given", None)
+    refused(InputError, r"the motion of shaker\.z is missing", None)
     refused(ArrayError, "three arrays of 1 finite numbers", lambda t: (np.zeros(2), np.zeros(2), np.zeros(2)))
     refused(ArrayError, "three arrays of 1 finite numbers", lambda t: ([np.nan], [0.0], [0.0]))
     with pytest.raises(InputError, match="has no prescribed coordinate"):
