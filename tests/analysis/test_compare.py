@@ -135,7 +135,7 @@ def test_wrong_input_is_said(built: Build) -> None:
     limits = np.tile([-0.1, 0.1], (6, 1))
     with pytest.raises(InputError, match="ur5_rigid: tcp does not reach"):
         ToolLine(kernel, "tcp", [0.4, 0.1, 0.2], [0.4, -0.2, 0.3], 1.0, guess=np.zeros(6), limits=limits)
-    with pytest.raises(InputError, match="motion is given together"):
+    with pytest.raises(InputError, match="motion stands beside start or goal"):
         simulate(rod, motion=PointToPoint(np.zeros(1), np.ones(1), 1.0), goal=[1.0])
 
 

@@ -23,7 +23,7 @@ from eomgen.progress import no_progress
 from eomgen.robot.value import INERTIA_KEYS, Robot
 from eomgen.runtime.stepping.packed_inputs import plain_signal
 from eomgen.scenario.value import Section
-from eomgen.simulation.loads import joined
+from eomgen.simulation.loads import combined_body
 from tests.support.browser import Page, open_page
 
 ROOT = Path(__file__).parents[2]
@@ -111,7 +111,7 @@ def test_the_modules_of_the_page(tmp_path: Path) -> None:
     np.testing.assert_allclose(v[[0, 1, 2, 4]], [0.0, 1.875, 0.0, 0.0])
     assert abs(a[1]) < 1e-12
     assert found["between"] == [[0, 0], [0, 0], [0, 0.25], [2, 0], [2, 0]]
-    both = parameters(joined(link, [eomgen.Link("payload", 0.7, point, (0.0,) * 6)]))
+    both = parameters(combined_body(link, [eomgen.Link("payload", 0.7, point, (0.0,) * 6)]))
     assert found["loaded"] == pytest.approx(both, rel=1e-13)
     assert found["fragment"].startswith("#") and "<" not in found["fragment"]  # noqa: PT018
     assert found["values"] == [1.25e-7, "none", False]

@@ -477,7 +477,7 @@ def test_closed_mechanisms_move_as_by_python(label: str, text: str) -> None:
         for method, rtol in (("auto", "1e-9"), ("Radau", "1e-10"))
     )
     assert found.trajectory.method in IN_C
-    assert any("tsit5 and rosenbrock (implicit) in turn" in note for note in found.notes)
+    assert any("stiffness switching between tsit5 and rosenbrock (implicit)" in note for note in found.notes)
     for name, limit in (("q", 1e-8), ("v", 1e-7), ("u", 1e-6)):
         mine, other = (getattr(x.trajectory, name) for x in (found, wanted))
         assert np.abs(mine - other).max() <= limit * max(1.0, np.abs(other).max())

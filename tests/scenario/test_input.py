@@ -44,7 +44,7 @@ MEETING = [  # what a robot cannot do: robot, text, place, reason
         "shaken_arm",
         "[[prescribed]]\ntype = 'harmonic'\ncoordinate = 'mount.x'\namplitude = 1\nfrequency = 1",
         "prescribed",
-        "mount.y, mount.z, mount.alpha, mount.beta, mount.gamma is not given",
+        "mount.y, mount.z, mount.alpha, mount.beta, mount.gamma is missing",
     ),
     ("one_link", "[initial]\nequilibrium = true\nq = { joint1 = 0.3 }\n[integrator]\natol = -1", None, "atol"),
 ]
@@ -75,11 +75,11 @@ def test_meeting_a_robot(robot: str, text: str, place: str | None, reason: str) 
 
 def test_names_that_are_given_twice() -> None:
     text = DURATION + "[initial]\nq = { joint1 = 1, 'joint1.gamma' = 1 }"
-    with pytest.raises(InputError, match=r"bad.toml:[0-9:]* initial.q.joint1.gamma: joint1.gamma is given twice"):
+    with pytest.raises(InputError, match=r"bad.toml:[0-9:]* initial.q.joint1.gamma: joint1.gamma stands twice"):
         run_scenario(eomgen.load_robot("one_link"), scenario_from_toml(text, source="bad.toml"))
     shake = "[[prescribed]]\ntype = 'harmonic'\ncoordinate = 'mount.x'\namplitude = 1\nfrequency = 1\n"
     with pytest.raises(
-        InputError, match=r"bad.toml:[0-9:]* prescribed\[1\].coordinate: the motion of mount.x is given before"
+        InputError, match=r"bad.toml:[0-9:]* prescribed\[1\].coordinate: the motion of mount.x is there already"
     ):
         run_scenario(eomgen.load_robot("shaken_arm"), scenario_from_toml(DURATION + 2 * shake, source="bad.toml"))
     text = DURATION + shake + "[initial]\nq = { mount.x = 1 }"
@@ -135,7 +135,7 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = ["-o", str(tmp_path / "out"), "--no-plots"]
     assert cli.main(["simulate", "one_link", "--scenario", str(path), *out]) == 0
     printed = capsys.readouterr().out
-    assert "2 coordinates, no program, 0.1 s" in printed
+    assert "2 coordinates, no reference, 0.1 s" in printed
     assert "energy: " in printed
     result = eomgen.load_result(tmp_path / "out" / "trajectory.npz")
     assert result.series("joint1.gamma").values[0] == 0.3

@@ -185,7 +185,9 @@ def test_drives_that_do_not_hold_or_contradict_are_refused() -> None:
     with pytest.raises(LoopError, match=r"not held by drives at .*: leg6\.z stays loose; allowed: .* all 6 freedoms"):
         run(replace(robot, driven=robot.driven[:5]), "duration = 0.1\n[motion]\ntype = 'point_to_point'\n")
     many = replace(eomgen.load_robot("four_bar"), driven=None)
-    with pytest.raises(LoopError, match=r"joint4 opens on the program at t = .*: joint3\.gamma is off by .*; allowed"):
+    with pytest.raises(
+        LoopError, match=r"joint4 opens on the reference at t = .*: joint3\.gamma is off by .*; allowed"
+    ):
         run(many, "duration = 0.1\n[motion]\ntype = 'point_to_point'\n")
     held = run(many, "duration = 0.1\n[control]\ntype = 'computed_torque'\n")
     assert np.count_nonzero(np.abs(held.trajectory.u[0]) > 1e-6) == 3  # the least drives share the load

@@ -13,7 +13,7 @@ import eomgen
 from eomgen.integration.solve import integrate
 from eomgen.robot.value import Joint, Link, Placement, Robot
 from eomgen.scenario.load import scenario_from_toml
-from eomgen.simulation.loads import Wrenches, joined
+from eomgen.simulation.loads import Wrenches, combined_body
 from eomgen.simulation.run import run_scenario
 from tests.oracles.mujoco_models import MujocoRobot
 from tests.support.random_robots import random_robot
@@ -125,7 +125,7 @@ def test_bodies_are_joined_as_pinocchio_adds_inertias() -> None:
     for _ in range(5):
         pin.seed(int(rng.integers(1000)))
         (a, pin_a), (b, pin_b), (c, pin_c) = body(), body(), body()
-        found, expected = joined(a, [b, c]), pin_a + pin_b + pin_c
+        found, expected = combined_body(a, [b, c]), pin_a + pin_b + pin_c
         xx, yy, zz, xy, xz, yz = found.inertia
         assert found.mass == pytest.approx(expected.mass)
         assert np.allclose(found.com, expected.lever, atol=1e-13)

@@ -48,7 +48,7 @@ def test_the_elastic_puma(elastic: eomgen.SimulationResult) -> None:
     motion = elastic.trajectory
     assert motion.q.shape == (1001, 36)
     assert motion.method in ("tsit5", "rosenbrock")
-    assert "in turn" in elastic.notes[0]
+    assert "stiffness switching" in elastic.notes[0]
     assert elastic.program_coordinates == tuple(f"joint{i}.gamma" for i in range(1, 7))
     assert elastic.deviations.shape == (1001, 30)
     assert 20e-6 < np.linalg.norm(elastic.tool_deviation, axis=1).max() < 500e-6

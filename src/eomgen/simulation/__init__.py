@@ -1,4 +1,4 @@
-"""Robot and Scenario -> SimulationResult: programs, drives, loads, segments, energy balance, files of results.
+"""Robot and Scenario -> SimulationResult: reference motions, drives, loads, segments, energy balance, files of results.
 
 Uses runtime, robot, results, forms, description, state, loops, motion, integration, scenario and pipeline.
 """

@@ -1,4 +1,4 @@
-"""A scenario meets a robot: kernels are built, names are found, drives and motions made."""
+"""A scenario meets a robot: kernels are built, names resolved, drives and motions made."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from ..runtime.stepping.saturation import efforts_of
 from ..scenario.value import Scenario, Section
 from ..state.motors import shafts
 from ..state.springs import any_spring
-from .controls import AtJoints, ComputedTorque, Control, JointPD, NoControl, TableTorque, actuators
+from .controls import ComputedTorque, Control, JointMotion, JointPD, NoControl, TableTorque, actuators
 from .loads import Wrenches, check_loads, with_payload_parameters
 from .mechanism import Mechanism, Path, mechanism_of
 from .programs import PrescribedMotion, make_program
@@ -63,16 +63,16 @@ class Facts:
 
 @dataclass(frozen=True)
 class Assembly:
-    """A scenario for one robot: kernel, names of the driven coordinates, program, drives, wrenches, prescribed motion.
+    """A scenario for one robot: kernel, driven coordinates, reference trajectory, drives, wrenches, prescribed motion.
 
-    given: initial positions by coordinate, as the scenario has them.  path: of the rigid mechanism along the program,
-    where there are loops.  until: what the motion goes on to, if not to the duration.  wanted: program that the one of
-    the drives corrects, if it does.
+    initial_q: initial positions by coordinate, as the scenario has them.  path: of the rigid mechanism along the
+    reference, where there are loops.  until: terminal event, if any.  wanted: the reference that the drives' one
+    corrects (``program`` is a compensated path then).
     """
 
     kernel: Kernel
     driven: tuple[str, ...]
-    given: Mapping[str, float]
+    initial_q: Mapping[str, float]
     program: Program | None
     drive: Control
     wrenches: Wrenches | None
@@ -84,7 +84,7 @@ class Assembly:
 
     @property
     def shown(self) -> Program | None:
-        """The program that results are compared with."""
+        """The reference that results are compared with."""
         return self.program if self.wanted is None else self.wanted
 
 
@@ -102,7 +102,7 @@ def assemble(
         robot, scenario, report: as of ``run_scenario``.
         tool: that of paths.
         kernels: are built, in one library; without names each is when it is called.
-        ahead: begins to build those that the scenario's integrator calls, if no names are given.
+        ahead: begins to build those that the scenario's integrator calls, without ``kernels``.
     """
     model = build_model(robot)
     names = [model.coordinates[i] for i in model.prescribed]
@@ -121,7 +121,7 @@ def assemble(
         scenario.fail(
             "motion", f"nothing follows it under control.type = {control.type!r}; allowed: pd, computed_torque"
         )
-    given = by_coordinate(robot, scenario, "q", scenario.initial.q if scenario.initial else {})
+    initial_q = by_coordinate(robot, scenario, "q", scenario.initial.q if scenario.initial else {})
     changing = with_payload_parameters(robot, scenario)
     kernel = _kernel(changing, scenario, kernels, report)
     if ahead is not None and kernels is None and not robot.is_closed:
@@ -135,7 +135,7 @@ def assemble(
             robot.rigid(), kernels=rigid_kernels(robot), progress=lambda text: report(0.0, f"rigid model: {text}")
         )
 
-    start = {**leading_home(robot), **given}
+    start = {**leading_home(robot), **initial_q}
     if prescribed is not None:
         start |= dict(zip(names, prescribed(0.0)[0].tolist(), strict=True))
     program: Program | None = None
@@ -149,24 +149,24 @@ def assemble(
         program = Standstill(np.array([start.get(name, 0.0) for name in driven]))
     path = None
     if robot.is_closed and program is not None:
-        moved = None if prescribed is None else _at_joints(kernel, rigid(), prescribed)
+        moved = None if prescribed is None else _joint_motion(kernel, rigid(), prescribed)
         begin = start | dict(zip(driven, program.at(0.0)[0].tolist(), strict=True))
         if moved is not None:
             begin |= dict(zip(rigid().prescribed, moved(0.0)[0].tolist(), strict=True))
         path = mechanism_of(rigid(), driven, begin).path(program, moved, scenario.duration)
     mechanism = None if path is None else path.mechanism
-    followed = _Followed(driven, program, prescribed, mechanism)
-    drive = _drive(robot, scenario, control, kernel, rigid, followed)
+    context = _DriveContext(driven, program, prescribed, mechanism)
+    drive = _drive(robot, scenario, control, kernel, rigid, context)
     if control.get("saturate"):
         drive = _saturated(scenario, kernel, driven, drive, mechanism)
     wrenches = Wrenches(scenario, robot, kernel) if scenario.wrenches else None
     facts = Facts(record_of(robot), robot_hash(robot), scenario.as_dict(), is_rigid(robot))
     until = _until(scenario, robot, kernel)
-    return Assembly(kernel, driven, given, program, drive, wrenches, prescribed, path, until, facts, wanted)
+    return Assembly(kernel, driven, initial_q, program, drive, wrenches, prescribed, path, until, facts, wanted)
 
 
 def _wanted(scenario: Scenario, robot: Robot, make: Callable[[Scenario], Program]) -> Program | None:
-    """The program that a sampled one corrects; None where it says of none."""
+    """Return the reference that a sampled one corrects; None where it names none."""
     motion = scenario.motion
     if motion is None or motion.get("wanted") is None:
         return None
@@ -176,20 +176,20 @@ def _wanted(scenario: Scenario, robot: Robot, make: Callable[[Scenario], Program
 
 
 def is_rigid(robot: Robot) -> bool:
-    """Whether nothing of a robot but what its rigid robot has, too, can move."""
+    """Return whether a robot has no deviations: nothing moves but what its rigid robot has, too."""
     rigid = robot.rigid()
     return all(getattr(rigid, key) == getattr(robot, key) for key in ("joints", "loops", "couplings"))
 
 
 def rigid_kernels(robot: Robot) -> tuple[str, ...]:
-    """Names of the kernels of the rigid robot that drives and programs call."""
+    """Return the names of the rigid robot's kernels that drives and references call."""
     rigid = robot.rigid()
     closing = mechanism_kernels(rigid)
     return ("kinematics", *closing) if closing else RIGID_KERNELS
 
 
 def _kernel(robot: Robot, scenario: Scenario, kernels: tuple[str, ...] | None, report: Progress) -> Kernel:
-    """A kernel with these functions in one library, or one whose functions are built when they are called."""
+    """Return a kernel with these functions in one library, or one whose functions are built when they are called."""
     if kernels is not None:
         return build(robot, kernels=kernels, progress=lambda text: report(0.0, text))
     report(0.0, f"building kernels of {robot.name}")
@@ -202,14 +202,14 @@ def _kernel(robot: Robot, scenario: Scenario, kernels: tuple[str, ...] | None, r
 
 
 def _begin(ahead: Ahead, kernel: Kernel, kernels: tuple[str, ...], turns: tuple[str, ...]) -> None:
-    """Begin to build what the integrator will call; Python works on what is longest while a compiler works already.
+    """Begin to build what the integrator will call, the longest build first.
 
     turns: methods that "auto" takes in C.
     """
-    own = [name for name in kernels if name in kernel.raw.rollouts]
-    if len(own) > 1:  # one of them takes all steps
-        own = [rollout_of(RADAU if RADAU in turns else AUTO)]
-    for rollout in own:
+    rollouts = [name for name in kernels if name in kernel.raw.rollouts]
+    if len(rollouts) > 1:  # one of them takes all steps
+        rollouts = [rollout_of(RADAU if RADAU in turns else AUTO)]
+    for rollout in rollouts:
         kernel.raw.libraries.about(rollout)  # which derives it
         ahead.build(kernel, rollout)
     ahead.build(kernel, "mass_matrix")
@@ -220,7 +220,7 @@ def _begin(ahead: Ahead, kernel: Kernel, kernels: tuple[str, ...], turns: tuple[
 
 
 def _refuse_undriven(robot: Robot, moved: tuple[str, ...]) -> None:
-    """InputError if a program moves coordinates of a tree that its description gives no drive."""
+    """Raise InputError if a reference moves coordinates of a tree without an actuator in the description."""
     if robot.driven is None or robot.is_closed:
         return
     drives = {drive_of(robot, leading_coordinate(robot, name)) for name in robot.driven}
@@ -233,16 +233,16 @@ def _refuse_undriven(robot: Robot, moved: tuple[str, ...]) -> None:
 
 
 def kernels_of(robot: Robot, scenario: Scenario) -> tuple[str, ...]:
-    """Names of the kernels that the scenario's integrator may call."""
-    own = _rollouts(scenario)
+    """Return the names of the kernels that the scenario's integrator may call."""
+    rollouts = _rollouts(scenario)
     closing = mechanism_kernels(robot)
     if closing:
-        return (*closing, *CLOSED_KERNELS, *own)
-    return (*KERNELS, *own) if scenario.integrator.method in EXPLICIT or own else IMPLICIT_KERNELS
+        return (*closing, *CLOSED_KERNELS, *rollouts)
+    return (*KERNELS, *rollouts) if scenario.integrator.method in EXPLICIT or rollouts else IMPLICIT_KERNELS
 
 
 def _rollouts(scenario: Scenario) -> tuple[str, ...]:
-    """Names of the kernels whose C may integrate the scenario."""
+    """Return the names of the kernels whose C may integrate the scenario."""
     if not _may_run_in_c(scenario):
         return ()
     further = (rollout_of(RADAU),) if may_take_radau(scenario.integrator) else ()
@@ -250,7 +250,7 @@ def _rollouts(scenario: Scenario) -> tuple[str, ...]:
 
 
 def _may_run_in_c(scenario: Scenario) -> bool:
-    """Whether the kernel's own C integrates the scenario, as far as that is known before there is a kernel."""
+    """Return whether the kernel's C integrates the scenario, as far as that is known before there is a kernel."""
     motion = scenario.motion
     by_python = motion is not None and motion.type == "program" and signal_of(motion.get("program")) is None
     return scenario.integrator.method in (*IN_C, AUTO) and not by_python
@@ -263,7 +263,7 @@ def with_kernel(assembly: Assembly, robot: Robot, scenario: Scenario, kernel: Ke
 
 
 def _until(scenario: Scenario, robot: Robot, kernel: Kernel) -> Until | None:
-    """The end that the scenario goes on to; DescriptionError where the robot has no such coordinate or frame."""
+    """Return the scenario's terminal event; DescriptionError where the robot has no such coordinate or frame."""
     section = scenario.until
     if section is None:
         return None
@@ -277,29 +277,29 @@ def _until(scenario: Scenario, robot: Robot, kernel: Kernel) -> Until | None:
         scenario.fail("until", str(error).removeprefix("until: "))
 
 
-def by_coordinate(robot: Robot, scenario: Scenario, key: str, given: Mapping[str, float]) -> dict[str, float]:
-    """Numbers of ``[initial]`` by the full names of coordinates that are not prescribed."""
+def by_coordinate(robot: Robot, scenario: Scenario, key: str, values: Mapping[str, float]) -> dict[str, float]:
+    """Return numbers of ``[initial]`` by the full names of coordinates, none of them prescribed."""
     places = names_in_scenarios(robot)
-    found: dict[str, float] = {}
-    for name, value in given.items():
+    positions: dict[str, float] = {}
+    for name, value in values.items():
         where = f"initial.{key}.{name}"
         if name not in places:
             said = following_text(robot, name) or f"no coordinate of that name{nearest(name, places)}"
             scenario.fail(where, f"{said}; allowed: {', '.join(places)}")
         full = places[name]
-        if full in found:
-            scenario.fail(where, f"{full} is given twice; allowed: once")
+        if full in positions:
+            scenario.fail(where, f"{full} stands twice; allowed: once")
         joint, coordinate = split_component(full)
         if robot.joint(joint).all_coordinates[coordinate].prescribed:
             scenario.fail(where, f"{full} is prescribed, and [[prescribed]] says where it begins; allowed: others")
-        found[full] = value
-    return found
+        positions[full] = value
+    return positions
 
 
 def names_in_scenarios(robot: Robot) -> dict[str, str]:
-    """Full names of coordinates by what a scenario may call them: by their joint alone if they are principal.
+    """Return full names of coordinates by what a scenario may call them: their joint alone if they are principal.
 
-    What follows others in rigid couplings is not among them.
+    Followers of rigid couplings are not among them.
     """
     names, followers = {}, robot.followers
     for full in (name for name in coordinate_names(robot) if name not in followers):
@@ -310,8 +310,8 @@ def names_in_scenarios(robot: Robot) -> dict[str, str]:
     return names
 
 
-class _Followed(NamedTuple):
-    """Coordinates of drives and their program, what moves besides, and the mechanism that both close."""
+class _DriveContext(NamedTuple):
+    """Driven coordinates and their reference, prescribed motions, and the mechanism that both move."""
 
     driven: tuple[str, ...]
     program: Program | None
@@ -325,9 +325,9 @@ def _drive(
     control: Section,
     kernel: Kernel,
     rigid: Callable[[], Kernel],
-    followed: _Followed,
+    context: _DriveContext,
 ) -> Control:
-    driven, program, prescribed, mechanism = followed
+    driven, program, prescribed, mechanism = context
     if control.type == "torque":
         return _torque(robot, scenario, control.get("table"), kernel)
     if program is None:
@@ -338,20 +338,20 @@ def _drive(
             return JointPD(program, actuators(kernel, driven), kp, kd)
         whole = actuators(kernel, rigid().coordinates)
         return JointPD(program, actuators(kernel, driven), kp, kd, rigid(), whole, mechanism)
-    given = None if prescribed is None else _at_joints(kernel, rigid(), prescribed)
+    joint_motion = None if prescribed is None else _joint_motion(kernel, rigid(), prescribed)
     whole = actuators(kernel, rigid().coordinates)
-    return ComputedTorque(rigid(), program, whole, control.get("bandwidth", BANDWIDTH), given, mechanism)
+    return ComputedTorque(rigid(), program, whole, control.get("bandwidth", BANDWIDTH), joint_motion, mechanism)
 
 
 def _saturated(
     scenario: Scenario, kernel: Kernel, driven: tuple[str, ...], drive: Control, mechanism: Mechanism | None
 ) -> Control:
-    """The drives, clipped at their efforts; DescriptionError where there are none, or where others could stand in."""
+    """Return the drives, clipped at their efforts; DescriptionError without any, or where others could stand in."""
     try:
         effort = efforts_of(kernel.calls, True)
     except InputError as error:
         scenario.fail("control.saturate", str(error).removeprefix("saturate: "))
-    if mechanism is not None and mechanism.driven.size > mechanism.chart.free.size and _shares(drive):
+    if mechanism is not None and mechanism.driven.size > mechanism.chart.free.size and _distributes_forces(drive):
         scenario.fail(
             "control.saturate",
             f"{listed(driven)} are more drives than the {mechanism.chart.free.size} freedoms of the loops, and nothing"
@@ -361,13 +361,13 @@ def _saturated(
     return drive if isinstance(drive, NoControl) else replace(changed, effort=effort)
 
 
-def _shares(drive: Control) -> bool:
-    """Whether a model of the robot shares forces out among drives."""
+def _distributes_forces(drive: Control) -> bool:
+    """Return whether a model of the robot distributes forces among drives."""
     return isinstance(drive, ComputedTorque) or (isinstance(drive, JointPD) and drive.rigid is not None)
 
 
 def _torque(robot: Robot, scenario: Scenario, table: TimeTable, kernel: Kernel) -> TableTorque:
-    """Columns by the coordinates that they drive; a joint's name alone stands for its motor, if there is one."""
+    """Return drives of a table's columns by coordinate; a joint's name alone stands for its motor, if there is one."""
     places = names_in_scenarios(robot)
     places |= {joint_of(motor): motor for motor in kernel.motors}
     free = [name for name in places if places[name] not in kernel.prescribed]
@@ -377,24 +377,24 @@ def _torque(robot: Robot, scenario: Scenario, table: TimeTable, kernel: Kernel) 
     return TableTorque(table, index_of(kernel.coordinates, [places[name] for name in table.columns]))
 
 
-def _at_joints(kernel: Kernel, rigid: Kernel, prescribed: PrescribedMotion) -> AtJoints:
-    """The motion of the rigid robot's prescribed coordinates; that of a prescribed motor over its ratio."""
+def _joint_motion(kernel: Kernel, rigid: Kernel, prescribed: PrescribedMotion) -> JointMotion:
+    """Return the motion of the rigid robot's prescribed coordinates; that of a prescribed motor over its ratio."""
     motors = shafts(kernel)
     names = [name if name in kernel.prescribed else motors[name] for name in rigid.prescribed]
     index = [kernel.prescribed.index(name) for name in names]
     ratio = np.array([kernel.ratio(name) if name in kernel.motors else 1.0 for name in names])
 
-    return AtJoints(prescribed, np.array(index, dtype=np.intp), ratio)
+    return JointMotion(prescribed, np.array(index, dtype=np.intp), ratio)
 
 
 def _gains(
-    robot: Robot, scenario: Scenario, key: str, given: Mapping[str, float] | float, driven: tuple[str, ...]
+    robot: Robot, scenario: Scenario, key: str, gain: Mapping[str, float] | float, driven: tuple[str, ...]
 ) -> Array:
-    """A gain of every driven coordinate; those that a table does not name have none."""
-    if not isinstance(given, Mapping):
-        return np.full(len(driven), float(given))
+    """Return a gain of every driven coordinate, (p,); 0 for those that a table does not name."""
+    if not isinstance(gain, Mapping):
+        return np.full(len(driven), float(gain))
     gains, places = np.zeros(len(driven)), names_in_scenarios(robot)
-    for name, value in given.items():
+    for name, value in gain.items():
         if places.get(name) not in driven:
             scenario.fail(
                 f"control.{key}.{name}", f"is not driven{nearest(name, driven)}; allowed: {', '.join(driven)}"

@@ -1,4 +1,4 @@
-"""Balance of energy of a simulated motion: where it comes from and where it goes."""
+"""Energy balance of a simulated motion: works of drives, wrenches and payloads, and dissipation."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from ..shown import Shown
 from ..state.vectors import prescribed_mask
 
 CLOSED = 1e-3  # relative residue from which a balance is said not to close
-AT_REST = 1e-7  # of the energies: works that are less are those of a robot that rests
+STATIC = 1e-7  # of the energies: works that are less are those of a robot that does not move
 MOVING_ON = 1e-2  # of the kinetic energy, which an integration keeps to some 1e-5 of itself where nothing changes it
 TERMS = ("drives", "prescribed", "wrenches", "payloads", "dissipated")
 # Lobatto's rule on [0, 1]: exact for polynomials of degree 7, and its ends are samples
 NODES = np.array([0.0, (1.0 - np.sqrt(3.0 / 7.0)) / 2.0, 0.5, (1.0 + np.sqrt(3.0 / 7.0)) / 2.0, 1.0])
 WEIGHTS = np.array([9.0, 49.0, 64.0, 49.0, 9.0]) / 180.0
-PARTS = NODES.size - 1  # of an interval between two edges
+SUBINTERVALS = NODES.size - 1  # of an interval between two edges
 
 
 @dataclass(frozen=True)
@@ -28,9 +28,9 @@ class EnergyBalance(Shown):
     """Work and energy over time; kinetic + potential = what they were + works - dissipated + residue.
 
     Attributes:
-        work: (T, 5), J, from the beginning on: TERMS.  Work of the drives, of what moves prescribed coordinates, of
-            external wrenches, the energy that payloads bring when they are picked up (less what they take away), and
-            what dampers and friction took.
+        work: work integrals, (T, 5), J, from the beginning on: TERMS.  Of the drives, of the forces of prescribed
+            motions, of external wrenches, the energy that payloads bring when they are picked up (less what they take
+            away), and what dampers and friction dissipated.
         energy: kinetic and potential, (T, 2), J.
     """
 
@@ -38,25 +38,25 @@ class EnergyBalance(Shown):
     energy: Array
 
     def of(self, term: str) -> Array:
-        """One of TERMS over time, (T,), J."""
+        """Return one of TERMS over time, (T,), J."""
         return self.work[:, TERMS.index(term)]
 
     @property
     def residue(self) -> Array:
         """Energy that does not balance, (T,), J: the error of integration, in Python of quadrature, too."""
         total = self.energy.sum(axis=1)
-        found: Array = total - total[0] - self.work[:, :4].sum(axis=1) + self.work[:, 4]
-        return found
+        residue: Array = total - total[0] - self.work[:, :4].sum(axis=1) + self.work[:, 4]
+        return residue
 
     @property
     def size(self) -> float:
         """Size that the residue is compared with, J: the largest of the works and of the ranges of both energies.
 
-        At rest, where these are round-off, a small part of the energies themselves, and so of the kinetic energy where
-        it stays what it is, as that of a body that tumbles freely.
+        Of a robot that does not move, where these are round-off, a small fraction of the energies themselves, and so of
+        the kinetic energy where that is constant, as of a body that tumbles freely.
         """
         moved = max(np.abs(self.work).max(), np.ptp(self.energy, axis=0).max())
-        kept = max(AT_REST * np.abs(self.energy).max(), MOVING_ON * self.energy[:, 0].max())
+        kept = max(STATIC * np.abs(self.energy).max(), MOVING_ON * self.energy[:, 0].max())
         return float(max(moved, kept))
 
     @property
@@ -66,18 +66,18 @@ class EnergyBalance(Shown):
         return float(np.abs(self.residue).max()) / size if size > 0.0 else 0.0
 
     def summary(self) -> dict[str, float]:
-        """Works and changes of energy at the end, J, and the relative residue."""
+        """Return work integrals and changes of energy at the end, J, and the relative residue."""
         change = self.energy[-1] - self.energy[0]
-        found = {term: float(self.of(term)[-1]) for term in TERMS}
+        works = {term: float(self.of(term)[-1]) for term in TERMS}
         return {
-            **found,
+            **works,
             "kinetic": float(change[0]),
             "potential": float(change[1]),
             "relative_residue": self.relative_residue,
         }
 
     def line(self) -> str:
-        """The summary for a reader."""
+        """Return the summary in a line of text."""
         facts = self.summary()
         terms = ", ".join(f"{name} {facts[name]:.4g} J" for name in TERMS if facts[name])
         return (
@@ -86,7 +86,7 @@ class EnergyBalance(Shown):
         )
 
     def note(self) -> str | None:
-        """A line where the balance does not close."""
+        """Return a warning where the balance does not close; else None."""
         if self.relative_residue <= CLOSED:
             return None
         return (
@@ -95,30 +95,30 @@ class EnergyBalance(Shown):
         )
 
 
-def integrated(found: Array) -> Array:
-    """Works of a trajectory, (T, 4), J, by TERMS, (T, 5)."""
-    whole = np.zeros((len(found), len(TERMS)))
-    whole[:, [TERMS.index(name) for name in WORKS]] = found
-    return whole
+def integrated(works: Array) -> Array:
+    """Arrange work integrals of a trajectory, (T, 4), J, by TERMS, (T, 5)."""
+    work = np.zeros((len(works), len(TERMS)))
+    work[:, [TERMS.index(name) for name in WORKS]] = works
+    return work
 
 
 def with_nodes(edges: Array) -> Array:
-    """Times of quadrature on all intervals between the edges, (4 (E - 1) + 1,), the edges among them."""
+    """Return times of quadrature on all intervals between the edges, (4 (E - 1) + 1,), the edges among them."""
     inner = edges[:-1, np.newaxis] + np.diff(edges)[:, np.newaxis] * NODES[:-1]  # at NODES[0] = 0 the edge to the bit
     return np.append(inner.ravel(), edges[-1])
 
 
 def works(kernel: Kernel, t: Array, q: Array, v: Array, u: Array, wrench: ArrayLike | None) -> Array:
-    """Work between the edges of ``with_nodes``, (E - 1, 5), J: TERMS; t, q, v, u and wrench at all of its times."""
-    given = prescribed_mask(kernel)
+    """Integrate work between the edges of ``with_nodes``, (E - 1, 5), J: TERMS; arguments at all of its times."""
+    prescribed = prescribed_mask(kernel)
     power = np.zeros((t.size, len(TERMS)))
     by_drive = u * v
-    power[:, 0], power[:, 1] = by_drive[:, ~given].sum(axis=1), by_drive[:, given].sum(axis=1)
+    power[:, 0], power[:, 1] = by_drive[:, ~prescribed].sum(axis=1), by_drive[:, prescribed].sum(axis=1)
     if wrench is not None:
         power[:, 2] = (kernel.external_force(q, wrench) * v).sum(axis=1)
     passive = kernel.generalized_force(q, np.zeros_like(q)) - kernel.generalized_force(q, v)
     power[:, 4] = (passive * v).sum(axis=1)
     spans = t[4::4] - t[:-1:4]
     rows = np.arange(spans.size)[:, np.newaxis] * 4 + np.arange(5)
-    found: Array = np.einsum("ikw,k,i->iw", power[rows], WEIGHTS, spans)
-    return found
+    work: Array = np.einsum("ikw,k,i->iw", power[rows], WEIGHTS, spans)
+    return work

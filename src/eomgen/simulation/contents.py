@@ -1,4 +1,4 @@
-"""Contents of the file of a result: the one declaration by which results are written, read and checked.
+"""Contents of a result's file: the one declaration by which results are written, read and checked.
 
 ``ARRAYS`` are its arrays, ``Meta`` is everything else.  Files without what is optional are older ones.
 """
@@ -41,7 +41,7 @@ DERIVED = ("units", "rotating", "quaternions")  # arrays that follow from others
 
 @dataclass(frozen=True, kw_only=True)
 class Owned(Stored):
-    """An array of the file: what it is, by its name in the file, and whose attribute of that name.
+    """An array of the file: its contents, its name in the file, and whose attribute of that name it is.
 
     Letters of shapes are T (samples), n (coordinates), p (driven coordinates), k (joints that have alpha, beta and
     gamma), links.  Those that are None otherwise are not in older files, nor of results that have no such thing.
@@ -76,7 +76,7 @@ ARRAYS = (
 
 @dataclass(frozen=True, kw_only=True)
 class Meta:
-    """Everything that is no array; what has a default is not in older files."""
+    """Everything that is no array; fields with a default are not in older files."""
 
     robot: str
     tool: str
@@ -112,7 +112,7 @@ COUNTS = ("steps", "evaluations", "jacobians", "wall_s")  # that ``info`` has, w
 
 
 def meta_of(data: Mapping[str, Any], where: str) -> Meta:
-    """The meta of a file or of a result that is to be written; entries that are not declared are a newer eomgen's.
+    """Return the meta of a file or of a result that is to be written; undeclared entries are a newer eomgen's.
 
     Raises:
         InputError: something is missing, or of another type than is declared; the message begins with ``where``.
@@ -124,43 +124,43 @@ def meta_of(data: Mapping[str, Any], where: str) -> Meta:
     _check_names(where, "links", meta.links, is_identifier, IDENTIFIER_RULE)
     if meta.robot_hash and not re.fullmatch("[0-9a-f]{64}", meta.robot_hash):
         raise InputError(f"{where}: robot_hash: got {show(meta.robot_hash)}; allowed: 64 hexadecimal digits")
-    held = list(dict.fromkeys(rest.coordinate for rest in meta.rests))
-    _check_names(where, "rests", held, _is_held, "names of coordinates and couplings")
+    sticking = list(dict.fromkeys(rest.coordinate for rest in meta.rests))
+    _check_names(where, "rests", sticking, _may_stick, "names of coordinates and couplings")
     for key in COUNTS:
         if meta.info.get(key, -1) < 0:
             raise InputError(f"{where}: info: got {show(meta.info.get(key))} for {key}; allowed: a number from 0 on")
     return meta
 
 
-def _is_held(name: str) -> bool:
-    """Whether friction may act on what has this name: a coordinate, one of a cut joint, or a coupling."""
+def _may_stick(name: str) -> bool:
+    """Return whether friction may act under this name: a coordinate, one of a loop joint, or a coupling."""
     owner, *kind = name.split(".")
     return is_identifier(owner) and (not kind or (len(kind) == 1 and kind[0] in UNITS))
 
 
 def check_contents(meta: Meta, arrays: Mapping[str, NDArray[Any]], where: str) -> dict[str, Any]:
-    """Arrays as they are declared, names as tuples; those that are not declared are left out.
+    """Return arrays as they are declared, names as tuples, without undeclared ones.
 
     Raises:
         InputError: an array is missing, has another dtype or shape, or a number that is none; names that do not belong
             together.  The message begins with ``where``.
     """
     sizes: dict[str, int] = {"links": len(meta.links)}
-    found: dict[str, Any] = {}
+    checked: dict[str, Any] = {}
     for stored in ARRAYS:
         if stored.name in arrays:
-            found[stored.name] = _checked(stored, arrays[stored.name], sizes, f"{where}: array {stored.name}")
+            checked[stored.name] = _checked(stored, arrays[stored.name], sizes, f"{where}: array {stored.name}")
         elif stored.otherwise is not None:
             raise InputError(f"{where}: array {stored.name} is missing; allowed: a result with it")
-    _check_coordinates(meta, found, where)
-    t = found["t"]
+    _check_coordinates(meta, checked, where)
+    t = checked["t"]
     if not t.size:
         raise InputError(f"{where}: array t: got no samples; allowed: one or more")
     late = np.flatnonzero(np.diff(t) <= 0.0)
     if late.size:
         i = int(late[0])
         raise InputError(f"{where}: array t: got {t[i + 1]:g} after {t[i]:g}; allowed: increasing times")
-    return found
+    return checked
 
 
 def _checked(stored: Owned, array: NDArray[Any], sizes: dict[str, int], where: str) -> Any:
@@ -197,13 +197,13 @@ def check_coordinates(names: Sequence[str], units: Sequence[str], where: str) ->
         raise InputError(f"{where}: units: got {listed(units)}; allowed: {listed(wanted)}")
 
 
-def _check_coordinates(meta: Meta, found: Mapping[str, Any], where: str) -> None:
+def _check_coordinates(meta: Meta, arrays: Mapping[str, Any], where: str) -> None:
     """Refuse names of coordinates that the result does not have, wherever they stand."""
-    coordinates = found["coordinates"]
-    check_coordinates(coordinates, found["units"], where)
+    coordinates = arrays["coordinates"]
+    check_coordinates(coordinates, arrays["units"], where)
     rotating = rotating_joints(coordinates)
-    if found.get("rotating", rotating) != rotating:
-        got = listed(found["rotating"])
+    if arrays.get("rotating", rotating) != rotating:
+        got = listed(arrays["rotating"])
         raise InputError(f"{where}: array rotating: got {got}; allowed: {listed(rotating) or 'no joint'}")
     cuts = (name for name in _cut_names(meta.description) if "." in name)
     journals = {component_name(joint_of(name), RADIAL) for name in (*coordinates, *cuts)}
@@ -211,7 +211,7 @@ def _check_coordinates(meta: Meta, found: Mapping[str, Any], where: str) -> None
     followers = (str(coupling.get("of")) for coupling in _tables(meta.description, "couplings"))
     known = (*coordinates, *_cut_names(meta.description), *followers)
     for key, names, allowed in (
-        ("array program_coordinates", found["program_coordinates"], coordinates),
+        ("array program_coordinates", arrays["program_coordinates"], coordinates),
         ("prescribed", meta.prescribed, coordinates),
         ("passive", meta.passive, coordinates),
         ("contacts", tuple(contacts), known),
@@ -227,13 +227,13 @@ def _check_coordinates(meta: Meta, found: Mapping[str, Any], where: str) -> None
 
 
 def _cut_names(description: Mapping[str, Any]) -> tuple[str, ...]:
-    """Names of the coordinates of cut joints, and of couplings, that a recorded robot has: they may have a clearance.
+    """Return the names of loop joints' coordinates, and of couplings, of a recorded robot: they may have a clearance.
 
-    What is not of the record's form has none.
+    Records of another form have none.
     """
     cuts = [(loop.get("name"), loop.get("coordinates")) for loop in _tables(description, "loops")]
-    found = [f"{name}.{kind}" for name, kinds in cuts if isinstance(kinds, Mapping) for kind in kinds]
-    return (*found, *(str(coupling.get("name")) for coupling in _tables(description, "couplings")))
+    names = [f"{name}.{kind}" for name, kinds in cuts if isinstance(kinds, Mapping) for kind in kinds]
+    return (*names, *(str(coupling.get("name")) for coupling in _tables(description, "couplings")))
 
 
 def _tables(description: Mapping[str, Any], key: str) -> list[Mapping[str, Any]]:

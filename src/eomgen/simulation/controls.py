@@ -1,4 +1,4 @@
-"""Drives of a scenario: each is a callable (t, q, v) -> u for ``integrate``; q and v may be (n,) or (N, n)."""
+"""Drives of a scenario: each a callable (t, q, v) -> u for ``integrate``; q and v may be (n,) or (N, n)."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from ..state.vectors import prescribed_mask
 from .mechanism import Mechanism
 
 SlopesFunction = Callable[[float, Array, Array], tuple[Array, Array]]
-MotionOverTime = Callable[[float], tuple[Array, Array, Array]]  # t (s) -> coordinates, rates, accelerations
+MotionOverTime = Callable[[float], tuple[Array, Array, Array]]  # t (s) -> coordinates, velocities, accelerations
 
 
 class Control(Protocol):
@@ -30,26 +30,26 @@ class Control(Protocol):
     batched: bool
 
     def __call__(self, t: float, q: Array, v: Array) -> Array:
-        """u, N or N m, of the shape of q."""
+        """Evaluate actuator forces u, N or N m, of the shape of q."""
 
-    def resting(self) -> Control:
-        """The drives whose program stays where it begins: those of the equilibrium at the start."""
+    def standstill(self) -> Control:
+        """Return the drives whose reference stays where it begins: those of the static equilibrium at the start."""
 
     def load_data(self) -> DriveData | None:
-        """Return it as data for integrations in C; None where only Python knows it."""
+        """Return the time-signal input for integrations in C; None where only Python knows it."""
 
 
 class _OpenLoop(Control):
-    """Drives that do not answer to the state."""
+    """Drives without feedback."""
 
     batched = True
 
     def slopes(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
-        """Derivatives by q and v, (n, n) each: zero."""
+        """Return derivatives by q and v, (n, n) each: zero."""
         nothing = np.zeros((q.size, q.size))
         return nothing, nothing
 
-    def resting(self) -> Control:
+    def standstill(self) -> Control:
         return self
 
 
@@ -87,7 +87,7 @@ def clipped(u: Array, effort: Array | None) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Actuators:
-    """Coordinates at which drives act and measure: principal ones, or the motors in front of them.
+    """Coordinates at which drives act and measure: principal ones, or the motors before them.
 
     Attributes:
         index: places of those among the robot's coordinates, (m,).
@@ -98,11 +98,11 @@ class Actuators:
     ratio: Array | float = 1.0
 
     def measured(self, x: Array) -> Array:
-        """Coordinates or rates of (n,) or (N, n) as seen at the joints, (m,) or (N, m)."""
+        """Return coordinates or velocities of (n,) or (N, n) as seen at the joints, (m,) or (N, m)."""
         return np.ascontiguousarray(x[..., self.index] / self.ratio)
 
     def torques(self, joint: Array, like: Array) -> Array:
-        """Drives of the shape ``like`` that do at the joints what ``joint``, (m,) or (N, m), says."""
+        """Return drives of the shape ``like`` that exert the joint forces ``joint``, (m,) or (N, m)."""
         u = np.zeros_like(like)
         u[..., self.index] = joint / self.ratio
         return u
@@ -114,7 +114,7 @@ class Actuators:
 
 
 def actuators(kernel: Kernel, names: Sequence[str]) -> Actuators:
-    """Actuators of principal coordinates, in the order of their names."""
+    """Return the actuators of principal coordinates, in the order of their names."""
     motors = shafts(kernel)
     index = np.asarray(index_of(kernel.coordinates, [motors.get(name, name) for name in names]), dtype=np.intp)
     ratios = [kernel.ratio(motors[name]) if name in motors else 1.0 for name in names]
@@ -131,12 +131,12 @@ class ComputedTorque:
 
     Attributes:
         rigid: kernel of the rigid robot; its coordinates are the driven and the prescribed ones.
-        motion: program of the driven coordinates.
+        motion: reference trajectory of the driven coordinates.
         actuators: where the rigid robot's coordinates are measured and driven.
         bandwidth: w, rad/s; the error of a rigid robot dies out as exp(-w t), critically damped.
         prescribed: t -> (q, v, a) of the rigid robot's prescribed coordinates, whose accelerations the drives know;
             None without any.
-        mechanism: of a rigid robot with loops: what its drives do, and which coordinates have one.
+        mechanism: of a rigid robot with loops: its inverse dynamics, and which coordinates are driven.
         effort: greatest forces of drives, (n,), as of ``clipped``.
     """
 
@@ -169,27 +169,27 @@ class ComputedTorque:
         return clipped(self.actuators.torques(np.where(driven, forces(q_m, v_m, a), 0.0), q), self.effort)
 
     def load_data(self) -> DriveData | None:
-        """Return it as data for integrations in C; None of a program that only Python can ask."""
+        """Return the time-signal input for integrations in C; None of a reference that only Python can evaluate."""
         signal = signal_of(self.motion)
-        if signal is None or not isinstance(self.prescribed, AtJoints | None):
+        if signal is None or not isinstance(self.prescribed, JointMotion | None):
             return None
         driven, place, ratio = self._driven, self.actuators.index, self.actuators.ratios
-        column, given = np.full(driven.size, -1), np.full(driven.size, -1)
+        column, prescribed = np.full(driven.size, -1), np.full(driven.size, -1)
         column[driven] = np.arange(int(driven.sum()))
         if self.prescribed is not None:
-            given[prescribed_mask(self.rigid)] = self.prescribed.index
+            prescribed[prescribed_mask(self.rigid)] = self.prescribed.index
         moved = None if self.mechanism is None else self.mechanism.load_data()
-        model = ModelDrive(self.rigid.calls, place, ratio, column, given, self.bandwidth, moved)
+        model = ModelDrive(self.rigid.calls, place, ratio, column, prescribed, self.bandwidth, moved)
         return DriveData(program=Track(signal, place[driven]), ratio=ratio[driven], model=model, effort=self.effort)
 
-    def resting(self) -> Control:
+    def standstill(self) -> Control:
         still = None if self.prescribed is None else _stopped(self.prescribed)
         return replace(self, motion=Standstill(self.motion.start), prescribed=still)
 
 
 @dataclass(frozen=True, eq=False)
-class AtJoints:
-    """The motion of a rigid robot's prescribed coordinates, by that of the robot's; t -> (q, v, a).
+class JointMotion:
+    """Motion of a rigid robot's prescribed coordinates, from that of the robot's; t -> (q, v, a).
 
     Attributes:
         prescribed: motion of the robot's prescribed coordinates.
@@ -216,17 +216,17 @@ def _stopped(prescribed: MotionOverTime) -> MotionOverTime:
 
 @dataclass(frozen=True, eq=False)
 class JointPD:
-    """Drives u = kp (q_d - q) + kd (v_d - v), on request with what holds the rigid robot against gravity where it is.
+    """Drives u = kp (q_d - q) + kd (v_d - v), on request with gravity compensation of the rigid robot.
 
     Of a joint behind a motor q and v are the motor's over the ratio, and so is the motor's u.
 
     Attributes:
-        motion: program of the driven coordinates, m of them.
+        motion: reference trajectory of the m driven coordinates.
         actuators: where they are measured and driven.
         kp, kd: (m,), N/m and N s/m, or N m/rad and N m s/rad, at the joint.
         rigid: kernel of the rigid robot; None without the feed-forward.
         rigid_actuators: where its coordinates are measured and driven.
-        mechanism: of a rigid robot with loops: what its drives do.
+        mechanism: of a rigid robot with loops: its inverse dynamics.
         effort: greatest forces of drives, (n,), as of ``clipped``.
     """
 
@@ -248,35 +248,35 @@ class JointPD:
             q_m = self.rigid_actuators.measured(q)
             zero = np.zeros_like(q_m)
             forces = self.rigid.inverse_dynamics if self.mechanism is None else self.mechanism.forces
-            held = np.where(prescribed_mask(self.rigid), 0.0, forces(q_m, zero, zero))
-            u += self.rigid_actuators.torques(held, q)
+            gravity = np.where(prescribed_mask(self.rigid), 0.0, forces(q_m, zero, zero))
+            u += self.rigid_actuators.torques(gravity, q)
         return clipped(u, self.effort)
 
     @property
     def slopes(self) -> SlopesFunction | None:
-        """(t, q, v) -> derivatives by q and v, (n, n) each; None with the feed-forward, see ``ComputedTorque``."""
+        """Derivatives by q and v, (n, n) each, (t, q, v) -> them; None with feed-forward, see ``ComputedTorque``."""
         return None if self.rigid is not None else self._gains
 
     def _gains(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
         place, square = self.actuators.index, self.actuators.ratios**2
-        found = np.zeros((2, q.size, q.size))
-        found[:, place, place] = -self.kp / square, -self.kd / square
+        slopes = np.zeros((2, q.size, q.size))
+        slopes[:, place, place] = -self.kp / square, -self.kd / square
         if self.effort is not None:  # what is clipped does not answer to the state
-            found[:, np.abs(replace(self, effort=None)(t, q, v)) > self.effort] = 0.0
-        return found[0], found[1]
+            slopes[:, np.abs(replace(self, effort=None)(t, q, v)) > self.effort] = 0.0
+        return slopes[0], slopes[1]
 
     def load_data(self) -> DriveData | None:
-        """Return it as data for integrations in C; None of a program that only Python can ask."""
+        """Return the time-signal input for integrations in C; None of a reference that only Python can evaluate."""
         signal = signal_of(self.motion)
         if signal is None:
             return None
         program, model = Track(signal, self.actuators.index), None
         if self.rigid is not None and self.rigid_actuators is not None:
             nothing, place = np.full(self.rigid.n, -1), self.rigid_actuators.index
-            given = np.where(prescribed_mask(self.rigid), 0, -1)
+            prescribed = np.where(prescribed_mask(self.rigid), 0, -1)
             ratios, moved = self.rigid_actuators.ratios, None if self.mechanism is None else self.mechanism.load_data()
-            model = ModelDrive(self.rigid.calls, place, ratios, nothing, given, None, moved)
+            model = ModelDrive(self.rigid.calls, place, ratios, nothing, prescribed, None, moved)
         return DriveData(None, program, self.actuators.ratios, Gains(self.kp, self.kd), model, self.effort)
 
-    def resting(self) -> Control:
+    def standstill(self) -> Control:
         return replace(self, motion=Standstill(self.motion.start))

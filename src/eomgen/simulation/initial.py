@@ -1,4 +1,4 @@
-"""The state of a scenario at its beginning."""
+"""Initial state of a scenario."""
 
 from __future__ import annotations
 
@@ -25,29 +25,29 @@ from .loads import loaded_parameters
 
 
 def initial_state(robot: Robot, scenario: Scenario, assembly: Assembly) -> tuple[Array, Array, tuple[str, ...]]:
-    """q and v at t = 0, and the names of the coordinates that nothing holds."""
+    """Return q and v at t = 0, and the names of the coordinates that nothing holds."""
     initial, kernel = scenario.initial, assembly.kernel
     home = leading_home(robot)
     q, v = np.array([home.get(name, 0.0) for name in kernel.coordinates]), np.zeros(kernel.n)
     driven = index_of(kernel.coordinates, assembly.driven)
     if assembly.program is not None:
         q[driven], v[driven] = (x for x in assembly.program.at(0.0)[:2])
-    for name, value in assembly.given.items():
+    for name, value in assembly.initial_q.items():
         q[kernel.coordinates.index(name)] = value
-    rates = by_coordinate(robot, scenario, "v", initial.v if initial else {})
-    for name, value in rates.items():
+    velocities = by_coordinate(robot, scenario, "v", initial.v if initial else {})
+    for name, value in velocities.items():
         v[kernel.coordinates.index(name)] = value
-    for x, said in ((q, {*assembly.given, *_motors_at_home(robot, assembly)}), (v, rates)):
+    for x, said in ((q, {*assembly.initial_q, *_motors_at_home(robot, assembly)}), (v, velocities)):
         turn_motors(kernel, x, said)
     if assembly.prescribed is not None:
-        given = index_of(kernel.coordinates, kernel.prescribed)
-        q[given], v[given], _ = assembly.prescribed(0.0)
+        prescribed = index_of(kernel.coordinates, kernel.prescribed)
+        q[prescribed], v[prescribed], _ = assembly.prescribed(0.0)
     if kernel.constraints or assembly.path is not None:
-        q, v = _closed(assembly, q, v, rates)
-        for x, said in ((q, {*assembly.given, *_motors_at_home(robot, assembly)}), (v, rates)):
+        q, v = _closed(assembly, q, v, velocities)
+        for x, said in ((q, {*assembly.initial_q, *_motors_at_home(robot, assembly)}), (v, velocities)):
             turn_motors(kernel, x, said)
     balanced = initial.equilibrium if initial else None
-    if not (assembly.program is not None and not rates if balanced is None else balanced):
+    if not (assembly.program is not None and not velocities if balanced is None else balanced):
         return q, v, ()
     held = initial.held if initial else ()
     for name in held:
@@ -58,15 +58,15 @@ def initial_state(robot: Robot, scenario: Scenario, assembly: Assembly) -> tuple
     return _balanced(robot, scenario, assembly, q, still), v, loose
 
 
-def _closed(assembly: Assembly, q: Array, v: Array, rates: Container[str]) -> tuple[Array, Array]:
-    """The state with its loops closed; what the program and the scenario say stays, as far as it is independent."""
+def _closed(assembly: Assembly, q: Array, v: Array, velocities: Container[str]) -> tuple[Array, Array]:
+    """Assemble the state; coordinates of the reference and the scenario stay, as far as they are independent."""
     kernel, path = assembly.kernel, assembly.path
-    held = [name for name in kernel.coordinates if name in assembly.given]
-    still = [name for name in kernel.coordinates if name in rates]
+    held = [name for name in kernel.coordinates if name in assembly.initial_q]
+    still = [name for name in kernel.coordinates if name in velocities]
     if path is not None:
         rigid, chart = path.mechanism.rigid, path.mechanism.chart
         for name, value in zip(rigid.coordinates, path.q[0].tolist(), strict=True):
-            if name not in assembly.given:
+            if name not in assembly.initial_q:
                 q[kernel.coordinates.index(name)] = value
         moved = [rigid.coordinates[i] for i in chart.free]
         held, still = list(dict.fromkeys((*held, *moved))), list(dict.fromkeys((*still, *moved)))
@@ -77,18 +77,18 @@ def _closed(assembly: Assembly, q: Array, v: Array, rates: Container[str]) -> tu
 
 
 def _motors_at_home(robot: Robot, assembly: Assembly) -> set[str]:
-    """Motors whose angles are those of the description's home, since nothing puts their joints elsewhere."""
+    """Return motors whose angles are those of the description's home, since nothing puts their joints elsewhere."""
     if assembly.program is not None:
         return set()
     return {
-        motor for motor, joint in assembly.kernel.motors.items() if motor in robot.home and joint not in assembly.given
+        motor
+        for motor, joint in assembly.kernel.motors.items()
+        if motor in robot.home and joint not in assembly.initial_q
     }
 
 
 def _loose(robot: Robot, assembly: Assembly) -> tuple[str, ...]:
-    """Names of the deviations that nothing holds; inside a clearance nothing does, and of a joint with backlash the
-    motor takes up its side.
-    """
+    """Return the names of deviations that nothing holds, as in a clearance; a motor takes up its gear's backlash."""
     kernel = assembly.kernel
     motors = shafts(kernel)
     moved = {*kernel.prescribed, *(motors.get(name, name) for name in assembly.driven)}
@@ -105,9 +105,9 @@ def _loose(robot: Robot, assembly: Assembly) -> tuple[str, ...]:
 
 
 def _balanced(robot: Robot, scenario: Scenario, assembly: Assembly, q: Array, still: set[str]) -> Array:
-    """Equilibrium near q under the drives and wrenches at t = 0; a coordinate with clearance starts in its middle."""
-    kernel, drive, wrenches = assembly.kernel, assembly.drive.resting(), assembly.wrenches
-    at_rest = np.zeros(kernel.n)
+    """Solve the static equilibrium near q under drives and wrenches at t = 0; clearances start in their middle."""
+    kernel, drive, wrenches = assembly.kernel, assembly.drive.standstill(), assembly.wrenches
+    zero = np.zeros(kernel.n)
     kernel.parameters.update(loaded_parameters(robot, scenario, 0.0))
 
     def forces(qs: Array) -> Array:
@@ -115,26 +115,26 @@ def _balanced(robot: Robot, scenario: Scenario, assembly: Assembly, q: Array, st
         if wrenches is None:
             return u
         if qs.ndim == 1:
-            return u + kernel.external_force(qs, wrenches(0.0, qs, at_rest))
-        return u + kernel.external_force(qs, np.array([wrenches(0.0, x, at_rest) for x in qs]))
+            return u + kernel.external_force(qs, wrenches(0.0, qs, zero))
+        return u + kernel.external_force(qs, np.array([wrenches(0.0, x, zero) for x in qs]))
 
     try:
-        taut = _taut(kernel)
-        if taut is None:
+        tight = _without_clearances(kernel)
+        if tight is None:
             return closed_equilibrium(kernel, q, u=forces, held=still)
-        q = closed_equilibrium(taut, q, u=forces, held=still)
-        with suppress(IntegrationError):  # where something floats in its play, that is as good as any other place
+        q = closed_equilibrium(tight, q, u=forces, held=still)
+        with suppress(IntegrationError):  # where something floats in its clearance, that is as good as any other place
             q = closed_equilibrium(kernel, q, u=forces, held=still)
         return q
     except IntegrationError as error:
-        weak = _too_weak(robot, scenario, assembly, q, still)
-        if not weak and not scenario.source:
+        overloaded = _overloaded(robot, scenario, assembly, q, still)
+        if not overloaded and not scenario.source:
             raise
-        raise IntegrationError(f"{scenario.label('initial')}: {weak or error}") from None
+        raise IntegrationError(f"{scenario.label('initial')}: {overloaded or error}") from None
 
 
-def _too_weak(robot: Robot, scenario: Scenario, assembly: Assembly, q: Array, still: set[str]) -> str:
-    """Say which drives that are clipped cannot hold the robot at the start; nothing where others are to blame."""
+def _overloaded(robot: Robot, scenario: Scenario, assembly: Assembly, q: Array, still: set[str]) -> str:
+    """Say which clipped drives cannot hold the robot at the start; "" where others are to blame."""
     drive: Any = assembly.drive
     effort: Array | None = getattr(drive, "effort", None)
     if effort is None:
@@ -145,17 +145,17 @@ def _too_weak(robot: Robot, scenario: Scenario, assembly: Assembly, q: Array, st
     except IntegrationError:
         return ""
     names = assembly.kernel.coordinates
-    u = free.drive.resting()(0.0, held, np.zeros_like(held))
-    weak = [
+    u = free.drive.standstill()(0.0, held, np.zeros_like(held))
+    overloaded = [
         f"{names[i]} would have to do {u[i]:.4g} {force_unit_of(names[i])}, its effort is {effort[i]:.4g}"
         for i in np.flatnonzero(np.abs(u) > effort)
     ]
     allowed = "allowed: another start, initial.equilibrium = false, or without control.saturate"
-    return f"{robot.name}: no static equilibrium within the efforts of its drives: {'; '.join(weak)}; {allowed}"
+    return f"{robot.name}: no static equilibrium within the efforts of its drives: {'; '.join(overloaded)}; {allowed}"
 
 
-def _taut(kernel: Kernel) -> Kernel | None:
-    """The kernel without play in cut joints and couplings, which no coordinate of its own can be held in; or None."""
+def _without_clearances(kernel: Kernel) -> Kernel | None:
+    """Return the kernel without clearances of loop joints and couplings, which have no coordinate; None if it is so."""
     names, cuts = tuple(kernel.parameters), kernel.elements.get(CUTS, {})
     bearings = kernel.elements.get(CUT_BEARINGS, {})
     gaps = [names[places["clearance"]] for places in (*cuts.values(), *bearings.values()) if "clearance" in places]

@@ -18,7 +18,7 @@ _AXES = "xyz"
 
 
 def check_loads(scenario: Scenario, robot: Robot) -> None:
-    """DescriptionError if a wrench or payload is on a link that the robot does not have, or that does not move."""
+    """Raise DescriptionError if a wrench or payload is on a link that the robot lacks, or that does not move."""
     links = build_model(robot).links
     for key in ("wrenches", "payloads"):
         for i, load in enumerate(getattr(scenario, key)):
@@ -27,7 +27,7 @@ def check_loads(scenario: Scenario, robot: Robot) -> None:
 
 
 class Wrenches:
-    """The wrenches of a scenario: (t, q, v) -> (links, 6), as kernels take them: about centres of mass, base axes.
+    """The wrenches of a scenario: (t, q, v) -> (links, 6), as kernels take them: about centres of mass, base frame.
 
     The centre of mass is that of the link with what it carries.
     """
@@ -45,7 +45,7 @@ class Wrenches:
         return total
 
     def load_data(self) -> list[LinkWrench]:
-        """Return it as data for integrations in C, about centres of mass as they are with the parameters of now."""
+        """Return the time-signal inputs for integrations in C, about centres of mass with the current parameters."""
         return [self._data_of(wrench) for wrench in self._wrenches]
 
     def _data_of(self, wrench: Wrench) -> LinkWrench:
@@ -66,13 +66,13 @@ class Wrenches:
         return np.concatenate([force, moment])
 
     def _center(self, link: str) -> Array:
-        given = self._com[link]
+        com = self._com[link]
         names = [parameter_name("links", link, "com", axis) for axis in _AXES]
-        return np.array([self._kernel.parameters.get(name, x) for name, x in zip(names, given, strict=True)])
+        return np.array([self._kernel.parameters.get(name, x) for name, x in zip(names, com, strict=True)])
 
 
 def with_payload_parameters(robot: Robot, scenario: Scenario) -> Robot:
-    """The robot whose links' masses can change where they pick something up; the same where they do not."""
+    """Return the robot with tunable inertia of links that pick something up; the same robot without any."""
     names = [
         name
         for link in dict.fromkeys(load.link for load in scenario.payloads)
@@ -84,27 +84,27 @@ def with_payload_parameters(robot: Robot, scenario: Scenario) -> Robot:
 
 
 def body_parameters(link: Link) -> dict[str, float]:
-    """Mass, centre of mass and inertia by the names of parameters."""
+    """Return mass, centre of mass and inertia by the names of parameters."""
     names = ["mass", *(f"com.{axis}" for axis in _AXES), *(f"inertia.{key}" for key in INERTIA_KEYS)]
     values = (link.mass, *link.com, *link.inertia)
     return {parameter_name("links", link.name, key): x for key, x in zip(names, values, strict=True)}
 
 
 def loaded_parameters(robot: Robot, scenario: Scenario, t: float) -> dict[str, float]:
-    """Parameters of all links that ever carry something, with what they carry at a time."""
-    found: dict[str, float] = {}
+    """Return parameters of all links that ever carry something, with what they carry at a time."""
+    parameters: dict[str, float] = {}
     for name in dict.fromkeys(load.link for load in scenario.payloads):
         carried = [
             Link("payload", load.mass, load.point, load.inertia)
             for load in scenario.payloads
             if load.link == name and load.t0 <= t and (load.t1 is None or t < load.t1)
         ]
-        found |= body_parameters(joined(robot.link(name), carried))
-    return found
+        parameters |= body_parameters(combined_body(robot.link(name), carried))
+    return parameters
 
 
-def joined(link: Link, others: Sequence[Link]) -> Link:
-    """The body that a link and others, given in its frame, are together."""
+def combined_body(link: Link, others: Sequence[Link]) -> Link:
+    """Return the rigid body that a link and others, expressed in its frame, form together."""
     if not others:
         return link
     bodies = (link, *others)

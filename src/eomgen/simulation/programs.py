@@ -1,4 +1,4 @@
-"""Motions that a scenario programs for the driven coordinates of a robot, and motions that it prescribes."""
+"""Reference trajectories of the driven coordinates by a scenario, and prescribed motions."""
 
 from __future__ import annotations
 
@@ -28,18 +28,18 @@ MOVING_PART = 0.8  # of the duration; the rest shows what rings after the motion
 class PrescribedMotion:
     """Motions of prescribed coordinates, each harmonic or a spline; t -> (q, v, a), (m,) each."""
 
-    def __init__(self, scenario: Scenario, coordinates: Sequence[str], given: Sequence[str]) -> None:
-        numbers = np.zeros((4, len(given)))  # amplitude, frequency, phase, offset
+    def __init__(self, scenario: Scenario, coordinates: Sequence[str], names: Sequence[str]) -> None:
+        numbers = np.zeros((4, len(names)))  # amplitude, frequency, phase, offset
         seen: dict[str, str] = {}
         self._splines: list[tuple[Spline, list[int], list[int]]] = []
 
         def take(name: str, key: str) -> int:
-            if name not in given:
-                scenario.refuse(key, name, given, "is no prescribed coordinate")
+            if name not in names:
+                scenario.refuse(key, name, names, "is no prescribed coordinate")
             if name in seen:
-                scenario.fail(key, f"the motion of {name} is given before, by {seen[name]}; allowed: once")
+                scenario.fail(key, f"the motion of {name} is there already, by {seen[name]}; allowed: once")
             seen[name] = key
-            return given.index(name)
+            return names.index(name)
 
         for place, section in enumerate(scenario.prescribed):
             key = f"prescribed[{place}]"
@@ -52,11 +52,11 @@ class PrescribedMotion:
             here = [take(name, f"{key}.file") for name in motion.measured]
             columns = [coordinates.index(name) for name in motion.measured]
             self._splines.append((Spline(motion.t, motion.q[:, columns], at_rest=False), here, columns))
-        missing = [name for name in given if name not in seen]
+        missing = [name for name in names if name not in seen]
         if missing:
             scenario.fail(
                 "prescribed",
-                f"the motion of {', '.join(missing)} is not given; allowed: one [[prescribed]] entry for each",
+                f"the motion of {', '.join(missing)} is missing; allowed: one [[prescribed]] entry for each",
             )
         self._numbers = numbers
 
@@ -70,7 +70,7 @@ class PrescribedMotion:
         return q, v, a
 
     def load_data(self) -> Waves:
-        """Return it as data for integrations in C."""
+        """Return the time-signal inputs for integrations in C."""
         amplitude, frequency, phase, offset = self._numbers
         wave = np.stack([amplitude, 2.0 * np.pi * frequency, phase, offset], axis=1)
         return Waves(wave, [Track(spline.as_signal(), np.array(here)) for spline, here, _ in self._splines])
@@ -90,18 +90,18 @@ def make_program(
     driven: Sequence[str],
     rigid: Callable[[], Kernel],
     tool: str,
-    given: Mapping[str, float],
+    initial_q: Mapping[str, float],
 ) -> Program:
-    """The motion that a scenario programs.
+    """Return the reference trajectory of a scenario.
 
     Args:
         scenario: with a motion.
         robot: whose limits hold.
-        driven: names of the driven coordinates, the columns of the program.
+        driven: names of the driven coordinates, the columns of the reference.
         rigid: gives the kernel of the rigid robot, with kinematics; its coordinates are the driven and the prescribed.
         tool: frame of lines and circles if they name none.
-        given: initial positions by coordinate: of driven ones where the program may begin, of prescribed ones where
-            they are.
+        initial_q: initial positions by coordinate: of driven ones where the reference may begin, of prescribed ones
+            where they are.
 
     Raises:
         InputError: a name or number does not fit the robot, or the tool cannot follow.
@@ -109,7 +109,7 @@ def make_program(
     section = scenario.motion
     assert section is not None
     start, goal = default_ends(robot, driven)
-    start = np.array([given.get(name, x) for name, x in zip(driven, start, strict=True)])
+    start = np.array([initial_q.get(name, x) for name, x in zip(driven, start, strict=True)])
     begin = section.get("begin", 0.0)
     duration = section.get("duration", MOVING_PART * (scenario.duration - begin))
     if duration <= 0.0:
@@ -137,18 +137,18 @@ def make_program(
     guess = start if robot.is_closed else (start + goal) / 2  # where loops are known to close
     turned = section.get("orientation") is not None or section.get("rpy") is not None
     if turned:  # its orientation is to be that of the pose from which the scenario begins, as far as it says
-        guess = np.where([name in given for name in driven], start, guess)
+        guess = np.where([name in initial_q for name in driven], start, guess)
     model = rigid()
     guesses = dict(zip(driven, guess, strict=True)) | {
-        name: x for name, x in given.items() if name in model.coordinates
+        name: x for name, x in initial_q.items() if name in model.coordinates
     }
     return _tool_program(scenario, section, robot, driven, model, tool, guesses, (begin, duration))
 
 
 def _via(section: Section, robot: Robot, driven: Sequence[str], label: Callable[[str], str], start: Array) -> Spline:
     points = [start]
-    for i, given in enumerate(section.get("points")):
-        points.append(point_of(robot, driven, label(f"points.{i}"), given, points[-1]))
+    for i, point in enumerate(section.get("points")):
+        points.append(point_of(robot, driven, label(f"points.{i}"), point, points[-1]))
     path = np.array(points[1:])
     distances = [float(np.abs(b - a).max()) for a, b in pairwise(path)]
     if section.get("times") is None and min(distances) <= 0.0:
@@ -158,7 +158,7 @@ def _via(section: Section, robot: Robot, driven: Sequence[str], label: Callable[
 
 
 def _times(section: Section, distances: Sequence[float]) -> Array:
-    """When points are passed, (K,), s: as given, or by the speeds over the distances between them."""
+    """Return when points are passed, (K,), s: the section's times, or by the speeds over the distances between them."""
     if section.get("times") is not None:
         return np.array(section.get("times"))
     spans = np.array(distances) / section.get("speed")
@@ -200,13 +200,13 @@ def _tool_program(
         raise InputError(f"{scenario.label('motion')}: {error}") from None
 
 
-def _orientation(given: str | Mapping[str, Vector] | None) -> Orientation | None:
-    """The orientation of a line or circle, from what its table says."""
-    if given is None:
+def _orientation(entry: str | Mapping[str, Vector] | None) -> Orientation | None:
+    """Return the orientation of a line or circle, from its table's entry."""
+    if entry is None:
         return None
-    if isinstance(given, str):
+    if isinstance(entry, str):
         return "keep"
-    first, last = (None if given.get(key) is None else rotation_from_rpy(given[key]) for key in ("from", "to"))
+    first, last = (None if entry.get(key) is None else rotation_from_rpy(entry[key]) for key in ("from", "to"))
     return first, last
 
 

@@ -1,4 +1,4 @@
-"""The result of a simulation: a trajectory beside its program, its summary, and its file."""
+"""The result of a simulation: a trajectory beside its reference, its summary, and its file."""
 
 from __future__ import annotations
 
@@ -48,25 +48,25 @@ class Series(Shown):
 
 @dataclass(frozen=True, kw_only=True)
 class SimulationResult(Plotting, Shown, Tabular, plot="plot_series"):
-    """A simulated motion beside its program.
+    """A simulated motion beside its reference trajectory.
 
     Attributes:
         robot: the robot's name.
         trajectory: all n coordinates over T times.
         program_coordinates, program_q: names of the coordinates that are driven, themselves or by a motor, (p,), and
-            their program, (T, p), m or rad; of a corrected one that which it corrects.
-        tool: name of the frame that is looked at.
-        pose, program_pose: its pose, and that of the rigid robot on its program, (T, 4, 4), base axes, m.
-        notes: lines about the method and about what was assumed.
+            their reference trajectory, (T, p), m or rad; of a compensated path the one that it corrects.
+        tool: name of the frame of the poses.
+        pose, program_pose: its pose, and that of the rigid robot on its reference, (T, 4, 4), base frame, m.
+        notes: lines about the method and about assumptions.
         versions: of eomgen, NumPy and Python.
-        programmed: whether there was a program; if not, ``program_q`` is what the principal coordinates did, and
+        programmed: whether there was a reference; if not, ``program_q`` is the motion of the principal coordinates, and
             ``program_pose`` leaves out the deviations alone.
-        prescribed: names of the coordinates whose motion was given.
-        passive: names of the coordinates that follow from the driven ones, since loops hold them.
-        robot_hash: of what the description says, as ``robot.record.robot_hash`` makes it.
-        scenario: what was simulated, as ``Scenario.as_dict`` has it.
+        prescribed: names of the prescribed coordinates.
+        passive: names of the coordinates that depend on the driven ones through loops.
+        robot_hash: of the description, as ``robot.record.robot_hash`` makes it.
+        scenario: the scenario, as ``Scenario.as_dict`` has it.
         links: names of the links of ``wrench``, (T, links, 6), N, N m, as kernels take it; None without wrenches.
-        balance: where the energy came from and went to; None in files of eomgen 0.1 before it was there.
+        balance: the energy balance; None in files of eomgen 0.1 before it was there.
         description: the robot that was simulated, as ``robot.record.record_of`` has it; empty in older files.
         stopped: empty where the motion came to its end; else its ``reason`` (text), the ``coordinate`` to blame, and
             the last good state: ``t`` (s), ``q`` and ``v`` (n numbers each).
@@ -94,7 +94,7 @@ class SimulationResult(Plotting, Shown, Tabular, plot="plot_series"):
 
     @property
     def deviation_coordinates(self) -> tuple[str, ...]:
-        """Names of the coordinates that no program, prescribed motion or loop moves; motors follow their joints'."""
+        """Names of the coordinates that no reference, prescribed motion or loop moves; motors follow their joints'."""
         others = (*self.program_coordinates, *self.prescribed, *self.passive)
         names = self.trajectory.coordinates
         return tuple(name for name in names if name not in others and kind_of(name) != MOTOR)
@@ -106,17 +106,17 @@ class SimulationResult(Plotting, Shown, Tabular, plot="plot_series"):
 
     @property
     def tracking_error(self) -> Array:
-        """Driven coordinates less their program, (T, p), m or rad."""
+        """Driven coordinates less their reference, (T, p), m or rad."""
         return self.trajectory.q[:, index_of(self.trajectory.coordinates, self.program_coordinates)] - self.program_q
 
     @property
     def tool_deviation(self) -> Array:
-        """The tool's place less its program, (T, 3), m, base axes."""
+        """TCP position error: the tool's position less its reference, (T, 3), m, base frame."""
         return self.pose[:, :3, 3] - self.program_pose[:, :3, 3]
 
     @property
     def tool_rotation(self) -> Array:
-        """Angle between the tool's axes and their program, (T,), rad."""
+        """TCP orientation error: the angle between the tool's orientation and its reference, (T,), rad."""
         turn = np.swapaxes(self.program_pose[:, :3, :3], 1, 2) @ self.pose[:, :3, :3]
         skew = np.stack([turn[:, 2, 1] - turn[:, 1, 2], turn[:, 0, 2] - turn[:, 2, 0], turn[:, 1, 0] - turn[:, 0, 1]])
         angle: Array = np.arctan2(np.linalg.norm(skew, axis=0), np.trace(turn, axis1=1, axis2=2) - 1.0)
@@ -128,7 +128,7 @@ class SimulationResult(Plotting, Shown, Tabular, plot="plot_series"):
         return tuple(unit_of(name) for name in self.trajectory.coordinates)
 
     def summary(self) -> dict[str, Any]:
-        """Results in short, as plain numbers and texts that JSON can hold; SI units, rad."""
+        """Return results in short, as plain numbers and texts that JSON can hold; SI units, rad."""
         motion, tool = self.trajectory, np.linalg.norm(self.tool_deviation, axis=1)
         turned = self.tool_rotation
         return {
@@ -157,26 +157,27 @@ class SimulationResult(Plotting, Shown, Tabular, plot="plot_series"):
         }
 
     def summary_lines(self) -> list[str]:
-        """Return the summary for a reader."""
-        facts, against = self.summary(), "its program" if self.programmed else "the rigid robot"
+        """Return the summary as lines of text."""
+        facts = self.summary()
+        error = "tracking error" if self.programmed else "deviation from the rigid robot"
         steps = f"{facts['steps']} steps, " if facts["steps"] else ""
         deviation, rotation = (
-            [prefixed(facts[f"tool_{part}_{when}"], unit) for when in ("max", "end")]
-            for part, unit in (("deviation", "m"), ("rotation", "rad"))
+            [prefixed(facts[f"tool_{error_kind}_{when}"], unit) for when in ("max", "end")]
+            for error_kind, unit in (("deviation", "m"), ("rotation", "rad"))
         )
         lines = [
             f"{self.robot}: {facts['coordinates']} coordinates, "
-            f"{f'{len(self.program_coordinates)} of them driven' if self.programmed else 'no program'}, "
+            f"{f'{len(self.program_coordinates)} of them driven' if self.programmed else 'no reference'}, "
             f"{facts['duration']:g} s of motion",
             *([f"  stopped too early: {self.stopped['reason']}"] if self.stopped else []),
             f"  {facts['method']}: {steps}{facts['evaluations']} evaluations, {facts['jacobians']} Jacobians, "
             f"{facts['wall_s']:.2f} s",
-            f"  tool {self.tool}: off {against} by at most {deviation[0]} (at {facts['tool_deviation_max_at']:.3f} s)"
+            f"  tool {self.tool}: {error} at most {deviation[0]} (at {facts['tool_deviation_max_at']:.3f} s)"
             f" and {rotation[0]}; {deviation[1]} and {rotation[1]} at the end",
         ]
-        found = [("largest deviation", facts["linear_max"]), ("largest deviation", facts["angular_max"])]
-        found += [("largest error of a drive", entry) for entry in facts["tracking_max"].values()]
-        for text, entry in found:
+        largest = [("largest deviation", facts["linear_max"]), ("largest deviation", facts["angular_max"])]
+        largest += [("largest tracking error", entry) for entry in facts["tracking_max"].values()]
+        for text, entry in largest:
             if entry:
                 lines.append(f"  {text}: {entry['coordinate']} {prefixed(entry['value'], entry['unit'], sign=True)}")
         if self.balance is not None:
@@ -185,26 +186,26 @@ class SimulationResult(Plotting, Shown, Tabular, plot="plot_series"):
         return lines + [f"  {note}" for note in self.notes]
 
     def _contact_lines(self) -> list[str]:
-        """Lines that say how often clearances closed and stops were touched, and the first time of each."""
-        found: dict[tuple[str, str], list[Contact]] = {}
+        """Say how often clearances closed and stops were touched, and the first time of each, in lines."""
+        closings: dict[tuple[str, str], list[Contact]] = {}
         for c in self.trajectory.contacts:
             if c.closes:
                 what = f"{'upper' if c.side > 0 else 'lower'} stop" if c.kind == STOP else "clearance"
-                found.setdefault((what, c.coordinate), []).append(c)
+                closings.setdefault((what, c.coordinate), []).append(c)
         return [
-            f"  {what} of {name}: {'touched' if 'stop' in what else 'closed'} {len(all_of_them)} times, first at"
-            f" {all_of_them[0].t:.4f} s{_direction(all_of_them[0])}"
-            for (what, name), all_of_them in found.items()
+            f"  {what} of {name}: {'touched' if 'stop' in what else 'closed'} {len(contacts)} times, first at"
+            f" {contacts[0].t:.4f} s{_direction(contacts[0])}"
+            for (what, name), contacts in closings.items()
         ]
 
     def _rest_lines(self) -> list[str]:
-        """Lines that say how often and how long friction held what it acts on, and the first time of each."""
+        """Say how often and how long friction held each coordinate, and the first time of each, in lines."""
         lines, motion = [], self.trajectory
         for name in dict.fromkeys(rest.coordinate for rest in motion.rests):
-            held = [rest for rest in motion.rests if rest.coordinate == name]
-            whole = sum(rest.ends - rest.begins for rest in held)
-            first = f"from {held[0].begins:.4f} to {held[0].ends:.4f} s"
-            lines.append(f"  friction of {name}: held it {len(held)} times, {whole:.4g} s in all, first {first}")
+            sticking = [rest for rest in motion.rests if rest.coordinate == name]
+            whole = sum(rest.ends - rest.begins for rest in sticking)
+            first = f"from {sticking[0].begins:.4f} to {sticking[0].ends:.4f} s"
+            lines.append(f"  friction of {name}: held it {len(sticking)} times, {whole:.4g} s in all, first {first}")
         return lines
 
     @property
@@ -230,12 +231,12 @@ class SimulationResult(Plotting, Shown, Tabular, plot="plot_series"):
         return tuple(self._series())
 
     def series(self, name: str) -> Series:
-        """Values over time by name, with their unit.
+        """Return values over time by name, with their unit.
 
         Names are those of coordinates ("joint1.x"), with .rate, .drive or .program behind them; JOINT.qw, .qx, .qy and
-        .qz of joints with alpha, beta and gamma (see ``Trajectory.quaternion``); TOOL.position (base axes) and
-        TOOL.program; TOOL.rotation, the angle between its axes and their program; LINK.force and LINK.moment
-        of wrenches (about the centre of mass, base axes); energy.kinetic, energy.potential, energy.residue, and
+        .qz of joints with alpha, beta and gamma (see ``Trajectory.quaternion``); TOOL.position (base frame) and
+        TOOL.program; TOOL.rotation, the orientation error; LINK.force and LINK.moment of wrenches (about the centre of
+        mass, base frame); energy.kinetic, energy.potential, energy.residue, and
         work.TERM with the terms of ``EnergyBalance``.
 
         Raises:
@@ -249,24 +250,24 @@ class SimulationResult(Plotting, Shown, Tabular, plot="plot_series"):
 
     def _series(self) -> dict[str, tuple[str, Array]]:
         motion = self.trajectory
-        found = motion_columns(motion)
+        series = motion_columns(motion)
         for i, name in enumerate(self.program_coordinates if self.programmed else ()):
-            found[f"{name}.program"] = (unit_of(name), self.program_q[:, i])
-        found[f"{self.tool}.position"] = ("m", self.pose[:, :3, 3])
-        found[f"{self.tool}.program"] = ("m", self.program_pose[:, :3, 3])
-        found[f"{self.tool}.rotation"] = ("rad", self.tool_rotation)
+            series[f"{name}.program"] = (unit_of(name), self.program_q[:, i])
+        series[f"{self.tool}.position"] = ("m", self.pose[:, :3, 3])
+        series[f"{self.tool}.program"] = ("m", self.program_pose[:, :3, 3])
+        series[f"{self.tool}.rotation"] = ("rad", self.tool_rotation)
         for i, link in enumerate(self.links if self.wrench is not None else ()):
             assert self.wrench is not None
-            found[f"{link}.force"] = ("N", self.wrench[:, i, :3])
-            found[f"{link}.moment"] = ("N m", self.wrench[:, i, 3:])
-        found["energy.kinetic"], found["energy.potential"] = (("J", column) for column in motion.energy.T)
+            series[f"{link}.force"] = ("N", self.wrench[:, i, :3])
+            series[f"{link}.moment"] = ("N m", self.wrench[:, i, 3:])
+        series["energy.kinetic"], series["energy.potential"] = (("J", column) for column in motion.energy.T)
         if self.balance is not None:
-            found |= {f"work.{term}": ("J", self.balance.of(term)) for term in TERMS}
-            found["energy.residue"] = ("J", self.balance.residue)
-        return found
+            series |= {f"work.{term}": ("J", self.balance.of(term)) for term in TERMS}
+            series["energy.residue"] = ("J", self.balance.residue)
+        return series
 
     def facts(self) -> dict[str, str]:
-        """Names and short texts that ``repr`` and notebooks show."""
+        """Return names and short texts that ``repr`` and notebooks show."""
         motion = self.trajectory
         shown = {"robot": show(self.robot), "coordinates": str(len(motion.coordinates))}
         shown |= {"driven": str(len(self.program_coordinates) if self.programmed else 0), "samples": str(motion.t.size)}
@@ -275,7 +276,7 @@ class SimulationResult(Plotting, Shown, Tabular, plot="plot_series"):
         return shown | ({"stopped": show(self.stopped.get("reason", ""))} if self.stopped else {})
 
     def as_rows(self) -> Rows:
-        """A row per time: all that ``series`` knows, vectors by x, y and z."""
+        """Return a row per time: all that ``series`` knows, vectors by x, y and z."""
         columns = [
             TableColumn(name, unit, values, AXES if values.ndim > 1 else ())
             for name, (unit, values) in self._series().items()
@@ -297,9 +298,9 @@ class SimulationResult(Plotting, Shown, Tabular, plot="plot_series"):
             about = f"Motion of {self.robot}, simulated ({self.trajectory.method}): s, m and rad, N and N m."
             return write_motion(path, self.motion, [about])
         owners = {RESULT: self, TRAJECTORY: self.trajectory, BALANCE: self.balance}
-        given = {item.name: getattr(owners[item.owner], item.name, None) for item in ARRAYS}
+        contents = {item.name: getattr(owners[item.owner], item.name, None) for item in ARRAYS}
         texts = [item.name for item in ARRAYS if item.of is str]
-        arrays = {name: np.asarray(x, str if name in texts else None) for name, x in given.items() if x is not None}
+        arrays = {name: np.asarray(x, str if name in texts else None) for name, x in contents.items() if x is not None}
         whose = {item.name: owners[item.metadata.get("owner", RESULT)] for item in fields(Meta)}
         values = {name: as_plain(getattr(owner, name)) for name, owner in whose.items()}
         meta = meta_of(values, "the result cannot be saved")
@@ -308,7 +309,7 @@ class SimulationResult(Plotting, Shown, Tabular, plot="plot_series"):
 
 
 def _largest(names: Sequence[str], values: Array, unit: str) -> dict[str, Any] | None:
-    """The largest value of that unit over time, with its sign and its coordinate; None if there is none."""
+    """Return the largest value of that unit over time, with its sign and its coordinate; None if there is none."""
     columns = [i for i, name in enumerate(names) if unit_of(name) == unit]
     if not columns:
         return None
@@ -385,7 +386,7 @@ def _check_robot(robot: Robot, result: SimulationResult, where: str) -> None:
 
 
 def _kept_robot(result: SimulationResult, source: str) -> Robot:
-    """The robot that a result keeps; InputError if it is none, or not that of the hash."""
+    """Return the robot that a result keeps; InputError if it is none, or not that of the hash."""
     robot = robot_from_record(result.description, source)
     if robot_hash(robot) != result.robot_hash:
         raise InputError(
@@ -403,13 +404,13 @@ def _direction(contact: Contact) -> str:
     return f" in the direction of {np.degrees(contact.angle):.0f} deg{end}"
 
 
-def simulated_robot(result: SimulationResult, given: RobotLike | None = None) -> Robot:
-    """The robot of a result: the one given if it is that of the simulation, else the one that the result keeps.
+def simulated_robot(result: SimulationResult, expected: RobotLike | None = None) -> Robot:
+    """Return the robot of a result: ``expected`` if it is that of the simulation, else the one that the result keeps.
 
     Raises:
-        InputError: it is no result, the result keeps none and none is given, or the one given is another robot.
+        InputError: it is no result, the result keeps none and none is expected, or ``expected`` is another robot.
     """
-    robot = None if given is None else as_robot(given)
+    robot = None if expected is None else as_robot(expected)
     if not isinstance(result, SimulationResult):
         raise InputError(
             f"result: got a value of type {type(result).__name__}; allowed: a SimulationResult, from simulate,"

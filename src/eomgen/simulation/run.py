@@ -1,9 +1,10 @@
-"""Simulations of a robot with all its coordinates: a scenario, or a programmed motion of the joints.
+"""Simulations of a robot with all its coordinates: a scenario, or a point-to-point motion of the joints.
 
 ``simulate`` moves the principal coordinates from point to point.  Their drives are computed torque on the rigid model,
-with a PD law on what is measured: u = ID_rigid(q, v, a_program + w^2 e + 2 w e').  Deviations have no drive.  The robot
-starts at rest, in balance under these drives.  Where a motor drives a principal coordinate through a transmission, its
-angle over the ratio is measured, its program is the ratio times the joint's, and it gets the drive over the ratio.
+with a PD law on measured coordinates: u = ID_rigid(q, v, a_reference + w^2 e + 2 w e').  Deviations have no drive.  The
+robot starts in static equilibrium under these drives.  Where a motor drives a principal coordinate through a
+transmission, its angle over the ratio is measured, its reference is the ratio times the joint's, and it gets the drive
+over the ratio.
 ``run_scenario`` does what a scenario says (docs/scenario.md).
 """
 
@@ -65,7 +66,7 @@ def simulate(  # noqa: PLR0913
 ) -> SimulationResult:
     """Move the robot from start to goal and integrate all its coordinates: a scenario of these values.
 
-    The motion takes 80 percent of the duration, then its goal is held.  A free joint is held where it is.
+    The motion takes 80 percent of the duration, then its goal is kept.  A free joint is fixed where it is.
 
     Args:
         robot: a Robot, the name of a built-in one, or the path of a description; with at least one principal
@@ -76,7 +77,7 @@ def simulate(  # noqa: PLR0913
             limits) by 45 degrees or 0.2 m to where there is more room, by less if the limits demand it.
         motion: of all driven coordinates of ``robot.rigid()``, instead of start and goal.
         bandwidth: of the drives' PD law, rad/s.
-        tool: frame or link to look at; default "tcp", else the first frame, else a link
+        tool: frame or link of poses and TCP errors; default "tcp", else the first frame, else a link
             whose name ends with "tcp" or "tool0", else the end of the longest chain.
         method, rtol, step, output_step: see ``integrate``.
         progress: called with a fraction from 0 to 1 and a line of text.
@@ -96,7 +97,7 @@ def simulate(  # noqa: PLR0913
         raise InputError(f"output_step: {show(output_step)} s; a time above 0, up to {LARGEST:g}, is allowed")
     integrator = Integrator(method, rtol, None, step)
     if motion is not None and (start is not None or goal is not None):
-        raise InputError("motion is given together with start or goal; allowed: one of them")
+        raise InputError("motion stands beside start or goal; allowed: one of them")
     ends = {key: value for key, value in (("start", start), ("goal", goal)) if value is not None}
     scenario = Scenario(
         float(duration),
@@ -116,7 +117,7 @@ def run_scenario(
     progress: Progress | None = None,
     stream: Path | str | None = None,
 ) -> SimulationResult:
-    """Do what a scenario says with a robot, and integrate all its coordinates.
+    """Simulate a robot by a scenario: integrate all its coordinates.
 
     Args:
         robot: a Robot, the name of a built-in one, or the path of a description.
@@ -128,7 +129,7 @@ def run_scenario(
         InputError: the scenario does not fit the robot (file, key, value and what is allowed are named), the robot has
             loops, SciPy is not installed.
         IntegrationError: there is no equilibrium at the start, or the motion could not be integrated to its end: as
-            IntegrationStopped, whose ``result`` has what there is of it.
+            IntegrationStopped, whose ``result`` has the motion until then.
     """
     robot, scenario, report = as_robot(robot), as_scenario(scenario), progress or no_progress
     tool = tool_of(robot, scenario.frame, scenario.label("frame") if scenario.source else "tool")
@@ -146,7 +147,7 @@ def run_assembly(
     *,
     balance: bool = True,
 ) -> SimulationResult:
-    """``run_scenario`` once kernels are built, names found, drives and motions made; without ``balance`` faster."""
+    """Run an assembled scenario, as ``run_scenario``; without ``balance`` faster."""
     kernel = assembly.kernel
     report(0.0, "static equilibrium at the start")
     q0, v0, loose = initial_state(robot, scenario, assembly)
@@ -162,14 +163,14 @@ def run_assembly(
     opened = None if stream is None else MotionStream(stream, kernel.coordinates, samples, about)
     plan = plan_of(assembly, scenario, q0)
     options = SegmentOptions(plan, report, opened, balance, assembly.until)
-    found = run_segments(kernel, robot, scenario, loads, q0, v0, options)
-    motion = found.trajectory
+    segments = run_segments(kernel, robot, scenario, loads, q0, v0, options)
+    motion = segments.trajectory
     t, q = motion.t, motion.q
     driven = index_of(kernel.coordinates, assembly.driven)
     program_q = q[:, driven] if assembly.shown is None else assembly.shown.at(t)[0]
     rigid_q = np.zeros_like(q)
-    given = index_of(kernel.coordinates, kernel.prescribed)
-    rigid_q[:, driven], rigid_q[:, given] = program_q, q[:, given]
+    prescribed = index_of(kernel.coordinates, kernel.prescribed)
+    rigid_q[:, driven], rigid_q[:, prescribed] = program_q, q[:, prescribed]
     if assembly.path is not None:
         mechanism = index_of(kernel.coordinates, assembly.path.mechanism.rigid.coordinates)
         rigid_q[:, mechanism] = assembly.path.at(t)
@@ -182,7 +183,7 @@ def run_assembly(
         *_large_goals(scenario, assembly.driven, program_q),
         *excess_notes("the motion", excesses(robot, kernel.coordinates, t=t, q=q, v=motion.v, u=motion.u)),
         *_clipped_note(assembly, motion),
-        None if found.balance is None else found.balance.note(),
+        None if segments.balance is None else segments.balance.note(),
         *_end_note(assembly.until, motion),
     ]
     result = SimulationResult(
@@ -201,19 +202,19 @@ def run_assembly(
         robot_hash=about["robot_hash"],
         scenario=MappingProxyType(about["scenario"]),
         links=kernel.links,
-        wrench=found.wrench,
-        balance=found.balance,
+        wrench=segments.wrench,
+        balance=segments.balance,
         description=MappingProxyType(dict(assembly.facts.description)),
-        stopped=MappingProxyType({} if found.stop is None else _stop_record(found.stop)),
+        stopped=MappingProxyType({} if segments.stop is None else _stop_record(segments.stop)),
     )
-    if found.stop is not None:
-        found.stop.trajectory, found.stop.result = result.trajectory, result
-        raise found.stop
+    if segments.stop is not None:
+        segments.stop.trajectory, segments.stop.result = result.trajectory, result
+        raise segments.stop
     return result
 
 
 def loads_of(assembly: Assembly) -> Loads:
-    """Loads of an assembly's motion."""
+    """Return the loads of an assembly's motion."""
     ends = (float(assembly.program.t[0]), float(assembly.program.t[-1])) if isinstance(assembly.program, Spline) else ()
     return Loads(assembly.drive, assembly.wrenches, assembly.prescribed, ends)
 
@@ -225,7 +226,7 @@ def plan_of(assembly: Assembly, scenario: Scenario, q: Array | None = None) -> I
 
 
 def _passive(robot: Robot, assembly: Assembly) -> tuple[str, ...]:
-    """Names of the coordinates that loops hold: those of the rigid robot that nothing else moves."""
+    """Return the names of the coordinates that loops move: those of the rigid robot that nothing else moves."""
     if not robot.is_closed:
         return ()
     moved = {*assembly.driven, *assembly.kernel.prescribed}
@@ -233,13 +234,13 @@ def _passive(robot: Robot, assembly: Assembly) -> tuple[str, ...]:
 
 
 def _stop_record(stop: IntegrationStopped) -> dict[str, Any]:
-    """Record of why a result ends too early, in values that JSON holds."""
+    """Return the record of why a result ends too early, in values that JSON holds."""
     state = {name: getattr(stop, name).tolist() for name in ("q", "v")}
     return {"reason": str(stop), "t": stop.t, "coordinate": stop.coordinate, **state}
 
 
 def _end_note(until: Until | None, motion: Trajectory) -> tuple[str, ...]:
-    """A line about what the motion went on to."""
+    """Say whether and when the terminal event was reached."""
     if until is None:
         return ()
     if "ended_at" not in motion.info:
@@ -248,15 +249,16 @@ def _end_note(until: Until | None, motion: Trajectory) -> tuple[str, ...]:
 
 
 def _method_note(motion: Trajectory, plan: IntegratorPlan) -> tuple[str, ...]:
-    """A line about what "auto" came to, and why; none where a method was asked for."""
+    """Say which method "auto" chose, and why; nothing where a method was asked for."""
     if plan.asked != "auto":
         return ()
     if not plan.reason:
-        part = motion.info.get("implicit_s", 0.0) / max(float(motion.t[-1] - motion.t[0]), 1e-300)
+        share = 100.0 * motion.info.get("implicit_s", 0.0) / max(float(motion.t[-1] - motion.t[0]), 1e-300)
+        switching = "method: automatic stiffness switching between"
         if len(plan.turns) > 2:
-            turns = f"{', '.join(plan.turns[:-1])} and {plan.turns[-1]}"
-            return (f"method: {turns} in turn, implicit for {100.0 * part:.0f} % of the time",)
-        return (f"method: tsit5 and rosenbrock (implicit) in turn, the latter for {100.0 * part:.0f} % of the time",)
+            methods = f"{', '.join(plan.turns[:-1])} and {plan.turns[-1]}"
+            return (f"{switching} {methods}, implicit for {share:.0f} % of the time",)
+        return (f"{switching} tsit5 and rosenbrock (implicit), the latter for {share:.0f} % of the time",)
     kind = "explicit" if motion.method in EXPLICIT else "implicit"
     return (f"method: {motion.method} ({kind}), {plan.reason}",)
 
@@ -266,23 +268,23 @@ def _assumptions(robot: Robot, loose: tuple[str, ...], scenario: Scenario, assem
     computed = scenario.control is None or scenario.control.type == "computed_torque"
     undisturbed = programmed and computed and not scenario.wrenches and not scenario.payloads
     if undisturbed and assembly.facts.is_rigid:
-        notes.append("no joint has a deviation: what the tool is off by is the integration's error")
+        notes.append("no joint has a deviation: the tool's tracking error is the integration's error")
     free = [joint.name for joint in robot.joints if joint.type == "free"]
     if free and programmed and not robot.is_closed:
-        notes.append(f"free joint {', '.join(free)}: held where it is by drives on all its six coordinates")
+        notes.append(f"free joint {', '.join(free)}: fixed where it is by drives on all its six coordinates")
     motors = [component_name(joint.name, MOTOR) for joint in robot.joints if joint.motor]
     if motors and programmed:
         notes.append(f"drives act at {', '.join(motors)} and know their angles alone, not their joints'")
     if assembly.wanted is not None:
         notes.append("drives follow a compensated path; what is compared is the path that is wanted")
     if loose:
-        why = "without a stiffness of its own or a drive, or inside a clearance"
+        why = "without a stiffness or a drive, or inside a clearance"
         notes.append(f"{why}, so not in balance at the start: {', '.join(loose)}")
     return tuple(notes)
 
 
 def _beyond_stops(kernel: Kernel, q: Array) -> Iterator[str]:
-    """Lines about coordinates that start beyond a stop."""
+    """Say which coordinates start beyond a stop, in lines."""
     places = dict(zip(kernel.coordinates, q.tolist(), strict=True))
     places |= {name: float(place) for name, (place, _) in kernel.followers(q).items()}
     for name, (lower, upper) in stops(law_numbers(kernel)).items():
@@ -303,15 +305,15 @@ def _large_goals(scenario: Scenario, driven: Sequence[str], program_q: Array) ->
 
 
 def _clipped_note(assembly: Assembly, motion: Trajectory) -> tuple[str, ...]:
-    """A line about drives that were clipped, and for how many of the samples."""
+    """Say which drives were clipped, and for how many of the samples."""
     effort: Array | None = getattr(assembly.drive, "effort", None)
     if effort is None:
         return ()
-    parts, names = [], motion.coordinates
+    clipped, names = [], motion.coordinates
     for i in np.flatnonzero(np.isfinite(effort)):
         held = np.abs(motion.u[:, i]) >= effort[i]
         if held.any():
             first, share = float(motion.t[int(held.argmax())]), 100.0 * float(held.mean())
             limit = f"{names[i]} at {effort[i]:.4g} {force_unit_of(names[i])}"
-            parts.append(f"{limit}, {share:.0f} % of samples, first at {first:.4g} s")
-    return (f"drives were clipped: {'; '.join(parts)}",) if parts else ("no drive was clipped at a sample",)
+            clipped.append(f"{limit}, {share:.0f} % of samples, first at {first:.4g} s")
+    return (f"drives were clipped: {'; '.join(clipped)}",) if clipped else ("no drive was clipped at a sample",)

@@ -1,7 +1,7 @@
 """Integration of a scenario in pieces, between the times at which something sets in, jumps or ends.
 
-No step of an integrator crosses such a time, and none is missed.  For the energy balance C integrates the works along
-with a piece; where Python integrates, the trajectory is sampled at the nodes of a quadrature, too.
+No step of an integrator crosses such a time, and none is missed.  For the energy balance C computes work integrals
+along with a piece; where Python integrates, the trajectory is sampled at the nodes of a quadrature, too.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from ..runtime.kernel import Kernel
 from ..runtime.stepping.reading_inputs import signals_of
 from ..scenario.value import Scenario
 from ..state.vectors import MotionFunction
-from .balance import PARTS, TERMS, EnergyBalance, integrated, with_nodes, works
+from .balance import SUBINTERVALS, TERMS, EnergyBalance, integrated, with_nodes, works
 from .contents import ARRAYS
 from .loads import loaded_parameters
 from .stream import MotionStream
@@ -44,7 +44,7 @@ MOST_KNOTS = 200  # of a table without jumps at which a piece ends; of more, som
 class Loads:
     """Loads of a motion: drives and wrenches (t, q, v) -> (n,), (links, 6), and the motion of prescribed coordinates.
 
-    ends: times at which the drives' program may jump, s.
+    ends: times at which the drives' reference may jump, s.
     """
 
     drive: Function
@@ -55,10 +55,10 @@ class Loads:
 
 @dataclass(frozen=True)
 class SegmentOptions:
-    """How the pieces of a motion are integrated: all of them by one method.
+    """Options of the integration of a motion's pieces, all of them by one method.
 
     progress: called with a fraction from 0 to 1 and a line of text.  stream: gets the samples.  balance: whether the
-    motion is sampled for that, too.  until: what it ends at, if that comes before the duration does.
+    motion is sampled for that, too.  until: terminal event, if any.
     """
 
     plan: IntegratorPlan
@@ -72,7 +72,7 @@ class SegmentOptions:
 class SegmentedMotion:
     """A trajectory, its energy balance, and the wrenches, (T, links, 6), or None without any.
 
-    ``stop`` is why it ends before the duration does, if it does.
+    ``stop`` says why it ends before the duration does, if it does.
     """
 
     trajectory: Trajectory
@@ -83,9 +83,9 @@ class SegmentedMotion:
 
 @dataclass(frozen=True)
 class _Between:
-    """A function of time and state that sees times between two bounds only, so that it does not see a jump there.
+    """A function of time and state whose times are clamped between two bounds, so that it does not see a jump there.
 
-    As data it is the function's, with these bounds beside it.
+    Its time-signal input is that of the function.
     """
 
     function: Function
@@ -97,7 +97,7 @@ class _Between:
         return self.function(min(max(t, self.first), self.last), q, v)
 
     def load_data(self) -> Any:
-        """The function's data for integrations in C; None where only Python knows it."""
+        """Return the function's time-signal input for integrations in C; None where only Python knows it."""
         return signals_of(self.function)
 
 
@@ -123,7 +123,7 @@ def run_segments(
     for begin, end in pairwise(bounds(scenario, loads, grid)):
         kernel.parameters.update(loaded_parameters(robot, scenario, begin))
         try:
-            piece, part, stop = _piece(kernel, scenario, loads, (q, v), (begin, end), grid, record, options)
+            piece, motion, stop = _piece(kernel, scenario, loads, (q, v), (begin, end), grid, record, options)
         except EomgenError as error:
             if stream is not None:
                 stream.flush()  # nothing is lost
@@ -135,14 +135,14 @@ def run_segments(
             done[TERMS.index("payloads")] += float(kernel.energy(q, v).sum()) - energy
         piece["work"] = np.concatenate([[done], done + np.cumsum(piece["work"], axis=0)])
         done = piece["work"][-1].copy()
-        q, v, energy = part.q[-1].copy(), part.v[-1].copy(), float(part.energy[-1].sum())
+        q, v, energy = motion.q[-1].copy(), motion.v[-1].copy(), float(motion.energy[-1].sum())
         keep = np.isin(piece["t"], grid)
-        ended = "ended_at" in part.info
+        ended = "ended_at" in motion.info
         last = end == scenario.duration or stop is not None or ended  # else the next piece begins with this sample
         keep[-1] = last and (keep[-1] or ended)
         pieces.append({name: values[keep] for name, values in piece.items()})
-        info = joined_info(info, part.info)
-        contacts += part.contacts
+        info = joined_info(info, motion.info)
+        contacts += motion.contacts
         if stop is not None or ended:
             break
     if stream is not None:
@@ -160,17 +160,19 @@ def run_segments(
     )
 
 
-def joined_info(before: Mapping[str, float], part: Mapping[str, float]) -> dict[str, float]:
-    """A trajectory's ``info`` over two pieces: of ``margin`` the least, with its time."""
-    found = {key: max(before.get(key, 0), x) if key in GREATEST else before.get(key, 0) + x for key, x in part.items()}
-    if "margin" in part:
-        nearest = min((each for each in (before, part) if "margin" in each), key=lambda each: each["margin"])
-        found |= {key: nearest[key] for key in ("margin", "margin_at")}
-    return found
+def joined_info(before: Mapping[str, float], piece: Mapping[str, float]) -> dict[str, float]:
+    """Return a trajectory's ``info`` over two pieces: of ``margin`` the least, with its time."""
+    joined = {
+        key: max(before.get(key, 0), x) if key in GREATEST else before.get(key, 0) + x for key, x in piece.items()
+    }
+    if "margin" in piece:
+        nearest = min((each for each in (before, piece) if "margin" in each), key=lambda each: each["margin"])
+        joined |= {key: nearest[key] for key in ("margin", "margin_at")}
+    return joined
 
 
 def _good_rows(whole: dict[str, Array]) -> dict[str, Array]:
-    """Rows before the first with a number that results do not take: the motion has diverged there."""
+    """Return the rows before the first with a number that results do not take: the motion has diverged there."""
     largest = {item.name: item.largest for item in ARRAYS}
     good = np.ones(len(whole["t"]), dtype=bool)
     for name, values in whole.items():
@@ -180,15 +182,15 @@ def _good_rows(whole: dict[str, Array]) -> dict[str, Array]:
 
 
 def _recorder(kernel: Kernel, loads: Loads, grid: Array, stream: MotionStream) -> Record:
-    """Passes the samples of the grid on; those of prescribed coordinates as they are prescribed."""
-    given = [kernel.coordinates.index(name) for name in kernel.prescribed]
+    """Return a function that passes the samples of the grid on, prescribed coordinates as they are prescribed."""
+    prescribed = [kernel.coordinates.index(name) for name in kernel.prescribed]
 
     def record(times: Array, states: Array) -> None:
         chosen = grid[np.minimum(np.searchsorted(grid, times), grid.size - 1)] == times
         t, q, v = times[chosen], states[chosen, : kernel.n].copy(), states[chosen, kernel.n :].copy()
         if loads.prescribed is not None:
             for i, at in enumerate(t.tolist()):
-                q[i, given], v[i, given], _ = loads.prescribed(at)
+                q[i, prescribed], v[i, prescribed], _ = loads.prescribed(at)
         if t.size:
             stream.append(t, q, v)
 
@@ -205,7 +207,7 @@ def _piece(
     record: Record | None,
     how: SegmentOptions,
 ) -> tuple[dict[str, Array], Trajectory, IntegrationStopped | None]:
-    """Samples at the ends of a piece and on the grid in between, work from each to the next, and what stopped it.
+    """Integrate a piece: samples at its ends and on the grid between, work from each to the next, and what stopped it.
 
     Raises:
         IntegrationStopped: not even the first sample is there.
@@ -213,7 +215,7 @@ def _piece(
     begin, end = span
     edges = piece_times(span, grid)
     along = how.balance and not how.plan.no_works(kernel)
-    times, apart = (with_nodes(edges), PARTS) if how.balance and not along else (edges, 1)
+    times, apart = (with_nodes(edges), SUBINTERVALS) if how.balance and not along else (edges, 1)
     drive, wrench = between(loads, scenario, begin, end)
     stop: IntegrationStopped | None = None
 
@@ -225,69 +227,71 @@ def _piece(
         return integrate_by(how.plan, system, start, times, progress=report, works=along, **ending)
 
     try:
-        part = moved(state, times, record=record, until=how.until)
-        if "ended_at" in part.info:
-            part, edges = (part, part.t) if apart == 1 else _to_the_end(moved, part, edges)
-            times = part.t
+        motion = moved(state, times, record=record, until=how.until)
+        if "ended_at" in motion.info:
+            motion, edges = (motion, motion.t) if apart == 1 else _to_the_end(moved, motion, edges)
+            times = motion.t
     except IntegrationStopped as error:
         if error.trajectory is None:
             raise
-        stop, found = error, error.trajectory
-        reached = int((found.t == times[: found.t.size]).sum())  # the last good state comes behind them
+        stop, good = error, error.trajectory
+        reached = int((good.t == times[: good.t.size]).sum())  # the last good state comes behind them
         edges = edges[: (reached - 1) // apart + 1]
         times = times[: apart * (edges.size - 1) + 1]
         names = ("t", "q", "v", "u", "energy", *(("works",) if along else ()))
-        part = replace(found, **{name: getattr(found, name)[: times.size] for name in names})
+        motion = replace(good, **{name: getattr(good, name)[: times.size] for name in names})
     wrenches = None
     if wrench is not None:
-        wrenches = np.array([wrench(t, x, y) for t, x, y in zip(times.tolist(), part.q, part.v, strict=True)])
-    samples = {name: getattr(part, name)[::apart] for name in ("t", "q", "v", "u", "energy")}
+        wrenches = np.array([wrench(t, x, y) for t, x, y in zip(times.tolist(), motion.q, motion.v, strict=True)])
+    samples = {name: getattr(motion, name)[::apart] for name in ("t", "q", "v", "u", "energy")}
     samples["t"] = edges
     if wrenches is not None:
         samples["wrench"] = wrenches[::apart]
-    if part.works is not None:
-        samples["work"] = np.diff(integrated(part.works), axis=0)
+    if motion.works is not None:
+        samples["work"] = np.diff(integrated(motion.works), axis=0)
     elif how.balance:
-        samples["work"] = works(kernel, times, part.q, part.v, part.u, wrenches)
+        samples["work"] = works(kernel, times, motion.q, motion.v, motion.u, wrenches)
     else:
         samples["work"] = np.zeros((edges.size - 1, len(TERMS)))
-    return samples, part, stop
+    return samples, motion, stop
 
 
 def piece_times(span: tuple[float, float], grid: Array) -> Array:
-    """Ends of a piece and the times of the grid in between, s."""
+    """Return the ends of a piece and the times of the grid in between, s."""
     begin, end = span
     return np.concatenate([[begin], grid[(grid > begin) & (grid < end)], [end]])
 
 
 def between(loads: Loads, scenario: Scenario, begin: float, end: float) -> tuple[Function, Function | None]:
-    """Drives and wrenches of a piece, which do not see what jumps at its ends."""
+    """Return drives and wrenches of a piece, which do not see what jumps at its ends."""
     sharp = SHARPNESS * scenario.duration
     inside = (begin + sharp if begin > 0.0 else begin, end - sharp if end < scenario.duration else end)
     wrench = None if loads.wrench is None else _Between(loads.wrench, *inside)
     return _Between(loads.drive, *inside, batched=True), wrench
 
 
-def _to_the_end(moved: Callable[..., Trajectory], part: Trajectory, edges: Array) -> tuple[Trajectory, Array]:
-    """A piece that has ended between two edges with samples for its balance up to there, and its edges.
+def _to_the_end(moved: Callable[..., Trajectory], motion: Trajectory, edges: Array) -> tuple[Trajectory, Array]:
+    """Complete a piece that ended between two edges by samples for its balance; return motion and edges.
 
     Args:
         moved: integrates from a state, q and v, over times.
-        part: the piece.
+        motion: the piece.
         edges: its ends and the times of the grid in between, s.
     """
-    at = float(part.info["ended_at"])
+    at = float(motion.info["ended_at"])
     whole = int(np.searchsorted(edges, at))  # edges before the end, the first one at least
-    first = PARTS * (whole - 1)
+    first = SUBINTERVALS * (whole - 1)
     edges = np.append(edges[:whole], at)
-    last = moved((part.q[first], part.v[first]), with_nodes(edges[-2:]))
+    last = moved((motion.q[first], motion.v[first]), with_nodes(edges[-2:]))
     names = ("t", "q", "v", "u", "energy")
-    rows: dict[str, Any] = {name: np.concatenate([getattr(part, name)[:first], getattr(last, name)]) for name in names}
-    return replace(part, **rows), edges
+    rows: dict[str, Any] = {
+        name: np.concatenate([getattr(motion, name)[:first], getattr(last, name)]) for name in names
+    }
+    return replace(motion, **rows), edges
 
 
 def bounds(scenario: Scenario, loads: Loads, grid: Array) -> list[float]:
-    """Times between the pieces, with 0 and the duration; those beside a time of the grid are put on it."""
+    """Return times between the pieces, with 0 and the duration; those beside a time of the grid are put on it."""
     inner = list(loads.ends)
     spans = [(load.t0, load.t1) for load in scenario.wrenches] + [(load.t0, load.t1) for load in scenario.payloads]
     inner += [t for span in spans for t in span if t is not None]

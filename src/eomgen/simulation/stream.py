@@ -58,7 +58,7 @@ class StreamedMotion(Shown):
     meta: Mapping[str, Any]
 
     def series(self, name: str) -> Series:
-        """A coordinate, or its rate (NAME.rate), over time; InputError if there is none of that name.
+        """Return a coordinate, or its velocity (NAME.rate), over time; InputError if there is none of that name.
 
         Joints with alpha, beta and gamma have JOINT.qw, .qx, .qy and .qz as well, as ``SimulationResult.series`` says.
         """
@@ -122,7 +122,7 @@ class MotionStream:
         self._last = time.monotonic()
         if not self._rows["t"]:
             return
-        rows = {name: np.concatenate(parts) for name, parts in self._rows.items()}
+        rows = {name: np.concatenate(pieces) for name, pieces in self._rows.items()}
         end = self._written + len(rows["t"])
         try:
             for name in _NAMES:
@@ -134,7 +134,7 @@ class MotionStream:
 
 
 def load_stream(folder: Path | str) -> StreamedMotion:
-    """Load what a stream has, also while it is written, or after its writer was killed.
+    """Load a stream's samples, also while it is written, or after its writer was killed.
 
     Arrays may have 256 MB together; the environment's ``EOMGEN_NPZ_MB`` says otherwise.
 
@@ -165,7 +165,7 @@ def load_stream(folder: Path | str) -> StreamedMotion:
 
 @dataclass(frozen=True)
 class _About:
-    """Attributes of the group."""
+    """The group's attributes."""
 
     format: int
     coordinates: tuple[str, ...]
@@ -174,7 +174,7 @@ class _About:
 
 
 @dataclass(frozen=True)
-class _Part:
+class _Codec:
     """An entry of Zarr's metadata that has a name."""
 
     name: str
@@ -187,14 +187,14 @@ class _Stored:
 
     shape: tuple[int, ...]
     data_type: str
-    chunk_grid: _Part
-    codecs: tuple[_Part, ...]
+    chunk_grid: _Codec
+    codecs: tuple[_Codec, ...]
 
 
 def _checked_layout(folder: Path, most: int) -> _About:
-    """The attributes of a stream whose files are files, and whose arrays are as large as they should be.
+    """Return the attributes of a stream; refuses what is no file, and arrays that are not as large as they should be.
 
-    Zarr believes what a folder says of itself: this is looked at before it is asked.
+    Zarr believes a folder's metadata: these are checked before Zarr reads them.
     """
     _check_files(folder)
     data = _metadata(folder)
@@ -236,13 +236,13 @@ def _check_chunks(folder: Path, size: int, where: str) -> None:
         if not path.name.isdecimal() or not path.is_file():  # a folder, or not yet in its place
             continue
         with open_regular(path, 2 * size + 1024) as stream:
-            found = _unpacked_size(stream.read(_LONGEST_HEADER))
-        if found != size:
-            raise InputError(f"{where}: chunk {path.name} has {found} bytes; allowed: {size}, packed")
+            unpacked = _unpacked_size(stream.read(_LONGEST_HEADER))
+        if unpacked != size:
+            raise InputError(f"{where}: chunk {path.name} has {unpacked} bytes; allowed: {size}, packed")
 
 
 def _unpacked_size(frame: bytes) -> int | None:
-    """Size that a frame of Zstandard says it is of (RFC 8878, 3.1.1.1), bytes; None where it says none."""
+    """Return the size in a Zstandard frame's header (RFC 8878, 3.1.1.1), bytes; None without one."""
     if len(frame) < 6 or frame[:4] != b"\x28\xb5\x2f\xfd":
         return None
     single = frame[4] >> 5 & 1
@@ -253,7 +253,7 @@ def _unpacked_size(frame: bytes) -> int | None:
 
 
 def _check_files(folder: Path) -> None:
-    """Refuse what is neither a file nor a folder: who reads it would wait."""
+    """Refuse entries that are neither files nor folders: a reader would wait for them."""
     try:
         if not stat.S_ISDIR(folder.stat().st_mode):
             raise InputError(f"{folder}: is no stream of a simulation (no folder); allowed: a folder that eomgen wrote")
@@ -272,7 +272,7 @@ def _check_files(folder: Path) -> None:
 
 
 def _is_plain(path: Path) -> bool:
-    """Whether a path is a file or a folder, or is not there any more: its writer has given it its name."""
+    """Return whether a path is a file or a folder, or is not there any more: its writer has renamed it."""
     with suppress(FileNotFoundError):
         mode = path.lstat().st_mode
         return stat.S_ISREG(mode) or stat.S_ISDIR(mode)
@@ -280,7 +280,7 @@ def _is_plain(path: Path) -> bool:
 
 
 def _metadata(folder: Path) -> dict[str, Any]:
-    """The values of the metadata of a group or an array."""
+    """Return the metadata of a group or an array."""
     path = folder / "zarr.json"
     try:
         text = read_regular(path, _MOST_METADATA).decode("utf-8")
@@ -289,10 +289,10 @@ def _metadata(folder: Path) -> dict[str, Any]:
         raise InputError(
             f"{folder}: is no stream of a simulation ({path.name}: {reason}); allowed: what eomgen wrote"
         ) from None
-    found = parse_json(text, str(path), 16 * _MOST_METADATA)
-    if not isinstance(found, dict):
-        raise InputError(f"{path}: got {show(found)}; allowed: a table")
-    return found
+    metadata = parse_json(text, str(path), 16 * _MOST_METADATA)
+    if not isinstance(metadata, dict):
+        raise InputError(f"{path}: got {show(metadata)}; allowed: a table")
+    return metadata
 
 
 def _zarr() -> Any:

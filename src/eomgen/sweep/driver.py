@@ -36,7 +36,7 @@ from ..scenario.load import read_scenario, scenario_from_values
 from ..scenario.value import Scenario
 from ..simulation.assembly import Assembly
 from ..simulation.run import plan_of
-from ..simulation.together import go_together
+from ..simulation.side_by_side import may_run_side_by_side
 from .contents import SampleRow, manifest_of, row_check
 from .design import Design
 from .job import Dimension, Job, SampleRunner
@@ -138,7 +138,7 @@ def prepare(
         raise outcome
     job = replace(job, columns=outcome.columns)
     design = Design([entry for _, entry in pairs], plan.samples, plan.seed, plan.design)
-    side = BALANCED not in plan.record and go_together(assembly, how)
+    side = BALANCED not in plan.record and may_run_side_by_side(assembly, how)
     note = "each sample by the integrator of the scenario" + (", side by side in C" if side else "")
     return job, design, (note + (f", because rollouts cannot: {reason}" if reason else ""),)
 

@@ -25,7 +25,7 @@ from ..scenario.value import Scenario
 from ..simulation.assembly import Assembly, assemble, kernels_of, with_kernel
 from ..simulation.result import SimulationResult
 from ..simulation.run import plan_of, run_assembly
-from ..simulation.together import DRIVES, POSE, go_together, run_together
+from ..simulation.side_by_side import DRIVES, POSE, may_run_side_by_side, run_side_by_side
 from .contents import SampleRow, finite_or_error
 from .measures import BALANCED, NEEDS, READS, Column, exceeded_limits, measure, rigid_pose
 from .plan import Plan
@@ -235,10 +235,10 @@ class SampleRunner:
         job, balance = self.job, BALANCED in self.job.plan.record
         found: list[SimulationResult | EomgenError] = []
         plan = plan_of(nominal, scenario)
-        if assemblies and not balance and go_together(nominal, plan):
+        if assemblies and not balance and may_run_side_by_side(nominal, plan):
             parts = {part for name in job.plan.record for part in READS.get(name, ())}
             parts |= {DRIVES} if "effort" in self._limits else set()
-            together = run_together(job.robot, scenario, assemblies, plan, job.tool, parts)
+            together = run_side_by_side(job.robot, scenario, assemblies, plan, job.tool, parts)
             return _with_programs(nominal, together) if POSE in parts else together
         for assembly in assemblies:
             try:

@@ -17,7 +17,7 @@ from ..runtime.kernel import Kernel
 from ..scenario.value import Scenario
 from ..simulation.assembly import Assembly
 from ..simulation.result import SimulationResult
-from ..simulation.together import DRIVES, POSE, WRENCHES
+from ..simulation.side_by_side import DRIVES, POSE, WRENCHES
 from ..state.motors import shafts
 from ..state.turning import quaternion_columns
 from .plan import Plan

@@ -268,7 +268,7 @@ def test_integrations_that_are_refused(built: Build) -> None:
     with pytest.raises(ArrayError, match="frequency"):
         Harmonic([1.0, 2.0], [1.0, 2.0, 3.0])
     with pytest.raises(
-        InputError, match=r"the motion of mount\.x, .* is not given; allowed: one \[\[prescribed\]\] entry for each"
+        InputError, match=r"the motion of mount\.x, .* is missing; allowed: one \[\[prescribed\]\] entry for each"
     ):
         simulate(eomgen.load_robot("shaken_arm"))
     with pytest.raises(InputError, match=r"kp is 1\.0 at shaker\.z"):

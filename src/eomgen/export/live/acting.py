@@ -213,7 +213,7 @@ def _add_model(acting: dict[str, Any], model: ModelDrive, assembly: Assembly, q0
     if model.mechanism is not None:
         kernel = assembly.kernel
         try:
-            u = np.asarray(assembly.drive.resting()(0.0, q0, np.zeros(kernel.n)))
+            u = np.asarray(assembly.drive.standstill()(0.0, q0, np.zeros(kernel.n)))
         except (LoopError, EomgenError):
             u = np.zeros(kernel.n)
         for drive in acting["drives"]:

@@ -181,7 +181,7 @@ class _States:
         v_m, a_m = v[setting.index], a[setting.index]
         drive: Any = replace(assembly.drive, motion=_Still(setting.original[i] + change, v_m, a_m))  # type: ignore[type-var]
         if not self._accelerations:
-            drive = drive.resting()
+            drive = drive.standstill()
         zero = np.zeros_like(v)
 
         def forces(q: Array) -> Array:

@@ -270,7 +270,7 @@ def _followed(scenario: Scenario, frame: str, assembly: Assembly, t: Array) -> S
     initial = scenario.initial
     if initial is not None:
         initial = Initial(
-            {name: value for name, value in assembly.given.items() if name not in assembly.driven},
+            {name: value for name, value in assembly.initial_q.items() if name not in assembly.driven},
             initial.v,
             initial.equilibrium,
             initial.held,

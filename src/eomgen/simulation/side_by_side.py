@@ -1,4 +1,4 @@
-"""One scenario for many kernels of one code, their motions side by side in C: the samples of a sweep."""
+"""One scenario for many kernels of one code, their motions integrated side by side in C: the samples of a sweep."""
 
 from __future__ import annotations
 
@@ -38,19 +38,19 @@ from .segments import Function, Loads, between, bounds, piece_times
 
 Motion = SimulationResult | EomgenError
 
-DRIVES, WRENCHES, POSE = "drives", "wrenches", "pose"  # parts of a result that are left out where nobody asks for them
+DRIVES, WRENCHES, POSE = "drives", "wrenches", "pose"  # of a result, left out where nobody asks for them
 NUMBERS = 1 << 24  # of coordinates and rates that motions side by side hold: 128 MB
 
 
-def go_together(assembly: Assembly, plan: IntegratorPlan) -> bool:
-    """Whether a scenario's motions can go side by side: in C, to the duration, and to the bit as alone.
+def may_run_side_by_side(assembly: Assembly, plan: IntegratorPlan) -> bool:
+    """Return whether a scenario's motions may run side by side: in C, to the duration, and to the bit as alone.
 
-    Of constraints that are redundant the closing of one state may depend on those beside it.
+    With redundant constraints the projection of one state may depend on those beside it.
     """
     return plan.in_c and assembly.until is None and not assembly.kernel.raw.libraries.meta.get("redundant", False)
 
 
-def run_together(
+def run_side_by_side(
     robot: Robot,
     scenario: Scenario,
     assemblies: Sequence[Assembly],
@@ -58,37 +58,40 @@ def run_together(
     tool: str,
     parts: Collection[str],
 ) -> list[Motion]:
-    """Motion of each assembly as ``run_assembly`` gives it, or the error that it raises, sooner; see ``go_together``.
+    """Return the motion of each assembly as ``run_assembly``, or the error that it raises, sooner.
 
-    Samples are the same to the bit, whatever goes beside them.  Without energies, balance, contacts, rests, notes and
-    the program's poses; a motion that does not come to its end is done by ``run_assembly``.
+    See ``may_run_side_by_side``.  Samples are the same to the bit, whatever goes beside them.  Without energies,
+    balance, contacts, stiction, notes and the reference's poses; a motion that does not come to its end is done by
+    ``run_assembly``.
 
     Args:
         robot, scenario, tool: as of ``run_assembly``.
-        assemblies: of kernels of one code, each with parameters of its own.
+        assemblies: of kernels of one code, each with its parameters.
         plan: the integrator of all motions.
         parts: what the results have besides, of DRIVES, WRENCHES and POSE.
     """
     grid = output_times(scenario.duration, scenario.output_step)
-    found: list[Motion | None] = [None] * len(assemblies)
+    motions: list[Motion | None] = [None] * len(assemblies)
     starts: dict[int, tuple[Array, Array]] = {}
     for i, assembly in enumerate(assemblies):
         try:
             starts[i] = initial_state(robot, scenario, assembly)[:2]
         except EomgenError as error:
-            found[i] = error
+            motions[i] = error
     size = max(1, NUMBERS // (2 * grid.size * assemblies[0].kernel.n))
     order = list(starts)
     for k in range(0, len(order), size):
         some = order[k : k + size]
-        crowd = _Crowd(robot, scenario, [assemblies[i] for i in some], plan, grid, parts)
-        for i, motion in zip(some, crowd.motions([starts[i] for i in some], tool), strict=True):
-            found[i] = motion
-    return [_alone(robot, scenario, each, tool) if x is None else x for each, x in zip(assemblies, found, strict=True)]
+        batch = _Batch(robot, scenario, [assemblies[i] for i in some], plan, grid, parts)
+        for i, motion in zip(some, batch.motions([starts[i] for i in some], tool), strict=True):
+            motions[i] = motion
+    return [
+        _alone(robot, scenario, each, tool) if x is None else x for each, x in zip(assemblies, motions, strict=True)
+    ]
 
 
 def _alone(robot: Robot, scenario: Scenario, assembly: Assembly, tool: str) -> Motion:
-    """A motion by itself, or the error that ends it."""
+    """Return a motion by itself, or the error that ends it."""
     assembly.kernel.parameters.update(loaded_parameters(robot, scenario, -np.inf))  # as before anything was picked up
     try:
         return run_assembly(robot, scenario, assembly, tool, lambda _fraction, _text: None, balance=False)
@@ -97,8 +100,8 @@ def _alone(robot: Robot, scenario: Scenario, assembly: Assembly, tool: str) -> M
 
 
 @dataclass
-class _Way:
-    """One kernel's motion as far as it is there: q, v, u and wrenches of the pieces that are done."""
+class _Member:
+    """One kernel's motion so far: q, v, u and wrenches of the pieces that are done."""
 
     assembly: Assembly
     loads: Loads
@@ -111,8 +114,8 @@ class _Way:
 
 
 @dataclass(frozen=True, eq=False)
-class _Crowd:
-    """Motions that go side by side."""
+class _Batch:
+    """Motions that are integrated side by side."""
 
     robot: Robot
     scenario: Scenario
@@ -122,98 +125,100 @@ class _Crowd:
     parts: Collection[str]
 
     def motions(self, starts: Sequence[tuple[Array, Array]], tool: str) -> list[SimulationResult | None]:
-        """The motions from these states; None of one that does not come to its end."""
-        ways = [
-            _Way(each, loads_of(each), *start, [], dict.fromkeys(IN_C, 0.0))
+        """Return the motions from these states; None of one that does not come to its end."""
+        members = [
+            _Member(each, loads_of(each), *start, [], dict.fromkeys(IN_C, 0.0))
             for each, start in zip(self.assemblies, starts, strict=True)
         ]
         times = []
-        for begin, end in pairwise(bounds(self.scenario, ways[0].loads, self.grid)):
+        for begin, end in pairwise(bounds(self.scenario, members[0].loads, self.grid)):
             here = piece_times((begin, end), self.grid)
             keep = np.isin(here, self.grid)
             keep[-1] = end == self.scenario.duration  # else the next piece begins with this sample
             times.append(here[keep])
-            self._piece([way for way in ways if not way.failed], here, keep)
+            self._piece([member for member in members if not member.failed], here, keep)
         t = np.concatenate(times)
-        program = ways[0].assembly.shown
+        program = members[0].assembly.shown
         programmed = None if program is None else program.at(t)[0]
-        return [None if way.failed else self._result(way, t, tool, programmed) for way in ways]
+        return [None if member.failed else self._result(member, t, tool, programmed) for member in members]
 
-    def _piece(self, ways: Sequence[_Way], times: Array, keep: Mask) -> None:
-        """Go on with motions over a piece, whose samples are at these times, s; ``keep`` says which ones count."""
+    def _piece(self, members: Sequence[_Member], times: Array, keep: Mask) -> None:
+        """Advance motions over a piece, whose samples are at these times, s; ``keep`` says which ones count."""
         plan, shared = self.plan, None
-        systems: list[tuple[_Way, System, InputSignals]] = []
+        systems: list[tuple[_Member, System, InputSignals]] = []
         atols = []
-        for way in ways:
-            begun = self._begin(way, times)
-            way.failed = begun is None
+        for member in members:
+            begun = self._begin(member, times)
+            member.failed = begun is None
             if begun is None:
                 continue
             system, atol = begun
-            if shared is None or way.loads.wrench is not None:  # which know the kernel's own centres of mass
+            if shared is None or member.loads.wrench is not None:  # which know the kernel's centres of mass
                 shared = reading_inputs.input_signals(
-                    system.kernel.calls, *self._between(way, times), way.loads.prescribed
+                    system.kernel.calls, *self._between(member, times), member.loads.prescribed
                 )
-            systems.append((way, system, shared))
+            systems.append((member, system, shared))
             atols.append(atol)
         if not systems:
             return
         going, _, loads = zip(*systems, strict=True)
-        q, v = (np.array([getattr(way, name) for way in going]) for name in "qv")
-        calls = [way.assembly.kernel.calls for way in going]
+        q, v = (np.array([getattr(member, name) for member in going]) for name in "qv")
+        calls = [member.assembly.kernel.calls for member in going]
         control = per_step(ErrorControl(plan.method, plan.rtol, np.array(atols), plan.turns))
         motion = BatchMotion(calls, loads, times, q, v, control)
         while motion.go():
             pass
-        for k, (way, system, data) in enumerate(systems):
-            way.failed = motion.progress[k].reason != DONE
-            if not way.failed:
-                way.steps += motion.progress[k].steps
-                way.spans = {name: way.spans[name] + span for name, span in motion.spans[k].items()}
-                self._take(way, system, data, times, motion.samples[:, k], keep)
+        for k, (member, system, data) in enumerate(systems):
+            member.failed = motion.progress[k].reason != DONE
+            if not member.failed:
+                member.steps += motion.progress[k].steps
+                member.spans = {name: member.spans[name] + span for name, span in motion.spans[k].items()}
+                self._take(member, system, data, times, motion.samples[:, k], keep)
 
-    def _between(self, way: _Way, times: Array) -> tuple[Function, Function | None]:
-        """Drives and wrenches of a piece."""
-        return between(way.loads, self.scenario, float(times[0]), float(times[-1]))
+    def _between(self, member: _Member, times: Array) -> tuple[Function, Function | None]:
+        """Return drives and wrenches of a piece."""
+        return between(member.loads, self.scenario, float(times[0]), float(times[-1]))
 
-    def _begin(self, way: _Way, times: Array) -> tuple[System, Array] | None:
-        """Begin a piece: its equations, and absolute tolerances; None where that is left to ``run_assembly``."""
-        kernel, plan, begin = way.assembly.kernel, self.plan, float(times[0])
+    def _begin(self, member: _Member, times: Array) -> tuple[System, Array] | None:
+        """Begin a piece: return equations and absolute tolerances; None where that is left to ``run_assembly``."""
+        kernel, plan, begin = member.assembly.kernel, self.plan, float(times[0])
         kernel.parameters.update(loaded_parameters(self.robot, self.scenario, begin))
         try:
-            system = system_of(kernel, *self._between(way, times), way.loads.prescribed)
-            movable = system.begin(begin, way.q.copy(), way.v.copy()).size
-            system.prescribe(begin, way.q, way.v)
-            return (system, tolerances(system, way.q, plan)) if movable else None
+            system = system_of(kernel, *self._between(member, times), member.loads.prescribed)
+            movable = system.begin(begin, member.q.copy(), member.v.copy()).size
+            system.prescribe(begin, member.q, member.v)
+            return (system, tolerances(system, member.q, plan)) if movable else None
         except EomgenError:
             return None
 
-    def _take(self, way: _Way, system: System, data: InputSignals, times: Array, samples: Array, keep: Mask) -> None:
+    def _take(
+        self, member: _Member, system: System, data: InputSignals, times: Array, samples: Array, keep: Mask
+    ) -> None:
         """Take the samples of a piece, (2, T, n); the last one is where the next piece begins."""
-        kernel, (q, v) = way.assembly.kernel, samples
+        kernel, (q, v) = member.assembly.kernel, samples
         rows = {"q": q, "v": v}
         if DRIVES in self.parts or kernel.prescribed:  # which are put in place with them
             function = kernel.raw.adaptive
             assert function is not None
             system.loaded = PackedInputs(function.library, kernel.calls, data)
             rows["u"], trouble = system.forces_over(times, q, v)
-            way.failed = trouble is not None
-        wrench = self._between(way, times)[1] if WRENCHES in self.parts else None
+            member.failed = trouble is not None
+        wrench = self._between(member, times)[1] if WRENCHES in self.parts else None
         if wrench is not None:
             rows["wrench"] = np.array([wrench(*state) for state in zip(times.tolist(), q, v, strict=True)])
-        if way.failed:
+        if member.failed:
             return
-        way.q, way.v = q[-1].copy(), v[-1].copy()
-        way.rows.append(rows if keep.all() else {name: values[keep] for name, values in rows.items()})
+        member.q, member.v = q[-1].copy(), v[-1].copy()
+        member.rows.append(rows if keep.all() else {name: values[keep] for name, values in rows.items()})
 
-    def _result(self, way: _Way, t: Array, tool: str, programmed: Array | None) -> SimulationResult:
-        assembly, kernel = way.assembly, way.assembly.kernel
+    def _result(self, member: _Member, t: Array, tool: str, programmed: Array | None) -> SimulationResult:
+        assembly, kernel = member.assembly, member.assembly.kernel
         whole: dict[str, Any] = {
-            name: way.rows[0][name] if len(way.rows) == 1 else np.concatenate([row[name] for row in way.rows])
-            for name in way.rows[0]
+            name: member.rows[0][name] if len(member.rows) == 1 else np.concatenate([row[name] for row in member.rows])
+            for name in member.rows[0]
         }
         q, v, nothing = whole["q"], whole["v"], np.empty((0, kernel.n))
-        info = {"steps": way.steps, **implicit_spans(self.plan.turns, way.spans)}
+        info = {"steps": member.steps, **implicit_spans(self.plan.turns, member.spans)}
         method = self.plan.leading(info, float(t[-1]))
         driven = index_of(kernel.coordinates, assembly.driven)
         return SimulationResult(

@@ -61,7 +61,7 @@ def check_company(runner: SampleRunner, samples: list[list[float]], monkeypatch:
     whole = runner.rows(indices, samples)
     for some in (indices[::-2], indices[3:5], indices[:1]):
         assert runner.rows(some, [samples[i] for i in some]) == [whole[i] for i in some]
-    monkeypatch.setattr(jobs, "go_together", lambda *_: False)
+    monkeypatch.setattr(jobs, "may_run_side_by_side", lambda *_: False)
     assert runner.rows(indices, samples) == whole
     return whole
 
@@ -70,7 +70,7 @@ def check_company(runner: SampleRunner, samples: list[list[float]], monkeypatch:
 def test_samples_are_what_they_are_alone(case: str, monkeypatch: pytest.MonkeyPatch) -> None:
     runner, samples = rows_of(arm(), CASES[case], plan_from_toml(ARM_PLAN))
     scenario, assembly = runner.nominal(())
-    assert jobs.go_together(assembly, plan_of(assembly, scenario))
+    assert jobs.may_run_side_by_side(assembly, plan_of(assembly, scenario))
     found = check_company(runner, samples, monkeypatch)
     assert not any(row.error for row in found)
     assert len({row.record for row in found}) == len(found)
