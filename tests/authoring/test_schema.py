@@ -72,7 +72,7 @@ SEMANTIC = {
     "$ of Python's regular expressions stands before a newline, too": {"trailing newline", "robot name with newline"},
 }
 SCENARIO_ONLY_READ = (  # reasons of bad_scenarios that the schema does not see
-    *("got nan", "state of rest", "with equilibrium = true only", "times or speed", "increasing", "an array of 2"),
+    *("got nan", "static equilibrium", "with equilibrium = true only", "times or speed", "increasing", "an array of 2"),
     *("does not exist", "another point", "in the plane", "not zero", "coordinates with rows", "array of 2"),
     *("got the time 0 after 1", "needs force and/or moment", "after t0", "no body can have"),
     *("from, to, or both", "'rpy' is missing, which", "where they have none", "(rad) is given, too"),

@@ -302,7 +302,7 @@ BAD_FILES = {
         "the grids have 1000000000000 points together",
         "up to 100000000",
     ),
-    "plan of two grids": bad("plan.toml", PLAN * 2, "vary[1] (line 4)", "varied before", "once"),
+    "plan of two grids": bad("plan.toml", PLAN * 2, "vary[1] (line 4)", "varies already", "once"),
 }
 
 

@@ -21,7 +21,7 @@ READING = [  # what the reader refuses, whatever the robot: text, place, reason
     (DURATION + "[initial]\nq = { a = 'x' }", "initial.q.a", "got 'x'; allowed: a finite number"),
     (DURATION + "[initial]\nq = { 'a b' = 1 }", "initial.q", "got the name 'a b'"),
     (DURATION + "[initial]\nequilibrium = 1", "initial.equilibrium", "got 1; allowed: true or false"),
-    (DURATION + "[initial]\nequilibrium = true\nv = { a = 1 }", "initial.v", "state of rest"),
+    (DURATION + "[initial]\nequilibrium = true\nv = { a = 1 }", "initial.v", "static equilibrium"),
     (DURATION + "[initial]\nheld = ['a']", "initial.held", "with equilibrium = true only"),
     (DURATION + "[motion]\ngoal = [1]", "motion", "the key 'type' is missing; allowed: point_to_point"),
     (DURATION + "[motion]\ntype = 'spiral'", "motion.type", "got 'spiral'"),

@@ -48,12 +48,12 @@ class Contents:
         """
         if name not in self.plain:
             raise InputError(f"{self.path}: the key {name!r} is missing; {ALLOWED}")
-        given = self.plain[name]
-        if is_dataclass(kind) and isinstance(given, Mapping):  # whatever its fields are where none is given
+        plain = self.plain[name]
+        if is_dataclass(kind) and isinstance(plain, Mapping):  # whatever the defaults of its fields are
             for field in fields(kind):
-                if field.name not in given:
+                if field.name not in plain:
                     raise InputError(f"{self.path}: {name}: the key {field.name!r} is missing; {ALLOWED}")
-        return value_of(kind, given, f"{self.path}: {name}", largest)
+        return value_of(kind, plain, f"{self.path}: {name}", largest)
 
     def array(self, name: str, stored: Stored) -> Any:
         """Return an array of the file by name, of the type that is declared; its shape is not checked.
@@ -71,10 +71,10 @@ class Contents:
         Raises:
             InputError: it is no table; names the file and the key.
         """
-        given = self.plain.get(name)
-        if not isinstance(given, Mapping):
-            raise InputError(f"{self.path}: {name}: got {show(given)}; allowed: a table")
-        return Contents(f"{self.path}: {name}", given, {})
+        table = self.plain.get(name)
+        if not isinstance(table, Mapping):
+            raise InputError(f"{self.path}: {name}: got {show(table)}; allowed: a table")
+        return Contents(f"{self.path}: {name}", table, {})
 
 
 def write_npz(path: Path | str, plain: Mapping[str, Any], arrays: Mapping[str, Any]) -> Path:

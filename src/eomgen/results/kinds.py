@@ -1,7 +1,7 @@
 """Kinds of results: each is declared once, and written, read and checked by what it declares.
 
-A field of a result is plain (JSON), or an array where ``Stored`` says how files hold it.  What follows from other
-values is no field of a file: ``record`` says what it is rebuilt from, and ``rebuild`` does it.
+A field of a result is plain (JSON), or an array where ``Stored`` says how files hold it.  Derived values are no fields
+of a file: ``record`` has the values that they are rebuilt from, and ``rebuild`` rebuilds them.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class SavedColumns(Saved):
     """Base of results that are tables of columns, too."""
 
     def columns(self) -> dict[str, NDArray[np.float64]]:
-        """Columns by their names, (N,) each."""
+        """Return columns by their names, (N,) each."""
         raise NotImplementedError
 
     def save(self, path: Path | str) -> Path:
@@ -90,7 +90,7 @@ class Kind(Generic[Result]):
         name: by which files say of which kind they are.
         result: a dataclass; its fields are plain values, or arrays that are declared by ``Stored``.
         ending: of files, .npz or .json.
-        what: a damaged file is none of; the name, if not given.
+        what: how messages call it, "is no WHAT"; default the name.
         rebuilt: names of fields that files do not have as they are.
         record: gives what these are rebuilt from: plain values, and arrays, by names.
         rebuild: gives these fields, by name, of a file.
@@ -111,7 +111,7 @@ class Kind(Generic[Result]):
     rebuild: Callable[[Contents], Mapping[str, Any]] = lambda _: {}
     read: Callable[[Contents], Result] | None = None
     sizes: Callable[[Result], Mapping[str, int]] = lambda _: {}
-    check: Callable[[Result, str], None] = lambda found, path: None
+    check: Callable[[Result, str], None] = lambda result, path: None
     is_finite: bool = True
     is_bare: bool = False
 
@@ -137,7 +137,7 @@ def _is_array(kind: Any, stored: Stored | None) -> bool:
 
 
 def declare(kind: Kind[Result]) -> Loader[Result]:
-    """Let files say that they are of a kind, and return the function that reads them."""
+    """Register a kind of result, and return the function that reads its files."""
     KINDS[kind.name] = kind
 
     def load(path: Path | str) -> Result:
@@ -179,19 +179,19 @@ def read(kind: Kind[Result], path: Path | str) -> Result:
     """
     contents = contents_of(kind, path)
     with damage_named(path, kind.what or kind.name):
-        found: Any = kind.read(contents) if kind.read else _of_declared(kind, contents)
-        _check_arrays(kind, found, str(path))
-        kind.check(found, str(path))
+        loaded: Any = kind.read(contents) if kind.read else _of_declared(kind, contents)
+        _check_arrays(kind, loaded, str(path))
+        kind.check(loaded, str(path))
         if kind.is_finite:
-            check_finite(found, str(path))
+            check_finite(loaded, str(path))
         else:
-            found.lines()
-    result: Result = found
+            loaded.lines()
+    result: Result = loaded
     return result
 
 
 def contents_of(kind: Kind[Any], path: Path | str) -> Contents:
-    """Read the values of a file of a kind; nothing is checked but that it is of it.
+    """Read the values of a file; only its kind is checked.
 
     Raises:
         InputError: the file cannot be read, or is of another kind; names the file.
@@ -236,8 +236,8 @@ def _of_declared(kind: Kind[Result], contents: Contents) -> Result:
     """Make a result of the fields that are declared."""
     if kind.ending != JSON:
         return kind.result(**fields_of(kind, contents), **kind.rebuild(contents))
-    found: Any = value_of(kind.result, contents.plain, contents.path)
-    result: Result = replace(found, **{name: np.array(getattr(found, name), np.float64) for name in kind.arrays})
+    plain: Any = value_of(kind.result, contents.plain, contents.path)
+    result: Result = replace(plain, **{name: np.array(getattr(plain, name), np.float64) for name in kind.arrays})
     return result
 
 
@@ -247,42 +247,42 @@ def fields_of(kind: Kind[Any], contents: Contents) -> dict[str, Any]:
     Raises:
         InputError: one is missing, or of another type than is declared; names the file and the field.
     """
-    found = {}
+    values = {}
     for name, declared in kind.types.items():
         stored = kind.stored.get(name, Stored())
         present = contents.arrays if name in kind.arrays else contents.plain
         if stored.otherwise is not REQUIRED and name not in present:
-            found[name] = stored.otherwise
+            values[name] = stored.otherwise
         elif name in kind.arrays:
-            found[name] = contents.array(name, stored)
+            values[name] = contents.array(name, stored)
         else:
-            found[name] = contents.value(declared, name, stored.largest)
-    return found
+            values[name] = contents.value(declared, name, stored.largest)
+    return values
 
 
-def _check_arrays(kind: Kind[Any], found: Any, path: str) -> None:
+def _check_arrays(kind: Kind[Any], result: Any, path: str) -> None:
     """Refuse arrays of other shapes than are declared, and numbers in them that are not allowed."""
-    tuples = [(x.shape[0], getattr(found, name)) for name, x in kind.stored.items() if len(x.shape) == 1]
-    sizes = {str(letter): len(names) for letter, names in tuples if isinstance(names, tuple)} | dict(kind.sizes(found))
+    tuples = [(x.shape[0], getattr(result, name)) for name, x in kind.stored.items() if len(x.shape) == 1]
+    sizes = {str(letter): len(names) for letter, names in tuples if isinstance(names, tuple)} | dict(kind.sizes(result))
     for name, stored in kind.stored.items():
-        array = getattr(found, name)
+        array = getattr(result, name)
         if isinstance(array, np.ndarray) and array is not stored.otherwise:
             stored.check(array, sizes, f"{path}: array {name}")
 
 
-def check_finite(found: Any, path: str) -> None:
-    """Check that a result can say itself in numbers.
+def check_finite(result: Any, path: str) -> None:
+    """Check that the lines of a result have finite numbers alone.
 
     Raises:
         InputError: its lines have what is no number, or a number that is not finite.
     """
-    if _NO_NUMBER.search("\n".join(found.lines())):
+    if _NO_NUMBER.search("\n".join(result.lines())):
         raise InputError(f"{path}: it has numbers that are not finite, or too large; {ALLOWED}")
 
 
 @contextmanager
 def damage_named(path: Path | str, what: str) -> Iterator[None]:
-    """Around code that makes a result of a file's values: wrong ones become an InputError, "PATH: is no WHAT".
+    """Turn errors of code that makes a result of a file's values into an InputError, "PATH: is no WHAT".
 
     Refusals that do not name the file get its name.
     """

@@ -35,7 +35,7 @@ class Stored:
         of: type of its entries: float, int, bool, complex or str.
         largest: magnitude of its numbers; infinity allows all but NaN.
         unknown: whether numbers that are not finite are allowed beside those.
-        otherwise: value that it has in files of older versions, which are without it; if not given, files have it.
+        otherwise: its value for files of older versions, which are without it; by default files have it.
     """
 
     shape: tuple[str | int, ...] = ()

@@ -8,5 +8,5 @@ BUILTIN = Path(__file__).parents[1] / "scenarios"
 
 
 def builtin_scenarios() -> tuple[str, ...]:
-    """Names of the built-in scenarios, sorted."""
+    """Return the names of the built-in scenarios, sorted."""
     return tuple(sorted(path.stem for path in BUILTIN.glob("*.toml")))

@@ -17,7 +17,7 @@ _INTERPOLATION = Choice("of rows: linear, or hold until the next; default linear
 
 
 def time(about: str, needed: str = "") -> Number:
-    """A time that is not 0."""
+    """Return the key of a time that is not 0."""
     return Number(about, "s", needed, minimum=LEAST_TIME)
 
 
@@ -46,7 +46,7 @@ def _gain(about: str, unit: str) -> Either:
     return Either(about, unit, needed, options=(number, ByName("by joint; others have none", item=number)))
 
 
-_RPY = "roll, pitch, yaw of the frame, base axes"
+_RPY = "roll, pitch, yaw of the frame, base frame"
 _AXES = Form(
     {
         "from": vector(f"{_RPY}, where the path begins; default as the joints let it", "rad"),
@@ -64,8 +64,8 @@ _ORIENTATION = Either(
 )
 _POSE = Form(
     {
-        "xyz": vector("the frame's origin, base axes", "m", "a point, three numbers in m, base axes"),
-        "rpy": vector("roll, pitch, yaw: Rz(yaw) Ry(pitch) Rx(roll), base axes; of all points or of none", "rad"),
+        "xyz": vector("the frame's origin, base frame", "m", "a point, three numbers in m, base frame"),
+        "rpy": vector("roll, pitch, yaw: Rz(yaw) Ry(pitch) Rx(roll), base frame; of all points or of none", "rad"),
         "rpy_deg": vector("the same in degrees, instead of rpy", "deg"),
     }
 )
@@ -88,7 +88,7 @@ MOTIONS: dict[str, Keys] = {
         ),
         "times": Numbers("of the points, rising; or speed", "s"),
         "speed": Either(
-            "mean rate of the fastest coordinate between two points, one or one for each piece; or times",
+            "mean velocity of the fastest coordinate between two points, one or one for each piece; or times",
             "rad/s or m/s",
             options=(_SPEED, Numbers("of each piece", item=_SPEED)),
         ),
@@ -97,23 +97,23 @@ MOTIONS: dict[str, Keys] = {
     "sampled": {
         "file": _sampled("measured motion beside this file"),
         "wanted": FileName(
-            "motion that this one corrects: results are compared with it; default the file's own",
+            "motion that this one corrects: results are compared with it; default the file's",
             suffixes=(".csv", ".npz"),
         ),
     },
     "line": {
         "frame": _FRAME,
-        "from": vector("where the line begins, base axes", "m", "a point, three numbers in m, base axes"),
-        "to": vector("where the line ends, base axes", "m", "a point, three numbers in m, base axes"),
+        "from": vector("where the line begins, base frame", "m", "a point, three numbers in m, base frame"),
+        "to": vector("where the line ends, base frame", "m", "a point, three numbers in m, base frame"),
         "orientation": _ORIENTATION,
         "begin": _BEGIN,
         "duration": time("how long it takes; default 80 percent of the scenario's"),
     },
     "circle": {
         "frame": _FRAME,
-        "center": vector("of the circle, base axes", "m", "three numbers, base axes"),
-        "normal": vector("of its plane, base axes; any length but 0", "", "three numbers, base axes"),
-        "from": vector("where it begins, base axes, in the plane", "m", "three numbers, base axes"),
+        "center": vector("of the circle, base frame", "m", "three numbers, base frame"),
+        "normal": vector("of its plane, base frame; any length but 0", "", "three numbers, base frame"),
+        "from": vector("where it begins, base frame, in the plane", "m", "three numbers, base frame"),
         "angle": Number("right-handed about the normal, not 0; default 2 pi", "rad"),
         "orientation": _ORIENTATION,
         "begin": _BEGIN,
@@ -124,7 +124,7 @@ MOTIONS: dict[str, Keys] = {
         "points": Entries("in space on the way, two or more", "m, rad", "two or more points", inner=_POSE, fewest=2),
         "times": Numbers("of the points, rising; or speed", "s"),
         "speed": Either(
-            "mean rate of the frame's origin between two points, one or one for each piece; or times",
+            "mean speed of the frame's origin between two points, one or one for each piece; or times",
             "m/s",
             options=(_SPEED, Numbers("of each piece", item=_SPEED)),
         ),
@@ -146,9 +146,9 @@ CONTROLS: dict[str, Keys] = {
         "saturate": _SATURATE,
     },
     "pd": {
-        "kp": _gain("drive per distance from the program", "N/m or N m/rad"),
-        "kd": _gain("drive per difference of rates", "N s/m or N m s/rad"),
-        "gravity": Flag("true adds what holds the rigid robot where it is"),
+        "kp": _gain("drive per position error", "N/m or N m/rad"),
+        "kd": _gain("drive per velocity error", "N s/m or N m s/rad"),
+        "gravity": Flag("true adds gravity compensation of the rigid robot"),
         "saturate": _SATURATE,
     },
     "computed_torque": {
@@ -198,9 +198,9 @@ PAYLOAD = Form(
 INITIAL = Form(
     {
         "q": ByName("coordinates at t = 0", "m or rad"),
-        "v": ByName("rates at t = 0", "m/s or rad/s"),
-        "equilibrium": Flag("true looks for the state of rest near q"),
-        "held": Strings("coordinates that stay where they are; with equilibrium = true"),
+        "v": ByName("velocities at t = 0", "m/s or rad/s"),
+        "equilibrium": Flag("true solves the static equilibrium near q"),
+        "held": Strings("coordinates that are fixed where they are; with equilibrium = true"),
     }
 )
 INTEGRATOR = Form(
@@ -216,7 +216,7 @@ UNTIL = Form(
         "coordinate": Text("a coordinate that reaches the value"),
         "value": Number("of the coordinate", "m or rad"),
         "frame": Text("frame or link that comes to the distance from the point"),
-        "point": vector("base axes", "m"),
+        "point": vector("base frame", "m"),
         "distance": Number("of the frame's origin from the point", "m", above=0.0),
     }
 )
@@ -224,10 +224,12 @@ SCENARIO = Form(
     {
         "duration": time("of the simulation", "a time in s that is greater than 0"),
         "output_step": time("distance of the samples; default duration / 1000"),
-        "frame": Text("frame or link to look at; default tcp, the first frame, or the end of the longest chain"),
+        "frame": Text(
+            "frame or link of poses and TCP errors; default tcp, the first frame, or the longest chain's end"
+        ),
         "initial": Sub("state at t = 0", inner=INITIAL),
-        "motion": Sub("what is programmed", inner=Kinds("of the motion", MOTIONS)),
-        "control": Sub("what drives the joints", inner=Kinds("of the control", CONTROLS)),
+        "motion": Sub("reference trajectory", inner=Kinds("of the motion", MOTIONS)),
+        "control": Sub("how joints are driven", inner=Kinds("of the control", CONTROLS)),
         "prescribed": Entries(
             "motions of the robot's prescribed coordinates", inner=Kinds("of the prescribed motion", PRESCRIBED)
         ),

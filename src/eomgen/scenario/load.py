@@ -39,27 +39,27 @@ def load_scenario(source: str | Path) -> Scenario:
     return scenario_from_toml(text, source=name, folder=folder)
 
 
-def as_scenario(given: Scenario | str | Path | Mapping[str, Any]) -> Scenario:
+def as_scenario(scenario: Scenario | str | Path | Mapping[str, Any]) -> Scenario:
     """Return the scenario itself, the one that ``load_scenario`` reads, or the one of a mapping of a file's values.
 
     Raises:
         InputError: it is none of these; says what came and what is allowed.
         DescriptionError: as ``load_scenario``.
     """
-    if isinstance(given, Scenario):
-        return given
-    if isinstance(given, Mapping):
-        return scenario_from_values(given)
-    if not isinstance(given, (str, Path)):
+    if isinstance(scenario, Scenario):
+        return scenario
+    if isinstance(scenario, Mapping):
+        return scenario_from_values(scenario)
+    if not isinstance(scenario, (str, Path)):
         raise InputError(
-            f"scenario: got a value of type {type(given).__name__}; allowed: a Scenario (from load_scenario), the name"
-            f" of a built-in one ({', '.join(builtin_scenarios())}), the path of a .toml file, or a dict of its values"
+            f"scenario: got a value of type {type(scenario).__name__}; allowed: a Scenario (from load_scenario), the"
+            f" name of a built-in one ({', '.join(builtin_scenarios())}), the path of a .toml file, or a dict of its values"
         )
-    return load_scenario(given)
+    return load_scenario(scenario)
 
 
 def read_scenario(source: str | Path) -> tuple[str, str, Path]:
-    """The text of a scenario, what messages call it, and the folder of the files that it names; errors as above."""
+    """Read a scenario's text, its name in messages, and the folder of the files that it names; errors as above."""
     if isinstance(source, str) and source in builtin_scenarios():
         return read_text(BUILTIN / f"{source}.toml", source), source, BUILTIN
     path = as_path(source, "scenario")
@@ -73,7 +73,7 @@ def read_scenario(source: str | Path) -> tuple[str, str, Path]:
 
 
 def scenario_from_toml(text: str, *, source: str = "scenario", folder: Path | None = None) -> Scenario:
-    """The scenario that a TOML text describes; files that it names are looked for in the folder; errors as above."""
+    """Return the scenario of a TOML text; files that it names are looked for in the folder; errors as above."""
     values = parse_toml(text, source)
     with located(text, values, source):
         return replace(scenario_from_values(values, source=source, folder=folder), text=text)
@@ -82,7 +82,7 @@ def scenario_from_toml(text: str, *, source: str = "scenario", folder: Path | No
 def scenario_from_values(
     values: Mapping[str, object], *, source: str = "scenario", folder: Path | None = None
 ) -> Scenario:
-    """The scenario of a TOML file's values; errors as above."""
+    """Return the scenario of a TOML file's values; errors as above."""
     top = SCENARIO.read(values, "", source, ())
     top.require()
     duration = top.number("duration")
@@ -118,9 +118,7 @@ def _initial(table: Table | None) -> Initial | None:
         return None
     equilibrium, v, q = table.boolean("equilibrium"), table.value("v") or {}, table.value("q") or {}
     if equilibrium and v:
-        table.fail(
-            "rates are given together with equilibrium = true, which is a state of rest; allowed: one of both", "v"
-        )
+        table.fail("velocities stand beside equilibrium = true, a static equilibrium; allowed: one of both", "v")
     if "held" in table and not equilibrium:
         table.fail("allowed: with equilibrium = true only", "held")
     return Initial(MappingProxyType(q), MappingProxyType(v), equilibrium, tuple(table.strings("held")))
@@ -174,7 +172,7 @@ def _payload(entry: Table) -> Payload:
 
 
 def _until(table: Table | None) -> Section | None:
-    """The section of what a motion goes on to: of the type "coordinate" or "distance"."""
+    """Return the section of the terminal event, of the type "coordinate" or "distance"."""
     if table is None:
         return None
     kinds = {"coordinate": {"coordinate", "value"}, "distance": {"frame", "point", "distance"}}

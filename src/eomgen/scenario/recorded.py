@@ -1,4 +1,4 @@
-"""Scenarios that a result keeps, as ``Scenario.as_dict`` wrote them: of the types that a Scenario has."""
+"""Scenarios that results keep, as ``Scenario.as_dict`` wrote them: of the types that a Scenario has."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .value import Scenario, Wrench
 
 
 def scenario_from_record(record: Mapping[str, Any], where: str) -> Scenario:
-    """The scenario of a record; programs that Python made are there by the names of their types alone.
+    """Return the scenario of a record; references that Python made are there by the names of their types alone.
 
     Raises:
         InputError: it is no such record; the message begins with ``where``.

@@ -25,7 +25,7 @@ def _via(table: Table, _: Path | None) -> dict[str, Any]:
 
 
 def _timing(table: Table, count: int) -> dict[str, Any]:
-    """Times of points, or mean speeds of the pieces between them."""
+    """Return times of points, or mean speeds of the pieces between them."""
     if ("times" in table) == ("speed" in table):
         table.fail("needs times or speed; allowed: one of them")
     times = table.numbers("times", count)
@@ -55,8 +55,8 @@ def _spline(table: Table, _: Path | None) -> dict[str, Any]:
     still = [i for i, (a, b) in enumerate(pairwise(places)) if a == b]
     if timing["speed"] is not None and still:
         points[still[0] + 1].fail("is where the point before is; allowed: another point, or times instead of speed")
-    found = {key: table.value(key) for key in ("frame", "orientation", "begin")}
-    return {**found, "points": tuple(places), "rpy": tuple(turns) if turned else None, **timing}
+    options = {key: table.value(key) for key in ("frame", "orientation", "begin")}
+    return {**options, "points": tuple(places), "rpy": tuple(turns) if turned else None, **timing}
 
 
 def _file(table: Table, folder: Path | None, key: str = "file") -> str:
@@ -76,7 +76,7 @@ def _is_file(path: Path) -> bool:
 
 
 def read_sampled(table: Table, folder: Path | None) -> dict[str, Any]:
-    """The path of a sampled motion's file, and of the motion that it corrects."""
+    """Return the path of a sampled motion's file, and of the motion that it corrects."""
     wanted = {"wanted": _file(table, folder, "wanted")} if "wanted" in table else {}
     return {"file": _file(table, folder), **wanted}
 
@@ -88,13 +88,13 @@ def _line(table: Table, _: Path | None) -> dict[str, Any]:
 
 
 def _orientation(table: Table) -> Any:
-    """``"keep"``, or roll, pitch and yaw by "from" and "to", as far as they are given; None without the key."""
-    found = table.value("orientation")
-    if not isinstance(found, Table):
-        return found
-    if not found.values:
-        found.fail("got an empty table; allowed: from, to, or both")
-    return {key: angles for key in ("from", "to") if (angles := found.angles(key)) is not None}
+    """Return ``"keep"``, or roll, pitch and yaw by "from" and "to", as far as set; None without the key."""
+    orientation = table.value("orientation")
+    if not isinstance(orientation, Table):
+        return orientation
+    if not orientation.values:
+        orientation.fail("got an empty table; allowed: from, to, or both")
+    return {key: angles for key in ("from", "to") if (angles := orientation.angles(key)) is not None}
 
 
 def _circle(table: Table, _: Path | None) -> dict[str, Any]:
@@ -114,7 +114,7 @@ def _circle(table: Table, _: Path | None) -> dict[str, Any]:
 
 
 def time_table(table: Table, folder: Path | None, columns: Sequence[str] | None) -> TimeTable:
-    """Rows or a file's; ``columns`` are the names to have, any where they are None."""
+    """Return the time table of rows or of a file; ``columns`` are the required names, any where they are None."""
     hold = table.choice("interpolation") == HOLD
     if ("rows" in table) == ("file" in table):
         table.fail("needs rows or file; allowed: one of them")

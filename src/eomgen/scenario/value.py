@@ -1,6 +1,6 @@
-"""A scenario: what a simulation does, whatever the robot; an immutable value.
+"""A scenario: motion, control and loads of a simulation, whatever the robot; an immutable value.
 
-What it says about joints, links and frames is checked when it meets a robot (``eomgen.simulation.run_scenario``).
+Names of joints, links and frames are checked when it meets a robot (``eomgen.simulation.run_scenario``).
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from ..robot.geometry import Vector
 
 @dataclass(frozen=True)
 class Section:
-    """A table of a scenario with a ``type``: its values by key, as they were given, numbers as float."""
+    """A table of a scenario with a ``type``: its values by key, as written, numbers as float."""
 
     type: str
     values: Mapping[str, Any] = field(default_factory=dict)
@@ -36,7 +36,7 @@ class Section:
         return (Section, (self.type, dict(self.values)))  # a mapping proxy cannot be pickled
 
     def get(self, key: str, default: Any = None) -> Any:
-        """The value, or the default where the key is absent."""
+        """Return the value, or the default where the key is absent."""
         return self.values.get(key, default)
 
 
@@ -44,8 +44,8 @@ class Section:
 class Initial:
     """The state at t = 0.
 
-    q, v: by coordinate or joint, m, rad, per s.  equilibrium: rest in balance near q; None where it is not said.
-    held: coordinates that stay at their q whatever that takes.
+    q, v: by coordinate or joint, m, rad, per s.  equilibrium: static equilibrium near q; None without the key.
+    held: coordinates that are fixed at their q.
     """
 
     q: Mapping[str, float] = field(default_factory=dict)
@@ -99,8 +99,8 @@ class Integrator(IntegratorOptions):
 class Scenario:
     """A simulation as a value: duration, motion, control, loads; times in s.
 
-    ``motion`` and ``control`` are None where nothing is programmed or driven, ``until`` where the duration ends it.
-    ``source`` is the file, ``folder`` where it and the files that it names stand; ``text`` is what the file says, for
+    ``motion`` and ``control`` are None without a reference or drives, ``until`` where the duration ends it.
+    ``source`` is the file, ``folder`` where it and the files that it names stand; ``text`` is the file's text, for
     the lines of messages.
     """
 
@@ -121,7 +121,7 @@ class Scenario:
     text: str = field(default="", repr=False, compare=False)
 
     def label(self, key: str) -> str:
-        """Name of a key in messages: with file and tables, or as the argument of a function."""
+        """Return the name of a key in messages: with file and tables, or as the argument of a function."""
         return f"{self.source}: {key}" if self.source else key.rpartition(".")[2]
 
     def fail(self, key: str, message: str) -> NoReturn:
@@ -135,7 +135,7 @@ class Scenario:
         self.fail(key, f"{show(name)}{nearest(name, known)} {what}; allowed: {', '.join(known) or 'none'}")
 
     def as_dict(self) -> dict[str, Any]:
-        """Everything but where the file stands, as values that JSON holds; tables of files are in it."""
+        """Return everything but the file's place, as values that JSON holds; tables of files are in it."""
         return {
             item.name: _plain(getattr(self, item.name))
             for item in dataclasses.fields(self)
@@ -145,8 +145,8 @@ class Scenario:
 
 def _plain(value: object) -> Any:
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        given = ((item.name, getattr(value, item.name)) for item in dataclasses.fields(value))
-        return {name: _plain(x) for name, x in given if x is not None}
+        values = ((item.name, getattr(value, item.name)) for item in dataclasses.fields(value))
+        return {name: _plain(x) for name, x in values if x is not None}
     if isinstance(value, np.ndarray):
         return value.tolist()
     if isinstance(value, Mapping):

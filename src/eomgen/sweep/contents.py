@@ -1,4 +1,4 @@
-"""Contents of the folder of a sweep: the one declaration of sweep.json, and the check of each row against it."""
+"""Contents of a sweep's folder: the one declaration of sweep.json, and the check of each row against it."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ _DISTRIBUTION = Form(DISTRIBUTIONS)
 
 @dataclass(frozen=True)
 class Varied:
-    """A number that changes: "parameter" or "scenario", its name, what relative numbers are multiples of.
+    """A number that varies: "parameter" or "scenario", its name, the nominal value of relative numbers.
 
-    ``distribution``: its place in ``Manifest.distributions``.
+    ``distribution``: its index in ``Manifest.distributions``.
     """
 
     kind: str
@@ -39,7 +39,7 @@ class Varied:
 
 @dataclass(frozen=True, kw_only=True)
 class Manifest:
-    """Everything of sweep.json; what has a default is not in folders of format 1."""
+    """Everything of sweep.json; fields with a default are not in folders of format 1."""
 
     format: int
     key: str
@@ -58,21 +58,21 @@ class Manifest:
 
     @property
     def scale(self) -> tuple[float, ...]:
-        """Factors from what rows hold to SI units, (d,)."""
+        """Factors from the numbers of rows to SI units, (d,)."""
         return tuple(1.0 if item.relative_to is None else float(item.relative_to) for item in self.varied)
 
     def made_by(self) -> Design | None:
-        """The samples' design; None of older folders, and of one that would take long to draw."""
+        """Return the samples' design; None of older folders, and of one that would take long to draw."""
         if not self.distributions:
             return None
-        found = _distributions(self, "sweep.json")
-        if self.design != "random" and self.draws * len(found) > MOST_STRATA:
+        distributions = _distributions(self, "sweep.json")
+        if self.design != "random" and self.draws * len(distributions) > MOST_STRATA:
             return None
-        return Design(found, self.draws, self.seed, self.design)
+        return Design(distributions, self.draws, self.seed, self.design)
 
 
 def manifest_of(data: Mapping[str, Any], where: str) -> Manifest:
-    """The manifest of the values of sweep.json.
+    """Return the manifest of the values of sweep.json.
 
     Raises:
         InputError: something is missing, unknown, of another type, or does not belong together; begins with ``where``.
@@ -110,10 +110,10 @@ def manifest_of(data: Mapping[str, Any], where: str) -> Manifest:
 
 
 def _distributions(manifest: Manifest, where: str) -> list[Distribution]:
-    """A distribution for each number that is varied."""
+    """Return a distribution for each number that varies."""
     tables = (
-        _DISTRIBUTION.read(dict(given), f"distributions[{i}]", where, ())
-        for i, given in enumerate(manifest.distributions)
+        _DISTRIBUTION.read(dict(entry), f"distributions[{i}]", where, ())
+        for i, entry in enumerate(manifest.distributions)
     )
     known = [read_distribution(table) for table in tables]
     for item in manifest.varied:
@@ -127,7 +127,7 @@ def _distributions(manifest: Manifest, where: str) -> list[Distribution]:
 
 @dataclass(frozen=True)
 class SampleRow:
-    """Outcome of sample ``index`` with its numbers: what was recorded, or an error.
+    """Outcome of sample ``index`` with its numbers: the recorded numbers, or an error.
 
     exceeded: limits of the robot that the motion exceeds, "joint1.gamma speed" say.
     """
@@ -143,7 +143,7 @@ CheckRow = Callable[[SampleRow], str]
 
 
 def row_check(manifest: Manifest) -> CheckRow:
-    """Says what is wrong with a row of this sweep: text with what is allowed, "" where nothing is."""
+    """Return a check of this sweep's rows: what is wrong with a row, and what is allowed; "" where nothing is."""
     design, total = manifest.made_by(), manifest.samples
     varied, columns = len(manifest.varied), len(manifest.columns)
 
@@ -170,7 +170,7 @@ def row_check(manifest: Manifest) -> CheckRow:
 
 
 def finite_or_error(names: tuple[Column, ...], record: tuple[float, ...]) -> str:
-    """Why a record cannot be kept: the first number that is none; "" where all are."""
+    """Say why a record cannot be kept: the first number that is not finite; "" where all are."""
     for column, value in zip(names, record, strict=True):
         if not abs(value) <= LARGEST_FOUND:
             return f"InputError: {column.name} is {value!r}; allowed: a finite number"

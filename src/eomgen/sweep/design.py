@@ -1,4 +1,4 @@
-"""Numbers of the samples of a sweep: each from its index alone, so that no order of work changes them.
+"""Numbers of a sweep's samples: each from its index alone, so that no order of work changes them.
 
 A counter-based generator (Philox) is set to the draw's index; its key is made of the seed.
 """
@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from .plan import Distribution
 
-LEAST, MOST = 2.0**-54, 1.0 - 2.0**-53  # what a uniform number is between: a normal one stays finite
+LEAST, MOST = 2.0**-54, 1.0 - 2.0**-53  # bounds of uniform numbers: normal ones stay finite
 _DRAWS, _STRATA = 0, 1  # streams of the generator
 _NORMAL = NormalDist()
 
 
 class Design:
-    """The samples of a plan: at every point of the product of the grids the same ``draws`` of random numbers.
+    """Design of experiments of a plan: at every point of the product of the grids the same ``draws`` of random numbers.
 
     Sample i is draw i % draws at point i // draws; of the grids the last one changes fastest.
 
@@ -42,23 +42,23 @@ class Design:
         return self._points * self._draws
 
     def values(self, index: int) -> tuple[float, ...]:
-        """The d numbers of a sample."""
+        """Return the d numbers of a sample."""
         point, draw = divmod(index, self._draws)
-        found = [0.0] * len(self.distributions)
+        numbers = [0.0] * len(self.distributions)
         for j in reversed([j for j, item in enumerate(self.distributions) if item.kind == "grid"]):
             grid = self.distributions[j].values
             point, place = divmod(point, len(grid))
-            found[j] = grid[place]
+            numbers[j] = grid[place]
         for j, u in zip(self._random, self.uniforms(draw), strict=True):
-            found[j] = quantile(self.distributions[j], u)
-        return tuple(found)
+            numbers[j] = quantile(self.distributions[j], u)
+        return tuple(numbers)
 
     def uniforms(self, draw: int) -> list[float]:
-        """Numbers between 0 and 1, one for each distribution that is no grid."""
-        found = self._generator(_DRAWS, draw).random(len(self._random))
+        """Return numbers between 0 and 1, one for each distribution that is no grid."""
+        uniforms = self._generator(_DRAWS, draw).random(len(self._random))
         if self._strata:
-            found = (np.array([strata[draw] for strata in self._strata]) + found) / self._draws
-        clipped: list[float] = np.clip(found, LEAST, MOST).tolist()
+            uniforms = (np.array([strata[draw] for strata in self._strata]) + uniforms) / self._draws
+        clipped: list[float] = np.clip(uniforms, LEAST, MOST).tolist()
         return clipped
 
     def _generator(self, stream: int, counter: int) -> np.random.Generator:
@@ -66,7 +66,7 @@ class Design:
 
 
 def quantile(distribution: Distribution, u: float) -> float:
-    """The number below which a share u of the distribution is, 0 < u < 1."""
+    """Return the quantile of a distribution at u, 0 < u < 1."""
     low, high = distribution.low, distribution.high
     if distribution.kind == "uniform":
         assert low is not None

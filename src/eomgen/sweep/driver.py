@@ -60,7 +60,7 @@ def run(
     executor: Executor | None = None,
     progress: Progress | None = None,
 ) -> SweepResult:
-    """Do all samples of a plan that the output folder does not have yet.
+    """Run all samples of a plan that the output folder does not have yet.
 
     Args:
         robot: a Robot, the name of a built-in one, or the path of a description.
@@ -70,7 +70,7 @@ def run(
         threads: of this process; default: one per core.
         executor: of ``concurrent.futures`` (processes, Dask's ``client.get_executor()``, MPI's, joblib's loky) instead
             of threads; its workers have eomgen of the same version and a C compiler.
-        progress: called with a fraction from 0 to 1 and a line of text with rate and time left.
+        progress: called with a fraction from 0 to 1 and a line of text with speed and time left.
 
     Raises:
         InputError: plan, scenario and robot do not fit, or the folder is of something else.  Samples that fail do not
@@ -78,7 +78,7 @@ def run(
     """
     robot, plan, folder = as_robot(robot), as_plan(plan), as_path(output, "output")
     if threads is not None and executor is not None:
-        raise InputError("threads and executor are both given; allowed: one of them")
+        raise InputError("threads and executor are both set; allowed: one of them")
     if threads is not None and (isinstance(threads, bool) or not isinstance(threads, int) or threads < 1):
         raise InputError(f"threads: {threads!r} is not a number of threads; a whole number from 1 on is allowed")
     report: Progress = progress or no_progress
@@ -99,7 +99,7 @@ def run(
 def prepare(
     robot: RobotLike, scenario: str | Path | Mapping[str, Any], plan: Plan
 ) -> tuple[Job, Design, tuple[str, ...]]:
-    """Check a plan against robot and scenario: the job, its samples, and notes about how it is done."""
+    """Check a plan against robot and scenario; return the job, its samples, and notes about how it is done."""
     robot = as_robot(robot)
     if isinstance(scenario, Mapping):
         values, source, folder = dict(scenario), "scenario", Path()
@@ -146,7 +146,7 @@ def prepare(
 def _not_rolled(assembly: Assembly, how: IntegratorPlan) -> str:
     """Say why rollouts cannot do a scenario; "" where they can."""
     if assembly.until is not None:
-        return "until: motions that end before the duration does are not part of rollouts"
+        return "until: motions that end before the duration does cannot be rollouts"
     if how.in_c:
         return ""
     return how.not_in_c if how.reason else f"integrator.method: {how.method} integrates in Python"
@@ -155,8 +155,8 @@ def _not_rolled(assembly: Assembly, how: IntegratorPlan) -> str:
 def _dimensions(
     robot: Robot, values: Mapping[str, Any], scenario: Scenario, plan: Plan
 ) -> list[tuple[Dimension, Distribution]]:
-    """The numbers that change, each with its distribution; a pattern stands for all that it means."""
-    found: list[tuple[Dimension, Distribution]] = []
+    """Return the numbers that vary, each with its distribution; a pattern stands for all names that match."""
+    dimensions: list[tuple[Dimension, Distribution]] = []
     carrying = {load.link for load in scenario.payloads}
     meant = expand_each(robot, [entry.parameter or "" for entry in plan.vary])
     for i, entry in enumerate(plan.vary):
@@ -166,7 +166,7 @@ def _dimensions(
                 get_path(values, entry.scenario)
             except InputError as error:
                 plan.fail(f"vary[{i}].scenario", str(error))
-            found.append((Dimension("scenario", entry.scenario, unit), entry.distribution))
+            dimensions.append((Dimension("scenario", entry.scenario, unit), entry.distribution))
             continue
         try:
             names = meant[entry.parameter or ""] or expand_tunable(robot, [entry.parameter or ""])
@@ -179,27 +179,27 @@ def _dimensions(
                     f"vary[{i}].parameter",
                     f"{name}: the scenario has a payload on this link; allowed: others, or payloads.0.mass as scenario",
                 )
-            found.append((Dimension("parameter", name, unit), entry.distribution))
-    twins = [name for name, many in Counter(x.name for x, _ in found).items() if many > 1]
+            dimensions.append((Dimension("parameter", name, unit), entry.distribution))
+    twins = [name for name, many in Counter(x.name for x, _ in dimensions).items() if many > 1]
     if twins:
         plan.fail("vary", f"{twins[0]} is varied by more than one entry; allowed: by one")
-    return found
+    return dimensions
 
 
 def _scaled(
     plan: Plan, values: Mapping[str, Any], parameters: Mapping[str, float], pair: tuple[Dimension, Distribution]
 ) -> Dimension:
-    """The dimension with what its relative numbers are multiples of."""
+    """Return the dimension with the nominal value of its relative numbers."""
     dimension, _ = pair
     if dimension.unit is None:
         return dimension
-    given = parameters[dimension.name] if dimension.kind == "parameter" else get_path(values, dimension.name)
-    if isinstance(given, bool) or not isinstance(given, (int, float)) or given == 0:
+    nominal = parameters[dimension.name] if dimension.kind == "parameter" else get_path(values, dimension.name)
+    if isinstance(nominal, bool) or not isinstance(nominal, (int, float)) or nominal == 0:
         plan.fail(
             "vary",
-            f"{dimension.name} is {show(given)}, and relative numbers are multiples of it; allowed: not relative",
+            f"{dimension.name} is {show(nominal)}, and relative numbers are multiples of it; allowed: not relative",
         )
-    return replace(dimension, unit=float(given))
+    return replace(dimension, unit=float(nominal))
 
 
 def _about(job: Job, design: Design, notes: Sequence[str]) -> dict[str, Any]:
@@ -256,7 +256,7 @@ def _by_executor(job: Job, design: Design, missing: Sequence[int], executor: Exe
     waiting: set[Future[Any]] = set()
     try:
         while True:
-            # few at first, so that what is sent with a worker's first chunk is not sent with hundreds
+            # few at first, so that kernels are sent with a worker's first chunk alone
             fresh = itertools.islice(chunks, max(0, min(AHEAD, FIRST + done) - len(waiting)))
             waiting |= {executor.submit(work, bundle, None, *chunk) for chunk in fresh}
             if not waiting:
@@ -277,7 +277,7 @@ def _by_executor(job: Job, design: Design, missing: Sequence[int], executor: Exe
 
 @dataclass(frozen=True)
 class KernelBundle:
-    """A job for workers, with what it builds."""
+    """A job for workers, with its builds."""
 
     job: Job
     builds: Builds
@@ -298,7 +298,7 @@ _runners: dict[str, SampleRunner] = {}
 def work(
     bundle: KernelBundle, content: Content | None, indices: list[int], samples: list[tuple[float, ...]]
 ) -> list[SampleRow] | MissingKernels:
-    """Rows of samples in a worker's process."""
+    """Compute rows of samples in a worker's process."""
     key = bundle.job.key
     if key not in _runners:
         if lacks_sources(bundle.keys):
@@ -312,7 +312,7 @@ def work(
 
 
 def _collect(store: SweepStore, source: Iterator[list[SampleRow]], missing: int, report: Progress) -> None:
-    """Append rows as they come; what has come is kept whatever ends the work."""
+    """Append rows as they come; those are kept whatever ends the work."""
     done, failed, began = 0, 0, time.monotonic()
     had = len(store.rows)
     report(had / max(had + missing, 1), f"{had} samples are there, {missing} to do")

@@ -23,7 +23,7 @@ from ..state.turning import quaternion_columns
 from .plan import Plan
 
 NEEDS = {"reaction_max": ("reactions",)}  # kernels beside those of a simulation
-READS = {  # parts of results that not all motions have, by what is recorded
+READS = {  # fields of results that not all motions have, by recorded name
     "tool_deviation_max": (POSE,),
     "tool_deviation_rms": (POSE,),
     "tool_deviation_end": (POSE,),
@@ -32,8 +32,8 @@ READS = {  # parts of results that not all motions have, by what is recorded
     "drive_rms": (DRIVES,),
     "reaction_max": (DRIVES, WRENCHES),
 }
-BALANCED = "energy_residue"  # which takes works, of each motion by itself
-PARTS = (("linear", "m"), ("angular", "rad"))
+BALANCED = "energy_residue"  # which takes work integrals, of each motion by itself
+KINDS = (("linear", "m"), ("angular", "rad"))
 
 
 @dataclass(frozen=True)
@@ -45,9 +45,9 @@ class Column:
 
 
 def check_record(plan: Plan, scenario: Scenario, assembly: Assembly) -> None:
-    """DescriptionError of the plan where something to record has no meaning in the scenario."""
+    """Raise the plan's DescriptionError where something to record has no meaning in the scenario."""
     if "tracking_max" in plan.record and assembly.program is None:
-        plan.fail("record", "tracking_max: nothing is programmed; allowed: with a motion, pd or computed_torque")
+        plan.fail("record", "tracking_max: there is no reference; allowed: with a motion, pd or computed_torque")
     if "reaction_max" in plan.record and scenario.payloads:
         plan.fail("record", "reaction_max: the scenario has payloads, whose masses change; allowed: without them")
     if "quaternion_end" in plan.record and not rotating_joints(assembly.kernel.coordinates):
@@ -55,11 +55,11 @@ def check_record(plan: Plan, scenario: Scenario, assembly: Assembly) -> None:
 
 
 def measure(result: SimulationResult, assembly: Assembly, names: Sequence[str]) -> tuple[tuple[Column, ...], Array]:
-    """Columns and numbers of a motion."""
-    found: list[tuple[str, str, float]] = []
+    """Return columns and numbers of a motion."""
+    numbers: list[tuple[str, str, float]] = []
     for name in names:
-        found += _READERS[name](name, result, assembly)
-    return tuple(Column(name, unit) for name, unit, _ in found), np.array([value for _, _, value in found])
+        numbers += _READERS[name](name, result, assembly)
+    return tuple(Column(name, unit) for name, unit, _ in numbers), np.array([value for _, _, value in numbers])
 
 
 Measured = list[tuple[str, str, float]]
@@ -68,8 +68,8 @@ Measured = list[tuple[str, str, float]]
 def exceeded_limits(robot: Robot, result: SimulationResult) -> tuple[str, ...]:
     """Return the limits of a robot that a motion exceeds, as far as it knows its drives: "joint1.gamma speed", say."""
     motion = result.trajectory
-    found = excesses(robot, motion.coordinates, q=motion.q, v=motion.v, u=motion.u)
-    return tuple(f"{excess.coordinate} {excess.kind}" for excess in found)
+    beyond = excesses(robot, motion.coordinates, q=motion.q, v=motion.v, u=motion.u)
+    return tuple(f"{excess.coordinate} {excess.kind}" for excess in beyond)
 
 
 def _tool(name: str, result: SimulationResult, _: Assembly) -> Measured:
@@ -80,7 +80,7 @@ def _tool(name: str, result: SimulationResult, _: Assembly) -> Measured:
 
 
 def _rms(values: Array) -> float:
-    """Root mean square over equal distances in time."""
+    """Return the root mean square over equal distances in time."""
     return float(np.sqrt((values**2).mean()))
 
 
@@ -89,13 +89,13 @@ def _rotation(name: str, result: SimulationResult, _: Assembly) -> Measured:
 
 
 def _drives(name: str, result: SimulationResult, assembly: Assembly) -> Measured:
-    motion, found = result.trajectory, []
+    motion, largest = result.trajectory, []
     motors = shafts(assembly.kernel)
     for coordinate in (motors.get(x, x) for x in assembly.driven):
         u = motion.u[:, motion.coordinates.index(coordinate)]
         value = np.abs(u).max() if name == "drive_max" else _rms(u)
-        found.append((f"{name}.{coordinate}", force_unit_of(coordinate), float(value)))
-    return found
+        largest.append((f"{name}.{coordinate}", force_unit_of(coordinate), float(value)))
+    return largest
 
 
 def _tracking(name: str, result: SimulationResult, _: Assembly) -> Measured:
@@ -104,15 +104,15 @@ def _tracking(name: str, result: SimulationResult, _: Assembly) -> Measured:
 
 
 def _deviations(name: str, result: SimulationResult, _: Assembly) -> Measured:
-    """The largest linear and the largest angular deviation of each joint."""
-    found: dict[tuple[str, str], float] = {}
+    """Return the largest linear and the largest angular deviation of each joint."""
+    largest_by_joint: dict[tuple[str, str], float] = {}
     largest = np.abs(result.deviations).max(axis=0)
     for coordinate, value in zip(result.deviation_coordinates, largest.tolist(), strict=True):
-        for part, unit in PARTS:
+        for kind, unit in KINDS:
             if unit_of(coordinate) == unit:
-                key = (f"{name}.{joint_of(coordinate)}.{part}", unit)
-                found[key] = max(found.get(key, 0.0), value)
-    return [(*key, value) for key, value in found.items()]
+                key = (f"{name}.{joint_of(coordinate)}.{kind}", unit)
+                largest_by_joint[key] = max(largest_by_joint.get(key, 0.0), value)
+    return [(*key, value) for key, value in largest_by_joint.items()]
 
 
 def _coordinates(name: str, result: SimulationResult, _: Assembly) -> Measured:
@@ -123,20 +123,22 @@ def _coordinates(name: str, result: SimulationResult, _: Assembly) -> Measured:
 
 
 def _quaternions(name: str, result: SimulationResult, _: Assembly) -> Measured:
-    """Components at the end; signs follow on those of the motion before, so that samples have them alike."""
-    found = quaternion_columns(result.trajectory.coordinates, result.trajectory.q)
-    return [(f"{name}.{x}", "", float(values[-1])) for x, values in found.items()]
+    """Return components at the end; signs are continued from sample time to sample time, alike in all samples."""
+    columns = quaternion_columns(result.trajectory.coordinates, result.trajectory.q)
+    return [(f"{name}.{x}", "", float(values[-1])) for x, values in columns.items()]
 
 
 def _reactions(name: str, result: SimulationResult, assembly: Assembly) -> Measured:
     motion, kernel = result.trajectory, assembly.kernel
     u = motion.u.copy()
     if assembly.prescribed is not None:
-        given = index_of(kernel.coordinates, kernel.prescribed)
-        u[:, given] = [assembly.prescribed(t)[2] for t in motion.t.tolist()]
+        prescribed = index_of(kernel.coordinates, kernel.prescribed)
+        u[:, prescribed] = [assembly.prescribed(t)[2] for t in motion.t.tolist()]
     a = kernel.forward_dynamics(motion.q, motion.v, u, wrench=result.wrench)
-    found = kernel.reactions(motion.q, motion.v, a, wrench=result.wrench)
-    force, moment = (np.linalg.norm(part, axis=2).max(axis=0) for part in (found[..., :3], found[..., 3:]))
+    wrenches = kernel.reactions(motion.q, motion.v, a, wrench=result.wrench)
+    force, moment = (
+        np.linalg.norm(components, axis=2).max(axis=0) for components in (wrenches[..., :3], wrenches[..., 3:])
+    )
     rows: Measured = []
     for joint, f, m in zip(kernel.joints, force.tolist(), moment.tolist(), strict=True):
         rows += [(f"{name}.{joint}.force", "N", f), (f"{name}.{joint}.moment", "N m", m)]
@@ -167,9 +169,9 @@ _READERS: dict[str, Callable[[str, SimulationResult, Assembly], Measured]] = {
 
 
 def rigid_pose(kernel: Kernel, result: SimulationResult) -> Array:
-    """The tool's pose where the nominal robot is on its program without deviations, (T, 4, 4)."""
+    """Return the tool's pose of the nominal robot on its reference without deviations, (T, 4, 4)."""
     q = np.zeros_like(result.trajectory.q)
     q[:, index_of(kernel.coordinates, result.program_coordinates)] = result.program_q
-    given = index_of(kernel.coordinates, kernel.prescribed)
-    q[:, given] = result.trajectory.q[:, given]
+    prescribed = index_of(kernel.coordinates, kernel.prescribed)
+    q[:, prescribed] = result.trajectory.q[:, prescribed]
     return np.asarray(kernel.frame_pose(q, result.tool))

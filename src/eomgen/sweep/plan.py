@@ -19,8 +19,8 @@ from .keys import DEFAULT_RECORD, DISTRIBUTIONS, FORMER, MOST_SAMPLES, PLAN
 class Distribution:
     """Distribution of one number.
 
-    kind: "grid" with its values; "uniform" from low to high; "normal" with mean and deviation, cut off outside of low
-    and high where they are given.
+    kind: "grid" with its values; "uniform" from low to high; "normal" with mean and deviation, truncated at low and
+    high where there are such.
     """
 
     kind: str
@@ -31,7 +31,7 @@ class Distribution:
     deviation: float = 0.0
 
     def as_dict(self) -> dict[str, Any]:
-        """The key and the table that ``read_distribution`` makes it of."""
+        """Return the key and the table from which ``read_distribution`` makes it."""
         bounds = {key: getattr(self, key) for key in ("low", "high") if getattr(self, key) is not None}
         if self.kind == "grid":
             return {"grid": {"values": list(self.values)}}
@@ -44,7 +44,7 @@ class Distribution:
 class Vary:
     """A number that changes from sample to sample: parameter (a pattern as in ``tunable``) or scenario (a dotted path).
 
-    relative: numbers are multiples of what robot and scenario say.
+    relative: numbers are multiples of the nominal value.
     """
 
     parameter: str | None
@@ -74,16 +74,16 @@ class Plan:
         raise refusal(message, key, self.source, self.text)
 
 
-def as_plan(given: Plan | str | Path) -> Plan:
+def as_plan(plan: Plan | str | Path) -> Plan:
     """Return the plan itself, or the one that ``load_plan`` reads; InputError if it is neither."""
-    if isinstance(given, Plan):
-        return given
-    if not isinstance(given, (str, Path)):
+    if isinstance(plan, Plan):
+        return plan
+    if not isinstance(plan, (str, Path)):
         raise InputError(
-            f"plan: got a value of type {type(given).__name__}; allowed: a Plan (from load_plan), or the path of a"
+            f"plan: got a value of type {type(plan).__name__}; allowed: a Plan (from load_plan), or the path of a"
             " .toml file"
         )
-    return load_plan(given)
+    return load_plan(plan)
 
 
 def load_plan(path: str | Path) -> Plan:
@@ -98,7 +98,7 @@ def load_plan(path: str | Path) -> Plan:
 
 
 def plan_from_toml(text: str, *, source: str = "plan") -> Plan:
-    """The plan that a TOML text describes; errors as ``load_plan``."""
+    """Return the plan of a TOML text; errors as ``load_plan``."""
     values = parse_toml(text, source)
     with located(text, values, source):
         return replace(_plan(PLAN.read(values, "", source, ())), text=text)
@@ -125,23 +125,23 @@ def _plan(top: Table) -> Plan:
 
 
 def _varied(top: Table) -> tuple[Vary, ...]:
-    """The entries; their grids are not made further once they have more points together than a sweep can have."""
-    found: list[Vary] = []
+    """Read the entries; stops once their grids have more points together than a sweep can have."""
+    entries: list[Vary] = []
     points = 1
     for index, (_, entry) in enumerate(top.entries("vary")):
-        found.append(_vary(entry))
-        points *= max(len(found[-1].distribution.values), 1)
+        entries.append(_vary(entry))
+        points *= max(len(entries[-1].distribution.values), 1)
         if points > MOST_SAMPLES:
             top.fail(f"the grids have {points} points together; allowed: up to {MOST_SAMPLES}", f"vary[{index}]")
-    return tuple(found)
+    return tuple(entries)
 
 
 def _engine(top: Table) -> str:
-    given = top.values.get("engine")
+    engine = top.values.get("engine")
     for key in FORMER:
-        if isinstance(given, dict) and key in given:
+        if isinstance(engine, dict) and key in engine:
             allowed = "allowed: type; method, rtol and atol in the scenario's [integrator]"
-            top.fail(f"samples are integrated by steps that their errors control; {allowed}", f"engine.{key}")
+            top.fail(f"samples are integrated with adaptive step size; {allowed}", f"engine.{key}")
     table = top.table("engine")
     return (table.choice("type") if table else None) or "auto"
 
@@ -155,7 +155,7 @@ def _vary(table: Table) -> Vary:
 
 
 def read_distribution(table: Table) -> Distribution:
-    """The one distribution that a table has among its keys; DescriptionError if it has none, or several."""
+    """Return the one distribution that a table has among its keys; DescriptionError if it has none, or several."""
     kinds = [kind for kind in DISTRIBUTIONS if kind in table]
     if len(kinds) != 1:
         came = ", ".join(kinds) or "none"
@@ -170,7 +170,7 @@ def _grid(table: Table) -> Distribution:
     if "values" in table:
         for key in ("low", "high", "count"):
             if key in table:
-                table.fail("given together with values; allowed: values, or low, high and count", key)
+                table.fail("stands beside values; allowed: values, or low, high and count", key)
         values = tuple(table.value("values"))
         if len(set(values)) < len(values):
             table.fail(f"got {show(list(values))}; allowed: different numbers", "values")
@@ -215,5 +215,5 @@ def _refuse_twins(top: Table, vary: tuple[Vary, ...]) -> None:
     for i, entry in enumerate(vary):
         name = (entry.parameter, entry.scenario)
         if name in seen:
-            top.fail(f"{show(name[0] or name[1])} is varied before, by vary[{seen[name]}]; allowed: once", f"vary[{i}]")
+            top.fail(f"{show(name[0] or name[1])} varies already, by vary[{seen[name]}]; allowed: once", f"vary[{i}]")
         seen[name] = i

@@ -1,4 +1,4 @@
-"""Results of sweeps: a table by sample, percentiles of what was recorded, and what it depends on."""
+"""Results of sweeps: a table by sample, percentiles of recorded numbers, and their sensitivities."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ LINEAR_ENOUGH = 0.9  # R^2 from which regression coefficients are what a ranking
 
 @dataclass(frozen=True)
 class Sensitivity(Shown, Tabular):
-    """Dependence of a recorded number on the numbers that were varied, (d,) each.
+    """Global sensitivity of a recorded number to the numbers that vary, (d,) each.
 
     Attributes:
-        names: of what was varied.
+        names: of the numbers that vary.
         regression: standardised regression coefficients: standard deviations of the recorded number per standard
             deviation of a varied one, all others fixed, in the linear model of least squares; NaN where there are no
             more samples than numbers.
@@ -48,13 +48,13 @@ class Sensitivity(Shown, Tabular):
     noise: float
 
     def as_rows(self) -> Rows:
-        """A row per number that was varied: its regression coefficient and its rank correlation."""
+        """Return a row per number that varies: its regression coefficient and its rank correlation."""
         columns = [TableColumn(name, "1", getattr(self, name)) for name in ("regression", "spearman")]
         return Rows("varied", "", np.array(self.names, dtype=object), columns)
 
     @property
     def ranking(self) -> list[int]:
-        """Places of the names by influence: by regression where it explains the variance, else by rank correlation."""
+        """Indices of the names by influence: by regression where it explains the variance, else by rank correlation."""
         by = self.regression if self.r_squared >= LINEAR_ENOUGH else self.spearman
         return [int(i) for i in np.argsort(-np.abs(np.nan_to_num(by)), kind="stable")]
 
@@ -66,7 +66,7 @@ class SweepResult(Plotting, Shown, Tabular, plot="plot_column"):
     Attributes:
         folder: where they are.
         index: (N,), increasing; all of range(total) once the sweep is complete.
-        varied, columns: names of what was varied and recorded; ``units`` by name of the latter.
+        varied, columns: names of the numbers that vary and of recorded ones; ``units`` by name of the latter.
         samples: (N, d), SI units; absolute, also where the plan was relative.
         record: (N, c); NaN in samples that failed.
         errors: of failed samples, by index.
@@ -89,9 +89,9 @@ class SweepResult(Plotting, Shown, Tabular, plot="plot_column"):
 
     @staticmethod
     def load(folder: Path | str) -> SweepResult:
-        """Load what a sweep's folder has, also while it is running or after its end by force.
+        """Load a sweep's folder, also while it is running or after its end by force.
 
-        Checksums are compared, and the samples' numbers with what seed and index make.
+        Checksums are compared, and the samples' numbers with those of seed and index.
 
         Raises:
             InputError: the folder holds no sweep, or what it holds was changed; says which line.
@@ -123,7 +123,7 @@ class SweepResult(Plotting, Shown, Tabular, plot="plot_column"):
         return self.index.size == self.total
 
     def of(self, column: str) -> Array:
-        """A recorded number of all samples, (N,); UnknownNameError if there is none of that name."""
+        """Return a recorded number of all samples, (N,); UnknownNameError if there is none of that name."""
         if column not in self.columns:
             raise UnknownNameError(
                 f"column: {show(column)} is unknown{nearest(column, self.columns)}; known: {', '.join(self.columns)}"
@@ -131,26 +131,26 @@ class SweepResult(Plotting, Shown, Tabular, plot="plot_column"):
         return self.record[:, self.columns.index(column)]
 
     def percentiles(self, column: str, shares: tuple[float, ...] = SHARES) -> Array:
-        """Percentiles of a recorded number over the samples that did not fail, linear between samples."""
+        """Return percentiles of a recorded number over the samples that did not fail, linear between samples."""
         values = self.of(column)
         values = values[np.isfinite(values)]
-        found: Array = np.percentile(values, shares) if values.size else np.full(len(shares), np.nan)
-        return found
+        percentiles: Array = np.percentile(values, shares) if values.size else np.full(len(shares), np.nan)
+        return percentiles
 
     def sensitivity(self, column: str) -> Sensitivity:
-        """Dependence of a recorded number on what was varied, over the samples that did not fail."""
+        """Return the sensitivity of a recorded number, over the samples that did not fail."""
         y = self.of(column)
         good = np.isfinite(y)
         return sensitivity_of(self.varied, self.samples[good], y[good])
 
     def facts(self) -> dict[str, str]:
-        """Names and short texts that ``repr`` and notebooks show."""
+        """Return names and short texts that ``repr`` and notebooks show."""
         shown = {"robot": show(self.meta["robot"]), "samples": f"{self.index.size} of {self.total}"}
         shown |= {"failed": str(len(self.errors)), "varied": text_of(self.varied), "columns": text_of(self.columns)}
         return shown | {"folder": text_of(self.folder)}
 
     def as_rows(self) -> Rows:
-        """A row per sample by its index: what was varied, what was recorded, and the error of a failed one."""
+        """Return a row per sample by its index: numbers that vary, recorded ones, and the error of a failed one."""
         columns = [TableColumn(name, "SI", self.samples[:, i]) for i, name in enumerate(self.varied)]
         columns += [TableColumn(name, self.units[name], self.record[:, i]) for i, name in enumerate(self.columns)]
         texts = np.array([self.errors.get(i, "") for i in self.index.tolist()], dtype=object)
@@ -176,11 +176,11 @@ class SweepResult(Plotting, Shown, Tabular, plot="plot_column"):
         return write_atomically(path, lambda stream: parquet.write_table(pyarrow.table(columns), stream))
 
     def as_dict(self) -> dict[str, Any]:
-        """The summary as values that JSON holds."""
-        found = {}
+        """Return the summary as values that JSON holds."""
+        columns = {}
         for column in self.columns:
             ranked = self.sensitivity(column)
-            found[column] = {
+            columns[column] = {
                 "unit": self.units[column],
                 "percentiles": dict(zip(map(str, SHARES), _plain(self.percentiles(column)), strict=True)),
                 "r_squared": _plain(np.array([ranked.r_squared]))[0],
@@ -195,18 +195,18 @@ class SweepResult(Plotting, Shown, Tabular, plot="plot_column"):
             "done": int(self.index.size),
             "failed": len(self.errors),
             "exceeded": dict(self.exceeded),
-            "columns": found,
+            "columns": columns,
         }
 
     def lines(self) -> list[str]:
-        """The summary for a reader."""
+        """Return the summary as lines of text."""
         state = "" if self.complete else f", {self.total - self.index.size} of {self.total} not done"
         lines = [f"{self.meta['robot']}: {self.index.size} samples, {len(self.errors)} failed{state}"]
         lines += [f"  {note}" for note in self.meta["notes"]]
         if self.exceeded:
-            parts = [f"{limit} in {count}" for limit, count in self.exceeded.items()]
-            more = f" and {len(parts) - SHOWN} more" if len(parts) > SHOWN else ""
-            lines.append(f"  samples that exceed limits of the robot: {', '.join(parts[:SHOWN])}{more}")
+            limits = [f"{limit} in {count}" for limit, count in self.exceeded.items()]
+            more = f" and {len(limits) - SHOWN} more" if len(limits) > SHOWN else ""
+            lines.append(f"  samples that exceed limits of the robot: {', '.join(limits[:SHOWN])}{more}")
         width = max(map(len, self.columns))
         lines.append(f"  {'percentiles':<{width}}" + "".join(f" {share:>10}" for share in SHARES))
         for column in self.columns:
@@ -227,12 +227,12 @@ class SweepResult(Plotting, Shown, Tabular, plot="plot_column"):
 
 
 def _plain(values: Array) -> list[float | None]:
-    """Numbers for JSON, None where there is none."""
+    """Return numbers for JSON, None where they are not finite."""
     return [float(x) if np.isfinite(x) else None for x in values]
 
 
 def sensitivity_of(names: tuple[str, ...], x: Array, y: Array) -> Sensitivity:
-    """Correlations of y (N,) with each column of x (N, d)."""
+    """Return regression and rank correlations of y, (N,), with each column of x, (N, d)."""
     count, d = x.shape
     nothing = np.full(d, np.nan)
     noise = 2.0 / np.sqrt(count - 1) if count > 1 else float("inf")
@@ -253,8 +253,8 @@ def sensitivity_of(names: tuple[str, ...], x: Array, y: Array) -> Sensitivity:
 
 
 def _ranks(values: Array) -> Array:
-    """Ranks from 0 on, the mean of theirs where values are equal."""
+    """Return ranks from 0 on, the mean rank where values are equal."""
     _, places, counts = np.unique(values, return_inverse=True, return_counts=True)
     ends = np.cumsum(counts)
-    found: Array = (ends - (counts + 1) / 2.0)[places]
-    return found
+    ranks: Array = (ends - (counts + 1) / 2.0)[places]
+    return ranks

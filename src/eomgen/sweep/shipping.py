@@ -1,7 +1,7 @@
 """Kernels that travel by content: to a process whose cache lacks them, on this machine or another one.
 
 Source and binary go into the worker's cache under the hashes that they have here.  A worker whose machine, C library,
-compiler or Python differs finds no binary under its own hash and compiles the source that it was sent; none derives.
+compiler or Python differs has no binary under its hash and compiles the source that it was sent; none derives.
 """
 
 from __future__ import annotations
@@ -32,34 +32,34 @@ Builds = tuple[tuple[Robot, tuple[str, ...]], ...]
 
 
 def builds_of(robot: Robot, scenario: Scenario, kernels: Sequence[str]) -> Builds:
-    """Builds that a scenario of a robot needs: the robot, and the rigid one that drives may know."""
+    """Return the builds that a scenario of a robot needs: the robot, and the rigid one that drives may use."""
     return ((with_payload_parameters(robot, scenario), tuple(kernels)), (robot.rigid(), rigid_kernels(robot)))
 
 
 def machine() -> tuple[str, ...]:
-    """The system and its C library, on which a binary may depend beyond its hash."""
+    """Return the system and its C library, on which a binary may depend beyond its hash."""
     return (platform.system(), platform.machine(), *platform.libc_ver())
 
 
 def source_keys(builds: Builds) -> tuple[str, ...]:
-    """Keys of the sources; they are others where eomgen is another one."""
+    """Return the keys of the sources; another eomgen has others."""
     return tuple(cache_keys(robot, kernels)[0] for robot, kernels in builds)
 
 
 def pack(builds: Builds) -> Content:
-    """The content of what was built here."""
+    """Return the content of the builds in this cache."""
     entries: dict[tuple[str, str], dict[str, bytes]] = {}
     for robot, kernels in builds:
         source, package = cache_keys(robot, kernels)
         for kind, key in (("sources", source), ("packages", package)):
-            found = store.find(kind, key) if key else None
-            if found is not None:
-                entries[kind, found.key] = dict(found.files)
+            stored = store.find(kind, key) if key else None
+            if stored is not None:
+                entries[kind, stored.key] = dict(stored.files)
     return Content(entries, machine())
 
 
 def lacks_sources(keys: Sequence[str]) -> bool:
-    """Whether this process's cache has none of the sources."""
+    """Return whether this process's cache has none of the sources."""
     return not any(store.find("sources", key) for key in keys)
 
 
@@ -82,7 +82,7 @@ def unpack(content: Content, builds: Builds, keys: Sequence[str]) -> None:
 
 
 def check_same(builds: Builds, keys: Sequence[str]) -> None:
-    """InputError where eomgen here would write other C for the same robot."""
+    """Raise InputError where eomgen here would write other C for the same robot."""
     if source_keys(builds) != tuple(keys):
         raise InputError(
             "the worker's eomgen is another one than the one that sends work; allowed: the same version on all machines"

@@ -1,4 +1,4 @@
-"""The folder of a sweep: what was done is only ever appended to, so that it survives its writer's end.
+"""The folder of a sweep: finished samples are only ever appended, so that they survive their writer's end.
 
 sweep.json says what is swept; samples.jsonl has a line for every sample that is done, in the order of completion; a
 last line without an end is of a writer that was killed, and is cut off.  Both carry checksums of what they say (since
@@ -50,7 +50,7 @@ class SweepStore:
         lines = "".join(json.dumps(line_of(row)) + "\n" for row in rows)
         try:
             rest = memoryview(lines.encode("ascii"))
-            while rest:  # a disk that fills up takes a part, and says so when it is given the rest
+            while rest:  # a disk that fills up takes some of it, and says so at the next write
                 rest = rest[self._file.write(rest) :]
             if time.monotonic() - self._synced > SECONDS:
                 self.sync()
@@ -64,14 +64,14 @@ class SweepStore:
         self._synced = time.monotonic()
 
     def close(self) -> None:
-        """Nothing more comes."""
+        """Write everything to the disk, and close the file."""
         self.sync()
         self._file.close()
 
 
 @contextmanager
 def opened(folder: Path, manifest: Mapping[str, Any], check: CheckRow | None = None) -> Iterator[SweepStore]:
-    """The folder of a sweep, new or resumed.
+    """Open the folder of a sweep, new or resumed.
 
     Args:
         folder: new, empty, or of the same sweep.
@@ -113,7 +113,7 @@ def opened(folder: Path, manifest: Mapping[str, Any], check: CheckRow | None = N
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:
-    """Read what a folder's sweep is, without its checksum.
+    """Read a folder's manifest, without its checksum.
 
     Raises:
         InputError: there is none, it was changed, or is of a newer eomgen.
@@ -126,23 +126,23 @@ def read_manifest(folder: Path) -> dict[str, Any]:
             f"{folder}: holds no sweep ({MANIFEST}: {reason}); allowed: a folder that eomgen wrote"
         ) from None
     where = f"{folder}: holds no sweep ({MANIFEST})"
-    found = parse_json(text, where, _MOST_VALUES)
-    number = found.get("format") if isinstance(found, dict) else None
+    manifest = parse_json(text, where, _MOST_VALUES)
+    number = manifest.get("format") if isinstance(manifest, dict) else None
     if isinstance(number, bool) or not isinstance(number, int) or number < 1:
         raise InputError(f"{where}: got the format {show(number)}; allowed: a folder that eomgen wrote")
     if number > FORMAT:
         raise InputError(f"{folder}: written by a newer eomgen than this one; allowed: up to format {FORMAT}")
-    check = found.pop("check", None)
-    if number > 1 and check != checksum(found):
+    check = manifest.pop("check", None)
+    if number > 1 and check != checksum(manifest):
         raise InputError(f"{folder / MANIFEST}: was changed since it was written; allowed: what eomgen wrote")
-    values: dict[str, Any] = value_of(Mapping[str, Any], found, where)
+    values: dict[str, Any] = value_of(Mapping[str, Any], manifest, where)
     return values
 
 
 def read_rows(
     folder: Path, check: CheckRow | None = None, *, checked: bool = True, repair: bool = False
 ) -> dict[int, SampleRow]:
-    """The samples that are done, by index; also while others are being written.
+    """Read the finished samples, by index; also while others are being written.
 
     Args:
         check: says what is wrong with a row, "" where nothing is.
@@ -178,21 +178,21 @@ def read_rows(
     return rows
 
 
-def _check_same(folder: Path, found: Mapping[str, Any], wanted: Mapping[str, Any]) -> None:
+def _check_same(folder: Path, stored: Mapping[str, Any], wanted: Mapping[str, Any]) -> None:
     for key, what in (("eomgen", "version of eomgen"), ("robot", "robot"), ("key", "plan, scenario or robot")):
-        if found.get(key) != wanted[key]:
+        if stored.get(key) != wanted[key]:
             raise InputError(
-                f"{folder}: holds a sweep of another {what} ({show(found.get(key))[:40]}, here {wanted[key]!r:.40});"
+                f"{folder}: holds a sweep of another {what} ({show(stored.get(key))[:40]}, here {wanted[key]!r:.40});"
                 " allowed: the same one, to go on with it, or another folder"
             )
-    if found["format"] != FORMAT:
+    if stored["format"] != FORMAT:
         raise InputError(
-            f"{folder}: its rows have no checksums (format {found['format']}); allowed: to read it, and another folder"
+            f"{folder}: its rows have no checksums (format {stored['format']}); allowed: to read it, and another folder"
             " to go on in"
         )
     here = value_of(Mapping[str, Any], json.loads(json.dumps(wanted)), "sweep")
-    for key in sorted({*found, *here} - {"notes"}):
-        if found.get(key) != here.get(key):
+    for key in sorted({*stored, *here} - {"notes"}):
+        if stored.get(key) != here.get(key):
             raise InputError(
                 f"{folder / MANIFEST}: {show(key)} is not what plan, scenario and robot make of it; allowed: the same"
                 " sweep, to go on with it, or another folder"
@@ -200,12 +200,12 @@ def _check_same(folder: Path, found: Mapping[str, Any], wanted: Mapping[str, Any
 
 
 def checksum(values: Mapping[str, Any]) -> str:
-    """Hash of values that JSON holds: it is that of what is read of what was written."""
+    """Return the hash of values that JSON holds; writing and reading them does not change it."""
     return hashlib.sha256(json.dumps(values).encode("ascii")).hexdigest()[:16]
 
 
 def line_of(row: SampleRow) -> dict[str, Any]:
-    """The values of a row's line, its checksum among them."""
+    """Return the values of a row's line, its checksum among them."""
     outcome: dict[str, Any] = {"error": row.error} if row.error else {"record": row.record}
     exceeded = {"exceeded": row.exceeded} if row.exceeded else {}
     body = {"index": row.index, "sample": row.sample, **outcome, **exceeded}
@@ -213,16 +213,16 @@ def line_of(row: SampleRow) -> dict[str, Any]:
 
 
 def _row(line: bytes, checked: bool) -> tuple[SampleRow, str]:
-    """The row of a line, and what is wrong with it."""
+    """Return the row of a line, and what is wrong with it."""
     nothing = SampleRow(-1, ())
     if len(line) > _MOST_LINE:
         return nothing, f"it has more than {_MOST_LINE} bytes; allowed: a row as eomgen writes it"
     try:
-        found = parse_json(line.decode("ascii"), "row", _MOST_VALUES)
-        check = found.pop("check", None) if isinstance(found, dict) else None
-        if checked and (not isinstance(found, dict) or check != checksum(found)):
+        values = parse_json(line.decode("ascii"), "row", _MOST_VALUES)
+        check = values.pop("check", None) if isinstance(values, dict) else None
+        if checked and (not isinstance(values, dict) or check != checksum(values)):
             return nothing, "its checksum is not that of its values; allowed: a row as it was written"
-        row: SampleRow = value_of(SampleRow, found, "row")
+        row: SampleRow = value_of(SampleRow, values, "row")
     except UnicodeDecodeError:
         return nothing, "it is no ASCII text; allowed: a row as eomgen writes it"
     except InputError as error:
