@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from eomgen.robot.cuts import rigid_parts
+from eomgen.robot.cuts import rigid_components
 
 if TYPE_CHECKING:
     from eomgen.robot.model import Model
@@ -47,7 +47,7 @@ def row_blocks(model: Model) -> list[Block]:
     for loop in model.robot.loops:
         one, other = (set(model.ancestors(model.body_of[link])) for link in loop.links)
         columns = {i for k in one ^ other for i in model.bodies[k].indices}  # what moves both sides moves neither
-        put(tuple((loop.name, component.axis is None) for component in rigid_parts(loop)), columns)
+        put(tuple((loop.name, component.axis is None) for component in rigid_components(loop)), columns)
     for coupling in model.rigid_couplings:
         names = {leader for x in (coupling.of, *coupling.to) for leader in model.leaders.get(x, (x,))}
         put(((coupling.name, False),), {model.coordinates.index(name) for name in names})

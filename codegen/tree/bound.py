@@ -18,7 +18,7 @@ from eomgen.robot.elements import KINDS
 from eomgen.robot.elements.joint_damping import JOINT_DAMPING
 from eomgen.robot.elements.journal import RADIAL
 from eomgen.robot.geometry import IDENTITY, snap
-from eomgen.robot.laws import given_laws
+from eomgen.robot.laws import active_laws
 from eomgen.robot.model import FIXED_BODY, Model, turned_name
 from eomgen.robot.value import ANGULAR, COORDINATES, INERTIA_KEYS, LINEAR, MOTOR, Coordinate, Joint, Placement, loaded
 
@@ -454,4 +454,4 @@ def _knots(coordinate: Coordinate) -> tuple[float, ...]:
 
 def _is_bent(coordinate: Coordinate) -> bool:
     """Whether the stiffness is not that of one straight line."""
-    return any(law.takes_stiffness for law in given_laws(coordinate.law()))
+    return any(law.takes_stiffness for law in active_laws(coordinate.law()))

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from eomgen.robot.cuts import Component, rigid_parts
+from eomgen.robot.cuts import Component, rigid_components
 from eomgen.robot.model import FIXED_BODY, Model
 from eomgen.robot.value import ANGULAR
 
@@ -180,7 +180,7 @@ class Closure(FramePair):
         """Follow both sides of the loop of that number."""
         self.number, self.name = number, model.robot.loops[number].name
         super().__init__(model, joints, bound.cuts[number], f"loops.{self.name}")
-        self.parts: tuple[Component, ...] = rigid_parts(model.robot.loops[number])
+        self.parts: tuple[Component, ...] = rigid_components(model.robot.loops[number])
         offset = bound.cut_offsets[number]
         self.shift: Vec = (offset[0], offset[1], offset[2])
         self._compare_axes(offset[3:], sincos)

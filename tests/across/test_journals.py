@@ -55,11 +55,11 @@ REFUSED = {
     "x = {}": ("", ["joints.pin.radial", "x does not move", "x, y have tables"]),
     "\nx = {}": (
         "\nx = { stiffness = 1e5 }\ngamma = { friction = { coefficient = 0.1, radius = 0.01 } }",
-        ["joints.pin.radial", "gamma has friction with a coefficient of its own", "friction in radial"],
+        ["joints.pin.radial", "gamma has friction with a coefficient, too", "friction in radial"],
     ),
     "y = {}": (
         "y = { stiffness = 1e6, clearance = 1e-4 }",
-        ["joints.pin.radial", "y has a clearance of its own", "not both"],
+        ["joints.pin.radial", "y has a clearance, too", "not both"],
     ),
     "stiffness = 1e7,": ("stiffness = 1e7, length = 0.02,", ["alpha does not move", "x, y, alpha, beta have tables"]),
     "coefficient = 0.1, ": ("", ["joints.pin.radial.friction", "'coefficient'"]),

@@ -70,7 +70,7 @@ def test_a_description() -> None:
             "",
             r"motor\.restitution_damping: there is no clearance",
         ),
-        (MOTOR.replace(" }", ", curve = [[0, 0], [1, 1]] }"), "", r"motor\.curve: stiffness is given, too"),
+        (MOTOR.replace(" }", ", curve = [[0, 0], [1, 1]] }"), "", r"motor\.curve: stiffness is set, too"),
         (MOTOR.replace(" }", ", friction = { static = 1.0 } }"), "", r"motor\.friction: the key 'coulomb' is missing"),
         (MOTOR.replace(" }", ", friction = { coulomb = 1, static = 2 } }"), "", r"motor\.friction: .*belong together"),
         ("motor = 3", "", r"motor: got 3; allowed: a table"),

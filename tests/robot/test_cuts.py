@@ -12,7 +12,7 @@ import pytest
 
 import eomgen
 from eomgen.errors import DescriptionError, InputError
-from eomgen.robot.cuts import CUTS, Component, rigid_parts
+from eomgen.robot.cuts import CUTS, Component, rigid_components
 from eomgen.robot.model import build_model
 from eomgen.robot.record import record_of, robot_hash, robot_of
 from eomgen.robot.value import ANGULAR, COORDINATES, LINEAR, Coordinate, Friction, Loop, Robot
@@ -48,16 +48,16 @@ def value(part: Component, R: np.ndarray) -> float:  # type: ignore[type-arg]
 
 @pytest.mark.parametrize("kind", CUTS)
 def test_without_forces_it_is_what_the_type_blocks(kind: str) -> None:
-    assert rigid_parts(loop(kind)) == CUTS[kind]
-    assert rigid_parts(loop(kind, *LINEAR)) == tuple(part for part in CUTS[kind] if part.name not in LINEAR)
-    assert rigid_parts(loop(kind, *COORDINATES)) == ()
+    assert rigid_components(loop(kind)) == CUTS[kind]
+    assert rigid_components(loop(kind, *LINEAR)) == tuple(part for part in CUTS[kind] if part.name not in LINEAR)
+    assert rigid_components(loop(kind, *COORDINATES)) == ()
 
 
 @pytest.mark.parametrize("elastic", [("alpha",), ("beta",), ("gamma",), ("alpha", "beta"), ("beta", "gamma")])
 @pytest.mark.parametrize("kind", CUTS)
 def test_rigid_angles_beside_others_vanish_alone(kind: str, elastic: tuple[str, ...]) -> None:
     """Each component is zero where its own angle is, whatever the angles are that have a force or are free."""
-    parts = [part for part in rigid_parts(loop(kind, *elastic)) if part.products]
+    parts = [part for part in rigid_components(loop(kind, *elastic)) if part.products]
     assert [part.name for part in parts] == [x.name for x in CUTS[kind] if x.products and x.name not in elastic]
     rng = np.random.default_rng(1)
     rigid = {part.name for part in parts}
@@ -120,8 +120,8 @@ def test_rigid_keeps_what_the_type_leaves_free() -> None:
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        (Coordinate(armature=1.0), r"loops\.joint4\.x\.armature: it moves no inertia of its own; allowed: stiffness"),
-        (Coordinate(prescribed=True), r"loops\.joint4\.x: it has no motion of its own to prescribe; allowed: "),
+        (Coordinate(armature=1.0), r"loops\.joint4\.x\.armature: it moves no inertia; allowed: stiffness"),
+        (Coordinate(prescribed=True), r"loops\.joint4\.x: it has no motion to prescribe; allowed: "),
         (Coordinate(clearance=1e-3), r"loops\.joint4\.x\.clearance: there is no stiffness at the end of it; allowed: "),
     ],
 )

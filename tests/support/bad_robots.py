@@ -175,11 +175,11 @@ TOML_CASES = {
     ),
     "curve and stiffness of a spring": (
         *spring("stiffness = 1", "curve = [[0, 0], [1, 1]]"),
-        ["springs.rope.curve", "stiffness is given, too"],
+        ["springs.rope.curve", "stiffness is set, too"],
     ),
     "curve of a cable": (
         *spring("tension_only = true", "smoothing = 0.1", "curve = [[0, 0], [1, 1]]"),
-        ["springs.rope.curve", "tension_only is given, too"],
+        ["springs.rope.curve", "tension_only is set, too"],
     ),
     "curve of a spring that falls back": (
         *spring("curve = [[0, 0], [1, 1], [0.5, 2]]"),
@@ -321,7 +321,7 @@ TOML_CASES = {
     "curve and stiffness": (
         "stiffness = 1e6",
         "stiffness = 1, curve = [[0, 0], [1, 2]]",
-        ["joints.joint1.x.curve", "stiffness is given, too", "instead of"],
+        ["joints.joint1.x.curve", "stiffness is set, too", "instead of"],
     ),
     "curve and friction that is none": (
         "stiffness = 1e6",

@@ -65,7 +65,7 @@ def many_robot(number: int) -> Robot:
 
 def tunable(robot: Robot) -> Robot:
     """Every number of links and joints a run-time parameter, but offsets: these make coordinates of all angles."""
-    names = [".".join(item.path) for item in parameters(robot) if item.given]
+    names = [".".join(item.path) for item in parameters(robot) if item.is_set]
     return replace(robot, tunable=tuple(name for name in names if not name.startswith("frames.")))
 
 

@@ -13,7 +13,7 @@ from ..names import show
 from ..robot.bounds import LIMIT_KEYS, Limits
 from ..robot.elements import JOINT_ELEMENTS
 from ..robot.laws import GAUSSIAN
-from ..robot.rules import ROTORS, conflict
+from ..robot.rules import ROTORS, coordinate_conflict
 from ..robot.value import Coordinate, Curve, Motor
 from .keys import COORDINATE
 
@@ -48,7 +48,7 @@ def read_coordinate(table: Table, old: Coordinate, read_text: ReadText) -> Coord
         prescribed=old.prescribed if role is None else role == "prescribed",
         limits=_limits(table, old.limits),
     )
-    found = conflict(made)
+    found = coordinate_conflict(made)
     if found is not None:
         key, message = found
         table.fail(message, key)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from ..errors import DescriptionError
-from ..robot.checks import check_parts
+from ..robot.checks import check_values
 from ..robot.model import build_model
 from ..robot.parameter_names import expand_tunable
 from ..robot.record import robot_of
@@ -33,7 +33,7 @@ def robot_from_record(record: Mapping[str, Any], source: str) -> Robot:
 
 
 def _check(robot: Robot) -> None:
-    check_parts(robot)
+    check_values(robot)
     draft = Draft(
         robot.source,
         robot.name,

@@ -15,7 +15,7 @@ import numpy as np
 from ..arrays import Array
 from ..description.mjcf.values import about
 from ..robot.cuts import CUTS
-from ..robot.laws import given_laws
+from ..robot.laws import active_laws
 from ..robot.value import COORDINATES, Coordinate, Coupling, Loop, Robot
 
 Bodies = Mapping[str, Element]
@@ -48,7 +48,7 @@ def held_softly(robot: Robot) -> Iterator[str]:
         if coupling.law.preload:
             yield f"{where}.preload: left out"
         numbers = coupling.law.law() | {"stiffness": coupling.law.stiffness or 0.0}
-        for law in given_laws(numbers):
+        for law in active_laws(numbers):
             note = law.mjcf(numbers) and ("left out" if law.contact else law.mjcf(numbers))
             if note and law.name != "preload":
                 yield f"{where}.{law.name}: {note}"

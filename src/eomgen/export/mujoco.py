@@ -29,7 +29,7 @@ from ..robot.bounds import Limits
 from ..robot.coordinates import coordinate_names
 from ..robot.geometry import IDENTITY
 from ..robot.inertia_policy import link_sizes, lowest_moments, second_moments
-from ..robot.laws import given_laws
+from ..robot.laws import active_laws
 from ..robot.value import (
     ANGULAR,
     COORDINATES,
@@ -168,7 +168,7 @@ def _unknown(coordinate: Coordinate) -> Iterator[str]:
     if coordinate.prescribed:
         yield "prescribed: free to move"
     numbers = coordinate.law() | ({} if coordinate.stiffness is None else {"stiffness": coordinate.stiffness})
-    for law in given_laws(numbers):
+    for law in active_laws(numbers):
         note = law.mjcf(numbers)
         if note:
             yield f"{law.name}: {note}"

@@ -1,4 +1,4 @@
-"""A robot as an immutable value: its parts, its rules, and the model that equations are derived for.
+"""A robot as an immutable value: links, joints, elements, its rules, and the model that equations are derived for.
 
 Uses forms; it knows neither files nor kernels.
 """

@@ -1,6 +1,6 @@
-"""Limits of one coordinate: how far it may go, how fast, and how hard its drive may push.
+"""Limits of one coordinate: of its position, its velocity, and the effort of its drive.
 
-They are data of the robot: nothing stops at them (``stops`` do), and motions and drives that exceed them are told.
+They are data of the robot: nothing stops at them (``stops`` do), and motions and drives that exceed them are reported.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ FORCE_UNITS = {"rad": "N m", "m": "N"}  # of a drive, by the unit of the coordin
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of a coordinate; None where the description gives none.
+    """Limits of a coordinate; None where the description has none.
 
     lower, upper: m or rad.  velocity: greatest speed in both directions, m/s or rad/s.  effort: greatest force of its
     drive in both directions, N or N m.
@@ -31,7 +31,7 @@ class Limits:
         return bool(self.numbers())
 
     def numbers(self) -> dict[str, float]:
-        """Return the limits that are given, by their keys."""
+        """Return the limits that are set, by their keys."""
         return {key: value for key in LIMIT_KEYS if (value := getattr(self, key)) is not None}
 
     @property
@@ -58,21 +58,21 @@ class Limits:
         return Limits(**nearer)
 
 
-def limits_conflict(given: Limits) -> tuple[str, str] | None:
-    """Return the key and the message of limits that are none; None if all are right."""
-    for key, value in given.numbers().items():
+def limits_conflict(limits: Limits) -> tuple[str, str] | None:
+    """Return the key and the message of limits that are not allowed; None if all are right."""
+    for key, value in limits.numbers().items():
         if not abs(value) <= LARGEST:
             return f"limits.{key}", f"got {value!r}; allowed: a finite number of magnitude up to {LARGEST:g}"
         if key in ("velocity", "effort") and not value > 0.0:
             return f"limits.{key}", f"got {value!r}; allowed: a number greater than 0"
-    lower, upper = given.range
+    lower, upper = limits.range
     if lower > upper:
         return "limits", f"lower is {lower!r} and upper is {upper!r}; allowed: lower <= upper"
     return None
 
 
-def limit_texts(given: Limits, unit: str) -> list[str]:
-    """Return a line's parts about the limits of a coordinate, whose unit is "m" or "rad"."""
+def limit_texts(limits: Limits, unit: str) -> list[str]:
+    """Return phrases about the limits of a coordinate, whose unit is "m" or "rad"."""
     units = {"lower": unit, "upper": unit, "velocity": f"{unit}/s", "effort": FORCE_UNITS[unit]}
     words = {"lower": "from", "upper": "to", "velocity": "speed up to", "effort": "effort up to"}
-    return [f"{words[key]} {value:.6g} {units[key]}" for key, value in given.numbers().items()]
+    return [f"{words[key]} {value:.6g} {units[key]}" for key, value in limits.numbers().items()]

@@ -1,6 +1,6 @@
-"""Checks that every reader of descriptions makes, of a whole Robot: for one that comes from elsewhere.
+"""Checks of a whole Robot that readers of descriptions make piece by piece: for one that comes from elsewhere.
 
-What needs the model (names of identifiers, forces that go together, loops, springs) ``robot.model`` refuses.
+``robot.model`` refuses what needs the model (names of identifiers, forces that go together, loops, springs).
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from .value import COORDINATES, JOINT_TYPES, PRINCIPAL, Joint, Robot
 _TURNED = 1e-6  # that a rotation's R R^T may be off the identity: some decimals of a text
 
 
-def check_parts(robot: Robot) -> None:
-    """Refuse names that are there twice, joints of no type, rotations that turn nothing, numbers out of their range.
+def check_values(robot: Robot) -> None:
+    """Refuse duplicate names, joints of no type, matrices that are no rotations, numbers out of their range.
 
     Raises:
         DescriptionError: with the place, what came and what is allowed.
@@ -55,9 +55,9 @@ def _check_joint(robot: Robot, joint: Joint) -> None:
     if joint.limits is not None and joint.type not in PRINCIPAL:
         _fail(robot, f"{where}.limits", f"a {joint.type} joint has no principal coordinate; allowed: none")
     for name in joint.all_coordinates:
-        found = limits_conflict(joint.limits_of(name))
-        if found is not None:
-            _fail(robot, f"{where}.{name}.{found[0]}", found[1])
+        conflict = limits_conflict(joint.limits_of(name))
+        if conflict is not None:
+            _fail(robot, f"{where}.{name}.{conflict[0]}", conflict[1])
 
 
 def _rotations(robot: Robot) -> Iterator[tuple[str, Matrix]]:

@@ -19,29 +19,29 @@ FORCES = ("fx", "fy", "fz", "mx", "my", "mz")  # of a wrench: force (N) and mome
 
 
 def unit_of(name: str) -> str:
-    """Unit of a coordinate, or of a component of a frame's motion, by its name: "m" or "rad"."""
+    """Return the unit of a coordinate, or of a component of a frame's motion, by its name: "m" or "rad"."""
     return "m" if kind_of(name) in LINEAR else "rad"
 
 
 def force_unit_of(name: str) -> str:
-    """Unit of what acts along a coordinate, or of a component of a wrench, by its name: "N" or "N m"."""
+    """Return the unit of a generalized force of a coordinate, or of a wrench's component, by name: "N" or "N m"."""
     return "N" if kind_of(name) in (*LINEAR, *FORCES[:3]) else "N m"
 
 
 def coordinate_names(robot: Robot) -> tuple[str, ...]:
-    """Names of all coordinates, motors among them, in the order of q."""
+    """Return the names of all coordinates, motors among them, in the order of q."""
     return tuple(component_name(joint.name, kind) for joint in robot.joints for kind in joint.all_coordinates)
 
 
 def rotating_joints(names: Sequence[str]) -> tuple[str, ...]:
-    """Names of the joints whose alpha, beta and gamma are all among these coordinates, in their order."""
+    """Return the names of the joints whose alpha, beta and gamma are all among these coordinates, in their order."""
     known = set(names)
     joints = dict.fromkeys(map(joint_of, names))
     return tuple(joint for joint in joints if known.issuperset(component_name(joint, angle) for angle in ANGULAR))
 
 
 def index_of(names: Sequence[str], wanted: Sequence[str]) -> NDArray[np.intp]:
-    """Indices of the wanted coordinates among the names."""
+    """Return the indices of the wanted coordinates among the names."""
     import numpy as np  # which keys, schemas and the names above do without
 
     return np.array([names.index(name) for name in wanted], dtype=np.intp)

@@ -1,4 +1,4 @@
-"""Components of the constraint g(q) = 0 of a loop, which the cut joint blocks, by its type.
+"""Components of the constraint g(q) = 0 of a loop, which the loop joint (cut) blocks, by its type.
 
 Frame a stands on the first link of the loop, frame b on the second; p (m) is the origin of b and R the rotation of b,
 both seen from a.  z is the joint's axis, and the normal of a planar one; a universal joint turns about x of a and y of
@@ -14,7 +14,7 @@ from typing import Protocol
 
 
 class Cut(Protocol):
-    """A joint that is cut: its type, and its coordinates that have a force."""
+    """A loop joint (cut): its type, and its coordinates that have a force."""
 
     @property
     def type(self) -> str:
@@ -46,7 +46,9 @@ _NO_TURN = (  # sine of the angle of R times its axis
     Component("gamma", products=((0.5, 1, 0), (-0.5, 0, 1))),
 )
 _CROSS = (Component("gamma", products=((-1.0, 0, 1),)),)
-_SINGLE = {part.name: part for part in (*_AXES_PARALLEL, *_CROSS)}  # each vanishes with one angle of Rx Ry Rz
+_SINGLE = {
+    component.name: component for component in (*_AXES_PARALLEL, *_CROSS)
+}  # each vanishes with one angle of Rx Ry Rz
 
 CUTS: Mapping[str, tuple[Component, ...]] = {
     "revolute": (_X, _Y, _Z, *_AXES_PARALLEL),
@@ -65,13 +67,13 @@ UPRIGHT: Mapping[str, tuple[tuple[float, int, int], ...]] = {
 }
 
 
-def rigid_parts(loop: Cut) -> tuple[Component, ...]:
-    """The components of a loop's constraint: what its type blocks, without coordinates that have a force.
+def rigid_components(loop: Cut) -> tuple[Component, ...]:
+    """Return the components of a loop's constraint: those that its type blocks, without coordinates that have a force.
 
-    Where an angle has one beside angles that are rigid, each of these has the component that vanishes with it alone
-    while beta is within a quarter of a turn: sin(alpha) cos(beta), sin(beta), cos(beta) sin(gamma).
+    Where an angle has a force beside rigid angles, each of these has the component that vanishes with it alone while
+    beta is within pi / 2: sin(alpha) cos(beta), sin(beta), cos(beta) sin(gamma).
     """
-    kept = tuple(part for part in CUTS[loop.type] if part.name not in loop.coordinates)
-    if sum(part.name in _SINGLE for part in kept) == len(_SINGLE):
-        return kept
-    return tuple(_SINGLE.get(part.name, part) for part in kept)
+    rigid = tuple(component for component in CUTS[loop.type] if component.name not in loop.coordinates)
+    if sum(component.name in _SINGLE for component in rigid) == len(_SINGLE):
+        return rigid
+    return tuple(_SINGLE.get(component.name, component) for component in rigid)

@@ -28,7 +28,7 @@ _TURNS: dict[Vector, Matrix] = {
 
 
 def snap(value: float) -> float:
-    """The value, with a sine or cosine that misses -1, 0 or 1 by round-off of a right angle put there."""
+    """Return the value; a sine or cosine that misses -1, 0 or 1 by round-off of a right angle becomes exact."""
     for exact in (-1.0, 0.0, 1.0):
         if abs(value - exact) < 4e-16:
             return exact
@@ -36,7 +36,7 @@ def snap(value: float) -> float:
 
 
 def rotation_from_rpy(rpy: Vector) -> Matrix:
-    """Rotation matrix Rz(yaw) Ry(pitch) Rx(roll) of URDF's roll, pitch, yaw, rad."""
+    """Return the rotation matrix Rz(yaw) Ry(pitch) Rx(roll) of URDF's roll, pitch, yaw, rad."""
     (cr, sr), (cp, sp), (cy, sy) = ((snap(math.cos(t)), snap(math.sin(t))) for t in rpy)
     return (
         (cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr),
@@ -46,7 +46,7 @@ def rotation_from_rpy(rpy: Vector) -> Matrix:
 
 
 def axis_turn(axis: Vector) -> Matrix:
-    """A rotation whose third column is the direction of ``axis``, with as many entries 0, 1, -1 as possible."""
+    """Return a rotation whose third column is the direction of ``axis``, with as many entries 0, 1, -1 as possible."""
     length = math.hypot(*axis)
     x, y, z = (snap(component / length) + 0.0 for component in axis)
     if (x, y, z) in _TURNS:
@@ -67,7 +67,7 @@ def axis_turn(axis: Vector) -> Matrix:
 def turn_inertia(
     inertia: tuple[float, float, float, float, float, float], rotation: Matrix
 ) -> tuple[float, float, float, float, float, float]:
-    """R I R^T of an inertia tensor (INERTIA_KEYS order): from the axes of a placed frame to those it is placed in."""
+    """Rotate an inertia tensor, R I R^T (INERTIA_KEYS order): from a placed frame's axes to those it is placed in."""
     if rotation == IDENTITY:
         return inertia
     xx, yy, zz, xy, xz, yz = inertia
@@ -83,7 +83,7 @@ def turn_inertia(
 class Placement:
     """A constant pose: origin ``xyz`` (m) and ``rotation`` (3x3, axes of the placed frame as columns).
 
-    ``rpy`` (rad) is kept where the description gave it, so that it can be a run-time parameter.
+    ``rpy`` (rad) is kept where the description has it, so that it can be a run-time parameter.
     """
 
     xyz: Vector = ZERO
@@ -92,17 +92,17 @@ class Placement:
 
     @classmethod
     def from_rpy(cls, xyz: Vector, rpy: Vector) -> Placement:
-        """Pose of a URDF origin: translation, then Rz(yaw) Ry(pitch) Rx(roll)."""
+        """Return the pose of a URDF origin: translation, then Rz(yaw) Ry(pitch) Rx(roll)."""
         return cls(xyz, rotation_from_rpy(rpy), rpy)
 
     @classmethod
     def from_dh(cls, a: float, alpha: float, d: float, theta: float) -> Placement:
-        """Pose of modified Denavit-Hartenberg parameters: Rx(alpha) Tx(a) Rz(theta) Tz(d); m, rad."""
+        """Return the pose of modified Denavit-Hartenberg parameters: Rx(alpha) Tx(a) Rz(theta) Tz(d); m, rad."""
         ca, sa, ct, st = (snap(t) for t in (math.cos(alpha), math.sin(alpha), math.cos(theta), math.sin(theta)))
         rotation = ((ct, -st, 0.0), (ca * st, ca * ct, -sa), (sa * st, sa * ct, ca))
         return cls((a, -sa * d, ca * d), rotation)
 
     def numbers(self) -> Iterator[tuple[str, float]]:
-        """Give the numbers that may be run-time parameters, by their names: "xyz.0"; rpy where it is known."""
+        """Yield the numbers that may be run-time parameters, by their names: "xyz.0"; rpy where it is known."""
         yield from ((f"xyz.{i}", x) for i, x in enumerate(self.xyz))
         yield from ((f"rpy.{i}", x) for i, x in enumerate(self.rpy or ()))

@@ -29,12 +29,12 @@ Spots = Callable[[Sequence[str]], list[str]]
 
 @dataclass(frozen=True)
 class Judged:
-    """A link that is judged, and what its tensor does not say.
+    """A link, its policy, and its size.
 
     Attributes:
         link: mass in kg, inertia in kg m^2 about the centre of mass.
         policy: "error", "warn" (as it is) or "project" (mass and com kept, negative eigenvalues of J_c put to zero).
-        size: how large the link is, m: what its inertia was computed from may have rounded off parts of mass size^2.
+        size: of the link, m: its inertia may have round-off of the order of mass size^2.
     """
 
     link: Link
@@ -45,7 +45,7 @@ class Judged:
 def apply_inertia_policy(
     judged: Sequence[Judged], *, source: str = "", spots: Spots = lambda names: [""] * len(names)
 ) -> tuple[tuple[Link, ...], tuple[str, ...]]:
-    """The links that their policies let through, and one note per link that is no body.
+    """Return the links that their policies let through, and one note per link that is no body.
 
     Args:
         judged: the links.
@@ -90,7 +90,7 @@ def apply_inertia_policy(
 
 
 def link_sizes(links: Mapping[str, Link], joints: Sequence[Joint]) -> dict[str, float]:
-    """How large each link is, m, by name: how far from its origin its centre of mass and the joints on it are."""
+    """Return the size of each link, m, by name: distances of its centre of mass and of its joints from its origin."""
     sizes = {name: math.hypot(*link.com) for name, link in links.items()}
     for joint in joints:
         if joint.parent in sizes:
@@ -99,23 +99,23 @@ def link_sizes(links: Mapping[str, Link], joints: Sequence[Joint]) -> dict[str, 
 
 
 def lowest_moments(links: Sequence[Link], sizes: Sequence[float]) -> NDArray[np.float64]:
-    """The lowest eigenvalue of each link's J_c, (links,), kg m^2; 0 where it is below zero by no more than round-off.
+    """Return the lowest eigenvalue of each link's J_c, (links,), kg m^2; 0 where it is below zero by round-off alone.
 
     Args:
         links: at least one.
-        sizes: how large each is, m, see ``Judged``.
+        sizes: of the links, m, see ``Judged``.
     """
     import numpy as np
 
     lowest, highest = np.linalg.eigvalsh(second_moments(links))[:, (0, -1)].T
     spread = [link.mass * size**2 for link, size in zip(links, sizes, strict=True)]
     scale = np.maximum(np.maximum(abs(lowest), abs(highest)), spread)
-    found: NDArray[np.float64] = np.where(lowest < -ROUND_OFF * scale, lowest, np.maximum(lowest, 0.0))
-    return found
+    moments: NDArray[np.float64] = np.where(lowest < -ROUND_OFF * scale, lowest, np.maximum(lowest, 0.0))
+    return moments
 
 
 def second_moments(links: Sequence[Link]) -> NDArray[np.float64]:
-    """J_c = 1/2 tr(I) 1 - I of each link about its centre of mass, (links, 3, 3), kg m^2, link axes."""
+    """Return J_c = 1/2 tr(I) 1 - I of each link about its centre of mass, (links, 3, 3), kg m^2, link axes."""
     import numpy as np
 
     xx, yy, zz, xy, xz, yz = np.array([link.inertia for link in links], dtype=float).reshape(-1, 6).T
@@ -125,7 +125,7 @@ def second_moments(links: Sequence[Link]) -> NDArray[np.float64]:
 
 
 def _nearest_body(moment: NDArray[np.float64]) -> tuple[float, float, float, float, float, float]:
-    """Inertia of J_c with its negative eigenvalues put to zero: the nearest one in the Frobenius norm."""
+    """Return the inertia of J_c with its negative eigenvalues set to zero: the nearest in the Frobenius norm."""
     import numpy as np
 
     values, vectors = np.linalg.eigh(moment)

@@ -1,4 +1,4 @@
-"""The table of laws: which forces a coordinate may have beyond a linear spring and damper, and what is said of each.
+"""The table of force laws that a coordinate may have beyond a linear spring and damper: numbers, units, texts.
 
 Reading, JSON Schemas, conflicts, parameters, units, reports and exports take what they need from here; a law's formula
 stands under its name in ``codegen.forces.laws``.  Numbers of laws go by their names below the coordinate, which are
@@ -18,11 +18,11 @@ Conflict = tuple[str, str]  # key, message
 
 SMALLEST = 1e-12  # least value of what is divided by, m, rad or per s
 SHARE = 0.05  # of a clearance over which contact sets in
-SMOOTHING = 4e-8  # m/s or rad/s in which friction turns round: 90 % of the limit creep by 0.8 um in 10 s
-SHARP = 1e-6  # of the Stribeck rate, at most: so little of the peak is lost where friction turns round
+SMOOTHING = 4e-8  # m/s or rad/s over which friction reverses: 90 % of the limit creep by 0.8 um in 10 s
+SHARP = 1e-6  # of the Stribeck velocity, at most: so little of the peak is lost where friction reverses
 SHAPES = LORENTZIAN, GAUSSIAN = "lorentzian", "gaussian"  # of Stribeck's curve
-SHAPED = {f"friction.{GAUSSIAN}": "friction.stribeck"}  # numbers that descriptions give by another key and a shape
-COARSE = 1e-3  # m/s or rad/s by which explicit steps chatter where friction is too sharp for them
+SHAPED = {f"friction.{GAUSSIAN}": "friction.stribeck"}  # numbers that descriptions have under another key and a shape
+COARSE = 1e-3  # m/s or rad/s by which explicit steps chatter where the smoothing of friction is too narrow for them
 ONSET = 1e-4  # m or rad over which a stop sets in
 
 Curve = tuple[tuple[float, float], ...]  # (deviation, force)
@@ -37,12 +37,12 @@ class Number:
     """One number of a law.
 
     Attributes:
-        key: its name below the coordinate, with a dot where the law has a table of its own.
+        key: its name below the coordinate, with a dot where the law has a table.
         about: a line for who writes a description.
         unit: of translations and of rotations.
         least: the least value, None where any will do.
-        needed: what the message says is allowed where it is missing; empty where it may be.
-        default: its value by the law's other numbers, None where nothing follows from them.
+        needed: what the message calls allowed where it is missing; empty where it may be.
+        default: its value from the law's other numbers, None where nothing follows from them.
     """
 
     key: str
@@ -57,7 +57,7 @@ divisor = partial(Number, least=SMALLEST)  # a number that something is divided 
 
 
 def by_key(*numbers: Number) -> Mapping[str, Number]:
-    """Give the numbers by their keys."""
+    """Return the numbers by their keys."""
     return MappingProxyType({number.key: number for number in numbers})
 
 
@@ -70,18 +70,18 @@ class Law:
         about: a line about its table, where its numbers have one.
         is_spring: whether it holds its coordinate.
         stiffness: (k, numbers, deviations of a curve) -> stiffness (N/m, N m/rad) of a coordinate that has k without
-            this law: what the choice of a method and the sizes of coordinates look at; None where it stays k.
-        rate_slope: (numbers, least) -> the largest slope of its force by the rate, N s/m or N m s/rad, ``least`` as of
-            ``rate_slope_of``: what the choice of a method looks at, too; None where its force does not depend on the
-            rate alone.
-        contact: numbers -> the stiffness of what it acts as where it is touched, N/m or N m/rad, which steps have to
-            follow; None where it is no such thing.  It holds nothing before, and is no part of ``stiffness``.
+            this law, for the choice of a method and the sizes of coordinates; None where it stays k.
+        rate_slope: (numbers, least) -> the largest slope of its force by the velocity, N s/m or N m s/rad, ``least`` as
+            of ``rate_slope_of``, for the choice of a method, too; None where its force does not depend on the velocity
+            alone.
+        contact: numbers -> the stiffness of a contact, N/m or N m/rad, which steps have to resolve; None where it is no
+            contact.  It does not count in ``stiffness``.
         mjcf: numbers -> what becomes of it in MuJoCo where it is not written as it is; empty where it is.
-        takes_stiffness: whether its formula is that of the coordinate's stiffness, too.
-        of_rotor: whether in a motor's table it is a law of the rotor's own angle, rad at the shaft, and not of the
+        takes_stiffness: whether its formula has the coordinate's stiffness, too.
+        of_rotor: whether in a motor's table it is a law of the rotor's angle, rad at the shaft, and not of the
             transmission's deflection.
         absorbs: springs that act within its formula.
-        excludes: numbers and laws that it cannot stand beside; ``instead`` is what the message says is allowed.
+        excludes: numbers and laws that it cannot stand beside; ``instead`` is what the message calls allowed.
         rule: numbers, "stiffness" among them -> key and message of what does not go together, None if all does.
         has_points: whether it is a curve: its forces are the numbers "NAME.0", "NAME.1", ...
     """
@@ -104,43 +104,43 @@ class Law:
 
     @property
     def first(self) -> str:
-        """The parameter that is there where the law is."""
+        """The parameter that is set where the law is active."""
         return f"{self.name}.0" if self.has_points else self.numbers[0].key
 
     @property
     def has_table(self) -> bool:
-        """Whether descriptions give its numbers in a table of its name."""
+        """Whether descriptions have its numbers in a table of its name."""
         return "." in self.numbers[0].key
 
 
-def _no_preload_alone(given: Values) -> str:
-    alone = given["preload"] and (given.get("cubic") or not given.get("stiffness"))
+def _no_preload_alone(numbers: Values) -> str:
+    alone = numbers["preload"] and (numbers.get("cubic") or not numbers.get("stiffness"))
     return "left out (springref shifts a linear spring alone)" if alone else ""
 
 
-def _two_sides(given: Values) -> Conflict | None:
-    if "stiffness" in given:
+def _two_sides(numbers: Values) -> Conflict | None:
+    if "stiffness" in numbers:
         return None
     return "stiffness_negative", "there is no stiffness for positive values; allowed: with stiffness"
 
 
-def _ends(given: Values) -> Conflict | None:
-    """Conflict of a clearance whose ends have no stiffness or no smoothing, None if they have both."""
-    if "stiffness" not in given or not (given["stiffness"] or given.get("stiffness_negative")):
+def _ends(numbers: Values) -> Conflict | None:
+    """Return the conflict of a clearance whose ends have no stiffness or no smoothing, None if they have both."""
+    if "stiffness" not in numbers or not (numbers["stiffness"] or numbers.get("stiffness_negative")):
         return "clearance", "there is no stiffness at the end of it; allowed: with stiffness > 0"
-    if "smoothing" not in given:
+    if "smoothing" not in numbers:
         return "clearance", f"got 0 and no smoothing; allowed: 0 with a smoothing of at least {SMALLEST:g}"
     return None
 
 
-def _soft_friction(given: Values) -> str:
-    dry = any(given.get(f"friction.{key}") for key in ("coulomb", "static", "coefficient"))
-    lost = "smoothing, load and Stribeck part" if given.get("friction.coefficient") else "smoothing and Stribeck part"
-    return f"frictionloss, a soft constraint, without {lost}" if dry else ""
+def _soft_friction(numbers: Values) -> str:
+    coulomb = any(numbers.get(f"friction.{key}") for key in ("coulomb", "static", "coefficient"))
+    lost = "smoothing, load and Stribeck term" if numbers.get("friction.coefficient") else "smoothing and Stribeck term"
+    return f"frictionloss, a soft constraint, without {lost}" if coulomb else ""
 
 
-def _between_stops(given: Values) -> Conflict | None:
-    lower, upper = given.get("stops.lower"), given.get("stops.upper")
+def _between_stops(numbers: Values) -> Conflict | None:
+    lower, upper = numbers.get("stops.lower"), numbers.get("stops.upper")
     if lower is None and upper is None:
         return "stops", "there is no lower and no upper; allowed: with one of them, or both"
     if lower is not None and upper is not None and lower > upper:
@@ -148,33 +148,33 @@ def _between_stops(given: Values) -> Conflict | None:
     return None
 
 
-def _stribeck(given: Values) -> Conflict | None:
-    coulomb, static = given["friction.coulomb"], given.get("friction.static")
-    if (static is None) != (not any(f"friction.{key}" in given for key in ("stribeck", GAUSSIAN))):
+def _stribeck(numbers: Values) -> Conflict | None:
+    coulomb, static = numbers["friction.coulomb"], numbers.get("friction.static")
+    if (static is None) != (not any(f"friction.{key}" in numbers for key in ("stribeck", GAUSSIAN))):
         return "friction", "static and stribeck belong together; allowed: both or none"
     if static is not None and static < coulomb:
         return "friction.static", f"got {static!r}; allowed: at least coulomb, {coulomb!r}"
-    if "friction.radius" in given and "friction.coefficient" not in given:
+    if "friction.radius" in numbers and "friction.coefficient" not in numbers:
         return "friction.radius", "there is no coefficient; allowed: radius with coefficient"
     return None
 
 
-def _friction_smoothing(given: Values) -> float:
-    rate = given.get("friction.stribeck", given.get(f"friction.{GAUSSIAN}", 1.0))
-    return max(min(SMOOTHING, SHARP * rate), SMALLEST)
+def _friction_smoothing(numbers: Values) -> float:
+    velocity = numbers.get("friction.stribeck", numbers.get(f"friction.{GAUSSIAN}", 1.0))
+    return max(min(SMOOTHING, SHARP * velocity), SMALLEST)
 
 
-def _friction_slope(given: Values, least: float) -> float:
-    """The slope at rest, where friction turns round."""
-    level = max(given["friction.coulomb"], given.get("friction.static", 0.0))
-    level += given.get("friction.coefficient", 0.0) * given.get("friction.radius", 1.0)  # of a load of 1 N
-    smoothing = given["friction.smoothing"]
-    return level / (smoothing if smoothing >= 0.01 * least else least) + given.get("friction.viscous", 0.0)
+def _friction_slope(numbers: Values, least: float) -> float:
+    """Return the slope at zero velocity, where friction reverses."""
+    level = max(numbers["friction.coulomb"], numbers.get("friction.static", 0.0))
+    level += numbers.get("friction.coefficient", 0.0) * numbers.get("friction.radius", 1.0)  # of a load of 1 N
+    smoothing = numbers["friction.smoothing"]
+    return level / (smoothing if smoothing >= 0.01 * least else least) + numbers.get("friction.viscous", 0.0)
 
 
-def _steepest(k: float, given: Values, knots: Sequence[float]) -> float:
-    """The slope of the steepest rising piece of a curve, at least k."""
-    forces = [given[f"curve.{i}"] for i in range(len(knots))]
+def _steepest(k: float, numbers: Values, knots: Sequence[float]) -> float:
+    """Return the slope of the steepest rising piece of a curve, at least k."""
+    forces = [numbers[f"curve.{i}"] for i in range(len(knots))]
     pairs = zip(pairwise(forces), pairwise(knots), strict=True)
     return max(k, *((high - low) / (b - a) for (low, high), (a, b) in pairs))
 
@@ -200,14 +200,14 @@ _LAWS = (
         numbers=(Number("cubic", "cubic spring, times the third power of the deviation", ("N/m^3", "N m/rad^3")),),
         is_spring=True,
         stiffness=None,
-        mjcf=lambda given: "",
+        mjcf=lambda numbers: "",
     ),
     Law(
         name="stiffness_negative",
         numbers=(Number("stiffness_negative", "in the place of stiffness at negative values", STIFFNESS),),
         is_spring=True,
-        stiffness=lambda k, given, knots: max(k, given["stiffness_negative"]),
-        mjcf=lambda given: "stiffness on both sides",
+        stiffness=lambda k, numbers, knots: max(k, numbers["stiffness_negative"]),
+        mjcf=lambda numbers: "stiffness on both sides",
         takes_stiffness=True,
         rule=_two_sides,
     ),
@@ -225,8 +225,8 @@ _LAWS = (
             ),
         ),
         is_spring=True,
-        stiffness=lambda k, given, knots: k + given["exponential.force"] / given["exponential.scale"],
-        mjcf=lambda given: "left out",
+        stiffness=lambda k, numbers, knots: k + numbers["exponential.force"] / numbers["exponential.scale"],
+        mjcf=lambda numbers: "left out",
         excludes=("clearance", "curve"),
         instead="an exponential spring without clearance, whose ends act on the penetration, and without curve, which"
         " stands in the place of springs",
@@ -234,47 +234,48 @@ _LAWS = (
     Law(
         name="clearance",
         numbers=(
-            Number("clearance", "half the gap in which no spring acts; with stiffness", LENGTH),
+            Number("clearance", "half the range in which no spring acts; with stiffness", LENGTH),
             Number(
                 "restitution_damping",
-                "multiplies a contact's force by 1 + restitution_damping * rate of its penetration; with clearance",
+                "multiplies a contact's force by 1 + restitution_damping * velocity of its penetration; with clearance",
                 ("s/m", "s/rad"),
             ),
             divisor(
                 "smoothing",
                 "over which a contact sets in; with clearance, default clearance / 20",
                 LENGTH,
-                default=lambda given: max(SHARE * given["clearance"], SMALLEST) if given["clearance"] else None,
+                default=lambda numbers: max(SHARE * numbers["clearance"], SMALLEST) if numbers["clearance"] else None,
             ),
         ),
         is_spring=False,
         stiffness=None,
-        mjcf=lambda given: "a spring without play",
+        mjcf=lambda numbers: "a spring without clearance",
         takes_stiffness=True,
         absorbs=("stiffness_negative", "cubic"),
         rule=_ends,
     ),
     Law(
         name="friction",
-        about="dry friction: coulomb, static, stribeck, shape, viscous, smoothing, coefficient, radius",
+        about="Coulomb, Stribeck and viscous friction: coulomb, static, stribeck, shape, viscous, smoothing,"
+        " coefficient, radius",
         numbers=(
             Number("friction.coulomb", "force that resists any motion; 0 where there is a coefficient", FORCE),
-            Number("friction.static", "force from rest, at least coulomb; with stribeck", FORCE),
-            divisor("friction.stribeck", "rate over which static friction falls to coulomb; with static", RATE),
+            Number("friction.static", "breakaway force, at least coulomb; with stribeck", FORCE),
+            divisor("friction.stribeck", "velocity over which static friction falls to coulomb; with static", RATE),
             divisor(f"friction.{GAUSSIAN}", 'the same of a curve with shape = "gaussian"', RATE),
-            Number("friction.viscous", "force per rate", DAMPING),
+            Number("friction.viscous", "force per velocity", DAMPING),
             divisor(
                 "friction.smoothing",
-                "rate over which friction turns round; default 4e-8, or 1e-6 stribeck if that is less",
+                "velocity over which friction reverses; default 4e-8, or 1e-6 stribeck if that is less",
                 RATE,
                 default=_friction_smoothing,
             ),
             Number(
                 "friction.coefficient",
-                "of what the joint's springs, contacts and dampers carry across it; adds to coulomb",
+                "of load-dependent friction: of the load on the joint's springs, contacts and dampers across it",
                 ("1", "1"),
             ),
-            Number("friction.radius", "at which a turn rubs; with coefficient", ("m", "m")),
+            Number("friction.radius", "friction radius of a rotation; with coefficient", ("m", "m")),
         ),
         is_spring=False,
         stiffness=None,
@@ -290,23 +291,25 @@ _LAWS = (
             Number(
                 "stops.stiffness", "of both stops, per penetration", STIFFNESS, needed="a stiffness in N/m or N m/rad"
             ),
-            Number("stops.damping", "of both stops, per rate of the penetration", DAMPING),
+            Number("stops.damping", "of both stops, per velocity of the penetration", DAMPING),
             Number(
                 "stops.restitution_damping",
-                "multiplies what a stop's stiffness pushes back by 1 + restitution_damping * rate of the penetration",
+                "multiplies a stop's elastic force by 1 + restitution_damping * velocity of the penetration",
                 ("s/m", "s/rad"),
             ),
-            divisor("stops.smoothing", "over which a stop sets in; default 1e-4", LENGTH, default=lambda given: ONSET),
+            divisor(
+                "stops.smoothing", "over which a stop sets in; default 1e-4", LENGTH, default=lambda numbers: ONSET
+            ),
             Number("stops.lower", "where the lower stop is; none without", LENGTH, least=None),
             Number("stops.upper", "where the upper stop is; none without", LENGTH, least=None),
         ),
         is_spring=False,
         stiffness=None,
-        mjcf=lambda given: (
-            "a limited range, a soft constraint as stiff as MuJoCo makes it" if given["stops.stiffness"] else ""
+        mjcf=lambda numbers: (
+            "a limited range, a soft constraint as stiff as MuJoCo makes it" if numbers["stops.stiffness"] else ""
         ),
-        rate_slope=lambda given, least: given.get("stops.damping", 0.0),
-        contact=lambda given: given["stops.stiffness"],
+        rate_slope=lambda numbers, least: numbers.get("stops.damping", 0.0),
+        contact=lambda numbers: numbers["stops.stiffness"],
         of_rotor=True,
         rule=_between_stops,
     ),
@@ -322,7 +325,7 @@ _LAWS = (
         ),
         is_spring=True,
         stiffness=_steepest,
-        mjcf=lambda given: "left out",
+        mjcf=lambda numbers: "left out",
         excludes=("stiffness", "stiffness_negative", "cubic", "clearance"),
         instead="a curve instead of stiffness, stiffness_negative, cubic, clearance",
         has_points=True,
@@ -332,27 +335,27 @@ LAWS: Mapping[str, Law] = MappingProxyType({law.name: law for law in _LAWS})
 NUMBERS: Mapping[str, Number] = by_key(*(number for law in _LAWS for number in law.numbers))
 
 
-def given_laws(numbers: Values) -> Iterator[Law]:
-    """The laws that numbers belong to, in the order of the table."""
+def active_laws(numbers: Values) -> Iterator[Law]:
+    """Return the laws that numbers belong to, in the order of the table."""
     return (law for law in _LAWS if law.first in numbers)
 
 
 def defaults(numbers: Values) -> dict[str, float]:
-    """Numbers that are not given and follow from those that are."""
-    found = {}
-    for law in given_laws(numbers):
+    """Return defaults of missing numbers that follow from those that are set."""
+    values = {}
+    for law in active_laws(numbers):
         for number in law.numbers:
             value = number.default(numbers) if number.default and number.key not in numbers else None
             if value is not None:
-                found[number.key] = value
-    return found
+                values[number.key] = value
+    return values
 
 
 def law_conflict(numbers: Values) -> Conflict | None:
-    """The key and the message of numbers that do not go together; None if all do.
+    """Return the key and the message of numbers that do not go together; None if all do.
 
     Args:
-        numbers: of all laws of a coordinate, and "stiffness" where it is given.
+        numbers: of all laws of a coordinate, and "stiffness" where it is set.
     """
     for law in _LAWS:
         first, *others = law.numbers
@@ -366,56 +369,59 @@ def law_conflict(numbers: Values) -> Conflict | None:
                 return number.key, f"it is missing; allowed: {number.needed}"
         for name in law.excludes:
             if (LAWS[name].first if name in LAWS else name) in numbers:
-                return law.name, f"{name} is given, too; allowed: {law.instead}"
-        found = law.rule(numbers) if law.rule else None
-        if found is not None:
-            return found
+                return law.name, f"{name} is set, too; allowed: {law.instead}"
+        conflict = law.rule(numbers) if law.rule else None
+        if conflict is not None:
+            return conflict
     return None
 
 
 def stiffness_of(numbers: Values, knots: Sequence[float]) -> float:
-    """Stiffness of a coordinate's springs, N/m or N m/rad; 0 where there is none.
+    """Return the stiffness of a coordinate's springs, N/m or N m/rad; 0 where there is none.
 
     Args:
-        numbers: of all laws of the coordinate, and "stiffness" where it is given.
+        numbers: of all laws of the coordinate, and "stiffness" where it is set.
         knots: deviations of its curve.
     """
     k = numbers.get("stiffness", 0.0)
-    for law in given_laws(numbers):
+    for law in active_laws(numbers):
         k = law.stiffness(k, numbers, knots) if law.stiffness else k
     return k
 
 
 def rate_slope_of(numbers: Values, least: float = 0.0) -> float:
-    """The largest slope of a coordinate's laws by its rate, N s/m or N m s/rad, without its linear damper.
+    """Return the largest slope of a coordinate's laws by its velocity, N s/m or N m s/rad, without its linear damper.
 
     Args:
         numbers: of all laws of the coordinate.
-        least: rate (m/s or rad/s) over which friction turns round whose smoothing is below a hundredth of it.
+        least: velocity (m/s or rad/s) over which friction reverses whose smoothing is below a hundredth of it.
     """
-    return sum((law.rate_slope(numbers, least) for law in given_laws(numbers) if law.rate_slope), 0.0)
+    return sum((law.rate_slope(numbers, least) for law in active_laws(numbers) if law.rate_slope), 0.0)
 
 
 def contact_stiffness_of(numbers: Values) -> float:
-    """Stiffness of a coordinate's stops, N/m or N m/rad, which it feels where it touches them; 0 without any."""
-    return sum((law.contact(numbers) for law in given_laws(numbers) if law.contact), 0.0)
+    """Return the contact stiffness of a coordinate's stops, N/m or N m/rad; 0 without any."""
+    return sum((law.contact(numbers) for law in active_laws(numbers) if law.contact), 0.0)
 
 
 def has_springs(numbers: Values, knots: Sequence[float]) -> bool:
-    """Whether anything holds a coordinate, be it so that its stiffness grows from 0 on; arguments as above."""
-    grows = (law for law in given_laws(numbers) if law.is_spring and law.stiffness is None)
+    """Return whether springs act on a coordinate, even if their stiffness grows from 0 on; arguments as above."""
+    grows = (law for law in active_laws(numbers) if law.is_spring and law.stiffness is None)
     return stiffness_of(numbers, knots) != 0.0 or any(numbers[law.first] != 0.0 for law in grows)
 
 
 def number_texts(numbers: Values) -> list[str]:
-    """Numbers of laws for people: "cubic 3", "curve of 5 points"."""
+    """Return numbers of laws as texts: "cubic 3", "curve of 5 points"."""
     texts = [f"{key} {number:.4g}" for key, number in numbers.items() if not key.startswith("curve.")]
     points = len(numbers) - len(texts)
     return [*texts, f"curve of {points} points"] if points else texts
 
 
 def curve_conflict(curve: Curve, what: str = "deviation") -> tuple[str, str] | None:
-    """The key and the message of what is wrong with a curve's points; None if nothing is.  ``what``: its abscissa."""
+    """Return the key and the message of what is wrong with a curve's points; None if nothing is.
+
+    ``what``: its abscissa.
+    """
     fewest, most = POINTS
     if not fewest <= len(curve) <= most:
         return "curve", f"got {len(curve)} points; allowed: {fewest} to {most}"

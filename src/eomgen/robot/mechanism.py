@@ -1,6 +1,6 @@
-"""Parts of a description about a mechanism as a whole: drives, home and couplings of coordinates.
+"""Rules of a mechanism as a whole: drives, home and couplings of coordinates.
 
-Each rule returns the place and the message of the first thing that is wrong, so that readers of files and the model
+Each rule returns the place and the message of the first conflict, so that readers of files and the model
 (``robot.model``) refuse alike.
 """
 
@@ -29,11 +29,11 @@ from .value import (
 
 Refused = tuple[str, str]  # place, message
 
-AT_HOME = 1e-6  # m or rad, or of what is larger than 1: what is left between a follower's home and its leaders'
+AT_HOME = 1e-6  # m or rad, relative above 1: allowed difference of a follower's home from its leaders'
 
 
 def mechanism_conflict(robot: Robot) -> Refused | None:
-    """The place and the message of what is wrong with drives, home, couplings or loads; None if nothing is."""
+    """Return the place and the message of what is wrong with drives, home, couplings or loads; None if nothing is."""
     known = coordinate_names(robot)
     return next(_refusals(robot, known), None)
 
@@ -44,10 +44,10 @@ def _refusals(robot: Robot, known: tuple[str, ...]) -> Iterator[Refused]:
     for coupling in robot.couplings:
         yield from _coupling_refusals(robot, coupling, known)
     yield from _load_refusals(robot)
-    found = first_contradiction(robot.couplings)
-    if found is not None:
-        allowed = "rigid couplings of different coordinates, each of what others do not make of it"
-        yield f"couplings.{found[0].name}", f"{found[1]}; allowed: {allowed}"
+    contradiction = first_contradiction(robot.couplings)
+    if contradiction is not None:
+        allowed = "rigid couplings of different coordinates that do not contradict each other"
+        yield f"couplings.{contradiction[0].name}", f"{contradiction[1]}; allowed: {allowed}"
 
 
 def _drive_refusals(robot: Robot, known: tuple[str, ...]) -> Iterator[Refused]:
@@ -87,27 +87,27 @@ def _home_refusals(robot: Robot, known: tuple[str, ...]) -> Iterator[Refused]:
 
 
 def _load_refusals(robot: Robot) -> Iterator[Refused]:
-    """Refuse friction with a coefficient where nothing presses, or where its radius is missing or means nothing."""
+    """Refuse load-dependent friction without a load, or where its radius is missing or means nothing."""
     places: list[tuple[str, str, Mapping[str, Coordinate]]] = []
     for kind, owners in (("joints", robot.joints), ("loops", robot.loops)):
         places += [(f"{kind}.{x.name}.{name}", name, x.coordinates) for x in owners for name in x.coordinates]
     for where, name, coordinates in places:
-        given = coordinates[name].friction
-        if given is None or given.coefficient is None:
+        friction = coordinates[name].friction
+        if friction is None or friction.coefficient is None:
             continue
-        if name in ANGULAR and given.radius is None:
-            yield f"{where}.friction.coefficient", "there is no radius; allowed: with the radius at which it rubs, m"
-        if name in LINEAR and given.radius is not None:
+        if name in ANGULAR and friction.radius is None:
+            yield f"{where}.friction.coefficient", "there is no radius; allowed: with the friction radius, m"
+        if name in LINEAR and friction.radius is not None:
             yield f"{where}.friction.radius", f"{name} does not turn; allowed: in alpha, beta and gamma"
         if not carriers(name, coordinates):
             which = " or ".join(ACROSS[name])
-            message = f"nothing presses: no spring or damper carries a force across it; allowed: with {which} active"
+            message = f"there is no load: no spring or damper carries a force across it; allowed: with {which} active"
             yield f"{where}.friction.coefficient", f"{message} beside it, with a stiffness, damping, or another force"
     alone = [(f"joints.{x.name}.{MOTOR}", x.motor.friction) for x in robot.joints if x.motor is not None]
     alone += [(f"couplings.{x.name}", x.law.friction) for x in robot.couplings if x.law is not None]
-    for where, given in alone:
-        if given is not None and given.coefficient is not None:
-            message = "no joint presses on it; allowed: in coordinates of joints and of cut joints"
+    for where, friction in alone:
+        if friction is not None and friction.coefficient is not None:
+            message = "no joint load acts on it; allowed: in coordinates of joints and of loop joints"
             yield f"{where}.friction.coefficient", message
 
 
@@ -124,20 +124,20 @@ def _coupling_refusals(robot: Robot, coupling: Coupling, known: tuple[str, ...])
             message = f"the motion of {show(coupling.of)} is prescribed; allowed: a coordinate that is not"
             yield f"{where}.of", f"{message}, which may follow one that is, or a coupling with a stiffness"
         return
-    found = cut_conflict(coupling.law)
-    if found is not None:
-        yield ".".join(filter(None, (where, found[0]))), found[1]
+    conflict = cut_conflict(coupling.law)
+    if conflict is not None:
+        yield ".".join(filter(None, (where, conflict[0]))), conflict[1]
 
 
 def leading_coordinate(robot: Robot, name: str) -> str:
-    """The coordinate that a drive at a coordinate moves: of a follower the one that it follows; itself otherwise."""
+    """Return the coordinate that a drive at a coordinate moves: of a follower its leader; itself otherwise."""
     return next((x for x, ratio in _leaders(robot).get(name, {}).items() if ratio != 0.0), name)
 
 
 def leading_home(robot: Robot) -> dict[str, float]:
-    """The described home of what follows no other coordinate, m or rad, by name.
+    """Return the home of coordinates that follow no other, m or rad, by name.
 
-    A follower that is named says where its leader is, where it follows one alone that is not named.
+    The home of a follower determines that of its leader, where it has one leader alone without a home.
     """
     home, shares = dict(robot.home), _leaders(robot)
     if home.keys().isdisjoint(shares):
@@ -151,7 +151,7 @@ def leading_home(robot: Robot) -> dict[str, float]:
 
 
 def follower_limits(robot: Robot, name: str) -> tuple[float, float]:
-    """Ends, m or rad, between which a coordinate leaves all that follow it alone within their limits; or infinite."""
+    """Return the range, m or rad, in which a coordinate keeps followers of it alone within limits; may be infinite."""
     low, high, offsets = -math.inf, math.inf, follower_positions(robot, {})
     for follower, share in _leaders(robot).items():
         joint = robot.joint(joint_of(follower))
@@ -182,34 +182,34 @@ def following_text(robot: Robot, name: str) -> str:
         joint = robot.joint(joint_of(follower))
         if name == follower or (name == joint.name and PRINCIPAL.get(joint.type) == kind_of(follower)):
             leaders = listed(list(coupling.to)) or "nothing that moves"
-            return f"{follower} follows {leaders} by the coupling {coupling.name} and is no coordinate of its own"
+            return f"{follower} follows {leaders} by the coupling {coupling.name} and is no independent coordinate"
     return ""
 
 
 def _leaders(robot: Robot) -> dict[str, dict[str, float]]:
-    """Ratios of every follower by what it follows in the end, through other followers too."""
-    found: dict[str, dict[str, float]] = {}
+    """Return ratios of every follower by its leaders, through other followers too."""
+    ratios: dict[str, dict[str, float]] = {}
     for name, coupling in robot.followers.items():
         share: dict[str, float] = {}
         for other, ratio in coupling.to.items():
-            for leader, behind in found.get(other, {other: 1.0}).items():
+            for leader, behind in ratios.get(other, {other: 1.0}).items():
                 share[leader] = share.get(leader, 0.0) + ratio * behind
-        found[name] = share
-    return found
+        ratios[name] = share
+    return ratios
 
 
 def follower_positions(robot: Robot, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Give where followers are by the description's numbers, m or rad, by name.
+    """Return positions of followers by the description's numbers, m or rad, by name.
 
     Args:
         robot: whose couplings count.
-        values: numbers or arrays of what they follow, by name; what is missing is at 0.
+        values: numbers or arrays of their leaders, by name; default 0.
     """
-    found: dict[str, Any] = {}
+    positions: dict[str, Any] = {}
     for name, coupling in robot.followers.items():
-        moved = (ratio * found.get(x, values.get(x, 0.0)) for x, ratio in coupling.to.items())
-        found[name] = sum(moved, coupling.offset or 0.0)
-    return found
+        moved = (ratio * positions.get(x, values.get(x, 0.0)) for x, ratio in coupling.to.items())
+        positions[name] = sum(moved, coupling.offset or 0.0)
+    return positions
 
 
 def unknown(name: str, known: tuple[str, ...]) -> str:
@@ -218,24 +218,24 @@ def unknown(name: str, known: tuple[str, ...]) -> str:
 
 
 def coordinate_of(robot: Robot, name: str) -> Coordinate:
-    """Properties of a coordinate by its name; of a motor those of its rotor."""
+    """Return the properties of a coordinate by its name; of a motor those of its rotor."""
     return robot.joint(joint_of(name)).all_coordinates[kind_of(name)]
 
 
 def effort_of(robot: Robot, name: str) -> float | None:
     """Return the greatest force of the drive at a coordinate, N or N m; None where there is no limit.
 
-    A joint's own limit holds behind the gear of its motor, too.
+    A joint's limit holds behind the gear of its motor, too.
     """
     joint, kind = robot.joint(joint_of(name)), kind_of(name)
-    found = joint.limits_of(kind)
+    limits = joint.limits_of(kind)
     if kind == MOTOR and joint.motor is not None:
         at_joint = Limits(effort=joint.limits_of(PRINCIPAL[joint.type]).effort)
-        found = found.within(at_joint.behind(1.0 / joint.motor.ratio))
-    return found.effort
+        limits = limits.within(at_joint.behind(1.0 / joint.motor.ratio))
+    return limits.effort
 
 
 def drive_of(robot: Robot, name: str) -> str:
-    """The coordinate that a drive at a coordinate acts on: the motor, where one drives it."""
+    """Return the coordinate that a drive at a coordinate acts on: the motor, where one drives it."""
     joint = robot.joint(joint_of(name))
     return f"{joint.name}.{MOTOR}" if joint.motor is not None and kind_of(name) == PRINCIPAL[joint.type] else name

@@ -1,4 +1,4 @@
-"""Robot -> Model: the ordered tree of moving bodies, their coordinates, and what is a run-time parameter.
+"""Robot -> Model: the ordered tree of moving bodies, their coordinates, and the run-time parameters.
 
 A body is a set of links that fixed joints hold together; its frame is its joint's frame after the motion, so the
 principal axis is its z axis.  Numbers stay in the Robot: the generator binds them (``eomgen.codegen.tree.bound``) as
@@ -28,14 +28,14 @@ from ..names import (
     show,
 )
 from ..once import kept
-from .cuts import CUTS, rigid_parts
+from .cuts import CUTS, rigid_components
 from .laws import ARMATURE, Conflict
 from .mechanism import coordinate_of, drive_of, leading_coordinate, leading_home, mechanism_conflict, position_limits
 from .parameter_names import number_of
-from .rules import conflict, cut_conflict, motor_conflict, unmoved
+from .rules import coordinate_conflict, cut_conflict, motor_conflict, unmoved
 from .value import ANGULAR, COORDINATES, MOTOR, PRINCIPAL, Coordinate, Coupling, Joint, Loop, Robot
 
-FIXED_BODY = -1  # what hangs on the base without a moving joint
+FIXED_BODY = -1  # links on the base without a moving joint
 
 
 @dataclass(frozen=True)
@@ -71,8 +71,8 @@ class Model:
     ``bodies`` are in depth-first order; ``coordinates`` are the names ("joint1.x", ...) in the order of q;
     ``links`` are the links that move; ``body_of`` has the index of each link's body; ``parameters`` maps the run-time
     parameters to their values in the description.
-    ``followers`` has the couplings of what moves but is no coordinate, as ``Robot.followers``; none where followers are
-    coordinates (``with_followers``).
+    ``followers`` has the couplings of followers, as ``Robot.followers``; none where followers are coordinates
+    (``with_followers``).
     """
 
     robot: Robot
@@ -95,7 +95,7 @@ class Model:
 
     @property
     def frames(self) -> tuple[str, ...]:
-        """Names whose pose can be asked for: the description's frames, then all links, the base first."""
+        """Names of all frames: the description's, then all links, the base first."""
         names = [frame.name for frame in self.robot.frames]
         links = [self.robot.base, *(link.name for link in self.robot.links)]
         return tuple(names + [name for name in links if name not in names])
@@ -106,7 +106,11 @@ class Model:
 
         Couplings that make followers are not among them.
         """
-        cut = (component_name(loop.name, part.name) for loop in self.robot.loops for part in rigid_parts(loop))
+        cut = (
+            component_name(loop.name, component.name)
+            for loop in self.robot.loops
+            for component in rigid_components(loop)
+        )
         return (*cut, *(coupling.name for coupling in self.rigid_couplings))
 
     @property
@@ -126,24 +130,24 @@ class Model:
 
     @cached_property
     def leaders(self) -> dict[str, tuple[str, ...]]:
-        """Coordinates that each follower follows, directly or through other followers; in the order of q."""
-        found: dict[str, tuple[str, ...]] = {}
+        """Leaders of each follower, directly or through other followers; in the order of q."""
+        leaders: dict[str, tuple[str, ...]] = {}
         for name, coupling in self.followers.items():
-            names = {leader for x in coupling.to for leader in found.get(x, (x,))}
-            found[name] = tuple(x for x in self.coordinates if x in names)
-        return found
+            names = {leader for x in coupling.to for leader in leaders.get(x, (x,))}
+            leaders[name] = tuple(x for x in self.coordinates if x in names)
+        return leaders
 
     @property
     def cut_laws(self) -> tuple[tuple[str, str, Coordinate], ...]:
-        """Forces on what is no coordinate of the tree: (owner, coordinate, properties), in their order.
+        """Force laws of deflections that are no coordinates of the tree: (owner, coordinate, properties), in order.
 
-        Coordinates of cut joints, by the loop's name and the coordinate's; then elastic couplings, by their names and
-        "".  One that no number is given of, and none is tunable, has no force and is not among them, unless a journal
-        is there that feels it.
+        Coordinates of loop joints, by the loop's name and the coordinate's; then elastic couplings, by their names and
+        "".  Those without a number, set or tunable, have no force and are not among them, unless a journal depends on
+        them.
         """
         known = {parameter_path(name)[:3] for name in self.parameters}
         known |= {("loops", x.name, name) for x in self.robot.loops if x.radial for name in x.radial.felt}
-        cut = [(loop.name, name, given) for loop in self.robot.loops for name, given in loop.coordinates.items()]
+        cut = [(loop.name, name, law) for loop in self.robot.loops for name, law in loop.coordinates.items()]
         coupled = [
             (coupling.name, "", coupling.law)
             for coupling in self.robot.couplings
@@ -165,7 +169,7 @@ class Model:
 
     @property
     def motors(self) -> dict[int, int]:
-        """Index of every motor's coordinate, and that of the principal coordinate that it drives."""
+        """Index of every motor's coordinate, with that of the principal coordinate that it drives."""
         principal = {joint_of(self.coordinates[index]): index for index in self.principal}
         return {
             index: principal[joint_of(name)] for index, name in enumerate(self.coordinates) if kind_of(name) == MOTOR
@@ -173,7 +177,7 @@ class Model:
 
     @property
     def driven(self) -> tuple[int, ...]:
-        """Indices of the coordinates that have a drive: motors, and principal ones without.
+        """Indices of the actuated coordinates: motors, and principal ones without.
 
         None that is prescribed or follows others in a rigid coupling.  Where the description names them, those: a motor
         in the place of the coordinate that it drives, a leader in that of its follower.
@@ -188,28 +192,28 @@ class Model:
 
     @property
     def home(self) -> tuple[float, ...]:
-        """The description's home, (n,), m or rad; a motor that it does not name is turned as its joint is."""
-        given = leading_home(self.robot)
-        values = [given.get(name, 0.0) for name in self.coordinates]
+        """The description's home, (n,), m or rad; a motor without one follows its joint."""
+        home = leading_home(self.robot)
+        values = [home.get(name, 0.0) for name in self.coordinates]
         for index, principal in self.motors.items():
             motor = self.robot.joint(joint_of(self.coordinates[index])).motor
             assert motor is not None
-            if self.coordinates[index] not in given:
+            if self.coordinates[index] not in home:
                 values[index] = motor.ratio * values[principal]
         return tuple(values)
 
     @property
     def prescribed(self) -> tuple[int, ...]:
-        """Indices of the coordinates whose motion is given."""
+        """Indices of the prescribed coordinates."""
         return tuple(i for i, name in enumerate(self.coordinates) if coordinate_of(self.robot, name).prescribed)
 
     @cached_property
     def turning(self) -> tuple[int, ...]:
-        """Indices of the bodies whose joints turn freely: free joints and balls, with nothing on their coordinates.
+        """Indices of the bodies with 3-DOF rotation: free joints and balls, with nothing on their coordinates.
 
-        Which angles describe them is of no matter to such a joint and to its own damping, so that integrations turn
-        its placement where its own are singular.  Whatever acts on a coordinate, moves it or goes with an angle of its
-        own keeps the joint as it is described: laws, armatures, motors, journals, prescribed motions, couplings,
+        Such a joint and its damping do not depend on the choice of angles, so that integrations switch the chart of
+        its Euler angles where they are singular.  Whatever acts on a coordinate, moves it or refers to one of its
+        angles keeps the joint as it is described: laws, armatures, motors, journals, prescribed motions, couplings,
         offsets of angles.
         """
         coupled = {x for coupling in self.robot.couplings for x in (coupling.of, *coupling.to)}
@@ -221,7 +225,7 @@ class Model:
             return False
         if joint.motor is not None or joint.radial is not None:
             return False
-        if any(given != plain for given in joint.coordinates.values()) or any(joint.offset[3:]):
+        if any(coordinate != plain for coordinate in joint.coordinates.values()) or any(joint.offset[3:]):
             return False
         acting = [f"joints.{joint.name}.{name}." for name in body.active]  # numbers that may come at run time
         acting += [f"joints.{joint.name}.offset.{name}" for name in ANGULAR]
@@ -229,20 +233,20 @@ class Model:
         return not tuned and not any(component_name(joint.name, name) in coupled for name in body.active)
 
     def offset_angles(self, joint: str) -> tuple[str, ...]:
-        """Angles of a joint that are not active but turned by an offset."""
+        """Return angles of a joint that are not active but have an offset."""
         active = self.robot.joint(joint).coordinates
         return tuple(
             name for name in ANGULAR if name not in active and f"joints.{joint}.offset.{name}" in self.parameters
         )
 
     def ancestors(self, body: int) -> Iterator[int]:
-        """The body and the bodies it hangs on, towards the base."""
+        """Yield the body and its ancestors, towards the base."""
         while body != FIXED_BODY:
             yield body
             body = self.bodies[body].parent
 
     def children(self, body: int) -> list[int]:
-        """Bodies that hang on the body directly."""
+        """Return the bodies whose parent is the body."""
         return [k for k, other in enumerate(self.bodies) if other.parent == body]
 
 
@@ -251,8 +255,8 @@ def build_model(robot: Robot, *, with_followers: bool = False) -> Model:
     """Order the tree, merge what fixed joints hold together, and list the parameters; once for each robot.
 
     Args:
-        robot: what the model is of.
-        with_followers: whether what follows others is a coordinate, and its coupling a row of the constraint.
+        robot: the robot.
+        with_followers: whether followers are coordinates, and their couplings rows of the constraint.
 
     Raises:
         DescriptionError: no coordinate is active, so there is nothing to move; or a name is no identifier (the reader
@@ -268,12 +272,12 @@ def build_model(robot: Robot, *, with_followers: bool = False) -> Model:
     for joint in robot.joints:  # depth first: a parent comes before its children
         parent = body_of[joint.parent]
         if joint.coordinates:
-            own = [kind for kind in joint.all_coordinates if component_name(joint.name, kind) not in followers]
-            active = tuple(kind for kind in own if kind != MOTOR)
+            kinds = [kind for kind in joint.all_coordinates if component_name(joint.name, kind) not in followers]
+            active = tuple(kind for kind in kinds if kind != MOTOR)
             body_of[joint.child] = len(bodies)
             bodies.append(Body(joint.name, parent, len(coordinates), active, (joint.child,)))
             links.append([joint.child])
-            coordinates.extend(component_name(joint.name, kind) for kind in own)
+            coordinates.extend(component_name(joint.name, kind) for kind in kinds)
         else:
             body_of[joint.child] = parent
             if parent != FIXED_BODY:
@@ -283,12 +287,12 @@ def build_model(robot: Robot, *, with_followers: bool = False) -> Model:
         _refuse(robot, "joints", f"the robot has no active coordinate; {allowed}")
     _check_loops(robot, body_of)
     _check_elements(robot, body_of)
-    found = mechanism_conflict(robot)
-    if found is not None:
-        _refuse(robot, *found)
+    conflict = mechanism_conflict(robot)
+    if conflict is not None:
+        _refuse(robot, *conflict)
     if not coordinates:
-        held = f"rigid couplings hold all coordinates ({listed(followers)})"
-        _refuse(robot, "couplings", f"nothing is left to move: {held}; allowed: couplings that leave one")
+        fixed = f"rigid couplings hold all coordinates ({listed(followers)})"
+        _refuse(robot, "couplings", f"nothing is left to move: {fixed}; allowed: couplings that leave one")
     merged = tuple(
         Body(body.joint, body.parent, body.first, body.active, tuple(names))
         for body, names in zip(bodies, links, strict=True)
@@ -298,7 +302,7 @@ def build_model(robot: Robot, *, with_followers: bool = False) -> Model:
 
 
 def turned_name(joint: str) -> str:
-    """Name of the number that says how a joint of ``Model.turning`` is turned: 0 as described, or 1.
+    """Return the name of the number that says which chart a joint of ``Model.turning`` has: 0 as described, or 1.
 
     It is no parameter: integrations choose it.
     """
@@ -306,9 +310,9 @@ def turned_name(joint: str) -> str:
 
 
 def with_offset_angles(model: Model) -> tuple[Model, tuple[int, ...]]:
-    """Give the model with every follower, and every angle that an offset turns, prescribed, as coordinates.
+    """Return the model with followers, and angles with an offset, as prescribed coordinates.
 
-    Behind it stand the places in it of the model's own coordinates.
+    Behind it stand the indices in it of the original model's coordinates.
     """
     joints = []
     for joint in model.robot.joints:
@@ -320,7 +324,7 @@ def with_offset_angles(model: Model) -> tuple[Model, tuple[int, ...]]:
 
 
 def _check_names(robot: Robot) -> None:
-    """Names go into C and Python: the last look at them."""
+    """Refuse names that are no identifiers: they go into C and Python."""
     named = [("links", robot.base, is_identifier), ("name", robot.name, is_robot_name)]
     for key in ("links", "joints", "frames", "loops", "couplings"):
         named += [(key, item.name, is_identifier) for item in getattr(robot, key)]
@@ -332,25 +336,25 @@ def _check_names(robot: Robot) -> None:
 
 
 def _check_loops(robot: Robot, body_of: Mapping[str, int]) -> None:
-    """Refuse a loop that nothing can open or close, and what no reader has seen."""
+    """Refuse a loop between links that do not move against each other, and what no reader has seen."""
     for loop in robot.loops:
         where = f"loops.{loop.name}"
         if loop.type not in CUTS:
             _refuse(robot, f"{where}.type", f"got {show(loop.type)}; allowed: {', '.join(CUTS)}")
         _check_pair(robot, body_of, loop.links, f"{where}.links")
-        found = {name: cut_conflict(given) for name, given in loop.coordinates.items()}
-        _refuse_first(robot, where, found | _element_conflicts(loop))
+        conflicts = {name: cut_conflict(coordinate) for name, coordinate in loop.coordinates.items()}
+        _refuse_first(robot, where, conflicts | _element_conflicts(loop))
 
 
 def _check_elements(robot: Robot, body_of: Mapping[str, int]) -> None:
-    """Refuse a force element that nothing moves, and what no reader has seen."""
+    """Refuse a force element between links that do not move against each other, and what no reader has seen."""
     for element in robot.link_elements:
         _check_pair(robot, body_of, element.links, f"{element.prefix}.links")
         _refuse_first(robot, element.prefix, {"": element.conflict()})
 
 
 def _check_pair(robot: Robot, body_of: Mapping[str, int], links: tuple[str, str], where: str) -> None:
-    """Refuse links that there are not, or that do not move against each other."""
+    """Refuse unknown links, and links that do not move against each other."""
     first, second = links
     for name in links:
         if name not in body_of:
@@ -360,12 +364,12 @@ def _check_pair(robot: Robot, body_of: Mapping[str, int], links: tuple[str, str]
 
 
 def _check_forces(robot: Robot) -> None:
-    """Numbers of force laws go together, whoever made the Robot."""
+    """Refuse numbers of force laws that do not go together, whoever made the Robot."""
     for joint in robot.joints:
-        found = {name: conflict(given) for name, given in joint.coordinates.items()}
+        conflicts = {name: coordinate_conflict(coordinate) for name, coordinate in joint.coordinates.items()}
         if joint.motor is not None:
-            found[MOTOR] = motor_conflict(joint.motor, joint.type, joint.coordinates)
-        _refuse_first(robot, f"joints.{joint.name}", found | _element_conflicts(joint))
+            conflicts[MOTOR] = motor_conflict(joint.motor, joint.type, joint.coordinates)
+        _refuse_first(robot, f"joints.{joint.name}", conflicts | _element_conflicts(joint))
 
 
 def _element_conflicts(owner: Joint | Loop) -> dict[str, Conflict | None]:
@@ -374,9 +378,9 @@ def _element_conflicts(owner: Joint | Loop) -> dict[str, Conflict | None]:
 
 def _refuse_first(robot: Robot, where: str, conflicts: Mapping[str, Conflict | None]) -> None:
     """Refuse the first conflict of those by their tables below a place."""
-    for table, found in conflicts.items():
-        if found is not None:
-            _refuse(robot, ".".join(filter(None, (where, table, found[0]))), found[1])
+    for table, conflict in conflicts.items():
+        if conflict is not None:
+            _refuse(robot, ".".join(filter(None, (where, table, conflict[0]))), conflict[1])
 
 
 def _refuse(robot: Robot, where: str, message: str) -> NoReturn:
@@ -384,7 +388,7 @@ def _refuse(robot: Robot, where: str, message: str) -> NoReturn:
 
 
 def _parameters(robot: Robot) -> dict[str, float]:
-    """Run-time parameters: gravity, offsets and numbers of forces that are given, and what ``tunable`` lists."""
+    """Return the run-time parameters: gravity, offsets and numbers of forces that are set, and those in ``tunable``."""
 
     def always(name: str) -> bool:
         kind, *path = parameter_path(name)
@@ -397,7 +401,7 @@ def _parameters(robot: Robot) -> dict[str, float]:
 
 
 def program_coordinates(robot: Robot) -> tuple[str, ...]:
-    """Names of the coordinates that a program moves: those of the rigid robot that are not prescribed.
+    """Return the names of the coordinates of a reference: those of the rigid robot that are not prescribed.
 
     A drive moves each of them, itself or through its motor (``Model.driven``); of free joints all six are among them.
     Where there are loops or couplings, they are those with a drive alone, and the others follow.
@@ -426,7 +430,7 @@ def movable_limits(robot: Robot) -> dict[str, tuple[float, float]]:
 
 
 def tool_of(robot: Robot, tool: str | None, label: str = "tool") -> str:
-    """The frame to look at; by default "tcp", the first frame, a link called so, or the end of the longest chain."""
+    """Return the tool frame; by default "tcp", the first frame, a link called so, or the end of the longest chain."""
     known = build_model(robot).frames
     if tool is not None and (not isinstance(tool, str) or tool not in known):
         raise UnknownNameError(f"{label}: {show(tool)} is unknown; known: {', '.join(known)}")
@@ -439,7 +443,7 @@ def tool_of(robot: Robot, tool: str | None, label: str = "tool") -> str:
 
 
 def open_tree(robot: Robot) -> str:
-    """Say, beside figures of a robot's tree, that its loops and couplings are open there; "" where it has none."""
+    """Say, for reports on a robot's tree, that its loops and couplings are open there; "" where it has none."""
     followed = [coupling.name for coupling in robot.followers.values()]
     loops = [loop.name for loop in robot.loops]
     couplings = [coupling.name for coupling in robot.couplings if coupling.name not in followed]

@@ -1,4 +1,4 @@
-"""Names of parameters that stay run-time values, ``tunable`` expanded to them, and which numbers of tables they are."""
+"""Names of run-time parameters, patterns of ``tunable`` expanded to them, and their numbers in tables of laws."""
 
 from __future__ import annotations
 
@@ -41,54 +41,54 @@ _LONG = 1000  # characters of a name that no parameter has which are looked at f
 
 @dataclass(frozen=True)
 class Parameter:
-    """A number of the description that can be tuned: its name's components, and whether the description gives it."""
+    """A number of the description that can be tuned: its name's components, and whether the description sets it."""
 
     path: tuple[str, ...]
-    given: bool = True
+    is_set: bool = True
 
 
 def parameters(robot: Robot) -> Iterator[Parameter]:
-    """Every number that could be a run-time parameter, a joint's offset and placement in front of its forces."""
-    found = (Parameter(parameter_path(name), value is not None) for name, value in robot.numbers())
-    for _, owned in groupby(found, lambda item: item.path[:2]):
+    """Yield every number that could be a run-time parameter, a joint's offset and placement before its forces."""
+    all_numbers = (Parameter(parameter_path(name), value is not None) for name, value in robot.numbers())
+    for _, owned in groupby(all_numbers, lambda item: item.path[:2]):
         yield from sorted(owned, key=lambda item: item.path[0] == "joints" and item.path[2] not in _OF_JOINTS)
 
 
 def element_places(robot: Robot, names: Iterable[str]) -> Places:
-    """Give the places of force elements' numbers among run-time parameters.
+    """Return the indices of force elements' numbers among run-time parameters.
 
-    Owners are coordinates ("joint1.x", "pin4.x"; of a motor its own stands for its transmission), couplings, joints,
+    Owners are coordinates ("joint1.x", "pin4.x"; a motor's stands for its transmission), couplings, joints,
     loops and springs, in the order of the description.
 
     Args:
         names: of the run-time parameters, in their order.
     """
     places = {name: place for place, name in enumerate(names)}
-    found: Places = {family: {} for family in FAMILIES}
+    families: Places = {family: {} for family in FAMILIES}
     for item in parameters(robot):
         place, element = places.get(parameter_name(*item.path)), _element_of(item.path)
         if element is not None and place is not None:
             family, owner, key = element
-            found[family].setdefault(parameter_name(*owner), {})[parameter_name(*key)] = place
-    return found
+            families[family].setdefault(parameter_name(*owner), {})[parameter_name(*key)] = place
+    return families
 
 
 def _element_of(path: tuple[str, ...]) -> tuple[str, tuple[str, ...], tuple[str, ...]] | None:
-    """The family of forces that a number belongs to, its owner, and its name in a table; None of other numbers."""
-    kind, part = path[0], path[2] if len(path) > 2 else ""
+    """Return the family of forces that a number belongs to, its owner, and its name in a table; None of others."""
+    kind, table = path[0], path[2] if len(path) > 2 else ""
     if kind == "couplings" or kind in KINDS:
         return CUTS if kind == "couplings" else kind, path[1:2], path[2:]
-    if kind in ("joints", "loops") and part in (*COORDINATES, MOTOR):
+    if kind in ("joints", "loops") and table in (*COORDINATES, MOTOR):
         return {"joints": JOINTS, "loops": CUTS}[kind], path[1:3], path[3:]
-    family = JOINT_ELEMENTS[part].FAMILIES.get(kind) if part in JOINT_ELEMENTS else None
+    family = JOINT_ELEMENTS[table].FAMILIES.get(kind) if table in JOINT_ELEMENTS else None
     return None if family is None else (family, path[1:2], path[3:])
 
 
 def expand_tunable(robot: Robot, patterns: Sequence[str]) -> tuple[str, ...]:
-    """Full names of the parameters that the patterns mean, each once, in the order of the description.
+    """Return the full names of the parameters that match the patterns, each once, in the order of the description.
 
     A pattern may stop early (``links.tool.com`` means x, y and z) and may have ``*`` as a whole component.  A value
-    that the description does not give (a stiffness, say) is meant only by its full name, and then starts at zero.
+    that the description does not set (a stiffness, say) matches its full name alone, and then starts at zero.
 
     Raises:
         DescriptionError: a pattern that no parameter matches.
@@ -105,17 +105,17 @@ def expand_tunable(robot: Robot, patterns: Sequence[str]) -> tuple[str, ...]:
 
 
 def expand_each(robot: Robot, patterns: Sequence[str]) -> dict[str, tuple[str, ...]]:
-    """Names by pattern, each as if it stood alone, () where nothing matches it; in one pass for all of them."""
+    """Return names by pattern, each as if it stood alone, () where nothing matches it; in one pass for all of them."""
     return {pattern: tuple(names) for pattern, names in _each(list(parameters(robot)), patterns).items()}
 
 
 def _each(known: Sequence[Parameter], patterns: Sequence[str]) -> dict[str, list[str]]:
-    found: dict[str, list[str]] = {pattern: [] for pattern in patterns}
-    start = _tree(found, max(len(item.path) for item in known))
+    matches: dict[str, list[str]] = {pattern: [] for pattern in patterns}
+    start = _tree(matches, max(len(item.path) for item in known))
     for item in known:
         for pattern in _meaning(start, item):
-            found[pattern].append(parameter_name(*item.path))
-    return found
+            matches[pattern].append(parameter_name(*item.path))
+    return matches
 
 
 @dataclass(eq=False)
@@ -127,36 +127,36 @@ class _Node:
 
 
 def _tree(patterns: Iterable[str], deepest: int) -> _Node:
-    """The patterns by their components; without those that are longer than any parameter's name."""
+    """Return the prefix tree of the patterns, without those that are longer than any parameter's name."""
     start = _Node()
     for pattern in patterns:
         node = start
         if pattern.count(".") < deepest:
-            for part in parameter_path(pattern):
-                node = node.below.setdefault(part, _Node())
+            for component in parameter_path(pattern):
+                node = node.below.setdefault(component, _Node())
             node.pattern = pattern
     return start
 
 
 def _meaning(start: _Node, item: Parameter) -> Iterator[str]:
-    """The patterns below a node that mean the parameter."""
+    """Yield the patterns below a node that match the parameter."""
     nodes, shortest = [start], _shortest(item.path)
-    for length, part in enumerate(item.path, 1):
-        choices = (part, "*") if item.given and part != "*" else (part,)
+    for length, component in enumerate(item.path, 1):
+        choices = (component, "*") if item.is_set and component != "*" else (component,)
         nodes = [node.below[choice] for node in nodes for choice in choices if choice in node.below]
-        if length == len(item.path) or (item.given and length >= shortest):
+        if length == len(item.path) or (item.is_set and length >= shortest):
             yield from (node.pattern for node in nodes if node.pattern is not None)
 
 
 def _shortest(path: tuple[str, ...]) -> int:
-    """Least number of components of a pattern for this parameter."""
+    """Return the least number of components of a pattern for this parameter."""
     return {"gravity": 1, "joints": 4, "frames": 4}.get(path[0], 3)
 
 
 def _refuse(robot: Robot, pattern: str, known: Sequence[Parameter]) -> NoReturn:
     wanted, reason = parameter_path(pattern[:_LONG]), "no parameter has this name"
     if "rpy" in wanted and wanted[0] in ("joints", "frames", "loops"):
-        reason += " (an rpy can be tuned only where the description gives it; dh does not)"
+        reason += " (an rpy can be tuned only where the description has it; dh has none)"
     paths = (item.path for item in known)
     hint = nearest(
         pattern, (parameter_name(*path[:n]) for path in paths for n in range(_shortest(path), len(path) + 1))
@@ -165,7 +165,7 @@ def _refuse(robot: Robot, pattern: str, known: Sequence[Parameter]) -> NoReturn:
 
 
 def number_of(parameter: str) -> Number | None:
-    """Give the table's number that a run-time parameter is; None of what is no force."""
+    """Return the law table's number of a run-time parameter; None of one that is no force."""
     element = _element_of(parameter_path(parameter))
     if element is None:
         return None
@@ -174,7 +174,7 @@ def number_of(parameter: str) -> Number | None:
 
 
 def least_of(parameter: str) -> float | None:
-    """Give the least value that a run-time parameter may have; None where any number will do."""
+    """Return the least value that a run-time parameter may have; None where any number will do."""
     if parameter.startswith("links.") and parameter.endswith(".mass"):
         return 0.0
     number = number_of(parameter)

@@ -1,4 +1,4 @@
-"""A robot as values that JSON holds, and back; its hash, by which results and caches know it again."""
+"""A robot as values that JSON holds, and back; its hash, by which results and caches identify it."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from ..names import show
 from .value import COORDINATES, Joint, Loop, Robot
 
 
-def record_of(robot: Robot, *, whole: bool = False) -> dict[str, Any]:
-    """The robot as nested dicts, lists, numbers and texts; ``robot_of`` makes an equal robot of it.
+def record_of(robot: Robot) -> dict[str, Any]:
+    """Return the robot as nested dicts, lists, numbers and texts; ``robot_of`` makes an equal robot of it.
 
     Fields that are marked LATER are left out where they have their defaults, so that records and hashes of robots that
     do not use them stay what they were; not in a ``whole`` one.
@@ -27,7 +27,7 @@ def record_of(robot: Robot, *, whole: bool = False) -> dict[str, Any]:
 
 
 def robot_of(record: Mapping[str, Any]) -> Robot:
-    """The robot of a record, whose types are what they should be; ``description.recorded`` checks what they say.
+    """Return the robot of a record; types are checked here, values by ``description.recorded``.
 
     Raises:
         InputError: it is no record of a robot, or one of a newer eomgen.
@@ -38,10 +38,10 @@ def robot_of(record: Mapping[str, Any]) -> Robot:
     return robot
 
 
-def _refuse_unknown(what: str, items: Sequence[Joint | Loop], given: Sequence[Mapping[str, Any]]) -> None:
-    """Refuse coordinates that there are not, which a joint or loop leaves out."""
-    for item, said in zip(items, given, strict=True):
-        for name in said.get("coordinates", {}):
+def _refuse_unknown(what: str, items: Sequence[Joint | Loop], records: Sequence[Mapping[str, Any]]) -> None:
+    """Refuse unknown coordinates, which a joint or loop leaves out."""
+    for item, record in zip(items, records, strict=True):
+        for name in record.get("coordinates", {}):
             if name not in item.coordinates:
                 raise InputError(
                     f"this is no robot that was recorded: {what} {show(item.name)}: {show(name)} is no coordinate;"
@@ -61,7 +61,7 @@ def _plain(value: object, *, whole: bool) -> Any:
 
 
 def _is_unused(item: dataclasses.Field[Any], value: object) -> bool:
-    """Whether a field that is marked LATER has the value that it has where a description does not speak of it."""
+    """Return whether a field that is marked LATER has its default."""
     if not item.metadata.get("later"):
         return False
     empty = item.default if item.default_factory is dataclasses.MISSING else item.default_factory()
@@ -69,6 +69,6 @@ def _is_unused(item: dataclasses.Field[Any], value: object) -> bool:
 
 
 def robot_hash(robot: Robot) -> str:
-    """SHA-256 of what a robot is, hexadecimal: of all its values but ``source`` and ``notes``."""
+    """Return the SHA-256 of a robot, hexadecimal: of all its values but ``source`` and ``notes``."""
     values_of = {**record_of(robot), "source": "", "notes": ""}
     return hashlib.sha256(json.dumps(values_of, sort_keys=True).encode()).hexdigest()

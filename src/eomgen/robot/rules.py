@@ -1,6 +1,6 @@
-"""Which numbers of a coordinate and of a motor go together.
+"""Rules of numbers that exclude or need each other, of a coordinate and of a motor.
 
-Each rule returns the key and the message of the first that does not, so that readers of files can say where it stands
+Each rule returns the key and the message of the first conflict, so that readers of files can say where it stands
 (``description``) and the model can refuse a robot that was made in Python (``robot.model``).
 """
 
@@ -12,7 +12,7 @@ from dataclasses import fields
 from ..limits import LARGEST
 from ..names import show
 from .bounds import limits_conflict
-from .laws import LAWS, NUMBERS, curve_conflict, given_laws, law_conflict
+from .laws import LAWS, NUMBERS, active_laws, curve_conflict, law_conflict
 from .value import CUT_NUMBERS, MOTOR, PRINCIPAL, Coordinate, Motor
 
 ROTORS = tuple(law.name for law in LAWS.values() if law.of_rotor)
@@ -22,8 +22,8 @@ FURTHER = tuple(  # numbers of laws that a Coordinate has no field for
 )
 
 
-def motor_conflict(given: Motor, kind: str, active: Mapping[str, Coordinate]) -> tuple[str, str] | None:
-    """The key ("" for the table) and the message of what is wrong with a motor in a joint; None if nothing is.
+def motor_conflict(motor: Motor, kind: str, active: Mapping[str, Coordinate]) -> tuple[str, str] | None:
+    """Return the key ("" for the table) and the message of what is wrong with a motor in a joint; None if nothing is.
 
     Args:
         kind: the joint's type.
@@ -33,51 +33,51 @@ def motor_conflict(given: Motor, kind: str, active: Mapping[str, Coordinate]) ->
         return "", f"a {kind} joint has no principal coordinate to drive; allowed for: {', '.join(PRINCIPAL)}"
     if PRINCIPAL[kind] not in active:
         return "", f"{PRINCIPAL[kind]} is locked, so that the motor would drive nothing; leave one of the two out"
-    if not 0.0 < given.inertia <= LARGEST:
-        return "inertia", f"got {given.inertia!r}; allowed: a finite number greater than 0, kg m^2"
-    if not 1.0 / LARGEST <= abs(given.ratio) <= LARGEST:
-        return "ratio", f"got {given.ratio!r}; allowed: a finite number that is not 0"
-    spring = given.transmission
-    if spring.stiffness is None and not any(law.name in STIFF for law in given_laws(spring.law())):
+    if not 0.0 < motor.inertia <= LARGEST:
+        return "inertia", f"got {motor.inertia!r}; allowed: a finite number greater than 0, kg m^2"
+    if not 1.0 / LARGEST <= abs(motor.ratio) <= LARGEST:
+        return "ratio", f"got {motor.ratio!r}; allowed: a finite number that is not 0"
+    spring = motor.transmission
+    if spring.stiffness is None and not any(law.name in STIFF for law in active_laws(spring.law())):
         return "stiffness", f"there is no spring between motor and joint; allowed: with one of {', '.join(STIFF)}"
-    own = [law.name for law in given_laws(spring.law()) if law.of_rotor]
-    if own or spring.armature is not None or spring.prescribed or spring.limits is not None:
+    of_rotor = [law.name for law in active_laws(spring.law()) if law.of_rotor]
+    if of_rotor or spring.armature is not None or spring.prescribed or spring.limits is not None:
         which = ", ".join((*ROTORS, "limits"))
         return "", f"{which} and role belong to the {MOTOR} itself, and a transmission has no armature"
-    for law in given_laws(given.rotor.law()):
+    for law in active_laws(motor.rotor.law()):
         if not law.of_rotor:
             return "further", f"{law.name} is no law of a rotor; allowed: {', '.join(ROTORS)}"
-    return conflict(spring) or conflict(given.rotor)
+    return coordinate_conflict(spring) or coordinate_conflict(motor.rotor)
 
 
-def conflict(given: Coordinate) -> tuple[str, str] | None:
-    """The key and the message of numbers that do not go together; None if all do."""
-    for key in given.further:
+def coordinate_conflict(coordinate: Coordinate) -> tuple[str, str] | None:
+    """Return the key and the message of numbers of a coordinate that do not go together; None if all do."""
+    for key in coordinate.further:
         if key not in FURTHER:
             return "further", f"{show(key)} is no number of a law; allowed: {', '.join(FURTHER) or 'none'}"
-    found = limits_conflict(given.limits) if given.limits is not None else None
-    if found is not None:
-        return found
-    numbers = given.law()
-    if given.stiffness is not None:
-        numbers["stiffness"] = given.stiffness
-    found = law_conflict(numbers)
-    return curve_conflict(given.curve) if found is None and given.curve is not None else found
+    first = limits_conflict(coordinate.limits) if coordinate.limits is not None else None
+    if first is not None:
+        return first
+    numbers = coordinate.law()
+    if coordinate.stiffness is not None:
+        numbers["stiffness"] = coordinate.stiffness
+    first = law_conflict(numbers)
+    return curve_conflict(coordinate.curve) if first is None and coordinate.curve is not None else first
 
 
-def cut_conflict(given: Coordinate) -> tuple[str, str] | None:
-    """The key and the message of what is wrong with forces in a cut joint or coupling; None if nothing is."""
-    if given.armature is not None:
-        return "armature", f"it moves no inertia of its own; allowed: {', '.join((*CUT_NUMBERS, *LAWS))}"
-    if given.prescribed:
-        return "", "it has no motion of its own to prescribe; allowed: prescribed coordinates of joints"
-    if given.limits is not None:
-        return "limits", "it has no drive and no motion of its own; allowed: limits of joints' coordinates"
-    return conflict(given)
+def cut_conflict(coordinate: Coordinate) -> tuple[str, str] | None:
+    """Return the key and the message of what is wrong with forces in a loop joint or coupling; None if nothing is."""
+    if coordinate.armature is not None:
+        return "armature", f"it moves no inertia; allowed: {', '.join((*CUT_NUMBERS, *LAWS))}"
+    if coordinate.prescribed:
+        return "", "it has no motion to prescribe; allowed: prescribed coordinates of joints"
+    if coordinate.limits is not None:
+        return "limits", "it has no drive and no motion; allowed: limits of joints' coordinates"
+    return coordinate_conflict(coordinate)
 
 
 def unmoved(first: str, second: str) -> str:
-    """The message about two links of a loop or force element between which no joint moves."""
+    """Return the message about two links of a loop or force element between which no joint moves."""
     return (
         f"the links {show(first)} and {show(second)} do not move against each other; allowed: links with a moving joint"
         " between them"

@@ -1,4 +1,4 @@
-"""How large deviations are: what tolerances refer to."""
+"""Characteristic sizes of deviations, to which tolerances refer."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import numpy as np
 
 from ..arrays import Array
 
-REFERENCE_ACCELERATION = 10.0  # m/s^2, rad/s^2: about 1 g; what it does to a spring is the size of its deviation
+REFERENCE_ACCELERATION = 10.0  # m/s^2, rad/s^2: about 1 g; the deflection of a spring under it is the size
 
 
 def deviation_sizes(stiffness: Array, inertia: Array) -> tuple[Array, Array]:
-    """Sizes of coordinates and rates, (n,) each; m, rad, s.
+    """Return sizes of coordinates and velocities, (n,) each; m, rad, s.
 
-    A coordinate with stiffness k and inertia m has w^2 = k / m; at 10 m/s^2 or rad/s^2 it gives way by 10 / w^2, often
-    micrometres, and swings with rates of 10 / w.  Without a spring, or with a soft one, the size is 1.
+    A coordinate with stiffness k and inertia m has w^2 = k / m; at 10 m/s^2 or rad/s^2 it deflects by 10 / w^2, often
+    micrometres, and swings with velocities of 10 / w.  Without a spring, or with a soft one, the size is 1.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         period = np.where((stiffness > 0.0) & (inertia > 0.0), np.sqrt(inertia / stiffness), np.inf)

@@ -1,4 +1,4 @@
-"""The immutable robot value: what a description says, checked, and nothing that is derived from it.
+"""The immutable robot value: a description's values, checked, and nothing that is derived from them.
 
 A joint's transform from its parent link to its child link is, with eq. (3) of the paper in the middle,
 
@@ -31,7 +31,7 @@ from .geometry import COORDINATES as COORDINATES
 from .geometry import IDENTITY, Matrix, Vector
 from .geometry import LINEAR as LINEAR
 from .geometry import Placement as Placement
-from .laws import BASIC, GAUSSIAN, NUMBERS, SHAPES, defaults, given_laws
+from .laws import BASIC, GAUSSIAN, NUMBERS, SHAPES, active_laws, defaults
 from .laws import Curve as Curve
 
 ACROSS: Mapping[str, tuple[str, ...]] = MappingProxyType(  # translations across a coordinate's axis
@@ -41,17 +41,17 @@ JOINT_TYPES = ("revolute", "prismatic", "fixed", "free")
 PRINCIPAL = {"revolute": "gamma", "prismatic": "z"}
 MOTOR = "motor"  # the coordinate of a joint's motor, behind the six
 COORDINATE_NUMBERS = tuple(number.key for number in BASIC)  # of any coordinate; each may be a run-time parameter
-CUT_NUMBERS = ("stiffness", "damping")  # those of a cut joint's, which moves no inertia of its own
+CUT_NUMBERS = ("stiffness", "damping")  # those of a loop joint's, which moves no inertia
 INERTIA_KEYS = ("xx", "yy", "zz", "xy", "xz", "yz")
 BASE = "base"
 LATER: Mapping[str, bool] = MappingProxyType({"later": True})  # marks fields that older records do not have
 
 
-Numbers = Iterator[tuple[str, float | None]]  # by names of parameters below an owner's; None where one is not given
+Numbers = Iterator[tuple[str, float | None]]  # by names of parameters below an owner's; None where one is not set
 
 
 def _below(table: str, numbers: Iterable[tuple[str, float | None]]) -> Numbers:
-    """Give numbers by their names with that of the table in front."""
+    """Yield numbers by their names with that of the table in front."""
     yield from ((f"{table}.{key}", value) for key, value in numbers)
 
 
@@ -64,28 +64,28 @@ class _Picklable:
 
 
 class _Jointed(_Picklable):
-    """A joint or a cut one: coordinates in canonical order, and force elements of it as a whole."""
+    """A joint of the tree or of a loop: coordinates in canonical order, and force elements of it as a whole."""
 
     coordinates: Mapping[str, Coordinate]
 
     def __post_init__(self) -> None:
-        given = {name: self.coordinates[name] for name in COORDINATES if name in self.coordinates}
-        object.__setattr__(self, "coordinates", MappingProxyType(given))
+        ordered = {name: self.coordinates[name] for name in COORDINATES if name in self.coordinates}
+        object.__setattr__(self, "coordinates", MappingProxyType(ordered))
 
     @property
     def elements(self) -> dict[str, JointElement]:
         """Force elements of the joint as a whole, by their tables."""
-        found: dict[str, JointElement | None] = {table: getattr(self, table, None) for table in JOINT_ELEMENTS}
-        return {table: element for table, element in found.items() if element is not None}
+        elements: dict[str, JointElement | None] = {table: getattr(self, table, None) for table in JOINT_ELEMENTS}
+        return {table: element for table, element in elements.items() if element is not None}
 
 
 @dataclass(frozen=True)
 class Friction:
-    """Dry friction at the rate v: sgn(v) (C + (static - coulomb) / (1 + (v / stribeck)^2)) + viscous v.
+    """Friction at the velocity v: sgn(v) (C + (static - coulomb) / (1 + (v / stribeck)^2)) + viscous v.
 
     With the shape "gaussian" the excess of static friction falls as exp(-(v / stribeck)^2).  C is coulomb, and with a
-    ``coefficient`` coulomb + coefficient radius N, where the force N presses the joint (``carriers``); ``radius`` (m)
-    is that of a turn, and 1 of a translation.
+    ``coefficient`` (load-dependent friction) coulomb + coefficient radius N, N the load of the joint (``carriers``);
+    ``radius`` (m) is the friction radius of a rotation, and 1 of a translation.
     coulomb, static: N or N m; stribeck: m/s or rad/s; viscous: N s/m or N m s/rad.  sgn(v) is v / sqrt(v^2 +
     smoothing^2); smoothing (m/s or rad/s) becomes 4e-8, or 1e-6 stribeck if that is less, where it is None.
     """
@@ -110,33 +110,33 @@ class Friction:
     @classmethod
     def of(cls, numbers: Mapping[str, float]) -> Friction:
         """Make friction of its numbers, by the names of ``numbers`` without "friction."."""
-        given: dict[str, Any] = dict(numbers)
-        if GAUSSIAN in given:
-            given |= {"stribeck": given.pop(GAUSSIAN), "shape": GAUSSIAN}
-        return cls(**given)
+        fields: dict[str, Any] = dict(numbers)
+        if GAUSSIAN in fields:
+            fields |= {"stribeck": fields.pop(GAUSSIAN), "shape": GAUSSIAN}
+        return cls(**fields)
 
     def numbers(self) -> dict[str, float]:
-        """The numbers that are given, by their names: "friction.coulomb"; a rate has the name of its curve."""
+        """Return the numbers that are set, by their names: "friction.coulomb"; stribeck has its curve's name."""
         names = {"stribeck": self.shape or "stribeck"}
-        given = {key: value for key, value in vars(self).items() if value is not None and key != "shape"}
-        return {f"friction.{names.get(key, key)}": value for key, value in given.items()}
+        fields = {key: value for key, value in vars(self).items() if value is not None and key != "shape"}
+        return {f"friction.{names.get(key, key)}": value for key, value in fields.items()}
 
 
 @dataclass(frozen=True)
 class Coordinate(_Picklable):
-    """Properties of one active coordinate; None means that the description does not give the value.
+    """Properties of one active coordinate; None means that the description does not set the value.
 
-    stiffness: N/m or N m/rad, damping: N s/m or N m s/rad (eq. 13), armature: kg or kg m^2, added to the
-    diagonal of the mass matrix.  prescribed: its motion is given, and its row is the force that this takes.
+    stiffness: N/m or N m/rad, damping: N s/m or N m s/rad (eq. 13), armature: reflected rotor inertia, kg or kg m^2,
+    added to the diagonal of the mass matrix.  prescribed: its motion is prescribed; its row is the force for that.
 
     The others make further forces that resist a deviation s, N or N m: ``preload`` at s = 0; ``cubic`` (N/m^3 or
     N m/rad^3) times s^3; ``stiffness_negative`` in the place of stiffness where s < 0; ``friction``; ``curve``,
-    measured points (s, force) in the place of springs.  With a ``clearance`` (half the gap, m or rad) springs act on
+    measured points (s, force) in the place of springs.  With a ``clearance`` (half of it, m or rad) springs act on
     the penetration d of its ends alone, times 1 + ``restitution_damping`` (s/m or s/rad) d_dot, never pulling, and set
     in over ``smoothing`` (m or rad), which becomes a twentieth of the clearance where it is None.
     ``further``: the numbers of laws that have no field here, by their names in ``laws.NUMBERS``.
-    ``limits``: of its motion and of its drive; of a principal coordinate ``Joint.limits`` has the range, where both its
-    ends are given.
+    ``limits``: of its motion and of its drive; of a principal coordinate ``Joint.limits`` has the range, where both
+    ends are set.
     """
 
     stiffness: float | None = None
@@ -166,36 +166,36 @@ class Coordinate(_Picklable):
     @property
     def carries(self) -> bool:
         """Whether springs, contacts or dampers of the coordinate carry a force."""
-        laws = any(law.name != "friction" for law in given_laws(self.law()))
+        laws = any(law.name != "friction" for law in active_laws(self.law()))
         return laws or self.stiffness is not None or self.damping is not None
 
     @property
     def has_stiffness(self) -> bool:
-        """Whether anything that is given counts as a stiffness."""
-        return bool(self.stiffness) or any(law.stiffness for law in given_laws(self.law()))
+        """Whether any of its numbers counts as a stiffness."""
+        return bool(self.stiffness) or any(law.stiffness for law in active_laws(self.law()))
 
     def numbers(self, keys: Sequence[str] = COORDINATE_NUMBERS) -> dict[str, float | None]:
-        """Give numbers by the names of parameters, of ``COORDINATE_NUMBERS`` some; None where one is not given."""
+        """Return numbers by the names of parameters, some of ``COORDINATE_NUMBERS``; None where one is not set."""
         return {key: getattr(self, key) for key in keys} | self.law()
 
     def law(self) -> dict[str, float]:
-        """Numbers beyond stiffness, damping and armature, by their names: "cubic", "friction.coulomb", "curve.0"."""
-        given = {**vars(self), **(self.friction.numbers() if self.friction else {}), **self.further}
-        found = {key: given[key] for key in NUMBERS if key != "curve" and given.get(key) is not None}
-        return found | {f"curve.{i}": force for i, (_, force) in enumerate(self.curve or ())}
+        """Return numbers beyond stiffness, damping and armature, by their names: "cubic", "curve.0"."""
+        fields = {**vars(self), **(self.friction.numbers() if self.friction else {}), **self.further}
+        numbers = {key: fields[key] for key in NUMBERS if key != "curve" and fields.get(key) is not None}
+        return numbers | {f"curve.{i}": force for i, (_, force) in enumerate(self.curve or ())}
 
     def unstopped(self) -> Coordinate:
-        """The coordinate without stops."""
+        """Return the coordinate without stops."""
         others = {key: number for key, number in self.further.items() if not key.startswith("stops.")}
         return self if len(others) == len(self.further) else replace(self, further=others)
 
     def with_numbers(self, numbers: Mapping[str, float]) -> Coordinate:
-        """The coordinate with these numbers, by the names of ``law`` or "stiffness", in the place of its own.
+        """Return the coordinate with these numbers, by the names of ``law`` or "stiffness", in place of the old ones.
 
-        A law that descriptions give as a table is replaced as a whole, and numbers that follow from others follow anew.
+        A law that descriptions have as a table is replaced as a whole, and defaults follow anew.
         """
         kept = {key: value for key, value in self.law().items() if key in NUMBERS}
-        for law in given_laws(numbers):
+        for law in active_laws(numbers):
             for number in law.numbers:
                 if law.has_table or number.default:
                     kept.pop(number.key, None)
@@ -207,47 +207,47 @@ class Coordinate(_Picklable):
 
 
 def carriers(name: str, coordinates: Mapping[str, Coordinate]) -> tuple[str, ...]:
-    """Names of a joint's coordinates whose springs, contacts and dampers press on one that rubs.
+    """Return the names of a joint's coordinates whose springs, contacts and dampers load one with friction.
 
-    These are the translations across it; across a turn those across its axis.  Moments, friction and what is rigid do
-    not press.
+    These are the translations across it; of a rotation those across its axis.  Moments, friction and rigid constraints
+    do not count.
 
     Args:
-        name: of the coordinate that rubs.
-        coordinates: active ones of the joint, or those of a cut joint that have a table.
+        name: of the coordinate with load-dependent friction.
+        coordinates: active ones of the joint, or those of a loop joint that have a table.
     """
     return tuple(other for other in ACROSS[name] if other in coordinates and coordinates[other].carries)
 
 
 def loaded(coordinates: Mapping[str, Coordinate]) -> dict[str, tuple[str, ...]]:
-    """Coordinates whose friction depends on a load, each with its ``carriers``."""
-    rubbing = {name: given.friction for name, given in coordinates.items() if given.friction is not None}
+    """Return coordinates with load-dependent friction, each with its ``carriers``."""
+    rubbing = {name: coordinate.friction for name, coordinate in coordinates.items() if coordinate.friction is not None}
     return {name: carriers(name, coordinates) for name, x in rubbing.items() if x.coefficient is not None}
 
 
 def _unloaded(coordinates: Mapping[str, Coordinate]) -> dict[str, Coordinate]:
-    """The coordinates; where nothing presses any more, with what of their friction does not depend on that."""
-    found = dict(coordinates)
+    """Return the coordinates without load-dependent friction where there is no load any more."""
+    unloaded = dict(coordinates)
     for name, others in loaded(coordinates).items():
-        friction = found[name].friction
+        friction = unloaded[name].friction
         if friction is not None and not others:
-            found[name] = replace(found[name], friction=replace(friction, coefficient=None, radius=None))
-    return found
+            unloaded[name] = replace(unloaded[name], friction=replace(friction, coefficient=None, radius=None))
+    return unloaded
 
 
 @dataclass(frozen=True)
 class Motor(_Picklable):
-    """A motor behind a gear and a spring: one more coordinate of its joint, the rotor's angle, rad at its shaft.
+    """A motor behind an elastic gear (flexible joint, SEA): one more coordinate, the rotor's angle, rad at its shaft.
 
-    inertia: of the rotor about its own axis, kg m^2.  ratio: of the gear, rad of the motor per rad (or m) of the
+    inertia: of the rotor about its axis, kg m^2.  ratio: of the gear, rad of the motor per rad (or m) of the
     joint's principal coordinate; negative where the sense is reversed.  transmission: the force in the deflection phi =
     motor / ratio - principal coordinate, which pulls the joint after the motor; in units of the joint's side, without
-    friction, armature and role.  friction: of the rotor's own bearings, N m and rad/s at the shaft.  prescribed: the
-    rotor's motion is given, as that of a position-controlled motor.  further: numbers of the rotor's other laws, as in
+    friction, armature and role.  friction: of the rotor's bearings, N m and rad/s at the shaft.  prescribed: the
+    rotor's motion is, as that of a position-controlled motor.  further: numbers of the rotor's other laws, as in
     Coordinate: stops of its angle, rad and N m at the shaft.  limits: of its motion and its drive, at the shaft.
 
     Source: M. W. Spong, "Modeling and Control of Elastic Joint Robots", Journal of Dynamic Systems, Measurement, and
-    Control 109 (1987): of a rotor, the energy of its own spin alone counts.
+    Control 109 (1987): of a rotor, the energy of its spin alone counts.
     """
 
     inertia: float
@@ -273,9 +273,9 @@ class Motor(_Picklable):
         )
 
     def numbers(self) -> dict[str, float | None]:
-        """Numbers by the names of parameters: "inertia", "stiffness", "friction.coulomb"; None where not given."""
-        own = {"inertia": self.inertia, "ratio": self.ratio}
-        return {**own, **self.transmission.numbers(CUT_NUMBERS), **self.rotor.law()}
+        """Return numbers by the names of parameters: "inertia", "stiffness", "friction.coulomb"; None where not set."""
+        drive = {"inertia": self.inertia, "ratio": self.ratio}
+        return {**drive, **self.transmission.numbers(CUT_NUMBERS), **self.rotor.law()}
 
 
 @dataclass(frozen=True)
@@ -288,7 +288,7 @@ class Link:
     inertia: tuple[float, float, float, float, float, float]
 
     def numbers(self) -> Numbers:
-        """Give all numbers by the names of parameters: "mass", "com.x"."""
+        """Yield all numbers by the names of parameters: "mass", "com.x"."""
         yield "mass", self.mass
         yield from _below("com", zip(LINEAR, self.com, strict=True))
         yield from _below("inertia", zip(INERTIA_KEYS, self.inertia, strict=True))
@@ -299,11 +299,11 @@ class Joint(_Jointed):
     """A joint: where it is, which of its six coordinates are active (canonical order), and their properties.
 
     offset: constants in the order of COORDINATES (m, rad) that are added to the six coordinates, active or not, before
-    they move anything: what manufacturing, wear or warmth leave; None where the description gives none.
-    motor: what drives the principal coordinate through an elastic transmission; None where the drive acts on it itself.
+    they move anything: errors of manufacturing, wear or temperature; None where the description has none.
+    motor: drives the principal coordinate through an elastic transmission; None where the drive acts on it itself.
     limits: range of the principal coordinate, m or rad; ``limits_of`` has all that bounds a coordinate.
     radial: contact of the child's journal in the parent's round bearing; None where there is none.
-    damping: of its own motion, whatever its coordinates, beside theirs; None where there is none.
+    damping: of its motion as a whole, beside that of its coordinates; None where there is none.
     """
 
     name: str
@@ -325,9 +325,9 @@ class Joint(_Jointed):
         return {**self.coordinates, **({MOTOR: self.motor.rotor} if self.motor else {})}
 
     def numbers(self) -> Numbers:
-        """Give all numbers that may be parameters, by their names below the joint's; None where one is not given."""
-        for name, given in self.coordinates.items():
-            yield from _below(name, given.numbers().items())
+        """Yield all numbers that may be parameters, by their names below the joint's; None where one is not set."""
+        for name, coordinate in self.coordinates.items():
+            yield from _below(name, coordinate.numbers().items())
         if self.motor is not None:
             yield from _below(MOTOR, self.motor.numbers().items())
         for table, element in self.elements.items():
@@ -338,23 +338,23 @@ class Joint(_Jointed):
     def limits_of(self, name: str) -> Limits:
         """Return the limits of a coordinate of the joint, or of its motor's; an empty one where it has none."""
         owner = self.motor if name == MOTOR else self.coordinates.get(name)
-        own = (owner.limits if owner is not None else None) or Limits()
+        limits = (owner.limits if owner is not None else None) or Limits()
         if self.limits is None or PRINCIPAL.get(self.type) != name:
-            return own
+            return limits
         lower, upper = (x if math.isfinite(x) else None for x in self.limits)
-        return replace(own, lower=lower, upper=upper)
+        return replace(limits, lower=lower, upper=upper)
 
-    def with_limits(self, name: str, given: Limits) -> Joint:
-        """Return the joint with these limits of an active coordinate, or of its motor's, in the place of its own."""
+    def with_limits(self, name: str, limits: Limits) -> Joint:
+        """Return the joint with these limits of an active coordinate, or of its motor's."""
         if name == MOTOR:
             assert self.motor is not None
-            return replace(self, motor=replace(self.motor, limits=given or None))
-        limits, rest = self.limits, given
+            return replace(self, motor=replace(self.motor, limits=limits or None))
+        ends, rest = self.limits, limits
         if PRINCIPAL.get(self.type) == name:
-            limits = (given.lower, given.upper) if given.lower is not None and given.upper is not None else None
-            rest = given if limits is None else replace(given, lower=None, upper=None)
-        own = replace(self.coordinates[name], limits=rest or None)
-        return replace(self, limits=limits, coordinates={**self.coordinates, name: own})
+            ends = (limits.lower, limits.upper) if limits.lower is not None and limits.upper is not None else None
+            rest = limits if ends is None else replace(limits, lower=None, upper=None)
+        coordinate = replace(self.coordinates[name], limits=rest or None)
+        return replace(self, limits=ends, coordinates={**self.coordinates, name: coordinate})
 
     @property
     def range(self) -> tuple[float, float]:
@@ -362,21 +362,21 @@ class Joint(_Jointed):
         return self.limits_of(PRINCIPAL.get(self.type, "")).range
 
     def rigid(self, *, loose: bool = False) -> Joint:
-        """The joint with every deviation locked, and with its motor's inertia as an armature of inertia ratio^2.
+        """Return the joint with deviations locked, and its motor's inertia as an armature of inertia ratio^2.
 
-        Without stops: it is what drives know, which push a joint off its stop no more than others do.
+        Without stops: drives use this model, and do not push a joint off its stop.
 
         loose: keep deviations without a stiffness, which loops hold: those of a universal joint, say.
         """
         keep = COORDINATES if self.type == "free" else (PRINCIPAL.get(self.type),)
         touching = self.radial.coordinates if self.radial else ()
-        held = {k for k, v in self.coordinates.items() if v.has_stiffness or k in touching or not loose}
-        kept = {k: v.unstopped() for k, v in self.coordinates.items() if k in keep or v.prescribed or k not in held}
+        locked = {k for k, v in self.coordinates.items() if v.has_stiffness or k in touching or not loose}
+        kept = {k: v.unstopped() for k, v in self.coordinates.items() if k in keep or v.prescribed or k not in locked}
         if self.motor is not None:
             name = PRINCIPAL[self.type]
-            given = kept[name]
-            armature = (given.armature or 0.0) + self.motor.inertia * self.motor.ratio**2
-            kept[name] = replace(given, armature=armature, prescribed=given.prescribed or self.motor.prescribed)
+            principal = kept[name]
+            armature = (principal.armature or 0.0) + self.motor.inertia * self.motor.ratio**2
+            kept[name] = replace(principal, armature=armature, prescribed=principal.prescribed or self.motor.prescribed)
         left: dict[str, Any] = {table: element.left_with(kept) for table, element in self.elements.items()}
         made = replace(self, coordinates=_unloaded(kept), motor=None, **left)
         if self.motor is None or self.motor.limits is None:
@@ -395,7 +395,7 @@ class Frame:
 
 @dataclass(frozen=True)
 class Loop(_Jointed):
-    """A joint that is cut: its type (``cuts.CUTS``) and its frame on each of the two links that it joins.
+    """A loop joint (cut): its type (``cuts.CUTS``) and its frame on each of the two links that it joins.
 
     Its six coordinates are those of the second frame as seen from the first, T(x, y, z) . Rx(alpha) . Ry(beta) .
     Rz(gamma).  One with properties in ``coordinates`` (without armature and role) has that force; of the others those
@@ -413,9 +413,9 @@ class Loop(_Jointed):
     radial: Radial | None = field(default=None, metadata=LATER)
 
     def numbers(self) -> Numbers:
-        """Give all numbers that may be parameters, by their names below the loop's; None where one is not given."""
-        for name, given in self.coordinates.items():
-            yield from _below(name, given.numbers(CUT_NUMBERS).items())
+        """Yield all numbers that may be parameters, by their names below the loop's; None where one is not set."""
+        for name, coordinate in self.coordinates.items():
+            yield from _below(name, coordinate.numbers(CUT_NUMBERS).items())
         for table, element in self.elements.items():
             yield from _below(table, element.law().items())
         yield from _below("offset", zip(COORDINATES, self.offset, strict=True))
@@ -423,9 +423,9 @@ class Loop(_Jointed):
             yield from _below(f"placements.{place}", placement.numbers())
 
     def rigid(self) -> Loop:
-        """The loop with every coordinate that its type blocks rigid."""
-        blocked = [part.name for part in CUTS[self.type]]
-        kept = {name: given for name, given in self.coordinates.items() if name not in blocked}
+        """Return the loop with every coordinate that its type blocks rigid."""
+        blocked = [component.name for component in CUTS[self.type]]
+        kept = {name: coordinate for name, coordinate in self.coordinates.items() if name not in blocked}
         left: dict[str, Any] = {table: element.left_with(kept) for table, element in self.elements.items()}
         return replace(self, coordinates=_unloaded(kept), **left)
 
@@ -451,13 +451,13 @@ class Coupling(_Picklable):
         object.__setattr__(self, "to", MappingProxyType(dict(self.to)))
 
     def numbers(self) -> dict[str, float | None]:
-        """Numbers by the names of parameters: "ratio.finger1.gamma", "offset", "stiffness"; None where not given."""
-        found: dict[str, float | None] = {f"ratio.{name}": ratio for name, ratio in self.to.items()}
-        found["offset"] = self.offset
-        return found | (self.law.numbers(CUT_NUMBERS) if self.law else {})
+        """Return numbers by the names of parameters: "ratio.finger1.gamma", "offset"; None where not set."""
+        numbers: dict[str, float | None] = {f"ratio.{name}": ratio for name, ratio in self.to.items()}
+        numbers["offset"] = self.offset
+        return numbers | (self.law.numbers(CUT_NUMBERS) if self.law else {})
 
     def rigid(self, moving: Container[str]) -> Coupling | None:
-        """The coupling without its spring where only some coordinates move and others are 0; None if none is left."""
+        """Return the coupling without its spring where only some coordinates move; None if none is left."""
         law = None if self.law is not None and self.law.has_stiffness else self.law
         to = {name: ratio for name, ratio in self.to.items() if name in moving}
         if self.of in moving:
@@ -472,21 +472,21 @@ class Coupling(_Picklable):
 
 
 def first_contradiction(couplings: Sequence[Coupling]) -> tuple[Coupling, str] | None:
-    """A rigid coupling that says what others say already, and how; None if all of them are independent."""
+    """Return a rigid coupling that depends on others, and how; None if all of them are independent."""
     said: dict[str, Coupling] = {}
     for coupling in couplings:
         if coupling.law is None:
             if coupling.of in said:
                 return coupling, f"{coupling.of} follows from the coupling {said[coupling.of].name}"
             said[coupling.of] = coupling
-    settled: set[str] = set()
+    resolved: set[str] = set()
     for start in said:
         path: dict[str, Iterator[str]] = {start: iter(said[start].to)}  # coordinates that follow from the next one
         while path:
             last = next(reversed(path))
-            below = next((name for name in path[last] if name in said and name not in settled), None)
+            below = next((name for name in path[last] if name in said and name not in resolved), None)
             if below is None:
-                settled.add(last)
+                resolved.add(last)
                 del path[last]
             elif below in path:
                 names = list(path)
@@ -498,7 +498,7 @@ def first_contradiction(couplings: Sequence[Coupling]) -> tuple[Coupling, str] |
 
 
 def _in_loops(robot: Robot) -> set[str]:
-    """Names of the joints whose motion moves the two sides of a cut joint against each other."""
+    """Return the names of the joints on a loop: they move the two sides of its loop joint against each other."""
     above = {joint.child: joint for joint in robot.joints}
 
     def path(link: str) -> set[str]:
@@ -519,8 +519,8 @@ class Robot(_Picklable):
     links, other ``elements`` between frames of links; ``couplings`` join coordinates; ``tunable`` names parameters that
     stay run-time values; ``notes`` are one-line remarks about the reading (an inertia that was projected, say), for the
     user to see.
-    driven: names of the coordinates with a drive (of a joint or its motor, which is the same drive); None: the
-    principal ones.  home: where simulations start and closing begins, m or rad by coordinate; 0 where it has none.
+    driven: names of the actuated coordinates (of a joint or its motor, which is the same drive); None: the
+    principal ones.  home: where simulations start and assembly begins, m or rad by coordinate; default 0.
     """
 
     name: str
@@ -543,7 +543,7 @@ class Robot(_Picklable):
         object.__setattr__(self, "home", MappingProxyType(dict(self.home)))
 
     def _repr_html_(self) -> str:
-        """A small table, for notebooks."""
+        """Return a small table, for notebooks."""
         rows = {
             "source": self.source or "none",
             "gravity, m/s^2": ", ".join(f"{x:g}" for x in self.gravity),
@@ -580,7 +580,7 @@ class Robot(_Picklable):
         return (*self.springs, *self.elements)
 
     def numbers(self) -> Numbers:
-        """Give every number of the description that may be a parameter, by its name; None where none is given."""
+        """Yield every number of the description that may be a parameter, by its name; None where one is not set."""
         yield from _below("gravity", zip(LINEAR, self.gravity, strict=True))
         for link in self.links:
             yield from _below(f"links.{link.name}", link.numbers())
@@ -615,17 +615,17 @@ class Robot(_Picklable):
 
     @property
     def followers(self) -> dict[str, Coupling]:
-        """Couplings by the coordinates that they make followers, each behind those that it follows itself.
+        """Couplings by the coordinates that they make followers, each behind its leaders.
 
         A follower is no coordinate of kernels: its position, velocity and acceleration are those that its leaders give
         it.  Of rigid couplings those stay constraints whose dependent coordinate moves a loop, belongs to a joint with
         a motor, a journal or damping as a whole, follows a motor, or has a drive and
         follows several, and those that ``is_constraint`` keeps.
         """
-        own = {x.name for x in self.joints if (x.motor, x.radial, x.damping) != (None, None, None)}
+        acted_on = {x.name for x in self.joints if (x.motor, x.radial, x.damping) != (None, None, None)}
         shared = {x.of for x in self.couplings if len(x.to) - [*x.to.values()].count(0.0) != 1}
-        own |= {joint_of(name) for name in self.driven or () if name in shared}
-        kept = _in_loops(self) | own
+        acted_on |= {joint_of(name) for name in self.driven or () if name in shared}
+        kept = _in_loops(self) | acted_on
         rigid = [x for x in self.couplings if x.law is None and not x.is_constraint]
         left = {x.of: x for x in rigid if joint_of(x.of) not in kept and all(kind_of(name) != MOTOR for name in x.to)}
         behind: dict[str, list[str]] = {}
@@ -641,19 +641,19 @@ class Robot(_Picklable):
         return {name: left[name] for name in ready}
 
     def with_constraints(self) -> Robot:
-        """Make every coordinate its own: all rigid couplings are rows of the constraint."""
+        """Return the robot without followers: all rigid couplings are rows of the constraint."""
         couplings = tuple(replace(x, is_constraint=True) if x.law is None else x for x in self.couplings)
         return replace(self, couplings=couplings) if self.followers else self
 
     @kept
     def rigid(self) -> Robot:
-        """Lock every deviation: principal and prescribed coordinates and free joints move.
+        """Return the robot with deviations locked: principal and prescribed coordinates and free joints move.
 
         Stops of joints are left out.
 
         Where there are loops, coordinates without a stiffness move, too: the loops hold them.
 
-        Cut joints are rigid in what their types block, couplings with a stiffness where that contradicts no other one.
+        Loop joints are rigid in what their types block, couplings with a stiffness where that contradicts no other one.
         Transmissions are rigid: a motor counts as an armature, and the motion of one that is prescribed as its joint's.
         Springs and other force elements between links that then do not move against each other are left out.
         """
@@ -705,7 +705,7 @@ class Robot(_Picklable):
         return changed
 
     def with_coordinates(self, coordinates: Mapping[str, Mapping[str, Coordinate]]) -> Robot:
-        """Add these coordinates (by joint, then by name) to the active ones."""
+        """Return the robot with these coordinates (by joint, then by name) active, too."""
         joints = tuple(
             replace(joint, coordinates={**joint.coordinates, **coordinates.get(joint.name, {})})
             for joint in self.joints
@@ -716,9 +716,9 @@ class Robot(_Picklable):
 _Named = TypeVar("_Named", Link, Joint)
 
 
-def _of_name(what: str, name: str, parts: Iterable[_Named]) -> _Named:
-    """Return the part of that name; UnknownNameError if there is none."""
-    known = {part.name: part for part in parts}
+def _of_name(what: str, name: str, items: Iterable[_Named]) -> _Named:
+    """Return the item of that name; UnknownNameError if there is none."""
+    known = {item.name: item for item in items}
     if not isinstance(name, str) or name not in known:
         raise UnknownNameError(f"{what}: {show(name)} is unknown{nearest_or_all(str(name), known)}")
     return known[name]

@@ -53,7 +53,8 @@ def as_scenario(scenario: Scenario | str | Path | Mapping[str, Any]) -> Scenario
     if not isinstance(scenario, (str, Path)):
         raise InputError(
             f"scenario: got a value of type {type(scenario).__name__}; allowed: a Scenario (from load_scenario), the"
-            f" name of a built-in one ({', '.join(builtin_scenarios())}), the path of a .toml file, or a dict of its values"
+            f" name of a built-in one ({', '.join(builtin_scenarios())}), the path of a .toml file, or a dict of its"
+            " values"
         )
     return load_scenario(scenario)
 

@@ -220,7 +220,7 @@ radial = { clearance = 1e-3, stiffness = 1e6, restitution_damping = 0.5 }
 """
 REFUSED = {
     "\nx = {}": ("", ["loops.pin.radial", "x does not move", "x, y have tables"]),
-    "y = {}": ("y = { stiffness = 1e3, clearance = 1e-3 }", ["loops.pin.radial", "y has a clearance of its own"]),
+    "y = {}": ("y = { stiffness = 1e3, clearance = 1e-3 }", ["loops.pin.radial", "y has a clearance, too"]),
     "stiffness = 1e6": ("stiffness = 0.0", ["loops.pin.radial.stiffness", "0.0", "greater than 0"]),
     "stiffness = 1e6,": ("stiffness = 1e6, length = 0.1,", ["alpha does not move", "x, y, alpha, beta have tables"]),
     "= 0.5 }\n": (

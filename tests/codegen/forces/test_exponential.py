@@ -182,11 +182,11 @@ def test_descriptions() -> None:
         ("exponential = 3", r"rail\.z\.exponential: got 3; allowed: a table with the keys 'force', 'scale'"),
         (
             "stiffness = 1e5, clearance = 0.1, exponential = { force = 1, scale = 1 }",
-            r"z\.exponential: clearance is given, too; allowed: an exponential spring without clearance",
+            r"z\.exponential: clearance is set, too; allowed: an exponential spring without clearance",
         ),
         (
             "curve = [[0, 0], [1, 1]], exponential = { force = 1, scale = 1 }",
-            r"z\.exponential: curve is given, too; allowed: .* without curve, which stands in the place of springs",
+            r"z\.exponential: curve is set, too; allowed: .* without curve, which stands in the place of springs",
         ),
         (
             'role = "locked", exponential = { force = 1, scale = 1 }',

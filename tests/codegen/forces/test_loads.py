@@ -219,9 +219,9 @@ def test_described() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("x = { stiffness = 1e6 }", "", r"gamma\.friction\.coefficient: nothing presses.* with x or y active"),
-        ("{ stiffness = 1e6 }", "{ friction = { coulomb = 1.0 } }", r"gamma\.friction\.coefficient: nothing presses"),
-        ("x = {", "z = {", r"gamma\.friction\.coefficient: nothing presses.* with x or y active"),
+        ("x = { stiffness = 1e6 }", "", r"gamma\.friction\.coefficient: there is no load.* with x or y active"),
+        ("{ stiffness = 1e6 }", "{ friction = { coulomb = 1.0 } }", r"gamma\.friction\.coefficient: there is no load"),
+        ("x = {", "z = {", r"gamma\.friction\.coefficient: there is no load.* with x or y active"),
         (", radius = 0.02", "", r"gamma\.friction\.coefficient: there is no radius"),
         ("coefficient = 0.08, ", "coulomb = 1.0, ", r"gamma\.friction\.radius: there is no coefficient"),
         ("coefficient = 0.08, ", "", r"gamma\.friction: the key 'coulomb' is missing; allowed: .*coefficient"),
@@ -234,7 +234,7 @@ def test_described() -> None:
         (
             "x = { stiffness = 1e6 }",
             "motor = { inertia = 1, ratio = 2, stiffness = 1, friction = { coefficient = 0.1 } }\nx = { damping = 1 }",
-            r"motor\.friction\.coefficient: no joint presses",
+            r"motor\.friction\.coefficient: no joint load acts",
         ),
     ],
 )
@@ -245,9 +245,9 @@ def test_refused(old: str, new: str, message: str) -> None:
 
 
 def test_refused_of_a_robot_made_by_hand() -> None:
-    with pytest.raises(DescriptionError, match=r"joints\.pin\.gamma\.friction\.coefficient: nothing presses"):
+    with pytest.raises(DescriptionError, match=r"joints\.pin\.gamma\.friction\.coefficient: there is no load"):
         build_model(pin(x=Coordinate(), y=Coordinate()))
     motor = Motor(0.1, 10.0, Coordinate(1e3), Friction(coefficient=0.1))
     joint = replace(pin().joints[0], motor=motor)
-    with pytest.raises(DescriptionError, match=r"joints\.pin\.motor\.friction\.coefficient: no joint presses"):
+    with pytest.raises(DescriptionError, match=r"joints\.pin\.motor\.friction\.coefficient: no joint load acts"):
         build_model(replace(pin(), joints=(joint,)))

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ...arrays import Array, Index
 from ...names import component_name, parameter_name
 from ...robot.coordinates import UNITS
-from ...robot.cuts import rigid_parts
+from ...robot.cuts import rigid_components
 from ...robot.value import COORDINATES, MOTOR, Robot
 from .loop_constraints import LoopConstraints
 from .poses import MeasuredPoses, rows_at

@@ -13,7 +13,7 @@ import numpy as np
 from ...arrays import RANK, Array, independent_columns, rank_of
 from ...errors import InputError
 from ...names import component_name, joint_of, kind_of, listed
-from ...robot.cuts import rigid_parts
+from ...robot.cuts import rigid_components
 from ...robot.model import Model
 from ...robot.value import COORDINATES, MOTOR, PRINCIPAL, Robot
 from .stations import Chain, Located, cross, jacobian, located
@@ -111,7 +111,7 @@ class LoopConstraints:
         ks, cs = np.array(self.passive, dtype=np.intp).T
         G = self.slopes(chain, at)
         inverse = np.linalg.pinv(G[:, :, ks, cs], rcond=RANK)
-        loops = sum(len(rigid_parts(loop)) for loop in self.robot.loops)
+        loops = sum(len(rigid_components(loop)) for loop in self.robot.loops)
         of_couplings = [row for row, i in enumerate(self.kept or range(G.shape[1])) if i >= loops]
         G[:, of_couplings] = 0.0
         return np.asarray(-np.einsum("nqm,nmsc->nqsc", inverse, G))
@@ -167,7 +167,7 @@ def closing_of(model: Model, chain: Chain, read: Sequence[Place], source: str) -
         for x in robot.couplings
         if x.law is None
     )
-    if not couplings and not any(rigid_parts(loop) for loop in robot.loops):
+    if not couplings and not any(rigid_components(loop) for loop in robot.loops):
         raise InputError(
             f"{robot.name}: all loops are elastic in all coordinates, so that forces alone say where it stands;"
             " allowed: loops with rigid coordinates"

@@ -16,6 +16,6 @@ from .spring import Spring
 
 __all__ = ["JOINT_ELEMENTS", "KINDS", "Bushing", "Element", "JointElement", "LinkElement", "Spring"]
 
-Element = Bushing  # kinds that ``Robot.elements`` holds; springs have a field of their own
+Element = Bushing  # kinds that ``Robot.elements`` holds; springs have another field
 KINDS: Mapping[str, type[LinkElement]] = {kind.TABLE: kind for kind in (Spring, Bushing)}
 JOINT_ELEMENTS: Mapping[str, type[JointElement]] = {kind.TABLE: kind for kind in (Radial, JointDamping)}

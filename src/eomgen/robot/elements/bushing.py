@@ -20,10 +20,10 @@ _UNITS = {"stiffness": STIFFNESS, "damping": DAMPING}
 class Bushing(LinkElement):
     """A spring and damper of six coordinates between a frame on one link and a frame on another.
 
-    placements: the frames in the links' own.  The second frame, seen from the first, is T(x, y, z) Rx(alpha) Ry(beta)
+    placements: the frames, in link frames.  The second frame, seen from the first, is T(x, y, z) Rx(alpha) Ry(beta)
     Rz(gamma), eq. (3), and each of these six coordinates is resisted by its ``stiffness`` (N/m, N m/rad) times itself
-    and its ``damping`` (N s/m, N m s/rad) times its rate, (6,) each, None for none.  A coordinate whose number is 0 has
-    no such force, and what does not act is in no equation; angles have a pole at beta = +-90 degrees.
+    and its ``damping`` (N s/m, N m s/rad) times its velocity, (6,) each, None for none.  A coordinate whose number is 0
+    has no such force and no term in any equation; angles have a pole at beta = +-90 degrees.
     """
 
     placements: tuple[Placement, Placement] = (Placement(), Placement())
@@ -56,18 +56,18 @@ class Bushing(LinkElement):
         return tuple(self.NUMBERS)
 
     def law(self) -> dict[str, float]:
-        """Give the numbers that are not 0, by their names: "stiffness.x"."""
-        found: dict[str, float] = {}
+        """Return the numbers that are not 0, by their names: "stiffness.x"."""
+        numbers: dict[str, float] = {}
         for key in _UNITS:
-            found |= {f"{key}.{name}": x for name, x in zip(COORDINATES, getattr(self, key) or (), strict=False) if x}
-        return found
+            numbers |= {f"{key}.{name}": x for name, x in zip(COORDINATES, getattr(self, key) or (), strict=False) if x}
+        return numbers
 
     def ends(self) -> dict[str, Vector | Placement]:
-        """Give its frames."""
+        """Return its frames."""
         return {f"placements.{i}": placement for i, placement in enumerate(self.placements)}
 
     def conflict(self) -> tuple[str, str] | None:
-        """Give the key and the message of a number that is not allowed; None if all are."""
+        """Return the key and the message of a number that is not allowed; None if all are."""
         for key in _UNITS:
             values = getattr(self, key)
             if values is not None and len(values) != len(COORDINATES):
@@ -79,11 +79,11 @@ class Bushing(LinkElement):
 
     @classmethod
     def slopes(cls, numbers: Mapping[str, float]) -> Slopes:
-        """Give stiffness and damping along each coordinate that has a number."""
+        """Return stiffness and damping along each coordinate that has a number."""
         pairs = {name: [f"{key}.{name}" for key in _UNITS] for name in COORDINATES}
         known = {name: keys for name, keys in pairs.items() if not numbers.keys().isdisjoint(keys)}
         return {name: (numbers.get(k, 0.0), numbers.get(c, 0.0)) for name, (k, c) in known.items()}
 
     def mujoco_lacks(self) -> Iterator[str]:
-        """Give all of it: MuJoCo holds two frames together by constraints alone."""
+        """Yield all of it: MuJoCo connects two frames by constraints alone."""
         yield ": left out"

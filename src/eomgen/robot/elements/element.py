@@ -1,7 +1,7 @@
 """Force elements between two links apart from their formulas: numbers, their units and ranges, texts.
 
 Each kind has a file here; its formulas are in the file of that name in ``codegen.forces``.  Readers, schemas, names of
-parameters, models, kernels' packages, exports and figures go by what a kind says here, and name none.
+parameters, models, kernels' packages, exports and figures go by these classes, and name no kind.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ Slopes = dict[str, tuple[float, float]]  # stiffness and damping along coordinat
 class LinkElement(ABC):
     """A force element between two links, either of which may be the base.
 
-    A field behind these is a key of the element's table; one whose numbers are six is None where it is not given.
+    A field behind these is a key of the element's table; one of six numbers is None without the key.
 
     Attributes:
         TABLE: key of descriptions that lists the elements, with which names of their parameters begin.
-        TITLE: what they are, in the plural.
+        TITLE: a title, in the plural.
         SHORT: the same in two or three words.
         KIND: word for one.
         NUMBERS: its numbers, by their names below the element's; one for all points of a curve.
         ABOUT: a line about each field whose numbers have none.
-        ALWAYS: names of the numbers that its formulas ask for, 0 where none is given.
+        ALWAYS: names of the numbers that its formulas need; default 0.
     """
 
     name: str
@@ -51,39 +51,39 @@ class LinkElement(ABC):
 
     @abstractmethod
     def law(self) -> dict[str, float]:
-        """Give the numbers that are run-time parameters, by their names below the element's."""
+        """Return the numbers that are run-time parameters, by their names below the element's."""
 
     @abstractmethod
     def ends(self) -> dict[str, Vector | Placement]:
-        """Give where it stands on both links, in their frames, by the names of these numbers."""
+        """Return its ends on both links, in their frames, by the names of these numbers."""
 
     @property
     @abstractmethod
     def optional(self) -> tuple[str, ...]:
-        """Names of the numbers for which a parameter may stand where the description gives none; they are 0 then."""
+        """Names of the numbers that a parameter may set where the description does not; they are 0 then."""
 
     @abstractmethod
     def conflict(self) -> tuple[str, str] | None:
-        """Give the key ("" for the table) and the message of what does not go together; None if all does."""
+        """Return the key ("" for the table) and the message of the first conflict; None if there is none."""
 
     @classmethod
     @abstractmethod
     def slopes(cls, numbers: Mapping[str, float]) -> Slopes:
-        """Give the largest stiffness and damping (N/m, N m/rad, and times s) along what its forces act along.
+        """Return the largest stiffness and damping (N/m, N m/rad, and times s) along the coordinates of its forces.
 
         Args:
-            numbers: all of its numbers that are run-time parameters, as they are now, by their names below its own.
+            numbers: its numbers that are run-time parameters, as they are now, by their names below the element's.
 
         Returns:
-            Both by the coordinates' names, in their order; none where other kernels than ``element_forces`` tell of it.
+            Both by the coordinates' names, in their order; none where other kernels than ``element_forces`` have it.
         """
 
     @abstractmethod
     def mujoco_lacks(self) -> Iterator[str]:
-        """Give what a model of MuJoCo leaves out or has otherwise, each behind its key: ".curve: left out"."""
+        """Yield what a MuJoCo model leaves out or has otherwise, each behind its key: ".curve: left out"."""
 
     def numbers(self) -> Iterator[tuple[str, float | None]]:
-        """Give all numbers that may be parameters, by their names below the element's; None where none is given."""
+        """Yield all numbers that may be parameters, by their names below the element's; None where one is not set."""
         law = self.law()
         yield from ((key, law.get(key)) for key in dict.fromkeys((*self.optional, *law)))
         for name, end in self.ends().items():
@@ -91,19 +91,19 @@ class LinkElement(ABC):
             yield from ((f"{name}.{key}", value) for key, value in values)
 
     def origins(self) -> list[Vector]:
-        """Give its ends in the links' frames, m."""
+        """Return its ends in the links' frames, m."""
         return [end.xyz if isinstance(end, Placement) else end for end in self.ends().values()]
 
     def knots(self) -> tuple[float, ...]:
-        """Give the elongations (m) of its curve; () without one."""
+        """Return the elongations (m) of its curve; () without one."""
         return ()
 
     def as_dict(self) -> dict[str, object]:
-        """Give what the description says of its forces, for JSON."""
+        """Return its forces as the description has them, for JSON."""
         return {"name": self.name, "links": list(self.links), **self.law()}
 
     def line(self) -> str:
-        """Say in a line what it is, between which links, and its numbers."""
+        """Return a line with its kind, its links and its numbers."""
         return f"{self.kind} {self.name} from {self.links[0]} to {self.links[1]}: {', '.join(number_texts(self.law()))}"
 
     @property

@@ -1,4 +1,4 @@
-"""Damping of a joint's own motion: of its origin's velocity and of its angular velocity, alike in all directions."""
+"""Isotropic damping of a joint's motion: of its origin's velocity and of its angular velocity."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from ..geometry import ANGULAR, LINEAR
 from ..laws import Conflict, Number, by_key
 from .joint_element import JointElement
 
-JOINT_DAMPING = "damping"  # a joint's table of the damping of its own motion
+JOINT_DAMPING = "damping"  # a joint's table of the damping of its motion as a whole
 MOVED: dict[str, tuple[str, ...]] = {"linear": LINEAR, "angular": ANGULAR}
 
 
 @dataclass(frozen=True)
 class JointDamping(JointElement):
-    """Resistance of a joint to motion, which does not depend on what coordinates describe it.
+    """Resistance of a joint to motion, which does not depend on the coordinates that describe it.
 
-    linear (N s/m): times the velocity of the joint's origin in the frame in front of it; angular (N m s/rad): times
-    the child's angular velocity there.  None where the description gives no number.
+    linear (N s/m): times the velocity of the joint's origin in the parent-side joint frame; angular (N m s/rad): times
+    the child's angular velocity there.  None where the description has no number.
     """
 
     linear: float | None = None
@@ -34,13 +34,13 @@ class JointDamping(JointElement):
         Number("angular", "times the joint's angular velocity", ("N m s/rad",)),
     )
     ABOUT: ClassVar[Mapping[str, str]] = MappingProxyType(
-        {"joints": "damping of the joint's own motion, alike in all directions, beside that of its coordinates"}
+        {"joints": "isotropic damping of the joint's motion, beside that of its coordinates"}
     )
     ROLE: ClassVar[str] = "joint's damping"
     BEYOND: ClassVar[str] = "damping of coordinates, none of joints"
 
     def conflict(self, active: Mapping[str, Any]) -> Conflict | None:
-        """Give the key ("" for the table) and the message of what is wrong with it in a joint; None if nothing is."""
+        """Return the key ("" for the table) and the message of what is wrong with it in a joint; None if nothing is."""
         if not self.law():
             return "", f"it has no number; allowed: {', '.join(MOVED)}, or no table {JOINT_DAMPING}"
         for key, value in self.law().items():
@@ -52,7 +52,7 @@ class JointDamping(JointElement):
         return None
 
     def left_with(self, active: Mapping[str, Any]) -> JointDamping | None:
-        """Give the damping of what still moves; None if that is nothing."""
+        """Return the damping of what still moves; None if that is nothing."""
         still = [key for key in self.law() if not any(name in active for name in MOVED[key])]
         left = replace(self, **dict.fromkeys(still))
         return left if left.law() else None

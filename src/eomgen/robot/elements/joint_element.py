@@ -14,16 +14,16 @@ from ..laws import Conflict, Number
 class JointElement(ABC):
     """A force element of a joint, beside the forces of its coordinates.
 
-    Its fields are the keys of its table in the joint's; a field that is a record has a table of its own.
+    Its fields are the keys of its table in the joint's; a field that is a record has a separate table.
 
     Attributes:
         TABLE: key of the joint's table, and field of ``Joint`` and ``Loop``.
-        FAMILIES: names of its numbers' families in kernels, by what may have it: "joints", and "loops" of cut joints.
+        FAMILIES: names of its numbers' families in kernels, by their owners: "joints", and "loops" of loop joints.
         NUMBERS: its numbers, by their names below the table.
         ABOUT: a line about the table by "joints" and "loops", and about each table in it.
         UNITS: of its table, and where there is none of a coordinate in reports.
-        ROLE: what it is in reports.
-        BEYOND: what the textbook's algorithms have in its place.
+        ROLE: its name in reports.
+        BEYOND: what textbook algorithms have in its place.
     """
 
     TABLE: ClassVar[str]
@@ -35,14 +35,14 @@ class JointElement(ABC):
     BEYOND: ClassVar[str]
 
     def law(self) -> dict[str, float]:
-        """Give the numbers that are given, by their names: "clearance", "friction.coefficient"."""
+        """Return the numbers that are set, by their names: "clearance", "friction.coefficient"."""
         paths = {key: key.rpartition(".") for key in self.NUMBERS}
-        given = {key: getattr(getattr(self, x) if x else self, name, None) for key, (x, _, name) in paths.items()}
-        return {key: value for key, value in given.items() if value is not None}
+        numbers = {key: getattr(getattr(self, x) if x else self, name, None) for key, (x, _, name) in paths.items()}
+        return {key: value for key, value in numbers.items() if value is not None}
 
     @abstractmethod
     def conflict(self, active: Mapping[str, Any]) -> Conflict | None:
-        """Give the key ("" for the table) and the message of what is wrong with it in a joint; None if nothing is.
+        """Return the key ("" for the table) and the message of what is wrong with it in a joint; None if nothing is.
 
         Args:
             active: the joint's coordinates.
@@ -50,8 +50,8 @@ class JointElement(ABC):
 
     @abstractmethod
     def left_with(self, active: Mapping[str, Any]) -> JointElement | None:
-        """Give what is left of it where only these coordinates move; None if that is nothing."""
+        """Return what is left of it where only these coordinates move; None if that is nothing."""
 
     def mujoco_lacks(self) -> Iterator[str]:
-        """Give what a model of MuJoCo leaves out or has otherwise, each behind its key: ".smoothing: left out"."""
+        """Yield what a MuJoCo model leaves out or has otherwise, each behind its key: ".smoothing: left out"."""
         yield from ()

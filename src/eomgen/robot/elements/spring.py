@@ -1,4 +1,4 @@
-"""Springs, dampers and cables between points of two links; ``codegen.forces.springs`` has their forces."""
+"""Point-to-point spring-dampers and cables between two links; ``codegen.forces.springs`` has their forces."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Spring(LinkElement):
 
     links: either may be the base; points: its ends (m) in the links' frames.  Its tension T (N), which pulls the points
     together where it is positive, is that of the elongation e = length - ``free_length`` (m; 0 where it is None) and of
-    its rate: stiffness (N/m) times e plus damping (N s/m) times e_dot.  ``curve``: measured points (e, T) in the place
+    its velocity: stiffness (N/m) times e plus damping (N s/m) times e_dot.  ``curve``: measured points (e, T) instead
     of stiffness.  ``tension_only``: a cable; T acts on max(e, 0), which sets in over ``smoothing`` (m), TAUT of the
     free length where it is None, and is never negative.
     """
@@ -41,7 +41,7 @@ class Spring(LinkElement):
     NUMBERS: ClassVar[Mapping[str, Number]] = by_key(
         Number("free_length", "length without force; default 0", ("m",)),
         Number("stiffness", "force per elongation", ("N/m",)),
-        Number("damping", "force per rate of the length", ("N s/m",)),
+        Number("damping", "force per velocity of the length", ("N s/m",)),
         divisor("smoothing", "over which a cable's tension sets in; default free_length / 10000", ("m",)),
         Number(
             "curve",
@@ -63,30 +63,30 @@ class Spring(LinkElement):
 
     @property
     def optional(self) -> tuple[str, ...]:
-        """Names of the numbers that may be given beside each other; a parameter may stand for one that is not."""
+        """Names of the numbers that may stand beside each other; a parameter may stand for one that is missing."""
         return ("free_length", "damping") if self.curve is not None else ("free_length", "stiffness", "damping")
 
     def law(self) -> dict[str, float]:
-        """Give the numbers that are given, by their names: "stiffness", "free_length", "curve.0"."""
-        given = {key: getattr(self, key) for key in self.NUMBERS if key != "curve"}
-        given |= {f"curve.{i}": force for i, (_, force) in enumerate(self.curve or ())}
-        return {key: value for key, value in given.items() if value is not None}
+        """Return the numbers that are set, by their names: "stiffness", "free_length", "curve.0"."""
+        numbers = {key: getattr(self, key) for key in self.NUMBERS if key != "curve"}
+        numbers |= {f"curve.{i}": force for i, (_, force) in enumerate(self.curve or ())}
+        return {key: value for key, value in numbers.items() if value is not None}
 
     def ends(self) -> dict[str, Vector | Placement]:
-        """Give its points."""
+        """Return its points."""
         return {f"points.{i}": point for i, point in enumerate(self.points)}
 
     def conflict(self) -> tuple[str, str] | None:
-        """Give the key and the message of what does not go together; None if all does."""
+        """Return the key and the message of the first conflict; None if there is none."""
         if self.stiffness is None and self.damping is None and self.curve is None:
             return "", "it has no force; allowed: with stiffness, damping or curve"
         if self.curve is not None:
             for key, taken in (("stiffness", self.stiffness is not None), ("tension_only", self.tension_only)):
                 if taken:
-                    return "curve", f"{key} is given, too; allowed: a curve alone says which force each elongation has"
-            found = curve_conflict(self.curve, "elongation")
-            if found is not None:
-                return found
+                    return "curve", f"{key} is set, too; allowed: a curve alone says which force each elongation has"
+            conflict = curve_conflict(self.curve, "elongation")
+            if conflict is not None:
+                return conflict
         if self.smoothing is not None and not self.tension_only:
             return "smoothing", "nothing sets in; allowed: smoothing with tension_only = true"
         if self.tension_only and self.smoothing is None:
@@ -98,11 +98,11 @@ class Spring(LinkElement):
 
     @classmethod
     def slopes(cls, numbers: Mapping[str, float]) -> Slopes:
-        """Give none: its kernels tell of the stiffness, which acts across the line, too."""
+        """Return none: its kernels have the stiffness, which acts across the line, too."""
         return {}
 
     def mujoco_lacks(self) -> Iterator[str]:
-        """Give what a straight tendon has otherwise."""
+        """Yield what a straight tendon has otherwise."""
         if self.curve is not None:
             yield ".curve: left out"
         if self.tension_only:
@@ -111,11 +111,11 @@ class Spring(LinkElement):
                 yield ".damping: left out (it would act on a slack tendon, too)"
 
     def knots(self) -> tuple[float, ...]:
-        """Give the elongations (m) of its curve; () without one."""
+        """Return the elongations (m) of its curve; () without one."""
         return tuple(elongation for elongation, _ in self.curve or ())
 
     def as_dict(self) -> dict[str, object]:
-        """Give what the description says of its forces, for JSON."""
+        """Return its forces as the description has them, for JSON."""
         return {"name": self.name, "links": list(self.links), "tension_only": self.tension_only, **self.law()}
 
     @property
