@@ -148,7 +148,7 @@ def test_what_has_nothing_to_stop() -> None:
         (
             "gamma = { damping = 0.1,",
             f"{TEXT}\ngamma = {{ stops = {{ stiffness = 1.0, lower = 0.0 }}, damping = 0.1,",
-            r"joint1\.stops: gamma has stops in its own table, too; allowed: one of them",
+            r"joint1\.stops: gamma has stops in its table, too; allowed: one of them",
         ),
     ):
         with pytest.raises(DescriptionError, match=message):

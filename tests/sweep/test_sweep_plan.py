@@ -37,7 +37,7 @@ UNFIT = {  # plans that are good and do not fit slider and RELEASE
     f"[[vary]]\nscenario = 'duration.0'\n{GRID}": ("vary[0].scenario", "has no parts"),
     f"[[vary]]\nparameter = 'gravity.x'\nrelative = true\n{GRID}": ("vary", "gravity.x", "multiples"),
     f"{STIFF}{GRID}[[vary]]\nparameter = 'joints.*.*.stiffness'\n{GRID}": ("vary", "more than one entry"),
-    f"record = ['tracking_max']\n{STIFF}{GRID}": ("record", "tracking_max", "programmed"),
+    f"record = ['tracking_max']\n{STIFF}{GRID}": ("record", "tracking_max", "no reference"),
 }
 
 

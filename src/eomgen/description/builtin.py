@@ -8,5 +8,5 @@ BUILTIN = Path(__file__).parents[1] / "robots"
 
 
 def builtin_robots() -> tuple[str, ...]:
-    """Names of the built-in robots, sorted."""
+    """Return the names of the built-in robots, sorted."""
     return tuple(sorted(path.stem for path in BUILTIN.glob("*.toml")))

@@ -17,7 +17,7 @@ GRAVITY: Vector = (0.0, 0.0, -9.81)
 
 
 def spot(source: str, place: Place | None) -> str:
-    """``source:line:column`` in ASCII, as errors have it; as much of it as is known."""
+    """Return ``source:line:column`` in ASCII, as errors have it, as far as known."""
     error = DescriptionError("", source=source if source.isascii() and source.isprintable() else ascii(source))
     error.line, error.column = place or (None, None)
     return error.place
@@ -25,10 +25,10 @@ def spot(source: str, place: Place | None) -> str:
 
 @dataclass
 class Draft:
-    """A robot while it is being read: its parts by name, in the order of the description.
+    """A robot while it is being read: links, joints and so on by name, in the order of the description.
 
     links holds the root link of a URDF as well; joints has the order in which a parent's children follow each other;
-    ranges has limits by the names of coordinates where a format gives them to any, None where joints' limits
+    ranges has limits by the names of coordinates where a format has them for any, None where joints' limits
     are all; unstopped names the joints at whose limits nothing stops unless stops are asked for.
     inherited names the links and joints that a URDF brought in; foreign the links whose inertia is that of a URDF or
     MJCF, which stands in the file xml_source, and places gives line and column of links.NAME and the like in it.
@@ -59,21 +59,21 @@ class Draft:
         raise DescriptionError(message, where=where, source=self.source)
 
     def spots(self, names: Sequence[str]) -> list[str]:
-        """``file:line:column`` of each link whose inertia is that of a URDF or MJCF, "" of the others."""
-        found = self.places([f"links.{name}" for name in names])
+        """Return ``file:line:column`` of each link whose inertia is that of a URDF or MJCF, "" of the others."""
+        places = self.places([f"links.{name}" for name in names])
         return [
             spot(self.xml_source, place) if name in self.foreign else ""
-            for name, place in zip(names, found, strict=True)
+            for name, place in zip(names, places, strict=True)
         ]
 
     @property
     def pairs(self) -> dict[str, tuple[str, str]]:
-        """The links that each loop and force element joins, by the place of this key."""
-        found = {f"loops.{name}.links": loop.links for name, loop in self.loops.items()}
-        return found | {f"{element.prefix}.links": element.links for element in self.elements.values()}
+        """Links that each loop and force element joins, by the place of this key."""
+        pairs = {f"loops.{name}.links": loop.links for name, loop in self.loops.items()}
+        return pairs | {f"{element.prefix}.links": element.links for element in self.elements.values()}
 
     def check_ends(self) -> None:
-        """DescriptionError if a frame, loop or force element is on a link that does not exist."""
+        """Raise DescriptionError if a frame, loop or force element is on a link that does not exist."""
         for frame in self.frames.values():
             self.check_link(frame.link, f"frames.{frame.name}.link")
         for where, links in self.pairs.items():
@@ -81,7 +81,7 @@ class Draft:
                 self.check_link(link, f"{where}.{place}")
 
     def check_link(self, name: str, where: str) -> None:
-        """DescriptionError unless ``name`` is the base or a link."""
+        """Raise DescriptionError unless ``name`` is the base or a link."""
         if name != self.base and name not in self.links:
             known = [self.base, *(link for link in self.links if link != self.base)]
             allowed = "the base or a link: " + listed(known)
@@ -89,10 +89,10 @@ class Draft:
 
 
 def ordered_joints(draft: Draft) -> list[Joint]:
-    """The joints in depth-first order from the base, children in the order of the description.
+    """Return the joints in depth-first order from the base, children in the order of the description.
 
     Raises:
-        DescriptionError: a link that does not exist, has two parents or none, or is part of a cycle.
+        DescriptionError: a link that does not exist, has two parents or none, or is in a cycle.
     """
     carrier = _carriers(draft)
     children: dict[str, list[Joint]] = {}
@@ -118,7 +118,7 @@ def ordered_joints(draft: Draft) -> list[Joint]:
 
 
 def _carriers(draft: Draft) -> dict[str, Joint]:
-    """The joint that carries each link, by the link's name."""
+    """Return the joint that carries each link, by the link's name."""
     carrier: dict[str, Joint] = {}
     for joint in draft.joints.values():
         where = f"joints.{joint.name}"

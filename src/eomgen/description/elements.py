@@ -18,7 +18,7 @@ def read_element(table: str, name: str, entry: Table, read_text: ReadText) -> Li
     Args:
         table: key that lists such elements, one of ``robot.elements.KINDS``.
         entry: of the keys ``ELEMENTS[table]``.
-        read_text: gives the text of the file that a curve names.
+        read_text: returns the text of the file that a curve names.
 
     Raises:
         DescriptionError: a key is missing or wrong, or keys do not go together.
@@ -33,14 +33,14 @@ def read_element(table: str, name: str, entry: Table, read_text: ReadText) -> Li
         if key not in ("name", "links") and key in entry
     }
     element = KINDS[table](name, (links[0], links[1]), **values)
-    found = element.conflict()
-    if found is not None:
-        entry.fail(found[1], found[0])
+    conflict = element.conflict()
+    if conflict is not None:
+        entry.fail(conflict[1], conflict[0])
     return element
 
 
 def _value(entry: Table, key: str, form: Key, read_text: ReadText) -> Any:
-    """The value of a key as its field has it."""
+    """Return the value of a key as its field has it."""
     if key == "curve":
         return read_curve(entry, read_text, "elongation")
     value = entry.value(key)

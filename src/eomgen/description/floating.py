@@ -1,4 +1,4 @@
-"""A root that floats: the joint with all six coordinates between the ground and the first link of a URDF."""
+"""Floating bases: the joint with all six coordinates between the ground and the first link of a URDF."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def float_base(draft: Draft) -> None:
 
 
 def _fresh(names: tuple[str, ...], taken: Container[str]) -> str:
-    """The first of the names that is not taken, or the last of them with a number."""
+    """Return the first of the names that is not taken, or the last of them with a number."""
     free = [name for name in names if name not in taken]
     count = 1
     while not free:

@@ -17,17 +17,17 @@ from ..robot.rules import ROTORS, coordinate_conflict
 from ..robot.value import Coordinate, Curve, Motor
 from .keys import COORDINATE
 
-_ROTOR = ("role", "limits", *ROTORS)  # of the motor's own coordinate; the rest of its table is the transmission's
+_ROTOR = ("role", "limits", *ROTORS)  # of the motor's coordinate; the rest of its table is the transmission's
 ReadText = Callable[[str], str]  # the text of a file beside the description
 
 
 def read_coordinate(table: Table, old: Coordinate, read_text: ReadText) -> Coordinate:
-    """The coordinate ``old`` with what its table overrides.
+    """Return the coordinate ``old`` with the overrides of its table.
 
     Args:
         table: of the keys ``COORDINATE``.
-        old: what a URDF says of the coordinate, or Coordinate().
-        read_text: gives the text of the file that a curve names.
+        old: the coordinate of a URDF, or Coordinate().
+        read_text: returns the text of the file that a curve names.
 
     Raises:
         DescriptionError: a number out of range, a curve that does not rise, or numbers that do not go together.
@@ -40,23 +40,23 @@ def read_coordinate(table: Table, old: Coordinate, read_text: ReadText) -> Coord
             numbers[key] = number
     curve, role = read_curve(table, read_text), table.choice("role") if "role" in table.keys else None
     if role == "locked" and len(table.values) > 1:
-        given = ", ".join(key for key in table.keys if key in table and key != "role")
-        table.fail(f"the coordinate is locked, so that its {given} would do nothing; leave it out", "role")
+        others = ", ".join(key for key in table.keys if key in table and key != "role")
+        table.fail(f"the coordinate is locked, so that its {others} would do nothing; leave it out", "role")
     made = replace(
         old.with_numbers(numbers),
         curve=old.curve if curve is None else curve,
         prescribed=old.prescribed if role is None else role == "prescribed",
         limits=_limits(table, old.limits),
     )
-    found = coordinate_conflict(made)
-    if found is not None:
-        key, message = found
+    conflict = coordinate_conflict(made)
+    if conflict is not None:
+        key, message = conflict
         table.fail(message, key)
     return made
 
 
 def read_motor(table: Table, read_text: ReadText) -> Motor:
-    """The motor of a table of the keys ``MOTOR_FORM``; ``read_text`` and errors as ``read_coordinate``."""
+    """Return the motor of a table of the keys ``MOTOR_FORM``; ``read_text`` and errors as ``read_coordinate``."""
     inertia, ratio = table.number("inertia"), table.number("ratio")
     assert inertia is not None
     assert ratio is not None
@@ -65,42 +65,42 @@ def read_motor(table: Table, read_text: ReadText) -> Motor:
     spring = {key: value for key, value in table.values.items() if key in COORDINATE.keys and key not in _ROTOR}
     inner = COORDINATE.read(spring, table.where, table.source, table.path)
     transmission = read_coordinate(inner, Coordinate(), read_text)
-    own = {key: number for name in ROTORS for key, number in _inner_numbers(table, name).items()}
-    rotor = Coordinate().with_numbers(own)
+    rotor_numbers = {key: number for name in ROTORS for key, number in _inner_numbers(table, name).items()}
+    rotor = Coordinate().with_numbers(rotor_numbers)
     prescribed, limits = table.text("role") == "prescribed", _limits(table, None)
     return Motor(inertia, ratio, transmission, rotor.friction, prescribed, rotor.further, limits)
 
 
 def _limits(table: Table, old: Limits | None) -> Limits | None:
-    """The limits of a coordinate or motor, with what the key ``limits`` of its table overrides, if it has one."""
+    """Return the limits of a coordinate or motor, with the overrides of its table's key ``limits``, if any."""
     inner = table.table("limits") if "limits" in table.keys else None
     if inner is None:
         return old
-    given = {key: number for key in LIMIT_KEYS if (number := inner.number(key)) is not None}
-    if not given:
+    numbers = {key: number for key in LIMIT_KEYS if (number := inner.number(key)) is not None}
+    if not numbers:
         table.fail(f"there is none; allowed: one or more of {', '.join(LIMIT_KEYS)}", "limits")
-    return replace(old or Limits(), **given)
+    return replace(old or Limits(), **numbers)
 
 
 def joint_elements(entry: Table, coordinates: Mapping[str, Coordinate]) -> dict[str, Any]:
-    """The force elements of a joint as a whole, or of a cut one, that has these coordinates, by their keys.
+    """Return force elements of a tree or loop joint as a whole, which has these coordinates, by their keys.
 
     Raises:
         DescriptionError: a number is missing or out of range, or the coordinates do not go with an element.
     """
-    found: dict[str, Any] = {}
+    elements: dict[str, Any] = {}
     for key, kind in JOINT_ELEMENTS.items():
         table = entry.table(key) if key in entry.keys else None
         if table is not None:
-            found[key] = value_of(kind, _numbers_in(table), table.where)
-            refused = found[key].conflict(coordinates)
-            if refused is not None:
-                table.fail(refused[1], refused[0])
-    return found
+            elements[key] = value_of(kind, _numbers_in(table), table.where)
+            conflict = elements[key].conflict(coordinates)
+            if conflict is not None:
+                table.fail(conflict[1], conflict[0])
+    return elements
 
 
 def _numbers_in(table: Table) -> dict[str, Any]:
-    """The numbers of a table and of the tables in it."""
+    """Return the numbers of a table and of the tables in it."""
     read: dict[str, Any] = {key: table.number(key) for key, form in table.keys.items() if isinstance(form, Number)}
     inner = {key: table.table(key) for key, form in table.keys.items() if isinstance(form, Sub)}
     read |= {key: _numbers_in(below) for key, below in inner.items() if below is not None}
@@ -108,24 +108,24 @@ def _numbers_in(table: Table) -> dict[str, Any]:
 
 
 def _inner_numbers(table: Table, name: str) -> dict[str, float]:
-    """Numbers of a law that has a table of its own, by their names: "friction.coulomb"."""
+    """Return the numbers of a law that has a separate table, by their names: "friction.coulomb"."""
     inner = table.table(name)
     if inner is not None and name == "friction" and "coefficient" not in inner:
         inner.require_one("coulomb", "a force in N or N m, or a coefficient")
     if inner is None:
         return {}
     read = {f"{name}.{key}": inner.number(key) for key in inner.keys if key != "shape"}
-    found = {key: number for key, number in read.items() if number is not None}
+    numbers = {key: number for key, number in read.items() if number is not None}
     shape = inner.text("shape") if "shape" in inner else None
-    if shape is not None and f"{name}.stribeck" not in found:
+    if shape is not None and f"{name}.stribeck" not in numbers:
         inner.fail(f"got {show(shape)}, and there is no stribeck; allowed: with static and stribeck", "shape")
     if shape == GAUSSIAN:
-        found[f"{name}.{GAUSSIAN}"] = found.pop(f"{name}.stribeck")
-    return found
+        numbers[f"{name}.{GAUSSIAN}"] = numbers.pop(f"{name}.stribeck")
+    return numbers
 
 
 def read_curve(table: Table, read_text: ReadText, what: str = "deviation") -> Curve | None:
-    """Points of the key ``curve``: an array, or the path of a CSV file of two columns, ``what`` and force."""
+    """Return points of the key ``curve``: an array, or the path of a CSV file of two columns, ``what`` and force."""
     if "curve" not in table:
         return None
     if not isinstance(table.values["curve"], str):

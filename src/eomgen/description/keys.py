@@ -42,30 +42,30 @@ _MOMENTS = {
 
 
 def vector(about: str, unit: str, needed: str = "") -> Numbers:
-    """Three numbers."""
+    """Return the key of three numbers."""
     return Numbers(about, unit, needed, count=3)
 
 
 def inertia(needed: str) -> Form:
-    """The six numbers of an inertia tensor; what the first three say where they are missing."""
+    """Return the keys of an inertia tensor; ``needed``: message where one of the first three is missing."""
     return Form(
         {key: Number(about, "kg m^2", needed if key in INERTIA_KEYS[:3] else "") for key, about in _MOMENTS.items()}
     )
 
 
-def _number(given: laws.Number) -> Number:
-    """The key of a law's number."""
-    return Number(given.about, " or ".join(given.unit), given.needed, minimum=given.least)
+def _number(number: laws.Number) -> Number:
+    """Return the key of a law's number."""
+    return Number(number.about, " or ".join(number.unit), number.needed, minimum=number.least)
 
 
-def _curve(given: laws.Number, what: str, unit: str) -> Either:
-    """The key of a curve: force over ``what``, whose unit is given."""
+def _curve(number: laws.Number, what: str, unit: str) -> Either:
+    """Return the key of a curve: force over ``what``, in ``unit``."""
     return Either(
-        given.about,
+        number.about,
         options=(
             Listed(
                 f"{POINTS[0]} to {POINTS[1]} points, {what} rising",
-                f"{unit}, {' or '.join(given.unit)}",
+                f"{unit}, {' or '.join(number.unit)}",
                 item=Numbers("", count=2),
                 fewest=POINTS[0],
                 most=POINTS[1],
@@ -77,19 +77,19 @@ def _curve(given: laws.Number, what: str, unit: str) -> Either:
 
 
 def _numbers(law: laws.Law) -> dict[str, Key]:
-    """The keys of a law's numbers, without the name of its table."""
-    found: dict[str, Key] = {
+    """Return the keys of a law's numbers, without the name of its table."""
+    keys: dict[str, Key] = {
         number.key.removeprefix(f"{law.name}."): _number(number)
         for number in law.numbers
         if number.key not in laws.SHAPED
     }
     if law.name == "friction":
-        found["shape"] = Choice("of Stribeck's curve: lorentzian (as it is without) or gaussian", words=laws.SHAPES)
-    return found
+        keys["shape"] = Choice("of Stribeck's curve: lorentzian (as it is without) or gaussian", words=laws.SHAPES)
+    return keys
 
 
 def _law(law: laws.Law) -> dict[str, Key]:
-    """The keys of a law in the table of its coordinate."""
+    """Return the keys of a law in the table of its coordinate."""
     if law.has_points:
         return {law.name: _curve(law.numbers[0], "deviation", " or ".join(laws.LENGTH))}
     keys = _numbers(law)
@@ -115,19 +115,19 @@ COORDINATE = Form(
     {
         **_LAW,
         "limits": _LIMITS,
-        "role": Choice("free (moves), locked (does not), prescribed (its motion is given)", words=ROLES),
+        "role": Choice("free (moves), locked (does not), prescribed (moves by itself)", words=ROLES),
     }
 )
 MOTOR_FORM = Form(
     {
         "inertia": Number(
-            "of the rotor about its own axis",
+            "of the rotor about its axis",
             "kg m^2",
-            "the rotor's moment of inertia about its own axis in kg m^2, greater than 0",
+            "the rotor's moment of inertia about its axis in kg m^2, greater than 0",
             above=0.0,
         ),
         "ratio": Number(
-            "turns of the motor per turn of the joint, negative where the sense is reversed; not 0",
+            "rotations of the motor per rotation of the joint, negative where the sense is reversed; not 0",
             "1, or rad/m",
             "the gear's ratio, rad of the motor per rad or m of the joint, not 0",
         ),
@@ -139,7 +139,7 @@ MOTOR_FORM = Form(
 
 
 def _joint_elements(owner: str) -> dict[str, Key]:
-    """The tables of force elements of joints as wholes, or of cut ones, "loops"."""
+    """Return the tables of force elements of joints as wholes, "joints" or "loops"."""
     return {
         table: Sub(kind.ABOUT[owner], kind.UNITS[0], inner=_element_numbers(kind))
         for table, kind in JOINT_ELEMENTS.items()
@@ -148,13 +148,13 @@ def _joint_elements(owner: str) -> dict[str, Key]:
 
 
 def _element_numbers(kind: type[JointElement]) -> Form:
-    """The keys of such a table: numbers, then tables of those whose names have two parts."""
-    found: dict[str, Key] = {}
+    """Return the keys of such a table: numbers, then tables of those whose names have a dot."""
+    keys: dict[str, Key] = {}
     inner: dict[str, dict[str, Key]] = {}
-    for key, given in kind.NUMBERS.items():
+    for key, number in kind.NUMBERS.items():
         table, _, name = key.rpartition(".")
-        (inner.setdefault(table, {}) if table else found)[name] = _number(given)
-    return Form(found | {table: Sub(kind.ABOUT[table], inner=Form(keys)) for table, keys in inner.items()})
+        (inner.setdefault(table, {}) if table else keys)[name] = _number(number)
+    return Form(keys | {table: Sub(kind.ABOUT[table], inner=Form(entries)) for table, entries in inner.items()})
 
 
 PLACEMENT = Form(
@@ -214,11 +214,13 @@ JOINT = Form(
             )
             for key, axis in _AXES.items()
         },
-        MOTOR: Sub("a motor behind an elastic gear drives the principal coordinate", inner=MOTOR_FORM),
+        MOTOR: Sub(
+            "a motor behind an elastic gear (flexible joint, SEA) drives the principal coordinate", inner=MOTOR_FORM
+        ),
         **_joint_elements("joints"),
         "limits": Numbers("lower and upper limit of the principal coordinate, in short", "m or rad", count=2),
         "stops": Sub("contacts at the limits: stiffness, damping, restitution_damping, smoothing", inner=STOPS),
-        "prescribed": Strings("coordinates whose motion is given", words=(*COORDINATES, MOTOR)),
+        "prescribed": Strings("coordinates with prescribed motion", words=(*COORDINATES, MOTOR)),
         "offset": _OFFSET,
     },
     refines=True,
@@ -233,14 +235,14 @@ FRAME = Form(
 CUT_COORDINATE = Form({key: kind for key, kind in _LAW.items() if key != "armature"})
 LOOP = Form(
     {
-        "name": Name("of the cut joint, unique", needed=IDENTIFIER_RULE),
+        "name": Name("of the loop joint, unique", needed=IDENTIFIER_RULE),
         "links": Strings("the two links that it joins, either may be 'base'", needed=_LINKS, count=2, rule=_LINKS),
-        "type": Choice("of the cut joint", needed=", ".join(CUTS), words=tuple(CUTS)),
-        "placements": Pair("the cut joint's frame on both links; default their frames", "m, rad", inner=PLACEMENT),
+        "type": Choice("of the loop joint", needed=", ".join(CUTS), words=tuple(CUTS)),
+        "placements": Pair("the loop joint's frame on both links; default their frames", "m, rad", inner=PLACEMENT),
         **{
             key: Sub(
-                f"coordinate {key}, {axis} of the cut joint: with this table it has these forces in the place of what"
-                " the type says",
+                f"coordinate {key}, {axis} of the loop joint: with this table it has these forces in the place of the"
+                " type's constraint",
                 inner=CUT_COORDINATE,
             )
             for key, axis in _AXES.items()
@@ -279,7 +281,7 @@ class Diagonal(Numbers):
 
 
 def _element_key(kind: type[LinkElement], name: str, hint: Any) -> Key:
-    """The key of a field of a force element between links, by its type."""
+    """Return the key of a field of a force element between links, by its type."""
     about = kind.ABOUT.get(name, "")
     if name == "curve":
         return _curve(kind.NUMBERS[name], "elongation", "m")
@@ -296,7 +298,7 @@ def _element_key(kind: type[LinkElement], name: str, hint: Any) -> Key:
 
 
 def _element_form(kind: type[LinkElement]) -> Form:
-    """The keys of an entry of force elements between links: a name, the links, and the fields behind them."""
+    """Return the keys of an entry of force elements between links: a name, the links, and the fields behind them."""
     hints = field_types(kind)
     return Form(
         {
@@ -318,13 +320,13 @@ ROBOT = Form(
             words=POLICIES,
         ),
         "tunable": Strings("names of numbers that stay run-time parameters; * stands for one component"),
-        "stops": Sub("contacts at the limits of all joints that have limits and no stops of their own", inner=STOPS),
+        "stops": Sub("contacts at the limits of all joints that have limits and no key stops", inner=STOPS),
         "driven": Strings("coordinates with a drive; default the principal ones"),
-        "home": ByName("where simulations start and closing begins, by coordinate; default 0", "m or rad"),
+        "home": ByName("where simulations start and assembly begins, by coordinate; default 0", "m or rad"),
         "links": Entries("rigid bodies", inner=LINK),
         "joints": Entries("joints with one to six coordinates", inner=JOINT),
         "frames": Entries("points whose pose and Jacobian can be asked for", inner=FRAME),
-        "loops": Entries("joints that are cut, so that the rest is a tree", inner=LOOP),
+        "loops": Entries("loop joints, cut so that the rest is a tree", inner=LOOP),
         "couplings": Entries(
             "coordinates that move together, as by a gear: rigid, or elastic with a stiffness", inner=COUPLING
         ),

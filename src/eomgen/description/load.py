@@ -48,7 +48,7 @@ from .keys import ROBOT
 from .loops import read_coupling, read_loop, read_offset, read_placement
 from .macros import Xacro
 from .options import ReadKeywords, ReadOptions
-from .stops import asked_stops, joint_stops, stop_all, stop_numbers
+from .stops import joint_stops, requested_stops, stop_all, stop_numbers
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -56,7 +56,7 @@ if TYPE_CHECKING:
 RobotLike = Robot | str | Path  # what functions take where they ask for a robot, see as_robot
 SUFFIXES = (".toml", ".urdf", ".xml", ".mjcf", ".xacro")
 
-_WORLD = (BASE, "world")  # what the ground may be called when the root link of a URDF is put on a joint
+_WORLD = (BASE, "world")  # names of the ground when the root link of a URDF is put on a joint
 
 
 def load_robot(
@@ -77,8 +77,8 @@ def load_robot(
             MJCF or URDF, whatever its root element says.  What the reader here does not know of MJCF goes
             through MuJoCo, where it is installed, and ``.xacro`` through xacro, where ``xacro`` asks for it.
         inertia: what to do with a link whose inertia no body can have: "error", "warn" (take it as it is) or "project"
-            (take the nearest possible body).  None: what the description says, or "error" for an inertia that is given
-            in TOML and "warn" for one of a URDF or MJCF.
+            (take the nearest possible body).  None: the description's policy, or "error" for an inertia in TOML and
+            "warn" for one of a URDF or MJCF.
         urdf_damping: read ``<dynamics damping>`` of a URDF; otherwise a note says that it is left out.
         urdf_friction: the same for ``<dynamics friction>``, as Coulomb friction.
         urdf_mimic: make couplings of ``<mimic>``; otherwise a note says that its joints are independent.
@@ -126,7 +126,7 @@ def load_robot(
 
 
 def as_robot(given: RobotLike) -> Robot:
-    """The robot itself, or the one that ``load_robot`` reads under a built-in name or path.
+    """Return the robot itself, or the one that ``load_robot`` reads under a built-in name or path.
 
     Raises:
         InputError: it is none of these; says what came and what is allowed.
@@ -143,7 +143,7 @@ def as_robot(given: RobotLike) -> Robot:
 
 
 def robot_from_urdf(text: str, *, source: str = "", **options: Unpack[ReadKeywords]) -> Robot:
-    """The robot that a URDF text describes; options and errors as load_robot."""
+    """Return the robot of a URDF text; options and errors as load_robot."""
     return _from_urdf(text, ReadOptions(**options), source)
 
 
@@ -158,7 +158,7 @@ def _of_urdf(options: ReadOptions) -> dict[str, bool]:
 
 
 def robot_from_mjcf(text: str, *, source: str = "", path: Path | None = None, **options: Unpack[ReadKeywords]) -> Robot:
-    """The robot that a MJCF text describes; options and errors as load_robot.
+    """Return the robot of an MJCF text; options and errors as load_robot.
 
     With the ``path`` of the file MuJoCo, if it is installed, compiles what the reader here does not take; a text alone
     opens no file.
@@ -173,7 +173,7 @@ def _from_mjcf(text: str, options: ReadOptions, source: str, path: Path | None) 
 
 
 def _finish_xml(draft: Draft, options: ReadOptions) -> Robot:
-    _equip(draft, None if options.stops is None else asked_stops(options.stops), options.floating_base)
+    _equip(draft, None if options.stops is None else requested_stops(options.stops), options.floating_base)
     try:
         return _finish(draft, options.inertia, [])
     except DescriptionError as error:
@@ -184,7 +184,7 @@ def _finish_xml(draft: Draft, options: ReadOptions) -> Robot:
 def robot_from_toml(
     text: str, *, source: str = "", folder: Path | None = None, **options: Unpack[ReadKeywords]
 ) -> Robot:
-    """The robot that a TOML text describes.
+    """Return the robot of a TOML text.
 
     Args:
         text: of the description.
@@ -225,10 +225,10 @@ def _robot_from_table(top: Table, draft: Draft, folder: Path | None, options: Re
             draft.elements[name] = read_element(key, name, entry, _beside(entry, folder))
     draft.driven = tuple(top.strings("driven")) if "driven" in top else draft.driven
     draft.home = top.value("home", ByName) or draft.home
-    _settle_base(draft)
+    _resolve_base(draft)
     table = top.table("stops")
     said = None if table is None else stop_numbers(table)
-    _equip(draft, said if options.stops is None else asked_stops(options.stops), options.floating_base)
+    _equip(draft, said if options.stops is None else requested_stops(options.stops), options.floating_base)
     try:
         return _finish(draft, options.inertia or top.choice("inertia"), top.strings("tunable"))
     except DescriptionError as error:
@@ -239,7 +239,7 @@ def _robot_from_table(top: Table, draft: Draft, folder: Path | None, options: Re
 
 
 def _equip(draft: Draft, stops: Mapping[str, float] | None, floating_base: bool) -> None:
-    """Add what was asked for beside the description: stops at limits, numbers as of ``stop_numbers``; a free root."""
+    """Add the options beside the description: stops at limits, numbers as of ``stop_numbers``; a floating base."""
     if stops is not None:
         stop_all(draft, stops)
     elif draft.unstopped:
@@ -249,7 +249,7 @@ def _equip(draft: Draft, stops: Mapping[str, float] | None, floating_base: bool)
 
 
 def _says(top: Table, where: str) -> bool:
-    """Whether the TOML itself has what a message about the whole robot names, as in joints.NAME.child."""
+    """Return whether the TOML itself has the place of a message about the whole robot, as in joints.NAME.child."""
     kind, _, rest = where.partition(".")
     if kind not in ("links", "joints") or not rest:
         return kind in top
@@ -257,17 +257,17 @@ def _says(top: Table, where: str) -> bool:
 
 
 def _start(top: Table, source: str, folder: Path | None, options: ReadOptions) -> Draft:
-    """The draft to fill: that of the URDF, or an empty one; with its name."""
+    """Return the draft to fill: that of the URDF, or an empty one; with its name."""
     draft = Draft(source)
     urdf = top.text("urdf")
     if urdf is not None:
         if folder is None:
-            top.fail(f"got {show(urdf)}; allowed: the path of an .urdf file, relative to this file", "urdf")
+            top.fail(f"got {show(urdf)}; allowed: the path of a .urdf file, relative to this file", "urdf")
         from .urdf import draft_from_urdf
 
         path = folder / urdf
-        given = read_text(path, str(path))
-        draft = draft_from_urdf(given, str(path), **_of_urdf(options))
+        text = read_text(path, str(path))
+        draft = draft_from_urdf(text, str(path), **_of_urdf(options))
         draft.source = source
         draft.inherited = (*draft.links, *draft.joints)
     else:
@@ -277,12 +277,12 @@ def _start(top: Table, source: str, folder: Path | None, options: ReadOptions) -
 
 
 def _hint(name: str, draft: Draft) -> str:
-    """A hint that a new entry was perhaps meant to refine one of the URDF."""
+    """Return a hint that a new entry was perhaps meant to refine one of the URDF."""
     return f" (the URDF has no {name!r}{nearest(name, draft.inherited)})" if draft.inherited else ""
 
 
 def _link(name: str, entry: Table, draft: Draft) -> Link:
-    """A new link, or one of the URDF with what the entry overrides."""
+    """Return a new link, or one of the URDF with the entry's overrides."""
     old = draft.links.get(name)
     if old is None:
         if name == BASE:
@@ -305,7 +305,7 @@ def _link(name: str, entry: Table, draft: Draft) -> Link:
 
 
 def _joint(name: str, entry: Table, draft: Draft, folder: Path | None) -> Joint:
-    """A new joint, or one of the URDF with what the entry overrides and the coordinates it activates."""
+    """Return a new joint, or one of the URDF with the entry's overrides and the coordinates that it activates."""
     old = draft.joints.get(name)
     if old is None:
         entry.require(_hint(name, draft))
@@ -328,7 +328,7 @@ def _joint(name: str, entry: Table, draft: Draft, folder: Path | None) -> Joint:
         if key not in known:
             entry.fail(f"got {show(key)}{nearest(key, known)}; allowed: {', '.join(known)}", "prescribed")
         if key in entry and entry.values[key].get("role", "prescribed") != "prescribed":
-            entry.fail(f"{key} is prescribed here and {entry.values[key]['role']} in its own table", "prescribed")
+            entry.fail(f"{key} is prescribed here and {entry.values[key]['role']} in its table", "prescribed")
         if motor is not None and key == MOTOR:
             motor = replace(motor, prescribed=True)
         else:
@@ -343,19 +343,19 @@ def _joint(name: str, entry: Table, draft: Draft, folder: Path | None) -> Joint:
 
 
 def _motor(entry: Table, kind: str, coordinates: dict[str, Coordinate], folder: Path | None) -> Motor | None:
-    """The motor behind the joint's principal coordinate."""
+    """Return the motor behind the joint's principal coordinate."""
     table = entry.table(MOTOR)
     if table is None:
         return None
     motor = read_motor(table, _beside(table, folder))
-    found = motor_conflict(motor, kind, coordinates)
-    if found is not None:
-        table.fail(found[1], found[0])
+    conflict = motor_conflict(motor, kind, coordinates)
+    if conflict is not None:
+        table.fail(conflict[1], conflict[0])
     return motor
 
 
 def _beside(table: Table, folder: Path | None) -> Callable[[str], str]:
-    """Reads the CSV file of a curve, which stands beside the description."""
+    """Return a reader of the CSV file of a curve, which stands beside the description."""
 
     def read(name: str) -> str:
         if folder is None:
@@ -366,32 +366,32 @@ def _beside(table: Table, folder: Path | None) -> Callable[[str], str]:
 
 
 def _range(entry: Table, made: Joint, old: Joint) -> Joint:
-    """The joint with the range of its principal coordinate: that of ``limits``, of its own table, or of the URDF."""
+    """Return the joint with its principal coordinate's range: of ``limits``, of its table, or of the URDF."""
     short, principal = entry.numbers("limits"), PRINCIPAL.get(made.type, "")
     if short is not None and not principal:
         entry.fail(f"a {made.type} joint has no principal coordinate; allowed for: {', '.join(PRINCIPAL)}", "limits")
     if short is not None and short[0] > short[1]:
         entry.fail(f"got {show(entry.values['limits'])}; allowed: [lower, upper] with lower <= upper", "limits")
     if short is not None and principal in entry and "limits" in entry.values[principal]:
-        entry.fail(f"{principal} has limits in its own table, too; allowed: one of them", "limits")
+        entry.fail(f"{principal} has limits in its table, too; allowed: one of them", "limits")
     if short is not None:
         return replace(made, limits=(short[0], short[1]))
     made = replace(made, limits=old.limits if made.type == old.type else None)
     if principal not in made.coordinates:
         return made
-    own, before = made.coordinates[principal].limits or Limits(), made.limits or (None, None)
-    lower, upper = (x if y is None else y for x, y in zip(before, (own.lower, own.upper), strict=True))
-    whole = replace(own, lower=lower, upper=upper)
-    found = limits_conflict(whole)
-    if found is not None:
-        entry.fail(found[1], f"{principal}.{found[0]}")
+    limits, before = made.coordinates[principal].limits or Limits(), made.limits or (None, None)
+    lower, upper = (x if y is None else y for x, y in zip(before, (limits.lower, limits.upper), strict=True))
+    whole = replace(limits, lower=lower, upper=upper)
+    conflict = limits_conflict(whole)
+    if conflict is not None:
+        entry.fail(conflict[1], f"{principal}.{conflict[0]}")
     return made.with_limits(principal, whole)
 
 
 def _placement(entry: Table, old: Placement) -> Placement:
     dh, placement = entry.table("dh") if "dh" in entry else None, entry.table("placement")
     if dh is not None and placement is not None:
-        entry.fail("both dh and placement are given; allowed: one of them")
+        entry.fail("both dh and placement are set; allowed: one of them")
     if dh is not None:
         return Placement.from_dh(dh.number("a") or 0.0, dh.angle("alpha"), dh.number("d") or 0.0, dh.angle("theta"))
     return old if placement is None else read_placement(placement)
@@ -402,8 +402,8 @@ def _frame(name: str, entry: Table) -> Frame:
     return Frame(name, entry.text("link") or "", _placement(entry, Placement()))
 
 
-def _settle_base(draft: Draft) -> None:
-    """Say what the ground is called where TOML refines a URDF.
+def _resolve_base(draft: Draft) -> None:
+    """Determine the name of the ground where TOML refines a URDF.
 
     'base' means the URDF's root link.  But if a joint of the TOML carries that root (a floating base, say), the root
     is a link like others, and that joint's parent, 'base' or 'world', is the ground.
@@ -420,13 +420,13 @@ def _settle_base(draft: Draft) -> None:
             if frame.link == BASE:
                 draft.frames[name] = Frame(name, root, frame.placement)
         between: tuple[dict[str, Any], ...] = (draft.loops, draft.elements)
-        for parts in between:
-            for name, part in parts.items():
-                parts[name] = replace(part, links=tuple(root if link == BASE else link for link in part.links))
+        for items in between:
+            for name, item in items.items():
+                items[name] = replace(item, links=tuple(root if link == BASE else link for link in item.links))
 
 
 def _finish(draft: Draft, policy: str | None, tunable: list[str]) -> Robot:
-    """Draft -> Robot: the checks that need the whole description."""
+    """Make a Robot of the draft, with the checks that need the whole description."""
     joints = ordered_joints(draft)
     draft.check_ends()
     if not any(joint.coordinates for joint in joints):
@@ -453,14 +453,14 @@ def _finish(draft: Draft, policy: str | None, tunable: list[str]) -> Robot:
         home=draft.home,
         couplings=tuple(draft.couplings.values()),
     )
-    found = mechanism_conflict(robot)
-    if found is not None:
-        draft.fail(*found)
+    conflict = mechanism_conflict(robot)
+    if conflict is not None:
+        draft.fail(*conflict)
     return Robot(**{**vars(robot), "tunable": expand_tunable(robot, tunable)})
 
 
 def _check_pairs(draft: Draft, joints: Sequence[Joint]) -> None:
-    """DescriptionError if no joint moves between the two links of a loop or force element."""
+    """Raise DescriptionError if no joint moves between the two links of a loop or force element."""
     carrier = {draft.base: draft.base}
     for joint in joints:
         carrier[joint.child] = joint.child if joint.coordinates else carrier[joint.parent]
@@ -470,9 +470,9 @@ def _check_pairs(draft: Draft, joints: Sequence[Joint]) -> None:
 
 
 def _bodies(draft: Draft, joints: Sequence[Joint], policy: str | None) -> tuple[tuple[Link, ...], tuple[str, ...]]:
-    """The links that joints carry, in the joints' order, and notes on their inertias.
+    """Return the links that joints carry, in the joints' order, and notes on their inertias.
 
-    The ground is none of them: an inertia that is given for it has no effect.
+    The ground is none of them: its inertia has no effect.
 
     Args:
         policy: None: "warn" for inertias of a URDF or MJCF, as most readers take them, "error" for those of TOML.

@@ -1,4 +1,4 @@
-"""Reading of [[loops]], joints that are cut so that the rest is a tree, and [[couplings]] of coordinates."""
+"""Reading of [[loops]], loop joints that are cut so that the rest is a tree, and [[couplings]] of coordinates."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from .keys import CUT_COORDINATE
 
 
 def read_loop(name: str, entry: Table, beside: Callable[[Table], ReadText]) -> Loop:
-    """One entry of [[loops]].
+    """Read one entry of [[loops]].
 
     Args:
         entry: of the keys ``LOOP``.
-        beside: of a coordinate's table what gives the text of the file that its curve names.
+        beside: returns, of a coordinate's table, a reader of the file that its curve names.
 
     Raises:
         DescriptionError: a key is missing or wrong, keys do not go together, or the loop joins a link to itself.
@@ -38,10 +38,10 @@ def read_loop(name: str, entry: Table, beside: Callable[[Table], ReadText]) -> L
 
 
 def read_offset(entry: Table, old: Sequence[float | None] = (None,) * len(COORDINATES)) -> tuple[float | None, ...]:
-    """The offsets of a joint or cut joint: the old ones with what its table ``offset`` overrides."""
+    """Return the offsets of a joint or loop joint: the old ones with the overrides of its table ``offset``."""
     table = entry.table("offset")
-    given = [None if table is None or key not in table else table.number(key) for key in COORDINATES]
-    return tuple(before if new is None else new for before, new in zip(old, given, strict=True))
+    numbers = [None if table is None or key not in table else table.number(key) for key in COORDINATES]
+    return tuple(before if new is None else new for before, new in zip(old, numbers, strict=True))
 
 
 def read_placement(table: Table) -> Placement:
@@ -51,12 +51,12 @@ def read_placement(table: Table) -> Placement:
 
 
 def read_coupling(name: str, entry: Table, read_text: ReadText) -> Coupling:
-    """One entry of [[couplings]], of the keys ``COUPLING``; ``read_text`` and errors as ``read_coordinate``."""
+    """Read one entry of [[couplings]], of the keys ``COUPLING``; ``read_text`` and errors as ``read_coordinate``."""
     entry.require()
-    given = {key: value for key, value in entry.values.items() if key in CUT_COORDINATE.keys}
+    forces = {key: value for key, value in entry.values.items() if key in CUT_COORDINATE.keys}
     law = None
-    if given:
-        inner = CUT_COORDINATE.read(given, entry.where, entry.source, entry.path)
+    if forces:
+        inner = CUT_COORDINATE.read(forces, entry.where, entry.source, entry.path)
         law = read_coordinate(inner, Coordinate(), read_text)
     ratios: dict[str, float] = entry.value("to", ByName)
     return Coupling(name, entry.text("of") or "", ratios, entry.number("offset"), law)

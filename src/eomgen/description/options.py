@@ -31,7 +31,7 @@ class ReadKeywords(TypedDict, total=False):
 
 @dataclass(frozen=True)
 class ReadOptions:
-    """Options of reading a robot, as of ``load_robot``; metadata say what the command line says of each."""
+    """Options of reading a robot, as of ``load_robot``; metadata have the command line's help of each."""
 
     inertia: str | None = field(default=None, metadata={"choices": POLICIES, "help": _INERTIA})
     urdf_damping: bool = field(default=False, metadata={"help": "read <dynamics damping=...> of a URDF"})

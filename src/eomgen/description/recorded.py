@@ -1,4 +1,4 @@
-"""Robots that a file of eomgen's keeps as a record: they go through the checks of those that people write."""
+"""Robots that a file of eomgen's keeps as a record, with the checks of descriptions."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .draft import Draft, ordered_joints
 
 
 def robot_from_record(record: Mapping[str, Any], source: str) -> Robot:
-    """The robot that ``robot.record.record_of`` wrote down; ``source`` names the file in messages.
+    """Return the robot of a record by ``robot.record.record_of``; ``source`` names the file in messages.
 
     Inertias are taken as they are: the policy was applied when the description was read.
 

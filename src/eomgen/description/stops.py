@@ -1,4 +1,4 @@
-"""Stops at limits: of one joint, and on request of all joints whose limits a description gives."""
+"""Stops at limits: of one joint, and on request of all joints with limits."""
 
 from __future__ import annotations
 
@@ -18,26 +18,26 @@ _PLACES = "stops.lower", "stops.upper"
 
 
 def stop_numbers(table: Table) -> dict[str, float]:
-    """Numbers of a table of the keys ``STOPS``, by the names of the law: "stops.stiffness"."""
+    """Return numbers of a table of the keys ``STOPS``, by the names of the law: "stops.stiffness"."""
     read = {f"stops.{key}": table.number(key) for key in table.keys}
     return {key: number for key, number in read.items() if number is not None}
 
 
-def asked_stops(given: Mapping[str, object]) -> dict[str, float]:
+def requested_stops(numbers: Mapping[str, object]) -> dict[str, float]:
     """Return the numbers of stops from a caller's mapping.
 
     Raises:
         DescriptionError: it is no mapping, a key is unknown or missing, or a number out of its range.
     """
-    if not isinstance(given, Mapping):
-        raise DescriptionError(f"got {show(given)}; allowed: a mapping with {listed(STOPS.keys)}", where="stops")
-    table = Form(STOPS.keys).read(dict(given), "stops", "", ())
+    if not isinstance(numbers, Mapping):
+        raise DescriptionError(f"got {show(numbers)}; allowed: a mapping with {listed(STOPS.keys)}", where="stops")
+    table = Form(STOPS.keys).read(dict(numbers), "stops", "", ())
     table.require()
     return stop_numbers(table)
 
 
 def joint_stops(entry: Table, kind: str, coordinates: Mapping[str, Coordinate], limits: Limits) -> Coordinate:
-    """The principal coordinate of a joint, whose table ``stops`` is there, with stops at the joint's limits.
+    """Return a joint's principal coordinate with stops at the joint's limits, of its table ``stops``.
 
     Args:
         entry: of the joint.
@@ -59,7 +59,7 @@ def joint_stops(entry: Table, kind: str, coordinates: Mapping[str, Coordinate], 
         entry.fail("there are no limits to stop at; allowed: with limits = [lower, upper]", "stops")
     old = coordinates[principal]
     if principal in entry and "stops" in entry.values[principal]:
-        entry.fail(f"{principal} has stops in its own table, too; allowed: one of them", "stops")
+        entry.fail(f"{principal} has stops in its table, too; allowed: one of them", "stops")
     return old.with_numbers(numbers)
 
 
@@ -73,13 +73,13 @@ def stop_all(draft: Draft, numbers: Mapping[str, float]) -> None:
     stopped, narrow = 0, []
     for name, limits in ranges.items():
         joint = draft.joints[joint_of(name)]
-        given = joint.coordinates.get(kind_of(name))
-        if given is None or "stops.stiffness" in given.further:
+        coordinate = joint.coordinates.get(kind_of(name))
+        if coordinate is None or "stops.stiffness" in coordinate.further:
             continue
         if not limits[0] < limits[1]:
             narrow.append(name)
             continue
-        made = given.with_numbers({**numbers, **_places(limits)})
+        made = coordinate.with_numbers({**numbers, **_places(limits)})
         draft.joints[joint.name] = replace(joint, coordinates={**joint.coordinates, kind_of(name): made})
         stopped += 1
     if narrow:
@@ -89,15 +89,15 @@ def stop_all(draft: Draft, numbers: Mapping[str, float]) -> None:
 
 
 def _ranges(draft: Draft) -> dict[str, Limits]:
-    """Limits by the name of the coordinate."""
+    """Return limits by the name of the coordinate."""
     if draft.ranges is not None:
         return draft.ranges
-    found = {
+    ranges = {
         component_name(joint.name, name): joint.limits_of(name).range
         for joint in draft.joints.values()
         for name in joint.coordinates
     }
-    return {name: limits for name, limits in found.items() if _places(limits)}
+    return {name: limits for name, limits in ranges.items() if _places(limits)}
 
 
 def _places(limits: Limits) -> dict[str, float]:

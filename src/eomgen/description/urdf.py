@@ -77,7 +77,7 @@ class _Reader:
         self.damping, self.friction, self.mimic = damping, friction, mimic
         self.damped: list[str] = []
         self.rubbing: list[str] = []
-        self.unlimited: list[str] = []  # limits of speed and force that are not above 0
+        self.unlimited: list[str] = []  # limits of velocity and effort that are not above 0
         self.mimics: dict[str, Element] = {}  # by the joints that follow
         self.unmoved: list[str] = []  # those of them that have no coordinate to follow with
 
@@ -85,7 +85,7 @@ class _Reader:
         self.draft.fail(where, message)
 
     def element(self, where: str) -> Element:
-        """The element of the link or joint that a message about the whole robot names, as in joints.NAME.child."""
+        """Return the element of the link or joint in a message about the whole robot, as in joints.NAME.child."""
         return self.written.get(".".join(where.split(".")[:2]), self.root)
 
     def read(self) -> Draft:
@@ -120,20 +120,20 @@ class _Reader:
         return self.draft
 
     def _named(self, root: Element, tag: str) -> dict[str, Element]:
-        """The robot's links or joints by their name as written."""
-        found: dict[str, Element] = {}
+        """Return the robot's links or joints by their name as written."""
+        elements: dict[str, Element] = {}
         for element in root.iterfind(tag):
             self.at = element
             name = element.get("name")
             if not name:
-                self.fail(f"{tag} number {len(found) + 1}", "the attribute name is missing; allowed: a unique name")
-            if name in found:
+                self.fail(f"{tag} number {len(elements) + 1}", "the attribute name is missing; allowed: a unique name")
+            if name in elements:
                 self.fail(f"{tag} {show(name)}", f"there are two {tag}s of this name; allowed: unique names")
-            if len(found) == MOST_ENTRIES:
+            if len(elements) == MOST_ENTRIES:
                 count = len(root.findall(tag))
                 self.fail(f"{tag} {show(name)}", f"there are {count} {tag}s; allowed: up to {MOST_ENTRIES}")
-            found[name] = element
-        return found
+            elements[name] = element
+        return elements
 
     def _name_robot(self, root: Element) -> None:
         self.at = root
@@ -179,9 +179,9 @@ class _Reader:
         turn, coordinates, limits = IDENTITY, {}, None
         if TYPES[kind] in PRINCIPAL:
             turn = self._axis(element, where)
-            given = self._dynamics(element, where, name)
+            dynamics = self._dynamics(element, where, name)
             limits, drive = self._limits(element, where, name, ranged=kind != "continuous")
-            coordinates = {PRINCIPAL[TYPES[kind]]: replace(given, limits=drive or None)}
+            coordinates = {PRINCIPAL[TYPES[kind]]: replace(dynamics, limits=drive or None)}
         elif kind == "floating":
             coordinates = {key: Coordinate() for key in COORDINATES}
         mimic = self._only(element, "mimic", where)
@@ -190,7 +190,7 @@ class _Reader:
         return Joint(name, parent, child, TYPES[kind], self._origin(element, where), turn, coordinates, limits)
 
     def _follow(self, name: str, element: Element, names: dict[str, str]) -> None:
-        """A joint that follows another: value = multiplier * that of the other + offset."""
+        """Couple a joint that follows another: value = multiplier * that of the other + offset."""
         self.written[f"couplings.{name}"] = self.at = element
         where = f"joint {show(name)}, <mimic>"
         kind = PRINCIPAL.get(self.draft.joints[name].type)
@@ -209,8 +209,8 @@ class _Reader:
         self.draft.couplings[name] = Coupling(name, component_name(name, kind), to, offset or None)
 
     def _end(self, element: Element, end: str, where: str, links: dict[str, str]) -> str:
-        found = self._only(element, end, where)
-        name = None if found is None else found.get("link")
+        end_element = self._only(element, end, where)
+        name = None if end_element is None else end_element.get("link")
         if not name:
             self.fail(where, f"there is no <{end} link='...'/>; allowed: the name of a link")
         if name not in links:
@@ -219,8 +219,12 @@ class _Reader:
         return name
 
     def _axis(self, element: Element, where: str) -> Matrix:
-        found = self._only(element, "axis", where)
-        axis = (1.0, 0.0, 0.0) if found is None else self._vector(found, "xyz", f"{where}, <axis>", (1.0, 0.0, 0.0))
+        axis_element = self._only(element, "axis", where)
+        axis = (
+            (1.0, 0.0, 0.0)
+            if axis_element is None
+            else self._vector(axis_element, "xyz", f"{where}, <axis>", (1.0, 0.0, 0.0))
+        )
         if math.hypot(*axis) < 1e-12:
             self.fail(f"{where}, <axis>", f"xyz is {show(list(axis))}; allowed: a vector with a direction")
         return axis_turn(axis)
@@ -228,16 +232,16 @@ class _Reader:
     def _limits(
         self, element: Element, where: str, name: str, *, ranged: bool
     ) -> tuple[tuple[float, float] | None, Limits]:
-        """The range of a joint, if it has one, and the limits of its speed and its drive; 0 and inf stand for none."""
+        """Return a joint's range, if it has one, and its velocity and effort limits; 0 and inf stand for none."""
         limit = self._only(element, "limit", where)
         if limit is None:
             return None, Limits()
         where += ", <limit>"
-        given = {key: limit.get(key, "").strip() for key in ("velocity", "effort") if key in limit.attrib}
-        endless = [key for key, text in given.items() if text.lower() in _ENDLESS]
-        found = {key: self._number(limit, key, where) for key in given if key not in endless}
-        self.unlimited += [f"{name} {key}" for key in given if key in endless or not found[key] > 0.0]
-        drive = Limits(**{key: value for key, value in found.items() if value > 0.0})
+        texts = {key: limit.get(key, "").strip() for key in ("velocity", "effort") if key in limit.attrib}
+        endless = [key for key, text in texts.items() if text.lower() in _ENDLESS]
+        numbers = {key: self._number(limit, key, where) for key in texts if key not in endless}
+        self.unlimited += [f"{name} {key}" for key in texts if key in endless or not numbers[key] > 0.0]
+        drive = Limits(**{key: value for key, value in numbers.items() if value > 0.0})
         if not ranged or not {"lower", "upper"} & set(limit.attrib):
             return None, drive
         lower, upper = (self._number(limit, key, where, 0.0) for key in ("lower", "upper"))
@@ -247,7 +251,7 @@ class _Reader:
         return (min(lower, upper), max(lower, upper)), drive
 
     def _dynamics(self, element: Element, where: str, name: str) -> Coordinate:
-        """The principal coordinate with what of damping and friction is wanted."""
+        """Return the principal coordinate with damping and friction as far as they are wanted."""
         dynamics = self._only(element, "dynamics", where)
         if dynamics is None:
             return Coordinate()
@@ -277,17 +281,17 @@ class _Reader:
         return Placement.from_rpy(xyz, self._vector(origin, "rpy", where, ZERO))
 
     def _only(self, element: Element, tag: str, where: str) -> Element | None:
-        """The child element of that tag; None if there is none."""
-        found = element.findall(tag)
-        self.at = found[-1] if found else element
-        if len(found) > 1:
-            same = all(_content(other) == _content(found[0]) for other in found[1:])
+        """Return the child element of that tag; None if there is none."""
+        children = element.findall(tag)
+        self.at = children[-1] if children else element
+        if len(children) > 1:
+            same = all(_content(other) == _content(children[0]) for other in children[1:])
             if not same and tag not in _FIRST_COUNTS:
-                self.fail(where, f"there are {len(found)} elements <{tag}> that differ; allowed: one")
+                self.fail(where, f"there are {len(children)} elements <{tag}> that differ; allowed: one")
             which = "which say the same" if same else "of which the first counts, as in other readers"
-            self.mended.append((found[1], f"{where}: there are {len(found)} elements <{tag}>, {which}"))
-            self.at = found[0]
-        return found[0] if found else None
+            self.mended.append((children[1], f"{where}: there are {len(children)} elements <{tag}>, {which}"))
+            self.at = children[0]
+        return children[0] if children else None
 
     def _number(self, element: Element, key: str, where: str, default: float | None = None) -> float:
         text = element.get(key)
@@ -301,10 +305,10 @@ class _Reader:
         text = element.get(key)
         if text is None:
             return default
-        parts = text.split()
-        if len(parts) != 3:
+        words = text.split()
+        if len(words) != 3:
             self.fail(where, f"{key} is {show(text)}; allowed: three numbers")
-        x, y, z = (self._float(part, key, where) for part in parts)
+        x, y, z = (self._float(word, key, where) for word in words)
         return x, y, z
 
     def _float(self, text: str, key: str, where: str) -> float:
@@ -314,7 +318,7 @@ class _Reader:
         return value + 0.0  # turns -0.0 into 0.0
 
     def _root(self) -> str:
-        """The one link without a parent."""
+        """Return the one link without a parent."""
         children = {joint.child for joint in self.draft.joints.values()}
         roots = [name for name in self.draft.links if name not in children]
         if len(roots) != 1:
@@ -341,12 +345,12 @@ class _Reader:
         if self.rubbing and not self.friction:
             notes.append(f"<dynamics friction> is left out (urdf_friction=True reads it): {listed(self.rubbing)}")
         elif self.rubbing:
-            what = f"Coulomb friction that turns round smoothly, over {SMOOTHING:g} rad/s or m/s"
+            what = f"Coulomb friction that reverses smoothly, over {SMOOTHING:g} rad/s or m/s"
             notes.append(f"<dynamics friction> is read as {what}: {listed(self.rubbing)}")
 
 
 def _macro(root: Element) -> str:
-    """The tag of the first element that is xacro's, by its prefix or by what that stands for; "" if there is none."""
+    """Return the tag of the first element of xacro, by its prefix or its namespace; "" if there is none."""
     declared = {name.removeprefix("xmlns:") for name, value in root.attrib.items() if "xacro" in value}
     for child in root:
         prefix, colon, _ = child.tag.partition(":")
@@ -356,6 +360,6 @@ def _macro(root: Element) -> str:
 
 
 def _content(element: Element) -> tuple[object, ...]:
-    """The statement of an element: attributes with single blanks, and its elements."""
+    """Return the contents of an element: attributes with single blanks, and its elements."""
     attributes = {key: value.split() for key, value in element.attrib.items()}
     return element.tag, attributes, [(child.tag, dict(child.attrib)) for child in element.iter()][1:]

@@ -44,11 +44,11 @@ _REMEDIES = {  # what the parser says, and what to write instead
 
 
 def xml_remedy(said: str, root: str = "robot") -> str:
-    """Advice on what to write instead of what the parser refused; ``root``: the element that holds the rest."""
-    found = next((what for begin, what in _REMEDIES.items() if said.startswith(begin)), "XML 1.0")
+    """Return advice on what to write instead of a refused text; ``root``: the element that holds the rest."""
+    remedy = next((what for begin, what in _REMEDIES.items() if said.startswith(begin)), "XML 1.0")
     if root == "robot":
-        return found
-    return found.replace("<robot name='...'>", f"<{root}>").replace("robot>", f"{root}>").replace("link>", "body>")
+        return remedy
+    return remedy.replace("<robot name='...'>", f"<{root}>").replace("robot>", f"{root}>").replace("link>", "body>")
 
 
 @dataclass(frozen=True)
@@ -57,8 +57,8 @@ class Xml:
 
     Attributes:
         source: the file's name, for messages.
-        text: what was parsed: what was mended in it has kept its lines and columns.
-        notes: what is not quite XML in it and was read all the same, each with its place.
+        text: the parsed text; corrections have kept its lines and columns.
+        notes: deviations from XML that were read all the same, each with its place.
     """
 
     source: str
@@ -67,15 +67,15 @@ class Xml:
     notes: tuple[str, ...] = ()
 
     def place(self, element: Element | None) -> Place | None:
-        """Line and column at which an element begins."""
+        """Return line and column at which an element begins."""
         return self.places_of([element])[0]
 
     def places_of(self, elements: Sequence[Element | None]) -> list[Place | None]:
-        """Line and column at which each element begins; the text is read once more for all of them together."""
+        """Return line and column at which each element begins; reads the text once more for all of them."""
         wanted = {element for element in elements if element is not None}
-        found = {element: index for index, element in enumerate(self.root.iter()) if element in wanted}
-        places = _starts(self.text, set(found.values()))  # both are in the order of the start tags
-        return [None if element is None else places.get(found.get(element, -1)) for element in elements]
+        indices = {element: index for index, element in enumerate(self.root.iter()) if element in wanted}
+        places = _starts(self.text, set(indices.values()))  # both are in the order of the start tags
+        return [None if element is None else places.get(indices.get(element, -1)) for element in elements]
 
 
 def parse_xml(text: str, source: str, root_tag: str = "robot") -> Xml:
@@ -112,7 +112,7 @@ def parse_xml(text: str, source: str, root_tag: str = "robot") -> Xml:
 
 
 def one_line(error: object) -> str:
-    """Text that another program says of a file, as printable ASCII in a line."""
+    """Return a message of another program as printable ASCII in a line."""
     return ascii(" ".join(str(error).split()))[1:-1][:_LONGEST]
 
 
@@ -123,15 +123,15 @@ def _refusal(message: str, source: str, parser: expat.XMLParserType) -> Descript
 
 
 def _starts(text: str, wanted: Collection[int]) -> dict[int, Place]:
-    """Line and column of the start tags of these indices; the text has been parsed before."""
-    parser, index, found, rest = expat.ParserCreate(), -1, dict[int, Place](), len(wanted)
+    """Return line and column of the start tags of these indices; the text has been parsed before."""
+    parser, index, places, rest = expat.ParserCreate(), -1, dict[int, Place](), len(wanted)
 
     def count(*_: object) -> None:
         nonlocal index
         index += 1
         if index in wanted:
-            found[index] = parser.CurrentLineNumber, parser.CurrentColumnNumber + 1
-            if len(found) == rest:
+            places[index] = parser.CurrentLineNumber, parser.CurrentColumnNumber + 1
+            if len(places) == rest:
                 raise _Enough
 
     parser.StartElementHandler = count
@@ -140,61 +140,61 @@ def _starts(text: str, wanted: Collection[int]) -> dict[int, Place]:
             parser.Parse(text, True)
     except _Enough:
         pass
-    return found
+    return places
 
 
 class _Enough(Exception):
-    """All start tags that were looked for have been found."""
+    """End of a search: all wanted start tags are located."""
 
 
 def _without_late_declarations(text: str, source: str) -> tuple[str, list[str]]:
-    """The text with spaces in the place of every <?xml ...?> that stands behind blanks or comments, and notes on it."""
+    """Replace every <?xml ...?> behind blanks or comments by spaces; return the text and notes on it."""
     places = _late_declarations(text)
     if not places:
         return text, []
-    parts, at = [], 0
+    pieces, at = [], 0
     for begin, end in places:
-        parts += [text[at:begin], _VISIBLE.sub(" ", text[begin:end])]
+        pieces += [text[at:begin], _VISIBLE.sub(" ", text[begin:end])]
         at = end
     where = spot(source, line_and_column(text, places[0][0]))
     note = "the declaration <?xml ...?> is not at the very beginning; the file is read without it"
-    return "".join([*parts, text[at:]]), [f"{where}: {note}"]
+    return "".join([*pieces, text[at:]]), [f"{where}: {note}"]
 
 
 def _late_declarations(text: str) -> list[tuple[int, int]]:
-    """Begin and end of each <?xml ...?> in front of the first element, but for one at the very beginning."""
-    found: list[tuple[int, int]] = []
+    """Return begin and end of each <?xml ...?> before the first element, but for one at the very beginning."""
+    declarations: list[tuple[int, int]] = []
     at = 0
     while match := _NO_ELEMENT.match(text, at):
         begin, at = match.span()
         if begin > 0 and text.startswith("<?xml", begin) and text[begin + 5].isspace():
-            found.append((begin, at))
-    return found
+            declarations.append((begin, at))
+    return declarations
 
 
 def _undeclared_prefixes(xml: Xml) -> list[str]:
-    """A note on the prefixes that no xmlns:PREFIX declares, at the place of the first."""
+    """Return a note on prefixes that no xmlns:PREFIX declares, at the place of the first."""
     if _PREFIXED.search(xml.text) is None:
         return []
-    found: dict[str, Element] = {}
+    prefixes: dict[str, Element] = {}
     plain = _XMLNS not in xml.text  # the usual case, which takes a third of the time
     for element, known in ((each, _NEED_NONE) for each in xml.root.iter()) if plain else _with_declared(xml.root):
         for name in (element.tag, *element.attrib) if element.attrib else (element.tag,):
             if ":" in name and (prefix := name.partition(":")[0]) not in known:
-                found.setdefault(prefix, element)
-    if not found:
+                prefixes.setdefault(prefix, element)
+    if not prefixes:
         return []
-    where = spot(xml.source, xml.place(next(iter(found.values()))))
-    return [f"{where}: prefixes without a declaration xmlns:PREFIX='...' are read as parts of names: {listed(found)}"]
+    where = spot(xml.source, xml.place(next(iter(prefixes.values()))))
+    return [f"{where}: prefixes without a declaration xmlns:PREFIX='...' are read with the names: {listed(prefixes)}"]
 
 
 def _with_declared(root: Element) -> Iterator[tuple[Element, frozenset[str]]]:
-    """Each element, in the order of the start tags, with the prefixes that are declared where it stands."""
+    """Yield each element, in the order of the start tags, with the prefixes that are declared there."""
     stack = [(root, _NEED_NONE)]
     while stack:
         element, known = stack.pop()
         if element.attrib:
-            own = [name.removeprefix(_XMLNS) for name in element.attrib if name.startswith(_XMLNS)]
-            known = known.union(own) if own else known
+            declared = [name.removeprefix(_XMLNS) for name in element.attrib if name.startswith(_XMLNS)]
+            known = known.union(declared) if declared else known
         yield element, known
         stack += [(child, known) for child in reversed(element)]

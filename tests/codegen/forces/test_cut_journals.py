@@ -225,7 +225,7 @@ REFUSED = {
     "stiffness = 1e6,": ("stiffness = 1e6, length = 0.1,", ["alpha does not move", "x, y, alpha, beta have tables"]),
     "= 0.5 }\n": (
         "= 0.5, friction = { coefficient = 0.1, radius = 0.01 } }\n",
-        ["gamma does not move", "cut joint: with a table"],
+        ["gamma does not move", "loop joint: with a table"],
     ),
 }
 

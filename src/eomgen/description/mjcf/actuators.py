@@ -1,4 +1,4 @@
-"""Limits of force that actuators of MJCF have, as efforts of the coordinates that they act on."""
+"""Force limits of MJCF's actuators, as efforts of the coordinates that they act on."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ if TYPE_CHECKING:
 
 
 def read_efforts(root: Element, reading: Reading, defaults: Defaults, bodies: Bodies) -> None:
-    """Put limits of actuators' forces into the draft; of several on one joint their sum, where all have one."""
-    found: dict[str, list[float | None]] = {}
+    """Put force limits of actuators into the draft; of several on one joint their sum, where all have one."""
+    efforts_of: dict[str, list[float | None]] = {}
     uneven: list[str] = []
-    for part in root.iterfind("actuator"):
-        for element in part:
+    for section in root.iterfind("actuator"):
+        for element in section:
             joint = element.get("joint") or element.get("jointinparent") or ""
             if joint not in bodies.coordinates:
                 continue
             where = f"actuator {show(element.get('name') or element.tag)}"
             item = Item(reading, element, where, values=defaults.values(element, "actuator", where, None))
-            found.setdefault(bodies.coordinates[joint][0], []).append(_effort(item, uneven))
-    for name, efforts in found.items():
+            efforts_of.setdefault(bodies.coordinates[joint][0], []).append(_effort(item, uneven))
+    for name, efforts in efforts_of.items():
         if None not in efforts:
             owner, kind = reading.draft.joints[joint_of(name)], kind_of(name)
             limits = owner.limits_of(kind).within(Limits(effort=sum(effort or 0.0 for effort in efforts)))
@@ -39,7 +39,7 @@ def read_efforts(root: Element, reading: Reading, defaults: Defaults, bodies: Bo
 
 
 def _effort(item: Item, uneven: list[str]) -> float | None:
-    """The greatest force of an actuator, N or N m at its joint; None where it has no limit."""
+    """Return the greatest force of an actuator, N or N m at its joint; None where it has no limit."""
     gear = abs((item.numbers("gear", 1, 6) or [1.0])[0])
     efforts = []
     for kind, gain in {"force": 1.0, **({"ctrl": _gain(item)} if _is_motor(item) else {})}.items():
@@ -55,12 +55,12 @@ def _effort(item: Item, uneven: list[str]) -> float | None:
 
 
 def _is_motor(item: Item) -> bool:
-    """Whether the force is a gain times the control."""
+    """Return whether the force is a gain times the control."""
     kinds = (("gaintype", "fixed"), ("biastype", "none"), ("dyntype", "none"))
     plain = all(item.values.get(key, kind) == kind for key, kind in kinds)
     return item.element.tag == "motor" or (item.element.tag == "general" and plain)
 
 
 def _gain(item: Item) -> float:
-    given = item.numbers("gainprm", 1, 10) if item.element.tag == "general" else []
-    return abs((given or [1.0])[0])
+    gains = item.numbers("gainprm", 1, 10) if item.element.tag == "general" else []
+    return abs((gains or [1.0])[0])

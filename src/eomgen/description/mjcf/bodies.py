@@ -1,4 +1,4 @@
-"""Bodies of MJCF with what is in them: links, joints and frames of a Draft."""
+"""Bodies of MJCF and their contents: links, joints and frames of a Draft."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from eomgen.robot.value import COORDINATES, Frame, Joint, Link
 
 from .defaults import Defaults
 from .elements import BODY_KEYS, FRAME_KEYS, GEOM_KEYS, INERTIAL_KEYS, SITE_KEYS, JointReader
-from .geoms import NOTHING, Mass, Rules, bounded, geom_mass, given_mass, together
+from .geoms import NOTHING, Mass, Rules, bounded, combined_mass, geom_mass, inertial_mass
 from .joints import Group, Moving, groups
 from .values import HERE, Array, Item, Pose, Reading, triple
 
@@ -45,7 +45,7 @@ _COPIED = ("attach", "replicate", "composite")  # what MuJoCo writes out as bodi
 
 
 class Names:
-    """Identifiers of what the file names, and new ones that clash with none of them."""
+    """Identifiers of the file's names, and new ones that clash with none of them."""
 
     def __init__(self, texts: Sequence[str], reserved: Collection[str] = ()) -> None:
         kept = unique_identifiers(list(dict.fromkeys([*reserved, *texts])))
@@ -54,11 +54,11 @@ class Names:
         self.of = {text: self.fresh(text) if text in reserved else kept[text] for text in texts}
 
     def reserve(self, names: Iterable[str]) -> None:
-        """No new identifier is one of these."""
+        """Reserve names, so that no new identifier is one of these."""
         self._taken.update(names)
 
     def fresh(self, text: str) -> str:
-        """The text as an identifier that is not taken."""
+        """Return the text as an identifier that is not taken."""
         stem = to_identifier(text)[: NAME_LENGTH - 9]
         name = stem
         while name in self._taken:
@@ -70,9 +70,9 @@ class Names:
 
 @dataclass(frozen=True)
 class Place:
-    """A body: its link, the last link before it that moves by itself, and where it is while joint springs rest.
+    """A body: its link, the last link before it that moves by itself, and its pose with joint springs unloaded.
 
-    reference: where it is in the reference position.
+    reference: its pose in the reference position.
     """
 
     link: str
@@ -95,7 +95,7 @@ class Bodies:
     """Reads bodies into the draft.  ``sites`` are those with names, by these, and ``places`` such bodies.
 
     written: gets the element of each link and joint.
-    coordinates: what the file's hinges and slides became, by their names, and its value in the reference position.
+    coordinates: of the file's hinges and slides, by their names in the file, and values in the reference position.
     ranges: limits within which MuJoCo keeps coordinates, by their names here.
     """
 
@@ -111,7 +111,7 @@ class Bodies:
     ranges: dict[str, tuple[float, float]] = field(default_factory=dict)
 
     def note(self, text: str, name: str) -> None:
-        """Remark the same of several things in one line."""
+        """Add a name to a remark that several share in one line."""
         self.notes.setdefault(text, []).append(name)
 
     def read(self, root: Element) -> None:
@@ -139,8 +139,8 @@ class Bodies:
         self.reading.draft.ranges = self.ranges
 
     def _name(self, trees: Sequence[Element]) -> None:
-        """Identifiers of bodies, joints and sites, before any is made up."""
-        found: dict[str, list[str]] = {}
+        """Assign identifiers to bodies, joints and sites, before any is made up."""
+        texts: dict[str, list[str]] = {}
         for tag, others in (("body", ()), ("joint", ("freejoint",)), ("site", ())):
             seen: dict[str, None] = {}
             for tree in trees:
@@ -152,23 +152,23 @@ class Bodies:
                         what = "this is MuJoCo's name of the ground" if name == "world" else "the name is taken"
                         Item(self.reading, element, f"{tag} {show(name)}").fail(f"{what}; allowed: unique names")
                     seen[name] = None
-            found[tag] = list(seen)
-        self.links = Names(found["body"], {self.reading.draft.base})
-        self.joints = Names(found["joint"])
-        self.site_names = Names(found["site"], set(self.links.of.values()))  # one asks for poses of both by name
+            texts[tag] = list(seen)
+        self.links = Names(texts["body"], {self.reading.draft.base})
+        self.joints = Names(texts["joint"])
+        self.site_names = Names(texts["site"], set(self.links.of.values()))  # one asks for poses of both by name
         self.links.reserve(self.site_names.of.values())
 
     def _contents(
         self, element: Element, childclass: str | None, where: str
     ) -> Iterator[tuple[Element, Pose, str | None]]:
-        """Elements in a body, with the place and the default class that frames around them give them."""
+        """Yield the elements in a body, with the pose and the default class of the frames around them."""
         stack = [(child, HERE, childclass) for child in reversed(element)]
         while stack:
             child, pose, inherited = stack.pop()
             if child.tag == "frame":
                 item = Item(self.reading, child, f"{where}, <frame>", FRAME_KEYS)
                 inner = pose @ item.pose()
-                stack += [(found, inner, child.get("childclass") or inherited) for found in reversed(child)]
+                stack += [(inside, inner, child.get("childclass") or inherited) for inside in reversed(child)]
             elif child.tag in _INSIDE:
                 yield child, pose, inherited
             else:
@@ -182,7 +182,7 @@ class Bodies:
     def _fill(
         self, element: Element, body: Place, childclass: str | None, where: str
     ) -> list[tuple[Element, Pose, str | None, Place]]:
-        """Sites of a body into the draft; the bodies in it."""
+        """Read the sites of a body into the draft; return the bodies in it."""
         inner = []
         for child, pose, inherited in self._contents(element, childclass, where):
             if child.tag == "body":
@@ -208,7 +208,7 @@ class Bodies:
     def _body(
         self, element: Element, frame: Pose, childclass: str | None, parent: Place
     ) -> list[tuple[Element, Pose, str | None, Place]]:
-        """A body into the draft; the bodies in it."""
+        """Read a body into the draft; return the bodies in it."""
         text = element.get("name", "")
         link = self.links.of[text] if text else self.links.fresh("body")
         where = f"body {show(text or link)}"
@@ -232,7 +232,7 @@ class Bodies:
         moves = bool(joints) or parent.carrier != base
         world = parent.world @ place
         for joint in joints:
-            world = world @ joint.at_rest
+            world = world @ joint.spring_pose
         body = Place(link, link if joints else parent.carrier, world, parent.reference @ place)
         if text:
             self.places[text] = body
@@ -241,13 +241,13 @@ class Bodies:
         return self._fill(element, body, childclass, where)
 
     def _joints(self, element: Element, joints: Sequence[Moving], place: Pose, parent: str, link: str) -> None:
-        """The body's joints, with links without mass between them; the last carries the body's link."""
+        """Add the body's joints, with links without mass between them; the last carries the body's link."""
         before, anchor = place, np.zeros(3)
-        found = list(groups(joints))
-        for group in found:
+        grouped = list(groups(joints))
+        for group in grouped:
             name = self._joint_name(group, link)
             anchor = group.anchor
-            child = link if group is found[-1] and not anchor.any() else self.links.fresh(f"{link}_{name}")
+            child = link if group is grouped[-1] and not anchor.any() else self.links.fresh(f"{link}_{name}")
             at = Pose(before.rotation, before.point(anchor))
             self._add(element, _joint(name, parent, child, group, at))
             for coordinate, moving in group.by_coordinate.items():
@@ -258,8 +258,8 @@ class Bodies:
             if child != link:
                 self.reading.draft.links[child] = Link(child, 0.0, ZERO, (0.0,) * 6)
             parent, before = child, Pose(HERE.rotation, -anchor)
-        if parent != link or not found:
-            name = self.joints.fresh(f"{link}_frame" if found else f"{link}_fixed")
+        if parent != link or not grouped:
+            name = self.joints.fresh(f"{link}_frame" if grouped else f"{link}_fixed")
             self._add(element, Joint(name, parent, link, "fixed", before.placement()))
 
     def _add(self, element: Element, joint: Joint) -> None:
@@ -267,13 +267,13 @@ class Bodies:
         self.reading.draft.joints[joint.name] = joint
 
     def start(self) -> dict[str, float]:
-        """Coordinates of the reference position that are not 0, but where limits leave them out."""
-        found = {}
+        """Return coordinates of the reference position that are not 0, but for those beyond limits."""
+        positions = {}
         for name, value in self.coordinates.values():
             limits = self.reading.draft.joints[joint_of(name)].limits_of(kind_of(name)).range
             if value != 0.0 and limits[0] <= value <= limits[1]:
-                found[name] = value
-        return found
+                positions[name] = value
+        return positions
 
     def _joint_name(self, group: Group, link: str) -> str:
         if group.stem:
@@ -290,22 +290,22 @@ class Bodies:
         return name
 
     def _link(self, name: str, inside: Sequence[tuple[Element, Pose, str | None]], where: str, moves: bool) -> Link:
-        """Mass and inertia: given, or those of the geoms; what hangs on the world without a joint needs none."""
-        found = [(child, pose) for child, pose, _ in inside if child.tag == "inertial"]
-        if len(found) > 1:
-            Item(self.reading, found[1][0], where).fail("there are two <inertial>; allowed: one")
+        """Return mass and inertia: those of <inertial>, or of the geoms; bodies fixed to the world need none."""
+        inertials = [(child, pose) for child, pose, _ in inside if child.tag == "inertial"]
+        if len(inertials) > 1:
+            Item(self.reading, inertials[1][0], where).fail("there are two <inertial>; allowed: one")
         body = NOTHING
-        for child, pose in found:
+        for child, pose in inertials:
             item = Item(self.reading, child, f"{where}, <inertial>", INERTIAL_KEYS)
             if pose is not HERE:
                 item.fail("it is inside of a <frame>; allowed: in the body itself")
-            body = given_mass(item)
-        wanted = {"auto": not found, "true": True, "false": False}[self.rules.from_geoms]
+            body = inertial_mass(item)
+        wanted = {"auto": not inertials, "true": True, "false": False}[self.rules.from_geoms]
         if moves and wanted:
-            parts = [
+            masses = [
                 self._geom(child, pose, inherited, where) for child, pose, inherited in inside if child.tag == "geom"
             ]
-            body = together([part for part in parts if part.mass > 0.0] or [body])
+            body = combined_mass([mass for mass in masses if mass.mass > 0.0] or [body])
         if moves:
             body = bounded(body, self.rules)
         i = body.inertia
@@ -325,14 +325,14 @@ class Bodies:
 
 
 def _joint(name: str, parent: str, child: str, group: Group, place: Pose) -> Joint:
-    """A group of the file's joints as one of a Robot."""
+    """Return a group of the file's joints as one of a Robot."""
     a, b, c = group.turn
     moving = group.by_coordinate
-    given = {coordinate: joint.coordinate for coordinate, joint in moving.items()}
+    coordinates = {coordinate: joint.coordinate for coordinate, joint in moving.items()}
     offset = tuple(moving[key].offset if key in moving else None for key in COORDINATES)
     turn = triple(a), triple(b), triple(c)
     damping = group.joints[0].damping
-    made = Joint(name, parent, child, group.type, place.placement(), turn, given, None, offset, damping=damping)
+    made = Joint(name, parent, child, group.type, place.placement(), turn, coordinates, None, offset, damping=damping)
     for key, joint in moving.items():
         lower, upper = joint.limits or (None, None)
         made = made.with_limits(key, Limits(lower, upper, effort=joint.effort))

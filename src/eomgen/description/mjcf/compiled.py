@@ -1,7 +1,7 @@
-"""MJCF through MuJoCo's own compiler, for what the reader here leaves to it: includes, copies, inertias of meshes.
+"""MJCF through MuJoCo's compiler, for what the reader here leaves to it: includes, copies, inertias of meshes.
 
-A process of its own compiles (``mjcf.compiling``), within limits: what a foreign file makes of MuJoCo's C++ ends
-that process alone.
+A separate process compiles (``mjcf.compiling``), within limits: a crash of MuJoCo's C++ on a foreign file ends that
+process alone.
 """
 
 from __future__ import annotations
@@ -43,16 +43,16 @@ class Compiled:
 
 
 def compiled_model(path: Path, refusal: DescriptionError, xml: Xml) -> Compiled:
-    """The model as MuJoCo compiles it, written out as plain MJCF: bodies with their inertias, joints, sites.
+    """Compile a model by MuJoCo and return it as plain MJCF: bodies with their inertias, joints, sites.
 
     Args:
         path: the file.
-        refusal: what the reader here has said of it.
-        xml: the file's own elements.
+        refusal: the error of the reader here.
+        xml: the file's elements.
 
     Raises:
         DescriptionError: MuJoCo is not installed, or does not take the file either, or not within the limits of time
-            and memory; says what MuJoCo says.
+            and memory; with MuJoCo's message.
     """
     try:
         _check_installed()
@@ -80,13 +80,13 @@ def _compiler(answer: dict[str, Any]) -> str:
 
 
 def _answer_of_child(path: Path) -> dict[str, Any]:
-    """Compile a file in a process of its own; what that has said, or how it ended."""
-    paths = [os.path.abspath(each) for each in sys.path]  # it works in a folder of its own: MuJoCo writes logs
+    """Compile a file in a separate process; return its answer, or how it ended."""
+    paths = [os.path.abspath(each) for each in sys.path]  # it works in a temporary folder: MuJoCo writes logs
     command = [sys.executable or "", "-c", _BEGIN, str(path.resolve()), str(SECONDS), str(GIBIBYTES), *paths]
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}  # each reserves memory
     with tempfile.TemporaryDirectory(prefix="eomgen-mjcf-") as folder:
         try:
-            found = subprocess.run(
+            child = subprocess.run(
                 command,
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
@@ -98,16 +98,16 @@ def _answer_of_child(path: Path) -> dict[str, Any]:
         except subprocess.TimeoutExpired:
             return {"ended": f"took more than {3 * SECONDS} s to compile the file"}
         except OSError as error:
-            return {"ended": f"cannot be started in a process of its own ({error.strerror or error})"}
+            return {"ended": f"cannot be started in a separate process ({error.strerror or error})"}
     try:
-        answer: dict[str, Any] = json.loads(found.stdout)
+        answer: dict[str, Any] = json.loads(child.stdout)
     except ValueError:  # it ended before it could say anything
-        return {"ended": _ending(found.returncode)}
+        return {"ended": _ending(child.returncode)}
     return answer
 
 
 def _ending(status: int) -> str:
-    """How a process ended that has said nothing."""
+    """Say how a process without an answer ended."""
     limits = f"allowed to it: {SECONDS} s and {GIBIBYTES} GiB"
     if status < 0:
         names = {each.value: each.name for each in signal.Signals}
@@ -116,7 +116,7 @@ def _ending(status: int) -> str:
 
 
 def _as_notes(warnings: list[str]) -> tuple[str, ...]:
-    """MuJoCo's warnings, each once, and how many more there are."""
+    """Return MuJoCo's warnings as notes, each once, and how many more there are."""
     different = list(dict.fromkeys(warnings))
     notes = [f"MuJoCo warns: {text}" for text in different[:_MOST_WARNINGS]]
     if len(different) > _MOST_WARNINGS:
@@ -125,7 +125,7 @@ def _as_notes(warnings: list[str]) -> tuple[str, ...]:
 
 
 def _root(rows: list[tuple[int, str, dict[str, str]]]) -> Element:
-    """The element that the first row is, with all others in it: index of the parent's row, tag, attributes."""
+    """Return the element of the first row, with all others in it: index of the parent's row, tag, attributes."""
     made: list[Element] = []
     for parent, tag, attributes in rows:
         made.append(SubElement(made[parent], tag, attributes) if made else Element(tag, attributes))

@@ -1,6 +1,6 @@
-"""The process that compiles a foreign MJCF with MuJoCo, within limits, and says on its output what came of it.
+"""The process that compiles a foreign MJCF with MuJoCo, within limits, and writes an answer on its output.
 
-What does not count for the motion is taken out before: no texture, and no mesh that is only shown, needs to be there.
+Elements without effect on the motion are removed before: no texture, and no visual mesh, needs to be there.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def main(path: str, seconds: str, gibibytes: str) -> None:
     ``said``, why MuJoCo does not take the file.
     """
     with os.fdopen(os.dup(1), "w") as output:
-        os.dup2(2, 1)  # what MuJoCo prints is no part of the answer
+        os.dup2(2, 1)  # so that MuJoCo prints nothing into the answer
         _limit(int(seconds), int(gibibytes) << 30)
         output.write(json.dumps(_answer(path)))
 
@@ -50,7 +50,7 @@ def _limit(seconds: int, size: int) -> None:
 def _answer(path: str) -> dict[str, Any]:
     try:
         import mujoco
-    except Exception as error:  # it was found, and is broken
+    except Exception as error:  # it is installed, and broken
         return {"said": f"it cannot be imported ({one_line(error)})"}
     heard: list[str] = []
     mujoco.set_mju_user_warning(heard.append)  # the default writes MUJOCO_LOG.TXT
@@ -68,16 +68,16 @@ def _answer(path: str) -> dict[str, Any]:
 
 
 def _flat(path: str, mujoco: Any) -> Element:
-    """The root of plain MJCF of a file."""
+    """Return the root of plain MJCF of a file."""
     spec = mujoco.MjSpec.from_file(path)
     drives = _without_what_does_not_count(spec, mujoco)
     model = spec.compile()
     _refuse_many(model)
-    given = {body.id for body in spec.bodies if body.explicitinertial}
+    explicit = {body.id for body in spec.bodies if body.explicitinertial}
     hinge = mujoco.mjtJoint.mjJNT_HINGE
     turning = [joint for joint in spec.joints if joint.type == hinge and joint.compiler.degree]
     degrees = {joint.id for joint in turning if not model.jnt_limited[joint.id]}
-    flat = flat_model(model, mujoco, given, degrees)
+    flat = flat_model(model, mujoco, explicit, degrees)
     actuators = SubElement(flat, "actuator")
     for tag, values in drives:
         SubElement(actuators, tag, values)
@@ -85,7 +85,7 @@ def _flat(path: str, mujoco: Any) -> Element:
 
 
 def _refuse_many(model: Any) -> None:
-    """Refuse what no description may hold, before it is written out."""
+    """Refuse more entries than a description may hold, before they are written out."""
     for key, what in _COUNTED.items():
         if (count := int(getattr(model, key))) > MOST_ENTRIES:
             raise ValueError(f"the model has {count} {what} (up to {MOST_ENTRIES} are read)")
@@ -94,7 +94,7 @@ def _refuse_many(model: Any) -> None:
 
 
 def _rows(root: Element) -> list[tuple[int, str, dict[str, str]]]:
-    """Each element with the index of its parent, parents first and children in their order."""
+    """Return each element with the index of its parent, parents first and children in their order."""
     rows, stack = list[tuple[int, str, dict[str, str]]](), [(-1, root)]
     while stack:
         parent, element = stack.pop()
@@ -104,7 +104,7 @@ def _rows(root: Element) -> list[tuple[int, str, dict[str, str]]]:
 
 
 def _actuator(item: Any, mujoco: Any) -> tuple[str, dict[str, str]]:
-    """Tag and attributes of an actuator: its name, its joint and the limits of its force."""
+    """Return tag and attributes of an actuator: its name, its joint and its force limits."""
     values = {"name": item.name or "<actuator>"}
     if item.trntype in (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT):
         values |= {"joint": item.target, "gear": repr(float(item.gear[0]))}
@@ -120,7 +120,7 @@ def _actuator(item: Any, mujoco: Any) -> tuple[str, dict[str, str]]:
 
 
 def _without_what_does_not_count(spec: Any, mujoco: Any) -> list[tuple[str, dict[str, str]]]:
-    """Take what has no effect on masses and joints out of the specification; returns its actuators."""
+    """Remove elements without effect on masses and joints from the specification; return its actuators."""
     drives = [_actuator(item, mujoco) for item in spec.actuators]
     for kind in ("actuators", *_UNUSED):
         for item in list(getattr(spec, kind)):
@@ -132,30 +132,30 @@ def _without_what_does_not_count(spec: Any, mujoco: Any) -> list[tuple[str, dict
 
 
 def _only_shown(spec: Any, mujoco: Any) -> list[Any]:
-    """Geoms of meshes and height fields whose mass does not count: their body's is given, or it does not move."""
+    """Return geoms of meshes and height fields whose mass does not count: their body has one, or does not move."""
     shapes = (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_HFIELD)
     always = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
-    found = []
+    shown = []
     for body, moves in _with_motion(spec.worldbody):
         counts = moves and (body.compiler.inertiafromgeom == always or not body.explicitinertial)
         if not counts:
-            found += [geom for geom in body.geoms if geom.type in shapes]
-    return found
+            shown += [geom for geom in body.geoms if geom.type in shapes]
+    return shown
 
 
 def _with_motion(world: Any) -> list[tuple[Any, bool]]:
-    """All bodies, each with whether it moves."""
-    found, stack = [], [(world, False)]
+    """Return all bodies, each with whether it moves."""
+    bodies, stack = [], [(world, False)]
     while stack:
         body, carried = stack.pop()
         moves = carried or bool(body.joints)
-        found.append((body, moves))
+        bodies.append((body, moves))
         stack += [(child, moves) for child in body.bodies]
-    return found
+    return bodies
 
 
 def _drop_unused(spec: Any) -> None:
-    """Take out files that nothing names any more: looks, meshes, height fields."""
+    """Remove files that nothing names any more: looks, meshes, height fields."""
     for geom in spec.geoms:
         geom.material = ""
     for site in spec.sites:

@@ -1,4 +1,4 @@
-"""Default classes of MJCF: what an element inherits by its class, or by the childclass around it."""
+"""Default classes of MJCF: attributes that elements inherit by their class, or by the childclass around them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Values = dict[str, str]
 
 
 class Defaults:
-    """The <default> elements of a file; a class inherits its parents' attributes and overrides them by its own.
+    """The <default> elements of a file; a class inherits its parents' attributes and overrides them.
 
     Raises:
         DescriptionError: a class without a name, or two of one name.
@@ -57,15 +57,15 @@ class Defaults:
         for child in element:
             tag = _ACTUATORS.get(child.tag, child.tag)
             if tag in target:
-                found = merged(target[tag], child.attrib)
-                if len(found) > _MOST_ATTRIBUTES:
-                    message = f"its class has {len(found)} attributes of <{child.tag}>"
+                attributes = merged(target[tag], child.attrib)
+                if len(attributes) > _MOST_ATTRIBUTES:
+                    message = f"its class has {len(attributes)} attributes of <{child.tag}>"
                     where = f"default, <{child.tag}>"
                     Item(self._reading, child, where).fail(f"{message}; allowed: up to {_MOST_ATTRIBUTES}")
-                target[tag] = found
+                target[tag] = attributes
 
     def values(self, element: Element, tag: str, where: str, childclass: str | None) -> Values:
-        """The attributes of an element with those of its class; ``tag``: under which defaults have them."""
+        """Return the attributes of an element with those of its class; ``tag``: its name in defaults."""
         name = element.get("class") or childclass or "main"
         if name not in self._classes:
             known = list(self._classes)
@@ -74,7 +74,7 @@ class Defaults:
         return merged(self._classes[name][tag], element.attrib)
 
 
-def merged(inherited: Values, own: Values) -> Values:
-    """Attributes with what they inherit; of orientations but quat, the last alone."""
-    gone = TURNS if any(key in own for key in TURNS) else ()
-    return {**{key: value for key, value in inherited.items() if key not in gone}, **own}
+def merged(inherited: Values, attributes: Values) -> Values:
+    """Merge attributes with inherited ones; of orientations but quat, the last alone counts."""
+    gone = TURNS if any(key in attributes for key in TURNS) else ()
+    return {**{key: value for key, value in inherited.items() if key not in gone}, **attributes}

@@ -43,7 +43,7 @@ _OF_QUATERNIONS = ("stiffness", "armature", "frictionloss")
 
 @dataclass(frozen=True)
 class JointReader:
-    """Reads <joint> and <freejoint>; ``note`` takes a remark and the name of what it is about."""
+    """Reads <joint> and <freejoint>; ``note`` takes a remark and the name of its subject."""
 
     reading: Reading
     defaults: Defaults
@@ -51,7 +51,7 @@ class JointReader:
     note: Callable[[str, str], None]
 
     def joint(self, element: Element, frame: Pose, childclass: str | None, body: str) -> Moving:
-        """A joint of a body, in the axes of this; ``frame``: those in which its pos and axis are given."""
+        """Read a joint of a body, in the body's axes; ``frame``: the frame of its pos and axis."""
         name = element.get("name", "")
         where = f"joint {show(name)}" if name else f"{body}, <{element.tag}>"
         if element.tag == "freejoint":
@@ -75,13 +75,13 @@ class JointReader:
             *(name, kind, axis, anchor, self._coordinate(item, springref, name or body)),
             offset=-ref if ref else None,
             limits=limits,
-            rest=springref - ref,
+            spring_offset=springref - ref,
             limited=limits is not None and item.choice("limited", LIMITED, "auto") != "false",
             effort=self._effort(item, name or body),
         )
 
     def _quaternion(self, item: Item, name: str, kind: str, anchor: Array) -> Moving:
-        """A ball or free joint; but for damping, forces on its quaternion are others than those on angles."""
+        """Read a ball or free joint; forces on its quaternion, but for damping, are others than those on angles."""
         for key in _OF_QUATERNIONS:
             if any(item.numbers(key, 1, 3)):
                 message = f"{key} is {show(item.values[key])}, which acts otherwise on the angles of eomgen"
@@ -94,7 +94,7 @@ class JointReader:
         return Moving(name, kind, np.array([0.0, 0.0, 1.0]), origin, damping=made)
 
     def _damping(self, item: Item) -> float:
-        """The damping of any joint, which is linear."""
+        """Return the damping of any joint, which must be linear."""
         first, *others = _polynomial(item, "damping")
         if any(others):
             item.fail(f"damping is {show(item.values['damping'])}; allowed: a linear term")
@@ -111,7 +111,7 @@ class JointReader:
         if not self.flags["spring"]:
             stiffness = cubic = 0.0
         if friction and self.flags["frictionloss"]:
-            self.note("frictionloss is read as dry friction that turns round smoothly", name)
+            self.note("frictionloss is read as Coulomb friction that reverses smoothly", name)
         return Coordinate(
             stiffness=stiffness or None,
             damping=(damping or None) if self.flags["damper"] else None,
@@ -122,22 +122,22 @@ class JointReader:
         )
 
     def _effort(self, item: Item, name: str) -> float | None:
-        """The greatest force of the joint's actuators together, N or N m."""
+        """Return the greatest total force of the joint's actuators, N or N m."""
         item.choice("actuatorfrclimited", LIMITED, "auto")
-        found = item.numbers("actuatorfrcrange", 2)
-        if found and found[0] > found[1]:
+        ends = item.numbers("actuatorfrcrange", 2)
+        if ends and ends[0] > ends[1]:
             item.fail(f"actuatorfrcrange is {show(item.values['actuatorfrcrange'])}; allowed: lower <= upper")
-        if found and found[0] != -found[1]:
+        if ends and ends[0] != -ends[1]:
             self.note("effort is the greater end of actuatorfrcrange, which is not symmetric", name)
-        return max(map(abs, found), default=0.0) or None
+        return max(map(abs, ends), default=0.0) or None
 
     def _limits(self, item: Item, unit: float, name: str) -> tuple[float, float] | None:
-        """The range, rad or m; nothing stops at it unless somebody asks for that."""
+        """Return the range, rad or m; nothing stops at it unless stops are asked for."""
         limited = item.choice("limited", LIMITED, "auto")
-        found = item.numbers("range", 2)
-        if not found:
+        ends = item.numbers("range", 2)
+        if not ends:
             return None
-        lower, upper = (value * unit for value in found)
+        lower, upper = (value * unit for value in ends)
         if lower > upper or not (math.isfinite(lower) and math.isfinite(upper)):
             item.fail(f"range is {show(item.values['range'])}; allowed: lower <= upper")
         if limited != "false":
@@ -146,9 +146,9 @@ class JointReader:
 
 
 def _polynomial(item: Item, key: str) -> tuple[float, float, float]:
-    """Coefficients of a force of up to three powers."""
-    found = item.numbers(key, 1, 3)
-    if any(value < 0.0 for value in found):
+    """Return the coefficients of a force of up to three powers."""
+    coefficients = item.numbers(key, 1, 3)
+    if any(value < 0.0 for value in coefficients):
         item.fail(f"{key} is {show(item.values[key])}; allowed: numbers that are at least 0")
-    first, second, third = (*found, 0.0, 0.0, 0.0)[:3]
+    first, second, third = (*coefficients, 0.0, 0.0, 0.0)[:3]
     return first, second, third

@@ -1,6 +1,6 @@
-"""Equality constraints of MJCF: joints that are coupled, points and frames that are held together.
+"""Equality constraints of MJCF: coupled joints, connected points and welded frames.
 
-MuJoCo holds them softly, by a spring and a damper of its solver; here they are rigid couplings and loops.
+MuJoCo's are soft, by a spring and a damper of its solver; here they are rigid couplings and loops.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 _READ = ("joint", "connect", "weld")
 _SHARED = ("name", "class", "active", "solref", "solimp")
-_IDENTITY = (0.0, 1.0, 0.0, 0.0, 0.0)  # of a polynomial, what is not given
-_AGREES = 1e-9  # m or rad: what is left between a reference position and what a coupling makes of it
+_IDENTITY = (0.0, 1.0, 0.0, 0.0, 0.0)  # default coefficients of a polynomial
+_AGREES = 1e-9  # m or rad: allowed difference of a reference position from its coupling
 _KEYS = {
     "joint": (*_SHARED, "joint1", "joint2", "polycoef"),
     "connect": (*_SHARED, "body1", "body2", "anchor", "site1", "site2"),
@@ -34,12 +34,12 @@ _KEYS = {
 def read_equalities(
     root: Element, reading: Reading, defaults: Defaults, bodies: Bodies, written: dict[str, Element]
 ) -> None:
-    """Constraints that are active into the draft; ``written`` gets the element of each loop and coupling.
+    """Read active constraints into the draft; ``written`` gets the element of each loop and coupling.
 
     Raises:
-        DescriptionError: one that is no joint, connect or weld, is no linear one, or names what there is not.
+        DescriptionError: one that is no joint, connect or weld, is not linear, or has an unknown name.
     """
-    elements = [element for part in root.iterfind("equality") for element in part]
+    elements = [element for section in root.iterfind("equality") for element in section]
     texts = list(dict.fromkeys(name for element in elements if (name := element.get("name"))))
     names, seen = Names(texts), dict[str, None]()
     for element in elements:
@@ -66,11 +66,11 @@ def read_equalities(
     made = [*reading.draft.couplings, *reading.draft.loops]
     if made:
         reading.draft.notes.append(f"equality constraints, which are soft in MuJoCo, are read as rigid: {listed(made)}")
-        reading.draft.home = _kept(bodies.start(), reading.draft.couplings.values())
+        reading.draft.home = _consistent_home(bodies.start(), reading.draft.couplings.values())
 
 
-def _kept(start: dict[str, float], couplings: Iterable[Coupling]) -> dict[str, float]:
-    """The reference position without what couplings put elsewhere."""
+def _consistent_home(start: dict[str, float], couplings: Iterable[Coupling]) -> dict[str, float]:
+    """Return the reference position without coordinates that couplings put elsewhere."""
     gone: set[str] = set()
     rules = list(couplings)
     for _ in rules:
@@ -82,11 +82,11 @@ def _kept(start: dict[str, float], couplings: Iterable[Coupling]) -> dict[str, f
 
 
 def _coupling(item: Item, name: str, bodies: Bodies) -> Coupling:
-    """y - y0 = a + b (x - x0) with the joints' positions y and x in the reference position."""
+    """Return the coupling y - y0 = a + b (x - x0), with the joints' positions y0 and x0 in the reference position."""
     what = "hinge or slide of that name"
     of, start = item.named("joint1", bodies.coordinates, what)
-    given = item.numbers("polycoef", 1, 5)
-    a, b, *further = (*given, *_IDENTITY[len(given) :])
+    coefficients = item.numbers("polycoef", 1, 5)
+    a, b, *further = (*coefficients, *_IDENTITY[len(coefficients) :])
     if any(further):
         item.fail(f"polycoef is {show(item.values['polycoef'])}; allowed: a constant and a linear term")
     if "joint2" not in item:
@@ -96,7 +96,7 @@ def _coupling(item: Item, name: str, bodies: Bodies) -> Coupling:
 
 
 def _loop(item: Item, name: str, bodies: Bodies) -> Loop:
-    """A ball in one point of two bodies, or two bodies in one."""
+    """Return the loop of a connect (a ball joint) or a weld (a fixed joint)."""
     kind = "spherical" if item.element.tag == "connect" else "fixed"
     if "site1" in item or "site2" in item:
         ends = [_site(item, key, bodies) for key in ("site1", "site2")]
@@ -119,20 +119,20 @@ def _site(item: Item, key: str, bodies: Bodies) -> tuple[Place, Pose]:
     return site.body, Pose(site.rotation, site.xyz)
 
 
-def _meeting(item: Item, bodies: Bodies, given: Pose | None) -> list[tuple[Place, Pose]]:
-    """The bodies, with a pose in body1 and what it is in body2 in the reference position; body2 there where None."""
+def _meeting(item: Item, bodies: Bodies, relative: Pose | None) -> list[tuple[Place, Pose]]:
+    """Return both bodies with a pose in body1 and the same in body2, in the reference position; None: body2's."""
     first = item.named("body1", bodies.places, "such body")
     second = item.named("body2", bodies.places, "such body", "world")
     across = _inverse(first.reference) @ second.reference
-    if given is None:
+    if relative is None:
         return [(first, across), (second, HERE)]
     if item.element.tag == "weld":
-        return [(first, given), (second, HERE)]
-    return [(first, given), (second, _inverse(across) @ given)]  # the anchor of a ball
+        return [(first, relative), (second, HERE)]
+    return [(first, relative), (second, _inverse(across) @ relative)]  # the anchor of a ball
 
 
 def _relative(item: Item) -> Pose | None:
-    """The pose of body2 in body1 that a weld holds; None where it is that of the reference position."""
+    """Return the pose of body2 in body1 of a weld; None where it is that of the reference position."""
     values = item.numbers("relpose", 7)
     if not any(values[3:]):
         return None

@@ -16,20 +16,20 @@ _FLAGS = ("GRAVITY", "SPRING", "DAMPER", "FRICTIONLOSS")
 _ROUND_OFF = 1e-14  # of an inertia's greatest entry
 
 
-def flat_model(model: Any, mujoco: Any, given: Collection[int], degrees: Collection[int]) -> Element:
-    """The root of plain MJCF.
+def flat_model(model: Any, mujoco: Any, explicit: Collection[int], degrees: Collection[int]) -> Element:
+    """Return the root of plain MJCF.
 
     Args:
         model: an mjModel.
         mujoco: the module, for its names of numbers.
-        given: ids of bodies whose inertia stands in the file; of the others, those that do not move need none.
-        degrees: ids of hinges whose range MuJoCo leaves in degrees, because it does not keep to it.
+        explicit: ids of bodies whose inertia stands in the file; of the others, those that do not move need none.
+        degrees: ids of hinges whose range MuJoCo leaves in degrees, because it is not active.
     """
     name = bytes(model.names).partition(b"\0")[0].decode("utf-8", "replace")  # the model's is the first of all names
     root = Element("mujoco", model=name)
     SubElement(root, "compiler", angle="radian", inertiafromgeom="false")
     _option(root, model, mujoco)
-    _bodies(SubElement(root, "worldbody"), model, given, degrees)
+    _bodies(SubElement(root, "worldbody"), model, explicit, degrees)
     _tendons(SubElement(root, "tendon"), model, mujoco)
     _equalities(SubElement(root, "equality"), model, mujoco)
     if (model.geom_bodyid > 0).any():
@@ -46,7 +46,7 @@ def _text(values: Iterable[float]) -> str:
 
 
 def _set(element: Element, **values: str) -> Element:
-    """Attributes, but for empty ones."""
+    """Set attributes, but for empty ones, and return the element."""
     for key, value in values.items():
         if value:
             element.set(key, value)
@@ -54,16 +54,16 @@ def _set(element: Element, **values: str) -> Element:
 
 
 def _nonzero(element: Element, key: str, values: Iterable[float]) -> None:
-    """An attribute of numbers, where one of them is not 0; those behind it are left away."""
-    found = [float(value) for value in values]
-    while found and found[-1] == 0.0:
-        found.pop()
-    if found:
-        element.set(key, _text(found))
+    """Set an attribute of numbers, without trailing zeros, where one of them is not 0."""
+    numbers = [float(value) for value in values]
+    while numbers and numbers[-1] == 0.0:
+        numbers.pop()
+    if numbers:
+        element.set(key, _text(numbers))
 
 
 def _polynomial(model: Any, key: str, index: int) -> list[float]:
-    """A coefficient, and those of higher powers where this MuJoCo has them."""
+    """Return a coefficient, and those of higher powers where this MuJoCo has them."""
     higher = getattr(model, f"{key}poly", None)
     return [getattr(model, key)[index], *(() if higher is None else higher[index])]
 
@@ -80,8 +80,8 @@ def _option(root: Element, model: Any, mujoco: Any) -> None:
             flag.set(name.lower(), "disable")
 
 
-def _bodies(world: Element, model: Any, given: Collection[int], degrees: Collection[int]) -> None:
-    """Bodies in MuJoCo's order, each with its inertia, joints and sites."""
+def _bodies(world: Element, model: Any, explicit: Collection[int], degrees: Collection[int]) -> None:
+    """Write bodies in MuJoCo's order, each with its inertia, joints and sites."""
     made, moves = [world], [False]
     for index in range(1, model.nbody):
         parent = int(model.body_parentid[index])
@@ -89,7 +89,7 @@ def _bodies(world: Element, model: Any, given: Collection[int], degrees: Collect
         body = SubElement(made[parent], "body", pos=_text(model.body_pos[index]), quat=_text(model.body_quat[index]))
         _set(body, name=model.body(index).name, mocap="true" if model.body_mocapid[index] >= 0 else "")
         _nonzero(body, "gravcomp", [model.body_gravcomp[index]])
-        if index in given or (moves[index] and model.body_mass[index] > 0.0):
+        if index in explicit or (moves[index] and model.body_mass[index] > 0.0):
             _inertial(body, model, index)
         made.append(body)
     for index in range(model.njnt):
@@ -101,7 +101,7 @@ def _bodies(world: Element, model: Any, given: Collection[int], degrees: Collect
 
 
 def _inertial(body: Element, model: Any, index: int) -> None:
-    """Mass and inertia in the body's axes; what misses 0 by round-off is 0, which prunes the equations."""
+    """Write mass and inertia in the body's axes; round-off becomes 0, which prunes the equations."""
     turn = Item.turned(np.array(model.body_iquat[index]))
     full: Array = turn @ np.diag(model.body_inertia[index]) @ turn.T
     full = np.where(np.abs(full) < _ROUND_OFF * np.abs(full).max(), 0.0, full)
@@ -132,18 +132,18 @@ def _joint(body: Element, model: Any, index: int, unit: float) -> None:
 
 
 def _entry(model: Any, key: str, index: int) -> float:
-    """A number of newer versions of MuJoCo; 0 in others."""
+    """Return a number of newer versions of MuJoCo; 0 in others."""
     values = getattr(model, key, None)
     return 0.0 if values is None else float(values[index])
 
 
-def _tendons(part: Element, model: Any, mujoco: Any) -> None:
+def _tendons(section: Element, model: Any, mujoco: Any) -> None:
     wraps = mujoco.mjtWrap
     for index in range(model.ntendon):
         first = int(model.tendon_adr[index])
         along = range(first, first + int(model.tendon_num[index]))
         fixed = model.wrap_type[first] == wraps.mjWRAP_JOINT
-        tendon = _set(SubElement(part, "fixed" if fixed else "spatial"), name=model.tendon(index).name)
+        tendon = _set(SubElement(section, "fixed" if fixed else "spatial"), name=model.tendon(index).name)
         for key in ("stiffness", "damping"):
             _nonzero(tendon, key, _polynomial(model, f"tendon_{key}", index))
         for key in ("frictionloss", "armature", "springyield"):
@@ -161,11 +161,11 @@ def _tendons(part: Element, model: Any, mujoco: Any) -> None:
                 SubElement(tendon, "pulley" if model.wrap_type[wrap] == wraps.mjWRAP_PULLEY else "geom")
 
 
-def _equalities(part: Element, model: Any, mujoco: Any) -> None:
+def _equalities(section: Element, model: Any, mujoco: Any) -> None:
     for index in range(model.neq):
         kind = mujoco.mjtEq(model.eq_type[index]).name.removeprefix("mjEQ_").lower()
         active = "true" if model.eq_active0[index] else "false"
-        equality = _set(SubElement(part, kind, active=active), name=model.equality(index).name)
+        equality = _set(SubElement(section, kind, active=active), name=model.equality(index).name)
         data = model.eq_data[index]
         first, second = int(model.eq_obj1id[index]), int(model.eq_obj2id[index])
         if kind == "joint":

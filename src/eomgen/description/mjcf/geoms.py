@@ -1,4 +1,4 @@
-"""Mass and inertia of a MJCF body: as given, or as MuJoCo computes them from geoms.
+"""Mass and inertia of an MJCF body: those of <inertial>, or as MuJoCo computes them from geoms.
 
 Source: MuJoCo documentation, XML reference, body/geom and compiler (inertiafromgeom, boundmass, boundinertia).
 """
@@ -44,15 +44,15 @@ class Rules:
     balance: bool = False
 
 
-def given_mass(item: Item) -> Mass:
-    """Mass properties from an ``<inertial>`` element."""
+def inertial_mass(item: Item) -> Mass:
+    """Return the mass properties of an ``<inertial>`` element."""
     if "mass" not in item:
         item.fail("the attribute mass is missing; allowed: a mass in kg")
     mass = item.number("mass", minimum=0.0)
     full, diagonal = item.numbers("fullinertia", 6), item.numbers("diaginertia", 3)
     turn = item.rotation()
     if full and (diagonal or any(key in item for key in ("quat", "axisangle", "xyaxes", "zaxis", "euler"))):
-        item.fail("fullinertia is given beside diaginertia or an orientation; allowed: fullinertia alone")
+        item.fail("fullinertia stands beside diaginertia or an orientation; allowed: fullinertia alone")
     if full:
         xx, yy, zz, xy, xz, yz = full
         inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
@@ -62,7 +62,7 @@ def given_mass(item: Item) -> Mass:
 
 
 def geom_mass(item: Item, frame: Pose, rules: Rules) -> Mass:
-    """Mass properties from a ``<geom>`` placed in a frame of its body; NOTHING where it does not count."""
+    """Return the mass properties of a ``<geom>`` placed in a frame of its body; NOTHING where it does not count."""
     shape = item.choice("type", SHAPES, "sphere")
     first, last = rules.groups
     if shape in ("plane", "hfield") or not first <= item.number("group") <= last:
@@ -86,11 +86,11 @@ def geom_mass(item: Item, frame: Pose, rules: Rules) -> Mass:
 
 
 def _placed(item: Item, shape: str) -> tuple[list[float], Pose]:
-    """Sizes, and the geom's place; by fromto, where that is given."""
+    """Return sizes, and the geom's pose; by fromto, if there is one."""
     count, ends = _SIZES[shape], "fromto" in item
     if ends:
         if shape not in _LINES:
-            item.fail(f"fromto is given for a {shape}; allowed for: {', '.join(_LINES)}")
+            item.fail(f"fromto places a {shape}; allowed for: {', '.join(_LINES)}")
         pose, half = item.line()
         size = [*item.numbers("size", 1, 3)[:1] * (count - 1), half]
     else:
@@ -104,12 +104,12 @@ def _placed(item: Item, shape: str) -> tuple[list[float], Pose]:
 
 
 def _solid(shape: str, size: Sequence[float]) -> tuple[float, Array]:
-    """Volume (m^3) and principal moments of inertia over the mass (m^2), (3,)."""
+    """Return volume (m^3) and principal moments of inertia over the mass (m^2), (3,)."""
     if shape in ("ellipsoid", "box"):
         a, b, c = (value * value for value in size)
         product = size[0] * size[1] * size[2]
-        volume, part = (4.0 / 3.0 * math.pi * product, 5.0) if shape == "ellipsoid" else (8.0 * product, 3.0)
-        return volume, np.array([b + c, a + c, a + b]) / part
+        volume, divisor = (4.0 / 3.0 * math.pi * product, 5.0) if shape == "ellipsoid" else (8.0 * product, 3.0)
+        return volume, np.array([b + c, a + c, a + b]) / divisor
     r = size[0]
     if shape == "sphere":
         return 4.0 / 3.0 * math.pi * r**3, np.full(3, 0.4 * r * r)
@@ -123,30 +123,30 @@ def _solid(shape: str, size: Sequence[float]) -> tuple[float, Array]:
     return math.pi * r * r * (height + 4.0 / 3.0 * r), np.array([across, across, along])
 
 
-def together(parts: Sequence[Mass]) -> Mass:
-    """Mass properties of several bodies as one."""
-    parts = [part for part in parts if part.mass > 0.0]
-    if not parts:
+def combined_mass(masses: Sequence[Mass]) -> Mass:
+    """Return the mass properties of several bodies as one."""
+    masses = [body for body in masses if body.mass > 0.0]
+    if not masses:
         return NOTHING
-    if len(parts) == 1:
-        return parts[0]
-    mass = sum(part.mass for part in parts)
-    com = np.asarray(sum(part.mass * part.com for part in parts) / mass)
+    if len(masses) == 1:
+        return masses[0]
+    mass = sum(body.mass for body in masses)
+    com = np.asarray(sum(body.mass * body.com for body in masses) / mass)
     inertia = np.zeros((3, 3))
-    for part in parts:
-        arm = part.com - com
-        inertia += part.inertia + part.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    for body in masses:
+        arm = body.com - com
+        inertia += body.inertia + body.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
     return Mass(float(mass), com, inertia)
 
 
 def bounded(body: Mass, rules: Rules) -> Mass:
-    """Mass properties within the bounds of <compiler>: least mass, least moments, equal ones where needed."""
+    """Return mass properties within the bounds of <compiler>: least mass, least moments, equal ones where needed."""
     mass, inertia = max(body.mass, rules.least_mass), body.inertia
     if rules.least_inertia > 0.0 or rules.balance:
-        found, axes = np.linalg.eigh(inertia)
-        moments = np.maximum(found, rules.least_inertia)
+        computed, axes = np.linalg.eigh(inertia)
+        moments = np.maximum(computed, rules.least_inertia)
         if rules.balance and moments[0] + moments[1] < moments[2] * (1.0 - 1e-12):
             moments = np.full(3, moments.mean())
-        if not np.array_equal(moments, found):
+        if not np.array_equal(moments, computed):
             inertia = (axes * moments) @ axes.T
     return Mass(mass, body.com, inertia)

@@ -27,9 +27,9 @@ class Moving:
     """A hinge, slide, ball or free joint of the file.
 
     axis: unit vector in its body's axes; anchor: a point that does not move, m, in its body; both in the reference
-    position.  offset: what is added to the coordinate, m or rad.  rest: how far the joint is from the reference
-    position where its spring has no force, m or rad.  limited: whether MuJoCo keeps it within its limits.  effort:
-    greatest force of its actuators, N or N m.
+    position.  offset: added to the coordinate, m or rad.  spring_offset: distance of the spring's unloaded position
+    from the reference position, m or rad.  limited: whether MuJoCo keeps it within its limits.  effort: greatest
+    force of its actuators, N or N m.
     damping: of a ball or free joint.
     """
 
@@ -40,17 +40,17 @@ class Moving:
     coordinate: Coordinate = field(default_factory=Coordinate)
     offset: float | None = None
     limits: tuple[float, float] | None = None
-    rest: float = 0.0
+    spring_offset: float = 0.0
     limited: bool = False
     effort: float | None = None
     damping: JointDamping | None = None
 
     @property
-    def at_rest(self) -> Pose:
-        """The joint's motion in its body's axes from the reference position to that of its spring."""
+    def spring_pose(self) -> Pose:
+        """The joint's motion in its body's axes from the reference position to the spring's unloaded position."""
         if self.kind == "slide":
-            return Pose(np.eye(3), self.rest * self.axis)
-        turn = about(self.axis, self.rest)
+            return Pose(np.eye(3), self.spring_offset * self.axis)
+        turn = about(self.axis, self.spring_offset)
         return Pose(turn, self.anchor - turn @ self.anchor)
 
 
@@ -78,7 +78,7 @@ class Group:
 
     @property
     def by_coordinate(self) -> dict[str, Moving]:
-        """The file's joint of each coordinate; of a ball or free joint it is the same."""
+        """The file's joint of each coordinate; one for all of a ball or free joint."""
         joints = self.joints if len(self.joints) == len(self.names) else self.joints * len(self.names)
         return dict(zip(self.names, joints, strict=True))
 
@@ -91,7 +91,7 @@ class Group:
 
 
 def groups(joints: Sequence[Moving]) -> Iterator[Group]:
-    """The joints of a body as few joints of several coordinates."""
+    """Yield the joints of a body as few joints of several coordinates."""
     rest = list(joints)
     while rest:
         if rest[0].kind in ("free", "ball"):
@@ -108,7 +108,7 @@ def groups(joints: Sequence[Moving]) -> Iterator[Group]:
 
 
 def _group(joints: Sequence[Moving]) -> Group | None:
-    """The joints as one, if they fit."""
+    """Return the joints as one, if they fit; else None."""
     kinds = [joint.kind for joint in joints]
     if not set(kinds) <= {"slide", "hinge"} or kinds != sorted(kinds, reverse=True):
         return None  # a slide behind a hinge moves along turned axes
@@ -129,20 +129,20 @@ def _group(joints: Sequence[Moving]) -> Group | None:
 
 
 def _triad(names: Sequence[str], axes: Sequence[Array]) -> Array | None:
-    """The right-handed triad, as columns, that has these axes where the names' coordinates have theirs."""
-    found: dict[int, Array] = {}
+    """Return the right-handed triad, as columns, with these axes at the names' coordinates; None without one."""
+    axis_at: dict[int, Array] = {}
     for name, axis in zip(names, axes, strict=True):
         place = COORDINATES.index(name) % 3
-        if np.abs(found.setdefault(place, axis) - axis).max() > _CLOSE:
+        if np.abs(axis_at.setdefault(place, axis) - axis).max() > _CLOSE:
             return None
-    if len(found) == 1:
-        ((place, axis),) = found.items()
+    if len(axis_at) == 1:
+        ((place, axis),) = axis_at.items()
         return np.roll(np.array(axis_turn(triple(axis))), place - 2, axis=1)
-    if len(found) == 2:
-        a, b = sorted(found)
-        third = np.cross(found[a], found[b])
-        found[3 - a - b] = third if (b - a) == 1 else -third
-    turn = np.column_stack([found[place] for place in range(3)])
+    if len(axis_at) == 2:
+        a, b = sorted(axis_at)
+        third = np.cross(axis_at[a], axis_at[b])
+        axis_at[3 - a - b] = third if (b - a) == 1 else -third
+    turn = np.column_stack([axis_at[place] for place in range(3)])
     if np.abs(turn.T @ turn - np.eye(3)).max() > _CLOSE or np.linalg.det(turn) < 0.0:
         return None
     return tidy(turn)

@@ -1,7 +1,7 @@
-"""The files that a MJCF model names, looked at before MuJoCo compiles it: circles, copies of copies, NaN.
+"""Checks of the files that an MJCF model names before MuJoCo compiles it: circles, copies of copies, NaN.
 
 MuJoCo itself ends the process on a model that attaches itself, makes copies until memory ends, and takes "nan" for
-a number that was not given.
+a missing number.
 """
 
 from __future__ import annotations
@@ -52,12 +52,12 @@ def nan_in(root: Element) -> tuple[Element, str] | None:
 
 
 def nan_message(element: Element, key: str) -> str:
-    """Say that an attribute holds NaN, which MuJoCo would take for a number that was not given."""
+    """Say that an attribute holds NaN, which MuJoCo would take for a missing number."""
     return f"{key} is {show(element.attrib[key])}; allowed: finite numbers, or no {key}"
 
 
 def check_other_files(path: Path, xml: Xml) -> None:
-    """Refuse a model whose files MuJoCo could not compile, before it is asked to.
+    """Refuse a model whose files MuJoCo could not compile, before it tries.
 
     Args:
         path: the model's file.
@@ -72,7 +72,7 @@ def check_other_files(path: Path, xml: Xml) -> None:
 
 @dataclass
 class _Files:
-    """Files that a model names: which are being read, and how many elements those that can be attached stand for."""
+    """Files that a model names: which are being read, and how many elements those for attachment stand for."""
 
     folder: Path
     open: list[Path] = field(default_factory=list)
@@ -83,55 +83,55 @@ class _Files:
         """Count the elements of a model with all copies, and with those of the files that it names."""
         if path not in self.counted:
             self.open.append(path)
-            parts: dict[Path, Xml] = {}
-            self._include(path, xml, parts)
+            files: dict[Path, Xml] = {}
+            self._include(path, xml, files)
             models: dict[str, int] = {}
-            for part, inner in parts.items():
-                self._models(part, inner, models)
-            self.counted[path] = self._with_copies(path, parts, models)
+            for file, inner in files.items():
+                self._models(file, inner, models)
+            self.counted[path] = self._with_copies(path, files, models)
             self.open.pop()
         return self.counted[path]
 
-    def _include(self, path: Path, xml: Xml, parts: dict[Path, Xml]) -> None:
-        """Add a file, and those that it includes, to the parts of a model."""
-        if (found := nan_in(xml.root)) is not None:
-            _fail(xml, found[0], nan_message(*found))
-        parts[path] = xml
+    def _include(self, path: Path, xml: Xml, files: dict[Path, Xml]) -> None:
+        """Add a file, and those that it includes, to the files of a model."""
+        if (nan := nan_in(xml.root)) is not None:
+            _fail(xml, nan[0], nan_message(*nan))
+        files[path] = xml
         for element in xml.root.iter("include"):
             other, inner = self._named(path, xml, element)
-            if other is not None and inner is not None and other not in parts:  # MuJoCo takes each once
+            if other is not None and inner is not None and other not in files:  # MuJoCo takes each once
                 self.open.append(other)
-                self._include(other, inner, parts)
+                self._include(other, inner, files)
                 self.open.pop()
 
     def _models(self, path: Path, xml: Xml, models: dict[str, int]) -> None:
-        """Add elements of each model that a file brings in to be attached, by its name."""
+        """Add the number of elements of each model that a file declares for attachment, by its name."""
         for element in xml.root.iterfind("asset/model"):
             other, inner = self._named(path, xml, element)
             if other is not None and inner is not None:
                 for name in (element.get("name"), inner.root.get("model")):
                     models[name or ""] = max(models.get(name or "", 0), self.count(other, inner))
 
-    def _with_copies(self, path: Path, parts: dict[Path, Xml], models: dict[str, int]) -> int:
-        total, seen, stack = 0, {path}, [(path, parts[path].root, 1)]
+    def _with_copies(self, path: Path, files: dict[Path, Xml], models: dict[str, int]) -> int:
+        total, seen, stack = 0, {path}, [(path, files[path].root, 1)]
         while stack:
             at, element, copies = stack.pop()
             if element.tag in _COPIES and (copies := copies * _copies(element)) > MOST_ENTRIES:
                 message = f"its bodies are copied {copies} times; allowed: up to {MOST_ENTRIES}"
-                _fail(parts[at], element, message)
+                _fail(files[at], element, message)
             total += copies * (1 + (models.get(element.get("model", ""), 0) if element.tag == "attach" else 0))
             if total > _MOST_ELEMENTS:
                 message = f"with all copies and all files the model has more than {_MOST_ELEMENTS} elements"
-                _fail(parts[at], element, f"{message}; allowed: up to {_MOST_ELEMENTS}")
+                _fail(files[at], element, f"{message}; allowed: up to {_MOST_ELEMENTS}")
             stack += [(at, child, copies) for child in element]
             other = self._other(at, element) if element.tag == "include" else None
-            if other is not None and other in parts and other not in seen:
+            if other is not None and other in files and other not in seen:
                 seen.add(other)
-                stack += [(other, child, copies) for child in parts[other].root]
+                stack += [(other, child, copies) for child in files[other].root]
         return total
 
     def _named(self, path: Path, xml: Xml, element: Element) -> tuple[Path | None, Xml | None]:
-        """The file that an element names, and what stands in it; None where MuJoCo will say why not."""
+        """Return the file that an element names, and its XML; None where MuJoCo will say why not."""
         other = self._other(path, element)
         if other is None:
             return None, None
@@ -145,7 +145,7 @@ class _Files:
         return other, self._xml(other)
 
     def _other(self, path: Path, element: Element) -> Path | None:
-        """The file that an element names: beside its own file, or beside the model's."""
+        """Return the file that an element names: beside the element's file, or beside the model's."""
         name = element.get("file", "")
         for folder in (path.parent, self.folder):
             try:
@@ -167,9 +167,9 @@ class _Files:
 
 
 def _copies(element: Element) -> int:
-    """Copies that an element makes of what is in it, or of its points."""
-    parts = [found[1] for part in element.get("count", "1").split() if (found := _WHOLE.match(part))]
-    return math.prod(max(1, int(part)) if len(part) < 10 else MOST_ENTRIES + 1 for part in parts[:3])
+    """Return how many copies an element makes of its contents, or of its points."""
+    words = [match[1] for word in element.get("count", "1").split() if (match := _WHOLE.match(word))]
+    return math.prod(max(1, int(word)) if len(word) < 10 else MOST_ENTRIES + 1 for word in words[:3])
 
 
 def _fail(xml: Xml, element: Element, message: str) -> NoReturn:

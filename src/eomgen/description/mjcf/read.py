@@ -30,7 +30,7 @@ from .equalities import read_equalities
 from .geoms import Rules
 from .other_files import nan_in, nan_message
 from .tendons import read_tendons
-from .values import Item, LeftToMujoco, Reading, triple
+from .values import Item, NeedsMujoco, Reading, triple
 
 _IGNORED = ("asset", "contact", "keyframe", "sensor", "size", "statistic", "visual")
 _READ = (
@@ -47,7 +47,7 @@ _EXPANDED = (
 
 
 def root_tag(text: str) -> str:
-    """The name of the first element of an XML text, "" where there is none; nothing is parsed."""
+    """Return the name of the first element of an XML text, "" where there is none; nothing is parsed."""
     at = text.find("<")
     while at >= 0:
         if text.startswith("<!--", at):
@@ -60,7 +60,7 @@ def root_tag(text: str) -> str:
 
 
 def draft_from_mjcf(text: str, source: str, path: Path | None = None) -> Draft:
-    """Read a MJCF model.
+    """Read an MJCF model.
 
     Args:
         text: the XML.
@@ -74,14 +74,14 @@ def draft_from_mjcf(text: str, source: str, path: Path | None = None) -> Draft:
     xml = parse_xml(text, source, "mujoco")
     try:
         return _draft(xml, source)
-    except LeftToMujoco as refusal:
+    except NeedsMujoco as refusal:
         if path is None:
             raise
         return _compiled(path, refusal, xml)
 
 
 def _draft(xml: Xml, source: str) -> Draft:
-    """The draft of elements that stand in a file."""
+    """Return the draft of a file's elements."""
     reading, written = _reading(xml.root, source, xml.notes), dict[str, Element]()
     try:
         _read(xml.root, reading, written)
@@ -95,22 +95,22 @@ def _draft(xml: Xml, source: str) -> Draft:
     return draft
 
 
-def _compiled(path: Path, refusal: LeftToMujoco, xml: Xml) -> Draft:
-    """The draft of what MuJoCo makes of a file; its elements have no lines."""
+def _compiled(path: Path, refusal: NeedsMujoco, xml: Xml) -> Draft:
+    """Return the draft of a file as MuJoCo compiles it; its elements have no lines."""
     from .compiled import compiled_model  # only who has such a file asks for MuJoCo
 
     source = refusal.source
     try:
-        found = compiled_model(path, refusal, xml)
+        compiled = compiled_model(path, refusal, xml)
     except DescriptionError as error:
         if error.line is None:
             error.line, error.column = refusal.line, refusal.column
         raise
-    reading = _reading(found.root, source, (*xml.notes, *found.warnings))
-    _read(found.root, reading, {})
+    reading = _reading(compiled.root, source, (*xml.notes, *compiled.warnings))
+    _read(compiled.root, reading, {})
     draft = reading.draft
     reason = refusal.message.partition("; allowed")[0]
-    draft.notes.insert(0, f"read as MuJoCo {found.version} compiles it ({refusal.where}: {reason})")
+    draft.notes.insert(0, f"read as MuJoCo {compiled.version} compiles it ({refusal.where}: {reason})")
     draft.foreign = set(draft.links)
     return draft
 
@@ -179,7 +179,7 @@ def _compiler(root: Element, reading: Reading) -> Rules:
         if item.choice("coordinate", ("local", "global"), "local") == "global":
             item.fail("coordinate is 'global'; allowed: 'local'")
         if item.number("settotalmass", -1.0) > 0.0:
-            item.leave("settotalmass is given, which scales all masses; allowed: masses as they are to be")
+            item.leave("settotalmass scales all masses; allowed: masses as they are to be")
         groups = item.numbers("inertiagrouprange", 2) or [0.0, 5.0]
         rules = Rules(
             item.choice("inertiafromgeom", ("auto", "true", "false"), "auto"),
@@ -194,7 +194,7 @@ def _compiler(root: Element, reading: Reading) -> Rules:
 
 
 def _option(root: Element, reading: Reading) -> dict[str, bool]:
-    """Gravity into the draft; what of _FLAGS is on."""
+    """Read gravity into the draft; return which of _FLAGS are on."""
     on = dict.fromkeys(_FLAGS, True)
     for element in root.iterfind("option"):
         item = Item(reading, element, "option")
@@ -216,9 +216,9 @@ def _option(root: Element, reading: Reading) -> dict[str, bool]:
 
 
 def _read_velocities(root: Element, reading: Reading) -> None:
-    """Put limits of speed into the draft, which MuJoCo knows as numbers without a meaning."""
-    for part in root.iterfind("custom"):
-        for element in part.iterfind("numeric"):
+    """Put velocity limits into the draft, which MuJoCo knows as numbers without a meaning."""
+    for section in root.iterfind("custom"):
+        for element in section.iterfind("numeric"):
             name, ending, rest = element.get("name", "").partition(VELOCITY)
             joint = reading.draft.joints.get(joint_of(name)) if ending and not rest and "." in name else None
             if joint is not None and kind_of(name) in joint.coordinates:
@@ -228,19 +228,21 @@ def _read_velocities(root: Element, reading: Reading) -> None:
 
 
 def _refuse(root: Element, reading: Reading) -> None:
-    """Refuse what acts on the motion outside of bodies and is not supported."""
-    for part in root.iterfind("deformable"):
-        for element in part:
+    """Refuse elements outside of bodies that act on the motion and are not supported."""
+    for section in root.iterfind("deformable"):
+        for element in section:
             if element.tag not in _NO_EFFECT:
                 Item(reading, element, "deformable").fail("a body that deforms is not supported; allowed: without it")
-    for part in root.iterfind("extension"):
-        Item(reading, part, "extension").fail("plugins are not read; allowed: a model without them")
+    for section in root.iterfind("extension"):
+        Item(reading, section, "extension").fail("plugins are not read; allowed: a model without them")
 
 
 def _remarks(root: Element, reading: Reading) -> None:
-    """Notes on what is left out on purpose."""
+    """Add notes on elements that are left out on purpose."""
     names = [
-        element.get("name") or f"<{show(element.tag)[1:-1]}>" for part in root.iterfind("actuator") for element in part
+        element.get("name") or f"<{show(element.tag)[1:-1]}>"
+        for section in root.iterfind("actuator")
+        for element in section
     ]
     if names:
         what = "of actuators limits of force are read, not gains, damping and armature (drives are u)"

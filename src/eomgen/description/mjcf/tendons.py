@@ -1,4 +1,4 @@
-"""Straight tendons of MJCF between two sites as springs between points."""
+"""Straight tendons of MJCF between two sites as point-to-point spring-dampers."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ _FORCES = ("stiffness", "damping", "frictionloss", "armature", "springyield")
 def read_tendons(
     root: Element, reading: Reading, defaults: Defaults, bodies: Bodies, flags: Mapping[str, bool]
 ) -> None:
-    """Tendons that have forces into the draft; others do nothing.
+    """Read tendons that have forces into the draft; others do nothing.
 
     Raises:
         DescriptionError: a tendon with forces is no straight line between two sites, or has forces that springs lack.
     """
-    elements = [element for part in root.iterfind("tendon") for element in part]
+    elements = [element for section in root.iterfind("tendon") for element in section]
     names = Names(list(dict.fromkeys(name for element in elements if (name := element.get("name")))))
     for element in elements:
         text = element.get("name", "")
@@ -47,7 +47,7 @@ def read_tendons(
 
 
 def _spring(item: Item, text: str, bodies: Bodies, flags: Mapping[str, bool]) -> tuple | None:  # type: ignore[type-arg]
-    """Links, points, free length, stiffness and damping of a tendon; None where it does nothing."""
+    """Return links, points, free length, stiffness and damping of a tendon; None where it does nothing."""
     ends = list(item.element)
     if item.element.tag != "spatial" or len(ends) != 2 or any(end.tag != "site" for end in ends):
         item.fail("it has forces and is no straight line between two sites; allowed: <spatial> with two <site>")
@@ -83,7 +83,7 @@ def _spring(item: Item, text: str, bodies: Bodies, flags: Mapping[str, bool]) ->
 
 
 def _linear(item: Item, key: str) -> float:
-    found = item.numbers(key, 1, 3)
-    if any(found[1:]) or min(found, default=0.0) < 0.0:
+    coefficients = item.numbers(key, 1, 3)
+    if any(coefficients[1:]) or min(coefficients, default=0.0) < 0.0:
         item.fail(f"{key} is {show(item.values[key])}; allowed: a number that is at least 0")
-    return found[0] if found else 0.0
+    return coefficients[0] if coefficients else 0.0

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 Named = TypeVar("Named")
-TURNS = ("axisangle", "xyaxes", "zaxis", "euler")  # what MuJoCo takes before a quat
+TURNS = ("axisangle", "xyaxes", "zaxis", "euler")  # which MuJoCo takes before a quat
 ORIENTATIONS = ("quat", *TURNS)
 _SMALL = 1e-12  # shortest direction
 
@@ -50,7 +50,7 @@ class Pose:
         return Pose(tidy(self.rotation @ other.rotation), self.xyz + self.rotation @ other.xyz)
 
     def point(self, xyz: Array) -> Array:
-        """A point of the placed frame, m."""
+        """Transform a point of the placed frame, m."""
         return np.asarray(self.xyz + self.rotation @ xyz)
 
     def placement(self) -> Placement:
@@ -62,25 +62,25 @@ HERE = Pose(np.eye(3), np.zeros(3))
 
 
 def tidy(rotation: Array) -> Array:
-    """The rotation, with what misses -1, 0 or 1 by round-off put there: it prunes the equations."""
+    """Return the rotation with round-off about -1, 0 and 1 removed, which prunes the equations."""
     nearest_integer = np.round(rotation)
     return np.where(np.abs(rotation - nearest_integer) < 4e-16, nearest_integer, rotation) + 0.0
 
 
 def triple(values: Array) -> Vector:
-    """Three floats, without negative zeros."""
+    """Return three floats, without negative zeros."""
     x, y, z = (float(value) + 0.0 for value in values)
     return x, y, z
 
 
 def matrix(values: Array) -> Matrix:
-    """Nine floats."""
+    """Return nine floats as rows."""
     a, b, c = (triple(row) for row in values)
     return a, b, c
 
 
-class LeftToMujoco(DescriptionError):
-    """A refusal of what becomes plain bodies, joints and masses when MuJoCo compiles the model."""
+class NeedsMujoco(DescriptionError):
+    """A refusal of elements that become plain bodies, joints and masses when MuJoCo compiles the model."""
 
 
 class Item:
@@ -88,7 +88,7 @@ class Item:
 
     Args:
         allowed: names of attributes; any other is refused.
-        values: all attributes, where a default class adds to the element's own.
+        values: all attributes, where a default class adds to the element's.
     """
 
     def __init__(
@@ -118,7 +118,7 @@ class Item:
     def leave(self, message: str) -> NoReturn:
         """Raise the DescriptionError of this element, for something that MuJoCo compiles into plain elements."""
         self.reading.at = self.element
-        raise LeftToMujoco(message, where=self.where, source=self.reading.draft.source)
+        raise NeedsMujoco(message, where=self.where, source=self.reading.draft.source)
 
     def __contains__(self, key: str) -> bool:
         return key in self.values
@@ -127,17 +127,17 @@ class Item:
         return "" if key in self.element.attrib else " (by its default class)"
 
     def numbers(self, key: str, least: int, most: int | None = None) -> list[float]:
-        """So many finite numbers; none where the attribute is absent."""
+        """Return ``least`` to ``most`` finite numbers; none where the attribute is absent."""
         if key not in self.values:
             return []
         most = least if most is None else most
         text = self.values[key]
-        parts = text[: 32 * 1024].split()
-        if not least <= len(parts) <= most:
+        words = text[: 32 * 1024].split()
+        if not least <= len(words) <= most:
             count = f"{least} numbers" if least == most else f"{least} to {most} numbers"
             count = "a number" if most == 1 else count
             self.fail(f"{key} is {show(text)}{self._from(key)}; allowed: {count}")
-        return [self._float(part, key) for part in parts]
+        return [self._float(word, key) for word in words]
 
     def _float(self, text: str, key: str) -> float:
         value = float(text) if NUMBER.fullmatch(text) else math.nan
@@ -147,27 +147,27 @@ class Item:
         return value + 0.0  # turns -0.0 into 0.0
 
     def number(self, key: str, default: float = 0.0, minimum: float | None = None) -> float:
-        """A finite number."""
-        found = self.numbers(key, 1)
-        if not found:
+        """Return a finite number."""
+        numbers = self.numbers(key, 1)
+        if not numbers:
             return default
-        if minimum is not None and found[0] < minimum:
-            self.fail(f"{key} is {found[0]:g}{self._from(key)}; allowed: a number that is at least {minimum:g}")
-        return found[0]
+        if minimum is not None and numbers[0] < minimum:
+            self.fail(f"{key} is {numbers[0]:g}{self._from(key)}; allowed: a number that is at least {minimum:g}")
+        return numbers[0]
 
     def vector(self, key: str, default: Sequence[float] = (0.0, 0.0, 0.0)) -> Array:
-        """Three numbers, (3,)."""
+        """Return three numbers, (3,)."""
         return np.array(self.numbers(key, 3) or default, dtype=float)
 
     def choice(self, key: str, allowed: Sequence[str], default: str) -> str:
-        """One of a few words."""
+        """Return one of a few words."""
         value = self.values.get(key, default)
         if value not in allowed:
             self.fail(f"{key} is {show(value)}{self._from(key)}; allowed: {', '.join(allowed)}")
         return value
 
     def named(self, key: str, known: Mapping[str, Named], what: str, default: str = "") -> Named:
-        """The part under the name that an attribute gives; ``what``: "such site", say, for messages."""
+        """Return the value under the name in an attribute; ``what``: "such site", say, for messages."""
         text = self.values.get(key, default)
         if text not in known:
             message = f"{key} is {show(text)}, and there is no {what}{nearest(text, known)}"
@@ -175,15 +175,15 @@ class Item:
         return known[text]
 
     def flag(self, key: str, default: bool = False) -> bool:
-        """true or false."""
+        """Return the truth value of an attribute, true or false."""
         return self.choice(key, ("true", "false"), "true" if default else "false") == "true"
 
     def pose(self) -> Pose:
-        """pos and orientation."""
+        """Return the pose of pos and orientation."""
         return Pose(self.rotation(), self.vector("pos"))
 
     def line(self) -> tuple[Pose, float]:
-        """The place, and the half length (m), that fromto gives.
+        """Return pose and half length (m) of fromto.
 
         z points from the second point to the first: so MuJoCo has it, although its documentation says the opposite.
         """
@@ -195,7 +195,7 @@ class Item:
         return Pose(tidy(onto((first - second) / length)), 0.5 * (first + second)), 0.5 * length
 
     def direction(self, key: str, default: Sequence[float]) -> Array:
-        """A unit vector, (3,)."""
+        """Return a unit vector, (3,)."""
         return self._unit(self.vector(key, default), key)
 
     def _unit(self, value: Array, key: str) -> Array:
@@ -205,16 +205,16 @@ class Item:
         return np.array([snap(float(x)) for x in value / length]) + 0.0
 
     def rotation(self) -> Array:
-        """The element's axes as columns, (3, 3), from quat, axisangle, xyaxes, zaxis or euler."""
-        own = [key for key in ORIENTATIONS if key in self.element.attrib]
-        if len(own) > 1:
-            self.fail(f"the attributes {own[0]} and {own[1]} are given; allowed: one orientation")
-        inherited = [key for key in TURNS if key in self.values and key not in own]
-        if own == ["quat"] and inherited:
-            message = f"quat is given here, and {inherited[0]} by its default class, which MuJoCo takes before it"
+        """Return the element's axes as columns, (3, 3), from quat, axisangle, xyaxes, zaxis or euler."""
+        local = [key for key in ORIENTATIONS if key in self.element.attrib]
+        if len(local) > 1:
+            self.fail(f"the attributes {local[0]} and {local[1]} are both set; allowed: one orientation")
+        inherited = [key for key in TURNS if key in self.values and key not in local]
+        if local == ["quat"] and inherited:
+            message = f"quat is set here, and {inherited[0]} by its default class, which MuJoCo takes before it"
             self.fail(f"{message}; allowed: {inherited[0]} here, too")
-        found = own or inherited or [key for key in ORIENTATIONS if key in self.values]
-        return tidy(getattr(self, f"_{found[0]}")()) if found else np.eye(3)
+        keys = local or inherited or [key for key in ORIENTATIONS if key in self.values]
+        return tidy(getattr(self, f"_{keys[0]}")()) if keys else np.eye(3)
 
     def _quat(self) -> Array:
         quat = np.array(self.numbers("quat", 4))
@@ -225,7 +225,7 @@ class Item:
 
     @staticmethod
     def turned(quat: Array) -> Array:
-        """The rotation of a quaternion w, x, y, z that is not 0, (3, 3)."""
+        """Return the rotation of a quaternion w, x, y, z that is not 0, (3, 3)."""
         w, x, y, z = quat / math.hypot(*quat)
         return np.array(
             [
@@ -250,7 +250,7 @@ class Item:
         return onto(self._unit(np.array(self.numbers("zaxis", 3)), "zaxis"))
 
     def _euler(self) -> Array:
-        """Small letters turn about axes that turn along, capital ones about fixed axes."""
+        """Return the rotation of euler: small letters are intrinsic rotations, capital ones extrinsic."""
         result = np.eye(3)
         for letter, angle in zip(self.reading.eulerseq, self.numbers("euler", 3), strict=True):
             turn = about(np.eye(3)["xyz".index(letter.lower())], angle * self.reading.angle)
@@ -259,7 +259,7 @@ class Item:
 
 
 def about(axis: Array, angle: float) -> Array:
-    """The rotation by an angle (rad) about a unit vector, (3, 3)."""
+    """Return the rotation by an angle (rad) about a unit vector, (3, 3)."""
     c, s = snap(math.cos(angle)), snap(math.sin(angle))
     x, y, z = axis
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
@@ -267,7 +267,7 @@ def about(axis: Array, angle: float) -> Array:
 
 
 def onto(direction: Array) -> Array:
-    """The least rotation that turns z onto a unit vector; about x where they are opposite."""
+    """Return the least rotation of z onto a unit vector; about x where they are opposite."""
     axis, c = np.cross([0.0, 0.0, 1.0], direction), direction[2]
     s = math.hypot(*axis)
     if s < 1e-15:
