@@ -1,4 +1,4 @@
-"""Files that somebody has written, checked without generating anything; what ``eomgen check`` says of them."""
+"""Checks of files that people wrote, without generating anything, for ``eomgen check``."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from .stops import home_notes, start_notes
 
 @dataclass(frozen=True)
 class Checked:
-    """A file: of which of ``FORMATS`` it is, what it has in it, and all that is wrong with it.
+    """A checked file: its kind (of ``FORMATS``), its counts, and all of its errors.
 
-    summary: by what it counts, such as links and coordinates; empty where something is wrong.
+    summary: counts by name, such as links and coordinates; empty where there are errors.
     """
 
     file: str
@@ -45,12 +45,12 @@ class Checked:
         return [f"{self.file}: ok: {counts}", *(self._note(note) for note in self.notes)]
 
     def _note(self, note: str) -> str:
-        """A note behind its place, which is the file where the note has none."""
+        """Return a note behind its place, which is the file where the note has none."""
         placed = re.match(rf"({re.escape(self.file)}(?::[0-9]+)+): ", note)
         return f"{self.file}: note: {note}" if placed is None else f"{placed[1]}: note: {note[placed.end() :]}"
 
     def as_dict(self) -> dict[str, Any]:
-        """Values that JSON holds."""
+        """Return values that JSON holds."""
         about = {"file": self.file, "kind": self.kind, "ok": not self.errors, **self.summary}
         return {**about, "errors": [_facts(error) for error in self.errors], "notes": list(self.notes)}
 
@@ -77,11 +77,11 @@ def check_file(
             text = read_text(Path(path), name, ".toml file")
             values = parse_toml(text, name)
             kind = kind_of(values)
-            found = faults(FORMATS[kind][0], values, name)
-            locate(found, text, values)
-            if found:
-                found.sort(key=lambda error: (error.line or 0, error.column or 0))
-                return Checked(name, kind, {}, tuple(found))
+            errors = faults(FORMATS[kind][0], values, name)
+            locate(errors, text, values)
+            if errors:
+                errors.sort(key=lambda error: (error.line or 0, error.column or 0))
+                return Checked(name, kind, {}, tuple(errors))
             read = _read(Path(path), name, kind, options)
             return replace(read, notes=(*read.notes, *unit_questions(FORMATS[kind][0], values)))
         return _read(Path(path), name, kind, options)
@@ -92,7 +92,7 @@ def check_file(
 def check_files(
     paths: Sequence[str | Path], *, inertia: str | None = None, floating_base: bool = False, xacro: Xacro = False
 ) -> list[Checked]:
-    """``check_file`` of each, and what is remarkable of scenarios beside the robots among them."""
+    """Check each file as ``check_file``; notes of scenarios refer to the robots among them, too."""
     how: dict[str, Any] = {"inertia": inertia, "floating_base": floating_base, "xacro": xacro}
     checked = [check_file(path, **how) for path in paths]
     usable = [(path, file) for path, file in zip(paths, checked, strict=True) if not file.errors]
@@ -108,7 +108,7 @@ def check_files(
 
 
 def kind_of(values: Mapping[str, object]) -> str:
-    """The format, of FORMATS, that has most of the keys; a robot where that does not tell."""
+    """Return the format, of FORMATS, that has most of the keys; a robot where that does not tell."""
     return max(FORMATS, key=lambda kind: len(FORMATS[kind][0].keys.keys() & values.keys()))
 
 
@@ -132,7 +132,7 @@ def _read(path: Path, name: str, kind: str, options: ReadOptions) -> Checked:
 
 
 def _facts(error: InputError) -> dict[str, Any]:
-    """The parts of a message."""
+    """Return the fields of a message."""
     if not isinstance(error, DescriptionError):
         return {"message": str(error)}
     place = {"file": error.source, "line": error.line, "column": error.column, "place": error.where}

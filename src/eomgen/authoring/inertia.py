@@ -1,4 +1,4 @@
-"""Notes on inertia in descriptions: whether accelerations can be found at all, before anything is generated."""
+"""Notes on inertia in descriptions: whether M is regular at all, before anything is generated."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ ADVICE = "give links mass and inertia, or the coordinate an armature"
 
 
 def inertia_notes(robot: Robot) -> tuple[str, ...]:
-    """Lines about inertia that is missing: nothing that moves has any, or M is singular in every state."""
+    """Return lines about missing inertia: nothing that moves has any, or M is singular in every state."""
     if not any(joint.coordinates for joint in robot.joints):
         return ()
     model = build_model(robot)
@@ -29,34 +29,34 @@ def inertia_notes(robot: Robot) -> tuple[str, ...]:
         return ()
     free = [i for i in range(model.size) if i not in model.prescribed]
     names = [model.coordinates[i] for i in free]
-    found: list[str] = list(names)
+    singular: list[str] = list(names)
     rng = np.random.default_rng(0)
     for _ in range(STATES if free else 0):
         M = mass_matrix(model, rng.uniform(0.2, 0.9, model.size))[np.ix_(free, free)]
         if scaled_eigenvalues(M)[0][0] > VANISHED:
             return ()
         null = null_coordinates(M, names)
-        found = [name for name in found if name in null]
-    if not found:
+        singular = [name for name in singular if name in null]
+    if not singular:
         return ()
-    resting = [link.name for link in moving if not link.mass and not any(link.inertia)]
-    without = f"; without mass and inertia: {listed(resting)}" if resting else ""
-    return (f"the mass matrix is singular in every state: {listed(found)} moves no inertia{without}; {ADVICE}",)
+    massless = [link.name for link in moving if not link.mass and not any(link.inertia)]
+    without = f"; without mass and inertia: {listed(massless)}" if massless else ""
+    return (f"the mass matrix is singular in every state: {listed(singular)} moves no inertia{without}; {ADVICE}",)
 
 
 def mass_matrix(model: Model, q: Array) -> Array:
-    """M of the tree in one state, (n, n), by the generator's recursion on floats; q (n,), m or rad."""
+    """Return M of the tree in one state, (n, n), by the generator's recursion on floats; q (n,), m or rad."""
     from ..codegen.tree.bound import bind  # SymPy, which only a robot's check needs
     from ..codegen.tree.composite import mass_matrix as entries
     from ..codegen.tree.followers import Followers
     from ..codegen.tree.frozen_joints import geometry
 
-    whole, own = with_offset_angles(model)
+    whole, indices = with_offset_angles(model)
     at = dict(zip(model.coordinates, q.tolist(), strict=True))
     bound = bind(whole, lambda _, number: number, _sincos)
     followers = Followers(whole, model, bound)
     placed = followers.follow([at.get(name, 0.0) for name in whole.coordinates], positions=True)
-    M, places = np.zeros((model.size, model.size)), {place: i for i, place in enumerate(own)}
+    M, places = np.zeros((model.size, model.size)), {place: i for i, place in enumerate(indices)}
     upper = entries(whole, bound, geometry(whole, bound, placed, _sincos))
     for (i, j), value in followers.symmetric(upper).items() if followers else upper.items():
         if i in places and j in places:

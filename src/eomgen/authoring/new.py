@@ -1,4 +1,4 @@
-"""A first file for somebody who begins: what ``eomgen new`` writes."""
+"""First files for somebody who begins, for ``eomgen new``."""
 
 from __future__ import annotations
 
@@ -72,9 +72,9 @@ def write_dh_file(name: str, table: Table, convention: str, path: str | Path | N
 
 
 def poses_file_text(robot: Robot) -> str:
-    """A commented .csv for measured poses of a robot: its header has the columns, the values are to come."""
+    """Return a commented .csv for measured poses of a robot: its header has the columns, the values are to come."""
     frame = tool_of(robot, None)
-    columns = [*program_coordinates(robot), *(component_name(frame, part) for part in MOTIONS)]
+    columns = [*program_coordinates(robot), *(component_name(frame, motion) for motion in MOTIONS)]
     lines = (_FOLDER / "poses.csv").read_text(encoding="ascii").splitlines()
     about = [line.replace("ROBOT", robot.name).replace("FRAME", frame) for line in lines]
     example = ",".join("0.0" for _ in columns)
@@ -110,13 +110,14 @@ def _robot_here(name: str) -> Robot:
     """Return the robot of that name: of a file in the working folder, or a built-in one."""
     if not is_robot_name(name):
         raise InputError(f"new: got the name {show(name)}; allowed: {ROBOT_RULE}")
-    own = [Path(f"{name}{ending}") for ending in (".toml", ".urdf") if Path(f"{name}{ending}").is_file()]
-    if not own and name not in builtin_robots():
+    files = [Path(f"{name}{ending}") for ending in (".toml", ".urdf") if Path(f"{name}{ending}").is_file()]
+    if not files and name not in builtin_robots():
         raise InputError(
             f"new: there is no robot {show(name)}; allowed: the name of a .toml or .urdf file here, or of a built-in"
             f" robot ({listed(builtin_robots())})"
         )
-    return load_robot(own[0] if own else name)
+    target = Path(f"{name}_poses.csv") if path is None else Path(path)
+    return _write_new(poses_file_text(load_robot(files[0] if files else name)), target, ".csv")
 
 
 def _write_new(text: str, target: Path, ending: str) -> Path:

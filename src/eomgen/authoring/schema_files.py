@@ -1,4 +1,4 @@
-"""Files of the JSON Schemas, which eomgen is installed with; ``schemas`` writes what they hold."""
+"""Files of the JSON Schemas that are installed with eomgen; ``schemas`` writes them."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ _FOLDER = Path(__file__).parents[1] / "schemas"
 
 
 def schema_path(name: str) -> Path:
-    """The file of a schema ("robot", "scenario" or "plan"), which an editor can be pointed to."""
+    """Return the file of a schema ("robot", "scenario" or "plan"), for editors."""
     return _FOLDER / f"{name}.schema.json"
 
 
 def is_schema(path: Path, name: str) -> bool:
-    """Whether a file is a schema of that name, of whatever version."""
+    """Return whether a file is a schema of that name, of whatever version."""
     try:
         title = json.loads(path.read_text(encoding="utf-8"))["title"]
     except (OSError, ValueError, LookupError, TypeError):

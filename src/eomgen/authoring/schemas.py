@@ -1,8 +1,8 @@
-"""JSON Schemas of our TOML files, made of the forms that the readers use; what ``eomgen schema`` prints.
+"""JSON Schemas of our TOML files, made of the forms that the readers use, for ``eomgen schema``.
 
-Draft 7, without references: what editors of TOML (taplo, Even Better TOML, Tombi) complete, explain and check with.
-What a schema refuses the reader refuses, too; not the other way round: that keys go together, that names exist, that
-the joints form a tree, that an inertia is one of a body, are the reader's alone.
+Draft 7, without references, for editors of TOML (taplo, Even Better TOML, Tombi).  The reader refuses all that a schema
+refuses; not the other way round: only the reader checks that keys go together, that names exist, that the joints form
+a tree, that an inertia is one of a body.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _DRAFT = "http://json-schema.org/draft-07/schema#"
 
 
 def schema_of(name: str) -> Json:
-    """The JSON Schema of one of FORMATS.
+    """Return the JSON Schema of one of FORMATS.
 
     Raises:
         InputError: there is no such format.
@@ -35,7 +35,7 @@ def schema_of(name: str) -> Json:
         raise InputError(f"there is no format {show(name)}; allowed: {', '.join(FORMATS)}")
     form, title = FORMATS[name]
     schema = form.json()
-    if form.refines:  # a URDF may bring in what is needed otherwise
+    if form.refines:  # a URDF may bring in keys that are needed otherwise
         inner = {
             key: {"items": {"required": kind.inner.needed}}
             for key, kind in form.keys.items()
@@ -46,5 +46,5 @@ def schema_of(name: str) -> Json:
 
 
 def schema_text(name: str) -> str:
-    """The schema as JSON, ended by a newline; errors as ``schema_of``."""
+    """Return the schema as JSON, ended by a newline; errors as ``schema_of``."""
     return json.dumps(schema_of(name), indent=1) + "\n"

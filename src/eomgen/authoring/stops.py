@@ -1,4 +1,4 @@
-"""Whether a start lies beyond a stop: of a description's home, and of a scenario for it."""
+"""Notes on starts beyond stops: of a description's home, and of a scenario for it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..scenario.value import Scenario
 
 
 def home_notes(robot: Robot) -> tuple[str, ...]:
-    """Lines about coordinates whose stops home lies beyond; what home does not name is 0 there."""
+    """Return lines about coordinates whose home is beyond a stop; the default home is 0."""
     model = build_model(robot)
     at = dict(zip(model.coordinates, model.home, strict=True))
     at |= follower_positions(robot, at)
@@ -21,7 +21,7 @@ def home_notes(robot: Robot) -> tuple[str, ...]:
 
 
 def start_notes(scenario: Scenario, robot: Robot) -> tuple[str, ...]:
-    """Lines about coordinates that a scenario puts beyond a stop of the robot; names that it lacks do not count."""
+    """Return lines about coordinates that a scenario puts beyond a stop of the robot; unknown names do not count."""
     if scenario.initial is None:
         return ()
     model = build_model(robot)
@@ -32,12 +32,12 @@ def start_notes(scenario: Scenario, robot: Robot) -> tuple[str, ...]:
 
 
 def _beyond(model: Model, at: Mapping[str, float]) -> Iterator[str]:
-    """Words on each coordinate that is outside of its stops; ``at`` has where coordinates are by name, m or rad."""
+    """Yield a line on each coordinate outside of its stops; ``at``: coordinates by name, m or rad."""
     for joint in model.robot.joints:
-        for kind, given in joint.all_coordinates.items():
+        for kind, coordinate in joint.all_coordinates.items():
             name = component_name(joint.name, kind)
             place, unit = at.get(name), unit_of(name)
             for side, sign in (("lower", -1.0), ("upper", 1.0)):
-                stop = given.further.get(f"stops.{side}")
+                stop = coordinate.further.get(f"stops.{side}")
                 if place is not None and stop is not None and sign * (place - stop) > 0.0:
                     yield f"{name} = {place:g} {unit} lies beyond its {side} stop at {stop:g} {unit}"

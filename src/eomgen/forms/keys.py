@@ -1,4 +1,4 @@
-"""Keys of our TOML files: how a value is read, what its refusal says, and its JSON Schema, side by side.
+"""Keys of our TOML files: reading, messages and JSON Schema of each, side by side.
 
 A form lists the keys of one table.  ``description.keys``, ``scenario.keys`` and ``sweep.keys`` hold those of our files:
 the readers, their messages, the JSON Schemas and ``eomgen check`` use these, and there is no second list.
@@ -43,25 +43,25 @@ class Place(Protocol):
 class Key:
     """One key of a table.
 
-    about: a line for who writes the file; editors show it.  unit: of its numbers.  needed: what the message says is
+    about: a line for who writes the file; editors show it.  unit: of its numbers.  needed: what the message calls
     allowed where the key is missing; "" where it may be.
     """
 
     about: str
     unit: str = ""
     needed: str = ""
-    form: ClassVar[type | tuple[type, ...]] = object  # what Python makes of TOML that can be meant
+    form: ClassVar[type | tuple[type, ...]] = object  # Python types of its TOML values
 
     def take(self, table: Place, key: str, value: Any) -> Any:
-        """The value as the reader goes on with it; DescriptionError if it is not what the key takes."""
+        """Convert a value for the reader; DescriptionError if the key does not take it."""
         raise NotImplementedError
 
     def json(self) -> Json:
-        """The JSON Schema of the value."""
+        """Return the JSON Schema of the value."""
         raise NotImplementedError
 
     def schema(self) -> Json:
-        """The JSON Schema with what editors show."""
+        """Return the JSON Schema with the description that editors show."""
         about = f"{self.about} [{self.unit}]" if self.unit else self.about
         return {**({"description": about} if about else {}), **self.json()}
 
@@ -72,7 +72,7 @@ class Key:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Number(Key):
-    """A finite number, given as float; at least ``minimum``, greater than ``above``, less than ``below``."""
+    """A finite number, read as float; at least ``minimum``, greater than ``above``, less than ``below``."""
 
     minimum: float | None = None
     above: float | None = None
@@ -257,14 +257,14 @@ class Strings(Key):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Numbers(Key):
-    """An array of numbers: ``count`` of them, or some; ``item`` is what each of them is."""
+    """An array of numbers: ``count`` of them, or some; ``item`` is the key of each."""
 
     count: int | None = None
     item: Number = Number("")
     form = list
 
     def take(self, table: Place, key: str, value: Any, count: int | None = None) -> tuple[float, ...]:
-        """The numbers as a tuple; ``count`` of them where that follows from other keys."""
+        """Return the numbers as a tuple; ``count`` of them where that follows from other keys."""
         count = self.count if count is None else count
         if not isinstance(value, list) or (count is not None and len(value) != count):
             self.refuse(table, key, value, f"an array of {'' if count is None else f'{count} '}numbers")
@@ -288,10 +288,10 @@ class Listed(Key):
     def take(self, table: Place, key: str, value: Any) -> list[Any]:
         if not isinstance(value, list):
             self.refuse(table, key, value, self.rule)
-        found = [self.item.take(table, f"{key}.{index}", item) for index, item in enumerate(value)]
+        items = [self.item.take(table, f"{key}.{index}", item) for index, item in enumerate(value)]
         if len(value) < self.fewest or (self.most is not None and len(value) > self.most):
             self.refuse(table, key, value, self.rule)
-        return found
+        return items
 
     def json(self) -> Json:
         lengths = {"minItems": self.fewest} if self.fewest else {}
@@ -307,25 +307,25 @@ class ByName(Key):
     _DEPTH: ClassVar[int] = 3  # of tables in tables
 
     def take(self, table: Place, key: str, value: Any) -> dict[str, float]:
-        found: dict[str, float] = {}
+        numbers: dict[str, float] = {}
 
         def walk(inner: object, path: tuple[str, ...]) -> None:
             where = ".".join((key, *path))
             if isinstance(inner, dict) and len(path) < self._DEPTH:
                 for name, value in inner.items():
-                    if not all(is_identifier(part) for part in name.split(".")):
+                    if not all(is_identifier(word) for word in name.split(".")):
                         table.fail(f"got the name {show(name)}; allowed: names of joints or coordinates", where)
                     walk(value, (*path, *name.split(".")))
             elif path:
                 name = ".".join(path)
-                if name in found:
-                    table.fail(f"{show(name)} is given twice; allowed: once", key)
-                found[name] = self.item.take(table, where, inner)
+                if name in numbers:
+                    table.fail(f"{show(name)} stands twice; allowed: once", key)
+                numbers[name] = self.item.take(table, where, inner)
             else:
                 self.refuse(table, key, inner, "a table of numbers by joint or coordinate")
 
         walk(value, ())
-        return found
+        return numbers
 
     def json(self) -> Json:
         name = IDENTIFIER.pattern
@@ -339,9 +339,7 @@ class ByName(Key):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Either(Key):
-    """One of several kinds, told apart by their TOML types; what is none of them is refused as the first, or by the
-    rule.
-    """
+    """One of several kinds, told apart by their TOML types; others are refused as the first, or by the rule."""
 
     options: tuple[Key, ...] = ()
     rule: str = ""
@@ -352,7 +350,7 @@ class Either(Key):
         return self.option(value).take(table, key, value)
 
     def option(self, value: object) -> Key:
-        """The kind of key that the value is meant for."""
+        """Return the kind of key that the value is meant for."""
         return next((option for option in self.options if isinstance(value, option.form)), self.options[0])
 
     def json(self) -> Json:

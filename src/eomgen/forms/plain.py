@@ -1,7 +1,7 @@
 """Values of declared types out of plain data, as JSON has it: for files that eomgen writes and reads again.
 
-A frozen dataclass is the declaration: names, types, and what may be left out (fields that have a default).  Whatever
-comes out has the types that are declared, numbers that are finite and no larger than is said, and printable texts.
+A frozen dataclass is the declaration: names, types, and optional fields (with a default).  Values have the declared
+types, finite numbers up to a limit, and printable texts.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from ..names import nearest, show
 
 MOST_DEPTH = 24  # of arrays and tables in each other where no type is declared
 _WHOLE = 1 << 62
-_SIZES = {"{": 240, "[": 96, ",": 64}  # bytes, at most, that a sign of JSON stands for in memory
+_SIZES = {"{": 240, "[": 96, ",": 64}  # bytes of memory, at most, per sign of JSON
 
 Read = Callable[[Any], Any]
 
@@ -40,12 +40,12 @@ class Mismatch(Exception):
 
 
 def value_of(kind: Any, data: object, where: str, largest: float = LARGEST_FOUND) -> Any:
-    """The data as a value of a type: a dataclass, tuple[...], Mapping[str, ...], float, int, bool, str, Any, X | None.
+    """Read data as a type: a dataclass, tuple[...], Mapping[str, ...], float, int, bool, str, Any, X | None.
 
     Args:
-        kind: the type; of dataclasses the types of the fields are what is asked for.
+        kind: the type; of dataclasses the types of the fields count.
         data: of dicts, lists (or tuples), numbers, texts, true, false and none.
-        where: what messages begin with.
+        where: the beginning of messages.
         largest: magnitude of numbers.
 
     Raises:
@@ -54,14 +54,14 @@ def value_of(kind: Any, data: object, where: str, largest: float = LARGEST_FOUND
     try:
         return _reader(kind, largest)(data)
     except Mismatch as error:
-        raise InputError(": ".join(part for part in (where, error.where, str(error)) if part)) from None
+        raise InputError(": ".join(text for text in (where, error.where, str(error)) if text)) from None
 
 
 def parse_json(text: str, where: str, most: int) -> Any:
-    """The values of a JSON text.
+    """Return the values of a JSON text.
 
     Args:
-        where: what messages begin with.
+        where: the beginning of messages.
         most: bytes of memory that its values may take.
 
     Raises:
@@ -79,13 +79,13 @@ def parse_json(text: str, where: str, most: int) -> Any:
 
 
 def printable(text: str) -> str:
-    """The text, with whatever a terminal might act on (ESC, line ends, marks of direction) escaped."""
+    """Return the text with signs on which a terminal might act (ESC, line ends, marks of direction) escaped."""
     return text if text.isprintable() else "".join(x if x.isprintable() else ascii(x)[1:-1] for x in text)
 
 
 @cache
 def _reader(kind: Any, largest: float) -> Read:
-    """Reads data as a type; raises Mismatch."""
+    """Return a reader of a type, which raises Mismatch."""
     origin, arguments = typing.get_origin(kind), typing.get_args(kind)
     if kind is Any:
         return _anything(largest)
@@ -139,20 +139,20 @@ def _sequence(items: tuple[Read, ...], repeated: bool) -> Read:
             raise Mismatch(f"got {show(data)}; allowed: an array")
         if not repeated and len(data) != len(items):
             raise Mismatch(f"got {show(list(data))}; allowed: an array of {len(items)}")
-        found, index = [], 0
+        values, index = [], 0
         try:
             for index, item in enumerate(data):
-                found.append(items[0 if repeated else index](item))
+                values.append(items[0 if repeated else index](item))
         except Mismatch as error:
             error.places.append(f"[{index}]")
             raise
-        return tuple(found)
+        return tuple(values)
 
     return read
 
 
 def _array(largest: float) -> Read:
-    """Numbers, or rows of equally many numbers."""
+    """Return a reader of numbers, or rows of equally many numbers."""
     row = _sequence((lambda data: _number(data, largest),), True)
 
     def read(data: Any) -> Any:
@@ -170,28 +170,28 @@ def _table(item: Read) -> Read:
     def read(data: Any) -> Any:
         if not isinstance(data, Mapping):
             raise Mismatch(f"got {show(data)}; allowed: a table")
-        found, key = {}, ""
+        values, key = {}, ""
         try:
             for key, value in data.items():
-                found[_text(key)] = item(value)
+                values[_text(key)] = item(value)
         except Mismatch as error:
             error.places.append(f".{_short(key)}")
             raise
-        return found
+        return values
 
     return read
 
 
 def field_types(kind: type, annotated: bool = False) -> dict[str, Any]:
-    """Give types of a dataclass's fields by name, without what separates them: Python 3.10 takes KW_ONLY for none.
+    """Return types of a dataclass's fields by name, without separators: Python 3.10 takes KW_ONLY for none.
 
-    ``annotated``: whether with what ``Annotated`` says of them.
+    ``annotated``: whether with the metadata of ``Annotated``.
     """
     fields = {item.name for item in dataclasses.fields(typing.cast(Any, kind))}
     hints: dict[str, Any] = {}
     for base in reversed(kind.__mro__):
-        own = {name: x for name, x in inspect.get_annotations(base).items() if name in fields}
-        plain = type(base.__name__, (), {"__annotations__": own, "__module__": base.__module__})
+        annotations = {name: x for name, x in inspect.get_annotations(base).items() if name in fields}
+        plain = type(base.__name__, (), {"__annotations__": annotations, "__module__": base.__module__})
         hints |= typing.get_type_hints(plain, include_extras=annotated)
     return hints
 
@@ -212,15 +212,15 @@ def _fields(kind: type, largest: float) -> Read:
         for name in needed:
             if name not in data:
                 raise Mismatch(f"the key {name!r} is missing; allowed: with {', '.join(needed)}")
-        found, key = {}, ""
+        values, key = {}, ""
         try:
             for key, value in data.items():
-                found[key] = readers[key](value)
+                values[key] = readers[key](value)
         except Mismatch as error:
             error.places.append(f".{key}")
             raise
         try:
-            return kind(**found)
+            return kind(**values)
         except InputError as error:
             raise Mismatch(str(error)) from None
         except (ValueError, TypeError, LookupError, ArithmeticError) as error:  # values that do not go together

@@ -1,6 +1,6 @@
-"""All that is wrong with the structure of a file, not the first of it: types, unknown and missing keys, ranges, words.
+"""All faults of a file's structure, not the first alone: types, unknown and missing keys, ranges, words.
 
-The readers stop at the first error; ``eomgen check`` says them all.
+The readers stop at the first error; ``eomgen check`` lists them all.
 """
 
 from __future__ import annotations
@@ -18,31 +18,31 @@ Path = tuple[str, ...]
 
 
 def faults(form: Form, values: dict[str, object], source: str) -> list[DescriptionError]:
-    """Faults that a reader of the form would refuse by the kinds of its keys, at most MOST_ERRORS."""
+    """Return the faults that a reader of the form would refuse by the kinds of its keys, at most MOST_ERRORS."""
     walk = _Walk(source, refining=form.refines and "urdf" in values)
     walk.table(form, values, "", ())
-    return walk.found[:MOST_ERRORS]
+    return walk.errors[:MOST_ERRORS]
 
 
 class _Walk:
-    """refining: a URDF brings in what is needed otherwise."""
+    """A pass over a file that collects errors.  refining: a URDF brings in keys that are needed otherwise."""
 
     def __init__(self, source: str, refining: bool) -> None:
         self.source, self.refining = source, refining
-        self.found: list[DescriptionError] = []
+        self.errors: list[DescriptionError] = []
 
     def tried(self, read: Callable[..., Any], *arguments: Any) -> DescriptionError | None:
-        """The error of a reading, which is noted; None if there is none."""
+        """Read, note and return the error; None if there is none."""
         try:
             read(*arguments)
         except DescriptionError as error:
-            self.found.append(error)
+            self.errors.append(error)
             return error
         return None
 
     def table(self, form: Form | Kinds, value: Any, where: str, path: Path) -> None:
-        """Note what is wrong inside of a table."""
-        while len(self.found) < MOST_ERRORS:
+        """Note the faults of a table."""
+        while len(self.errors) < MOST_ERRORS:
             error = self.tried(form.read, value, where, self.source, path)
             if error is None:
                 break
@@ -60,16 +60,16 @@ class _Walk:
             self.key(table, key)
 
     def key(self, table: Table, key: str) -> None:
-        """Note what is wrong with the value of a key."""
-        kind, value, before = table.keys[key], table.values[key], len(self.found)
+        """Note the faults of a key's value."""
+        kind, value, before = table.keys[key], table.values[key], len(self.errors)
         where, path = ".".join(filter(None, (table.where, key))), (*table.path, key)
         if isinstance(kind, Sub):
             self.table(kind.inner, value, where, path)
         elif isinstance(kind, Entries) and isinstance(value, list) and len(value) <= MOST_ENTRIES:
             for index, item in enumerate(value):
-                if len(self.found) < MOST_ERRORS:
+                if len(self.errors) < MOST_ERRORS:
                     self.table(kind.inner, item, kind.where(key, index, item), (*path, str(index)))
-            if len(self.found) == before:
+            if len(self.errors) == before:
                 self.tried(list, table.entries(key))
         elif isinstance(kind, Entries):
             self.tried(list, table.entries(key))

@@ -44,67 +44,67 @@ class Table:
         raise DescriptionError(message, where=where, source=self.source, path=path)
 
     def _below(self, *keys: str) -> tuple[str, ...]:
-        """The path of what is inside this table, () where the table's own is not known."""
+        """Return the path of keys inside this table, () where the table's path is not known."""
         return (*self.path, *keys) if self.path or not self.where else ()
 
     def __contains__(self, key: str) -> bool:
         return key in self.values
 
     def require(self, hint: str = "") -> None:
-        """DescriptionError if a key that is needed is absent; the hint is said behind what is allowed."""
+        """Raise DescriptionError if a needed key is absent; the hint ends the message."""
         for key, kind in self.keys.items():
             if kind.needed and key not in self.values:
                 self.fail(f"the key {key!r} is missing; allowed: {kind.needed}{hint}")
 
     def require_one(self, key: str, what: str) -> None:
-        """DescriptionError if the key, which other keys make necessary, is absent."""
+        """Raise DescriptionError if the key, which other keys make necessary, is absent."""
         if key not in self.values:
             self.fail(f"the key {key!r} is missing; allowed: {what}")
 
     def value(self, key: str, *kinds: type[Key]) -> Any:
-        """The value of a key, which is of one of these kinds; None where it is absent."""
+        """Return the value of a key of one of these kinds; None where it is absent."""
         kind = self.keys[key]
         assert isinstance(kind, kinds or Key), f"{self.where}.{key} takes {type(kind).__name__}"
         return kind.take(self, key, self.values[key]) if key in self.values else None
 
-    def given(self) -> dict[str, Any]:
-        """The values of the keys that are there, but ``type``, in the order of the form."""
+    def present(self) -> dict[str, Any]:
+        """Return the values of present keys, but ``type``, in the order of the form."""
         return {key: self.value(key) for key in self.keys if key in self.values and key != "type"}
 
     def text(self, key: str) -> str | None:
-        """A string, which may have to be a name or one of a few words."""
-        found: str | None = self.value(key, Text)
-        return found
+        """Return a string, which may have to be a name or one of a few words."""
+        text: str | None = self.value(key, Text)
+        return text
 
     def name(self) -> str:
-        """The identifier of an entry under the key ``name``."""
+        """Return the identifier of an entry under the key ``name``."""
         if "name" not in self.values:
             self.fail(f"the key 'name' is missing; allowed: {self.keys['name'].needed}")
         name: str = self.value("name", Text)
         return name
 
     def choice(self, key: str) -> str | None:
-        """One of a few strings."""
+        """Return one of a few strings."""
         word: str | None = self.value(key, Choice)
         return word
 
     def number(self, key: str) -> float | None:
-        """A finite number, as float."""
+        """Return a finite number, as float."""
         number: float | None = self.value(key, Number)
         return number
 
     def whole(self, key: str, default: int) -> int:
-        """A whole number."""
+        """Return a whole number."""
         number: int | None = self.value(key, Whole)
         return default if number is None else number
 
     def boolean(self, key: str) -> bool | None:
-        """true or false."""
+        """Return a truth value."""
         flag: bool | None = self.value(key, Flag)
         return flag
 
     def numbers(self, key: str, count: int | None = None) -> tuple[float, ...] | None:
-        """An array of finite numbers; ``count`` of them where that follows from other keys."""
+        """Return an array of finite numbers; ``count`` of them where that follows from other keys."""
         if key not in self.values:
             return None
         kind = self.keys[key]
@@ -113,7 +113,7 @@ class Table:
         return kind.take(self, key, self.values[key], count)
 
     def rows(self, key: str, count: int) -> list[tuple[float, ...]]:
-        """An array of arrays of ``count`` finite numbers each."""
+        """Return an array of arrays of ``count`` finite numbers each."""
         if key not in self.values:
             return []
         kind = self.keys[key]
@@ -126,7 +126,7 @@ class Table:
         return [row.take(self, f"{key}.{index}", item, count) for index, item in enumerate(value)]
 
     def vector(self, key: str) -> tuple[float, float, float] | None:
-        """An array of three finite numbers."""
+        """Return an array of three finite numbers."""
         value = self.numbers(key)
         return None if value is None else (value[0], value[1], value[2])
 
@@ -150,36 +150,36 @@ class Table:
         return key + DEGREES in self.values
 
     def strings(self, key: str) -> list[str]:
-        """An array of strings."""
+        """Return an array of strings."""
         return self.value(key, Strings) or []
 
     def table(self, key: str) -> Table | None:
-        """A table inside this one."""
+        """Return a table inside this one."""
         table: Table | None = self.value(key, Sub)
         return table
 
     def entries(self, key: str) -> Iterator[tuple[str, Table]]:
-        """Name ("" where they have none) and table of each entry of an array of tables; names are unique."""
+        """Yield name ("" where they have none) and table of each entry of an array of tables; names are unique."""
         kind = self.keys[key]
         assert isinstance(kind, Entries)
         if key in self.values:
             yield from kind.read(self, key, self.values[key])
 
     def inside(self, key: str, value: object, form: Form | Kinds, where: str = "", *steps: str) -> Table:
-        """The table of a form below a key."""
+        """Return the table of a form below a key."""
         where = where or ".".join(filter(None, (self.where, key)))
         return form.read(value, where, self.source, self._below(key, *steps))
 
 
 @dataclass(frozen=True, eq=False)
 class Form:
-    """The keys of a table.  refines: an entry that refines one of a URDF need not have the keys that are needed."""
+    """The keys of a table.  refines: an entry that refines one of a URDF need not have the needed keys."""
 
     keys: Keys
     refines: bool = False
 
     def read(self, value: object, where: str, source: str, path: tuple[str, ...]) -> Table:
-        """The table; its keys' values are looked at when they are asked for."""
+        """Return the table; its values are checked when they are read."""
         return Table(value, where, source, self.keys, path)
 
     @property
@@ -188,7 +188,7 @@ class Form:
         return [key for key, kind in self.keys.items() if kind.needed]
 
     def json(self) -> Json:
-        """The JSON Schema of the table."""
+        """Return the JSON Schema of the table."""
         needed = [key for key in self.needed if key == "name" or not self.refines]
         properties = {key: kind.schema() for key, kind in self.keys.items()}
         required = {"required": needed} if needed else {}
@@ -197,13 +197,13 @@ class Form:
 
 @dataclass(frozen=True, eq=False)
 class Kinds:
-    """Tables whose key ``type`` says which keys they have; ``about`` is what editors show of it."""
+    """Tables whose key ``type`` determines their keys; ``about``: its description in editors."""
 
     about: str
     kinds: Mapping[str, Keys]
 
     def read(self, value: object, where: str, source: str, path: tuple[str, ...]) -> Table:
-        """The table, with the keys of its type."""
+        """Return the table, with the keys of its type."""
         kind = Choice(self.about, needed=", ".join(self.kinds), words=tuple(self.kinds))
         union = {"type": kind, **{key: inner for keys in self.kinds.values() for key, inner in keys.items()}}
         table = Table(value, where, source, union, path)
@@ -211,7 +211,7 @@ class Kinds:
         return Table(value, where, source, {"type": kind, **self.kinds[table.choice("type") or ""]}, path)
 
     def json(self) -> Json:
-        """The JSON Schema of the table: one object for each type."""
+        """Return the JSON Schema of the table: one object for each type."""
         forms = {
             word: Form({"type": Choice(self.about, needed=word, words=(word,)), **keys})
             for word, keys in self.kinds.items()
@@ -227,9 +227,9 @@ class Sub(Key):
     form: ClassVar[type] = dict
 
     def take(self, table: Table, key: str, value: Any) -> Table:  # type: ignore[override]
-        found = table.inside(key, value, self.inner)
-        found.require()
-        return found
+        inner = table.inside(key, value, self.inner)
+        inner.require()
+        return inner
 
     def json(self) -> Json:
         return self.inner.json()
@@ -269,12 +269,12 @@ class Entries(Key):
         return isinstance(self.inner, Form) and "name" in self.inner.keys
 
     def where(self, key: str, index: int, item: object) -> str:
-        """Name of an entry in messages: its own, if that is one, else its index."""
-        given = item.get("name") if self.named and isinstance(item, dict) else None
-        return f"{key}.{given}" if isinstance(given, str) and is_identifier(given) else f"{key}[{index}]"
+        """Return the name of an entry in messages: that of its key, if it is an identifier, else its index."""
+        name = item.get("name") if self.named and isinstance(item, dict) else None
+        return f"{key}.{name}" if isinstance(name, str) and is_identifier(name) else f"{key}[{index}]"
 
     def read(self, table: Table, key: str, value: Any) -> Iterator[tuple[str, Table]]:
-        """Name and table of each entry; what is needed in them is not looked at."""
+        """Yield name and table of each entry; needed keys are not checked."""
         if not isinstance(value, list) or len(value) < self.fewest:
             what = ("an array of tables", "one or more tables", "two or more tables")[self.fewest]
             self.refuse(table, key, value, f"{what}, written [[{key}]]")

@@ -28,35 +28,37 @@ _STRINGS = (  # longest delimiter first
     re.compile(r'"[^"\\\n]*(?:\\.[^"\\\n]*)*"'),
     re.compile(r"'[^'\n]*'"),
 )
-_PART = re.compile(r"([^.\[\]]+)|\[([0-9]+)\]")  # of a place in a message: joints.joint1.x, links[0].name
-_DEEPEST = 100  # parts of a path; no form of ours goes as deep
-_OWN = 2  # components that make a place an entry's own: a file that refines a URDF does not have all of its joints
+_STEP = re.compile(r"([^.\[\]]+)|\[([0-9]+)\]")  # of a place in a message: joints.joint1.x, links[0].name
+_DEEPEST = 100  # keys of a path; no form of ours goes as deep
+_OF_ENTRY = 2  # components that lead to an entry: a file that refines a URDF does not have all of its joints
 
 
 def lines_of(text: str, wanted: Sequence[tuple[Sequence[str], bool]]) -> list[tuple[int, int] | None]:
-    """Line and column, from 1, of the deepest key or element of each path that the text has, in one pass over it.
+    """Return line and column, from 1, of the deepest key or element of each path in the text, in one pass over it.
 
     Args:
         text: valid TOML.
         wanted: paths, keys from the top of the text, of an array the element's index as digits; each with whether the
-            value behind the key is meant, where all of the path is there and ends with a key that has one.
+            place of the value is wanted, where all of the path is there and ends with a key that has one.
 
     Returns:
         None where not even the first key is there.
     """
     marks = [_Mark(tuple(path)) for path, _ in wanted]
-    with suppress(RecursionError, IndexError, _Enough):  # too deep, or no TOML after all; or all is found
+    with suppress(
+        RecursionError, IndexError, _Enough
+    ):  # too deep, or no TOML after all; or nothing is left to look for
         _Scan(text, marks).statements()
-    found: list[tuple[int, int] | None] = []
+    places: list[tuple[int, int] | None] = []
     for mark, (_, value) in zip(marks, wanted, strict=True):
         offset = mark.value if value and mark.value is not None else mark.offset
-        found.append(line_and_column(text, offset) if mark.depth else None)
-    return found
+        places.append(line_and_column(text, offset) if mark.depth else None)
+    return places
 
 
 @contextmanager
 def located(text: str, values: Mapping[str, object], source: str) -> Iterator[None]:
-    """Errors of the values of a text, read from that source, are given line and column of what they speak about."""
+    """Add line and column to errors of a text's values, read from that source."""
     try:
         yield
     except DescriptionError as error:
@@ -66,17 +68,17 @@ def located(text: str, values: Mapping[str, object], source: str) -> Iterator[No
 
 
 def locate(errors: Sequence[DescriptionError], text: str, values: Mapping[str, object]) -> None:
-    """Give each error that has no line yet line and column of what it speaks about; the text is read once for all."""
+    """Add line and column to each error that has none yet; the text is read once for all."""
     without = [error for error in errors if error.line is None]
     paths = [error.path or _path_of(values, error.where) for error in without]
     places = lines_of(text, [(path, not error.at_key) for path, error in zip(paths, without, strict=True)])
     for error, path, place in zip(without, paths, places, strict=True):
-        found = place if path else None if error.where else (1, 1)
-        error.line, error.column = found or (None, None)
+        known = place if path else None if error.where else (1, 1)
+        error.line, error.column = known or (None, None)
 
 
 def refusal(message: str, where: str, source: str, text: str) -> DescriptionError:
-    """The error of a place in a text that has been read; without line and column where the text is empty."""
+    """Return the error of a place in a text; without line and column where the text is empty."""
     error = DescriptionError(message, where=where, source=source)
     if text:
         locate([error], text, tomllib.loads(text))
@@ -84,26 +86,26 @@ def refusal(message: str, where: str, source: str, text: str) -> DescriptionErro
 
 
 def _path_of(values: object, where: str) -> Path:
-    """The path of a place as messages write it, entries by name; () where the values have no entry of this name."""
+    """Return the path of a place as messages write it, entries by name; () where there is no entry of this name."""
     path: list[str] = []
-    parts = [key or index for key, index in _PART.findall(where)]
-    for part in parts:
+    words = [key or index for key, index in _STEP.findall(where)]
+    for word in words:
         if isinstance(values, list):
             names = [item.get("name") if isinstance(item, dict) else None for item in values]
-            index = names.index(part) if part in names else int(part) if part.isdigit() else len(values)
-            part = str(index)
+            index = names.index(word) if word in names else int(word) if word.isdigit() else len(values)
+            word = str(index)
             values = values[index] if index < len(values) else None
         else:
-            values = values.get(part) if isinstance(values, dict) else None
+            values = values.get(word) if isinstance(values, dict) else None
         if values is None:
             break
-        path.append(part)
-    return tuple(path) if len(path) >= min(_OWN, len(parts)) else ()
+        path.append(word)
+    return tuple(path) if len(path) >= min(_OF_ENTRY, len(words)) else ()
 
 
 @dataclass(eq=False)
 class _Mark:
-    """A path that is looked for: how many of its parts were found, the last at ``offset``, its value at ``value``."""
+    """A wanted path: how many of its keys are located, the last at ``offset``, its value at ``value``."""
 
     path: Path
     depth: int = 0
@@ -112,16 +114,16 @@ class _Mark:
 
 
 class _Enough(Exception):
-    """All paths have been found."""
+    """End of a scan: all paths are located."""
 
 
 class _Scan:
-    """One pass over a text, in which the marks are found."""
+    """One pass over a text that locates the marks."""
 
     def __init__(self, text: str, marks: Sequence[_Mark]) -> None:
         self.text, self.at = text, 0
         self.last: dict[Path, int] = {}  # index of the last entry of every array of tables
-        self.of: dict[Path, list[_Mark]] = {}  # marks by each part of their paths, from the top
+        self.of: dict[Path, list[_Mark]] = {}  # marks by each prefix of their paths
         sought = [mark for mark in marks if 0 < len(mark.path) <= _DEEPEST]
         for mark in sought:
             for length in range(1, len(mark.path) + 1):
@@ -129,7 +131,7 @@ class _Scan:
         self.rest = len(sought)
 
     def statements(self) -> None:
-        """Scan until the end, or until all is found."""
+        """Scan until the end, or until all is located."""
         prefix: Path = ()
         while self.rest:
             self._skip(_BETWEEN)
@@ -141,12 +143,12 @@ class _Scan:
                 self._pair(prefix)
 
     def _skip(self, *patterns: re.Pattern[str]) -> str:
-        """Text that the first matching pattern has matched; IndexError where none does, as at the text's end."""
+        """Skip and return the text that the first matching pattern matches; IndexError without one, as at the end."""
         for pattern in patterns:
-            found = pattern.match(self.text, self.at)
-            if found is not None:
-                self.at = found.end()
-                return found.group()
+            match = pattern.match(self.text, self.at)
+            if match is not None:
+                self.at = match.end()
+                return match.group()
         raise IndexError
 
     def _note(self, path: Path, offset: int) -> None:
@@ -156,7 +158,7 @@ class _Scan:
                 self.rest -= len(path) == len(mark.path)
 
     def _keys(self) -> list[tuple[str, int]]:
-        """A dotted key's parts with their offsets."""
+        """Read a dotted key: its keys with their offsets."""
         keys = []
         while True:
             self._skip(_BLANK)
@@ -177,7 +179,7 @@ class _Scan:
         return self._skip(*_STRINGS)
 
     def _header(self) -> Path:
-        """[a.b] or [[a.b]]: the path of what follows."""
+        """Read [a.b] or [[a.b]]; return the path of the pairs behind it."""
         many = self.text.startswith("[[", self.at)
         self.at += 2 if many else 1
         path: Path = ()
@@ -216,7 +218,7 @@ class _Scan:
             self._inner(path, "]" if first == "[" else "}")
 
     def _inner(self, path: Path, end: str) -> None:
-        """An array's elements, or an inline table's pairs."""
+        """Scan an array's elements, or an inline table's pairs."""
         self.at += 1
         index = 0
         while True:

@@ -1,4 +1,4 @@
-"""Text of a file, and TOML of a text: what a description, a scenario and a plan begin with."""
+"""Text of a file, and TOML of a text, of descriptions, scenarios and plans."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-_MOST_BYTES = 1 << 20  # what takes a second to read, if it is the slowest of its kind
+_MOST_BYTES = 1 << 20  # these take a second to read, if they are the slowest of their kind
 _MOST_XML = 1 << 22  # so does this of XML
 _XML = (".urdf", ".xml", ".mjcf", ".xacro")
 _MOST_PARTS = 8  # of a dotted key: the parser's time and memory grow with the square of it
@@ -55,7 +55,7 @@ _REMEDIES = {  # what the parser says, and what to write instead
 
 
 def read_text(path: Path, source: str, kind: str = ".toml, .urdf or .xml file") -> str:
-    """The text of a file, UTF-8; DescriptionError with the source if there is none."""
+    """Return the text of a file, UTF-8; DescriptionError with the source if there is none."""
     source = source if source.isascii() and source.isprintable() else ascii(source)
     try:
         return read_regular(path, _MOST_XML if path.suffix in _XML else _MOST_BYTES).decode("utf-8-sig")
@@ -73,15 +73,15 @@ def read_text(path: Path, source: str, kind: str = ".toml, .urdf or .xml file") 
 
 
 def parse_toml(text: str, source: str) -> dict[str, object]:
-    """The values of a TOML text; DescriptionError with the source if it is none."""
+    """Return the values of a TOML text; DescriptionError with the source if it is none."""
     for pattern, what in (
         (_DEEP_KEY, f"a key has more than {_MOST_PARTS} parts; allowed: the few that a key of this file has"),
         (_MANY_DIGITS, f"a number has more than {_MOST_DIGITS} digits; allowed: magnitudes up to {LARGEST:g}"),
     ):
-        found = pattern.search(text)
-        if found is not None:
+        match = pattern.search(text)
+        if match is not None:
             error = DescriptionError(f"not valid TOML: {what}", source=source)
-            error.line, error.column = line_and_column(text, found.start())
+            error.line, error.column = line_and_column(text, match.start())
             raise error
     try:
         with without_collection():
@@ -97,33 +97,33 @@ def parse_toml(text: str, source: str) -> dict[str, object]:
 
 
 def _too_deep(text: str) -> int:
-    """Offset of the first bracket that is nested too deeply, or of the deepest one; before it is TOML."""
+    """Return the offset of the first bracket that is nested too deeply, or of the deepest one, before parsing."""
     depth = deepest = offset = 0
-    for found in _BRACKET.finditer(text):
-        if found.group() in ("]", "}"):
+    for match in _BRACKET.finditer(text):
+        if match.group() in ("]", "}"):
             depth -= 1
-        elif found.group() in ("[", "{"):
+        elif match.group() in ("[", "{"):
             depth += 1
             if depth > deepest:
-                deepest, offset = depth, found.start()
+                deepest, offset = depth, match.start()
             if depth > _DEEP:
                 break
     return offset
 
 
 def _refusal(text: str, said: str, source: str) -> DescriptionError:
-    """The parser's refusal as a DescriptionError: printable ASCII, with what to write instead, and its place."""
-    found = _SAID_PLACE.search(said)
-    reason = ascii(said[: found.start()] if found is not None and found[1] else said)[1:-1][:300]
+    """Return the parser's refusal as a DescriptionError: printable ASCII, with what to write instead, and its place."""
+    place = _SAID_PLACE.search(said)
+    reason = ascii(said[: place.start()] if place is not None and place[1] else said)[1:-1][:300]
     remedy = next((what for begin, what in _REMEDIES.items() if said.startswith(begin)), "TOML 1.0, see toml.io")
     error = DescriptionError(f"not valid TOML: {reason}; allowed: {remedy}", source=source)
-    if found is not None and found[1]:
-        error.line, error.column = int(found[1]), int(found[2])
-    elif found is not None:
+    if place is not None and place[1]:
+        error.line, error.column = int(place[1]), int(place[2])
+    elif place is not None:
         error.line, error.column = line_and_column(text, len(text.rstrip()))
     return error
 
 
 def line_and_column(text: str, offset: int) -> tuple[int, int]:
-    """Line and column of an offset in a text, from 1."""
+    """Return line and column of an offset in a text, from 1."""
     return text.count("\n", 0, offset) + 1, offset - text.rfind("\n", 0, offset)

@@ -14,9 +14,9 @@ MOST_QUESTIONS = 5
 
 def unit_questions(form: Form | Kinds, values: dict[str, Any]) -> tuple[str, ...]:
     """Ask about numbers of a file without faults: a line each, at most MOST_QUESTIONS, then how many are left."""
-    found = [unit_question(where, number, unit) for where, number, unit in _large(form, values, "")]
-    left = len(found) - MOST_QUESTIONS
-    return (*found[:MOST_QUESTIONS], *([f"{left} more of such sizes"] if left > 0 else []))
+    questions = [unit_question(where, number, unit) for where, number, unit in _large(form, values, "")]
+    left = len(questions) - MOST_QUESTIONS
+    return (*questions[:MOST_QUESTIONS], *([f"{left} more of such sizes"] if left > 0 else []))
 
 
 def is_unusual(number: float, unit: str) -> bool:

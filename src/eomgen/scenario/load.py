@@ -100,7 +100,7 @@ def scenario_from_values(
         wrenches=tuple(_wrench(entry, folder) for _, entry in top.entries("wrenches")),
         payloads=tuple(_payload(entry) for _, entry in top.entries("payloads")),
         until=_until(top.table("until")),
-        integrator=Integrator(**({} if integrator is None else integrator.given())),
+        integrator=Integrator(**({} if integrator is None else integrator.present())),
         source=source,
         folder=folder,
     )
@@ -180,4 +180,4 @@ def _until(table: Table | None) -> Section | None:
     kind = next((kind for kind, keys in kinds.items() if keys == {*table.values}), None)
     if kind is None:
         table.fail("allowed: coordinate and value, or frame, point and distance")
-    return Section(kind, table.given())
+    return Section(kind, table.present())

@@ -15,13 +15,13 @@ from ..names import show
 from .keys import LEAST_TIME
 
 
-def _given(table: Table, _: Path | None) -> dict[str, Any]:
-    return table.given()
+def _present(table: Table, _: Path | None) -> dict[str, Any]:
+    return table.present()
 
 
 def _via(table: Table, _: Path | None) -> dict[str, Any]:
     timing = _timing(table, len(table.value("points")))
-    return {**table.given(), **timing}
+    return {**table.present(), **timing}
 
 
 def _timing(table: Table, count: int) -> dict[str, Any]:
@@ -84,7 +84,7 @@ def read_sampled(table: Table, folder: Path | None) -> dict[str, Any]:
 def _line(table: Table, _: Path | None) -> dict[str, Any]:
     if table.vector("from") == table.vector("to"):
         table.fail(f"got {show(table.values['to'])}, where the line begins; allowed: another point", "to")
-    return {**table.given(), "orientation": _orientation(table)}
+    return {**table.present(), "orientation": _orientation(table)}
 
 
 def _orientation(table: Table) -> Any:
@@ -110,7 +110,7 @@ def _circle(table: Table, _: Path | None) -> dict[str, Any]:
         )
     if table.number("angle") == 0.0:
         table.fail("got 0; allowed: an angle in rad other than 0", "angle")
-    return {**table.given(), "orientation": _orientation(table)}
+    return {**table.present(), "orientation": _orientation(table)}
 
 
 def time_table(table: Table, folder: Path | None, columns: Sequence[str] | None) -> TimeTable:
@@ -132,11 +132,11 @@ def _torque(table: Table, folder: Path | None) -> dict[str, Any]:
 
 
 MOTION_READERS = {
-    "point_to_point": _given,
+    "point_to_point": _present,
     "via": _via,
     "sampled": read_sampled,
     "line": _line,
     "circle": _circle,
     "spline": _spline,
 }
-CONTROL_READERS = {"none": _given, "torque": _torque, "pd": _given, "computed_torque": _given}
+CONTROL_READERS = {"none": _present, "torque": _torque, "pd": _present, "computed_torque": _present}
