@@ -20,7 +20,17 @@ from eomgen.robot.elements.journal import RADIAL
 from eomgen.robot.geometry import IDENTITY, snap
 from eomgen.robot.laws import active_laws
 from eomgen.robot.model import FIXED_BODY, Model, turned_name
-from eomgen.robot.value import ANGULAR, COORDINATES, INERTIA_KEYS, LINEAR, MOTOR, Coordinate, Joint, Placement, loaded
+from eomgen.robot.value import (
+    ANGULAR,
+    COORDINATES,
+    INERTIA_KEYS,
+    LINEAR,
+    MOTOR,
+    Coordinate,
+    Joint,
+    Placement,
+    load_dependent,
+)
 
 from .spatial import (
     ZERO,
@@ -329,7 +339,7 @@ class _Binder:
         with_law = {(owner, name) for owner, name, _ in self.model.cut_laws}
         laws = {}
         for number, loop in enumerate(self.model.robot.loops):
-            carriers = loaded(loop.coordinates)
+            carriers = load_dependent(loop.coordinates)
             for name, coordinate in loop.coordinates.items():
                 if (loop.name, name) in with_law:
                     law = self._bound_law(f"loops.{loop.name}.{name}", coordinate)
@@ -407,7 +417,7 @@ class _Binder:
         carriers = {
             f"joints.{joint.name}.{name}": tuple(place(component_name(joint.name, x)) for x in others)
             for joint in self.model.robot.joints
-            for name, others in loaded(joint.coordinates).items()
+            for name, others in load_dependent(joint.coordinates).items()
         }
         laws, armatures = list[BoundLaw](), list[Scalar]()
         for (name, prefix, coordinate), law in zip(self._coordinates(), numbers, strict=True):

@@ -141,7 +141,7 @@ BAD: dict[str, tuple[str, str]] = {
     "cells": ("a,d\n1,2,3\n", "table.csv:2: has 3 cells; allowed: 2"),
     "number": ("# x\na,d\n1,two\n", "table.csv:3: d: got 'two'; allowed: a number"),
     "infinite": ("a,d\n1,inf\n", "table.csv:2: d: got 'inf'; allowed: a number"),
-    "two units": ("a,a_mm\n1,1000\n", "a is given in two units"),
+    "two units": ("a,a_mm\n1,1000\n", "a stands in two units"),
     "column twice": ("a,a\n1,1\n", "a column is there twice"),
     "type": ("type,a\nhinge,1\n", "type: got 'hinge'"),
     "name": ("joint,a\n1st,1\n", "joint: got '1st'"),
@@ -152,7 +152,7 @@ BAD: dict[str, tuple[str, str]] = {
     "half a range": ("a,lower\n1,-1\n", "limits: allowed: lower and upper"),
     "range": ("a,lower,upper\n1,1,-1\n", "limits: allowed: lower and upper, lower <= upper"),
     "degrees along": ("type,lower_deg,upper_deg\nprismatic,-1,1\n", "has limits in m"),
-    "centre without mass": ("a,com_x\n1,1\n", "com_x is given without mass"),
+    "centre without mass": ("a,com_x\n1,1\n", "com_x stands without mass"),
     "half a tensor": ("a,mass,ixx\n1,1,1\n", "iyy is missing; allowed: ixx, iyy and izz"),
 }
 

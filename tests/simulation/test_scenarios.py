@@ -170,10 +170,10 @@ def test_via_points_are_hit_smoothly(timing: str) -> None:
         [-0.3, -0.5, 0.0, 0.0, 0.0, 0.0],
     ]
     text = f"duration = 1.8\n[motion]\ntype = 'via'\npoints = {points}\n{timing}\n"
-    from eomgen.simulation.programs import make_program
+    from eomgen.simulation.references import make_reference
 
     driven = [f"joint{i}.gamma" for i in range(1, 7)]
-    program = make_program(scenario_from_toml(text), robot, driven, lambda: eomgen.build(robot), "tcp", {})
+    program = make_reference(scenario_from_toml(text), robot, driven, lambda: eomgen.build(robot), "tcp", {})
     if "times" in timing:
         times = np.array([0.1, 0.5, 0.8, 1.5])
     else:

@@ -339,7 +339,7 @@ TOML_CASES = {
         ["tunable", "joint3.x", "joints.joint1.x.damping"],
     ),
     "tunable of inactive": ("links.link2.mass", "joints.joint2.x.damping", ["tunable", "joint2.x", "allowed: gravity"]),
-    "tunable rpy of dh": ("links.link2.mass", "joints.joint1.placement.rpy", ["tunable", "joint1", "dh does not"]),
+    "tunable rpy of dh": ("links.link2.mass", "joints.joint1.placement.rpy", ["tunable", "joint1", "dh has none"]),
     "tunable half wildcard": (
         "links.link2.mass",
         "links.link*.mass",

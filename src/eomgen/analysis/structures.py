@@ -30,7 +30,7 @@ from ..robot.value import PRINCIPAL, Robot
 from ..shown import Shown, prefixed
 from ..simulation.assembly import RIGID_KERNELS
 from ..simulation.controls import actuators
-from ..simulation.programs import MOVING_PART
+from ..simulation.references import MOVING_SHARE
 from ..simulation.result import SimulationResult
 from ..simulation.run import simulate
 
@@ -148,7 +148,7 @@ def compare(
     for robot in arms:
         options: dict[str, Any] = {"start": motion[0], "goal": motion[1]} if motion is not None else {}
         if line is not None:
-            options["motion"] = _line_motion(robot, line, MOVING_PART * duration, tool)
+            options["motion"] = _line_motion(robot, line, MOVING_SHARE * duration, tool)
         result = simulate(robot, duration=duration, tool=tool, method=method, progress=progress, **options)
         entries.append(_entry(robot, result))
         trajectory, x = result.trajectory, result.trajectory.coordinates
@@ -160,7 +160,7 @@ def compare(
     else:
         assert motion is not None
         task = f"principal coordinates from {_numbers(motion[0])} to {_numbers(motion[1])}"
-    return Comparison(f"{task} in {MOVING_PART * duration:g} of {duration:g} s", tuple(entries), tuple(notes))
+    return Comparison(f"{task} in {MOVING_SHARE * duration:g} of {duration:g} s", tuple(entries), tuple(notes))
 
 
 def _movable(robot: Robot) -> list[str]:

@@ -114,12 +114,12 @@ def _rows(path: Path) -> list[_Row]:
     header = cells[0]
     if len(set(header)) < len(header):
         raise InputError(f"{path}:{lines[0][0]}: a column is there twice; allowed: each once")
-    found: list[_Row] = []
+    rows: list[_Row] = []
     for (number, _), values in zip(lines[1:], cells[1:], strict=False):
         if len(values) != len(header):
             raise InputError(f"{path}:{number}: has {len(values)} cells; allowed: {len(header)}, as the header has")
-        found.append(_row(f"{path}:{number}", len(found), zip(header, values, strict=True)))
-    return found
+        rows.append(_row(f"{path}:{number}", len(rows), zip(header, values, strict=True)))
+    return rows
 
 
 def _row(where: str, index: int, cells: Iterable[tuple[str, object]]) -> _Row:
@@ -139,7 +139,7 @@ def _row(where: str, index: int, cells: Iterable[tuple[str, object]]) -> _Row:
         else:
             key, _, unit = column.partition("_") if column not in _COM else (column, "", "")
             if key in numbers:
-                raise InputError(f"{where}: {key} is given in two units; allowed: one of them")
+                raise InputError(f"{where}: {key} stands in two units; allowed: one of them")
             numbers[key] = _number(f"{where}: {column}", cell) / (1e3 if unit == "mm" else 1.0)
             if unit == "deg":
                 numbers[key] = math.radians(numbers[key])
@@ -152,7 +152,7 @@ def _row(where: str, index: int, cells: Iterable[tuple[str, object]]) -> _Row:
 
 
 def _number(where: str, cell: object) -> float:
-    """Read a number, or a part of pi as tables have it: pi/2, -pi."""
+    """Read a number, or a fraction of pi as tables have it: pi/2, -pi."""
     text = str(cell).translate(_SIGNS).replace(" ", "").lower()
     sign, size = (-1.0, text[1:]) if text.startswith("-") else (1.0, text)
     numerator, slash, denominator = size.partition("/")
@@ -182,9 +182,9 @@ def _check_rows(rows: Sequence[_Row], source: str) -> None:
             raise InputError(f"{row.where}: limits: allowed: lower and upper, lower <= upper, or none of them")
         if row.type == "prismatic" and row.degrees & set(_ENDS):
             raise InputError(f"{row.where}: a prismatic joint has limits in m; allowed: lower and upper")
-        given = [key for key in (*_COM, *_INERTIA) if key in row.numbers]
-        if "mass" not in row.numbers and given:
-            raise InputError(f"{row.where}: {given[0]} is given without mass; allowed: with it")
+        inertial = [key for key in (*_COM, *_INERTIA) if key in row.numbers]
+        if "mass" not in row.numbers and inertial:
+            raise InputError(f"{row.where}: {inertial[0]} stands without mass; allowed: with it")
         missing = [key for key in _INERTIA[:3] if key not in row.numbers]
         if row.has_inertia and missing:
             raise InputError(f"{row.where}: {missing[0]} is missing; allowed: ixx, iyy and izz, or no inertia")
@@ -242,7 +242,7 @@ def _link(name: str, row: _Row, classic: bool, radius: float) -> Iterator[str]:
 
 
 def _joint(index: int, row: _Row, before: _Row | None) -> Iterator[str]:
-    """Write a joint; a and alpha are those of the row before it in a classic table, its own in a modified one."""
+    """Write a joint; a and alpha are those of the row before it in a classic table, of this row in a modified one."""
     yield from ("", "[[joints]]", f'name = "{row.joint}"')
     yield f'parent = "{f"link{index}" if index else "base"}"'
     yield f'child = "link{index + 1}"'

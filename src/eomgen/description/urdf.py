@@ -76,7 +76,7 @@ class _Reader:
         self.mended: list[tuple[Element, str]] = []  # elements that are not as they should be, and how they are read
         self.damping, self.friction, self.mimic = damping, friction, mimic
         self.damped: list[str] = []
-        self.rubbing: list[str] = []
+        self.with_friction: list[str] = []
         self.unlimited: list[str] = []  # limits of velocity and effort that are not above 0
         self.mimics: dict[str, Element] = {}  # by the joints that follow
         self.unmoved: list[str] = []  # those of them that have no coordinate to follow with
@@ -264,7 +264,7 @@ class _Reader:
         if damping:
             self.damped.append(name)
         if friction:
-            self.rubbing.append(name)
+            self.with_friction.append(name)
         return Coordinate(
             damping=damping if damping and self.damping else None,
             friction=Friction(friction) if friction and self.friction else None,
@@ -342,11 +342,11 @@ class _Reader:
             notes.append(f"<limit> is read as none where it is not a finite number above 0: {listed(self.unlimited)}")
         if self.damped and not self.damping:
             notes.append(f"<dynamics damping> is left out (urdf_damping=True reads it): {listed(self.damped)}")
-        if self.rubbing and not self.friction:
-            notes.append(f"<dynamics friction> is left out (urdf_friction=True reads it): {listed(self.rubbing)}")
-        elif self.rubbing:
+        if self.with_friction and not self.friction:
+            notes.append(f"<dynamics friction> is left out (urdf_friction=True reads it): {listed(self.with_friction)}")
+        elif self.with_friction:
             what = f"Coulomb friction that reverses smoothly, over {SMOOTHING:g} rad/s or m/s"
-            notes.append(f"<dynamics friction> is read as {what}: {listed(self.rubbing)}")
+            notes.append(f"<dynamics friction> is read as {what}: {listed(self.with_friction)}")
 
 
 def _macro(root: Element) -> str:

@@ -144,7 +144,7 @@ class Table:
         return math.radians(first), math.radians(second), math.radians(third)
 
     def _in_degrees(self, key: str) -> bool:
-        """Whether an angle is given in degrees; DescriptionError where it is given in radians, too."""
+        """Return whether an angle is in degrees; DescriptionError where it is there in radians, too."""
         if key + DEGREES in self.values and key in self.values:
             self.fail(f"{key} (rad) is given, too; allowed: one of them", key + DEGREES)
         return key + DEGREES in self.values

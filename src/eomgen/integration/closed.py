@@ -18,7 +18,7 @@ from .system import System
 
 TURN = 2.0 * np.pi  # rad, or m: how far y goes from its origin
 LARGE = 2500  # entries of J: of more no singular values are looked at in every sample
-OPEN = 1e-9  # m or rad, and per second and the largest rate: more is not round-off
+OPEN = 1e-9  # m or rad, and per second and the largest velocity: more is not round-off
 
 
 class ClosedSystem(System):
@@ -61,11 +61,11 @@ class ClosedSystem(System):
         """Return y of the initial state, assembled to the last digit; LoopError if constraints are violated."""
         self.prescribe(t, q, v)
         kernel = self.here
-        residuals, rates = kernel.constraint(q), kernel.constraint_jacobian(q) @ v
+        residuals, velocity_residuals = kernel.constraint(q), kernel.constraint_jacobian(q) @ v
         if np.abs(residuals).max() > OPEN:
             raise left_open(kernel.raw, residuals, "is open", "q of kernel.close")
-        if np.abs(rates).max() > OPEN * max(1.0, float(np.abs(v).max())):
-            raise left_open(kernel.raw, rates, "is opening", "v of kernel.close_rates", "/s")
+        if np.abs(velocity_residuals).max() > OPEN * max(1.0, float(np.abs(v).max())):
+            raise left_open(kernel.raw, velocity_residuals, "is opening", "v of kernel.close_rates", "/s")
         y, self._last, _ = ClosedSystem.accept(self, t, self.resume(np.concatenate([q, v])))
         q[:], v[:] = self._last[: self.n], self._last[self.n :]
         return y
@@ -211,11 +211,11 @@ class ClosedSystem(System):
 
     def about(self, q: Array, v: Array) -> dict[str, float]:
         """Return counts, the greatest |g| and |J v| over samples, (T, n), and the number of redundant constraints."""
-        rates = np.einsum("tmn,tn->tm", self.here.constraint_jacobian(q), v)
+        velocity_residuals = np.einsum("tmn,tn->tm", self.here.constraint_jacobian(q), v)
         return {
             **super().about(q, v),
             "gap": float(np.abs(self.here.constraint(q)).max()),
-            "gap_rate": float(np.abs(rates).max()),
+            "gap_rate": float(np.abs(velocity_residuals).max()),
             "redundant": float(len(self.kernel.constraints) - self.chart.rank),
         }
 

@@ -116,8 +116,8 @@ class CutEnds(Ends):
         return np.asarray(self._sides * self._kernel.cut_forces(q, v)[..., self._index, 0] - self._places)
 
     def contact(self, end: int, t: float, q: Array, v: Array, closes: bool) -> Contact:
-        here, rate = self.ends[end], self._kernel.cut_jacobian(q)[self._index[end]] @ v
-        return Contact(t, here.name, here.side, closes, float(rate), here.kind)
+        here, velocity = self.ends[end], self._kernel.cut_jacobian(q)[self._index[end]] @ v
+        return Contact(t, here.name, here.side, closes, float(velocity), here.kind)
 
 
 class Bearings(Ends):
@@ -134,8 +134,8 @@ class Bearings(Ends):
         journal: JournalContact = self.ends[end]
         x, y = journal.centre(q)
         angle = float(np.arctan2(y, x))
-        rate = np.array([np.cos(angle), np.sin(angle)]) @ journal.centre_jacobian(q) @ v[list(journal.index)]
-        return Contact(t, journal.name, journal.end, closes, float(rate), angle=angle)
+        velocity = np.array([np.cos(angle), np.sin(angle)]) @ journal.centre_jacobian(q) @ v[list(journal.index)]
+        return Contact(t, journal.name, journal.end, closes, float(velocity), angle=angle)
 
 
 class CutBearings(Bearings):
@@ -197,7 +197,7 @@ class ContactWatch:
         Args:
             t0, t1: s.
             y0, y1: states (q, v) there, (2n,).
-            at: t -> state between; a cubic through both ends' q and v if not given.
+            at: t -> state between; default a cubic through both ends' q and v.
 
         Raises:
             Reached: what the motion goes on to is there.

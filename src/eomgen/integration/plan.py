@@ -20,7 +20,7 @@ from ..state.springs import any_spring, damping_matrix, fastest_rates
 from ..state.vectors import DriveFunction, MotionFunction, WrenchFunction
 from .methods import IN_C, METHODS, SUNDIALS
 
-REAL_TIME = 300.0  # rad/s or 1/s: rates above which steps of some ms, in pace with a clock, are implicit
+REAL_TIME = 300.0  # rad/s or 1/s: eigenvalues above which steps of some ms, in pace with a clock, are implicit
 STIFF = 1000.0  # time constants in a motion: an explicit method takes 2000 evaluations, and an implicit one not more
 _NONE = (None, None, None)
 
@@ -100,11 +100,11 @@ def plan_integration(
         kernel: with the parameters that it has now.
         wanted: the integrator that is asked for.
         loads: drive, wrench and prescribed motion, as of ``integrate``.
-        q: coordinates at the beginning, (n,); 0 if not given.
+        q: coordinates at the beginning, (n,); default 0.
         duration: of the motion, s.
 
     Raises:
-        InputError: the method does not keep loops closed, or is the kernel's own where that cannot be.
+        InputError: the method does not keep loops closed, or is one of C where that cannot be.
     """
     method, slow = wanted.method, why_not_in_c(kernel, *loads, method=wanted.method)
     if kernel.constraints and method in SUNDIALS:
@@ -146,11 +146,11 @@ def choose_method(kernel: Kernel, method: str = "auto", q: Array | None = None, 
     Args:
         kernel: with the parameters that it has now.
         method: that is asked for.
-        q: coordinates at the beginning, (n,); 0 if not given.
+        q: coordinates at the beginning, (n,); default 0.
         duration: of the motion, s.
 
     Raises:
-        InputError: the method is unknown, or does not keep loops closed, or is the kernel's own where that cannot be.
+        InputError: the method is unknown, or does not keep loops closed, or is one of C where that cannot be.
     """
     return plan_integration(kernel, IntegratorOptions(method), q=q, duration=duration).method
 

@@ -19,7 +19,7 @@ class Rest:
     """An interval of time in which friction holds a coordinate (stiction).
 
     Attributes:
-        coordinate: its name; of a cut joint LOOP.COORDINATE, of a coupling its name.
+        coordinate: its name; of a loop joint LOOP.COORDINATE, of a coupling its name.
         begins, ends: the first and the last sample that sticks, s.
     """
 

@@ -407,11 +407,11 @@ class System:
         elif name:  # the trouble says it
             return IntegrationStopped(f"{where}: {reason}; {self.trouble}", t, q, v, name)
         else:
-            rates, sizes = np.abs(seen[self.n :]), coordinate_sizes(self.kernel, q)[1]
-            worst = int(np.argmax(rates / sizes) if rates.any() else np.argmin(sizes))
+            velocities, sizes = np.abs(seen[self.n :]), coordinate_sizes(self.kernel, q)[1]
+            worst = int(np.argmax(velocities / sizes) if velocities.any() else np.argmin(sizes))
             name = self.kernel.coordinates[worst]
             what = f"{name} moves fastest for its size, at {seen[self.n + worst]:.3g} per second"
-            if not rates.any():
+            if not velocities.any():
                 what = f"nothing moves, {name} is the stiffest"
         detail = f"; {self.trouble}" if self.trouble else ""
         return IntegrationStopped(f"{where}: {reason}; {what}{detail}", t, q, v, name)

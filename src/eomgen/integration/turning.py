@@ -84,9 +84,11 @@ class TurningSystem(System):
     def _prescribed_forces(self, q: Array, v: Array, u: Array, wrench: ArrayLike | None) -> Array:
         """Compute forces of prescribed motions, at their columns of (T, n), where u has their accelerations."""
         forces = np.empty_like(q)
-        for rows, x, rate in self._regular(q, v):
+        for rows, regular_q, regular_v in self._regular(q, v):
             pull = wrench if wrench is None or np.ndim(wrench) < 3 else np.asarray(wrench)[rows]
-            forces[rows] = super()._prescribed_forces(x, rate, self._turns.forces(u[rows], q[rows], x), pull)
+            forces[rows] = super()._prescribed_forces(
+                regular_q, regular_v, self._turns.forces(u[rows], q[rows], regular_q), pull
+            )
         return forces
 
     def drives(self, t: float, q: Array, v: Array) -> Array:

@@ -202,8 +202,8 @@ class Coordinate(_Picklable):
         kept.update(numbers)
         fields: dict[str, Any] = {key: kept.pop(key, None) for key in NUMBERS if key in vars(self) and key != "curve"}
         fields |= {key: kept.pop(key, getattr(self, key)) for key in COORDINATE_NUMBERS}
-        rubbing = {key[9:]: kept.pop(key) for key in NUMBERS if key.startswith("friction.") and key in kept}
-        return replace(self, **fields, friction=Friction.of(rubbing) if rubbing else None, further=kept)
+        friction = {key[9:]: kept.pop(key) for key in NUMBERS if key.startswith("friction.") and key in kept}
+        return replace(self, **fields, friction=Friction.of(friction) if friction else None, further=kept)
 
 
 def carriers(name: str, coordinates: Mapping[str, Coordinate]) -> tuple[str, ...]:
@@ -219,16 +219,18 @@ def carriers(name: str, coordinates: Mapping[str, Coordinate]) -> tuple[str, ...
     return tuple(other for other in ACROSS[name] if other in coordinates and coordinates[other].carries)
 
 
-def loaded(coordinates: Mapping[str, Coordinate]) -> dict[str, tuple[str, ...]]:
+def load_dependent(coordinates: Mapping[str, Coordinate]) -> dict[str, tuple[str, ...]]:
     """Return coordinates with load-dependent friction, each with its ``carriers``."""
-    rubbing = {name: coordinate.friction for name, coordinate in coordinates.items() if coordinate.friction is not None}
-    return {name: carriers(name, coordinates) for name, x in rubbing.items() if x.coefficient is not None}
+    frictions = {
+        name: coordinate.friction for name, coordinate in coordinates.items() if coordinate.friction is not None
+    }
+    return {name: carriers(name, coordinates) for name, x in frictions.items() if x.coefficient is not None}
 
 
 def _unloaded(coordinates: Mapping[str, Coordinate]) -> dict[str, Coordinate]:
     """Return the coordinates without load-dependent friction where there is no load any more."""
     unloaded = dict(coordinates)
-    for name, others in loaded(coordinates).items():
+    for name, others in load_dependent(coordinates).items():
         friction = unloaded[name].friction
         if friction is not None and not others:
             unloaded[name] = replace(unloaded[name], friction=replace(friction, coefficient=None, radius=None))

@@ -36,7 +36,7 @@ from ..state.springs import any_spring
 from .controls import ComputedTorque, Control, JointMotion, JointPD, NoControl, TableTorque, actuators
 from .loads import Wrenches, check_loads, with_payload_parameters
 from .mechanism import Mechanism, Path, mechanism_of
-from .programs import PrescribedMotion, make_program
+from .references import PrescribedMotion, make_reference
 
 # What a simulation calls; the larger kernels would take longer to compile than to simulate.
 RIGID_KERNELS = ("inverse_dynamics", "kinematics")
@@ -143,8 +143,8 @@ def assemble(
     if scenario.motion is not None and scenario.motion.type == "program":
         program = scenario.motion.get("program")
     elif scenario.motion is not None:
-        program = make_program(scenario, robot, driven, rigid, tool, start)
-        wanted = _wanted(scenario, robot, lambda whole: make_program(whole, robot, driven, rigid, tool, start))
+        program = make_reference(scenario, robot, driven, rigid, tool, start)
+        wanted = _wanted(scenario, robot, lambda whole: make_reference(whole, robot, driven, rigid, tool, start))
     elif control.type in ("pd", "computed_torque"):
         program = Standstill(np.array([start.get(name, 0.0) for name in driven]))
     path = None

@@ -161,8 +161,8 @@ class ComputedTorque:
             return clipped(self.actuators.torques(self.rigid.inverse_dynamics(q_m, v_m, a), q), self.effort)
         driven = self._driven
         a = np.zeros_like(q_m)
-        error, rate = q_d - q_m[..., driven], v_d - v_m[..., driven]
-        a[..., driven] = a_d + self.bandwidth * (self.bandwidth * error + 2.0 * rate)
+        error, velocity_error = q_d - q_m[..., driven], v_d - v_m[..., driven]
+        a[..., driven] = a_d + self.bandwidth * (self.bandwidth * error + 2.0 * velocity_error)
         if self.prescribed is not None:
             a[..., prescribed_mask(self.rigid)] = self.prescribed(t)[2]
         forces = self.rigid.inverse_dynamics if self.mechanism is None else self.mechanism.forces
@@ -242,8 +242,8 @@ class JointPD:
 
     def __call__(self, t: float, q: Array, v: Array) -> Array:
         q_d, v_d, _ = self.motion.at(t)
-        error, rate = q_d - self.actuators.measured(q), v_d - self.actuators.measured(v)
-        u = self.actuators.torques(self.kp * error + self.kd * rate, q)
+        error, velocity_error = q_d - self.actuators.measured(q), v_d - self.actuators.measured(v)
+        u = self.actuators.torques(self.kp * error + self.kd * velocity_error, q)
         if self.rigid is not None and self.rigid_actuators is not None:
             q_m = self.rigid_actuators.measured(q)
             zero = np.zeros_like(q_m)

@@ -49,19 +49,19 @@ def initial_state(robot: Robot, scenario: Scenario, assembly: Assembly) -> tuple
     balanced = initial.equilibrium if initial else None
     if not (assembly.program is not None and not velocities if balanced is None else balanced):
         return q, v, ()
-    held = initial.held if initial else ()
-    for name in held:
+    fixed = initial.held if initial else ()
+    for name in fixed:
         if name not in names_in_scenarios(robot):
             scenario.refuse("initial.held", name, kernel.coordinates)
     loose = _loose(robot, assembly)
-    still = {*loose, *(names_in_scenarios(robot)[name] for name in held)}
+    still = {*loose, *(names_in_scenarios(robot)[name] for name in fixed)}
     return _balanced(robot, scenario, assembly, q, still), v, loose
 
 
 def _closed(assembly: Assembly, q: Array, v: Array, velocities: Container[str]) -> tuple[Array, Array]:
     """Assemble the state; coordinates of the reference and the scenario stay, as far as they are independent."""
     kernel, path = assembly.kernel, assembly.path
-    held = [name for name in kernel.coordinates if name in assembly.initial_q]
+    fixed = [name for name in kernel.coordinates if name in assembly.initial_q]
     still = [name for name in kernel.coordinates if name in velocities]
     if path is not None:
         rigid, chart = path.mechanism.rigid, path.mechanism.chart
@@ -69,10 +69,10 @@ def _closed(assembly: Assembly, q: Array, v: Array, velocities: Container[str]) 
             if name not in assembly.initial_q:
                 q[kernel.coordinates.index(name)] = value
         moved = [rigid.coordinates[i] for i in chart.free]
-        held, still = list(dict.fromkeys((*held, *moved))), list(dict.fromkeys((*still, *moved)))
+        fixed, still = list(dict.fromkeys((*fixed, *moved))), list(dict.fromkeys((*still, *moved)))
     if not kernel.constraints:  # the loops are elastic
         return q, v
-    q = kernel.close(q, held)
+    q = kernel.close(q, fixed)
     return q, kernel.close_rates(q, v, still)
 
 
@@ -141,11 +141,11 @@ def _overloaded(robot: Robot, scenario: Scenario, assembly: Assembly, q: Array, 
         return ""
     free = replace(assembly, drive=replace(drive, effort=None))
     try:
-        held = _balanced(robot, scenario, free, q, still)
+        posture = _balanced(robot, scenario, free, q, still)
     except IntegrationError:
         return ""
     names = assembly.kernel.coordinates
-    u = free.drive.standstill()(0.0, held, np.zeros_like(held))
+    u = free.drive.standstill()(0.0, posture, np.zeros_like(posture))
     overloaded = [
         f"{names[i]} would have to do {u[i]:.4g} {force_unit_of(names[i])}, its effort is {effort[i]:.4g}"
         for i in np.flatnonzero(np.abs(u) > effort)
@@ -159,5 +159,5 @@ def _without_clearances(kernel: Kernel) -> Kernel | None:
     names, cuts = tuple(kernel.parameters), kernel.elements.get(CUTS, {})
     bearings = kernel.elements.get(CUT_BEARINGS, {})
     gaps = [names[places["clearance"]] for places in (*cuts.values(), *bearings.values()) if "clearance" in places]
-    play = [name for name in gaps if kernel.parameters[name]]
-    return kernel.with_parameters(dict.fromkeys(play, 0.0)) if play else None
+    open_gaps = [name for name in gaps if kernel.parameters[name]]
+    return kernel.with_parameters(dict.fromkeys(open_gaps, 0.0)) if open_gaps else None

@@ -147,8 +147,8 @@ class Path:
         q[:, self.mechanism.driven] = self.program.at(times)[0]
         if self.prescribed is not None:
             q[:, prescribed_mask(kernel)] = [self.prescribed(t)[0] for t in times.tolist()]
-        held = [kernel.coordinates[i] for i in self.mechanism.chart.free]
-        return np.asarray(kernel.close(q, held))
+        fixed = [kernel.coordinates[i] for i in self.mechanism.chart.free]
+        return np.asarray(kernel.close(q, fixed))
 
 
 def mechanism_of(rigid: Kernel, driven: Sequence[str], start: Mapping[str, float]) -> Mechanism:

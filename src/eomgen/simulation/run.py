@@ -311,9 +311,9 @@ def _clipped_note(assembly: Assembly, motion: Trajectory) -> tuple[str, ...]:
         return ()
     clipped, names = [], motion.coordinates
     for i in np.flatnonzero(np.isfinite(effort)):
-        held = np.abs(motion.u[:, i]) >= effort[i]
-        if held.any():
-            first, share = float(motion.t[int(held.argmax())]), 100.0 * float(held.mean())
+        at_limit = np.abs(motion.u[:, i]) >= effort[i]
+        if at_limit.any():
+            first, share = float(motion.t[int(at_limit.argmax())]), 100.0 * float(at_limit.mean())
             limit = f"{names[i]} at {effort[i]:.4g} {force_unit_of(names[i])}"
             clipped.append(f"{limit}, {share:.0f} % of samples, first at {first:.4g} s")
     return (f"drives were clipped: {'; '.join(clipped)}",) if clipped else ("no drive was clipped at a sample",)

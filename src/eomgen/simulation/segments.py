@@ -151,9 +151,9 @@ def run_segments(
     if stop is not None:
         whole = _good_rows(whole)
     work, wrench = whole.pop("work"), whole.pop("wrench", None)
-    held = rests(kernel, whole["t"], whole["q"], whole["v"])
+    sticking = rests(kernel, whole["t"], whole["q"], whole["v"])
     taken = options.plan.leading(info, float(whole["t"][-1]))
-    about: dict[str, Any] = {"method": taken, "info": info, "contacts": tuple(contacts), "rests": held}
+    about: dict[str, Any] = {"method": taken, "info": info, "contacts": tuple(contacts), "rests": sticking}
     trajectory = Trajectory(**whole, coordinates=kernel.coordinates, **about)
     return SegmentedMotion(
         trajectory, EnergyBalance(work, trajectory.energy) if options.balance else None, wrench, stop

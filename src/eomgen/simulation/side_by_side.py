@@ -39,7 +39,7 @@ from .segments import Function, Loads, between, bounds, piece_times
 Motion = SimulationResult | EomgenError
 
 DRIVES, WRENCHES, POSE = "drives", "wrenches", "pose"  # of a result, left out where nobody asks for them
-NUMBERS = 1 << 24  # of coordinates and rates that motions side by side hold: 128 MB
+NUMBERS = 1 << 24  # of coordinates and velocities that motions side by side hold: 128 MB
 
 
 def may_run_side_by_side(assembly: Assembly, plan: IntegratorPlan) -> bool:

@@ -22,7 +22,7 @@ from ..runtime.kernel import Kernel
 from ..runtime.stepping.input_signals import Track, Waves
 from ..scenario.value import Scenario, Section
 
-MOVING_PART = 0.8  # of the duration; the rest shows what rings after the motion
+MOVING_SHARE = 0.8  # of the duration; the rest shows what rings after the motion
 
 
 class PrescribedMotion:
@@ -62,9 +62,9 @@ class PrescribedMotion:
 
     def __call__(self, t: float) -> tuple[Array, Array, Array]:
         amplitude, frequency, phase, offset = self._numbers
-        rate = 2.0 * np.pi * frequency
-        wave = amplitude * np.sin(rate * t + phase)
-        q, v, a = offset + wave, amplitude * rate * np.cos(rate * t + phase), -(rate**2) * wave
+        omega = 2.0 * np.pi * frequency
+        wave = amplitude * np.sin(omega * t + phase)
+        q, v, a = offset + wave, amplitude * omega * np.cos(omega * t + phase), -(omega**2) * wave
         for spline, here, _ in self._splines:
             q[here], v[here], a[here] = spline.at(t)
         return q, v, a
@@ -84,7 +84,7 @@ def _check_covers(scenario: Scenario, key: str, motion: MeasuredMotion) -> None:
         )
 
 
-def make_program(
+def make_reference(
     scenario: Scenario,
     robot: Robot,
     driven: Sequence[str],
@@ -111,7 +111,7 @@ def make_program(
     start, goal = default_ends(robot, driven)
     start = np.array([initial_q.get(name, x) for name, x in zip(driven, start, strict=True)])
     begin = section.get("begin", 0.0)
-    duration = section.get("duration", MOVING_PART * (scenario.duration - begin))
+    duration = section.get("duration", MOVING_SHARE * (scenario.duration - begin))
     if duration <= 0.0:
         scenario.fail("motion.begin", f"got {begin:g}; allowed: before the end, {scenario.duration:g} s")
 
@@ -142,7 +142,7 @@ def make_program(
     guesses = dict(zip(driven, guess, strict=True)) | {
         name: x for name, x in initial_q.items() if name in model.coordinates
     }
-    return _tool_program(scenario, section, robot, driven, model, tool, guesses, (begin, duration))
+    return _tool_reference(scenario, section, robot, driven, model, tool, guesses, (begin, duration))
 
 
 def _via(section: Section, robot: Robot, driven: Sequence[str], label: Callable[[str], str], start: Array) -> Spline:
@@ -165,7 +165,7 @@ def _times(section: Section, distances: Sequence[float]) -> Array:
     return np.asarray(section.get("begin", 0.0) + np.concatenate([[0.0], np.cumsum(spans)]))
 
 
-def _tool_program(
+def _tool_reference(
     scenario: Scenario,
     section: Section,
     robot: Robot,
