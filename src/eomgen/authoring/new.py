@@ -116,8 +116,7 @@ def _robot_here(name: str) -> Robot:
             f"new: there is no robot {show(name)}; allowed: the name of a .toml or .urdf file here, or of a built-in"
             f" robot ({listed(builtin_robots())})"
         )
-    target = Path(f"{name}_poses.csv") if path is None else Path(path)
-    return _write_new(poses_file_text(load_robot(files[0] if files else name)), target, ".csv")
+    return load_robot(files[0] if files else name)
 
 
 def _write_new(text: str, target: Path, ending: str) -> Path:

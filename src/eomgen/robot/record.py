@@ -15,7 +15,7 @@ from ..names import show
 from .value import COORDINATES, Joint, Loop, Robot
 
 
-def record_of(robot: Robot) -> dict[str, Any]:
+def record_of(robot: Robot, *, whole: bool = False) -> dict[str, Any]:
     """Return the robot as nested dicts, lists, numbers and texts; ``robot_of`` makes an equal robot of it.
 
     Fields that are marked LATER are left out where they have their defaults, so that records and hashes of robots that

@@ -18,7 +18,7 @@ from ...files import as_path, write_atomically
 from ...names import component_name
 from ...pictures.scene import extent, placed
 from ...robot.coordinates import unit_of
-from ...robot.cuts import rigid_parts
+from ...robot.cuts import rigid_components
 from ...robot.geometry import ANGULAR, COORDINATES
 from ...robot.model import Model, build_model
 from ...robot.value import Joint, Loop, Robot
@@ -165,7 +165,7 @@ def _loop(loop: Loop) -> dict[str, Any]:
     Where all angles are rigid, their offsets turn the axes of the first frame; otherwise alpha turns these, gamma those
     of the second one back, and beta is taken off its component.
     """
-    blocked = rigid_parts(loop)
+    blocked = rigid_components(loop)
     rigid = {part.name for part in blocked if part.axis is None}
     offset = [x or 0.0 for x in loop.offset]
     first, second, sine = np.eye(3), np.eye(3), 0.0

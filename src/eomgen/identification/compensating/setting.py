@@ -113,8 +113,8 @@ def setting_of(
     fine = replace(scenario, output_step=float(t[-1]) / (2 * (t.size - 1)), until=None)
     assembly = replace(assembly, until=None)
     before = simulated(robot, fine, assembly, frame)
-    places = {name: value for name, value in assembly.given.items() if name not in assembly.driven}
-    assembly = replace(assembly, given=places)  # a compensated path says itself where it begins
+    places = {name: value for name, value in assembly.initial_q.items() if name not in assembly.driven}
+    assembly = replace(assembly, initial_q=places)  # a compensated path says itself where it begins
     return Setting(
         robot=robot,
         frame=frame,

@@ -270,7 +270,7 @@ def model_parameters(
             kind = ZERO if c == station.principal else OFFSET
             yield ErrorParameter(name, kind, k, c, "one", float(station.offset[c]), small[c // 3])
     for loop, (first, _) in zip(robot.loops, chain.cuts, strict=True):
-        for condition in rigid_parts(loop):
+        for condition in rigid_components(loop):
             c = COORDINATES.index(condition.name)
             name, nominal = parameter_name(LOOPS, loop.name, "offset", condition.name), float(loop.offset[c] or 0.0)
             yield ErrorParameter(name, OFFSET, first, c, "one", nominal, small[c // 3])

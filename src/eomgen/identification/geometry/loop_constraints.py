@@ -47,7 +47,7 @@ class LoopConstraints:
         for loop, (a, b) in zip(self.robot.loops, chain.cuts, strict=True):
             R_a = at.R[a].transpose(0, 2, 1)
             p, R = np.einsum("nij,nj->ni", R_a, at.p[b] - at.p[a]), R_a @ at.R[b]
-            for condition in rigid_parts(loop):
+            for condition in rigid_components(loop):
                 if condition.axis is not None:
                     residuals.append(p[:, condition.axis])
                 else:
@@ -72,7 +72,7 @@ class LoopConstraints:
             linear = linear - np.moveaxis(cross(turned, arm[:, np.newaxis, np.newaxis]), -1, 1)
             linear = np.einsum("nij,njsc->nisc", R_a, linear)
             angular = np.einsum("nij,njsc->nisc", R_a, J[1, :, 3:] - J[0, :, 3:])
-            for condition in rigid_parts(loop):
+            for condition in rigid_components(loop):
                 if condition.axis is not None:
                     rows.append(linear[:, condition.axis])
                     continue
@@ -128,7 +128,7 @@ def held_by_loops(model: Model, chain: Chain, closing: LoopConstraints, places: 
     G = _home_slopes(model, chain, replace(closing, kept=()))
     ks, cs = np.array(closing.passive, dtype=np.intp).reshape(-1, 2).T
     free = G[:, ks, cs]
-    G[sum(len(rigid_parts(loop)) for loop in closing.robot.loops) :] = 0.0  # couplings are between drives' sides
+    G[sum(len(rigid_components(loop)) for loop in closing.robot.loops) :] = 0.0  # couplings are between drives' sides
     held = []
     for k, c in places:
         left = G[:, k, c] - free @ (np.linalg.pinv(free, rcond=RANK) @ G[:, k, c])
