@@ -303,14 +303,14 @@ def _signal_at(signal: Signal, t: float) -> tuple[Array, Array]:
 
 def link_wrenches(calls: Calls, wrench: Mapping[str, ArrayLike]) -> list[LinkWrench]:
     """Return wrenches that stay, by frame or link, as data for integrations in C; errors as of ``wrench_rows``."""
-    found = []
+    wrenches = []
     for name, value in wrench.items():
         place, numbers = place_of_wrench(calls, name), wrench_numbers(calls, name, value)
         if numbers.shape != (6,):
             raise ArrayError(f"wrench: {name}: got shape {numbers.shape}; allowed: six finite numbers, (6,)")
         arm = np.zeros(3) if place.arm is None else place.arm.astype(np.float64)
-        found.append(LinkWrench(place.link, Signal.constant(numbers), arm))
-    return found
+        wrenches.append(LinkWrench(place.link, Signal.constant(numbers), arm))
+    return wrenches
 
 
 class NamedWrenches:
